@@ -27,8 +27,8 @@ from planview.engine.engine import Engine
 from planview.engine.open import open_engine
 from planview.output.folder import finished_run
 from planview.output.maps_log import MapsLog
+from planview.output.resume import code_version, key_of
 from planview.output.run import RunLog, RunOptions, run
-from planview.sweep.jobs import engine_version, key_of
 
 PEER = "peer.csv"
 """Tracks of the naive engine, tracked in the same pass."""
@@ -69,7 +69,7 @@ class Pass:
 @cache
 def code_key() -> str:
     """Of the source of everything that decides tracks: another version of it does not find older runs."""
-    return key_of(engine_version(), *(Path(module.__file__ or "").read_text("utf-8") for module in (peaks, peer)))
+    return key_of(code_version(), *(Path(module.__file__ or "").read_text("utf-8") for module in (peaks, peer)))
 
 
 def run_pass(job: Pass) -> Path:

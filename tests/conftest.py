@@ -1,9 +1,12 @@
 """Shared fixtures: where the real recordings are; and what was skipped without them."""
 
+import json
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
+from say import JsonOf, Refused, Say, one_sentence
 
 WITHOUT_RECORDINGS = "real recordings are not here"
 """Begins the reason of every skip for that."""
@@ -17,6 +20,49 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"{WITHOUT_RECORDINGS} ({folder}); set PLANVIEW_TEST_DATA to run this test")
     return folder
+
+
+@pytest.fixture
+def say(capsys: pytest.CaptureFixture[str]) -> Say:
+    """Run a command in this process: exit status and what it says on stderr."""
+
+    def command(*argv: object) -> tuple[int, str]:
+        from planview.cli import main
+
+        try:
+            main([str(word) for word in argv])
+        except SystemExit as left:
+            return int(left.code or 0), capsys.readouterr().err
+        return 0, capsys.readouterr().err
+
+    return command
+
+
+@pytest.fixture
+def refused(say: Say) -> Refused:
+    """Run a command that is refused: the one sentence that says why."""
+
+    def command(*argv: object, status: int = 2) -> str:
+        found, told = say(*argv)
+        assert found == status, told
+        return one_sentence(told)
+
+    return command
+
+
+@pytest.fixture
+def json_of(capsys: pytest.CaptureFixture[str]) -> JsonOf:
+    """Run a command with --json: the object that it prints."""
+
+    def command(*argv: object) -> dict[str, Any]:
+        from planview.cli import main
+
+        with pytest.raises(SystemExit) as left:
+            main([*map(str, argv), "--json"])
+        assert not left.value.code
+        return dict(json.loads(capsys.readouterr().out))
+
+    return command
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

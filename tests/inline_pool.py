@@ -5,9 +5,9 @@ from concurrent.futures import Future
 
 
 class InlinePool:
-    """A ``planview.sweep.pools.Pool``; ``submitted`` counts the jobs."""
+    """A ``planview.sweep.work.Pool``; ``submitted`` counts the jobs."""
 
-    def __init__(self, at_once: int | None = 1) -> None:
+    def __init__(self, at_once: int = 1) -> None:
         self.at_once = at_once
         self.submitted = self.restarts = 0
 

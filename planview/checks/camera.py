@@ -18,38 +18,17 @@ THUMBNAIL = (160, 120)
 BLOCK_PX = 20
 """Side of the blocks of which each is judged by itself [px of the thumbnail]: 8 x 6 of them, whatever people do in the
 middle of the image the others tell of the camera."""
-INTERVAL_S = 0.2
-"""Time between two looks at the motion of the image [s]."""
-KEPT = 5
-"""Thumbnails kept, one per interval: the oldest tells slow motion."""
 MOVED_PX = 1.0
 """Motion of a point from which it has moved [px of the thumbnail]: 4 px of 640, beyond what wind does to a mast."""
 MOVED_SHARE = 0.85
 """Share of the tracked points that move with the camera; the others are reflections and what is mistracked."""
-AGREEING_SHARE = 0.6
-"""Share of the moving points that one shift, turn and zoom of the image takes along, to within MOVED_PX: those of a
-camera that also travels do not all; a crowd that fills the view walks in more than one direction."""
 TEXTURED_SHARE = 0.6
 """Share of the blocks that must have texture for anything to be said: on a plain wall all texture is people's."""
-BORDER_BLOCKS = 12
-"""Blocks at the image's border, of 24, that must have a tracked point: a person leaves most of it free."""
-CORNER_MIN = 2e-4
-"""Smallest eigenvalue of the structure tensor (of luma in 0 to 1, 5x5 window) of a point that can be tracked."""
-TEXTURE_LEVELS = 4.0
-"""Standard deviation of luma in a block with texture [levels of 255]."""
-ALIKE = 0.8
-"""Correlation from which a block shows what it did before, at any exposure."""
-SAME_LEVELS = 6.0
-"""Mean change of luma below which frames are of one scene, and nothing more is asked [levels of 255]."""
-CUT_SHARE = 0.25
-"""Share of the textured blocks below which a frame has nothing in common with another."""
 SETTLED_S = 1.0
 """Time without motion after which a camera stands still again [s]."""
 BREAK_MAX_S = 1.0
 """Time with nothing of the view before after which the scene is cut [s]: who steps in close before the camera hides all
 of it for some tenths of a second, and walks on."""
-MOVING_MAX_S = 0.5
-"""Longest motion of the camera that a run keeps to itself [s]: a knock at the mast."""
 
 
 class Steady(Enum):
@@ -85,7 +64,8 @@ class Steadiness:
     """Watches the frames of one camera: ``update`` once per frame, in order."""
 
     def __init__(self) -> None:
-        self._kept: deque[_Kept] = deque(maxlen=KEPT)
+        # Thumbnails kept, one per interval: the oldest tells slow motion.
+        self._kept: deque[_Kept] = deque(maxlen=5)
         self._last: U8 | None = None
         self._before_break: _Break | None = None
         self._lasting: Bool = np.zeros(_BLOCKS, np.bool_)
@@ -118,7 +98,8 @@ class Steadiness:
         where = f", first at frame {self._cuts[0]}" if self._cuts else ""
         return [
             at_most(
-                "moving camera", round(self._moving_s, 2), MOVING_MAX_S, "s",
+                # Longest motion of the camera that a run keeps to itself [s]: a knock at the mast.
+                "moving camera", round(self._moving_s, 2), 0.5, "s",
                 f"the whole image moves{at}: the camera must stand still, and people are not looked for while it moves",
             ),
             at_most(
@@ -134,7 +115,11 @@ class Steadiness:
             if now_s - broken.time_s < BREAK_MAX_S - 5e-4:
                 return Steady.BREAK
             self._cuts.append(broken.frame)
-            self._restart(now_s, thumbnail)
+            self._kept.clear()
+            self._kept.append(_Kept(now_s, thumbnail, _corners(thumbnail)))
+            self._before_break = None
+            self._moved_s = -math.inf
+            self._lasting = np.zeros(_BLOCKS, np.bool_)
             return Steady.CUT
         if broken is not None:
             self._before_break = None
@@ -150,8 +135,8 @@ class Steadiness:
 
     def _look(self, now_s: float, thumbnail: U8) -> None:
         """Compare with the thumbnails of an interval ago and of the oldest kept, every interval."""
-        # Half a millisecond of slack: time stamps are rounded.
-        if self._kept and now_s - self._kept[-1].time_s < INTERVAL_S - 5e-4:
+        # Time between two looks at the motion of the image [s], less half a millisecond: time stamps are rounded.
+        if self._kept and now_s - self._kept[-1].time_s < 0.2 - 5e-4:
             return
         if self._kept:
             self._lasting = alike(self._kept[-1].thumbnail, thumbnail)
@@ -160,13 +145,6 @@ class Steadiness:
             self._moved_s = now_s
             self._kept.clear()
         self._kept.append(_Kept(now_s, thumbnail, _corners(thumbnail)))
-
-    def _restart(self, now_s: float, thumbnail: U8) -> None:
-        self._kept.clear()
-        self._kept.append(_Kept(now_s, thumbnail, _corners(thumbnail)))
-        self._before_break = None
-        self._moved_s = -math.inf
-        self._lasting = np.zeros(_BLOCKS, np.bool_)
 
 
 def unrelated(before: U8, after: U8, lasting: Bool) -> bool:
@@ -177,9 +155,11 @@ def unrelated(before: U8, after: U8, lasting: Bool) -> bool:
     Args:
         lasting: (48,) blocks of the view before that showed the same texture an interval apart.
     """
-    if lasting.mean() < TEXTURED_SHARE or cv2.norm(before, after, cv2.NORM_L1) < SAME_LEVELS * before.size:
+    # Mean change of luma below which frames are of one scene, and nothing more is asked [levels of 255].
+    if lasting.mean() < TEXTURED_SHARE or cv2.norm(before, after, cv2.NORM_L1) < 6.0 * before.size:
         return False
-    return float(alike(before, after)[lasting].mean()) < CUT_SHARE
+    # Share of the textured blocks below which a frame has nothing in common with another.
+    return float(alike(before, after)[lasting].mean()) < 0.25
 
 
 def moved(before: U8, points: F32, after: U8) -> bool:
@@ -202,15 +182,16 @@ def moved(before: U8, points: F32, after: U8) -> bool:
             return False
         group[group] = _returns(before, after, points[group], there[group])
     tracked = moving | resting
-    if tracked.sum() < 0.5 * len(points) or (tracked & _at_border(points)).sum() < BORDER_BLOCKS:
+    inside = ((points >= BLOCK_PX) & (points < np.array(THUMBNAIL) - BLOCK_PX)).all(axis=1)
+    # Blocks at the image's border, of 24, that must have a tracked point: a person leaves most of it free.
+    if tracked.sum() < 0.5 * len(points) or (tracked & ~inside).sum() < 12:
         return False
-    return moving.sum() / tracked.sum() >= MOVED_SHARE and _agree(points[moving], there[moving])
-
-
-def _agree(points: F32, there: F32) -> bool:
-    """Whether one motion of the image takes most of (N, 2) points to where they are now."""
-    _, agreeing = cv2.estimateAffinePartial2D(points, there, ransacReprojThreshold=MOVED_PX)
-    return agreeing is not None and float(agreeing.mean()) >= AGREEING_SHARE
+    if moving.sum() / tracked.sum() < MOVED_SHARE:
+        return False
+    _, agreeing = cv2.estimateAffinePartial2D(points[moving], there[moving], ransacReprojThreshold=MOVED_PX)
+    # Share of the moving points that one shift, turn and zoom of the image takes along, to within MOVED_PX: those of a
+    # camera that also travels do not all; a crowd that fills the view walks in more than one direction.
+    return agreeing is not None and float(agreeing.mean()) >= 0.6
 
 
 def _returns(before: U8, after: U8, points: F32, there: F32) -> Bool:
@@ -231,7 +212,8 @@ def alike(before: U8, after: U8) -> Bool:
     a, b = a - a.mean(axis=1, keepdims=True), b - b.mean(axis=1, keepdims=True)
     deviations = a.std(axis=1), b.std(axis=1)
     scale = np.maximum(deviations[0], 1.0) * np.maximum(deviations[1], 1.0)
-    return np.asarray(((a * b).mean(axis=1) >= ALIKE * scale) & (np.maximum(*deviations) >= TEXTURE_LEVELS))
+    # Correlation from which a block shows what it did before, and the deviation of luma with texture [levels of 255].
+    return np.asarray(((a * b).mean(axis=1) >= 0.8 * scale) & (np.maximum(*deviations) >= 4.0))
 
 
 def _by_block(image: F64) -> F64:
@@ -247,10 +229,6 @@ def _corners(thumbnail: U8) -> F32:
     block = np.arange(_BLOCKS)
     x = block % _COLUMNS * BLOCK_PX + best % BLOCK_PX
     y = block // _COLUMNS * BLOCK_PX + best // BLOCK_PX
-    strong = blocks[block, best] >= CORNER_MIN
+    # Smallest eigenvalue of the structure tensor (of luma in 0 to 1, 5x5 window) of a point that can be tracked.
+    strong = blocks[block, best] >= 2e-4
     return np.asarray(np.column_stack([x, y])[strong], dtype=np.float32)
-
-
-def _at_border(points: F32) -> Bool:
-    inside = (points >= BLOCK_PX) & (points < np.array(THUMBNAIL) - BLOCK_PX)
-    return np.asarray(~inside.all(axis=1), dtype=np.bool_)

@@ -27,7 +27,7 @@ from planview.checks.scene import (
     standing_things,
 )
 from planview.checks.timing import MotionWatch, Thumbnails, motion_checks, timing_checks
-from planview.drawing.style import Entry, Rgb, as_bgr, with_colour_bar, with_legend
+from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
 from planview.maps.view import StereoView
 from stereo.depth import DepthFromDisparity, back_project
 from stereo.floor import FloorSearch
@@ -78,11 +78,7 @@ def rows_picture(left: U8, right: U8) -> U8:
 
 def disparity_picture(disparity: F32, smallest_px: int, largest_px: int) -> U8:
     """Near red, far blue, unknown black."""
-    invalid = np.isnan(disparity)
-    scaled = (np.nan_to_num(disparity) - smallest_px) * (255.0 / (largest_px - smallest_px))
-    levels = np.clip(scaled, 0, 255).astype(np.uint8)
-    picture = np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_TURBO), dtype=np.uint8)
-    picture[invalid] = 0
+    picture = disparity_colours(disparity, smallest_px, largest_px)
     ends = f"far: {smallest_px} px", f"near: {largest_px} px"
     return with_colour_bar(picture, cv2.COLORMAP_TURBO, *ends, [Entry((0, 0, 0), "unknown")])
 
@@ -189,8 +185,6 @@ STEP = 10
 """Depth and heights are looked at in every n-th frame (our choice, for speed)."""
 KEPT = 1000
 """Things measured last that the height of people is told from."""
-MIN_THINGS = 20
-"""Fewest measured things by which the scale is doubted: shadows and doors are no people (our choice)."""
 
 
 class RecordingWatch:
@@ -222,7 +216,8 @@ class RecordingWatch:
         """What is known so far."""
         valid = float(np.median(self._valid)) if self._valid else np.nan
         things = np.concatenate(self._things) if self._things else np.empty((0, 2))
-        heights = large_heights(things) if len(things) >= MIN_THINGS else np.empty(0)
+        # Fewest measured things by which the scale is doubted: shadows and doors are no people (our choice).
+        heights = large_heights(things) if len(things) >= 20 else np.empty(0)
         return [
             *motion_checks(self._motion.findings()),
             at_least("valid disparity", valid, MIN_VALID, "", "share of the picture, median frame"),

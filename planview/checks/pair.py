@@ -16,20 +16,6 @@ from stereo.rig_correction import RigCorrection, fit_correction
 
 MIN_MATCHES = 60
 """Fewest corners found in both images on which the geometry is judged."""
-MAX_OFFSET = 1.5
-"""Row offset of the calibration as it is [px of 640]: a factory calibration after some years has up to 0.5. A run takes
-out the turn that explains it, but a rig that moved this far is better calibrated again."""
-MAX_RESIDUAL = 0.5
-"""Row offset that is left [px]: block matching loses half of its matches beyond (our choice)."""
-MIN_POSITIVE = 0.8
-"""Share of corners whose right place is to the left of the left one; far corners may err by calibration."""
-MAX_TURN_DEG = 0.5
-"""Rotation of the right camera since calibration: half a degree of pan shifts disparities by 3.5 px of 640, or 15 % of
-the depth at 2 m; a worn factory calibration has up to 0.2."""
-MAX_MIRROR = 1.5
-"""Epipolar error of the pose over that of its mirror images; a good pose has less than its mirror images."""
-MIN_TURN_DEG = 0.3
-"""Poses with less rotation look the same mirrored."""
 
 
 def alignment_checks(plain: Rectifier, matches: F64, correction: RigCorrection) -> list[Check]:
@@ -47,14 +33,20 @@ def alignment_checks(plain: Rectifier, matches: F64, correction: RigCorrection) 
     turned_deg = math.degrees(float(np.linalg.norm(turn.applied))) if enough else math.nan
     return [
         at_least("matched corners", float(len(matches)), MIN_MATCHES, "", "corners that both cameras show"),
-        at_least("left-right order", positive, MIN_POSITIVE, "", "share of corners nearer than infinity"),
-        at_most("row offset", offset, MAX_OFFSET, "px", "median, of 640 px, before the rig is corrected"),
-        at_most("camera turn", turned_deg, MAX_TURN_DEG, "deg", f"right camera since calibration; {correction}"),
-        at_most("row residual", correction.after_px, MAX_RESIDUAL, "px", "median, after the rig is corrected"),
+        # Share of corners whose right place is to the left of the left one; far corners may err by calibration.
+        at_least("left-right order", positive, 0.8, "", "share of corners nearer than infinity"),
+        # Row offset of the calibration as it is [px of 640]: a factory calibration after some years has up to 0.5. A
+        # run takes out the turn that explains it, but a rig that moved this far is better calibrated again.
+        at_most("row offset", offset, 1.5, "px", "median, of 640 px, before the rig is corrected"),
+        # Rotation of the right camera since calibration: half a degree of pan shifts disparities by 3.5 px of 640, or
+        # 15 % of the depth at 2 m; a worn factory calibration has up to 0.2.
+        at_most("camera turn", turned_deg, 0.5, "deg", f"right camera since calibration; {correction}"),
+        # Row offset that is left [px]: block matching loses half of its matches beyond (our choice).
+        at_most("row residual", correction.after_px, 0.5, "px", "median, after the rig is corrected"),
         at_most(
             "mirrored pose",
             mirror_ratio(plain, matches),
-            MAX_MIRROR,
+            1.5,  # a good pose has less than its mirror images
             "",
             "row error of the pose over its mirror image",
         ),
@@ -69,7 +61,8 @@ def mirror_ratio(rectifier: Rectifier, matches: F64) -> float:
     """
     pose = rectifier.rig.right_SE3_left
     turn = math.degrees(pose.angle_rad)
-    if len(matches) < MIN_MATCHES or turn < MIN_TURN_DEG:
+    # Poses with less rotation look the same mirrored.
+    if len(matches) < MIN_MATCHES or turn < 0.3:
         return math.nan
     left, right = _recorded_rays(rectifier, matches)
     own = epipolar_error(left, right, pose.rotation, pose.translation)
@@ -101,19 +94,10 @@ def _recorded_rays(rectifier: Rectifier, matches: F64) -> tuple[F64, F64]:
 
 SATURATED_LEVEL = 250
 """Grey levels from here on hold no texture (as in the matcher)."""
-MAX_OVER = 0.35
-"""Share of saturated pixels that leaves enough to see people by; a sunny terrace has up to a quarter (our choice)."""
-MIN_BRIGHT = 40.0
-"""The brightest tenth of a picture must reach this grey level: below, sensor noise is a good part of any texture."""
-MAX_MISMATCH = 2.0
-"""Ratio of the cameras' median brightness; block matching bears small differences only (our choice)."""
 
 
 BLOCK_PX = 8
 """Side of the blocks that JPEG, MPEG and H.264 transform."""
-MAX_BLOCKING = 2.0
-"""Grey steps at the borders of blocks over those inside, which match at the same place in both cameras and pull
-disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 and loses the floor (our choice)."""
 
 
 def image_checks(frames: Sequence[StereoFrame]) -> list[Check]:
@@ -124,8 +108,12 @@ def image_checks(frames: Sequence[StereoFrame]) -> list[Check]:
     blocks = max(float(np.median([blocking(i) for i in side])) for side in sides)
     return [
         *light_checks(*sides),
-        at_most("brightness match", ratio, MAX_MISMATCH, "", "mean brightness of one camera over the other"),
-        at_most("compression", blocks, MAX_BLOCKING, "", "grey steps at the borders of 8x8 blocks over those inside"),
+        # Ratio of the cameras' median brightness; block matching bears small differences only (our choice).
+        at_most("brightness match", ratio, 2.0, "", "mean brightness of one camera over the other"),
+        # Grey steps at the borders of blocks over those inside, which match at the same place in both cameras and
+        # pull disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 and loses the floor
+        # (our choice).
+        at_most("compression", blocks, 2.0, "", "grey steps at the borders of 8x8 blocks over those inside"),
     ]
 
 
@@ -139,8 +127,12 @@ def light_checks(*cameras: Sequence[U8]) -> list[Check]:
     over = max(float(np.median([np.mean(i[::2, ::2] >= SATURATED_LEVEL) for i in side])) for side in sides)
     bright = min(float(np.median([np.percentile(i[::2, ::2], 90) for i in side])) for side in sides)
     return [
-        at_most("over-exposure", over, MAX_OVER, "", "share of saturated pixels in the worse camera"),
-        at_least("under-exposure", bright, MIN_BRIGHT, "grey", "brightest tenth of the picture, darker camera"),
+        # Share of saturated pixels that leaves enough to see people by; a sunny terrace has up to a quarter (our
+        # choice).
+        at_most("over-exposure", over, 0.35, "", "share of saturated pixels in the worse camera"),
+        # The brightest tenth of a picture must reach this grey level: below, sensor noise is a good part of any
+        # texture.
+        at_least("under-exposure", bright, 40.0, "grey", "brightest tenth of the picture, darker camera"),
     ]
 
 

@@ -21,11 +21,6 @@ from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.rig_correction import MatchParams, RigCorrection, match_corners
 
-MATCHED_FRAMES = 8
-"""Frames in which corners are matched (our choice, for speed)."""
-WIDE_SEARCH = MatchParams(search_px=24, features=200)
-"""Row offsets looked for in a pair that may be badly calibrated: a rig turned by 2 degrees still matches."""
-
 
 class PairEvidence(NamedTuple):
     """What is known of a stereo pair alone.
@@ -131,7 +126,11 @@ def busiest(images: list[U8], indices: list[int], n_frames: int, count: int) -> 
 def _matches(rectifier: Rectifier, spread: list[StereoFrame], searched: DisparityRange) -> F64:
     largest = searched.first_px + searched.count
     found = [np.empty((0, 4))]
-    for frame in spread[:: max(1, len(spread) // MATCHED_FRAMES)]:
+    # Frames in which corners are matched (our choice, for speed).
+    for frame in spread[:: max(1, len(spread) // 8)]:
         pair = rectifier(frame.left, frame.right)
-        found.append(match_corners(pair.left_grey, pair.right_grey, largest, WIDE_SEARCH, -largest))
+        # Row offsets looked for in a pair that may be badly calibrated: a rig turned by 2 degrees still matches.
+        found.append(
+            match_corners(pair.left_grey, pair.right_grey, largest, MatchParams(search_px=24, features=200), -largest)
+        )
     return np.concatenate(found)

@@ -16,19 +16,8 @@ from planview.foreground.blobs import find_blobs
 from planview.maps.grid import GridParams
 from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, median_image
 
-PLAUSIBLE_M = (0.4, 2.3)
-"""Heights of moving things when no person's height is known: a pushed chair or box to a tall man in a hat."""
 TOLERANCE = 0.08
 """A known height must be met within this share: 5 cm of noise and shoes, and some error of the floor."""
-NEARER_PX = 1.0
-"""Disparity by which something must be nearer than the background to stand out of it: four deviations."""
-SHARE_OF_IMAGE = (0.001, 0.25)
-"""Share of the picture that a person takes: at 8 m some 0.2 %. Not an area in metres, which would hide wrong units."""
-LARGE = 0.4
-"""Things with less than this part of the surface of the largest ones are shreds, not people."""
-ABOVE_FLOOR_M = 0.25
-TALLEST_PERCENTILE = 98.0
-"""Percentile of a person's points taken for the top of the head: single points above it are wrong matches."""
 
 
 def height_check(heights: F64, person_height_m: float | None = None) -> Check:
@@ -37,7 +26,8 @@ def height_check(heights: F64, person_height_m: float | None = None) -> Check:
     value = float(np.percentile(heights, 75)) if len(heights) >= 3 else math.nan
     if person_height_m is None:
         note = "of moving people; no known height was given"
-        return between("person height", value, PLAUSIBLE_M, "m", note)
+        # Heights of moving things when no person's height is known: a pushed chair or box to a tall man in a hat.
+        return between("person height", value, (0.4, 2.3), "m", note)
     limits = (person_height_m * (1 - TOLERANCE), person_height_m * (1 + TOLERANCE))
     note = f"known to be {person_height_m:g} m" if math.isfinite(value) else "no person was found to measure"
     return between("person height", value, limits, "m", f"{note}: baseline and units", needed=True)
@@ -53,7 +43,8 @@ def person_heights(evidence: Evidence) -> F64:
     for disparity in evidence.disparities:
         depth = to_depth(disparity)
         above = heights_above_floor(back_project(depth, geometry), evidence.floor.world_SE3_left)
-        found.append(standing_things(above, depth, disparity - background > NEARER_PX))
+        # Disparity by which something must be nearer than the background to stand out of it: four deviations.
+        found.append(standing_things(above, depth, disparity - background > 1.0))
     return large_heights(np.concatenate(found))
 
 
@@ -61,7 +52,8 @@ def large_heights(things: F64) -> F64:
     """Heights [m] of those (N, 2) ``standing_things`` that are no shreds."""
     if len(things) == 0:
         return np.empty(0)
-    large = things[:, 1] >= LARGE * np.percentile(things[:, 1], 90)
+    # Things with less than this part of the surface of the largest ones are shreds, not people.
+    large = things[:, 1] >= 0.4 * np.percentile(things[:, 1], 90)
     return np.asarray(things[large, 0], dtype=np.float64)
 
 
@@ -80,29 +72,26 @@ def standing_things(above: F32, depth: F32, moved: Bool) -> F64:
     Returns:
         (N, 2) height [m] and surface (in units that all things share).
     """
-    stands_out = moved & (above > ABOVE_FLOOR_M)
+    stands_out = moved & (above > 0.25)  # [m]
     mask = cv2.morphologyEx(stands_out.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     blobs = find_blobs(np.asarray(mask, dtype=np.uint8))
     surface = depth * depth
-    min_px, max_px = (share * mask.size for share in SHARE_OF_IMAGE)
+    # Share of the picture that a person takes: at 8 m some 0.2 %. Not an area in metres, which would hide wrong
+    # units.
+    min_px, max_px = (share * mask.size for share in (0.001, 0.25))
     found = []
     for label in range(1, len(blobs)):
         if blobs.box_px[label, 1] <= 2:
             continue  # its head may be outside
         if min_px <= blobs.area_px[label] <= max_px:
             of_it = (blobs.labels == label) & np.isfinite(above)
-            found.append((float(np.percentile(above[of_it], TALLEST_PERCENTILE)), float(surface[of_it].sum())))
+            # Percentile of a person's points taken for the top of the head: single points above it are wrong matches.
+            found.append((float(np.percentile(above[of_it], 98.0)), float(surface[of_it].sum())))
     return np.array(found, dtype=np.float64).reshape(-1, 2)
 
 
 MIN_VALID = 0.35
 """Share of pixels with a disparity; bare walls and saturated floors have none, people must (our choice)."""
-MIN_FLOOR = 0.10
-"""Share of valid depth on the floor (our choice: a hand's breadth of floor between furniture still shows it)."""
-MAX_FLATNESS = 0.12
-"""Deviation of floor points from the plane [m]: with more, a foot cannot be told from a shadow (our choice)."""
-HEIGHT_BETWEEN = (1.2, 10.0)
-"""Camera heights above the floor that see people [m]."""
 MAX_DEPTH = {2.0: 0.15, 4.0: 0.5, 8.0: math.inf}
 """Predicted depth deviation at a distance [m]: at 4 m half a metre is a person's width (our choice)."""
 
@@ -127,10 +116,16 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
     share = floor.inlier_fraction if floor else math.nan
     why = "share of valid depth that lies on it" if floor else refused
     return [
-        at_least("floor share", share, MIN_FLOOR, "", why, needed=floor is None),
-        at_most("floor flatness", floor.residual_m if floor else math.nan, MAX_FLATNESS, "m", "rms from the plane"),
+        # Share of valid depth on the floor (our choice: a hand's breadth of floor between furniture still shows it).
+        at_least("floor share", share, 0.10, "", why, needed=floor is None),
+        # Deviation of floor points from the plane [m]: with more, a foot cannot be told from a shadow (our choice).
+        at_most("floor flatness", floor.residual_m if floor else math.nan, 0.12, "m", "rms from the plane"),
         between(
-            "camera height", floor.height_m if floor else math.nan, HEIGHT_BETWEEN, "m", "of the (left) camera above it"
+            "camera height",
+            floor.height_m if floor else math.nan,
+            (1.2, 10.0),
+            "m",
+            "of the (left) camera above it",
         ),
     ]
 

@@ -19,20 +19,6 @@ OWN_VIEW = 8
 """The outer 1/n of each image, which the other camera may not show, is left out: a disparity of 80 px of 640."""
 BANDS = 24
 """Bands of rows in which movement is summed: rows of a rectified pair show the same part of the scene."""
-MOVED_LEVEL = 14
-"""Grey levels by which a pixel must change to count as moved: above sensor noise and coding artefacts."""
-ACTIVE_SHARE = 0.001
-"""Share of moved pixels from which a picture moves: half of what a person at 8 m takes (our choice)."""
-MIN_LIKENESS = 0.5
-"""Correlation of the cameras' movement below which nothing is said about their lag."""
-CLEARLY = 0.25
-"""By so much the likeness of a window must rise with a lag for it to count alone: cameras that lost their step half-way
-reach 0.7, those in step 0.03 (our choice)."""
-LONGEST_LAG = 30
-"""Longest lag looked for [frames]: two seconds at 15 Hz (our choice)."""
-WINDOW = 120
-"""Frames over which a lag is measured: a person crosses most views in that time (our choice)."""
-MIN_WINDOW = 12
 
 
 class Thumbnails(NamedTuple):
@@ -87,23 +73,12 @@ class MotionWatch:
         if before is None:
             return
         both = list(zip(before, pair, strict=True))
-        moved = [np.asarray(cv2.absdiff(a, b) > MOVED_LEVEL, dtype=np.bool_) for a, b in both]
-        self._count([float(m.mean()) for m in moved], [bool((a == b).all()) for a, b in both])
-        self._bands.append(np.stack([_bands(m) for m in moved]))
-        if len(self._bands) == WINDOW:
-            self._lags.append(self._window_lag())
-            self._bands.clear()
-
-    def findings(self) -> MotionFindings:
-        """Of all pairs so far."""
-        if not self._active:
-            return MotionFindings(np.nan, np.nan, np.nan, np.nan)
-        lag = _overall([*self._lags, self._window_lag()])
-        repeated = self._repeated / (self._active + self._repeated)
-        return MotionFindings(lag, self._frozen / self._active, float(self._longest), repeated)
-
-    def _count(self, share: list[float], same: list[bool]) -> None:
-        active = max(share) >= ACTIVE_SHARE
+        # Grey levels by which a pixel must change to count as moved: above sensor noise and coding artefacts.
+        moved = [np.asarray(cv2.absdiff(a, b) > 14, dtype=np.bool_) for a, b in both]
+        share = [float(m.mean()) for m in moved]
+        same = [bool((a == b).all()) for a, b in both]
+        # Share of moved pixels from which a picture moves: half of what a person at 8 m takes (our choice).
+        active = max(share) >= 0.001
         frozen = active and min(share) == 0.0
         self._active += active
         self._frozen += frozen
@@ -116,9 +91,22 @@ class MotionWatch:
             if active and self._still_for in (1, 2):
                 self._repeated += self._still_for
             self._still_for = 0 if active else 3
+        self._bands.append(np.stack([_bands(m) for m in moved]))
+        # Frames over which a lag is measured: a person crosses most views in that time (our choice).
+        if len(self._bands) == 120:
+            self._lags.append(self._window_lag())
+            self._bands.clear()
+
+    def findings(self) -> MotionFindings:
+        """Of all pairs so far."""
+        if not self._active:
+            return MotionFindings(np.nan, np.nan, np.nan, np.nan)
+        lag = _overall([*self._lags, self._window_lag()])
+        repeated = self._repeated / (self._active + self._repeated)
+        return MotionFindings(lag, self._frozen / self._active, float(self._longest), repeated)
 
     def _window_lag(self) -> Lag:
-        if len(self._bands) < MIN_WINDOW:
+        if len(self._bands) < 12:
             return UNKNOWN
         left, right = np.stack(self._bands, axis=1)
         return best_lag(left, right)
@@ -147,9 +135,11 @@ def best_lag(left: F64, right: F64) -> Lag:
     Args:
         left, right: (T, bands) movement per frame.
     """
-    longest = min(LONGEST_LAG, len(left) // 3)
+    # Longest lag looked for [frames]: two seconds at 15 Hz (our choice).
+    longest = min(30, len(left) // 3)
     scores = np.array([_likeness(left, right, lag) for lag in range(-longest, longest + 1)])
-    if not np.isfinite(scores).any() or np.nanmax(scores) < MIN_LIKENESS:
+    # Correlation of the cameras' movement below which nothing is said about their lag.
+    if not np.isfinite(scores).any() or np.nanmax(scores) < 0.5:
         return UNKNOWN
     best, shift = int(np.nanargmax(scores)), 0.0
     # Half the curvature of the parabola through the best score and its neighbours.
@@ -174,7 +164,9 @@ def _overall(windows: list[Lag]) -> float:
     lags = np.array([w.frames for w in windows if np.isfinite(w.frames)])
     if not len(lags):
         return np.nan
-    late = [w.frames for w in windows if abs(w.frames) > 0.5 and w.unshifted < w.likeness - CLEARLY]
+    # By so much the likeness of a window must rise with a lag for it to count alone: cameras that lost their step
+    # half-way reach 0.7, those in step 0.03 (our choice).
+    late = [w.frames for w in windows if abs(w.frames) > 0.5 and w.unshifted < w.likeness - 0.25]
     median = float(np.median(lags))
     return float(np.median(late)) if late and abs(median) <= 0.5 else median
 
@@ -185,28 +177,20 @@ def _bands(moved: Bool) -> F64:
     return np.asarray(np.sqrt(moved[:rows].reshape(BANDS, -1).mean(axis=1)), dtype=np.float64)
 
 
-MAX_GAP = 2.5
-"""Longest step between frames over the usual one: one dropped frame passes, two in a row do not (our choice)."""
-MIN_USABLE = 0.9
-MAX_FROZEN = 0.1
-"""Share of frames with movement in which one camera stands still."""
-MAX_STALL = 8
-"""Longest such stretch [frames]: half a second at 15 Hz (our choice); what both cameras show moves in both."""
-MAX_REPEATED = 0.1
-"""Share of pairs that repeat the one before while people move: a tenth spoils every velocity (our choice)."""
-MAX_LAG = 0.5
-"""Cameras may be apart by half a frame: at 15 fps a walker moves 4 cm in that time, which is 1 px at 4 m."""
-
-
 def timing_checks(evidence: Evidence) -> list[Check]:
     """Usable frames, gaps in the timestamps; of a pair a frozen camera, and lag between the cameras."""
     usable = (len(evidence.spread) + len(evidence.run)) / max(1, evidence.frames_asked)
     times = evidence.recording.times_s
     known = np.array([f.timestamp_s for f in evidence.run]) if times is None else times[np.isfinite(times)]
     checks = [
-        at_least("usable frames", usable, MIN_USABLE, "", "share of the frames looked at that can be decoded"),
+        at_least("usable frames", usable, 0.9, "", "share of the frames looked at that can be decoded"),
         at_most(
-            "timestamp gap", longest_step(known), MAX_GAP, "steps", "longest step between frames over the usual one"
+            # One dropped frame passes, two in a row do not (our choice).
+            "timestamp gap",
+            longest_step(known),
+            2.5,
+            "steps",
+            "longest step between frames over the usual one",
         ),
     ]
     if not isinstance(evidence.rectifier, Rectifier):
@@ -222,10 +206,13 @@ def motion_checks(found: MotionFindings) -> list[Check]:
     """Cameras that do not move together in time."""
     late = f"right camera {found.lag:+.2f} frames late, by movement"
     return [
-        at_most("frozen camera", found.frozen, MAX_FROZEN, "", "share of frames that stand still in one camera only"),
-        at_most("stalled camera", found.stall, MAX_STALL, "frames", "longest time for which only one camera moves"),
-        at_most("repeated pairs", found.repeated, MAX_REPEATED, "", "share of pairs that repeat the one before"),
-        at_most("synchronisation", abs(found.lag), MAX_LAG, "frames", late),
+        at_most("frozen camera", found.frozen, 0.1, "", "share of frames that stand still in one camera only"),
+        # Longest such stretch [frames]: half a second at 15 Hz (our choice); what both cameras show moves in both.
+        at_most("stalled camera", found.stall, 8, "frames", "longest time for which only one camera moves"),
+        # Share of pairs that repeat the one before while people move: a tenth spoils every velocity (our choice).
+        at_most("repeated pairs", found.repeated, 0.1, "", "share of pairs that repeat the one before"),
+        # Cameras may be apart by half a frame: at 15 fps a walker moves 4 cm in that time, which is 1 px at 4 m.
+        at_most("synchronisation", abs(found.lag), 0.5, "frames", late),
     ]
 
 

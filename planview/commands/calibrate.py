@@ -340,7 +340,12 @@ def calibrate_ui(
     """
     if not 1024 <= port <= 65535:
         raise InputError(f"--port: expected 1024 to 65535, found {port}")
-    _refuse_used(port)
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise InputError(f"--port: {port} is in use by another program; choose another, e.g. {port + 1}") from error
     try:
         from planview.calibration.page.page import serve
     except ImportError as error:
@@ -350,12 +355,3 @@ def calibrate_ui(
     session = open_session(recording, calibration)
     PlainConsole(stderr=True).print(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends")
     serve(session, out, port, None if session.view else recording)
-
-
-def _refuse_used(port: int) -> None:
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError as error:
-            raise InputError(f"--port: {port} is in use by another program; choose another, e.g. {port + 1}") from error

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -20,10 +19,11 @@ from calib.errors import InputError
 from calib.floor.find import parse_points
 from calib.ground_camera import LENS_K_320, save_ground_camera
 from calib.images import as_colour, write_image
-from calib.io import reason
+from calib.io import parse_size, reason
 from calib.people.calibration import HumanCalibration, calibrate_from_people
 from calib.people.model import KnownValues
 from calib.people.samples import HumanSample, check_samples, read_image_size, read_samples, write_samples
+from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import U8
 from calib.world import load_world, save_world
@@ -33,6 +33,7 @@ from planview.commands.options import Flag, JsonFlag
 from planview.drawing.style import Entry, as_bgr, with_legend
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search
+from planview.output.folder import read_run_info
 from planview.output.progress import PlainConsole
 from planview.trajectories.table import read_tracks
 from stereo.readers import OpenOptions, open_recording
@@ -138,16 +139,11 @@ def _floor_of_run(recording: StereoRecording, tracks: Path) -> Floor:
     if beside.is_file():
         return load_world(beside)
     run = tracks.with_name("run.json")
+    info = read_run_info(run)
+    if info.floor is None or info.floor.world_SE3_left is None:
+        raise InputError(f"{run}: expected the floor of that run (run.json or world.toml), found none")
     try:
-        found = json.loads(run.read_text(encoding="utf-8"))["floor"]["world_SE3_left"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(
-            f"{run}: expected the floor of that run (run.json or world.toml), found {reason(error)}"
-        ) from error
-    from calib.pose import SE3
-
-    try:
-        return Floor(SE3.from_matrix(found))
+        return Floor(SE3.from_matrix(info.floor.world_SE3_left))
     except ValueError as error:
         raise InputError(f"{run}: expected the floor of that run, {error}") from error
 
@@ -285,12 +281,7 @@ def _summarise(found: HumanCalibration, n_samples: int, console: Console) -> Non
 
 def _size(text: str | None, video: Video | None, recorded: tuple[int, int] | None, samples: Path) -> tuple[int, int]:
     """(width, height) of the samples' image; what is known of it from several places must agree."""
-    given = None
-    if text is not None:
-        match = re.fullmatch(r"\s*(\d{1,5})\s*[xX*,]\s*(\d{1,5})\s*", text)
-        given = (int(match[1]), int(match[2])) if match else (0, 0)
-        if 0 in given:
-            raise InputError(f"--image-size: expected WxH in pixels, e.g. 640x480, found {text!r}")
+    given = None if text is None else parse_size(text, "--image-size")
     sources = {"--image-size": given, "the video": None if video is None else video.size, str(samples): recorded}
     known = [(source, size) for source, size in sources.items() if size is not None]
     if not known:

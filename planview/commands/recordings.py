@@ -17,6 +17,7 @@ from calib.errors import InputError, WorkError
 from calib.io import parse_length
 from calib.rig import save_rig
 from planview.checks.examine import Diagnosis, examine, write_pictures
+from planview.checks.recording import PairEvidence
 from planview.commands.options import Flag, JsonFlag, open_options
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search
@@ -94,23 +95,32 @@ def check(
     if out is not None and diagnosis.evidence is not None:
         for path in write_pictures(diagnosis.evidence, out):
             PlainConsole(stderr=True).print(f"wrote {path}", highlight=False)
-    pair = diagnosis.evidence.pair if diagnosis.evidence else None
-    corrects = pair is not None and bool(pair.correction.is_applied.any())
-    if corrected_rig is not None and (pair is None or not corrects):
-        raise WorkError(f"{recording}: nothing to write to {corrected_rig}: {pair.correction if pair else 'no pair'}")
-    if pair is not None and corrects:
-        said = f"planview check {shlex.quote(str(recording))} --corrected-rig rig.toml writes the corrected calibration"
-        if corrected_rig is not None:
-            rig = pair.correction(pair.plain.rig)
-            save_rig(replace(rig, source=f"{rig.source}, {pair.correction}"), corrected_rig)
-            said = f"wrote {corrected_rig}"
-        PlainConsole(stderr=True).print(f"{pair.correction}: {said}", highlight=False)
+    _correct(recording, diagnosis.evidence.pair if diagnosis.evidence else None, corrected_rig)
     failed = [check for check in diagnosis.checks if not check.ok]
     if failed:
         raise WorkError(
             f"{recording}: {len(failed)} of {len(diagnosis.checks)} checks failed: "
             + "; ".join(f"{c.name} ({c.note})" for c in failed)
         )
+
+
+def _correct(recording: Path, pair: PairEvidence | None, corrected_rig: Path | None) -> None:
+    """Write the calibration as the recording corrects it where that is asked for, else say how; nothing where it fits.
+
+    Raises:
+        WorkError: asked for, and there is nothing to correct.
+    """
+    if pair is None or not pair.correction.is_applied.any():
+        if corrected_rig is not None:
+            why = pair.correction if pair else "no pair"
+            raise WorkError(f"{recording}: nothing to write to {corrected_rig}: {why}")
+        return
+    said = f"planview check {shlex.quote(str(recording))} --corrected-rig rig.toml writes the corrected calibration"
+    if corrected_rig is not None:
+        rig = pair.correction(pair.plain.rig)
+        save_rig(replace(rig, source=f"{rig.source}, {pair.correction}"), corrected_rig)
+        said = f"wrote {corrected_rig}"
+    PlainConsole(stderr=True).print(f"{pair.correction}: {said}", highlight=False)
 
 
 def table(diagnosis: Diagnosis) -> Table:

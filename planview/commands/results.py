@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sysconfig
 from dataclasses import dataclass
@@ -15,11 +16,11 @@ from rich.progress import track
 from calib.errors import InputError, WorkError
 from calib.io import reason
 from planview.commands.options import Flag, frame_span
+from planview.output.folder import rrd_parts
 from planview.output.progress import PlainConsole
 from planview.output.render import SceneComposer, VideoWriter, scene_pictures_of, write_still
 from planview.output.report.compare import write_comparison
 from planview.output.report.page import write_report
-from planview.output.rerun.file import quiet_environment
 from planview.output.results import read_results
 
 if TYPE_CHECKING:
@@ -160,6 +161,7 @@ def view(folder: Path, *, port: int = 9876, web: Flag = False, web_port: int = 9
     recording = folder if folder.suffix == ".rrd" else folder / "run.rrd"
     if not recording.is_file():
         raise InputError(f"{folder / 'run.rrd'}: expected a rerun recording, found none; add --rrd to planview run")
+    parts = [recording] if folder.suffix == ".rrd" else rrd_parts(recording)
     viewer = Path(sysconfig.get_path("scripts")) / "rerun"
     command = [str(viewer), "--bind", "127.0.0.1", "--port", str(port)]
     if web:
@@ -169,9 +171,14 @@ def view(folder: Path, *, port: int = 9876, web: Flag = False, web_port: int = 9
             f"open http://127.0.0.1:{web_port}/?url={data}   (Ctrl-C ends it)"
         )
     try:
-        status = subprocess.run([*command, str(recording)], check=False, env=quiet_environment()).returncode
+        status = subprocess.run([*command, *map(str, parts)], check=False, env=quiet_environment()).returncode
     except OSError as error:
         raise WorkError(f"the rerun viewer cannot be started ({reason(error)}); is rerun-sdk installed?") from error
     if status != 0:
         hint = "is the port free?" if web else "it needs a display and a graphics driver; --web needs none"
         raise WorkError(f"the rerun viewer ended with status {status} ({hint})")
+
+
+def quiet_environment() -> dict[str, str]:
+    """Variables under which rerun's programs send no usage statistics: they send none where ``CI`` is set."""
+    return {**{k: v for k, v in os.environ.items() if k != "FORCE_RERUN_ANALYTICS"}, "CI": "1"}

@@ -27,7 +27,6 @@ from planview.maps.recording import is_maps
 from planview.output.finished import refine_run
 from planview.output.folder import RunInfo, check_folder, finished_run, folder_lock
 from planview.output.maps_log import MapsLog
-from planview.output.pace import Pace
 from planview.output.progress import FrameProgress, PlainConsole, compile_notice, summary
 from planview.output.replay import difference_picture, difference_text, replay_run
 from planview.output.report.page import write_report
@@ -36,6 +35,7 @@ from planview.output.resume import checkpoint_of
 from planview.output.run import RunLog, RunOptions, begin_run, run_identity
 from planview.output.run import run as run_engine
 from planview.output.scene import SceneFrames, open_frames
+from planview.output.totals import Pace
 from planview.synthetic.assets import DEMO
 from planview.trajectories.table import read_tracks
 from stereo.readers.open import is_multi_rig
@@ -125,7 +125,7 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
         if not options.refine or info.refined:
             console.print(f"{out}: the run is finished; nothing is left to resume")
             return
-        info = refine_run(out).info
+        _, info = refine_run(out)
     else:
         with compile_notice(console):
             info = _opened_and_tracked(recording, out, options, settings, console)
@@ -175,7 +175,7 @@ def _track(
     checkpoint = None
     if options.resume:
         names = ["MapsLog"] * options.maps + ["RerunLog"] * options.rrd
-        identity = run_identity(engine, how, names, out)
+        identity = run_identity(engine, how, names)
         checkpoint = checkpoint_of(out, identity, lambda text: console.print(text, soft_wrap=True))
     if checkpoint is None:
         begin_run(engine, out, how, overwrite=options.overwrite or options.resume)
@@ -192,7 +192,7 @@ def _track(
     with FrameProgress(console, n_frames) as progress:
         info = run_engine(engine, out, how, logs, progress, checkpoint)
     write_report(out)
-    return refine_run(out).info if options.refine else info
+    return refine_run(out)[1] if options.refine else info
 
 
 def replay(
@@ -204,9 +204,8 @@ def replay(
 ) -> None:
     """Track a run again up to a frame with a parameter changed, and show both: a picture, and what differs in words.
 
-    Tracking begins at the nearest checkpoint, where the run was interrupted and kept one; else with the first frame, of
-    the run's maps.h5 (planview run --maps) where the parameter does not concern what comes before the maps: that
-    takes a tenth of the time.
+    Tracking begins with the first frame, of the run's maps.h5 (planview run --maps) where the parameter does not
+    concern what comes before the maps: that takes a tenth of the time.
 
     Example: planview replay out --frame 310 --set template.patch_m=0.15
 
@@ -228,7 +227,7 @@ def replay(
     console = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
     with FrameProgress(console, frame + 1) as progress:
         replayed = replay_run(results, config, frame, progress)
-    console.print(f"tracked from {replayed.begun_from}")
+    console.print(f"tracked from {replayed.source}")
     for line in difference_text(results, replayed, frame):
         PlainConsole(soft_wrap=True, highlight=False).print(line)
     frames: SceneFrames | None = None

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Annotated, Any
 
 from cyclopts import Parameter
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from calib.errors import InputError, WorkError, printable
 from planview.commands.options import JsonFlag
 from planview.output.progress import PlainConsole
-from planview.sweep.pools import ClusterPool, Pool, ProcessPool
-from planview.sweep.results import Estimate, JobResult, why_no_intervals
+from planview.sweep.results import why_no_intervals
 from planview.sweep.study import FIGURES, RecordingEntry, Study, load_study, varied
-from planview.sweep.sweep import StudyResults, run_study
+from planview.sweep.sweep import StudyProgress, StudyResults, run_study
+from planview.sweep.work import ClusterPool, ProcessPool
 
 FAILED_MAX = 20
 """Failed runs that are printed; summary.csv has them all."""
@@ -68,13 +66,20 @@ def sweep(
     options = options or SweepOptions()
     study, names, out = _study(sources, options)
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
-    with _Watch(console) as watch:
-        results = run_study(study, names, out, _pool(options), watch)
+    here = ProcessPool(options.jobs) if options.cluster is None else None
+    with StudyProgress(console) as watch:
+        results = run_study(study, names, out, lambda: here or ClusterPool(options.cluster or ""), watch)
     if options.json_output:
         print(json.dumps(_json(results, out)))
     else:
         print_ranking(results, out)
-    _report_failures(results, console)
+    failed = results.failed
+    for run in failed[:FAILED_MAX]:
+        console.print(printable(f"failed: {run.recording}, {run.configuration.label}, seed {run.seed}: {run.error}"))
+    if len(failed) > FAILED_MAX:
+        console.print(f"and {len(failed) - FAILED_MAX} more, in summary.csv")
+    if failed:
+        raise WorkError(f"{len(failed)} of {len(results.runs)} runs failed; the others are done")
 
 
 def _study(sources: Sequence[Path], options: SweepOptions) -> tuple[Study, list[str], Path]:
@@ -87,11 +92,12 @@ def _study(sources: Sequence[Path], options: SweepOptions) -> tuple[Study, list[
     else:
         if options.out is None:
             raise InputError("--out: expected a folder for the results, found none")
-        found = varied(options.vary)
+        parameters, seeds = varied(options.vary)
         entries = [RecordingEntry(path=path) for path in sources]
-        study = Study(recordings=entries, config=options.config, parameters=found.parameters, seeds=found.seeds)
+        study = Study(recordings=entries, config=options.config, parameters=parameters, seeds=seeds)
         folder, out = Path(), options.out
-    names = [_name(entry.path, folder) for entry in study.recordings]
+    paths = [entry.path for entry in study.recordings]
+    names = [str(path.relative_to(folder) if path.is_relative_to(folder) else path) for path in paths]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise InputError(f"expected every recording once, found {twice[0]} twice")
@@ -101,57 +107,6 @@ def _study(sources: Sequence[Path], options: SweepOptions) -> tuple[Study, list[
     ]
     config = study.config and study.config.absolute()
     return study.model_copy(update={"recordings": entries, "config": config}), names, out.absolute()
-
-
-def _name(path: Path, folder: Path) -> str:
-    try:
-        return str(path.relative_to(folder))
-    except ValueError:
-        return str(path)
-
-
-def _pool(options: SweepOptions) -> Callable[[], Pool]:
-    if options.cluster is None:
-        pool = ProcessPool(options.jobs)
-        return lambda: pool
-    address = options.cluster
-    return lambda: ClusterPool(address)
-
-
-class _Watch:
-    """Progress of the whole study on stderr."""
-
-    def __init__(self, console: PlainConsole) -> None:
-        columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-        self._progress = Progress(
-            TextColumn("{task.description}"), *columns, TextColumn("{task.fields[state]}"), console=console
-        )
-        self._runs = self._progress.add_task("runs", total=0, state="")
-        self._maps = self._progress.add_task("plan-view recordings", total=0, state="", visible=False)
-        self._failed = self._reused = 0
-
-    def __enter__(self) -> _Watch:
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._progress.stop()
-
-    def planned(self, runs: int, maps: int) -> None:
-        for task, more in ((self._runs, runs), (self._maps, maps)):
-            self._progress.update(task, total=(self._progress.tasks[task].total or 0) + more)
-        self._progress.update(self._maps, visible=bool(self._progress.tasks[self._maps].total))
-
-    def recorded(self, error: str) -> None:
-        self._progress.update(self._maps, advance=1)
-
-    def ended(self, result: JobResult) -> None:
-        self._failed += bool(result.error)
-        self._reused += result.reused
-        parts = [f"{self._reused} done before"] * bool(self._reused) + [f"{self._failed} failed"] * bool(self._failed)
-        self._progress.update(self._runs, advance=1, state=", ".join(parts))
 
 
 def print_ranking(results: StudyResults, out: Path) -> None:
@@ -174,24 +129,12 @@ def _json(results: StudyResults, out: Path) -> dict[str, Any]:
         "runs": [run.to_json() for run in results.runs],
         "ranking": [
             {"settings": list(row.configuration.settings), "runs": row.runs, "failed": row.failed}
-            | {name: _estimate_json(value) for name, value in row.figures.items()}
+            | {
+                name: {key: None if math.isnan(number) else number for key, number in vars(figure).items()}
+                for name, figure in row.figures.items()
+            }
             for row in results.ranking
         ],
         "no_intervals": why_no_intervals(results.runs) or None,
         "failed": len(results.failed),
     }
-
-
-def _estimate_json(value: Estimate) -> dict[str, float | None]:
-    named = {"mean": value.mean, "low": value.low, "high": value.high}
-    return {name: None if math.isnan(number) else number for name, number in named.items()}
-
-
-def _report_failures(results: StudyResults, console: PlainConsole) -> None:
-    failed = results.failed
-    for run in failed[:FAILED_MAX]:
-        console.print(printable(f"failed: {run.recording}, {run.configuration.label}, seed {run.seed}: {run.error}"))
-    if len(failed) > FAILED_MAX:
-        console.print(f"and {len(failed) - FAILED_MAX} more, in summary.csv")
-    if failed:
-        raise WorkError(f"{len(failed)} of {len(results.runs)} runs failed; the others are done")

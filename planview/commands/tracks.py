@@ -83,7 +83,7 @@ def edit(out: Path, *, options: EditOptions | None = None) -> None:
     if options.undo + options.undo_all + options.refine + bool(lines) > 1:
         raise InputError("expected edits, --undo, --undo-all or --refine, found several of these")
     if options.refine:
-        refined = refine_run(out).refined
+        refined, _ = refine_run(out)
         counts = dict.fromkeys(("join", "smooth"), 0) | Counter(change.kind for change in refined.changes)
         if options.json_output:
             print(json.dumps({"changes": counts, "rows": len(refined.tracks)}))

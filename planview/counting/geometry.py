@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
 from calib.errors import InputError
 from calib.formats import load_rig
+from calib.ground_camera import GroundCamera
 from calib.types import F64
 from calib.world import load_world
 from planview.trajectories.file import within_ring
@@ -16,17 +17,6 @@ from stereo.depth import StereoFloorCamera
 from stereo.rectify import RectifyParams, ideal_pinhole
 
 PlaneName = Literal["floor", "image"]
-
-
-class FloorCamera(Protocol):
-    """A camera whose pixels have places on the floor (``calib.ground_camera.GroundCamera`` is one)."""
-
-    @property
-    def size(self) -> tuple[int, int]: ...
-
-    def project(self, points_world: F64) -> F64: ...
-
-    def back_project(self, pixels: F64) -> F64: ...
 
 
 class RulePlane:
@@ -37,7 +27,9 @@ class RulePlane:
         image_size: (width, height) [px] where only that is known.
     """
 
-    def __init__(self, camera: FloorCamera | None = None, image_size: tuple[int, int] | None = None) -> None:
+    def __init__(
+        self, camera: GroundCamera | StereoFloorCamera | None = None, image_size: tuple[int, int] | None = None
+    ) -> None:
         self.camera = camera
         self.image_size = camera.size if camera is not None else image_size
 

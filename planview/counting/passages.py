@@ -15,9 +15,6 @@ from planview.counting.geometry import Outline, PlaneName, inner_radius
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import Trajectories
 
-PERSON_M = 1.7
-"""Height that a box is taken to show where only boxes are known: it gives metres to pixels [m]."""
-
 
 class InPlane(NamedTuple):
     """(N,) positions in a plane and its units per metre there; NaN where the plane is not known."""
@@ -66,7 +63,8 @@ class TrackPlaces:
         if plane == "floor":
             return InPlane(self.floor_m[:, 0], self.floor_m[:, 1], np.ones(len(self.floor_m)))
         left, top, width, height = self.box_px.T
-        return InPlane(left + width / 2, top + height, np.where(height > 0, height / PERSON_M, np.nan))
+        # Height that a box is taken to show where only boxes are known: it gives metres to pixels [m].
+        return InPlane(left + width / 2, top + height, np.where(height > 0, height / 1.7, np.nan))
 
     def metres(self) -> F64:
         """(N, 2) places in metres: on the floor where known, else from the image."""

@@ -16,9 +16,6 @@ from planview.counting.passages import Area, AreaState, Stay, TrackPlaces, Wire,
 from planview.counting.rules import AnalyticsParams, Placed, Rules
 from planview.trajectories.state import TrackState
 
-VELOCITY_S = 0.5
-"""Sightings of this time give the velocity [s]."""
-
 
 class TrackRow(NamedTuple):
     """One track in one frame.
@@ -66,7 +63,8 @@ class CountedPerson:
     def observe(self, sighting: Sighting) -> None:
         trail, moment = self.trail, sighting.timestamp_s
         trail.append(sighting)
-        while len(trail) > 2 and moment - trail[1].timestamp_s >= VELOCITY_S:
+        # Sightings of this time give the velocity [s].
+        while len(trail) > 2 and moment - trail[1].timestamp_s >= 0.5:
             trail.popleft()
 
     def predicted(self, timestamp_s: float) -> tuple[float, float]:
@@ -98,7 +96,14 @@ class CountedPeople:
         """
         present: dict[CountedPerson, PresentPerson] = {}
         of_id = self._of_id
-        for row in sorted([row for row in rows if row.observed], key=self._precedence):
+
+        def precedence(row: TrackRow) -> tuple[int, int]:
+            # The current id of a person, other known ids, new ids: so a person observed in this frame is not stitched
+            # to a new id, and an old id that comes back after a new one took over does not take the person back.
+            person = of_id.get(row.track_id)
+            return (2 if person is None else int(person.track_id != row.track_id)), row.track_id
+
+        for row in sorted([row for row in rows if row.observed], key=precedence):
             person = of_id.get(row.track_id)
             if person is None:
                 person = self._stitched(timestamp_s, row, present)
@@ -114,16 +119,11 @@ class CountedPeople:
             if person is not None:
                 person.present_s = timestamp_s
                 present.setdefault(person, PresentPerson(person, None))
-        return list(present.values()), self._gone(timestamp_s)
-
-    def _precedence(self, row: TrackRow) -> tuple[int, int]:
-        """Order of the tracks: the current id of a person, other known ids, new ids.
-
-        So a person observed in this frame is not stitched to a new id, and an old id that comes back after a new one
-        took over does not take the person back.
-        """
-        person = self._of_id.get(row.track_id)
-        return (2 if person is None else int(person.track_id != row.track_id)), row.track_id
+        limit = timestamp_s - self._params.stitch_s
+        gone = dict.fromkeys(person for person in of_id.values() if person.present_s < limit)
+        if gone:
+            self._of_id = {key: person for key, person in of_id.items() if person not in gone}
+        return list(present.values()), list(gone)
 
     def _stitched(self, timestamp_s: float, row: TrackRow, present: Container[CountedPerson]) -> CountedPerson | None:
         """The unobserved person predicted nearest to the place of a new track, within stitch_m and stitch_s."""
@@ -137,13 +137,6 @@ class CountedPeople:
             if distance <= nearest:
                 best, nearest = person, distance
         return best
-
-    def _gone(self, timestamp_s: float) -> list[CountedPerson]:
-        limit = timestamp_s - self._params.stitch_s
-        gone = {person: None for person in self._of_id.values() if person.present_s < limit}
-        if gone:
-            self._of_id = {key: person for key, person in self._of_id.items() if person not in gone}
-        return list(gone)
 
 
 @dataclass(eq=False)

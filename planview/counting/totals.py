@@ -126,6 +126,13 @@ class Counts:
     span: Span
     interval_s: float
 
+    @staticmethod
+    def of(analytics: Analytics, events: Sequence[Event], span: Span) -> Counts:
+        """All that an analysis has counted, at its end."""
+        stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
+        ordered = sorted(events, key=lambda e: e.timestamp_s)
+        return Counts(analytics.rules, ordered, stays, analytics.people, span, analytics.params.interval_s)
+
     def to_json(self) -> dict[str, Any]:
         """The object of ``count --json`` and counts.json: ``rules`` by name, the totals per interval within."""
         rules: dict[str, Any] = {rule.name: self._wire(rule) | _place(rule) for rule in self.rules.tripwires}
@@ -303,10 +310,7 @@ def count_tracks(
         for i in range(first, last):
             of_frame = rows[bounds[i] - bounds[first] : bounds[i + 1] - bounds[first]]
             events += analytics.update_rows(int(frames[i]), float(moments[i]), of_frame)
-    stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
-    span = clock.span(max(n_frames, int(tracks.frame.max()) + 1 if len(tracks) else 0))
-    events.sort(key=lambda e: e.timestamp_s)
-    return Counts(rules, events, stays, analytics.people, span, analytics.params.interval_s)
+    return Counts.of(analytics, events, clock.span(max(n_frames, int(tracks.frame.max()) + 1 if len(tracks) else 0)))
 
 
 def count_truth(

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calib.ground_camera import GroundCamera
 from calib.images import as_colour
 from calib.types import F64, U8
 from planview.drawing.plan import PlanBounds, Rule, Snapshot
 from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, Rgb, as_bgr, person_rgb
 from planview.trajectories.state import TrackState
+from stereo.depth import StereoFloorCamera
 
 Project = Callable[[ArrayLike], F64]
 """(N, 3) world points [m] to (N, 2) pixels, NaN where unseen."""
-SAMPLE_M = 0.2
-SAMPLES_MAX = 2000
 
 
 class GridLine(NamedTuple):
@@ -64,7 +64,7 @@ def visible_parts(project: Project, places_m: F64, size: tuple[int, int]) -> lis
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(known, axis=0).T))])
     if along[-1] <= 0:
         return []
-    samples = min(SAMPLES_MAX, math.ceil(along[-1] / SAMPLE_M) + 1)
+    samples = min(2000, math.ceil(along[-1] / 0.2) + 1)
     at = np.union1d(along, np.linspace(0.0, along[-1], samples))
     xyz = np.column_stack([np.interp(at, along, known[:, 0]), np.interp(at, along, known[:, 1]), np.zeros(len(at))])
     pixels, limits = project(xyz), np.array(size)
@@ -75,23 +75,12 @@ def visible_parts(project: Project, places_m: F64, size: tuple[int, int]) -> lis
     return [part for part, visible in parts if len(part) > 1 and visible[0]]
 
 
-WIDTH_MIN_PX = 640
-"""Smaller images are enlarged to this width, so that labels are legible."""
-GRID_LINES_MAX = 40
-"""Lines each way; of larger floors not every metre is drawn."""
 GRID_STRENGTH = 0.4
 """Share of the grid's colour in the picture."""
 
 
-class ImageCamera(Protocol):
-    """A camera above the floor."""
-
-    @property
-    def size(self) -> tuple[int, int]: ...
-
-    def project(self, points_world: ArrayLike) -> F64: ...
-
-    def back_project(self, pixels: ArrayLike) -> F64: ...
+ImageCamera = GroundCamera | StereoFloorCamera
+"""A camera above the floor."""
 
 
 class ImagePainter:
@@ -115,12 +104,20 @@ class ImagePainter:
         Args:
             image: (H, W[, 3]) uint8 BGR.
         """
-        scale = max(1, math.ceil(WIDTH_MIN_PX / image.shape[1]))
+        # Smaller images are enlarged to this width, so that labels are legible.
+        scale = max(1, math.ceil(640 / image.shape[1]))
         size = image.shape[1] * scale, image.shape[0] * scale
         picture = as_colour(np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)).copy()
         labels = Labels(picture, max(1.0, picture.shape[1] / 1000))
         self._paint_floor(picture, scale)
-        self._paint_rules(picture, labels, scale)
+        for rule in self._rules:
+            points = rule.points if rule.is_line else np.vstack([rule.points, rule.points[:1]])
+            for line in self._visible(points) if rule.on_floor else [points]:
+                colour = as_bgr(TRIPWIRE if rule.is_line else ZONE)
+                cv2.polylines(picture, [_pixels(line, scale)], False, colour, 2, cv2.LINE_AA)
+            first = next(iter(self._visible(points) if rule.on_floor else [points]), None)
+            if first is not None:
+                labels.put(rule.name, first[0] * scale, TRIPWIRE if rule.is_line else ZONE)
         for person in snapshot.people:
             self._paint_trail(picture, snapshot.trails.get(person.track_id), person, scale)
         for person in sorted(snapshot.people, key=lambda p: p.state == "confirmed"):
@@ -139,16 +136,6 @@ class ImagePainter:
             strong = coordinate % 5 == 0
             cv2.polylines(over, [_pixels(line, scale)], False, (255, 255, 255), 2 if strong else 1, cv2.LINE_AA)
         cv2.addWeighted(over, GRID_STRENGTH, picture, 1 - GRID_STRENGTH, 0, dst=picture)
-
-    def _paint_rules(self, picture: U8, labels: Labels, scale: int) -> None:
-        for rule in self._rules:
-            points = rule.points if rule.is_line else np.vstack([rule.points, rule.points[:1]])
-            for line in self._visible(points) if rule.on_floor else [points]:
-                colour = as_bgr(TRIPWIRE if rule.is_line else ZONE)
-                cv2.polylines(picture, [_pixels(line, scale)], False, colour, 2, cv2.LINE_AA)
-            first = next(iter(self._visible(points) if rule.on_floor else [points]), None)
-            if first is not None:
-                labels.put(rule.name, first[0] * scale, TRIPWIRE if rule.is_line else ZONE)
 
     def _visible(self, points_m: F64) -> list[F64]:
         """Parts of a line on the floor that the camera shows, in pixels."""
@@ -213,5 +200,6 @@ def _pixels(points: F64, scale: int) -> np.ndarray[tuple[int, ...], np.dtype[np.
 
 def _grid(camera: ImageCamera, bounds: PlanBounds) -> list[GridLine]:
     extent = bounds.x_min_m, bounds.y_min_m, bounds.x_max_m, bounds.y_max_m
-    step = max(1, round(max(extent[2] - extent[0], extent[3] - extent[1]) / GRID_LINES_MAX))
+    # Lines each way; of larger floors not every metre is drawn.
+    step = max(1, round(max(extent[2] - extent[0], extent[3] - extent[1]) / 40))
     return grid_lines(camera.project, extent, camera.size, step)

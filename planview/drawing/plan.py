@@ -114,7 +114,34 @@ class PlanPainter:
         wide, high = bounds.x_max_m - bounds.x_min_m, bounds.y_max_m - bounds.y_min_m
         self._scale = min(size[0] / wide, size[1] / high)
         self._middle = np.array([(bounds.x_min_m + bounds.x_max_m) / 2, (bounds.y_min_m + bounds.y_max_m) / 2])
-        self._paper = self._background(cameras, rules)
+        picture = np.full((self._size[1], self._size[0], 3), _PAPER, dtype=np.uint8)
+        for _, outline in cameras:
+            if len(outline) > 2:
+                cv2.fillPoly(picture, [self._px(outline)], _VIEW, cv2.LINE_AA)
+        # Lines every metre, or every 5 or 10 where metres are too fine; their coordinates along two sides.
+        width, height = self._size
+        step = next((s for s in (1, 2, 5, 10, 20, 50) if s * self._scale >= 22), 100)
+        corners = self._middle + np.array([(-width, -height), (width, height)]) / 2 / self._scale
+        for axis, along in ((0, height), (1, width)):
+            for metre in range(math.ceil(corners[0, axis] / step) * step, math.floor(corners[1, axis]) + 1, step):
+                place = np.array(self._middle)
+                place[axis] = metre
+                at = int(self._px(place[None])[0][axis])
+                ends = ((at, 0), (at, along)) if axis == 0 else ((0, at), (along, at))
+                cv2.line(picture, *ends, _LINE, 2 if metre % (5 * step) == 0 else 1)
+                text = (at + 2, height - 4) if axis == 0 else (2, at - 2)
+                cv2.putText(picture, f"{metre}", text, cv2.FONT_HERSHEY_SIMPLEX, 0.35, (130, 130, 130), 1, cv2.LINE_AA)
+        labels = Labels(picture)
+        for rule in rules:
+            if rule.on_floor:
+                colour = TRIPWIRE if rule.is_line else ZONE
+                cv2.polylines(picture, [self._px(rule.points)], not rule.is_line, as_bgr(colour), 2, cv2.LINE_AA)
+                labels.put(rule.name, self._px(rule.points[:1])[0].tolist(), colour)
+        for at_m, _ in cameras:
+            cv2.drawMarker(
+                picture, self._px(np.array([at_m]))[0].tolist(), (60, 60, 60), cv2.MARKER_TRIANGLE_DOWN, 14, 2
+            )
+        self._paper = picture
 
     def __call__(self, snapshot: Snapshot) -> U8:
         """(H, W, 3) uint8 BGR."""
@@ -138,39 +165,6 @@ class PlanPainter:
             if person.state != "tentative":
                 labels.put(str(person.track_id), (x + 8, y - 4), person_rgb(person.track_id, person.state))
         return picture
-
-    def _background(self, cameras: Sequence[tuple[tuple[float, float], F64]], rules: Sequence[Rule]) -> U8:
-        picture = np.full((self._size[1], self._size[0], 3), _PAPER, dtype=np.uint8)
-        for _, outline in cameras:
-            if len(outline) > 2:
-                cv2.fillPoly(picture, [self._px(outline)], _VIEW, cv2.LINE_AA)
-        self._paint_grid(picture)
-        labels = Labels(picture)
-        for rule in rules:
-            if rule.on_floor:
-                colour = TRIPWIRE if rule.is_line else ZONE
-                cv2.polylines(picture, [self._px(rule.points)], not rule.is_line, as_bgr(colour), 2, cv2.LINE_AA)
-                labels.put(rule.name, self._px(rule.points[:1])[0].tolist(), colour)
-        for at_m, _ in cameras:
-            cv2.drawMarker(
-                picture, self._px(np.array([at_m]))[0].tolist(), (60, 60, 60), cv2.MARKER_TRIANGLE_DOWN, 14, 2
-            )
-        return picture
-
-    def _paint_grid(self, picture: U8) -> None:
-        """Lines every metre, or every 5 or 10 where metres are too fine; their coordinates along two sides."""
-        width, height = self._size
-        step = next((s for s in (1, 2, 5, 10, 20, 50) if s * self._scale >= 22), 100)
-        corners = self._middle + np.array([(-width, -height), (width, height)]) / 2 / self._scale
-        for axis, along in ((0, height), (1, width)):
-            for metre in range(math.ceil(corners[0, axis] / step) * step, math.floor(corners[1, axis]) + 1, step):
-                place = np.array(self._middle)
-                place[axis] = metre
-                at = int(self._px(place[None])[0][axis])
-                ends = ((at, 0), (at, along)) if axis == 0 else ((0, at), (along, at))
-                cv2.line(picture, *ends, _LINE, 2 if metre % (5 * step) == 0 else 1)
-                text = (at + 2, height - 4) if axis == 0 else (2, at - 2)
-                cv2.putText(picture, f"{metre}", text, cv2.FONT_HERSHEY_SIMPLEX, 0.35, (130, 130, 130), 1, cv2.LINE_AA)
 
     def _px(self, places_m: F64) -> I32:
         """(N, 2) pixels of (N, 2) places [m]; y points up."""

@@ -10,14 +10,10 @@ import cv2
 import numpy as np
 
 from calib.images import as_colour
-from calib.types import F64, U8
+from calib.types import F32, F64, U8
 from planview.trajectories.state import State
 
 Rgb = tuple[int, int, int]
-GOLDEN = 0.618034
-"""Step around the colour circle from id to id: neighbouring ids differ most."""
-LUMA_MAX = 150.0
-"""Colours are darkened to this luma, so that they are legible on white paper and on images [levels of 255]."""
 GREY: Rgb = (150, 150, 150)
 """Of tentative people."""
 TRUTH: Rgb = (20, 20, 20)
@@ -33,8 +29,10 @@ def person_rgb(track_id: int, state: State | Literal[""] = "confirmed") -> Rgb:
     """One colour per id; grey while tentative, pale while lost."""
     if state == "tentative":
         return GREY
-    red, green, blue = colorsys.hsv_to_rgb(GOLDEN * track_id % 1.0, 0.85, 0.95)
-    darker = min(1.0, LUMA_MAX / max(1.0, 255 * (0.299 * red + 0.587 * green + 0.114 * blue)))
+    # Step around the colour circle from id to id: neighbouring ids differ most.
+    red, green, blue = colorsys.hsv_to_rgb(0.618034 * track_id % 1.0, 0.85, 0.95)
+    # Colours are darkened to this luma, so that they are legible on white paper and on images [levels of 255].
+    darker = min(1.0, 150.0 / max(1.0, 255 * (0.299 * red + 0.587 * green + 0.114 * blue)))
     rgb = [255 * darker * channel for channel in (red, green, blue)]
     if state == "lost":
         rgb = [0.55 * channel + 0.45 * 190 for channel in rgb]
@@ -56,10 +54,18 @@ def person_hex(track_id: int, state: State | Literal[""] = "confirmed") -> str:
     return as_hex(person_rgb(track_id, state))
 
 
+def disparity_colours(disparity: F32, smallest_px: float, largest_px: float) -> U8:
+    """(H, W, 3) uint8 BGR of (H, W) disparity [px]: near red, far blue, unknown (NaN) black."""
+    scaled = (np.nan_to_num(disparity) - smallest_px) * (255.0 / (largest_px - smallest_px))
+    picture = np.asarray(
+        cv2.applyColorMap(np.clip(scaled, 0, 255).astype(np.uint8), cv2.COLORMAP_TURBO), dtype=np.uint8
+    )
+    picture[np.isnan(disparity)] = 0
+    return picture
+
+
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 _PAD_PX = 3
-DARK_LUMA = 140.0
-"""Text is white on backgrounds darker than this [levels of 255]."""
 
 
 class Labels:
@@ -86,31 +92,26 @@ class Labels:
         top = int(np.clip(at_px[1] - height, 0, max(0, self._picture.shape[0] - height)))
         for place in [*range(top, -1, -2), *range(top, self._picture.shape[0] - height, 2)]:
             box = left, place, left + width, place + height
-            if not any(_overlap(box, other) for other in self._taken):
+            a = box
+            if not any(a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3] for b in self._taken):
                 break
         else:
             box = left, top, left + width, top + height
         self._taken.append(box)
-        self._draw(text, box, box[3] - base, background)
-
-    def _draw(self, text: str, box: tuple[int, int, int, int], baseline: int, background: Rgb | None) -> None:
-        at = box[0] + _PAD_PX, baseline
+        at = box[0] + _PAD_PX, box[3] - base
         if background is None:
             cv2.putText(self._picture, text, at, FONT, self._size, (255, 255, 255), 3, cv2.LINE_AA)
             cv2.putText(self._picture, text, at, FONT, self._size, (30, 30, 30), 1, cv2.LINE_AA)
             return
         cv2.rectangle(self._picture, box[:2], box[2:], as_bgr(background), -1)
-        dark = float(np.dot(background, (0.299, 0.587, 0.114))) < DARK_LUMA + 12
+        # Text is white on backgrounds darker than this [levels of 255].
+        dark = float(np.dot(background, (0.299, 0.587, 0.114))) < 152.0
         colour = (255, 255, 255) if dark else (0, 0, 0)
         cv2.putText(self._picture, text, at, FONT, self._size, colour, 1, cv2.LINE_AA)
 
 
-def _overlap(a: tuple[int, int, int, int], b: tuple[int, int, int, int]) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
-
-
 STRIP_PX = 26
-LEGEND_FONT, _SIZE, _INK, _PAPER = cv2.FONT_HERSHEY_SIMPLEX, 0.42, (40, 40, 40), (255, 255, 255)
+_SIZE, _INK, _PAPER = 0.42, (40, 40, 40), (255, 255, 255)
 
 
 class Entry(NamedTuple):
@@ -133,7 +134,7 @@ def with_legend(picture: U8, entries: Sequence[Entry]) -> U8:
             strip, x = np.vstack([strip, _strip(picture)]), 8
         top = strip.shape[0] - STRIP_PX
         cv2.rectangle(strip, (x, top + 6), (x + 13, top + 19), as_bgr(colour), -1)
-        cv2.putText(strip, text, (x + 19, top + 17), LEGEND_FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+        cv2.putText(strip, text, (x + 19, top + 17), FONT, _SIZE, _INK, 1, cv2.LINE_AA)
         x += 19 + width + 16
     return np.vstack([as_colour(picture), strip])
 
@@ -152,7 +153,7 @@ def with_colour_bar(picture: U8, colormap: int, low: str, high: str, entries: Se
     shown = np.asarray(cv2.applyColorMap(levels, colormap), dtype=np.uint8)[:, : max(0, strip.shape[1] - start)]
     strip[6:19, start : start + shown.shape[1]] = shown
     for text, x in ((low, 8), (high, stop + 6)):
-        cv2.putText(strip, text, (x, 17), LEGEND_FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+        cv2.putText(strip, text, (x, 17), FONT, _SIZE, _INK, 1, cv2.LINE_AA)
     whole = np.vstack([as_colour(picture), strip])
     return with_legend(whole, entries) if entries else whole
 
@@ -162,7 +163,7 @@ def _strip(picture: U8) -> U8:
 
 
 def _width(text: str) -> int:
-    return int(cv2.getTextSize(text, LEGEND_FONT, _SIZE, 1)[0][0])
+    return int(cv2.getTextSize(text, FONT, _SIZE, 1)[0][0])
 
 
 def page_of(package: str, template: str, **values: Any) -> str:

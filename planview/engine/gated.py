@@ -31,10 +31,6 @@ SAME_LEVELS = 12
 """Largest difference of a channel between two images of the same surface in the same light [levels of 255]: three
 deviations of the luma that the foreground takes for noise (our choice)."""
 
-HEAD_M = 0.15
-"""Breadth of a head [m] (anthropometric tables, adults). A change that does not fill half of a square so wide, at the
-place in view where heads look smallest, is noise or a fleck of light."""
-
 
 class MatchingMemory:
     """All that matching in part carries from frame to frame.
@@ -91,7 +87,9 @@ class GatedMatching:
         gate = Gate(size, matcher.step, matching, searched)
         self._range_of = lru_cache(maxsize=1024)(self._searched)
         self.memory = MatchingMemory(gate, shape)
-        head_px = rectifier.geometry.focal_u_px * HEAD_M / farthest_head_m(rectifier.geometry, floor)
+        # Breadth of a head [m] (anthropometric tables, adults). A change that does not fill half of a square so wide,
+        # at the place in view where heads look smallest, is noise or a fleck of light.
+        head_px = rectifier.geometry.focal_u_px * 0.15 / farthest_head_m(rectifier.geometry, floor)
         self._grain = max(3, 2 * int((head_px / (matcher.step * SAMPLE) + 1) / 2) - 1)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="matching")
 

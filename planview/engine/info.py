@@ -17,8 +17,6 @@ if TYPE_CHECKING:  # readers of results need none of their kernels
 
 VIEW_DISTANCE_M = 15.0
 """The outline of a stereo camera's view on the floor ends here [m]: depth is too coarse beyond (our choice)."""
-PERSON_PX = 20.0
-"""That of a single camera ends where a person of 1.7 m is so high in the image [px] (our choice)."""
 
 
 class InfoPart(BaseModel):
@@ -137,7 +135,8 @@ def ground_camera_info(camera: GroundCamera) -> CameraInfo:
         view_m=_outline(
             camera.rays(_border(camera.width, camera.height)),
             np.array([0.0, 0.0, camera.height_m]),
-            max(VIEW_DISTANCE_M, 1.7 * camera.focal_px / PERSON_PX),
+            # That of a single camera ends where a person of 1.7 m is so high in the image [px] (our choice).
+            max(VIEW_DISTANCE_M, 1.7 * camera.focal_px / 20.0),
         ),
     )
 

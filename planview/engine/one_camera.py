@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Protocol, runtime_checkable
 
 import cv2
@@ -210,14 +210,7 @@ def one_camera_engine(
     config = config or Config()
     front_end = OneCamera(config.single_camera, recording.size, tracker.foreground_columns, camera)
     if overview and isinstance(tracker, LearnsFirst):
-        tracker.study(_overview(recording, front_end))
+        step = max(1, round(recording.fps / OVERVIEW_HZ))
+        tracker.study(front_end.observe(frame) for frame in recording if frame.index % step == 0)
         front_end.reset()
     return Engine(recording, front_end, tracker, config)
-
-
-def _overview(recording: Video, front_end: OneCamera) -> Iterator[Observation]:
-    """Observations of the recording at about ``OVERVIEW_HZ``, without anybody tracked."""
-    step = max(1, round(recording.fps / OVERVIEW_HZ))
-    for frame in recording:
-        if frame.index % step == 0:
-            yield front_end.observe(frame)

@@ -20,7 +20,6 @@ from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
 from stereo.readers.multi_rig import open_rigs
 from stereo.readers.open import is_multi_rig
-from stereo.recording import Video
 
 TrackerName = Literal["template", "harville", "human-model", "ellipse-particle"]
 FloorTrackerName = Literal["template", "harville"]
@@ -73,7 +72,10 @@ def open_engine(
     if not takes_images or is_stereo(path, options.calibration):
         return stereo_engine(open_any(path, options), config, _map_tracker(tracker, config, path), matcher)
     video = open_video(path, options)
-    ground_camera = _camera_for(video, camera) if camera else None
+    ground_camera = load_ground_camera(camera) if camera else None
+    if ground_camera is not None and ground_camera.size != video.size:
+        (w, h), (vw, vh) = ground_camera.size, video.size
+        raise InputError(f"{camera}: expected a camera for images of {vw}x{vh} px, found one for {w}x{h} px")
     if isinstance(tracker, str):
         tracker = image_tracker(cast(ImageTrackerName, tracker), config, ground_camera)
     return one_camera_engine(video, cast(ImageTracker, tracker), config, ground_camera, overview=True)
@@ -100,9 +102,7 @@ def base_config(path: Path) -> Config:
     Raises:
         InputError: maps that cannot be read.
     """
-    if not is_maps(path):
-        return Config()
-    return recorded_config(MapsRecording(path))
+    return recorded_config(MapsRecording(path)) if is_maps(path) else Config()
 
 
 def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:
@@ -127,11 +127,3 @@ def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamer
     from planview.tracking.human_model.tracker import HumanModelTracker
 
     return HumanModelTracker(config.human_model, camera)
-
-
-def _camera_for(video: Video, path: Path) -> GroundCamera:
-    camera = load_ground_camera(path)
-    if camera.size != video.size:
-        (w, h), (vw, vh) = camera.size, video.size
-        raise InputError(f"{path}: expected a camera for images of {vw}x{vh} px, found one for {w}x{h} px")
-    return camera

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,29 +27,6 @@ from stereo.recording import Recorded, RgbdRecording, StereoFrame, StereoRecordi
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.rig_correction import MatchParams, RigCorrection, match_corners
-
-ORDER_FRAMES = 4
-"""Setup frames in which left and right are told apart (our choice)."""
-MIN_ORDER_MATCHES = 40
-"""Fewest corners matched in both images by which they are (our choice)."""
-ORDER_SEARCH = MatchParams(search_px=24)
-"""Rows are wide apart when the wrong calibration is taken to an image."""
-MIN_NEARER = 0.5
-"""Smallest share of corners nearer than infinity: of swapped images nearly all are beyond (our choice)."""
-MAX_ROW_OFFSET_DEG = 1.0
-"""Largest median row offset of the corners as an angle: a camera that turned by more has lost its calibration (our
-choice; a worn factory calibration has 0.1)."""
-
-CHECK_EVERY = 50
-"""Disparities are looked at in every n-th frame (our choice, for speed)."""
-MAX_NONE = 0.2
-"""Share of disparities of exactly 0, or below -1, from which they stand for "none" (our choice): nothing lies beyond
-infinity, and what lies there has a disparity of about 0."""
-VOXEL_M = 0.015
-"""Points are thinned to one in a cube of this side [m] (our choice: half a cell of the maps)."""
-NEIGHBOURS, DEVIATIONS = 16, 2.0
-"""A point whose mean distance to so many neighbours is so many deviations above the mean of all is left out (open3d's
-``remove_statistical_outlier``; the values of its documentation, rounded)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +109,7 @@ class WholeMatching:
             InputError: what is no disparity in pixels, from a matcher of the user's.
         """
         disparity = self._matcher(rectified.left_grey, rectified.right_grey)
-        if self._matched % CHECK_EVERY == 0:
+        if self._matched % 50 == 0:  # our choice, for speed
             refuse_foreign_disparity(disparity, self.geometry.size[::-1], self._searched)
         self._matched += 1
         return disparity
@@ -156,7 +132,9 @@ def refuse_foreign_disparity(disparity: F32, shape: tuple[int, int], searched: D
     valid = few[np.isfinite(few)]
     largest = searched.first_px + searched.count
     none = float(((valid == 0) | (valid <= -1)).mean()) if len(valid) else 0.0
-    if none > MAX_NONE:
+    # Share of disparities of exactly 0, or below -1, from which they stand for "none" (our choice): nothing lies
+    # beyond infinity, and what lies there has a disparity of about 0.
+    if none > 0.2:
         raise InputError(f"matcher: expected NaN where there is no disparity, found {none:.0%} of 0 or below -1")
     if len(valid) and float(np.median(valid)) > largest:
         raise InputError(
@@ -176,7 +154,15 @@ def set_up(recording: StereoRecording | RgbdRecording, config: Config) -> Setup:
     search = floor_search(config)
     frames = setup_frames(recording, search.frames)
     plain = Rectifier(recording.rig, config.rectify)
-    matches = _corners(plain, frames)
+    searched = disparity_range(plain.geometry)
+    largest = float(searched.first_px + searched.count)
+    found = [np.empty((0, 4))]
+    # Setup frames in which left and right are told apart (our choice).
+    for frame in frames[:: -(-len(frames) // 4)]:
+        pair = plain(frame.left, frame.right)
+        # Rows are wide apart when the wrong calibration is taken to an image.
+        found.append(match_corners(pair.left_grey, pair.right_grey, largest, MatchParams(search_px=24), -largest))
+    matches = np.concatenate(found)
     refuse_foreign(recording.path, plain, matches)
     rectifier, correction = aligned_rectifier(recording.rig, frames, config.rectify)
     if recording.world_SE3_left is not None:
@@ -221,30 +207,24 @@ def refuse_foreign(path: Path, rectifier: Rectifier, matches: F64) -> None:
     Raises:
         WorkError: left and right are swapped, or the calibration is another rig's.
     """
-    if len(matches) < MIN_ORDER_MATCHES:
+    # Fewest corners matched in both images by which they are (our choice).
+    if len(matches) < 40:
         return
     beyond = float(np.mean(matches[:, 0] - matches[:, 2] <= -0.5))
-    if beyond > 1.0 - MIN_NEARER:
+    # Of swapped images nearly all are beyond (our choice).
+    if beyond > 0.5:
         raise WorkError(
             f"{path}: expected the left camera's images left and the right one's right, found {beyond:.0%} of "
             "the matched corners beyond infinity: left and right are swapped, or the calibration is wrong"
         )
     rows_deg = math.degrees(float(np.median(np.abs(matches[:, 3]))) / rectifier.geometry.focal_v_px)
-    if rows_deg > MAX_ROW_OFFSET_DEG:
+    # Largest median row offset of the corners as an angle: a camera that turned by more has lost its calibration (our
+    # choice; a worn factory calibration has 0.1).
+    if rows_deg > 1.0:
         raise WorkError(
             f"{path}: expected matched corners on the same row, found them {rows_deg:.1f} degrees off: "
             "left and right are swapped, or the calibration is another rig's (planview check tells)"
         )
-
-
-def _corners(rectifier: Rectifier, frames: Sequence[StereoFrame]) -> F64:
-    searched = disparity_range(rectifier.geometry)
-    largest = float(searched.first_px + searched.count)
-    found = [np.empty((0, 4))]
-    for frame in frames[:: -(-len(frames) // ORDER_FRAMES)]:
-        pair = rectifier(frame.left, frame.right)
-        found.append(match_corners(pair.left_grey, pair.right_grey, largest, ORDER_SEARCH, -largest))
-    return np.concatenate(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,7 +275,10 @@ def write_cloud(path: Path, cloud: SceneCloud) -> int:
     o3d = import_open3d("a cloud of points")
     full = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_m.astype(np.float64)))
     full.colors = o3d.utility.Vector3dVector(cloud.colours / 255.0)
-    thin, _ = full.voxel_down_sample(VOXEL_M).remove_statistical_outlier(NEIGHBOURS, DEVIATIONS)
+    # Points are thinned to one in a cube of this side [m] (our choice: half a cell of the maps).
+    # Out goes a point whose mean distance to 16 neighbours is 2 deviations above the mean of all (values of open3d's
+    # documentation, rounded).
+    thin, _ = full.voxel_down_sample(0.015).remove_statistical_outlier(16, 2.0)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

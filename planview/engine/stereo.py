@@ -280,8 +280,6 @@ class Feedback:
 
 BODY_RADIUS_M = 0.25
 """Half width of the upright prism around a standing person [m]: shoulders 0.45 m wide, and a swinging arm."""
-NEAREST_M = 0.1
-"""Corners of it nearer to the camera's plane than this are left out [m]."""
 
 
 class BodyBoxes:
@@ -300,7 +298,8 @@ class BodyBoxes:
             (track.x_m + dx, track.y_m + dy, z, 1.0) for dx in (-r, r) for dy in (-r, r) for z in (0.0, track.height_m)
         ]
         u, v, depth = self._projection @ np.array(corners).T
-        front = depth > NEAREST_M
+        # Corners of it nearer to the camera's plane than this are left out [m].
+        front = depth > 0.1
         if not front.any():
             return track
         u, v = u[front] / depth[front], v[front] / depth[front]

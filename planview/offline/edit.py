@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,16 +27,6 @@ HELP = {
     "ignore": "ignore POLYGON ((x y, ...)): delete rows inside",
 }
 """Kinds of edits, and how each is written."""
-
-
-class _Ends(NamedTuple):
-    """(K,) tracks: their ids, and the rows of their first and last floor positions; frames count from end to end."""
-
-    track_id: I64
-    first: I64
-    last: I64
-    first_frame: I64
-    last_frame: I64
 
 
 def edited(table: Trajectories, lines: Sequence[str]) -> Trajectories:
@@ -64,29 +53,24 @@ def _applied(table: Trajectories, line: str, newest: int) -> Trajectories:
             held = inside(table, Region(line.partition(" ")[2], kind))
             return table.where(held if kind == "region" else ~held)
         if kind in ("shorter", "join-gaps"):
-            return _BY_RULE[kind](table, *_numbers(words, 1 if kind == "shorter" else 2))
-        return _BY_ID[kind](table, [int(number) for number in words], newest)
+            values = [float(word) for word in words]
+            if not all(0 <= value < 1e6 for value in values):
+                raise ValueError
+            return _shorter(table, *values) if kind == "shorter" else _join_gaps(table, *values)
+        track_id, *numbers = (int(word) for word in words)
+        return _BY_ID[kind](table, track_id, newest, *numbers)
     except (KeyError, ValueError, TypeError):
         raise InputError(f"{line!r}: expected {HELP.get(kind, 'one of ' + ', '.join(HELP))}") from None
     except InputError as error:
         raise InputError(f"{line!r}: {error}") from error
 
 
-def _numbers(words: Sequence[str], count: int) -> list[float]:
-    values = [float(word) for word in words]
-    if len(values) != count or not all(0 <= value < 1e6 for value in values):
-        raise ValueError
-    return values
-
-
-def _join(table: Trajectories, ids: list[int], _: int) -> Trajectories:
-    kept, other = ids
+def _join(table: Trajectories, kept: int, _: int, other: int) -> Trajectories:
     _own(table, kept)
     return _renamed(table, _own(table, other), kept)
 
 
-def _split(table: Trajectories, values: list[int], newest: int) -> Trajectories:
-    track_id, frame = values
+def _split(table: Trajectories, track_id: int, newest: int, frame: int) -> Trajectories:
     own = _own(table, track_id)
     rest = own & (table.frame >= frame)
     if not rest.any() or (rest == own).all():
@@ -95,8 +79,7 @@ def _split(table: Trajectories, values: list[int], newest: int) -> Trajectories:
     return _renamed(table, rest, newest + 1)
 
 
-def _delete(table: Trajectories, values: list[int], _: int) -> Trajectories:
-    track_id, *span = values
+def _delete(table: Trajectories, track_id: int, _: int, *span: int) -> Trajectories:
     gone = _own(table, track_id)
     if span:
         first, last = span
@@ -106,11 +89,15 @@ def _delete(table: Trajectories, values: list[int], _: int) -> Trajectories:
     return table.where(~gone)
 
 
-def _rename(table: Trajectories, ids: list[int], _: int) -> Trajectories:
-    old, new = ids
+def _rename(table: Trajectories, old: int, _: int, new: int) -> Trajectories:
     if new < 1 or (table.track_id == new).any():
         raise InputError(f"expected an id from 1 that no track has, found {new} (join puts two tracks together)")
     return _renamed(table, _own(table, old), new)
+
+
+_BY_ID: dict[str, Callable[..., Trajectories]] = {
+    "join": _join, "split": _split, "delete": _delete, "rename": _rename,
+}  # fmt: skip
 
 
 def _shorter(table: Trajectories, seconds: float) -> Trajectories:
@@ -124,32 +111,29 @@ def _shorter(table: Trajectories, seconds: float) -> Trajectories:
 
 def _join_gaps(table: Trajectories, seconds: float, metres: float) -> Trajectories:
     """Nearest first; a track is continued by one other at most, and continues one other at most."""
-    ends, frame_s = _ends(table), frame_period_s(table, 1 / 30)
+    frame_s, known = frame_period_s(table, 1 / 30), np.isfinite(table.x_m) & np.isfinite(table.y_m)
+    tracks = [(i, rows[known[rows]], rows) for i, rows in rows_by_id(table.track_id) if known[rows].any()]
+    columns = [(i, at[0], at[-1], table.frame[rows[0]], table.frame[rows[-1]]) for i, at, rows in tracks]
+    # Ids, and the rows of their first and last floor positions; frames count from end to end.
+    track_id, firsts, lasts, first_frame, last_frame = np.array(columns, dtype=np.int64).reshape(-1, 5).T
     near: list[tuple[float, int, int]] = []
-    for i in range(len(ends.track_id)):
-        gap_s = (ends.first_frame - ends.last_frame[i]) * frame_s
-        last = ends.last[i]
-        away_m = np.hypot(table.x_m[ends.first] - table.x_m[last], table.y_m[ends.first] - table.y_m[last])
+    for i in range(len(track_id)):
+        gap_s = (first_frame - last_frame[i]) * frame_s
+        last = lasts[i]
+        away_m = np.hypot(table.x_m[firsts] - table.x_m[last], table.y_m[firsts] - table.y_m[last])
         found = np.flatnonzero((gap_s > 0) & (gap_s <= seconds) & (away_m <= metres))
         near += [(float(away_m[j]), i, j) for j in found.tolist()]
     former: dict[int, int] = {}
     for _, i, j in sorted(near):
         if j not in former and i not in former.values():
             former[j] = i
-    ids = ends.track_id.copy()
-    for j in np.argsort(ends.first_frame, kind="stable").tolist():
+    ids = track_id.copy()
+    for j in np.argsort(first_frame, kind="stable").tolist():
         ids[j] = ids[former.get(j, j)]
-    which = np.searchsorted(ends.track_id, table.track_id)
-    known = np.isin(table.track_id, ends.track_id)
-    renamed = np.where(known, ids[np.where(known, which, 0)], table.track_id) if len(ids) else table.track_id
+    which = np.searchsorted(track_id, table.track_id)
+    placed = np.isin(table.track_id, track_id)
+    renamed = np.where(placed, ids[np.where(placed, which, 0)], table.track_id) if len(ids) else table.track_id
     return _with_ids(table, renamed)
-
-
-def _ends(table: Trajectories) -> _Ends:
-    known = np.isfinite(table.x_m) & np.isfinite(table.y_m)
-    tracks = [(i, rows[known[rows]], rows) for i, rows in rows_by_id(table.track_id) if known[rows].any()]
-    columns = [(i, at[0], at[-1], table.frame[rows[0]], table.frame[rows[-1]]) for i, at, rows in tracks]
-    return _Ends(*np.array(columns, dtype=np.int64).reshape(-1, 5).T)
 
 
 def _own(table: Trajectories, track_id: int) -> Bool:
@@ -169,9 +153,3 @@ def _renamed(table: Trajectories, rows: Bool, track_id: int) -> Trajectories:
 
 def _with_ids(table: Trajectories, track_id: I64) -> Trajectories:
     return replace(table, track_id=track_id).where(np.lexsort((track_id, table.frame)))
-
-
-_BY_ID: dict[str, Callable[[Trajectories, list[int], int], Trajectories]] = {
-    "join": _join, "split": _split, "delete": _delete, "rename": _rename,
-}  # fmt: skip
-_BY_RULE: dict[str, Callable[..., Trajectories]] = {"shorter": _shorter, "join-gaps": _join_gaps}

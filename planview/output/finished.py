@@ -132,19 +132,14 @@ def _rewrite(folder: Path, steps: list[EditStep]) -> EditedRun:
     return EditedRun(before, after, steps)
 
 
-class RefinedRun(NamedTuple):
-    """What ``refine_run`` wrote: the tracks with their changes, and run.json."""
-
-    refined: Refined
-    info: RunInfo
-
-
-def refine_run(folder: Path, params: RefineParams | None = None) -> RefinedRun:
+def refine_run(folder: Path, params: RefineParams | None = None) -> tuple[Refined, RunInfo]:
     """Write ``tracks.csv`` anew from ``tracks_online.csv``, and ``refinement.csv`` with the reason of every change.
 
     The first time the online tracks become ``tracks_online.csv``; every time is a refinement of these. ``run.json``
     says ``refined: true`` before tracks.csv changes, so that refined tracks never pass for online ones.
 
+    Returns:
+        The tracks with their changes, and run.json.
     Raises:
         InputError: no finished run in the folder, an edited one, a refined one without its online tracks, or tracks
             without floor positions.
@@ -172,4 +167,4 @@ def refine_run(folder: Path, params: RefineParams | None = None) -> RefinedRun:
     write_table(text, refined.tracks)
     write_result(tracks, text.getvalue())
     write_report(folder)
-    return RefinedRun(refined, info)
+    return refined, info

@@ -7,6 +7,7 @@ import fcntl
 import json
 import os
 import socket
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
@@ -186,22 +187,15 @@ def check_unlocked(folder: Path) -> None:
     path = folder.resolve() / LOCK_NAME
     if path.parent in _held or not path.exists():
         return
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        _lock(descriptor, path)
-        _refuse_foreign(path, _owner(descriptor))
-    finally:
-        os.close(descriptor)
+    os.close(_locked(path, os.O_RDONLY)[0])
 
 
 def _taken(path: Path) -> tuple[int, str]:
     """The descriptor of the file, locked and written, and a sentence about whose it was."""
     while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        descriptor, message = _locked(path, os.O_RDWR | os.O_CREAT)
         try:
-            _lock(descriptor, path)
-            message = _refuse_foreign(path, _owner(descriptor))
-            with suppress(FileNotFoundError):
+            with suppress(FileNotFoundError):  # its owner removed the file between our opening and locking it
                 if os.path.samestat(os.fstat(descriptor), path.stat()):
                     since = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
                     owner = {"pid": os.getpid(), "host": socket.gethostname(), "since": since}
@@ -211,51 +205,43 @@ def _taken(path: Path) -> tuple[int, str]:
         except BaseException:
             os.close(descriptor)
             raise
-        # Its owner removed the file between our opening and locking it.
         os.close(descriptor)
 
 
-def _lock(descriptor: int, path: Path) -> None:
+def _locked(path: Path, flags: int) -> tuple[int, str]:
+    """The descriptor of the file, locked, and a sentence about the stale lock that it was, if any."""
+    descriptor = os.open(path, flags, 0o644)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        if error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP):
-            raise WorkError(f"{path}: the file system cannot lock files ({reason(error)})") from error
-        who = _text(_owner(descriptor))
-        raise InputError(f"{path.parent}: {who} is writing into it; wait for it or choose another folder") from error
-
-
-def _refuse_foreign(path: Path, owner: dict[str, object]) -> str:
-    if not owner:
-        return ""
-    if owner.get("host") != socket.gethostname():
-        raise InputError(
-            f"{path.parent}: {_text(owner)} is writing into it; if it is not running any more, delete {path}"
+        try:
+            owner = json.loads(os.pread(descriptor, 4096, 0) or b"{}")
+        except ValueError:
+            owner = {}
+        is_known = isinstance(owner, dict) and bool(owner)
+        who = (
+            "process {pid} on {host} (since {since})".format_map(defaultdict(str, owner))
+            if is_known
+            else "another process"
         )
-    return f"{path.parent}: {_text(owner)} left its lock without finishing; taken over"
-
-
-def _owner(descriptor: int) -> dict[str, object]:
-    """Who wrote the file; empty for a new one."""
-    try:
-        owner = json.loads(os.pread(descriptor, 4096, 0) or b"{}")
-    except ValueError:
-        owner = {}
-    return owner if isinstance(owner, dict) else {}
-
-
-def _text(owner: dict[str, object]) -> str:
-    return (
-        f"process {owner.get('pid')} on {owner.get('host')} (since {owner.get('since')})"
-        if owner
-        else "another process"
-    )
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP):
+                raise WorkError(f"{path}: the file system cannot lock files ({reason(error)})") from error
+            raise InputError(
+                f"{path.parent}: {who} is writing into it; wait for it or choose another folder"
+            ) from error
+        if is_known and owner.get("host") != socket.gethostname():
+            raise InputError(f"{path.parent}: {who} is writing into it; if it is not running any more, delete {path}")
+        return descriptor, f"{path.parent}: {who} left its lock without finishing; taken over" if is_known else ""
+    except BaseException:
+        os.close(descriptor)
+        raise
 
 
 _NAMES = (
     "tracks.csv", "tracks_online.csv", "tracks_before.csv", "edits.json", "refinement.csv", "events.csv",
     "decisions.csv", "counts.json",
-    "run.json", "run.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html", "scene.png",
+    "run.json", "run.rrd", "run-[0-9]*.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html", "scene.png",
     "checkpoint.npz", "checkpoint.previous.npz",
 )  # fmt: skip
 _UNFINISHED = "an unfinished run; go on with --resume"
@@ -319,6 +305,12 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
 def products_in(folder: Path) -> list[Path]:
     """Files of a folder that are named as those of a run."""
     return sorted(path for pattern in PRODUCTS for path in folder.glob(pattern))
+
+
+def rrd_parts(path: Path) -> list[Path]:
+    """A recording's files in their order: that of the run, and one for every time it was resumed."""
+    later = sorted(path.parent.glob(f"{path.stem}-[0-9]*.rrd"), key=lambda part: int(part.stem.rpartition("-")[2]))
+    return [path, *later]
 
 
 def finished_run(folder: Path) -> RunInfo | None:

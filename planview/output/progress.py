@@ -6,7 +6,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -68,11 +67,11 @@ def compile_notice(console: Console) -> Iterator[None]:
         yield
 
 
-class FrameProgress:
+class FrameProgress(Progress):
     """A bar with frames per second, remaining time and the people in view; call it with every frame."""
 
     def __init__(self, console: Console, n_frames: int | None) -> None:
-        self._progress = Progress(
+        super().__init__(
             TextColumn("tracking"),
             BarColumn(),
             MofNCompleteColumn(),
@@ -82,27 +81,14 @@ class FrameProgress:
             console=console,
         )
         self._frames = 0
-        self._task = self._progress.add_task("tracking", total=n_frames, rate="", people="")
-
-    def __enter__(self) -> FrameProgress:
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._progress.stop()
+        self._task = self.add_task("tracking", total=n_frames, rate="", people="")
 
     def __call__(self, result: FrameResult) -> None:
         people = sum(track.state == "confirmed" for track in result.tracks)
         self._frames += 1
-        elapsed_s = self._progress.tasks[0].elapsed
-        self._progress.update(
-            self._task,
-            completed=result.frame + 1,
-            rate=f"{self._frames / elapsed_s:.1f} frames/s" if elapsed_s else "",
-            people=f"{people} in view",
-        )
+        elapsed_s = self.tasks[0].elapsed
+        rate = f"{self._frames / elapsed_s:.1f} frames/s" if elapsed_s else ""
+        self.update(self._task, completed=result.frame + 1, rate=rate, people=f"{people} in view")
 
 
 def summary(console: Console, info: RunInfo, folder: Path) -> None:

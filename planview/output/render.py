@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from planview.output.scene import SceneFrames
 
 HEADER_PX, LINE_PX = 30, 22
-PLAN_SHARE = 0.75
-"""Width of the floor as a share of the image's height."""
 ALONE_PX = (960, 720)
 """Size of the floor where there is no image."""
 _INK, _BACK, _FONT = (40, 40, 40), (255, 255, 255), cv2.FONT_HERSHEY_SIMPLEX
@@ -49,15 +47,16 @@ class Tally:
 
     def lines(self, frame: int) -> list[str]:
         """A line per rule."""
-        return [self._line(rule, kind, frame) for rule, kind in self._kinds.items()]
 
-    def _line(self, rule: str, kind: str, frame: int) -> str:
-        def count(what: str) -> int:
+        def count(rule: str, what: str) -> int:
             return bisect_right(self._frames.get((rule, what), []), frame)
 
-        if kind == "tripwire":
-            return f"{rule}: {count('left_to_right')} left to right, {count('right_to_left')} right to left"
-        return f"{rule}: {count('entry') - count('exit')} inside, {count('entry')} entries"
+        return [
+            f"{rule}: {count(rule, 'left_to_right')} left to right, {count(rule, 'right_to_left')} right to left"
+            if kind == "tripwire"
+            else f"{rule}: {count(rule, 'entry') - count(rule, 'exit')} inside, {count(rule, 'entry')} entries"
+            for rule, kind in self._kinds.items()
+        ]
 
 
 class SceneComposer:
@@ -104,28 +103,25 @@ class SceneComposer:
             height = panels[0].shape[0] if panels else ALONE_PX[1]
             panels.append(self._floor(snapshot, height, alone=not panels))
         picture = np.hstack(panels)
-        text = self._header(snapshot, picture.shape[1])
-        whole = np.vstack([text, picture])
+        header: U8 = np.full((HEADER_PX, picture.shape[1], 3), _BACK, dtype=np.uint8)
+        time_s = float(self._results.clock.at(np.array([frame]))[0])
+        people = sum(person.state == "confirmed" for person in snapshot.people)
+        text = f"frame {frame}   {time_s:.2f} s   {people} {'person' if people == 1 else 'people'}"
+        cv2.putText(header, text, (8, HEADER_PX - 10), _FONT, 0.5, _INK, 1, cv2.LINE_AA)
+        whole = np.vstack([header, picture])
         return np.ascontiguousarray(whole[: whole.shape[0] // 2 * 2, : whole.shape[1] // 2 * 2])
 
     def _floor(self, snapshot: Snapshot, height: int, *, alone: bool) -> U8:
         """The floor from above, with the counts below it."""
         below = LINE_PX * len(self._tally) + (8 if len(self._tally) else 0)
-        size = ALONE_PX[0] if alone else round(PLAN_SHARE * height), height - below
+        # Width of the floor as a share of the image's height.
+        size = ALONE_PX[0] if alone else round(0.75 * height), height - below
         if self._plan is None:
             self._plan = PlanPainter(self._bounds, size, self._results.cameras, self._results.rules)
         text: U8 = np.full((below, size[0], 3), _BACK, dtype=np.uint8)
         for n, line in enumerate(self._tally.lines(snapshot.frame)):
             cv2.putText(text, line, (8, LINE_PX * (n + 1) - 4), _FONT, 0.45, _INK, 1, cv2.LINE_AA)
         return np.vstack([self._plan(snapshot), text])
-
-    def _header(self, snapshot: Snapshot, width: int) -> U8:
-        strip: U8 = np.full((HEADER_PX, width, 3), _BACK, dtype=np.uint8)
-        time_s = float(self._results.clock.at(np.array([snapshot.frame]))[0])
-        people = sum(person.state == "confirmed" for person in snapshot.people)
-        text = f"frame {snapshot.frame}   {time_s:.2f} s   {people} {'person' if people == 1 else 'people'}"
-        cv2.putText(strip, text, (8, HEADER_PX - 10), _FONT, 0.5, _INK, 1, cv2.LINE_AA)
-        return strip
 
 
 CODECS = {".mp4": "mp4v", ".webm": "VP80", ".avi": "MJPG", ".mkv": "mp4v"}

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import csv
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import cv2
 import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.ground_camera import save_ground_camera
-from calib.params import Params
 from calib.types import U8
 from planview.engine.config import Config, config_of
 from planview.engine.engine import Engine, FrameResult
@@ -24,27 +23,20 @@ from planview.evaluation.metrics import clear_scores
 from planview.evaluation.sequence import build_sequence, floor_similarity
 from planview.maps.recording import is_maps
 from planview.output.folder import RunInfo
-from planview.output.memory import Encoded, decode, name_of
 from planview.output.render import SceneComposer
 from planview.output.results import RunResults, source_of
-from planview.output.resume import checkpoints_in, read_checkpoint
 from planview.output.scene import SceneFrames, ground_camera_of
-from planview.output.totals import RunTotals
 from planview.tracking.base import Decision
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 
-GATE_M = 0.5
-"""People of both within this are the same person [m]."""
-MOVED_M = 0.02
-"""Positions that differ by less count as the same [m]."""
 DECISIONS_MAX = 20
 TITLE_PX = 30
 
 
 def difference_text(results: RunResults, replayed: ReplayedRun, frame: int) -> list[str]:
     """Lines: when tracks begin to differ, people at the frame in both, and decisions that only one of them made."""
-    before = _between(results.tracks, replayed.first, frame)
-    after = _between(replayed.results.tracks, replayed.first, frame)
+    before = _until(results.tracks, frame)
+    after = _until(replayed.results.tracks, frame)
     differing = sorted({frame for frame, *_ in _rows(before) ^ _rows(after)})
     lines = [f"tracks differ from frame {differing[0]} on" if differing else "tracks are the same up to this frame"]
     lines += _people(before.where(before.frame == frame), after.where(after.frame == frame))
@@ -68,21 +60,23 @@ def difference_picture(
     return np.vstack(rows)
 
 
-def _between(tracks: Trajectories, first: int, last: int) -> Trajectories:
-    return tracks.where((tracks.frame >= first) & (tracks.frame <= last) & (tracks.state != "tentative"))
+def _until(tracks: Trajectories, last: int) -> Trajectories:
+    return tracks.where((tracks.frame <= last) & (tracks.state != "tentative"))
 
 
 def _rows(table: Trajectories) -> set[tuple[int, int, str, int, int]]:
     x, y = (
-        np.round(np.nan_to_num(values, nan=-1e6) / MOVED_M).astype(int).tolist() for values in (table.x_m, table.y_m)
+        # Positions that differ by less count as the same [m].
+        np.round(np.nan_to_num(values, nan=-1e6) / 0.02).astype(int).tolist()
+        for values in (table.x_m, table.y_m)
     )
     return set(zip(table.frame.tolist(), table.track_id.tolist(), table.state.tolist(), x, y, strict=True))
 
 
 def _people(before: Trajectories, after: Trajectories) -> list[str]:
-    """A line per person at the frame; the same person in both by place, since ids may differ."""
+    """A line per person at the frame; the same person in both by place, within 0.5 m, since ids may differ."""
     known = [table.where(np.isfinite(table.x_m)) for table in (before, after)]
-    matches = clear_scores(build_sequence(known[0], known[1], floor_similarity(GATE_M))).matches.tolist()
+    matches = clear_scores(build_sequence(known[0], known[1], floor_similarity(0.5))).matches.tolist()
     lines = []
     for a, b in matches:
         apart = float(np.hypot(known[0].x_m[a] - known[1].x_m[b], known[0].y_m[a] - known[1].y_m[b]))
@@ -108,7 +102,7 @@ def _decisions(path: Path, replayed: ReplayedRun, last: int) -> list[str]:
         rows = [
             (int(row["frame"]), f"{row['id']} {row['kind']}: {row['reason']}")
             for row in csv.DictReader(file)
-            if row["kind"] != "matched" and replayed.first <= int(row["frame"]) <= last
+            if row["kind"] != "matched" and int(row["frame"]) <= last
         ]
     now = [(frame, f"{d.track_id} {d.kind}: {d.reason}") for frame, d in replayed.decisions]
     only = [(frame, f"only before, frame {frame}: {text}") for frame, text in rows if (frame, text) not in set(now)]
@@ -127,14 +121,12 @@ class ReplayedRun:
     Attributes:
         results: the run's, with the tracks of the frames tracked again.
         decisions: (frame, decision) of those frames, matches left out.
-        first: first frame tracked again.
-        begun_from: what it was begun from, in words.
+        source: the recording that they were taken from.
     """
 
     results: RunResults
     decisions: list[tuple[int, Decision]]
-    first: int
-    begun_from: str
+    source: Path
 
 
 def replay_run(
@@ -142,8 +134,8 @@ def replay_run(
 ) -> ReplayedRun:
     """Track up to a frame with other parameters.
 
-    The frames begin after the nearest checkpoint (which an interrupted run keeps); without one at the first frame, of
-    the plan-view recording where the run left one and the parameters do not concern what comes before it.
+    From the first frame: of the plan-view recording where the run left one and the parameters do not concern what comes
+    before it, else of the recording.
 
     Args:
         frame: the last one.
@@ -155,30 +147,19 @@ def replay_run(
     base = config_of(results.info.config, str(results.folder / "run.json"))
     path = _source(results, base, config)
     engine = _engine(path, results.info, config)
-    last, begun_from = (-1, f"the first frame of {path}")
-    if not is_maps(path):
-        last, begun_from = _restored(results.folder, engine, base, config, frame) or (last, begun_from)
-    collector, decisions = TrajectoryCollector(), []
-    reached = last
-    for result in _up_to(engine, last, frame):
-        collector.add(result.frame, result.timestamp_s, result.tracks)
-        decisions += [(result.frame, decision) for decision in result.decisions if decision.kind != "matched"]
+    collector, decisions, reached = TrajectoryCollector(), [], -1
+    for result in engine:
+        if result.frame <= frame:
+            collector.add(result.frame, result.timestamp_s, result.tracks)
+            decisions += [(result.frame, decision) for decision in result.decisions if decision.kind != "matched"]
+            if watch:
+                watch(result)
         reached = result.frame
-        if watch:
-            watch(result)
+        if reached >= frame:
+            break
     if reached < frame:
         raise WorkError(f"{path}: expected frame {frame}, found the end of the recording after frame {reached}")
-    return ReplayedRun(replace(results, tracks=collector.trajectories()), decisions, last + 1, begun_from)
-
-
-def _up_to(engine: Engine, last: int, frame: int) -> Iterator[FrameResult]:
-    if last < 0:
-        engine.reset()
-    for result in engine.after(last):
-        if result.frame <= frame:
-            yield result
-        if result.frame >= frame:
-            return
+    return ReplayedRun(replace(results, tracks=collector.trajectories()), decisions, path)
 
 
 def _source(results: RunResults, base: Config, config: Config) -> Path:
@@ -202,45 +183,3 @@ def _engine(path: Path, info: RunInfo, config: Config) -> Engine:
         file = Path(folder) / "camera.toml"
         save_ground_camera(camera, file)
         return open_engine(path, tracker, config, file)
-
-
-def _restored(folder: Path, engine: Engine, base: Config, config: Config, frame: int) -> tuple[int, str] | None:
-    """The engine at the nearest checkpoint before a frame: the checkpoint's last frame, and words for it."""
-    for path in checkpoints_in(folder):
-        totals = RunTotals()
-        try:
-            memory = changed_memory(read_checkpoint(path).memory, base, config)
-            decode(memory, {"totals": totals, **engine.memory()})
-        except (ValueError, KeyError):
-            engine.reset()
-            continue
-        if totals.last_frame < frame:
-            return totals.last_frame, f"the checkpoint after frame {totals.last_frame}"
-        engine.reset()
-    return None
-
-
-def changed_memory(memory: Encoded, base: Config, config: Config) -> Encoded:
-    """The memory of a checkpoint in which parameters have their changed values."""
-    changes = dict(_changes(base, config))
-    nodes = []
-    for node in memory.nodes:
-        if node[0] == "params" and node[1] in changes:
-            values = {k: changes[node[1]].get(k, v) for k, v in node[2].items()}
-            nodes.append([node[0], node[1], values])
-        else:
-            nodes.append(node)
-    return Encoded(memory.roots, nodes, memory.blocks)
-
-
-def _changes(base: Params, config: Params) -> Iterator[tuple[str, dict[str, Any]]]:
-    """By class of parameters, the plain values that differ."""
-    differing: dict[str, Any] = {}
-    for name in type(base).model_fields:
-        before, after = getattr(base, name), getattr(config, name)
-        if isinstance(before, Params) and isinstance(after, Params):
-            yield from _changes(before, after)
-        elif before != after:
-            differing[name] = after
-    if differing:
-        yield name_of(type(base)), differing

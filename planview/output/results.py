@@ -20,14 +20,12 @@ from planview.output.folder import RunInfo, read_run_info
 from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, read_tracks
 
-MAPS_OF_MAPS = 4
-"""Plan-view recordings are followed so far back to the recording with the images."""
-
 
 def source_of(info: RunInfo) -> Path:
     """The recording with the images: of maps.h5 that of the run that wrote it, as far as it tells."""
     path = Path(info.input)
-    for _ in range(MAPS_OF_MAPS):
+    # Plan-view recordings are followed so far back to the recording with the images.
+    for _ in range(4):
         beside = path.parent / "run.json"
         if not (path.is_file() and beside.is_file()):
             break
@@ -37,13 +35,6 @@ def source_of(info: RunInfo) -> Path:
             break
         path = Path(read_run_info(beside).input)
     return path
-
-
-FALLBACK_FPS = 30.0
-"""Where the tracks have no times."""
-NEAR = 0.6
-"""Cameras within this share of the size of the floor that people used are shown with it: a camera far from them would
-make everything small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +61,8 @@ class RunResults:
     @cached_property
     def clock(self) -> Clock:
         """Frames to times."""
-        return Clock(self.tracks, FALLBACK_FPS)
+        # Where the tracks have no times.
+        return Clock(self.tracks, 30.0)
 
     @property
     def n_frames(self) -> int:
@@ -113,7 +105,9 @@ class RunResults:
         near = []
         for (x, y), _ in self.cameras:
             beyond = max(bounds.x_min_m - x, x - bounds.x_max_m, bounds.y_min_m - y, y - bounds.y_max_m)
-            near += [np.array([(x, y)])] if beyond <= NEAR * size else []
+            # Cameras within this share of the size of the floor that people used are shown with it: a camera far from
+            # them would make everything small.
+            near += [np.array([(x, y)])] if beyond <= 0.6 * size else []
         return bounds_of(*places, *near)
 
 

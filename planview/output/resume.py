@@ -7,9 +7,12 @@ import json
 import math
 import os
 import platform
+import re
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
+from fnmatch import translate
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -19,31 +22,28 @@ import numpy as np
 
 import planview
 from calib.errors import InputError, WorkError
-from calib.io import PART, whole_file
+from calib.io import PART, reason, whole_file
 from calib.types import U8
 from planview.engine.engine import Engine
-from planview.output.folder import products_in, read_run_info
+from planview.output.folder import LOCK_NAME, PRODUCTS, products_in, read_run_info
 from planview.output.memory import Encoded, encode
 from planview.output.tables import FilePosition, holds
 
-LIBRARIES = ("numpy", "opencv-python-headless", "scipy", "numba")
 
-
-def identity_of(engine: Engine, settings: dict[str, Any], folder: Path) -> dict[str, Any]:
+def identity_of(engine: Engine, settings: dict[str, Any]) -> dict[str, Any]:
     """What decides the tracks of a run: code, configuration, recording and settings, as JSON.
 
     Args:
         settings: of the run, besides the configuration.
-        folder: of its results, which may lie in the recording's.
     """
     recording = engine.recording
     camera, floor = engine.camera_info(), engine.floor_info()
     named = {"calibration": True, "heads": {"__all__": {"calibration"}}}
     return {
-        "version": {"planview": _code(), "python": platform.python_version()} | _libraries(),
+        "version": library_versions() | {"planview": code_version()},
         "configuration": engine.config.model_dump(mode="json", exclude={"run"}),
         "recording": {
-            "images": _images(recording.path, folder),
+            "images": content_key(recording.path, texts=False) if recording.path.exists() else "",
             "calibration": _calibration(recording),
             "frames": recording.n_frames,
             "fps": recording.fps,
@@ -65,22 +65,21 @@ def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:
 
 
 @cache
-def _code() -> str:
+def code_version() -> str:
     """Version and digest of all code: the same tracks are promised by the same code only."""
     digest = hashlib.sha256()
     root = Path(planview.__file__).resolve().parent.parent
     for path in sorted(path for package in ("calib", "stereo", "planview") for path in (root / package).rglob("*.py")):
         digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    return f"{version('planview')} ({digest.hexdigest()[:12]})"
+    return f"{library_versions().get('planview', 'source')}-{digest.hexdigest()[:16]}"
 
 
-def _libraries() -> dict[str, str]:
-    found = {}
-    for name in LIBRARIES:
-        try:
+def library_versions() -> dict[str, str]:
+    """Of Python, planview and the libraries that matter, as far as they are installed."""
+    found = {"python": platform.python_version()}
+    for name in ("planview", "numpy", "opencv-python-headless", "scipy", "open3d", "numba"):
+        with suppress(PackageNotFoundError):  # OpenCV comes under several names
             found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = ""
     return found
 
 
@@ -104,39 +103,73 @@ def _calibration(recording: Any) -> str:
     return digest_of({"rigs": parts})
 
 
-def _images(path: Path, results: Path) -> str:
-    """Digest of the sizes of a recording's files in the order of their names, and of the ends of a single one.
+_IMAGES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp", ".bin", ".raw"))
+_NO_CONTENT = re.compile("|".join(map(translate, ("truth.csv", "gt.txt", ".*", LOCK_NAME, *PRODUCTS))))
+_TEXTS = frozenset((
+    "", ".csv", ".toml", ".yml", ".yaml", ".json", ".txt", ".conf", ".xml", ".md", ".rst", ".html", ".pdf", ".log",
+))  # fmt: skip
 
-    Frames are too many to be read twice. Files of text are left out: what is read of them is in the calibration and
-    the times. Results of runs are none of a recording's files.
+
+def content_key(path: Path, *, texts: bool = True) -> str:
+    """Of a recording's file or folder: names, sizes and sampled content, not its place or times.
+
+    Truth, hidden files and results of runs and studies are left out: they do not change what is tracked. Of a large
+    file 16 blocks count, of a folder's images at most 64: a change that keeps every size and lies between all samples
+    is not noticed.
+
+    Args:
+        texts: with calibrations, times and other files of text in a folder.
+    Raises:
+        InputError: no such file, or it cannot be read.
     """
-    digest = hashlib.sha256()
-    if path.is_file():
-        with path.open("rb") as file:
-            digest.update(file.read(_END_BYTES))
-            file.seek(max(0, path.stat().st_size - _END_BYTES))
-            digest.update(file.read(_END_BYTES))
-    for found in [path] if path.is_file() else sorted(_files(path, results.resolve())):
-        if found == path or (found.suffix.lower() not in _TEXT_SUFFIXES and not found.name.startswith(".")):
-            digest.update(b"%d\0" % found.stat().st_size)
-    return digest.hexdigest()[:16]
+    try:
+        if path.is_file():
+            return key_of(_sampled(path))
+        if not path.is_dir():
+            raise InputError(f"{path}: expected a recording, found no such file or folder")
+        files = sorted(_content(path), key=lambda file: file.relative_to(path).as_posix())
+        files = [file for file in files if texts or file.suffix.lower() not in _TEXTS]
+        images = [file for file in files if file.suffix.lower() in _IMAGES]
+        sampled = set(files) - set(images) | set(images[:: -(-len(images) // 64) or 1])
+        return key_of(
+            [
+                [
+                    os.fsencode(file.relative_to(path)).hex(),
+                    file.stat().st_size,
+                    _sampled(file) if file in sampled else "",
+                ]
+                for file in files
+            ]
+        )
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({reason(error)})") from error
 
 
-def _files(folder: Path, results: Path) -> Iterator[Path]:
-    """All files below a folder, but no results of runs."""
-    if folder.resolve() == results or (folder / "run.json").is_file() or not folder.is_dir():
-        return
-    for path in folder.iterdir():
-        if path.is_dir():
-            yield from _files(path, results)
-        elif path.is_file():
-            yield path
+def key_of(*parts: object) -> str:
+    """32 hexadecimal digits for JSON values."""
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
 
 
-_TEXT_SUFFIXES = frozenset(
-    {"", ".csv", ".toml", ".yml", ".yaml", ".json", ".txt", ".conf", ".xml", ".md", ".rst", ".html", ".pdf", ".log"}
-)
-_END_BYTES = 64 * 1024
+def _content(folder: Path) -> Iterator[Path]:
+    for parent, folders, names in os.walk(folder, followlinks=True):
+        folders[:] = [
+            name for name in folders
+            if not name.startswith(".") and not any(Path(parent, name, f).is_file() for f in ("run.json", "study.json"))
+        ]  # fmt: skip
+        for name in names:
+            if not _NO_CONTENT.match(name) and Path(parent, name).is_file():
+                yield Path(parent, name)
+
+
+def _sampled(path: Path, whole_bytes: int = 256 * 1024, block_bytes: int = 64 * 1024) -> str:
+    """Digest of a small file, or of evenly spread blocks of a larger one, the first and the last among them."""
+    size = path.stat().st_size
+    digest = hashlib.sha256(str(size).encode())
+    with path.open("rb") as file:
+        for block in range(16) if size > whole_bytes else (0,):
+            file.seek((size - block_bytes) * block // 15 if block else 0)
+            digest.update(file.read(block_bytes if size > whole_bytes else whole_bytes))
+    return digest.hexdigest()
 
 
 LATEST, PREVIOUS = "checkpoint.npz", "checkpoint.previous.npz"
@@ -195,7 +228,9 @@ def read_checkpoint(path: Path) -> Checkpoint:
             digest = _digest(file, end=path.stat().st_size - DIGEST_BYTES)
             if file.read() != digest:
                 raise ValueError("not as it was written")
-        _refuse_swollen(path)
+        with zipfile.ZipFile(path) as archive:  # blocks are stored as they are: none is larger than the file
+            if sum(info.file_size for info in archive.infolist()) > path.stat().st_size:
+                raise ValueError("blocks larger than the file")
         with np.load(path, allow_pickle=False) as file:
             document = json.loads(file["document"].tobytes())
             blocks: list[U8] = [file[f"block{n}"] for n in range(len(file.files) - 1)]
@@ -215,13 +250,6 @@ def _digest(file: IO[bytes], end: int | None = None) -> bytes:
         digest.update(part)
         left -= len(part)
     return digest.digest()
-
-
-def _refuse_swollen(path: Path) -> None:
-    """Blocks are stored as they are: none is larger than the file."""
-    with zipfile.ZipFile(path) as file:
-        if sum(info.file_size for info in file.infolist()) > path.stat().st_size:
-            raise ValueError("blocks larger than the file")
 
 
 def checkpoints_in(folder: Path) -> Iterator[Path]:

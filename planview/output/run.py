@@ -5,19 +5,16 @@ from __future__ import annotations
 import ctypes
 import json
 import os
-import platform
 import signal
 import sys
 import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from types import FrameType, TracebackType
 from typing import Any, Protocol
 
 from calib.errors import InputError, WorkError
@@ -26,10 +23,16 @@ from planview.counting.totals import Counts, Span
 from planview.engine.engine import Engine, FrameResult
 from planview.output.folder import RunInfo, SkippedFrame, folder_lock, prepare_folder, write_result, write_run_info
 from planview.output.memory import decode, encode
-from planview.output.pace import Pace
-from planview.output.resume import Checkpoint, digest_of, identity_of, remove_checkpoints, write_checkpoint
+from planview.output.resume import (
+    Checkpoint,
+    digest_of,
+    identity_of,
+    library_versions,
+    remove_checkpoints,
+    write_checkpoint,
+)
 from planview.output.tables import FilePosition, RunTables
-from planview.output.totals import RunChecks, RunTotals
+from planview.output.totals import Pace, RunChecks, RunTotals
 
 
 class RunLog(Protocol):
@@ -47,25 +50,6 @@ class RunLog(Protocol):
         """After ``close`` of a run that finished: nothing is kept for going on."""
 
 
-class Schedule:
-    """When something that is done from time to time is due again."""
-
-    def __init__(self, every_s: float) -> None:
-        self._every_s, self._last_s = every_s, time.monotonic()
-
-    def due(self, stopping: bool = False) -> bool:
-        """Whether it is time, or the run is about to stop; never when ``every_s`` is 0."""
-        now_s = time.monotonic()
-        if not self._every_s or (now_s - self._last_s < self._every_s and not stopping):
-            return False
-        self._last_s = now_s
-        return True
-
-    def stop(self) -> None:
-        """Never due any more."""
-        self._every_s = 0.0
-
-
 def return_unused_memory() -> None:
     """Let the C library return to the system what was freed but is kept for later.
 
@@ -77,51 +61,35 @@ def return_unused_memory() -> None:
             ctypes.CDLL(None).malloc_trim(0)
 
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-
 class Interrupts:
-    """While entered, the first signal is noted and the second raises KeyboardInterrupt.
+    """A signal that came, to be asked for where stopping loses nothing."""
 
-    Signals that the process was started to ignore (``nohup``) stay ignored; outside of the main thread, where Python
-    takes no signals, nothing is changed.
-    """
+    noted = False
 
-    def __init__(self) -> None:
-        self.noted = False
-        self._before: dict[signal.Signals, object] = {}
-
-    def __enter__(self) -> Interrupts:
-        if threading.current_thread() is threading.main_thread():
-            for number in SIGNALS:
-                if signal.getsignal(number) is not signal.SIG_IGN:
-                    self._before[number] = signal.signal(number, self._note)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)  # type: ignore[arg-type]
-        self._before = {}
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
+    def note(self, *_: object) -> None:
+        """Take a signal: the first is noted, the second raises KeyboardInterrupt."""
         if self.noted:
             raise KeyboardInterrupt
         self.noted = True
 
-    def check(self) -> None:
-        """Raises KeyboardInterrupt after a signal; to be called where stopping loses nothing."""
-        if self.noted:
-            raise KeyboardInterrupt
 
+@contextmanager
+def noted_interrupts() -> Iterator[Interrupts]:
+    """Note SIGINT, SIGTERM and SIGHUP until the block ends.
 
-LIBRARIES = ("planview", "numpy", "opencv-python-headless", "scipy", "open3d", "numba")
-SKIPPED_MAX = 1000
-"""run.json names at most so many skipped frames."""
-
-TRIM_EVERY_S = 30.0
-"""Time between two returns of unused memory [s]: each takes some milliseconds."""
+    Signals that the process was started to ignore (``nohup``) stay ignored; outside of the main thread, where Python
+    takes no signals, nothing is changed.
+    """
+    found, before = Interrupts(), {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                before[number] = signal.signal(number, found.note)
+    try:
+        yield found
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @dataclass
@@ -210,7 +178,7 @@ class _Run:
         with ExitStack() as stack:
             for log in self._logs.values():
                 stack.callback(log.close)
-            interrupts = stack.enter_context(Interrupts())
+            interrupts = stack.enter_context(noted_interrupts())
             frames = self._frames(checkpoint)
             if checkpoint is not None or not (self._folder / "run.json").is_file():
                 write_run_info(self._information("running"), self._folder / "run.json")
@@ -218,20 +186,31 @@ class _Run:
             tables = RunTables(self._folder, options.analytics is not None, options.debug, at)
             stack.callback(tables.close)
             is_live = getattr(self._engine.recording, "is_live", False)
-            marks = Schedule(0.0 if is_live or options.pace else options.checkpoint_every_s)
-            trims = Schedule(TRIM_EVERY_S)
+            every_s = 0.0 if is_live or options.pace else options.checkpoint_every_s
+            marked_s = trimmed_s = time.monotonic()
             for result in frames:
-                self._take(result, tables)
+                self._totals.take(result)
+                analytics = options.analytics
+                events = analytics.update(result.frame, result.timestamp_s, result.tracks) if analytics else ()
+                self._totals.events.extend(events)
+                tables.add(result, events)
+                if options.pace:
+                    options.pace.written(result.timestamp_s)
+                for log in self._logs.values():
+                    log.frame(result)
                 if watch:
                     watch(result)
                 self._checks.update(result)
-                if marks.due(interrupts.noted) and not self._mark(tables):
-                    marks.stop()
-                if trims.due():
+                now_s = time.monotonic()
+                if every_s and (now_s - marked_s >= every_s or interrupts.noted):
+                    every_s, marked_s = every_s if self._mark(tables) else 0.0, now_s
+                if now_s - trimmed_s >= 30.0:  # it takes some milliseconds
                     return_unused_memory()
+                    trimmed_s = now_s
                 if interrupts.noted and is_live:
                     break  # the usual end of cameras that run
-                interrupts.check()
+                if interrupts.noted:
+                    raise KeyboardInterrupt
         recording = self._engine.recording
         if self._totals.frames == 0:
             why = f" ({recording.skipped[0].why})" if recording.skipped else ""
@@ -257,17 +236,6 @@ class _Run:
             if self._totals.frames == limit:
                 return
 
-    def _take(self, result: FrameResult, tables: RunTables) -> None:
-        self._totals.take(result)
-        analytics = self._options.analytics
-        events = analytics.update(result.frame, result.timestamp_s, result.tracks) if analytics else ()
-        self._totals.events.extend(events)
-        tables.add(result, events)
-        if self._options.pace:
-            self._options.pace.written(result.timestamp_s)
-        for log in self._logs.values():
-            log.frame(result)
-
     def _memory(self) -> dict[str, object]:
         memory = {"totals": self._totals, **self._engine.memory()}
         return memory | ({"analytics": self._options.analytics} if self._options.analytics else {})
@@ -289,7 +257,7 @@ class _Run:
         finally:
             self._totals.elapsed_s = before_s
         if self._identity is None:
-            self._identity = run_identity(self._engine, self._options, list(self._logs), self._folder)
+            self._identity = run_identity(self._engine, self._options, list(self._logs))
         write_checkpoint(self._folder, Checkpoint(self._identity, written, memory))
         write_run_info(self._information("running"), self._folder / "run.json")
         return True
@@ -314,7 +282,11 @@ class _Run:
         return info
 
     def _information(self, state: str) -> RunInfo:
-        skipped, totals = self._engine.recording.skipped, self._totals
+        skipped, totals, analytics = self._engine.recording.skipped, self._totals, self._options.analytics
+        frame_s = 1 / self._engine.recording.fps
+        counts = None
+        if analytics is not None and state != "running":
+            counts = Counts.of(analytics, totals.events, Span(totals.first_s, totals.last_s + frame_s, frame_s))
         return self._info.model_copy(
             update={
                 "state": state,
@@ -323,28 +295,19 @@ class _Run:
                 "frames_read": totals.frames,
                 "notes": [*self._info.notes, *getattr(self._engine.tracker, "notes", ())],
                 "frames_skipped": len(skipped),
-                "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:SKIPPED_MAX]],
+                # run.json names at most so many skipped frames.
+                "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:1000]],
                 "stages_ms": {stage: times.percentile_ms(50) for stage, times in totals.stages.items()},
                 "pace": self._options.pace and self._options.pace.info(),
                 "people": len(totals.people),
                 "remark": totals.remark(),
                 "warnings": self._checks.warnings(),
-                "counts": self._counts() if state != "running" else {},
+                "counts": counts.to_json() if counts is not None else {},
             }
         )
 
-    def _counts(self) -> dict[str, object]:
-        analytics, totals = self._options.analytics, self._totals
-        if analytics is None:
-            return {}
-        frame_s = 1 / self._engine.recording.fps
-        span = Span(totals.first_s, totals.last_s + frame_s, frame_s)
-        stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
-        events = sorted(totals.events, key=lambda e: e.timestamp_s)
-        return Counts(analytics.rules, events, stays, analytics.people, span, analytics.params.interval_s).to_json()
 
-
-def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str], folder: Path) -> dict[str, Any]:
+def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> dict[str, Any]:
     """What a run that goes on must share with the one that was interrupted (``checkpoint.identity``).
 
     Args:
@@ -358,19 +321,15 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str], folde
         "debug": options.debug,
         "logs": sorted(logs),
     }
-    return identity_of(engine, settings, folder)
+    return identity_of(engine, settings)
 
 
 def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
-    versions: dict[str, str] = {}
-    for name in LIBRARIES:
-        with suppress(PackageNotFoundError):  # OpenCV comes under several names
-            versions[name] = version(name)
     return RunInfo(
         input=os.fspath(engine.recording.path),
         tracker=options.tracker,
         started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
-        versions={"python": platform.python_version(), **versions},
+        versions=library_versions(),
         config=engine.config.model_dump(mode="json"),
         rig=engine.camera_info(),
         floor=engine.floor_info(),

@@ -28,8 +28,6 @@ from stereo.recording import RgbdRecording
 from stereo.rectify import Rectifier
 from stereo.rgbd import RgbdRectifier
 
-MULTI_RIG_FRAMES_MAX = 5000
-"""Recordings of several rigs are read from their beginning; pictures are made of so many moments at most."""
 _BATCH = 16
 
 
@@ -56,7 +54,8 @@ class SceneFrames:
     def at(self, frames: Sequence[int]) -> Iterator[SceneImage]:
         """The images of ascending frames, as far as they can be read."""
         if isinstance(self._recording, MultiRigRecording):
-            wanted = {frame for frame in frames if frame < MULTI_RIG_FRAMES_MAX}
+            # Recordings of several rigs are read from their beginning; pictures are made of so many moments at most.
+            wanted = {frame for frame in frames if frame < 5000}
             yield from (image for image in self.through(0, max(wanted, default=-1)) if image.frame in wanted)
             return
         for start in range(0, len(frames), _BATCH):

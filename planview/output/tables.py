@@ -15,11 +15,8 @@ from calib.errors import InputError, WorkError
 from calib.io import reason
 from planview.counting.events import Event, write_event_header, write_event_rows
 from planview.engine.engine import FrameResult
-from planview.tracking.base import Decision, ScoreTerms
+from planview.tracking.base import ScoreTerms
 from planview.trajectories.table import write_header, write_rows
-
-READ_BYTES = 2**20
-"""Read at a time when a file is checked."""
 
 
 class FilePosition(NamedTuple):
@@ -34,7 +31,7 @@ def holds(path: Path, position: FilePosition) -> bool:
     checksum, left = 0, position.size
     try:
         with path.open("rb") as file:
-            while left and (data := file.read(min(left, READ_BYTES))):
+            while left and (data := file.read(min(left, 2**20))):
                 checksum, left = zlib.crc32(data, checksum), left - len(data)
     except OSError:
         return False
@@ -152,7 +149,12 @@ class RunTables:
         if "events.csv" in self._files:
             self._files["events.csv"].add(lambda file: write_event_rows(file, events))
         if "decisions.csv" in self._files:
-            self._files["decisions.csv"].add(lambda file: _decision_rows(file, frame, moment, result.decisions))
+            rows = [
+                [frame, f"{moment:.4f}", d.track_id, d.kind, d.reason]
+                + ["" if math.isnan(value) else f"{value:.4f}" for value in (d.value, *d.terms)]
+                for d in result.decisions
+            ]
+            self._files["decisions.csv"].add(lambda file: csv.writer(file, lineterminator="\n").writerows(rows))
 
     def mark(self) -> dict[str, FilePosition]:
         """Bring all rows to the disk; where every file ends."""
@@ -162,14 +164,3 @@ class RunTables:
         """Close all files."""
         for file in self._files.values():
             file.close()
-
-
-def _decision_rows(file: IO[str], frame: int, timestamp_s: float, decisions: tuple[Decision, ...]) -> None:
-    csv.writer(file, lineterminator="\n").writerows(
-        (frame, f"{timestamp_s:.4f}", d.track_id, d.kind, d.reason, *map(_number, (d.value, *d.terms)))
-        for d in decisions
-    )
-
-
-def _number(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.4f}"

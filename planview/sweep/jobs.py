@@ -1,82 +1,28 @@
-"""The jobs of a study, and keys: short texts that are equal exactly when nothing that decides a result changed."""
+"""The jobs of a study, with keys that are equal exactly when nothing that decides a result changed."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
-import calib
-import planview
-import stereo
 from calib.errors import InputError
-from calib.io import reason
 from calib.world import load_rigs
 from planview.engine.config import Config, load_config
 from planview.engine.open import TrackerName, base_config, is_stereo
 from planview.engine.replay import FIXED_MAP_PARAMETERS, FIXED_TABLES
 from planview.maps.recording import is_maps
+from planview.output.resume import code_version, content_key, key_of
+from planview.sweep.results import JobResult
 from planview.sweep.study import Configuration, RecordingEntry, Study
 from planview.trajectories.formats import truth_file
 from stereo.readers.open import is_multi_rig, rigs_file
 
-WHOLE_MAX = 256 * 1024
-"""Files up to this size are hashed whole [bytes]."""
-BLOCK_BYTES = 64 * 1024
-BLOCKS = 16
-"""Of larger files so many blocks are hashed, evenly spread, the first and the last among them."""
-FILES_MAX = 64
-"""Of so many image files at most the content is hashed; of all others name and size."""
-DECIDING_ROOMS = ("foreground", "maps", "trajectories", "tracking", "checks", "engine", "evaluation")
-"""Rooms of planview whose code decides tracks (what the checks find of a camera's steadiness, too) or their scores."""
-_IMAGES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp", ".bin", ".raw"))
-_TRUTH = frozenset(("truth.csv", "gt.txt"))
 _BESIDE = frozenset((".yml", ".yaml", ".json", ".xml", ".conf"))
 _TABLES = frozenset(("rig.toml", "world.toml", "camera.toml", "timestamps.csv"))
-_OUTPUTS = ("run.json", "study.json")
 MAPS_FILE = "maps.h5"
-
-
-def key_of(*parts: object) -> str:
-    """32 hexadecimal digits for JSON values."""
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
-
-
-def content_key(path: Path) -> str:
-    """Of a recording's file or folder: names, sizes and sampled content, not its place or times.
-
-    Truth, hidden files and folders with results are left out: they do not change what is tracked. Small files count
-    whole; of larger ones BLOCKS blocks, of folders with more than FILES_MAX images every n-th image. A change that
-    keeps every size and lies between all samples is not noticed.
-
-    Raises:
-        InputError: no such file, or it cannot be read.
-    """
-    try:
-        if path.is_file():
-            return key_of(_file_digest(path))
-        if not path.is_dir():
-            raise InputError(f"{path}: expected a recording, found no such file or folder")
-        files = sorted(_files(path), key=lambda file: file.relative_to(path).as_posix())
-        images = [file for file in files if file.suffix.lower() in _IMAGES]
-        hashed = set(files) - set(images) | set(images[:: max(1, -(-len(images) // FILES_MAX))])
-        listed = [
-            [
-                os.fsencode(file.relative_to(path)).hex(),
-                file.stat().st_size,
-                _file_digest(file) if file in hashed else "",
-            ]
-            for file in files
-        ]
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({reason(error)})") from error
-    return key_of(listed)
 
 
 def files_beside(path: Path) -> list[Path]:
@@ -85,47 +31,7 @@ def files_beside(path: Path) -> list[Path]:
         return []
     files = sorted(path.parent.iterdir()) if path.parent.is_dir() else []
     known = [file for file in files if file.suffix.lower() in _BESIDE or file.name in _TABLES]
-    return [file for file in known if file.name not in (path.name, *_TRUTH) and file.is_file()]
-
-
-@cache
-def engine_version() -> str:
-    """Version of the package and a digest of the code that decides tracks and scores."""
-    roots = [Path(package.__file__ or "").parent for package in (calib, stereo)]
-    roots += [Path(planview.__file__ or "").parent / room for room in DECIDING_ROOMS]
-    digest = hashlib.sha256()
-    for root in roots:
-        for file in sorted(root.rglob("*.py")):
-            digest.update(file.relative_to(root.parent).as_posix().encode() + file.read_bytes())
-    try:
-        number = version("planview")
-    except PackageNotFoundError:
-        number = "source"
-    return f"{number}-{digest.hexdigest()[:16]}"
-
-
-def _files(folder: Path) -> Iterator[Path]:
-    for parent, folders, names in os.walk(folder):
-        folders[:] = [
-            name for name in folders
-            if not name.startswith(".") and not any(Path(parent, name, file).is_file() for file in _OUTPUTS)
-        ]  # fmt: skip
-        for name in names:
-            if not name.startswith(".") and name not in _TRUTH and Path(parent, name).is_file():
-                yield Path(parent, name)
-
-
-def _file_digest(path: Path) -> str:
-    size = path.stat().st_size
-    digest = hashlib.sha256(str(size).encode())
-    with path.open("rb") as file:
-        if size <= WHOLE_MAX:
-            digest.update(file.read(WHOLE_MAX))
-        else:
-            for block in range(BLOCKS):
-                file.seek((size - BLOCK_BYTES) * block // (BLOCKS - 1))
-                digest.update(file.read(BLOCK_BYTES))
-    return digest.hexdigest()
+    return [file for file in known if file.name not in (path.name, "truth.csv", "gt.txt") and file.is_file()]
 
 
 @dataclass(frozen=True)
@@ -137,7 +43,7 @@ class RunJob:
         config: the full effective configuration.
         key: what the result depends on.
         folder: of the results; it is there when the run is finished.
-        version: ``engine_version`` that must run it.
+        version: ``code_version`` that must run it.
         save_maps: write the plan-view recording, too.
     """
 
@@ -178,17 +84,8 @@ class StudyJob:
         return f"{self.run.key}-{self.truth_key}"
 
 
-@dataclass(frozen=True)
-class Refused:
-    """A run that cannot begin, and why."""
-
-    name: str
-    configuration: Configuration
-    seed: int
-    error: str
-
-
-Planned = StudyJob | Refused
+Planned = StudyJob | JobResult
+"""A run, or why it cannot begin."""
 
 
 class Planner:
@@ -220,7 +117,7 @@ class Planner:
 
     def _job(self, configuration: Configuration, recording: _Recording, seed: int) -> Planned:
         if recording.error:
-            return Refused(recording.name, configuration, seed, recording.error)
+            return JobResult(recording.name, configuration, seed, error=recording.error)
         entry, study, maps = recording.entry, self._study, None
         full, points = self._effective(configuration, seed, recording.base)
         single = is_maps(entry.path) or is_multi_rig(entry.path) or study.tracker == "human-model"
@@ -237,22 +134,18 @@ class Planner:
         return _keyed(full), _keyed(points_config(full))
 
     def _run(self, source: RecordingEntry, source_key: str, config: _Keyed, kind: str) -> RunJob:
-        study, version = self._study, engine_version()
-        key = key_of(source_key, config.key, study.tracker, study.frames, version, kind)
+        study, version, (parameters, config_key) = self._study, code_version(), config
+        key = key_of(source_key, config_key, study.tracker, study.frames, version, kind)
         report = study.reports and kind == "jobs"
         folder = self._out / kind / key
-        return RunJob(source, config.config, study.tracker, study.frames, key, folder, version, kind == "maps", report)
-
-
-class _Keyed(NamedTuple):
-    """A configuration and its key."""
-
-    config: Config
-    key: str
+        return RunJob(source, parameters, study.tracker, study.frames, key, folder, version, kind == "maps", report)
 
 
 def _keyed(config: Config) -> _Keyed:
-    return _Keyed(config, key_of(config.model_dump(mode="json")))
+    return config, key_of(config.model_dump(mode="json"))
+
+
+_Keyed = tuple[Config, str]
 
 
 class _Recording(NamedTuple):

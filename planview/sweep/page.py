@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from planview.drawing.style import page_of
+from planview.output.report.page import Picture, picture
 from planview.output.report.plots import COLOURS, new_figure, plain_text, png_bytes
 from planview.sweep.results import DRAWS, LEVEL, JobResult, Ranked, why_no_intervals
 from planview.sweep.study import FIGURES, FigureName, Study
@@ -123,8 +123,7 @@ def study_page(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked
     )
 
 
-def _pictures(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked]) -> list[tuple[str, str, str]]:
-    """Title, data URI and a note of each."""
+def _pictures(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked]) -> list[Picture]:
     figure = study.objective
     known = [row for row in ranking if figure in row.figures]
     if not known:
@@ -133,13 +132,11 @@ def _pictures(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked]
     shown = known[:BARS_MAX]
     note = "Mean (dot)" if why_no_intervals(runs) else f"Mean (dot) and {LEVEL:.0%} interval (bar)"
     note += f" of the first {BARS_MAX}." if known != shown else "."
-    pictures = [(f"Ranking by {label}", ranking_plot(shown, figure), note)]
+    pictures = [picture(f"Ranking by {label}", ranking_plot(shown, figure), note)]
     for name in study.parameters:
         note = "A dot per configuration; the line joins the means of each value."
-        pictures.append((name, parameter_plot(known, name, figure), note))
+        pictures.append(picture(name, parameter_plot(known, name, figure), note))
     if 1 < len({run.recording for run in runs}) <= 40:
         note = "Lines are configurations by their place in the ranking."
-        pictures.append(("By recording", recordings_plot(known, runs, figure), note))
-    return [
-        (title, "data:image/png;base64," + base64.b64encode(png).decode("ascii"), note) for title, png, note in pictures
-    ]
+        pictures.append(picture("By recording", recordings_plot(known, runs, figure), note))
+    return pictures

@@ -249,16 +249,12 @@ def load_study(path: Path) -> Study:
         raise InputError(f"{path}: {error}") from error
 
 
-@dataclass(frozen=True)
-class Varied:
-    """``--vary`` options: values per parameter, and the seeds where the parameter is ``seed``."""
+def varied(options: Sequence[str]) -> tuple[dict[str, Space], list[int]]:
+    """``--vary`` options: values per parameter, and the seeds where the parameter is ``seed``.
 
-    parameters: dict[str, Space]
-    seeds: list[int]
-
-
-def varied(options: Sequence[str]) -> Varied:
-    """Parse ``table.key=value,value``. Raises InputError: another text, or a value that is there twice."""
+    Raises:
+        InputError: another text than ``table.key=value,value``, or a value that is there twice.
+    """
     parameters: dict[str, Space] = {}
     for text in options:
         name, equals, values = text.partition("=")
@@ -272,7 +268,7 @@ def varied(options: Sequence[str]) -> Varied:
     assert isinstance(seeds, list)
     if not all(isinstance(seed, int) and seed >= 0 for seed in seeds):
         raise InputError(f"--vary: expected whole numbers from 0 for seed, found {seeds}")
-    return Varied(parameters, seeds)
+    return parameters, seeds
 
 
 def _value(text: str) -> Any:

@@ -7,15 +7,17 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from calib.errors import InputError
 from planview.output.folder import folder_lock, write_result
-from planview.sweep.jobs import Planned, Planner, Refused, StudyJob
-from planview.sweep.pools import Pool, Task, run_tasks
+from planview.sweep.jobs import Planned, Planner, StudyJob
 from planview.sweep.results import JobResult, Ranked, ranked, summary_csv
 from planview.sweep.study import FIGURES, Configuration, Range, Space, Study, configuration, grid, random_draws
-from planview.sweep.work import earlier_figures, is_done, remove_stale_attempts, track, track_and_score
+from planview.sweep.work import Done, Pool, earlier_figures, is_done, remove_attempts, run_tasks, track, track_and_score
 
 STUDY_FILE, SUMMARY_FILE, PAGE_FILE = "study.json", "summary.csv", "report.html"
 
@@ -92,17 +94,35 @@ def _suggested(trial: Any, name: str, space: Space) -> Any:
     return float(f"{trial.suggest_float(name, space.min, space.max, step=space.step, log=space.log):.6g}")
 
 
-class StudyWatch(Protocol):
-    """Follows what happens."""
+class StudyProgress(Progress):
+    """Progress of a whole study on a console."""
+
+    def __init__(self, console: Console) -> None:
+        columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+        super().__init__(
+            TextColumn("{task.description}"), *columns, TextColumn("{task.fields[state]}"), console=console
+        )
+        self._runs = self.add_task("runs", total=0, state="")
+        self._maps = self.add_task("plan-view recordings", total=0, state="", visible=False)
+        self._failed = self._reused = 0
 
     def planned(self, runs: int, maps: int) -> None:
         """So many runs and plan-view recordings are to be made, those that are done included."""
+        for task, more in ((self._runs, runs), (self._maps, maps)):
+            self.update(
+                task, total=(total := (self.tasks[task].total or 0) + more), visible=task == self._runs or total > 0
+            )
 
-    def recorded(self, error: str) -> None:
+    def recorded(self) -> None:
         """A plan-view recording is made, or failed."""
+        self.update(self._maps, advance=1)
 
     def ended(self, result: JobResult) -> None:
         """A run is done, or failed."""
+        self._failed += bool(result.error)
+        self._reused += result.reused
+        parts = [f"{self._reused} done before"] * bool(self._reused) + [f"{self._failed} failed"] * bool(self._failed)
+        self.update(self._runs, advance=1, state=", ".join(parts))
 
 
 @dataclass(frozen=True)
@@ -119,7 +139,7 @@ class StudyResults:
 
 
 def run_study(
-    study: Study, names: Sequence[str], out: Path, open_pool: Callable[[], Pool], watch: StudyWatch
+    study: Study, names: Sequence[str], out: Path, open_pool: Callable[[], Pool], watch: StudyProgress
 ) -> StudyResults:
     """Run all that is not done and write study.json, summary.csv and report.html.
 
@@ -144,14 +164,14 @@ def run_study(
                 stack.callback(pools[0].close)
             return pools[0]
 
-        remove_stale_attempts(out)
+        remove_attempts(out)
         write_result(out / STUDY_FILE, study.model_dump_json(indent=2) + "\n")
         runs: list[JobResult] = []
         with suppress(StopIteration):
             while batch:
                 runs += (done := _run(batch, pool, watch))
                 batch = batches.send(done)
-        remove_stale_attempts(out)
+        remove_attempts(out)
         results = StudyResults(study, runs, ranked(runs, study.objective))
         # The page is written anew where a run was made or failed.
         summary, page, text = out / SUMMARY_FILE, out / PAGE_FILE, summary_csv(runs)
@@ -177,32 +197,38 @@ def _batches(study: Study, planner: Planner) -> Generator[list[Planned], list[Jo
             proposals.record((yield planner.jobs(configurations)))
 
 
-def _run(batch: Sequence[Planned], pool: Callable[[], Pool], watch: StudyWatch) -> list[JobResult]:
+def _run(batch: Sequence[Planned], pool: Callable[[], Pool], watch: StudyProgress) -> list[JobResult]:
     """Results in the order of the batch; the pool is opened when there is something to run."""
     results: dict[int, JobResult] = {}
     waiting: dict[str, list[tuple[int, StudyJob]]] = {}
     for i, job in enumerate(batch):
-        if isinstance(job, Refused):
-            results[i] = JobResult(job.name, job.configuration, job.seed, error=job.error)
+        if isinstance(job, JobResult):
+            results[i] = job
         elif (figures := earlier_figures(job)) is not None:
             results[i] = _result(job, figures, "", reused=True)
         else:
             waiting.setdefault(job.key, []).append((i, job))
-    jobs = [group[0][1] for group in waiting.values()]
-    maps = {job.maps.key: job.maps for job in jobs if job.maps and not is_done(job.maps)}
+    jobs = {key: group[0][1] for key, group in waiting.items()}
+    maps = {job.maps.key: job.maps for job in jobs.values() if job.maps and not is_done(job.maps)}
     watch.planned(len(batch), len(maps))
     for result in results.values():
         watch.ended(result)
-    tasks = [Task(key, track, job) for key, job in maps.items()]
-    for job in jobs:
-        after = job.maps.key if job.maps and job.maps.key in maps else None
-        tasks.append(Task(job.key, track_and_score, job, after))
-    for done in run_tasks(tasks, pool()) if tasks else ():
-        if done.key in maps:
-            watch.recorded(done.error)
-        for i, job in waiting.get(done.key, []):
+
+    def end(done: Done) -> None:
+        for i, job in waiting[done.key]:
             results[i] = _result(job, done.value or {}, done.error)
             watch.ended(results[i])
+
+    errors: dict[str, str] = {}
+    for done in run_tasks(track, maps, pool()) if maps else ():
+        watch.recorded()
+        errors[done.key] = done.error
+    for key, job in jobs.items():
+        if job.maps and (error := errors.get(job.maps.key)):
+            end(Done(key, error=error))
+    ready = {key: job for key, job in jobs.items() if not (job.maps and errors.get(job.maps.key))}
+    for done in run_tasks(track_and_score, ready, pool()) if ready else ():
+        end(done)
     return [results[i] for i in range(len(batch))]
 
 

@@ -1,30 +1,184 @@
-"""What a process or a worker of a cluster does: one run, and its scores."""
+"""Where jobs run, processes of this machine or workers of a Dask cluster, and what they do: a run, and its scores."""
 
 from __future__ import annotations
 
 import json
 import os
 import shutil
-import socket
 import time
+import traceback
 import uuid
-from collections.abc import Iterator
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 
-from calib.errors import WorkError
+from calib.errors import InputError, WorkError
 from calib.io import reason
 from planview.engine.open import open_engine
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.output.folder import finished_run, write_result
+from planview.output.resume import code_version
 from planview.output.run import RunLog, RunOptions, run
-from planview.sweep.jobs import MAPS_FILE, RunJob, StudyJob, engine_version
+from planview.sweep.jobs import MAPS_FILE, RunJob, StudyJob
 from planview.sweep.study import run_figures
 from planview.trajectories.formats import load_tracks, load_truth
 from stereo.readers import OpenOptions
+
+CONNECT_S = 10.0
+WORKERS_S = 60.0
+"""A cluster may be without workers for so long [s]."""
+PER_THREAD = 3
+"""Jobs handed over per thread of a cluster: enough to keep it busy, and the scheduler's memory small."""
+DEATHS_MAX = 3
+"""A job during which the process died so often is given up."""
+
+
+class ProcessPool:
+    """Processes of this machine (joblib's loky: fresh ones, since forked ones would share OpenCV's threads)."""
+
+    def __init__(self, processes: int) -> None:
+        """Start nothing yet. Raises InputError: fewer than one process."""
+        if processes < 1:
+            raise InputError(f"--jobs: expected at least 1, found {processes}")
+        self.at_once = processes
+        self._executor: Any = None
+
+    def submit(self, function: Callable[..., Any], *arguments: object) -> Future[Any]:
+        if self._executor is None:
+            from joblib.externals.loky import ProcessPoolExecutor
+
+            # A job per core.
+            limits = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+            self._executor = ProcessPoolExecutor(self.at_once, env=dict.fromkeys(limits, "1"))
+        future: Future[Any] = self._executor.submit(function, *arguments)
+        return future
+
+    def restart(self) -> None:
+        self.close()
+
+    def check(self) -> None:
+        """A pool of processes can always be restarted."""
+
+    def close(self) -> None:
+        if self._executor is not None:
+            self._executor.shutdown(wait=True, kill_workers=True)
+            self._executor = None
+
+
+class ClusterPool:
+    """Workers of a Dask cluster that share the file system with this machine.
+
+    Dask gives the job of a worker that died to another one, up to three times (``allowed-failures``).
+    """
+
+    def __init__(self, address: str) -> None:
+        """Connect to a scheduler. Raises InputError: ``distributed`` is not installed, no scheduler at the address, or
+        none of its workers comes."""
+        try:
+            from distributed import Client
+        except ImportError as error:
+            raise InputError("--cluster: expected the package distributed; install planview[cluster]") from error
+        try:
+            self._client = Client(address, timeout=CONNECT_S)
+            self._client.wait_for_workers(1, timeout=WORKERS_S)
+        except TimeoutError as error:
+            raise InputError(f"--cluster: expected a worker at {address}, found none in {WORKERS_S:.0f} s") from error
+        except (OSError, ValueError) as error:
+            raise InputError(f"--cluster: expected a Dask scheduler at {address}, found none ({error})") from error
+        self._executor = self._client.get_executor(pure=False)
+        self._with_workers_s = time.monotonic()
+        self.at_once = PER_THREAD
+
+    def submit(self, function: Callable[..., Any], *arguments: object) -> Future[Any]:
+        future: Future[Any] = self._executor.submit(function, *arguments)
+        return future
+
+    def restart(self) -> None:
+        """Dask starts over by itself."""
+
+    def check(self) -> None:
+        """Raises WorkError when the scheduler is lost or no worker came for WORKERS_S; follows the cluster's size."""
+        now = time.monotonic()
+        if self._client.status in ("closed", "closing"):
+            raise WorkError("the scheduler of the cluster was lost")
+        threads = sum(self._client.ncores().values())
+        self.at_once = PER_THREAD * max(1, threads)
+        if threads:
+            self._with_workers_s = now
+        elif now - self._with_workers_s > WORKERS_S:
+            raise WorkError(f"all workers of the cluster were lost {now - self._with_workers_s:.0f} s ago")
+
+    def close(self) -> None:
+        self._executor.shutdown(wait=False)
+        self._client.close()
+
+
+Pool = ProcessPool | ClusterPool
+"""Runs functions elsewhere; ``at_once`` jobs are handed over at the same time."""
+
+
+class Done(NamedTuple):
+    """How a task ended: with a value, or with an error in one sentence."""
+
+    key: str
+    value: Any = None
+    error: str = ""
+
+
+def guarded(function: Callable[..., Any], argument: object) -> tuple[Any, str]:
+    """The value of a call and an empty text, or None and what went wrong; runs in the other process."""
+    try:
+        return function(argument), ""
+    except (InputError, WorkError) as error:
+        return None, str(error)
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        text = " ".join(str(error).split())[:300]
+        return None, f"unexpected {type(error).__name__} in {where.name}, line {where.lineno}: {text}"
+
+
+def run_tasks(function: Callable[..., Any], arguments: Mapping[str, object], pool: Pool) -> Iterator[Done]:
+    """Call a function with each of the arguments, by key; each comes once, in the order in which they end."""
+    ready, running = deque(arguments), dict[Future[Any], str]()
+    deaths: Counter[str] = Counter()
+    while ready or running:
+        while ready and len(running) < pool.at_once:
+            try:
+                running[pool.submit(guarded, function, arguments[ready[0]])] = ready[0]
+                ready.popleft()
+            except BrokenProcessPool:
+                if running:
+                    break
+                pool.restart()
+        ended, _ = wait(running, timeout=5.0, return_when=FIRST_COMPLETED)
+        try:
+            pool.check()
+        except WorkError as error:
+            yield from (Done(key, error=str(error)) for key in (*running.values(), *ready))
+            return
+        for future in ended:
+            key = running.pop(future)
+            try:
+                value, text = future.result()
+            except BrokenProcessPool:
+                # Killed, of this task or of another that ran beside it: try again, but not for ever.
+                deaths[key] += 1
+                if not running:
+                    pool.restart()
+                if deaths[key] < DEATHS_MAX:
+                    ready.append(key)
+                    continue
+                value, text = None, f"its process was killed {DEATHS_MAX} times"
+            except (Exception, CancelledError) as failure:
+                value, text = None, f"the worker was lost ({type(failure).__name__})"
+            yield Done(key, value, text)
+
 
 ATTEMPT = ".attempt-"
 
@@ -38,8 +192,8 @@ def track(job: RunJob) -> None:
     Raises:
         InputError, WorkError: as ``open_engine`` and ``run``; another version of planview than the study's.
     """
-    if job.version != engine_version():
-        raise WorkError(f"expected planview {job.version} on this worker, found {engine_version()}")
+    if job.version != code_version():
+        raise WorkError(f"expected planview {job.version} on this worker, found {code_version()}")
     if is_done(job):
         return
     with _attempt(job.folder) as folder, one_thread():
@@ -105,21 +259,16 @@ def one_thread() -> Iterator[None]:
         cv2.setNumThreads(threads)
 
 
-def remove_stale_attempts(out: Path) -> None:
-    """Remove what killed processes of this machine left, and other machines' attempts that are a day old."""
+def remove_attempts(out: Path) -> None:
+    """Remove what killed processes left in the folder of a study, which nobody else writes into."""
     for folder in out.glob(f"*/{ATTEMPT}*"):
-        host, pid = folder.name.removeprefix(ATTEMPT).rsplit("-", 2)[0:2]
-        with suppress(OSError):
-            # Attempts of other machines are left alone for so long [s].
-            old = time.time() - folder.stat().st_mtime > 86_400.0
-            if old if host != _host() else not _alive(int(pid)):
-                shutil.rmtree(folder)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
 def _attempt(final: Path) -> Iterator[Path]:
     """A folder that becomes ``final`` when all went well."""
-    folder = final.parent / f"{ATTEMPT}{_host()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
+    folder = final.parent / f"{ATTEMPT}{os.getpid()}-{uuid.uuid4().hex[:8]}"
     try:
         folder.mkdir(parents=True)
         yield folder
@@ -132,17 +281,3 @@ def _attempt(final: Path) -> Iterator[Path]:
             raise WorkError(f"{final}: cannot be written ({reason(error)})") from error
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _host() -> str:
-    return "".join(c for c in socket.gethostname() if c.isalnum()) or "host"
-
-
-def _alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True

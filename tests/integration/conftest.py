@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 from short_clip import write_short_clip
-from toy_run import EMPTY, FEW, FRAMES, Pair, Say, write_world
+from toy_run import EMPTY, FEW, FRAMES, Pair, write_world
 from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
 
-from planview.cli import main
 from planview.engine.config import load_config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine
@@ -45,17 +44,3 @@ def copy(recording: Path, engine: Engine, tmp_path: Path) -> Path:
     shutil.copytree(recording, folder)
     write_world(engine, folder)
     return folder
-
-
-@pytest.fixture
-def say(capsys: pytest.CaptureFixture[str]) -> Say:
-    """Run a command in this process: exit status and what it says on stderr."""
-
-    def command(*argv: object) -> tuple[int, str]:
-        try:
-            main([str(word) for word in argv])
-        except SystemExit as left:
-            return int(left.code or 0), capsys.readouterr().err
-        return 0, capsys.readouterr().err
-
-    return command

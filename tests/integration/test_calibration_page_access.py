@@ -5,11 +5,11 @@ import os
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from webdriver import free_port, stop, wait_for
 
 pytest.importorskip("nicegui", reason="the extra ui is not installed")
 
@@ -26,29 +26,19 @@ serve(CalibrationSession("clip", [np.zeros((48, 64, 3), np.uint8)], [0]), Path("
 
 @pytest.fixture(scope="module")
 def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        number = int(probe.getsockname()[1])
-    root = str(Path(__file__).resolve().parents[2])
+    number = free_port()
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("NICEGUI", "PYTEST"))}
     server = subprocess.Popen(
         [sys.executable, "-c", SERVER, str(number)],
-        env={**environment, "PYTHONPATH": root},
+        env={**environment, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
         cwd=tmp_path_factory.mktemp("page"),
         stderr=subprocess.DEVNULL,
     )
     try:
-        until = time.monotonic() + 120
-        while time.monotonic() < until and server.poll() is None:
-            try:
-                socket.create_connection(("127.0.0.1", number), 1).close()
-                break
-            except OSError:
-                time.sleep(0.2)
+        wait_for(f"http://127.0.0.1:{number}/")
         yield number
     finally:
-        server.terminate()
-        server.wait(20)
+        stop(server)
 
 
 def answered(port: int, path: str, *headers: str) -> int:

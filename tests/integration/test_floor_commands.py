@@ -1,17 +1,15 @@
 """One floor for ``run``, ``check`` and ``calibrate floor``, which writes it only where told."""
 
-import json
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
-from toy_run import FEW, Pair, Say, one_sentence
+from say import JsonOf, Refused, Say
+from toy_run import FEW, Pair
 from toy_stereo import toy_rig, write_toy_recording
 
 from calib.world import load_world
 from planview.checks.examine import examine
-from planview.cli import main
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search, set_up
 from stereo.readers.open import open_recording
@@ -32,24 +30,16 @@ def own(small: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(small, tmp_path / "own"))
 
 
-def floor_json(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str, Any]:
-    """What ``calibrate floor --json`` prints."""
-    with pytest.raises(SystemExit) as left:
-        main(["calibrate", "floor", *map(str, words), "--json"])
-    assert not left.value.code
-    return dict(json.loads(capsys.readouterr().out))
-
-
 def files(folder: Path) -> set[str]:
     return {str(p.relative_to(folder)) for p in folder.rglob("*")}
 
 
-def test_check_and_calibration_find_the_floor_of_a_run(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_and_calibration_find_the_floor_of_a_run(small: Path, json_of: JsonOf) -> None:
     of_run = set_up(open_recording(small), load_config()).floor
     evidence = examine(small, frames=4).evidence
     assert evidence is not None and evidence.floor is not None
     assert evidence.floor.world_SE3_left.matrix.tolist() == of_run.world_SE3_left.matrix.tolist()
-    printed = floor_json(capsys, small)
+    printed = json_of("calibrate", "floor", small)
     assert printed["height_m"] == of_run.height_m
     assert printed["inlier_fraction"] == of_run.inlier_fraction
 
@@ -60,9 +50,9 @@ def test_configured_search_is_that_of_the_run() -> None:
     assert (search.frames, search.sgbm, search.floor, search.range) == (4, config.sgbm, config.floor, config.range)
 
 
-def test_nothing_is_written_without_a_place_to_write_to(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_written_without_a_place_to_write_to(small: Path, json_of: JsonOf) -> None:
     before = files(small)
-    found = floor_json(capsys, small, "--frames", 2)
+    found = json_of("calibrate", "floor", small, "--frames", 2)
     assert found.keys() >= KEYS
     assert found["height_m"] == pytest.approx(HEIGHT_M, abs=0.05)
     assert found["world"] is None
@@ -70,9 +60,7 @@ def test_nothing_is_written_without_a_place_to_write_to(small: Path, capsys: pyt
 
 
 def test_floor_that_is_only_printed_says_how_to_keep_it(say: Say, small: Path) -> None:
-    status, told = say("calibrate", "floor", small, "--frames", 2)
-    assert status == 0
-    assert "--save keeps this floor" in " ".join(told.split())
+    assert "--save keeps this floor" in " ".join(say("calibrate", "floor", small, "--frames", 2)[1].split())
 
 
 def test_out_writes_the_floor_and_its_picture_there(say: Say, small: Path, tmp_path: Path) -> None:
@@ -90,16 +78,16 @@ def test_save_gives_the_recording_a_floor_that_runs_take(say: Say, own: Path) ->
     assert set_up(open_recording(own), load_config()).floor_source == "world.toml"
 
 
-def test_points_in_metres_give_their_plane(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_points_in_metres_give_their_plane(small: Path, json_of: JsonOf) -> None:
     words = ["--points", "1,2,3", "2,2,3", "1,2,5", "--frames", "1"]
-    found = floor_json(capsys, small, *words)
+    found = json_of("calibrate", "floor", small, *words)
     assert (found["height_m"], found["tilt_deg"], found["roll_deg"]) == pytest.approx((2.0, 90.0, 0.0), abs=1e-6)
     assert found["inlier_fraction"] is None
 
 
-def test_points_in_pixels_lie_on_the_floor_by_their_depth(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_points_in_pixels_lie_on_the_floor_by_their_depth(small: Path, json_of: JsonOf) -> None:
     words = ["--points", "80,200", "240,200", "160,160", "--frames", "2"]
-    assert floor_json(capsys, small, *words)["height_m"] == pytest.approx(HEIGHT_M, abs=0.1)
+    assert json_of("calibrate", "floor", small, *words)["height_m"] == pytest.approx(HEIGHT_M, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +102,5 @@ def test_points_in_pixels_lie_on_the_floor_by_their_depth(small: Path, capsys: p
         (["--picture", "floor.txt", "--frames", "1"], "floor.txt: expected a picture's name"),
     ],
 )
-def test_bad_input_is_refused_in_one_sentence(say: Say, small: Path, words: list[str], sentence: str) -> None:
-    status, told = say("calibrate", "floor", small, *words)
-    assert status == 2
-    assert sentence in one_sentence(told)
+def test_bad_input_is_refused_in_one_sentence(refused: Refused, small: Path, words: list[str], sentence: str) -> None:
+    assert sentence in refused("calibrate", "floor", small, *words)

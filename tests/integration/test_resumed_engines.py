@@ -1,18 +1,14 @@
 """Every engine, taken up again from its memory at several moments: the tracks of the run that was not interrupted."""
 
 import json
-import math
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+from crossing_video import CAMERA, CrossingVideo
 
-from calib.ground_camera import GroundCamera
-from calib.people.model import HumanModel
-from calib.types import U8
 from calib.world import RigEntry, save_rigs
 from planview.engine.engine import Engine
 from planview.engine.one_camera import one_camera_engine
@@ -28,31 +24,9 @@ from planview.tracking.human_model import HumanModelParams
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
 from planview.tracking.human_model.tracker import HumanModelTracker
 from planview.tracking.template import TemplateTracker
-from stereo.recording import Skipped, VideoFrame
 
-CAMERA = GroundCamera(160, 120, 120.0, 4.0, math.radians(62))
 PARAMS = HumanModelParams(map=HumanModelMapParams(min_height_px=12))
 MAP = build_model_map(CAMERA, params=PARAMS.map)
-
-
-class CrossingVideo:
-    """Two people of one camera who cross, before a noisy wall; empty for a second."""
-
-    path, n_frames, fps, size = Path("crossing"), 60, 10.0, (160, 120)
-    skipped: tuple[Skipped, ...] = ()
-
-    def __iter__(self) -> Iterator[VideoFrame]:
-        rng = np.random.default_rng(5)
-        for i in range(self.n_frames):
-            image = np.clip(128 + rng.normal(0, 2, (120, 160, 3)), 0, 255).astype(np.uint8)
-            if i >= 10:
-                self._paint(image, (i - 10) / self.fps)
-            yield VideoFrame(i, i / self.fps, image)
-
-    def _paint(self, image: U8, t: float) -> None:
-        for x, y, colour in ((0.8 * t - 2, 6.0, (20, 20, 200)), (2 - 0.8 * t, 7.0, (200, 40, 20))):
-            hull = HumanModel().hull(CAMERA, x, y)
-            cv2.fillConvexPoly(image, np.rint(hull).astype(np.int32), colour)
 
 
 def through_a_file(encoded: Encoded) -> Encoded:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from say import Say
 from toy_rgbd import EMPTY, HEIGHT_M, TILT_DEG, walker_m, write_toy_rgbd
-from toy_run import Say
 
 from calib.errors import InputError
 from planview.checks.examine import examine

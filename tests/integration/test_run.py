@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from toy_run import EMPTY, FEW, FRAMES, Pair, Say, one_sentence, run_few, write_world
+from say import Refused, Say
+from toy_run import EMPTY, FEW, FRAMES, Pair, run_few, write_world
 from toy_stereo import toy_rig, walking, write_toy_recording
 
 from planview.cli import main
@@ -109,11 +110,9 @@ def test_same_input_and_configuration_give_the_same_tracks(engine: Engine, folde
     assert (tmp_path / "tracks.csv").read_bytes() == (folder / "tracks.csv").read_bytes()
 
 
-def test_a_finished_run_is_not_overwritten_unasked(say: Say, folder: Path, recording: Path) -> None:
+def test_a_finished_run_is_not_overwritten_unasked(refused: Refused, folder: Path, recording: Path) -> None:
     before = (folder / "tracks.csv").read_bytes()
-    status, told = run_few(say, recording, folder)
-    assert status == 2
-    assert "--overwrite" in one_sentence(told)
+    assert "--overwrite" in refused("run", recording, "--out", folder, "--set", FEW)
     assert (folder / "tracks.csv").read_bytes() == before
 
 

@@ -1,13 +1,14 @@
 """``planview run``: everything that can be wrong with a recording, in one sentence each."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from toy_run import FRAMES, Pair, Say, one_sentence, run_few
+from say import Refused, Say
+from toy_run import FEW, FRAMES, Pair, run_few
 from toy_stereo import ToyWorld, toy_rig, write_toy_recording
 
 from calib.errors import WorkError
@@ -38,72 +39,65 @@ def test_frames_that_cannot_be_used_are_skipped_counted_and_bridged(say: Say, co
     assert after.timestamp_s[0] == pytest.approx(27 / 15, abs=1e-3)
 
 
-def test_sides_of_different_lengths_are_refused(say: Say, copy: Path, tmp_path: Path) -> None:
+def shorten(recording: Path) -> None:
     for i in range(20, FRAMES):
-        (copy / "right" / f"{i:06d}.png").unlink()
-    status, told = run_few(say, copy, tmp_path / "out")
-    assert status == 2
-    assert "36 left, 20 right" in one_sentence(told)
+        (recording / "right" / f"{i:06d}.png").unlink()
 
 
-def test_sides_of_different_sizes_are_refused(say: Say, copy: Path, tmp_path: Path) -> None:
-    for file in (copy / "right").iterdir():
+def shrink(recording: Path) -> None:
+    for file in (recording / "right").iterdir():
         cv2.imwrite(str(file), np.zeros((120, 160), dtype=np.uint8))
-    status, told = run_few(say, copy, tmp_path / "out")
-    assert status == 2
-    assert "320x240" in one_sentence(told) and "160x120" in told
 
 
-def test_a_calibration_for_another_image_is_refused(say: Say, copy: Path, tmp_path: Path) -> None:
-    save_rig(toy_rig((400, 240)), copy / "rig.toml")
-    status, told = run_few(say, copy, tmp_path / "out")
-    assert status == 2
-    assert "400x240" in one_sentence(told) and "320x240" in told
+def claim(rig: StereoRig) -> Callable[[Path], None]:
+    return lambda recording: save_rig(rig, recording / "rig.toml")
 
 
-def test_swapped_folders_are_told(say: Say, recording: Path, tmp_path: Path) -> None:
-    swapped = tmp_path / "swapped"
-    shutil.copytree(recording, swapped)
-    (swapped / "left").rename(swapped / "l")
-    (swapped / "right").rename(swapped / "left")
-    (swapped / "l").rename(swapped / "right")
-    status, told = run_few(say, swapped, tmp_path / "out")
-    assert status == 1
-    assert "swapped" in one_sentence(told)
+def crossed(rig: StereoRig) -> StereoRig:
+    """With the right camera on the left."""
+    return StereoRig(rig.right, rig.left, rig.right_SE3_left.inverse(), "swapped")
+
+
+@pytest.mark.parametrize(
+    ("damage", "named"),
+    [
+        (shorten, ("36 left, 20 right",)),
+        (shrink, ("320x240", "160x120")),
+        (claim(toy_rig((400, 240))), ("400x240", "320x240")),
+        (claim(crossed(toy_rig())), ("swapped",)),
+    ],
+    ids=["other length", "other size", "calibration of other images", "calibration with crossed cameras"],
+)
+def test_sides_and_calibrations_that_do_not_fit_are_refused(
+    refused: Refused, copy: Path, tmp_path: Path, damage: Callable[[Path], None], named: tuple[str, ...]
+) -> None:
+    damage(copy)
+    told = refused("run", copy, "--out", tmp_path / "out", "--set", FEW)
+    assert all(text in told for text in named)
+
+
+STRANGE = np.random.default_rng(0).integers(0, 255, (6, 240, 320), dtype=np.uint8)
+BARE = ToyWorld(tilt_deg=60.0, wall_y_m=1.0)
+MOVED = toy_rig(rotation_deg=(1.5, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("images", "claimed", "named"),
+    [
+        (lambda pairs: [(right, left) for left, right in pairs[:6]], toy_rig(), "swapped"),
+        (lambda pairs: pairs[:4], MOVED, "another rig's"),
+        (lambda pairs: [(pairs[i][0], STRANGE[i]) for i in range(6)], toy_rig(), "no floor found in 4"),
+        (lambda pairs: [BARE.pair(toy_rig(), (), i) for i in range(4)], toy_rig(), "no floor found"),
+    ],
+    ids=["swapped folders", "another rig", "different scenes", "no floor in view"],
+)
+def test_images_without_a_floor_or_of_another_rig_are_a_failure_told_in_one_sentence(
+    refused: Refused, pairs: list[Pair], tmp_path: Path, images: Callable[[list[Pair]], list[Pair]],
+    claimed: StereoRig, named: str,
+) -> None:  # fmt: skip
+    recording = write_toy_recording(tmp_path / "recording", toy_rig(), images(pairs), claimed=claimed)
+    assert named in refused("run", recording, "--out", tmp_path / "out", "--set", FEW, status=1)
     assert not (tmp_path / "out").exists()
-
-
-def test_a_calibration_with_the_right_camera_on_the_left_is_told(say: Say, copy: Path, tmp_path: Path) -> None:
-    rig = toy_rig()
-    save_rig(StereoRig(rig.right, rig.left, rig.right_SE3_left.inverse(), "swapped"), copy / "rig.toml")
-    status, told = run_few(say, copy, tmp_path / "out")
-    assert status == 2
-    assert "swapped" in one_sentence(told)
-
-
-def test_a_calibration_of_another_rig_is_told(say: Say, pairs: list[Pair], tmp_path: Path) -> None:
-    other = toy_rig(rotation_deg=(1.5, 0.0, 0.0))
-    recording = write_toy_recording(tmp_path / "moved", toy_rig(), pairs[:4], claimed=other)
-    status, told = run_few(say, recording, tmp_path / "out")
-    assert status == 1
-    assert "another rig's" in one_sentence(told)
-
-
-def test_cameras_that_saw_different_things_are_told(say: Say, pairs: list[Pair], tmp_path: Path) -> None:
-    noise = np.random.default_rng(0).integers(0, 255, (FRAMES, 240, 320), dtype=np.uint8)
-    strangers = [(left, other) for (left, _), other in zip(pairs[:6], noise, strict=False)]
-    recording = write_toy_recording(tmp_path / "strangers", toy_rig(), strangers)
-    status, told = run_few(say, recording, tmp_path / "out")
-    assert status == 1
-    assert "no floor found in 4 frames" in one_sentence(told)
-
-
-def test_no_floor_in_view_is_a_failure_told_in_one_sentence(say: Say, tmp_path: Path) -> None:
-    world, rig = ToyWorld(tilt_deg=60.0, wall_y_m=1.0), toy_rig()
-    recording = write_toy_recording(tmp_path / "wall", rig, [world.pair(rig, (), i) for i in range(4)])
-    status, told = run_few(say, recording, tmp_path / "out")
-    assert status == 1
-    assert "no floor found" in one_sentence(told)
 
 
 def test_frames_that_are_all_unusable_are_a_failure(engine: Engine, recording: Path, tmp_path: Path) -> None:
@@ -141,6 +135,7 @@ def test_a_truncated_video_is_tracked_to_its_end(say: Say, pairs: list[Pair], co
 @pytest.mark.parametrize(
     ("words", "named"),
     [
+        (["--topics", "a"], "--topics"),
         (["--set", "maps.no_such=1"], "maps.no_such"),
         (["--set", "maps.cell_m=7"], "maps.cell_m"),
         (["--tracker", "telepathy"], "telepathy"),
@@ -152,15 +147,13 @@ def test_a_truncated_video_is_tracked_to_its_end(say: Say, pairs: list[Pair], co
         (["--camera", "none.toml", "--tracker", "human-model"], "none.toml"),
     ],
 )
-def test_wrong_words_are_refused_by_name(say: Say, copy: Path, tmp_path: Path, words: list[str], named: str) -> None:
+def test_wrong_words_are_refused_by_name(
+    refused: Refused, copy: Path, tmp_path: Path, words: list[str], named: str
+) -> None:
     path = copy / "left" if "human-model" in words else copy
-    status, told = run_few(say, path, tmp_path / "out", *words)
-    assert status == 2
-    assert named in one_sentence(told)
+    assert named in refused("run", path, "--out", tmp_path / "out", "--set", FEW, *words)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_recording_that_is_not_there_is_refused(say: Say, tmp_path: Path) -> None:
-    status, told = run_few(say, tmp_path / "nothing", tmp_path / "out")
-    assert status == 2
-    assert "nothing" in one_sentence(told)
+def test_a_recording_that_is_not_there_is_refused(refused: Refused, tmp_path: Path) -> None:
+    assert "nothing" in refused("run", tmp_path / "nothing", "--out", tmp_path / "out")

@@ -13,7 +13,8 @@ from types import SimpleNamespace
 
 import pytest
 from full_disk import fill_disk_after
-from toy_run import EMPTY, FEW, FRAMES, Say, one_sentence, rows_in, run_few
+from say import Refused, one_sentence
+from toy_run import EMPTY, FEW, FRAMES, rows_in
 
 from calib.errors import WorkError
 from planview.engine.engine import Engine
@@ -34,13 +35,11 @@ def rerun_log(engine: Engine, path: Path) -> RunLog:
 
 
 def test_tracks_end_with_a_whole_frame_when_the_disk_fills_up(
-    say: Say, copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    refused: Refused, copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fill_disk_after(monkeypatch, 1500)
     out = tmp_path / "out"
-    status, told = run_few(say, copy, out)
-    assert status == 1
-    assert "no space left on the disk" in one_sentence(told)
+    assert "no space left on the disk" in refused("run", copy, "--out", out, "--set", FEW, status=1)
     assert (out / "tracks.csv").read_bytes().endswith(b"\n")
     tracks = read_tracks(out / "tracks.csv")
     assert 5 < len(tracks) < FRAMES - EMPTY
@@ -61,21 +60,17 @@ def tiny_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", "-l", place], check=True)
 
 
-def test_a_disk_without_room_for_the_report_leaves_no_half_page(say: Say, copy: Path, tiny_disk: Path) -> None:
-    status, told = run_few(say, copy, tiny_disk / "out")
-    assert status == 1
-    assert "no space left" in one_sentence(told)
+def test_a_disk_without_room_for_the_report_leaves_no_half_page(refused: Refused, copy: Path, tiny_disk: Path) -> None:
+    assert "no space left" in refused("run", copy, "--out", tiny_disk / "out", "--set", FEW, status=1)
     left = {file.name for file in (tiny_disk / "out").iterdir()}
     assert left <= {"tracks.csv", "run.json"}
     read_tracks(tiny_disk / "out" / "tracks.csv")
     read_run_info(tiny_disk / "out" / "run.json")
 
 
-def test_a_full_disk_from_the_start_is_told(say: Say, copy: Path, tiny_disk: Path) -> None:
+def test_a_full_disk_from_the_start_is_told(refused: Refused, copy: Path, tiny_disk: Path) -> None:
     (tiny_disk / "ballast").write_bytes(bytes(32 * 1024))
-    status, told = run_few(say, copy, tiny_disk / "out")
-    assert status == 1
-    assert "no space left" in one_sentence(told)
+    assert "no space left" in refused("run", copy, "--out", tiny_disk / "out", "--set", FEW, status=1)
     assert "run.json" not in {file.name for file in (tiny_disk / "out").iterdir()}
 
 
@@ -135,5 +130,6 @@ def test_interruption_leaves_valid_files_and_says_so(recording: Path, tmp_path: 
     tracks = read_tracks(out / "tracks.csv")
     assert len(tracks) >= 3 and tracks.frame.max() < FRAMES - 1
     assert not (out / "report.html").exists()
+    assert (out / "checkpoint.npz").is_file()
     rerun = Path(sysconfig.get_path("scripts")) / "rerun"
     assert subprocess.run([rerun, "rrd", "verify", out / "run.rrd"], timeout=60).returncode == 0

@@ -1,9 +1,15 @@
 """``planview run``, stopped in its middle and resumed: the results of a run that was left alone."""
 
+import os
+import re
+import subprocess
+import sysconfig
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from toy_run import FEW, Say, one_sentence
+from say import Refused, Say
+from toy_run import FEW
 
 from calib.errors import InputError
 from planview.counting.rules import load_rules
@@ -11,7 +17,7 @@ from planview.counting.stream import Analytics
 from planview.engine.config import load_config
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import open_engine
-from planview.output.folder import read_run_info
+from planview.output.folder import read_run_info, rrd_parts
 from planview.output.maps_log import MapsLog
 from planview.output.resume import checkpoint_of, difference
 from planview.output.run import RunOptions, run, run_identity
@@ -29,7 +35,7 @@ def options_with(rules: Path) -> RunOptions:
     return RunOptions(analytics=Analytics(load_rules(rules)), debug=True, checkpoint_every_s=FREQUENT_S)
 
 
-def stop_at(frame: int) -> object:
+def stop_at(frame: int | None) -> object:
     def watch(result: FrameResult) -> None:
         if result.frame == frame:
             raise StoppedError
@@ -54,7 +60,7 @@ def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(
     assert read_run_info(stopped / "run.json").state == "interrupted"
 
     options, told = options_with(rules), []
-    checkpoint = checkpoint_of(stopped, run_identity(engine, options, ["MapsLog"], stopped), told.append)
+    checkpoint = checkpoint_of(stopped, run_identity(engine, options, ["MapsLog"]), told.append)
     assert checkpoint is not None
     log = MapsLog(engine, stopped / "maps.h5", checkpoint.written["logs"]["MapsLog"])
     info = run(engine, stopped, options, [log], None, checkpoint)
@@ -76,7 +82,7 @@ def test_a_checkpoint_whose_memory_is_none_is_refused_in_a_sentence(
 ) -> None:
     with pytest.raises(StoppedError):
         run(engine, tmp_path, options_with(rules), (), stop_at(5))
-    checkpoint = checkpoint_of(tmp_path, run_identity(engine, options_with(rules), [], tmp_path), print)
+    checkpoint = checkpoint_of(tmp_path, run_identity(engine, options_with(rules), []), print)
     assert checkpoint is not None
     broken = checkpoint._replace(memory=checkpoint.memory._replace(nodes=[]))
     with pytest.raises(InputError, match="cannot be gone on from"):
@@ -90,20 +96,19 @@ def test_rows_that_were_changed_since_the_checkpoints_are_not_gone_on_from(
         run(engine, tmp_path, options_with(rules), (), stop_at(30))
     (tmp_path / "tracks.csv").write_text("frame\n")
     told: list[str] = []
-    assert checkpoint_of(tmp_path, run_identity(engine, options_with(rules), [], tmp_path), told.append) is None
+    assert checkpoint_of(tmp_path, run_identity(engine, options_with(rules), []), told.append) is None
     assert [text.count("changed since") for text in told] == [1, 1, 0]
 
 
-def test_another_recording_or_option_is_not_gone_on_with(say: Say, copy: Path, tmp_path: Path) -> None:
+def test_another_recording_or_option_is_not_gone_on_with(
+    say: Say, refused: Refused, copy: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
-    assert (
-        say("run", copy, "--out", out, "--set", FEW, "--frames", 3, "--set", f"run.checkpoint_every_s={FREQUENT_S}")[0]
-        == 0
-    )
+    often = f"run.checkpoint_every_s={FREQUENT_S}"
+    assert say("run", copy, "--out", out, "--set", FEW, "--frames", 3, "--set", often)[0] == 0
     (out / "run.json").write_text((out / "run.json").read_text().replace('"finished": true', '"finished": false'))
-    status, told = say("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
-    assert status == 2
-    assert "expected the beginning of this run, found another" in one_sentence(told)
+    told = refused("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
+    assert "expected the beginning of this run, found another" in told
 
 
 def test_a_run_goes_on_beside_a_new_read_me_and_with_its_rules_under_another_name(
@@ -115,7 +120,7 @@ def test_a_run_goes_on_beside_a_new_read_me_and_with_its_rules_under_another_nam
     (copy / "README.md").write_text("# What this is\n")
     (copy / "notes.txt").write_text("rain\n")
     renamed = rules.rename(rules.with_name("door.toml"))
-    identity = run_identity(open_engine(copy, config=config), options_with(renamed), [], tmp_path / "out")
+    identity = run_identity(open_engine(copy, config=config), options_with(renamed), [])
     assert checkpoint_of(tmp_path / "out", identity, print) is not None
 
 
@@ -123,7 +128,7 @@ def test_another_image_or_calibration_is_another_recording(copy: Path, tmp_path:
     config = load_config(None, [FEW])
 
     def identity() -> dict[str, dict[str, object]]:
-        return run_identity(open_engine(copy, config=config), RunOptions(), [], tmp_path)
+        return run_identity(open_engine(copy, config=config), RunOptions(), [])
 
     before = identity()
     assert difference(before, identity()) == ""
@@ -156,3 +161,22 @@ def test_a_run_that_was_killed_before_it_was_refined_is_refined(say: Say, copy: 
     assert status == 0 and "nothing is left" not in told
     assert read_run_info(out / "run.json").refined and (out / "tracks_online.csv").is_file()
     assert "nothing is left to resume" in say("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")[1]
+
+
+def test_a_run_that_was_stopped_twice_has_every_frame_once_in_its_rerun_recording(
+    engine: Engine, tmp_path: Path, rules: Path
+) -> None:
+    from planview.output.rerun.log import RerunLog
+
+    options, checkpoint = options_with(rules), None
+    for frame in (12, 24, None):
+        at = checkpoint.written["logs"]["RerunLog"] if checkpoint else None
+        logs = [RerunLog(engine, tmp_path / "run.rrd", at)]
+        with suppress(StoppedError):
+            run(engine, tmp_path, options, logs, stop_at(frame), checkpoint)
+        identity = run_identity(engine, options_with(rules), ["RerunLog"])
+        checkpoint = checkpoint_of(tmp_path, identity, print) if frame else None
+    rerun = Path(sysconfig.get_path("scripts")) / "rerun"
+    command = [rerun, "rrd", "print", "-v", "--entity", "/image/people", *rrd_parts(tmp_path / "run.rrd")]
+    told = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ | {"CI": "1"}).stdout
+    assert sum(int(n) for n in re.findall(r"(\d+) rows", told)) == engine.recording.n_frames

@@ -1,67 +1,133 @@
-"""``planview run`` on videos of one camera: what it says when something is wrong with them."""
+"""Both single-camera trackers on clips that are hard or wrong: no nonsense, and a sentence where one is due."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from say import Refused, Say
 
 from calib.ground_camera import GroundCamera, save_ground_camera
-from planview.cli import main
-from planview.output.folder import read_run_info
+from calib.types import U8
+from planview.output.folder import RunInfo, read_run_info
+
+CLOTHES = (40, 40, 200)
 
 
-@pytest.fixture
-def still(tmp_path: Path) -> Path:
-    path = tmp_path / "still.mp4"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (160, 120))
-    for _ in range(20):
-        writer.write(np.full((120, 160, 3), 90, np.uint8))
+def texture(seed: int) -> U8:
+    """(200, 300, 3) uint8, a larger scene of soft patches."""
+    rng = np.random.default_rng(seed)
+    coarse = rng.integers(40, 216, (20, 30, 3), dtype=np.uint8)
+    return np.asarray(cv2.resize(coarse, (300, 200), interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+
+
+def frame_of(scene: U8, i: int, left_px: int = 0, person_px: float | None = None) -> U8:
+    """(120, 160, 3) uint8: a window of the scene with noise, and a person of 14 x 40 px at a column."""
+    noise = np.random.default_rng(i).normal(0.0, 2.0, (120, 160, 3))
+    image = scene[20:140, left_px : left_px + 160].astype(np.float64)
+    if person_px is not None:
+        x = round(person_px)
+        image[50:90, max(0, x - 7) : max(0, x + 7)] = CLOTHES
+    return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+
+SCENE, OTHER = texture(1), texture(2)
+
+
+def panned(i: int) -> U8:
+    return frame_of(SCENE, i, left_px=3 * i)
+
+
+def walked(i: int) -> U8:
+    """Two seconds, a person from the left to the right."""
+    return frame_of(SCENE, i, person_px=9.0 * i - 10)
+
+
+def there_throughout(i: int) -> U8:
+    return frame_of(SCENE, i, person_px=80 + 50 * math.sin(2 * math.pi * i / 120))
+
+
+def cut(i: int) -> U8:
+    """A person walks by, then the scene is another one and empty."""
+    return frame_of(SCENE, i, person_px=5.0 * i) if i < 20 else frame_of(OTHER, i)
+
+
+def write_clip(path: Path, paint: Callable[[int], U8], n_frames: int) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (160, 120))
+    for i in range(n_frames):
+        writer.write(paint(i))
     writer.release()
     return path
 
 
-def camera(folder: Path, width: int = 160) -> str:
-    path = folder / "camera.toml"
-    save_ground_camera(GroundCamera(width, 120, 130.0, 4.0, math.radians(60)), path)
-    return str(path)
+def camera(folder: Path, width: int = 160) -> Path:
+    """The person of 40 px is 1.7 m high at 4.6 m from a camera 2.5 m high that looks down by 20 degrees."""
+    save_ground_camera(GroundCamera(width, 120, 110.0, 2.5, math.radians(70)), folder / "camera.toml")
+    return folder / "camera.toml"
 
 
-def tell(words: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
-    status = 0
-    try:
-        main(words)
-    except SystemExit as end:
-        status = int(end.code or 0)
-    return status, capsys.readouterr().err
+Run = Callable[[Callable[[int], U8], int], tuple[RunInfo, str]]
 
 
-@pytest.mark.parametrize("tracker", ["human-model", "ellipse-particle"])
-def test_video_without_motion_gives_no_people_and_says_why(
-    tracker: str, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "out"
-    given = ["--camera", camera(tmp_path)] if tracker == "human-model" else []
-    status, told = tell(["run", str(still), "--tracker", tracker, "--out", str(out), *given], capsys)
-    assert status == 0
+@pytest.fixture(params=["human-model", "ellipse-particle"])
+def run(request: pytest.FixtureRequest, say: Say, tmp_path: Path) -> Run:
+    """Track a clip: run.json, and what is said."""
+
+    def run_on(paint: Callable[[int], U8], n_frames: int) -> tuple[RunInfo, str]:
+        clip = write_clip(tmp_path / "clip.avi", paint, n_frames)
+        given = ["--camera", camera(tmp_path)] if request.param == "human-model" else []
+        status, told = say("run", clip, "--tracker", request.param, "--out", tmp_path / "out", *given)
+        assert status == 0
+        return read_run_info(tmp_path / "out" / "run.json"), " ".join(told.split())
+
+    return run_on
+
+
+def test_clip_without_motion_gives_no_people_and_says_why(run: Run, tmp_path: Path) -> None:
+    info, told = run(lambda i: np.full((120, 160, 3), 90, np.uint8), 20)
     assert "nothing of a person's size moved in 20 frames" in told
-    assert read_run_info(out / "run.json").remark.startswith("nothing")
-    assert len((out / "tracks.csv").read_text().splitlines()) == 1
+    assert info.remark.startswith("nothing")
+    assert len((tmp_path / "out" / "tracks.csv").read_text().splitlines()) == 1
 
 
-def test_camera_for_another_image_size_is_refused(
-    still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_camera_for_another_image_size_is_refused(refused: Refused, tmp_path: Path) -> None:
+    clip = write_clip(tmp_path / "clip.avi", walked, 3)
+    told = refused("run", clip, "--tracker", "human-model", "--out", tmp_path, "--camera", camera(tmp_path, width=320))
+    assert "expected a camera for images of 160x120 px, found one for 320x120 px" in told
+
+
+def test_truncated_video_is_refused(refused: Refused, tmp_path: Path) -> None:
+    clip = write_clip(tmp_path / "cut.avi", walked, 3)
+    clip.write_bytes(clip.read_bytes()[:400])
+    told = refused("run", clip, "--tracker", "ellipse-particle", "--out", tmp_path / "out")
+    assert "cut.avi: expected a video" in told
+
+
+def test_moving_camera_counts_nobody_and_is_told(run: Run) -> None:
+    info, told = run(panned, 40)
+    assert info.people == 0
+    assert [warning.name for warning in info.warnings] == ["moving camera"]
+    assert "the whole image moves, first at" in told
+
+
+def test_scene_cut_makes_no_people_and_is_told(run: Run) -> None:
+    info, _ = run(cut, 45)
+    assert info.people <= 1
+    assert [warning.name for warning in info.warnings] == ["scene cuts"]
+    assert "first at frame 20" in info.warnings[0].text
+
+
+def test_person_throughout_is_counted_once_by_ellipses_and_at_most_twice_by_models(
+    run: Run,
 ) -> None:
-    words = ["run", str(still), "--tracker", "human-model", "--out", str(tmp_path / "out")]
-    status, told = tell([*words, "--camera", camera(tmp_path, width=320)], capsys)
-    assert status == 2
-    assert "expected a camera for images of 160x120 px, found one for 320x120 px" in " ".join(told.split())
+    info, _ = run(there_throughout, 60)
+    assert 1 <= info.people <= (1 if info.tracker == "ellipse-particle" else 2)
+    assert not info.warnings
 
 
-def test_truncated_video_is_refused(still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    cut = tmp_path / "cut.mp4"
-    cut.write_bytes(still.read_bytes()[:400])
-    status, told = tell(["run", str(cut), "--tracker", "ellipse-particle", "--out", str(tmp_path / "out")], capsys)
-    assert status == 2
-    assert "cut.mp4: expected a video" in " ".join(told.split())
+def test_two_seconds_count_no_more_than_are_there(run: Run) -> None:
+    info, _ = run(walked, 20)
+    assert info.people <= 1
+    assert not info.warnings

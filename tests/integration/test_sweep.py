@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 from inline_pool import InlinePool
-from toy_run import EMPTY, FEW, FRAMES, Say, one_sentence
+from say import Say, one_sentence
+from toy_run import EMPTY, FEW, FRAMES
 from toy_stereo import walking
 
 from planview.cli import main
@@ -165,10 +166,17 @@ def test_optuna_tries_its_samples(say: Say, pool: InlinePool, halls: Path) -> No
 
 
 def test_what_killed_processes_left_is_removed(say: Say, pool: InlinePool, halls: Path) -> None:
-    import socket
-
-    host = "".join(c for c in socket.gethostname() if c.isalnum())
-    left = halls / "out" / "jobs" / f".attempt-{host}-4194305-0"
+    left = halls / "out" / "jobs" / ".attempt-4194305-0"
     left.mkdir(parents=True)
     assert say("sweep", halls / "a" / "maps.h5", "--out", halls / "out")[0] == 0
     assert not left.exists()
+
+
+def test_runs_fail_with_the_plan_view_recording_that_they_need(
+    say: Say, pool: InlinePool, copy: Path, halls: Path
+) -> None:
+    (copy / "rig.toml").write_text("focal = 1")
+    path = study(halls, 'recordings = ["copy", "a/maps.h5"]\nseeds = [0, 1]\n')
+    status, told = say("sweep", path)
+    assert (status, one_sentence(told)) == (1, "planview: 2 of 4 runs failed; the others are done")
+    assert pool.submitted == 1 + 2

@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
-from toy_run import Say
+from say import Say
 
 from planview.engine.engine import Engine
 from planview.output.maps_log import MapsLog
@@ -62,7 +62,7 @@ def kill_when_working(worker: subprocess.Popen[str], out: Path) -> None:
     while not list(out.glob("jobs/*/scores_*.json")):
         time.sleep(0.01)
     while worker.poll() is None:
-        if list(out.glob(f"jobs/.attempt-*-{worker.pid}-*")):
+        if list(out.glob(f"jobs/.attempt-{worker.pid}-*")):
             worker.send_signal(signal.SIGKILL)
         time.sleep(0.001)
 

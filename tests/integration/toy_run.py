@@ -1,7 +1,8 @@
 """A small exact recording on which commands are tried, and how to try them."""
 
-from collections.abc import Callable
 from pathlib import Path
+
+from say import Say
 
 from calib.types import U8
 from planview.engine.engine import Engine
@@ -10,21 +11,12 @@ FRAMES = 36
 EMPTY = 10
 FEW = "analysis.setup_frames=4"
 Pair = tuple[U8, U8]
-Say = Callable[..., tuple[int, str]]
 
 
 def write_world(engine: Engine, folder: Path) -> None:
     from calib.world import save_world
 
     save_world(engine.stereo.floor, folder / "world.toml")
-
-
-def one_sentence(told: str) -> str:
-    """The last line; a refusal is one line that follows no traceback."""
-    assert "Traceback" not in told
-    lines = [line for line in told.splitlines() if line.startswith("planview: ")]
-    assert len(lines) == 1
-    return lines[0]
 
 
 def run_few(say: Say, recording: Path, out: Path, *more: object) -> tuple[int, str]:

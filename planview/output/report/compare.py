@@ -17,8 +17,6 @@ from planview.output.report.page import Picture, errors_of, figure_text, flat_se
 from planview.output.report.timelines import TimelineRow, timelines
 from planview.output.results import RunResults, read_results
 
-SAME_S = 1.0
-"""Errors of one kind and person that begin within this are one error of several runs [s] (our choice)."""
 ERRORS_MAX = 100
 _HIGHER = ("mota", "idf1", "hota", "det_a", "ass_a", "mostly_tracked")
 _LOWER = (
@@ -87,8 +85,9 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
     for run in runs:
         results = run.results
         true_places = plots.Places.of(results.truth) if results.truth is not None else None
-        scene, places = plots.FloorScene.of(results), plots.Places.of(results.tracks)
-        pictures.append(picture(f"Floor: {run.name}", plots.floor_plot(places, scene, true_places)))
+        pictures.append(
+            picture(f"Floor: {run.name}", plots.floor_plot(plots.Places.of(results.tracks), results, true_places))
+        )
     page = page_of(
         "planview.output.report",
         "compare.html.j2",
@@ -161,7 +160,8 @@ def shared_errors(errors: Sequence[Sequence[SignificantError]], frame_s: float) 
             person = f"P{error.truth_id}" if error.truth_id is not None else ""
             near = (
                 row for row in rows
-                if (row.kind, row.person) == (error.kind, person) and abs(row.frame - error.frame) * frame_s <= SAME_S
+                # Errors of one kind and person that begin within this are one error of several runs [s] (our choice).
+                if (row.kind, row.person) == (error.kind, person) and abs(row.frame - error.frame) * frame_s <= 1.0
                 and not row.notes[n]
             )  # fmt: skip
             row = next(near, None)

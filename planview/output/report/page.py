@@ -21,16 +21,14 @@ from planview.output.report.snapshots import ERRORS_MAX, read_decision_log, scen
 from planview.output.report.timelines import people_rows, timelines
 from planview.output.results import RunResults, read_object, read_results
 
-ROWS_MAX = 60_000
-"""Longer runs are scored on request only (``planview evaluate``), since scoring takes longer than the page (our
-choice)."""
-
 
 def scores_of(results: RunResults) -> dict[str, Any]:
     """``evaluation.json`` of the folder, else the scores of the frames that were tracked; empty without truth."""
     written = read_object(results.folder / "evaluation.json")
     truth = results.truth
-    if written or truth is None or not results.has_run or len(results.tracks) + len(truth) > ROWS_MAX:
+    # Longer runs are scored on request only (``planview evaluate``), since scoring takes longer than the page (our
+    # choice).
+    if written or truth is None or not results.has_run or len(results.tracks) + len(truth) > 60_000:
         return written
     from planview.evaluation.evaluate import evaluate_tracks  # brings scipy
 
@@ -173,16 +171,16 @@ def _tiles(results: RunResults, evaluation: dict[str, Any], n_people: int) -> li
 
 def _pictures(results: RunResults) -> list[Picture]:
     pictures = []
-    scene, places = plots.FloorScene.of(results), plots.Places.of(results.tracks)
+    places = plots.Places.of(results.tracks)
     if len(places.frame):
         note = "Each person from the dot to the square; dotted where only predicted."
         note += " Dashed black: the truth." if results.truth is not None else ""
         truth = plots.Places.of(results.truth) if results.truth is not None else None
-        pictures.append(picture("Floor", plots.floor_plot(places, scene, truth), note))
+        pictures.append(picture("Floor", plots.floor_plot(places, results, truth), note))
     observed = places.observed()
     if len(observed):
         note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale."
-        heat = picture("Heat map", plots.heat_plot(observed, results.clock.frame_s, scene), note)
+        heat = picture("Heat map", plots.heat_plot(observed, results), note)
         pictures.append(heat._replace(keep_colours=True))
     if results.n_frames:
         frames = np.arange(results.n_frames, dtype=np.int64)

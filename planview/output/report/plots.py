@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
@@ -13,7 +12,6 @@ import numpy as np
 from calib.types import F64, I64, Bool
 from planview.drawing.plan import PlanBounds
 from planview.drawing.style import TRIPWIRE, ZONE, as_hex, person_hex
-from planview.engine.info import CameraInfo
 from planview.evaluation.significant import runs
 from planview.maps.grid import Grid
 from planview.output.results import RunResults
@@ -28,7 +26,6 @@ COLOURS = (
     "#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#e377c2", "#8c564b", "#bcbd22", "#4c4c4c",
 )  # fmt: skip
 """Of rules and configurations, in turn; people have colours of their own."""
-_DPI = 110
 
 
 def people_plot(tracks: Trajectories, times_s: F64, frames: I64) -> bytes:
@@ -135,7 +132,7 @@ def plain_text(text: str) -> str:
 def png_bytes(figure: Figure) -> bytes:
     """A finished picture."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI, transparent=True)
+    figure.savefig(buffer, format="png", dpi=110, transparent=True)
     return buffer.getvalue()
 
 
@@ -145,28 +142,6 @@ HEAT_CELL_M = 0.2
 """Side of a heat map's cell: about a footstep's uncertainty [m]."""
 HEAT_RANGE = 300.0
 """The scale of the heat map spans this factor: who stands for a minute does not hide who walks by."""
-NAMED_MAX = 40
-"""Tracks with their ids in the picture, the longest ones; with more the ids would cover the ways."""
-
-
-@dataclass(frozen=True, eq=False)
-class FloorScene:
-    """What lies still under every picture of the floor.
-
-    Attributes:
-        rig: with the outlines of its views; None where it is not known.
-        rules: the ``rules`` object of counts.json.
-        bounds: of the floor that is shown.
-    """
-
-    rig: CameraInfo | None
-    rules: dict[str, Any]
-    bounds: PlanBounds
-
-    @staticmethod
-    def of(results: RunResults) -> FloorScene:
-        """Of a run."""
-        return FloorScene(results.info.rig, results.rule_counts, results.bounds())
 
 
 class Places(NamedTuple):
@@ -196,15 +171,17 @@ class Places(NamedTuple):
         return self.xy_m[~self.is_lost]
 
 
-def floor_plot(tracks: Places, scene: FloorScene, truth: Places | None = None) -> bytes:
+def floor_plot(tracks: Places, run: RunResults, truth: Places | None = None) -> bytes:
     """Tracks on the floor with the camera at its place, its view, and the rules.
 
     Args:
         tracks: lost ones are dotted.
+        run: gives views, rules and bounds.
         truth: dashed.
     """
-    figure, axes = _floor_figure(scene.bounds)
-    _draw_scene(axes, scene)
+    bounds = run.bounds()
+    figure, axes = _floor_figure(bounds)
+    _draw_scene(axes, run)
     if truth is not None:
         # By person, with a gap wherever a way ends.
         gaps = np.flatnonzero((np.diff(truth.track_id) != 0) | (np.diff(truth.frame) > 1)) + 1
@@ -215,28 +192,37 @@ def floor_plot(tracks: Places, scene: FloorScene, truth: Places | None = None) -
             linestyle=(0, (4, 3)),
             zorder=2,
         )
-    _draw_ways(axes, tracks)
+    # Steps from row to row of each track, all at once.
+    from matplotlib.collections import LineCollection
+
+    step = (np.diff(tracks.track_id) == 0) & (np.diff(tracks.frame) == 1)
+    lost = tracks.is_lost[1:]
+    for kind, width, style in ((step & ~lost, 1.5, "-"), (step & lost, 0.9, ":")):
+        parts = runs(kind)
+        colours = _colours(tracks.track_id[np.array([start for start, _ in parts], dtype=np.int64)])
+        lines = [tracks.xy_m[start : stop + 1] for start, stop in parts]
+        axes.add_collection(LineCollection(lines, colors=colours, linewidths=width, linestyles=style))
     _draw_ends(axes, tracks)
-    _floor_axes(axes, scene.bounds)
+    _floor_axes(axes, bounds)
     return png_bytes(figure)
 
 
-def _draw_scene(axes: Axes, scene: FloorScene) -> None:
-    rig = scene.rig
-    for head in (rig.heads or [rig]) if rig is not None else []:
-        if head.view_m:
+def _draw_scene(axes: Axes, run: RunResults) -> None:
+    rig = run.info.rig
+    for head in (rig.heads or [rig]) if rig is not None else [None]:
+        at_m = head.at_m if head else (0.0, 0.0)
+        axes.plot(*at_m, marker="v", markersize=11, color="black", zorder=5)
+        _write(axes, plain_text(head.name if head else "") or "camera", at_m, "black")
+        if head and head.view_m:
             outline = np.array(head.view_m)
             axes.fill(*outline.T, facecolor="#9db2cf30", edgecolor="#9db2cf", zorder=0, label="view")
-        _draw_camera(axes, head.at_m, head.name)
-    if rig is None:
-        _draw_camera(axes, (0.0, 0.0), "")
-    for name, rule in scene.rules.items():
-        _draw_rule(axes, name, rule)
-
-
-def _draw_camera(axes: Axes, at_m: tuple[float, float], name: str) -> None:
-    axes.plot(*at_m, marker="v", markersize=11, color="black", zorder=5)
-    _write(axes, plain_text(name) or "camera", at_m, "black")
+    for rule in (rule for rule in run.rules if rule.on_floor):
+        points, colour = rule.points, as_hex(TRIPWIRE if rule.is_line else ZONE)
+        if rule.is_line:
+            axes.annotate("", points[1], points[0], arrowprops={"arrowstyle": "->", "color": colour, "linewidth": 1.6})
+        else:
+            axes.fill(*points.T, facecolor=f"{colour}33", edgecolor=colour, zorder=1)
+        _write(axes, plain_text(rule.name), (float(points[:, 0].mean()), float(points[:, 1].mean())), colour)
 
 
 def _write(axes: Axes, text: str, at_m: tuple[float, float], colour: str) -> None:
@@ -247,19 +233,6 @@ def _write(axes: Axes, text: str, at_m: tuple[float, float], colour: str) -> Non
         text, at_m, xytext=(5, 4), textcoords="offset points", fontsize=9, fontweight="bold", color=colour, zorder=7,
         path_effects=[withStroke(linewidth=2.5, foreground="white")],
     )  # fmt: skip
-
-
-def _draw_ways(axes: Axes, tracks: Places) -> None:
-    """Steps from row to row of each track, all at once."""
-    from matplotlib.collections import LineCollection
-
-    step = (np.diff(tracks.track_id) == 0) & (np.diff(tracks.frame) == 1)
-    lost = tracks.is_lost[1:]
-    for kind, width, style in ((step & ~lost, 1.5, "-"), (step & lost, 0.9, ":")):
-        parts = runs(kind)
-        colours = _colours(tracks.track_id[np.array([start for start, _ in parts], dtype=np.int64)])
-        lines = [tracks.xy_m[start : stop + 1] for start, stop in parts]
-        axes.add_collection(LineCollection(lines, colors=colours, linewidths=width, linestyles=style))
 
 
 def _colours(ids: I64) -> list[str]:
@@ -274,21 +247,10 @@ def _draw_ends(axes: Axes, tracks: Places) -> None:
     last, colours = first + counts - 1, _colours(ids)
     axes.scatter(tracks.xy_m[first, 0], tracks.xy_m[first, 1], s=16, c=colours, marker="o", zorder=4)
     axes.scatter(tracks.xy_m[last, 0], tracks.xy_m[last, 1], s=16, c=colours, marker="s", zorder=4)
-    for i in np.argsort(-counts, kind="stable")[:NAMED_MAX].tolist():
+    # Tracks with their ids in the picture, the longest ones; with more the ids would cover the ways.
+    for i in np.argsort(-counts, kind="stable")[:40].tolist():
         x, y = tracks.xy_m[first[i]].tolist()
         _write(axes, str(ids[i]), (x, y), colours[i])
-
-
-def _draw_rule(axes: Axes, name: str, rule: dict[str, Any]) -> None:
-    if rule.get("plane") != "floor" or not rule.get("points"):
-        return
-    points = np.array(rule["points"], dtype=np.float64)
-    colour = as_hex(TRIPWIRE if rule.get("kind") == "tripwire" else ZONE)
-    if rule.get("kind") == "tripwire":
-        axes.annotate("", points[1], points[0], arrowprops={"arrowstyle": "->", "color": colour, "linewidth": 1.6})
-    else:
-        axes.fill(*points.T, facecolor=f"{colour}33", edgecolor=colour, zorder=1)
-    _write(axes, plain_text(name), (float(points[:, 0].mean()), float(points[:, 1].mean())), colour)
 
 
 def heat_map(xy_m: F64, frame_s: float) -> tuple[Grid, F64]:
@@ -310,15 +272,16 @@ def heat_map(xy_m: F64, frame_s: float) -> tuple[Grid, F64]:
     return grid, heat
 
 
-def heat_plot(xy_m: F64, frame_s: float, scene: FloorScene) -> bytes:
+def heat_plot(xy_m: F64, run: RunResults) -> bytes:
     """Where people spent their time, smoothed by a cell (arguments of ``heat_map``)."""
     from matplotlib.colors import LogNorm
 
-    grid, heat = heat_map(xy_m, frame_s)
+    grid, heat = heat_map(xy_m, run.clock.frame_s)
     heat = np.asarray(cv2.GaussianBlur(heat, (0, 0), 0.7), dtype=np.float64)
     top = max(float(heat.max()), 1e-9)
-    figure, axes = _floor_figure(scene.bounds)
-    _draw_scene(axes, scene)
+    bounds = run.bounds()
+    figure, axes = _floor_figure(bounds)
+    _draw_scene(axes, run)
     shown = axes.imshow(
         np.where(heat >= top / HEAT_RANGE, heat, np.nan),
         origin="lower",
@@ -329,7 +292,7 @@ def heat_plot(xy_m: F64, frame_s: float, scene: FloorScene) -> bytes:
         zorder=2,
     )
     figure.colorbar(shown, ax=axes, label="seconds per cell")
-    _floor_axes(axes, scene.bounds)
+    _floor_axes(axes, bounds)
     return png_bytes(figure)
 
 

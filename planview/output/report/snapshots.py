@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 
 TERMS = ScoreTerms._fields
-SCORES_MAX = 240
-"""Points of a person's curve of scores."""
 EVENTS_MAX = 80
 """Decisions listed per person; decisions.csv has them all."""
 
@@ -124,7 +122,8 @@ def _curves(matches: F64, top: float) -> list[Curve]:
     """Stacked terms; of many matches the worst of every stretch."""
     if not np.isfinite(matches[:, 2:]).all() or len(matches) < 2:
         return []
-    bins = np.array_split(np.arange(len(matches)), min(len(matches), SCORES_MAX))
+    # Points of a person's curve of scores.
+    bins = np.array_split(np.arange(len(matches)), min(len(matches), 240))
     picked = matches[[int(part[np.argmax(matches[part, 1])]) for part in bins]]
     span = max(1.0, picked[-1, 0] - picked[0, 0])
     x = 100.0 * (picked[:, 0] - picked[0, 0]) / span
@@ -138,15 +137,10 @@ def _curves(matches: F64, top: float) -> list[Curve]:
 
 
 ERRORS_MAX = 12
-CROSSINGS_MAX = 12
-"""Pictures of each kind at most: a page stays small enough for a phone."""
+"""Pictures of errors at most, as of crossings: a page stays small enough for a phone."""
 STRIP_S = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Frames of a strip, around the beginning of an error [s]."""
-TRAIL_S = 4.0
 TILE_PX = 260
-CROP_SHARE = 0.62
-"""Side of a tile as a share of the image's height."""
-JPEG_QUALITY = 78
 SPREAD = 3
 """Pictures spread over the run besides the busiest frame."""
 
@@ -238,7 +232,7 @@ def _strips(results: RunResults, errors: Sequence[SignificantError]) -> list[_Wa
 
 def _crossings(results: RunResults) -> list[_Wanted]:
     events = [event for event in results.events if event.kind == "crossing"]
-    spread = np.unique(np.linspace(0, len(events) - 1, min(len(events), CROSSINGS_MAX)).round().astype(int))
+    spread = np.unique(np.linspace(0, len(events) - 1, min(len(events), ERRORS_MAX)).round().astype(int))
     wanted = []
     for event in (events[i] for i in spread):
         note = f"{_when(results, event.frame)}: track {event.track_id} {event.direction.replace('_', ' ')}"
@@ -258,7 +252,8 @@ def _paint(results: RunResults, frames: SceneFrames, wanted: Sequence[_Wanted]) 
     for n, want in enumerate(wanted):
         for frame in dict.fromkeys(want.frames):
             users.setdefault(frame, []).append(n)
-    trail = round(TRAIL_S / results.clock.frame_s)
+    # Trails of 4 s.
+    trail = round(4.0 / results.clock.frame_s)
     for frame, image in frames.at(sorted(users)):
         snapshot = snapshot_at(results.tracks, frame, trail, results.truth)
         picture = painter(image, snapshot)
@@ -303,7 +298,8 @@ def _place(snapshot: Snapshot, focus: tuple[int | None, int | None], camera: Ima
 def _crop(picture: U8, place: F64 | None, scale: float) -> U8:
     """A square tile around a place, as far as it is in the image; the middle of the image without a place."""
     height, width = picture.shape[:2]
-    side = round(CROP_SHARE * min(height, width))
+    # Side of a tile as a share of the image's height.
+    side = round(0.62 * min(height, width))
     x, y = (width / 2, height / 2) if place is None else place * scale
     left, top = int(np.clip(x - side / 2, 0, width - side)), int(np.clip(y - side / 2, 0, height - side))
     part = picture[top : top + side, left : left + side]
@@ -311,4 +307,4 @@ def _crop(picture: U8, place: F64 | None, scale: float) -> U8:
 
 
 def _jpeg(picture: U8) -> str:
-    return "data:image/jpeg;base64," + base64.b64encode(encode_image(picture, quality=JPEG_QUALITY)).decode("ascii")
+    return "data:image/jpeg;base64," + base64.b64encode(encode_image(picture, quality=78)).decode("ascii")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,9 +13,6 @@ from planview.drawing.style import ERRORS, as_hex, person_hex
 from planview.evaluation.significant import SignificantError
 from planview.trajectories.state import State
 from planview.trajectories.table import Trajectories
-
-STEP_S = 0.5
-"""Places so far apart make a way, so that noise does not add up [s] (our choice)."""
 
 
 class PersonRow(NamedTuple):
@@ -44,7 +41,9 @@ def people_rows(tracks: Trajectories, clock: Clock, ids: I64) -> list[PersonRow]
 
 def _row(person: Trajectories, clock: Clock) -> PersonRow:
     when = clock.at(person.frame)
-    way = _way_m(np.column_stack([person.x_m, person.y_m]), when)
+    # From places half a second apart, so that noise does not add up (our choice).
+    picked = np.concatenate([[True], np.diff(np.floor((when - when[0]) / 0.5)) > 0])
+    way = float(np.hypot(np.diff(person.x_m[picked]), np.diff(person.y_m[picked])).sum())
     span = float(when[-1] - when[0])
     known = person.height_m[np.isfinite(person.height_m)]
     return PersonRow(
@@ -58,17 +57,6 @@ def _row(person: Trajectories, clock: Clock) -> PersonRow:
     )
 
 
-def _way_m(xy: F64, times: F64) -> float:
-    """Length of a way from places STEP_S apart [m]."""
-    ticks = np.floor((times - times[0]) / STEP_S)
-    picked = xy[np.concatenate([[True], np.diff(ticks) > 0])]
-    return float(np.hypot(*np.diff(picked, axis=0).T).sum())
-
-
-ROWS_MAX = 60
-"""Rows of each kind."""
-GATE_M = 0.5
-"""As the evaluation's default."""
 UNHELD = -1
 
 
@@ -129,19 +117,22 @@ def timelines(
 ) -> Timelines:
     """Bars of the people tracked longest and of all true people, in the order of their first frames."""
     span = clock.span(max(1, n_frames))
-    scale = _Scale(clock, span.start_s, max(span.duration_s, 1e-9))
+
+    def percent(frames: I64) -> F64:
+        return np.asarray(100.0 * (clock.at(frames) - span.start_s) / max(span.duration_s, 1e-9))
+
     states = np.searchsorted(_STATES, tracks.state)
     shown = tracks.state != "tentative"
     found = stretches(tracks.track_id[shown], tracks.frame[shown], states[shown])
-    rows, more = _rows(found, scale, is_truth=False, errors=errors)
+    rows, more = _rows(found, clock, percent, is_truth=False, errors=errors)
     true_rows: list[TimelineRow] = []
     if truth is not None and len(truth):
         held = stretches(truth.track_id, truth.frame, held_by(tracks, truth))
-        true_rows, _ = _rows(held, scale, is_truth=True, errors=errors)
+        true_rows, _ = _rows(held, clock, percent, is_truth=True, errors=errors)
     return Timelines(rows, true_rows, _ticks(span.start_s, span.duration_s), more)
 
 
-def held_by(tracks: Trajectories, truth: Trajectories, gate_m: float = GATE_M) -> I64:
+def held_by(tracks: Trajectories, truth: Trajectories, gate_m: float = 0.5) -> I64:
     """(N,) id of the confirmed track matched to every row of the truth, UNHELD where there is none."""
     from planview.evaluation.metrics import clear_scores  # brings scipy
     from planview.evaluation.sequence import build_sequence, floor_similarity
@@ -156,38 +147,30 @@ def held_by(tracks: Trajectories, truth: Trajectories, gate_m: float = GATE_M) -
 _STATES: tuple[State, ...] = ("confirmed", "lost", "tentative")
 
 
-class _Scale:
-    """Frames to percent of the run."""
-
-    def __init__(self, clock: Clock, start_s: float, duration_s: float) -> None:
-        self._clock, self._start_s, self._duration_s = clock, start_s, duration_s
-
-    def percent(self, frames: I64) -> F64:
-        return np.asarray(100.0 * (self._clock.at(frames) - self._start_s) / self._duration_s)
-
-    def seconds(self, frames: I64) -> F64:
-        return self._clock.at(frames)
-
-
 def _rows(
-    found: Stretches, scale: _Scale, *, is_truth: bool, errors: Sequence[SignificantError]
+    found: Stretches, clock: Clock, percent: Callable[[I64], F64], *, is_truth: bool, errors: Sequence[SignificantError]
 ) -> tuple[list[TimelineRow], int]:
     people, first = np.unique(found.person, return_index=True)
     length = np.bincount(np.searchsorted(people, found.person), found.last - found.first + 1, len(people))
-    longest = np.argsort(-length, kind="stable")[:ROWS_MAX]
+    # Rows of each kind.
+    longest = np.argsort(-length, kind="stable")[:60]
     ordered = people[longest][np.argsort(found.first[first[longest]], kind="stable")]
-    left, right = scale.percent(found.first), scale.percent(found.last + 1)
-    begin, end = scale.seconds(found.first), scale.seconds(found.last + 1)
+    left, right = percent(found.first), percent(found.last + 1)
+    begin, end = clock.at(found.first), clock.at(found.last + 1)
     rows = []
     for person in ordered.tolist():
         bars = []
         for i in np.flatnonzero(found.person == person).tolist():
             value = int(found.value[i])
-            text = f"{begin[i]:.1f} to {end[i]:.1f} s: {_said(value, is_truth)}"
+            if is_truth:
+                what = "no track" if value == UNHELD else f"track {value}"
+            else:
+                what = "observed" if _STATES[value] == "confirmed" else "only predicted"
+            text = f"{begin[i]:.1f} to {end[i]:.1f} s: {what}"
             colour = "" if is_truth and value == UNHELD else person_hex(value if is_truth else person)
             bars.append(Bar(float(left[i]), float(right[i] - left[i]), colour, text, not is_truth and value == 1))
         marks = [
-            Bar(float(scale.percent(np.array([e.frame]))[0]), 0.0, as_hex(ERRORS[e.kind]), f"{e.kind}: {e.note}")
+            Bar(float(percent(np.array([e.frame]))[0]), 0.0, as_hex(ERRORS[e.kind]), f"{e.kind}: {e.note}")
             for e in errors
             if (e.truth_id == person if is_truth else e.truth_id is None and e.track_id == person)
         ]
@@ -195,12 +178,6 @@ def _rows(
             TimelineRow(f"P{person}" if is_truth else str(person), "" if is_truth else f"person-{person}", bars, marks)
         )
     return rows, len(people) - len(ordered)
-
-
-def _said(value: int, is_truth: bool) -> str:
-    if is_truth:
-        return "no track" if value == UNHELD else f"track {value}"
-    return "observed" if _STATES[value] == "confirmed" else "only predicted"
 
 
 def _ticks(start_s: float, duration_s: float) -> list[tuple[float, str]]:

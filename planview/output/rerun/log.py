@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import shutil
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -12,14 +13,14 @@ import numpy as np
 import rerun as rr
 
 from calib.errors import InputError, WorkError
-from calib.io import reason
+from calib.io import reason, sync
 from calib.types import U8
 from planview.drawing.plan import PlanBounds, bounds_of
 from planview.drawing.style import person_rgb
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.view import StereoView
+from planview.output.folder import rrd_parts
 from planview.output.report.page import errors_of, scores_of
-from planview.output.rerun.file import RrdFile, rarer
 from planview.output.rerun.shapes import (
     StaticScene,
     blueprint,
@@ -35,11 +36,8 @@ from planview.output.rerun.shapes import (
     shown_floor,
     strips_of,
 )
-from planview.output.results import RunResults, read_results
+from planview.output.results import read_results
 from planview.trajectories.state import TrackState
-
-BLOCK_FRAMES = 256
-"""Frames whose numbers are sent together (our choice: 17 s at 15 Hz)."""
 
 
 class SeriesBlocks:
@@ -54,7 +52,8 @@ class SeriesBlocks:
         for path, value in values.items():
             self._rows.setdefault(path, []).append((frame, time_s, value))
         self._frames += 1
-        if self._frames >= BLOCK_FRAMES:
+        # Frames whose numbers are sent together (our choice: 17 s at 15 Hz).
+        if self._frames >= 256:
             self.flush(stream)
 
     def flush(self, stream: rr.RecordingStream) -> None:
@@ -66,54 +65,39 @@ class SeriesBlocks:
         self._rows, self._frames = {}, 0
 
 
-HEIGHT_M = 1.7
-"""Of a true person whose height is not known."""
-TRUTH_COLOUR = (255, 255, 255)
-
-
-def log_assessment(stream: rr.RecordingStream, folder: Path) -> RunResults | None:
+def log_assessment(stream: rr.RecordingStream, folder: Path) -> None:
     """Log the truth of the recording and the errors against it, where there is one.
 
     Args:
-        folder: of the run, its tables complete.
-    Returns:
-        What the run left; None where it cannot be read.
+        folder: of the run, its tables complete; nothing is logged where they cannot be read.
     """
     try:
         results = read_results(folder)
         errors = errors_of(scores_of(results))
     except (InputError, WorkError):
-        return None
+        return
     truth = results.truth
     if truth is not None and len(truth):
         # Points on the floor and at the heads, a row per frame.
         frames, starts, counts = np.unique(truth.frame, return_index=True, return_counts=True)
         rows = slice(int(starts[0]), int(starts[-1] + counts[-1]))
         xy = np.column_stack([truth.x_m[rows], truth.y_m[rows]])
-        heights = np.nan_to_num(truth.height_m[rows], nan=HEIGHT_M)
+        # Of a true person whose height is not known.
+        heights = np.nan_to_num(truth.height_m[rows], nan=1.7)
         times = rr.TimeColumn("time", duration=results.clock.at(frames))
         for path, z, radius in (("plan/truth", np.full(len(xy), 0.04), 0.06), ("world/truth", heights, 0.05)):
             columns = rr.Points3D.columns(positions=np.column_stack([xy, z]).astype(np.float32)).partition(counts)
             rr.send_columns(path, [rr.TimeColumn("frame", sequence=frames), times], columns, recording=stream)
-            stream.log(path, rr.Points3D.from_fields(colors=[TRUTH_COLOUR], radii=[radius]), static=True)
+            stream.log(path, rr.Points3D.from_fields(colors=[(255, 255, 255)], radii=[radius]), static=True)
     for error in errors:
         stream.set_time("frame", sequence=error.frame)
         stream.set_time("time", duration=float(results.clock.at(np.array([error.frame]))[0]))
         text = f"{error.kind.replace('_', ' ')}: {error.who}: {error.note}"
         stream.log("errors", rr.TextLog(text, level=rr.TextLogLevel.ERROR))
-    return results
 
 
-TRAIL_S = 10.0
-"""Length of the trails behind people [s]."""
 BODY_M = 0.5
 """Width of the boxes around people [m]."""
-CLOUD_POINTS_MAX = 1500
-"""Foreground points logged per frame at most: enough to recognise five people, in 24 kB (our choice)."""
-FLUSH_FRAMES = 100
-"""So many frames may wait for rerun's thread: on a busy machine they would pile up in memory."""
-FLUSH_S = 60.0
-"""Longest wait for rerun's thread [s]: a slow disk takes 6 GB in that time."""
 FREE_BYTES_MIN = 64 * 2**20
 """Free disk space for the next frames [bytes]: rerun writes in a thread of its own, which hangs on a full disk."""
 
@@ -124,16 +108,18 @@ class RerunLog:
     Args:
         engine: whose frames will come.
         path: the file to write.
-        position: of ``mark``, to go on from there; what was written after it is dropped.
+        position: of ``mark``, to go on from there; what was written after it is dropped. rerun cannot go on with a
+            file, so a resumed run writes one more, ``run-2.rrd``, of the same recording: the viewer shows them as one.
         every: images, clouds and maps of every n-th frame only; people, decisions and curves of all. It doubles when
-            half of the room left of RECORDED_BYTES_MAX is used, so that a run of any length is bounded.
+            half of the room left of 2 GB is used, so that a run of any length is bounded.
     Raises:
         InputError: what was written up to the position is not there any more.
         WorkError: too little free disk space.
     """
 
     def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None, every: int = 1) -> None:
-        self._engine, self._path, self._file = engine, path, RrdFile(path, position)
+        self._engine, self._path = engine, path
+        self._parts = kept_parts(path, position)
         self._check_room()
         self._stereo, self._asked_every = engine.stereo, every
         self._every = self._thinned()
@@ -145,20 +131,21 @@ class RerunLog:
         application = "planview" if self._stereo else "planview-single"
         self._stream = rr.RecordingStream(application, recording_id=f"planview-{path.parent.name}")
         self._frames = 0
-        self._stream.save(str(self._file.open_path), default_blueprint=blueprint(self._engine, self._bounds))
+        self._stream.save(str(self._parts[-1]), default_blueprint=blueprint(self._engine, self._bounds))
         self._series = SeriesBlocks()
         self._scene = StaticScene(engine.stereo) if engine.stereo else None
         self._log_static()
 
     def _thinned(self) -> int:
         """Of every so many frames the images are logged now."""
-        return self._asked_every * rarer(self._file.size())
+        return self._asked_every * rarer(sum(part.stat().st_size for part in self._parts if part.is_file()))
 
     def mark(self) -> dict[str, int]:
         """See ``RunLog``."""
         self._series.flush(self._stream)
         self._flush()
-        return self._file.position()
+        sync(self._parts[-1])
+        return {"parts": len(self._parts), "size": self._parts[-1].stat().st_size}
 
     def frame(self, result: FrameResult) -> None:
         """Log one frame, on the timelines ``frame`` and ``time``.
@@ -175,11 +162,25 @@ class RerunLog:
             self._log_images(result)
         for rig in filter(None, result.rigs[1:]):
             self._log_boxes(f"{rig.name}/image", [t for t in rig.tracks if not math.isnan(t.box_px[0])])
-        self._log_people(result.tracks, result.timestamp_s)
-        self._log_decisions(result)
+        for track in result.tracks:
+            trail = self._trails.setdefault(track.track_id, deque())
+            if not math.isnan(track.x_m):
+                trail.append((result.timestamp_s, track.x_m, track.y_m))
+            # Length of the trails behind people [s].
+            while trail and trail[0][0] < result.timestamp_s - 10.0:
+                trail.popleft()
+        self._trails = {track.track_id: self._trails[track.track_id] for track in result.tracks}
+        self._log_boxes("image", [track for track in result.tracks if not math.isnan(track.box_px[0])])
+        self._log_bodies([track for track in result.tracks if not math.isnan(track.x_m)])
+        for decision in result.decisions:
+            if decision.kind != "matched":
+                level = rr.TextLogLevel.WARN if decision.kind == "lost" else rr.TextLogLevel.INFO
+                text = f"{decision.track_id} {decision.kind}: {decision.reason}"
+                self._stream.log(f"decisions/{decision.track_id}", rr.TextLog(text, level=level))
         self._log_series(result)
         self._frames += 1
-        if self._frames % FLUSH_FRAMES == 0:
+        # So many frames may wait for rerun's thread: on a busy machine they would pile up in memory.
+        if self._frames % 100 == 0:
             self._flush()
             self._every = self._thinned()
 
@@ -192,10 +193,9 @@ class RerunLog:
             self._stream.send_blueprint(blueprint(self._engine, self._bounds))
         try:
             self._flush()
-            size = self._file.open_path.stat().st_size
         finally:
             self._stream.disconnect()
-        self._file.close(size)
+        sync(self._parts[-1])
 
     def finish(self) -> None:
         """See ``RunLog``."""
@@ -203,7 +203,7 @@ class RerunLog:
     def _flush(self) -> None:
         """Wait for rerun's thread, which ends when it cannot write; what waits on a disk that hangs is given up."""
         try:
-            self._stream.flush(timeout_sec=FLUSH_S)
+            self._stream.flush(timeout_sec=60.0)  # a slow disk takes 6 GB in that time
         except (RuntimeError, ValueError) as error:
             raise WorkError(f"{self._path}: cannot be written ({reason(error)}); earlier frames are kept") from error
 
@@ -245,7 +245,18 @@ class RerunLog:
         if self._stereo:
             self._log_depth(self._stereo, result)
             self._log_maps(self._stereo, result)
-        self._log_debug()
+        debug = self._engine.tracker.debug()
+        names = {"plan/floor"} & self._shown
+        for drawing in debug.drawings:
+            path = f"{'plan' if drawing.plane == 'floor' else 'image'}/{drawing.name}"
+            names.add(path)
+            self._stream.log(path, strips_of(drawing))
+        if debug.tiles:
+            names.add("templates")
+            self._stream.log("templates", rr.Image(mosaic(debug.tiles)))
+        for name in self._shown - names:
+            self._stream.log(name, rr.Clear(recursive=False))
+        self._shown = names
 
     def _log_image(self, path: str, image: U8 | None, foreground: U8 | None) -> None:
         if image is None:
@@ -261,7 +272,8 @@ class RerunLog:
         maps, colours = result.observation.maps, point_colours(result)
         if maps is None or colours is None:
             return
-        step = -(-len(maps.points.xyz) // CLOUD_POINTS_MAX) or 1
+        # Foreground points logged per frame at most: enough to recognise five people, in 24 kB (our choice).
+        step = -(-len(maps.points.xyz) // 1500) or 1
         cloud = rr.Points3D(maps.points.xyz[::step], colors=colours[::step], radii=0.018)
         self._stream.log("world/foreground", cloud)
 
@@ -275,17 +287,6 @@ class RerunLog:
         density = maps.occupancy / maps.grid.cell_m**2
         self._stream.log("plan/height", map_image(maps.height, self._engine.config.maps.height_max_m, stereo))
         self._stream.log("plan/occupancy", map_image(density, 4.0, stereo))
-
-    def _log_people(self, tracks: Sequence[TrackState], now_s: float) -> None:
-        for track in tracks:
-            trail = self._trails.setdefault(track.track_id, deque())
-            if not math.isnan(track.x_m):
-                trail.append((now_s, track.x_m, track.y_m))
-            while trail and trail[0][0] < now_s - TRAIL_S:
-                trail.popleft()
-        self._trails = {track.track_id: self._trails[track.track_id] for track in tracks}
-        self._log_boxes("image", [track for track in tracks if not math.isnan(track.box_px[0])])
-        self._log_bodies([track for track in tracks if not math.isnan(track.x_m)])
 
     def _log_boxes(self, path: str, tracks: list[TrackState]) -> None:
         boxes = np.array([track.box_px for track in tracks], dtype=np.float32).reshape(-1, 4)
@@ -318,27 +319,6 @@ class RerunLog:
                 max(before.x_max_m, now.x_max_m), max(before.y_max_m, now.y_max_m),
             )  # fmt: skip
 
-    def _log_debug(self) -> None:
-        debug = self._engine.tracker.debug()
-        names = {"plan/floor"} & self._shown
-        for drawing in debug.drawings:
-            path = f"{'plan' if drawing.plane == 'floor' else 'image'}/{drawing.name}"
-            names.add(path)
-            self._stream.log(path, strips_of(drawing))
-        if debug.tiles:
-            names.add("templates")
-            self._stream.log("templates", rr.Image(mosaic(debug.tiles)))
-        for name in self._shown - names:
-            self._stream.log(name, rr.Clear(recursive=False))
-        self._shown = names
-
-    def _log_decisions(self, result: FrameResult) -> None:
-        for decision in result.decisions:
-            if decision.kind != "matched":
-                level = rr.TextLogLevel.WARN if decision.kind == "lost" else rr.TextLogLevel.INFO
-                text = f"{decision.track_id} {decision.kind}: {decision.reason}"
-                self._stream.log(f"decisions/{decision.track_id}", rr.TextLog(text, level=level))
-
     def _log_series(self, result: FrameResult) -> None:
         values = {f"time_ms/{stage}": duration for stage, duration in result.stages_ms.items()}
         values["people/confirmed"] = float(sum(track.state == "confirmed" for track in result.tracks))
@@ -350,6 +330,36 @@ class RerunLog:
                     self._stream.log(f"score/{decision.track_id}", line, static=True)
                 values[f"score/{decision.track_id}"] = decision.value
         self._series.add(self._stream, result.frame, result.timestamp_s, values)
+
+
+def kept_parts(path: Path, position: Mapping[str, int] | None) -> list[Path]:
+    """The files up to a position, and the one to write; what lies beyond is cut off.
+
+    Raises:
+        InputError: they do not reach to the position.
+    """
+    if position is None:
+        return [path]
+    n, size = position["parts"], position["size"]
+    kept = [path, *(path.with_name(f"{path.stem}-{part}.rrd") for part in range(2, n + 2))]
+    for part in set(rrd_parts(path)) - set(kept[:n]):
+        part.unlink(missing_ok=True)
+    found = kept[n - 1].stat().st_size if all(part.is_file() for part in kept[:n]) else 0
+    if found < size:
+        raise InputError(f"{kept[n - 1]}: expected {size} bytes before the checkpoint, found {found}")
+    os.truncate(kept[n - 1], size)
+    return kept
+
+
+def rarer(written: int, room: int = 2 * 2**30) -> int:
+    """Of how many frames' images one is still written: twice as many for every half of the room left that is used.
+
+    Args:
+        written: size of the recording so far [bytes].
+        room: that it shall keep [bytes] (our choice: an hour that can be copied).
+    """
+    left = 1.0 - written / room
+    return 1 << math.floor(-math.log2(max(left, 1 / 4096)))  # one in five minutes at 15 Hz (our choice)
 
 
 def _colours(tracks: Sequence[TrackState]) -> list[tuple[int, int, int]]:

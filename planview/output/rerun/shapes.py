@@ -13,6 +13,7 @@ import rerun.blueprint as rrb
 from calib.images import as_colour, encode_image
 from calib.types import F32, I32, U8
 from planview.drawing.plan import PlanBounds
+from planview.drawing.style import disparity_colours
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.view import StereoView
 from planview.output.maps_log import at_step
@@ -21,9 +22,6 @@ from planview.trajectories.state import TrackState
 from stereo.depth import DepthFromDisparity, back_project
 from stereo.matcher import SampledDisparity
 
-JPEG_QUALITY = 50
-"""Of the camera's image: 0.6 of the size of quality 80, and people are as well to be recognised (our choice)."""
-DISPARITY_QUALITY = 40
 LABEL_M = 0.45
 """Ids stand so far beside people in plan views, where they hide no peak of the maps [m]."""
 LABEL_APART_M = 0.3
@@ -31,18 +29,16 @@ LABEL_APART_M = 0.3
 
 def photo(image: U8) -> rr.EncodedImage:
     """A JPEG of the camera's image."""
-    return rr.EncodedImage(contents=encode_image(image, quality=JPEG_QUALITY), media_type="image/jpeg")
+    # 0.6 of the size of quality 80, and people are as well to be recognised (our choice).
+    return rr.EncodedImage(contents=encode_image(image, quality=50), media_type="image/jpeg")
 
 
 def disparity_photo(sampled: SampledDisparity, stereo: StereoView) -> rr.EncodedImage:
     """Near red, far blue, invalid black (as ``planview check`` shows it), at the size of foreground and maps."""
     reduced = at_step(sampled, stereo.reduction)
-    first, span = stereo.disparities.first_px, stereo.disparities.count
-    known = np.isfinite(reduced)
-    levels = np.clip((np.nan_to_num(reduced) - first) * (255.0 / span), 0, 255).astype(np.uint8)
-    picture = np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_TURBO), dtype=np.uint8)
-    picture[~known] = 0
-    contents = encode_image(picture, quality=DISPARITY_QUALITY)
+    first = stereo.disparities.first_px
+    picture = disparity_colours(reduced, first, first + stereo.disparities.count)
+    contents = encode_image(picture, quality=40)
     return rr.EncodedImage(contents=contents, media_type="image/jpeg")
 
 
@@ -121,16 +117,8 @@ def _colours_at(image: U8, pixels: I32, width: int, reduction: int) -> U8:
     return np.asarray(as_colour(image)[rows * reduction, cols * reduction, ::-1], dtype=np.uint8)
 
 
-SCENE_POINTS_MAX = 60_000
-"""Points of the static scene."""
-SETTLED_S = 3.0
-"""From then on the foreground knows who is no part of the scene, and what stood behind them is filled in [s]."""
-RADIUS_M = 0.012
-FLOOR_LIGHT = 0.55
-"""The image on the floor is darkened by this, so that the maps on it stand out."""
 UNDER, OVER = -50.0, 10.0
 """Order of drawing of floor and maps: both lie in one plane, since what is transparent hides what lies below it."""
-GRID_LINES_MAX = 40
 HEIGHT_SHOWN_M = (-0.5, 3.5)
 """What lies lower or higher is noise or hides the view."""
 
@@ -158,12 +146,20 @@ class StaticScene:
             return
         if self._points is None:
             self._started_s = result.timestamp_s
-        elif result.timestamp_s - self._started_s < SETTLED_S:
+        elif result.timestamp_s - self._started_s < 3.0:
+            # From 3 s on the foreground knows who is no part of the scene, and what stood behind them is filled in.
             return
         else:
             self.done = True
         self._fill(image, disparity, result.observation.foreground)
-        self._log(stream)
+        assert self._points is not None and self._colours is not None
+        z = self._points[:, 2]
+        with np.errstate(invalid="ignore"):
+            keep = np.flatnonzero((z > HEIGHT_SHOWN_M[0]) & (z < HEIGHT_SHOWN_M[1]) & self._near())
+        # Points of the static scene.
+        keep = keep[:: max(1, -(-len(keep) // 60_000))]
+        cloud = rr.Points3D(self._points[keep], colors=self._colours[keep], radii=0.012)  # [m]
+        stream.log("world/scene", cloud, static=True)
 
     def _fill(self, image: U8, disparity: F32, foreground: U8 | None) -> None:
         """Points of the background; where there is none now, those taken before."""
@@ -181,15 +177,6 @@ class StaticScene:
             known &= foreground.reshape(-1) == 0
         self._points[known], self._colours[known] = world[known], colours[known]
 
-    def _log(self, stream: rr.RecordingStream) -> None:
-        assert self._points is not None and self._colours is not None
-        z = self._points[:, 2]
-        with np.errstate(invalid="ignore"):
-            keep = np.flatnonzero((z > HEIGHT_SHOWN_M[0]) & (z < HEIGHT_SHOWN_M[1]) & self._near())
-        keep = keep[:: max(1, -(-len(keep) // SCENE_POINTS_MAX))]
-        cloud = rr.Points3D(self._points[keep], colors=self._colours[keep], radii=RADIUS_M)
-        stream.log("world/scene", cloud, static=True)
-
     def _near(self) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
         """Within the grid, and a little beyond."""
         assert self._points is not None
@@ -205,7 +192,8 @@ class StaticScene:
         places = np.stack([x + cols * grid.cell_m, y + rows * grid.cell_m, np.zeros(grid.shape)], axis=-1)
         pixels = np.nan_to_num(self._stereo.camera.project(places), nan=-1.0).astype(np.float32)
         shown = cv2.remap(_rgb(image), pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        dimmed = np.asarray(shown * FLOOR_LIGHT, dtype=np.uint8)
+        # The image on the floor is darkened by this, so that the maps on it stand out.
+        dimmed = np.asarray(shown * 0.55, dtype=np.uint8)
         visible = np.where(dimmed.any(axis=2), 255, 0).astype(np.uint8)
         image_map = _grid_map(np.dstack([dimmed, visible]), self._stereo, UNDER)
         stream.log("plan/floor", image_map, static=True)
@@ -215,7 +203,8 @@ def metre_grid(bounds: PlanBounds) -> rr.LineStrips3D:
     """Lines every metre of a part of the floor, every five metres of a large one."""
     x_min, y_min = math.floor(bounds.x_min_m), math.floor(bounds.y_min_m)
     x_max, y_max = math.ceil(bounds.x_max_m), math.ceil(bounds.y_max_m)
-    step = 1 if max(x_max - x_min, y_max - y_min) <= GRID_LINES_MAX else 5
+    # Lines of a metre, at most 40.
+    step = 1 if max(x_max - x_min, y_max - y_min) <= 40 else 5
     lines = [[(x, y_min, 0.01), (x, y_max, 0.01)] for x in range(x_min, x_max + 1, step)]
     lines += [[(x_min, y, 0.01), (x_max, y, 0.01)] for y in range(y_min, y_max + 1, step)]
     return rr.LineStrips3D(lines, colors=[90, 90, 90], radii=-0.5)
@@ -257,8 +246,6 @@ _MAP_LAYERS = [
     "plan/floor", "plan/grid", "plan/people", "plan/labels", "plan/search", "plan/template", "plan/ellipses",
     "plan/truth",
 ]  # fmt: skip
-PEOPLE_TAB = 2
-"""Number of people, which every tracker of one camera gives; not all have match scores."""
 
 
 def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint:
@@ -301,7 +288,8 @@ def _single(engine: Engine, people: PlanBounds | None) -> rrb.Blueprint:
     if engine.camera is not None:
         bounds = people or PlanBounds(-8.0, 0.0, 8.0, 16.0)
         right.append(_plan_view("floor from above", ["plan/trails", *_MAP_LAYERS], bounds))
-    right.append(_series(active_tab=PEOPLE_TAB))
+    # Number of people, which every tracker of one camera gives; not all have match scores.
+    right.append(_series(active_tab=2))
     return rrb.Blueprint(
         rrb.Horizontal(image, rrb.Vertical(*right), column_shares=[3, 2]),
         rrb.TimePanel(state="collapsed", timeline="frame"),

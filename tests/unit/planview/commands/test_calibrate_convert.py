@@ -1,45 +1,42 @@
 """``planview calibrate convert``: formats, units, swaps and refusals."""
 
-import json
 from pathlib import Path
 
 import pytest
+from say import JsonOf, Refused, Say
 
 from calib.camera import Camera
 from calib.formats import load_rig, write_rig
 from calib.pose import SE3
 from calib.rig import StereoRig
-from planview.cli import main
 
 CAMERA = Camera(640, 480, 500.0, 500.0, 320.0, 240.0, "brown", (-0.1, 0.01, 0.0, 0.0))
 RIG = StereoRig(CAMERA, CAMERA, SE3.from_rotvec([0.0, 0.01, 0.0], [-0.1, 0.0, 0.0]), "test")
 
 
-def status(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main(["calibrate", "convert", *map(str, arguments)])
-    return int(str(stop.value.code))
+CONVERT = ("calibrate", "convert")
 
 
-def test_convert_writes_the_format_the_suffix_tells(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_convert_writes_the_format_the_suffix_tells(tmp_path: Path, json_of: JsonOf) -> None:
     write_rig(RIG, tmp_path / "rig.toml")
-    assert status(tmp_path / "rig.toml", tmp_path / "chain.yaml", "--json") == 0
-    assert json.loads(capsys.readouterr().out)["baseline_m"] == pytest.approx(0.1)
+    assert json_of(*CONVERT, tmp_path / "rig.toml", tmp_path / "chain.yaml")["baseline_m"] == pytest.approx(0.1)
     assert "T_cn_cnm1" in (tmp_path / "chain.yaml").read_text()
 
 
-def test_convert_writes_pairs_into_a_folder(tmp_path: Path) -> None:
+def test_convert_writes_pairs_into_a_folder(tmp_path: Path, say: Say) -> None:
     write_rig(RIG, tmp_path / "rig.toml")
-    assert status(tmp_path / "rig.toml", tmp_path / "ros", "--to", "ros") == 0
+    assert say(*CONVERT, tmp_path / "rig.toml", tmp_path / "ros", "--to", "ros")[0] == 0
     assert load_rig(tmp_path / "ros").baseline_m == pytest.approx(0.1)
 
 
-def test_convert_mends_units_and_swapped_cameras_when_told(tmp_path: Path) -> None:
+def test_convert_mends_units_and_swapped_cameras_when_told(tmp_path: Path, say: Say) -> None:
     moved = SE3(RIG.right_SE3_left.rotation.T, -1000 * RIG.right_SE3_left.translation)
     write_rig(StereoRig(CAMERA, CAMERA, moved, ""), tmp_path / "mm.yml")
-    assert status(tmp_path / "mm.yml", tmp_path / "rig.toml") == 2
-    assert status(tmp_path / "mm.yml", tmp_path / "rig.toml", "--unit", "mm") == 2
-    assert status(tmp_path / "mm.yml", tmp_path / "rig.toml", "--unit", "mm", "--swap", "--size", "320x240") == 0
+    assert say(*CONVERT, tmp_path / "mm.yml", tmp_path / "rig.toml")[0] == 2
+    assert say(*CONVERT, tmp_path / "mm.yml", tmp_path / "rig.toml", "--unit", "mm")[0] == 2
+    assert (
+        say(*CONVERT, tmp_path / "mm.yml", tmp_path / "rig.toml", "--unit", "mm", "--swap", "--size", "320x240")[0] == 0
+    )
     rig = load_rig(tmp_path / "rig.toml")
     assert rig.baseline_m == pytest.approx(0.1)
     assert rig.left.size == (320, 240)
@@ -57,20 +54,15 @@ def test_convert_mends_units_and_swapped_cameras_when_told(tmp_path: Path) -> No
     ],
 )
 def test_convert_refuses_nonsense_in_one_sentence(
-    arguments: tuple[str, ...], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: tuple[str, ...], said: str, tmp_path: Path, refused: Refused
 ) -> None:
     write_rig(RIG, tmp_path / "rig.toml")
-    assert status(tmp_path / "rig.toml", tmp_path / arguments[0], *arguments[1:]) == 2
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1
-    assert said in lines[0]
+    assert said in refused(*CONVERT, tmp_path / "rig.toml", tmp_path / arguments[0], *arguments[1:])
 
 
-def test_convert_refuses_to_write_over_the_calibration_it_reads(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_convert_refuses_to_write_over_the_calibration_it_reads(tmp_path: Path, refused: Refused) -> None:
     write_rig(RIG, tmp_path / "pair", "opencv")
     before = (tmp_path / "pair" / "extrinsics.yml").read_text()
-    assert status(tmp_path / "pair", tmp_path / "pair", "--to", "opencv", "--unit", "2m") == 2
-    assert "expected another place than the calibration read" in capsys.readouterr().err
+    told = refused(*CONVERT, tmp_path / "pair", tmp_path / "pair", "--to", "opencv", "--unit", "2m")
+    assert "expected another place than the calibration read" in told
     assert (tmp_path / "pair" / "extrinsics.yml").read_text() == before

@@ -1,16 +1,15 @@
 """``planview calibrate human``: what it writes, and which image sizes and videos it refuses."""
 
-import json
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from say import JsonOf, Refused
 
 from calib.ground_camera import GroundCamera, load_ground_camera
 from calib.people.samples import HumanSample, read_image_size, write_samples
 from planview.calibration.people import bodies_of, usual_sizes
-from planview.cli import main
 from tests.people import standing_people
 
 CAMERA = GroundCamera(640, 480, 500.0, 4.0, math.radians(45), "normal-wide")
@@ -23,47 +22,36 @@ def people(tmp_path: Path) -> Path:
     return path
 
 
-def status(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main(["calibrate", "human", *map(str, arguments)])
-    return int(stop.value.code or 0)
+HUMAN = ("calibrate", "human")
 
 
-def test_camera_and_picture_are_written_for_the_image_size_of_the_file(
-    people: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_camera_and_picture_are_written_for_the_image_size_of_the_file(people: Path, json_of: JsonOf) -> None:
     out = people.parent / "out" / "camera.toml"
-    assert status(people, "--lens", "normal-wide", "--out", out, "--json") == 0
+    told = json_of(*HUMAN, people, "--lens", "normal-wide", "--out", out)
     camera = load_ground_camera(out)
     assert camera.size == (640, 480)
-    assert camera.height_m == pytest.approx(4.0, rel=0.01)
-    assert json.loads(capsys.readouterr().out)["height_m"] == camera.height_m
+    assert told["height_m"] == camera.height_m == pytest.approx(4.0, rel=0.01)
     assert sorted(p.name for p in out.parent.iterdir()) == ["camera.png", "camera.toml"]
 
 
-def test_image_size_that_contradicts_the_file_is_refused(people: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert status(people, "--image-size", "1280x960", "--out", people.parent / "camera.toml") == 2
-    error = " ".join(capsys.readouterr().err.split())
-    assert "--image-size: expected the image size of" in error
-    assert "640x480, found 1280x960" in error
+def test_image_size_that_contradicts_the_file_is_refused(people: Path, refused: Refused) -> None:
+    told = refused(*HUMAN, people, "--image-size", "1280x960", "--out", people.parent / "camera.toml")
+    assert "--image-size: expected the image size of" in told
+    assert "640x480, found 1280x960" in told
 
 
-def test_samples_without_image_size_need_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_samples_without_image_size_need_one(tmp_path: Path, refused: Refused) -> None:
     path = tmp_path / "people.json"
     write_samples(standing_people(CAMERA, 8, seed=1), path)
     assert read_image_size(path) is None
-    assert status(path, "--out", tmp_path / "camera.toml") == 2
-    assert "expected WxH of the image" in capsys.readouterr().err
+    assert "expected WxH of the image" in refused(*HUMAN, path, "--out", tmp_path / "camera.toml")
 
 
 @pytest.mark.parametrize("size", ["[640]", "[640, -1]", '"640x480"'])
-def test_image_size_that_is_none_is_refused_by_name(
-    size: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_image_size_that_is_none_is_refused_by_name(size: str, tmp_path: Path, refused: Refused) -> None:
     path = tmp_path / "people.json"
     path.write_text(f'{{"image_size": {size}, "samples": []}}')
-    assert status(path) == 2
-    assert "image_size" in capsys.readouterr().err
+    assert "image_size" in refused(*HUMAN, path)
 
 
 def body(mask: np.ndarray, left: int, top: int = 40, height: int = 50) -> None:

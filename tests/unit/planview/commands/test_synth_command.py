@@ -1,7 +1,6 @@
 """``planview synth`` and ``python -m benchmarks accuracy``: what they write and refuse."""
 
 import csv
-import json
 
 import cv2
 import pytest
@@ -11,7 +10,6 @@ from benchmarks.options import Rendering, rendered, scene_files
 from calib.formats import load_rig
 from calib.ground_camera import load_ground_camera
 from calib.world import load_world
-from planview.cli import main
 from planview.synthetic.scene import load_scene
 from planview.trajectories.table import read_truth
 from stereo.readers import open_recording, open_video
@@ -36,19 +34,10 @@ def scene(tmp_path):
     return path
 
 
-def run(*arguments):
-    """Exit status of a command line."""
-    try:
-        main([str(a) for a in arguments])
-    except SystemExit as end:
-        return end.code
-    return 0
-
-
-def test_synth_writes_a_recording_that_our_reader_takes(scene, tmp_path, capsys):
+def test_synth_writes_a_recording_that_our_reader_takes(scene, tmp_path, json_of):
     out = tmp_path / "out"
-    assert run("synth", scene, out, "--frames", 3, "--world", "--opencv", "--json") == 0
-    assert json.loads(capsys.readouterr().out) == {"frames": 3, "truth_rows": 3, "folder": str(out)}
+    told = json_of("synth", scene, out, "--frames", 3, "--world", "--opencv")
+    assert told == {"frames": 3, "truth_rows": 3, "folder": str(out)}
     recording = open_recording(out)
     assert [f.left.shape for f in recording] == [(72, 96, 3)] * 3
     assert [f.timestamp_s for f in recording] == pytest.approx([0, 0.1, 0.2])
@@ -56,9 +45,9 @@ def test_synth_writes_a_recording_that_our_reader_takes(scene, tmp_path, capsys)
     assert read_truth(out / "truth.csv").frame.tolist() == [0, 1, 2]
 
 
-def test_synth_writes_the_same_calibration_for_opencv(scene, tmp_path):
+def test_synth_writes_the_same_calibration_for_opencv(scene, tmp_path, say):
     out = tmp_path / "out"
-    run("synth", scene, out, "--frames", 1, "--opencv")
+    say("synth", scene, out, "--frames", 1, "--opencv")
     rig = load_rig(out / "rig.toml")
     inner = cv2.FileStorage(str(out / "intrinsics.yml"), cv2.FILE_STORAGE_READ)
     outer = cv2.FileStorage(str(out / "extrinsics.yml"), cv2.FILE_STORAGE_READ)
@@ -66,10 +55,10 @@ def test_synth_writes_the_same_calibration_for_opencv(scene, tmp_path):
     assert outer.getNode("T").mat().ravel() == pytest.approx(rig.right_SE3_left.translation)
 
 
-def test_synth_of_one_camera_writes_images_camera_and_boxes(scene, tmp_path):
+def test_synth_of_one_camera_writes_images_camera_and_boxes(scene, tmp_path, say):
     scene.write_text(SCENE.replace("[rig]", "[camera]"))
     out = tmp_path / "out"
-    assert run("synth", scene, out) == 0
+    assert say("synth", scene, out)[0] == 0
     assert load_ground_camera(out / "camera.toml").size == (96, 72)
     assert len(list(open_video(out))) == 4
     with (out / "truth.csv").open() as file:
@@ -77,9 +66,9 @@ def test_synth_of_one_camera_writes_images_camera_and_boxes(scene, tmp_path):
     assert float(row["height_px"]) == float(row["full_height_px"]) > 20
 
 
-def test_synth_writes_videos_on_request(scene, tmp_path):
+def test_synth_writes_videos_on_request(scene, tmp_path, say):
     out = tmp_path / "out"
-    assert run("synth", scene, out, "--video") == 0
+    assert say("synth", scene, out, "--video")[0] == 0
     assert len(list(open_recording(out))) == 4
 
 
@@ -87,14 +76,12 @@ def test_synth_writes_videos_on_request(scene, tmp_path):
     "arguments",
     [("--frames", "0"), ("--scale", "99"), ("--video", "--jpeg")],
 )
-def test_synth_refuses_wrong_usage(scene, tmp_path, arguments, capsys):
-    assert run("synth", scene, tmp_path / "out", *arguments) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+def test_synth_refuses_wrong_usage(scene, tmp_path, arguments, refused):
+    assert "expected" in refused("synth", scene, tmp_path / "out", *arguments)
 
 
-def test_synth_never_writes_into_a_folder_in_use(scene, tmp_path, capsys):
-    assert run("synth", scene, tmp_path) == 2
-    assert "in use" in capsys.readouterr().err
+def test_synth_never_writes_into_a_folder_in_use(scene, tmp_path, refused):
+    assert "in use" in refused("synth", scene, tmp_path)
 
 
 def test_rendered_recording_is_kept_and_found_again(scene, tmp_path):

@@ -1,6 +1,7 @@
 """Which pixels the tracker protects or gives back, on an image of one row."""
 
 import numpy as np
+import pytest
 
 from planview.engine.config import FeedbackParams
 from planview.engine.stereo import Feedback
@@ -39,26 +40,24 @@ def test_body_of_a_track_that_has_walked_is_protected_and_widened() -> None:
     assert mask.count(NO_FEEDBACK) == 35
 
 
-def test_track_that_has_not_moved_is_not_protected() -> None:
-    assert PERSON not in mask_after(walked(), point(0.2, 1.0, 20), person(0.2))
-
-
-def test_lost_track_is_not_protected() -> None:
-    assert PERSON not in mask_after(walked(), point(1.0, 1.0, 20), person(1.0, "lost"))
-
-
-def test_low_foreground_away_from_every_person_is_background() -> None:
-    mask = mask_after(walked(), point(3.0, 0.05, 30), person(1.0))
-    assert mask[30] == BACKGROUND
-    assert mask.count(BACKGROUND) == 1
-
-
-def test_high_foreground_away_from_every_person_is_left_to_the_model() -> None:
-    assert set(mask_after(walked(), point(3.0, 1.0, 30), person(1.0))) == {NO_FEEDBACK}
-
-
-def test_feet_of_a_person_are_not_background() -> None:
-    assert mask_after(walked(), point(1.0, 0.05, 20), person(1.0))[20] == PERSON
+@pytest.mark.parametrize(
+    ("where", "who", "expected"),
+    [
+        (point(0.2, 1.0, 20), person(0.2), {NO_FEEDBACK}),
+        (point(1.0, 1.0, 20), person(1.0, "lost"), {NO_FEEDBACK}),
+        (point(3.0, 1.0, 20), person(1.0), {NO_FEEDBACK}),
+        (point(3.0, 0.05, 20), person(1.0), {NO_FEEDBACK, BACKGROUND}),
+        (point(1.0, 0.05, 20), person(1.0), {NO_FEEDBACK, PERSON}),
+    ],
+    ids=["has not moved", "lost", "high, away from people", "low, away from people", "feet of a person"],
+)
+def test_foreground_is_a_persons_the_floors_or_left_to_the_model(
+    where: FloorPoints, who: TrackState, expected: set[int]
+) -> None:
+    mask = mask_after(walked(), where, who)
+    assert set(mask) == expected
+    assert mask[20] == max(expected, key=lambda label: label != NO_FEEDBACK)
+    assert mask.count(BACKGROUND) == (BACKGROUND in expected)
 
 
 def test_track_that_comes_back_under_its_id_must_walk_again() -> None:

@@ -1,12 +1,11 @@
 """Edits in the folder of a run."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from say import JsonOf, Say
 
-from planview.cli import main
 from planview.output.finished import read_steps
 from planview.output.folder import RunInfo, write_run_info
 from planview.trajectories.table import positions_table, read_tracks, write_table
@@ -25,67 +24,52 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def run_command(*words: str) -> int:
-    try:
-        main(list(words))
-    except SystemExit as stopped:
-        return int(stopped.code or 0)
-    return 0
-
-
-def said(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
-    return run_command("edit", *words), capsys.readouterr().err
-
-
-def test_edits_are_applied_written_down_and_taken_back(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_edits_are_applied_written_down_and_taken_back(run: Path, say: Say) -> None:
     before = (run / "tracks.csv").read_bytes()
-    assert said(capsys, str(run), "--split", "1@10", "--delete", "2") == (
+    assert say("edit", run, "--split", "1@10", "--delete", "2") == (
         0, f"{run}/tracks.csv: 2 tracks became 2, 40 rows 20 (1 calls of edit to undo)\n"
     )  # fmt: skip
-    said(capsys, str(run), "--rename", "3:7")
+    say("edit", run, "--rename", "3:7")
     assert set(read_tracks(run / "tracks.csv").track_id.tolist()) == {1, 7}
     assert [step.edits for step in read_steps(run)] == [["split 1 10", "delete 2"], ["rename 3 7"]]
     assert (run / "tracks_before.csv").read_bytes() == before
-    said(capsys, str(run), "--undo")
+    say("edit", run, "--undo")
     assert set(read_tracks(run / "tracks.csv").track_id.tolist()) == {1, 3}
-    said(capsys, str(run), "--undo-all")
+    say("edit", run, "--undo-all")
     assert (run / "tracks.csv").read_bytes() == before
     assert not (run / "edits.json").exists()
     assert not (run / "tracks_before.csv").exists()
 
 
-def test_an_edit_that_is_refused_changes_nothing(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_edit_that_is_refused_changes_nothing(run: Path, say: Say) -> None:
     before = (run / "tracks.csv").read_bytes()
-    status, told = said(capsys, str(run), "--delete", "2", "--join", "1:9")
+    status, told = say("edit", run, "--delete", "2", "--join", "1:9")
     assert (status, told) == (2, "planview: 'join 1 9': expected the id of a track, found 9, which none has\n")
     assert (run / "tracks.csv").read_bytes() == before
     assert not (run / "edits.json").exists()
 
 
-def test_edits_of_a_list_are_applied_in_its_order(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_edits_of_a_list_are_applied_in_its_order(run: Path, say: Say) -> None:
     (run / "mine.txt").write_text("rename 1 5  # the guide\n\nregion POLYGON ((0 0, 9 0, 9 0.95, 0 0.95, 0 0))\n")
-    said(capsys, str(run), "--list", str(run / "mine.txt"))
+    say("edit", run, "--list", run / "mine.txt")
     tracks = read_tracks(run / "tracks.csv")
     assert (set(tracks.track_id.tolist()), int(tracks.frame.max())) == ({2, 5}, 9)
 
 
-def test_nothing_to_undo_and_unfinished_runs_are_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert said(capsys, str(run), "--undo")[0] == 2
+def test_nothing_to_undo_and_unfinished_runs_are_refused(run: Path, say: Say) -> None:
+    assert say("edit", run, "--undo")[0] == 2
     write_run_info(RunInfo(state="interrupted"), run / "run.json")
-    assert "expected the folder of a finished run" in said(capsys, str(run), "--delete", "2")[1]
+    assert "expected the folder of a finished run" in say("edit", run, "--delete", "2")[1]
 
 
-def test_refinement_does_not_write_over_edits(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    said(capsys, str(run), "--delete", "2")
-    assert run_command("edit", str(run), "--refine") == 2
-    assert "its tracks were edited" in capsys.readouterr().err
+def test_refinement_does_not_write_over_edits(run: Path, say: Say) -> None:
+    say("edit", run, "--delete", "2")
+    assert "its tracks were edited" in say("edit", run, "--refine")[1]
 
 
-def test_export_and_count_take_regions(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_export_and_count_take_regions(run: Path, say: Say, json_of: JsonOf) -> None:
     half = "POLYGON ((0 0, 1.5 0, 1.5 9, 0 9, 0 0))"
-    run_command("export", str(run), "--to", "csv", "--ignore", half, "--out", str(run / "other.csv"))
+    say("export", run, "--to", "csv", "--ignore", half, "--out", run / "other.csv")
     assert set(read_tracks(run / "other.csv").track_id.tolist()) == {2}
     (run / "rules.toml").write_text('[[tripwire]]\nname = "w"\nfrom_m = [0, 1.02]\nto_m = [9, 1.02]\n')
-    capsys.readouterr()
-    run_command("count", str(run), "--rules", str(run / "rules.toml"), "--region", half, "--json")
-    assert json.loads(capsys.readouterr().out)["rules"]["w"]["people"] == 1
+    assert json_of("count", run, "--rules", run / "rules.toml", "--region", half)["rules"]["w"]["people"] == 1

@@ -40,27 +40,22 @@ def test_a_new_folder_is_made_with_its_parents(tmp_path: Path) -> None:
     assert (tmp_path / "a" / "b").is_dir()
 
 
-def test_a_finished_run_is_refused_and_kept(tmp_path: Path) -> None:
-    finish(tmp_path)
+@pytest.mark.parametrize(
+    ("run_json", "sentence"),
+    [
+        ('{"input": "x", "finished": true}', "holds a finished run; choose another folder or add --overwrite"),
+        ('{"input": "x"}', "unfinished run; go on with --resume or add --overwrite"),
+        ("{half", "run of another version; choose another folder or add --overwrite"),
+        (None, r"holds tracks\.csv, which is no planview run's"),
+    ],
+)
+def test_results_in_the_folder_are_refused_and_kept(tmp_path: Path, run_json: str | None, sentence: str) -> None:
+    if run_json is not None:
+        (tmp_path / "run.json").write_text(run_json)
     (tmp_path / "tracks.csv").write_text("precious")
-    with pytest.raises(InputError, match="--overwrite"):
+    with pytest.raises(InputError, match=sentence):
         prepare_folder(tmp_path, overwrite=False)
     assert (tmp_path / "tracks.csv").read_text() == "precious"
-
-
-def test_an_unfinished_run_is_refused_and_kept(tmp_path: Path) -> None:
-    finish(tmp_path, finished=False)
-    (tmp_path / "tracks.csv").write_text("precious")
-    with pytest.raises(InputError, match="unfinished run; go on with --resume or add --overwrite"):
-        prepare_folder(tmp_path, overwrite=False)
-    assert (tmp_path / "tracks.csv").read_text() == "precious"
-
-
-def test_a_file_of_the_same_name_that_is_no_run_is_refused_and_kept(tmp_path: Path) -> None:
-    (tmp_path / "report.html").write_text("mine")
-    with pytest.raises(InputError, match=r"holds report\.html, which is no planview run's"):
-        prepare_folder(tmp_path, overwrite=False)
-    assert (tmp_path / "report.html").read_text() == "mine"
 
 
 def test_overwriting_removes_every_product_and_no_other_file(tmp_path: Path) -> None:
@@ -69,12 +64,6 @@ def test_overwriting_removes_every_product_and_no_other_file(tmp_path: Path) -> 
     (tmp_path / "notes.txt").write_text("mine")
     prepare_folder(tmp_path, overwrite=True)
     assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
-
-
-def test_a_run_json_of_unknown_making_counts_as_a_finished_run(tmp_path: Path) -> None:
-    (tmp_path / "run.json").write_text("{half")
-    with pytest.raises(InputError, match="--overwrite"):
-        check_folder(tmp_path, overwrite=False)
 
 
 def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
@@ -104,34 +93,19 @@ def test_finished_run_tells_finished_from_unfinished(tmp_path: Path) -> None:
     assert finished_run(tmp_path) == RunInfo(input="x", finished=True)
 
 
-def test_a_frame_that_does_not_fit_on_the_disk_is_cut_off_again(
+def test_a_frame_that_does_not_fit_on_the_disk_is_cut_off_and_the_next_follows_the_last_whole_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = FrameFile(tmp_path / "t.csv", header)
-    file.add(lambda f: f.write("1,one\n") and None)
-    fill_disk_after(monkeypatch, 9)
-    with pytest.raises(WorkError, match=r"t\.csv: cannot be written \(no space left on the disk\)"):
-        file.add(lambda f: f.write("2,two\n2,too\n") and None)
-    file.close()
-    assert (tmp_path / "t.csv").read_text() == "a,b\n1,one\n"
-
-
-def test_a_frame_after_a_failed_one_follows_the_last_whole_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = FrameFile(tmp_path / "t.csv", header)
+    file.add(lambda f: f.write("1,one\n"))
     with monkeypatch.context() as patch:
-        fill_disk_after(patch, 3)
-        with pytest.raises(WorkError):
-            file.add(lambda f: f.write("1,lost\n") and None)
-    file.add(lambda f: f.write("2,two\n") and None)
+        fill_disk_after(patch, 9)
+        with pytest.raises(WorkError, match=r"t\.csv: cannot be written \(no space left on the disk\)"):
+            file.add(lambda f: f.write("2,two\n2,too\n"))
+    assert (tmp_path / "t.csv").read_text() == "a,b\n1,one\n"  # on the disk before the file is closed
+    file.add(lambda f: f.write("3,three\n"))
     file.close()
-    assert (tmp_path / "t.csv").read_text() == "a,b\n2,two\n"
-
-
-def test_a_frame_is_on_disk_before_the_next_one(tmp_path: Path) -> None:
-    file = FrameFile(tmp_path / "t.csv", header)
-    file.add(lambda f: f.write("1,one\n") and None)
-    assert (tmp_path / "t.csv").read_text() == "a,b\n1,one\n"
-    file.close()
+    assert (tmp_path / "t.csv").read_text() == "a,b\n1,one\n3,three\n"
 
 
 def test_run_json_is_kept_when_its_successor_does_not_fit(tmp_path: Path) -> None:

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from say import Refused
 
-from planview.cli import main
 from planview.engine.open import open_engine
 from planview.output.folder import PaceInfo, read_run_info
-from planview.output.pace import Pace
 from planview.output.run import RunOptions, run
+from planview.output.totals import Pace
 
 
 class FakeClock:
@@ -122,10 +122,6 @@ def test_run_in_real_time_keeps_its_pace_in_run_json_and_writes_no_checkpoint(st
     assert sorted(path.name for path in out.iterdir()) == ["run.json", "tracks.csv"]
 
 
-def test_run_in_real_time_cannot_be_resumed(street: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["run", str(tmp_path / "street"), "--out", str(tmp_path / "paced"), "--set", "run.real_time=true"]
-    words.append("--resume")
-    with pytest.raises(SystemExit) as ended:
-        main(words)
-    assert ended.value.code == 2
-    assert "expected --resume or run.real_time, found both" in capsys.readouterr().err
+def test_run_in_real_time_cannot_be_resumed(street: Path, tmp_path: Path, refused: Refused) -> None:
+    told = refused("run", tmp_path / "street", "--out", tmp_path / "paced", "--set", "run.real_time=true", "--resume")
+    assert "expected --resume or run.real_time, found both" in told

@@ -1,10 +1,10 @@
 """``planview edit --refine`` in the folder of a run."""
 
 import csv
-import json
 from pathlib import Path
 
 import pytest
+from say import JsonOf, Refused, Say
 
 from planview.cli import main
 from planview.output.folder import RunInfo, read_run_info, write_run_info
@@ -19,17 +19,9 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def run(*words: str) -> int:
-    try:
-        main(list(words))
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
-
-
-def test_refine_keeps_the_online_tracks_and_says_so(folder: Path) -> None:
+def test_refine_keeps_the_online_tracks_and_says_so(folder: Path, say: Say) -> None:
     online = (folder / "tracks.csv").read_text()
-    assert run("edit", str(folder), "--refine") == 0
+    assert say("edit", folder, "--refine")[0] == 0
     assert (folder / "tracks_online.csv").read_text() == online
     assert (folder / "tracks.csv").read_text().count("tentative") == 4
     assert read_run_info(folder / "run.json").refined
@@ -40,44 +32,43 @@ def test_refine_keeps_the_online_tracks_and_says_so(folder: Path) -> None:
     ]
 
 
-def test_refine_twice_starts_from_the_online_tracks(folder: Path) -> None:
-    run("edit", str(folder), "--refine")
+def test_refine_twice_starts_from_the_online_tracks(folder: Path, say: Say) -> None:
+    say("edit", folder, "--refine")
     once = (folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()
-    run("edit", str(folder), "--refine")
+    say("edit", folder, "--refine")
     assert ((folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()) == once
 
 
-def test_evaluate_tells_refined_from_online_tracks(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_evaluate_tells_refined_from_online_tracks(folder: Path, say: Say, json_of: JsonOf) -> None:
     truth = folder / "truth.csv"
     truth.write_text("frame,id,x_m,y_m,height_m\n" + "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30)))
-    run("edit", str(folder), "--refine")
-    capsys.readouterr()
+    say("edit", folder, "--refine")
     for name, refined in (("tracks.csv", True), ("tracks_online.csv", False)):
-        assert run("evaluate", str(folder / name), str(truth), "--json") == 0
-        assert json.loads(capsys.readouterr().out)["refined"] == refined
+        assert json_of("evaluate", folder / name, truth)["refined"] == refined
 
 
-def test_evaluate_takes_the_truth_of_the_runs_recording(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_evaluate_takes_the_truth_of_the_runs_recording(
+    folder: Path, refused: Refused, json_of: JsonOf, capsys: pytest.CaptureFixture[str]
+) -> None:
     recording = folder / "recording"
     recording.mkdir()
-    assert run("evaluate", str(folder)) == 2
+    refused("evaluate", folder)
     write_run_info(RunInfo(finished=True, frames_read=30, input=str(recording)), folder / "run.json")
-    assert run("evaluate", str(folder)) == 2
-    assert "expected the truth of the run's recording, found none" in " ".join(capsys.readouterr().err.split())
+    assert "expected the truth of the run's recording, found none" in refused("evaluate", folder)
     rows = "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30))
     (recording / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + rows)
-    assert run("evaluate", str(folder)) == 0
+    assert json_of("evaluate", folder)["truth_rows"] == 30
+    with pytest.raises(SystemExit, match="0"):
+        main(["evaluate", str(folder)])
     assert "strict_identity_changes those that last" in " ".join(capsys.readouterr().out.split())
 
 
-def test_refine_needs_a_finished_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_refine_needs_a_finished_run(folder: Path, refused: Refused) -> None:
     write_run_info(RunInfo(finished=False), folder / "run.json")
-    assert run("edit", str(folder), "--refine") == 2
-    assert "expected the folder of a finished run" in " ".join(capsys.readouterr().err.split())
+    assert "expected the folder of a finished run" in refused("edit", folder, "--refine")
 
 
-def test_refine_needs_the_online_tracks_of_a_refined_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run("edit", str(folder), "--refine")
+def test_refine_needs_the_online_tracks_of_a_refined_run(folder: Path, say: Say, refused: Refused) -> None:
+    say("edit", folder, "--refine")
     (folder / "tracks_online.csv").unlink()
-    assert run("edit", str(folder), "--refine") == 2
-    assert "expected the online tracks" in " ".join(capsys.readouterr().err.split())
+    assert "expected the online tracks" in refused("edit", folder, "--refine")

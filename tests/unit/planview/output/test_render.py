@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from say import Refused
 
 from planview.cli import main
 from planview.counting.events import Event
@@ -73,12 +74,8 @@ def test_floor_alone_is_drawn_when_the_recording_is_gone(
         (["--frames", "9:3"], "--frames"), (["--frames", "40:50"], "frames from 40"), (["--every", "0"], "--every"),
     ],
 )  # fmt: skip
-def test_wrong_options_are_refused_by_name(
-    street: Path, words: list[str], named: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        main(["render", str(street), *words])
-    assert named in capsys.readouterr().err
+def test_wrong_options_are_refused_by_name(street: Path, words: list[str], named: str, refused: Refused) -> None:
+    assert named in refused("render", street, *words)
 
 
 def test_tally_counts_what_happened_up_to_a_frame() -> None:

@@ -1,25 +1,19 @@
 """``planview replay``: a run again with a parameter changed."""
 
 import json
-import math
-from contextlib import suppress
 from pathlib import Path
 
 import cv2
 import pytest
+from say import Refused
 
 from calib.errors import InputError
-from calib.ground_camera import GroundCamera, save_ground_camera
 from planview.cli import main
 from planview.engine.config import Config, load_config
-from planview.engine.engine import FrameResult
 from planview.engine.open import open_engine
-from planview.output.memory import encode
-from planview.output.replay import changed_memory, difference_text, replay_run
+from planview.output.replay import difference_text, replay_run
 from planview.output.results import read_results
 from planview.output.run import RunOptions, run
-from planview.tracking.template import TemplateTracker
-from planview.tracking.template.params import TemplateParams
 
 TRACKER = "ellipse-particle"
 
@@ -44,7 +38,7 @@ def ellipses(street: Path, tmp_path: Path) -> Path:
 def test_run_repeated_with_its_own_parameters_has_the_same_tracks(ellipses: Path) -> None:
     results = read_results(ellipses)
     replayed = replay_run(results, load_config(None, (), None), 25)
-    assert replayed.first == 0
+    assert replayed.source == ellipses.parent / "street"
     assert difference_text(results, replayed, 25)[0] == "tracks are the same up to this frame"
 
 
@@ -59,10 +53,8 @@ def test_command_draws_both_and_says_what_differs(
     assert picture is not None and picture.shape[0] > 2 * 480
 
 
-def test_frame_beyond_the_run_is_refused(ellipses: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        main(["replay", str(ellipses), "--frame", "99"])
-    assert "from 0 to 29" in capsys.readouterr().err
+def test_frame_beyond_the_run_is_refused(ellipses: Path, refused: Refused) -> None:
+    assert "from 0 to 29" in refused("replay", ellipses, "--frame", 99)
 
 
 def test_recording_that_is_gone_is_named(ellipses: Path) -> None:
@@ -70,31 +62,3 @@ def test_recording_that_is_gone_is_named(ellipses: Path) -> None:
     (ellipses / "run.json").write_text(json.dumps({**info, "input": "gone"}))
     with pytest.raises(InputError, match="gone"):
         replay_run(read_results(ellipses), Config(), 5)
-
-
-def test_memory_of_a_checkpoint_takes_the_changed_parameter() -> None:
-    changed = load_config(None, ["template.stay_s=9.5"])
-    memory = changed_memory(encode({"tracker": TemplateTracker(TemplateParams())}), Config(), changed)
-    values = [node[2] for node in memory.nodes if node[0] == "params" and "TemplateParams" in node[1]]
-    assert [value["stay_s"] for value in values] == [9.5]
-
-
-def test_interrupted_run_goes_on_from_its_checkpoint_as_the_whole_run_did(ellipses: Path, tmp_path: Path) -> None:
-    def stop(result: FrameResult) -> None:
-        if result.frame == 20:
-            raise KeyboardInterrupt
-
-    camera, folders = tmp_path / "camera.toml", [tmp_path / name for name in ("whole", "interrupted")]
-    save_ground_camera(GroundCamera(160, 120, 120.0, 3.0, math.radians(60)), camera)
-    for folder, watch in zip(folders, (None, stop), strict=True):
-        folder.mkdir()
-        engine = open_engine(ellipses.parent / "street", "human-model", Config(), camera)
-        with suppress(KeyboardInterrupt):
-            run(engine, folder, RunOptions("human-model", checkpoint_every_s=1e-9), watch=watch)
-    replayed = replay_run(read_results(folders[1]), Config(), 25)
-    assert replayed.begun_from == "the checkpoint after frame 19"
-    whole = read_results(folders[0]).tracks
-    expected = whole.where((whole.frame > 19) & (whole.frame <= 25))
-    assert len(expected) > 0
-    assert replayed.results.tracks.track_id.tolist() == expected.track_id.tolist()
-    assert replayed.results.tracks.x_m.tolist() == expected.x_m.tolist()

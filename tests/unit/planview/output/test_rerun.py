@@ -1,19 +1,17 @@
 """Rerun recordings: shapes, size, and going on after a kill."""
 
 import math
-import os
-import re
 import subprocess
-import sysconfig
 from pathlib import Path
 
 import numpy as np
 import pytest
-import rerun as rr
 
 from calib.errors import InputError
 from planview.commands import results as command
-from planview.output.rerun.file import DOUBLED_MAX, RrdFile, quiet_environment, rarer
+from planview.commands.results import quiet_environment
+from planview.output.folder import rrd_parts
+from planview.output.rerun.log import kept_parts, rarer
 from planview.output.rerun.shapes import LABEL_APART_M, label_places, mosaic, outlines
 from planview.trajectories.state import TrackState
 
@@ -70,52 +68,20 @@ def test_images_become_rarer_whenever_half_of_the_room_left_is_used(written: int
 
 
 def test_images_stay_when_the_room_is_used_up() -> None:
-    assert rarer(5000, room=1000) == 2**DOUBLED_MAX
-
-
-def written(path: Path, first: int, last: int) -> int:
-    """Log frames as a run does; the size before the table of contents."""
-    stream = rr.RecordingStream("planview", recording_id="run")
-    stream.save(str(path))
-    for frame in range(first, last):
-        stream.set_time("frame", sequence=frame)
-        stream.log("people", rr.Points2D([[frame, 0]]))
-    stream.flush()
-    size = path.stat().st_size
-    stream.disconnect()
-    return size
-
-
-def rows_of(path: Path) -> int:
-    rerun = Path(sysconfig.get_path("scripts")) / "rerun"
-    command = [str(rerun), "rrd", "stats", str(path)]
-    told = subprocess.run(command, env=quiet_environment(), capture_output=True, text=True, check=True).stdout
-    found = re.search(r"num_rows = (\d+)", told)
-    assert found
-    return int(found[1])
-
-
-@pytest.mark.parametrize("closed", [True, False])
-def test_a_recording_that_was_stopped_twice_holds_all_frames(tmp_path: Path, closed: bool) -> None:
-    path = tmp_path / "run.rrd"
-    file = RrdFile(path)
-    end = written(file.open_path, 0, 5)
-    size_of_properties = rows_of(path) - 5
-    resumed = RrdFile(path, {"whole": end, "rest": 0})
-    rest = written(resumed.open_path, 5, 8)
-    os.truncate(resumed.open_path, rest)
-    position = resumed.position()
-    assert position == {"whole": end, "rest": rest}
-    if closed:
-        resumed.close(rest)
-    again = RrdFile(path, position)
-    assert path.stat().st_size == end + rest
-    again.close(written(again.open_path, 8, 10))
-    assert rows_of(path) - 3 * size_of_properties == 10
-    assert [file.name for file in tmp_path.iterdir()] == ["run.rrd"]
+    assert rarer(5000, room=1000) == 4096
 
 
 def test_a_recording_that_ends_before_the_checkpoint_is_refused(tmp_path: Path) -> None:
     (tmp_path / "run.rrd").write_bytes(b"12345")
     with pytest.raises(InputError, match="expected 9 bytes before the checkpoint, found 5"):
-        RrdFile(tmp_path / "run.rrd", {"whole": 4, "rest": 5})
+        kept_parts(tmp_path / "run.rrd", {"parts": 1, "size": 9})
+
+
+def test_a_resumed_recording_drops_what_was_written_after_the_checkpoint(tmp_path: Path) -> None:
+    names = ["run.rrd", "run-2.rrd", "run-3.rrd", "run-10.rrd"]
+    for name in names:
+        (tmp_path / name).write_bytes(b"12345")
+    assert [part.name for part in rrd_parts(tmp_path / "run.rrd")] == names
+    kept = kept_parts(tmp_path / "run.rrd", {"parts": 2, "size": 3})
+    assert [part.name for part in kept] == ["run.rrd", "run-2.rrd", "run-3.rrd"]
+    assert {part.name: part.stat().st_size for part in tmp_path.iterdir()} == {"run.rrd": 5, "run-2.rrd": 3}

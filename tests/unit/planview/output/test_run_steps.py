@@ -1,12 +1,11 @@
-"""What a run does besides tracking: memory returned, and things done from time to time."""
+"""What a run does besides tracking: memory returned."""
 
 import ctypes
 import sys
-import time
 
 import pytest
 
-from planview.output.run import Schedule, return_unused_memory
+from planview.output.run import return_unused_memory
 
 
 class CLibrary:
@@ -34,28 +33,3 @@ def test_c_library_that_cannot_return_memory_is_no_error(monkeypatch: pytest.Mon
     monkeypatch.setattr(ctypes, "CDLL", lambda name: asked.append(name) or object())
     return_unused_memory()
     assert asked == [None]
-
-
-@pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    now = [100.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    return now
-
-
-def test_schedule_is_due_when_its_time_has_passed_and_not_again_at_once(clock: list[float]) -> None:
-    schedule = Schedule(30.0)
-    assert not schedule.due()
-    clock[0] += 30.0
-    assert schedule.due()
-    assert not schedule.due()
-
-
-def test_schedule_is_due_when_the_run_stops(clock: list[float]) -> None:
-    assert Schedule(30.0).due(stopping=True)
-
-
-def test_schedule_of_no_time_is_never_due(clock: list[float]) -> None:
-    schedule = Schedule(0.0)
-    clock[0] += 1000.0
-    assert not schedule.due(stopping=True)

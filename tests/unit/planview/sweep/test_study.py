@@ -51,8 +51,7 @@ def test_study_refuses_what_it_does_not_know_and_names_the_file(text: str, tmp_p
 
 
 def test_vary_takes_seeds_from_the_parameter_of_that_name() -> None:
-    found = varied(["maps.cell_m=0.03,0.04", "seed=1,2"])
-    assert (found.parameters, found.seeds) == ({"maps.cell_m": [0.03, 0.04]}, [1, 2])
+    assert varied(["maps.cell_m=0.03,0.04", "seed=1,2"]) == ({"maps.cell_m": [0.03, 0.04]}, [1, 2])
 
 
 @pytest.mark.parametrize(
