@@ -139,7 +139,7 @@ def light_checks(*cameras: Sequence[U8]) -> list[Check]:
     over = max(float(np.median([np.mean(i[::2, ::2] >= SATURATED_LEVEL) for i in side])) for side in sides)
     bright = min(float(np.median([np.percentile(i[::2, ::2], 90) for i in side])) for side in sides)
     return [
-        at_most("over-exposure", over, MAX_OVER, "", "share of saturated pixels in the worse camera"),
+        at_most("over-exposure", over, MAX_OVER, "", "share of saturated pixels in the worse camera", warns=True),
         at_least("under-exposure", bright, MIN_BRIGHT, "grey", "brightest tenth of the picture, darker camera"),
     ]
 

@@ -105,7 +105,7 @@ def check(
             save_rig(replace(rig, source=f"{rig.source}, {pair.correction}"), corrected_rig)
             said = f"wrote {corrected_rig}"
         PlainConsole(stderr=True).print(f"{pair.correction}: {said}", highlight=False)
-    failed = [check for check in diagnosis.checks if not check.ok]
+    failed = [check for check in diagnosis.checks if check.failed]
     if failed:
         raise WorkError(
             f"{recording}: {len(failed)} of {len(diagnosis.checks)} checks failed: "
@@ -122,7 +122,7 @@ def table(diagnosis: Diagnosis) -> Table:
     result.add_column("limit", justify="right")
     result.add_column("meaning")
     for check in diagnosis.checks:
-        mark = "[green]ok[/]" if check.ok else "[bold red]NO[/]"
+        mark = "[green]ok[/]" if check.ok else "[yellow]warning[/]" if check.warns else "[bold red]NO[/]"
         value = f"{check.value:.3g} {check.unit}".strip() if math.isfinite(check.value) else "-"
         result.add_row(mark, check.name, value, check.limit_text, check.note)
     return result
