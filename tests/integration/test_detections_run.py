@@ -1,5 +1,6 @@
 """Another detector's boxes, from the command line and from Python."""
 
+import json
 from pathlib import Path
 
 import cv2
@@ -52,8 +53,14 @@ def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(
     info = read_run_info(out / "run.json")
     assert (info.tracker, info.people) == ("detections", 1) and "det.txt" in info.notes[-1]
     capsys.readouterr()
-    assert status(["evaluate", str(out / "tracks.csv"), str(tmp_path / "truth.csv")]) == 0
-    assert "idf1" in capsys.readouterr().out
+    scored = ["evaluate", str(out / "tracks.csv"), str(tmp_path / "truth.csv"), "--benchmark"]
+    assert status(scored) == 0
+    told = capsys.readouterr().out
+    assert "idf1" in told and "continuity" in told
+    assert status([*scored, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["benchmark"]["continuity"] > 0.5
+    assert status([*scored, "--boxes"]) == 2
+    capsys.readouterr()
     assert status(["replay", str(out), "--frame", "5"]) == 2
     assert "--detections" in capsys.readouterr().err
 
