@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from calib.errors import InputError, WorkError
 from calib.images import write_image
 from calib.io import PART, reason
 from calib.types import U8
-from planview.counting.events import Event
+from planview.counting.events import Event, inward_ways, way_words
 from planview.drawing.image import ImagePainter
 from planview.drawing.plan import PlanBounds, PlanPainter, Snapshot, snapshot_at
 from planview.output.results import RunResults
@@ -35,9 +35,11 @@ class Tally:
 
     Args:
         events: of the run.
+        inward: direction that is in, by rule, where one is.
     """
 
-    def __init__(self, events: Sequence[Event]) -> None:
+    def __init__(self, events: Sequence[Event], inward: Mapping[str, str] | None = None) -> None:
+        self._inward = inward or {}
         self._frames: dict[tuple[str, str], list[int]] = {}
         self._kinds: dict[str, str] = {}
         for event in sorted(events, key=lambda e: e.frame):
@@ -56,7 +58,8 @@ class Tally:
             return bisect_right(self._frames.get((rule, what), []), frame)
 
         if kind == "tripwire":
-            return f"{rule}: {count('left_to_right')} left to right, {count('right_to_left')} right to left"
+            ways = ("left_to_right", "right_to_left")
+            return f"{rule}: " + ", ".join(f"{count(way)} {way_words(way, self._inward.get(rule))}" for way in ways)
         return f"{rule}: {count('entry') - count('exit')} inside, {count('entry')} entries"
 
 
@@ -87,7 +90,7 @@ class SceneComposer:
         self._bounds = bounds or results.bounds()
         self._trail = round(trail_s / results.clock.frame_s)
         self._truth = results.truth if truth else None
-        self._tally = Tally(results.events)
+        self._tally = Tally(results.events, inward_ways(results.rule_counts))
         self._with_plan = plan and results.on_floor
         self._image = ImagePainter(frames.camera if frames else None, results.rules, self._bounds)
         self._plan: PlanPainter | None = None
@@ -128,8 +131,8 @@ class SceneComposer:
         return strip
 
 
-CODECS = {".mp4": "mp4v", ".webm": "VP80", ".avi": "MJPG", ".mkv": "mp4v"}
-"""By ending: what OpenCV writes everywhere. Browsers play VP8 (.webm)."""
+CODECS = {".mp4": "vp09", ".webm": "VP80", ".avi": "MJPG", ".mkv": "VP80"}
+"""By ending: what OpenCV's wheels write and browsers play, VP9 in .mp4 and VP8 in .webm; they have no H.264 encoder."""
 
 
 class VideoWriter:
