@@ -127,6 +127,8 @@ class SceneComposer:
         time_s = float(self._results.clock.at(np.array([snapshot.frame]))[0])
         people = sum(person.state == "confirmed" for person in snapshot.people)
         text = f"frame {snapshot.frame}   {time_s:.2f} s   {people} {'person' if people == 1 else 'people'}"
+        if self.has_image and not self._with_plan:  # which has room for what rules count
+            text = "   ".join([text, *self._tally.lines(snapshot.frame)])
         cv2.putText(strip, text, (8, HEADER_PX - 10), _FONT, 0.5, _INK, 1, cv2.LINE_AA)
         return strip
 
