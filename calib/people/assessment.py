@@ -30,7 +30,7 @@ from calib.people.refine import (
     shared_of,
 )
 from calib.people.samples import MarkedPeople
-from calib.types import F64
+from calib.types import F64, Bool
 
 
 class CameraDeviations(NamedTuple):
@@ -80,13 +80,16 @@ def camera_deviations(fit: GroundCameraFit) -> CameraDeviations:
     return CameraDeviations(float(std[HEIGHT]), float(std[TILT]), float(std[FOCAL]), float(std[ROLL]))
 
 
-def assess(posterior: CameraPosterior, people: MarkedPeople, model: HumanModel) -> Assessment:
+def assess(
+    posterior: CameraPosterior, people: MarkedPeople, model: HumanModel, walked: Bool | None = None
+) -> Assessment:
     """Expected floor error over the region that the samples cover, and what would lower it most.
 
     Args:
         posterior: the camera and its alternatives.
         people: the samples.
         model: the person.
+        walked: (height, width) of the image, where something moved: people are asked for there only; None for anywhere.
     """
     fit = posterior.fit
     # (m, 2) pixels: the feet and the middles between any two of them.
@@ -102,7 +105,7 @@ def assess(posterior: CameraPosterior, people: MarkedPeople, model: HumanModel) 
     # What more would bring is computed linearly, and taken in proportion.
     ratio = error / max(floor.linear(fit.covariance), 1e-9) if math.isfinite(error) else math.inf
     advisor = _Advisor(fit, floor, ratio, limit)
-    found = advisor.next_sample(model)
+    found = advisor.next_sample(model, walked)
     if error <= limit:
         text = f"enough: floor positions are known to {error:.2f} m where people were marked"
         return Assessment(True, error, limit, found, text)
@@ -187,11 +190,15 @@ class _Advisor:
     limit: float
     gain: F64 | None = None
 
-    def next_sample(self, model: HumanModel) -> NextSample | None:
+    def next_sample(self, model: HumanModel, walked: Bool | None) -> NextSample | None:
         """The place that lowers the floor error most."""
         if not np.isfinite(self.fit.covariance).all():
             return None
         places, rows = _possible(self.fit, model)
+        if walked is not None:
+            u, v = rows[:, 6:8].round().astype(int).T
+            met = walked[v.clip(0, walked.shape[0] - 1), u.clip(0, walked.shape[1] - 1)]
+            places, rows = places[met], rows[met]
         if not len(places):
             return None
         further = MarkedPeople(rows, np.ones(len(rows)), np.full(len(rows), PERSON_STD), np.zeros(len(rows), np.bool_))

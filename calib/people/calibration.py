@@ -18,7 +18,7 @@ from calib.people.assessment import Assessment, CameraDeviations, assess, camera
 from calib.people.model import HumanModel, KnownValues, people_of, prior_of, usual_focal_px
 from calib.people.refine import CameraPosterior, GroundCameraFit, posterior_of, refine, with_outline_errors
 from calib.people.samples import HumanSample, MarkedPeople, check_samples, level_ends, only_boxes
-from calib.types import F64
+from calib.types import F64, Bool
 
 KNOWN_RANGE = 1.15
 """A value that was told is searched up to this factor from it; the deviation decides afterwards (our choice)."""
@@ -215,6 +215,7 @@ def calibrate_from_people(
     model: HumanModel | None = None,
     params: HumanCalibrationParams | None = None,
     name: str = "samples",
+    walked: Bool | None = None,
 ) -> HumanCalibration:
     """The camera whose projected people fit the samples best, its deviations and a verdict.
 
@@ -232,6 +233,7 @@ def calibrate_from_people(
         model: the person; by default the paper's 1.76 m, or the height known.
         params: of the search.
         name: of the samples' source, for messages.
+        walked: (height, width), where something moved in the recording: more people are asked for there only.
     Raises:
         InputError: samples from which no camera can be told.
         WorkError: no camera fits them, or too many do.
@@ -264,7 +266,7 @@ def calibrate_from_people(
             f"{min(std.height, 10):.0%}): add people nearer to and farther from the camera, or give the focal length "
             "or the camera's height"
         )
-    return _result(posterior, tried[0].problem, people, model, time.perf_counter() - start)
+    return _result(posterior, tried[0].problem, people, model, time.perf_counter() - start, walked)
 
 
 def _refuse_unfit(best: _Tried, max_error: float, name: str) -> None:
@@ -280,7 +282,12 @@ def _refuse_unfit(best: _Tried, max_error: float, name: str) -> None:
 
 
 def _result(
-    posterior: CameraPosterior, problem: SearchProblem, people: MarkedPeople, model: HumanModel, search_s: float
+    posterior: CameraPosterior,
+    problem: SearchProblem,
+    people: MarkedPeople,
+    model: HumanModel,
+    search_s: float,
+    walked: Bool | None,
 ) -> HumanCalibration:
     found = posterior.fit
     errors = problem.each(found.camera)
@@ -290,7 +297,7 @@ def _result(
         error=float(errors.mean()),
         sample_errors=errors,
         std=camera_deviations(found),
-        assessment=assess(posterior, people, model),
+        assessment=assess(posterior, people, model, walked),
         odd=tuple(int(i) for i in np.flatnonzero(found.deviations > ODD_FROM)),
         girth=found.girth,
         stature=found.stature,

@@ -21,6 +21,7 @@ class Check:
         limit: the bound, or (low, high); None when the value is only reported.
         rule: "at most", "at least", "between" or "reported".
         note: what it means, in one clause.
+        warns: a value beyond the limit is a warning: results are worse for it, and still of use.
     """
 
     name: str
@@ -30,6 +31,12 @@ class Check:
     limit: Limit = None
     rule: str = "reported"
     note: str = ""
+    warns: bool = False
+
+    @property
+    def failed(self) -> bool:
+        """Beyond a limit without which results are not to be trusted."""
+        return not self.ok and not self.warns
 
     @property
     def limit_text(self) -> str:
@@ -49,12 +56,16 @@ class Check:
             "limit": limit,
             "rule": self.rule,
             "note": self.note,
+            "warns": self.warns,
         }
 
 
-def at_most(name: str, value: float, limit: float, unit: str, note: str, *, needed: bool = False) -> Check:
+def at_most(
+    name: str, value: float, limit: float, unit: str, note: str, *, needed: bool = False, warns: bool = False
+) -> Check:
     """Passes when value <= limit; a value that could not be measured fails only when it is needed."""
-    return Check(name, value <= limit or (math.isnan(value) and not needed), value, unit, limit, "at most", note)
+    ok = value <= limit or (math.isnan(value) and not needed)
+    return Check(name, ok, value, unit, limit, "at most", note, warns)
 
 
 def at_least(name: str, value: float, limit: float, unit: str, note: str, *, needed: bool = False) -> Check:

@@ -125,7 +125,8 @@ class Diagnosis:
 
     @property
     def ok(self) -> bool:
-        return all(check.ok for check in self.checks)
+        """Whether results can be trusted; warnings leave it true."""
+        return not any(check.failed for check in self.checks)
 
     def to_json(self) -> dict[str, Any]:
         """The ``--json`` object of ``planview check``: ``ok`` and ``checks``."""
@@ -235,8 +236,8 @@ class RecordingWatch:
 
 
 def refuse_unless_ok(checks: list[Check], source: str) -> None:
-    """Raise InputError when a check fails."""
-    failed = [check for check in checks if not check.ok]
+    """Raise InputError when a check fails; warnings pass."""
+    failed = [check for check in checks if check.failed]
     if failed:
         raise InputError(f"{source}: --strict: {'; '.join(sentence(check) for check in failed)}")
 

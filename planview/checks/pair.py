@@ -129,7 +129,7 @@ def light_checks(*cameras: Sequence[U8]) -> list[Check]:
     return [
         # Share of saturated pixels that leaves enough to see people by; a sunny terrace has up to a quarter (our
         # choice).
-        at_most("over-exposure", over, 0.35, "", "share of saturated pixels in the worse camera"),
+        at_most("over-exposure", over, 0.35, "", "share of saturated pixels in the worse camera", warns=True),
         # The brightest tenth of a picture must reach this grey level: below, sensor noise is a good part of any
         # texture.
         at_least("under-exposure", bright, 40.0, "grey", "brightest tenth of the picture, darker camera"),

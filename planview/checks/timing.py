@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import cv2
@@ -19,6 +20,25 @@ OWN_VIEW = 8
 """The outer 1/n of each image, which the other camera may not show, is left out: a disparity of 80 px of 640."""
 BANDS = 24
 """Bands of rows in which movement is summed: rows of a rectified pair show the same part of the scene."""
+MOVED_LEVEL = 14
+"""Grey levels by which a pixel must change to count as moved: above sensor noise and coding artefacts."""
+ACTIVE_SHARE = 0.001
+"""Share of moved pixels from which a picture moves: half of what a person at 8 m takes (our choice)."""
+MIN_LIKENESS = 0.5
+"""Correlation of the cameras' movement below which nothing is said about their lag."""
+LONGEST_LAG = 30
+"""Longest lag looked for [frames]: two seconds at 15 Hz (our choice)."""
+WINDOW = 120
+"""Frames over which the mean movement is taken out (our choice)."""
+MIN_WINDOW = 12
+BLOCK = 15
+"""Frames whose sums are kept together, fewer where there are few: a second at 15 Hz (our choice)."""
+BLOCKS_MAX = 128
+"""Beyond, neighbouring sums are added up: memory does not grow."""
+GROUPS = 8
+"""Parts of the time that are left out in turn to tell the deviation of a lag (jackknife; our choice)."""
+SURELY = 3.0
+"""Deviations by which a lag must exceed its limit: less is chance."""
 
 
 class Thumbnails(NamedTuple):
@@ -45,16 +65,19 @@ class MotionFindings(NamedTuple):
     """What the movement of both cameras says; NaN where too little moves.
 
     Attributes:
-        lag: by how many frames the right camera is late, at least for part of the time.
+        lag: by how many frames the right camera is late: over all the time, or over its first or second half where
+            that leaves less doubt.
         frozen: share of the frames with movement in which one camera stands still.
         stall: longest such stretch [frames].
         repeated: share of the frames with movement around them that repeat the pair before.
+        lag_std: deviation of the lag [frames].
     """
 
     lag: float
     frozen: float
     stall: float
     repeated: float
+    lag_std: float = np.nan
 
 
 class MotionWatch:
@@ -63,7 +86,7 @@ class MotionWatch:
     def __init__(self) -> None:
         self._last: Thumbnails | None = None
         self._bands: list[F64] = []
-        self._lags: list[Lag] = []
+        self._sums: list[F64] = []
         self._active = self._frozen = self._stall = self._longest = self._repeated = 0
         self._still_for = 0
 
@@ -73,13 +96,33 @@ class MotionWatch:
         if before is None:
             return
         both = list(zip(before, pair, strict=True))
-        # Grey levels by which a pixel must change to count as moved: above sensor noise and coding artefacts.
-        moved = [np.asarray(cv2.absdiff(a, b) > 14, dtype=np.bool_) for a, b in both]
-        share = [float(m.mean()) for m in moved]
-        same = [bool((a == b).all()) for a, b in both]
-        # Share of moved pixels from which a picture moves: half of what a person at 8 m takes (our choice).
-        active = max(share) >= 0.001
-        frozen = active and min(share) == 0.0
+        moved = [np.asarray(cv2.absdiff(a, b) > MOVED_LEVEL, dtype=np.bool_) for a, b in both]
+        self._count(max(float(m.mean()) for m in moved), [bool((a == b).all()) for a, b in both])
+        self._bands.append(np.stack([_bands(m) for m in moved]))
+        if len(self._bands) == WINDOW:
+            self._sums += lag_sums(*np.stack(self._bands, axis=1))
+            self._bands.clear()
+            if len(self._sums) > BLOCKS_MAX:
+                self._sums = [a + b for a, b in zip(self._sums[::2], self._sums[1::2], strict=False)]
+
+    def findings(self) -> MotionFindings:
+        """Of all pairs so far."""
+        if not self._active:
+            return MotionFindings(np.nan, np.nan, np.nan, np.nan)
+        sums = list(self._sums)
+        if len(self._bands) >= MIN_WINDOW:
+            sums += lag_sums(*np.stack(self._bands, axis=1))
+        half = len(sums) // 2
+        lags = [lag_of(sums), *(lag_of(part) for part in (sums[:half], sums[half:]) if half >= GROUPS)]
+        # A camera may lose its step on the way: the surest lag counts.
+        lag = max(lags, key=lambda lag: lag.surely if math.isfinite(lag.surely) else -math.inf)
+        repeated = self._repeated / (self._active + self._repeated)
+        return MotionFindings(lag.frames, self._frozen / self._active, float(self._longest), repeated, lag.std)
+
+    def _count(self, moved: float, same: list[bool]) -> None:
+        active = moved >= ACTIVE_SHARE
+        # A camera that stands still repeats its image to the last bit; one in which nobody moves has noise.
+        frozen = active and any(same)
         self._active += active
         self._frozen += frozen
         self._stall = self._stall + 1 if frozen else 0 if active else self._stall
@@ -91,25 +134,6 @@ class MotionWatch:
             if active and self._still_for in (1, 2):
                 self._repeated += self._still_for
             self._still_for = 0 if active else 3
-        self._bands.append(np.stack([_bands(m) for m in moved]))
-        # Frames over which a lag is measured: a person crosses most views in that time (our choice).
-        if len(self._bands) == 120:
-            self._lags.append(self._window_lag())
-            self._bands.clear()
-
-    def findings(self) -> MotionFindings:
-        """Of all pairs so far."""
-        if not self._active:
-            return MotionFindings(np.nan, np.nan, np.nan, np.nan)
-        lag = _overall([*self._lags, self._window_lag()])
-        repeated = self._repeated / (self._active + self._repeated)
-        return MotionFindings(lag, self._frozen / self._active, float(self._longest), repeated)
-
-    def _window_lag(self) -> Lag:
-        if len(self._bands) < 12:
-            return UNKNOWN
-        left, right = np.stack(self._bands, axis=1)
-        return best_lag(left, right)
 
 
 class Lag(NamedTuple):
@@ -117,58 +141,67 @@ class Lag(NamedTuple):
 
     Attributes:
         frames: of the right camera behind the left one; NaN where they are not alike.
-        likeness: correlation there.
-        unshifted: correlation without a lag.
+        std: its deviation [frames], by the jackknife over parts of the time; NaN where one part holds four fifths of
+            what moves.
     """
 
     frames: float
-    likeness: float
-    unshifted: float
+    std: float
+
+    @property
+    def surely(self) -> float:
+        """Frames by which the cameras are apart at least, ``SURELY`` deviations taken off; negative for none."""
+        return abs(self.frames) - SURELY * self.std
 
 
-UNKNOWN = Lag(np.nan, np.nan, np.nan)
-
-
-def best_lag(left: F64, right: F64) -> Lag:
-    """Lag of the right signals behind the left ones.
+def lag_sums(left: F64, right: F64) -> list[F64]:
+    """Products of both signals for every lag, summed over blocks of frames.
 
     Args:
         left, right: (T, bands) movement per frame.
+    Returns:
+        per block (2 LONGEST_LAG + 1, 3) float64: left by right one ``lag`` frames later, and each by itself.
     """
-    # Longest lag looked for [frames]: two seconds at 15 Hz (our choice).
-    longest = min(30, len(left) // 3)
-    scores = np.array([_likeness(left, right, lag) for lag in range(-longest, longest + 1)])
-    # Correlation of the cameras' movement below which nothing is said about their lag.
-    if not np.isfinite(scores).any() or np.nanmax(scores) < 0.5:
-        return UNKNOWN
-    best, shift = int(np.nanargmax(scores)), 0.0
-    # Half the curvature of the parabola through the best score and its neighbours.
-    if 0 < best < len(scores) - 1:
-        before, after = scores[best - 1], scores[best + 1]
-        bend = before - 2.0 * scores[best] + after
-        shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
-    return Lag(float(best - longest + shift), float(scores[best]), float(scores[longest]))
+    frames = len(left)
+    longest = min(LONGEST_LAG, frames // 3)
+    left, right = left - left.mean(axis=0), right - right.mean(axis=0)
+    blocks = max(GROUPS, frames // BLOCK)
+    block_of = np.arange(frames) * blocks // frames
+    sums = np.zeros((blocks, 2 * LONGEST_LAG + 1, 3))
+    for lag in range(-longest, longest + 1):
+        at = np.arange(max(0, -lag), frames - max(0, lag))
+        a, b = left[at], right[at + lag]
+        for k, product in enumerate((a * b, a * a, b * b)):
+            sums[:, LONGEST_LAG + lag, k] = np.bincount(block_of[at], product.sum(axis=1), blocks)
+    return list(sums)
 
 
-def _likeness(left: F64, right: F64, lag: int) -> float:
-    """Correlation of two sets of signals, the right one taken ``lag`` frames later."""
-    a = left[max(0, -lag) : len(left) - max(0, lag)]
-    b = right[max(0, lag) : len(right) - max(0, -lag)]
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-    power = float(np.sqrt((a * a).sum() * (b * b).sum()))
-    return float((a * b).sum()) / power if power > 1e-12 else np.nan
+def lag_of(sums: list[F64]) -> Lag:
+    """Lag at which the sums of all blocks correlate best, and how far it moves when parts are left out."""
+    if not sums:
+        return Lag(np.nan, np.nan)
+    bounds = np.linspace(0, len(sums), min(GROUPS, len(sums)) + 1).astype(int)
+    parts = np.stack([np.sum(sums[a:b], axis=0) for a, b in pairwise(bounds)])
+    whole = parts.sum(axis=0)
+    without = np.array([_best(whole - part) for part in parts])
+    power, count = parts[:, LONGEST_LAG, 1:].sum(axis=1), len(parts)
+    if power.max() > 0.8 * power.sum():
+        return Lag(_best(whole), np.nan)
+    return Lag(_best(whole), float(np.sqrt((count - 1) / count * np.sum((without - without.mean()) ** 2))))
 
 
-def _overall(windows: list[Lag]) -> float:
-    """The median lag; or that of the windows which leave no doubt that they are late, where the others are not."""
-    lags = np.array([w.frames for w in windows if np.isfinite(w.frames)])
-    if not len(lags):
+def _best(sums: F64) -> float:
+    power = np.sqrt(np.maximum(sums[:, 1] * sums[:, 2], 0.0))
+    likeness = np.where(power > 1e-9, sums[:, 0] / np.maximum(power, 1e-9), -1.0)
+    best, shift = int(np.argmax(likeness)), 0.0
+    if likeness[best] < MIN_LIKENESS:
         return np.nan
-    # By so much the likeness of a window must rise with a lag for it to count alone: cameras that lost their step
-    # half-way reach 0.7, those in step 0.03 (our choice).
-    late = [w.frames for w in windows if abs(w.frames) > 0.5 and w.unshifted < w.likeness - 0.25]
-    median = float(np.median(lags))
-    return float(np.median(late)) if late and abs(median) <= 0.5 else median
+    # Half the curvature of the parabola through the best score and its neighbours.
+    if 0 < best < len(likeness) - 1:
+        before, after = likeness[best - 1], likeness[best + 1]
+        bend = before - 2.0 * likeness[best] + after
+        shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
+    return float(best - LONGEST_LAG + shift)
 
 
 def _bands(moved: Bool) -> F64:
@@ -177,20 +210,33 @@ def _bands(moved: Bool) -> F64:
     return np.asarray(np.sqrt(moved[:rows].reshape(BANDS, -1).mean(axis=1)), dtype=np.float64)
 
 
+MAX_GAP = 2.5
+"""Longest step between frames over the usual one: one dropped frame passes, two in a row do not (our choice)."""
+MIN_USABLE = 0.9
+MAX_FROZEN = 0.1
+"""Share of frames with movement in which one camera stands still."""
+MAX_STALL = 8
+"""Longest such stretch [frames]: half a second at 15 Hz (our choice); what both cameras show moves in both."""
+MAX_REPEATED = 0.1
+"""Share of pairs that repeat the one before while people move: a tenth spoils every velocity (our choice)."""
+MAX_LAG = 0.5
+"""Cameras may be apart by half a frame: at 15 fps a walker moves 4 cm in that time, which is 1 px at 4 m."""
+
+
 def timing_checks(evidence: Evidence) -> list[Check]:
     """Usable frames, gaps in the timestamps; of a pair a frozen camera, and lag between the cameras."""
     usable = (len(evidence.spread) + len(evidence.run)) / max(1, evidence.frames_asked)
     times = evidence.recording.times_s
     known = np.array([f.timestamp_s for f in evidence.run]) if times is None else times[np.isfinite(times)]
     checks = [
-        at_least("usable frames", usable, 0.9, "", "share of the frames looked at that can be decoded"),
+        at_least("usable frames", usable, MIN_USABLE, "", "share of the frames looked at that can be decoded"),
         at_most(
-            # One dropped frame passes, two in a row do not (our choice).
             "timestamp gap",
             longest_step(known),
-            2.5,
+            MAX_GAP,
             "steps",
             "longest step between frames over the usual one",
+            warns=True,
         ),
     ]
     if not isinstance(evidence.rectifier, Rectifier):
@@ -204,15 +250,20 @@ def timing_checks(evidence: Evidence) -> list[Check]:
 
 def motion_checks(found: MotionFindings) -> list[Check]:
     """Cameras that do not move together in time."""
-    late = f"right camera {found.lag:+.2f} frames late, by movement"
+    late = f"right camera {found.lag:+.2f} +- {found.lag_std:.2f} frames late, by movement"
+    in_step = not Lag(found.lag, found.lag_std).surely > MAX_LAG
     return [
-        at_most("frozen camera", found.frozen, 0.1, "", "share of frames that stand still in one camera only"),
-        # Longest such stretch [frames]: half a second at 15 Hz (our choice); what both cameras show moves in both.
-        at_most("stalled camera", found.stall, 8, "frames", "longest time for which only one camera moves"),
-        # Share of pairs that repeat the one before while people move: a tenth spoils every velocity (our choice).
-        at_most("repeated pairs", found.repeated, 0.1, "", "share of pairs that repeat the one before"),
-        # Cameras may be apart by half a frame: at 15 fps a walker moves 4 cm in that time, which is 1 px at 4 m.
-        at_most("synchronisation", abs(found.lag), 0.5, "frames", late),
+        at_most("frozen camera", found.frozen, MAX_FROZEN, "", "share of frames that stand still in one camera only"),
+        at_most(
+            "stalled camera",
+            found.stall,
+            MAX_STALL,
+            "frames",
+            "longest time for which only one camera moves",
+            warns=True,
+        ),
+        at_most("repeated pairs", found.repeated, MAX_REPEATED, "", "share of pairs that repeat the one before"),
+        Check("synchronisation", in_step, abs(found.lag), "frames", MAX_LAG, "at most", late),
     ]
 
 

@@ -354,4 +354,4 @@ def calibrate_ui(
 
     session = open_session(recording, calibration)
     PlainConsole(stderr=True).print(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends")
-    serve(session, out, port, None if session.view else recording)
+    serve(session, out, port)

@@ -96,7 +96,7 @@ def check(
         for path in write_pictures(diagnosis.evidence, out):
             PlainConsole(stderr=True).print(f"wrote {path}", highlight=False)
     _correct(recording, diagnosis.evidence.pair if diagnosis.evidence else None, corrected_rig)
-    failed = [check for check in diagnosis.checks if not check.ok]
+    failed = [check for check in diagnosis.checks if check.failed]
     if failed:
         raise WorkError(
             f"{recording}: {len(failed)} of {len(diagnosis.checks)} checks failed: "
@@ -132,7 +132,7 @@ def table(diagnosis: Diagnosis) -> Table:
     result.add_column("limit", justify="right")
     result.add_column("meaning")
     for check in diagnosis.checks:
-        mark = "[green]ok[/]" if check.ok else "[bold red]NO[/]"
+        mark = "[green]ok[/]" if check.ok else "[yellow]warning[/]" if check.warns else "[bold red]NO[/]"
         value = f"{check.value:.3g} {check.unit}".strip() if math.isfinite(check.value) else "-"
         result.add_row(mark, check.name, value, check.limit_text, check.note)
     return result

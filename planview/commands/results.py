@@ -62,7 +62,7 @@ class RenderOptions:
     """What is drawn, and where it goes."""
 
     video: Path | None = None
-    """Video to write: .webm (plays in browsers), .mp4, .avi or .mkv. [default: scene.webm in the folder]"""
+    """Video to write: .webm or .mp4 (browsers play both), .avi or .mkv. [default: scene.webm in the folder]"""
     frame: int | None = None
     """Draw this frame only, as a picture."""
     png: Path | None = None

@@ -62,6 +62,9 @@ class TrackingOptions:
     """Refuse a recording that fails one of the cheap checks (exit status 2) instead of warning of it."""
     tracker: Annotated[TrackerName, _How] = "template"
     """Plan-view templates, or harville, the paper's (stereo); a human model, or ellipses and particles (one camera)."""
+    detections: Annotated[Path | None, _How] = None
+    """Boxes of people from a detector of your own (MOTChallenge det.txt or COCO results), tracked instead of what
+    moves; one camera only."""
     config: Annotated[Path | None, _How] = None
     """TOML file with parameters, a table per stage."""
     set_: Annotated[Sequence[str], _How, Parameter(name="--set", negative="")] = ()
@@ -96,6 +99,8 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
 
     Example without any calibration: planview run street.mp4 --tracker ellipse-particle --out out
 
+    Example with a detector's boxes: planview run street.mp4 --detections det.txt --calibration camera.toml --out out
+
     Example in real time, with the latency of tracks printed: planview run my_recording --out out --set
     run.real_time=true
 
@@ -119,6 +124,8 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
         raise InputError(
             "expected --resume or run.real_time, found both: a run in real time has no checkpoints to go on from"
         )
+    if options.resume and options.detections:
+        raise InputError("expected --resume or --detections, found both: boxes are tracked again in seconds")
     check_folder(out, options.overwrite or options.resume, recording)
     console = PlainConsole(stderr=True)
     if options.resume and (info := finished_run(out)) is not None:
@@ -142,7 +149,7 @@ def _opened_and_tracked(
     camera = options.calibration if options.calibration and _is_of_one_camera(options.calibration, options) else None
     source = open_options(None if camera else options.calibration, options.fps, options.topics)
     with console.status("opening the recording, aligning rows, finding the floor"):
-        engine = open_engine(recording, options.tracker, settings, camera, source)
+        engine = open_engine(recording, options.tracker, settings, camera, source, detections=options.detections)
     if options.maps and (engine.stereo is None or is_maps(recording)):
         raise InputError(f"--maps: expected a stereo recording, found {recording}")
     if options.maps and is_multi_rig(recording):
@@ -156,7 +163,7 @@ def _opened_and_tracked(
 
 def _is_of_one_camera(calibration: Path, options: TrackingOptions) -> bool:
     """Whether a calibration is a camera.toml rather than that of a pair."""
-    if options.tracker == "human-model" or calibration.name == "camera.toml":
+    if options.tracker == "human-model" or options.detections or calibration.name == "camera.toml":
         return True
     try:
         return not {"focal_px", "tilt_deg", "lens"}.isdisjoint(load_toml(calibration, "a calibration"))
@@ -169,7 +176,8 @@ def _track(
 ) -> RunInfo:
     settings = engine.config.run
     how = RunOptions(
-        options.tracker, analytics, options.debug, options.frames, settings.checkpoint_every_s, options.strict,
+        "detections" if options.detections else options.tracker, analytics, options.debug, options.frames,
+        0.0 if options.detections else settings.checkpoint_every_s, options.strict,
         Pace() if settings.real_time else None,
     )  # fmt: skip
     checkpoint = None
@@ -221,6 +229,8 @@ def replay(
         Picture to write; replay-N.png in the folder when not given.
     """
     results = read_results(folder)
+    if results.info.tracker == "detections":
+        raise InputError(f"{folder}: expected a run without --detections, whose file a run does not keep; run it again")
     if not 0 <= frame < results.n_frames:
         raise InputError(f"--frame: expected a frame from 0 to {results.n_frames - 1}, found {frame}")
     config = load_config(None, set_, config_of(results.info.config, str(folder / "run.json")))

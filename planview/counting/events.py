@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Literal, cast, get_args
+from typing import IO, Any, Literal, cast, get_args
 
 from calib.errors import InputError
 from calib.io import reason, require_file
 
 EventKind = Literal["crossing", "entry", "exit"]
 Direction = Literal["left_to_right", "right_to_left", ""]
+
 EVENT_COLUMNS = ("frame", "timestamp_s", "rule", "kind", "id", "direction")
+
+
+def way_words(direction: str, inward: object) -> str:
+    """A crossing in words: "in" or "out" where the rule says which way is in, else seen along the line, from its first
+    point to its second."""
+    if inward:
+        return "in" if direction == inward else "out"
+    return "to its right" if direction == "left_to_right" else "to its left"
+
+
+def inward_ways(rules: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    """The direction that is in, by rule, of the totals of a run (``RunInfo.counts``)."""
+    return {name: str(rule.get("inward", "")) for name, rule in rules.items()}
 
 
 @dataclass(frozen=True)

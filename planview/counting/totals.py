@@ -154,6 +154,7 @@ class Counts:
         intervals = self._intervals(crossings)
         return {
             "kind": "tripwire",
+            **({"inward": wire.inward} if wire.inward else {}),
             **_by_direction(crossings, wire.inward),
             "people": self.people[wire.name],
             "intervals": [{"start_s": start, **_by_direction(group, wire.inward)} for start, group in intervals],

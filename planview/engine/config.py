@@ -16,6 +16,7 @@ from calib.params import Params, dotted, first_problem
 from planview.foreground.ghosts import GhostParams
 from planview.foreground.params import ForegroundParams
 from planview.maps.builder import MapParams
+from planview.tracking.detections import DetectionParams
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.harville import HarvilleParams
 from planview.tracking.human_model.params import HumanModelParams
@@ -104,6 +105,7 @@ class Config(Params):
     single_camera: SingleCameraParams = SingleCameraParams()
     human_model: HumanModelParams = HumanModelParams()
     ellipse_particle: EllipseParticleParams = EllipseParticleParams()
+    detections: DetectionParams = DetectionParams()
     run: RunParams = RunParams()
 
 

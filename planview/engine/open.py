@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, cast, get_args
+
+from numpy.typing import ArrayLike
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
@@ -14,8 +17,10 @@ from planview.engine.replay import recorded_config, replay_engine
 from planview.engine.stereo import multi_rig_engine, stereo_engine
 from planview.maps.recording import MapsRecording, is_maps
 from planview.tracking.base import ImageTracker, Tracker
+from planview.tracking.detections import DetectionTracker
 from planview.tracking.harville import HarvilleTracker
 from planview.tracking.template import TemplateTracker
+from planview.trajectories.detections import Detections, load_detections
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
 from stereo.readers.multi_rig import open_rigs
@@ -34,6 +39,7 @@ def open_engine(
     camera: Path | None = None,
     options: OpenOptions | None = None,
     matcher: Matcher | None = None,
+    detections: Path | str | Sequence[ArrayLike] | None = None,
 ) -> Engine:
     """Open a recording, or the plan-view maps of one, with the tracker asked for.
 
@@ -45,6 +51,8 @@ def open_engine(
             depth, else one of plan-view maps.
         options: calibration, rate and topics of a stereo recording that are not taken from itself.
         matcher: of stereo pairs; SGBM when None.
+        detections: boxes of people that another program found in a video, which are tracked in place of ``tracker``: a
+            file (see ``load_detections``), or per frame (N, 4) left, top, width, height [px] or (N, 5) with a score.
         config: the defaults when None; of plan-view maps the parameters that made them (see ``base_config``).
     Raises:
         InputError: a recording, camera or calibration that is missing or does not fit.
@@ -64,11 +72,15 @@ def open_engine(
         config = config or recorded_config(recording)
         return replay_engine(recording, _map_tracker(tracker, config, path), config)
     config = config or Config()
+    if detections is not None and holds_pair(path):
+        raise InputError(f"{path}: expected a video of one camera for --detections, found a stereo recording")
     if is_multi_rig(path):
         if foreign is not None:
             raise InputError(f"{foreign}: expected the calibration of every head in its own folder")
         return multi_rig_engine(open_rigs(path), config, _map_tracker(tracker, config, path))
-    takes_images = tracker in get_args(ImageTrackerName) or hasattr(tracker, "foreground_columns")
+    takes_images = (
+        detections is not None or tracker in get_args(ImageTrackerName) or hasattr(tracker, "foreground_columns")
+    )
     if not takes_images or is_stereo(path, options.calibration):
         return stereo_engine(open_any(path, options), config, _map_tracker(tracker, config, path), matcher)
     video = open_video(path, options)
@@ -76,6 +88,14 @@ def open_engine(
     if ground_camera is not None and ground_camera.size != video.size:
         (w, h), (vw, vh) = ground_camera.size, video.size
         raise InputError(f"{camera}: expected a camera for images of {vw}x{vh} px, found one for {w}x{h} px")
+    if detections is not None:
+        boxes = load_detections(Path(detections)) if isinstance(detections, str | Path) else Detections.of(detections)
+        if len(boxes.frames) > video.n_frames > 0:
+            raise InputError(
+                f"{boxes.source}: expected boxes of {path.name}, frames 1 to {video.n_frames}, found frame "
+                f"{len(boxes.frames)}"
+            )
+        tracker = DetectionTracker(boxes, config.detections, ground_camera)
     if isinstance(tracker, str):
         tracker = image_tracker(cast(ImageTrackerName, tracker), config, ground_camera)
     return one_camera_engine(video, cast(ImageTracker, tracker), config, ground_camera, overview=True)

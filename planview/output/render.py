@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from calib.errors import InputError, WorkError
 from calib.images import write_image
 from calib.io import PART, reason
 from calib.types import U8
-from planview.counting.events import Event
+from planview.counting.events import Event, inward_ways, way_words
 from planview.drawing.image import ImagePainter
 from planview.drawing.plan import PlanBounds, PlanPainter, Snapshot, snapshot_at
 from planview.output.results import RunResults
@@ -33,9 +33,11 @@ class Tally:
 
     Args:
         events: of the run.
+        inward: direction that is in, by rule, where one is.
     """
 
-    def __init__(self, events: Sequence[Event]) -> None:
+    def __init__(self, events: Sequence[Event], inward: Mapping[str, str] | None = None) -> None:
+        self._inward = inward or {}
         self._frames: dict[tuple[str, str], list[int]] = {}
         self._kinds: dict[str, str] = {}
         for event in sorted(events, key=lambda e: e.frame):
@@ -51,12 +53,15 @@ class Tally:
         def count(rule: str, what: str) -> int:
             return bisect_right(self._frames.get((rule, what), []), frame)
 
-        return [
-            f"{rule}: {count(rule, 'left_to_right')} left to right, {count(rule, 'right_to_left')} right to left"
-            if kind == "tripwire"
-            else f"{rule}: {count(rule, 'entry') - count(rule, 'exit')} inside, {count(rule, 'entry')} entries"
-            for rule, kind in self._kinds.items()
-        ]
+        def line(rule: str, kind: str) -> str:
+            if kind == "tripwire":
+                ways = ("left_to_right", "right_to_left")
+                return f"{rule}: " + ", ".join(
+                    f"{count(rule, way)} {way_words(way, self._inward.get(rule))}" for way in ways
+                )
+            return f"{rule}: {count(rule, 'entry') - count(rule, 'exit')} inside, {count(rule, 'entry')} entries"
+
+        return [line(rule, kind) for rule, kind in self._kinds.items()]
 
 
 class SceneComposer:
@@ -86,7 +91,7 @@ class SceneComposer:
         self._bounds = bounds or results.bounds()
         self._trail = round(trail_s / results.clock.frame_s)
         self._truth = results.truth if truth else None
-        self._tally = Tally(results.events)
+        self._tally = Tally(results.events, inward_ways(results.rule_counts))
         self._with_plan = plan and results.on_floor
         self._image = ImagePainter(frames.camera if frames else None, results.rules, self._bounds)
         self._plan: PlanPainter | None = None
@@ -107,6 +112,8 @@ class SceneComposer:
         time_s = float(self._results.clock.at(np.array([frame]))[0])
         people = sum(person.state == "confirmed" for person in snapshot.people)
         text = f"frame {frame}   {time_s:.2f} s   {people} {'person' if people == 1 else 'people'}"
+        if image is not None and not self._with_plan:  # which has room for what rules count
+            text = "   ".join([text, *self._tally.lines(frame)])
         cv2.putText(header, text, (8, HEADER_PX - 10), _FONT, 0.5, _INK, 1, cv2.LINE_AA)
         whole = np.vstack([header, picture])
         return np.ascontiguousarray(whole[: whole.shape[0] // 2 * 2, : whole.shape[1] // 2 * 2])
@@ -124,8 +131,8 @@ class SceneComposer:
         return np.vstack([self._plan(snapshot), text])
 
 
-CODECS = {".mp4": "mp4v", ".webm": "VP80", ".avi": "MJPG", ".mkv": "mp4v"}
-"""By ending: what OpenCV writes everywhere. Browsers play VP8 (.webm)."""
+CODECS = {".mp4": "vp09", ".webm": "VP80", ".avi": "MJPG", ".mkv": "VP80"}
+"""By ending: what OpenCV's wheels write and browsers play, VP9 in .mp4 and VP8 in .webm; they have no H.264 encoder."""
 
 
 class VideoWriter:

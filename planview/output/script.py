@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import islice
 from pathlib import Path
+
+from numpy.typing import ArrayLike
 
 from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult
@@ -29,6 +31,7 @@ def run(
     config: Config | None = None,
     camera: Path | str | None = None,
     options: OpenOptions | None = None,
+    detections: Path | str | Sequence[ArrayLike] | None = None,
     frames: int = 0,
     refined: bool = False,
     overwrite: bool = False,
@@ -44,6 +47,7 @@ def run(
         config: every parameter; the defaults when None.
         camera: camera.toml of a single camera.
         options: how the recording is opened (calibration, rate, topics).
+        detections: boxes of people from a detector, which are tracked in place of ``tracker`` (see ``open_engine``).
         frames: stop after so many; 0 for all.
         refined: refine the tracks afterwards, knowing the whole recording.
         overwrite: replace results that are in the folder.
@@ -58,8 +62,11 @@ def run(
         check_folder(Path(out), overwrite)
     if isinstance(source, Path | str):
         path = Path(source)
-        engine = open_engine(path, tracker, config, None if camera is None else Path(camera), options, matcher)
-        name = tracker if isinstance(tracker, str) else type(tracker).__name__
+        placed = None if camera is None else Path(camera)
+        engine = open_engine(path, tracker, config, placed, options, matcher, detections)
+        name = (
+            "detections" if detections is not None else tracker if isinstance(tracker, str) else type(tracker).__name__
+        )
     else:
         engine, name = source, type(source.tracker).__name__
     if out is None:

@@ -21,7 +21,7 @@ from calib.people.model import KnownValues
 from calib.people.samples import read_image_size, read_samples
 from calib.types import U8
 from planview.calibration.page.overlay import overlay
-from planview.calibration.page.session import GRAB_PX, CalibrationSession, frames_at
+from planview.calibration.page.session import GRAB_PX, CalibrationSession
 from planview.calibration.page.solution import solve
 from planview.calibration.page.viewer import SCRIPT, STYLE, SameOriginOnly
 
@@ -85,7 +85,12 @@ class SidePanel:
         session = self._session
         self._spinner.visible = self._busy.visible = solving
         points = f", {len(session.floor_points)} floor points" if session.floor_points else ""
-        people = f"{len(session.samples)} people" if session.view is None else "floor of a stereo recording"
+        marked = len(session.samples)
+        people = (
+            f"{marked} {'person' if marked == 1 else 'people'}"
+            if session.view is None
+            else "floor of a stereo recording"
+        )
         self._count.text = f"{people}{points}"
         assessment = session.solution.assessment()
         self._assessment.visible = assessment is not None
@@ -194,11 +199,10 @@ class Page:
     Args:
         session: what is calibrated.
         folder: where Export writes.
-        source: video that frames of loaded samples are read from.
     """
 
-    def __init__(self, session: CalibrationSession, folder: Path, source: Path | None = None) -> None:
-        self._session, self._folder, self._source = session, folder, source
+    def __init__(self, session: CalibrationSession, folder: Path) -> None:
+        self._session, self._folder = session, folder
         self._asked, self._solving = 0, False
         ui.add_head_html(STYLE)
         ui.add_body_html(SCRIPT)
@@ -243,7 +247,6 @@ class Page:
         self._panel.refresh(self._solving)
         if len(session.frames) > 1:
             self._frame_text.text = f"frame {session.indices[session.shown]}"
-            self._slider.props(f"max={len(session.frames) - 1}")
             self._slider.value = session.shown
 
     async def solve(self) -> None:
@@ -298,9 +301,6 @@ class Page:
                     session.load(read_samples(path), read_image_size(path))
                 except InputError as error:
                     raise InputError(str(error).replace(str(path), name)) from error
-            missing = session.missing_frames()
-            if missing and self._source is not None:
-                session.add_frames(await run.io_bound(frames_at, self._source, missing) or [])
         except InputError as error:
             session.message = str(error)
             self.refresh()
@@ -391,12 +391,12 @@ class Page:
                 ui.button("Go on", on_click=dialog.close).props("no-caps flat")
 
 
-def serve(session: CalibrationSession, folder: Path, port: int, source: Path | None = None) -> None:
+def serve(session: CalibrationSession, folder: Path, port: int) -> None:
     """Serve the page on this machine only, until interrupted."""
 
     @ui.page("/")
     def index() -> None:
-        Page(session, folder, source)
+        Page(session, folder)
 
     app.add_middleware(SameOriginOnly, port=port)
     ui.run(host="127.0.0.1", port=port, show=False, reload=False, title="planview", show_welcome_message=False)

@@ -7,24 +7,32 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, overload
+
+import cv2
+import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.ground_camera import LENS_K_320
-from calib.images import focal_share
+from calib.images import as_grey, focal_share
 from calib.people.model import KnownValues
 from calib.people.samples import MIN_SAMPLES, HumanSample
 from calib.rig import Floor
-from calib.types import U8
+from calib.types import U8, Bool
 from planview.calibration.floor import FloorDepths, view_floor
 from planview.calibration.page.marks import Draft, Handle, Point, grabbed, moved, nearest
 from planview.calibration.page.solution import CalibrationTask, Solution, export, solve
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_recording, open_video
+from stereo.recording import Video
 
 Tool = Literal["person", "select", "floor"]
 GRAB_PX = 12.0
 """A point within this distance of the mouse is picked up instead of a new one made [px of the screen]."""
+LOOKED_AT = 40
+"""Pictures of a video in which movement is looked for (our choice, for speed)."""
+KEPT = 50
+"""Pictures of a video that are kept, those read last."""
 PHOTOGRAPHS = (".jpg", ".jpeg", ".heic", ".tif", ".tiff")
 
 
@@ -38,6 +46,7 @@ class CalibrationSession:
         indices: their positions in the video.
         view: depth of a stereo recording, None for one camera.
         plain_floor: floor found without points (stereo), None where none is.
+        walked: (height, width), where something moves in a video; None where that is not known.
         shown: number of the frame shown.
         tool: what the mouse does.
         lens: class of table 2, None to try all.
@@ -51,10 +60,11 @@ class CalibrationSession:
     """
 
     name: str
-    frames: list[U8]
-    indices: list[int]
+    frames: Sequence[U8]
+    indices: Sequence[int]
     view: FloorDepths | None = None
     plain_floor: Floor | None = None
+    walked: Bool | None = None
     shown: int = 0
     tool: Tool = "person"
     lens: str | None = None
@@ -229,18 +239,6 @@ class CalibrationSession:
         self.samples = list(samples)
         self.cancel()
 
-    def missing_frames(self) -> list[int]:
-        """Frames of the video that samples come from and that are not among the pictures."""
-        return sorted({s.frame for s in self.samples if s.frame >= 0} - set(self.indices))
-
-    def add_frames(self, frames: Sequence[tuple[int, U8]]) -> None:
-        """More pictures, with their positions in the video."""
-        index = self.indices[self.shown]
-        both = {**dict(zip(self.indices, self.frames, strict=True)), **dict(frames)}
-        self.indices = sorted(both)
-        self.frames = [both[i] for i in self.indices]
-        self.shown = self.indices.index(index)
-
     def solve(self) -> None:
         """Compute what the drawing allows."""
         self.solution = solve(self.task())
@@ -248,7 +246,14 @@ class CalibrationSession:
     def task(self) -> CalibrationTask:
         """What is to be solved now, apart from what is drawn meanwhile."""
         return CalibrationTask(
-            self.name, self.size, tuple(self.samples), self.lens, self.known, tuple(self.floor_points), self.view
+            self.name,
+            self.size,
+            tuple(self.samples),
+            self.lens,
+            self.known,
+            tuple(self.floor_points),
+            self.view,
+            self.walked,
         )
 
     def export(self, folder: Path, solution: bool = True) -> tuple[Path, ...]:
@@ -292,8 +297,8 @@ class CalibrationSession:
         return min(max(float(u), 0.0), width - 1.0), min(max(float(v), 0.0), height - 1.0)
 
 
-def open_session(path: Path, calibration: Path | None = None, n_frames: int = 40) -> CalibrationSession:
-    """Frames to draw on, spread over a video of one camera, or the depth of a stereo recording.
+def open_session(path: Path, calibration: Path | None = None) -> CalibrationSession:
+    """Every frame of a video of one camera to draw on, or the depth of a stereo recording.
 
     Both views of a side-by-side video, and the two cameras of a bag, are a stereo recording. The focal length of
     photographs that say it is taken as known.
@@ -316,24 +321,58 @@ def open_session(path: Path, calibration: Path | None = None, n_frames: int = 40
             plain_floor = None
         return CalibrationSession(str(path), [view.image], [0], view, plain_floor)
     video = open_video(path)
-    step = max(1, video.n_frames // n_frames)
-    pictures = [(frame.index, frame.image) for frame in video if frame.index % step == 0]
-    if not pictures:
+    if not any(True for _ in video):
         raise InputError(f"{path}: expected a video with frames, found none that can be decoded")
-    session = CalibrationSession(path.name, [image for _, image in pictures], [index for index, _ in pictures])
-    session.known = known_of(path, session.size)
+    session = CalibrationSession(path.name, VideoPictures(video), range(video.n_frames))
+    session.known, session.walked = known_of(path, session.size), walked_in(video)
     return session
 
 
-def frames_at(path: Path, indices: Sequence[int]) -> list[tuple[int, U8]]:
-    """Pictures of a video at some positions, as far as it has them."""
-    wanted, found = set(indices), []
-    for frame in open_video(path):
-        if frame.index in wanted:
-            found.append((frame.index, frame.image))
-        if frame.index >= max(wanted):
-            break
-    return found
+def walked_in(video: Video) -> Bool | None:
+    """(height, width) where pictures spread over a video differ from what is usual there; None where none does."""
+    width, height = video.size
+    frames = video.at(np.unique(np.linspace(0, video.n_frames - 1, LOOKED_AT).astype(int)).tolist())
+    small = [cv2.resize(as_grey(frame.image), (80, 60), interpolation=cv2.INTER_AREA) for frame in frames]
+    if not small:
+        return None
+    moved = np.abs(np.stack(small).astype(np.float32) - np.median(small, axis=0)).max(axis=0) > 20
+    # As far as a step goes.
+    whole = cv2.resize(cv2.dilate(moved.astype(np.uint8), np.ones((5, 5), np.uint8)), (width, height))
+    return np.asarray(whole > 0, dtype=np.bool_) if moved.any() else None
+
+
+def _is_side_by_side(path: Path) -> bool:
+    """Whether the pictures of a video are two views of one scene."""
+    try:
+        return find_layout(path)[0].key == "side-by-side"
+    except InputError:
+        return False
+
+
+class VideoPictures(Sequence[U8]):
+    """Every frame of a video, read when it is asked for; grey where one cannot be decoded."""
+
+    def __init__(self, video: Video) -> None:
+        self._video = video
+        self._kept: dict[int, U8] = {}
+
+    def __len__(self) -> int:
+        return self._video.n_frames
+
+    @overload
+    def __getitem__(self, index: int) -> U8: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[U8]: ...
+    def __getitem__(self, index: int | slice) -> U8 | Sequence[U8]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        if index not in self._kept:
+            frames = self._video.at([index])
+            width, height = self._video.size
+            self._kept[index] = frames[0].image if frames else np.full((height, width, 3), 128, np.uint8)
+            if len(self._kept) > KEPT:
+                del self._kept[next(iter(self._kept))]
+        return self._kept[index]
 
 
 def known_of(path: Path, size: tuple[int, int]) -> KnownValues:

@@ -130,6 +130,7 @@ class CalibrationTask:
     known: KnownValues
     floor_points: tuple[Point, ...]
     view: FloorDepths | None
+    walked: Bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +191,11 @@ def solve(task: CalibrationTask) -> Solution:
             return Solution(fit=fit_floor(task.view, task.floor_points)) if len(task.floor_points) >= 3 else Solution()
         if len(task.samples) < MIN_SAMPLES:
             return Solution()
-        return Solution(calibrate_from_people(task.samples, task.size, task.lens, known=task.known, name=task.name))
+        return Solution(
+            calibrate_from_people(
+                task.samples, task.size, task.lens, known=task.known, name=task.name, walked=task.walked
+            )
+        )
     except (InputError, WorkError) as error:
         return Solution(problem=str(error))
 

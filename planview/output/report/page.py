@@ -12,6 +12,7 @@ from pydantic import JsonValue, TypeAdapter, ValidationError
 
 from calib.errors import InputError, WorkError
 from calib.params import first_problem
+from planview.counting.events import inward_ways
 from planview.drawing.style import ERRORS, as_hex, page_of, person_hex
 from planview.engine.info import CameraInfo
 from planview.evaluation.significant import SignificantError
@@ -196,7 +197,7 @@ def _pictures(results: RunResults) -> list[Picture]:
         if rule.get("kind") == "tripwire"
     }
     if crossings:
-        pictures.append(picture("Crossings over time", plots.crossings_plot(crossings, end_s)))
+        pictures.append(picture("Crossings over time", plots.crossings_plot(crossings, end_s, inward_ways(rules))))
     series = {name: rule.get("occupancy") or rule.get("length") for name, rule in rules.items()}
     known = {name: changes for name, changes in series.items() if changes}
     if known:

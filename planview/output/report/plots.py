@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from calib.types import F64, I64, Bool
+from planview.counting.events import way_words
 from planview.drawing.plan import PlanBounds
 from planview.drawing.style import TRIPWIRE, ZONE, as_hex, person_hex
 from planview.evaluation.significant import runs
@@ -56,18 +57,18 @@ def stage_plot(stages_ms: dict[str, float]) -> bytes:
     return png_bytes(figure)
 
 
-def crossings_plot(crossings: Mapping[str, Sequence[tuple[float, str]]], end_s: float) -> bytes:
+def crossings_plot(
+    crossings: Mapping[str, Sequence[tuple[float, str]]], end_s: float, inward: Mapping[str, str]
+) -> bytes:
     """Crossings of every tripwire added up over time, one line per direction.
 
     Args:
         crossings: (time [s], direction) of every tripwire by name.
+        inward: direction that is in, by tripwire, where one is.
     """
     figure, axes = new_figure(7.0, 2.6)
     for number, (name, events) in enumerate(crossings.items()):
-        for direction, style, text in (
-            ("left_to_right", "-", "left to right"),
-            ("right_to_left", "--", "right to left"),
-        ):
+        for direction, style in (("left_to_right", "-"), ("right_to_left", "--")):
             times = sorted(t for t, way in events if way == direction)
             axes.step(
                 [0.0, *times, max(end_s, *times, 0.0)],
@@ -75,7 +76,7 @@ def crossings_plot(crossings: Mapping[str, Sequence[tuple[float, str]]], end_s: 
                 style,
                 where="post",
                 color=COLOURS[number % len(COLOURS)],
-                label=plain_text(f"{name}, {text}"),
+                label=plain_text(f"{name}, {way_words(direction, inward.get(name))}"),
             )
     _count_axes(axes, "crossings")
     return png_bytes(figure)

@@ -95,8 +95,9 @@ class EllipseParticleTracker:
         told = (
             f"people are taken for {length_px:.0f} px {'high' if size.upright else 'long'} in the middle of the image"
         )
-        doubt = "" if share >= 0.5 else ": set --person-height if that is wrong"
-        return (f"{told}, learned from what moves; {share:.0%} of it has that size{doubt}",)
+        alike = "" if share >= 0.5 else f", though only {share:.0%} of it has that size"
+        other = "--set ellipse_particle.size.person_height_px=N gives another"
+        return (f"{told}, the size of whatever moves here{alike}: nothing tells people from other things ({other})",)
 
     def study(self, observations: Iterable[Observation]) -> None:
         """Learn the size of people from a recording's beginning, before its first frame is tracked; kept by ``reset``.

@@ -48,6 +48,18 @@ def test_next_sample_is_a_place_in_the_image_that_lowers_the_error() -> None:
     assert following.floor_error_m < found.assessment.floor_error_m
 
 
+def test_next_sample_lies_where_something_moved() -> None:
+    people = standing_people(STREET, 6, seed=2, noise_px=2.0)
+    walked = np.zeros((360, 480), np.bool_)
+    walked[:, :200] = True
+    left = calibrate_from_people(people, STREET.size, "pinhole", walked=walked).assessment.next_sample
+    right = calibrate_from_people(people, STREET.size, "pinhole", walked=~walked).assessment.next_sample
+    assert left is not None and left.foot_px[0] < 201
+    assert right is not None and right.foot_px[0] > 199
+    none = calibrate_from_people(people, STREET.size, "pinhole", walked=np.zeros((360, 480), np.bool_)).assessment
+    assert none.next_sample is None and "pixel" not in none.sentence
+
+
 def test_middles_of_noisy_boxes_are_read_as_such() -> None:
     """Taken at their word, heads above feet everywhere would be a focal length without end."""
     rng = np.random.default_rng(0)

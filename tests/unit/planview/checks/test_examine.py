@@ -18,8 +18,9 @@ from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import U8
 from planview.checks.check import at_least, at_most, between
-from planview.checks.examine import examine
-from planview.checks.timing import best_lag, longest_step
+from planview.checks.examine import Diagnosis, examine, refuse_unless_ok
+from planview.checks.pair import light_checks
+from planview.checks.timing import longest_step
 from planview.cli import main
 from planview.commands.recordings import check
 
@@ -170,15 +171,6 @@ def test_fault_undecodable_frames(tmp_path: Path, pairs: Pairs) -> None:
     assert "usable frames" in failed(folder)
 
 
-def test_best_lag_finds_a_shift_between_frames() -> None:
-    t = np.arange(60)[:, None] + np.array([0.0, 20.0, 40.0])
-    signal = np.sin(t / 3.0) + 0.5 * np.sin(t / 7.0)
-    late = np.sin((t - 2.5) / 3.0) + 0.5 * np.sin((t - 2.5) / 7.0)
-    assert best_lag(signal, late).frames == pytest.approx(2.5, abs=0.15)
-    assert best_lag(late, signal).frames == pytest.approx(-2.5, abs=0.15)
-    assert np.isnan(best_lag(np.zeros((60, 3)), np.zeros((60, 3))).frames)
-
-
 def test_longest_step_is_relative_to_the_usual_one() -> None:
     assert longest_step(np.array([0.0, 0.1, 0.2, 0.5, 0.6])) == pytest.approx(3.0)
     assert np.isnan(longest_step(np.array([0.0, 0.1])))
@@ -215,5 +207,14 @@ def test_what_is_no_recording_is_refused_or_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nothing there"):
         examine(tmp_path / "absent")
     diagnosis = examine(tmp_path)
-    assert not diagnosis.ok and diagnosis.evidence is None
+    assert isinstance(diagnosis, Diagnosis) and not diagnosis.ok and diagnosis.evidence is None
     assert "left/ and right/" in diagnosis.checks[0].note
+
+
+def test_a_picture_over_exposed_by_a_hair_is_a_warning_and_no_refusal() -> None:
+    image = np.full((100, 100), 100, np.uint8)
+    image[:37] = 255
+    over = next(check for check in light_checks([image]) if check.name == "over-exposure")
+    assert over.value == pytest.approx(0.37, abs=0.02) and not over.ok and not over.failed
+    refuse_unless_ok([over], "recording")  # --strict goes on
+    assert Diagnosis((over,), None).ok

@@ -3,8 +3,18 @@
 import numpy as np
 import pytest
 
-from calib.types import U8
-from planview.checks.timing import MotionFindings, MotionWatch, Thumbnails, motion_checks, thumbnails
+from calib.types import F64, U8
+from planview.checks.timing import (
+    BLOCKS_MAX,
+    WINDOW,
+    MotionFindings,
+    MotionWatch,
+    Thumbnails,
+    lag_of,
+    lag_sums,
+    motion_checks,
+    thumbnails,
+)
 
 FRAMES = 60
 
@@ -65,6 +75,42 @@ def test_second_half_that_is_late_is_told(sides: tuple[list[U8], list[U8]]) -> N
     long = [[picture(i * 1.0 + 0.001 * i * i, shift) for i in range(360)] for shift in (0, 6)]
     found = watched(long[0], long[1][:180] + long[1][165:345])
     assert found.lag == pytest.approx(15, abs=1.0)
+
+
+def wave(late: float, frames: int = WINDOW, seed: int = 0) -> F64:
+    t = np.arange(frames)[:, None] - late + np.array([0.0, 20.0, 40.0])
+    noise = np.random.default_rng((seed, round(10 * late) + 100)).normal(0, 0.05, (frames, 3))
+    return np.asarray(np.sin(t / 3.0) + 0.5 * np.sin(t / 7.0) + noise, dtype=np.float64)
+
+
+@pytest.mark.parametrize("late", [2.5, -2.5])
+def test_lag_is_found_between_frames_within_its_deviation(late: float) -> None:
+    lag = lag_of(lag_sums(wave(0.0), wave(late)))
+    assert lag.frames == pytest.approx(late, abs=0.15) and abs(lag.frames - late) < 4 * lag.std + 0.05
+    assert lag.surely > 1.5
+
+
+def test_lag_of_cameras_in_step_is_never_sure_whatever_the_noise() -> None:
+    lags = [lag_of(lag_sums(wave(0.0, seed=seed), wave(0.01, seed=seed))) for seed in range(20)]
+    assert all(lag.surely < 0.5 for lag in lags)
+
+
+def test_one_burst_of_movement_that_one_camera_saw_later_is_not_sure() -> None:
+    left, right = np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3))
+    left[47:51], right[55:59] = 1.0, 1.0  # somebody comes into the right camera's view eight frames later
+    lag = lag_of(lag_sums(left, right))
+    assert not lag.surely > 0.5
+
+
+def test_nothing_that_moves_has_no_lag() -> None:
+    assert np.isnan(lag_of(lag_sums(np.zeros((60, 3)), np.zeros((60, 3)))).frames)
+
+
+def test_memory_of_movement_is_bounded() -> None:
+    watch, still = MotionWatch(), Thumbnails(picture(0, 0), picture(0, 6))
+    for _ in range(20 * WINDOW):
+        watch.update(still)
+    assert len(watch._sums) <= BLOCKS_MAX
 
 
 def test_every_fifth_pair_a_copy_is_told(sides: tuple[list[U8], list[U8]]) -> None:

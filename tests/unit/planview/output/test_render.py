@@ -23,6 +23,7 @@ def render(*words: object) -> None:
 def test_video_has_a_picture_per_frame_at_the_rate_of_the_run(street: Path, tmp_path: Path) -> None:
     render(street, "--video", tmp_path / "new" / "scene.mp4", "--frames", "5:14")
     capture = cv2.VideoCapture(str(tmp_path / "new" / "scene.mp4"))
+    assert int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == b"VP90"  # which browsers play
     assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == 10
     assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(10)
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["scene.mp4"]
@@ -84,5 +85,6 @@ def test_tally_counts_what_happened_up_to_a_frame() -> None:
         Event(2, 0.2, "room", "entry", 1), Event(6, 0.6, "room", "exit", 1),
     ]  # fmt: skip
     tally = Tally(events)
-    assert tally.lines(4) == ["room: 1 inside, 1 entries", "gate: 1 left to right, 0 right to left"]
+    assert tally.lines(4) == ["room: 1 inside, 1 entries", "gate: 1 to its right, 0 to its left"]
+    assert Tally(events, {"gate": "right_to_left"}).lines(6)[1] == "gate: 1 out, 1 in"
     assert tally.lines(6)[0] == "room: 0 inside, 1 entries"

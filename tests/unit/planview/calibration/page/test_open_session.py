@@ -45,3 +45,28 @@ def test_page_refuses_a_stereo_calibration_for_one_camera(tmp_path: Path) -> Non
     assert open_session(tmp_path / "one.mp4").view is None
     with pytest.raises(InputError, match="needs both cameras"):
         open_session(tmp_path / "one.mp4", DEMO / "rig.toml")
+
+
+def test_every_frame_of_a_video_can_be_shown_one_by_one(video: Path, tmp_path: Path) -> None:
+    writer = cv2.VideoWriter(str(tmp_path / "one.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
+    for level in range(100):
+        writer.write(np.full((48, 64, 3), 2 * level, np.uint8))
+    writer.release()
+    session = open_session(tmp_path / "one.avi")
+    assert len(session.frames) == 100 and list(session.indices) == list(range(100))
+    for _ in range(57):
+        session.show(session.shown + 1)
+    assert float(session.frames[session.shown].mean()) == pytest.approx(114, abs=2)
+    session.show(99)
+    assert float(session.frames[session.shown].mean()) == pytest.approx(198, abs=2)
+
+
+def test_more_people_are_asked_for_only_where_something_moved(tmp_path: Path) -> None:
+    writer = cv2.VideoWriter(str(tmp_path / "one.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (320, 240))
+    for i in range(40):
+        picture = np.full((240, 320, 3), 90, np.uint8)
+        picture[100:160, 4 * i : 4 * i + 20] = 220  # somebody walks through the left half
+        writer.write(picture)
+    writer.release()
+    walked = open_session(tmp_path / "one.avi").walked
+    assert walked is not None and walked[130, 60] and not walked[130, 260] and not walked[30, 60]

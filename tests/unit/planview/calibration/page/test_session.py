@@ -193,15 +193,6 @@ def test_loaded_samples_of_another_image_size_are_refused() -> None:
         new_session().load([ONE], (320, 240))
 
 
-def test_frames_of_loaded_samples_are_added_in_order() -> None:
-    session = new_session()
-    session.show(2)
-    session.load([ONE, HumanSample(ONE.box_px, ONE.head_px, ONE.foot_px, 15)], (640, 480))
-    assert session.missing_frames() == [15]
-    session.add_frames([(15, session.frames[0])])
-    assert (session.indices, session.shown) == ([0, 10, 15, 20], 3)
-
-
 def test_overlay_shows_the_people_of_the_frame_shown(solved: CalibrationSession) -> None:
     svg = overlay(solved)
     assert (svg.count('class="sample"'), svg.count('class="model"'), svg.count('class="crowd"')) == (2, 2, 0)

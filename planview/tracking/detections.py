@@ -1,0 +1,313 @@
+"""People from the boxes of a detector elsewhere: placed on the floor, assigned, and believed in as they are found."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+from scipy.optimize import linear_sum_assignment
+
+from calib.ground_camera import GroundCamera
+from calib.params import Params
+from calib.types import F64, U8
+from planview.tracking import body
+from planview.tracking.base import Decision, Observation, TrackerDebug
+from planview.tracking.kalman import FloorKalman, PositionNoise
+from planview.tracking.lifecycle import Existence, LifeCycle
+from planview.trajectories.detections import Detections
+from planview.trajectories.state import TrackState
+
+LOG_ODDS_MAX = 8.0
+"""Existence is never surer than this."""
+FORGOTTEN = 0.05
+"""Probability of existence below which somebody is forgotten."""
+GATE = 13.8
+"""Squared distance in deviations beyond which a box shows somebody else: one in a thousand (chi-square, 2 axes)."""
+SAME = 0.5
+"""Overlap (IoU) from which two boxes of a frame show one person, as of every evaluation of boxes."""
+EVIDENCE_MAX = 3.0
+"""Largest log-odds that a score gives: detectors are surer than they are right."""
+RING = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0, 2 * np.pi, 8, endpoint=False)])
+STEPS = 6
+
+
+class DetectionParams(Params):
+    """Tracking of another program's boxes; our choices where nothing else is said."""
+
+    found: float = Field(0.8, gt=0, lt=1)
+    """Probability that a person in full view has a box."""
+    false_per_m2: float = Field(0.01, gt=0, le=10)
+    """False boxes per square metre of floor and frame: one in 100 square metres."""
+    new: float = Field(0.3, gt=0, lt=1)
+    """Share of people among boxes that show nobody known."""
+    edge: float = Field(0.05, gt=0.001, le=1)
+    """Deviation of a box's edges, as a share of its height."""
+    acceleration_mps2: float = Field(2.0, gt=0, le=20)
+    """Deviation of a walker's acceleration [m/s^2]."""
+    slow_down_s: float = Field(0.7, gt=0, le=60)
+    """Time in which an unseen person's speed decays [s]."""
+    errors_s: float = Field(0.25, gt=0, le=10)
+    """Time for which a detector's errors stay the same [s]."""
+    stay_s: float = Field(10.0, gt=0.1, le=3600)
+    """Mean time that a hidden person stays [s]."""
+    leave_s: float = Field(0.7, gt=0.01, le=60)
+    """Mean time that a person beyond the border stays [s]."""
+    report: float = Field(0.98, gt=0.5, lt=1)
+    """Probability of existence from which a person is confirmed."""
+
+
+@dataclass(slots=True, eq=False)
+class Detected:
+    """Somebody tracked.
+
+    Attributes:
+        who: id and state.
+        log_odds: of existence.
+        kalman: place [m]; without a camera of the image, in metres of the usual person's size.
+        height_m, height_var: of the person [m, m^2].
+        box: (left, top, width, height) [px], where the person is now.
+        foot: pixel of the place that the box belongs to.
+    """
+
+    who: Existence
+    log_odds: float
+    kalman: FloorKalman
+    height_m: float
+    height_var: float
+    box: F64
+    foot: F64
+
+    @property
+    def existence(self) -> float:
+        """Probability of existence."""
+        return 1.0 / (1.0 + math.exp(-self.log_odds))
+
+
+class DetectionTracker:
+    """Boxes to people: the global nearest neighbour by likelihood, and existence by the Bernoulli filter.
+
+    A box is explained by the cylinder of a standing body (least squares over its edges, with the heights of adults as
+    prior), which gives place and height with their covariance. Existence follows Vo, Vo and Pham 2010 with one target
+    each: a box is evidence by its likelihood over that of a false one, none is evidence against as far as the person
+    is in view and not behind another.
+
+    Args:
+        detections: boxes of every frame of the recording.
+        params: all parameters.
+        camera: places people on the floor; None leaves places unknown and tracks in the image.
+    """
+
+    foreground_columns: int | None = 80
+
+    def __init__(
+        self, detections: Detections, params: DetectionParams | None = None, camera: GroundCamera | None = None
+    ) -> None:
+        self.detections, self.params, self.camera = detections, params or DetectionParams(), camera
+        heights = np.concatenate([frame[:, 3] for frame in detections.frames] or [np.ones(1)])
+        self._px_per_m = float(np.median(heights)) / body.HEIGHT_MEAN_M if len(heights) else 1.0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody."""
+        self._cycle = LifeCycle()
+        self._people: list[Detected] = []
+        self._now_s = math.nan
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """Decisions of the last update."""
+        return self._cycle.decisions
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Whose boxes these are, in a sentence."""
+        found, name = self.detections, Path(self.detections.source).name
+        scores = "scores count as probabilities" if found.scored else "scores say nothing"
+        return (f"people are {sum(map(len, found.frames))} boxes of {name}, {len(found.frames)} frames; {scores}",)
+
+    def feedback(self) -> U8 | None:
+        """Nothing is known of pixels."""
+        return None
+
+    def debug(self) -> TrackerDebug:
+        """Nothing but the boxes."""
+        return TrackerDebug()
+
+    def update(self, observation: Observation) -> tuple[TrackState, ...]:
+        """Track one frame, whose image gives the size of the view only."""
+        p, now_s = self.params, observation.timestamp_s
+        dt_s = 0.0 if math.isnan(self._now_s) else max(now_s - self._now_s, 0.0)
+        looks = min(1.0, dt_s / p.errors_s) if not math.isnan(self._now_s) else 1.0
+        self._now_s = now_s
+        self._cycle.begin(now_s)
+        size = (1e9, 1e9) if observation.image is None else observation.image.shape[1::-1]
+        boxes = self.detections.at(observation.frame)
+        poses, covariances = self._placed(boxes, size)
+        placed = np.flatnonzero(np.isfinite(poses).all(axis=1))
+        boxes, poses, covariances = boxes[placed], poses[placed], covariances[placed]
+        scores = np.clip(boxes[:, 4], 1e-6, 1 - 1e-6)
+        worth = np.clip(np.log(scores / (1 - scores)), -EVIDENCE_MAX, EVIDENCE_MAX) * self.detections.scored
+        for q in self._people:
+            if not q.who.observed:
+                q.kalman = q.kalman.slowed(dt_s, p.slow_down_s)
+            q.kalman = q.kalman.predicted(dt_s, p.acceleration_mps2)
+            self._move_box(q)
+        gains = np.array([[self._gain(q, z, c) for z, c in zip(poses, covariances, strict=True)] for q in self._people])
+        gains = gains.reshape(len(self._people), len(boxes)) + worth
+        matched = self._assign(gains)
+        for i, q in enumerate(self._people):
+            if i in matched:
+                self._found(
+                    q, boxes[matched[i]], poses[matched[i]], covariances[matched[i]], looks, gains[i, matched[i]]
+                )
+            else:
+                self._missed(q, dt_s, looks, size)
+        taken = set(matched.values())
+        for k in range(len(boxes)):
+            if k not in taken and not any(overlap(boxes[k], boxes[j]) > SAME for j in taken):
+                self._meet(boxes[k], poses[k], covariances[k], float(worth[k]))
+                taken.add(k)
+        for q in [q for q in self._people if q.existence < FORGOTTEN]:
+            self._cycle.prune(q.who, f"existence {q.existence:.2f}", q.existence)
+            self._people.remove(q)
+        return tuple(self._state(q) for q in self._people)
+
+    # -- boxes to places ------------------------------------------------------------------------------------------
+    def _placed(self, boxes: F64, size: tuple[float, float]) -> tuple[F64, F64]:
+        """(N, 3) x, y, height [m] of boxes, NaN of those on no floor, and (N, 3, 3) covariances."""
+        std_px = self.params.edge * boxes[:, 3]
+        edges = np.column_stack([boxes[:, 0], boxes[:, 1], boxes[:, 0] + boxes[:, 2], boxes[:, 1] + boxes[:, 3]])
+        if self.camera is None:
+            poses = np.column_stack([(edges[:, 0] + edges[:, 2]) / 2, edges[:, 3], boxes[:, 3]]) / self._px_per_m
+            return poses, (std_px[:, None, None] / self._px_per_m) ** 2 * np.eye(3)
+        foot = np.column_stack([(edges[:, 0] + edges[:, 2]) / 2, edges[:, 3]])
+        poses = np.column_stack([self.camera.back_project(foot), np.full(len(boxes), body.HEIGHT_MEAN_M)])
+        # An edge on the border of the image is not the person's; arms and strides widen a box.
+        limits = np.array([0, 0, size[0] - 1, size[1] - 1])
+        own = np.abs(edges - limits) > 2
+        weight = own / (std_px[:, None] * np.array([3.0, 1.0, 3.0, 1.0]))
+        prior = np.diag([0.0, 0.0, 1 / body.HEIGHT_STD_M**2])
+        information = np.full((len(boxes), 3, 3), np.nan)
+        good = np.asarray(np.isfinite(poses).all(axis=1), dtype=np.bool_)
+        for _ in range(STEPS):
+            expected = self._edges(poses)
+            jacobian = np.stack([(self._edges(poses + 0.01 * axis) - expected) / 0.01 for axis in np.eye(3)], axis=-1)
+            good = good & np.asarray(np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(expected).all(axis=1))
+            weighted = np.where(good[:, None, None], jacobian * weight[:, :, None], 0.0)
+            information = weighted.transpose(0, 2, 1) @ weighted + prior + 1e-6 * np.eye(3)
+            off = np.where(good[:, None], (edges - expected) * weight, 0.0)
+            pull = (body.HEIGHT_MEAN_M - poses[:, 2])[:, None] * np.diagonal(prior)
+            step = np.linalg.solve(information, (weighted.transpose(0, 2, 1) @ off[..., None]) + pull[..., None])[
+                ..., 0
+            ]
+            poses = poses + np.clip(step, -2.0, 2.0)
+            poses[:, 2] = np.clip(poses[:, 2], body.HEIGHT_MIN_M, body.HEIGHT_MAX_M)
+        return np.where(good[:, None], poses, np.nan), np.linalg.inv(information) if len(boxes) else information
+
+    def _edges(self, poses: F64) -> F64:
+        """(N, 4) left, top, right, bottom [px] of standing bodies."""
+        assert self.camera is not None
+        radius = body.TORSO.torso_radius_m
+        around = np.concatenate([np.tile(radius * RING, (2, 1)), np.repeat([[0.0], [1.0]], len(RING), axis=0)], axis=1)
+        points = around + np.concatenate([poses[:, None, :2], np.zeros((len(poses), 1, 1))], axis=2)
+        points[..., 2] = around[:, 2] * poses[:, 2:3]
+        pixels = self.camera.project(points)
+        return np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
+
+    def _foot(self, kalman: FloorKalman) -> F64:
+        place = np.array([kalman.x_m, kalman.y_m])
+        return place * self._px_per_m if self.camera is None else self.camera.project(np.array([*place, 0.0]))
+
+    def _move_box(self, q: Detected) -> None:
+        foot = self._foot(q.kalman)
+        if np.isfinite(foot).all():
+            q.box[:2] += foot - q.foot
+            q.foot = foot
+
+    # -- who is who ------------------------------------------------------------------------------------------------
+    def _gain(self, q: Detected, pose: F64, covariance: F64) -> float:
+        """Log-likelihood of a box of this person over that of a false one; -inf beyond the gate."""
+        k = q.kalman
+        spread = np.array([[k.c_xx, k.c_xy], [k.c_xy, k.c_yy]]) + covariance[:2, :2]
+        off = pose[:2] - (k.x_m, k.y_m)
+        far = float(off @ np.linalg.solve(spread, off))
+        taller = (pose[2] - q.height_m) ** 2 / (q.height_var + covariance[2, 2])
+        if far > GATE:
+            return -math.inf
+        density = math.exp(-0.5 * (far + taller)) / (2 * math.pi * math.sqrt(float(np.linalg.det(spread))))
+        return math.log(max(self.params.found * density / self.params.false_per_m2, 1e-9))
+
+    def _assign(self, gains: F64) -> dict[int, int]:
+        """Boxes of people, each at most once, by the largest sum of gains and beliefs over having none."""
+        if not gains.size:
+            return {}
+        known = np.array([[math.log(q.existence) - math.log(1 - self.params.found)] for q in self._people])
+        total = np.maximum(np.where(np.isfinite(gains), gains + known, 0.0), 0.0)
+        return {
+            int(i): int(k) for i, k in zip(*linear_sum_assignment(total, maximize=True), strict=True) if total[i, k]
+        }
+
+    def _found(self, q: Detected, box: F64, pose: F64, covariance: F64, looks: float, gain: float) -> None:
+        p = self.params
+        fresh = max(looks, 1e-3)
+        noise = _floor_noise(covariance).scaled(fresh**-0.5)
+        q.kalman = q.kalman.corrected(float(pose[0]), float(pose[1]), noise)
+        share = q.height_var / (q.height_var + float(covariance[2, 2]) / fresh)
+        q.height_m, q.height_var = q.height_m + share * (float(pose[2]) - q.height_m), (1 - share) * q.height_var
+        q.box, q.foot = box[:4].copy(), self._foot(q.kalman)
+        q.log_odds = min(q.log_odds + looks * gain, LOG_ODDS_MAX)
+        self._cycle.observe(q.who, f"log-likelihood {gain:.1f} over a false box, existence {q.existence:.3f}", gain)
+        if q.existence > p.report:
+            self._cycle.confirm(q.who, f"existence {q.existence:.3f}", q.existence)
+
+    def _missed(self, q: Detected, dt_s: float, looks: float, size: tuple[float, float]) -> None:
+        """No box: survival, and evidence against as far as the person should be seen."""
+        p = self.params
+        hidden = max((self._covered(q.box, o.box) for o in self._people if o is not q), default=0.0)
+        inside = self._covered(q.box, np.array([0.0, 0.0, *size]), anywhere=True)
+        away_s = p.leave_s if inside < SAME else p.stay_s
+        stays = q.existence * math.exp(-dt_s / away_s)
+        q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
+        q.log_odds += looks * math.log(1 - p.found * (1 - hidden) * inside)
+        self._cycle.miss(q.who, f"no box, hidden {hidden:.2f}, existence {q.existence:.3f}", q.existence)
+
+    @staticmethod
+    def _covered(box: F64, other: F64, *, anywhere: bool = False) -> float:
+        """Share of a box that another covers, which is nearer as its lower edge is lower."""
+        if not anywhere and other[1] + other[3] < box[1] + box[3]:
+            return 0.0
+        return _common(box, other) / float(box[2] * box[3])
+
+    def _meet(self, box: F64, pose: F64, covariance: F64, worth: float) -> None:
+        kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), _floor_noise(covariance), body.SPEED_MAX_MPS / 2)
+        odds = math.log(self.params.new / (1 - self.params.new)) + worth
+        who = self._cycle.spawn(f"a box that shows nobody known, {pose[2]:.2f} m tall", odds)
+        height_m, height_var = float(pose[2]), float(covariance[2, 2])
+        self._people.append(Detected(who, odds, kalman, height_m, height_var, box[:4].copy(), self._foot(kalman)))
+
+    def _state(self, q: Detected) -> TrackState:
+        k, box = q.kalman, tuple(map(float, q.box))
+        if self.camera is None:
+            return TrackState(q.who.track_id, q.who.state, box_px=box)  # type: ignore[arg-type]
+        place = k.x_m, k.y_m, k.vx_mps, k.vy_mps
+        return TrackState(q.who.track_id, q.who.state, *place, q.height_m, box)  # type: ignore[arg-type]
+
+
+def _floor_noise(covariance: F64) -> PositionNoise:
+    return PositionNoise(float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1]))
+
+
+def _common(a: F64, b: F64) -> float:
+    """Area [px^2] that two boxes share."""
+    width = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0])
+    height = min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1])
+    return float(max(width, 0.0) * max(height, 0.0))
+
+
+def overlap(a: F64, b: F64) -> float:
+    """Intersection over union of two boxes."""
+    common = _common(a, b)
+    return common / float(a[2] * a[3] + b[2] * b[3] - common)

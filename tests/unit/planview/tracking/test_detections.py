@@ -1,0 +1,129 @@
+"""People from boxes: placed, assigned, believed in and forgotten."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from calib.types import F64
+from planview.tracking.base import Observation
+from planview.tracking.detections import DetectionParams, DetectionTracker
+from planview.trajectories.detections import Detections, load_detections
+from planview.trajectories.state import TrackState
+from tests.human_model_world import CAMERA
+
+FPS = 10.0
+IMAGE = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+
+
+def box(x_m: float, y_m: float, height_m: float = 1.75, score: float = 1.0) -> list[float]:
+    """Of a cylinder on the floor."""
+    ring = [(x_m + 0.2 * math.cos(a), y_m + 0.2 * math.sin(a)) for a in np.linspace(0, 2 * math.pi, 32)]
+    pixels = CAMERA.project(np.array([(x, y, z) for x, y in ring for z in (0.0, height_m)]))
+    (left, top), (right, bottom) = pixels.min(axis=0), pixels.max(axis=0)
+    return [left, top, right - left, bottom - top, score]
+
+
+def track(frames: list[list[list[float]]], camera: bool = True) -> list[tuple[TrackState, ...]]:
+    tracker = DetectionTracker(Detections.of(frames), DetectionParams(), CAMERA if camera else None)
+    return [tracker.update(Observation(i, i / FPS, IMAGE)) for i in range(len(frames))]
+
+
+def confirmed(states: tuple[TrackState, ...]) -> list[TrackState]:
+    return [state for state in states if state.state == "confirmed"]
+
+
+def test_boxes_of_a_walker_are_one_person_at_its_place_and_height() -> None:
+    rows = [confirmed(states) for states in track([[box(-1.5 + 0.1 * i, 6.0)] for i in range(30)])]
+    assert len(rows[-1]) == 1 and {state.track_id for row in rows for state in row} == {1}
+    last = rows[-1][0]
+    assert (last.x_m, last.y_m) == pytest.approx((1.4, 6.0), abs=0.15)
+    assert (last.vx_mps, last.vy_mps) == pytest.approx((1.0, 0.0), abs=0.3)
+    assert last.height_m == pytest.approx(1.75, abs=0.08)
+    assert last.box_px == pytest.approx(tuple(box(1.4, 6.0)[:4]), abs=1e-9)
+
+
+def test_false_boxes_that_come_once_are_nobody() -> None:
+    rng = np.random.default_rng(0)
+    frames = [[box(rng.uniform(-2, 2), rng.uniform(4, 9))] if i % 4 == 0 else [] for i in range(40)]
+    assert not any(confirmed(states) for states in track(frames))
+
+
+def test_people_who_cross_keep_their_ids() -> None:
+    frames = [[box(-1.5 + 0.1 * i, 6.0), box(1.5 - 0.1 * i, 7.0)] for i in range(30)]
+    states = track(frames)
+    early, late = ({s.track_id: s.y_m for s in confirmed(states[i])} for i in (12, 29))
+    assert early.keys() == late.keys() == {1, 2}
+    assert all(abs(early[i] - late[i]) < 0.4 for i in early)
+
+
+def test_two_boxes_on_one_person_are_one_person() -> None:
+    left, *rest = box(0.0, 6.0)
+    frames = [[[left, *rest], [left + 1.5, *rest]] for _ in range(20)]
+    assert len(track(frames)[-1]) == 1
+
+
+def test_a_person_without_boxes_is_lost_and_then_forgotten() -> None:
+    states = track([[box(0.0, 6.0)] for _ in range(20)] + [[] for _ in range(60)])
+    assert [s.state for s in states[22]] == ["lost"] and states[-1] == ()
+
+
+def test_a_person_hidden_behind_another_is_kept() -> None:
+    both = [[box(0.0, 5.0), box(0.9 - 0.03 * i, 6.0)] for i in range(28)]
+    hidden = [[box(0.0, 5.0)] for _ in range(25)]  # two and a half seconds behind the one in front
+    states = track(both + hidden)
+    assert {s.track_id for s in states[-1]} == {1, 2}
+
+
+def test_without_a_camera_people_have_boxes_and_no_places() -> None:
+    last = track([[box(-1.5 + 0.1 * i, 6.0)] for i in range(30)], camera=False)[-1]
+    assert [s.state for s in last] == ["confirmed"] and math.isnan(last[0].x_m) and last[0].box_px[2] > 0
+
+
+def test_low_scores_are_not_believed() -> None:
+    sure = [[box(0.0, 6.0, score=0.9)] for _ in range(8)] + [[box(0.0, 6.0, score=0.2)]]
+    doubted = [[box(0.0, 6.0, score=0.05)] for _ in range(8)] + [[box(0.0, 6.0, score=0.9)]]
+    assert confirmed(track(sure)[-2]) and not confirmed(track(doubted)[-2])
+
+
+def test_boxes_of_a_detector_are_read_from_motchallenge_and_coco(tmp_path: Path) -> None:
+    (tmp_path / "det.txt").write_text("2,-1,10,20,30,60,0.9,-1,-1,-1\n1,-1,11,21,31,61,0.5\n")
+    entries = [
+        {"image_id": 2, "category_id": 1, "bbox": [10, 20, 30, 60], "score": 0.9},
+        {"image_id": 1, "category_id": 1, "bbox": [11, 21, 31, 61], "score": 0.5},
+        {"image_id": 1, "category_id": 3, "bbox": [0, 0, 9, 9], "score": 0.5},  # a car
+    ]
+    (tmp_path / "det.json").write_text(json.dumps(entries))
+    expected: list[F64] = [np.array([[11, 21, 31, 61, 0.5]]), np.array([[10, 20, 30, 60, 0.9]])]
+    for name in ("det.txt", "det.json"):
+        found = load_detections(tmp_path / name)
+        assert found.scored and len(found.frames) == 2
+        for frame, boxes in zip(found.frames, expected, strict=True):
+            np.testing.assert_array_equal(frame, boxes)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("a.txt", "1,-1,10,20,30,60,1\n2,-1,10,20,thirty,60,1\n", "line 2 '2,-1,10,20,thirty,60,1'"),
+        ("a.txt", "0,-1,10,20,30,60,1\n", "line 1"),
+        ("a.txt", "1,-1,10,20,-30,60,1\n", "line 1"),
+        ("a.txt", "", "found none"),
+        ("a.json", '[{"image_id": 1, "bbox": [1, 2, 3]}]', "entry 1"),
+        ("a.json", '[{"image_id": 1,\n "bbox": [1, 2', "line 2"),
+        ("a.json", "{}", "found an object"),
+    ],
+)
+def test_a_bad_file_is_refused_with_its_line(tmp_path: Path, name: str, text: str, says: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError) as error:
+        load_detections(tmp_path / name)
+    assert says in str(error.value) and "\n" not in str(error.value)
+
+
+def test_arrays_of_another_shape_are_refused() -> None:
+    with pytest.raises(InputError, match="frame 1"):
+        Detections.of([np.zeros((0, 4)), np.zeros((2, 3))])
