@@ -43,13 +43,12 @@ class HumanModelParams(Params):
     birth_evidence: float = Field(8.0, gt=0, le=100)
     """Log-odds of a newcomer against nothing at which it is followed: the logarithm of 1 / prior density."""
     birth_visible: float = Field(0.3, gt=0, le=1)
-    """Visibility ratio from which newcomers are looked for (section 4: visibility criterion)."""
+    """Visibility ratio from which newcomers are looked for (section 4: visibility criterion), and below which a person
+    has left: whoever shows there next is a stranger."""
     walked_m: float = Field(0.4, ge=0, le=5)
     """Way after which a newcomer is believed to be a person [m] (section 4: motion salience): a torso's width."""
     stay_s: float = Field(50.0, gt=0.1, le=3600)
     """Mean time that an unseen person stays inside the view [s]."""
-    leave_s: float = Field(0.7, gt=0.01, le=60)
-    """Mean time that a person beyond the border stays unknown and near [s]."""
     inanimate_s: float = Field(20.0, gt=0, le=600)
     """Time without any motion after which something that has moved by a metre is a thing [s] (section 4: the chair);
     who walked farther is believed in for longer in proportion."""

@@ -37,16 +37,15 @@ WALKER_M = 2.0
 """Way after which a person is no ghost of the background [m]."""
 LOG_ODDS_MAX = 8.0
 """Existence is never surer than this."""
-INSIDE = 0.3
-"""Share of a body in the image below which a person is at the border."""
 BOX_WIDTH = 1.35
 """Width of a person's box over the hull's: arms and stride."""
-LEFT = 0.6
-"""Visibility ratio below which a person without evidence has left the view, and whoever comes later is a stranger."""
 NEVER_WALKED = 0.1
 """Part of ``inanimate_s`` for which something that has not walked yet may be without motion."""
 KNOWN_ODDS = 3.0
 """Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
+RETURNS = 0.2
+"""Share of those who are gone inside the view that come back: the others went through a door, out of which anybody may
+come."""
 HIDES = -3.0
 """Log-odds, before anybody has walked there, that something hides people at a pixel."""
 LIVELY = 0.01
@@ -282,8 +281,7 @@ class HumanModelTracker:
         """Existence: survival, then the evidence of this look; and how far the person has walked."""
         p, looks = self.params, min(1.0, dt / self.params.errors_s)
         if q.share < p.visible_min:
-            away_s = p.leave_s if q.inside < INSIDE else p.stay_s
-            stays = q.existence * math.exp(-dt / away_s)
+            stays = q.existence * math.exp(-dt / p.stay_s)
             q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
         q.log_odds += looks * float(np.clip(q.evidence, -p.evidence_max, p.evidence_max))
         q.log_odds = float(np.clip(q.log_odds, -LOG_ODDS_MAX, LOG_ODDS_MAX))
@@ -347,17 +345,17 @@ class HumanModelTracker:
         self._known = known
 
     def _clean(self, dt: float) -> None:
-        """People without evidence end, and things that somebody moved."""
+        """People without evidence or beyond the border end, and things that somebody moved."""
         p, keep = self.params, []
         for q in self._people:
-            beyond = q.inside < 0.15 and q.share < p.visible_min and self._now_s - q.seen_s > p.leave_s
+            beyond = q.inside < p.birth_visible
             thing = q.moved < (0.0 if q.confirmed else -NEVER_WALKED)
             if q.existence >= 0.05 and not beyond and not thing:
                 keep.append(q)
                 continue
             why = "stationary: a thing" if thing else f"existence {q.existence:.2f}, evidence {q.evidence:.1f}"
             self._note(q, "pruned", why, q.existence)
-            if q.confirmed and not thing and q.inside >= LEFT:
+            if q.confirmed and not thing and not beyond:
                 self._departed.append(q)
         self._people = keep
         self._departed = [q for q in self._departed if self._now_s - q.seen_s <= p.remember_s]
@@ -390,7 +388,9 @@ class HumanModelTracker:
         for i, b in enumerate(new):
             sure = b.existence > p.report and b.walked_m >= p.walked_m and b.share >= p.visible_min
             before, odds = known.get(i, (None, 0.0))
-            if before is not None and (sure or odds > KNOWN_ODDS):
+            if before is not None:
+                odds += math.log(RETURNS if before in self._departed else before.existence)
+            if before is not None and odds > 0.0 and (sure or odds > KNOWN_ODDS):
                 self._note(before, "reacquired", f"log-odds {odds:.1f} after {b.born_s - before.seen_s:.1f} s", odds)
                 self._departed = [o for o in self._departed if o is not before]
                 self._people = [o for o in self._people if o is not before]
