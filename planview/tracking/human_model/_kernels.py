@@ -311,6 +311,8 @@ def share_out(
     more person, behind all others, would gain at each pixel. ``near``: whether a person may reach there.
     """
     rows, cols = kind.shape
+    bare_seen = math.log((1.0 - b.body) / (1.0 - b.background))
+    bare_surface = math.log(b.body / b.background)
     for r in range(rows):
         for c in range(cols):
             owner[r, c], near[r, c], residual[r, c] = -2, False, 0.0
@@ -336,6 +338,11 @@ def share_out(
                 through *= 1.0 - pi
                 if value > best:
                     best, who, at_z = value, k, z
+            if not reached and through == 1.0:
+                residual[r, c] = bare_seen if what == SEEN else bare_surface
+                if what == SURFACE:
+                    owner[r, c], share[r, c] = -1, 0.0
+                continue
             ground = _ground(what, reached, b)
             one_more = explained + through * _likelihood(what, 1.0, 0.0, 1.0, b)
             residual[r, c] = math.log(one_more / (explained + through * ground))
@@ -352,13 +359,18 @@ def share_out(
 
 @njit(cache=True, nogil=True)
 def hull_scores(total: F64, bands: I32, scores: F32) -> None:
-    """What people at (N,) places of the model map would gain: the residual's sum in the bands of their hulls.
+    """What people at (N,) places of the model map would gain: the residual's sum in bands of their hulls.
 
+    From the first or the second band down to where it is largest: furniture may hide the lower ones, and who sits has
+    no head where one who stands has it.
     ``total`` (H + 1, W + 1): the residual's integral image; ``bands`` (N, K, 4) left, top, right, bottom, clipped.
     """
     for i in range(len(bands)):
-        scores[i] = 0.0
+        scores[i] = run = 0.0
         for k in range(bands.shape[1]):
             left, top, right, down = bands[i, k]
             if right > left and down > top:
-                scores[i] += total[down, right] - total[top, right] - total[down, left] + total[top, left]
+                run += total[down, right] - total[top, right] - total[down, left] + total[top, left]
+            scores[i] = max(scores[i], run)
+            if k == 0:
+                run = max(run, 0.0)

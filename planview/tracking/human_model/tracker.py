@@ -336,9 +336,8 @@ class HumanModelTracker:
         known[unexplained & shares.near & label.any()] = PERSON
         known[shares.owner == -2] = 0
         left = (shares.owner != -2) & (known == 0)
-        n, labels = cv2.connectedComponents(left.astype(np.uint8), connectivity=8)
-        area = np.bincount(labels.reshape(-1), minlength=n)
-        lively = np.bincount(labels[motion > 0], minlength=n) > LIVELY * area
+        n, labels, stats, _ = cv2.connectedComponentsWithStats(left.astype(np.uint8), connectivity=8)
+        lively = np.bincount(labels[motion > 0], minlength=n) > LIVELY * stats[:, cv2.CC_STAT_AREA]
         self._still_s[~left | lively[labels]] = 0.0
         self._still_s[left] += dt
         known[self._still_s >= self.params.still_s] = BACKGROUND
