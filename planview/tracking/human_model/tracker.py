@@ -35,14 +35,8 @@ from planview.trajectories.state import State, TrackState
 
 WALKER_M = 2.0
 """Way after which a person is no ghost of the background [m]."""
-LOG_ODDS_MAX = 8.0
-"""Existence is never surer than this."""
 BOX_WIDTH = 1.35
 """Width of a person's box over the hull's: arms and stride."""
-NEVER_WALKED = 0.1
-"""Part of ``inanimate_s`` for which something that has not walked yet may be without motion."""
-KNOWN_ODDS = 3.0
-"""Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
 RETURNS = 0.2
 """Share of those who are gone inside the view that come back: the others went through a door, out of which anybody may
 come."""
@@ -284,7 +278,7 @@ class HumanModelTracker:
             stays = q.existence * math.exp(-dt / p.stay_s)
             q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
         q.log_odds += looks * float(np.clip(q.evidence, -p.evidence_max, p.evidence_max))
-        q.log_odds = float(np.clip(q.log_odds, -LOG_ODDS_MAX, LOG_ODDS_MAX))
+        q.log_odds = float(np.clip(q.log_odds, -p.birth_evidence, p.birth_evidence))
         if q.share < p.visible_min:
             return
         q.learn_height(looks, p.sits)
@@ -348,7 +342,7 @@ class HumanModelTracker:
         p, keep = self.params, []
         for q in self._people:
             beyond = q.inside < p.birth_visible
-            thing = q.moved < (0.0 if q.confirmed else -NEVER_WALKED)
+            thing = q.moved < (0.0 if q.confirmed else -p.still_s / p.inanimate_s)
             if q.existence >= 0.05 and not beyond and not thing:
                 keep.append(q)
                 continue
@@ -389,7 +383,7 @@ class HumanModelTracker:
             before, odds = known.get(i, (None, 0.0))
             if before is not None:
                 odds += math.log(RETURNS if before in self._departed else before.existence)
-            if before is not None and odds > 0.0 and (sure or odds > KNOWN_ODDS):
+            if before is not None and odds > 0.0 and (sure or odds > math.log(p.report / (1 - p.report))):
                 self._note(before, "reacquired", f"log-odds {odds:.1f} after {b.born_s - before.seen_s:.1f} s", odds)
                 self._departed = [o for o in self._departed if o is not before]
                 self._people = [o for o in self._people if o is not before]
