@@ -54,7 +54,8 @@ class HumanModelParams(Params):
     """Time without any motion after which something that has moved by a metre is a thing [s] (section 4: the chair);
     who walked farther is believed in for longer in proportion."""
     report: float = Field(0.9, gt=0.5, lt=1)
-    """Probability of existence from which a person is confirmed, and of being somebody known from which a newcomer is."""
+    """Probability of existence from which a person is confirmed, and of being somebody known from which that is
+    believed."""
     visible_min: float = Field(0.08, gt=0, lt=1)
     """Share of a body that must be visible for its place to be measured; a confirmed person with less is lost."""
     colour_weight: float = Field(0.7, ge=0, lt=1)
