@@ -137,7 +137,10 @@ class HumanModelTracker:
         seen = frame.kind == kernels.SEEN
         frame.kind[seen & (self._hides > 0)] = kernels.SHADOW
         for q in self._people:
-            self._predict(q, dt)
+            if q.share < 2 * self.params.visible_min:
+                q.kalman = q.kalman.slowed(dt, self.params.slow_down_s)
+            q.kalman = q.kalman.predicted(dt, self.params.acceleration_mps2)
+            q.height_var += self.params.height_change_mps**2 * dt * min(dt, self.params.errors_s)
         if self._people:
             self._explain(frame, dt)
         shares = frame.share_out(self._side_by_side())
@@ -151,17 +154,12 @@ class HumanModelTracker:
         born, poses = births(self._places, frame, people, shares, self._now_s)
         for q, pose, before in zip(self._people, poses, self._side_by_side().poses, strict=True):
             if (pose != before).any():
-                self._recentre(q, pose)
+                # Go on where the model accounts for more.
+                q.kalman, q.height_m = q.kalman.moved_to(float(pose[0]), float(pose[1])), float(pose[2])
+                self._note(q, "recentred", f"accounts for more at {pose[0]:.2f}, {pose[1]:.2f} m", math.nan)
         self._meet(born, frame)
         self._recognise(dt)
         return tuple(self._state(q) for q in self._people)
-
-    def _predict(self, q: Walker, dt: float) -> None:
-        p = self.params
-        if q.share < 2 * p.visible_min:
-            q.kalman = q.kalman.slowed(dt, p.slow_down_s)
-        q.kalman = q.kalman.predicted(dt, p.acceleration_mps2)
-        q.height_var += p.height_change_mps**2 * dt * min(dt, p.errors_s)
 
     def _side_by_side(self, people: Sequence[Walker] | None = None) -> People:
         """Everybody, or some."""
@@ -190,7 +188,10 @@ class HumanModelTracker:
         flooded = (frame.kind == kernels.SURFACE).mean() > 0.5
         for i, q in enumerate(self._people):
             self._measure(i, q, frame, samples, people, predicted[i], others[i])
-        standing = self._standing()
+        # Who is surer has the better standing, and who came first.
+        ranks = sorted(range(len(self._people)), key=lambda k: (
+            self._people[k].confirmed, self._people[k].log_odds, -self._people[k].track_id))  # fmt: skip
+        standing = np.argsort(ranks).astype(np.float64)
         for i, q in enumerate(self._people):
             rival = frame.rival(i, people, standing) if q.share >= self.params.visible_min else -1
             if rival >= 0:
@@ -199,18 +200,6 @@ class HumanModelTracker:
                 superfluous.evidence = min(superfluous.evidence, pair.evidence)
         for q in () if flooded else self._people:
             self._weigh(q, dt)
-
-    def _recentre(self, q: Walker, pose: F64) -> None:
-        """Go on where the model accounts for more."""
-        q.kalman = q.kalman.moved_to(float(pose[0]), float(pose[1]))
-        q.height_m = float(pose[2])
-        self._note(q, "recentred", f"accounts for more at {pose[0]:.2f}, {pose[1]:.2f} m", math.nan)
-
-    def _standing(self) -> F64:
-        """(N,) rank of everybody: who is surer, and who came first."""
-        rank = sorted(range(len(self._people)), key=lambda k: (
-            self._people[k].confirmed, self._people[k].log_odds, -self._people[k].track_id))  # fmt: skip
-        return np.argsort(rank).astype(np.float64)
 
     def _information(self, q: Walker) -> F64:
         k = q.kalman
