@@ -363,18 +363,13 @@ def share_out(
 
 @njit(cache=True, nogil=True)
 def hull_scores(total: F64, bands: I32, scores: F32) -> None:
-    """What people at (N,) places of the model map would gain: the residual's sum in bands of their hulls.
+    """What people at (N,) places of the model map would gain: the residual's sum in the bands of their hulls.
 
-    From the first or the second band down to where it is largest: furniture may hide the lower ones, and who sits has
-    no head where one who stands has it.
     ``total`` (H + 1, W + 1): the residual's integral image; ``bands`` (N, K, 4) left, top, right, bottom, clipped.
     """
     for i in range(len(bands)):
-        scores[i] = run = 0.0
+        scores[i] = 0.0
         for k in range(bands.shape[1]):
             left, top, right, down = bands[i, k]
             if right > left and down > top:
-                run += total[down, right] - total[top, right] - total[down, left] + total[top, left]
-            scores[i] = max(scores[i], run)
-            if k == 0:
-                run = max(run, 0.0)
+                scores[i] += total[down, right] - total[top, right] - total[down, left] + total[top, left]
