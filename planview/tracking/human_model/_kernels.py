@@ -230,6 +230,7 @@ def ascend(
     """
     best, worth = -1e300, 0.0
     for step in steps:
+        came = -1
         for _ in range(4):
             x, y, h = pose[0], pose[1], pose[2]
             away = max(math.sqrt(x * x + y * y), 1e-3)
@@ -237,8 +238,10 @@ def ascend(
             # One step in the image, whatever the slope of the ray.
             slope = math.sqrt(away * away + b.camera_m * b.camera_m) / b.camera_m
             far = step * min(slope, 4.0)
-            moved = False
+            moved, back = False, came
             for move in range(11):
+                if move == back:
+                    continue
                 nx, ny, nh = x, y, h
                 if move == 0:
                     if best > -1e299:
@@ -272,7 +275,8 @@ def ascend(
                 if lam + mine + prior > best + 1e-6:
                     best, worth = lam + mine + prior, lam + mine
                     pose[0], pose[1], pose[2] = nx, ny, nh
-                    moved = True
+                    # Moves 1 and 2, 3 and 4, 5 and 6, 7 and 8 undo each other.
+                    moved, came = True, move + 2 * (move % 2) - 1
             if not moved:
                 break
     return worth
@@ -311,6 +315,8 @@ def share_out(
     more person, behind all others, would gain at each pixel. ``near``: whether a person may reach there.
     """
     rows, cols = kind.shape
+    bare_seen = math.log((1.0 - b.body) / (1.0 - b.background))
+    bare_surface = math.log(b.body / b.background)
     for r in range(rows):
         for c in range(cols):
             owner[r, c], near[r, c], residual[r, c] = -2, False, 0.0
@@ -336,6 +342,11 @@ def share_out(
                 through *= 1.0 - pi
                 if value > best:
                     best, who, at_z = value, k, z
+            if not reached and through == 1.0:
+                residual[r, c] = bare_seen if what == SEEN else bare_surface
+                if what == SURFACE:
+                    owner[r, c], share[r, c] = -1, 0.0
+                continue
             ground = _ground(what, reached, b)
             one_more = explained + through * _likelihood(what, 1.0, 0.0, 1.0, b)
             residual[r, c] = math.log(one_more / (explained + through * ground))

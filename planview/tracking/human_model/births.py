@@ -22,15 +22,15 @@ CORE = 0.7
 """Part of a hull's width in which the residual is summed: the rest is between arms and beside the head."""
 BANDS = 6
 """A hull is summed in this many boxes above each other: bodies lean in the images of wide lenses."""
-BORN_LOG_ODDS = -3.9
-"""Of a newcomer before its first look: one in fifty."""
+BORN_LOG_ODDS = -2.4
+"""Of a newcomer after its first look: one in twelve."""
+PLACE_STD_M = 0.5
+"""How far the place of a newcomer may be from where its residual is strongest [m]."""
 SPEED_STD_MPS = 1.0
 """Of a newcomer's velocity [m/s]."""
 BIRTH_PX, BIRTH_SHARE = 30.0, 0.625
 """Least height of newcomers [px], and as a share of that of people in the middle of the image, where this is less: a
 head of 3 px tells a person from a bag by nothing, but a camera is pointed at people."""
-PLACE_STD_M = 0.5
-"""How far the place of a newcomer may be from where its residual is strongest [m]."""
 
 
 class FloorPlaces:
@@ -130,7 +130,6 @@ def _try(place: F64, frame: MaskExplanation, known: People, now_s: float) -> Wal
     kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), noise, SPEED_STD_MPS)
     person = Walker(0, kalman, float(pose[2]), BORN_LOG_ODDS, now_s)
     person.height_var = 1.0 / (1.0 / person.height_var + up)
-    person.log_odds += min(evidence, p.evidence_max) * 0.25
     person.born_s, person.born_m, person.origin_m = now_s, person.at_m, person.at_m
     person.evidence, person.share = evidence, mine / max(total, 1e-6)
     return person

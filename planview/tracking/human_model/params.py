@@ -41,20 +41,21 @@ class HumanModelParams(Params):
     evidence_max: float = Field(6.0, gt=0.5, le=50)
     """Largest evidence of one look for or against a person, as a log-odds."""
     birth_evidence: float = Field(8.0, gt=0, le=100)
-    """Log-odds of a newcomer against nothing at which it is followed: the logarithm of 1 / prior density."""
+    """Log-odds of a newcomer against nothing at which it is followed: the logarithm of 1 / prior density. Existence is
+    never surer."""
     birth_visible: float = Field(0.3, gt=0, le=1)
-    """Visibility ratio from which newcomers are looked for (section 4: visibility criterion)."""
+    """Visibility ratio from which newcomers are looked for (section 4: visibility criterion), and below which a person
+    has left: whoever shows there next is a stranger."""
     walked_m: float = Field(0.4, ge=0, le=5)
     """Way after which a newcomer is believed to be a person [m] (section 4: motion salience): a torso's width."""
     stay_s: float = Field(50.0, gt=0.1, le=3600)
     """Mean time that an unseen person stays inside the view [s]."""
-    leave_s: float = Field(0.7, gt=0.01, le=60)
-    """Mean time that a person beyond the border stays unknown and near [s]."""
     inanimate_s: float = Field(20.0, gt=0, le=600)
     """Time without any motion after which something that has moved by a metre is a thing [s] (section 4: the chair);
     who walked farther is believed in for longer in proportion."""
     report: float = Field(0.9, gt=0.5, lt=1)
-    """Probability of existence from which a person is confirmed."""
+    """Probability of existence from which a person is confirmed, and of being somebody known from which that is
+    believed."""
     visible_min: float = Field(0.08, gt=0, lt=1)
     """Share of a body that must be visible for its place to be measured; a confirmed person with less is lost."""
     colour_weight: float = Field(0.7, ge=0, lt=1)
@@ -72,4 +73,4 @@ class HumanModelParams(Params):
     trend: float = Field(0.1, gt=0, lt=1)
     """Change of the visible share within the window that is appearing or disappearing."""
     still_s: float = Field(3.0, gt=0, le=600)
-    """Time without motion after which foreground that nobody explains is background [s]."""
+    """Time without motion after which foreground that nobody explains is background [s], and a newcomer a thing."""

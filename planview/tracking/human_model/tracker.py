@@ -35,18 +35,11 @@ from planview.trajectories.state import State, TrackState
 
 WALKER_M = 2.0
 """Way after which a person is no ghost of the background [m]."""
-LOG_ODDS_MAX = 8.0
-"""Existence is never surer than this."""
-INSIDE = 0.3
-"""Share of a body in the image below which a person is at the border."""
 BOX_WIDTH = 1.35
 """Width of a person's box over the hull's: arms and stride."""
-LEFT = 0.6
-"""Visibility ratio below which a person without evidence has left the view, and whoever comes later is a stranger."""
-NEVER_WALKED = 0.1
-"""Part of ``inanimate_s`` for which something that has not walked yet may be without motion."""
-KNOWN_ODDS = 3.0
-"""Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
+RETURNS = 0.2
+"""Share of those who are gone inside the view that come back: the others went through a door, out of which anybody may
+come."""
 HIDES = -3.0
 """Log-odds, before anybody has walked there, that something hides people at a pixel."""
 LIVELY = 0.01
@@ -144,7 +137,10 @@ class HumanModelTracker:
         seen = frame.kind == kernels.SEEN
         frame.kind[seen & (self._hides > 0)] = kernels.SHADOW
         for q in self._people:
-            self._predict(q, dt)
+            if q.share < 2 * self.params.visible_min:
+                q.kalman = q.kalman.slowed(dt, self.params.slow_down_s)
+            q.kalman = q.kalman.predicted(dt, self.params.acceleration_mps2)
+            q.height_var += self.params.height_change_mps**2 * dt * min(dt, self.params.errors_s)
         if self._people:
             self._explain(frame, dt)
         shares = frame.share_out(self._side_by_side())
@@ -158,17 +154,12 @@ class HumanModelTracker:
         born, poses = births(self._places, frame, people, shares, self._now_s)
         for q, pose, before in zip(self._people, poses, self._side_by_side().poses, strict=True):
             if (pose != before).any():
-                self._recentre(q, pose)
+                # Go on where the model accounts for more.
+                q.kalman, q.height_m = q.kalman.moved_to(float(pose[0]), float(pose[1])), float(pose[2])
+                self._note(q, "recentred", f"accounts for more at {pose[0]:.2f}, {pose[1]:.2f} m", math.nan)
         self._meet(born, frame)
         self._recognise(dt)
         return tuple(self._state(q) for q in self._people)
-
-    def _predict(self, q: Walker, dt: float) -> None:
-        p = self.params
-        if q.share < 2 * p.visible_min:
-            q.kalman = q.kalman.slowed(dt, p.slow_down_s)
-        q.kalman = q.kalman.predicted(dt, p.acceleration_mps2)
-        q.height_var += p.height_change_mps**2 * dt * min(dt, p.errors_s)
 
     def _side_by_side(self, people: Sequence[Walker] | None = None) -> People:
         """Everybody, or some."""
@@ -197,7 +188,10 @@ class HumanModelTracker:
         flooded = (frame.kind == kernels.SURFACE).mean() > 0.5
         for i, q in enumerate(self._people):
             self._measure(i, q, frame, samples, people, predicted[i], others[i])
-        standing = self._standing()
+        # Who is surer has the better standing, and who came first.
+        ranks = sorted(range(len(self._people)), key=lambda k: (
+            self._people[k].confirmed, self._people[k].log_odds, -self._people[k].track_id))  # fmt: skip
+        standing = np.argsort(ranks).astype(np.float64)
         for i, q in enumerate(self._people):
             rival = frame.rival(i, people, standing) if q.share >= self.params.visible_min else -1
             if rival >= 0:
@@ -206,18 +200,6 @@ class HumanModelTracker:
                 superfluous.evidence = min(superfluous.evidence, pair.evidence)
         for q in () if flooded else self._people:
             self._weigh(q, dt)
-
-    def _recentre(self, q: Walker, pose: F64) -> None:
-        """Go on where the model accounts for more."""
-        q.kalman = q.kalman.moved_to(float(pose[0]), float(pose[1]))
-        q.height_m = float(pose[2])
-        self._note(q, "recentred", f"accounts for more at {pose[0]:.2f}, {pose[1]:.2f} m", math.nan)
-
-    def _standing(self) -> F64:
-        """(N,) rank of everybody: who is surer, and who came first."""
-        rank = sorted(range(len(self._people)), key=lambda k: (
-            self._people[k].confirmed, self._people[k].log_odds, -self._people[k].track_id))  # fmt: skip
-        return np.argsort(rank).astype(np.float64)
 
     def _information(self, q: Walker) -> F64:
         k = q.kalman
@@ -282,11 +264,10 @@ class HumanModelTracker:
         """Existence: survival, then the evidence of this look; and how far the person has walked."""
         p, looks = self.params, min(1.0, dt / self.params.errors_s)
         if q.share < p.visible_min:
-            away_s = p.leave_s if q.inside < INSIDE else p.stay_s
-            stays = q.existence * math.exp(-dt / away_s)
+            stays = q.existence * math.exp(-dt / p.stay_s)
             q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
         q.log_odds += looks * float(np.clip(q.evidence, -p.evidence_max, p.evidence_max))
-        q.log_odds = float(np.clip(q.log_odds, -LOG_ODDS_MAX, LOG_ODDS_MAX))
+        q.log_odds = float(np.clip(q.log_odds, -p.birth_evidence, p.birth_evidence))
         if q.share < p.visible_min:
             return
         q.learn_height(looks, p.sits)
@@ -338,26 +319,25 @@ class HumanModelTracker:
         known[unexplained & shares.near & label.any()] = PERSON
         known[shares.owner == -2] = 0
         left = (shares.owner != -2) & (known == 0)
-        n, labels = cv2.connectedComponents(left.astype(np.uint8), connectivity=8)
-        area = np.bincount(labels.reshape(-1), minlength=n)
-        lively = np.bincount(labels[motion > 0], minlength=n) > LIVELY * area
+        n, labels, stats, _ = cv2.connectedComponentsWithStats(left.astype(np.uint8), connectivity=8)
+        lively = np.bincount(labels[motion > 0], minlength=n) > LIVELY * stats[:, cv2.CC_STAT_AREA]
         self._still_s[~left | lively[labels]] = 0.0
         self._still_s[left] += dt
         known[self._still_s >= self.params.still_s] = BACKGROUND
         self._known = known
 
     def _clean(self, dt: float) -> None:
-        """People without evidence end, and things that somebody moved."""
+        """People without evidence or beyond the border end, and things that somebody moved."""
         p, keep = self.params, []
         for q in self._people:
-            beyond = q.inside < 0.15 and q.share < p.visible_min and self._now_s - q.seen_s > p.leave_s
-            thing = q.moved < (0.0 if q.confirmed else -NEVER_WALKED)
+            beyond = q.inside < p.birth_visible
+            thing = q.moved < (0.0 if q.confirmed else -p.still_s / p.inanimate_s)
             if q.existence >= 0.05 and not beyond and not thing:
                 keep.append(q)
                 continue
             why = "stationary: a thing" if thing else f"existence {q.existence:.2f}, evidence {q.evidence:.1f}"
             self._note(q, "pruned", why, q.existence)
-            if q.confirmed and not thing and q.inside >= LEFT:
+            if q.confirmed and not thing and not beyond:
                 self._departed.append(q)
         self._people = keep
         self._departed = [q for q in self._departed if self._now_s - q.seen_s <= p.remember_s]
@@ -390,7 +370,9 @@ class HumanModelTracker:
         for i, b in enumerate(new):
             sure = b.existence > p.report and b.walked_m >= p.walked_m and b.share >= p.visible_min
             before, odds = known.get(i, (None, 0.0))
-            if before is not None and (sure or odds > KNOWN_ODDS):
+            if before is not None:
+                odds += math.log(RETURNS if before in self._departed else before.existence)
+            if before is not None and odds > 0.0 and (sure or odds > math.log(p.report / (1 - p.report))):
                 self._note(before, "reacquired", f"log-odds {odds:.1f} after {b.born_s - before.seen_s:.1f} s", odds)
                 self._departed = [o for o in self._departed if o is not before]
                 self._people = [o for o in self._people if o is not before]

@@ -91,6 +91,8 @@ class Walker(Person):
 
 def matches(hulls: Sequence[F64 | None], surface: U8) -> list[ModelMatch]:
     """Matches of hulls (K, 2) [px] with a (H, W) mask of foreground; None where no hull can be drawn."""
+    if not hulls:
+        return []
     _, labels, stats, _ = cv2.connectedComponentsWithStats((surface > 0).astype(np.uint8), connectivity=8)
     cover = np.zeros(surface.shape, np.uint8)
     drawn: list[tuple[slice, slice, U8] | None] = []
