@@ -31,8 +31,8 @@ class FloorParams(Params):
     """Lowest camera: below it people are taller than the view (our choice)."""
     max_height_m: float = Field(default=12.0, gt=0, le=100)
     """Highest camera: beyond it a person covers a few disparities at most (our choice)."""
-    max_tilt_deg: float = Field(default=83.0, gt=0, lt=90)
-    """Steepest view of a floor; beyond it the plane is a wall seen from above (our choice)."""
+    max_tilt_deg: float = Field(default=88.0, gt=0, lt=90)
+    """Flattest view of a floor: beyond it a camera sees the edge of its floor only (our choice)."""
     min_tilt_deg: float = Field(default=-12.0, gt=-90, le=0)
     """An overhead camera may lean backwards by this much; beyond it the plane is a wall in front of a camera
     that hardly sees its floor (our choice)."""
