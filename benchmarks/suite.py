@@ -125,12 +125,16 @@ def judged_truth(truth: Trajectories, scene: Scene) -> Trajectories:
     return replace(truth, x_m=x_m, y_m=y_m)
 
 
-def run_job(job: SuiteJob) -> dict[Way, SceneScore]:
-    """Render, track (both once, from the cache when they are there) and score one scene in every way asked for."""
+def run_job(job: SuiteJob) -> dict[Way, SceneScore] | str:
+    """Render, track (both once, from the cache when they are there) and score one scene in every way asked for; or why
+    the engine refuses it."""
     recording, scene = suite_recording(job.path, job.seed, job.cache)
     # One pass serves all ways and the ablation.
     recorded = job.peer or job.tracker == "template"
-    kept = run_pass(Pass(recording, job.cache, job.config, job.tracker, recorded))
+    try:
+        kept = run_pass(Pass(recording, job.cache, job.config, job.tracker, recorded))
+    except WorkError as error:
+        return f"{job.path.stem} of seed {job.seed}: {error}"
     if job.out is not None:
         kept = Path(shutil.copytree(kept, job.out / f"{job.path.stem}-{job.seed}", dirs_exist_ok=True))
     tracks: dict[Way, Trajectories] = {"online": read_tracks(kept / "tracks.csv")}
@@ -194,20 +198,27 @@ def suite(*, options: SuiteOptions | None = None) -> None:
     drawn = [(s, path) for s in seeds for path in chosen_files(files, s, o.minutes)]
     chosen = dealt_files(files, seeds) if o.deal else drawn
     work, left_out = [], []
+
+    def leave_out(sentence: str) -> None:
+        left_out.append(sentence)
+        console.print(f"left out: {sentence}", style="yellow")
+
     for seed, path in chosen:
         try:
             drawn_scene(path, seed)
         except WorkError as error:
-            left_out.append(str(error))
-            console.print(f"left out: {left_out[-1]}", style="yellow")
+            leave_out(str(error))
             continue
         work.append(SuiteJob(path, seed, o.cache_folder, o.out, settings, o.tracker, o.refine, o.peer))
     done: dict[tuple[int, Path], dict[Way, SceneScore]] = {}
     for job, by_way in watched(run_job, work, o.jobs, console):
-        done[job.seed, job.path] = by_way
+        if isinstance(by_way, str):
+            leave_out(by_way)
+        else:
+            done[job.seed, job.path] = by_way
     ways: dict[Way, list[SceneScore]] = {}
     for job in work:
-        for way, score in done[job.seed, job.path].items():
+        for way, score in done.get((job.seed, job.path), {}).items():
             ways.setdefault(way, []).append(score)
     result = {"seeds": seeds, "left_out": left_out, **provenance()}
     result |= {way: scores_json(scores) for way, scores in ways.items()}
