@@ -91,7 +91,7 @@ class RunTotals:
             return self.jump
         if not self.tracks:
             return f"nothing of a person's size moved in {self.frames} frames"
-        return "what moved was too short or too small to be believed (--rrd and --debug show why)"
+        return "what moved was too short or too small to be believed (decisions.csv and --rrd show why)"
 
 
 class RunChecks:
