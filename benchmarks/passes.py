@@ -85,7 +85,7 @@ def run_pass(job: Pass) -> Path:
         logs: list[RunLog] = []
         if job.recorded:
             logs = [MapsLog(engine, part / "maps.h5"), PeerLog(engine, part / PEER)]
-        run(engine, part, RunOptions(tracker=job.tracker, debug=True), logs)
+        run(engine, part, RunOptions(tracker=job.tracker), logs)
         part.rename(job.folder)
     finally:
         shutil.rmtree(part, ignore_errors=True)

@@ -175,6 +175,10 @@ FORMER_OPTIONS = {
     "--rrd-every": "--set run.rrd_every=N",
     "--person-height": "--set ellipse_particle.size.person_height_px=PIXELS",
     "--fresh": "no option, since nothing is kept between runs",
+    "--frames": "--set run.frames=N",
+    "--overwrite": "--set run.overwrite=true",
+    "--debug": "no option, since decisions.csv is always written",
+    "--json": "no option, since run.json is always written",
 }
 """Options that ``planview run`` had, and what takes their place."""
 
@@ -188,7 +192,7 @@ def _refuse_former(words: Sequence[str]) -> None:
         raise InputError(f"{command}: expected its new name, {FORMER[command]}")
     for word in words[1:] if command == "run" else ():
         if (option := word.partition("=")[0]) in FORMER_OPTIONS:
-            raise InputError(f"{option}: expected {FORMER_OPTIONS[option]} in its place")
+            raise InputError(f"{option}: expected {FORMER_OPTIONS[option]}")
 
 
 def _stop_on_signals() -> None:

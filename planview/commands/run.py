@@ -56,8 +56,6 @@ class TrackingOptions:
     """Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names."""
     fps: Annotated[float | None, _In] = None
     """Frames per second, in place of the recording's own times."""
-    frames: Annotated[int, _In] = 0
-    """Stop after so many frames; 0 for all."""
     strict: Annotated[Flag, _In] = False
     """Refuse a recording that fails one of the cheap checks (exit status 2) instead of warning of it."""
     tracker: Annotated[TrackerName, _How] = "template"
@@ -77,14 +75,8 @@ class TrackingOptions:
     """Also write run.rrd, to be looked at with planview view."""
     maps: Annotated[Flag, _Out, Parameter(name=["--maps", "--save-maps"])] = False
     """Also write maps.h5: foreground points of every frame as disparities and coarse colour codes, without images."""
-    debug: Annotated[Flag, _Out] = False
-    """Also write decisions.csv: every decision of the tracker with its reason."""
-    overwrite: Annotated[Flag, _Out] = False
-    """Replace what a run, or another program under the same names, left in the folder."""
     resume: Annotated[Flag, _Out] = False
     """Go on with the run that was interrupted or killed in this folder: the same results as without interruption."""
-    json_output: Annotated[JsonFlag, _Out] = False
-    """Print run.json to standard output at the end."""
 
 
 def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions | None = None) -> None:
@@ -102,7 +94,7 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
     Example with a detector's boxes: planview run street.mp4 --detections det.txt --calibration camera.toml --out out
 
     Example in real time, with the latency of tracks printed: planview run my_recording --out out --set
-    run.real_time=true
+    run.real_time=true (run.frames=N stops early, run.overwrite=true replaces the results of an earlier run)
 
     Parameters
     ----------
@@ -116,17 +108,16 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
     """
     options = options or TrackingOptions()
     settings = load_config(options.config, options.set_, base_config(recording))
-    if options.frames < 0:
-        raise InputError(f"--frames: expected a number from 0, found {options.frames}")
-    if options.resume and options.overwrite:
-        raise InputError("expected --resume or --overwrite, found both")
+    overwrite = settings.run.overwrite
+    if options.resume and overwrite:
+        raise InputError("expected --resume or run.overwrite, found both")
     if options.resume and settings.run.real_time:
         raise InputError(
             "expected --resume or run.real_time, found both: a run in real time has no checkpoints to go on from"
         )
     if options.resume and options.detections:
         raise InputError("expected --resume or --detections, found both: boxes are tracked again in seconds")
-    check_folder(out, options.overwrite or options.resume, recording)
+    check_folder(out, overwrite or options.resume, recording)
     console = PlainConsole(stderr=True)
     if options.resume and (info := finished_run(out)) is not None:
         if not options.refine or info.refined:
@@ -139,8 +130,6 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
     summary(console, info, out)
     if info.counts:
         print_counts(info.counts, console)
-    if options.json_output:
-        print(info.model_dump_json())
 
 
 def _opened_and_tracked(
@@ -176,7 +165,7 @@ def _track(
 ) -> RunInfo:
     settings = engine.config.run
     how = RunOptions(
-        "detections" if options.detections else options.tracker, analytics, options.debug, options.frames,
+        "detections" if options.detections else options.tracker, analytics, settings.frames,
         0.0 if options.detections else settings.checkpoint_every_s, options.strict,
         Pace() if settings.real_time else None,
     )  # fmt: skip
@@ -186,7 +175,7 @@ def _track(
         identity = run_identity(engine, how, names)
         checkpoint = checkpoint_of(out, identity, lambda text: console.print(text, soft_wrap=True))
     if checkpoint is None:
-        begin_run(engine, out, how, overwrite=options.overwrite or options.resume)
+        begin_run(engine, out, how, overwrite=settings.overwrite or options.resume)
     positions = checkpoint.written["logs"] if checkpoint else {}
     logs: list[RunLog] = []
     if options.maps:
@@ -196,7 +185,7 @@ def _track(
 
         logs.append(RerunLog(engine, out / "run.rrd", positions.get("RerunLog"), settings.rrd_every))
     announced = engine.recording.n_frames
-    n_frames = min(options.frames or announced, announced) if announced else options.frames or None
+    n_frames = min(settings.frames or announced, announced) if announced else settings.frames or None
     with FrameProgress(console, n_frames) as progress:
         info = run_engine(engine, out, how, logs, progress, checkpoint)
     write_report(out)
@@ -270,7 +259,7 @@ def demo(
         raise InputError(
             f"{DEMO}: expected the demo clip, found nothing; install planview again, or run it from its repository"
         )
-    run(DEMO, out=out, options=TrackingOptions(rrd=True, debug=True, overwrite=True))
+    run(DEMO, out=out, options=TrackingOptions(rrd=True, set_=["run.overwrite=true"]))
     evaluate(out / "tracks.csv", DEMO / "truth.csv", options=EvaluateOptions(json_output=json_output))
     tracks = read_tracks(out / "tracks.csv")
     frames = tracks.frame[tracks.state == "confirmed"]

@@ -75,13 +75,17 @@ class SingleCameraParams(Params):
 
 
 class RunParams(Params):
-    """How a run goes on in time and what it keeps; tracks do not depend on it, but in real time."""
+    """How a run goes on in time and what it keeps; the tracks of a frame do not depend on it, but in real time."""
 
     real_time: bool = False
     """Frames come when their timestamps say, those that cannot be kept up with are dropped, and the latency from a
     frame's timestamp to its tracks is measured. Such a run writes no checkpoints."""
     checkpoint_every_s: float = Field(30.0, ge=0, le=86_400)
     """Time between two checkpoints to resume from [s]; 0 for none (our choice)."""
+    frames: int = Field(0, ge=0)
+    """Stop after so many frames; 0 for all."""
+    overwrite: bool = False
+    """Replace what a run, or another program under the same names, left in the folder."""
     rrd_every: int = Field(1, ge=1, le=100_000)
     """Images, clouds and maps of every n-th frame only go into run.rrd; people and curves of all (our choice)."""
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
-from planview.engine.config import Config
+from planview.engine.config import Config, RunParams
 from planview.engine.engine import Engine
 from planview.engine.one_camera import one_camera_engine
 from planview.engine.replay import recorded_config, replay_engine
@@ -117,12 +117,14 @@ def is_stereo(path: Path, calibration: Path | None = None) -> bool:
 
 
 def base_config(path: Path) -> Config:
-    """What parameters are changed from: those that made the plan-view maps, else the defaults.
+    """What parameters are changed from: those that made the plan-view maps (but ``run``), else the defaults.
 
     Raises:
         InputError: maps that cannot be read.
     """
-    return recorded_config(MapsRecording(path)) if is_maps(path) else Config()
+    if not is_maps(path):
+        return Config()
+    return recorded_config(MapsRecording(path)).model_copy(update={"run": RunParams()})
 
 
 def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:

@@ -97,7 +97,7 @@ def _described(table: Trajectories, row: int) -> str:
 def _decisions(path: Path, replayed: ReplayedRun, last: int) -> list[str]:
     """Decisions that only one of the runs made, the latest ones; none where the run kept no decisions."""
     if not path.is_file():
-        return ["no decisions.csv to compare decisions with (planview run --debug writes it)"]
+        return ["no decisions.csv to compare decisions with"]
     with path.open(newline="", encoding="utf-8") as file:
         rows = [
             (int(row["frame"]), f"{row['id']} {row['kind']}: {row['reason']}")

@@ -99,7 +99,6 @@ class RunOptions:
     Attributes:
         tracker: name for run.json.
         analytics: counts while running; None for no rules.
-        debug: write ``decisions.csv``, every decision of the tracker with its reason.
         max_frames: stop after so many frames; 0 for all.
         checkpoint_every_s: time between two checkpoints [s]; 0 for none.
         strict: refuse a recording that fails a check instead of warning.
@@ -108,7 +107,6 @@ class RunOptions:
 
     tracker: str = "template"
     analytics: Analytics | None = None
-    debug: bool = False
     max_frames: int = 0
     checkpoint_every_s: float = 0.0
     strict: bool = False
@@ -183,7 +181,7 @@ class _Run:
             if checkpoint is not None or not (self._folder / "run.json").is_file():
                 write_run_info(self._information("running"), self._folder / "run.json")
             at = checkpoint and {name: FilePosition(*place) for name, place in checkpoint.written["tables"].items()}
-            tables = RunTables(self._folder, options.analytics is not None, options.debug, at)
+            tables = RunTables(self._folder, options.analytics is not None, at)
             stack.callback(tables.close)
             is_live = getattr(self._engine.recording, "is_live", False)
             every_s = 0.0 if is_live or options.pace else options.checkpoint_every_s
@@ -225,7 +223,8 @@ class _Run:
                 decode(checkpoint.memory, self._memory())
             except ValueError as error:
                 raise InputError(
-                    f"{self._folder}: the checkpoint cannot be gone on from: {error}; --overwrite begins anew"
+                    f"{self._folder}: the checkpoint cannot be gone on from: {error}; "
+                    "--set run.overwrite=true begins anew"
                 ) from error
         limit = self._options.max_frames
         if limit and self._totals.frames >= limit:
@@ -318,7 +317,6 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> di
     settings = {
         "tracker": options.tracker,
         "rules": digest_of(rules) if rules else "",
-        "debug": options.debug,
         "logs": sorted(logs),
     }
     return identity_of(engine, settings)

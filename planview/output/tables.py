@@ -128,17 +128,17 @@ class RunTables:
     """Writes the rows of every frame.
 
     Args:
-        events, decisions: whether these tables are written.
+        events: whether there are rules, whose events are written.
         positions: by file name, to go on from; what was written after them is dropped.
     """
 
-    def __init__(
-        self, folder: Path, events: bool, decisions: bool, positions: Mapping[str, FilePosition] | None = None
-    ) -> None:
+    def __init__(self, folder: Path, events: bool, positions: Mapping[str, FilePosition] | None = None) -> None:
         self._files: dict[str, FrameFile] = {}
-        headers: dict[str, Callable[[IO[str]], object]] = {"tracks.csv": write_header}
+        headers: dict[str, Callable[[IO[str]], object]] = {
+            "tracks.csv": write_header,
+            "decisions.csv": lambda file: file.write(",".join(DECISION_COLUMNS) + "\n"),
+        }
         headers |= {"events.csv": write_event_header} if events else {}
-        headers |= {"decisions.csv": lambda file: file.write(",".join(DECISION_COLUMNS) + "\n")} if decisions else {}
         for name, header in headers.items():
             self._files[name] = FrameFile(folder / name, header, positions[name] if positions else None)
 
@@ -148,13 +148,12 @@ class RunTables:
         self._files["tracks.csv"].add(lambda file: write_rows(file, frame, moment, result.tracks))
         if "events.csv" in self._files:
             self._files["events.csv"].add(lambda file: write_event_rows(file, events))
-        if "decisions.csv" in self._files:
-            rows = [
-                [frame, f"{moment:.4f}", d.track_id, d.kind, d.reason]
-                + ["" if math.isnan(value) else f"{value:.4f}" for value in (d.value, *d.terms)]
-                for d in result.decisions
-            ]
-            self._files["decisions.csv"].add(lambda file: csv.writer(file, lineterminator="\n").writerows(rows))
+        rows = [
+            [frame, f"{moment:.4f}", d.track_id, d.kind, d.reason]
+            + ["" if math.isnan(value) else f"{value:.4f}" for value in (d.value, *d.terms)]
+            for d in result.decisions
+        ]
+        self._files["decisions.csv"].add(lambda file: csv.writer(file, lineterminator="\n").writerows(rows))
 
     def mark(self) -> dict[str, FilePosition]:
         """Bring all rows to the disk; where every file ends."""

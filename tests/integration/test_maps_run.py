@@ -26,7 +26,7 @@ def live(engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
     """The folder of a run that saved its maps, and its results."""
     folder = tmp_path_factory.mktemp("live")
     results: list[FrameResult] = []
-    run(engine, folder, RunOptions(debug=True), [MapsLog(engine, folder / "maps.h5")], results.append)
+    run(engine, folder, RunOptions(), [MapsLog(engine, folder / "maps.h5")], results.append)
     return folder, results
 
 
@@ -39,7 +39,7 @@ def maps(live: tuple[Path, list[FrameResult]], tmp_path: Path) -> Path:
 def test_maps_are_tracked_again_bit_for_bit(
     say: Say, live: tuple[Path, list[FrameResult]], maps: Path, tmp_path: Path
 ) -> None:
-    status, told = say("run", maps, "--out", tmp_path / "again", "--debug")
+    status, told = say("run", maps, "--out", tmp_path / "again")
     assert status == 0, told
     for name in PRODUCTS:
         assert (tmp_path / "again" / name).read_bytes() == (live[0] / name).read_bytes()
@@ -74,7 +74,7 @@ def test_another_tracker_follows_the_same_maps(say: Say, maps: Path, tmp_path: P
 
 
 def test_the_command_saves_maps_without_any_image(say: Say, copy: Path, tmp_path: Path) -> None:
-    status, told = run_few(say, copy, tmp_path / "out", "--maps", "--frames", 12)
+    status, told = run_few(say, copy, tmp_path / "out", "--maps", "--set", "run.frames=12")
     assert status == 0, told
     with h5py.File(tmp_path / "out" / "maps.h5") as file:
         assert set(file["points"]) == {"pixel", "disparity", "appearance"}
@@ -99,7 +99,7 @@ def test_words_that_do_not_go_with_maps_are_refused(
 
 
 def test_maps_are_not_replaced_by_their_own_tracking(refused: Refused, maps: Path) -> None:
-    assert "another folder" in refused("run", maps, "--out", maps.parent, "--overwrite")
+    assert "another folder" in refused("run", maps, "--out", maps.parent, "--set", "run.overwrite=true")
     assert maps.exists()
 
 

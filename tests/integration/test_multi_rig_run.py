@@ -28,7 +28,7 @@ def heads(recording: Path, engine: Engine, tmp_path_factory: pytest.TempPathFact
 
 
 def test_a_person_seen_by_two_heads_is_one_person(say: Say, heads: Path, engine: Engine, tmp_path: Path) -> None:
-    status, told = run_few(say, heads, tmp_path / "out", "--rrd", "--debug")
+    status, told = run_few(say, heads, tmp_path / "out", "--rrd")
     assert status == 0, told
     tracks = read_tracks(tmp_path / "out" / "tracks.csv")
     assert set(tracks.track_id[tracks.state == "confirmed"]) == {1}

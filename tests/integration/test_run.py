@@ -30,7 +30,7 @@ def folder(engine: Engine, recording: Path, tmp_path_factory: pytest.TempPathFac
     out = tmp_path_factory.mktemp("run")
     rules = out.parent / "rules.toml"
     rules.write_text('[[tripwire]]\nname = "gate"\nfrom_m = [-0.6, 1.0]\nto_m = [-0.6, 6.0]\n')
-    words = ["run", str(recording), "--out", str(out), "--set", FEW, "--rules", str(rules), "--rrd", "--debug"]
+    words = ["run", str(recording), "--out", str(out), "--set", FEW, "--rules", str(rules), "--rrd"]
     told = io.StringIO()
     with redirect_stderr(told), pytest.raises(SystemExit) as left:
         main(words)
@@ -112,15 +112,15 @@ def test_same_input_and_configuration_give_the_same_tracks(engine: Engine, folde
 
 def test_a_finished_run_is_not_overwritten_unasked(refused: Refused, folder: Path, recording: Path) -> None:
     before = (folder / "tracks.csv").read_bytes()
-    assert "--overwrite" in refused("run", recording, "--out", folder, "--set", FEW)
+    assert "run.overwrite=true" in refused("run", recording, "--out", folder, "--set", FEW)
     assert (folder / "tracks.csv").read_bytes() == before
 
 
 def test_overwriting_leaves_foreign_files_alone(say: Say, copy: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert run_few(say, copy, out, "--frames", 2)[0] == 0
+    assert run_few(say, copy, out, "--set", "run.frames=2")[0] == 0
     (out / "notes.txt").write_text("mine")
-    assert run_few(say, copy, out, "--frames", 3, "--overwrite")[0] == 0
+    assert run_few(say, copy, out, "--set", "run.frames=3", "--set", "run.overwrite=true")[0] == 0
     assert (out / "notes.txt").read_text() == "mine"
     assert read_run_info(out / "run.json").frames_read == 3
 
@@ -135,11 +135,7 @@ def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Engine, tmp_path
     assert [track.state for track in results[-1].tracks] == ["confirmed"]
 
 
-def test_json_is_one_object_on_stdout_whatever_the_tracker(
-    copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["run", str(copy), "--out", str(tmp_path / "[/out]"), "--tracker", "harville", "--json"]
-    with pytest.raises(SystemExit):
-        main([*words, "--set", FEW])
-    info = json.loads(capsys.readouterr().out)
-    assert (info["tracker"], info["finished"], info["frames_read"]) == ("harville", True, FRAMES)
+def test_a_folder_may_be_named_like_markup_whatever_the_tracker(say: Say, copy: Path, tmp_path: Path) -> None:
+    assert run_few(say, copy, tmp_path / "[/out]", "--tracker", "harville")[0] == 0
+    info = read_run_info(tmp_path / "[/out]" / "run.json")
+    assert (info.tracker, info.finished, info.frames_read) == ("harville", True, FRAMES)

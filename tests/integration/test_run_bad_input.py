@@ -140,7 +140,7 @@ def test_a_truncated_video_is_tracked_to_its_end(say: Say, pairs: list[Pair], co
         (["--set", "maps.cell_m=7"], "maps.cell_m"),
         (["--tracker", "telepathy"], "telepathy"),
         (["--tracker", "human-model"], "--calibration"),
-        (["--frames", "-1"], "--frames"),
+        (["--set", "run.frames=-1"], "run.frames"),
         (["--rules", "none.toml"], "none.toml"),
         (["--config", "none.toml"], "none.toml"),
         (["--calibration", "none.toml"], "none.toml"),

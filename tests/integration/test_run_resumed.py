@@ -32,7 +32,7 @@ class StoppedError(Exception):
 
 
 def options_with(rules: Path) -> RunOptions:
-    return RunOptions(analytics=Analytics(load_rules(rules)), debug=True, checkpoint_every_s=FREQUENT_S)
+    return RunOptions(analytics=Analytics(load_rules(rules)), checkpoint_every_s=FREQUENT_S)
 
 
 def stop_at(frame: int | None) -> object:
@@ -105,7 +105,7 @@ def test_another_recording_or_option_is_not_gone_on_with(
 ) -> None:
     out = tmp_path / "out"
     often = f"run.checkpoint_every_s={FREQUENT_S}"
-    assert say("run", copy, "--out", out, "--set", FEW, "--frames", 3, "--set", often)[0] == 0
+    assert say("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3", "--set", often)[0] == 0
     (out / "run.json").write_text((out / "run.json").read_text().replace('"finished": true', '"finished": false'))
     told = refused("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
     assert "expected the beginning of this run, found another" in told
@@ -142,14 +142,14 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_is_begun_anew(
     say: Say, copy: Path, tmp_path: Path, left: list[str]
 ) -> None:
     out = tmp_path / "out"
-    assert say("run", copy, "--out", out, "--set", FEW, "--frames", 3)[0] == 0
+    assert say("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3")[0] == 0
     kept = (out / "run.json").read_text().replace('"finished": true', '"finished": false')
     tracks = (out / "tracks.csv").read_bytes()
     for file in out.iterdir():
         file.unlink()
     for name in left:
         (out / name).write_text(kept if name == "run.json" else "half")
-    assert say("run", copy, "--out", out, "--set", FEW, "--frames", 3, "--resume")[0] == 0
+    assert say("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3", "--resume")[0] == 0
     assert (out / "tracks.csv").read_bytes() == tracks
     assert not (out / "maps.h5.part").exists()
 

@@ -116,7 +116,6 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
         has_run=results.has_run,
         has_truth=results.truth is not None,
         on_floor=results.on_floor,
-        has_decisions=bool(logs),
         tiles=_tiles(results, evaluation, len(ids)),
         scenes=scene_pictures(results, errors),
         times=timelines(results.tracks, results.truth, results.clock, results.n_frames, errors),

@@ -15,6 +15,7 @@ from calib.errors import InputError, WorkError
 from calib.images import encode_image
 from calib.io import reason
 from calib.types import F64, U8
+from planview.counting.events import inward_ways, way_words
 from planview.drawing.image import ImageCamera, ImagePainter
 from planview.drawing.plan import Snapshot, snapshot_at
 from planview.drawing.style import Labels
@@ -233,9 +234,10 @@ def _strips(results: RunResults, errors: Sequence[SignificantError]) -> list[_Wa
 def _crossings(results: RunResults) -> list[_Wanted]:
     events = [event for event in results.events if event.kind == "crossing"]
     spread = np.unique(np.linspace(0, len(events) - 1, min(len(events), ERRORS_MAX)).round().astype(int))
-    wanted = []
+    wanted, inward = [], inward_ways(results.rule_counts)
     for event in (events[i] for i in spread):
-        note = f"{_when(results, event.frame)}: track {event.track_id} {event.direction.replace('_', ' ')}"
+        way = way_words(event.direction, inward.get(event.rule))
+        note = f"{_when(results, event.frame)}: track {event.track_id} {way}"
         wanted.append(_Wanted(event.rule, note, (event.frame,)))
     return wanted
 

@@ -43,9 +43,12 @@ def test_a_new_folder_is_made_with_its_parents(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("run_json", "sentence"),
     [
-        ('{"input": "x", "finished": true}', "holds a finished run; choose another folder or add --overwrite"),
-        ('{"input": "x"}', "unfinished run; go on with --resume or add --overwrite"),
-        ("{half", "run of another version; choose another folder or add --overwrite"),
+        (
+            '{"input": "x", "finished": true}',
+            "holds a finished run; choose another folder or add --set run.overwrite=true",
+        ),
+        ('{"input": "x"}', "unfinished run; go on with --resume or add --set run.overwrite=true"),
+        ("{half", "run of another version; choose another folder or add --set run.overwrite=true"),
         (None, r"holds tracks\.csv, which is no planview run's"),
     ],
 )

@@ -119,7 +119,7 @@ def test_run_in_real_time_keeps_its_pace_in_run_json_and_writes_no_checkpoint(st
     info = read_run_info(out / "run.json")
     assert info.frames_read == 3 and info.pace is not None and info.pace.frames_dropped == 0
     assert info.pace.latency_99_ms == pytest.approx(0.0, abs=1e-6)
-    assert sorted(path.name for path in out.iterdir()) == ["run.json", "tracks.csv"]
+    assert sorted(path.name for path in out.iterdir()) == ["decisions.csv", "run.json", "tracks.csv"]
 
 
 def test_run_in_real_time_cannot_be_resumed(street: Path, tmp_path: Path, refused: Refused) -> None:

@@ -31,7 +31,7 @@ def ellipses(street: Path, tmp_path: Path) -> Path:
         cv2.imwrite(str(file), image)
     out = tmp_path / "ellipses"
     out.mkdir()
-    run(open_engine(video, TRACKER, Config()), out, RunOptions(TRACKER, debug=True))
+    run(open_engine(video, TRACKER, Config()), out, RunOptions(TRACKER))
     return out
 
 
