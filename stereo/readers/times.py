@@ -113,8 +113,8 @@ def _number(text: str) -> Decimal:
 
 LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")
 """Names of lists with one time a line."""
-MAX_BYTES = 1 << 26
-"""Larger tables are none of frames."""
+MAX_BYTES = 1 << 25
+"""Larger tables are none of frames: half a day at 30 Hz has so much."""
 _FRAME = ("frame", "frame_id", "index", "id")
 _TIME = re.compile(r"#?\s*(timestamp|time|stamp|t)s?(?:[ _]?[\[(]?(ns|us|ms|s|sec|nsec|usec|msec)[\])]?)?")
 _UNITS = {"sec": "s", "nsec": "ns", "usec": "us", "msec": "ms"}
