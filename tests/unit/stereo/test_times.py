@@ -108,7 +108,5 @@ def test_names_with_more_digits_than_a_clock_hold_no_time() -> None:
 def test_table_of_times_beyond_half_a_day_is_refused_by_its_size(tmp_path: Path) -> None:
     with (tmp_path / "timestamps.csv").open("wb") as file:
         file.truncate(50_000_000)
-    with pytest.raises(
-        InputError, match=r"timestamps\.csv: expected a table of times of up to 33554432 bytes, found 5"
-    ):
+    with pytest.raises(InputError, match=r"timestamps\.csv: expected a table of times of up to 33554432 bytes"):
         load_timestamps(tmp_path / "timestamps.csv")

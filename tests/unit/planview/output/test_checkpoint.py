@@ -160,9 +160,15 @@ def test_a_damaged_checkpoint_gives_way_to_the_one_before(tmp_path: Path, damage
 
 @pytest.mark.parametrize(
     "written",
-    [{}, {"tables": [], "logs": {}}, {"tables": {"tracks.csv": ["a", 1]}, "logs": {}}, {"tables": {"../x.csv": [1, 1]}, "logs": {}},
-     {"tables": {"tracks.csv": [-1, 1]}, "logs": {}}, {"tables": {}, "logs": {"MapsLog": 1.5}}],
-)  # fmt: skip
+    [
+        {},
+        {"tables": [], "logs": {}},
+        {"tables": {"tracks.csv": ["a", 1]}, "logs": {}},
+        {"tables": {"../x.csv": [1, 1]}, "logs": {}},
+        {"tables": {"tracks.csv": [-1, 1]}, "logs": {}},
+        {"tables": {}, "logs": {"MapsLog": 1.5}},
+    ],
+)
 def test_positions_that_no_run_writes_are_damage(tmp_path: Path, written: dict[str, Any]) -> None:
     write_checkpoint(tmp_path, Checkpoint(IDENTITY, written, encode({})))
     with pytest.raises(ValueError, match="written"):
