@@ -195,7 +195,7 @@ def _rows(path: Path) -> tuple[list[tuple[int, str]], str | None]:
             text = str(len(rows)) if frame is None else row[frame] if frame < len(row) else ""
             if not re.fullmatch(r"\s*\d{1,12}\s*", text) or time >= len(row) or not row[time]:
                 raise InputError(f"{expected}, found {','.join(row)[:80]!r} in line {lines.line_num}")
-            rows.append((int(text), row[time]))
+            rows.append((int(text.strip()), row[time].strip()))
     except csv.Error as error:
         raise InputError(f"{path}: expected the columns frame,timestamp_s, found {error}") from error
     if not rows:

@@ -110,3 +110,8 @@ def test_table_of_times_beyond_half_a_day_is_refused_by_its_size(tmp_path: Path)
         file.truncate(50_000_000)
     with pytest.raises(InputError, match=r"timestamps\.csv: expected a table of times of up to 33554432 bytes"):
         load_timestamps(tmp_path / "timestamps.csv")
+
+
+def test_marks_around_numbers_that_count_as_blanks_are_passed_over(tmp_path: Path) -> None:
+    (tmp_path / "timestamps.csv").write_text("frame,timestamp_s\n0,0.0\n1\x1c,0.5\x1d\n")
+    assert load_timestamps(tmp_path / "timestamps.csv").times_s.tolist() == [0.0, 0.5]
