@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from calib.errors import InputError
 from calib.types import F64, I32, U8
 from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, as_bgr, person_rgb
 from planview.trajectories.state import TrackState
@@ -61,13 +62,19 @@ def snapshot_at(tracks: Trajectories, frame: int, trail_frames: int = 0, truth: 
 
 
 def rules_of(counts: dict[str, object]) -> list[Rule]:
-    """The rules in the ``rules`` object of counts.json."""
+    """The rules in the ``rules`` object of counts.json. Raises InputError: points that no rule can have."""
     rules = []
     for name, rule in counts.items():
         points = rule.get("points") if isinstance(rule, dict) else None
         if isinstance(rule, dict) and points:
             on_floor = rule.get("plane") == "floor"
-            rules.append(Rule(name, rule.get("kind") == "tripwire", on_floor, np.array(points, dtype=np.float64)))
+            try:
+                places = np.array(points, dtype=np.float64).reshape(len(points), 2)
+            except (OverflowError, TypeError, ValueError):
+                places = np.full((1, 2), np.nan)
+            if not (np.abs(places) <= 1e5).all():  # as far as rules.toml may have them
+                raise InputError(f"counts.json: expected points of rule {name!r:.40} up to 1e5, found {points!s:.80}")
+            rules.append(Rule(name, rule.get("kind") == "tripwire", on_floor, places))
     return rules
 
 

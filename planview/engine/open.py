@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 from numpy.typing import ArrayLike
+from pydantic import ValidationError
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
+from calib.params import first_problem
 from planview.engine.config import Config, RunParams
 from planview.engine.engine import Engine
 from planview.engine.one_camera import one_camera_engine
@@ -138,7 +140,7 @@ def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamer
     """A tracker of one camera's images with its parameters.
 
     Raises:
-        InputError: the human-model tracker without a camera.
+        InputError: the human-model tracker without a camera, or nobody can be seen by it.
     """
     if tracker == "ellipse-particle":
         from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
@@ -148,4 +150,11 @@ def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamer
         raise InputError("--calibration: the human-model tracker needs a camera.toml (see planview calibrate human)")
     from planview.tracking.human_model.tracker import HumanModelTracker
 
-    return HumanModelTracker(config.human_model, camera)
+    try:
+        return HumanModelTracker(config.human_model, camera)
+    except ValueError as error:
+        found = first_problem(error) if isinstance(error, ValidationError) else error
+        raise InputError(
+            "human_model.map: expected floor on which people of min_height_px show within max_distance_m, "
+            f"found {found} (of this camera)"
+        ) from error

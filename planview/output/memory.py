@@ -62,7 +62,8 @@ def _named(module: str, path: str) -> Any:
 
 def _is_own(what: Any) -> bool:
     """Whether a class or function is the project's, and can be found again by its name."""
-    return _named(getattr(what, "__module__", None) or "", getattr(what, "__qualname__", "")) is what
+    found = _named(getattr(what, "__module__", None) or "", getattr(what, "__qualname__", ""))
+    return found is not None and found is what
 
 
 def _kind_of(cls: type[Any]) -> str:

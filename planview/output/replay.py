@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,6 +25,7 @@ from planview.output.folder import RunInfo
 from planview.output.render import SceneComposer
 from planview.output.results import RunResults, source_of
 from planview.output.scene import SceneFrames, ground_camera_of
+from planview.output.tables import reading_decisions
 from planview.tracking.base import Decision
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 
@@ -98,10 +98,10 @@ def _decisions(path: Path, replayed: ReplayedRun, last: int) -> list[str]:
     """Decisions that only one of the runs made, the latest ones; none where the run kept no decisions."""
     if not path.is_file():
         return ["no decisions.csv to compare decisions with"]
-    with path.open(newline="", encoding="utf-8") as file:
+    with reading_decisions(path) as read:
         rows = [
             (int(row["frame"]), f"{row['id']} {row['kind']}: {row['reason']}")
-            for row in csv.DictReader(file)
+            for row in read
             if row["kind"] != "matched" and int(row["frame"]) <= last
         ]
     now = [(frame, f"{d.track_id} {d.kind}: {d.reason}") for frame, d in replayed.decisions]

@@ -16,13 +16,15 @@ from fnmatch import translate
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+from pydantic import BaseModel, Field, ValidationError
 
 import planview
 from calib.errors import InputError, WorkError
 from calib.io import PART, reason, whole_file
+from calib.params import first_problem
 from calib.types import U8
 from planview.engine.engine import Engine
 from planview.output.folder import LOCK_NAME, PRODUCTS, products_in, read_run_info
@@ -173,10 +175,29 @@ def _sampled(path: Path, whole_bytes: int = 256 * 1024, block_bytes: int = 64 * 
 
 
 LATEST, PREVIOUS = "checkpoint.npz", "checkpoint.previous.npz"
-FORMAT = 2
-"""Changes when an older reader would misunderstand the file."""
 DIGEST_BYTES = 32
 """After the archive its digest, so that nothing is taken from a file that was changed."""
+
+
+_Size = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+class _Written(BaseModel, strict=True):
+    """Position in every table (``FilePosition``) and log."""
+
+    tables: dict[Annotated[str, Field(pattern=r"^\w+\.csv$")], tuple[_Size, _Size]]
+    logs: dict[str, dict[str, _Size]]
+
+
+class _Document(BaseModel, strict=True):
+    """What a checkpoint holds besides memory."""
+
+    format: Literal[2]
+    """Changes when an older reader would misunderstand the file."""
+    identity: dict[str, dict[str, Any]]
+    written: _Written
+    roots: dict[str, Any]
+    nodes: list[list[Any]]
 
 
 class Checkpoint(NamedTuple):
@@ -200,7 +221,7 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
         WorkError: the disk is full or the file cannot be written; earlier checkpoints are kept.
     """
     document = {
-        "format": FORMAT, "identity": checkpoint.identity, "written": checkpoint.written,
+        "format": 2, "identity": checkpoint.identity, "written": checkpoint.written,
         "roots": checkpoint.memory.roots, "nodes": checkpoint.memory.nodes,
     }  # fmt: skip
     text = np.frombuffer(json.dumps(document).encode(), dtype=np.uint8)
@@ -232,12 +253,12 @@ def read_checkpoint(path: Path) -> Checkpoint:
             if sum(info.file_size for info in archive.infolist()) > path.stat().st_size:
                 raise ValueError("blocks larger than the file")
         with np.load(path, allow_pickle=False) as file:
-            document = json.loads(file["document"].tobytes())
+            document = _Document.model_validate_json(file["document"].tobytes())
             blocks: list[U8] = [file[f"block{n}"] for n in range(len(file.files) - 1)]
-        if document["format"] != FORMAT:
-            raise ValueError(f"format {document['format']}, not {FORMAT}")
-        memory = Encoded(document["roots"], document["nodes"], blocks)
-        return Checkpoint(document["identity"], document["written"], memory)
+        memory = Encoded(document.roots, document.nodes, blocks)
+        return Checkpoint(document.identity, document.written.model_dump(), memory)
+    except ValidationError as error:
+        raise ValueError(first_problem(error)) from error
     except (OSError, KeyError, TypeError, AttributeError, EOFError, RecursionError, zipfile.BadZipFile) as error:
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
 

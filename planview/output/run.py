@@ -134,17 +134,25 @@ def run(
     Raises:
         InputError: another process writes into the folder; or ``options.strict``, and the recording fails a check: what
             was tracked until then is kept.
-        WorkError: the disk is full, or no frame can be used.
+        WorkError: the disk is full, no frame can be used, or the memory of a checkpoint is none that a run can have.
         KeyboardInterrupt: Ctrl-C, SIGTERM or SIGHUP came; raised after the frame under way, with all files closed.
     """
     job = _Run(engine, folder, options or RunOptions(), logs)
     finished = False
     with folder_lock(folder):
         try:
-            job.track(watch, checkpoint)
-            finished = True
-        finally:
-            info = job.end(finished)
+            try:
+                job.track(watch, checkpoint)
+                finished = True
+            finally:
+                info = job.end(finished)
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            if checkpoint is None:
+                raise
+            raise WorkError(
+                f"{folder}: what went on from the checkpoint failed with {type(error).__name__} ({error}); --overwrite "
+                "begins anew"
+            ) from error
     return info
 
 

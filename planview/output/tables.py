@@ -7,7 +7,8 @@ import io
 import math
 import os
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -122,6 +123,25 @@ class FrameFile:
 
 DECISION_COLUMNS = ("frame", "timestamp_s", "id", "kind", "reason", "value", *ScoreTerms._fields)
 """The last four: the terms of a match score, empty where the value is none."""
+
+
+@contextmanager
+def reading_decisions(path: Path) -> Iterator[csv.DictReader[str]]:
+    """The rows of decisions.csv, to be taken apart in the block.
+
+    Raises:
+        InputError: unreadable, columns missing, or the block met a value that is no number.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            columns = list(reader.fieldnames or ())
+            missing = [name for name in ("frame", "timestamp_s", "id", "kind", "reason") if name not in columns]
+            if missing:
+                raise InputError(f"{path}: expected decisions with the column {missing[0]!r}, found {columns}")
+            yield reader
+    except (OSError, UnicodeDecodeError, csv.Error, ValueError, TypeError) as error:
+        raise InputError(f"{path}: expected a table of decisions, found {reason(error)}") from error
 
 
 class RunTables:

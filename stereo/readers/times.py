@@ -113,8 +113,8 @@ def _number(text: str) -> Decimal:
 
 LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")
 """Names of lists with one time a line."""
-MAX_BYTES = 1 << 26
-"""Larger tables are none of frames."""
+MAX_BYTES = 1 << 25
+"""Larger tables are none of frames: half a day at 30 Hz has so much."""
 _FRAME = ("frame", "frame_id", "index", "id")
 _TIME = re.compile(r"#?\s*(timestamp|time|stamp|t)s?(?:[ _]?[\[(]?(ns|us|ms|s|sec|nsec|usec|msec)[\])]?)?")
 _UNITS = {"sec": "s", "nsec": "ns", "usec": "us", "msec": "ms"}
@@ -195,7 +195,7 @@ def _rows(path: Path) -> tuple[list[tuple[int, str]], str | None]:
             text = str(len(rows)) if frame is None else row[frame] if frame < len(row) else ""
             if not re.fullmatch(r"\s*\d{1,12}\s*", text) or time >= len(row) or not row[time]:
                 raise InputError(f"{expected}, found {','.join(row)[:80]!r} in line {lines.line_num}")
-            rows.append((int(text), row[time]))
+            rows.append((int(text.strip()), row[time].strip()))
     except csv.Error as error:
         raise InputError(f"{path}: expected the columns frame,timestamp_s, found {error}") from error
     if not rows:

@@ -98,6 +98,14 @@ def test_camera_for_another_image_size_is_refused(refused: Refused, tmp_path: Pa
     assert "expected a camera for images of 160x120 px, found one for 320x120 px" in told
 
 
+@pytest.mark.parametrize("setting", ["min_height_px=1000", "max_distance_m=1e-9"])
+def test_settings_that_leave_no_place_for_people_are_refused(refused: Refused, tmp_path: Path, setting: str) -> None:
+    clip = write_clip(tmp_path / "clip.avi", walked, 3)
+    words = ["--tracker", "human-model", "--out", tmp_path / "out", "--camera", camera(tmp_path)]
+    told = refused("run", clip, *words, "--set", f"human_model.map.{setting}")
+    assert "human_model.map: expected floor on which people of min_height_px show within max_distance_m" in told
+
+
 def test_truncated_video_is_refused(refused: Refused, tmp_path: Path) -> None:
     clip = write_clip(tmp_path / "cut.avi", walked, 3)
     clip.write_bytes(clip.read_bytes()[:400])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -13,7 +12,6 @@ import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.images import encode_image
-from calib.io import reason
 from calib.types import F64, U8
 from planview.counting.events import inward_ways, way_words
 from planview.drawing.image import ImageCamera, ImagePainter
@@ -21,6 +19,7 @@ from planview.drawing.plan import Snapshot, snapshot_at
 from planview.drawing.style import Labels
 from planview.evaluation.significant import SignificantError
 from planview.output.results import RunResults, source_of
+from planview.output.tables import reading_decisions
 from planview.tracking.base import ScoreTerms
 
 if TYPE_CHECKING:
@@ -76,24 +75,16 @@ def read_decision_log(path: Path, people: set[int]) -> dict[int, DecisionLog]:
         return {}
     decided: dict[int, list[Decided]] = {}
     matches: dict[int, list[list[float]]] = {}
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
-            columns = list(reader.fieldnames or ())
-            missing = [name for name in ("frame", "timestamp_s", "id", "kind", "reason") if name not in columns]
-            if missing:
-                raise InputError(f"{path}: expected decisions with the column {missing[0]!r}, found {columns}")
-            for row in reader:
-                if (person := int(row["id"])) not in people:
-                    continue
-                mine, scores = decided.setdefault(person, []), matches.setdefault(person, [])
-                if row["kind"] == "matched":
-                    scores.append([float(row.get(name) or "nan") for name in ("frame", "value", *TERMS)])
-                else:
-                    time_s = f"{float(row['timestamp_s']):.2f}"
-                    mine.append(Decided(row["frame"], time_s, row["kind"], row["reason"]))
-    except (OSError, UnicodeDecodeError, csv.Error, ValueError, TypeError) as error:
-        raise InputError(f"{path}: expected a table of decisions, found {reason(error)}") from error
+    with reading_decisions(path) as rows:
+        for row in rows:
+            if (person := int(row["id"])) not in people:
+                continue
+            mine, scores = decided.setdefault(person, []), matches.setdefault(person, [])
+            if row["kind"] == "matched":
+                scores.append([float(row.get(name) or "nan") for name in ("frame", "value", *TERMS)])
+            else:
+                time_s = f"{float(row['timestamp_s']):.2f}"
+                mine.append(Decided(row["frame"], time_s, row["kind"], row["reason"]))
     return {person: _log_of(rows, matches[person]) for person, rows in decided.items()}
 
 

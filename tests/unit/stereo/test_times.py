@@ -1,8 +1,11 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from calib.errors import InputError
 from stereo.readers.pairing import pair_stamps
-from stereo.readers.times import rate_of_times, read_stamps, stamps_in_names
+from stereo.readers.times import load_timestamps, rate_of_times, read_stamps, stamps_in_names
 
 STEP = 100_000_000
 NOW = 1_650_000_000_000_000_000
@@ -100,3 +103,15 @@ def test_dates_that_no_clock_shows_are_refused(date: str) -> None:
 
 def test_names_with_more_digits_than_a_clock_hold_no_time() -> None:
     assert stamps_in_names(["9" * 20, "8" * 20]) is None
+
+
+def test_table_of_times_beyond_half_a_day_is_refused_by_its_size(tmp_path: Path) -> None:
+    with (tmp_path / "timestamps.csv").open("wb") as file:
+        file.truncate(50_000_000)
+    with pytest.raises(InputError, match=r"timestamps\.csv: expected a table of times of up to 33554432 bytes"):
+        load_timestamps(tmp_path / "timestamps.csv")
+
+
+def test_marks_around_numbers_that_count_as_blanks_are_passed_over(tmp_path: Path) -> None:
+    (tmp_path / "timestamps.csv").write_text("frame,timestamp_s\n0,0.0\n1\x1c,0.5\x1d\n")
+    assert load_timestamps(tmp_path / "timestamps.csv").times_s.tolist() == [0.0, 0.5]

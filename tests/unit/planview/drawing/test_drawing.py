@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.types import U8
 from planview.drawing.image import ImagePainter
@@ -88,3 +89,9 @@ def test_rules_of_counts_keep_their_plane_and_kind() -> None:
     counts = {"gate": {"kind": "tripwire", "plane": "floor", "points": [[0, 0], [1, 0]]}, "q": {"kind": "queue"}}
     (rule,) = rules_of(counts)
     assert (rule.name, rule.is_line, rule.on_floor) == ("gate", True, True)
+
+
+@pytest.mark.parametrize("points", [[[0, 1e308], [1, 1]], [[0, 1], [2]], "x", [[0, "a"]]])
+def test_points_that_no_rule_has_are_refused(points: object) -> None:
+    with pytest.raises(InputError, match=r"counts\.json: expected points of rule 'a'"):
+        rules_of({"a": {"kind": "zone", "plane": "floor", "points": points}})

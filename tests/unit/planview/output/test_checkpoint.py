@@ -107,7 +107,8 @@ def test_what_is_not_the_projects_is_refused_with_its_place(value: object) -> No
         ["object", "os:system", {}],
         ["object", "planview.output.folder:Path", {}],
         ["object", "planview.output.no_such_module:Thing", {}],
-        ["name", "planview.cli:sys"],
+        ["name", "planview.output.memory:sys"],
+        ["name", "planview.no_such_module:thing"],
         ["record", "planview.tracking.lifecycle:Existence", []],
         ["array", "|O", [1], [8], True, 0, 0],
         ["array", "<f8", [9], [8], True, 0, 0],
@@ -155,6 +156,23 @@ def test_a_damaged_checkpoint_gives_way_to_the_one_before(tmp_path: Path, damage
     assert frame_in(checkpoint_of(tmp_path, IDENTITY, told.append)) == 1
     assert len(told) == 1
     assert "the checkpoint is damaged" in told[0]
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        {},
+        {"tables": [], "logs": {}},
+        {"tables": {"tracks.csv": ["a", 1]}, "logs": {}},
+        {"tables": {"../x.csv": [1, 1]}, "logs": {}},
+        {"tables": {"tracks.csv": [-1, 1]}, "logs": {}},
+        {"tables": {}, "logs": {"MapsLog": 1.5}},
+    ],
+)
+def test_positions_that_no_run_writes_are_damage(tmp_path: Path, written: dict[str, Any]) -> None:
+    write_checkpoint(tmp_path, Checkpoint(IDENTITY, written, encode({})))
+    with pytest.raises(ValueError, match="written"):
+        read_checkpoint(tmp_path / LATEST)
 
 
 def test_a_checkpoint_of_another_configuration_is_refused(tmp_path: Path) -> None:

@@ -62,3 +62,9 @@ def test_recording_that_is_gone_is_named(ellipses: Path) -> None:
     (ellipses / "run.json").write_text(json.dumps({**info, "input": "gone"}))
     with pytest.raises(InputError, match="gone"):
         replay_run(read_results(ellipses), Config(), 5)
+
+
+@pytest.mark.parametrize("damaged", [b"frame\n1\n", b"\xff", b"frame,timestamp_s,id,kind,reason\n,0,1,born,x\n"])
+def test_decisions_that_are_damaged_are_refused(ellipses: Path, refused: Refused, damaged: bytes) -> None:
+    (ellipses / "decisions.csv").write_bytes(damaged)
+    assert "decisions.csv: expected" in refused("replay", ellipses, "--frame", 25)
