@@ -287,13 +287,6 @@ def test_topics_of_a_recording_that_is_no_bag_are_refused(tmp_path: Path) -> Non
         open_recording(folder_recording(tmp_path / "r"), OpenOptions(topics=("/a", "/b")))
 
 
-def test_table_of_times_larger_than_any_recordings_is_refused_by_its_size(tmp_path: Path) -> None:
-    with (tmp_path / "timestamps.csv").open("wb") as file:
-        file.truncate((1 << 26) + 1)
-    with pytest.raises(InputError, match="up to 67108864 bytes, found 67108865"):
-        load_timestamps(tmp_path / "timestamps.csv")
-
-
 def test_list_of_times_with_a_date_of_no_clock_is_refused(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r")
     (folder / "timestamps.csv").unlink(missing_ok=True)
