@@ -80,7 +80,8 @@ def floor_candidates(points: Rays, params: FloorParams, moved: F64) -> list[Cand
         taken = np.abs(rest.residuals(guess)) < params.inlier_sigmas
         if taken.sum() < 0.5 * params.min_inlier_fraction * len(view):
             break
-        rest = rest.where(~taken)
+        # Planes cross: a third of the layer taken out leaves enough of a floor that this one cuts through.
+        rest = rest.where(np.abs(rest.residuals(guess)) >= params.inlier_sigmas / 3)
         rough = fit_plane(view, guess, params.inlier_sigmas)
         if rough is not None and not any(_same(rough, other.plane, view) for other in found):
             plane, view_on, counts = _refined(rough, points, params)

@@ -278,12 +278,14 @@ class Candidate:
         plane: fitted plane.
         inlier_fraction: share of the points on it.
         below_fraction: share of the points beneath it.
+        closeness: share of the points on it, each counted by how near it is (MSAC).
         refused: why it cannot be the floor; empty when it can.
     """
 
     plane: Plane
     inlier_fraction: float
     below_fraction: float
+    closeness: float
     refused: str
 
 
@@ -324,7 +326,8 @@ def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, param
         refused = "it only cuts through a surface that is not flat"
     elif (high := _above_people(plane, moved, params)) > params.max_high_fraction:
         refused = f"{high:.0%} of what moves is higher than people above it"
-    return Candidate(plane, on, below, refused)
+    near = np.maximum(1.0 - (residuals / params.inlier_sigmas) ** 2, 0.0)
+    return Candidate(plane, on, below, float(share @ near), refused)
 
 
 def _above_people(plane: Plane, moved: F64, params: FloorParams) -> float:
@@ -371,7 +374,7 @@ def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candid
 
 def _log_likelihood(c: Candidate) -> float:
     off = math.log(c.plane.distance_m / MOUNT_M) / MOUNT_SPREAD
-    return math.log(c.inlier_fraction) - c.below_fraction / c.inlier_fraction - 0.5 * off * off
+    return math.log(c.closeness) - c.below_fraction / c.inlier_fraction - 0.5 * off * off
 
 
 def nothing_found(candidates: Sequence[Candidate], n_frames: int, params: FloorParams) -> str:
