@@ -33,9 +33,9 @@ def find_floor(
 ) -> Floor:
     """The floor plane common to many frames.
 
-    Candidates come from RANSAC; the floor is the lowest plane that a camera looking down with little roll
-    could stand above, with next to nothing seen beneath it. It is refined by robust least squares in inverse depth.
-    Medians over all frames in cells of the view are fitted, so that people who walk through do not count.
+    Candidates come from RANSAC; the floor is the likeliest plane that a camera looking down with little roll
+    could stand above, with next to nothing seen beneath it (``choose_floor``). It is refined by robust least squares in
+    inverse depth. Medians over all frames in cells of the view are fitted: people who walk through do not count.
 
     Args:
         clouds: one (N, 3) array of points per frame [m], rectified left camera frame; rows with NaN are skipped.
@@ -69,7 +69,7 @@ def find_floor(
 
 
 def floor_candidates(points: Rays, params: FloorParams, moved: F64) -> list[Candidate]:
-    """Planes in the points, largest first, each judged; ``moved`` as in ``find_floor``."""
+    """Planes in the points, each judged, about the likeliest first; ``moved`` as in ``find_floor``."""
     view, counts = cells(points, params.cells_across)
     rest = view
     found: list[Candidate] = []
@@ -77,11 +77,11 @@ def floor_candidates(points: Rays, params: FloorParams, moved: F64) -> list[Cand
         if len(rest) < max(3, 0.5 * params.min_inlier_fraction * len(view)):
             break
         guess = _ransac(rest, params)
-        taken = np.abs(rest.residuals(guess)) < params.inlier_sigmas
-        if taken.sum() < 0.5 * params.min_inlier_fraction * len(view):
+        off = np.abs(rest.residuals(guess))
+        if (off < params.inlier_sigmas).sum() < 0.5 * params.min_inlier_fraction * len(view):
             break
         # Planes cross: a third of the layer taken out leaves enough of a floor that this one cuts through.
-        rest = rest.where(np.abs(rest.residuals(guess)) >= params.inlier_sigmas / 3)
+        rest = rest.where(off >= params.inlier_sigmas / 3)
         rough = fit_plane(view, guess, params.inlier_sigmas)
         if rough is not None and not any(_same(rough, other.plane, view) for other in found):
             plane, view_on, counts = _refined(rough, points, params)

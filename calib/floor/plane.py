@@ -57,7 +57,7 @@ class FloorParams(Params):
     max_high_fraction: float = Field(default=0.25, gt=0, le=1)
     """Share of what moves that may be higher: errors of matching (our choice)."""
     n_candidates: int = Field(default=8, ge=1, le=50)
-    """Planes looked for, largest first; a room has a floor, three walls and some furniture (our choice)."""
+    """Planes looked for; a room has a floor, three walls and some furniture (our choice)."""
     ransac_iterations: int = Field(default=2000, ge=10, le=100_000)
     """Triples tried per candidate: one of 2000 hits a plane of 12 % of the remaining points with 97 % (our choice)."""
     fit_points: int = Field(default=400_000, ge=1000, le=10_000_000)

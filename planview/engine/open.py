@@ -27,6 +27,7 @@ from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
 from stereo.readers.multi_rig import open_rigs
 from stereo.readers.open import is_multi_rig
+from stereo.recording import Video
 
 TrackerName = Literal["template", "harville", "human-model", "ellipse-particle"]
 FloorTrackerName = Literal["template", "harville"]
@@ -91,16 +92,20 @@ def open_engine(
         (w, h), (vw, vh) = ground_camera.size, video.size
         raise InputError(f"{camera}: expected a camera for images of {vw}x{vh} px, found one for {w}x{h} px")
     if detections is not None:
-        boxes = load_detections(Path(detections)) if isinstance(detections, str | Path) else Detections.of(detections)
-        if len(boxes.frames) > video.n_frames > 0:
-            raise InputError(
-                f"{boxes.source}: expected boxes of {path.name}, frames 1 to {video.n_frames}, found frame "
-                f"{len(boxes.frames)}"
-            )
-        tracker = DetectionTracker(boxes, config.detections, ground_camera)
+        tracker = DetectionTracker(_boxes_for(video, detections), config.detections, ground_camera)
     if isinstance(tracker, str):
         tracker = image_tracker(cast(ImageTrackerName, tracker), config, ground_camera)
     return one_camera_engine(video, cast(ImageTracker, tracker), config, ground_camera, overview=True)
+
+
+def _boxes_for(video: Video, detections: Path | str | Sequence[ArrayLike]) -> Detections:
+    boxes = load_detections(Path(detections)) if isinstance(detections, str | Path) else Detections.of(detections)
+    if len(boxes.frames) > video.n_frames > 0:
+        raise InputError(
+            f"{boxes.source}: expected boxes of {video.path.name}, frames 1 to {video.n_frames}, found frame "
+            f"{len(boxes.frames)}"
+        )
+    return boxes
 
 
 def _map_tracker(tracker: AnyTracker, config: Config, path: Path) -> Tracker:

@@ -101,6 +101,24 @@ class FloorKalman(NamedTuple):
         """With a measured position."""
         return self.corrected(x_m, y_m, PositionNoise.isotropic(position_std_m))
 
+    @property
+    def information(self) -> tuple[float, float, float]:
+        """Inverse covariance of the position: along x, between x and y, along y [1/m^2]."""
+        det = self.c_xx * self.c_yy - self.c_xy**2
+        return self.c_yy / det, -self.c_xy / det, self.c_xx / det
+
+    def found_at(self, x_m: float, y_m: float, noise: PositionNoise, fastest_mps: float) -> FloorKalman:
+        """After a search for the likeliest position that has seen this prediction, no faster than people are.
+
+        The search's place is that of the posterior: the measurement is what makes it so.
+        """
+        xx, xy, yy = self.information
+        ox, oy = x_m - self.x_m, y_m - self.y_m
+        gx, gy = xx * ox + xy * oy, xy * ox + yy * oy
+        found = self.corrected(x_m + noise.xx * gx + noise.xy * gy, y_m + noise.xy * gx + noise.yy * gy, noise)
+        slower = min(1.0, fastest_mps / max(math.hypot(found.vx_mps, found.vy_mps), 1e-6))
+        return found._replace(vx_mps=slower * found.vx_mps, vy_mps=slower * found.vy_mps)
+
     def corrected(self, x_m: float, y_m: float, noise: PositionNoise) -> FloorKalman:
         """With a measured position and its covariance: x, then what of y is independent of x."""
         if noise.xy == 0.0 and self.c_xy == self.c_xv == self.c_yu == self.c_uv == 0.0:

@@ -104,6 +104,19 @@ def _colour(z: float, code: int, ratio: F32, b: OutlineBeliefs):  # type: ignore
     return 1.0 - b.colour + b.colour * ratio[part, code]
 
 
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _share(  # type: ignore[no-untyped-def]
+    pose: F64, sure: float, tall: float, ratio: F32, s: F32, kind: int, code: int, angle: int, cover: F32,
+    b: OutlineBeliefs,
+):  # fmt: skip
+    """How probably somebody covers a sample, and the likelihood of the sample then."""
+    pi, z = _look(pose[0], pose[1], pose[2], s[EX], s[EY], s[COS], s[SIN], angle, cover, b)
+    pi *= sure
+    if pi <= 0.01:
+        return 0.0, 0.0
+    return pi, _likelihood(kind, z, _hidden(pose[2], tall, b), _colour(z, code, ratio, b), b)
+
+
 @njit(cache=True, nogil=True)
 def gather(
     pose: F64, half_m: float, spacing_m: float, box: I64, rays: F32, angle: I32, kind: U8, code: U8, samples: F32,
@@ -162,23 +175,13 @@ def layer(
         through, explained = 1.0, 0.0
         for a in range(before):
             k = order[a]
-            pi, z = _look(poses[k, 0], poses[k, 1], poses[k, 2], s[EX], s[EY], s[COS], s[SIN], angles[i], cover, b)
-            pi *= sure[k]
-            if pi > 0.01:
-                like = _likelihood(
-                    kind, z, _hidden(poses[k, 2], tall[k, 0], b), _colour(z, code, ratios[k], b), b
-                )  # fmt: skip
-                explained += through * pi * like
-                through *= 1.0 - pi
+            pi, like = _share(poses[k], sure[k], tall[k, 0], ratios[k], s, kind, code, angles[i], cover, b)
+            explained += through * pi * like
+            through *= 1.0 - pi
         for a in range(len(order) - 1, before - 1, -1):
             k = order[a]
-            pi, z = _look(poses[k, 0], poses[k, 1], poses[k, 2], s[EX], s[EY], s[COS], s[SIN], angles[i], cover, b)
-            pi *= sure[k]
-            if pi > 0.01:
-                like = _likelihood(
-                    kind, z, _hidden(poses[k, 2], tall[k, 0], b), _colour(z, code, ratios[k], b), b
-                )  # fmt: skip
-                rest = pi * like + (1.0 - pi) * rest
+            pi, like = _share(poses[k], sure[k], tall[k, 0], ratios[k], s, kind, code, angles[i], cover, b)
+            rest = pi * like + (1.0 - pi) * rest
         s[THROUGH], s[BEFORE], s[REST] = through, explained, rest
 
 

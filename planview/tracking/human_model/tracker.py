@@ -174,7 +174,7 @@ class HumanModelTracker:
         people = self._side_by_side()
         predicted, touch = people.poses.copy(), frame.touching(people.poses)
         samples = [frame.around(pose, body.TORSO.torso_radius_m + 0.1) for pose in predicted]
-        information = [self._information(q) for q in self._people]
+        information = [np.array([*q.kalman.information, 1 / q.height_var]) for q in self._people]
         others = [np.flatnonzero(touch[i] & (np.arange(len(touch)) != i)) for i in range(len(touch))]
         for sweep in range(2):
             for i in np.argsort(people.away()):
@@ -187,7 +187,7 @@ class HumanModelTracker:
                 )  # fmt: skip
         flooded = (frame.kind == kernels.SURFACE).mean() > 0.5
         for i, q in enumerate(self._people):
-            self._measure(i, q, frame, samples, people, predicted[i], others[i])
+            self._measure(i, q, frame, samples, people, others[i])
         # Who is surer has the better standing, and who came first.
         ranks = sorted(range(len(self._people)), key=lambda k: (
             self._people[k].confirmed, self._people[k].log_odds, -self._people[k].track_id))  # fmt: skip
@@ -201,11 +201,6 @@ class HumanModelTracker:
         for q in () if flooded else self._people:
             self._weigh(q, dt)
 
-    def _information(self, q: Walker) -> F64:
-        k = q.kalman
-        det = k.c_xx * k.c_yy - k.c_xy**2
-        return np.array([k.c_yy / det, -k.c_xy / det, k.c_xx / det, 1 / q.height_var])
-
     def _measure(
         self,
         i: int,
@@ -213,7 +208,6 @@ class HumanModelTracker:
         frame: MaskExplanation,
         samples: list[OutlineSamples],
         people: People,
-        predicted: F64,
         others: I64,
     ) -> None:
         """Evidence for a person, its visible share, and the place as far as the pixels tell it."""
@@ -227,15 +221,7 @@ class HumanModelTracker:
             return
         noise, up = s.noise(pose, tall, ratio)
         x, y, h = pose
-        xx, xy, yy, _ = self._information(q)
-        ox, oy = x - predicted[0], y - predicted[1]
-        gx, gy = xx * ox + xy * oy, xy * ox + yy * oy
-        # The measurement that the ascent's place, which has seen the prediction, is the posterior of.
-        kalman = q.kalman.corrected(
-            x + noise.xx * gx + noise.xy * gy, y + noise.xy * gx + noise.yy * gy, noise
-        )  # fmt: skip
-        slower = min(1.0, body.SPEED_MAX_MPS / max(math.hypot(kalman.vx_mps, kalman.vy_mps), 1e-6))
-        q.kalman = kalman._replace(vx_mps=slower * kalman.vx_mps, vy_mps=slower * kalman.vy_mps)
+        q.kalman = q.kalman.found_at(x, y, noise, body.SPEED_MAX_MPS)
         q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up)
         q.seen_s = self._now_s
 

@@ -106,7 +106,7 @@ class TemplateTracker:
         camera = frame.views[0].rays.centre_m
         order = np.argsort(np.hypot(*(predicted[:, :2] - camera[:2]).T))
         samples = [frame.around(pose, body.TORSO.torso_radius_m + 0.1) for pose in predicted]
-        information = [self._information(q) for q in self._people]
+        information = [np.array([*q.kalman.information, 1 / q.height_var]) for q in self._people]
         others = [np.flatnonzero(touch[i] & (np.arange(len(touch)) != i)) for i in range(len(touch))]
         bent = np.zeros((len(predicted), 3))
         for sweep in range(2):
@@ -120,19 +120,14 @@ class TemplateTracker:
                 )  # fmt: skip
         flooded = all((v.kind > 0).mean() > 0.5 for v in frame.views)
         for i, q in enumerate(self._people):
-            self._measure(i, q, frame, samples, people, predicted[i], others[i], bent[i], dt)
+            self._measure(i, q, frame, samples, people, others[i], bent[i], dt)
             if not flooded:
                 self._weigh(q, dt, alone=len(others[i]) == 0)
             self._say(q, [self._people[k] for k in others[i]])
 
-    def _information(self, q: Person) -> F64:
-        k = q.kalman
-        det = k.c_xx * k.c_yy - k.c_xy**2
-        return np.array([k.c_yy / det, -k.c_xy / det, k.c_xx / det, 1 / q.height_var])
-
     def _measure(
-        self, i: int, q: Person, frame: Explanation, samples: list[Samples], people: People, predicted: F64,
-        others: I64, bent: F64, dt: float,
+        self, i: int, q: Person, frame: Explanation, samples: list[Samples], people: People, others: I64,
+        bent: F64, dt: float,
     ) -> None:  # fmt: skip
         """Evidence for a person, its visible share, and the place as far as the pixels tell it."""
         s, pose, ratio = samples[i], people.poses[i], people.ratios[i]
@@ -148,16 +143,7 @@ class TemplateTracker:
             return
         noise, up = s.noise(pose, bent)
         x, y, h = pose
-        xx, xy, yy, _ = self._information(q)
-        ox, oy = x - predicted[0], y - predicted[1]
-        gx, gy = xx * ox + xy * oy, xy * ox + yy * oy
-        # The measurement that the ascent's place, which has seen the prediction, is the posterior of.
-        kalman = q.kalman.corrected(
-            x + noise.xx * gx + noise.xy * gy, y + noise.xy * gx + noise.yy * gy, noise
-        )  # fmt: skip
-        speed = math.hypot(kalman.vx_mps, kalman.vy_mps)
-        slower = min(1.0, body.SPEED_MAX_MPS / max(speed, 1e-6))
-        q.kalman = kalman._replace(vx_mps=slower * kalman.vx_mps, vy_mps=slower * kalman.vy_mps)
+        q.kalman = q.kalman.found_at(x, y, noise, body.SPEED_MAX_MPS)
         q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up * min(1.0, dt / self.params.errors_s))
         q.seen_s = self._now_s
 

@@ -51,3 +51,13 @@ def test_kalman_learns_a_constant_velocity() -> None:
 def test_kalman_grows_uncertain_without_measurements() -> None:
     state = FloorKalman.at(0.0, 0.0, 0.05, 0.0)
     assert state.predicted(0.5, 2.0).position_std_m == pytest.approx(np.hypot(0.05, 2.0 * 0.5**2 / 2))
+
+
+def test_the_place_that_a_search_found_is_that_of_the_posterior() -> None:
+    noise = PositionNoise(0.05, -0.02, 0.03)
+    kalman = FloorKalman.measured(1.0, 2.0, PositionNoise(0.04, 0.01, 0.02), 1.0).predicted(0.1, 2.0)
+    measured = kalman.corrected(1.2, 1.9, noise)
+    found = kalman.found_at(measured.x_m, measured.y_m, noise, 2.5)
+    assert found == pytest.approx(measured)
+    fast = kalman.found_at(9.0, 2.0, noise, 0.5)
+    assert np.hypot(fast.vx_mps, fast.vy_mps) == pytest.approx(0.5)
