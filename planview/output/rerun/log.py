@@ -191,21 +191,24 @@ class RerunLog:
         if self._bounds is not None:
             self._stream.log("plan/grid", metre_grid(self._bounds), static=True)
             self._stream.send_blueprint(blueprint(self._engine, self._bounds))
-        try:
-            self._flush()
-        finally:
-            self._stream.disconnect()
+        self._flush()
+        self._stream.disconnect()  # where rerun's thread could not write it would wait for ever
         sync(self._parts[-1])
 
     def finish(self) -> None:
         """See ``RunLog``."""
 
     def _flush(self) -> None:
-        """Wait for rerun's thread, which ends when it cannot write; what waits on a disk that hangs is given up."""
-        try:
-            self._stream.flush(timeout_sec=60.0)  # a slow disk takes 6 GB in that time
-        except (RuntimeError, ValueError) as error:
-            raise WorkError(f"{self._path}: cannot be written ({reason(error)}); earlier frames are kept") from error
+        """Wait for rerun's thread as long as the file grows; the thread may end without a word when it cannot write."""
+        size = -1
+        while True:
+            try:
+                return self._stream.flush(timeout_sec=4.0)
+            except (RuntimeError, ValueError) as error:
+                before, size = size, self._parts[-1].stat().st_size
+                if size == before:
+                    problem = f"{self._path}: cannot be written ({reason(error)}); earlier frames are kept"
+                    raise WorkError(problem) from error
 
     def _check_room(self) -> None:
         free = shutil.disk_usage(self._path.parent).free
