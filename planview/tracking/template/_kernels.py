@@ -404,17 +404,17 @@ def share_out(
             if kind[r, c] != 1:
                 continue
             dx, dy, dz = direction[r, c, 0], direction[r, c, 1], direction[r, c, 2]
-            cos = math.sqrt(dx * dx + dy * dy)
-            ex, ey = (dx / cos, dy / cos) if cos > 1e-6 else (1.0, 0.0)
-            angle = min(max(int((math.atan2(-dz, cos) - b.angle_min) / b.angle_step + 0.5), 0), 24)
-            m = 0
-            near = False
+            cos, ex, ey, angle, m, near = 0.0, 1.0, 0.0, -1, 0, False
             for k in range(len(poses)):
                 ox = centre[0] + dx * range_m[r, c] - poses[k, 0]
                 oy = centre[1] + dy * range_m[r, c] - poses[k, 1]
                 near = near or (sure[k] > 0.5 and ox * ox + oy * oy < b.reach_m * b.reach_m)
                 if c < boxes[k, 0] or c > boxes[k, 2] or r < boxes[k, 1] or r > boxes[k, 3] or m >= LAYERS:
                     continue
+                if angle < 0:
+                    cos = math.sqrt(dx * dx + dy * dy)
+                    ex, ey = (dx / cos, dy / cos) if cos > 1e-6 else (1.0, 0.0)
+                    angle = min(max(int((math.atan2(-dz, cos) - b.angle_min) / b.angle_step + 0.5), 0), 24)
                 pi, at, z = _look(
                     poses[k, 0], poses[k, 1], poses[k, 2], centre[0], centre[1], centre[2], ex, ey, cos, -dz, angle,
                     cover, front, b,
@@ -446,3 +446,22 @@ def share_out(
             typical = b.body * (1.0 - b.no_depth) * (1.0 - b.outliers) / math.sqrt(2.0 * math.pi * math.e * surface)
             lack[r, c] = math.log(typical / (total + other))
             height[r, c] = at_z
+
+
+@njit(cache=True, nogil=True)
+def lacking(
+    owner: I64, lack: F32, colour: U8, range_m: F32, direction: F32, stretch: F32, centre: F64, scale: float,
+    points: F64, n: int,
+) -> int:  # fmt: skip
+    """Append x, y, z, lack [patches] and colour code of every pixel of surface, as columns; their number then."""
+    rows, cols = owner.shape
+    for r in range(rows):
+        for c in range(cols):
+            if owner[r, c] > -2:
+                far = range_m[r, c]
+                for k in range(3):
+                    points[k, n] = centre[k] + far * direction[r, c, k]
+                points[3, n] = (far / stretch[r, c]) ** 2 * scale * lack[r, c]
+                points[4, n] = colour[r, c]
+                n += 1
+    return n

@@ -11,8 +11,9 @@ import numpy as np
 from calib.types import F64
 from planview.tracking import body
 from planview.tracking.kalman import FloorKalman
+from planview.tracking.template._kernels import lacking
 from planview.tracking.template.explanation import Explanation, Owned, People
-from planview.tracking.template.person import Person
+from planview.tracking.template.person import Person, side_by_side
 
 CELL_M = 0.05
 BODY_CELLS = 9
@@ -32,7 +33,7 @@ class Births:
     def __init__(self) -> None:
         self._refused: list[tuple[float, float, float]] = []
 
-    def find(self, frame: Explanation, people: People, owned: Sequence[Owned], now_s: float) -> list[Person]:
+    def find(self, frame: Explanation, known: Sequence[Person], owned: Sequence[Owned], now_s: float) -> list[Person]:
         """People who are born in this frame, without ids.
 
         A place at which nobody was found is tried again when the errors of the foreground have changed.
@@ -40,17 +41,17 @@ class Births:
         p = frame.params
         self._refused = [r for r in self._refused if now_s - r[2] < p.errors_s]
         points = self._points(frame, owned)
-        if len(points) == 0:
+        if float(np.maximum(points[3], 0.0).sum()) < p.birth_evidence:
             return []
-        low = points[:, :2].min(axis=0) - BODY_CELLS * CELL_M
-        at = ((points[:, :2] - low) / CELL_M).astype(int)
-        shape = at.max(axis=0) + 2 * BODY_CELLS
-        if int(shape[0]) * int(shape[1]) > MAP_CELLS_MAX:
+        low = points[:2].min(axis=1) - BODY_CELLS * CELL_M
+        rows, cols = ((points[:2] - low[:, None]) / CELL_M).astype(np.int64)
+        shape = int(rows.max()) + 2 * BODY_CELLS, int(cols.max()) + 2 * BODY_CELLS
+        if shape[0] * shape[1] > MAP_CELLS_MAX:
             return []
-        lack = np.zeros(shape, np.float32)
-        np.add.at(lack, (at[:, 0], at[:, 1]), points[:, 3])
-        box = np.asarray(cv2.boxFilter(lack, -1, (BODY_CELLS, BODY_CELLS), normalize=False))
+        lack = np.bincount(rows * shape[1] + cols, weights=points[3], minlength=shape[0] * shape[1])
+        box = np.asarray(cv2.boxFilter(lack.reshape(shape), -1, (BODY_CELLS, BODY_CELLS), normalize=False))
         born: list[Person] = []
+        people: People | None = None
         for _ in range(MOST):
             row, col = divmod(int(np.argmax(box)), box.shape[1])
             if box[row, col] < p.birth_evidence:
@@ -60,8 +61,9 @@ class Births:
             box[max(0, row - reach) : row + reach + 1, max(0, col - reach) : col + reach + 1] = 0
             if any(math.dist(place, r[:2]) < reach * CELL_M for r in self._refused):
                 continue
-            near = np.abs(points[:, :2] - place).max(axis=1) < reach * CELL_M
-            person = _tried(frame, people, points[near & (points[:, 3] > 0)], now_s)
+            people = people or side_by_side(known)
+            near = np.abs(points[:2] - place[:, None]).max(axis=0) < reach * CELL_M
+            person = _tried(frame, people, points[:, near & (points[3] > 0)].T, now_s)
             if person is None:
                 self._refused.append((float(place[0]), float(place[1]), now_s))
                 continue
@@ -71,16 +73,14 @@ class Births:
 
     @staticmethod
     def _points(frame: Explanation, owned: Sequence[Owned]) -> F64:
-        """(N, 5) x, y, z, what each point lacks of an explanation [patches] and its colour code."""
-        points = []
+        """(5, N) x, y, z, what each point lacks of an explanation [patches] and its colour code."""
+        points, n = np.empty((5, sum(o.owner.size for o in owned))), 0
         for v, o in zip(frame.views, owned, strict=True):
-            row, col = np.nonzero(o.owner > -2)
-            far = v.range_m[row, col]
-            xyz = v.rays.centre_m + far[:, None] * v.rays.direction[row, col]
-            patches = (far / v.rays.stretch[row, col]) ** 2 * v.rays.pixel_sr / frame.params.patch_m**2
-            code = v.colour[row, col] if v.colour is not None else np.zeros(len(row))
-            points.append(np.column_stack([xyz, patches * o.lack[row, col], code]))
-        return np.asarray(np.concatenate(points), dtype=np.float64)
+            colour, scale = v.colour if v.colour is not None else v.kind, v.rays.pixel_sr / frame.params.patch_m**2
+            n = lacking(
+                o.owner, o.lack, colour, v.range_m, v.rays.direction, v.rays.stretch, v.rays.centre_m, scale, points, n
+            )
+        return points[:, :n]
 
 
 def _tried(frame: Explanation, people: People, points: F64, now_s: float) -> Person | None:

@@ -77,12 +77,12 @@ def owned_colours(k: int, owned: Sequence[Owned], views: Sequence[SeenPixels], p
     """(PARTS, CODES) shares of the colours of a person's pixels, and how many patches they are."""
     total, patches = np.zeros((PARTS, CODES)), 0.0
     for o, v in zip(owned, views, strict=True):
-        mine = (o.owner == k) & (o.share > 0.3)
         if v.colour is None:
             continue
-        part = np.digitize(o.height[mine], (LEGS_TO, TORSO_TO))
-        np.add.at(total, (part, v.colour[mine]), 1.0)
-        depth = v.range_m[mine] / v.rays.stretch[mine]
+        mine = o.by(k, 0.3)
+        part = np.digitize(o.height.ravel()[mine], (LEGS_TO, TORSO_TO))
+        total += np.bincount(part * CODES + v.colour.ravel()[mine], minlength=PARTS * CODES).reshape(PARTS, CODES)
+        depth = v.range_m.ravel()[mine] / v.rays.stretch.ravel()[mine]
         patches += float((depth * depth).sum()) * v.rays.pixel_sr / patch_m**2
     return total / max(total.sum(), 1.0), patches
 

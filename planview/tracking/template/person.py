@@ -13,6 +13,7 @@ from planview.maps.colour import CODES, smoothing
 from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.template._kernels import LEGS_TO, PARTS, TORSO_TO
+from planview.tracking.template.explanation import People
 
 SMOOTHING = smoothing()
 GAIT_M = 0.03
@@ -122,3 +123,10 @@ def colour_ratios(people: Sequence[Person]) -> F32:
     densities = mass / mass.sum(axis=2, keepdims=True)
     anybody = 0.5 * densities.mean(axis=0) + 0.5 / CODES
     return np.asarray(np.clip(densities / anybody, 1 / RATIO_MAX, RATIO_MAX), dtype=np.float32)
+
+
+def side_by_side(people: Sequence[Person]) -> People:
+    """What an explanation knows of these people."""
+    poses = np.array([(*q.at_m, q.height_m) for q in people]).reshape(-1, 3)
+    tall = np.array([q.upright for q in people]).reshape(-1, 2)
+    return People(poses, np.array([q.existence for q in people]), tall, colour_ratios(people))

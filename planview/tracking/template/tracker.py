@@ -15,7 +15,7 @@ from planview.tracking.template.drawing import draw
 from planview.tracking.template.explanation import STEPS_M, Explanation, Owned, People, Samples
 from planview.tracking.template.identity import Exchanges, continued
 from planview.tracking.template.params import TemplateParams
-from planview.tracking.template.person import Person, colour_ratios
+from planview.tracking.template.person import Person, side_by_side
 from planview.trajectories.state import State, TrackState
 
 LOG_ODDS_MAX = 8.0
@@ -72,12 +72,12 @@ class TemplateTracker:
             self._predict(q, dt)
         if self._people:
             self._explain(frame, dt)
-        owned = frame.share_out(self._side_by_side())
+        owned = frame.share_out(side_by_side(self._people))
         self._owners = [o.owner.astype(np.int16) for o in owned]
         if self._coloured(frame):
             self._learn(frame, owned, dt)
         self._forget_gone()
-        self._meet(self._births.find(frame, self._side_by_side(), owned, self._now_s))
+        self._meet(self._births.find(frame, self._people, owned, self._now_s))
         self._recognise()
         return tuple(self._state(q) for q in self._people)
 
@@ -88,19 +88,13 @@ class TemplateTracker:
         q.kalman = q.kalman.predicted(dt, p.acceleration_mps2)
         q.height_var += p.height_change_mps**2 * dt * min(dt, p.errors_s)
 
-    def _side_by_side(self) -> People:
-        poses = np.array([(*q.at_m, q.height_m) for q in self._people]).reshape(-1, 3)
-        tall = np.array([q.upright for q in self._people]).reshape(-1, 2)
-        ratios = colour_ratios(self._people)
-        return People(poses, np.array([q.existence for q in self._people]), tall, ratios)
-
     def _coloured(self, frame: Explanation) -> bool:
         return self.params.colour_weight > 0 and all(v.colour is not None for v in frame.views)
 
     # -- explaining a frame ---------------------------------------------------------------------------------------
     def _explain(self, frame: Explanation, dt: float) -> None:
         """Coordinate ascent, nearest first; then what the frame says of each place and existence."""
-        people = self._side_by_side()
+        people = side_by_side(self._people)
         predicted = people.poses.copy()
         touch = frame.touching(predicted)
         camera = frame.views[0].rays.centre_m
@@ -114,9 +108,11 @@ class TemplateTracker:
                 if sweep and not len(others[i]):
                     continue
                 samples[i].layer(people, others[i])
+                k = self._people[i].kalman
+                near = sweep or k.c_xx + k.c_yy < STEPS_M[1] ** 2  # a prediction as sure as the small step
                 _, bent[i] = samples[i].ascend(
                     people.poses[i], predicted[i], information[i], people.tall[i], people.apart(others[i]),
-                    people.ratios[i], STEPS_M[sweep:],
+                    people.ratios[i], STEPS_M[1:] if near else STEPS_M,
                 )  # fmt: skip
         flooded = all((v.kind > 0).mean() > 0.5 for v in frame.views)
         for i, q in enumerate(self._people):
@@ -199,9 +195,9 @@ class TemplateTracker:
             if q.share < 0.5 or near < body.REACH_M:
                 continue
             for o, v in zip(owned, frame.views, strict=True):
-                mine = (o.owner == i) & (o.share > 0.8)
+                mine = o.by(i, 0.8)
                 if v.colour is not None:
-                    q.learn_colours(o.height[mine], v.colour[mine])
+                    q.learn_colours(o.height.ravel()[mine], v.colour.ravel()[mine])
         for a, b, odds in self._exchanges.update(self._people, owned, frame.views, dt):
             a.take_identity(b)
             self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)
