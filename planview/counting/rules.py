@@ -60,9 +60,7 @@ MAX_RULES = 200
 _Polygon = Annotated[list[_PointIn], Field(max_length=500)]
 
 
-class _NamedRule(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
-
+class _NamedRule(Params):
     name: _Name
 
 
