@@ -129,7 +129,7 @@ class RerunLog:
         self._coloured: set[int] = set()
         # What a resumed run writes belongs to the same recording by its id; the viewer keeps a layout per application.
         application = "planview" if self._stereo else "planview-single"
-        # rerun keeps a line of its file's table of contents in memory for every chunk: few, long chunks, of 10 s or 2 MB,
+        # rerun keeps a line of its file's table of contents in memory for every chunk: few, long chunks, 10 s or 2 MB,
         # keep the memory of a long run level. By itself it writes five a second of each path.
         self._stream = rr.RecordingStream(
             application, recording_id=f"planview-{path.parent.name}",
