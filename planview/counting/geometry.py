@@ -36,8 +36,7 @@ class RulePlane:
     def place(self, points: F64, *, in_pixels: bool, what: str) -> tuple[PlaneName, F64]:
         """The plane and the points in it: pixels go to the floor when the camera is known.
 
-        Pixels are taken as showing the floor; the line is straight on the floor between the two places shown there. In
-        the image, a line that ends at the border goes on beyond it: a person whom the border cuts has the feet there.
+        Pixels are taken as showing the floor; the line is straight on the floor between the two places shown there.
 
         Raises:
             InputError: outside the view, or above the horizon.
@@ -46,7 +45,7 @@ class RulePlane:
             if not in_pixels:
                 return "floor", points
             self._require_in_view(points, _along(points), what)
-            return "image", self._beyond_border(points) if len(points) == 2 else points
+            return "image", points
         if not in_pixels:
             outline = _along(points)
             pixels = self.camera.project(np.column_stack([outline, np.zeros(len(outline))]))
@@ -59,11 +58,12 @@ class RulePlane:
             raise InputError(f"{what}: expected pixels that show the floor, found {bad} above the horizon")
         return "floor", on_floor
 
-    def _beyond_border(self, line: F64) -> F64:
-        """A line (2, 2) with ends at the border moved on by the image's larger side."""
-        length = float(np.hypot(*(line[1] - line[0])))
-        if self.image_size is None or length == 0:
+    def beyond_border(self, line: F64) -> F64:
+        """A line (2, 2) with ends at the border moved on by the image's larger side: a person whom the border cuts has
+        the feet there."""
+        if self.image_size is None:
             return line
+        length = float(np.hypot(*(line[1] - line[0])))
         last = np.array(self.image_size) - 1.0
         inside = np.minimum(line, last - line).min(axis=1)
         ahead = (line[1] - line[0]) / length * max(self.image_size)

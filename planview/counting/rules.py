@@ -60,9 +60,7 @@ MAX_RULES = 200
 _Polygon = Annotated[list[_PointIn], Field(max_length=500)]
 
 
-class _NamedRule(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
-
+class _NamedRule(Params):
     name: _Name
 
 
@@ -112,7 +110,12 @@ class _File(BaseModel):
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A line (2, 2) or polygon (N, 2) in the plane in which it is applied; own parameters are None where not given."""
+    """A line (2, 2) or polygon (N, 2) in the plane in which it is applied; own parameters are None where not given.
+
+    Attributes:
+        points: as they were given.
+        counted: (2, 2) the line on beyond the image's border (see ``RulePlane.beyond_border``); None for the points.
+    """
 
     name: str
     plane: PlaneName
@@ -120,6 +123,7 @@ class Placed:
     hysteresis_m: float | None = None
     min_age_s: float | None = None
     inward: Direction = ""
+    counted: F64 | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,10 +183,7 @@ def parse_rules(data: dict[str, Any], plane: RulePlane, source: str) -> Rules:
                 f"({', '.join(zones) or 'there are none'}), found {queue.zone!r}"
             )
     return Rules(
-        tuple(
-            Placed(rule.name, *_wire_points(rule, plane, source), rule.hysteresis_m, rule.min_age_s, rule.inward or "")
-            for rule in file.tripwire
-        ),
+        tuple(_wire(rule, plane, source) for rule in file.tripwire),
         tuple(
             Placed(rule.name, *_zone_points(rule, plane, source), rule.hysteresis_m, rule.min_age_s)
             for rule in file.zone
@@ -205,7 +206,7 @@ def _name_of(data: dict[str, Any], location: Location) -> str:
     return f"{dotted(tuple(keys))} in {rule}" if keys else rule
 
 
-def _wire_points(rule: Tripwire, plane: RulePlane, source: str) -> tuple[PlaneName, F64]:
+def _wire(rule: Tripwire, plane: RulePlane, source: str) -> Placed:
     metres, pixels = (rule.from_m, rule.to_m), (rule.from_px, rule.to_px)
     given = [pair for pair in (metres, pixels) if pair != (None, None)]
     if len(given) != 1 or None in given[0]:
@@ -219,7 +220,9 @@ def _wire_points(rule: Tripwire, plane: RulePlane, source: str) -> tuple[PlaneNa
             f"{source}: expected two different points in tripwire {rule.name!r}, found a line of zero length "
             f"at {given[0][0]}"
         )
-    return plane.place(points, in_pixels=given[0] is pixels, what=f"{source}: tripwire {rule.name!r}")
+    where, points = plane.place(points, in_pixels=given[0] is pixels, what=f"{source}: tripwire {rule.name!r}")
+    counted = plane.beyond_border(points) if where == "image" else None
+    return Placed(rule.name, where, points, rule.hysteresis_m, rule.min_age_s, rule.inward or "", counted)
 
 
 def _zone_points(rule: Zone, plane: RulePlane, source: str) -> tuple[PlaneName, F64]:

@@ -251,4 +251,4 @@ class Analytics:
         """Name, points and plane of a rule, with its own hysteresis and age or those of all rules."""
         margin_m = hysteresis_m if rule.hysteresis_m is None else rule.hysteresis_m
         age_s = self.params.min_age_s if rule.min_age_s is None else rule.min_age_s
-        return rule.name, rule.points, rule.plane, margin_m, age_s
+        return rule.name, rule.points if rule.counted is None else rule.counted, rule.plane, margin_m, age_s

@@ -45,7 +45,8 @@ class Grid:
         if self.cell_m <= 0 or self.n_rows < 1 or self.n_cols < 1:
             raise ValueError(f"expected positive cells and sizes, got {self.cell_m} m, {self.n_rows}x{self.n_cols}")
         if self.n_rows * self.n_cols > MAX_CELLS:
-            raise ValueError(f"expected at most {MAX_CELLS} cells, got {self.n_rows}x{self.n_cols}")
+            found = f"{self.n_rows}x{self.n_cols} of {self.cell_m:g} m"
+            raise ValueError(f"expected at most {MAX_CELLS} cells, got {found}: a larger maps.cell_m has fewer")
 
     @staticmethod
     def covering(x_min_m: float, y_min_m: float, x_max_m: float, y_max_m: float, cell_m: float) -> Grid:

@@ -88,7 +88,7 @@ def library_versions() -> dict[str, str]:
 def digest_of(values: Mapping[str, object]) -> str:
     """Digest of objects that a checkpoint can hold."""
     encoded = encode(values)
-    digest = hashlib.sha256(json.dumps([encoded.roots, encoded.nodes]).encode())
+    digest = hashlib.sha256(json.dumps([encoded.roots, encoded.nodes], sort_keys=True).encode())
     for block in encoded.blocks:
         digest.update(block.tobytes())
     return digest.hexdigest()[:16]

@@ -117,7 +117,7 @@ def _coco(path: Path, text: str) -> list[list[float]]:
             whole = isinstance(frame, int) and 0 <= frame <= FRAMES_MAX
             if not whole or len(box) != 4 or not all(map(math.isfinite, [*box, score])) or min(box[2:]) <= 0:
                 raise ValueError
-        except (TypeError, KeyError, ValueError, AttributeError):
+        except (TypeError, KeyError, ValueError, AttributeError, OverflowError):
             what = '{"image_id": frame number, "bbox": [left, top, width, height], "score": ...}'
             _refuse(path, f"entry {number}", what, json.dumps(entry))
         if category == PERSON:

@@ -19,18 +19,24 @@ from toy_stereo import toy_rig
 
 from calib.errors import InputError
 from calib.formats import FORMATS, load_rig, write_rig
+from calib.formats.rgbd import load_rgbd
 from calib.formats.tsai import load_tsai
 from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
 from calib.people.samples import read_image_size, read_samples
 from calib.pose import SE3
 from calib.rig import Floor
-from calib.world import load_world, save_world
+from calib.world import load_rigs, load_world, save_world
 from planview.counting.events import read_events
 from planview.counting.rules import load_rules
 from planview.engine.config import load_config
 from planview.maps.recording import MapsRecording
+from planview.output.finished import TRACKS_BEFORE, read_steps
 from planview.output.folder import read_run_info
+from planview.output.report.snapshots import read_decision_log
+from planview.output.results import read_object
+from planview.sweep.study import load_study
 from planview.synthetic.scene import load_scene
+from planview.trajectories.detections import load_detections
 from planview.trajectories.file import TrajectoryFile
 from planview.trajectories.formats import FORMATS as EXPORTS
 from planview.trajectories.formats import ExportName, load_file
@@ -152,7 +158,20 @@ def simple() -> dict[str, tuple[Callable[[Path], object], bytes]]:
     run = (
         '{"input": "a", "finished": true, "frames_read": 3, "skipped": [{"index": 1, "why": "x"}], "config": {"a": 1}}'
     )
+    coco = '[{"image_id": 1, "category_id": 1, "bbox": [9.5, 8, 30, 90], "score": 0.9}, {"image_id": 2, "bbox": [1, 2, 3, 4]}]'
+    study = 'recordings = ["."]\nseeds = [3, 4]\n[parameters]\nmaps.cell_m = [0.03, 0.04]\ntemplate.stay_s = {min = 1, max = 9, step = 2}\n'
+    pose = "rotation = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]\ntranslation_m = [0.0, 0.0, 2.5]\n"
+    rigs = f'[[head]]\nname = "a"\nfolder = "a"\nstart_s = 0.5\n[head.world_SE3_left]\n{pose}'
+    decisions = "frame,timestamp_s,id,kind,value,reason\n3,0.2,1,matched,0.7,\n4,0.3,1,lost,0.1,left the view\n"
     return {
+        "det.txt": (load_detections, b"1,-1,20,30,20,60,0.9,-1,-1,-1\n2,-1,22,30,20,60,0.8\n"),
+        "coco.json": (load_detections, coco.encode()),
+        "study.toml": (load_study, study.encode()),
+        "rigs.toml": (load_rigs, rigs.encode()),
+        "rgbd.json": (lambda path: load_rgbd(path, SIZE, SIZE), b'{"fx": 300.0, "fy": 300.0, "cx": 160, "cy": 120, "k1": 0.1}'),
+        "decisions.csv": (lambda path: read_decision_log(path, {1}), decisions.encode()),
+        "edits.json": (lambda path: (path.with_name(TRACKS_BEFORE).touch(), read_steps(path.parent)), b'{"steps": [{"at": "2026-01-01T00:00:00+00:00", "edits": ["join 1 2"]}]}'),
+        "counts.json": (read_object, b'{"rules": {"a": {"plane": "floor", "points": [[0, 1]]}}}'),
         "world.toml": (load_world, written["w"]),
         "camera.toml": (load_ground_camera, written["c"]),
         "rules.toml": (load_rules, (tripwire + zone).encode()),

@@ -22,7 +22,11 @@ from planview.output.maps_log import MapsLog
 from planview.output.resume import checkpoint_of, difference
 from planview.output.run import RunOptions, run, run_identity
 
-RULES = '[[zone]]\nname = "all"\npolygon_m = [[-9, -9], [9, -9], [9, 9], [-9, 9]]\nmin_age_s = 0.0\n'
+RULES = (
+    '[[zone]]\nname = "all"\npolygon_m = [[-9, -9], [9, -9], [9, 9], [-9, 9]]\nmin_age_s = 0.0\n'
+    '[[queue]]\nname = "waiting"\nzone = "all"\n'
+    '[[tripwire]]\nname = "door"\nfrom_m = [-9, 1]\nto_m = [9, 1]\n'
+)
 RESULTS = ("tracks.csv", "events.csv", "decisions.csv", "counts.json")
 FREQUENT_S = 1e-9
 
@@ -49,21 +53,24 @@ def rules(tmp_path: Path) -> Path:
     return tmp_path / "rules.toml"
 
 
-@pytest.mark.parametrize("frame", [2, 20])
+@pytest.mark.parametrize("stops", [(2,), (20,), (5, 20)])
 def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(
-    engine: Engine, tmp_path: Path, rules: Path, frame: int
+    engine: Engine, tmp_path: Path, rules: Path, stops: tuple[int, ...]
 ) -> None:
     alone, stopped = tmp_path / "alone", tmp_path / "stopped"
     run(engine, alone, options_with(rules), [MapsLog(engine, folder_of(alone) / "maps.h5")])
     with pytest.raises(StoppedError):
-        run(engine, stopped, options_with(rules), [MapsLog(engine, folder_of(stopped) / "maps.h5")], stop_at(frame))
+        run(engine, stopped, options_with(rules), [MapsLog(engine, folder_of(stopped) / "maps.h5")], stop_at(stops[0]))
     assert read_run_info(stopped / "run.json").state == "interrupted"
 
-    options, told = options_with(rules), []
-    checkpoint = checkpoint_of(stopped, run_identity(engine, options, ["MapsLog"]), told.append)
-    assert checkpoint is not None
-    log = MapsLog(engine, stopped / "maps.h5", checkpoint.written["logs"]["MapsLog"])
-    info = run(engine, stopped, options, [log], None, checkpoint)
+    told: list[str] = []
+    for stop in (*stops[1:], None):
+        options = options_with(rules)
+        checkpoint = checkpoint_of(stopped, run_identity(engine, options, ["MapsLog"]), told.append)
+        assert checkpoint is not None
+        log = MapsLog(engine, stopped / "maps.h5", checkpoint.written["logs"]["MapsLog"])
+        with suppress(StoppedError):
+            info = run(engine, stopped, options, [log], stop_at(stop), checkpoint)
     assert told == []
     assert (info.state, info.frames_read) == ("finished", engine.recording.n_frames)
     for name in RESULTS:

@@ -129,7 +129,12 @@ class RerunLog:
         self._coloured: set[int] = set()
         # What a resumed run writes belongs to the same recording by its id; the viewer keeps a layout per application.
         application = "planview" if self._stereo else "planview-single"
-        self._stream = rr.RecordingStream(application, recording_id=f"planview-{path.parent.name}")
+        # rerun keeps a line of its file's table of contents in memory for every chunk: few, long chunks, 10 s or 2 MB,
+        # keep the memory of a long run level. By itself it writes five a second of each path.
+        self._stream = rr.RecordingStream(
+            application, recording_id=f"planview-{path.parent.name}",
+            batcher_config=rr.ChunkBatcherConfig(flush_tick=10.0),
+        )  # fmt: skip
         self._frames = 0
         self._stream.save(str(self._parts[-1]), default_blueprint=blueprint(self._engine, self._bounds))
         self._series = SeriesBlocks()

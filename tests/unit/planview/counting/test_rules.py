@@ -55,7 +55,8 @@ def test_pixels_stay_pixels_without_a_camera() -> None:
 def test_line_in_the_image_goes_on_beyond_the_border_where_it_ends():
     wire = {"name": "w", "from_px": [100, 50], "to_px": [100, 239]}
     placed = parse_rules({"tripwire": [wire]}, RulePlane(image_size=(320, 240)), "r").tripwires[0]
-    assert placed.points.tolist() == [[100, 50], [100, 559]]
+    assert placed.counted.tolist() == [[100, 50], [100, 559]]
+    assert placed.points.tolist() == [wire["from_px"], wire["to_px"]]  # as it is drawn and written
 
 
 def test_zone_around_the_whole_view_is_inside_the_view() -> None:

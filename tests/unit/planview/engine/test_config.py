@@ -56,6 +56,8 @@ def test_an_unknown_name_is_answered_with_the_one_it_resembles(override: str, me
         ("maps=3", "maps"),
         ("seed.deeper.x=1", "seed"),
         ("maps.cell_m", "maps.cell_m"),
+        ("maps.cell_m=0.0049", "maps.cell_m"),
+        ("floor.max_below_fraction=0.999999", "floor.max_below_fraction"),
         (".=1", ".=1"),
         ("=1", "=1"),
     ],
