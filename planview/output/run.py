@@ -17,6 +17,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
+import joblib
+import numpy as np
+
 from calib.errors import InputError, WorkError
 from planview.counting.stream import Analytics
 from planview.counting.totals import Counts, Span
@@ -25,7 +28,6 @@ from planview.output.folder import RunInfo, SkippedFrame, folder_lock, prepare_f
 from planview.output.memory import decode, encode
 from planview.output.resume import (
     Checkpoint,
-    digest_of,
     identity_of,
     library_versions,
     remove_checkpoints,
@@ -304,7 +306,7 @@ class _Run:
                 "frames_skipped": len(skipped),
                 # run.json names at most so many skipped frames.
                 "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:1000]],
-                "stages_ms": {stage: times.percentile_ms(50) for stage, times in totals.stages.items()},
+                "stages_ms": {stage: float(np.median(times)) for stage, times in totals.stages.items()},
                 "pace": self._options.pace and self._options.pace.info(),
                 "people": len(totals.people),
                 "remark": totals.remark(),
@@ -324,7 +326,7 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> di
     rules = counts and {"rules": replace(counts.rules, source=""), "params": counts.params}
     settings = {
         "tracker": options.tracker,
-        "rules": digest_of(rules) if rules else "",
+        "rules": joblib.hash(rules) if rules else "",
         "logs": sorted(logs),
     }
     return identity_of(engine, settings)

@@ -173,13 +173,15 @@ def _pictures(results: RunResults) -> list[Picture]:
     pictures = []
     places = plots.Places.of(results.tracks)
     if len(places.frame):
-        note = "Each person from the dot to the square; dotted where only predicted."
-        note += " Dashed black: the truth." if results.truth is not None else ""
+        note = "Each person from the dot to the square; thin where only predicted."
+        note += " Black: the truth." if results.truth is not None else ""
         truth = plots.Places.of(results.truth) if results.truth is not None else None
         pictures.append(picture("Floor", plots.floor_plot(places, results, truth), note))
     observed = places.observed()
     if len(observed):
-        note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale."
+        longest = plots.heat_map(observed, results.clock.frame_s).seconds.max()
+        note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale: yellow "
+        note += f"{longest:.1f} s, dark blue a {plots.HEAT_RANGE:.0f}th of it."
         heat = picture("Heat map", plots.heat_plot(observed, results), note)
         pictures.append(heat._replace(keep_colours=True))
     if results.n_frames:

@@ -40,13 +40,6 @@ class Decided(NamedTuple):
     reason: str
 
 
-class Curve(NamedTuple):
-    """A term of the score over time: points of a polygon on top of the terms before, in a box of 100 x 100."""
-
-    name: str
-    points: str
-
-
 class DecisionLog(NamedTuple):
     """A person's decisions.
 
@@ -54,15 +47,11 @@ class DecisionLog(NamedTuple):
         events: everything but matches.
         more: events left out.
         scores: the matches in one sentence.
-        curves: the stacked terms of the scores.
-        score_max: top of the curves.
     """
 
     events: list[Decided]
     more: int
     scores: str
-    curves: list[Curve]
-    score_max: float
 
 
 def read_decision_log(path: Path, people: set[int]) -> dict[int, DecisionLog]:
@@ -94,9 +83,8 @@ def _log_of(decided: list[Decided], matched: list[list[float]]) -> DecisionLog:
     events = [*decided[: EVENTS_MAX - 10], *decided[-10:]] if len(decided) > EVENTS_MAX else decided
     more = len(decided) - len(events)
     if not len(known):
-        return DecisionLog(events, more, f"matched in {len(matches)} frames" if len(matches) else "", [], 0.0)
-    top = float(known[:, 1].max())
-    return DecisionLog(events, more, _sentence(known), _curves(known, max(top, 1e-9)), top)
+        return DecisionLog(events, more, f"matched in {len(matches)} frames" if len(matches) else "")
+    return DecisionLog(events, more, _sentence(known))
 
 
 def _sentence(matches: F64) -> str:
@@ -108,24 +96,6 @@ def _sentence(matches: F64) -> str:
     if np.isfinite(worst[2:]).all():
         text += " (" + ", ".join(f"{name} {value:.2f}" for name, value in zip(TERMS, worst[2:], strict=True)) + ")"
     return text
-
-
-def _curves(matches: F64, top: float) -> list[Curve]:
-    """Stacked terms; of many matches the worst of every stretch."""
-    if not np.isfinite(matches[:, 2:]).all() or len(matches) < 2:
-        return []
-    # Points of a person's curve of scores.
-    bins = np.array_split(np.arange(len(matches)), min(len(matches), 240))
-    picked = matches[[int(part[np.argmax(matches[part, 1])]) for part in bins]]
-    span = max(1.0, picked[-1, 0] - picked[0, 0])
-    x = 100.0 * (picked[:, 0] - picked[0, 0]) / span
-    upper = np.vstack([np.zeros(len(picked)), np.cumsum(picked[:, 2:], axis=1).T])
-    y = 100.0 - 100.0 * np.clip(upper / top, 0.0, 1.0)
-    curves = []
-    for n, name in enumerate(TERMS):
-        around = [*zip(x, y[n + 1], strict=True), *zip(x[::-1], y[n][::-1], strict=True)]
-        curves.append(Curve(name, " ".join(f"{a:.1f},{b:.1f}" for a, b in around)))
-    return curves
 
 
 ERRORS_MAX = 12
