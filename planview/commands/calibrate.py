@@ -45,7 +45,6 @@ class AlignOptions:
     set_: Annotated[Sequence[str], Parameter(name="--set")] = ()
     """One parameter of a run; may be given several times."""
     json_output: JsonFlag = False
-    """Print one JSON object to standard output."""
 
 
 def calibrate_align(first: Path, second: Path, /, *others: Path, options: AlignOptions | None = None) -> None:
@@ -143,7 +142,6 @@ class BoardOptions:
     model: Literal["auto", "brown", "rational", "fisheye"] = "auto"
     """Lens model; auto judges them on views left out of the fit."""
     json_: JsonFlag = False
-    """Print one JSON object on stdout."""
 
 
 def calibrate_board(images: Path, /, *, square: str, options: BoardOptions | None = None) -> None:
@@ -276,8 +274,6 @@ def calibrate_convert(
         Left and right camera of a file with more than two, e.g. cam1,cam2.
     swap
         The file calls the right camera left.
-    json_
-        Print one JSON object on stdout.
     """
     rig = load_rig(
         source,

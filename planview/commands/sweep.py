@@ -40,7 +40,6 @@ class SweepOptions:
     cluster: str | None = None
     """Address of a Dask scheduler (tcp://HOST:PORT) whose workers share this file system, instead of processes here."""
     json_output: JsonFlag = False
-    """Print one JSON object: runs, ranking, failed."""
 
 
 def sweep(

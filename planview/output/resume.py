@@ -27,34 +27,9 @@ from calib.errors import InputError, WorkError
 from calib.io import PART, reason, whole_file
 from calib.params import first_problem
 from calib.types import U8
-from planview.engine.engine import Engine
 from planview.output.folder import LOCK_NAME, PRODUCTS, products_in, read_run_info
 from planview.output.memory import Encoded
 from planview.output.tables import FilePosition, holds
-
-
-def identity_of(engine: Engine, settings: dict[str, Any]) -> dict[str, Any]:
-    """What decides the tracks of a run: code, configuration, recording and settings, as JSON.
-
-    Args:
-        settings: of the run, besides the configuration.
-    """
-    recording = engine.recording
-    camera, floor = engine.camera_info(), engine.floor_info()
-    named = {"calibration": True, "heads": {"__all__": {"calibration"}}}
-    return {
-        "version": library_versions() | {"planview": code_version()},
-        "configuration": engine.config.model_dump(mode="json", exclude={"run"}),
-        "recording": {
-            "images": content_key(recording.path, texts=False) if recording.path.exists() else "",
-            "calibration": _calibration(recording),
-            "frames": recording.n_frames,
-            "fps": recording.fps,
-            "camera": camera and camera.model_dump(mode="json", exclude=named),  # type: ignore[arg-type]
-            "floor": floor and floor.model_dump(mode="json", exclude={"source"}),
-        },
-        "settings": settings,
-    }
 
 
 def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:
@@ -86,7 +61,7 @@ def library_versions() -> dict[str, str]:
     return found
 
 
-def _calibration(recording: Any) -> str:
+def calibration_key(recording: Any) -> str:
     """Digest of what a recording was opened with, besides its images: cameras and times of every rig, by number."""
     parts = []
     for one in getattr(recording, "rigs", [None]):
@@ -268,8 +243,8 @@ def checkpoints_in(folder: Path) -> Iterator[Path]:
 
 
 def remove_checkpoints(folder: Path) -> None:
-    """A finished run needs none."""
-    for path in checkpoints_in(folder):
+    """A finished run needs none, nor the parts of its maps between them."""
+    for path in [*checkpoints_in(folder), *folder.glob("maps-[0-9]*.h5")]:
         path.unlink(missing_ok=True)
 
 

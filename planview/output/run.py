@@ -28,7 +28,9 @@ from planview.output.folder import RunInfo, SkippedFrame, folder_lock, prepare_f
 from planview.output.memory import decode, encode
 from planview.output.resume import (
     Checkpoint,
-    identity_of,
+    calibration_key,
+    code_version,
+    content_key,
     library_versions,
     remove_checkpoints,
     write_checkpoint,
@@ -47,9 +49,6 @@ class RunLog(Protocol):
 
     def close(self) -> None:
         """All frames are complete on the disk, whether the run finished or not; it may be resumed."""
-
-    def finish(self) -> None:
-        """After ``close`` of a run that finished: nothing is kept for going on."""
 
 
 def return_unused_memory() -> None:
@@ -285,8 +284,6 @@ class _Run:
             if finished:
                 raise
         if finished:
-            for log in self._logs.values():
-                log.finish()
             remove_checkpoints(self._folder)
         return info
 
@@ -317,19 +314,30 @@ class _Run:
 
 
 def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> dict[str, Any]:
-    """What a run that goes on must share with the one that was interrupted (``checkpoint.identity``).
+    """What a run that goes on must share with the one that was interrupted: all that decides its tracks, as JSON.
 
     Args:
         logs: names of their classes.
     """
-    counts = options.analytics
+    counts, recording = options.analytics, engine.recording
     rules = counts and {"rules": replace(counts.rules, source=""), "params": counts.params}
-    settings = {
-        "tracker": options.tracker,
-        "rules": joblib.hash(rules) if rules else "",
-        "logs": sorted(logs),
-    }
-    return identity_of(engine, settings)
+    camera, floor = engine.camera_info(), engine.floor_info()
+    named = {"calibration": True, "heads": {"__all__": {"calibration"}}}
+    return {
+        "version": library_versions() | {"planview": code_version()},
+        "configuration": engine.config.model_dump(mode="json", exclude={"run"}),
+        "recording": {
+            "images": content_key(recording.path, texts=False) if recording.path.exists() else "",
+            "calibration": calibration_key(recording),
+            "frames": recording.n_frames,
+            "fps": recording.fps,
+            "camera": camera and camera.model_dump(mode="json", exclude=named),  # type: ignore[arg-type]
+            "floor": floor and floor.model_dump(mode="json", exclude={"source"}),
+        },
+        "settings": {
+            "tracker": options.tracker, "rules": joblib.hash(rules) if rules else "", "logs": sorted(logs),
+        },
+    }  # fmt: skip
 
 
 def _info_of(engine: Engine, options: RunOptions) -> RunInfo:

@@ -173,7 +173,7 @@ def _pictures(results: RunResults) -> list[Picture]:
     pictures = []
     places = plots.Places.of(results.tracks)
     if len(places.frame):
-        note = "Each person from the dot to the square; thin where only predicted."
+        note = "Each person from the dot to the square; thin where only predicted. Lines: metres."
         note += " Black: the truth." if results.truth is not None else ""
         truth = plots.Places.of(results.truth) if results.truth is not None else None
         pictures.append(picture("Floor", plots.floor_plot(places, results, truth), note))
