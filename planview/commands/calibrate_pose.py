@@ -28,7 +28,7 @@ from calib.rig import Floor
 from calib.types import U8
 from calib.world import load_world, save_world
 from planview.calibration.floor import AXIS, GRID, FloorDepths, draw_grid, floor_from_tracks, view_floor
-from planview.calibration.people import COMPUTED, collect_samples, crowd, draw_person, draw_samples
+from planview.calibration.people import COMPUTED, collect_samples, crowd, draw_person, draw_samples, floor_around
 from planview.commands.options import Flag, JsonFlag
 from planview.drawing.style import Entry, as_bgr, with_legend
 from planview.engine.config import load_config
@@ -297,11 +297,7 @@ def _picture(found: HumanCalibration, samples: Sequence[HumanSample], video: Vid
     camera = found.camera
     image = _background(camera.size, samples, video)
     given = draw_samples(image, camera, found.model, samples)
-    feet = camera.back_project(np.array([s.foot_px for s in samples]))
-    feet = feet[np.isfinite(feet).all(axis=1)]
-    low, high = (feet.min(axis=0) - 2.0, feet.max(axis=0) + 2.0) if len(feet) else (np.full(2, -5.0), np.full(2, 5.0))
-    extent = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-    crowded = draw_grid(image, camera.project, extent)
+    crowded = draw_grid(image, camera.project, floor_around(camera, samples) or (-5.0, -5.0, 5.0, 5.0))
     for xy in crowd(camera, found.model):
         draw_person(crowded, camera, found.model, xy, COMPUTED)
     return np.hstack([given, crowded])
