@@ -12,7 +12,7 @@ from pydantic import JsonValue, TypeAdapter, ValidationError
 
 from calib.errors import InputError, WorkError
 from calib.params import first_problem
-from planview.counting.events import inward_ways
+from planview.counting.events import inward_ways, way_words
 from planview.drawing.style import ERRORS, as_hex, page_of, person_hex
 from planview.engine.info import CameraInfo
 from planview.evaluation.significant import SignificantError
@@ -183,17 +183,18 @@ def _pictures(results: RunResults) -> list[Picture]:
     if stages:
         pictures.append(picture("Time per stage", plots.stage_plot(stages)))
     rules, end_s = results.rule_counts, results.clock.span(max(1, results.n_frames)).end_s
-    crossings = {
-        name: [(e.timestamp_s, e.direction) for e in results.events if e.rule == name]
-        for name, rule in rules.items()
-        if rule.get("kind") == "tripwire"
-    }
+    inward, crossings = inward_ways(rules), {}
+    for name, rule in rules.items():
+        for way in ("left_to_right", "right_to_left") if rule.get("kind") == "tripwire" else ():
+            times = sorted(e.timestamp_s for e in results.events if (e.rule, e.direction) == (name, way))
+            label = f"{name}, {way_words(way, inward.get(name))}"
+            crossings[label] = [(0.0, 0), *((time_s, n) for n, time_s in enumerate(times, 1))]
     if crossings:
-        pictures.append(picture("Crossings over time", plots.crossings_plot(crossings, end_s, inward_ways(rules))))
+        pictures.append(picture("Crossings over time", plots.steps_plot(crossings, end_s, "crossings")))
     series = {name: rule.get("occupancy") or rule.get("length") for name, rule in rules.items()}
     known = {name: changes for name, changes in series.items() if changes}
     if known:
-        pictures.append(picture("Occupancy and queues", plots.occupancy_plot(known, end_s)))
+        pictures.append(picture("Occupancy and queues", plots.steps_plot(known, end_s, "people")))
     return pictures
 
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from calib.images import encode_image
 from calib.types import F64, I64, Bool
-from planview.counting.events import way_words
 from planview.drawing.plan import PlanPainter
 from planview.drawing.style import TRUTH, Labels, as_bgr, person_rgb
 from planview.output.results import RunResults
@@ -56,50 +55,21 @@ def stage_plot(stages_ms: dict[str, float]) -> bytes:
     return png_bytes(figure)
 
 
-def crossings_plot(
-    crossings: Mapping[str, Sequence[tuple[float, str]]], end_s: float, inward: Mapping[str, str]
-) -> bytes:
-    """Crossings of every tripwire added up over time, one line per direction.
+def steps_plot(series: Mapping[str, Sequence[tuple[float, int]]], end_s: float, label: str) -> bytes:
+    """Whole numbers over time: people in zones and queues, crossings added up.
 
     Args:
-        crossings: (time [s], direction) of every tripwire by name.
-        inward: direction that is in, by tripwire, where one is.
+        series: (time [s], number from then on) by name.
     """
     figure, axes = new_figure(7.0, 2.6)
-    for number, (name, events) in enumerate(crossings.items()):
-        for direction, style in (("left_to_right", "-"), ("right_to_left", "--")):
-            times = sorted(t for t, way in events if way == direction)
-            axes.step(
-                [0.0, *times, max(end_s, *times, 0.0)],
-                [0, *range(1, len(times) + 1), len(times)],
-                style,
-                where="post",
-                color=COLOURS[number % len(COLOURS)],
-                label=plain_text(f"{name}, {way_words(direction, inward.get(name))}"),
-            )
-    _count_axes(axes, "crossings")
-    return png_bytes(figure)
-
-
-def occupancy_plot(series: dict[str, list[tuple[float, int]]], end_s: float) -> bytes:
-    """People in every zone and length of every queue over time.
-
-    Args:
-        series: (time [s], people from then on) of every zone or queue by name.
-    """
-    figure, axes = new_figure(7.0, 2.6)
-    for number, (name, changes) in enumerate(series.items()):
-        times = [t for t, _ in changes]
-        numbers = [n for _, n in changes]
+    for place, (name, changes) in enumerate(series.items()):
+        times, numbers = zip(*changes, strict=True)
+        colour = COLOURS[place % len(COLOURS)]
         axes.step(
-            [*times, max(end_s, times[-1])],
-            [*numbers, numbers[-1]],
-            where="post",
-            color=COLOURS[number % len(COLOURS)],
-            label=plain_text(name),
+            [*times, max(end_s, times[-1])], [*numbers, numbers[-1]], where="post", color=colour, label=plain_text(name)
         )
     axes.set_ylim(0, 1.1 * max(1.0, axes.get_ylim()[1]))
-    _count_axes(axes, "people")
+    _count_axes(axes, label)
     return png_bytes(figure)
 
 
@@ -175,6 +145,8 @@ class Places(NamedTuple):
 
         A way begins with the last row of the one before, where that leads to it.
         """
+        if not len(self.frame):
+            return []
         joined = (np.diff(self.track_id) == 0) & (np.diff(self.frame) == 1)
         starts = np.flatnonzero(~joined | (np.diff(self.is_lost) != 0)) + 1
         first = starts - joined[starts - 1]
