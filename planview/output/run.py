@@ -303,7 +303,7 @@ class _Run:
                 "frames_skipped": len(skipped),
                 # run.json names at most so many skipped frames.
                 "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:1000]],
-                "stages_ms": {stage: float(np.median(times)) for stage, times in totals.stages.items()},
+                "stages_ms": {stage: float(np.median(list(times))) for stage, times in totals.stages.items()},
                 "pace": self._options.pace and self._options.pace.info(),
                 "people": len(totals.people),
                 "remark": totals.remark(),

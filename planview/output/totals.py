@@ -172,7 +172,7 @@ class Pace:
         """Frames dropped and latencies so far."""
         if not self._latencies:
             return PaceInfo(frames_dropped=self._dropped)
-        median, late, latest = np.percentile(self._latencies, (50, 95, 99)).tolist()
+        median, late, latest = np.percentile(list(self._latencies), (50, 95, 99)).tolist()
         return PaceInfo(
             frames_dropped=self._dropped, latency_median_ms=median, latency_95_ms=late, latency_99_ms=latest
         )

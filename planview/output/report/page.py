@@ -183,7 +183,8 @@ def _pictures(results: RunResults) -> list[Picture]:
     if stages:
         pictures.append(picture("Time per stage", plots.stage_plot(stages)))
     rules, end_s = results.rule_counts, results.clock.span(max(1, results.n_frames)).end_s
-    inward, crossings = inward_ways(rules), {}
+    inward = inward_ways(rules)
+    crossings: dict[str, list[tuple[float, int]]] = {}
     for name, rule in rules.items():
         for way in ("left_to_right", "right_to_left") if rule.get("kind") == "tripwire" else ():
             times = sorted(e.timestamp_s for e in results.events if (e.rule, e.direction) == (name, way))

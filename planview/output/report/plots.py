@@ -163,8 +163,8 @@ def floor_plot(tracks: Places, run: RunResults, truth: Places | None = None) -> 
     """
     painter = _painter(run)
     picture = painter.paper.copy()
-    for places in (truth, tracks):
-        for way in places.ways() if places is not None else ():
+    for places in (tracks,) if truth is None else (truth, tracks):
+        for way in places.ways():
             colour = TRUTH if places is truth else person_rgb(int(places.track_id[way.stop - 1]))
             width = 1 if places is truth or places.is_lost[way.stop - 1] else 2
             cv2.polylines(picture, [painter.px(places.xy_m[way])], False, as_bgr(colour), width, cv2.LINE_AA)

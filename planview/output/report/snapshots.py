@@ -53,7 +53,7 @@ def read_decision_log(path: Path, people: set[int]) -> dict[int, dict[str, Any]]
                 scores.append([float(row.get(name) or "nan") for name in ("frame", "value", *TERMS)])
             else:
                 mine.append((row["frame"], f"{float(row['timestamp_s']):.2f}", row["kind"], row["reason"]))
-    logs = {}
+    logs: dict[int, dict[str, Any]] = {}
     for person, mine in decided.items():
         events = [*mine[: EVENTS_MAX - 10], *mine[-10:]] if len(mine) > EVENTS_MAX else mine
         words = _sentence(np.array(matches[person], dtype=np.float64).reshape(-1, 2 + len(TERMS)))

@@ -69,8 +69,8 @@ def mosaic(tiles: Mapping[str, F32 | U8]) -> U8:
     """Small images side by side in the order of their names; one by one they would take ten times the room."""
     grey: list[U8] = []
     for _, tile in sorted(tiles.items()):  # numbers with the full range of grey, their first row below
-        light = tile / max(float(tile.max()), 1e-9) * 255
-        grey.append(tile if tile.dtype == np.uint8 else np.clip(light, 0, 255).astype(np.uint8)[::-1])  # type: ignore[arg-type]
+        light = np.clip(tile / max(float(tile.max()), 1e-9) * 255, 0, 255)[::-1]
+        grey.append(np.asarray(tile if tile.dtype == np.uint8 else light, dtype=np.uint8))
     height = max(tile.shape[0] for tile in grey)
     return np.hstack([np.pad(tile, ((0, height - tile.shape[0]), (0, 1))) for tile in grey])
 
@@ -106,7 +106,7 @@ def point_colours(result: FrameResult) -> U8 | None:
             image, width = rig.image, rig.foreground.shape[1]
             rows, cols = np.divmod(rig.points.pixels, width)
             step = -(-image.shape[1] // width)
-            parts.append(_rgb(image)[rows * step, cols * step])
+            parts.append(np.asarray(as_colour(image)[rows * step, cols * step, ::-1], dtype=np.uint8))
     return np.concatenate(parts) if result.rigs else None
 
 
