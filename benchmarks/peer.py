@@ -156,9 +156,6 @@ class PeerLog:
         """See ``RunLog``; a benchmark is not resumed."""
         return {}
 
-    def finish(self) -> None:
-        """See ``RunLog``."""
-
     def close(self) -> None:
         """Write the tracks."""
         text = io.StringIO()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.floor.find import PeopleSeen, floor_from_people, floor_from_points
+from calib.floor.find import PeopleSeen, floor_from_people
 from calib.images import as_colour
 from calib.rig import Floor
 from calib.types import F32, F64, U8
@@ -88,11 +88,6 @@ def view_floor(recording: StereoRecording, search: FloorSearch) -> FloorDepths:
     estimator = FloorEstimator(rectifier, search)
     pairs = tuple(rectifier(frame.left, frame.right) for frame in frames)
     return FloorDepths(estimator, pairs, tuple(estimator.depth(pair) for pair in pairs))
-
-
-def given_floor(view: FloorDepths, points: F64, pixels: bool) -> Floor:
-    """The floor through points by hand: pixels of the rectified left image, or metres in its camera frame."""
-    return floor_from_points(view.points_at(points) if pixels else points, "--points")
 
 
 def floor_from_tracks(

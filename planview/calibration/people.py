@@ -50,6 +50,16 @@ def draw_person(
         _dot(canvas, model.foot(camera, xy_m), colour)
 
 
+def floor_around(camera: GroundCamera, samples: Sequence[HumanSample]) -> tuple[float, float, float, float] | None:
+    """The floor 2 m around where people of samples stand [m]; None where none stands on it."""
+    feet = camera.back_project(np.array([s.foot_px for s in samples]).reshape(-1, 2))
+    feet = feet[np.isfinite(feet).all(axis=1)]
+    if not len(feet):
+        return None
+    (x_min, y_min), (x_max, y_max) = (feet.min(axis=0) - 2.0).tolist(), (feet.max(axis=0) + 2.0).tolist()
+    return x_min, y_min, x_max, y_max
+
+
 def crowd(camera: GroundCamera, model: HumanModel, columns: int = 6, rows: int = 4) -> F64:
     """(N, 2) floor positions [m] with feet on an even grid of pixels, where a whole person is in the image."""
     u = (np.arange(columns) + 0.5) / columns * camera.width

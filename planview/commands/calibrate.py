@@ -20,7 +20,6 @@ from calib.board.solve import BoardCalibration
 from calib.errors import InputError, WorkError
 from calib.formats import calibration_files, load_rig, write_rig
 from calib.io import parse_length, parse_size
-from calib.rig import StereoRig
 from calib.world import save_rigs
 from planview.calibration.align import AlignParams, RigAlignment, align_records, check_inside, rig_entries
 from planview.calibration.board import BoardRequest, calibrate_images
@@ -45,7 +44,6 @@ class AlignOptions:
     set_: Annotated[Sequence[str], Parameter(name="--set")] = ()
     """One parameter of a run; may be given several times."""
     json_output: JsonFlag = False
-    """Print one JSON object to standard output."""
 
 
 def calibrate_align(first: Path, second: Path, /, *others: Path, options: AlignOptions | None = None) -> None:
@@ -143,7 +141,6 @@ class BoardOptions:
     model: Literal["auto", "brown", "rational", "fisheye"] = "auto"
     """Lens model; auto judges them on views left out of the fit."""
     json_: JsonFlag = False
-    """Print one JSON object on stdout."""
 
 
 def calibrate_board(images: Path, /, *, square: str, options: BoardOptions | None = None) -> None:
@@ -276,8 +273,6 @@ def calibrate_convert(
         Left and right camera of a file with more than two, e.g. cam1,cam2.
     swap
         The file calls the right camera left.
-    json_
-        Print one JSON object on stdout.
     """
     rig = load_rig(
         source,
@@ -290,19 +285,8 @@ def calibrate_convert(
     print(f"{rig.source}: baseline {rig.baseline_m:.4f} m, {rig.left.width}x{rig.left.height}", file=sys.stderr)
     print(f"wrote {', '.join(map(str, written))}", file=sys.stderr)
     if json_:
-        print(json.dumps(_result(rig, written)))
-
-
-def _result(rig: StereoRig, written: list[Path]) -> dict[str, Any]:
-    """The ``--json`` object."""
-    return {
-        "source": rig.source,
-        "baseline_m": rig.baseline_m,
-        "width": rig.left.width,
-        "height": rig.left.height,
-        "model": rig.left.model,
-        "files": [str(path) for path in written],
-    }
+        found = {"source": rig.source, "baseline_m": rig.baseline_m, "width": rig.left.width, "height": rig.left.height}
+        print(json.dumps(found | {"model": rig.left.model, "files": [str(path) for path in written]}))
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from calib.errors import InputError
-from calib.floor.find import parse_points
+from calib.floor.find import floor_from_points, parse_points
 from calib.ground_camera import LENS_K_320, save_ground_camera
 from calib.images import as_colour, write_image
 from calib.io import parse_size, reason
@@ -27,8 +27,8 @@ from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import U8
 from calib.world import load_world, save_world
-from planview.calibration.floor import AXIS, GRID, FloorDepths, draw_grid, floor_from_tracks, given_floor, view_floor
-from planview.calibration.people import COMPUTED, collect_samples, crowd, draw_person, draw_samples
+from planview.calibration.floor import AXIS, GRID, FloorDepths, draw_grid, floor_from_tracks, view_floor
+from planview.calibration.people import COMPUTED, collect_samples, crowd, draw_person, draw_samples, floor_around
 from planview.commands.options import Flag, JsonFlag
 from planview.drawing.style import Entry, as_bgr, with_legend
 from planview.engine.config import load_config
@@ -66,7 +66,6 @@ class FloorOptions:
     config: Path | None = None
     """TOML file with the parameters of a run: analysis.setup_frames and tables rectify, sgbm, range, floor."""
     json_output: JsonFlag = False
-    """Print one JSON object to standard output."""
 
 
 def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> None:
@@ -94,12 +93,13 @@ def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> 
     if options.frames is not None:
         search = search.model_copy(update={"frames": options.frames})
     console = PlainConsole(stderr=True)
-    points = parse_points(options.points) if options.points else None
+    given = parse_points(options.points) if options.points else None
     opened = open_recording(recording, OpenOptions(options.calibration))
     with console.status(f"Looking at {search.frames} frames"):
         view = view_floor(opened, search)
-        if points is not None:
-            floor = given_floor(view, *points)
+        if given is not None:
+            points, are_pixels = given
+            floor = floor_from_points(view.points_at(points) if are_pixels else points, "--points")
         elif options.tracks is not None:
             file = options.tracks / "tracks.csv" if options.tracks.is_dir() else options.tracks
             floor = floor_from_tracks(opened, view, read_tracks(file), _floor_of_run(opened, file), file)
@@ -202,7 +202,6 @@ class HumanOptions:
     count: int = 50
     """How many samples --auto takes."""
     json_output: JsonFlag = False
-    """Print one JSON object to standard output."""
 
 
 def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> None:
@@ -298,11 +297,7 @@ def _picture(found: HumanCalibration, samples: Sequence[HumanSample], video: Vid
     camera = found.camera
     image = _background(camera.size, samples, video)
     given = draw_samples(image, camera, found.model, samples)
-    feet = camera.back_project(np.array([s.foot_px for s in samples]))
-    feet = feet[np.isfinite(feet).all(axis=1)]
-    low, high = (feet.min(axis=0) - 2.0, feet.max(axis=0) + 2.0) if len(feet) else (np.full(2, -5.0), np.full(2, 5.0))
-    extent = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-    crowded = draw_grid(image, camera.project, extent)
+    crowded = draw_grid(image, camera.project, floor_around(camera, samples) or (-5.0, -5.0, 5.0, 5.0))
     for xy in crowd(camera, found.model):
         draw_person(crowded, camera, found.model, xy, COMPUTED)
     return np.hstack([given, crowded])

@@ -14,8 +14,7 @@ from stereo.readers import OpenOptions
 
 Flag = Annotated[bool, Parameter(negative="")]
 """A switch that is off unless it is given; there is no --no-... of it."""
-JsonFlag = Annotated[bool, Parameter(name="--json", negative="")]
-"""The switch --json: one JSON object on standard output."""
+JsonFlag = Annotated[bool, Parameter(name="--json", negative="", help="Print one JSON object to standard output.")]
 
 _Table = TypeVar("_Table", bound=Params)
 

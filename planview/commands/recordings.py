@@ -71,8 +71,6 @@ def check(
         File to write the calibration to as the recording corrects it (rig.toml), for other recordings of the rig.
     config
         TOML file with the parameters of the run to come: analysis.setup_frames and tables rectify, sgbm, range, floor.
-    json_output
-        Print one JSON object.
     """
     opening = open_options(calibration, fps, topics)
     if quick:

@@ -7,7 +7,6 @@ import subprocess
 import sysconfig
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from cyclopts import Parameter
@@ -22,9 +21,6 @@ from planview.output.render import SceneComposer, VideoWriter, scene_pictures_of
 from planview.output.report.compare import write_comparison
 from planview.output.report.page import write_report
 from planview.output.results import read_results
-
-if TYPE_CHECKING:
-    from planview.output.scene import SceneFrames
 
 
 def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -> None:
@@ -101,14 +97,10 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
     if options.png is not None and options.frame is None:
         raise InputError("--png: expected --frame N with it, found none")
     console = PlainConsole(stderr=True, soft_wrap=True)
-    from planview.output.scene import open_frames  # the engine's parts take half a second
+    from planview.output.scene import frames_or_none  # the engine's parts take half a second
 
     results = read_results(folder, options.truth)
-    frames: SceneFrames | None = None
-    try:
-        frames = open_frames(results.info)
-    except (InputError, WorkError) as error:
-        console.print(f"the floor alone is drawn: {error}")
+    frames = frames_or_none(results.info, console.print)
     composer = SceneComposer(results, frames, options.trail, plan=not options.no_plan, truth=not options.no_truth)
     end = results.n_frames - 1
     if options.frame is not None:

@@ -11,7 +11,7 @@ import numpy as np
 from cyclopts import Group, Parameter
 from rich.console import Console
 
-from calib.errors import InputError, WorkError
+from calib.errors import InputError
 from calib.images import write_image
 from calib.io import load_toml
 from planview.commands.options import Flag, JsonFlag, open_options
@@ -34,7 +34,7 @@ from planview.output.results import read_results
 from planview.output.resume import checkpoint_of
 from planview.output.run import RunLog, RunOptions, begin_run, run_identity
 from planview.output.run import run as run_engine
-from planview.output.scene import SceneFrames, open_frames
+from planview.output.scene import frames_or_none
 from planview.output.totals import Pace
 from planview.synthetic.assets import DEMO
 from planview.trajectories.table import read_tracks
@@ -229,11 +229,7 @@ def replay(
     console.print(f"tracked from {replayed.source}")
     for line in difference_text(results, replayed, frame):
         PlainConsole(soft_wrap=True, highlight=False).print(line)
-    frames: SceneFrames | None = None
-    try:
-        frames = open_frames(results.info)
-    except (InputError, WorkError) as error:
-        console.print(f"the floor alone is drawn: {error}")
+    frames = frames_or_none(results.info, console.print)
     path = png or folder / f"replay-{frame}.png"
     write_image(path, difference_picture(results, replayed, frames, frame, ", ".join(set_) or "again"))
     console.print(str(path))
@@ -252,8 +248,6 @@ def demo(
     ----------
     out
         Folder for the results; results of an earlier demo there are replaced.
-    json_output
-        Print the metrics as one JSON object.
     """
     if not DEMO.is_dir():
         raise InputError(

@@ -60,7 +60,6 @@ class EvaluateOptions:
     benchmark: Flag = False
     """Also flux, density, position, trajectory and continuity, a number each (after arXiv 2108.11719)."""
     json_output: JsonFlag = False
-    """Print one JSON object."""
 
 
 def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOptions | None = None) -> None:
@@ -248,7 +247,6 @@ class CountOptions:
     out: Path | None = None
     """Folder for events.csv and counts.json; by default beside a file named tracks.csv, else nowhere."""
     json_output: JsonFlag = False
-    """Print one JSON object."""
 
 
 def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> None:

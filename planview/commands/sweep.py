@@ -16,7 +16,7 @@ from planview.commands.options import JsonFlag
 from planview.output.progress import PlainConsole
 from planview.sweep.results import why_no_intervals
 from planview.sweep.study import FIGURES, RecordingEntry, Study, load_study, varied
-from planview.sweep.sweep import StudyProgress, StudyResults, run_study
+from planview.sweep.sweep import StudyResults, run_study
 from planview.sweep.work import ClusterPool, ProcessPool
 
 FAILED_MAX = 20
@@ -40,7 +40,6 @@ class SweepOptions:
     cluster: str | None = None
     """Address of a Dask scheduler (tcp://HOST:PORT) whose workers share this file system, instead of processes here."""
     json_output: JsonFlag = False
-    """Print one JSON object: runs, ranking, failed."""
 
 
 def sweep(
@@ -67,8 +66,7 @@ def sweep(
     study, names, out = _study(sources, options)
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     here = ProcessPool(options.jobs) if options.cluster is None else None
-    with StudyProgress(console) as watch:
-        results = run_study(study, names, out, lambda: here or ClusterPool(options.cluster or ""), watch)
+    results = run_study(study, names, out, lambda: here or ClusterPool(options.cluster or ""), console)
     if options.json_output:
         print(json.dumps(_json(results, out)))
     else:

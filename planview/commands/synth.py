@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from calib.errors import InputError
+from planview.commands.options import JsonFlag
 
 if TYPE_CHECKING:
     from planview.synthetic.write import Storage, Written
@@ -26,7 +27,7 @@ def synth(
     jpeg: Annotated[bool, Parameter(help="JPEG instead of PNG images")] = False,
     opencv: Annotated[bool, Parameter(help="also write intrinsics.yml and extrinsics.yml")] = False,
     world: Annotated[bool, Parameter(help="also write world.toml, so that the floor need not be found")] = False,
-    json_output: Annotated[bool, Parameter(name="--json", help="print one JSON object on stdout")] = False,
+    json_output: JsonFlag = False,
 ) -> None:
     """Render a recording with calibration and exact truth from a TOML scene.
 

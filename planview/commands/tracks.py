@@ -56,7 +56,6 @@ class EditOptions:
     """Improve the tracks instead, since the whole recording is known: fragments of one person are joined, and positions
     smoothed backwards. tracks_online.csv keeps the online tracks; refinement.csv gives the reason of every change."""
     json_output: JsonFlag = False
-    """Print one JSON object."""
 
 
 def edit(out: Path, *, options: EditOptions | None = None) -> None:

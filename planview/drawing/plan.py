@@ -108,6 +108,9 @@ class PlanPainter:
         size: (width, height) of the pictures [px]; the floor is fitted into them.
         cameras: place on the floor (x, y) [m] and outline of the view (N, 2) [m] of every camera.
         rules: tripwires and zones.
+    Attributes:
+        paper: (H, W, 3) uint8 BGR, the floor without people.
+        scale: [px/m].
     """
 
     def __init__(
@@ -119,21 +122,21 @@ class PlanPainter:
     ) -> None:
         self._bounds, self._size = bounds, size
         wide, high = bounds.x_max_m - bounds.x_min_m, bounds.y_max_m - bounds.y_min_m
-        self._scale = min(size[0] / wide, size[1] / high)
+        self.scale = min(size[0] / wide, size[1] / high)
         self._middle = np.array([(bounds.x_min_m + bounds.x_max_m) / 2, (bounds.y_min_m + bounds.y_max_m) / 2])
         picture = np.full((self._size[1], self._size[0], 3), _PAPER, dtype=np.uint8)
         for _, outline in cameras:
             if len(outline) > 2:
-                cv2.fillPoly(picture, [self._px(outline)], _VIEW, cv2.LINE_AA)
+                cv2.fillPoly(picture, [self.px(outline)], _VIEW, cv2.LINE_AA)
         # Lines every metre, or every 5 or 10 where metres are too fine; their coordinates along two sides.
         width, height = self._size
-        step = next((s for s in (1, 2, 5, 10, 20, 50) if s * self._scale >= 22), 100)
-        corners = self._middle + np.array([(-width, -height), (width, height)]) / 2 / self._scale
+        step = next((s for s in (1, 2, 5, 10, 20, 50) if s * self.scale >= 22), 100)
+        corners = self._middle + np.array([(-width, -height), (width, height)]) / 2 / self.scale
         for axis, along in ((0, height), (1, width)):
             for metre in range(math.ceil(corners[0, axis] / step) * step, math.floor(corners[1, axis]) + 1, step):
                 place = np.array(self._middle)
                 place[axis] = metre
-                at = int(self._px(place[None])[0][axis])
+                at = int(self.px(place[None])[0][axis])
                 ends = ((at, 0), (at, along)) if axis == 0 else ((0, at), (along, at))
                 cv2.line(picture, *ends, _LINE, 2 if metre % (5 * step) == 0 else 1)
                 text = (at + 2, height - 4) if axis == 0 else (2, at - 2)
@@ -142,39 +145,39 @@ class PlanPainter:
         for rule in rules:
             if rule.on_floor:
                 colour = TRIPWIRE if rule.is_line else ZONE
-                cv2.polylines(picture, [self._px(rule.points)], not rule.is_line, as_bgr(colour), 2, cv2.LINE_AA)
-                labels.put(rule.name, self._px(rule.points[:1])[0].tolist(), colour)
+                cv2.polylines(picture, [self.px(rule.points)], not rule.is_line, as_bgr(colour), 2, cv2.LINE_AA)
+                labels.put(rule.name, self.px(rule.points[:1])[0].tolist(), colour)
         for at_m, _ in cameras:
             cv2.drawMarker(
-                picture, self._px(np.array([at_m]))[0].tolist(), (60, 60, 60), cv2.MARKER_TRIANGLE_DOWN, 14, 2
+                picture, self.px(np.array([at_m]))[0].tolist(), (60, 60, 60), cv2.MARKER_TRIANGLE_DOWN, 14, 2
             )
-        self._paper = picture
+        self.paper = picture
 
     def __call__(self, snapshot: Snapshot) -> U8:
         """(H, W, 3) uint8 BGR."""
-        picture = self._paper.copy()
+        picture = self.paper.copy()
         labels = Labels(picture)
         for person in snapshot.people:
             trail = snapshot.trails.get(person.track_id)
             if trail is not None and len(trail) > 1 and person.state != "tentative":
                 colour = as_bgr(person_rgb(person.track_id))
-                cv2.polylines(picture, [self._px(trail)], False, colour, 2, cv2.LINE_AA)
+                cv2.polylines(picture, [self.px(trail)], False, colour, 2, cv2.LINE_AA)
         for person in snapshot.truth:
             if not math.isnan(person.x_m):
-                at = self._px(np.array([(person.x_m, person.y_m)]))[0].tolist()
+                at = self.px(np.array([(person.x_m, person.y_m)]))[0].tolist()
                 cv2.drawMarker(picture, at, as_bgr(TRUTH), cv2.MARKER_TILTED_CROSS, 15, 2)
         for person in snapshot.people:
             if math.isnan(person.x_m):
                 continue
-            x, y = self._px(np.array([(person.x_m, person.y_m)]))[0].tolist()
+            x, y = self.px(np.array([(person.x_m, person.y_m)]))[0].tolist()
             colour = as_bgr(person_rgb(person.track_id, person.state))
             cv2.circle(picture, (x, y), 6, colour, 2 if person.state == "lost" else -1, cv2.LINE_AA)
             if person.state != "tentative":
                 labels.put(str(person.track_id), (x + 8, y - 4), person_rgb(person.track_id, person.state))
         return picture
 
-    def _px(self, places_m: F64) -> I32:
+    def px(self, places_m: F64) -> I32:
         """(N, 2) pixels of (N, 2) places [m]; y points up."""
         known = np.nan_to_num(places_m) - self._middle
-        pixels = np.array(self._size) / 2 + known * self._scale * (1, -1)
+        pixels = np.array(self._size) / 2 + known * self.scale * (1, -1)
         return np.asarray(np.clip(np.round(pixels), -(2**14), 2**14), dtype=np.int32)

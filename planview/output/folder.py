@@ -52,7 +52,7 @@ class PaceInfo(InfoPart):
     frames_dropped: int = 0
     """Frames that were due while earlier ones were tracked, and gave way to newer ones."""
     latency_median_ms: float | None = None
-    """None before the first frame, as are the two others; of an even sample of at most 4096 frames."""
+    """None before the first frame, as are the two others; of the last 4096 frames."""
     latency_95_ms: float | None = None
     """95 % of the frames are not later [ms]."""
     latency_99_ms: float | None = None

@@ -73,11 +73,6 @@ class MapsLog:
                     writer.add(frame)
             writer.close(self._engine.recording.skipped)
 
-    def finish(self) -> None:
-        """See ``RunLog``."""
-        for path in self._part_paths():
-            path.unlink(missing_ok=True)
-
     @property
     def _open_path(self) -> Path:
         return self._path.with_name(self._path.name + PART)

@@ -1,28 +1,24 @@
 """The memory of an engine as plain values (JSON) and blocks of bytes, and back.
 
-Every value becomes itself (None, bool, int, float, str) or a reference ``{"#": n}`` to a node ``[kind, ...]`` of a
-list. Objects that are shared, and cycles, stay so. Arrays keep their strides, and arrays that share memory keep sharing
-it: results of numpy may depend on either. No code is taken from a file: classes are found by name among those of the
-project, instances are made without calling anything of theirs, and attributes are set. Machinery (threads) comes from
-the object in whose place the restored one goes.
+Every value becomes itself (None, bool, int, float, str) or a reference ``{"#": n}`` to a node ``[kind, content, ...]``
+of a list. Objects that are shared, and cycles, stay so. Arrays keep their strides, and arrays that share memory keep
+sharing it: results of numpy may depend on either. No code is taken from a file: classes are found by name among those
+of the project, instances are made without calling anything of theirs, and attributes are set. Machinery (threads)
+comes from the object in whose place the restored one goes.
 """
 
 from __future__ import annotations
 
-import ctypes
 import math
 import sys
 from collections import deque
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from enum import Enum
-from pathlib import Path, PurePath
-from types import FunctionType
 from typing import Any, Generic, NamedTuple, Protocol
 
 import numpy as np
+from pydantic import BaseModel
 
-from calib.params import Params
 from calib.types import U8, AnyArray
 
 PACKAGES = frozenset({"calib", "stereo", "planview"})
@@ -30,7 +26,8 @@ KEPT = (ThreadPoolExecutor,)
 """Machinery without memory of frames: a resumed run keeps its own."""
 PLAIN = (type(None), bool, int, float, str)
 BIT_GENERATORS = ("PCG64", "PCG64DXSM", "Philox", "SFC64", "MT19937")
-_SEQUENCES: dict[type[Any], str] = {list: "list", tuple: "tuple", set: "set", frozenset: "frozenset"}
+_OPEN: dict[str, type[Any]] = {"list": list, "set": set, "dict": dict, "deque": deque}
+"""What may hold itself: made first, filled then."""
 
 
 class Encoded(NamedTuple):
@@ -47,39 +44,30 @@ class Encoded(NamedTuple):
     blocks: list[U8]
 
 
-def name_of(what: Any) -> str:
-    """A class or function of the project as "module:qualified name"."""
-    return f"{what.__module__}:{what.__qualname__}"
-
-
-def _named(module: str, path: str) -> Any:
-    """What has a name in a loaded module of the project; None for all else."""
+def _named(name: str) -> Any:
+    """What is called "module:qualified name" in a loaded module of the project; None for all else."""
+    module, _, path = name.partition(":")
     found: Any = sys.modules.get(module) if module.partition(".")[0] in PACKAGES else None
     for part in path.split("."):
         found = getattr(found, part, None)
     return found
 
 
-def _is_own(what: Any) -> bool:
-    """Whether a class or function is the project's, and can be found again by its name."""
-    found = _named(getattr(what, "__module__", None) or "", getattr(what, "__qualname__", ""))
-    return found is not None and found is what
+def _name_of(cls: type[Any]) -> str:
+    return f"{cls.__module__}:{cls.__qualname__}"
 
 
 def _kind_of(cls: type[Any]) -> str:
     """The kind of node for instances of a class; empty where a checkpoint cannot hold them.
 
-    Parameters (pydantic), named tuples and enumerations of ours, and objects that are their attributes and no more.
+    Named tuples of ours, and objects that are their attributes and no more.
     """
-    if not _is_own(cls):
+    if _named(_name_of(cls)) is not cls:
         return ""
-    if issubclass(cls, Enum):
-        return "enum"
     if issubclass(cls, tuple):
         return "record" if hasattr(cls, "_fields") else ""
-    if issubclass(cls, Params):
-        return "params"
-    return "object" if all(base in (object, Generic, Protocol) or _is_own(base) for base in cls.__mro__) else ""
+    others = (object, Generic, Protocol, BaseModel)
+    return "object" if all(base in others or _named(_name_of(base)) is base for base in cls.__mro__) else ""
 
 
 def encode(roots: Mapping[str, object]) -> Encoded:
@@ -90,15 +78,16 @@ def encode(roots: Mapping[str, object]) -> Encoded:
     """
     encoder = _Encoder()
     values = {name: encoder.value(root, name) for name, root in roots.items()}
-    return Encoded(values, encoder.nodes, encoder.place_arrays())
+    return Encoded(values, encoder.nodes, encoder.blocks)
 
 
 class _Encoder:
     def __init__(self) -> None:
         self.nodes: list[list[Any]] = []
+        self.blocks: list[U8] = []
         self._known: dict[int, int] = {}
+        self._owners: dict[int, int] = {}
         self._alive: list[object] = []  # as long as their ids are in use
-        self._arrays: list[tuple[int, AnyArray]] = []
 
     def value(self, value: Any, path: str) -> Any:
         """A plain value, or a reference to the node of anything else."""
@@ -109,80 +98,52 @@ class _Encoder:
             number = self._known[id(value)] = len(self.nodes)
             self.nodes.append([])
             self._alive.append(value)
-            self.nodes[number] = self._node(value, path, number)
+            self.nodes[number] = self._node(value, path)
         return {"#": number}
 
-    def _node(self, value: Any, path: str, number: int) -> list[Any]:
+    def _node(self, value: Any, path: str) -> list[Any]:
         cls = type(value)
-        if cls in _SEQUENCES:
-            return [_SEQUENCES[cls], self._all(value, path)]
         if cls is dict:
-            return ["dict", [[self.value(k, path), self.value(held, path + "[]")] for k, held in value.items()]]
+            return ["dict", [self._all(pair, path) for pair in value.items()]]
         if cls is deque:
-            return ["deque", value.maxlen, self._all(value, path)]
-        if cls is bytes:
-            return ["bytes", value.hex()]
-        if isinstance(value, PurePath):
-            return ["path", str(value)]
+            return ["deque", self._all(value, path), value.maxlen]
+        if cls in (list, tuple, set, frozenset):
+            return [cls.__name__, self._all(value, path)]
         if isinstance(value, KEPT):
-            return ["kept"]
+            return ["kept", None]
         if (cls is np.ndarray or isinstance(value, np.generic)) and not value.dtype.hasobject:
-            array = np.asarray(value)
-            self._arrays.append((number, array))
-            layout = [np.lib.format.dtype_to_descr(array.dtype), list(array.shape), list(array.strides)]
-            return ["array" if cls is np.ndarray else "scalar", *layout, bool(array.flags.writeable)]
+            return ["array" if cls is np.ndarray else "scalar", self._array(np.asarray(value))]
         if isinstance(value, np.random.Generator) and type(value.bit_generator).__name__ in BIT_GENERATORS:
             bits = value.bit_generator
-            return ["generator", type(bits).__name__, self.value(dict(bits.state), path)]
-        if isinstance(value, type) or isinstance(getattr(value, "py_func", value), FunctionType):
-            if _is_own(value):
-                return ["name", name_of(value)]
-        elif kind := _kind_of(cls):
-            if kind == "enum":
-                return [kind, name_of(cls), value.name]
-            if kind == "record":
-                return [kind, name_of(cls), self._all(value, path)]
+            return ["generator", self.value(dict(bits.state), path), type(bits).__name__]
+        kind = _kind_of(cls)
+        if kind == "record":
+            return [kind, self._all(value, path), _name_of(cls)]
+        if kind == "object":
             attributes = dict(getattr(value, "__dict__", {}))
-            for name in _slots_of(cls) if kind == "object" else ():
-                if hasattr(value, name):
-                    attributes[name] = getattr(value, name)
-            return [kind, name_of(cls), {name: self.value(v, f"{path}.{name}") for name, v in attributes.items()}]
+            attributes |= {name: getattr(value, name) for name in _slots_of(cls) if hasattr(value, name)}
+            content = {name: self.value(held, f"{path}.{name}") for name, held in attributes.items()}
+            return [kind, content, _name_of(cls)]
         raise TypeError(f"{path} is of class {cls.__module__}.{cls.__qualname__}, which a checkpoint cannot hold")
 
     def _all(self, values: Any, path: str) -> list[Any]:
         return [self.value(value, f"{path}[{n}]") for n, value in enumerate(values)]
 
-    def place_arrays(self) -> list[U8]:
-        """Copies of the memory that arrays lie in; to the arrays' nodes their block and offset are added.
-
-        Blocks are in the order of the first of their arrays, wherever these lie: the same objects are encoded the same
-        in every process.
-        """
-        spans = sorted((*_span(array), number, array) for number, array in self._arrays)
-        blocks: list[tuple[int, int]] = []
-        holders: list[list[tuple[int, int]]] = []
-        for low, high, number, array in spans:
-            if blocks and low < blocks[-1][1]:
-                blocks[-1] = blocks[-1][0], max(high, blocks[-1][1])
-            else:
-                blocks.append((low, high))
-                holders.append([])
-            holders[-1].append((number, int(array.__array_interface__["data"][0]) - blocks[-1][0]))
-        order = sorted(range(len(blocks)), key=lambda n: min(holders[n]))
-        for place, n in enumerate(order):
-            for number, offset in holders[n]:
-                self.nodes[number] += [place, offset]
-        spanned = [blocks[n] for n in order]
-        return [np.frombuffer(ctypes.string_at(low, high - low), dtype=np.uint8).copy() for low, high in spanned]
-
-
-def _span(array: AnyArray) -> tuple[int, int]:
-    """First and last address + 1 of an array's items."""
-    low = high = int(array.__array_interface__["data"][0])
-    if array.size == 0:
-        return low, low
-    reaches = [(size - 1) * stride for size, stride in zip(array.shape, array.strides, strict=True)]
-    return low + sum(min(reach, 0) for reach in reaches), high + sum(max(r, 0) for r in reaches) + array.itemsize
+    def _array(self, array: AnyArray) -> list[Any]:
+        """Kind, layout, and where it lies: in the block of the array that owns its memory."""
+        owner = array
+        while isinstance(owner.base, np.ndarray):
+            owner = owner.base
+        outer = owner.transpose(np.argsort(owner.strides, kind="stable")[::-1])
+        if not outer.flags.c_contiguous:  # memory of another library, with gaps
+            owner = outer = array = array.copy()
+        if id(owner) not in self._owners:
+            self._owners[id(owner)] = len(self.blocks)
+            self._alive.append(owner)
+            self.blocks.append(outer.flatten().view(np.uint8))
+        offset = array.__array_interface__["data"][0] - owner.__array_interface__["data"][0]
+        layout = [np.lib.format.dtype_to_descr(array.dtype), list(array.shape), list(array.strides)]
+        return [*layout, bool(array.flags.writeable), self._owners[id(owner)], offset]
 
 
 def _slots_of(cls: type[Any]) -> list[str]:
@@ -224,9 +185,9 @@ class _Decoder:
 
     def fill(self, number: int, present: object, name: str) -> None:
         """Make the restored object of a node in place of the present one."""
-        kind, class_name, attributes = self._encoded.nodes[number]
-        if kind != "object" or class_name != name_of(type(present)):
-            raise ValueError(f"expected the memory of {name_of(type(present))} for {name}, found another")
+        kind, attributes, class_name = self._encoded.nodes[number]
+        if kind != "object" or class_name != _name_of(type(present)):
+            raise ValueError(f"expected the memory of {_name_of(type(present))} for {name}, found another")
         self._made[number] = present
         for extra in set(getattr(present, "__dict__", ())) - attributes.keys():
             object.__delattr__(present, extra)
@@ -237,59 +198,37 @@ class _Decoder:
         if type(value) in PLAIN:
             return value
         number = int(value["#"])
-        if number not in self._made:
-            kind, *fields = self._encoded.nodes[number]
-            if kind in ("list", "dict", "set", "deque", "object", "params"):
-                self._open(number, kind, fields, present)
-            else:
-                self._made[number] = self._closed(kind, fields, present)
-        return self._made[number]
-
-    def _open(self, number: int, kind: str, fields: list[Any], present: Any) -> None:
-        """A value that may hold itself: made first, filled then."""
+        if number in self._made:
+            return self._made[number]
+        kind, content, *more = self._encoded.nodes[number]
         made: Any
-        if kind == "list":
-            self._made[number] = made = []
-            made.extend(self._all(fields[0]))
-        elif kind == "dict":
-            self._made[number] = made = {}
-            made.update((self.value(key), self.value(held)) for key, held in fields[0])
-        elif kind == "set":
-            self._made[number] = made = set()
-            made.update(self._all(fields[0]))
-        elif kind == "deque":
-            self._made[number] = made = deque(maxlen=fields[0])
-            made.extend(self._all(fields[1]))
+        if kind in _OPEN:
+            self._made[number] = made = _OPEN[kind](**({"maxlen": more[0]} if kind == "deque" else {}))
+            held = (self._all(pair) for pair in content) if kind == "dict" else self._all(content)
+            (made.update if kind in ("dict", "set") else made.extend)(held)
+        elif kind == "object":
+            self._made[number] = made = object.__new__(self._class(more[0], kind))
+            self._set(made, content, present)
         else:
-            cls = self._class(fields[0], kind)
-            self._made[number] = made = cls.model_construct() if kind == "params" else object.__new__(cls)
-            self._set(made, fields[1], present)
+            self._made[number] = made = self._closed(kind, content, more, present)
+        return made
 
-    def _closed(self, kind: str, fields: list[Any], present: Any) -> Any:
+    def _closed(self, kind: str, content: Any, more: list[Any], present: Any) -> Any:
         """A value that is made of others."""
         if kind in ("tuple", "frozenset"):
-            return (tuple if kind == "tuple" else frozenset)(self._all(fields[0]))
-        if kind == "bytes":
-            return bytes.fromhex(fields[0])
-        if kind == "path":
-            return Path(fields[0])
-        if kind == "array":
-            return self._array(*fields)
-        if kind == "scalar":
-            return self._array(*fields)[()]
+            return (tuple if kind == "tuple" else frozenset)(self._all(content))
+        if kind in ("array", "scalar"):
+            array = self._array(*content)
+            return array if kind == "array" else array[()]
         if kind == "record":
-            return tuple.__new__(self._class(fields[0], kind), self._all(fields[1]))
-        if kind == "enum":
-            return self._class(fields[0], kind)[fields[1]]
-        if kind == "name" and _is_own(found := _named(*fields[0].split(":"))):
-            return found
-        if kind == "generator" and fields[0] in BIT_GENERATORS:
-            bits = getattr(np.random, fields[0])()
-            bits.state = self.value(fields[1])
+            return tuple.__new__(self._class(more[0], kind), self._all(content))
+        if kind == "generator" and more[0] in BIT_GENERATORS:
+            bits = getattr(np.random, more[0])()
+            bits.state = self.value(content)
             return np.random.Generator(bits)
         if kind == "kept" and isinstance(present, KEPT):
             return present
-        raise ValueError(f"expected the memory of a run, found {kind!r} of {fields[:1]}")
+        raise ValueError(f"expected the memory of a run, found {kind!r}")
 
     def _all(self, values: list[Any]) -> list[Any]:
         return [self.value(value) for value in values]
@@ -302,7 +241,7 @@ class _Decoder:
     @staticmethod
     def _class(name: str, kind: str) -> Any:
         """A class from a file, found among those that are loaded; nothing is imported for it."""
-        found = _named(*name.split(":"))
+        found = _named(name)
         if not isinstance(found, type) or _kind_of(found) != kind:
             raise ValueError(f"expected a class of planview, found {name!r}")
         return found

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
-import math
 import os
 import platform
 import re
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from fnmatch import translate
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import IO, Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
+import joblib
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
@@ -26,34 +27,9 @@ from calib.errors import InputError, WorkError
 from calib.io import PART, reason, whole_file
 from calib.params import first_problem
 from calib.types import U8
-from planview.engine.engine import Engine
 from planview.output.folder import LOCK_NAME, PRODUCTS, products_in, read_run_info
-from planview.output.memory import Encoded, encode
+from planview.output.memory import Encoded
 from planview.output.tables import FilePosition, holds
-
-
-def identity_of(engine: Engine, settings: dict[str, Any]) -> dict[str, Any]:
-    """What decides the tracks of a run: code, configuration, recording and settings, as JSON.
-
-    Args:
-        settings: of the run, besides the configuration.
-    """
-    recording = engine.recording
-    camera, floor = engine.camera_info(), engine.floor_info()
-    named = {"calibration": True, "heads": {"__all__": {"calibration"}}}
-    return {
-        "version": library_versions() | {"planview": code_version()},
-        "configuration": engine.config.model_dump(mode="json", exclude={"run"}),
-        "recording": {
-            "images": content_key(recording.path, texts=False) if recording.path.exists() else "",
-            "calibration": _calibration(recording),
-            "frames": recording.n_frames,
-            "fps": recording.fps,
-            "camera": camera and camera.model_dump(mode="json", exclude=named),  # type: ignore[arg-type]
-            "floor": floor and floor.model_dump(mode="json", exclude={"source"}),
-        },
-        "settings": settings,
-    }
 
 
 def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:
@@ -85,16 +61,7 @@ def library_versions() -> dict[str, str]:
     return found
 
 
-def digest_of(values: Mapping[str, object]) -> str:
-    """Digest of objects that a checkpoint can hold."""
-    encoded = encode(values)
-    digest = hashlib.sha256(json.dumps([encoded.roots, encoded.nodes], sort_keys=True).encode())
-    for block in encoded.blocks:
-        digest.update(block.tobytes())
-    return digest.hexdigest()[:16]
-
-
-def _calibration(recording: Any) -> str:
+def calibration_key(recording: Any) -> str:
     """Digest of what a recording was opened with, besides its images: cameras and times of every rig, by number."""
     parts = []
     for one in getattr(recording, "rigs", [None]):
@@ -102,7 +69,7 @@ def _calibration(recording: Any) -> str:
         rig = getattr(opened, "rig", None)
         known = [getattr(opened, name, None) for name in ("camera", "sensor", "times_s")]
         parts.append([rig and replace(rig, source=""), *known, getattr(one, "start_s", 0.0)])
-    return digest_of({"rigs": parts})
+    return str(joblib.hash(parts))
 
 
 _IMAGES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp", ".bin", ".raw"))
@@ -227,11 +194,12 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
     text = np.frombuffer(json.dumps(document).encode(), dtype=np.uint8)
     blocks: dict[str, Any] = {f"block{n}": block for n, block in enumerate(checkpoint.memory.blocks)}
     path = folder / LATEST
+    archive = io.BytesIO()
+    np.savez(archive, document=text, **blocks)
+    data = archive.getvalue()
     try:
         with whole_file(path) as part:
-            with part.open("w+b") as file:
-                np.savez(file, document=text, **blocks)
-                file.write(_digest(file))
+            part.write_bytes(data + _digest(data))
             if path.exists():
                 os.replace(path, folder / PREVIOUS)
     except OSError as error:
@@ -245,14 +213,16 @@ def read_checkpoint(path: Path) -> Checkpoint:
         ValueError: damaged, cut short, or of another format.
     """
     try:
-        with path.open("rb") as file:
-            digest = _digest(file, end=path.stat().st_size - DIGEST_BYTES)
-            if file.read() != digest:
-                raise ValueError("not as it was written")
-        with zipfile.ZipFile(path) as archive:  # blocks are stored as they are: none is larger than the file
-            if sum(info.file_size for info in archive.infolist()) > path.stat().st_size:
+        data = path.read_bytes()
+        data, digest = data[:-DIGEST_BYTES], data[-DIGEST_BYTES:]
+        if _digest(data) != digest:
+            raise ValueError("not as it was written")
+        with zipfile.ZipFile(
+            io.BytesIO(data)
+        ) as archive:  # blocks are stored as they are: none is larger than the file
+            if sum(info.file_size for info in archive.infolist()) > len(data):
                 raise ValueError("blocks larger than the file")
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
             document = _Document.model_validate_json(file["document"].tobytes())
             blocks: list[U8] = [file[f"block{n}"] for n in range(len(file.files) - 1)]
         memory = Encoded(document.roots, document.nodes, blocks)
@@ -263,14 +233,8 @@ def read_checkpoint(path: Path) -> Checkpoint:
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
 
 
-def _digest(file: IO[bytes], end: int | None = None) -> bytes:
-    """Of a file from its beginning to its end, or to a place in it, where the file is left."""
-    file.seek(0)
-    digest, left = hashlib.blake2b(digest_size=DIGEST_BYTES), math.inf if end is None else end
-    while left > 0 and (part := file.read(int(min(left, 1 << 20)))):
-        digest.update(part)
-        left -= len(part)
-    return digest.digest()
+def _digest(data: bytes) -> bytes:
+    return hashlib.blake2b(data, digest_size=DIGEST_BYTES).digest()
 
 
 def checkpoints_in(folder: Path) -> Iterator[Path]:
@@ -279,8 +243,8 @@ def checkpoints_in(folder: Path) -> Iterator[Path]:
 
 
 def remove_checkpoints(folder: Path) -> None:
-    """A finished run needs none."""
-    for path in checkpoints_in(folder):
+    """A finished run needs none, nor the parts of its maps between them."""
+    for path in [*checkpoints_in(folder), *folder.glob("maps-[0-9]*.h5")]:
         path.unlink(missing_ok=True)
 
 

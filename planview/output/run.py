@@ -17,6 +17,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
+import joblib
+import numpy as np
+
 from calib.errors import InputError, WorkError
 from planview.counting.stream import Analytics
 from planview.counting.totals import Counts, Span
@@ -25,8 +28,9 @@ from planview.output.folder import RunInfo, SkippedFrame, folder_lock, prepare_f
 from planview.output.memory import decode, encode
 from planview.output.resume import (
     Checkpoint,
-    digest_of,
-    identity_of,
+    calibration_key,
+    code_version,
+    content_key,
     library_versions,
     remove_checkpoints,
     write_checkpoint,
@@ -45,9 +49,6 @@ class RunLog(Protocol):
 
     def close(self) -> None:
         """All frames are complete on the disk, whether the run finished or not; it may be resumed."""
-
-    def finish(self) -> None:
-        """After ``close`` of a run that finished: nothing is kept for going on."""
 
 
 def return_unused_memory() -> None:
@@ -283,8 +284,6 @@ class _Run:
             if finished:
                 raise
         if finished:
-            for log in self._logs.values():
-                log.finish()
             remove_checkpoints(self._folder)
         return info
 
@@ -304,7 +303,7 @@ class _Run:
                 "frames_skipped": len(skipped),
                 # run.json names at most so many skipped frames.
                 "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:1000]],
-                "stages_ms": {stage: times.percentile_ms(50) for stage, times in totals.stages.items()},
+                "stages_ms": {stage: float(np.median(list(times))) for stage, times in totals.stages.items()},
                 "pace": self._options.pace and self._options.pace.info(),
                 "people": len(totals.people),
                 "remark": totals.remark(),
@@ -315,19 +314,30 @@ class _Run:
 
 
 def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> dict[str, Any]:
-    """What a run that goes on must share with the one that was interrupted (``checkpoint.identity``).
+    """What a run that goes on must share with the one that was interrupted: all that decides its tracks, as JSON.
 
     Args:
         logs: names of their classes.
     """
-    counts = options.analytics
+    counts, recording = options.analytics, engine.recording
     rules = counts and {"rules": replace(counts.rules, source=""), "params": counts.params}
-    settings = {
-        "tracker": options.tracker,
-        "rules": digest_of(rules) if rules else "",
-        "logs": sorted(logs),
-    }
-    return identity_of(engine, settings)
+    camera, floor = engine.camera_info(), engine.floor_info()
+    named = {"calibration": True, "heads": {"__all__": {"calibration"}}}
+    return {
+        "version": library_versions() | {"planview": code_version()},
+        "configuration": engine.config.model_dump(mode="json", exclude={"run"}),
+        "recording": {
+            "images": content_key(recording.path, texts=False) if recording.path.exists() else "",
+            "calibration": calibration_key(recording),
+            "frames": recording.n_frames,
+            "fps": recording.fps,
+            "camera": camera and camera.model_dump(mode="json", exclude=named),  # type: ignore[arg-type]
+            "floor": floor and floor.model_dump(mode="json", exclude={"source"}),
+        },
+        "settings": {
+            "tracker": options.tracker, "rules": joblib.hash(rules) if rules else "", "logs": sorted(logs),
+        },
+    }  # fmt: skip
 
 
 def _info_of(engine: Engine, options: RunOptions) -> RunInfo:

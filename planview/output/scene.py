@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calib.errors import InputError
+from calib.errors import InputError, WorkError
 from calib.ground_camera import GroundCamera
 from calib.pose import SE3
 from calib.types import U8
@@ -95,6 +95,15 @@ def open_frames(info: RunInfo) -> SceneFrames:
             raise
         recording = open_any(path, OpenOptions(Path(calibration)))
     return SceneFrames(recording, *_of_recording(recording, info.floor, config))
+
+
+def frames_or_none(info: RunInfo, say: Callable[[str], object]) -> SceneFrames | None:
+    """``open_frames``; None, and why in a sentence, where that cannot be."""
+    try:
+        return open_frames(info)
+    except (InputError, WorkError) as error:
+        say(f"the floor alone is drawn: {error}")
+        return None
 
 
 def _of_recording(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -21,33 +22,9 @@ from planview.tracking.body import HEIGHT_MEAN_M, SPEED_MAX_MPS
 from stereo.recording import newest
 
 
-@dataclass
-class StageTimes:
-    """A bounded sample of one stage's times: when it is full, every second one goes and only every second one comes.
-
-    Attributes:
-        every: of so many times one is kept.
-        passed: times since the last one kept.
-    """
-
-    times_ms: list[float] = field(default_factory=list)
-    every: int = 1
-    passed: int = 0
-
-    def add(self, time_ms: float) -> None:
-        """Take one frame's time."""
-        self.passed += 1
-        if self.passed < self.every:
-            return
-        self.passed = 0
-        self.times_ms.append(time_ms)
-        # Times kept per stage: the median of so many is known to 2 % (our choice).
-        if len(self.times_ms) == 4096:
-            self.times_ms, self.every = self.times_ms[::2], 2 * self.every
-
-    def percentile_ms(self, percent: float) -> float:
-        """The time that so many percent of the times do not exceed [ms], interpolated."""
-        return float(np.percentile(self.times_ms, percent))
+def last_times() -> deque[float]:
+    """For the last 4096 times of a stage [ms]: their median is known to 2 % (our choice)."""
+    return deque(maxlen=4096)
 
 
 @dataclass
@@ -68,7 +45,7 @@ class RunTotals:
     last_frame: int = -1
     tracks: int = 0
     people: set[int] = field(default_factory=set)
-    stages: dict[str, StageTimes] = field(default_factory=dict)
+    stages: dict[str, deque[float]] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
     first_s: float = 0.0
     last_s: float = 0.0
@@ -89,7 +66,7 @@ class RunTotals:
         self.tracks += len(result.tracks)
         self.people |= {track.track_id for track in result.tracks if track.state == "confirmed"}
         for stage, duration in result.stages_ms.items():
-            self.stages.setdefault(stage, StageTimes()).add(duration)
+            self.stages.setdefault(stage, last_times()).append(duration)
         for track in result.tracks:
             if track.state == "confirmed" and math.isnan(track.x_m):
                 left, top, width, height = track.box_px
@@ -174,7 +151,7 @@ class Pace:
         self, now_s: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
     ) -> None:
         self._now_s, self._sleep = now_s, sleep
-        self._latencies = StageTimes()
+        self._latencies = last_times()
         self._start_s = math.inf
         self._dropped = 0
 
@@ -189,13 +166,13 @@ class Pace:
 
     def written(self, timestamp_s: float) -> None:
         """The tracks of the frame of this time are written."""
-        self._latencies.add(1e3 * (self._now_s() - self._start_s - timestamp_s))
+        self._latencies.append(1e3 * (self._now_s() - self._start_s - timestamp_s))
 
     def info(self) -> PaceInfo:
         """Frames dropped and latencies so far."""
-        if not self._latencies.times_ms:
+        if not self._latencies:
             return PaceInfo(frames_dropped=self._dropped)
-        median, late, latest = (self._latencies.percentile_ms(percent) for percent in (50, 95, 99))
+        median, late, latest = np.percentile(list(self._latencies), (50, 95, 99)).tolist()
         return PaceInfo(
             frames_dropped=self._dropped, latency_median_ms=median, latency_95_ms=late, latency_99_ms=latest
         )

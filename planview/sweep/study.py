@@ -192,14 +192,14 @@ class Study(Params):
     """Stop each run after so many frames; 0 for all."""
     seeds: list[int] = Field([0], min_length=1)
     """Seeds of the random generators: every configuration runs once with each."""
-    method: Literal["grid", "random", "optuna"] = "grid"
-    """All combinations; so many drawn independently; or so many that Optuna proposes from the results so far."""
+    method: Literal["grid", "random"] = "grid"
+    """All combinations; or so many drawn independently."""
     samples: int = Field(20, ge=1, le=RUNS_MAX)
-    """Configurations that "random" and "optuna" try."""
+    """Configurations that "random" tries."""
     search_seed: int = Field(0, ge=0)
-    """Seed of the draws of "random" and "optuna"."""
+    """Seed of the draws of "random"."""
     objective: FigureName = "mota"
-    """The figure that ranks configurations and that Optuna improves."""
+    """The figure that ranks configurations."""
     maps: bool = True
     """Record the plan-view maps once per recording and set of parameters that decide them, with the default tracker,
     and track these: much faster. Runs with another tracker are then an approximation, since the recording's tracker

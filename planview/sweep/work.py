@@ -196,7 +196,8 @@ def track(job: RunJob) -> None:
         raise WorkError(f"expected planview {job.version} on this worker, found {code_version()}")
     if is_done(job):
         return
-    with _attempt(job.folder) as folder, one_thread():
+    cv2.setNumThreads(1)  # a study runs a job per core
+    with _attempt(job.folder) as folder:
         engine = open_engine(
             job.source.path, job.tracker, job.config, job.source.camera, OpenOptions(job.source.calibration)
         )
@@ -246,17 +247,6 @@ def earlier_figures(job: StudyJob) -> dict[str, float] | None:
 def _scores_file(job: StudyJob) -> Path:
     """Recordings of equal content share their run, but each has its own truth."""
     return job.run.folder / f"scores_{job.truth_key[:16] or 'none'}.json"
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """OpenCV on one thread: a study runs a job per core."""
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(threads)
 
 
 def remove_attempts(out: Path) -> None:

@@ -145,12 +145,8 @@ def scripted_motion(person: ScenePerson, furniture: dict[str, Furniture], end_s:
             script.stay(max(step.until_s - script.now_s, 1 / TICK_HZ), face)
         elif step.stand_s is not None:
             script.stay(step.stand_s, face)
-        elif step.reach_s is not None:
-            script.stay(step.reach_s, face, reach=1.0)
-        elif step.bend_s is not None:
-            script.stay(step.bend_s, face, bend=1.0)
-        elif step.crouch_s is not None:
-            script.stay(step.crouch_s, face, crouch=1.0)
+        elif seconds := step.reach_s or step.bend_s or step.crouch_s:
+            script.stay(seconds, face, **{"reach" if step.reach_s else "bend" if step.bend_s else "crouch": 1.0})
         elif step.cartwheel is not None:
             _turn_cartwheel(script, step.cartwheel)
         elif step.sit_s is not None:

@@ -110,24 +110,20 @@ def furniture_size(item: Furniture) -> Size:
 
 def _table(s: Size, main: int, dark: int) -> list[Mesh]:
     x, y, z = s[0] / 2, s[1] / 2, s[2]
-    legs = [
-        box((cx - 0.025, cy - 0.025, 0), (cx + 0.025, cy + 0.025, z - 0.03), dark)
-        for cx in (-x + 0.05, x - 0.05)
-        for cy in (-y + 0.05, y - 0.05)
-    ]
-    return [box((-x, -y, z - 0.03), (x, y, z), main), *legs]
+    return [box((-x, -y, z - 0.03), (x, y, z), main), *_legs(x - 0.05, y - 0.05, z - 0.03, 0.025, dark)]
+
+
+def _legs(x: float, y: float, top: float, half: float, dark: int) -> list[Mesh]:
+    """Four square legs whose axes are at (+-x, +-y)."""
+    at = [(cx, cy) for cx in (-x, x) for cy in (-y, y)]
+    return [box((cx - half, cy - half, 0), (cx + half, cy + half, top), dark) for cx, cy in at]
 
 
 def _chair(s: Size, main: int, dark: int) -> list[Mesh]:
     x, y, seat = s[0] / 2, s[1] / 2, 0.46
-    legs = [
-        box((cx - 0.018, cy - 0.018, 0), (cx + 0.018, cy + 0.018, seat), dark)
-        for cx in (-x + 0.02, x - 0.02)
-        for cy in (-y + 0.02, y - 0.02)
-    ]
     back = box((-x - 0.02, -y, seat + 0.12), (-x + 0.02, y, s[2]), main)
     posts = [box((-x - 0.015, cy - 0.015, seat), (-x + 0.015, cy + 0.015, s[2]), dark) for cy in (-y + 0.03, y - 0.03)]
-    return [box((-x, -y, seat - 0.04), (x, y, seat), main), back, *posts, *legs]
+    return [box((-x, -y, seat - 0.04), (x, y, seat), main), back, *posts, *_legs(x - 0.02, y - 0.02, seat, 0.018, dark)]
 
 
 def _office_chair(s: Size, main: int, dark: int) -> list[Mesh]:

@@ -21,7 +21,6 @@ from calib.rig import Floor, save_rig
 from calib.world import RIGS_FILE, RigEntry, save_rigs, save_world
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import Rig, Scene
-from planview.synthetic.truth import TruthRow
 
 Storage = Literal["png", "jpg", "video"]
 TRUTH_HEADER = "frame,id,x_m,y_m,height_m,visible"
@@ -109,22 +108,17 @@ def _write_frames(renderer: SceneRenderer, folder: Path, count: int, storage: St
                     content = encode_image(image, f".{storage}", quality=95)
                     (folder / side / f"{index:06d}.{storage}").write_bytes(content)
             times.write(f"{index},{frame.timestamp_s:.6f}\n")
-            truth.writelines(truth_line(index, row, boxes=single) for row in frame.truth)
+            for row in frame.truth:
+                cells = [str(index), str(row.person), f"{row.x_m:.4f}", f"{row.y_m:.4f}", f"{row.height_m:.4f}"]
+                boxes = (*row.box_px, *row.full_box_px) if single else ()
+                cells += [f"{row.visible:.3f}", *("" if math.isnan(v) else f"{v:.1f}" for v in boxes)]
+                truth.write(",".join(cells) + "\n")
             rows += len(frame.truth)
             done()
     finally:
         for video in videos:
             video.release()
     return rows
-
-
-def truth_line(frame: int, row: TruthRow, *, boxes: bool) -> str:
-    """One line of truth.csv."""
-    cells = [str(frame), str(row.person), f"{row.x_m:.4f}", f"{row.y_m:.4f}", f"{row.height_m:.4f}"]
-    cells.append(f"{row.visible:.3f}")
-    if boxes:
-        cells += ["" if math.isnan(v) else f"{v:.1f}" for v in (*row.box_px, *row.full_box_px)]
-    return ",".join(cells) + "\n"
 
 
 class RigMount(Params):

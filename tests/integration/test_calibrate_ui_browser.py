@@ -92,7 +92,8 @@ def draw(browser: Browser, picture: Picture, sample: HumanSample, number: int) -
     one, other = picture.at((x, y)), picture.at((x + w, y + h))
     browser.mouse(("pointerDown", *one), ("pointerMove", *other), ("pointerUp", *other))
     browser.wait("return document.body.innerText.includes('click the top of the head')")
-    for point, then in ((sample.head_px, "middle between the feet"), (sample.foot_px, f"{number} people")):
+    counted = f"{number} people" if number > 1 else "1 person"
+    for point, then in ((sample.head_px, "middle between the feet"), (sample.foot_px, counted)):
         browser.mouse(("pointerDown", *picture.at(point)), ("pointerUp", *picture.at(point)))
         browser.wait(f"return document.body.innerText.includes('{then}')")
 

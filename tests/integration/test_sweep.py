@@ -156,8 +156,8 @@ def test_sweep_refuses_wrong_settings_before_it_runs(say: Say, copy: Path, tmp_p
     assert not (tmp_path / "sweep").exists()
 
 
-def test_optuna_tries_its_samples(say: Say, pool: InlinePool, halls: Path) -> None:
-    text = 'recordings = ["a/maps.h5"]\nmethod = "optuna"\nsamples = 5\n[parameters]\n'
+def test_random_study_tries_its_samples(say: Say, pool: InlinePool, halls: Path) -> None:
+    text = 'recordings = ["a/maps.h5"]\nmethod = "random"\nsamples = 5\n[parameters]\n'
     path = study(halls, text + "template.stay_s = { min = 0.3, max = 0.5 }\n")
     assert say("sweep", path)[0] == 0
     assert len(rows(halls / "study")) == 5

@@ -7,7 +7,7 @@ import numpy as np
 from calib.types import F64
 from planview.calibration.page.marks import Handle, Point, handle_points
 from planview.calibration.page.session import CalibrationSession
-from planview.calibration.people import crowd
+from planview.calibration.people import crowd, floor_around
 from planview.drawing.image import grid_lines
 from stereo.depth import StereoFloorCamera
 
@@ -33,13 +33,8 @@ def _grid(session: CalibrationSession) -> str:
         stereo = StereoFloorCamera(session.view.geometry, session.floor.world_SE3_left)
         lines = grid_lines(stereo.project, (-reach, -reach, reach, 2 * reach), session.size)
     elif found is not None:
-        feet = found.camera.back_project(np.array([s.foot_px for s in session.samples]).reshape(-1, 2))
-        feet = feet[np.isfinite(feet).all(axis=1)]
-        if not len(feet):
-            return ""
-        low, high = feet.min(axis=0) - 2.0, feet.max(axis=0) + 2.0
-        extent = float(low[0]), float(low[1]), float(high[0]), float(high[1])
-        lines = grid_lines(found.camera.project, extent, session.size)
+        extent = floor_around(found.camera, session.samples)
+        lines = grid_lines(found.camera.project, extent, session.size) if extent else []
     else:
         return ""
     return "".join(_line(line.pixels, GRID, 1.0, "grid") for line in lines)

@@ -21,10 +21,12 @@ from calib.people.model import KnownValues
 from calib.people.samples import read_image_size, read_samples
 from calib.types import U8
 from planview.calibration.page.overlay import overlay
+from planview.calibration.page.same_origin import SameOriginOnly
 from planview.calibration.page.session import GRAB_PX, CalibrationSession
 from planview.calibration.page.solution import solve
-from planview.calibration.page.viewer import SCRIPT, STYLE, SameOriginOnly
 
+VIEWER = Path(__file__).with_name("viewer.html")
+"""What the browser runs: zoom, pan, loupe."""
 LENSES = {"": "try all lenses", **{lens: lens for lens in LENS_K_320}}
 KNOWN = {
     "focal_px": "focal length [px]",
@@ -204,8 +206,7 @@ class Page:
     def __init__(self, session: CalibrationSession, folder: Path) -> None:
         self._session, self._folder = session, folder
         self._asked, self._solving = 0, False
-        ui.add_head_html(STYLE)
-        ui.add_body_html(SCRIPT)
+        ui.add_body_html(VIEWER.read_text(encoding="utf-8"))
         ui.keyboard(on_key=self._on_key)
         with ui.column().classes("w-full h-screen gap-0 no-wrap"):
             with ui.row().classes("items-center w-full q-px-sm q-py-xs gap-2"):

@@ -341,14 +341,6 @@ def walked_in(video: Video) -> Bool | None:
     return np.asarray(whole > 0, dtype=np.bool_) if moved.any() else None
 
 
-def _is_side_by_side(path: Path) -> bool:
-    """Whether the pictures of a video are two views of one scene."""
-    try:
-        return find_layout(path)[0].key == "side-by-side"
-    except InputError:
-        return False
-
-
 class VideoPictures(Sequence[U8]):
     """Every frame of a video, read when it is asked for; grey where one cannot be decoded."""
 

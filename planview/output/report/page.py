@@ -12,7 +12,7 @@ from pydantic import JsonValue, TypeAdapter, ValidationError
 
 from calib.errors import InputError, WorkError
 from calib.params import first_problem
-from planview.counting.events import inward_ways
+from planview.counting.events import inward_ways, way_words
 from planview.drawing.style import ERRORS, as_hex, page_of, person_hex
 from planview.engine.info import CameraInfo
 from planview.evaluation.significant import SignificantError
@@ -61,19 +61,10 @@ PEOPLE_MAX = 200
 """Rows of the table of people; tracks.csv has them all."""
 
 
-class NamedFigure(NamedTuple):
-    """A name and its value, ready to print."""
-
-    name: str
-    value: str
-
-
-class Setting(NamedTuple):
-    """A parameter that differs from its default, ready to print."""
-
-    name: str
-    value: str
-    default: str
+Figure = tuple[str, str]
+"""A name and its value, ready to print."""
+Setting = tuple[str, str, str]
+"""A parameter that differs from its default, its value, and the default, ready to print."""
 
 
 class Picture(NamedTuple):
@@ -129,7 +120,7 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
         evaluation=evaluation_rows(evaluation),
         errors=errors,
         people=[
-            {**row._asdict(), "colour": person_hex(row.track_id), "decisions": logs.get(row.track_id)} for row in people
+            row | {"colour": person_hex(row["track_id"]), "decisions": logs.get(row["track_id"])} for row in people
         ],
         more_people=max(0, len(ids) - PEOPLE_MAX),
         camera=_camera_rows(info),
@@ -145,27 +136,27 @@ def run_name(results: RunResults) -> str:
     return Path(results.info.input).name or results.folder.resolve().name
 
 
-def _tiles(results: RunResults, evaluation: dict[str, Any], n_people: int) -> list[NamedFigure]:
+def _tiles(results: RunResults, evaluation: dict[str, Any], n_people: int) -> list[Figure]:
     info = results.info
     recorded_s = results.clock.span(results.n_frames).duration_s if results.n_frames else 0.0
-    tiles = [NamedFigure("people", f"{n_people}"), NamedFigure("seconds recorded", f"{recorded_s:.1f}")]
+    tiles = [("people", f"{n_people}"), ("seconds recorded", f"{recorded_s:.1f}")]
     if results.has_run:
-        tiles.append(NamedFigure("frames read", f"{info.frames_read}"))
-        tiles.append(NamedFigure("frames skipped", f"{info.frames_skipped}"))
+        tiles.append(("frames read", f"{info.frames_read}"))
+        tiles.append(("frames skipped", f"{info.frames_skipped}"))
         if info.elapsed_s > 0:
-            tiles.append(NamedFigure("frames per second", f"{info.frames_read / info.elapsed_s:.1f}"))
+            tiles.append(("frames per second", f"{info.frames_read / info.elapsed_s:.1f}"))
     if info.pace is not None and info.pace.latency_median_ms is not None:
-        tiles.append(NamedFigure("frames dropped", f"{info.pace.frames_dropped}"))
-        tiles.append(NamedFigure("latency, median", f"{info.pace.latency_median_ms:.0f} ms"))
-        tiles.append(NamedFigure("latency, 99 % within", f"{info.pace.latency_99_ms:.0f} ms"))
+        tiles.append(("frames dropped", f"{info.pace.frames_dropped}"))
+        tiles.append(("latency, median", f"{info.pace.latency_median_ms:.0f} ms"))
+        tiles.append(("latency, 99 % within", f"{info.pace.latency_99_ms:.0f} ms"))
     if info.floor is not None:
-        tiles.append(NamedFigure("camera height", f"{info.floor.height_m:.2f} m"))
+        tiles.append(("camera height", f"{info.floor.height_m:.2f} m"))
     total = (evaluation.get("significant_errors") or {}).get("total")
     if total is not None:
-        tiles.append(NamedFigure("significant errors", f"{total}"))
+        tiles.append(("significant errors", f"{total}"))
     position = evaluation.get("position_error_mean_m")
     if position is not None:
-        tiles.append(NamedFigure("position error", f"{100 * position:.1f} cm"))
+        tiles.append(("position error", f"{100 * position:.1f} cm"))
     return tiles
 
 
@@ -173,13 +164,15 @@ def _pictures(results: RunResults) -> list[Picture]:
     pictures = []
     places = plots.Places.of(results.tracks)
     if len(places.frame):
-        note = "Each person from the dot to the square; dotted where only predicted."
-        note += " Dashed black: the truth." if results.truth is not None else ""
+        note = "Each person from the dot to the square; thin where only predicted. Lines: metres."
+        note += " Black: the truth." if results.truth is not None else ""
         truth = plots.Places.of(results.truth) if results.truth is not None else None
         pictures.append(picture("Floor", plots.floor_plot(places, results, truth), note))
     observed = places.observed()
     if len(observed):
-        note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale."
+        longest = plots.heat_map(observed, results.clock.frame_s).seconds.max()
+        note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale: yellow "
+        note += f"{longest:.1f} s, dark blue a {plots.HEAT_RANGE:.0f}th of it."
         heat = picture("Heat map", plots.heat_plot(observed, results), note)
         pictures.append(heat._replace(keep_colours=True))
     if results.n_frames:
@@ -190,17 +183,19 @@ def _pictures(results: RunResults) -> list[Picture]:
     if stages:
         pictures.append(picture("Time per stage", plots.stage_plot(stages)))
     rules, end_s = results.rule_counts, results.clock.span(max(1, results.n_frames)).end_s
-    crossings = {
-        name: [(e.timestamp_s, e.direction) for e in results.events if e.rule == name]
-        for name, rule in rules.items()
-        if rule.get("kind") == "tripwire"
-    }
+    inward = inward_ways(rules)
+    crossings: dict[str, list[tuple[float, int]]] = {}
+    for name, rule in rules.items():
+        for way in ("left_to_right", "right_to_left") if rule.get("kind") == "tripwire" else ():
+            times = sorted(e.timestamp_s for e in results.events if (e.rule, e.direction) == (name, way))
+            label = f"{name}, {way_words(way, inward.get(name))}"
+            crossings[label] = [(0.0, 0), *((time_s, n) for n, time_s in enumerate(times, 1))]
     if crossings:
-        pictures.append(picture("Crossings over time", plots.crossings_plot(crossings, end_s, inward_ways(rules))))
+        pictures.append(picture("Crossings over time", plots.steps_plot(crossings, end_s, "crossings")))
     series = {name: rule.get("occupancy") or rule.get("length") for name, rule in rules.items()}
     known = {name: changes for name, changes in series.items() if changes}
     if known:
-        pictures.append(picture("Occupancy and queues", plots.occupancy_plot(known, end_s)))
+        pictures.append(picture("Occupancy and queues", plots.steps_plot(known, end_s, "people")))
     return pictures
 
 
@@ -209,19 +204,19 @@ def picture(title: str, png: bytes, note: str = "") -> Picture:
     return Picture(title, "data:image/png;base64," + base64.b64encode(png).decode("ascii"), note)
 
 
-def _figures(values: dict[str, Any]) -> list[NamedFigure]:
-    return [NamedFigure(words_of(k), figure_text(v)) for k, v in values.items() if isinstance(v, int | float)]
+def _figures(values: dict[str, Any]) -> list[Figure]:
+    return [(words_of(k), figure_text(v)) for k, v in values.items() if isinstance(v, int | float)]
 
 
-def evaluation_rows(evaluation: dict[str, Any]) -> list[NamedFigure]:
+def evaluation_rows(evaluation: dict[str, Any]) -> list[Figure]:
     """The scores of an evaluation, ready to print."""
     known = {k: v for k, v in evaluation.items() if v is None or isinstance(v, int | float)}
-    rows = [NamedFigure(words_of(k), figure_text(v)) for k, v in known.items()]
+    rows = [(words_of(k), figure_text(v)) for k, v in known.items()]
     errors = evaluation.get("significant_errors") or {}
-    return rows + [NamedFigure(f"significant errors, {words_of(k)}", figure_text(v)) for k, v in errors.items()]
+    return rows + [(f"significant errors, {words_of(k)}", figure_text(v)) for k, v in errors.items()]
 
 
-def _camera_rows(info: RunInfo) -> list[NamedFigure]:
+def _camera_rows(info: RunInfo) -> list[Figure]:
     cameras = (info.rig.heads or [info.rig]) if info.rig is not None else []
     rows = []
     for part in (*cameras, info.floor):
@@ -230,7 +225,7 @@ def _camera_rows(info: RunInfo) -> list[NamedFigure]:
         head = f"{part.name}: " if isinstance(part, CameraInfo) and part.name else ""
         for name, value in part.model_dump(exclude=_NOT_SHOWN).items():
             if value is not None:
-                rows.append(NamedFigure(head + words_of(name), figure_text(value)))
+                rows.append((head + words_of(name), figure_text(value)))
     return rows
 
 
@@ -243,7 +238,7 @@ def changed_settings(config: dict[str, JsonValue], base: dict[str, JsonValue] | 
     before = flat_settings(Config().model_dump(mode="json") if base is None else base)
     after = flat_settings(config)
     names = [name for name in {**after, **(before if base is not None else {})} if after.get(name) != before.get(name)]
-    return [Setting(name, figure_text(after.get(name)), figure_text(before.get(name))) for name in names]
+    return [(name, figure_text(after.get(name)), figure_text(before.get(name))) for name in names]
 
 
 def flat_settings(config: dict[str, JsonValue], prefix: str = "") -> dict[str, JsonValue]:

@@ -1,4 +1,4 @@
-"""Pictures of a run as PNG bytes (matplotlib without a display)."""
+"""Pictures of a run as PNG bytes: the floor as in videos, curves by matplotlib without a display."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
+from calib.images import encode_image
 from calib.types import F64, I64, Bool
-from planview.counting.events import way_words
-from planview.drawing.plan import PlanBounds
-from planview.drawing.style import TRIPWIRE, ZONE, as_hex, person_hex
-from planview.evaluation.significant import runs
-from planview.maps.grid import Grid
+from planview.drawing.plan import PlanPainter
+from planview.drawing.style import TRUTH, Labels, as_bgr, person_rgb
 from planview.output.results import RunResults
 from planview.trajectories.table import Trajectories
 
@@ -57,50 +55,21 @@ def stage_plot(stages_ms: dict[str, float]) -> bytes:
     return png_bytes(figure)
 
 
-def crossings_plot(
-    crossings: Mapping[str, Sequence[tuple[float, str]]], end_s: float, inward: Mapping[str, str]
-) -> bytes:
-    """Crossings of every tripwire added up over time, one line per direction.
+def steps_plot(series: Mapping[str, Sequence[tuple[float, int]]], end_s: float, label: str) -> bytes:
+    """Whole numbers over time: people in zones and queues, crossings added up.
 
     Args:
-        crossings: (time [s], direction) of every tripwire by name.
-        inward: direction that is in, by tripwire, where one is.
+        series: (time [s], number from then on) by name.
     """
     figure, axes = new_figure(7.0, 2.6)
-    for number, (name, events) in enumerate(crossings.items()):
-        for direction, style in (("left_to_right", "-"), ("right_to_left", "--")):
-            times = sorted(t for t, way in events if way == direction)
-            axes.step(
-                [0.0, *times, max(end_s, *times, 0.0)],
-                [0, *range(1, len(times) + 1), len(times)],
-                style,
-                where="post",
-                color=COLOURS[number % len(COLOURS)],
-                label=plain_text(f"{name}, {way_words(direction, inward.get(name))}"),
-            )
-    _count_axes(axes, "crossings")
-    return png_bytes(figure)
-
-
-def occupancy_plot(series: dict[str, list[tuple[float, int]]], end_s: float) -> bytes:
-    """People in every zone and length of every queue over time.
-
-    Args:
-        series: (time [s], people from then on) of every zone or queue by name.
-    """
-    figure, axes = new_figure(7.0, 2.6)
-    for number, (name, changes) in enumerate(series.items()):
-        times = [t for t, _ in changes]
-        numbers = [n for _, n in changes]
+    for place, (name, changes) in enumerate(series.items()):
+        times, numbers = zip(*changes, strict=True)
+        colour = COLOURS[place % len(COLOURS)]
         axes.step(
-            [*times, max(end_s, times[-1])],
-            [*numbers, numbers[-1]],
-            where="post",
-            color=COLOURS[number % len(COLOURS)],
-            label=plain_text(name),
+            [*times, max(end_s, times[-1])], [*numbers, numbers[-1]], where="post", color=colour, label=plain_text(name)
         )
     axes.set_ylim(0, 1.1 * max(1.0, axes.get_ylim()[1]))
-    _count_axes(axes, "people")
+    _count_axes(axes, label)
     return png_bytes(figure)
 
 
@@ -137,8 +106,8 @@ def png_bytes(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-WIDTH_IN, HEIGHTS_IN = 7.0, (3.5, 9.0)
-"""Size of a picture, its height as the floor's shape asks [inch]."""
+WIDTH_PX, HEIGHTS_PX = 900, (450, 1150)
+"""Size of a floor, its height as the floor's shape asks [px]."""
 HEAT_CELL_M = 0.2
 """Side of a heat map's cell: about a footstep's uncertainty [m]."""
 HEAT_RANGE = 300.0
@@ -146,7 +115,7 @@ HEAT_RANGE = 300.0
 
 
 class Places(NamedTuple):
-    """Where people were, columns of equal length (N,), by person then frame; a third of the room of whole rows.
+    """Where people were, columns of equal length (N,), by person then frame.
 
     Attributes:
         frame, track_id: int64.
@@ -171,140 +140,95 @@ class Places(NamedTuple):
         """(K, 2) places that are not only predicted [m]."""
         return self.xy_m[~self.is_lost]
 
+    def ways(self) -> list[slice]:
+        """Rows of one person in frames that follow each other, all observed or all predicted.
+
+        A way begins with the last row of the one before, where that leads to it.
+        """
+        if not len(self.frame):
+            return []
+        joined = (np.diff(self.track_id) == 0) & (np.diff(self.frame) == 1)
+        starts = np.flatnonzero(~joined | (np.diff(self.is_lost) != 0)) + 1
+        first = starts - joined[starts - 1]
+        return list(map(slice, [0, *first], [*starts, len(self.frame)]))
+
 
 def floor_plot(tracks: Places, run: RunResults, truth: Places | None = None) -> bytes:
-    """Tracks on the floor with the camera at its place, its view, and the rules.
+    """Tracks on the floor with the cameras, what they view, and the rules.
 
     Args:
-        tracks: lost ones are dotted.
+        tracks: lost ones are thin.
         run: gives views, rules and bounds.
-        truth: dashed.
+        truth: in black.
     """
-    bounds = run.bounds()
-    figure, axes = _floor_figure(bounds)
-    _draw_scene(axes, run)
-    if truth is not None:
-        # By person, with a gap wherever a way ends.
-        gaps = np.flatnonzero((np.diff(truth.track_id) != 0) | (np.diff(truth.frame) > 1)) + 1
-        axes.plot(
-            *np.insert(truth.xy_m, gaps, np.nan, axis=0).T,
-            color="black",
-            linewidth=0.8,
-            linestyle=(0, (4, 3)),
-            zorder=2,
-        )
-    # Steps from row to row of each track, all at once.
-    from matplotlib.collections import LineCollection
-
-    step = (np.diff(tracks.track_id) == 0) & (np.diff(tracks.frame) == 1)
-    lost = tracks.is_lost[1:]
-    for kind, width, style in ((step & ~lost, 1.5, "-"), (step & lost, 0.9, ":")):
-        parts = runs(kind)
-        colours = _colours(tracks.track_id[np.array([start for start, _ in parts], dtype=np.int64)])
-        lines = [tracks.xy_m[start : stop + 1] for start, stop in parts]
-        axes.add_collection(LineCollection(lines, colors=colours, linewidths=width, linestyles=style))
-    _draw_ends(axes, tracks)
-    _floor_axes(axes, bounds)
-    return png_bytes(figure)
-
-
-def _draw_scene(axes: Axes, run: RunResults) -> None:
-    rig = run.info.rig
-    for head in (rig.heads or [rig]) if rig is not None else [None]:
-        at_m = head.at_m if head else (0.0, 0.0)
-        axes.plot(*at_m, marker="v", markersize=11, color="black", zorder=5)
-        _write(axes, plain_text(head.name if head else "") or "camera", at_m, "black")
-        if head and head.view_m:
-            outline = np.array(head.view_m)
-            axes.fill(*outline.T, facecolor="#9db2cf30", edgecolor="#9db2cf", zorder=0, label="view")
-    for rule in (rule for rule in run.rules if rule.on_floor):
-        points, colour = rule.points, as_hex(TRIPWIRE if rule.is_line else ZONE)
-        if rule.is_line:
-            axes.annotate("", points[1], points[0], arrowprops={"arrowstyle": "->", "color": colour, "linewidth": 1.6})
-        else:
-            axes.fill(*points.T, facecolor=f"{colour}33", edgecolor=colour, zorder=1)
-        _write(axes, plain_text(rule.name), (float(points[:, 0].mean()), float(points[:, 1].mean())), colour)
-
-
-def _write(axes: Axes, text: str, at_m: tuple[float, float], colour: str) -> None:
-    """Text beside a place, legible on lines."""
-    from matplotlib.patheffects import withStroke
-
-    axes.annotate(
-        text, at_m, xytext=(5, 4), textcoords="offset points", fontsize=9, fontweight="bold", color=colour, zorder=7,
-        path_effects=[withStroke(linewidth=2.5, foreground="white")],
-    )  # fmt: skip
-
-
-def _colours(ids: I64) -> list[str]:
-    found, where = np.unique(ids, return_inverse=True)
-    hexes = np.array([person_hex(i) for i in found.tolist()] or [""])
-    return [str(colour) for colour in hexes[where]] if len(ids) else []
-
-
-def _draw_ends(axes: Axes, tracks: Places) -> None:
-    """A dot where each track begins, a square where it ends, and the ids of the longest ones."""
+    painter = _painter(run)
+    picture = painter.paper.copy()
+    for places in (tracks,) if truth is None else (truth, tracks):
+        for way in places.ways():
+            colour = TRUTH if places is truth else person_rgb(int(places.track_id[way.stop - 1]))
+            width = 1 if places is truth or places.is_lost[way.stop - 1] else 2
+            cv2.polylines(picture, [painter.px(places.xy_m[way])], False, as_bgr(colour), width, cv2.LINE_AA)
+    # A dot where each track begins, a square where it ends.
     ids, first, counts = np.unique(tracks.track_id, return_index=True, return_counts=True)
-    last, colours = first + counts - 1, _colours(ids)
-    axes.scatter(tracks.xy_m[first, 0], tracks.xy_m[first, 1], s=16, c=colours, marker="o", zorder=4)
-    axes.scatter(tracks.xy_m[last, 0], tracks.xy_m[last, 1], s=16, c=colours, marker="s", zorder=4)
+    begin, end = painter.px(tracks.xy_m[first]), painter.px(tracks.xy_m[first + counts - 1])
+    for track_id, dot, square in zip(ids.tolist(), begin, end, strict=True):
+        colour = as_bgr(person_rgb(track_id))
+        cv2.circle(picture, dot.tolist(), 4, colour, -1, cv2.LINE_AA)
+        cv2.rectangle(picture, (square - 3).tolist(), (square + 3).tolist(), colour, -1)
     # Tracks with their ids in the picture, the longest ones; with more the ids would cover the ways.
+    labels = Labels(picture)
     for i in np.argsort(-counts, kind="stable")[:40].tolist():
-        x, y = tracks.xy_m[first[i]].tolist()
-        _write(axes, str(ids[i]), (x, y), colours[i])
+        labels.put(str(ids[i]), (begin[i] + (5, -5)).tolist(), person_rgb(int(ids[i])))
+    return encode_image(picture, ".png")
 
 
-def heat_map(xy_m: F64, frame_s: float) -> tuple[Grid, F64]:
-    """Time spent per cell.
+def _painter(run: RunResults) -> PlanPainter:
+    bounds = run.bounds()
+    shape = (bounds.y_max_m - bounds.y_min_m) / (bounds.x_max_m - bounds.x_min_m)
+    size = WIDTH_PX, int(np.clip(WIDTH_PX * shape, *HEIGHTS_PX))
+    return PlanPainter(bounds, size, run.cameras, run.rules)
+
+
+class HeatMap(NamedTuple):
+    """Time per cell.
+
+    Attributes:
+        seconds: (n_rows, n_cols) float64 [s].
+        cell_m: side of a cell [m].
+        corner_m: x and y of the first cell's outer corner [m].
+    """
+
+    seconds: F64
+    cell_m: float
+    corner_m: F64
+
+
+def heat_map(xy_m: F64, frame_s: float) -> HeatMap:
+    """Time spent per cell; cells are coarser where they would be too many.
 
     Args:
         xy_m: (N, 2) places [m], at least one.
         frame_s: time that a place stands for [s].
-    Returns:
-        The grid around the places (coarser where the cells would be too many), and (n_rows, n_cols) float64 [s].
     """
-    (x_min, y_min), (x_max, y_max) = xy_m.min(axis=0), xy_m.max(axis=0)
-    cell = max(HEAT_CELL_M, float(np.hypot(x_max - x_min, y_max - y_min)) / 1000)
-    grid = Grid.covering(x_min - cell, y_min - cell, x_max + cell, y_max + cell, cell)
-    rows = np.floor((xy_m[:, 1] - grid.y_min_m) / cell).astype(np.int64)
-    cols = np.floor((xy_m[:, 0] - grid.x_min_m) / cell).astype(np.int64)
-    heat = np.zeros(grid.shape)
-    np.add.at(heat, (rows, cols), frame_s)
-    return grid, heat
+    low, high = xy_m.min(axis=0), xy_m.max(axis=0)
+    cell = max(HEAT_CELL_M, float(np.hypot(*(high - low))) / 1000)
+    corner = (np.floor(low / cell) - 1) * cell
+    edges = [
+        start + cell * np.arange(np.ceil((stop - start) / cell) + 2) for start, stop in zip(corner, high, strict=True)
+    ]
+    return HeatMap(frame_s * np.histogram2d(xy_m[:, 1], xy_m[:, 0], edges[::-1])[0], cell, corner)
 
 
 def heat_plot(xy_m: F64, run: RunResults) -> bytes:
     """Where people spent their time, smoothed by a cell (arguments of ``heat_map``)."""
-    from matplotlib.colors import LogNorm
-
-    grid, heat = heat_map(xy_m, run.clock.frame_s)
-    heat = np.asarray(cv2.GaussianBlur(heat, (0, 0), 0.7), dtype=np.float64)
-    top = max(float(heat.max()), 1e-9)
-    bounds = run.bounds()
-    figure, axes = _floor_figure(bounds)
-    _draw_scene(axes, run)
-    shown = axes.imshow(
-        np.where(heat >= top / HEAT_RANGE, heat, np.nan),
-        origin="lower",
-        extent=(grid.x_min_m, grid.x_max_m, grid.y_min_m, grid.y_max_m),
-        cmap="viridis",
-        norm=LogNorm(top / HEAT_RANGE, top),
-        interpolation="nearest",
-        zorder=2,
-    )
-    figure.colorbar(shown, ax=axes, label="seconds per cell")
-    _floor_axes(axes, bounds)
-    return png_bytes(figure)
-
-
-def _floor_figure(bounds: PlanBounds) -> tuple[Figure, Axes]:
-    shape = (bounds.y_max_m - bounds.y_min_m) / (bounds.x_max_m - bounds.x_min_m)
-    return new_figure(WIDTH_IN, float(np.clip(WIDTH_IN * shape, *HEIGHTS_IN)))
-
-
-def _floor_axes(axes: Axes, bounds: PlanBounds) -> None:
-    axes.set_aspect("equal", adjustable="box")
-    axes.set_xlim(bounds.x_min_m, bounds.x_max_m)
-    axes.set_ylim(bounds.y_min_m, bounds.y_max_m)
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
+    painter, heat = _painter(run), heat_map(xy_m, run.clock.frame_s)
+    seconds = cv2.GaussianBlur(heat.seconds, (0, 0), 0.7)
+    share = np.log(np.maximum(seconds / max(float(seconds.max()), 1e-9) * HEAT_RANGE, 1e-9)) / np.log(HEAT_RANGE)
+    colours = cv2.applyColorMap(np.clip(share * 255, 0, 255).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
+    # From cells to pixels, where y points down.
+    step, (left, bottom) = heat.cell_m * painter.scale, painter.px(heat.corner_m[None] + heat.cell_m / 2)[0]
+    to_px = np.array([[step, 0, left], [0, -step, bottom]], dtype=np.float64)
+    size = painter.paper.shape[1::-1]
+    cells = np.dstack([colours, np.where(share >= 0, 255, 0).astype(np.uint8)])
+    laid = cv2.warpAffine(cells, to_px, size, flags=cv2.INTER_NEAREST)
+    return encode_image(np.where(laid[..., 3:] > 0, laid[..., :3], painter.paper), ".png")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -31,49 +31,18 @@ EVENTS_MAX = 80
 """Decisions listed per person; decisions.csv has them all."""
 
 
-class Decided(NamedTuple):
-    """A row of decisions.csv that is not a plain match."""
+def read_decision_log(path: Path, people: set[int]) -> dict[int, dict[str, Any]]:
+    """The decisions of some people, as the page shows them; empty where there is no decisions.csv.
 
-    frame: str
-    time_s: str
-    kind: str
-    reason: str
-
-
-class Curve(NamedTuple):
-    """A term of the score over time: points of a polygon on top of the terms before, in a box of 100 x 100."""
-
-    name: str
-    points: str
-
-
-class DecisionLog(NamedTuple):
-    """A person's decisions.
-
-    Attributes:
-        events: everything but matches.
-        more: events left out.
-        scores: the matches in one sentence.
-        curves: the stacked terms of the scores.
-        score_max: top of the curves.
-    """
-
-    events: list[Decided]
-    more: int
-    scores: str
-    curves: list[Curve]
-    score_max: float
-
-
-def read_decision_log(path: Path, people: set[int]) -> dict[int, DecisionLog]:
-    """The decisions of some people; empty where there is no decisions.csv.
+    Of each person ``events`` (frame, time [s], kind and reason of all but matches), ``more`` of them that are left
+    out, and ``scores``, the matches in one sentence.
 
     Raises:
         InputError: not a table of decisions.
     """
     if not path.is_file():
         return {}
-    decided: dict[int, list[Decided]] = {}
+    decided: dict[int, list[tuple[str, ...]]] = {}
     matches: dict[int, list[list[float]]] = {}
     with reading_decisions(path) as rows:
         for row in rows:
@@ -83,23 +52,19 @@ def read_decision_log(path: Path, people: set[int]) -> dict[int, DecisionLog]:
             if row["kind"] == "matched":
                 scores.append([float(row.get(name) or "nan") for name in ("frame", "value", *TERMS)])
             else:
-                time_s = f"{float(row['timestamp_s']):.2f}"
-                mine.append(Decided(row["frame"], time_s, row["kind"], row["reason"]))
-    return {person: _log_of(rows, matches[person]) for person, rows in decided.items()}
+                mine.append((row["frame"], f"{float(row['timestamp_s']):.2f}", row["kind"], row["reason"]))
+    logs: dict[int, dict[str, Any]] = {}
+    for person, mine in decided.items():
+        events = [*mine[: EVENTS_MAX - 10], *mine[-10:]] if len(mine) > EVENTS_MAX else mine
+        words = _sentence(np.array(matches[person], dtype=np.float64).reshape(-1, 2 + len(TERMS)))
+        logs[person] = {"events": events, "more": len(mine) - len(events), "scores": words}
+    return logs
 
 
-def _log_of(decided: list[Decided], matched: list[list[float]]) -> DecisionLog:
-    matches = np.array(matched, dtype=np.float64).reshape(-1, 2 + len(TERMS))
-    known = matches[np.isfinite(matches[:, 1])]
-    events = [*decided[: EVENTS_MAX - 10], *decided[-10:]] if len(decided) > EVENTS_MAX else decided
-    more = len(decided) - len(events)
-    if not len(known):
-        return DecisionLog(events, more, f"matched in {len(matches)} frames" if len(matches) else "", [], 0.0)
-    top = float(known[:, 1].max())
-    return DecisionLog(events, more, _sentence(known), _curves(known, max(top, 1e-9)), top)
-
-
-def _sentence(matches: F64) -> str:
+def _sentence(matched: F64) -> str:
+    matches = matched[np.isfinite(matched[:, 1])]
+    if not len(matches):
+        return f"matched in {len(matched)} frames" if len(matched) else ""
     worst = matches[np.argmax(matches[:, 1])]
     text = (
         f"matched in {len(matches)} frames, {matches[0, 0]:.0f} to {matches[-1, 0]:.0f}; median score "
@@ -108,24 +73,6 @@ def _sentence(matches: F64) -> str:
     if np.isfinite(worst[2:]).all():
         text += " (" + ", ".join(f"{name} {value:.2f}" for name, value in zip(TERMS, worst[2:], strict=True)) + ")"
     return text
-
-
-def _curves(matches: F64, top: float) -> list[Curve]:
-    """Stacked terms; of many matches the worst of every stretch."""
-    if not np.isfinite(matches[:, 2:]).all() or len(matches) < 2:
-        return []
-    # Points of a person's curve of scores.
-    bins = np.array_split(np.arange(len(matches)), min(len(matches), 240))
-    picked = matches[[int(part[np.argmax(matches[part, 1])]) for part in bins]]
-    span = max(1.0, picked[-1, 0] - picked[0, 0])
-    x = 100.0 * (picked[:, 0] - picked[0, 0]) / span
-    upper = np.vstack([np.zeros(len(picked)), np.cumsum(picked[:, 2:], axis=1).T])
-    y = 100.0 - 100.0 * np.clip(upper / top, 0.0, 1.0)
-    curves = []
-    for n, name in enumerate(TERMS):
-        around = [*zip(x, y[n + 1], strict=True), *zip(x[::-1], y[n][::-1], strict=True)]
-        curves.append(Curve(name, " ".join(f"{a:.1f},{b:.1f}" for a, b in around)))
-    return curves
 
 
 ERRORS_MAX = 12

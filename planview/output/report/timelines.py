@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,20 +15,8 @@ from planview.trajectories.state import State
 from planview.trajectories.table import Trajectories
 
 
-class PersonRow(NamedTuple):
-    """A person, ready to print: times [s], way [m], mean speed [m/s], median height [m]; empty where unknown."""
-
-    track_id: int
-    first: str
-    last: str
-    observed: str
-    way: str
-    speed: str
-    height: str
-
-
-def people_rows(tracks: Trajectories, clock: Clock, ids: I64) -> list[PersonRow]:
-    """Of confirmed people, whose rows are gathered at once.
+def people_rows(tracks: Trajectories, clock: Clock, ids: I64) -> list[dict[str, Any]]:
+    """Of confirmed people: times [s], way [m], mean speed [m/s], median height [m]; empty where unknown.
 
     Args:
         ids: (P,) ascending.
@@ -39,22 +27,22 @@ def people_rows(tracks: Trajectories, clock: Clock, ids: I64) -> list[PersonRow]
     return [_row(tracks.where(mine), clock) for mine in np.split(rows, cuts) if len(mine)]
 
 
-def _row(person: Trajectories, clock: Clock) -> PersonRow:
+def _row(person: Trajectories, clock: Clock) -> dict[str, Any]:
     when = clock.at(person.frame)
     # From places half a second apart, so that noise does not add up (our choice).
     picked = np.concatenate([[True], np.diff(np.floor((when - when[0]) / 0.5)) > 0])
     way = float(np.hypot(np.diff(person.x_m[picked]), np.diff(person.y_m[picked])).sum())
     span = float(when[-1] - when[0])
     known = person.height_m[np.isfinite(person.height_m)]
-    return PersonRow(
-        int(person.track_id[0]),
-        f"{when[0]:.1f}",
-        f"{when[-1]:.1f}",
-        f"{len(person) * clock.frame_s:.1f}",
-        f"{way:.1f}" if np.isfinite(way) else "",
-        f"{way / span:.2f}" if span > 0 and np.isfinite(way) else "",
-        f"{np.median(known):.2f}" if len(known) else "",
-    )
+    return {
+        "track_id": int(person.track_id[0]),
+        "first": f"{when[0]:.1f}",
+        "last": f"{when[-1]:.1f}",
+        "observed": f"{len(person) * clock.frame_s:.1f}",
+        "way": f"{way:.1f}" if np.isfinite(way) else "",
+        "speed": f"{way / span:.2f}" if span > 0 and np.isfinite(way) else "",
+        "height": f"{np.median(known):.2f}" if len(known) else "",
+    }
 
 
 UNHELD = -1

@@ -200,9 +200,6 @@ class RerunLog:
         self._stream.disconnect()  # where rerun's thread could not write it would wait for ever
         sync(self._parts[-1])
 
-    def finish(self) -> None:
-        """See ``RunLog``."""
-
     def _flush(self) -> None:
         """Wait for rerun's thread as long as the file grows; the thread may end without a word when it cannot write."""
         size = -1

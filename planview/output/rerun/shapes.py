@@ -11,7 +11,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from calib.images import as_colour, encode_image
-from calib.types import F32, I32, U8
+from calib.types import F32, U8
 from planview.drawing.plan import PlanBounds
 from planview.drawing.style import disparity_colours
 from planview.engine.engine import Engine, FrameResult
@@ -67,16 +67,12 @@ def strips_of(drawing: Drawing) -> rr.LineStrips3D | rr.LineStrips2D | rr.Points
 
 def mosaic(tiles: Mapping[str, F32 | U8]) -> U8:
     """Small images side by side in the order of their names; one by one they would take ten times the room."""
-    grey = [_grey(tiles[name]) for name in sorted(tiles)]
+    grey: list[U8] = []
+    for _, tile in sorted(tiles.items()):  # numbers with the full range of grey, their first row below
+        light = np.clip(tile / max(float(tile.max()), 1e-9) * 255, 0, 255)[::-1]
+        grey.append(np.asarray(tile if tile.dtype == np.uint8 else light, dtype=np.uint8))
     height = max(tile.shape[0] for tile in grey)
     return np.hstack([np.pad(tile, ((0, height - tile.shape[0]), (0, 1))) for tile in grey])
-
-
-def _grey(tile: F32 | U8) -> U8:
-    """With the full range of grey."""
-    if tile.dtype == np.uint8:
-        return np.asarray(tile, dtype=np.uint8)
-    return np.clip(tile / max(float(tile.max()), 1e-9) * 255, 0, 255).astype(np.uint8)[::-1]
 
 
 def label_of(track: TrackState) -> str:
@@ -108,13 +104,10 @@ def point_colours(result: FrameResult) -> U8 | None:
     for rig in result.rigs:
         if rig is not None:
             image, width = rig.image, rig.foreground.shape[1]
-            parts.append(_colours_at(image, rig.points.pixels, width, -(-image.shape[1] // width)))
+            rows, cols = np.divmod(rig.points.pixels, width)
+            step = -(-image.shape[1] // width)
+            parts.append(np.asarray(as_colour(image)[rows * step, cols * step, ::-1], dtype=np.uint8))
     return np.concatenate(parts) if result.rigs else None
-
-
-def _colours_at(image: U8, pixels: I32, width: int, reduction: int) -> U8:
-    rows, cols = np.divmod(pixels, width)
-    return np.asarray(as_colour(image)[rows * reduction, cols * reduction, ::-1], dtype=np.uint8)
 
 
 UNDER, OVER = -50.0, 10.0
@@ -258,15 +251,15 @@ def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint
     if stereo is None:
         return _single(engine, people)
     image: rrb.Spatial2DView | rrb.Tabs = rrb.Spatial2DView(origin="image", name="image, foreground, people")
+    bounds = people or PlanBounds(*shown_floor(stereo))
     others = [rrb.Spatial2DView(origin=f"{name}/image", name=name) for name in list(engine.views)[1:]]
     if others:
         image = rrb.Tabs(image, *others, active_tab=0)
     world = rrb.Spatial3DView(
-        origin="world", name="3D", eye_controls=_eye(_bounds(stereo, people), (0.0, -0.75, 0.55)), line_grid=False,
+        origin="world", name="3D", eye_controls=_eye(bounds, (0.0, -0.75, 0.55)), line_grid=False,
     )  # fmt: skip
     height, occupancy = (
-        _plan_view(f"{name} from above", [f"plan/{name}", *_MAP_LAYERS], _bounds(stereo, people))
-        for name in ("height", "occupancy")
+        _plan_view(f"{name} from above", [f"plan/{name}", *_MAP_LAYERS], bounds) for name in ("height", "occupancy")
     )
     disparity = rrb.Spatial2DView(origin="disparity", name="disparity")
     return rrb.Blueprint(
@@ -324,10 +317,6 @@ def _eye(bounds: PlanBounds, direction: tuple[float, float, float]) -> rrb.EyeCo
         kind=rrb.Eye3DKind.Orbital, position=centre + distance * np.array(direction), look_target=centre,
         eye_up=(0.0, 1.0, 0.0) if abs(direction[1]) < 0.01 else (0.0, 0.0, 1.0),
     )  # fmt: skip
-
-
-def _bounds(stereo: StereoView, people: PlanBounds | None) -> PlanBounds:
-    return people or PlanBounds(*shown_floor(stereo))
 
 
 def shown_floor(stereo: StereoView) -> tuple[float, float, float, float]:

@@ -58,21 +58,18 @@ class Part:
 
     def do(self, action: str, seconds: float, face: float | None = None) -> None:
         """Stand, bend, reach, crouch or sit on the floor for a time, facing a direction [rad]."""
-        step: dict[str, Any] = {f"{action}_s": float(seconds)}
-        if face is not None:
-            step["face_deg"] = float(np.rad2deg(face))
-        self.steps.append(step)
+        self._face({f"{action}_s": float(seconds)}, face)
         self.time_s += seconds
 
     def until(self, time_s: float, face: float | None = None) -> None:
         """Stand until a time. Raises NoPlaceError: it is past already."""
         if time_s < self.time_s - 0.2:
             raise NoPlaceError(f"late by {self.time_s - time_s:.1f} s")
-        step: dict[str, Any] = {"until_s": float(time_s)}
-        if face is not None:
-            step["face_deg"] = float(np.rad2deg(face))
-        self.steps.append(step)
+        self._face({"until_s": float(time_s)}, face)
         self.time_s = max(time_s, self.time_s)
+
+    def _face(self, step: dict[str, Any], face: float | None) -> None:
+        self.steps.append(step if face is None else step | {"face_deg": float(np.rad2deg(face))})
 
     def take_seat(self, seat: Furniture, seconds: float) -> None:
         """Come to the front of a seat, sit down, and stand up again."""

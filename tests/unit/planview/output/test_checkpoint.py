@@ -23,7 +23,6 @@ from planview.output.resume import (
     Checkpoint,
     checkpoint_of,
     difference,
-    digest_of,
     read_checkpoint,
     write_checkpoint,
 )
@@ -42,8 +41,8 @@ def restored(value: object) -> Any:
 @pytest.mark.parametrize(
     "value",
     [
-        None, True, 7, 2**127, -0.0, math.inf, "é", b"\0\xff", (1, (2.5,)), [1, "a"], {(1, 2): [3]}, {3, 1},
-        frozenset({"a"}), deque([1, 2], maxlen=3), np.float32(0.1), np.int64(-3), Path("a/b"), Exposure(2.0, 3.0),
+        None, True, 7, 2**127, -0.0, math.inf, "é", (1, (2.5,)), [1, "a"], {(1, 2): [3]}, {3, 1},
+        frozenset({"a"}), deque([1, 2], maxlen=3), np.float32(0.1), np.int64(-3), Exposure(2.0, 3.0),
         ForegroundParams(beta=5.0), np.timedelta64(3, "s"),
     ],
 )  # fmt: skip
@@ -104,17 +103,15 @@ def test_what_is_not_the_projects_is_refused_with_its_place(value: object) -> No
 @pytest.mark.parametrize(
     "node",
     [
-        ["object", "os:system", {}],
-        ["object", "planview.output.folder:Path", {}],
-        ["object", "planview.output.no_such_module:Thing", {}],
-        ["name", "planview.output.memory:sys"],
-        ["name", "planview.no_such_module:thing"],
-        ["record", "planview.tracking.lifecycle:Existence", []],
-        ["array", "|O", [1], [8], True, 0, 0],
-        ["array", "<f8", [9], [8], True, 0, 0],
-        ["array", "<f8", [10**9], [0], True, 0, 0],
-        ["array", "<f8", [1], [10**30], True, 0, 0],
-        ["generator", "Generator", 1],
+        ["object", {}, "os:system"],
+        ["object", {}, "planview.output.folder:Path"],
+        ["object", {}, "planview.output.no_such_module:Thing"],
+        ["record", [], "planview.tracking.lifecycle:Existence"],
+        ["array", ["|O", [1], [8], True, 0, 0]],
+        ["array", ["<f8", [9], [8], True, 0, 0]],
+        ["array", ["<f8", [10**9], [0], True, 0, 0]],
+        ["array", ["<f8", [1], [10**30], True, 0, 0]],
+        ["generator", 1, "Generator"],
         ["spell", 1],
     ],
 )
@@ -184,12 +181,3 @@ def test_a_checkpoint_of_another_configuration_is_refused(tmp_path: Path) -> Non
 def test_the_first_difference_of_two_runs_is_named() -> None:
     assert difference(IDENTITY, IDENTITY) == ""
     assert difference(IDENTITY, IDENTITY | {"version": {"numpy": "9"}}) == "another version (numpy)"
-
-
-def test_digest_does_not_depend_on_where_arrays_lie_in_memory() -> None:
-    memory = np.arange(8.0)
-    low, high = memory[:2], memory[6:]
-    low[:], high[:] = 1.0, 2.0
-    first = digest_of({"a": low, "b": high})
-    low[:], high[:] = 2.0, 1.0
-    assert digest_of({"a": high, "b": low}) == first

@@ -140,10 +140,10 @@ def test_only_settings_that_differ_from_the_defaults_are_listed() -> None:
     config = Config().model_dump(mode="json")
     assert changed_settings(config) == []
     config["template"]["stay_s"] = 0.7
-    assert [(row.name, row.value) for row in changed_settings(config)] == [("template.stay_s", "0.7")]
+    assert [row[:2] for row in changed_settings(config)] == [("template.stay_s", "0.7")]
 
 
-def test_ledger_of_a_person_tells_why_and_of_what_the_scores_are_made(tmp_path: Path) -> None:
+def test_decisions_of_a_person_say_why_and_how_well_they_matched(tmp_path: Path) -> None:
     write_tracks(tmp_path)
     matched = [f"{t},{t / 10:.4f},1,matched,score {t / 100},{t / 100},{t / 200},{t / 200},0,0" for t in range(31)]
     rows = ["0,0.0000,1,spawned,1.7 m tall,,,,,", *matched, "31,3.1,1,lost,<nothing like it>,0.9,,,,"]
@@ -151,19 +151,18 @@ def test_ledger_of_a_person_tells_why_and_of_what_the_scores_are_made(tmp_path: 
     page = write_report(tmp_path).read_text()
     assert "matched in 31 frames, 0 to 30; median score 0.15, worst 0.30 in frame 30" in page
     assert "&lt;nothing like it&gt;" in page
-    assert page.count("<polygon") == 4
 
 
 def test_heat_map_adds_time_in_the_cell_of_each_row() -> None:
     xy = np.array([[0.0, 0.0], [0.01, 0.01], [1.0, 0.5]])
-    grid, heat = heat_map(xy, 0.1)
-    assert heat.sum() == pytest.approx(0.3)
-    row, col = (round(v) for v in grid.index_of(0.0, 0.0))
-    assert heat[row : row + 2, col : col + 2].max() == pytest.approx(0.2)
+    heat = heat_map(xy, 0.1)
+    assert heat.seconds.sum() == pytest.approx(0.3)
+    col, row = np.floor((xy[0] - heat.corner_m) / heat.cell_m).astype(int)
+    assert heat.seconds[row, col] == pytest.approx(0.2)
 
 
 def test_heat_map_of_far_apart_places_stays_small() -> None:
-    assert heat_map(np.array([[0.0, 0.0], [1e6, 1e6]]), 0.1)[1].size < 4_000_000
+    assert heat_map(np.array([[0.0, 0.0], [1e6, 1e6]]), 0.1).seconds.size < 4_000_000
 
 
 def test_run_info_survives_writing_and_reading(tmp_path: Path) -> None:
