@@ -41,6 +41,7 @@ class Beliefs(NamedTuple):
     no_depth: float
     range_m: float
     unknown: float
+    alike: float
     surface_var: float
     colour: float
     body_m: float
@@ -222,8 +223,16 @@ def evaluate(
     cover: F32, front: F32, b: Beliefs, at: F32, through: F32, before: F32, rest: F32, count: I64,
 ) -> float:  # fmt: skip
     """Lam of all samples with one person at a pose among the others, less Lam without that person."""
-    total, product, factors, weight = 0.0, 1.0, 0, 0.0
-    for i in range(n):
+    legs, torso, head, factors, weight = 0.0, 0.0, 0.0, 0, 0.0
+    low, middle, high = 1.0, 1.0, 1.0
+    for i in range(n + 1):
+        if i == n or factors == ONE_LOG or samples[i, WEIGHT] != weight:
+            legs += weight * math.log(low)
+            torso += weight * math.log(middle)
+            head += weight * math.log(high)
+            if i == n:
+                break
+            low, middle, high, factors, weight = 1.0, 1.0, 1.0, 0, samples[i, WEIGHT]
         s = samples[i]
         kind = kinds[i]
         pi, range_m, z = _look(x, y, h, s[CX], s[CY], s[CZ], s[EX], s[EY], s[COS], s[SIN], angles[i], cover, front, b)
@@ -233,19 +242,31 @@ def evaluate(
             behind = 3 * math.sqrt(b.surface_var + (s[STD] * range_m * range_m) ** 2)
             if s[RANGE] < range_m - behind:
                 continue
-        colour = 1.0 - b.colour + b.colour * ratio[_part(z), codes[i]] if kind == 1 else 1.0
+        part = _part(z)
+        colour = 1.0 - b.colour + b.colour * ratio[part, codes[i]] if kind == 1 else 1.0
         like = _body_likelihood(kind, s[RANGE], range_m, s[STD], s[MATCHED], colour, b)
         j = 0
         while j < count[i] and at[i, j] < range_m:
             j += 1
         floor = b.unknown / b.range_m / (1.0 - b.unknown) if kind == 1 else TINY
         without = before[i, j] + through[i, j] * rest[i, j] + floor
-        if factors == ONE_LOG or s[WEIGHT] != weight:
-            total += weight * math.log(product)
-            product, factors, weight = 1.0, 0, s[WEIGHT]
-        product *= 1.0 + through[i, j] * pi * (like - rest[i, j]) / without
+        factor = 1.0 + through[i, j] * pi * (like - rest[i, j]) / without
+        if part == 0:
+            low *= factor
+        elif part == 1:
+            middle *= factor
+        else:
+            high *= factor
         factors += 1
-    return total + weight * math.log(product)
+    return _shown(legs, b) + _shown(torso, b) + _shown(head, b)
+
+
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _shown(evidence: float, b: Beliefs) -> float:
+    """Evidence of a part of the body that may be of the background's colours as a whole and then does not show."""
+    if evidence > 30.0:
+        return evidence + math.log(1.0 - b.alike)
+    return math.log((1.0 - b.alike) * math.exp(evidence) + b.alike)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -307,12 +328,13 @@ def ascend(  # type: ignore[no-untyped-def]
         x, y, h, predicted, information, tall, tall_std, apart, samples, kinds, codes, angles, n, ratio, cover, front,
         b, at, through, before, rest, count,
     )  # fmt: skip
-    upright, standing = _posterior(
-        x, y, tall, predicted, information, tall, tall_std, apart, samples, kinds, codes, angles, n, ratio, cover,
-        front, b, at, through, before, rest, count,
-    )  # fmt: skip
-    if upright > best:
-        best, lam, h = upright, standing, tall
+    for other in (tall, min(high, h / TORSO_TO), max(low, h * TORSO_TO)):  # shoulders pass for a head
+        new, lam_new = _posterior(
+            x, y, other, predicted, information, tall, tall_std, apart, samples, kinds, codes, angles, n, ratio, cover,
+            front, b, at, through, before, rest, count,
+        )  # fmt: skip
+        if new > best:
+            best, lam, h = new, lam_new, other
     for step in steps:
         for _ in range(TURNS):
             farthest = 0.0
