@@ -28,14 +28,15 @@ CHEST_DEPTH = 0.65
 """A chest's depth over the breadth of torso and arms: 0.24 m over 0.42 m (NASA-STD-3000, median man)."""
 PROFILE = (
     (0.00, 0.48, 0.13, 0.55),
-    (0.48, 0.80, TORSO.torso_radius_m, CHEST_DEPTH),
-    (0.80, 0.85, 0.15, CHEST_DEPTH),
-    (0.85, 0.97, TORSO.head_radius_m, 0.6),
+    (0.48, 0.78, TORSO.torso_radius_m, CHEST_DEPTH),
+    (0.78, 0.82, 0.17, CHEST_DEPTH),
+    (0.82, 0.87, 0.07, 1.0),
+    (0.87, 0.97, TORSO.head_radius_m, 0.6),
     (0.97, 1.00, 0.06, 0.6),
 )
 """Legs, torso, the slope of the shoulders, head with neck, and crown: from and to [of the height], half breadth [m] of
 a body of 1.76 m, depth over breadth. Hip, shoulder and chin after Drillis and Contini 1966, radii after Zhang."""
-ARMS = ((0.0, 0.42, 0.27, 0.5), (0.42, 0.80, 0.31, 0.4))
+ARMS = ((0.0, 0.42, 0.27, 0.5), (0.42, 0.78, 0.31, 0.4))
 ARMS_SHARE = 0.35
 """Where striding legs and arms may be beside the body, and how often they are there."""
 APART_M = 2.0 * TORSO.torso_radius_m

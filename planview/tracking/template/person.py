@@ -86,23 +86,14 @@ class Person:
         """Height when upright and its deviation in one frame [m]."""
         return self.tall_m, math.hypot(math.sqrt(self.tall_var), GAIT_M)
 
-    def learn_height(self, found_m: float, up: float, looks: float, low_share: float) -> None:
-        """The height that the pixels show tells the one when upright, as far as the person is upright now.
-
-        Args:
-            found_m: by a search that has seen the prediction and what is known of the height when upright: the height
-                shown is what makes it so.
-            up: how sharply the pixels tell a height [1/m^2].
-            looks: for how many independent ones this one counts.
-        """
-        tall_m, std = self.upright
-        pull = (found_m - self.height_m) / self.height_var
-        pull += _upright(found_m, tall_m, std, low_share) * (found_m - tall_m) / std**2
-        shown = found_m + pull / max(up, 1e-3)
-        error = LOOK_STD_M**2 + 1.0 / max(up, 1e-3)
-        gain = self.tall_var / (self.tall_var + error / max(looks, 1e-3))
-        gain *= _upright(shown, tall_m, math.sqrt(std**2 + error), low_share)
-        self.tall_m += gain * (shown - tall_m)
+    def learn_height(self, looks: float, low_share: float) -> None:
+        """The present height tells the one when upright, as far as the person is upright now."""
+        _, std = self.upright
+        off = self.height_m - self.tall_m
+        upright = (1 - low_share) * math.exp(-0.5 * (off / std) ** 2) / std
+        lower = low_share * math.sqrt(2 * math.pi) / self.tall_m
+        gain = self.tall_var / (self.tall_var + LOOK_STD_M**2 / max(looks, 1e-3)) * upright / (upright + lower)
+        self.tall_m += gain * off
         self.tall_var *= 1 - gain
 
     def learn_colours(self, heights: F64 | F32, codes: U8) -> None:
@@ -122,12 +113,6 @@ class Person:
             mine = getattr(self, name)
             setattr(self, name, getattr(other, name))
             setattr(other, name, mine)
-
-
-def _upright(height_m: float, tall_m: float, std_m: float, low_share: float) -> float:
-    """Probability that somebody of a height is upright."""
-    upright = (1 - low_share) * math.exp(-0.5 * ((height_m - tall_m) / std_m) ** 2) / std_m
-    return upright / (upright + low_share * math.sqrt(2 * math.pi) / tall_m)
 
 
 def colour_ratios(people: Sequence[Person]) -> F32:

@@ -138,11 +138,9 @@ class TemplateTracker:
         if q.share < self.params.visible_min:
             return
         noise, up = s.noise(pose, bent)
-        x, y, h = map(float, pose)
+        x, y, h = pose
         q.kalman = q.kalman.found_at(x, y, noise, body.SPEED_MAX_MPS)
-        looks = min(1.0, dt / self.params.errors_s)
-        q.learn_height(h, up, looks, self.params.low_share)
-        q.height_m, q.height_var = h, 1.0 / (1.0 / q.height_var + up * looks)
+        q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up * min(1.0, dt / self.params.errors_s))
         q.seen_s = self._now_s
 
     def _rival(self, i: int, people: People) -> int:
@@ -183,6 +181,7 @@ class TemplateTracker:
         q.log_odds = float(np.clip(q.log_odds, -LOG_ODDS_MAX, LOG_ODDS_MAX))
         if q.share < p.visible_min:
             return
+        q.learn_height(looks, p.low_share)
         farther = max(0.0, math.dist(q.origin_m, q.at_m) - q.walked_m)
         q.walked_m += farther
         if alone:
