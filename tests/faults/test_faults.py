@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from faults.damage import FRAMES, Fault
+from faults.damage import FRAMES
 from faults.faults import FAULTS
 from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
 
@@ -44,12 +44,12 @@ def told_by(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, st
     return 0, capsys.readouterr().err
 
 
-def test_there_are_at_least_sixty_faults() -> None:
+def test_there_are_at_least_sixty_faults():
     assert len({fault.name for fault in FAULTS}) == len(FAULTS) >= 60
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
-def test_fault(fault: Fault, good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_fault(fault, good, tmp_path, capsys):
     recording, out = tmp_path / "recording", tmp_path / "out"
     shutil.copytree(good, recording)
     out.mkdir()
@@ -74,7 +74,7 @@ def test_fault(fault: Fault, good: Path, tmp_path: Path, capsys: pytest.CaptureF
     read_tracks(out / "tracks.csv")
 
 
-def test_good_recording_runs_without_a_warning(good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_good_recording_runs_without_a_warning(good, tmp_path, capsys):
     status, told = told_by(capsys, "run", good, "--out", tmp_path / "out", "--strict", *FEW)
     assert status == 0, told
     info = read_run_info(tmp_path / "out" / "run.json")
@@ -82,9 +82,7 @@ def test_good_recording_runs_without_a_warning(good: Path, tmp_path: Path, capsy
 
 
 @pytest.mark.parametrize("name", ["caf\udce9", "a\x1b]0;owned\x07b", "[red]x[/]", "-x y"], ids=ascii)
-def test_folder_names_of_any_kind_run_and_stay_text(
-    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
+def test_folder_names_of_any_kind_run_and_stay_text(good, tmp_path, capsys, name):
     shutil.copytree(good, tmp_path / name)
     status, told = told_by(capsys, "run", tmp_path / name, "--out", tmp_path / f"{name}-out", *FEW)
     assert status == 0, told
@@ -92,7 +90,7 @@ def test_folder_names_of_any_kind_run_and_stay_text(
     assert read_run_info(tmp_path / f"{name}-out" / "run.json").finished
 
 
-def test_finished_run_survives_every_refusal(good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_finished_run_survives_every_refusal(good, tmp_path, capsys):
     out = tmp_path / "out"
     assert told_by(capsys, "run", good, "--out", out, *FEW)[0] == 0
     before = {file.name: file.read_bytes() for file in out.iterdir()}

@@ -2,10 +2,8 @@
 
 import json
 import shutil
-from pathlib import Path
 
 import pytest
-from say import Refused
 from toy_run import EMPTY, FRAMES
 from toy_stereo import walking
 
@@ -13,9 +11,7 @@ from planview.cli import main
 from planview.output.folder import prepare_folder
 
 
-def test_demo_tracks_its_clip_and_prints_the_metrics(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_demo_tracks_its_clip_and_prints_the_metrics(recording, tmp_path, monkeypatch, capsys):
     clip, out = tmp_path / "clip", tmp_path / "out"
     shutil.copytree(recording, clip)
     cards = [(i, walking(i - EMPTY)[0]) for i in range(EMPTY, FRAMES)]
@@ -30,11 +26,11 @@ def test_demo_tracks_its_clip_and_prints_the_metrics(
     assert {"tracks.csv", "run.json", "run.rrd", "report.html", "decisions.csv"} <= {f.name for f in out.iterdir()}
 
 
-def test_demo_without_its_clip_is_refused(refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_demo_without_its_clip_is_refused(refused, tmp_path, monkeypatch):
     monkeypatch.setattr("planview.commands.run.DEMO", tmp_path / "none")
     assert "demo clip" in refused("demo", "--out", tmp_path / "out")
 
 
-def test_view_of_a_run_without_rerun_recording_is_refused(refused: Refused, tmp_path: Path) -> None:
+def test_view_of_a_run_without_rerun_recording_is_refused(refused, tmp_path):
     prepare_folder(tmp_path / "out", overwrite=False)
     assert "--rrd" in refused("view", tmp_path / "out")

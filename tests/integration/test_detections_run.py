@@ -40,9 +40,7 @@ def box() -> list[float]:
     return [u - 0.15 * height, top, 0.3 * height, height]
 
 
-def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(
-    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(video, tmp_path, capsys):
     rows = "".join(f"{i},-1,{','.join(map(str, box()))},1\n" for i in range(1, 21))
     (tmp_path / "det.txt").write_text(rows)
     truth = "".join(f"{i},0.0,6.0,1.75,7\n" for i in range(20))
@@ -65,13 +63,13 @@ def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(
     assert "--detections" in capsys.readouterr().err
 
 
-def test_python_takes_an_array_per_frame(video: Path, tmp_path: Path) -> None:
+def test_python_takes_an_array_per_frame(video, tmp_path):
     boxes = [np.array([box()])] * 20
     tracks = planview.run(video, detections=boxes, camera=tmp_path / "camera.toml")
     last = tracks.frame == 19
     assert tracks.y_m[last] == pytest.approx([6.0], abs=0.3)
 
 
-def test_boxes_beyond_the_video_are_refused(video: Path) -> None:
+def test_boxes_beyond_the_video_are_refused(video):
     with pytest.raises(InputError, match="found frame 21"):
         planview.open_engine(video, detections=[np.array([box()])] * 21)

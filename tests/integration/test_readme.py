@@ -1,7 +1,6 @@
 """The Python examples of the README run as they stand, on the committed clip cut to a few dozen frames."""
 
 import re
-from pathlib import Path
 
 import pytest
 from short_clip import KEPT, ROOT
@@ -12,14 +11,12 @@ def examples() -> list[str]:
     return re.findall(r"^```python\n(.*?)^```", readme.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
 
 
-def test_the_readme_has_an_example() -> None:
+def test_the_readme_has_an_example():
     assert examples()
 
 
 @pytest.mark.parametrize("example", examples())
-def test_the_example_prints_people(
-    example: str, short_clip: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_example_prints_people(example, short_clip, monkeypatch, capsys):
     monkeypatch.chdir(short_clip)
     exec(compile(example, "README.md", "exec"), {"__name__": "__main__"})
     rows = [[float(word) for word in line.split()] for line in capsys.readouterr().out.splitlines()]

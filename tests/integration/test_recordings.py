@@ -39,9 +39,8 @@ def recordings(shared_data: Path) -> Path:
 
 @pytest.mark.parametrize(("name", "reader", "size", "frames", "fps", "focal_px", "baseline_m"), STEREO)
 def test_stereo_sample_opens_with_its_size_rate_and_calibration(
-    recordings: Path, name: str, reader: str, size: tuple[int, int], frames: int, fps: float, focal_px: float,
-    baseline_m: float,
-) -> None:  # fmt: skip
+    recordings, name, reader, size, frames, fps, focal_px, baseline_m
+):
     assert find_layout(recordings / name)[0].key == reader
     recording = open_recording(recordings / name)
     assert recording.rig.left.size == size and recording.n_frames == frames
@@ -51,7 +50,7 @@ def test_stereo_sample_opens_with_its_size_rate_and_calibration(
     assert len(recording.sample(2)) == 2
 
 
-def test_depth_topics_open_with_their_rate_and_camera(recordings: Path) -> None:
+def test_depth_topics_open_with_their_rate_and_camera(recordings):
     _, layout = find_layout(recordings / "ros1-bag" / "rgbd_compressed.bag")
     frame = layout.open().sample(1)[0]
     assert layout.kind == "rgbd" and layout.n_frames == 15 and layout.fps == pytest.approx(5.0)
@@ -59,7 +58,7 @@ def test_depth_topics_open_with_their_rate_and_camera(recordings: Path) -> None:
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_no_recording_is_refused_in_one_sentence(recordings: Path, name: str) -> None:
+def test_what_is_no_recording_is_refused_in_one_sentence(recordings, name):
     with pytest.raises(InputError) as error:
         open_recording(recordings / name)
     assert REFUSED[name] in str(error.value) and "\n" not in str(error.value)

@@ -7,8 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from say import Refused, Say
-from toy_run import FEW, FRAMES, Pair, run_few
+from toy_run import FEW, FRAMES, run_few
 from toy_stereo import ToyWorld, toy_rig, write_toy_recording
 
 from calib.errors import WorkError
@@ -19,7 +18,7 @@ from planview.output.run import run
 from planview.trajectories.table import read_tracks
 
 
-def test_frames_that_cannot_be_used_are_skipped_counted_and_bridged(say: Say, copy: Path, tmp_path: Path) -> None:
+def test_frames_that_cannot_be_used_are_skipped_counted_and_bridged(say, copy, tmp_path):
     (copy / "left" / "000024.png").unlink()
     broken = copy / "right" / "000025.png"
     broken.write_bytes(broken.read_bytes()[:500])
@@ -68,9 +67,7 @@ def crossed(rig: StereoRig) -> StereoRig:
     ],
     ids=["other length", "other size", "calibration of other images", "calibration with crossed cameras"],
 )
-def test_sides_and_calibrations_that_do_not_fit_are_refused(
-    refused: Refused, copy: Path, tmp_path: Path, damage: Callable[[Path], None], named: tuple[str, ...]
-) -> None:
+def test_sides_and_calibrations_that_do_not_fit_are_refused(refused, copy, tmp_path, damage, named):
     damage(copy)
     told = refused("run", copy, "--out", tmp_path / "out", "--set", FEW)
     assert all(text in told for text in named)
@@ -92,15 +89,14 @@ MOVED = toy_rig(rotation_deg=(1.5, 0.0, 0.0))
     ids=["swapped folders", "another rig", "different scenes", "no floor in view"],
 )
 def test_images_without_a_floor_or_of_another_rig_are_a_failure_told_in_one_sentence(
-    refused: Refused, pairs: list[Pair], tmp_path: Path, images: Callable[[list[Pair]], list[Pair]],
-    claimed: StereoRig, named: str,
-) -> None:  # fmt: skip
+    refused, pairs, tmp_path, images, claimed, named
+):
     recording = write_toy_recording(tmp_path / "recording", toy_rig(), images(pairs), claimed=claimed)
     assert named in refused("run", recording, "--out", tmp_path / "out", "--set", FEW, status=1)
     assert not (tmp_path / "out").exists()
 
 
-def test_frames_that_are_all_unusable_are_a_failure(engine: Engine, recording: Path, tmp_path: Path) -> None:
+def test_frames_that_are_all_unusable_are_a_failure(engine, recording, tmp_path):
     class Empty:
         path, n_frames, fps, rig, skipped = recording, 3, 15.0, engine.recording.rig, ()
 
@@ -113,7 +109,7 @@ def test_frames_that_are_all_unusable_are_a_failure(engine: Engine, recording: P
     assert not read_run_info(tmp_path / "run.json").finished
 
 
-def test_a_truncated_video_is_tracked_to_its_end(say: Say, pairs: list[Pair], copy: Path, tmp_path: Path) -> None:
+def test_a_truncated_video_is_tracked_to_its_end(say, pairs, copy, tmp_path):
     for number, side in enumerate(("left", "right")):
         shutil.rmtree(copy / side)
         writer = cv2.VideoWriter(str(copy / f"{side}.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 15.0, (320, 240), False)
@@ -147,13 +143,11 @@ def test_a_truncated_video_is_tracked_to_its_end(say: Say, pairs: list[Pair], co
         (["--camera", "none.toml", "--tracker", "human-model"], "none.toml"),
     ],
 )
-def test_wrong_words_are_refused_by_name(
-    refused: Refused, copy: Path, tmp_path: Path, words: list[str], named: str
-) -> None:
+def test_wrong_words_are_refused_by_name(refused, copy, tmp_path, words, named):
     path = copy / "left" if "human-model" in words else copy
     assert named in refused("run", path, "--out", tmp_path / "out", "--set", FEW, *words)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_recording_that_is_not_there_is_refused(refused: Refused, tmp_path: Path) -> None:
+def test_a_recording_that_is_not_there_is_refused(refused, tmp_path):
     assert "nothing" in refused("run", tmp_path / "nothing", "--out", tmp_path / "out")

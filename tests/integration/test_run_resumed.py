@@ -8,14 +8,13 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from say import Refused, Say
 from toy_run import FEW
 
 from calib.errors import InputError
 from planview.counting.rules import load_rules
 from planview.counting.stream import Analytics
 from planview.engine.config import load_config
-from planview.engine.engine import Engine, FrameResult
+from planview.engine.engine import FrameResult
 from planview.engine.open import open_engine
 from planview.output.folder import read_run_info, rrd_parts
 from planview.output.maps_log import MapsLog
@@ -50,9 +49,7 @@ def rules(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("frame", [2, 20])
-def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(
-    engine: Engine, tmp_path: Path, rules: Path, frame: int
-) -> None:
+def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(engine, tmp_path, rules, frame):
     alone, stopped = tmp_path / "alone", tmp_path / "stopped"
     run(engine, alone, options_with(rules), [MapsLog(engine, folder_of(alone) / "maps.h5")])
     with pytest.raises(StoppedError):
@@ -77,9 +74,7 @@ def folder_of(folder: Path) -> Path:
     return folder
 
 
-def test_a_checkpoint_whose_memory_is_none_is_refused_in_a_sentence(
-    engine: Engine, tmp_path: Path, rules: Path
-) -> None:
+def test_a_checkpoint_whose_memory_is_none_is_refused_in_a_sentence(engine, tmp_path, rules):
     with pytest.raises(StoppedError):
         run(engine, tmp_path, options_with(rules), (), stop_at(5))
     checkpoint = checkpoint_of(tmp_path, run_identity(engine, options_with(rules), []), print)
@@ -89,9 +84,7 @@ def test_a_checkpoint_whose_memory_is_none_is_refused_in_a_sentence(
         run(engine, tmp_path, options_with(rules), (), None, broken)
 
 
-def test_rows_that_were_changed_since_the_checkpoints_are_not_gone_on_from(
-    engine: Engine, tmp_path: Path, rules: Path
-) -> None:
+def test_rows_that_were_changed_since_the_checkpoints_are_not_gone_on_from(engine, tmp_path, rules):
     with pytest.raises(StoppedError):
         run(engine, tmp_path, options_with(rules), (), stop_at(30))
     (tmp_path / "tracks.csv").write_text("frame\n")
@@ -100,9 +93,7 @@ def test_rows_that_were_changed_since_the_checkpoints_are_not_gone_on_from(
     assert [text.count("changed since") for text in told] == [1, 1, 0]
 
 
-def test_another_recording_or_option_is_not_gone_on_with(
-    say: Say, refused: Refused, copy: Path, tmp_path: Path
-) -> None:
+def test_another_recording_or_option_is_not_gone_on_with(say, refused, copy, tmp_path):
     out = tmp_path / "out"
     often = f"run.checkpoint_every_s={FREQUENT_S}"
     assert say("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3", "--set", often)[0] == 0
@@ -111,9 +102,7 @@ def test_another_recording_or_option_is_not_gone_on_with(
     assert "expected the beginning of this run, found another" in told
 
 
-def test_a_run_goes_on_beside_a_new_read_me_and_with_its_rules_under_another_name(
-    copy: Path, tmp_path: Path, rules: Path
-) -> None:
+def test_a_run_goes_on_beside_a_new_read_me_and_with_its_rules_under_another_name(copy, tmp_path, rules):
     config = load_config(None, [FEW])
     with pytest.raises(StoppedError):
         run(open_engine(copy, config=config), tmp_path / "out", options_with(rules), (), stop_at(5))
@@ -124,7 +113,7 @@ def test_a_run_goes_on_beside_a_new_read_me_and_with_its_rules_under_another_nam
     assert checkpoint_of(tmp_path / "out", identity, print) is not None
 
 
-def test_another_image_or_calibration_is_another_recording(copy: Path, tmp_path: Path) -> None:
+def test_another_image_or_calibration_is_another_recording(copy, tmp_path):
     config = load_config(None, [FEW])
 
     def identity() -> dict[str, dict[str, object]]:
@@ -138,9 +127,7 @@ def test_another_image_or_calibration_is_another_recording(copy: Path, tmp_path:
 
 
 @pytest.mark.parametrize("left", [["run.json", "run.rrd", "maps.h5.part"], ["run.json.part"]])
-def test_a_run_that_was_killed_before_its_first_checkpoint_is_begun_anew(
-    say: Say, copy: Path, tmp_path: Path, left: list[str]
-) -> None:
+def test_a_run_that_was_killed_before_its_first_checkpoint_is_begun_anew(say, copy, tmp_path, left):
     out = tmp_path / "out"
     assert say("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3")[0] == 0
     kept = (out / "run.json").read_text().replace('"finished": true', '"finished": false')
@@ -154,7 +141,7 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_is_begun_anew(
     assert not (out / "maps.h5.part").exists()
 
 
-def test_a_run_that_was_killed_before_it_was_refined_is_refined(say: Say, copy: Path, tmp_path: Path) -> None:
+def test_a_run_that_was_killed_before_it_was_refined_is_refined(say, copy, tmp_path):
     out = tmp_path / "out"
     assert say("run", copy, "--out", out, "--set", FEW)[0] == 0
     status, told = say("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")
@@ -163,9 +150,7 @@ def test_a_run_that_was_killed_before_it_was_refined_is_refined(say: Say, copy: 
     assert "nothing is left to resume" in say("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")[1]
 
 
-def test_a_run_that_was_stopped_twice_has_every_frame_once_in_its_rerun_recording(
-    engine: Engine, tmp_path: Path, rules: Path
-) -> None:
+def test_a_run_that_was_stopped_twice_has_every_frame_once_in_its_rerun_recording(engine, tmp_path, rules):
     from planview.output.rerun.log import RerunLog
 
     options, checkpoint = options_with(rules), None

@@ -127,9 +127,7 @@ def test_scene_cut_makes_no_people_and_is_told(run: Run) -> None:
     assert "first at frame 20" in info.warnings[0].text
 
 
-def test_person_throughout_is_counted_once_by_ellipses_and_at_most_twice_by_models(
-    run: Run,
-) -> None:
+def test_person_throughout_is_counted_once_by_ellipses_and_at_most_twice_by_models(run: Run) -> None:
     info, _ = run(there_throughout, 60)
     assert 1 <= info.people <= (1 if info.tracker == "ellipse-particle" else 2)
     assert not info.warnings

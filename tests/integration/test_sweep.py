@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from inline_pool import InlinePool
-from say import Say, one_sentence
+from say import one_sentence
 from toy_run import EMPTY, FEW, FRAMES
 from toy_stereo import walking
 
@@ -58,9 +58,7 @@ def rows(out: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_study_tracks_maps_of_a_recording_that_it_records_once(
-    say: Say, pool: InlinePool, copy: Path, tmp_path: Path
-) -> None:
+def test_study_tracks_maps_of_a_recording_that_it_records_once(say, pool, copy, tmp_path):
     (copy / "truth.csv").write_text(TRUTH)
     (tmp_path / "c.toml").write_text("[analysis]\nsetup_frames = 4\n")
     text = 'recordings = ["copy"]\nconfig = "c.toml"\n[parameters]\ntemplate.stay_s = [0.35, {}]\n'
@@ -78,7 +76,7 @@ def test_study_tracks_maps_of_a_recording_that_it_records_once(
     ]  # fmt: skip
 
 
-def test_study_gives_the_tracks_of_a_plain_run(say: Say, pool: InlinePool, copy: Path, tmp_path: Path) -> None:
+def test_study_gives_the_tracks_of_a_plain_run(say, pool, copy, tmp_path):
     (tmp_path / "c.toml").write_text("[analysis]\nsetup_frames = 4\n")
     assert say("run", copy, "--out", tmp_path / "plain", "--set", FEW)[0] == 0
     plain = (tmp_path / "plain" / "tracks.csv").read_bytes()
@@ -89,7 +87,7 @@ def test_study_gives_the_tracks_of_a_plain_run(say: Say, pool: InlinePool, copy:
         assert tracks.read_bytes() == plain
 
 
-def test_recordings_of_one_name_do_not_get_each_others_results(say: Say, pool: InlinePool, halls: Path) -> None:
+def test_recordings_of_one_name_do_not_get_each_others_results(say, pool, halls):
     out = halls / "out"
     with (halls / "b" / "maps.h5").open("ab") as file:
         file.write(b"\0")
@@ -100,18 +98,14 @@ def test_recordings_of_one_name_do_not_get_each_others_results(say: Say, pool: I
     assert rows(out)[0]["folder"] != folder_of_a
 
 
-def test_recordings_of_equal_content_are_scored_against_their_own_truth(
-    say: Say, pool: InlinePool, halls: Path
-) -> None:
+def test_recordings_of_equal_content_are_scored_against_their_own_truth(say, pool, halls):
     (halls / "b" / "truth.csv").write_text(TRUTH.replace(",1,", ",7,").replace("1.75", "1.95"))
     assert say("sweep", halls / "a" / "maps.h5", halls / "b" / "maps.h5", "--out", halls / "out")[0] == 0
     errors = [float(row["height_error_mean_m"]) for row in rows(halls / "out")]
     assert abs(errors[1] - errors[0]) > 0.1
 
 
-def test_bad_recordings_are_reported_at_the_end_and_the_others_are_done(
-    say: Say, pool: InlinePool, halls: Path
-) -> None:
+def test_bad_recordings_are_reported_at_the_end_and_the_others_are_done(say, pool, halls):
     (halls / "b" / "maps.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
     path = study(halls, 'recordings = ["b/maps.h5", "none", "a/maps.h5"]\nseeds = [0, 1]\n')
     status, told = say("sweep", path)
@@ -123,9 +117,7 @@ def test_bad_recordings_are_reported_at_the_end_and_the_others_are_done(
     assert "2 of 6 runs failed" in say("sweep", path)[1]
 
 
-def test_ranking_prints_whole_names_and_json_has_runs_and_intervals(
-    say: Say, pool: InlinePool, halls: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ranking_prints_whole_names_and_json_has_runs_and_intervals(say, pool, halls, capsys):
     path = study(halls, 'recordings = ["a/maps.h5"]\n[parameters]\ntemplate.stay_s = [0.5]\n')
     with pytest.raises(SystemExit):
         main(["sweep", str(path)])
@@ -137,7 +129,7 @@ def test_ranking_prints_whole_names_and_json_has_runs_and_intervals(
     assert found["ranking"][0]["mota"]["mean"] == found["runs"][0]["mota"]
 
 
-def test_page_is_one_file_that_shows_names_as_text(say: Say, pool: InlinePool, halls: Path) -> None:
+def test_page_is_one_file_that_shows_names_as_text(say, pool, halls):
     evil = halls / "<script>alert(1)"
     (halls / "a").rename(evil)
     path = study(halls, 'recordings = ["<script>*/maps.h5", "b/maps.h5"]\n[parameters]\ntemplate.stay_s = [0.3, 0.4]\n')
@@ -149,14 +141,14 @@ def test_page_is_one_file_that_shows_names_as_text(say: Say, pool: InlinePool, h
 
 
 @pytest.mark.parametrize("vary", ["maps.no_such=1,2", "maps.cell_m", "maps.cell_m=0.03,0.03", "seed=x", "seed=-1"])
-def test_sweep_refuses_wrong_settings_before_it_runs(say: Say, copy: Path, tmp_path: Path, vary: str) -> None:
+def test_sweep_refuses_wrong_settings_before_it_runs(say, copy, tmp_path, vary):
     status, told = say("sweep", copy, "--out", tmp_path / "sweep", "--vary", vary)
     assert status == 2
     assert one_sentence(told)
     assert not (tmp_path / "sweep").exists()
 
 
-def test_optuna_tries_its_samples(say: Say, pool: InlinePool, halls: Path) -> None:
+def test_optuna_tries_its_samples(say, pool, halls):
     text = 'recordings = ["a/maps.h5"]\nmethod = "optuna"\nsamples = 5\n[parameters]\n'
     path = study(halls, text + "template.stay_s = { min = 0.3, max = 0.5 }\n")
     assert say("sweep", path)[0] == 0
@@ -165,16 +157,14 @@ def test_optuna_tries_its_samples(say: Say, pool: InlinePool, halls: Path) -> No
     assert pool.submitted == 5
 
 
-def test_what_killed_processes_left_is_removed(say: Say, pool: InlinePool, halls: Path) -> None:
+def test_what_killed_processes_left_is_removed(say, pool, halls):
     left = halls / "out" / "jobs" / ".attempt-4194305-0"
     left.mkdir(parents=True)
     assert say("sweep", halls / "a" / "maps.h5", "--out", halls / "out")[0] == 0
     assert not left.exists()
 
 
-def test_runs_fail_with_the_plan_view_recording_that_they_need(
-    say: Say, pool: InlinePool, copy: Path, halls: Path
-) -> None:
+def test_runs_fail_with_the_plan_view_recording_that_they_need(say, pool, copy, halls):
     (copy / "rig.toml").write_text("focal = 1")
     path = study(halls, 'recordings = ["copy", "a/maps.h5"]\nseeds = [0, 1]\n')
     status, told = say("sweep", path)

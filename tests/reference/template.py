@@ -8,13 +8,7 @@ from calib.types import F32, F64
 
 
 def differences(
-    template_height: F32,
-    template_occupancy: F32,
-    height: F32,
-    occupancy: F32,
-    row: int,
-    col: int,
-    one_sided: float,
+    template_height: F32, template_occupancy: F32, height: F32, occupancy: F32, row: int, col: int, one_sided: float
 ) -> tuple[float, float]:
     n = len(template_height)
     seen_height = height[row : row + n, col : col + n].astype(np.float64)

@@ -1,7 +1,6 @@
 """What libraries need of the machine, told in one sentence where it is missing."""
 
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -10,15 +9,13 @@ from calib.errors import WorkError
 from calib.libraries import import_open3d
 
 
-def test_first_writable_place_is_taken(tmp_path: Path) -> None:
+def test_first_writable_place_is_taken(tmp_path):
     (tmp_path / "file").write_text("")
     assert libraries.first_writable([tmp_path / "file" / "cache", tmp_path / "b"]) == tmp_path / "b"
     assert not (tmp_path / "b").exists()
 
 
-def test_temporary_cache_is_used_and_told_where_no_place_can_be_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_temporary_cache_is_used_and_told_where_no_place_can_be_written(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(libraries, "usual_places", lambda: [tmp_path / "file" / "cache"])
     monkeypatch.delitem(libraries.sys.modules, "numba", raising=False)
@@ -30,7 +27,7 @@ def test_temporary_cache_is_used_and_told_where_no_place_can_be_written(
     assert libraries.os.environ[libraries.VARIABLE] == str(tmp_path / "planview-kernels-")
 
 
-def test_missing_open3d_is_one_sentence_with_the_purpose(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_open3d_is_one_sentence_with_the_purpose(monkeypatch):
     monkeypatch.setitem(sys.modules, "open3d", None)
     with pytest.raises(WorkError, match=r"^rendering needs open3d \(pip install open3d\)") as told:
         import_open3d("rendering")

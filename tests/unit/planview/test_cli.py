@@ -26,7 +26,7 @@ def status_of(argv: list[str]) -> int:
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
-def test_help_of_every_command_has_an_example(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_of_every_command_has_an_example(command, capsys):
     assert status_of([*command, "--help"]) == 0
     text = " ".join(capsys.readouterr().out.split())
     assert "Example" in text
@@ -34,7 +34,7 @@ def test_help_of_every_command_has_an_example(command: list[str], capsys: pytest
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
-def test_an_unknown_option_is_refused_in_one_sentence(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_option_is_refused_in_one_sentence(command, capsys):
     assert status_of([*command, "--no-such-option"]) == 2
     shown = capsys.readouterr()
     assert shown.err.startswith("planview: ")
@@ -43,7 +43,7 @@ def test_an_unknown_option_is_refused_in_one_sentence(command: list[str], capsys
 
 
 @pytest.mark.parametrize("argv", [["no-such-command"], ["calibrate", "no-such"], ["run"], ["run", "x", "--fps", "a"]])
-def test_wrong_usage_is_refused_in_one_sentence(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage_is_refused_in_one_sentence(argv, capsys):
     assert status_of(argv) == 2
     assert capsys.readouterr().err.count("\n") == 1
 
@@ -51,9 +51,7 @@ def test_wrong_usage_is_refused_in_one_sentence(argv: list[str], capsys: pytest.
 @pytest.mark.parametrize(
     ("argv", "option"), [(["run", "x", "--out", ""], "--out"), (["run", "x", "--out="], "--out"), (["run", ""], "run")]
 )
-def test_an_empty_value_is_refused_in_one_sentence(
-    argv: list[str], option: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_empty_value_is_refused_in_one_sentence(argv, option, capsys):
     assert status_of(argv) == 2
     assert capsys.readouterr().err == f"planview: {option}: expected a value, found an empty one\n"
 
@@ -67,13 +65,7 @@ def test_an_empty_value_is_refused_in_one_sentence(
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
 )
-def test_errors_become_one_sentence_and_a_status(
-    error: BaseException,
-    status: int,
-    sentence: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_errors_become_one_sentence_and_a_status(error, status, sentence, monkeypatch, capsys):
     def fail(*_: object, **__: object) -> None:
         raise error
 
@@ -83,21 +75,17 @@ def test_errors_become_one_sentence_and_a_status(
 
 
 @pytest.mark.parametrize(("name", "now"), cli.FORMER.items())
-def test_a_former_command_is_answered_with_its_new_name(
-    name: str, now: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_former_command_is_answered_with_its_new_name(name, now, capsys):
     assert status_of([name, "x"]) == 2
     assert capsys.readouterr().err == f"planview: {name}: expected its new name, {now}\n"
 
 
-def test_a_former_option_of_run_is_answered_with_what_takes_its_place(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_former_option_of_run_is_answered_with_what_takes_its_place(capsys):
     assert status_of(["run", "x", "--pace", "--out", "y"]) == 2
     assert "expected --set run.real_time=true" in capsys.readouterr().err
 
 
-def test_an_unexpected_error_becomes_one_sentence_that_names_a_file_with_the_traceback(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_an_unexpected_error_becomes_one_sentence_that_names_a_file_with_the_traceback(monkeypatch, capsys, tmp_path):
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("a\nb")
 
@@ -109,14 +97,14 @@ def test_an_unexpected_error_becomes_one_sentence_that_names_a_file_with_the_tra
     assert "Traceback" in log.read_text() and "in fail" in log.read_text()
 
 
-def test_messages_to_a_full_disk_do_not_end_the_work() -> None:
+def test_messages_to_a_full_disk_do_not_end_the_work():
     command = "import sys; from planview.cli import main; sys.argv = ['planview', 'nonsense']; main()"
     with Path("/dev/full").open("w") as full:
         done = subprocess.run([sys.executable, "-c", command], stderr=full)
     assert done.returncode == 2
 
 
-def test_the_listing_imports_nothing_heavy() -> None:
+def test_the_listing_imports_nothing_heavy():
     program = (
         "import sys\nfrom planview.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
         "print('HEAVY', [m for m in ('numba', 'open3d', 'rerun', 'cv2', 'numpy', 'matplotlib') if m in sys.modules])"
@@ -126,19 +114,19 @@ def test_the_listing_imports_nothing_heavy() -> None:
     assert done.stdout.rstrip().endswith("HEAVY []")
 
 
-def test_run_has_at_most_fourteen_options(capsys: pytest.CaptureFixture[str]) -> None:
+def test_run_has_at_most_fourteen_options(capsys):
     assert status_of(["run", "--help"]) == 0
     shown = re.findall(r"^│ [* ]*(--\S+)", capsys.readouterr().out, re.MULTILINE)
     assert "--out" in shown and len(shown) <= 14
 
 
 @pytest.mark.parametrize("flag", ["--version", "-v"])
-def test_version_is_printed(flag: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_version_is_printed(flag, capsys):
     assert status_of([flag]) == 0
     assert capsys.readouterr().out.strip()[0].isdigit()
 
 
-def test_completion_knows_the_options_of_commands(capsys: pytest.CaptureFixture[str]) -> None:
+def test_completion_knows_the_options_of_commands(capsys):
     assert status_of(["completion", "bash"]) == 0
     text = capsys.readouterr().out
     assert "--overwrite" in text and "complete -F" in text

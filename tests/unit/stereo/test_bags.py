@@ -1,6 +1,5 @@
 import re
 import tracemalloc
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -9,7 +8,6 @@ import pytest
 from toy_bags import COUNT, FOCAL, START_NS, STEP_NS, H, W, Writer, picture, stereo_bag
 
 from calib.errors import InputError
-from calib.types import AnyArray
 from stereo.readers import OpenOptions, find_layout, open_recording
 from stereo.readers.bags import storage
 from stereo.readers.bags.messages import ImageMessage, stored_pixels
@@ -26,9 +24,7 @@ zstandard = pytest.importorskip("zstandard")
     ("name", "ros1", "plugin", "compressed"),
     [("a.bag", True, "", False), ("b.bag", True, "", True), ("c", False, "sqlite3", False), ("d", False, "mcap", True)],
 )
-def test_stereo_bag_of_every_storage_gives_the_same_pairs(
-    tmp_path: Path, name: str, ros1: bool, plugin: str, compressed: bool
-) -> None:
+def test_stereo_bag_of_every_storage_gives_the_same_pairs(tmp_path, name, ros1, plugin, compressed):
     recording = open_recording(stereo_bag(tmp_path / name, ros1, plugin or "sqlite3", compressed=compressed))
     frames = list(recording)
     assert [int(f.left[0, 0]) for f in frames] == [10 * i for i in range(COUNT)]
@@ -36,12 +32,12 @@ def test_stereo_bag_of_every_storage_gives_the_same_pairs(
     assert recording.rig.baseline_m == pytest.approx(0.1) and recording.rig.left.fx == FOCAL
 
 
-def test_bare_mcap_file_is_read_without_its_metadata(tmp_path: Path) -> None:
+def test_bare_mcap_file_is_read_without_its_metadata(tmp_path):
     file = next(stereo_bag(tmp_path / "bag", False, "mcap").glob("*.mcap"))
     assert len(list(open_recording(file.rename(tmp_path / "alone.mcap")))) == COUNT
 
 
-def test_message_that_is_missing_on_one_side_is_a_skipped_frame(tmp_path: Path) -> None:
+def test_message_that_is_missing_on_one_side_is_a_skipped_frame(tmp_path):
     def stamps(i: int, side: str) -> int | None:
         return None if (i, side) == (6, "right") else START_NS + i * STEP_NS + 3_000_000 * (side == "right")
 
@@ -51,37 +47,37 @@ def test_message_that_is_missing_on_one_side_is_a_skipped_frame(tmp_path: Path) 
     assert "1 of 8 frames without a mate within 25.0 ms" in recording.notes[0]
 
 
-def test_messages_recorded_out_of_order_come_in_the_order_of_their_stamps(tmp_path: Path) -> None:
+def test_messages_recorded_out_of_order_come_in_the_order_of_their_stamps(tmp_path):
     order = [0, 1, 3, 2, 4, 5, 6, 7]
     recording = open_recording(stereo_bag(tmp_path / "a.bag", stamps=lambda i, side: START_NS + order[i] * STEP_NS))
     assert [int(f.left[0, 0]) // 10 for f in recording] == order
     assert any("out of order" in note for note in recording.notes)
 
 
-def test_headers_without_times_take_the_time_of_recording(tmp_path: Path) -> None:
+def test_headers_without_times_take_the_time_of_recording(tmp_path):
     recording = open_recording(stereo_bag(tmp_path / "a.bag", stamps=lambda i, side: 0))
     assert [f.timestamp_s for f in recording][:3] == pytest.approx([0.0, 0.1, 0.2])
     assert "headers hold no times" in recording.notes[0]
 
 
-def test_sample_of_a_bag_gives_frames_spread_over_it(tmp_path: Path) -> None:
+def test_sample_of_a_bag_gives_frames_spread_over_it(tmp_path):
     frames = open_recording(stereo_bag(tmp_path / "a.bag")).sample(3)
     assert [(f.index, int(f.right[0, 0])) for f in frames] == [(0, 0), (4, 40), (7, 70)]
 
 
-def test_bag_without_camera_info_asks_for_a_calibration(tmp_path: Path) -> None:
+def test_bag_without_camera_info_asks_for_a_calibration(tmp_path):
     _, layout = find_layout(stereo_bag(tmp_path / "a.bag", infos=False))
     with pytest.raises(InputError, match=r"camera_info of /stereo/left/image_raw .*--calibration"):
         layout.open()
 
 
-def test_bag_whose_p_holds_no_baseline_needs_transforms(tmp_path: Path) -> None:
+def test_bag_whose_p_holds_no_baseline_needs_transforms(tmp_path):
     with pytest.raises(InputError, match="no transform from left_optical to right_optical"):
         open_recording(stereo_bag(tmp_path / "a", False, baseline_m=0.0))
 
 
 @pytest.mark.parametrize("name", ["a", "a.bag"])
-def test_static_transforms_give_the_baseline_by_the_definition_in_the_bag(tmp_path: Path, name: str) -> None:
+def test_static_transforms_give_the_baseline_by_the_definition_in_the_bag(tmp_path, name):
     writer = Writer(tmp_path / name, name.endswith(".bag"))
     writer.pairs(range(3), 0.0)
     writer.static_transforms(0.2)
@@ -90,14 +86,14 @@ def test_static_transforms_give_the_baseline_by_the_definition_in_the_bag(tmp_pa
     np.testing.assert_allclose(recording.rig.right_SE3_left.translation, [-0.2, 0, 0])
 
 
-def test_truncated_bag_is_refused_with_the_way_out(tmp_path: Path) -> None:
+def test_truncated_bag_is_refused_with_the_way_out(tmp_path):
     path = stereo_bag(tmp_path / "a.bag")
     path.write_bytes(path.read_bytes()[:5000])
     with pytest.raises(InputError, match=r"damaged or was cut off .*rosbag reindex"):
         open_recording(path)
 
 
-def test_topics_that_are_not_in_the_bag_are_refused_by_name(tmp_path: Path) -> None:
+def test_topics_that_are_not_in_the_bag_are_refused_by_name(tmp_path):
     with pytest.raises(InputError, match=r"--topics: .*/stereo/left/image_raw.*found '/x'"):
         find_layout(stereo_bag(tmp_path / "a.bag"), OpenOptions(topics=("/stereo/left/image_raw", "/x")))
 
@@ -123,22 +119,22 @@ class Listed:
     ],
     ids=["infrared pair of a RealSense", "colour and depth"],
 )
-def test_topics_of_a_pair_are_chosen(kind: str, chosen: tuple[str, str], others: tuple[str, ...]) -> None:
+def test_topics_of_a_pair_are_chosen(kind, chosen, others):
     assert choose_topics(Listed(*others, *chosen), ()) == (kind, *chosen)  # type: ignore[arg-type]
 
 
-def test_two_rigs_in_a_bag_are_asked_for() -> None:
+def test_two_rigs_in_a_bag_are_asked_for():
     bag = Listed("/a/left/image_raw", "/a/right/image_raw", "/b/left/image_raw", "/b/right/image_raw")
     with pytest.raises(InputError, match=r"2 pairs among /a/left.*--topics"):
         choose_topics(bag, ())  # type: ignore[arg-type]
 
 
-def test_camera_info_of_a_compressed_topic_is_that_of_its_camera() -> None:
+def test_camera_info_of_a_compressed_topic_is_that_of_its_camera():
     bag = Listed("/s/left/camera_info", "/s/right/camera_info")
     assert info_topic(bag.topics, "/s/right/image_raw/compressed") == "/s/right/camera_info"
 
 
-def test_kinds_of_messages_are_known_by_their_names() -> None:
+def test_kinds_of_messages_are_known_by_their_names():
     names = ("sensor_msgs/Image", "sensor_msgs/msg/CompressedImage", "foxglove.CameraCalibration", "std_msgs/msg/Image")
     assert [kind_of(name) for name in names] == ["image", "compressed", "info", "other"]
 
@@ -153,14 +149,14 @@ def test_kinds_of_messages_are_known_by_their_names() -> None:
         ("32FC1", np.array([[1.5]], "<f4"), 1.5),
     ],
 )
-def test_raw_encodings_give_bgr_or_grey(encoding: str, values: AnyArray, expected: object) -> None:
+def test_raw_encodings_give_bgr_or_grey(encoding, values, expected):
     rows, columns = values.shape[:2]
     stored = stored_pixels(ImageMessage(encoding, values.tobytes(), columns, rows, values.nbytes // rows))
     assert stored is not None
     np.testing.assert_array_equal(stored[0, 0], expected)
 
 
-def test_bayer_red_pixel_is_red_in_every_pattern() -> None:
+def test_bayer_red_pixel_is_red_in_every_pattern():
     for pattern, (row, column) in {"rggb": (0, 0), "bggr": (1, 1), "gbrg": (1, 0), "grbg": (0, 1)}.items():
         mosaic = np.zeros((8, 8), np.uint8)
         mosaic[row::2, column::2] = 200
@@ -169,12 +165,12 @@ def test_bayer_red_pixel_is_red_in_every_pattern() -> None:
         np.testing.assert_array_equal(stored[4, 4], [0, 0, 200])
 
 
-def test_image_that_announces_more_than_it_holds_is_not_decoded() -> None:
+def test_image_that_announces_more_than_it_holds_is_not_decoded():
     assert stored_pixels(ImageMessage("mono8", b"\0" * 100, 60_000, 60_000, 60_000)) is None
     assert stored_pixels(ImageMessage("no such", b"\0" * 100, 10, 10, 10)) is None
 
 
-def test_compressed_depth_of_floats_is_unquantised() -> None:
+def test_compressed_depth_of_floats_is_unquantised():
     png = np.asarray(cv2.imencode(".png", np.array([[0, 101]], np.uint16))[1]).tobytes()
     header = np.array([0], "<i4").tobytes() + np.array([2.0, 100.0], "<f4").tobytes()
     stored = stored_pixels(ImageMessage("32FC1; compressedDepth png", header + png))
@@ -183,7 +179,7 @@ def test_compressed_depth_of_floats_is_unquantised() -> None:
 
 
 @pytest.mark.parametrize("damage", [lambda data: data[:20], lambda data: b""])
-def test_damaged_camera_info_is_refused_in_one_sentence(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+def test_damaged_camera_info_is_refused_in_one_sentence(tmp_path, damage):
     writer = Writer(tmp_path / "a", False)
     for side in ("left", "right"):
         writer.write(f"/{side}/image_raw", START_NS, writer.image(START_NS, picture(0)))
@@ -199,12 +195,12 @@ def test_damaged_camera_info_is_refused_in_one_sentence(tmp_path: Path, damage: 
 
 
 @pytest.mark.parametrize("encoding", ["8UC-1", "8UC0", "8UC2", "16UC7", "8UC"])
-def test_encoding_that_no_image_has_is_not_decoded(encoding: str) -> None:
+def test_encoding_that_no_image_has_is_not_decoded(encoding):
     stored = stored_pixels(ImageMessage(encoding, b"\0" * 144, 4, 4, 36))
     assert (stored is None) == (encoding != "8UC")
 
 
-def test_rows_that_announce_more_than_the_message_holds_take_no_memory() -> None:
+def test_rows_that_announce_more_than_the_message_holds_take_no_memory():
     message = ImageMessage("mono8", bytes(range(4)), 4, 1, 2**32 - 1)
     tracemalloc.start()
     stored = stored_pixels(message)
@@ -213,7 +209,7 @@ def test_rows_that_announce_more_than_the_message_holds_take_no_memory() -> None
     assert stored is not None and stored.tolist() == [[0, 1, 2, 3]] and peak < 1e6
 
 
-def test_chunk_that_unpacks_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunk_that_unpacks_without_end_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "b.bag"
     writer = Writer(path, True, chunks="bz2")
     writer.pairs(range(2))
@@ -224,7 +220,7 @@ def test_chunk_that_unpacks_without_end_is_refused(tmp_path: Path, monkeypatch: 
         find_layout(path)
 
 
-def test_message_that_unpacks_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_message_that_unpacks_without_end_is_refused(tmp_path, monkeypatch):
     writer = Writer(tmp_path / "unused", False)
     writer.close()
     bag = rosbag2.Writer(tmp_path / "a", version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3)
@@ -241,9 +237,7 @@ def test_message_that_unpacks_without_end_is_refused(tmp_path: Path, monkeypatch
         find_layout(tmp_path / "a")
 
 
-def test_chunk_of_a_folder_of_mcap_files_that_unpacks_without_end_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_chunk_of_a_folder_of_mcap_files_that_unpacks_without_end_is_refused(tmp_path, monkeypatch):
     path = stereo_bag(tmp_path / "a", False, "mcap")
     monkeypatch.setattr(storage, "MAX_UNPACKED_BYTES", 100)
     with pytest.raises(InputError, match="compressed data of more than"):
@@ -257,7 +251,7 @@ def nested(levels: int) -> str:
 
 
 @pytest.mark.parametrize("inside", [False, True], ids=["metadata", "profiles in it"])
-def test_metadata_with_references_is_refused_at_once(tmp_path: Path, inside: bool) -> None:
+def test_metadata_with_references_is_refused_at_once(tmp_path, inside):
     path = stereo_bag(tmp_path / "a", False)
     text = (path / "metadata.yaml").read_text()
     quoted = nested(12).replace("\n", "\\n")
@@ -269,7 +263,7 @@ def test_metadata_with_references_is_refused_at_once(tmp_path: Path, inside: boo
         find_layout(path)
 
 
-def test_metadata_with_a_time_of_text_is_refused(tmp_path: Path) -> None:
+def test_metadata_with_a_time_of_text_is_refused(tmp_path):
     path = stereo_bag(tmp_path / "a", False)
     text = (path / "metadata.yaml").read_text()
     (path / "metadata.yaml").write_text(
@@ -279,9 +273,7 @@ def test_metadata_with_a_time_of_text_is_refused(tmp_path: Path) -> None:
         find_layout(path)
 
 
-def test_file_that_unpacks_to_far_more_than_its_size_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_file_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path, monkeypatch):
     path = stereo_bag(tmp_path / "a", False)
     file = next(path.glob("*.db3"))
     whole = zstandard.ZstdCompressor().compress(file.read_bytes())
@@ -297,7 +289,7 @@ def test_file_that_unpacks_to_far_more_than_its_size_is_refused(
         find_layout(path)
 
 
-def test_header_without_a_time_of_this_world_takes_the_time_of_recording(tmp_path: Path) -> None:
+def test_header_without_a_time_of_this_world_takes_the_time_of_recording(tmp_path):
     def stamps(i: int, side: str) -> int:
         return -(2**31) * 10**9 if i == 3 else START_NS + i * STEP_NS
 

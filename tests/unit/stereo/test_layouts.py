@@ -33,19 +33,19 @@ def euroc(folder: Path, listed: bool = True, missing: int | None = None) -> Path
 
 
 @pytest.mark.parametrize("listed", [True, False])
-def test_euroc_folder_has_the_rate_of_its_stamps_and_its_own_calibration(tmp_path: Path, listed: bool) -> None:
+def test_euroc_folder_has_the_rate_of_its_stamps_and_its_own_calibration(tmp_path, listed):
     recording = open_recording(euroc(tmp_path, listed))
     assert [round(f.timestamp_s, 6) for f in recording] == [0.0, 0.05, 0.1, 0.15, 0.2, 0.25]
     assert recording.fps == pytest.approx(20.0) and recording.rig.baseline_m == pytest.approx(0.12)
 
 
-def test_euroc_frame_of_one_camera_is_counted(tmp_path: Path) -> None:
+def test_euroc_frame_of_one_camera_is_counted(tmp_path):
     recording = open_recording(euroc(tmp_path, missing=3))
     assert [f.index for f in recording] == [0, 1, 2, 4, 5]
     assert "1 of 6 frames without a mate within 12.5 ms" in recording.notes[0]
 
 
-def test_euroc_cameras_in_the_wrong_order_are_exchanged(tmp_path: Path) -> None:
+def test_euroc_cameras_in_the_wrong_order_are_exchanged(tmp_path):
     folder = euroc(tmp_path) / "mav0"
     first, second = folder / "cam0" / "sensor.yaml", folder / "cam1" / "sensor.yaml"
     texts = first.read_text(), second.read_text()
@@ -73,15 +73,13 @@ def kitti(folder: Path, suffix: str) -> Path:
 
 
 @pytest.mark.parametrize(("suffix", "focal_px", "baseline_m"), [("sync", 25.0, 0.1), ("extract", 30.0, 0.12)])
-def test_kitti_drive_is_rectified_when_its_name_says_so(
-    tmp_path: Path, suffix: str, focal_px: float, baseline_m: float
-) -> None:
+def test_kitti_drive_is_rectified_when_its_name_says_so(tmp_path, suffix, focal_px, baseline_m):
     recording = open_recording(kitti(tmp_path, suffix))
     assert recording.rig.left.fx == focal_px and recording.rig.baseline_m == pytest.approx(baseline_m)
     assert [f.timestamp_s for f in recording] == pytest.approx([0.0, 0.1, 0.3])
 
 
-def test_kitti_odometry_sequence_has_its_times_and_projections(tmp_path: Path) -> None:
+def test_kitti_odometry_sequence_has_its_times_and_projections(tmp_path):
     for camera in ("image_0", "image_1"):
         (tmp_path / camera).mkdir()
         for i in range(3):
@@ -96,7 +94,7 @@ def test_kitti_odometry_sequence_has_its_times_and_projections(tmp_path: Path) -
     assert [f.timestamp_s for f in recording] == pytest.approx([0.0, 0.1036224, 0.2072410])
 
 
-def test_middlebury_pair_is_one_frame(tmp_path: Path) -> None:
+def test_middlebury_pair_is_one_frame(tmp_path):
     for name in ("im0", "im1"):
         cv2.imwrite(str(tmp_path / f"{name}.png"), picture(0))
     write_rig(toy_rig((W, H), focal_px=30.0), tmp_path / "calib.txt", "middlebury")
@@ -110,7 +108,7 @@ def test_middlebury_pair_is_one_frame(tmp_path: Path) -> None:
     [("left{:03d}", "right{:03d}"), ("{:03d}_L", "{:03d}_R"), ("cam0_{}", "cam1_{}"), ("I1_{:06d}", "I2_{:06d}"),
      ("cam0_img{:02d}", "cam1_img{:02d}"), ("{}-imageLeft", "{}-imageRight")],
 )  # fmt: skip
-def test_images_in_one_folder_pair_by_any_naming_of_the_sides(tmp_path: Path, names: tuple[str, str]) -> None:
+def test_images_in_one_folder_pair_by_any_naming_of_the_sides(tmp_path, names):
     for i in range(COUNT):
         for value, name in zip((10, 200), names, strict=True):
             cv2.imwrite(str(tmp_path / f"{name.format(i)}.png"), picture(value + i))
@@ -119,18 +117,18 @@ def test_images_in_one_folder_pair_by_any_naming_of_the_sides(tmp_path: Path, na
     assert [(int(f.left[0, 0]), int(f.right[0, 0])) for f in frames] == [(10 + i, 200 + i) for i in range(COUNT)]
 
 
-def test_names_that_tell_no_side_are_no_pair() -> None:
+def test_names_that_tell_no_side_are_no_pair():
     assert split_sides(["frame1", "frame2", "frame3"]) is None
     assert split_sides(["camera1", "camera2", "camera3"]) is None
     assert split_sides(["calibration", "result"]) is None
 
 
-def test_nanoseconds_in_file_names_give_the_rate(tmp_path: Path) -> None:
+def test_nanoseconds_in_file_names_give_the_rate(tmp_path):
     recording = open_recording(folder_recording(tmp_path / "r", [str(stamp) for stamp in STAMPS]))
     assert recording.fps == pytest.approx(20.0)
 
 
-def test_nanoseconds_in_timestamps_csv_are_told_as_such(tmp_path: Path) -> None:
+def test_nanoseconds_in_timestamps_csv_are_told_as_such(tmp_path):
     folder = folder_recording(tmp_path / "r", COUNT)
     rows = "".join(f"{i},{stamp}\n" for i, stamp in enumerate(STAMPS))
     (folder / "timestamps.csv").write_text("frame,timestamp_s\n" + rows)
@@ -140,7 +138,7 @@ def test_nanoseconds_in_timestamps_csv_are_told_as_such(tmp_path: Path) -> None:
     assert [f.timestamp_s for f in even][:3] == pytest.approx([0.0, 0.2, 0.4])
 
 
-def test_twelve_bits_in_sixteen_are_scaled_by_the_brightest_frame(tmp_path: Path) -> None:
+def test_twelve_bits_in_sixteen_are_scaled_by_the_brightest_frame(tmp_path):
     folder = folder_recording(tmp_path / "r", COUNT, [np.full((H, W), 900, np.uint16)] * COUNT)
     cv2.imwrite(str(folder / "right" / "0005.png"), np.full((H, W), 4000, np.uint16))
     recording = open_recording(folder)
@@ -150,7 +148,7 @@ def test_twelve_bits_in_sixteen_are_scaled_by_the_brightest_frame(tmp_path: Path
     ]
 
 
-def test_true_bits_are_those_of_the_largest_value() -> None:
+def test_true_bits_are_those_of_the_largest_value():
     assert [true_bits([np.array([[v]], np.uint16)]) for v in (255, 256, 1023, 4095, 4096, 65535)] == [
         8, 10, 10, 12, 14, 16,
     ]  # fmt: skip
@@ -158,7 +156,7 @@ def test_true_bits_are_those_of_the_largest_value() -> None:
     np.testing.assert_array_equal(to_8_bits(np.array([[4095, 65535]], np.uint16), 12), [[255, 255]])
 
 
-def test_image_that_announces_a_bomb_is_not_decoded() -> None:
+def test_image_that_announces_a_bomb_is_not_decoded():
     header = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
     chunk = b"IHDR" + header
     data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk)) + b"IEND"
@@ -167,7 +165,7 @@ def test_image_that_announces_a_bomb_is_not_decoded() -> None:
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tiff", ".webp", ".ppm"])
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
-def test_image_of_every_format_is_decoded_unless_it_is_cut_off(suffix: str, kind: type) -> None:
+def test_image_of_every_format_is_decoded_unless_it_is_cut_off(suffix, kind):
     if kind is np.uint16 and suffix not in (".png", ".tiff", ".ppm"):
         pytest.skip("holds 8 bits only")
     data = cv2.imencode(suffix, np.full((37, 53, 3), 9, kind))[1].tobytes()
@@ -187,7 +185,7 @@ def test_image_of_every_format_is_decoded_unless_it_is_cut_off(suffix: str, kind
         ("a.svo2", "SVO", "ZED SDK"),
     ],
 )
-def test_file_that_is_no_recording_is_told_as_what_it_is(tmp_path: Path, name: str, content: str, found: str) -> None:
+def test_file_that_is_no_recording_is_told_as_what_it_is(tmp_path, name, content, found):
     (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=found):
         find_layout(tmp_path / name)

@@ -1,7 +1,5 @@
 """Writing a rig and reading it back moves no reprojected point."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
@@ -55,7 +53,7 @@ def name_of(key: str) -> str:
 
 @pytest.mark.parametrize("key", HOLDS)
 @pytest.mark.parametrize("lens", LENSES)
-def test_format_keeps_every_reprojected_point_or_refuses(key: str, lens: str, tmp_path: Path) -> None:
+def test_format_keeps_every_reprojected_point_or_refuses(key, lens, tmp_path):
     rig = StereoRig(LENSES[lens], LENSES[lens], POSE, "test")
     path = tmp_path / name_of(key)
     if lens not in HOLDS[key]:
@@ -67,13 +65,13 @@ def test_format_keeps_every_reprojected_point_or_refuses(key: str, lens: str, tm
 
 
 @pytest.mark.parametrize("key", HOLDS)
-def test_format_keeps_a_rectified_pair(key: str, tmp_path: Path) -> None:
+def test_format_keeps_a_rectified_pair(key, tmp_path):
     path = tmp_path / name_of(key)
     write_rig(RECTIFIED, path, key)
     assert furthest_pixel(load_rig(path), RECTIFIED) < MAX_PX
 
 
-def test_opencv_pair_of_files_in_a_folder_is_read_back(tmp_path: Path) -> None:
+def test_opencv_pair_of_files_in_a_folder_is_read_back(tmp_path):
     rig = StereoRig(BROWN4, BROWN5, POSE, "test")
     written = write_rig(rig, tmp_path / "pair", "opencv")
     assert [path.name for path in written] == ["intrinsics.yml", "extrinsics.yml"]
@@ -81,7 +79,7 @@ def test_opencv_pair_of_files_in_a_folder_is_read_back(tmp_path: Path) -> None:
     assert furthest_pixel(load_rig(written[1]), rig) < MAX_PX
 
 
-def test_opencv_reads_what_we_write(tmp_path: Path) -> None:
+def test_opencv_reads_what_we_write(tmp_path):
     import cv2
 
     write_rig(StereoRig(RATIONAL14, RATIONAL14, POSE, ""), tmp_path / "rig.yml")
@@ -92,7 +90,7 @@ def test_opencv_reads_what_we_write(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".yml", ".xml"])
-def test_files_that_opencv_writes_are_read(suffix: str, tmp_path: Path) -> None:
+def test_files_that_opencv_writes_are_read(suffix, tmp_path):
     import cv2
 
     path = tmp_path / f"stereo{suffix}"
@@ -118,9 +116,7 @@ small = st.floats(-0.3, 0.3)
     key=st.sampled_from(["rig", "opencv", "depthai", "kalibr", "ros", "zed", "kitti", "euroc"]),
 )
 @example(turn=(0.0, 0.0, 1e-8), shift=(-1.0, 0.0, 0.0), focal=200.0, key="zed")
-def test_any_pose_survives_every_format(
-    turn: tuple[float, ...], shift: tuple[float, ...], focal: float, key: str, tmp_path: Path
-) -> None:
+def test_any_pose_survives_every_format(turn, shift, focal, key, tmp_path):
     camera = Camera(1280, 720, focal, focal * 1.01, 600.0, 350.0, "brown", (-0.1, 0.01, 0.0, 0.0))
     rig = StereoRig(camera, camera, SE3.from_rotvec(turn, shift), "any")
     path = tmp_path / key / name_of(key)

@@ -62,13 +62,13 @@ def opencv_pair(folder: Path, header: str = "%YAML:1.0\n---\n", last: str = "0."
 @pytest.mark.parametrize(
     "header", ["%YAML:1.0\n", "%YAML:1.0\n---\n", "%YAML 1.0\n---\n", "---\n", "\ufeff%YAML:1.0\n"]
 )
-def test_opencv_headers_of_every_style_are_read(header: str, tmp_path: Path) -> None:
+def test_opencv_headers_of_every_style_are_read(header, tmp_path):
     rig = load_rig(opencv_pair(tmp_path, header), (640, 480))
     assert rig.baseline_m == pytest.approx(0.1)
     assert rig.left.distortion == (-0.1, 0.01, 0.0, 0.0)
 
 
-def test_format_is_told_by_content_not_by_name(tmp_path: Path) -> None:
+def test_format_is_told_by_content_not_by_name(tmp_path):
     for form in FORMATS:
         if form.suffix and form.key != "middlebury":
             write_rig(RIG.scaled(1280, 960) if form.key != "zed" else hd_rig(), tmp_path / "x", form.key)
@@ -85,7 +85,7 @@ def hd_rig() -> StereoRig:
     return StereoRig(camera, camera, POSE, "hd")
 
 
-def test_calibration_of_the_same_aspect_is_scaled_and_of_another_refused(tmp_path: Path) -> None:
+def test_calibration_of_the_same_aspect_is_scaled_and_of_another_refused(tmp_path):
     write_rig(RIG, tmp_path / "rig.toml")
     rig = load_rig(tmp_path, (320, 240))
     assert rig.left.fx == pytest.approx(250.0)
@@ -95,20 +95,20 @@ def test_calibration_of_the_same_aspect_is_scaled_and_of_another_refused(tmp_pat
         load_rig(tmp_path, (640, 360))
 
 
-def test_size_that_a_file_lacks_is_taken_from_the_principal_point_and_said(tmp_path: Path) -> None:
+def test_size_that_a_file_lacks_is_taken_from_the_principal_point_and_said(tmp_path):
     rig = load_rig(opencv_pair(tmp_path))
     assert rig.left.size == (640, 480)
     assert "taken from the principal points" in rig.source
 
 
-def test_millimetres_are_refused_with_the_way_to_mend_them(tmp_path: Path) -> None:
+def test_millimetres_are_refused_with_the_way_to_mend_them(tmp_path):
     opencv_pair(tmp_path, tx="-100.")
     with pytest.raises(InputError, match=r"found 100 m \(millimetres\? .*--unit mm makes it 0.1 m"):
         load_rig(tmp_path, (640, 480))
     assert load_rig(tmp_path, (640, 480), unit_m=0.001).baseline_m == pytest.approx(0.1)
 
 
-def test_positive_translation_is_refused_and_mended_by_a_swap(tmp_path: Path) -> None:
+def test_positive_translation_is_refused_and_mended_by_a_swap(tmp_path):
     opencv_pair(tmp_path, tx="0.1")
     with pytest.raises(InputError, match="left and right are swapped"):
         load_rig(tmp_path, (640, 480))
@@ -116,21 +116,21 @@ def test_positive_translation_is_refused_and_mended_by_a_swap(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("last", "tx"), [(".NaN", "-0.1"), ("0.", ".Inf"), ("nan", "-0.1"), ("[]", "-0.1")])
-def test_numbers_that_are_not_finite_are_refused(last: str, tx: str, tmp_path: Path) -> None:
+def test_numbers_that_are_not_finite_are_refused(last, tx, tmp_path):
     opencv_pair(tmp_path, last=last, tx=tx)
     with pytest.raises(InputError, match=r"intrinsics.yml.*(finite|numbers)"):
         load_rig(tmp_path, (640, 480))
 
 
 @pytest.mark.parametrize("k1", [-1e6, -3.0, 1e6, 1e300])
-def test_lens_that_shows_no_picture_is_refused(k1: float, tmp_path: Path) -> None:
+def test_lens_that_shows_no_picture_is_refused(k1, tmp_path):
     camera = replace(CAMERA, distortion=(k1, 0.0, 0.0, 0.0))
     write_rig(replace(RIG, left=camera), tmp_path / "rig.toml")
     with pytest.raises(InputError, match=r"rig\.toml .*expected a left lens that shows the middle of its image"):
         load_rig(tmp_path / "rig.toml")
 
 
-def test_half_of_a_pair_is_refused(tmp_path: Path) -> None:
+def test_half_of_a_pair_is_refused(tmp_path):
     opencv_pair(tmp_path)
     (tmp_path / "extrinsics.yml").unlink()
     with pytest.raises(InputError, match="only half of a pair"):
@@ -139,7 +139,7 @@ def test_half_of_a_pair_is_refused(tmp_path: Path) -> None:
         load_rig(tmp_path / "intrinsics.yml", (640, 480))
 
 
-def test_two_calibrations_in_a_folder_are_refused_unless_one_is_ours(tmp_path: Path) -> None:
+def test_two_calibrations_in_a_folder_are_refused_unless_one_is_ours(tmp_path):
     write_rig(RIG, tmp_path / "a.yml")
     write_rig(RIG, tmp_path / "b.json")
     with pytest.raises(InputError, match=r"expected one calibration in it, found 2 \(a.yml, b.json\)"):
@@ -148,7 +148,7 @@ def test_two_calibrations_in_a_folder_are_refused_unless_one_is_ours(tmp_path: P
     assert load_rig(tmp_path).source == "test"
 
 
-def test_depthai_extrinsics_are_composed_along_the_chain(tmp_path: Path) -> None:
+def test_depthai_extrinsics_are_composed_along_the_chain(tmp_path):
     import json
 
     write_rig(RIG, tmp_path / "calib.json")
@@ -164,7 +164,7 @@ def test_depthai_extrinsics_are_composed_along_the_chain(tmp_path: Path) -> None
     np.testing.assert_allclose(load_rig(tmp_path).right_SE3_left.translation, [-0.1, 0.0, 0.0], atol=1e-12)
 
 
-def test_zed_resolution_follows_the_images(tmp_path: Path) -> None:
+def test_zed_resolution_follows_the_images(tmp_path):
     camera = "fx={f}\nfy={f}\ncx={x}\ncy={y}\nk1=-0.17\nk2=0.02\np1=0\np2=0\n"
     hd, vga = camera.format(f=700, x=640, y=360), camera.format(f=350, x=336, y=188)
     text = f"[LEFT_CAM_HD]\n{hd}[RIGHT_CAM_HD]\n{hd}[LEFT_CAM_VGA]\n{vga}[RIGHT_CAM_VGA]\n{vga}"
@@ -176,7 +176,7 @@ def test_zed_resolution_follows_the_images(tmp_path: Path) -> None:
     assert "the largest of 1280x720, 672x376" in load_rig(tmp_path).source
 
 
-def test_kitti_rectified_images_get_the_rectified_cameras(tmp_path: Path) -> None:
+def test_kitti_rectified_images_get_the_rectified_cameras(tmp_path):
     lines = []
     for name, shift in (("02", 0.06), ("03", -0.47)):
         lines += [
@@ -191,7 +191,7 @@ def test_kitti_rectified_images_get_the_rectified_cameras(tmp_path: Path) -> Non
     assert rectified.baseline_m == pytest.approx(0.53)
 
 
-def test_middlebury_file_is_read_in_millimetres(tmp_path: Path) -> None:
+def test_middlebury_file_is_read_in_millimetres(tmp_path):
     (tmp_path / "calib.txt").write_text(
         "cam0=[3997.684 0 1176.728; 0 3997.684 1011.728; 0 0 1]\n"
         "cam1=[3997.684 0 1307.839; 0 3997.684 1011.728; 0 0 1]\n"
@@ -221,9 +221,7 @@ def test_middlebury_file_is_read_in_millimetres(tmp_path: Path) -> None:
         "<T>1</T></opencv_storage>",
     ],
 )
-def test_hostile_files_are_refused_in_one_sentence(
-    content: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_hostile_files_are_refused_in_one_sentence(content, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "f").write_text(content)
     with pytest.raises(InputError, match="expected") as refusal:
@@ -237,7 +235,7 @@ fuzz = settings(max_examples=60, deadline=None, suppress_health_check=[HealthChe
 
 @fuzz
 @given(st.binary(max_size=400))
-def test_random_bytes_are_refused(tmp_path: Path, content: bytes) -> None:
+def test_random_bytes_are_refused(tmp_path, content):
     (tmp_path / "f").write_bytes(content)
     with pytest.raises(InputError):
         load_rig(tmp_path / "f")
@@ -257,7 +255,7 @@ def test_random_bytes_are_refused(tmp_path: Path, content: bytes) -> None:
         ),
     ),
 )
-def test_a_damaged_file_is_read_or_refused(key: str, start: int, length: int, junk: bytes, tmp_path: Path) -> None:
+def test_a_damaged_file_is_read_or_refused(key, start, length, junk, tmp_path):
     place = tmp_path / key
     if not place.exists():
         place.mkdir()
@@ -278,6 +276,6 @@ def test_a_damaged_file_is_read_or_refused(key: str, start: int, length: int, ju
 @pytest.mark.parametrize(
     ("name", "found"), [("none.yml", "nothing there"), ("", "a stereo calibration in it, found none")]
 )
-def test_absence_of_a_calibration_is_refused(name: str, found: str, tmp_path: Path) -> None:
+def test_absence_of_a_calibration_is_refused(name, found, tmp_path):
     with pytest.raises(InputError, match=found):
         load_rig(tmp_path / name)

@@ -1,6 +1,5 @@
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ CAMERAS = {
 
 
 @pytest.mark.parametrize("name", CAMERAS)
-def test_kernel_error_is_the_weighted_formula(name: str) -> None:
+def test_kernel_error_is_the_weighted_formula(name):
     camera, sample = CAMERAS[name], standing_people(CAMERAS[name], 1, seed=4)[0]
     rows = sample.row()[None]
     centre = np.tile([(camera.width - 1) / 2, (camera.height - 1) / 2], 4)
@@ -43,7 +42,7 @@ def test_kernel_error_is_the_weighted_formula(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CAMERAS)
-def test_calibration_is_exact_without_noise(name: str) -> None:
+def test_calibration_is_exact_without_noise(name):
     truth = CAMERAS[name]
     found = calibrate_from_people(standing_people(truth, 8, seed=1), truth.size, truth.lens)
     assert found.camera.height_m == pytest.approx(truth.height_m, rel=0.01)
@@ -52,7 +51,7 @@ def test_calibration_is_exact_without_noise(name: str) -> None:
     assert found.error < 0.02
 
 
-def test_roll_is_found_and_kept() -> None:
+def test_roll_is_found_and_kept():
     truth = GroundCamera(640, 480, 600.0, 6.0, math.radians(65), "pinhole", math.radians(3))
     found = calibrate_from_people(standing_people(truth, 12, seed=1), truth.size, truth.lens)
     assert math.degrees(found.camera.roll_rad) == pytest.approx(3.0, abs=0.2)
@@ -61,7 +60,7 @@ def test_roll_is_found_and_kept() -> None:
 
 
 @pytest.mark.parametrize("name", CAMERAS)
-def test_calibration_of_noisy_samples_is_within_its_own_deviation(name: str) -> None:
+def test_calibration_of_noisy_samples_is_within_its_own_deviation(name):
     truth = CAMERAS[name]
     found = calibrate_from_people(standing_people(truth, 12, seed=2, noise_px=2.0), truth.size, truth.lens)
     height, tilt, focal, _ = found.std
@@ -79,14 +78,12 @@ def test_calibration_of_noisy_samples_is_within_its_own_deviation(name: str) -> 
     ],
     ids=["too few", "one place", "another image size"],
 )
-def test_calibration_refuses_samples_that_tell_no_camera(
-    people: list[HumanSample], size: tuple[int, int], message: str
-) -> None:
+def test_calibration_refuses_samples_that_tell_no_camera(people, size, message):
     with pytest.raises(InputError, match=message):
         calibrate_from_people(people, size, "normal")
 
 
-def test_calibration_refuses_boxes_that_no_person_has() -> None:
+def test_calibration_refuses_boxes_that_no_person_has():
     places = [(60, 60), (300, 200), (500, 60), (60, 330)]
     up = [HumanSample((x, y, 30, 120), (x + 14, y + 2), (x + 16, y + 117)) for x, y in places]
     down = [HumanSample((x + 40, y, 60, 60), (x + 44, y + 57), (x + 96, y + 2)) for x, y in places]
@@ -95,7 +92,7 @@ def test_calibration_refuses_boxes_that_no_person_has() -> None:
         calibrate_from_people(lying, (640, 480), "pinhole")
 
 
-def test_boxes_alone_are_known_as_such() -> None:
+def test_boxes_alone_are_known_as_such():
     box = HumanSample((100, 50, 40, 120), (120, 50), (120, 170)).row()
     marked = HumanSample((100, 50, 40, 120), (112, 53), (126, 166)).row()
     assert only_boxes(np.stack([box, box]))
@@ -110,13 +107,13 @@ def test_boxes_alone_are_known_as_such() -> None:
         ((0, 0, 40, 90), (20, 200), (20, 90), "head within its box"),
     ],
 )
-def test_sample_refuses_what_is_no_person(box: tuple, head: tuple, foot: tuple, message: str) -> None:
+def test_sample_refuses_what_is_no_person(box, head, foot, message):
     with pytest.raises(ValueError, match=message):
         HumanSample(box, head, foot)
 
 
 @pytest.mark.parametrize("name", ["samples.csv", "samples.json"])
-def test_samples_survive_a_round_trip(tmp_path: Path, name: str) -> None:
+def test_samples_survive_a_round_trip(tmp_path, name):
     samples = standing_people(CAMERAS["oblique"], 4, noise_px=1.0)
     write_samples(samples, tmp_path / name)
     assert list(read_samples(tmp_path / name)) == samples
@@ -124,7 +121,7 @@ def test_samples_survive_a_round_trip(tmp_path: Path, name: str) -> None:
         assert set(json.loads((tmp_path / name).read_text())["samples"][0]) == {"frame", "box", "head", "foot"}
 
 
-def test_samples_are_read_without_suffixes_and_frame(tmp_path: Path) -> None:
+def test_samples_are_read_without_suffixes_and_frame(tmp_path):
     names = ",".join(column.removesuffix("_px") for column in COLUMNS)
     (tmp_path / "s.csv").write_text(f"{names}\n10,20,40,100,30,21,30,118\n")
     assert read_samples(tmp_path / "s.csv")[0].foot_px == (30.0, 118.0)
@@ -140,7 +137,7 @@ def test_samples_are_read_without_suffixes_and_frame(tmp_path: Path) -> None:
         (",".join(COLUMNS) + "\n1,2,3,4,nan,6,7,8\n", "finite"),
     ],
 )
-def test_samples_that_cannot_be_read_are_refused_by_name(tmp_path: Path, text: str, message: str) -> None:
+def test_samples_that_cannot_be_read_are_refused_by_name(tmp_path, text, message):
     path = tmp_path / "bad"
     path.write_text(text)
     with pytest.raises(InputError, match=message) as caught:
@@ -148,7 +145,7 @@ def test_samples_that_cannot_be_read_are_refused_by_name(tmp_path: Path, text: s
     assert str(path) in str(caught.value)
 
 
-def test_choice_covers_the_image_and_passes_over_the_odd() -> None:
+def test_choice_covers_the_image_and_passes_over_the_odd():
     samples = [
         HumanSample((x, y, 30, 80.0 + y / 10), (x + 15, y), (x + 15, y + 80.0 + y / 10))
         for x in range(20, 560, 20)

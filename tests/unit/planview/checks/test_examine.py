@@ -8,7 +8,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from say import Refused
 from toy_stereo import SIZE, ToyWorld, toy_rig, walking, write_toy_recording
 
 from calib.camera import Camera
@@ -45,7 +44,7 @@ def turned(rig: StereoRig, degrees: tuple[float, float, float]) -> StereoRig:
     return replace(rig, right_SE3_left=turn @ rig.right_SE3_left)
 
 
-def test_good_recording_passes(tmp_path: Path, pairs: Pairs) -> None:
+def test_good_recording_passes(tmp_path, pairs):
     diagnosis = examine(write_toy_recording(tmp_path / "r", RIG, pairs), frames=COUNT, person_height_m=1.75)
     assert [c for c in diagnosis.checks if not c.ok] == []
     values = {c.name: c.value for c in diagnosis.checks}
@@ -89,7 +88,7 @@ IMAGES: dict[str, tuple[Callable[[Pairs], Pairs], set[str]]] = {
 
 
 @pytest.mark.parametrize("fault", IMAGES)
-def test_fault_of_the_images(fault: str, tmp_path: Path, pairs: Pairs) -> None:
+def test_fault_of_the_images(fault, tmp_path, pairs):
     images, expected = IMAGES[fault]
     assert expected <= failed(write_toy_recording(tmp_path / "r", RIG, images(pairs)))
 
@@ -105,20 +104,18 @@ def test_fault_of_the_images(fault: str, tmp_path: Path, pairs: Pairs) -> None:
     ],
     ids=["cameras swapped", "millimetres", "another image size", "mirrored pose", "turned camera"],
 )
-def test_fault_of_the_calibration(
-    rig: StereoRig, frames: int, expected: set[str], tmp_path: Path, pairs: Pairs
-) -> None:
+def test_fault_of_the_calibration(rig, frames, expected, tmp_path, pairs):
     found = failed(write_toy_recording(tmp_path / "r", RIG, pairs[:frames], claimed=rig))
     assert expected <= found
     assert found == expected or expected != {"calibration and layout"}
 
 
-def test_fault_units_of_inches(tmp_path: Path, pairs: Pairs) -> None:
+def test_fault_units_of_inches(tmp_path, pairs):
     folder = write_toy_recording(tmp_path / "r", RIG, pairs, claimed=claimed(scale=1 / 0.254))
     assert failed(folder) & {"floor share", "camera height", "person height"}
 
 
-def test_fault_of_scale_against_a_known_height(tmp_path: Path, pairs: Pairs) -> None:
+def test_fault_of_scale_against_a_known_height(tmp_path, pairs):
     longer = write_toy_recording(tmp_path / "longer", RIG, pairs, claimed=claimed(scale=1.2))
     assert failed(longer, person_height_m=1.75) == {"person height"}
     empty = write_toy_recording(tmp_path / "empty", RIG, seen(ToyWorld()))
@@ -128,16 +125,14 @@ def test_fault_of_scale_against_a_known_height(tmp_path: Path, pairs: Pairs) -> 
     assert failed(lens, person_height_m=1.75)
 
 
-def test_fault_camera_panned_since_calibration(tmp_path: Path, pairs: Pairs) -> None:
+def test_fault_camera_panned_since_calibration(tmp_path, pairs):
     folder = write_toy_recording(tmp_path / "r", RIG, pairs[:8], claimed=turned(RIG, (0.0, 2.0, 0.0)))
     diagnosis = examine(folder, frames=8)
     check = next(c for c in diagnosis.checks if c.name == "camera turn")
     assert not check.ok and check.value == pytest.approx(2.0, abs=0.2)
 
 
-def test_check_writes_the_rig_that_the_recording_corrects(
-    tmp_path: Path, pairs: Pairs, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_writes_the_rig_that_the_recording_corrects(tmp_path, pairs, capsys):
     folder = write_toy_recording(tmp_path / "r", RIG, pairs[:8], claimed=turned(RIG, (0.1, 0.0, 0.3)))
     check(folder, frames=8)
     assert "--corrected-rig rig.toml writes the corrected calibration" in capsys.readouterr().err.replace("\n", " ")
@@ -149,14 +144,14 @@ def test_check_writes_the_rig_that_the_recording_corrects(
         check(folder, frames=8, calibration=tmp_path / "rig.toml", corrected_rig=tmp_path / "other.toml")
 
 
-def test_fault_late_right_camera(tmp_path: Path, pairs: Pairs) -> None:
+def test_fault_late_right_camera(tmp_path, pairs):
     late = [(left, pairs[max(0, i - 3)][1]) for i, (left, _) in enumerate(pairs)]
     diagnosis = examine(write_toy_recording(tmp_path / "r", RIG, late[3:]), frames=COUNT)
     check = next(c for c in diagnosis.checks if c.name == "synchronisation")
     assert not check.ok and check.value == pytest.approx(3.0, abs=0.6)
 
 
-def test_fault_gaps_in_the_timestamps(tmp_path: Path, pairs: Pairs) -> None:
+def test_fault_gaps_in_the_timestamps(tmp_path, pairs):
     folder = write_toy_recording(tmp_path / "r", RIG, pairs[:10])
     times = np.arange(10) / 15.0 + (np.arange(10) >= 6) * 1.5
     rows = [f"{i},{t:.4f}" for i, t in enumerate(times)]
@@ -164,19 +159,19 @@ def test_fault_gaps_in_the_timestamps(tmp_path: Path, pairs: Pairs) -> None:
     assert failed(folder) == {"timestamp gap"}
 
 
-def test_fault_undecodable_frames(tmp_path: Path, pairs: Pairs) -> None:
+def test_fault_undecodable_frames(tmp_path, pairs):
     folder = write_toy_recording(tmp_path / "r", RIG, pairs[:10])
     for i in (2, 4, 7):
         (folder / "left" / f"{i:06d}.png").write_bytes(b"broken")
     assert "usable frames" in failed(folder)
 
 
-def test_longest_step_is_relative_to_the_usual_one() -> None:
+def test_longest_step_is_relative_to_the_usual_one():
     assert longest_step(np.array([0.0, 0.1, 0.2, 0.5, 0.6])) == pytest.approx(3.0)
     assert np.isnan(longest_step(np.array([0.0, 0.1])))
 
 
-def test_unmeasured_values_fail_only_when_needed() -> None:
+def test_unmeasured_values_fail_only_when_needed():
     nothing = float("nan")
     assert at_most("a", nothing, 1.0, "", "").ok and not at_most("a", nothing, 1.0, "", "", needed=True).ok
     assert at_least("a", nothing, 1.0, "", "").ok and not at_least("a", nothing, 1.0, "", "", needed=True).ok
@@ -184,9 +179,7 @@ def test_unmeasured_values_fail_only_when_needed() -> None:
     assert at_most("a", nothing, 1.0, "", "").to_json()["value"] is None
 
 
-def test_command_prints_json_and_refuses_with_status_one(
-    tmp_path: Path, pairs: Pairs, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_prints_json_and_refuses_with_status_one(tmp_path, pairs, capsys):
     folder = write_toy_recording(tmp_path / "r", RIG, [(b, a) for a, b in pairs[:6]])
     with pytest.raises(SystemExit, match="1"):
         main(["check", str(folder), "--frames", "6", "--json", "--out", str(tmp_path / "pictures")])
@@ -199,11 +192,11 @@ def test_command_prints_json_and_refuses_with_status_one(
     assert names == {"rows.png", "disparity.png", "floor.png", "exposure.png"}
 
 
-def test_command_refuses_a_height_without_sense(refused: Refused, tmp_path: Path) -> None:
+def test_command_refuses_a_height_without_sense(refused, tmp_path):
     assert "0.5 to 2.5 m" in refused("check", tmp_path, "--person-height", "175m")
 
 
-def test_what_is_no_recording_is_refused_or_told(tmp_path: Path) -> None:
+def test_what_is_no_recording_is_refused_or_told(tmp_path):
     with pytest.raises(InputError, match="nothing there"):
         examine(tmp_path / "absent")
     diagnosis = examine(tmp_path)
@@ -211,7 +204,7 @@ def test_what_is_no_recording_is_refused_or_told(tmp_path: Path) -> None:
     assert "left/ and right/" in diagnosis.checks[0].note
 
 
-def test_a_picture_over_exposed_by_a_hair_is_a_warning_and_no_refusal() -> None:
+def test_a_picture_over_exposed_by_a_hair_is_a_warning_and_no_refusal():
     image = np.full((100, 100), 100, np.uint8)
     image[:37] = 255
     over = next(check for check in light_checks([image]) if check.name == "over-exposure")

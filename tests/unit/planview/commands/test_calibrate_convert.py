@@ -1,9 +1,6 @@
 """``planview calibrate convert``: formats, units, swaps and refusals."""
 
-from pathlib import Path
-
 import pytest
-from say import JsonOf, Refused, Say
 
 from calib.camera import Camera
 from calib.formats import load_rig, write_rig
@@ -17,19 +14,19 @@ RIG = StereoRig(CAMERA, CAMERA, SE3.from_rotvec([0.0, 0.01, 0.0], [-0.1, 0.0, 0.
 CONVERT = ("calibrate", "convert")
 
 
-def test_convert_writes_the_format_the_suffix_tells(tmp_path: Path, json_of: JsonOf) -> None:
+def test_convert_writes_the_format_the_suffix_tells(tmp_path, json_of):
     write_rig(RIG, tmp_path / "rig.toml")
     assert json_of(*CONVERT, tmp_path / "rig.toml", tmp_path / "chain.yaml")["baseline_m"] == pytest.approx(0.1)
     assert "T_cn_cnm1" in (tmp_path / "chain.yaml").read_text()
 
 
-def test_convert_writes_pairs_into_a_folder(tmp_path: Path, say: Say) -> None:
+def test_convert_writes_pairs_into_a_folder(tmp_path, say):
     write_rig(RIG, tmp_path / "rig.toml")
     assert say(*CONVERT, tmp_path / "rig.toml", tmp_path / "ros", "--to", "ros")[0] == 0
     assert load_rig(tmp_path / "ros").baseline_m == pytest.approx(0.1)
 
 
-def test_convert_mends_units_and_swapped_cameras_when_told(tmp_path: Path, say: Say) -> None:
+def test_convert_mends_units_and_swapped_cameras_when_told(tmp_path, say):
     moved = SE3(RIG.right_SE3_left.rotation.T, -1000 * RIG.right_SE3_left.translation)
     write_rig(StereoRig(CAMERA, CAMERA, moved, ""), tmp_path / "mm.yml")
     assert say(*CONVERT, tmp_path / "mm.yml", tmp_path / "rig.toml")[0] == 2
@@ -53,14 +50,12 @@ def test_convert_mends_units_and_swapped_cameras_when_told(tmp_path: Path, say: 
         (("rig.toml/out.toml",), "expected a place to write to"),
     ],
 )
-def test_convert_refuses_nonsense_in_one_sentence(
-    arguments: tuple[str, ...], said: str, tmp_path: Path, refused: Refused
-) -> None:
+def test_convert_refuses_nonsense_in_one_sentence(arguments, said, tmp_path, refused):
     write_rig(RIG, tmp_path / "rig.toml")
     assert said in refused(*CONVERT, tmp_path / "rig.toml", tmp_path / arguments[0], *arguments[1:])
 
 
-def test_convert_refuses_to_write_over_the_calibration_it_reads(tmp_path: Path, refused: Refused) -> None:
+def test_convert_refuses_to_write_over_the_calibration_it_reads(tmp_path, refused):
     write_rig(RIG, tmp_path / "pair", "opencv")
     before = (tmp_path / "pair" / "extrinsics.yml").read_text()
     told = refused(*CONVERT, tmp_path / "pair", tmp_path / "pair", "--to", "opencv", "--unit", "2m")

@@ -29,9 +29,7 @@ def inspected(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, objec
     return found
 
 
-def test_inspect_tells_sizes_rates_calibration_and_unpaired_frames(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_inspect_tells_sizes_rates_calibration_and_unpaired_frames(tmp_path, capsys):
     save_rig(toy_rig((32, 24), focal_px=16.0), recording(tmp_path) / "rig.toml")
     found = inspected(tmp_path, capsys)
     assert (found["reader"], found["kind"], found["frames"], found["unpaired"]) == ("folders", "stereo", 4, 1)
@@ -41,16 +39,12 @@ def test_inspect_tells_sizes_rates_calibration_and_unpaired_frames(
     assert calibration["baseline_m"] == pytest.approx(0.12) and calibration["fov_deg"][0] == pytest.approx(90.0)
 
 
-def test_inspect_names_the_option_that_supplies_what_is_missing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_inspect_names_the_option_that_supplies_what_is_missing(tmp_path, capsys):
     found = inspected(recording(tmp_path), capsys)
     assert found["calibration"] is None and "--calibration FILE" in str(found["missing"])
 
 
-def test_the_rate_of_images_without_times_is_the_one_that_a_run_takes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_rate_of_images_without_times_is_the_one_that_a_run_takes(tmp_path, capsys, monkeypatch):
     folder = write_toy_rgbd(tmp_path / "rgbd")
     (folder / "timestamps.csv").unlink(missing_ok=True)
     monkeypatch.setattr(rgbd, "rate_by_movement", lambda *_: 6.7)
@@ -61,9 +55,7 @@ def test_the_rate_of_images_without_times_is_the_one_that_a_run_takes(
 
 
 @pytest.mark.parametrize("words", [["check", "--quick"], ["check"], ["run", "--out", "out"]])
-def test_a_video_of_one_camera_names_its_trackers(
-    tmp_path: Path, words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_video_of_one_camera_names_its_trackers(tmp_path, words, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     writer = cv2.VideoWriter("street.avi", cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
     for _ in range(4):
@@ -75,7 +67,7 @@ def test_a_video_of_one_camera_names_its_trackers(
     assert "--tracker ellipse-particle, or --tracker human-model --calibration camera.toml" in told
 
 
-def test_inspect_shows_a_table_for_people(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_inspect_shows_a_table_for_people(tmp_path, capsys):
     check(recording(tmp_path), quick=True)
     shown = capsys.readouterr().out
     assert "32x24" in shown and "1 without a mate" in shown

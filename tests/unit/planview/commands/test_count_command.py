@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 import pytest
-from say import JsonOf, Refused, Say
 
 from planview.cli import main
 from planview.counting.events import read_events
@@ -29,7 +28,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_count_prints_the_agreed_keys_and_writes_its_files(folder: Path, json_of: JsonOf) -> None:
+def test_count_prints_the_agreed_keys_and_writes_its_files(folder, json_of):
     rules = json_of("count", folder / "tracks.csv", "--rules", folder / "rules.toml")["rules"]
     assert (rules["door"]["left_to_right"], rules["door"]["right_to_left"]) == (1, 0)
     assert (rules["room"]["entries"], rules["room"]["exits"]) == (1, 0)
@@ -43,7 +42,7 @@ def test_count_prints_the_agreed_keys_and_writes_its_files(folder: Path, json_of
     }
 
 
-def test_count_scores_against_true_positions(folder: Path, json_of: JsonOf, capsys: pytest.CaptureFixture[str]) -> None:
+def test_count_scores_against_true_positions(folder, json_of, capsys):
     rows = [f"{t},7,1.0,{max(1 - t / 10, -1):.3f},1.7" for t in range(41)]
     (folder / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + "\n".join(rows) + "\n")
     words = ("count", folder, "--rules", folder / "rules.toml", "--truth", folder / "truth.csv")
@@ -55,7 +54,7 @@ def test_count_scores_against_true_positions(folder: Path, json_of: JsonOf, caps
     assert "1-2 people: 100.0 % right" in " ".join(capsys.readouterr().out.split())
 
 
-def test_count_scores_against_true_events(folder: Path, json_of: JsonOf) -> None:
+def test_count_scores_against_true_events(folder, json_of):
     header = "frame,timestamp_s,rule,kind,id,direction\n"
     (folder / "true.csv").write_text(
         header + "11,1.1,door,crossing,1,left_to_right\n30,3,door,crossing,2,left_to_right\n"
@@ -65,7 +64,7 @@ def test_count_scores_against_true_events(folder: Path, json_of: JsonOf) -> None
     assert (door["matched"], door["recall"], door["timing_mean_s"]) == (1, 0.5, pytest.approx(-0.1))
 
 
-def test_count_takes_pixels_of_a_camera(folder: Path, refused: Refused, json_of: JsonOf) -> None:
+def test_count_takes_pixels_of_a_camera(folder, refused, json_of):
     (folder / "camera.toml").write_text(
         'width = 640\nheight = 480\nfocal_px = 400\nheight_m = 4\ntilt_deg = 0\nlens = "pinhole"\n'
     )
@@ -76,7 +75,7 @@ def test_count_takes_pixels_of_a_camera(folder: Path, refused: Refused, json_of:
     assert "expected tracks with boxes (or --camera) for rule 'row'" in refused(*words)
 
 
-def test_foreign_tracks_write_nothing_beside_them(folder: Path, say: Say) -> None:
+def test_foreign_tracks_write_nothing_beside_them(folder, say):
     lab = folder / "lab"
     lab.mkdir()
     (lab / "walk.txt").write_text("".join(f"1 {t} 100 {100 - 10 * t} 170\n" for t in range(21)))
@@ -99,22 +98,20 @@ def test_foreign_tracks_write_nothing_beside_them(folder: Path, say: Say) -> Non
         (["--out", "rules.toml/x"], "could not write"),
     ],
 )
-def test_bad_options_get_one_sentence(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, refused: Refused, words: list[str], sentence: str
-) -> None:
+def test_bad_options_get_one_sentence(folder, monkeypatch, refused, words, sentence):
     monkeypatch.chdir(folder)
     status = 1 if "--out" in words else 2
     assert sentence in refused("count", "tracks.csv", "--rules", "rules.toml", *words, status=status)
 
 
-def test_tracks_without_rows_count_nothing(folder: Path, json_of: JsonOf) -> None:
+def test_tracks_without_rows_count_nothing(folder, json_of):
     (folder / "tracks.csv").write_text("frame,timestamp_s,id,x_m,y_m,state\n")
     rules = json_of("count", folder, "--rules", folder / "rules.toml")["rules"]
     assert (rules["door"]["left_to_right"], rules["room"]["mean_occupancy"]) == (0, 0.0)
 
 
 @pytest.mark.parametrize("row", ["x,1,a,crossing,1,", "1,1,a,jump,1,", "1,1,a,crossing,1,up"])
-def test_odd_events_are_refused_with_their_line(folder: Path, refused: Refused, row: str) -> None:
+def test_odd_events_are_refused_with_their_line(folder, refused, row):
     (folder / "true.csv").write_text(f"frame,timestamp_s,rule,kind,id,direction\n{row}\n")
     told = refused("count", folder, "--rules", folder / "rules.toml", "--truth", folder / "true.csv")
     assert "true.csv: line 2: expected" in told

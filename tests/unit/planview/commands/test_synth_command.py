@@ -72,10 +72,7 @@ def test_synth_writes_videos_on_request(scene, tmp_path, say):
     assert len(list(open_recording(out))) == 4
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [("--frames", "0"), ("--scale", "99"), ("--video", "--jpeg")],
-)
+@pytest.mark.parametrize("arguments", [("--frames", "0"), ("--scale", "99"), ("--video", "--jpeg")])
 def test_synth_refuses_wrong_usage(scene, tmp_path, arguments, refused):
     assert "expected" in refused("synth", scene, tmp_path / "out", *arguments)
 

@@ -22,13 +22,13 @@ def nearer() -> Trajectories:
     return positions_table(frame, np.ones(40, dtype=np.int64), xy, np.full(40, 1.7), 0.1 * frame)
 
 
-def test_coming_towards_the_camera_is_in(nearer: Trajectories, tmp_path: Path) -> None:
+def test_coming_towards_the_camera_is_in(nearer, tmp_path):
     (tmp_path / "rules.toml").write_text(METRES)
     door = count_tracks(nearer, load_rules(tmp_path / "rules.toml")).to_json()["rules"]["door"]
     assert (door["in"], door["out"]) == (1, 0)
 
 
-def test_walking_up_the_image_is_in(tmp_path: Path) -> None:
+def test_walking_up_the_image_is_in(tmp_path):
     (tmp_path / "rules.toml").write_text(PIXELS)
     frame = np.arange(40)
     box = np.column_stack([np.full(40, 300.0), 350.0 - 6 * frame, np.full(40, 30.0), np.full(40, 60.0)])
@@ -37,9 +37,7 @@ def test_walking_up_the_image_is_in(tmp_path: Path) -> None:
     assert (edge["in"], edge["out"]) == (1, 0)
 
 
-def test_the_program_runs(
-    nearer: Trajectories, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_program_runs(nearer, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "rules.toml").write_text(METRES)
     (tmp_path / "out").mkdir()

@@ -33,7 +33,7 @@ def walked(spread_px: int = 2) -> Feedback:
     return feedback
 
 
-def test_body_of_a_track_that_has_walked_is_protected_and_widened() -> None:
+def test_body_of_a_track_that_has_walked_is_protected_and_widened():
     mask = mask_after(walked(), point(1.0, 1.0, 20), person(1.0))
     assert mask[18:23] == [PERSON] * 5
     assert mask.count(PERSON) == 5
@@ -51,30 +51,28 @@ def test_body_of_a_track_that_has_walked_is_protected_and_widened() -> None:
     ],
     ids=["has not moved", "lost", "high, away from people", "low, away from people", "feet of a person"],
 )
-def test_foreground_is_a_persons_the_floors_or_left_to_the_model(
-    where: FloorPoints, who: TrackState, expected: set[int]
-) -> None:
+def test_foreground_is_a_persons_the_floors_or_left_to_the_model(where, who, expected):
     mask = mask_after(walked(), where, who)
     assert set(mask) == expected
     assert mask[20] == max(expected, key=lambda label: label != NO_FEEDBACK)
     assert mask.count(BACKGROUND) == (BACKGROUND in expected)
 
 
-def test_track_that_comes_back_under_its_id_must_walk_again() -> None:
+def test_track_that_comes_back_under_its_id_must_walk_again():
     feedback = walked()
     mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
     mask_after(feedback, point(1.0, 1.0, 20))
     assert PERSON not in mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
 
 
-def test_reset_forgets_which_tracks_have_walked() -> None:
+def test_reset_forgets_which_tracks_have_walked():
     feedback = walked()
     mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
     feedback.reset()
     assert PERSON not in mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
 
 
-def test_ground_is_what_no_person_is_near_of_several() -> None:
+def test_ground_is_what_no_person_is_near_of_several():
     xyz = np.array([[1.0, 0.0, 0.05], [2.5, 0.0, 0.05], [4.0, 0.0, 0.05], [4.0, 0.0, 1.0]], dtype=np.float32)
     points = FloorPoints(xyz, np.ones(4, dtype=np.float32), np.array([5, 15, 25, 35], dtype=np.int32))
     feedback = Feedback(FeedbackParams(spread_px=0))
@@ -83,5 +81,5 @@ def test_ground_is_what_no_person_is_near_of_several() -> None:
     assert [mask[i] for i in (5, 15, 25, 35)] == [PERSON, BACKGROUND, NO_FEEDBACK, NO_FEEDBACK]
 
 
-def test_feedback_that_is_off_gives_no_mask() -> None:
+def test_feedback_that_is_off_gives_no_mask():
     assert Feedback(FeedbackParams(enabled=False))(point(0, 1, 2), [], SHAPE) is None

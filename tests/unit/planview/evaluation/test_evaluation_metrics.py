@@ -31,25 +31,25 @@ def sequence(truth: list[tuple[float, ...]], tracks: list[tuple[float, ...]], ga
     return build_sequence(table(truth), table(tracks), floor_similarity(gate_m))
 
 
-def test_floor_similarity_is_half_at_the_gate_and_zero_at_twice_the_gate() -> None:
+def test_floor_similarity_is_half_at_the_gate_and_zero_at_twice_the_gate():
     truth, tracks = table([(0, 1, 0, 0)]), table([(0, 1, 0, 0), (0, 2, 0.5, 0), (0, 3, 0, 1.0), (0, 4, 9, 9)])
     similarity = floor_similarity(0.5)(truth, np.zeros(4, np.int64), tracks, np.arange(4))
     np.testing.assert_allclose(similarity, [1.0, 0.5, 0.0, 0.0])
 
 
-def test_box_similarity_is_intersection_over_union() -> None:
+def test_box_similarity_is_intersection_over_union():
     truth, tracks = boxes([(0, 1, 0, 0, 10, 20)]), boxes([(0, 1, 5, 0, 10, 20), (0, 2, 20, 0, 10, 20)])
     np.testing.assert_allclose(box_similarity(truth, np.zeros(2, np.int64), tracks, np.arange(2)), [1 / 3, 0.0])
 
 
-def test_clear_counts_a_perfect_sequence_as_one() -> None:
+def test_clear_counts_a_perfect_sequence_as_one():
     rows = [(t, i, 2.0 * i, 0.1 * t) for t in range(5) for i in (1, 2)]
     scores = clear_scores(sequence(rows, rows))
     assert (scores.mota, scores.misses, scores.false_positives, scores.switches) == (1.0, 0, 0, 0)
     assert len(scores.matches) == 10
 
 
-def test_clear_counts_misses_false_positives_and_a_switch() -> None:
+def test_clear_counts_misses_false_positives_and_a_switch():
     # Person 1 stands at x = 0: frames 0-1 track 7, frame 2 none, frames 3-4 track 8. Track 9 is far away once.
     truth = [(t, 1, 0, 0) for t in range(5)]
     tracks = [(0, 7, 0, 0), (1, 7, 0, 0), (2, 9, 5, 5), (3, 8, 0.2, 0), (4, 8, 0.2, 0)]
@@ -58,26 +58,26 @@ def test_clear_counts_misses_false_positives_and_a_switch() -> None:
     assert scores.mota == pytest.approx(1 - 3 / 5)
 
 
-def test_clear_matches_at_the_gate_and_not_beyond() -> None:
+def test_clear_matches_at_the_gate_and_not_beyond():
     at = clear_scores(sequence([(0, 1, 0, 0)], [(0, 1, 0.5, 0)]))
     beyond = clear_scores(sequence([(0, 1, 0, 0)], [(0, 1, 0.501, 0)]))
     assert (len(at.matches), len(beyond.matches)) == (1, 0)
 
 
-def test_clear_continues_a_pair_although_another_track_is_nearer() -> None:
+def test_clear_continues_a_pair_although_another_track_is_nearer():
     truth = [(0, 1, 0, 0), (1, 1, 0, 0)]
     tracks = [(0, 1, 0.0, 0), (1, 1, 0.4, 0), (1, 2, 0.0, 0)]
     scores = clear_scores(sequence(truth, tracks))
     assert (scores.switches, scores.false_positives) == (0, 1)
 
 
-def test_clear_counts_crossed_identities_as_two_switches() -> None:
+def test_clear_counts_crossed_identities_as_two_switches():
     truth = [(t, i, 3.0 * i, 0) for t in range(4) for i in (1, 2)]
     tracks = [(t, i if t < 2 else 3 - i, 3.0 * i, 0) for t in range(4) for i in (1, 2)]
     assert clear_scores(sequence(truth, tracks)).switches == 2
 
 
-def test_clear_counts_fragmentations_and_people_mostly_tracked_or_lost() -> None:
+def test_clear_counts_fragmentations_and_people_mostly_tracked_or_lost():
     # Person 1 is matched in 9 of 10 frames (one gap), person 2 in 5 of 10 (every other frame), person 3 in 1 of 10.
     truth = [(t, i, 5.0 * i, 0) for t in range(10) for i in (1, 2, 3)]
     found = {1: {0, 1, 2, 3, 5, 6, 7, 8, 9}, 2: {0, 2, 4, 6, 8}, 3: {0}}
@@ -85,7 +85,7 @@ def test_clear_counts_fragmentations_and_people_mostly_tracked_or_lost() -> None
     assert (scores.fragmentations, scores.mostly_tracked, scores.mostly_lost) == (1 + 4, 1, 1)
 
 
-def test_joined_sequences_add_up_and_share_no_identity() -> None:
+def test_joined_sequences_add_up_and_share_no_identity():
     truth = [(t, 1, 0, 0) for t in range(4)]
     one = sequence(truth, [(t, 1, 0, 0) for t in range(3)])
     two = sequence(truth, [(t, 1 if t < 2 else 2, 0, 0) for t in range(4)])
@@ -95,13 +95,13 @@ def test_joined_sequences_add_up_and_share_no_identity() -> None:
     assert identity_scores(joined).idtp == 3 + 2
 
 
-def test_mota_is_unknown_without_truth() -> None:
+def test_mota_is_unknown_without_truth():
     scores = clear_scores(sequence([], [(0, 1, 0, 0)]))
     assert scores.mota is None
     assert scores.false_positives == 1
 
 
-def test_identity_gives_a_person_only_the_track_that_explains_most() -> None:
+def test_identity_gives_a_person_only_the_track_that_explains_most():
     # Track 1 holds the person for 3 of 5 frames, track 2 for the other 2: idtp 3, idf1 = 2 * 3 / (5 + 5).
     truth = [(t, 1, 0, 0) for t in range(5)]
     tracks = [(t, 1 if t < 3 else 2, 0, 0) for t in range(5)]
@@ -110,16 +110,16 @@ def test_identity_gives_a_person_only_the_track_that_explains_most() -> None:
     assert scores.idf1 == pytest.approx(0.6)
 
 
-def test_identity_of_nothing_is_unknown() -> None:
+def test_identity_of_nothing_is_unknown():
     assert identity_scores(sequence([], [])).idf1 is None
 
 
-def test_hota_of_a_perfect_sequence_is_one() -> None:
+def test_hota_of_a_perfect_sequence_is_one():
     rows = [(t, i, 2.0 * i, 0.1 * t) for t in range(5) for i in (1, 2)]
     assert hota_scores(sequence(rows, rows)).hota == pytest.approx(1.0)
 
 
-def test_hota_of_a_split_track_is_the_root_of_its_association() -> None:
+def test_hota_of_a_split_track_is_the_root_of_its_association():
     # All detections perfect; each half holds 2 of 4 frames: A = 2 / (4 + 2 - 2) for every match.
     truth = [(t, 1, 0, 0) for t in range(4)]
     tracks = [(t, 1 if t < 2 else 2, 0, 0) for t in range(4)]
@@ -129,7 +129,7 @@ def test_hota_of_a_split_track_is_the_root_of_its_association() -> None:
     assert scores.hota == pytest.approx(math.sqrt(0.5))
 
 
-def test_hota_counts_a_match_only_up_to_its_localisation() -> None:
+def test_hota_counts_a_match_only_up_to_its_localisation():
     # Distance 0.2 with gate 0.5 is a similarity of 0.8: 16 of 19 thresholds accept it.
     scores = hota_scores(sequence([(0, 1, 0, 0)], [(0, 1, 0.2, 0)]))
     assert scores.hota == pytest.approx(16 / 19)
@@ -144,9 +144,7 @@ _rows = st.lists(
 
 @settings(max_examples=60, deadline=None)
 @given(_rows, _rows)
-def test_metrics_stay_in_range_whatever_the_rows(
-    truth: list[tuple[float, ...]], tracks: list[tuple[float, ...]]
-) -> None:
+def test_metrics_stay_in_range_whatever_the_rows(truth, tracks):
     rows = sequence(truth, tracks)
     clear, identity, hota = clear_scores(rows), identity_scores(rows), hota_scores(rows)
     assert clear.misses + len(clear.matches) == len(truth)
@@ -201,7 +199,7 @@ def _as_trackeval_wants_it(rows: Sequence) -> dict[str, object]:
     }
 
 
-def test_metrics_agree_with_trackeval_on_wild_sequences(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_metrics_agree_with_trackeval_on_wild_sequences(monkeypatch):
     for name, kind in (("float", float), ("int", int), ("bool", bool)):  # aliases that numpy 2 no longer has
         if not hasattr(np, name):
             monkeypatch.setattr(np, name, kind, raising=False)

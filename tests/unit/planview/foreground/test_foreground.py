@@ -64,7 +64,7 @@ PERSON_THERE = [(BLOB, (40.0, 60.0, 200.0), 16.0)]
 
 @pytest.mark.parametrize("colour", [True, False])
 @pytest.mark.parametrize("depth", [True, False])
-def test_after_three_empty_seconds_a_person_is_foreground_and_nothing_else(colour: bool, depth: bool) -> None:
+def test_after_three_empty_seconds_a_person_is_foreground_and_nothing_else(colour, depth):
     scene = Scene(colour)
     assert elsewhere(scene.watch(3, depth=depth)) == 0
     mask = scene.watch(0.2, [(BLOB, (20.0, 30.0, 40.0)[: 3 if colour else 1], 16.0)], depth=depth)
@@ -72,11 +72,11 @@ def test_after_three_empty_seconds_a_person_is_foreground_and_nothing_else(colou
     assert elsewhere(mask) < 0.01
 
 
-def test_first_frame_has_no_foreground() -> None:
+def test_first_frame_has_no_foreground():
     assert not Scene().frame(PERSON_THERE).any()
 
 
-def test_disparity_carried_on_beside_a_body_is_background() -> None:
+def test_disparity_carried_on_beside_a_body_is_background():
     scene, body, halo = Scene(fattening_px=4), np.s_[6:18, 14:20], np.s_[6:18, 10:24]
     scene.watch(3.0)
     mask = scene.watch(0.3, [(halo, 1.0, 16.0), (body, (20, 20, 230), 16.0)])
@@ -84,14 +84,14 @@ def test_disparity_carried_on_beside_a_body_is_background() -> None:
     assert elsewhere(mask) < 0.02 and share(mask, np.s_[8:16, 10:13]) < 0.05
 
 
-def test_same_colour_farther_from_a_body_than_matches_are_carried_is_foreground() -> None:
+def test_same_colour_farther_from_a_body_than_matches_are_carried_is_foreground():
     scene, face, coat = Scene(fattening_px=4), np.s_[2:5, 14:18], np.s_[11:20, 10:22]
     scene.watch(3.0)
     mask = scene.watch(0.3, [(coat, 1.0, 16.0), (face, (20, 20, 230), 16.0)])
     assert share(mask, coat) > 0.9
 
 
-def test_same_colour_in_front_of_the_wall_is_foreground() -> None:
+def test_same_colour_in_front_of_the_wall_is_foreground():
     scene = Scene()
     scene.watch(3)
     assert share(scene.frame([(BLOB, 1.0, 16.0)], invalid=0)) > 0.9
@@ -99,19 +99,19 @@ def test_same_colour_in_front_of_the_wall_is_foreground() -> None:
 
 @pytest.mark.parametrize("look", [0.5, 1.6])
 @pytest.mark.parametrize("colour", [True, False])
-def test_shadow_and_light_where_depth_agrees_are_background(look: float, colour: bool) -> None:
+def test_shadow_and_light_where_depth_agrees_are_background(look, colour):
     scene = Scene(colour)
     scene.watch(3)
     assert share(scene.frame([(BLOB, look, 10.0)], invalid=0)) < 0.05
 
 
-def test_other_hue_where_depth_agrees_is_foreground() -> None:
+def test_other_hue_where_depth_agrees_is_foreground():
     scene = Scene()
     scene.watch(3)
     assert share(scene.frame([(BLOB, (200.0, 40.0, 40.0), 10.0)])) > 0.95
 
 
-def test_shadow_without_depth_is_removed_only_if_asked_for() -> None:
+def test_shadow_without_depth_is_removed_only_if_asked_for():
     shadow = [(BLOB, 0.6, 10.0)]
     for wanted in (False, True):
         scene = Scene(remove_colour_shadows=wanted)
@@ -121,14 +121,14 @@ def test_shadow_without_depth_is_removed_only_if_asked_for() -> None:
         assert (share(scene.foreground.shadow) > 0.9) == wanted
 
 
-def test_chroma_of_dark_pixels_is_not_compared() -> None:
+def test_chroma_of_dark_pixels_is_not_compared():
     scene = Scene()
     scene.wall[:] = 12.0
     scene.watch(3, depth=False)
     assert share(scene.frame([(BLOB, (4.0, 14.0, 14.0), 10.0)], depth=False)) < 0.05
 
 
-def test_person_there_at_the_start_leaves_no_ghost() -> None:
+def test_person_there_at_the_start_leaves_no_ghost():
     scene = Scene()
     scene.watch(5, PERSON_THERE)
     mask = scene.watch(2)
@@ -136,7 +136,7 @@ def test_person_there_at_the_start_leaves_no_ghost() -> None:
     assert share(scene.frame([(BLOB, (200.0, 90.0, 20.0), 14.0)])) > 0.9
 
 
-def test_feedback_keeps_a_person_standing_for_ten_minutes() -> None:
+def test_feedback_keeps_a_person_standing_for_ten_minutes():
     scene = Scene(fps=2)
     scene.watch(3)
     feedback = np.zeros(SHAPE, np.uint8)
@@ -144,7 +144,7 @@ def test_feedback_keeps_a_person_standing_for_ten_minutes() -> None:
     assert share(scene.watch(600, PERSON_THERE, feedback=feedback)) > 0.95
 
 
-def test_fidgeting_slows_absorption() -> None:
+def test_fidgeting_slows_absorption():
     """Fidgeting: between two looks, so that luma changes all the time."""
 
     def stands(seconds: float, fidgets: bool) -> float:
@@ -159,7 +159,7 @@ def test_fidgeting_slows_absorption() -> None:
     assert stands(60, fidgets=True) > 0.9
 
 
-def test_moved_chair_becomes_background_within_a_minute_and_its_old_place_within_two_seconds() -> None:
+def test_moved_chair_becomes_background_within_a_minute_and_its_old_place_within_two_seconds():
     scene = Scene()
     chair = [(np.s_[6:18, 2:8], (80.0, 60.0, 50.0), 14.0)]
     scene.watch(4, chair)
@@ -170,14 +170,14 @@ def test_moved_chair_becomes_background_within_a_minute_and_its_old_place_within
     assert share(scene.watch(60, moved)) < 0.05
 
 
-def test_feedback_background_is_learned_within_seconds() -> None:
+def test_feedback_background_is_learned_within_seconds():
     scene = Scene()
     scene.watch(10)
     feedback = np.full(SHAPE, BACKGROUND, np.uint8)
     assert share(scene.watch(5, PERSON_THERE, feedback=feedback)) < 0.05
 
 
-def test_frame_rate_does_not_change_how_long_learning_takes() -> None:
+def test_frame_rate_does_not_change_how_long_learning_takes():
     def absorbed_after(fps: float) -> float:
         scene = Scene(fps=fps)
         scene.watch(3)
@@ -191,7 +191,7 @@ def test_frame_rate_does_not_change_how_long_learning_takes() -> None:
     assert 20 < slow < 60
 
 
-def test_gap_in_time_teaches_at_most_a_second() -> None:
+def test_gap_in_time_teaches_at_most_a_second():
     scene = Scene()
     scene.watch(4)
     scene.watch(0.3, PERSON_THERE)
@@ -203,9 +203,7 @@ def test_gap_in_time_teaches_at_most_a_second() -> None:
 
 @pytest.mark.parametrize("gain", [0.5, 0.8, 1.3, 2.0])
 @pytest.mark.parametrize("colour", [True, False])
-def test_gain_steps_raise_no_foreground_even_with_a_person_in_forty_percent_of_the_image(
-    gain: float, colour: bool
-) -> None:
+def test_gain_steps_raise_no_foreground_even_with_a_person_in_forty_percent_of_the_image(gain, colour):
     scene = Scene(colour)
     scene.watch(3)
     person = [(np.s_[:, 4:17], (50.0, 70.0, 30.0)[: 3 if colour else 1], 16.0)]
@@ -216,7 +214,7 @@ def test_gain_steps_raise_no_foreground_even_with_a_person_in_forty_percent_of_t
         assert (mask[:, 5:16] > 0).mean() > 0.9
 
 
-def test_clipped_floor_that_comes_out_of_saturation_is_background() -> None:
+def test_clipped_floor_that_comes_out_of_saturation_is_background():
     scene = Scene(colour=False)
     scene.wall[BLOB] = 400.0
     scene.watch(3, depth=False)
@@ -224,7 +222,7 @@ def test_clipped_floor_that_comes_out_of_saturation_is_background() -> None:
         assert share(scene.watch(0.5, gain=gain, depth=False)) < 0.05
 
 
-def test_flickering_disparity_does_not_flood_the_mask() -> None:
+def test_flickering_disparity_does_not_flood_the_mask():
     scene = Scene()
     shares = []
     for i in range(120):
@@ -234,20 +232,20 @@ def test_flickering_disparity_does_not_flood_the_mask() -> None:
     assert max(shares) < 0.01
 
 
-def test_rarely_measured_depth_does_not_decide() -> None:
+def test_rarely_measured_depth_does_not_decide():
     scene = Scene()
     scene.watch(4, invalid=0.95)
     assert share(scene.frame([(BLOB, 1.0, 16.0)], invalid=0)) < 0.4
 
 
-def test_reset_forgets() -> None:
+def test_reset_forgets():
     scene = Scene()
     scene.watch(3)
     scene.foreground.reset()
     assert not scene.frame(PERSON_THERE).any()
 
 
-def test_same_input_gives_the_same_masks() -> None:
+def test_same_input_gives_the_same_masks():
     def masks() -> list[np.ndarray]:
         scene = Scene(fps=30)
         scene.watch(4)
@@ -258,9 +256,7 @@ def test_same_input_gives_the_same_masks() -> None:
 
 
 @pytest.mark.parametrize("measured", [None, np.full(SHAPE, 255, np.uint8)])
-def test_exposure_is_followed_once_in_a_frame_whether_changes_were_asked_for_or_not(
-    measured: np.ndarray | None,
-) -> None:
+def test_exposure_is_followed_once_in_a_frame_whether_changes_were_asked_for_or_not(measured):
     def watched(ask: bool) -> tuple[np.ndarray, float]:
         scene, rng = Scene(), np.random.default_rng(2)
         scene.watch(3)
@@ -276,7 +272,7 @@ def test_exposure_is_followed_once_in_a_frame_whether_changes_were_asked_for_or_
     assert asked_gain == gain == pytest.approx(1.5, abs=0.05)
 
 
-def test_single_pixels_are_cleaned_away() -> None:
+def test_single_pixels_are_cleaned_away():
     scene = Scene()
     scene.watch(3)
     assert not scene.frame([(np.s_[10:11, 10:11], (0.0, 0.0, 255.0), 16.0)], invalid=0).any()
@@ -292,19 +288,19 @@ def test_single_pixels_are_cleaned_away() -> None:
         (np.zeros(SHAPE, np.uint8), None, np.zeros((2, 2), np.uint8), "feedback"),
     ],
 )
-def test_wrong_arrays_are_refused_by_name(image, disparity, feedback, message: str) -> None:
+def test_wrong_arrays_are_refused_by_name(image, disparity, feedback, message):
     with pytest.raises(ValueError, match=message):
         Foreground(ForegroundParams(), SHAPE).update(image, disparity, 0.0, feedback)
 
 
-def test_change_between_grey_and_colour_is_refused() -> None:
+def test_change_between_grey_and_colour_is_refused():
     foreground = Foreground(ForegroundParams(), SHAPE)
     foreground.update(np.zeros(SHAPE, np.uint8), None, 0.0)
     with pytest.raises(ValueError, match="grey"):
         foreground.update(np.zeros((*SHAPE, 3), np.uint8), None, 0.1)
 
 
-def test_parameters_out_of_range_are_refused() -> None:
+def test_parameters_out_of_range_are_refused():
     with pytest.raises(ValidationError):
         ForegroundParams(gaussians=9)
     with pytest.raises(ValueError, match="size"):

@@ -48,9 +48,7 @@ def _frames(rng: np.random.Generator, colour: bool, depth: bool) -> tuple[np.nda
     k=st.integers(2, 5),
     shadows=st.booleans(),
 )
-def test_kernels_agree_with_numpy(
-    seed: int, colour: bool, depth: bool, feedback: bool, gated: bool, k: int, shadows: bool
-) -> None:
+def test_kernels_agree_with_numpy(seed, colour, depth, feedback, gated, k, shadows):
     rng = np.random.default_rng(seed)
     params = ForegroundParams(gaussians=k, remove_colour_shadows=shadows)
     foreground = Foreground(params, SHAPE)
@@ -86,7 +84,7 @@ def test_kernels_agree_with_numpy(
 
 
 @pytest.mark.parametrize("colour", [False, True])
-def test_changes_agree_with_numpy_at_every_second_pixel(colour: bool) -> None:
+def test_changes_agree_with_numpy_at_every_second_pixel(colour):
     rng = np.random.default_rng(1)
     foreground = Foreground(ForegroundParams(), SHAPE)
     frames = [_frames(rng, colour, True) for _ in range(4)]
@@ -99,7 +97,7 @@ def test_changes_agree_with_numpy_at_every_second_pixel(colour: bool) -> None:
     assert 0 < (found > 0).mean() < 1
 
 
-def test_blocks_learn_only_in_their_turn() -> None:
+def test_blocks_learn_only_in_their_turn():
     foreground = Foreground(ForegroundParams(), (1, 3 * BLOCK))
     image = np.full((1, 3 * BLOCK), 100, np.uint8)
     foreground.update(image, None, 0.0)
@@ -115,7 +113,7 @@ def test_blocks_learn_only_in_their_turn() -> None:
     assert changed.tolist() == [False, True, False]
 
 
-def test_rebase_brings_means_into_the_exposure_of_the_image() -> None:
+def test_rebase_brings_means_into_the_exposure_of_the_image():
     foreground = Foreground(ForegroundParams(), SHAPE)
     foreground.update(np.full(SHAPE, 100, np.uint8), None, 0.0)
     kernels.rebase(foreground._lead, foreground._rest, 2.0, 5.0)

@@ -84,8 +84,7 @@ def test_hole_of_a_polygon_is_outside() -> None:
 
 
 @pytest.mark.parametrize(
-    "line",
-    ["", "fly 1", "join 1", "join 1 two", "split 1", "shorter", "shorter -1", "delete 1 2", "region x"],
+    "line", ["", "fly 1", "join 1", "join 1 two", "split 1", "shorter", "shorter -1", "delete 1 2", "region x"]
 )
 def test_what_is_no_edit_is_refused_with_how_it_is_written(line: str) -> None:
     with pytest.raises(InputError, match="expected"):

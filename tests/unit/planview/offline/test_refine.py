@@ -130,9 +130,7 @@ _pieces = st.lists(
 
 @settings(max_examples=40, deadline=None)
 @given(_pieces)
-def test_refinement_adds_no_row_and_keeps_ids_unique(
-    pieces: list[tuple[int, int, float, float, int]],
-) -> None:
+def test_refinement_adds_no_row_and_keeps_ids_unique(pieces: list[tuple[int, int, float, float, int]]) -> None:
     tables = [
         with_state(walk(range(a, a + n), i, y, v), "tentative", a, a + tentative - 1)
         for i, (a, n, y, v, tentative) in enumerate(pieces, start=1)

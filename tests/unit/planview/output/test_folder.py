@@ -35,7 +35,7 @@ def finish(folder: Path, finished: bool = True) -> None:
     write_run_info(RunInfo(input="x", finished=finished), folder / "run.json")
 
 
-def test_a_new_folder_is_made_with_its_parents(tmp_path: Path) -> None:
+def test_a_new_folder_is_made_with_its_parents(tmp_path):
     prepare_folder(tmp_path / "a" / "b", overwrite=False)
     assert (tmp_path / "a" / "b").is_dir()
 
@@ -52,7 +52,7 @@ def test_a_new_folder_is_made_with_its_parents(tmp_path: Path) -> None:
         (None, r"holds tracks\.csv, which is no planview run's"),
     ],
 )
-def test_results_in_the_folder_are_refused_and_kept(tmp_path: Path, run_json: str | None, sentence: str) -> None:
+def test_results_in_the_folder_are_refused_and_kept(tmp_path, run_json, sentence):
     if run_json is not None:
         (tmp_path / "run.json").write_text(run_json)
     (tmp_path / "tracks.csv").write_text("precious")
@@ -61,7 +61,7 @@ def test_results_in_the_folder_are_refused_and_kept(tmp_path: Path, run_json: st
     assert (tmp_path / "tracks.csv").read_text() == "precious"
 
 
-def test_overwriting_removes_every_product_and_no_other_file(tmp_path: Path) -> None:
+def test_overwriting_removes_every_product_and_no_other_file(tmp_path):
     for name in PRODUCTS:
         (tmp_path / name.replace("[0-9]*", "2")).write_text("old")
     (tmp_path / "notes.txt").write_text("mine")
@@ -69,26 +69,26 @@ def test_overwriting_removes_every_product_and_no_other_file(tmp_path: Path) -> 
     assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
 
 
-def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
+def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):
     (tmp_path / "out").write_text("")
     with pytest.raises(InputError, match="expected a folder"):
         check_folder(tmp_path / "out", overwrite=True)
 
 
 @pytest.mark.parametrize("name", ["run.lock", "tracks.csv", "checkpoint.npz"])
-def test_a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for(tmp_path: Path, name: str) -> None:
+def test_a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for(tmp_path, name):
     os.mkfifo(tmp_path / name)
     with pytest.raises(InputError, match=rf"{name}: expected a file of a run, found a folder, a pipe or a device"):
         prepare_folder(tmp_path, overwrite=True)
 
 
-def test_a_folder_that_cannot_be_made_is_a_failure_of_work(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_a_failure_of_work(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(WorkError, match="cannot be written"):
         prepare_folder(tmp_path / "file" / "out", overwrite=False)
 
 
-def test_finished_run_tells_finished_from_unfinished(tmp_path: Path) -> None:
+def test_finished_run_tells_finished_from_unfinished(tmp_path):
     assert finished_run(tmp_path) is None
     finish(tmp_path, finished=False)
     assert finished_run(tmp_path) is None
@@ -97,8 +97,8 @@ def test_finished_run_tells_finished_from_unfinished(tmp_path: Path) -> None:
 
 
 def test_a_frame_that_does_not_fit_on_the_disk_is_cut_off_and_the_next_follows_the_last_whole_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path, monkeypatch
+):
     file = FrameFile(tmp_path / "t.csv", header)
     file.add(lambda f: f.write("1,one\n"))
     with monkeypatch.context() as patch:
@@ -111,7 +111,7 @@ def test_a_frame_that_does_not_fit_on_the_disk_is_cut_off_and_the_next_follows_t
     assert (tmp_path / "t.csv").read_text() == "a,b\n1,one\n3,three\n"
 
 
-def test_run_json_is_kept_when_its_successor_does_not_fit(tmp_path: Path) -> None:
+def test_run_json_is_kept_when_its_successor_does_not_fit(tmp_path):
     if not Path("/dev/full").exists():
         pytest.skip("/dev/full, a disk that is always full, is Linux's")
     finish(tmp_path, finished=False)
@@ -144,7 +144,7 @@ def another_process_holding(folder: Path) -> Iterator["subprocess.Popen[str]"]:
         process.wait()
 
 
-def test_a_folder_that_another_process_holds_is_refused_with_its_process_and_kept(tmp_path: Path) -> None:
+def test_a_folder_that_another_process_holds_is_refused_with_its_process_and_kept(tmp_path):
     (tmp_path / "tracks.csv").write_text("theirs")
     with another_process_holding(tmp_path) as process:
         with pytest.raises(InputError, match=f"process {process.pid} on .* is writing into it"):
@@ -152,7 +152,7 @@ def test_a_folder_that_another_process_holds_is_refused_with_its_process_and_kep
         assert (tmp_path / "tracks.csv").read_text() == "theirs"
 
 
-def test_the_lock_of_a_killed_process_is_told_and_taken_over(tmp_path: Path) -> None:
+def test_the_lock_of_a_killed_process_is_told_and_taken_over(tmp_path):
     with another_process_holding(tmp_path) as process:
         pass
     with folder_lock(tmp_path) as told:
@@ -161,13 +161,13 @@ def test_the_lock_of_a_killed_process_is_told_and_taken_over(tmp_path: Path) -> 
     assert not (tmp_path / LOCK_NAME).exists()
 
 
-def test_a_lock_of_another_host_is_refused_and_says_what_to_delete(tmp_path: Path) -> None:
+def test_a_lock_of_another_host_is_refused_and_says_what_to_delete(tmp_path):
     (tmp_path / LOCK_NAME).write_text('{"pid": 1, "host": "elsewhere", "since": "yesterday"}')
     with pytest.raises(InputError, match=r"process 1 on elsewhere .*delete .*run\.lock"), folder_lock(tmp_path):
         pass
 
 
-def test_a_process_may_lock_within_its_own_lock(tmp_path: Path) -> None:
+def test_a_process_may_lock_within_its_own_lock(tmp_path):
     with folder_lock(tmp_path):
         with folder_lock(tmp_path) as told:
             assert told == ""

@@ -4,7 +4,6 @@ import csv
 from pathlib import Path
 
 import pytest
-from say import JsonOf, Refused, Say
 
 from planview.cli import main
 from planview.output.folder import RunInfo, read_run_info, write_run_info
@@ -19,7 +18,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_refine_keeps_the_online_tracks_and_says_so(folder: Path, say: Say) -> None:
+def test_refine_keeps_the_online_tracks_and_says_so(folder, say):
     online = (folder / "tracks.csv").read_text()
     assert say("edit", folder, "--refine")[0] == 0
     assert (folder / "tracks_online.csv").read_text() == online
@@ -28,18 +27,18 @@ def test_refine_keeps_the_online_tracks_and_says_so(folder: Path, say: Say) -> N
     with (folder / "refinement.csv").open() as file:
         changes = list(csv.DictReader(file))
     assert [(row["id"], row["first_frame"], row["last_frame"], row["kind"]) for row in changes] == [
-        ("1", "0", "29", "smooth"),
+        ("1", "0", "29", "smooth")
     ]
 
 
-def test_refine_twice_starts_from_the_online_tracks(folder: Path, say: Say) -> None:
+def test_refine_twice_starts_from_the_online_tracks(folder, say):
     say("edit", folder, "--refine")
     once = (folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()
     say("edit", folder, "--refine")
     assert ((folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()) == once
 
 
-def test_evaluate_tells_refined_from_online_tracks(folder: Path, say: Say, json_of: JsonOf) -> None:
+def test_evaluate_tells_refined_from_online_tracks(folder, say, json_of):
     truth = folder / "truth.csv"
     truth.write_text("frame,id,x_m,y_m,height_m\n" + "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30)))
     say("edit", folder, "--refine")
@@ -47,9 +46,7 @@ def test_evaluate_tells_refined_from_online_tracks(folder: Path, say: Say, json_
         assert json_of("evaluate", folder / name, truth)["refined"] == refined
 
 
-def test_evaluate_takes_the_truth_of_the_runs_recording(
-    folder: Path, refused: Refused, json_of: JsonOf, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_evaluate_takes_the_truth_of_the_runs_recording(folder, refused, json_of, capsys):
     recording = folder / "recording"
     recording.mkdir()
     refused("evaluate", folder)
@@ -63,12 +60,12 @@ def test_evaluate_takes_the_truth_of_the_runs_recording(
     assert "strict_identity_changes those that last" in " ".join(capsys.readouterr().out.split())
 
 
-def test_refine_needs_a_finished_run(folder: Path, refused: Refused) -> None:
+def test_refine_needs_a_finished_run(folder, refused):
     write_run_info(RunInfo(finished=False), folder / "run.json")
     assert "expected the folder of a finished run" in refused("edit", folder, "--refine")
 
 
-def test_refine_needs_the_online_tracks_of_a_refined_run(folder: Path, say: Say, refused: Refused) -> None:
+def test_refine_needs_the_online_tracks_of_a_refined_run(folder, say, refused):
     say("edit", folder, "--refine")
     (folder / "tracks_online.csv").unlink()
     assert "expected the online tracks" in refused("edit", folder, "--refine")

@@ -1,12 +1,10 @@
 """Pictures and videos of a run."""
 
 import json
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from say import Refused
 
 from planview.cli import main
 from planview.counting.events import Event
@@ -20,7 +18,7 @@ def render(*words: object) -> None:
         main(["render", *map(str, words)])
 
 
-def test_video_has_a_picture_per_frame_at_the_rate_of_the_run(street: Path, tmp_path: Path) -> None:
+def test_video_has_a_picture_per_frame_at_the_rate_of_the_run(street, tmp_path):
     render(street, "--video", tmp_path / "new" / "scene.mp4", "--frames", "5:14")
     capture = cv2.VideoCapture(str(tmp_path / "new" / "scene.mp4"))
     assert int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == b"VP90"  # which browsers play
@@ -29,7 +27,7 @@ def test_video_has_a_picture_per_frame_at_the_rate_of_the_run(street: Path, tmp_
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["scene.mp4"]
 
 
-def test_without_a_floor_there_is_no_plan_of_it(street: Path, tmp_path: Path) -> None:
+def test_without_a_floor_there_is_no_plan_of_it(street, tmp_path):
     info = json.loads((street / "run.json").read_text())
     (street / "run.json").write_text(json.dumps({**info, "rig": None, "floor": None}))
     rows = "".join(f"{n},{n / 10:.4f},4,,,,confirmed,20,10,20,60\n" for n in range(30))
@@ -43,12 +41,12 @@ def test_without_a_floor_there_is_no_plan_of_it(street: Path, tmp_path: Path) ->
     assert "Boxes: people" in page and "metres" not in page
 
 
-def test_the_usual_video_plays_in_browsers(street: Path) -> None:
+def test_the_usual_video_plays_in_browsers(street):
     render(street, "--frames", "5:7")
     assert (street / "scene.webm").is_file()
 
 
-def test_still_shows_the_image_beside_the_floor(street: Path, tmp_path: Path) -> None:
+def test_still_shows_the_image_beside_the_floor(street, tmp_path):
     render(street, "--frame", "4", "--png", tmp_path / "still.png", "--no-truth")
     picture = cv2.imread(str(tmp_path / "still.png"))
     assert picture is not None
@@ -58,9 +56,7 @@ def test_still_shows_the_image_beside_the_floor(street: Path, tmp_path: Path) ->
     assert int(np.median(picture[40:, :200])) == 104
 
 
-def test_floor_alone_is_drawn_when_the_recording_is_gone(
-    street: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_floor_alone_is_drawn_when_the_recording_is_gone(street, tmp_path, capsys):
     info = json.loads((street / "run.json").read_text())
     (street / "run.json").write_text(json.dumps({**info, "input": "gone"}))
     render(street, "--frame", "4", "--png", tmp_path / "still.png")
@@ -75,11 +71,11 @@ def test_floor_alone_is_drawn_when_the_recording_is_gone(
         (["--frames", "9:3"], "--frames"), (["--frames", "40:50"], "frames from 40"), (["--every", "0"], "--every"),
     ],
 )  # fmt: skip
-def test_wrong_options_are_refused_by_name(street: Path, words: list[str], named: str, refused: Refused) -> None:
+def test_wrong_options_are_refused_by_name(street, words, named, refused):
     assert named in refused("render", street, *words)
 
 
-def test_tally_counts_what_happened_up_to_a_frame() -> None:
+def test_tally_counts_what_happened_up_to_a_frame():
     events = [
         Event(3, 0.3, "gate", "crossing", 1, "left_to_right"), Event(5, 0.5, "gate", "crossing", 2, "right_to_left"),
         Event(2, 0.2, "room", "entry", 1), Event(6, 0.6, "room", "exit", 1),

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import cv2
 import pytest
-from say import Refused
 
 from calib.errors import InputError
 from planview.cli import main
@@ -35,16 +34,14 @@ def ellipses(street: Path, tmp_path: Path) -> Path:
     return out
 
 
-def test_run_repeated_with_its_own_parameters_has_the_same_tracks(ellipses: Path) -> None:
+def test_run_repeated_with_its_own_parameters_has_the_same_tracks(ellipses):
     results = read_results(ellipses)
     replayed = replay_run(results, load_config(None, (), None), 25)
     assert replayed.source == ellipses.parent / "street"
     assert difference_text(results, replayed, 25)[0] == "tracks are the same up to this frame"
 
 
-def test_command_draws_both_and_says_what_differs(
-    ellipses: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_draws_both_and_says_what_differs(ellipses, tmp_path, capsys):
     words = ["--frame", "25", "--set", "single_camera.foreground.gaussians=2", "--png", str(tmp_path / "both.png")]
     with pytest.raises(SystemExit, match="0"):
         main(["replay", str(ellipses), *words])
@@ -53,11 +50,11 @@ def test_command_draws_both_and_says_what_differs(
     assert picture is not None and picture.shape[0] > 2 * 480
 
 
-def test_frame_beyond_the_run_is_refused(ellipses: Path, refused: Refused) -> None:
+def test_frame_beyond_the_run_is_refused(ellipses, refused):
     assert "from 0 to 29" in refused("replay", ellipses, "--frame", 99)
 
 
-def test_recording_that_is_gone_is_named(ellipses: Path) -> None:
+def test_recording_that_is_gone_is_named(ellipses):
     info = json.loads((ellipses / "run.json").read_text())
     (ellipses / "run.json").write_text(json.dumps({**info, "input": "gone"}))
     with pytest.raises(InputError, match="gone"):
@@ -65,6 +62,6 @@ def test_recording_that_is_gone_is_named(ellipses: Path) -> None:
 
 
 @pytest.mark.parametrize("damaged", [b"frame\n1\n", b"\xff", b"frame,timestamp_s,id,kind,reason\n,0,1,born,x\n"])
-def test_decisions_that_are_damaged_are_refused(ellipses: Path, refused: Refused, damaged: bytes) -> None:
+def test_decisions_that_are_damaged_are_refused(ellipses, refused, damaged):
     (ellipses / "decisions.csv").write_bytes(damaged)
     assert "decisions.csv: expected" in refused("replay", ellipses, "--frame", 25)

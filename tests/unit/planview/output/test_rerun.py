@@ -2,7 +2,6 @@
 
 import math
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,14 +15,14 @@ from planview.output.rerun.shapes import LABEL_APART_M, label_places, mosaic, ou
 from planview.trajectories.state import TrackState
 
 
-def test_labels_from_above_stand_beside_people_and_apart() -> None:
+def test_labels_from_above_stand_beside_people_and_apart():
     people = [TrackState(i, "confirmed", 0.1 * i, 0.0) for i in range(3)]
     places = label_places(people)
     assert all(math.dist(place[:2], (p.x_m, p.y_m)) > 0.3 for place, p in zip(places, people, strict=True))
     assert min(math.dist(a, b) for i, a in enumerate(places) for b in places[:i]) > LABEL_APART_M
 
 
-def test_foreground_is_outlined_in_pixels_of_the_image() -> None:
+def test_foreground_is_outlined_in_pixels_of_the_image():
     mask = np.zeros((60, 80), dtype=np.uint8)
     mask[10:30, 20:40] = 255
     strips = outlines(mask, (160, 120)).strips
@@ -32,15 +31,13 @@ def test_foreground_is_outlined_in_pixels_of_the_image() -> None:
     assert np.array(corners).min(axis=0).tolist() == [40, 20]
 
 
-def test_viewer_sends_no_statistics(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_viewer_sends_no_statistics(monkeypatch):
     monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
     assert quiet_environment()["CI"] == "1"
     assert "FORCE_RERUN_ANALYTICS" not in quiet_environment()
 
 
-def test_web_view_listens_on_this_machine_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, capsys):
     called: list[list[str]] = []
 
     def run(words: list[str], **_options: object) -> subprocess.CompletedProcess[bytes]:
@@ -55,7 +52,7 @@ def test_web_view_listens_on_this_machine_only(
     assert "http://127.0.0.1:9191" in capsys.readouterr().err
 
 
-def test_templates_are_side_by_side_in_one_image() -> None:
+def test_templates_are_side_by_side_in_one_image():
     tiles = {"b": np.full((3, 3), 0.5, dtype=np.float32), "a": np.full((5, 4), 200, dtype=np.uint8)}
     shown = mosaic(tiles)
     assert shown.shape == (5, 4 + 1 + 3 + 1)
@@ -63,21 +60,21 @@ def test_templates_are_side_by_side_in_one_image() -> None:
 
 
 @pytest.mark.parametrize(("written", "step"), [(0, 1), (499, 1), (500, 2), (750, 4), (875, 8)])
-def test_images_become_rarer_whenever_half_of_the_room_left_is_used(written: int, step: int) -> None:
+def test_images_become_rarer_whenever_half_of_the_room_left_is_used(written, step):
     assert rarer(written, room=1000) == step
 
 
-def test_images_stay_when_the_room_is_used_up() -> None:
+def test_images_stay_when_the_room_is_used_up():
     assert rarer(5000, room=1000) == 4096
 
 
-def test_a_recording_that_ends_before_the_checkpoint_is_refused(tmp_path: Path) -> None:
+def test_a_recording_that_ends_before_the_checkpoint_is_refused(tmp_path):
     (tmp_path / "run.rrd").write_bytes(b"12345")
     with pytest.raises(InputError, match="expected 9 bytes before the checkpoint, found 5"):
         kept_parts(tmp_path / "run.rrd", {"parts": 1, "size": 9})
 
 
-def test_a_resumed_recording_drops_what_was_written_after_the_checkpoint(tmp_path: Path) -> None:
+def test_a_resumed_recording_drops_what_was_written_after_the_checkpoint(tmp_path):
     names = ["run.rrd", "run-2.rrd", "run-3.rrd", "run-10.rrd"]
     for name in names:
         (tmp_path / name).write_bytes(b"12345")

@@ -20,9 +20,7 @@ class CLibrary:
 
 
 @pytest.mark.parametrize(("system", "calls"), [("linux", [0]), ("win32", []), ("darwin", [])])
-def test_freed_memory_is_returned_to_linux_and_left_alone_elsewhere(
-    monkeypatch: pytest.MonkeyPatch, system: str, calls: list[int]
-) -> None:
+def test_freed_memory_is_returned_to_linux_and_left_alone_elsewhere(monkeypatch, system, calls):
     library = CLibrary()
     monkeypatch.setattr(sys, "platform", system)
     monkeypatch.setattr(ctypes, "CDLL", lambda name: library)
@@ -30,7 +28,7 @@ def test_freed_memory_is_returned_to_linux_and_left_alone_elsewhere(
     assert library.kept == calls
 
 
-def test_c_library_that_cannot_return_memory_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_c_library_that_cannot_return_memory_is_no_error(monkeypatch):
     asked = []
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setattr(ctypes, "CDLL", lambda name: asked.append(name) or object())
@@ -39,7 +37,7 @@ def test_c_library_that_cannot_return_memory_is_no_error(monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize(("px_per_s", "doubted"), [(80.0, False), (300.0, True)])
-def test_people_without_metres_who_move_faster_than_walkers_are_doubted(px_per_s: float, doubted: bool) -> None:
+def test_people_without_metres_who_move_faster_than_walkers_are_doubted(px_per_s, doubted):
     totals, nan = RunTotals(), math.nan
     for n in range(20):
         box = (n * px_per_s / 10, 50.0, 40.0, 100.0)

@@ -11,7 +11,7 @@ import pytest
 
 from calib.errors import InputError
 from planview.trajectories.file import TrajectoryFile
-from planview.trajectories.formats import FORMATS, ExportName, load_file, load_tracks, measured_rate, prepared
+from planview.trajectories.formats import FORMATS, load_file, load_tracks, measured_rate, prepared
 from planview.trajectories.table import Trajectories, positions_table
 from planview.trajectories.text_formats import read_petrack, write_petrack
 
@@ -33,9 +33,7 @@ def two_walkers(frames: int = 4, fps: float = 15.0) -> Trajectories:
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_every_format_is_told_by_its_content_and_gives_positions_within_a_millimetre(
-    name: ExportName, tmp_path: Path
-) -> None:
+def test_every_format_is_told_by_its_content_and_gives_positions_within_a_millimetre(name, tmp_path):
     table, path = two_walkers(), tmp_path / "anything"
     FORMATS[name].write(path, prepared(TrajectoryFile(table), name, area=AREA))
     again = load_tracks(path)
@@ -46,19 +44,19 @@ def test_every_format_is_told_by_its_content_and_gives_positions_within_a_millim
 
 
 @pytest.mark.parametrize("name", ["pedpy", "ped-data-archive", "jupedsim", "parquet"])
-def test_frame_rate_survives_an_export(name: ExportName, tmp_path: Path) -> None:
+def test_frame_rate_survives_an_export(name, tmp_path):
     FORMATS[name].write(tmp_path / "x", prepared(TrajectoryFile(two_walkers(100, 15.0)), name))
     assert load_file(tmp_path / "x").fps == 15.0
 
 
 @pytest.mark.parametrize("name", ["ped-data-archive", "jupedsim", "parquet"])
-def test_walkable_area_survives_an_export(name: ExportName, tmp_path: Path) -> None:
+def test_walkable_area_survives_an_export(name, tmp_path):
     FORMATS[name].write(tmp_path / "x", prepared(TrajectoryFile(two_walkers()), name, area=AREA))
     assert load_file(tmp_path / "x").walkable_wkt == AREA
 
 
 @pytest.mark.parametrize("name", ["parquet", "csv", "jsonl"])
-def test_formats_with_states_keep_every_column(name: ExportName, tmp_path: Path) -> None:
+def test_formats_with_states_keep_every_column(name, tmp_path):
     table = two_walkers()
     table.state[3] = "lost"
     table.height_m[3] = np.nan
@@ -68,20 +66,20 @@ def test_formats_with_states_keep_every_column(name: ExportName, tmp_path: Path)
         np.testing.assert_array_equal(getattr(again, column), getattr(table, column))
 
 
-def test_formats_without_states_hold_confirmed_rows_and_on_request_predicted_ones() -> None:
+def test_formats_without_states_hold_confirmed_rows_and_on_request_predicted_ones():
     table = two_walkers()
     table.state[:3] = ["tentative", "lost", "lost"]
     assert len(prepared(TrajectoryFile(table), "pedpy").table) == 5
     assert len(prepared(TrajectoryFile(table), "pedpy", lost=True).table) == 7
 
 
-def test_rate_is_that_of_the_median_frame_where_the_clock_jumps() -> None:
+def test_rate_is_that_of_the_median_frame_where_the_clock_jumps():
     table = two_walkers(10, 20.0)
     table.timestamp_s[8:] += 3600.0
     assert measured_rate(table) == 20.0
 
 
-def test_petrack_text_in_centimetres_is_read_in_metres(tmp_path: Path) -> None:
+def test_petrack_text_in_centimetres_is_read_in_metres(tmp_path):
     path = tmp_path / "cm.txt"
     path.write_text("# framerate: 50 fps\n# id frame x/cm y/cm z/cm markerID\n7 3 -130.147 20 180 999\n")
     file = read_petrack(path)
@@ -90,7 +88,7 @@ def test_petrack_text_in_centimetres_is_read_in_metres(tmp_path: Path) -> None:
     assert (file.table.x_m[0], file.table.y_m[0], file.table.height_m[0]) == pytest.approx((-1.30147, 0.2, 1.8))
 
 
-def test_petrack_text_is_written_in_centimetres_on_request(tmp_path: Path) -> None:
+def test_petrack_text_is_written_in_centimetres_on_request(tmp_path):
     write_petrack(tmp_path / "x.txt", TrajectoryFile(two_walkers(1), 15.0), unit="cm")
     lines = (tmp_path / "x.txt").read_text().splitlines()
     assert lines == [
@@ -101,12 +99,12 @@ def test_petrack_text_is_written_in_centimetres_on_request(tmp_path: Path) -> No
     ]
 
 
-def test_motchallenge_rows_count_frames_from_one_and_have_world_columns(tmp_path: Path) -> None:
+def test_motchallenge_rows_count_frames_from_one_and_have_world_columns(tmp_path):
     FORMATS["motchallenge"].write(tmp_path / "x.txt", TrajectoryFile(two_walkers(1)))
     assert (tmp_path / "x.txt").read_text().splitlines()[0] == ("1,1,100.0,50.0,40.0,120.0,1,-0.5000,1.0000,0.0000")
 
 
-def test_json_lines_that_are_cut_short_are_read_up_to_the_last_whole_frame(tmp_path: Path) -> None:
+def test_json_lines_that_are_cut_short_are_read_up_to_the_last_whole_frame(tmp_path):
     FORMATS["jsonl"].write(tmp_path / "x", TrajectoryFile(two_walkers(3)))
     text = (tmp_path / "x").read_text()
     (tmp_path / "x").write_text(text[: text.rindex("people")])
@@ -152,7 +150,7 @@ BAD: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("make", BAD.values(), ids=BAD.keys())
-def test_damaged_trajectories_are_refused_in_one_sentence(make: Callable[[Path], object], tmp_path: Path) -> None:
+def test_damaged_trajectories_are_refused_in_one_sentence(make, tmp_path):
     path = tmp_path / "bad"
     make(path)
     with pytest.raises(InputError) as refused:

@@ -1,5 +1,4 @@
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,13 +48,13 @@ def solved() -> CalibrationSession:
     return session
 
 
-def test_session_turns_drawn_people_into_a_camera(solved: CalibrationSession) -> None:
+def test_session_turns_drawn_people_into_a_camera(solved):
     assert solved.solution.found is not None
     assert solved.solution.found.camera.height_m == pytest.approx(3.5, rel=0.02)
     assert [s.frame for s in solved.samples] == [0, 10, 20, 0, 10, 20]
 
 
-def test_solution_gives_every_value_with_its_deviation_and_a_verdict(solved: CalibrationSession) -> None:
+def test_solution_gives_every_value_with_its_deviation_and_a_verdict(solved):
     rows = {row.name: row for row in solved.solution.rows()}
     assert rows["height above the floor"].value.startswith("3.5")
     assert all(rows[name].deviation.startswith("±") for name in ("height above the floor", "roll", "focal length"))
@@ -63,7 +62,7 @@ def test_solution_gives_every_value_with_its_deviation_and_a_verdict(solved: Cal
     assert assessment is not None and assessment.sentence.startswith("enough" if assessment.enough else "not enough")
 
 
-def test_session_leads_from_box_to_head_to_foot_and_to_the_people_missing() -> None:
+def test_session_leads_from_box_to_head_to_foot_and_to_the_people_missing():
     session = new_session()
     assert "3 more people" in session.message
     session.press(100, 100)
@@ -77,14 +76,14 @@ def test_session_leads_from_box_to_head_to_foot_and_to_the_people_missing() -> N
     assert "2 more people" in session.message
 
 
-def test_session_takes_a_slip_of_the_hand_for_no_box() -> None:
+def test_session_takes_a_slip_of_the_hand_for_no_box():
     session = new_session()
     session.press(100, 100)
     session.release(103, 104)
     assert session.draft.box_px is None
 
 
-def test_session_refuses_a_head_far_from_its_box_and_says_so() -> None:
+def test_session_refuses_a_head_far_from_its_box_and_says_so():
     session = new_session()
     session.press(300, 100)
     session.release(350, 250)
@@ -93,7 +92,7 @@ def test_session_refuses_a_head_far_from_its_box_and_says_so() -> None:
     assert "no standing person" in session.message
 
 
-def test_undo_takes_back_every_kind_of_change() -> None:
+def test_undo_takes_back_every_kind_of_change():
     session = new_session()
     draw(session, ONE)
     session.choose("select")
@@ -106,7 +105,7 @@ def test_undo_takes_back_every_kind_of_change() -> None:
     assert not session.undo()
 
 
-def test_selected_head_is_dragged_and_nudged() -> None:
+def test_selected_head_is_dragged_and_nudged():
     session = new_session(ONE)
     session.choose("select")
     session.press(131, 106)
@@ -126,7 +125,7 @@ def test_selected_head_is_dragged_and_nudged() -> None:
     ],
     ids=["a corner and its two edges", "the whole person"],
 )
-def test_part_that_is_picked_up_moves_alone(at: tuple[int, int], to: tuple[int, int], moved: HumanSample) -> None:
+def test_part_that_is_picked_up_moves_alone(at, to, moved):
     session = new_session(ONE)
     session.choose("select")
     session.press(*at)
@@ -135,7 +134,7 @@ def test_part_that_is_picked_up_moves_alone(at: tuple[int, int], to: tuple[int, 
 
 
 @pytest.mark.parametrize(("frame", "selected"), [(0, Handle(0, "whole")), (1, None)])
-def test_click_selects_people_of_the_frame_shown_and_changes_nothing(frame: int, selected: Handle | None) -> None:
+def test_click_selects_people_of_the_frame_shown_and_changes_nothing(frame, selected):
     session = new_session(ONE)
     session.show(frame)
     session.choose("select")
@@ -143,14 +142,14 @@ def test_click_selects_people_of_the_frame_shown_and_changes_nothing(frame: int,
     assert session.selected == selected
 
 
-def test_person_asked_for_is_shown_and_selected() -> None:
+def test_person_asked_for_is_shown_and_selected():
     session = new_session(HumanSample(ONE.box_px, ONE.head_px, ONE.foot_px, 20))
     session.show_sample(0)
     assert (session.shown, session.tool, session.selected) == (2, "select", Handle(0, "whole"))
     assert "drag to move it" in session.message
 
 
-def test_floor_point_that_is_picked_up_moves_with_the_mouse() -> None:
+def test_floor_point_that_is_picked_up_moves_with_the_mouse():
     session = new_session()
     session.choose("floor")
     click(session, (200.0, 300.0))
@@ -160,12 +159,12 @@ def test_floor_point_that_is_picked_up_moves_with_the_mouse() -> None:
     assert session.floor_points == [(245.0, 337.0)]
 
 
-def test_floor_points_have_metres_once_the_camera_is_known(solved: CalibrationSession) -> None:
+def test_floor_points_have_metres_once_the_camera_is_known(solved):
     pixel = CAMERA.project((0.5, 4.0, 0.0))
     assert solved.solution.metres([(float(pixel[0]), float(pixel[1]))])[0] == pytest.approx((0.5, 4.0), abs=0.15)
 
 
-def test_known_focal_length_is_kept_to(solved: CalibrationSession) -> None:
+def test_known_focal_length_is_kept_to(solved):
     session = new_session(*solved.samples)
     session.known = KnownValues(focal_px=520.0)
     session.solve()
@@ -173,27 +172,25 @@ def test_known_focal_length_is_kept_to(solved: CalibrationSession) -> None:
     assert session.solution.found.camera.focal_px == pytest.approx(520, rel=0.03)
 
 
-def test_session_exports_what_the_commands_read(solved: CalibrationSession, tmp_path: Path) -> None:
+def test_session_exports_what_the_commands_read(solved, tmp_path):
     written = solved.export(tmp_path / "new")
     assert {p.name for p in written} == {"samples.json", "camera.toml"}
     assert len(read_samples(tmp_path / "new" / "samples.json")) == 6
     assert load_ground_camera(tmp_path / "new" / "camera.toml").height_m == pytest.approx(3.5, rel=0.03)
 
 
-def test_samples_are_exported_without_the_camera_on_request_and_nothing_is_refused(
-    solved: CalibrationSession, tmp_path: Path
-) -> None:
+def test_samples_are_exported_without_the_camera_on_request_and_nothing_is_refused(solved, tmp_path):
     assert [p.name for p in solved.export(tmp_path, solution=False)] == ["samples.json"]
     with pytest.raises(InputError, match="something drawn"):
         new_session().export(tmp_path)
 
 
-def test_loaded_samples_of_another_image_size_are_refused() -> None:
+def test_loaded_samples_of_another_image_size_are_refused():
     with pytest.raises(InputError, match="640x480 px, found 320x240"):
         new_session().load([ONE], (320, 240))
 
 
-def test_overlay_shows_the_people_of_the_frame_shown(solved: CalibrationSession) -> None:
+def test_overlay_shows_the_people_of_the_frame_shown(solved):
     svg = overlay(solved)
     assert (svg.count('class="sample"'), svg.count('class="model"'), svg.count('class="crowd"')) == (2, 2, 0)
     assert 'class="grid"' in svg

@@ -22,10 +22,7 @@ from planview.trajectories.state import TrackState
 from stereo.recording import VideoFrame
 
 SHAPE = (120, 160)
-GIVEN = EllipseParticleParams(
-    size=EllipseSizeParams(person_height_px=30),
-    filter=ParticleFilterParams(particles=300),
-)
+GIVEN = EllipseParticleParams(size=EllipseSizeParams(person_height_px=30), filter=ParticleFilterParams(particles=300))
 
 
 def foreground(*people: tuple[float, float]) -> np.ndarray:

@@ -37,9 +37,7 @@ def evidence(frame: MaskExplanation, pose: tuple[float, float, float], *others: 
 
 @pytest.mark.parametrize("pose", [(0.0, 6.0, 1.76), (0.3, 5.5, 1.6), (-0.2, 6.3, 1.3)])
 @pytest.mark.parametrize("others", [[], [(0.4, 5.0, 1.8)], [(0.1, 6.6, 1.7), (-0.3, 5.2, 1.7)]])
-def test_evidence_is_that_of_the_plain_twin(
-    pose: tuple[float, float, float], others: list[tuple[float, float, float]]
-) -> None:
+def test_evidence_is_that_of_the_plain_twin(pose, others):
     seen = World().observe(0, [(0.0, 6.0, RED), (0.5, 5.2, BLUE)])
     shadow = np.zeros_like(seen.foreground)
     shadow[60:70, 70:90] = 255
@@ -48,23 +46,23 @@ def test_evidence_is_that_of_the_plain_twin(
     assert evidence(frame, pose, *others) == pytest.approx(expected, rel=2e-3, abs=1e-3)
 
 
-def test_person_is_likelier_where_it_stands_than_beside() -> None:
+def test_person_is_likelier_where_it_stands_than_beside():
     frame = frame_of((0.0, 6.0, RED))
     here = evidence(frame, (0.0, 6.0, 1.76))
     assert here > 20.0
     assert all(evidence(frame, (x, y, 1.76)) < here for x, y in ((0.3, 6.0), (-0.3, 6.0), (0.0, 7.0), (0.0, 5.2)))
 
 
-def test_person_who_is_hidden_by_another_costs_nothing_and_gains_nothing() -> None:
+def test_person_who_is_hidden_by_another_costs_nothing_and_gains_nothing():
     frame = frame_of((0.0, 5.0, RED))
     assert abs(evidence(frame, (0.0, 5.2, 1.6), (0.0, 5.0, 1.76))) < 0.2 * evidence(frame, (0.0, 5.0, 1.76))
 
 
-def test_person_where_nothing_is_foreground_is_unlikely() -> None:
+def test_person_where_nothing_is_foreground_is_unlikely():
     assert evidence(frame_of(), (0.0, 6.0, 1.76)) < -10.0
 
 
-def test_ascent_finds_the_person_from_a_walkers_error_of_prediction() -> None:
+def test_ascent_finds_the_person_from_a_walkers_error_of_prediction():
     frame, start = frame_of((0.0, 6.0, RED)), np.array([0.2, 6.3, 1.7])
     samples = frame.around(start, 0.5)
     samples.layer(people_at(), NOBODY, start)
@@ -73,7 +71,7 @@ def test_ascent_finds_the_person_from_a_walkers_error_of_prediction() -> None:
     assert pose[:2] == pytest.approx([0.0, 6.0], abs=0.15)
 
 
-def test_place_is_known_better_across_the_ray_than_along_it() -> None:
+def test_place_is_known_better_across_the_ray_than_along_it():
     frame, pose = frame_of((0.0, 6.0, RED)), np.array([0.0, 6.0, 1.76])
     samples = frame.around(pose, 0.5)
     samples.layer(people_at(), NOBODY, pose)
@@ -81,17 +79,17 @@ def test_place_is_known_better_across_the_ray_than_along_it() -> None:
     assert 0.0 < noise.xx < noise.yy
 
 
-def test_two_side_by_side_explain_two_better_than_one_does() -> None:
+def test_two_side_by_side_explain_two_better_than_one_does():
     frame = frame_of((-0.35, 6.0, RED), (0.35, 6.0, BLUE))
     assert frame.beside(0, 1, people_at((-0.35, 6.0, 1.76), (0.35, 6.0, 1.76))).evidence > 8.0
 
 
-def test_second_person_in_the_outline_of_one_has_no_evidence() -> None:
+def test_second_person_in_the_outline_of_one_has_no_evidence():
     frame = frame_of((0.0, 6.0, RED))
     assert frame.beside(0, 1, people_at((0.0, 6.4, 1.7), (0.0, 5.9, 1.76))).evidence < 0.0
 
 
-def test_owners_are_the_people_in_whose_outline_pixels_are() -> None:
+def test_owners_are_the_people_in_whose_outline_pixels_are():
     frame = frame_of((-0.8, 6.0, RED), (0.8, 6.0, BLUE))
     shares = frame.share_out(people_at((-0.8, 6.0, 1.76), (2.5, 6.0, 1.76)))
     columns = [round(float(CAMERA.project((x, 6.0, 1.1))[0])) for x in (-0.8, 0.8)]
@@ -101,7 +99,7 @@ def test_owners_are_the_people_in_whose_outline_pixels_are() -> None:
     assert shares.residual[row, columns[1]] > 1.0
 
 
-def test_one_is_born_for_each_person_whom_nobody_explains() -> None:
+def test_one_is_born_for_each_person_whom_nobody_explains():
     frame, places = frame_of((-1.0, 6.0, RED), (1.0, 6.0, BLUE)), FloorPlaces(MAP, PARAMS.birth_visible, PARAMS.patch_m)
     known = people_at((-1.0, 6.0, 1.76))
     born, poses = births(places, frame, known, frame.share_out(known), 0.0)
@@ -109,7 +107,7 @@ def test_one_is_born_for_each_person_whom_nobody_explains() -> None:
     assert poses.tolist() == [[-1.0, 6.0, 1.76]]
 
 
-def test_silhouette_is_widest_at_the_arms_and_round_from_above() -> None:
+def test_silhouette_is_widest_at_the_arms_and_round_from_above():
     table = silhouette()
     level, above = table.cover[6], table.cover[24]
     wide = level.sum(axis=0)
@@ -118,7 +116,7 @@ def test_silhouette_is_widest_at_the_arms_and_round_from_above() -> None:
     assert (above > 0.3).sum() < (level > 0.3).sum() / 2
 
 
-def test_match_is_equation_1() -> None:
+def test_match_is_equation_1():
     surface = np.zeros((20, 30), np.uint8)
     surface[5:15, 5:15] = 255
     half = np.array([[5.0, 5.0], [9.0, 5.0], [9.0, 14.0], [5.0, 14.0]])
