@@ -1,5 +1,6 @@
-"""The command line as a whole: help, refusals in one sentence, and what is imported when."""
+"""The command line and the public names."""
 
+import os
 import re
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import planview
 from calib.errors import InputError, WorkError
 from planview import cli
 
@@ -130,3 +132,41 @@ def test_completion_knows_the_options_of_commands(capsys):
     assert status_of(["completion", "bash"]) == 0
     text = capsys.readouterr().out
     assert "--overwrite" in text and "complete -F" in text
+
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.mark.parametrize("name", ["calib", "stereo"])
+def test_file_of_the_users_that_hides_a_package_is_named(tmp_path: Path, name: str) -> None:
+    (tmp_path / f"{name}.py").write_text("")
+    (tmp_path / "script.py").write_text("import planview\n")
+    told = subprocess.run(
+        [sys.executable, str(tmp_path / "script.py")],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    last = told.stderr.splitlines()[-1]
+    assert str(tmp_path / f"{name}.py") in last and "rename that file" in last
+
+
+@pytest.mark.parametrize("name", planview.__all__)
+def test_every_public_name_is_what_it_says(name: str) -> None:
+    value = getattr(planview, name)
+    assert value is planview.ABLATIONS if name == "ABLATIONS" else value.__name__ == name
+
+
+def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="telepathy"):
+        _ = planview.telepathy
+
+
+def test_importing_the_package_and_its_command_line_imports_nothing_heavy() -> None:
+    program = (
+        "import sys, planview, planview.cli\n"
+        "print([m for m in ('numpy', 'cv2', 'numba', 'scipy', 'pydantic', 'open3d', 'rerun') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,7 +1,15 @@
+"""From disparity to depth and points on the floor."""
+
+import cv2
 import numpy as np
 import pytest
+from reference import windows as reference
 
+from calib.floor.plane import FloorParams, Plane
+from stereo._kernels import split
 from stereo.depth import DepthFromDisparity, DepthParams, RectifiedGeometry, back_project, median_image
+from stereo.floor import align_plane
+from stereo.gating import TILE, Gate, MatchingParams, Window
 
 GEOMETRY = RectifiedGeometry(4, 3, 400.0, 400.0, 1.5, 1.0, 0.1, disparity_std_px=0.25)
 
@@ -56,3 +64,136 @@ def test_median_image_leaves_out_who_walks_through_and_what_is_never_valid() -> 
     frames = [np.array([[4.0, np.nan]], np.float32), np.array([[1.0, np.nan]], np.float32)]
     frames.append(np.array([[4.0, np.nan]], np.float32))
     np.testing.assert_array_equal(median_image(frames), [[4.0, np.nan]])
+
+
+FLOOR_GEOMETRY = RectifiedGeometry(
+    focal_u_px=260.0, focal_v_px=260.0, cu_px=159.5, cv_px=119.5, baseline_m=0.2, width=320, height=240
+)
+
+
+def plane(tilt_deg: float, roll_deg: float, height_m: float) -> Plane:
+    tilt, roll = np.radians([tilt_deg, roll_deg])
+    normal = np.array([np.sin(roll), -np.sin(tilt) * np.cos(roll), -np.cos(tilt) * np.cos(roll)])
+    return Plane(-normal / height_m, 1.0, np.zeros((3, 3)))
+
+
+def seen(true: Plane, contrast: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Left and right image of a spotted plane, and its depth [m]."""
+    u, v = np.meshgrid(np.arange(320.0), np.arange(240.0))
+    inverse = FLOOR_GEOMETRY.rays(np.stack([u, v], axis=-1)) @ true.q
+    rng = np.random.default_rng(1)
+    spots = cv2.GaussianBlur(rng.normal(size=(240, 320)), (0, 0), 2.5)
+    right = (120 + contrast * spots).astype(np.float32)
+    disparity = (260.0 * 0.2 * inverse).astype(np.float32)
+    left = cv2.remap(
+        right, u.astype(np.float32) - disparity, v.astype(np.float32), cv2.INTER_CUBIC, None, cv2.BORDER_REFLECT
+    )
+    depth = np.where(inverse > 0.1, 1.0 / np.maximum(inverse, 0.1), np.nan).astype(np.float32)
+    noise = rng.normal(size=(2, 240, 320)).astype(np.float32)
+    return left + noise[0], right + noise[1], depth
+
+
+def test_a_plane_is_aligned_to_a_tenth_of_a_degree_and_knows_it() -> None:
+    true, guess = plane(60.0, 1.0, 2.5), plane(60.7, 0.7, 2.54)
+    aligned = align_plane(guess, *seen(true, 200.0), FLOOR_GEOMETRY, FloorParams())
+    assert aligned.distance_m == pytest.approx(2.5, abs=0.01)
+    assert np.degrees([aligned.tilt_rad, aligned.roll_rad]) == pytest.approx([60.0, 1.0], abs=0.1)
+    assert 0 < np.sqrt(np.trace(aligned.covariance)) < 0.01
+
+
+def test_without_texture_the_guess_stays() -> None:
+    true, guess = plane(60.0, 1.0, 2.5), plane(60.7, 0.7, 2.54)
+    assert align_plane(guess, *seen(true, 0.0), FLOOR_GEOMETRY, FloorParams()) is guess
+
+
+def test_what_stands_on_the_plane_does_not_take_part() -> None:
+    true, guess = plane(60.0, 1.0, 2.5), plane(60.3, 0.8, 2.52)
+    left, right, depth = seen(true, 200.0)
+    left[100:160, 140:200], depth[100:160, 140:200] = left[40:100, 140:200], 1.5
+    aligned = align_plane(guess, left, right, depth, FLOOR_GEOMETRY, FloorParams())
+    assert np.degrees([aligned.tilt_rad, aligned.roll_rad]) == pytest.approx([60.0, 1.0], abs=0.1)
+
+
+SIZE = (320, 240)
+SAMPLES = (120, 160)
+NOTHING = np.zeros(SAMPLES, np.uint8)
+
+
+def gate(refresh_s: float = 600.0) -> Gate:
+    return Gate(SIZE, 1, MatchingParams(refresh_s=refresh_s), lambda window: 64)
+
+
+def changed_at(*places: tuple[int, int]) -> np.ndarray:
+    changed = NOTHING.copy()
+    for x, y in places:
+        changed[y // 2, x // 2] = 255
+    return changed
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_windows_agree_with_the_plain_twin(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tiles = (cv2.GaussianBlur(rng.random((30, 40)), (0, 0), 1.5) > 0.56).astype(np.uint8)
+    work = np.full((30, 30), 80.0) + np.arange(30)
+    settings = work, TILE, 36.0, 16.0, 20_000.0
+    out = np.empty((200, 4), np.int64)
+    n, _ = split(cv2.integral(tiles), *settings, out)
+    found = {tuple(int(edge) for edge in box) for box in out[:n]}
+    assert found == {tuple(int(edge) for edge in box) for box in reference.split(tiles, *settings)}
+
+
+def test_nothing_is_matched_where_nothing_changed() -> None:
+    assert gate().windows(NOTHING, [], 0.0) == []
+
+
+def test_a_window_holds_a_change_and_what_is_near_it() -> None:
+    assert gate().windows(changed_at((100, 60)), [], 0.0) == [Window(96, 56, 112, 72)]
+
+
+def test_far_changes_have_windows_of_their_own() -> None:
+    windows = gate().windows(changed_at((20, 20), (300, 220)), [], 0.0)
+    assert sorted(windows) == [Window(16, 16, 32, 32), Window(296, 216, 312, 232)]
+
+
+def test_people_are_matched_without_a_change() -> None:
+    assert gate().windows(NOTHING, [(100.0, 60.0, 30.0, 80.0)], 0.0) == [Window(96, 56, 136, 144)]
+
+
+def test_a_box_that_begins_outside_is_cut_off_at_the_edge() -> None:
+    assert gate().windows(NOTHING, [(-0.5, -0.5, 10.0, 10.0)], 0.0) == [Window(0, 0, 16, 16)]
+
+
+def test_the_whole_image_is_matched_when_most_of_it_changed() -> None:
+    assert gate().windows(np.full(SAMPLES, 255, np.uint8), [], 0.0) == [Window(0, 0, *SIZE)]
+
+
+def test_the_refresh_visits_every_pixel_in_its_time() -> None:
+    chosen, visited = gate(refresh_s=2.0), np.zeros(SIZE[::-1], bool)
+    for frame in range(31):
+        windows = chosen.windows(NOTHING, [], frame / 15)
+        assert sum((w.right - w.left) * (w.bottom - w.top) for w in windows) < 0.1 * visited.size
+        for window in windows:
+            visited[window.slices] = True
+    assert visited.all()
+
+
+def test_the_refresh_does_not_hurry_after_a_gap_in_time() -> None:
+    chosen = gate(refresh_s=2.0)
+    chosen.windows(NOTHING, [], 0.0)
+    chosen.windows(NOTHING, [], 3600.0)
+    assert chosen.windows(NOTHING, [], 3600.0) == []
+
+
+def test_whole_image_is_cut_into_bands_where_far_rows_need_fewer_disparities() -> None:
+    def searched(window: Window) -> int:
+        return 16 if window.bottom <= 240 else 80
+
+    whole = Gate((640, 480), 2, MatchingParams(), searched).whole
+    assert len(whole) > 1
+    assert [(w.left, w.right) for w in whole] == [(0, 640)] * len(whole)
+    assert [w.top for w in whole] == [0, *(w.bottom for w in whole[:-1])]
+    assert whole[-1].bottom == 480
+
+
+def test_whole_image_is_one_window_where_all_rows_need_the_same() -> None:
+    assert gate().whole == [Window(0, 0, *SIZE)]

@@ -1,7 +1,6 @@
-"""Drawing people in images and on the floor."""
-
 import math
 
+import cv2
 import numpy as np
 import pytest
 
@@ -10,7 +9,7 @@ from calib.ground_camera import GroundCamera
 from calib.types import U8
 from planview.drawing.image import ImagePainter
 from planview.drawing.plan import PlanBounds, PlanPainter, Rule, Snapshot, bounds_of, rules_of, snapshot_at
-from planview.drawing.style import Labels, as_bgr, person_rgb
+from planview.drawing.style import STRIP_PX, Entry, Labels, as_bgr, person_rgb, with_colour_bar, with_legend
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import positions_table
 
@@ -95,3 +94,23 @@ def test_rules_of_counts_keep_their_plane_and_kind() -> None:
 def test_points_that_no_rule_has_are_refused(points: object) -> None:
     with pytest.raises(InputError, match=r"counts\.json: expected points of rule 'a'"):
         rules_of({"a": {"kind": "zone", "plane": "floor", "points": points}})
+
+
+def test_legend_lies_below_the_picture_and_shows_each_colour() -> None:
+    picture = np.full((50, 300), 128, dtype=np.uint8)
+    shown = with_legend(picture, [Entry((255, 0, 0), "above"), Entry((0, 0, 255), "below")])
+    assert shown.shape == (50 + STRIP_PX, 300, 3)
+    assert (shown[:50] == 128).all()
+    assert all((shown[50:] == colour).all(axis=2).any() for colour in ((0, 0, 255), (255, 0, 0)))
+
+
+def test_legend_that_is_too_long_goes_on_in_another_strip() -> None:
+    picture = np.zeros((50, 120, 3), dtype=np.uint8)
+    assert with_legend(picture, [Entry((9, 9, 9), "a long meaning")] * 3).shape[0] == 50 + 3 * STRIP_PX
+
+
+def test_colour_bar_goes_from_the_low_to_the_high_end() -> None:
+    shown = with_colour_bar(np.zeros((50, 400, 3), dtype=np.uint8), cv2.COLORMAP_TURBO, "far", "near")
+    bar = shown[50 + 12].astype(int)
+    blue, red = np.argmax(bar[:, 0] - bar[:, 2]), np.argmax(bar[60:320, 2] - bar[60:320, 0]) + 60
+    assert blue < red

@@ -1,11 +1,21 @@
-"""What the foreground stage does, told by small scenes."""
+"""Foreground, gain and ghosts."""
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pydantic import ValidationError
+from reference import gain as reference
 
+from calib.types import U8
+from planview.engine.config import SingleCameraParams
+from planview.engine.one_camera import OneCamera
+from planview.foreground import _gain_kernels as kernels
+from planview.foreground.blobs import find_blobs
+from planview.foreground.ghosts import GhostParams, find_ghosts, find_still, find_uncovered
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, ForegroundParams
+from stereo.recording import VideoFrame
 
 SHAPE = (24, 32)
 BLOB = np.s_[6:18, 10:22]
@@ -305,3 +315,225 @@ def test_parameters_out_of_range_are_refused():
         ForegroundParams(gaussians=9)
     with pytest.raises(ValueError, match="size"):
         Foreground(ForegroundParams(), (0, 5))
+
+
+CLIP, TOLERANCE = 250.0, 12.0
+
+
+def _lumas(seed: int, gain: float, offset: float, outliers: float) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    model = rng.uniform(10, 300, 2000).astype(np.float32)
+    luma = gain * model + offset + rng.normal(0, 2, 2000)
+    wrong = rng.random(2000) < outliers
+    luma[wrong] = 90 + rng.normal(0, 5, wrong.sum())
+    return model, luma.clip(0, 255).astype(np.float32)
+
+
+def _information(luma: np.ndarray) -> np.ndarray:
+    information = np.empty_like(luma)
+    kernels.fill_information(luma, TOLERANCE, information)
+    return information
+
+
+def _told(model: np.ndarray, luma: np.ndarray, information: np.ndarray, gain: float) -> float:
+    return kernels.weigh_inliers(model, luma, information, gain, 0.0, CLIP, TOLERANCE, kernels.THINNING)[1]
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    gain=st.floats(0.3, 3),
+    offset=st.floats(-40, 40),
+    outliers=st.floats(0, 0.4),
+    start=st.floats(0.3, 3),
+)
+def test_gain_kernels_agree_with_numpy(seed: int, gain: float, offset: float, outliers: float, start: float) -> None:
+    model, luma = _lumas(seed, gain, offset, outliers)
+    information = _information(luma)
+    assert information == pytest.approx(reference.information(luma, TOLERANCE), rel=1e-4)
+    most = float(information.max())
+    for step in (1, kernels.THINNING):
+        args = model, luma, information, start, offset, CLIP, TOLERANCE, step
+        ours, theirs = kernels.weigh_inliers(*args), reference.weigh_inliers(*args)
+        # A pixel on the edge of the tolerance may fall on either side.
+        assert abs(ours[0] - theirs[0]) <= 2
+        assert ours[1] == pytest.approx(theirs[1], rel=1e-4, abs=2 * most)
+    line = kernels.refine_gain(model, luma, start, offset, CLIP, TOLERANCE)
+    assert line == pytest.approx(reference.refine_gain(model, luma, start, offset, CLIP, TOLERANCE), rel=1e-2, abs=0.1)
+    scale = kernels.consensus_scale(model, luma, information, CLIP, TOLERANCE)
+    expected = reference.consensus_scale(model, luma, information, CLIP, TOLERANCE)
+    told = [_told(model, luma, information, gain) for gain in (scale, expected)]
+    assert told[0] == pytest.approx(told[1], abs=2 * most)
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (0.6, 20.0), (1.8, -40.0), (0.9, -80.0)])
+def test_line_is_found_from_nowhere_with_forty_percent_outliers(gain: float, offset: float) -> None:
+    model, luma = _lumas(3, gain, offset, 0.4)
+    found = kernels.consensus_line(model, luma, _information(luma), 1.0, 0.0, CLIP, TOLERANCE)
+    refined = kernels.refine_gain(model, luma, *found, CLIP, TOLERANCE)
+    levels = np.array([60.0, 150.0])
+    assert refined[0] * levels + refined[1] == pytest.approx(gain * levels + offset, abs=3)
+
+
+def test_scale_is_found_on_an_image_that_is_nearly_all_clipped() -> None:
+    rng = np.random.default_rng(0)
+    model = rng.uniform(100, 200, 2000).astype(np.float32)
+    luma = np.minimum(2.4 * model + rng.normal(0, 2, 2000), 255).astype(np.float32)
+    information = _information(luma)
+    gain = kernels.consensus_scale(model, luma, information, CLIP, TOLERANCE)
+    assert kernels.weigh_inliers(model, luma, information, gain, 0.0, CLIP, TOLERANCE, 1)[0] > 1900
+
+
+def test_pixel_tells_the_less_the_more_of_the_image_has_its_luma() -> None:
+    luma = np.array([100.0] * 90 + [200.0] * 10, np.float32)
+    by_chance = np.array([0.9 * 0.9, 0.9 * 0.1]) + 0.1 * 25 / 256
+    assert _information(luma)[[0, -1]] == pytest.approx(-np.log(by_chance), rel=1e-5)
+
+
+WALL = np.random.default_rng(0).uniform(40, 160, (60, 80))
+
+
+def _watch(images: list[np.ndarray]) -> tuple[Foreground, list[np.ndarray]]:
+    """The foreground stage after some images, to which noise is added, and its masks."""
+    rng, foreground = np.random.default_rng(1), Foreground(ForegroundParams(), WALL.shape)
+    noisy = [(image + rng.normal(0, 2, WALL.shape)).clip(0, 255).astype(np.uint8) for image in images]
+    return foreground, [foreground.update(image, None, i / 10) for i, image in enumerate(noisy)]
+
+
+def _follow(gains: list[float]) -> Foreground:
+    foreground, masks = _watch([gain * WALL for gain in gains])
+    assert max((mask > 0).mean() for mask in masks) < 0.02
+    return foreground
+
+
+def test_gain_is_followed() -> None:
+    foreground = _follow([1.0] * 10 + [1.3])
+    assert foreground._gain.gain == pytest.approx(1.3, abs=0.03)
+
+
+def test_plain_shirt_over_most_of_the_image_is_no_gain() -> None:
+    shirt = 1.1 * WALL
+    shirt[:, 28:] = 105
+    foreground, _ = _watch([WALL] * 10 + [shirt])
+    assert foreground._gain.gain == pytest.approx(1.1, abs=0.03)
+
+
+def test_plain_shirt_over_all_of_the_image_is_no_gain() -> None:
+    """A line almost without slope would fit, and the model in that exposure would have forgotten the scene."""
+    wall = 80 + WALL / 2
+    foreground, masks = _watch([wall] * 10 + [np.full_like(wall, 120)] * 2 + [wall])
+    assert foreground.exposure.gain == pytest.approx(1.0, abs=0.02)
+    assert (masks[-1] > 0).mean() < 0.01
+
+
+def test_model_moves_to_the_exposure_of_the_image_when_that_is_far_away() -> None:
+    foreground = _follow([1.0] * 10 + [0.4, 0.4])
+    assert foreground._gain.gain == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_thousand_frames_of_drifting_light_do_not_run_away() -> None:
+    rng = np.random.default_rng(5)
+    drift = np.exp(np.cumsum(rng.normal(0, 0.02, 1000)))
+    foreground = _follow(list(np.clip(drift, 0.4, 1.5)))
+    assert 0.4 < foreground._gain.gain < 2.5
+
+
+def test_another_scene_is_no_gain() -> None:
+    rng = np.random.default_rng(0)
+    foreground, _ = _watch([rng.integers(0, 255, WALL.shape) for _ in range(10)])
+    assert foreground._gain.gain == pytest.approx(1.0, abs=0.3)
+
+
+GHOST_SHAPE = (60, 80)
+BODY = slice(20, 45), slice(30, 40)
+NOTHING = np.zeros(GHOST_SHAPE, np.uint8)
+
+
+def scene(*bodies: tuple[slice, slice]) -> U8:
+    image = np.full(GHOST_SHAPE, 150, np.uint8)
+    for body in bodies:
+        image[body] = 40
+    return image
+
+
+def mask_of(*bodies: tuple[slice, slice]) -> U8:
+    return np.where(scene(*bodies) == 40, 255, 0).astype(np.uint8)
+
+
+def test_blob_with_its_outline_in_the_background_is_a_ghost():
+    ghosts = find_ghosts(scene(), scene(BODY), find_blobs(mask_of(BODY)), NOTHING, GhostParams())
+    np.testing.assert_array_equal(ghosts, mask_of(BODY))
+
+
+def test_person_standing_still_has_the_outline_in_the_image():
+    assert not find_ghosts(scene(BODY), scene(), find_blobs(mask_of(BODY)), NOTHING, GhostParams()).any()
+
+
+def test_ghost_with_a_walker_in_front_waits_until_the_walker_has_passed():
+    walker = slice(20, 45), slice(40, 50)
+    image, mask = scene(walker), mask_of(BODY, walker)
+    assert not find_ghosts(image, scene(BODY), find_blobs(mask), mask_of(walker), GhostParams()).any()
+
+
+def test_ghosts_are_told_apart_from_people_beside_them():
+    other = slice(20, 45), slice(55, 65)
+    ghosts = find_ghosts(scene(other), scene(BODY), find_blobs(mask_of(BODY, other)), NOTHING, GhostParams())
+    np.testing.assert_array_equal(ghosts, mask_of(BODY))
+
+
+def test_place_that_a_person_leaves_is_told_from_the_person_in_one_blob():
+    person = slice(20, 45), slice(38, 48)  # two columns overlap BODY
+    uncovered = find_uncovered(scene(person), scene(BODY), mask_of(BODY, person), GhostParams())
+    assert uncovered[25:40, 31:36].all()
+    assert not uncovered[:, 39:].any()
+
+
+def test_person_in_one_blob_with_another_is_not_uncovered():
+    assert not find_uncovered(scene(BODY), scene(), mask_of(BODY), GhostParams()).any()
+    assert not find_uncovered(scene(), scene(BODY), np.full(GHOST_SHAPE, 255, np.uint8), GhostParams()).any()
+
+
+def test_still_blobs_are_those_in_which_nothing_has_moved():
+    other = slice(20, 45), slice(55, 65)
+    np.testing.assert_array_equal(
+        find_still(find_blobs(mask_of(BODY, other)), mask_of(other), GhostParams()), mask_of(BODY)
+    )
+
+
+def test_empty_and_full_masks_have_no_ghosts():
+    assert not find_ghosts(scene(), scene(BODY), find_blobs(NOTHING), NOTHING, GhostParams()).any()
+    assert not find_ghosts(
+        scene(), scene(BODY), find_blobs(np.full(GHOST_SHAPE, 255, np.uint8)), NOTHING, GhostParams()
+    ).any()
+
+
+def test_background_luma_is_the_luma_of_the_first_images():
+    foreground = Foreground(ForegroundParams(), GHOST_SHAPE)
+    for k in range(5):
+        foreground.update(scene(BODY), None, k / 10)
+    np.testing.assert_allclose(foreground.background_luma(), scene(BODY), atol=1)
+
+
+def test_person_there_at_the_start_leaves_no_ghost_even_if_a_tracker_protects_it():
+    camera = OneCamera(SingleCameraParams(), GHOST_SHAPE[::-1])
+    protected = np.ones(GHOST_SHAPE, np.uint8)  # PERSON everywhere: nothing would be learned
+    masks = []
+    for k in range(60):
+        image = np.repeat(scene(BODY)[:, :, None] if k < 5 else scene()[:, :, None], 3, axis=2)
+        masks.append(camera.observe(VideoFrame(k, k / 10, image), protected if k >= 5 else None).foreground)
+    assert not any(mask[BODY].any() for mask in masks)
+
+
+def test_diagonal_neighbours_are_one_blob_and_others_two() -> None:
+    mask = np.array([[7, 0, 0, 0, 9], [0, 7, 0, 0, 9], [0, 0, 0, 0, 0]], np.uint8)
+    blobs = find_blobs(mask)
+    assert blobs.labels.tolist() == [[1, 0, 0, 0, 2], [0, 1, 0, 0, 2], [0, 0, 0, 0, 0]]
+    assert blobs.area_px.tolist() == [11, 2, 2]
+    assert blobs.box_px[1:].tolist() == [[0, 0, 2, 2], [4, 0, 1, 2]]
+
+
+@pytest.mark.parametrize("value", [0, 255])
+def test_label_0_is_the_background_where_there_are_no_blobs_or_nothing_else(value: int) -> None:
+    blobs = find_blobs(np.full((4, 6), value, np.uint8))
+    assert blobs.area_px.tolist() == ([24] if value == 0 else [0, 24])
+    assert (blobs.labels == (value > 0)).all()

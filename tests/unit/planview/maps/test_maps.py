@@ -1,14 +1,32 @@
+"""Plan-view maps: built, recorded, of several rigs."""
+
+import math
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from toy_maps import write_toy_maps
 
+from calib.errors import InputError
 from calib.pose import SE3
 from calib.rig import world_from_plane
+from calib.types import F64
+from planview.engine.open import open_engine
+from planview.foreground.gain import Exposure
 from planview.maps import _kernels as kernels
-from planview.maps.builder import MapBuilder, MapParams
+from planview.maps.builder import CameraViewpoint, FloorPoints, MapBuilder, MapParams
+from planview.maps.colour import CHROMA_EDGES, CODES, LUMA_CELLS, colour_codes, smoothing
 from planview.maps.grid import Grid
+from planview.maps.multi_rig import MultiRigMapBuilder, MultiRigViewpoint
+from planview.maps.recording import MapsRecording
 from stereo.depth import RectifiedGeometry
+from stereo.recording import Skipped
 from tests.reference import maps as reference
 
 GEOMETRY = RectifiedGeometry(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1)
@@ -110,3 +128,258 @@ def test_map_kernels_equal_their_reference(seed: int) -> None:
         results.append((n, points, area, pixels, height, occupancy))
     for ours, theirs in zip(*results, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-6)
+
+
+GRID = Grid(-2.0, -2.0, 0.04, 100, 100)
+RIG_GEOMETRY = RectifiedGeometry(320, 240, 230.0, 230.0, 159.5, 119.5, 0.15)
+PARAMS = MapParams(smoothing_m=0.0)
+
+
+def looking(at_m: tuple[float, float], heading_deg: float, height_m: float = 1.6) -> CameraViewpoint:
+    """A level camera."""
+    a = math.radians(heading_deg)
+    ahead, right = np.array([math.cos(a), math.sin(a), 0.0]), np.array([math.sin(a), -math.cos(a), 0.0])
+    pose = SE3(np.column_stack([right, [0.0, 0.0, -1.0], ahead]), np.array([*at_m, height_m]))
+    return CameraViewpoint(pose.translation, 0.01, RIG_GEOMETRY.matrix @ pose.inverse().matrix[:3], RIG_GEOMETRY.size)
+
+
+SOUTH, NORTH, WEST = looking((0.0, -3.0), 90), looking((0.0, 3.0), -90), looking((-3.0, 0.0), 0)
+
+
+def points(xy: F64, area_m2: float = 0.5) -> FloorPoints:
+    """An upright surface over some floor positions."""
+    z = np.linspace(0.2, 1.7, len(xy))
+    xyz = np.column_stack([xy, z]).astype(np.float32)
+    return FloorPoints(xyz, np.full(len(xy), area_m2 / len(xy), np.float32), np.arange(len(xy), dtype=np.int32))
+
+
+def side(x: float, y: float) -> FloorPoints:
+    """What shows of a body: a line of cells."""
+    return points(np.column_stack([np.linspace(x - 0.2, x + 0.2, 400), np.full(400, y)]))
+
+
+def build(*heads: FloorPoints | None, views: tuple[CameraViewpoint, ...] = (SOUTH, NORTH)) -> MultiRigMapBuilder:
+    return MultiRigMapBuilder([GRID] * len(heads), views, PARAMS)
+
+
+def test_surface_of_one_head_counts_whole() -> None:
+    alone = side(0.3, -0.1)
+    maps = build(alone, None)([alone, None])
+    assert maps.occupancy_raw.sum() == pytest.approx(0.5, rel=1e-4)
+    np.testing.assert_array_equal(maps.points.area, alone.area)
+
+
+def test_two_sides_of_a_body_count_as_the_side_that_shows_most() -> None:
+    front, back = side(0.0, -0.12), side(0.0, 0.12)
+    back.area[:] *= 0.5
+    maps = build(front, back)([front, back])
+    assert maps.occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
+    rows = maps.occupancy_raw.sum(axis=1)
+    assert (rows > 0).sum() == 2
+    assert rows.max() == pytest.approx(2 * rows[rows > 0].min(), rel=0.05)
+
+
+def test_bodies_that_different_heads_see_do_not_share() -> None:
+    here, there = side(-1.0, 0.0), side(1.0, 0.0)
+    maps = build(here, there)([here, there])
+    assert maps.occupancy_raw.sum() == pytest.approx(1.0, rel=1e-4)
+
+
+def test_a_body_hidden_from_one_head_keeps_its_surface() -> None:
+    seen, rest = side(0.0, -0.12), side(0.0, 0.12)
+    rest.area[:] *= 0.01
+    maps = build(seen, rest)([seen, rest])
+    assert maps.occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
+
+
+def test_heights_are_the_highest_of_all_heads() -> None:
+    low, high = side(0.0, 0.0), side(0.0, 0.0)
+    low.xyz[:, 2] *= 0.5
+    assert build(low, high)([low, high]).height_raw.max() == pytest.approx(1.7, abs=1e-6)
+
+
+def test_offsets_of_opposite_heads_cancel() -> None:
+    shares = np.full((2, *GRID.shape), 0.5, dtype=np.float32)
+    view = MultiRigViewpoint((SOUTH, NORTH), GRID, shares)
+    away, depression = view.viewing(np.array([[0.0, 0.0]]))
+    assert away == pytest.approx(np.zeros((1, 2)), abs=1e-9)
+    assert depression == pytest.approx([0.0])
+
+
+def test_offset_is_that_of_the_head_that_shows_a_person() -> None:
+    shares = np.zeros((2, *GRID.shape), dtype=np.float32)
+    shares[1] = 1.0
+    view = MultiRigViewpoint((SOUTH, NORTH), GRID, shares)
+    np.testing.assert_allclose(view.viewing(np.array([[0.3, 0.5]]))[0], NORTH.viewing(np.array([[0.3, 0.5]]))[0])
+
+
+def test_footprint_covers_the_noise_along_both_rays() -> None:
+    view = MultiRigViewpoint((SOUTH, WEST), GRID, np.zeros((2, *GRID.shape), dtype=np.float32))
+    single = SOUTH.footprint(0.0, 0.0, 0.1)
+    across, along, _ = view.footprint(0.0, 0.0, 0.1)
+    assert single[1] > 1.5 * single[0]
+    assert (across, along) == pytest.approx((single[1], single[1]), rel=1e-6)
+
+
+def test_a_place_is_in_view_when_one_head_sees_it() -> None:
+    view = MultiRigViewpoint((SOUTH, NORTH), GRID, np.zeros((2, *GRID.shape), dtype=np.float32))
+    assert view.sees(0.0, -2.0, 1.6)
+    assert view.sees(0.0, 2.5, 1.6)
+    assert not view.sees(5.0, 0.0, 1.6)
+
+
+FIELDS = (
+    *(("rig", name) for name in ("width", "height", "focal_u_px", "cu_px", "baseline_m", "reduction", "count")),
+    *(("grid", name) for name in ("x_min_m", "cell_m", "n_rows")),
+    ("", "fps"),
+)
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_toy_maps(tmp_path_factory.mktemp("maps") / "maps.h5")
+
+
+@pytest.fixture
+def maps(good: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(good, tmp_path / "maps.h5"))
+
+
+def track(path: Path) -> int:
+    return sum(1 for _ in open_engine(path))
+
+
+def test_frames_are_read_as_they_were_written(maps: Path) -> None:
+    recording = MapsRecording(maps)
+    frames = list(recording)
+    assert [f.index for f in frames][5:9] == [5, 6, 8, 9] and recording.n_frames == track(maps) == 39
+    assert recording.skipped == [Skipped(7, "left: file is missing")] and recording.fps == 15.0
+    first = frames[0]
+    assert first.unmatched is not None and len(first.unmatched) >= 9 and len(first.pixels) == len(first.disparities)
+    assert first.background is not None and frames[1].background is None
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1e9, 1e9, "text", [1.0, 2.0]])
+@pytest.mark.parametrize(("group", "name"), FIELDS)
+def test_number_that_no_rig_has_is_refused_by_its_name(maps: Path, group: str, name: str, value: object) -> None:
+    with h5py.File(maps, "r+") as file:
+        (file[group] if group else file).attrs[name] = value
+    with pytest.raises(InputError, match=r"maps\.h5: expected plan-view maps .*, found ") as refused:
+        MapsRecording(maps)
+    assert isinstance(value, str | list) or name in str(refused.value)
+
+
+def longer(file: Any) -> None:
+    for column in file["frames"].values():
+        column.resize(5 * 10**8, axis=0)
+
+
+def other(name: str, values: object) -> Callable[[Any], None]:
+    """The dataset holds something else."""
+
+    def damage(file: Any) -> None:
+        del file[name]
+        file[name] = values
+
+    return damage
+
+
+def one(name: str, place: int, value: float) -> Callable[[Any], None]:
+    def damage(file: Any) -> None:
+        file[name][place] = value
+
+    return damage
+
+
+def pose(place: tuple[int, int], value: float) -> Callable[[Any], None]:
+    def damage(file: Any) -> None:
+        matrix = file["floor"].attrs["world_SE3_left"]
+        matrix[place] = value
+        file["floor"].attrs["world_SE3_left"] = matrix
+
+    return damage
+
+
+@pytest.mark.parametrize(
+    ("damage", "named"),
+    [
+        (longer, "500000000"),
+        (one("frames/timestamp_s", 3, 0.0), "times that do not increase"),
+        (one("frames/timestamp_s", 3, np.nan), "times that do not increase"),
+        (one("frames/timestamp_s", -1, 1e300), "times that do not increase"),
+        (one("frames/index", 3, 0), "frames out of order"),
+        (one("frames/end", 3, 10**9), "does not fit the frames"),
+        (one("frames/unmatched_end", 3, -1), "does not fit the frames"),
+        (other("frames/index", np.arange(39.0)), "frames/index of"),
+        (other("points/pixel", np.zeros((3, 3), np.int32)), "points/pixel of"),
+        (other("background/disparity", np.zeros((1, 5), np.float32)), "backgrounds of another size"),
+        (one("points/appearance", 5, 255), "colour codes below 200"),
+        (one("points/pixel", 5, -4), "pixels in order"),
+        (one("points/pixel", 5, 10**9), "pixels in order"),
+        (one("unmatched/pixel", 1, 10**9), "pixels in order"),
+        (one("points/disparity", 5, np.inf), "disparities of points"),
+        (one("points/disparity", 5, -1.0), "disparities of points"),
+        (pose((2, 3), 1e9), "above the floor"),
+        (pose((0, 3), 1e9), "of the origin"),
+        (pose((0, 0), np.nan), "finite rotation"),
+        (lambda file: file["rig"].attrs.update(sensor="eye"), "a sensor 'eye'"),
+        (lambda file: file["rig"].attrs.update(width=80.5), "width of 80.5"),
+    ],
+)
+def test_table_that_no_run_wrote_is_refused(maps: Path, damage: Callable[[Any], None], named: str) -> None:
+    with h5py.File(maps, "r+") as file:
+        damage(file)
+    with pytest.raises(InputError, match=rf"maps\.h5: .*{named}"):
+        track(maps)
+
+
+def test_floor_that_the_camera_does_not_see_is_refused(maps: Path) -> None:
+    up = np.eye(4)  # looks at the sky from 2.5 m
+    up[2, 3] = 2.5
+    with h5py.File(maps, "r+") as file:
+        file["floor"].attrs["world_SE3_left"] = up
+    with pytest.raises(InputError, match=r"maps\.h5: expected a camera that sees the space between floor and H_max"):
+        track(maps)
+
+
+REFERENCE = Exposure()
+
+
+def codes_of(colour: tuple[int, int, int], exposure: Exposure = REFERENCE) -> int:
+    image = np.full((1, 1, 3), colour, np.uint8)
+    return int(colour_codes(image, np.zeros(1, np.int32), exposure)[0])
+
+
+def test_colour_codes_of_grey_lie_in_the_middle_of_chroma() -> None:
+    # Luma 100 is in the fourth of eight cells; U and V are in the third of five.
+    assert codes_of((100, 100, 100)) == (3 * 5 + 2) * 5 + 2
+
+
+def test_colour_codes_of_a_grey_image_equal_those_of_grey_colours() -> None:
+    image = np.array([[10, 200]], np.uint8)
+    both = colour_codes(image, np.array([0, 1], np.int32), Exposure())
+    assert both.tolist() == [codes_of((10, 10, 10)), codes_of((200, 200, 200))]
+
+
+def test_colour_codes_do_not_change_with_the_exposure() -> None:
+    assert codes_of((110, 50, 70)) == codes_of((165, 75, 105), Exposure(1.5, 0.0))
+
+
+@pytest.mark.parametrize("colour", [(0, 0, 0), (255, 255, 255), (255, 0, 0), (0, 255, 0), (0, 0, 255)])
+def test_colour_codes_stay_within_their_range(colour: tuple[int, int, int]) -> None:
+    assert 0 <= codes_of(colour) < CODES
+
+
+def test_smoothing_keeps_the_mass_of_a_histogram() -> None:
+    np.testing.assert_allclose(smoothing().sum(axis=1), 1.0, rtol=1e-5)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_colour_kernel_equals_its_reference(channels: int) -> None:
+    rng = np.random.default_rng(channels)
+    image, edges = rng.integers(0, 256, 300 * channels).astype(np.uint8), np.float32(CHROMA_EDGES)
+    pixels = rng.permutation(300)[:200].astype(np.int32)
+    ours, theirs = np.empty(200, np.uint8), np.empty(200, np.uint8)
+    for module, codes in ((kernels, ours), (reference, theirs)):
+        module.encode_colours(image, channels, pixels, 1.3, -4.5, LUMA_CELLS, edges, codes)
+    np.testing.assert_array_equal(ours, theirs)

@@ -1,18 +1,27 @@
-"""The output folder of a run: what may be replaced, run.json, and the lock of its writer."""
+"""The folder of a run: files, maps, progress."""
 
+import ctypes
+import io
 import json
+import math
 import os
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import IO
 
+import numpy as np
 import pytest
 from full_disk import fill_disk_after
+from numba import njit
+from rich.console import Console
+from rich.table import Table
 
 from calib.errors import InputError, WorkError
+from planview.checks.examine import STEP, RecordingWatch
 from planview.output.folder import (
     LOCK_NAME,
     PRODUCTS,
@@ -24,7 +33,12 @@ from planview.output.folder import (
     read_run_info,
     write_run_info,
 )
+from planview.output.maps_log import at_step
+from planview.output.progress import PlainConsole, compile_notice
+from planview.output.run import return_unused_memory
 from planview.output.tables import FrameFile
+from planview.output.totals import RunTotals
+from stereo.matcher import SampledDisparity
 
 
 def header(file: IO[str]) -> None:
@@ -172,3 +186,93 @@ def test_a_process_may_lock_within_its_own_lock(tmp_path):
         with folder_lock(tmp_path) as told:
             assert told == ""
         assert (tmp_path / LOCK_NAME).exists()
+
+
+@pytest.mark.parametrize("measured_step", [1, 2, 4])
+def test_reduced_disparity_is_that_of_the_image(measured_step: int) -> None:
+    samples = np.arange(-(-20 // measured_step) * -(-31 // measured_step), dtype=np.float32)
+    sampled = SampledDisparity(samples.reshape(-(-20 // measured_step), -1), measured_step, (20, 31))
+    np.testing.assert_array_equal(at_step(sampled, 2), sampled.image[::2, ::2])
+
+
+def test_disparity_that_was_measured_at_the_step_is_not_enlarged() -> None:
+    sampled = SampledDisparity(np.zeros((10, 16), np.float32), 2, (20, 31))
+    assert at_step(sampled, 2) is sampled.samples
+
+
+def test_a_run_is_looked_at_in_every_tenth_frame_only() -> None:
+    class Counted:
+        made = 0
+
+        @property
+        def image(self) -> np.ndarray:
+            Counted.made += 1
+            return np.full((4, 4), np.nan, np.float32)
+
+    watch = RecordingWatch.__new__(RecordingWatch)
+    watch._view, watch._frames, watch._valid = SimpleNamespace(reduction=1), 0, []  # type: ignore[assignment]
+    for _ in range(2 * STEP + 1):
+        watch.update(None, Counted(), None)  # type: ignore[arg-type]
+    assert Counted.made == 3
+
+
+def test_compiled_kernels_are_told_and_cached_ones_are_not() -> None:
+    kernel = njit(lambda x: x + 1)
+    told = io.StringIO()
+    with compile_notice(Console(file=told)):
+        kernel(1)
+    assert "once per installation" in told.getvalue()
+    told = io.StringIO()
+    with compile_notice(Console(file=told)):
+        kernel(1)
+    assert told.getvalue() == ""
+
+
+EVIL = "out\x1b]0;owned\x07\x1b[31m[bold]x[/]\udcff"
+
+
+def test_console_shows_escape_codes_and_markup_of_names_as_text() -> None:
+    file = io.StringIO()
+    console = PlainConsole(file=file, force_terminal=True, width=200, color_system=None)
+    table = Table(show_header=False, box=None)
+    table.add_row("results", EVIL)
+    console.print(EVIL)
+    console.print(table)
+    assert "\x1b" not in file.getvalue() and "\x07" not in file.getvalue()
+    assert file.getvalue().count("\\x1b[31m[bold]x[/]\\udcff") == 2
+
+
+class CLibrary:
+    def __init__(self) -> None:
+        self.kept: list[int] = []
+
+    def malloc_trim(self, pad: int) -> None:
+        self.kept.append(pad)
+
+
+@pytest.mark.parametrize(("system", "calls"), [("linux", [0]), ("win32", []), ("darwin", [])])
+def test_freed_memory_is_returned_to_linux_and_left_alone_elsewhere(monkeypatch, system, calls):
+    library = CLibrary()
+    monkeypatch.setattr(sys, "platform", system)
+    monkeypatch.setattr(ctypes, "CDLL", lambda name: library)
+    return_unused_memory()
+    assert library.kept == calls
+
+
+def test_c_library_that_cannot_return_memory_is_no_error(monkeypatch):
+    asked = []
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(ctypes, "CDLL", lambda name: asked.append(name) or object())
+    return_unused_memory()
+    assert asked == [None]
+
+
+@pytest.mark.parametrize(("px_per_s", "doubted"), [(80.0, False), (300.0, True)])
+def test_people_without_metres_who_move_faster_than_walkers_are_doubted(px_per_s, doubted):
+    totals, nan = RunTotals(), math.nan
+    for n in range(20):
+        box = (n * px_per_s / 10, 50.0, 40.0, 100.0)
+        track = SimpleNamespace(track_id=1, state="confirmed", x_m=nan, box_px=box)
+        totals.take(SimpleNamespace(frame=n, timestamp_s=n / 10, tracks=(track,), stages_ms={}))  # type: ignore[arg-type]
+    assert totals.remark().startswith("they move 3.0 of their heights a second") == doubted
+    assert bool(totals.remark()) == doubted

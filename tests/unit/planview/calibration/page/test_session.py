@@ -1,5 +1,10 @@
-import math
+"""The calibration page: its session and what it shows."""
 
+import math
+import shutil
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 
@@ -9,7 +14,9 @@ from calib.people.model import KnownValues
 from calib.people.samples import HumanSample, read_samples
 from planview.calibration.page.marks import Handle
 from planview.calibration.page.overlay import overlay
-from planview.calibration.page.session import CalibrationSession
+from planview.calibration.page.session import CalibrationSession, open_session
+from planview.calibration.page.solution import fit_plane, floor_assessment
+from planview.synthetic.assets import DEMO
 from tests.people import standing_people
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.5, math.radians(55), "pinhole")
@@ -196,3 +203,92 @@ def test_overlay_shows_the_people_of_the_frame_shown(solved):
     assert 'class="grid"' in svg
     assert "nan" not in svg
     assert 'class="crowd"' in overlay(solved, everywhere=True)
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six frames of the demo with both views side by side, and its calibration beside them."""
+    folder = tmp_path_factory.mktemp("pair")
+    sides = [cv2.VideoCapture(str(DEMO / f"{side}.mp4")) for side in ("left", "right")]
+    frames = [np.hstack([side.read()[1] for side in sides]) for _ in range(6)]
+    height, width = frames[0].shape[:2]
+    writer = cv2.VideoWriter(str(folder / "both.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 15.0, (width, height))
+    for frame in frames:
+        writer.write(frame)
+    writer.release()
+    shutil.copy(DEMO / "rig.toml", folder)
+    return folder / "both.mp4"
+
+
+def test_page_opens_a_side_by_side_video_as_a_stereo_recording(video: Path) -> None:
+    for path in (video, video.parent):
+        session = open_session(path)
+        assert session.view is not None and session.size[0] == session.view.image.shape[1]
+
+
+def test_page_takes_the_calibration_of_a_side_by_side_video_from_elsewhere(video: Path, tmp_path: Path) -> None:
+    shutil.copy(video, tmp_path)
+    with pytest.raises(InputError, match="expected a stereo calibration"):
+        open_session(tmp_path / video.name)
+    assert open_session(tmp_path / video.name, video.parent / "rig.toml").view is not None
+
+
+def test_page_refuses_a_stereo_calibration_for_one_camera(tmp_path: Path) -> None:
+    shutil.copy(DEMO / "left.mp4", tmp_path / "one.mp4")
+    assert open_session(tmp_path / "one.mp4").view is None
+    with pytest.raises(InputError, match="needs both cameras"):
+        open_session(tmp_path / "one.mp4", DEMO / "rig.toml")
+
+
+def test_every_frame_of_a_video_can_be_shown_one_by_one(video: Path, tmp_path: Path) -> None:
+    writer = cv2.VideoWriter(str(tmp_path / "one.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
+    for level in range(100):
+        writer.write(np.full((48, 64, 3), 2 * level, np.uint8))
+    writer.release()
+    session = open_session(tmp_path / "one.avi")
+    assert len(session.frames) == 100 and list(session.indices) == list(range(100))
+    for _ in range(57):
+        session.show(session.shown + 1)
+    assert float(session.frames[session.shown].mean()) == pytest.approx(114, abs=2)
+    session.show(99)
+    assert float(session.frames[session.shown].mean()) == pytest.approx(198, abs=2)
+
+
+def test_more_people_are_asked_for_only_where_something_moved(tmp_path: Path) -> None:
+    writer = cv2.VideoWriter(str(tmp_path / "one.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (320, 240))
+    for i in range(40):
+        picture = np.full((240, 320, 3), 90, np.uint8)
+        picture[100:160, 4 * i : 4 * i + 20] = 220  # somebody walks through the left half
+        writer.write(picture)
+    writer.release()
+    walked = open_session(tmp_path / "one.avi").walked
+    assert walked is not None and walked[130, 60] and not walked[130, 260] and not walked[30, 60]
+
+
+FLOOR = np.array([(-1.0, 2.0, 3.0), (1.0, 2.0, 3.0), (0.0, 2.0, 5.0), (1.5, 2.0, 4.0), (-1.5, 2.0, 4.5)])
+"""On a floor 2 m below a level camera (x right, y down, z forward)."""
+LIMIT = np.full(6, 0.06)
+
+
+def test_point_off_the_plane_is_refused_with_its_height() -> None:
+    points = np.vstack([FLOOR[:4], [(0.5, 1.6, 4.0)]])
+    fit = fit_plane(points, LIMIT[:5])
+    assert fit.used.tolist() == [True, True, True, True, False]
+    assert fit.distance_m[4] == pytest.approx(0.4)
+    assert fit.floor.height_m == pytest.approx(2.0)
+
+
+def test_first_point_off_the_plane_is_refused_once_the_others_agree() -> None:
+    points = np.vstack([[(0.0, 1.0, 3.0)], FLOOR])
+    assert fit_plane(points, LIMIT).used.tolist() == [False, True, True, True, True, True]
+
+
+def test_points_on_a_line_are_refused() -> None:
+    with pytest.raises(InputError, match="on one line"):
+        fit_plane(np.array([(0.0, 2.0, z) for z in (3.0, 4.0, 5.0)]), LIMIT[:3])
+
+
+def test_three_points_are_not_enough_and_four_on_a_plane_are() -> None:
+    three, four = (floor_assessment(fit_plane(FLOOR[:n], LIMIT[:n])) for n in (3, 4))
+    assert not three.enough and "fourth" in three.sentence
+    assert four.enough

@@ -1,21 +1,32 @@
-"""report.html: self-contained, escaped, and made of whatever there is."""
+"""The report: pages, timelines, snapshots."""
 
 import base64
 import json
 import re
+import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from calib.errors import InputError, WorkError
+from calib.types import U8
 from planview.cli import main
+from planview.counting.totals import Clock
 from planview.engine.config import Config
 from planview.engine.info import CameraInfo, FloorInfo
+from planview.evaluation.significant import SignificantError
 from planview.output.folder import PaceInfo, RunInfo, SkippedFrame, read_run_info, write_run_info
-from planview.output.report.page import changed_settings, write_report
+from planview.output.report.compare import shared_errors
+from planview.output.report.page import changed_settings, errors_of, scores_of, write_report
 from planview.output.report.plots import heat_map
+from planview.output.report.snapshots import busiest_frame, scene_pictures
+from planview.output.report.timelines import UNHELD, held_by, stretches, timelines
+from planview.output.results import read_results
+from planview.output.scene import open_frames
 from planview.output.tables import DECISION_COLUMNS
+from planview.trajectories.table import Trajectories, positions_table
 
 HEADER = "frame,timestamp_s,id,x_m,y_m,height_m,state\n"
 
@@ -180,3 +191,112 @@ def test_latency_of_a_run_in_real_time_is_on_the_page(tmp_path: Path) -> None:
     page = write_report(tmp_path).read_text()
     assert "<b>3</b>frames dropped" in page
     assert "<b>62 ms</b>latency, 99 % within" in page
+
+
+def table(rows: list[tuple[int, int, float]]) -> Trajectories:
+    """Rows of (frame, id, x), 10 frames per second, y = 0."""
+    frame, track_id, x = (np.array(column) for column in zip(*rows, strict=True))
+    xy = np.column_stack([x, np.zeros(len(x))]).astype(np.float64)
+    return positions_table(frame, track_id, xy, timestamp_s=frame / 10)
+
+
+def test_stretches_end_at_gaps_and_changes_of_value() -> None:
+    person, frame = np.array([1, 1, 1, 1, 2]), np.array([0, 1, 3, 4, 0])
+    found = stretches(person, frame, np.array([0, 0, 0, 5, 0]))
+    assert list(zip(found.person, found.first, found.last, found.value, strict=True)) == [
+        (1, 0, 1, 0), (1, 3, 3, 0), (1, 4, 4, 5), (2, 0, 0, 0),
+    ]  # fmt: skip
+
+
+def test_truth_is_held_by_the_confirmed_track_within_the_gate() -> None:
+    truth = table([(0, 7, 0.0), (0, 8, 5.0), (1, 7, 0.0)])
+    tracks = table([(0, 3, 0.1), (1, 3, 2.0)])
+    assert held_by(tracks, truth).tolist() == [3, UNHELD, UNHELD]
+
+
+def test_bars_are_in_percent_of_the_run_and_errors_are_marked() -> None:
+    tracks = table([(frame, 3, 0.0) for frame in range(5)])
+    truth = table([(frame, 7, 0.0) for frame in range(10)])
+    error = SignificantError("lost", 5, 7, 3, 0.5, "visible")
+    found = timelines(tracks, truth, Clock(tracks, 10.0), 10, [error])
+    (track,), (person,) = found.tracks, found.truth
+    assert [(round(bar.left), round(bar.width)) for bar in track.bars] == [(0, 50)]
+    assert [(round(bar.left), round(bar.width), bool(bar.colour)) for bar in person.bars] == [
+        (0, 50, True), (50, 50, False),
+    ]  # fmt: skip
+    assert [round(mark.left) for mark in person.marks] == [50]
+    assert track.link == "person-3"
+
+
+def decoded(uri: str) -> U8:
+    data = base64.b64decode(uri.partition(",")[2])
+    return np.asarray(cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
+
+
+def test_busiest_frame_is_the_middle_of_the_longest_stretch_with_the_most_people(street: Path) -> None:
+    assert busiest_frame(read_results(street)) == 4
+
+
+def test_scene_is_pictured_from_the_recording_opened_again(street: Path) -> None:
+    results = read_results(street)
+    errors = errors_of(scores_of(results))
+    assert [(error.kind, error.frame) for error in errors] == [("lost", 10)]
+    pictures = scene_pictures(results, errors)
+    assert pictures.why_none == ""
+    assert pictures.overview[0].title == "Busiest frame"
+    assert decoded(pictures.overview[0].data).shape == (480, 640, 3)
+    (strip,) = pictures.errors
+    assert strip.is_strip
+    assert decoded(strip.data).shape[1] > 4 * decoded(strip.data).shape[0]
+
+
+def test_frame_is_the_one_asked_for(street: Path) -> None:
+    images = {frame: int(np.median(image)) for frame, image in open_frames(read_results(street).info).at([3, 7, 20])}
+    assert images == {3: 103, 7: 107, 20: 120}
+
+
+def test_recording_that_is_gone_gives_a_sentence_instead_of_pictures(street: Path) -> None:
+    info = json.loads((street / "run.json").read_text())
+    (street / "run.json").write_text(json.dumps({**info, "input": "gone"}))
+    pictures = scene_pictures(read_results(street), [])
+    assert pictures.overview == []
+    assert "gone: expected the recording of the run, found nothing there" in pictures.why_none
+
+
+def lost(frame: int, person: int = 1) -> SignificantError:
+    return SignificantError("lost", frame, person, 4, 1.5, "alone")
+
+
+def test_error_that_two_runs_make_at_about_one_time_is_one_row() -> None:
+    rows = shared_errors([[lost(10), lost(90)], [lost(14), lost(10, person=2)]], 0.1)
+    assert [(row.frame, row.person, [bool(note) for note in row.notes]) for row in rows] == [
+        (10, "P1", [True, True]), (10, "P2", [False, True]), (90, "P1", [True, False]),
+    ]  # fmt: skip
+
+
+def test_comparison_shows_only_settings_that_differ_and_marks_the_best_figure(street: Path, tmp_path: Path) -> None:
+    other = tmp_path / "<other>"
+    shutil.copytree(street, other)
+    info = json.loads((street / "run.json").read_text())
+    info["config"]["template"]["stay_s"] = 0.7
+    info["stages_ms"] = {"match": 5.0}
+    (street / "run.json").write_text(json.dumps(info))
+    with pytest.raises(SystemExit, match="0"):
+        main(["report", str(street), str(other), "--out", str(tmp_path / "compare.html")])
+    page = (tmp_path / "compare.html").read_text()
+    assert "template.stay_s" in page
+    assert "template.errors_s" not in page
+    assert "&lt;other&gt;" in page and "<other>" not in page
+    assert '<td class="n">5</td><td class="n">-</td>' in page
+
+
+def test_report_of_one_run_is_written_into_its_folder(street: Path) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["report", str(street)])
+    assert "Busiest frame" in (street / "report.html").read_text()
+
+
+def test_report_of_nothing_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["report"])
+    assert "the folder of a run" in capsys.readouterr().err

@@ -1,0 +1,114 @@
+"""The naive engines that trackers are compared with."""
+
+import numpy as np
+import pytest
+
+from benchmarks.peaks import PeakTracker, peaks
+from benchmarks.peer import BlobTracker, blobs
+from planview.maps.builder import CameraViewpoint, FloorPoints, MapParams, PlanViewMaps, Raster
+from planview.maps.grid import Grid
+from planview.tracking.base import Observation
+
+
+def maps_of(*people):
+    """People at (x, y), 1.7 m tall, each of 36 points on 6x6 cells of 0.1 m."""
+    grid = Grid.covering(0.0, 0.0, 4.0, 4.0, 0.1)
+    steps = 0.1 * (np.arange(6) - 2.5)
+    around = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
+    xy = np.concatenate([np.empty((0, 2)), *(np.array(p) + around for p in people)])
+    xyz = np.column_stack([xy, np.full(len(xy), 1.7)]).astype(np.float32)
+    occupancy = np.zeros(grid.shape, np.float32)
+    occupancy[(xy[:, 1] / 0.1).astype(int), (xy[:, 0] / 0.1).astype(int)] = 0.01
+    n = len(xy)
+    points = FloorPoints(xyz, np.full(n, 0.01, np.float32), np.arange(n, dtype=np.int32))
+    view = CameraViewpoint(np.array([0.0, 0.0, 2.0]), 0.01, np.eye(3, 4), (160, 120))
+    return PlanViewMaps(grid, occupancy, occupancy, occupancy, occupancy, 0.0, points, view)
+
+
+def walked(tracker, ways, n=8):
+    """Tracks after n frames of 0.1 s over straight ways (x, y, vx, vy)."""
+    for i in range(n):
+        at = [(x + 0.1 * i * vx, y + 0.1 * i * vy) for x, y, vx, vy in ways]
+        tracks = tracker.update(Observation(i, 0.1 * i, maps=maps_of(*at)))
+    return tracks
+
+
+def test_blob_is_where_its_points_are_and_as_tall():
+    (blob,) = blobs(maps_of((1.6, 2.0)))
+    assert blob == pytest.approx((1.6, 2.0, 1.7), abs=1e-3)
+
+
+def test_people_who_touch_are_one_blob():
+    assert len(blobs(maps_of((1.6, 2.0), (2.2, 2.0)))) == 1
+    assert len(blobs(maps_of((1.6, 2.0), (2.5, 2.0)))) == 2
+
+
+def test_walkers_keep_their_ids_and_are_confirmed_after_five_frames():
+    tracker = BlobTracker()
+    early = walked(tracker, [(1.0, 1.0, 1.0, 0.0), (3.0, 3.0, -1.0, 0.0)], n=4)
+    assert {t.state for t in early} == {"tentative"}
+    tracker.reset()
+    late = walked(tracker, [(1.0, 1.0, 1.0, 0.0), (3.0, 3.0, -1.0, 0.0)])
+    assert [(t.track_id, t.state) for t in late] == [(1, "confirmed"), (2, "confirmed")]
+    assert late[0].x_m == pytest.approx(1.7, abs=0.05)
+
+
+def test_person_without_a_blob_is_lost_and_gone_after_a_second():
+    tracker = BlobTracker()
+    walked(tracker, [(1.0, 1.0, 0.0, 0.0)])
+    (lost,) = tracker.update(Observation(8, 0.8, maps=maps_of()))
+    assert lost.state == "lost"
+    assert tracker.update(Observation(20, 2.0, maps=maps_of())) == ()
+
+
+def maps_from(*people: tuple[float, float]) -> PlanViewMaps:
+    """People at (x, y) straight below or beside a camera, 1.7 m tall: discs of 0.15 m that are sampled each 2 cm."""
+    grid = Grid.covering(0.0, 0.0, 4.0, 4.0, 0.04)
+    steps = 0.02 * np.arange(-7, 8)
+    disc = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
+    disc = disc[np.hypot(*disc.T) < 0.15]
+    xy = np.concatenate([np.empty((0, 2)), *(np.array(p) + disc for p in people)])
+    xyz = np.column_stack([xy, np.full(len(xy), 1.7)]).astype(np.float32)
+    points = FloorPoints(xyz, np.full(len(xyz), 0.001, np.float32), np.arange(len(xyz), dtype=np.int32))
+    # A camera at 4 m above (2, 2), which looks straight down.
+    projection = np.array([[100.0, 0, -50, 0], [0, -100, -50, 400], [0, 0, -1, 4]])
+    view = CameraViewpoint(np.array([2.0, 2.0, 4.0]), 0.001, projection, (10_000, 10_000))
+    return Raster(grid, MapParams()).maps(points, view)
+
+
+def peaks_walked(tracker: PeakTracker, ways: list[tuple[float, float, float, float]], n: int = 8):
+    """Tracks after n frames of 0.1 s over straight ways (x, y, vx, vy)."""
+    tracks = ()
+    for i in range(n):
+        at = [(x + 0.1 * i * vx, y + 0.1 * i * vy) for x, y, vx, vy in ways]
+        tracks = tracker.update(Observation(i, 0.1 * i, maps=maps_from(*at)))
+    return tracks
+
+
+def test_peak_is_the_head_of_a_person_behind_the_side_that_is_seen() -> None:
+    (peak,) = peaks(maps_from((2.0, 2.0)))
+    assert peak == pytest.approx((2.0, 2.0, 1.7), abs=0.1)
+    (beside,) = peaks(maps_from((3.5, 2.0)))
+    assert 3.5 < beside.x_m < 3.5 + 0.08
+
+
+def test_people_shoulder_to_shoulder_are_two_peaks() -> None:
+    assert len(peaks(maps_from((1.7, 2.0), (2.2, 2.0)))) == 2
+
+
+def test_walkers_keep_their_ids_and_are_confirmed_with_the_third_peak() -> None:
+    tracker = PeakTracker()
+    ways = [(1.0, 1.0, 1.0, 0.0), (3.0, 3.0, -1.0, 0.0)]
+    assert {t.state for t in peaks_walked(tracker, ways, n=2)} == {"tentative"}
+    tracker.reset()
+    late = peaks_walked(tracker, ways)
+    assert [(t.track_id, t.state) for t in late] == [(1, "confirmed"), (2, "confirmed")]
+    assert late[0].x_m == pytest.approx(1.7, abs=0.1)
+
+
+def test_person_without_a_peak_is_lost_and_gone_after_four_seconds_in_view() -> None:
+    tracker = PeakTracker()
+    peaks_walked(tracker, [(2.0, 2.0, 0.0, 0.0)])
+    (lost,) = tracker.update(Observation(8, 0.8, maps=maps_from()))
+    assert lost.state == "lost"
+    assert tracker.update(Observation(50, 5.0, maps=maps_from())) == ()
