@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+from toy_recordings import write_frames
 
 import planview
 from calib.errors import InputError
@@ -20,10 +20,7 @@ PERSON = CAMERA.project(np.array([(0.0, 6.0, 0.0), (0.0, 6.0, 1.75)]))
 @pytest.fixture
 def video(tmp_path: Path) -> Path:
     path = tmp_path / "street.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, CAMERA.size)
-    for _ in range(20):
-        writer.write(np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8))
-    writer.release()
+    write_frames(path, [np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8)] * 20)
     save_ground_camera(CAMERA, tmp_path / "camera.toml")
     return path
 

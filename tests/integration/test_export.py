@@ -1,4 +1,4 @@
-"""``planview export``, and the programs that read what it writes."""
+"""``planview export``, of tracks for other programs and of the scene."""
 
 from pathlib import Path
 
@@ -7,6 +7,8 @@ import pytest
 from say import JsonOf, Refused, Say
 
 from planview.cli import main
+from planview.engine.engine import Engine
+from planview.engine.setup import scene_cloud, set_up
 from planview.trajectories.formats import load_file
 from planview.trajectories.table import positions_table, write_table
 
@@ -109,3 +111,21 @@ def test_samples_of_other_programs_have_their_rows_and_rates(shared_data: Path) 
     }
     loaded = {name: load_file(shared_data / "recordings" / name) for name in files}
     assert {name: (len(file.table), file.fps) for name, file in loaded.items()} == files
+
+
+def test_most_points_of_an_empty_room_lie_on_its_floor(engine: Engine) -> None:
+    cloud = scene_cloud(engine.recording, set_up(engine.recording, engine.config), engine.config)
+    assert cloud.points_m.shape == cloud.colours.shape
+    assert np.median(np.abs(cloud.points_m[:, 2])) < 0.03
+
+
+def test_cloud_of_a_recording_is_a_ply_file(say: Say, recording: Path, tmp_path: Path) -> None:
+    pytest.importorskip("open3d")
+    status, told = say("export", recording, "--cloud", tmp_path / "new" / "scene.ply")
+    assert status == 0, told
+    assert (tmp_path / "new" / "scene.ply").read_bytes()[:3] == b"ply"
+
+
+@pytest.mark.parametrize("words", [["--cloud", "scene.txt"], [], ["--cloud", "a.ply", "--to", "csv"]])
+def test_export_without_a_known_format_is_refused(refused: Refused, recording: Path, words: list[str]) -> None:
+    assert "expected" in refused("export", recording, *words)

@@ -116,7 +116,6 @@ def test_street_by_ellipses(shared_data: Path) -> None:
 
 def test_street_by_the_human_model(shared_data: Path, tmp_path: Path) -> None:
     size = read_image_size(PEOPLE)
-    assert size is not None
     save_ground_camera(calibrate_from_people(read_samples(PEOPLE), size, "pinhole").camera, tmp_path / "camera.toml")
     video = shared_data / "pets09-s2l1-view001" / "view001.mp4"
     tracks = confirmed(planview.open_engine(video, "human-model", camera=tmp_path / "camera.toml"), 15)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from say import Refused, Say
+from say import Say
 from toy_run import EMPTY, FEW, FRAMES, Pair, run_few, write_world
 from toy_stereo import toy_rig, walking, write_toy_recording
 
@@ -46,9 +46,12 @@ def test_the_summary_tells_the_counts_and_one_speed_with_its_meaning(folder: Pat
     assert "medians; reading runs beside the others" in told
 
 
-def test_tracks_have_the_columns_of_the_contract(folder: Path) -> None:
+def test_tracks_have_the_columns_of_the_contract_and_nothing_half_written_is_left(folder: Path) -> None:
     first = (folder / "tracks.csv").read_text().splitlines()[0]
     assert first == "frame,timestamp_s,id,x_m,y_m,vx_mps,vy_mps,height_m,state,left_px,top_px,width_px,height_px"
+    assert [file.name for file in folder.iterdir() if file.suffix == ".part"] == []
+    page = (folder / "report.html").read_text()
+    assert page.rstrip().endswith("</html>") and 'src="http' not in page and 'href="http' not in page
 
 
 def test_the_walker_is_tracked_once_where_he_is(folder: Path) -> None:
@@ -74,20 +77,11 @@ def test_run_json_says_what_was_done(folder: Path, recording: Path) -> None:
     assert list(info["stages_ms"]) == ["read", "rectify", "match", "foreground", "maps", "track"]
 
 
-def test_the_report_is_one_page_that_asks_for_nothing(folder: Path) -> None:
-    page = (folder / "report.html").read_text()
-    assert page.rstrip().endswith("</html>")
-    assert 'src="http' not in page and 'href="http' not in page
-
-
-def test_events_name_the_crossing(folder: Path) -> None:
+def test_events_name_the_crossing_and_decisions_have_reasons_from_birth_on(folder):
     with (folder / "events.csv").open() as file:
         events = list(csv.DictReader(file))
     assert list(events[0]) == ["frame", "timestamp_s", "rule", "kind", "id", "direction"]
     assert [(event["rule"], event["id"]) for event in events] == [("gate", "1")]
-
-
-def test_decisions_have_reasons_from_birth_on(folder: Path) -> None:
     with (folder / "decisions.csv").open() as file:
         decisions = list(csv.DictReader(file))
     assert decisions[0]["kind"] == "spawned"
@@ -101,19 +95,9 @@ def test_the_rerun_recording_passes_its_own_verification(folder: Path) -> None:
     assert done.returncode == 0, done.stderr.decode()
 
 
-def test_nothing_half_written_is_left(folder: Path) -> None:
-    assert [file.name for file in folder.iterdir() if file.suffix == ".part"] == []
-
-
 def test_same_input_and_configuration_give_the_same_tracks(engine: Engine, folder: Path, tmp_path: Path) -> None:
     run(engine, tmp_path)
     assert (tmp_path / "tracks.csv").read_bytes() == (folder / "tracks.csv").read_bytes()
-
-
-def test_a_finished_run_is_not_overwritten_unasked(refused: Refused, folder: Path, recording: Path) -> None:
-    before = (folder / "tracks.csv").read_bytes()
-    assert "run.overwrite=true" in refused("run", recording, "--out", folder, "--set", FEW)
-    assert (folder / "tracks.csv").read_bytes() == before
 
 
 def test_overwriting_leaves_foreign_files_alone(say: Say, copy: Path, tmp_path: Path) -> None:

@@ -58,7 +58,6 @@ def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(engine, tmp_path,
 
     options, told = options_with(rules), []
     checkpoint = checkpoint_of(stopped, run_identity(engine, options, ["MapsLog"]), told.append)
-    assert checkpoint is not None
     log = MapsLog(engine, stopped / "maps.h5", checkpoint.written["logs"]["MapsLog"])
     info = run(engine, stopped, options, [log], None, checkpoint)
     assert told == []
@@ -78,7 +77,6 @@ def test_a_checkpoint_whose_memory_is_none_is_refused_in_a_sentence(engine, tmp_
     with pytest.raises(StoppedError):
         run(engine, tmp_path, options_with(rules), (), stop_at(5))
     checkpoint = checkpoint_of(tmp_path, run_identity(engine, options_with(rules), []), print)
-    assert checkpoint is not None
     broken = checkpoint._replace(memory=checkpoint.memory._replace(nodes=[]))
     with pytest.raises(InputError, match="cannot be gone on from"):
         run(engine, tmp_path, options_with(rules), (), None, broken)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from say import Refused, Say
+from toy_recordings import write_frames
 
 from calib.ground_camera import GroundCamera, save_ground_camera
 from calib.types import U8
@@ -55,10 +56,7 @@ def cut(i: int) -> U8:
 
 
 def write_clip(path: Path, paint: Callable[[int], U8], n_frames: int) -> Path:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (160, 120))
-    for i in range(n_frames):
-        writer.write(paint(i))
-    writer.release()
+    write_frames(path, [paint(i) for i in range(n_frames)])
     return path
 
 

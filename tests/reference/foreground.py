@@ -166,15 +166,9 @@ def _classify(m: Mixtures, found: np.ndarray, unclipped: np.ndarray, o: Pixels, 
 
 
 def _learn(
-    m: Mixtures,
-    found: np.ndarray,
-    kind: np.ndarray,
-    o: Pixels,
-    rate_w: np.ndarray,
-    rate_m: np.ndarray,
-    s: UpdateConstants,
-    measured: np.ndarray,
-) -> None:
+    m: Mixtures, found: np.ndarray, kind: np.ndarray, o: Pixels, rate_w: np.ndarray, rate_m: np.ndarray,
+    s: UpdateConstants, measured: np.ndarray,
+) -> None:  # fmt: skip
     frozen = (found != 0) & (rate_w <= 0)
     m.weight *= np.where(frozen, F32(1), F32(1) - rate_w)
     for k in range(len(m.weight)):
@@ -190,15 +184,9 @@ def _learn(
 
 
 def _learn_gaussian(
-    m: Mixtures,
-    k: int,
-    chosen: np.ndarray,
-    kind: np.ndarray,
-    o: Pixels,
-    rate: np.ndarray,
-    s: UpdateConstants,
-    measured: np.ndarray,
-) -> None:
+    m: Mixtures, k: int, chosen: np.ndarray, kind: np.ndarray, o: Pixels, rate: np.ndarray,
+    s: UpdateConstants, measured: np.ndarray,
+) -> None:  # fmt: skip
     rate_var = np.where(kind == 1, rate, F32(0))
     bound, clipped, same = m.var_y[k] < 0, o.y >= s.clip, kind == 1
     still = np.where(same, clipped & (bound | (m.y[k] <= s.clip)), bound)

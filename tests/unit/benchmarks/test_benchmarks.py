@@ -4,7 +4,6 @@ import io
 import json
 import math
 import os
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -40,12 +39,9 @@ from planview.maps.grid import Grid
 from stereo.rectify import Rectifier
 
 
-def test_missing_recording_is_refused_by_name(tmp_path: Path) -> None:
+def test_missing_recordings_and_too_few_frames_are_refused(tmp_path, capsys):
     with pytest.raises(InputError, match="nowhere"):
         Clip(tmp_path / "nowhere", 10)
-
-
-def test_too_few_frames_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["speed", "--frames", "1"])
     assert "--frames" in capsys.readouterr().err
@@ -166,21 +162,20 @@ def test_maps_without_height_are_equally_high_and_keep_occupancy(maps):
     assert maps.points.xyz[0, 2] == 1.0
 
 
-def test_interval_spans_the_resampled_recordings():
+def test_interval_spans_the_resampled_recordings_and_is_their_figure_where_they_are_equal():
     samples = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
     value, low, high = bootstrap(np.array([0.0, 4.0]), np.array([1.0, 1.0]), samples)
     assert value == 2.0
     assert low == pytest.approx(0.15)
     assert high == pytest.approx(3.85)
-
-
-def test_interval_of_equal_recordings_is_their_figure():
     assert bootstrap(np.array([3.0, 3.0]), np.array([2.0, 2.0]), np.array([[0, 1], [1, 1]])) == (1.5, 1.5, 1.5)
 
 
-def test_unknown_variant_is_refused_with_the_known_ones():
+def test_unknown_variants_and_recordings_without_truth_are_refused(tmp_path):
     with pytest.raises(InputError, match="height only"):
         chosen_variants(["joint"])
+    with pytest.raises(InputError, match=r"truth\.csv"):
+        ablation(options=AblationOptions(recording=[tmp_path], cache=tmp_path))
 
 
 def test_command_compares_variants_with_the_engine_as_configured(recording, tmp_path, capsys):
@@ -197,11 +192,6 @@ def test_command_compares_variants_with_the_engine_as_configured(recording, tmp_
     # One person alone: colours hardly decide where.
     as_configured, without_colours = (row["position_error_m"][0] for row in result["variants"][:2])
     assert without_colours == pytest.approx(as_configured, abs=0.02)
-
-
-def test_command_refuses_a_recording_without_truth(tmp_path):
-    with pytest.raises(InputError, match=r"truth\.csv"):
-        ablation(options=AblationOptions(recording=[tmp_path], cache=tmp_path))
 
 
 def test_table_has_every_figure_with_its_interval_and_the_papers_count(capsys):

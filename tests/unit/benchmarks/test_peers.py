@@ -25,11 +25,11 @@ def maps_of(*people):
     return PlanViewMaps(grid, occupancy, occupancy, occupancy, occupancy, 0.0, points, view)
 
 
-def walked(tracker, ways, n=8):
+def walked(tracker, ways, maps, n=8):
     """Tracks after n frames of 0.1 s over straight ways (x, y, vx, vy)."""
     for i in range(n):
         at = [(x + 0.1 * i * vx, y + 0.1 * i * vy) for x, y, vx, vy in ways]
-        tracks = tracker.update(Observation(i, 0.1 * i, maps=maps_of(*at)))
+        tracks = tracker.update(Observation(i, 0.1 * i, maps=maps(*at)))
     return tracks
 
 
@@ -41,24 +41,6 @@ def test_blob_is_where_its_points_are_and_as_tall():
 def test_people_who_touch_are_one_blob():
     assert len(blobs(maps_of((1.6, 2.0), (2.2, 2.0)))) == 1
     assert len(blobs(maps_of((1.6, 2.0), (2.5, 2.0)))) == 2
-
-
-def test_walkers_keep_their_ids_and_are_confirmed_after_five_frames():
-    tracker = BlobTracker()
-    early = walked(tracker, [(1.0, 1.0, 1.0, 0.0), (3.0, 3.0, -1.0, 0.0)], n=4)
-    assert {t.state for t in early} == {"tentative"}
-    tracker.reset()
-    late = walked(tracker, [(1.0, 1.0, 1.0, 0.0), (3.0, 3.0, -1.0, 0.0)])
-    assert [(t.track_id, t.state) for t in late] == [(1, "confirmed"), (2, "confirmed")]
-    assert late[0].x_m == pytest.approx(1.7, abs=0.05)
-
-
-def test_person_without_a_blob_is_lost_and_gone_after_a_second():
-    tracker = BlobTracker()
-    walked(tracker, [(1.0, 1.0, 0.0, 0.0)])
-    (lost,) = tracker.update(Observation(8, 0.8, maps=maps_of()))
-    assert lost.state == "lost"
-    assert tracker.update(Observation(20, 2.0, maps=maps_of())) == ()
 
 
 def maps_from(*people: tuple[float, float]) -> PlanViewMaps:
@@ -76,15 +58,6 @@ def maps_from(*people: tuple[float, float]) -> PlanViewMaps:
     return Raster(grid, MapParams()).maps(points, view)
 
 
-def peaks_walked(tracker: PeakTracker, ways: list[tuple[float, float, float, float]], n: int = 8):
-    """Tracks after n frames of 0.1 s over straight ways (x, y, vx, vy)."""
-    tracks = ()
-    for i in range(n):
-        at = [(x + 0.1 * i * vx, y + 0.1 * i * vy) for x, y, vx, vy in ways]
-        tracks = tracker.update(Observation(i, 0.1 * i, maps=maps_from(*at)))
-    return tracks
-
-
 def test_peak_is_the_head_of_a_person_behind_the_side_that_is_seen() -> None:
     (peak,) = peaks(maps_from((2.0, 2.0)))
     assert peak == pytest.approx((2.0, 2.0, 1.7), abs=0.1)
@@ -96,19 +69,24 @@ def test_people_shoulder_to_shoulder_are_two_peaks() -> None:
     assert len(peaks(maps_from((1.7, 2.0), (2.2, 2.0)))) == 2
 
 
-def test_walkers_keep_their_ids_and_are_confirmed_with_the_third_peak() -> None:
-    tracker = PeakTracker()
-    ways = [(1.0, 1.0, 1.0, 0.0), (3.0, 3.0, -1.0, 0.0)]
-    assert {t.state for t in peaks_walked(tracker, ways, n=2)} == {"tentative"}
+ENGINES = [(BlobTracker, maps_of, 4, 1.2), (PeakTracker, maps_from, 2, 4.2)]
+"""Naive engines: tracker, its maps, frames in which people are tentative, and when somebody is gone [s]."""
+
+
+@pytest.mark.parametrize(("engine", "maps", "early", "gone_s"), ENGINES)
+def test_walkers_keep_their_ids_and_are_confirmed_after_some_frames(engine, maps, early, gone_s):
+    tracker, ways = engine(), [(1.0, 1.0, 1.0, 0.0), (3.0, 3.0, -1.0, 0.0)]
+    assert {t.state for t in walked(tracker, ways, maps, early)} == {"tentative"}
     tracker.reset()
-    late = peaks_walked(tracker, ways)
+    late = walked(tracker, ways, maps)
     assert [(t.track_id, t.state) for t in late] == [(1, "confirmed"), (2, "confirmed")]
-    assert late[0].x_m == pytest.approx(1.7, abs=0.1)
+    assert late[0].x_m == pytest.approx(1.7, abs=0.05 if engine is BlobTracker else 0.1)
 
 
-def test_person_without_a_peak_is_lost_and_gone_after_four_seconds_in_view() -> None:
-    tracker = PeakTracker()
-    peaks_walked(tracker, [(2.0, 2.0, 0.0, 0.0)])
-    (lost,) = tracker.update(Observation(8, 0.8, maps=maps_from()))
+@pytest.mark.parametrize(("engine", "maps", "early", "gone_s"), ENGINES)
+def test_person_who_is_not_seen_is_lost_and_gone_later(engine, maps, early, gone_s):
+    tracker = engine()
+    walked(tracker, [(2.0, 2.0, 0.0, 0.0)], maps)
+    (lost,) = tracker.update(Observation(8, 0.8, maps=maps()))
     assert lost.state == "lost"
-    assert tracker.update(Observation(50, 5.0, maps=maps_from())) == ()
+    assert tracker.update(Observation(50, 0.8 + gone_s, maps=maps())) == ()

@@ -109,11 +109,8 @@ def test_command_reports_scenes_and_seeds_as_json(challenge, recording, tmp_path
     assert json.loads((tmp_path / "suite.json").read_text())["online"]["totals"]["minutes"] == pytest.approx(8 / 60)
 
 
-def test_totals_of_nothing_are_unknown():
+def test_totals_of_nothing_are_unknown_and_minutes_must_be_positive():
     assert np.isnan(totals([]).mota)
-
-
-def test_command_refuses_minutes_that_are_not_positive():
     with pytest.raises(InputError, match="--minutes above 0"):
         suite(options=SuiteOptions(minutes=0))
 
@@ -176,18 +173,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_scores_of_one_seed_have_no_spread(folder):
+def test_spread_holds_the_scores_of_every_seed_in_order_and_one_seed_has_none(folder):
     scores = score_pets("ellipse-particle", folder, None)
     assert scores.spread() is None
-    assert scores.boxes.clear.mota == 1.0
-    assert scores.errors.total == 0
-
-
-def test_spread_holds_the_scores_of_every_seed_in_order(folder):
+    assert (scores.boxes.clear.mota, scores.errors.total) == (1.0, 0)
     scores = score_pets("ellipse-particle", folder, None, seeds=3)
-    assert scores.mota == 1.0
     spread = scores.spread()
-    assert spread is not None
+    assert scores.mota == 1.0
     np.testing.assert_allclose(spread["mota"], [1.0, 0.9, 0.8])
     assert spread["mota_range"] == pytest.approx(0.2)
     assert spread["mota_deviation"] == pytest.approx(0.1 * (2 / 3) ** 0.5)

@@ -14,10 +14,11 @@ from stereo.gating import TILE, Gate, MatchingParams, Window
 GEOMETRY = RectifiedGeometry(4, 3, 400.0, 400.0, 1.5, 1.0, 0.1, disparity_std_px=0.25)
 
 
-def test_depth_is_focal_times_baseline_over_disparity() -> None:
+def test_depth_is_focal_times_baseline_over_disparity_and_back():
     depth = DepthFromDisparity(GEOMETRY)(np.full((3, 4), 20.0, np.float32))
     assert depth.dtype == np.float32
     np.testing.assert_allclose(depth, 2.0)
+    assert GEOMETRY.disparity_at(2.0) == pytest.approx(20.0)
 
 
 def test_depth_is_nan_without_disparity_and_beyond_the_maximum() -> None:
@@ -33,10 +34,6 @@ def test_depth_deviation_grows_with_the_square_of_the_depth() -> None:
     assert GEOMETRY.depth_std_m(2.0) == pytest.approx(0.025)
 
 
-def test_disparity_at_inverts_depth() -> None:
-    assert GEOMETRY.disparity_at(2.0) == pytest.approx(20.0)
-
-
 def test_back_projection_puts_the_principal_point_on_the_axis() -> None:
     depth = np.full((3, 4), 2.0, np.float32)
     depth[0, 0] = np.nan
@@ -46,17 +43,11 @@ def test_back_projection_puts_the_principal_point_on_the_axis() -> None:
     np.testing.assert_allclose(points[2, 3], [1.5 * 2 / 400, 1.0 * 2 / 400, 2.0], atol=1e-7)
 
 
-def test_ray_through_a_pixel_is_at_unit_depth() -> None:
+def test_rays_through_pixels_are_at_unit_depth_and_projection_inverts_them_ahead_of_the_camera():
     # 40 px right of and 20 px below the principal point (1.5, 1) at a focal length of 400 px.
     np.testing.assert_allclose(GEOMETRY.rays([[41.5, 21.0]]), [[0.1, 0.05, 1.0]])
-
-
-def test_projection_inverts_rays_at_any_depth() -> None:
     pixels = np.array([[[0.0, 0.0], [3.0, 2.0]]])
     np.testing.assert_allclose(GEOMETRY.project(2.5 * GEOMETRY.rays(pixels)), pixels)
-
-
-def test_point_behind_the_camera_has_no_pixel() -> None:
     assert np.isnan(GEOMETRY.project([0.0, 0.0, -1.0])).all()
 
 
@@ -142,29 +133,20 @@ def test_windows_agree_with_the_plain_twin(seed: int) -> None:
     assert found == {tuple(int(edge) for edge in box) for box in reference.split(tiles, *settings)}
 
 
-def test_nothing_is_matched_where_nothing_changed() -> None:
-    assert gate().windows(NOTHING, [], 0.0) == []
-
-
-def test_a_window_holds_a_change_and_what_is_near_it() -> None:
-    assert gate().windows(changed_at((100, 60)), [], 0.0) == [Window(96, 56, 112, 72)]
-
-
-def test_far_changes_have_windows_of_their_own() -> None:
-    windows = gate().windows(changed_at((20, 20), (300, 220)), [], 0.0)
-    assert sorted(windows) == [Window(16, 16, 32, 32), Window(296, 216, 312, 232)]
-
-
-def test_people_are_matched_without_a_change() -> None:
-    assert gate().windows(NOTHING, [(100.0, 60.0, 30.0, 80.0)], 0.0) == [Window(96, 56, 136, 144)]
-
-
-def test_a_box_that_begins_outside_is_cut_off_at_the_edge() -> None:
-    assert gate().windows(NOTHING, [(-0.5, -0.5, 10.0, 10.0)], 0.0) == [Window(0, 0, 16, 16)]
-
-
-def test_the_whole_image_is_matched_when_most_of_it_changed() -> None:
-    assert gate().windows(np.full(SAMPLES, 255, np.uint8), [], 0.0) == [Window(0, 0, *SIZE)]
+@pytest.mark.parametrize(
+    ("changed", "people", "windows"),
+    [
+        (NOTHING, [], []),
+        (changed_at((100, 60)), [], [Window(96, 56, 112, 72)]),
+        (changed_at((20, 20), (300, 220)), [], [Window(16, 16, 32, 32), Window(296, 216, 312, 232)]),
+        (NOTHING, [(100.0, 60.0, 30.0, 80.0)], [Window(96, 56, 136, 144)]),
+        (NOTHING, [(-0.5, -0.5, 10.0, 10.0)], [Window(0, 0, 16, 16)]),
+        (np.full(SAMPLES, 255, np.uint8), [], [Window(0, 0, *SIZE)]),
+    ],
+    ids=["no change", "a change", "far changes", "a person", "a box over the edge", "most of the image"],
+)
+def test_windows_hold_changes_and_people_and_what_is_near_them(changed, people, windows):
+    assert sorted(gate().windows(changed, people, 0.0)) == windows
 
 
 def test_the_refresh_visits_every_pixel_in_its_time() -> None:
@@ -184,7 +166,7 @@ def test_the_refresh_does_not_hurry_after_a_gap_in_time() -> None:
     assert chosen.windows(NOTHING, [], 3600.0) == []
 
 
-def test_whole_image_is_cut_into_bands_where_far_rows_need_fewer_disparities() -> None:
+def test_whole_image_is_cut_into_bands_where_far_rows_need_fewer_disparities_and_else_one_window():
     def searched(window: Window) -> int:
         return 16 if window.bottom <= 240 else 80
 
@@ -193,7 +175,4 @@ def test_whole_image_is_cut_into_bands_where_far_rows_need_fewer_disparities() -
     assert [(w.left, w.right) for w in whole] == [(0, 640)] * len(whole)
     assert [w.top for w in whole] == [0, *(w.bottom for w in whole[:-1])]
     assert whole[-1].bottom == 480
-
-
-def test_whole_image_is_one_window_where_all_rows_need_the_same() -> None:
     assert gate().whole == [Window(0, 0, *SIZE)]

@@ -29,15 +29,12 @@ def row_offsets(rig: StereoRig) -> np.ndarray:
     return match_corners(pair.left_grey, pair.right_grey, 45.0, MatchParams())[:, 3]
 
 
-def test_rectifying_an_ideal_pair_changes_nothing() -> None:
+def test_rectifying_an_ideal_pair_changes_neither_its_images_nor_its_geometry():
     rig = toy_rig()
     left, right = ToyWorld().pair(rig)
     pair = Rectifier(rig)(left, right)
     np.testing.assert_array_equal(pair.left, left)
     np.testing.assert_array_equal(pair.right_grey, right)
-
-
-def test_geometry_of_an_ideal_pair_is_the_cameras_own() -> None:
     geometry = Rectifier(toy_rig()).geometry
     assert geometry.size == (320, 240)
     assert geometry.focal_u_px == pytest.approx(230.0)
@@ -139,17 +136,14 @@ def test_aligned_rectifier_leaves_a_good_calibration_alone() -> None:
     assert found.before_px == found.after_px < 0.1
 
 
-def test_rectifier_refuses_other_sizes() -> None:
-    with pytest.raises(ValueError, match=r"\(240, 320\)"):
-        Rectifier(toy_rig())(np.zeros((240, 321), np.uint8), np.zeros((240, 321), np.uint8))
-
-
-def test_colour_left_stays_colour_and_right_becomes_grey() -> None:
+def test_rectifier_takes_colour_on_the_left_and_refuses_other_sizes():
     image = np.zeros((240, 320, 3), np.uint8)
     image[..., 2] = 200
     pair = Rectifier(toy_rig())(image, image)
     assert pair.left.shape == (240, 320, 3)
     assert pair.left_grey[100, 100] == pair.right_grey[100, 100] == as_grey(image)[0, 0]
+    with pytest.raises(ValueError, match=r"\(240, 320\)"):
+        Rectifier(toy_rig())(np.zeros((240, 321), np.uint8), np.zeros((240, 321), np.uint8))
 
 
 def test_parts_of_a_pair_are_those_of_the_whole_pair() -> None:
@@ -203,31 +197,27 @@ def moments(*heads: tuple[Times, float]) -> list[tuple[float, list[int | None]]]
     return [(round(m.timestamp_s, 4), [f.index if f else None for f in m.frames]) for m in recording]
 
 
-def test_frames_are_paired_after_the_offset_of_the_clocks() -> None:
-    first, second = Times([0.0, 0.1, 0.2]), Times([0.0, 0.1, 0.2])
-    assert moments((first, 0.0), (second, 0.12)) == [
-        (0.0, [0, None]), (0.11, [1, 0]), (0.21, [2, 1]), (0.32, [None, 2]),
-    ]  # fmt: skip
+JITTER = 0.004 * np.array([0, 1, -1, 1, 0, -1])
 
 
-def test_a_head_without_a_frame_at_a_time_is_left_out() -> None:
-    first, second = Times([0.0, 0.1, 0.2]), Times([0.0, 0.2])
-    assert [frames for _, frames in moments((first, 0.0), (second, 0.0))] == [[0, 0], [1, None], [2, 1]]
+@pytest.mark.parametrize(
+    ("first", "second", "start_s", "frames"),
+    [
+        (Times([0.0, 0.1, 0.2]), Times([0.0, 0.1, 0.2]), 0.12, [[0, None], [1, 0], [2, 1], [None, 2]]),
+        (Times([0.0, 0.1, 0.2]), Times([0.0, 0.2]), 0.0, [[0, 0], [1, None], [2, 1]]),
+        (Times([0.0, 0.05, 0.1, 0.15, 0.2], 20.0), Times([0.0, 0.1, 0.2], 10.0), 0.0, [[0, 0], [2, 1], [4, 2]]),
+        (Times(list(np.arange(6) / 10)), Times(list(np.arange(6) / 10 + JITTER)), 0.05, [[i, i] for i in range(6)]),
+    ],
+    ids=["clocks apart", "a frame missing", "a faster head", "half a period apart with jitter"],
+)
+def test_heads_give_the_frames_of_each_moment(first, second, start_s, frames):
+    assert [found for _, found in moments((first, 0.0), (second, start_s))] == frames
 
 
-def test_a_faster_head_gives_the_frames_of_the_slower_ones_times() -> None:
-    slow, fast = Times([0.0, 0.1, 0.2], 10.0), Times([0.0, 0.05, 0.1, 0.15, 0.2], 20.0)
-    assert [frames for _, frames in moments((fast, 0.0), (slow, 0.0))] == [[0, 0], [2, 1], [4, 2]]
-
-
-def test_heads_half_a_period_apart_stay_together_when_their_clocks_jitter() -> None:
-    jitter = 0.004 * np.array([0, 1, -1, 1, 0, -1])
-    first, second = Times(list(np.arange(6) / 10)), Times(list(np.arange(6) / 10 + jitter))
-    assert all(frames == [i, i] for i, (_, frames) in enumerate(moments((first, 0.0), (second, 0.05))))
-
-
-def test_times_begin_with_the_earliest_head() -> None:
+def test_times_are_means_that_begin_with_the_earliest_head() -> None:
     assert moments((Times([0.0]), 0.0), (Times([0.0]), -3.0))[0] == (0.0, [None, 0])
+    even = Times([0.0, 0.1, 0.2])
+    assert [time for time, _ in moments((even, 0.0), (even, 0.12))] == [0.0, 0.11, 0.21, 0.32]
 
 
 def test_skipped_frames_name_their_head() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from toy_recordings import write_frames
 
 from calib.errors import InputError, WorkError
 from calib.types import F64
@@ -46,10 +47,12 @@ def test_pairs_are_found_in_folders_and_by_name(names: Sequence[str], tmp_path: 
     assert values(BoardImages(save(tmp_path, names))) == [(5, 25), (15, 35)]
 
 
-def test_an_image_without_a_mate_is_named(tmp_path: Path) -> None:
+def test_images_without_a_mate_or_that_cannot_be_decoded_are_named(tmp_path: Path) -> None:
     images = BoardImages(save(tmp_path, ["left1.png", "left2.png", "left3.png", "right1.png", "right3.png"]))
     assert [(p.name, p.why) for p in images if p.left is None] == [("left2.png", "has no mate from the other camera")]
     assert values(images) == [(5, 35), (25, 45)]
+    (tmp_path / "left1.png").write_bytes(b"\x89PNG broken")
+    assert next(iter(images)).why.endswith("left1.png cannot be decoded")
 
 
 def test_wide_images_are_split_in_halves(tmp_path: Path) -> None:
@@ -58,37 +61,26 @@ def test_wide_images_are_split_in_halves(tmp_path: Path) -> None:
     assert values(BoardImages(tmp_path)) == [(7, 9)]
 
 
-def test_images_that_are_neither_named_nor_wide_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"expected a left and a right image side by side .* found 40x30"):
-        list(BoardImages(save(tmp_path, ["a.png"])))
-
-
-def test_an_image_that_cannot_be_decoded_is_named(tmp_path: Path) -> None:
-    save(tmp_path, ["left1.png", "right1.png"])
-    (tmp_path / "left1.png").write_bytes(b"\x89PNG broken")
-    (pair,) = BoardImages(tmp_path)
-    assert pair.why.endswith("left1.png cannot be decoded")
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [
+        (["a.png"], "a left and a right image side by side .* found 40x30"),
+        ([], ""),
+        (["left/1.png"], ""),
+        (["left/1.png", "left2/1.png", "right/1.png"], ""),
+        (None, "a folder of board images or a video"),
+    ],
+)
+def test_what_holds_no_pairs_is_refused(names, found, tmp_path):
+    with pytest.raises(InputError, match=f"expected {found}"):
+        list(BoardImages(tmp_path / "none" if names is None else save(tmp_path, names)))
 
 
 def test_a_side_by_side_video_gives_named_frames(tmp_path: Path) -> None:
-    writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (160, 48))
-    for _ in range(6):
-        writer.write(np.zeros((48, 160, 3), np.uint8))
-    writer.release()
+    write_frames(tmp_path / "v.avi", [np.zeros((48, 160, 3), np.uint8)] * 6)
     images = BoardImages(tmp_path / "v.avi")
     assert images.names[0] == "frame 0"
     assert [pair.left.shape[:2] for pair in images if pair.left is not None] == [(48, 80)] * 6
-
-
-@pytest.mark.parametrize("names", [[], ["left/1.png"], ["left/1.png", "left2/1.png", "right/1.png"]])
-def test_folders_without_pairs_are_refused(names: Sequence[str], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected"):
-        BoardImages(save(tmp_path, names))
-
-
-def test_a_path_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected a folder of board images or a video"):
-        BoardImages(tmp_path / "none")
 
 
 PARAMS = AlignParams(disparity_px=0.0)
@@ -127,24 +119,21 @@ def test_a_walk_with_turns_tells_heading_place_and_clock() -> None:
     assert abs(found.heading_rad - TRUE.heading_rad) < 3 * found.heading_std_rad
 
 
-def test_one_straight_line_at_one_speed_is_refused() -> None:
-    t = 0.05 * np.arange(200)
-    first, second = both_heads(np.column_stack([-2.0 + 0.5 * t, np.full(len(t), 3.0)]), noise_m=0.01)
-    with pytest.raises(WorkError, match=r"straight|another that fits"):
+@pytest.mark.parametrize(
+    ("x_m", "noise_m", "found"),
+    [
+        (-2.0 + 0.5 * 0.05 * np.arange(200), 0.01, "straight|another that fits"),
+        (1.5 * np.sin(0.7 * 0.05 * np.arange(600)), 0.01, "another that fits"),
+        (np.full(400, 0.5), 0.03, "stood"),
+    ],
+    ids=["one straight line at one speed", "to and fro on a line", "standing"],
+)
+def test_walks_that_tell_no_alignment_are_refused(x_m, noise_m, found):
+    first, second = both_heads(np.column_stack([x_m, np.full(len(x_m), 3.0)]), noise_m)
+    with pytest.raises(WorkError, match=found):
         align_rigs([first], [second], PARAMS)
-
-
-def test_to_and_fro_on_a_line_is_refused() -> None:
-    t = 0.05 * np.arange(600)
-    first, second = both_heads(np.column_stack([1.5 * np.sin(0.7 * t), np.full(len(t), 3.0)]), noise_m=0.01)
-    with pytest.raises(WorkError, match="another that fits"):
-        align_rigs([first], [second], PARAMS)
-
-
-def test_a_person_who_stands_is_refused() -> None:
-    first, second = both_heads(np.tile([[0.5, 3.0]], (400, 1)))
-    with pytest.raises(WorkError, match="stood"):
-        align_rigs([first], [second], PARAMS)
+    with pytest.raises(WorkError, match="found none"):
+        align_rigs([], [], PARAMS)
 
 
 def test_people_of_other_heights_do_not_meet() -> None:
@@ -152,11 +141,6 @@ def test_people_of_other_heights_do_not_meet() -> None:
     taller = WalkedPath(second.first, second.xy_m, 1.95, second.per_px_m)
     with pytest.raises(WorkError, match="no path that fits"):
         align_rigs([first], [taller], PARAMS)
-
-
-def test_heads_without_people_are_refused() -> None:
-    with pytest.raises(WorkError, match="found none"):
-        align_rigs([], [], PARAMS)
 
 
 def test_a_third_head_is_placed_by_the_second() -> None:

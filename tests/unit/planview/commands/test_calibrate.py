@@ -23,13 +23,10 @@ RIG = StereoRig(CAMERA, CAMERA, SE3.from_rotvec([0.0, 0.01, 0.0], [-0.1, 0.0, 0.
 CONVERT = ("calibrate", "convert")
 
 
-def test_convert_writes_the_format_the_suffix_tells(tmp_path, json_of):
+def test_convert_writes_the_format_the_suffix_tells_and_pairs_into_a_folder(tmp_path, json_of, say):
     write_rig(RIG, tmp_path / "rig.toml")
     assert json_of(*CONVERT, tmp_path / "rig.toml", tmp_path / "chain.yaml")["baseline_m"] == pytest.approx(0.1)
     assert "T_cn_cnm1" in (tmp_path / "chain.yaml").read_text()
-
-
-def test_convert_writes_pairs_into_a_folder(tmp_path, say):
     write_rig(RIG, tmp_path / "rig.toml")
     assert say(*CONVERT, tmp_path / "rig.toml", tmp_path / "ros", "--to", "ros")[0] == 0
     assert load_rig(tmp_path / "ros").baseline_m == pytest.approx(0.1)
@@ -38,11 +35,9 @@ def test_convert_writes_pairs_into_a_folder(tmp_path, say):
 def test_convert_mends_units_and_swapped_cameras_when_told(tmp_path, say):
     moved = SE3(RIG.right_SE3_left.rotation.T, -1000 * RIG.right_SE3_left.translation)
     write_rig(StereoRig(CAMERA, CAMERA, moved, ""), tmp_path / "mm.yml")
-    assert say(*CONVERT, tmp_path / "mm.yml", tmp_path / "rig.toml")[0] == 2
-    assert say(*CONVERT, tmp_path / "mm.yml", tmp_path / "rig.toml", "--unit", "mm")[0] == 2
-    assert (
-        say(*CONVERT, tmp_path / "mm.yml", tmp_path / "rig.toml", "--unit", "mm", "--swap", "--size", "320x240")[0] == 0
-    )
+    words = (*CONVERT, tmp_path / "mm.yml", tmp_path / "rig.toml")
+    assert say(*words)[0] == say(*words, "--unit", "mm")[0] == 2
+    assert say(*words, "--unit", "mm", "--swap", "--size", "320x240")[0] == 0
     rig = load_rig(tmp_path / "rig.toml")
     assert rig.baseline_m == pytest.approx(0.1)
     assert rig.left.size == (320, 240)
@@ -120,26 +115,17 @@ def body(mask: np.ndarray, left: int, top: int = 40, height: int = 50) -> None:
     mask[top : top + 10, left + 6 : left + 14] = 255
 
 
-def test_one_body_is_a_sample() -> None:
-    mask = np.zeros((120, 160), np.uint8)
-    body(mask, 60)
-    (sample,) = bodies_of(mask, 7)
-    assert sample.box_px == (59.5, 39.5, 20, 50)
-    assert sample.frame == 7
-
-
-def test_bodies_apart_are_samples_each() -> None:
-    mask = np.zeros((120, 160), np.uint8)
-    body(mask, 30)
-    body(mask, 90)
-    assert len(bodies_of(mask, 7)) == 2
-
-
-def test_body_in_two_pieces_is_no_sample() -> None:
+def test_whole_bodies_apart_are_samples_and_one_in_two_pieces_is_none() -> None:
     mask = np.zeros((120, 160), np.uint8)
     body(mask, 60, height=60)
     mask[70:80] = 0
     assert bodies_of(mask, 7) == []
+    mask[:] = 0
+    body(mask, 60)
+    (sample,) = bodies_of(mask, 7)
+    assert (sample.box_px, sample.frame) == ((59.5, 39.5, 20, 50), 7)
+    body(mask, 120)
+    assert len(bodies_of(mask, 7)) == 2
 
 
 def test_pairs_and_halves_are_not_of_the_usual_size() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from toy_recordings import write_frames
 from toy_rgbd import write_toy_rgbd
 from toy_stereo import toy_rig
 
@@ -25,13 +26,10 @@ from planview.trajectories.table import read_truth
 from stereo.readers import open_any, open_recording, open_video, rgbd
 
 
-@pytest.mark.parametrize("name", ["camera.toml", "street.toml"])
-def test_a_camera_above_the_floor_is_known_by_its_keys(tmp_path: Path, name: str) -> None:
-    save_ground_camera(GroundCamera(320, 240, 200.0, 3.0, 0.8), tmp_path / name)
-    assert _is_of_one_camera(tmp_path / name, TrackingOptions(tracker="ellipse-particle"))
-
-
-def test_a_rig_is_that_of_a_pair_but_to_a_tracker_of_one_camera(tmp_path: Path) -> None:
+def test_a_camera_above_the_floor_is_known_by_its_keys_and_a_rig_is_that_of_a_pair_to_trackers_of_pairs(tmp_path):
+    for name in ("camera.toml", "street.toml"):
+        save_ground_camera(GroundCamera(320, 240, 200.0, 3.0, 0.8), tmp_path / name)
+        assert _is_of_one_camera(tmp_path / name, TrackingOptions(tracker="ellipse-particle"))
     write_rig(toy_rig(), tmp_path / "rig.toml", "rig")
     assert not _is_of_one_camera(tmp_path / "rig.toml", TrackingOptions())
     assert not _is_of_one_camera(tmp_path, TrackingOptions())
@@ -58,7 +56,7 @@ def scene(tmp_path):
     return path
 
 
-def test_synth_writes_a_recording_that_our_reader_takes(scene, tmp_path, json_of):
+def test_synth_writes_a_recording_that_our_reader_takes_and_its_calibration_for_opencv(scene, tmp_path, json_of, say):
     out = tmp_path / "out"
     told = json_of("synth", scene, out, "--frames", 3, "--world", "--opencv")
     assert told == {"frames": 3, "truth_rows": 3, "folder": str(out)}
@@ -67,16 +65,13 @@ def test_synth_writes_a_recording_that_our_reader_takes(scene, tmp_path, json_of
     assert [f.timestamp_s for f in recording] == pytest.approx([0, 0.1, 0.2])
     assert load_world(out / "world.toml").height_m == pytest.approx(2.4)
     assert read_truth(out / "truth.csv").frame.tolist() == [0, 1, 2]
-
-
-def test_synth_writes_the_same_calibration_for_opencv(scene, tmp_path, say):
-    out = tmp_path / "out"
-    say("synth", scene, out, "--frames", 1, "--opencv")
     rig = load_rig(out / "rig.toml")
     inner = cv2.FileStorage(str(out / "intrinsics.yml"), cv2.FILE_STORAGE_READ)
     outer = cv2.FileStorage(str(out / "extrinsics.yml"), cv2.FILE_STORAGE_READ)
     assert inner.getNode("M1").mat() == pytest.approx(rig.left.matrix)
     assert outer.getNode("T").mat().ravel() == pytest.approx(rig.right_SE3_left.translation)
+    assert say("synth", scene, tmp_path / "videos", "--video")[0] == 0
+    assert len(list(open_recording(tmp_path / "videos"))) == 4
 
 
 def test_synth_of_one_camera_writes_images_camera_and_boxes(scene, tmp_path, say):
@@ -90,19 +85,17 @@ def test_synth_of_one_camera_writes_images_camera_and_boxes(scene, tmp_path, say
     assert float(row["height_px"]) == float(row["full_height_px"]) > 20
 
 
-def test_synth_writes_videos_on_request(scene, tmp_path, say):
-    out = tmp_path / "out"
-    assert say("synth", scene, out, "--video")[0] == 0
-    assert len(list(open_recording(out))) == 4
-
-
-@pytest.mark.parametrize("arguments", [("--frames", "0"), ("--scale", "99"), ("--video", "--jpeg")])
-def test_synth_refuses_wrong_usage(scene, tmp_path, arguments, refused):
-    assert "expected" in refused("synth", scene, tmp_path / "out", *arguments)
-
-
-def test_synth_never_writes_into_a_folder_in_use(scene, tmp_path, refused):
-    assert "in use" in refused("synth", scene, tmp_path)
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("out", "--frames", "0"), "expected"),
+        (("out", "--scale", "99"), "expected"),
+        (("out", "--video", "--jpeg"), "expected"),
+        (("",), "in use"),
+    ],
+)
+def test_synth_refuses_wrong_usage_and_folders_in_use(scene, tmp_path, words, told, refused):
+    assert told in refused("synth", scene, tmp_path / words[0], *words[1:])
 
 
 def test_rendered_recording_is_kept_and_found_again(scene, tmp_path):
@@ -150,10 +143,8 @@ def test_count_prints_the_agreed_keys_and_writes_its_files(folder, json_of):
     assert rules["room"]["mean_occupancy"] == pytest.approx(3.1 / 4.1)
     assert json.loads((folder / "counts.json").read_text())["rules"] == rules
     events = read_events(folder / "events.csv")
-    assert {(e.rule, e.kind, e.direction) for e in events} == {
-        ("door", "crossing", "left_to_right"),
-        ("room", "entry", ""),
-    }
+    told = {(e.rule, e.kind, e.direction) for e in events}
+    assert told == {("door", "crossing", "left_to_right"), ("room", "entry", "")}
 
 
 def test_count_scores_against_true_positions(folder, json_of, capsys):
@@ -170,9 +161,8 @@ def test_count_scores_against_true_positions(folder, json_of, capsys):
 
 def test_count_scores_against_true_events(folder, json_of):
     header = "frame,timestamp_s,rule,kind,id,direction\n"
-    (folder / "true.csv").write_text(
-        header + "11,1.1,door,crossing,1,left_to_right\n30,3,door,crossing,2,left_to_right\n"
-    )
+    rows = "11,1.1,door,crossing,1,left_to_right\n30,3,door,crossing,2,left_to_right\n"
+    (folder / "true.csv").write_text(header + rows)
     words = ("--rules", folder / "rules.toml", "--truth", folder / "true.csv")
     door = json_of("count", folder, *words)["scores"]["rules"]["door"]
     assert (door["matched"], door["recall"], door["timing_mean_s"]) == (1, 0.5, pytest.approx(-0.1))
@@ -253,13 +243,15 @@ def test_inspect_tells_sizes_rates_calibration_and_unpaired_frames(tmp_path, cap
     assert (found["reader"], found["kind"], found["frames"], found["unpaired"]) == ("folders", "stereo", 4, 1)
     assert found["fps"] == pytest.approx(10.0) and found["size"] == [32, 24] and found["missing"] == []
     calibration = found["calibration"]
-    assert isinstance(calibration, dict)
     assert calibration["baseline_m"] == pytest.approx(0.12) and calibration["fov_deg"][0] == pytest.approx(90.0)
 
 
-def test_inspect_names_the_option_that_supplies_what_is_missing(tmp_path, capsys):
+def test_inspect_names_the_option_that_supplies_what_is_missing_and_shows_people_a_table(tmp_path, capsys):
     found = inspected(recording(tmp_path), capsys)
     assert found["calibration"] is None and "--calibration FILE" in str(found["missing"])
+    check(tmp_path, quick=True)
+    shown = capsys.readouterr().out
+    assert "32x24" in shown and "1 without a mate" in shown
 
 
 def test_the_rate_of_images_without_times_is_the_one_that_a_run_takes(tmp_path, capsys, monkeypatch):
@@ -275,17 +267,8 @@ def test_the_rate_of_images_without_times_is_the_one_that_a_run_takes(tmp_path, 
 @pytest.mark.parametrize("words", [["check", "--quick"], ["check"], ["run", "--out", "out"]])
 def test_a_video_of_one_camera_names_its_trackers(tmp_path, words, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    writer = cv2.VideoWriter("street.avi", cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
-    for _ in range(4):
-        writer.write(np.zeros((48, 64, 3), np.uint8))
-    writer.release()
+    write_frames(tmp_path / "street.avi", [np.zeros((48, 64, 3), np.uint8)] * 4)
     with pytest.raises(SystemExit):
         main([words[0], "street.avi", *words[1:]])
     told = " ".join(capsys.readouterr().err.split())
     assert "--tracker ellipse-particle, or --tracker human-model --calibration camera.toml" in told
-
-
-def test_inspect_shows_a_table_for_people(tmp_path, capsys):
-    check(recording(tmp_path), quick=True)
-    shown = capsys.readouterr().out
-    assert "32x24" in shown and "1 without a mate" in shown

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,33 +47,28 @@ def test_rules_keep_metres_as_they_are(tmp_path: Path) -> None:
     np.testing.assert_array_equal(rules.tripwires[0].points, [[0, 0], [2, 0]])
 
 
-def test_closed_polygon_loses_its_repeated_point() -> None:
+def test_zone_may_repeat_its_first_point_and_surround_the_whole_view():
     zone = {"name": "z", "polygon_m": [[0, 0], [2, 0], [2, 2], [0, 2], [0, 0]]}
     assert len(parse_rules({"zone": [zone]}, RulePlane(), "r").zones[0].points) == 4
+    zone = {"name": "all", "polygon_m": [[-500, -500], [500, -500], [500, 500], [-500, 500]]}
+    assert parse_rules({"zone": [zone]}, RulePlane(GroundCamera(640, 480, 500.0, 3.0, 0.0)), "r").zones
 
 
-def test_pixels_go_to_the_floor_of_a_known_camera() -> None:
-    wire = {"name": "w", "from_px": [100, 300], "to_px": [500, 300]}
-    placed = parse_rules({"tripwire": [wire]}, RulePlane(CAMERA), "r").tripwires[0]
+def placed_wire(plane: RulePlane, from_px: list[float], to_px: list[float]) -> Any:
+    return parse_rules({"tripwire": [{"name": "w", "from_px": from_px, "to_px": to_px}]}, plane, "r").tripwires[0]
+
+
+def test_pixels_go_to_the_floor_of_a_known_camera_and_stay_pixels_without_one() -> None:
+    placed = placed_wire(RulePlane(CAMERA), [100, 300], [500, 300])
     assert placed.plane == "floor"
     pixels = CAMERA.project(np.column_stack([placed.points, np.zeros(2)]))
     np.testing.assert_allclose(pixels, [[100, 300], [500, 300]], atol=1e-6)
-
-
-def test_pixels_stay_pixels_without_a_camera() -> None:
-    wire = {"name": "w", "from_px": [0, 200], "to_px": [400, 200]}
-    assert parse_rules({"tripwire": [wire]}, RulePlane(image_size=(400, 400)), "r").tripwires[0].plane == "image"
+    assert placed_wire(RulePlane(image_size=(400, 400)), [0, 200], [400, 200]).plane == "image"
 
 
 def test_line_in_the_image_goes_on_beyond_the_border_where_it_ends():
-    wire = {"name": "w", "from_px": [100, 50], "to_px": [100, 239]}
-    placed = parse_rules({"tripwire": [wire]}, RulePlane(image_size=(320, 240)), "r").tripwires[0]
+    placed = placed_wire(RulePlane(image_size=(320, 240)), [100, 50], [100, 239])
     assert placed.points.tolist() == [[100, 50], [100, 559]]
-
-
-def test_zone_around_the_whole_view_is_inside_the_view() -> None:
-    zone = {"name": "all", "polygon_m": [[-500, -500], [500, -500], [500, 500], [-500, 500]]}
-    assert parse_rules({"zone": [zone]}, RulePlane(GroundCamera(640, 480, 500.0, 3.0, 0.0)), "r").zones
 
 
 @pytest.mark.parametrize(
@@ -124,28 +120,14 @@ def test_line_outside_the_view_is_refused(rule: dict[str, list[float]], sentence
         parse_rules({"tripwire": [{"name": "w", **rule}]}, RulePlane(camera), "r")
 
 
-def test_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"nothing\.toml"):
-        load_rules(tmp_path / "nothing.toml")
-
-
-def test_depth_is_the_distance_to_the_outline_with_a_sign() -> None:
+def test_depth_in_an_outline_is_the_distance_to_it_with_a_sign():
     x, y = np.array([[1.0, 0.25], [3.0, 1.0], [-3.0, -4.0]]).T
     assert Outline(SQUARE).depth(x, y) == pytest.approx([0.25, -1.0, -5.0])
-
-
-def test_inner_radius_of_a_square_is_near_half_its_side() -> None:
     assert inner_radius(SQUARE) == pytest.approx(1.0, abs=0.1)
-
-
-def test_notch_of_a_polygon_is_outside() -> None:
     notched = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 1.0], [0.0, 4.0]])
     assert crossing_edges(notched) is None
     outside, inside = Outline(notched).depth(np.array([2.0, 0.5]), np.array([2.0, 1.0]))
     assert outside < 0 < inside
-
-
-def test_spike_that_runs_back_over_itself_crosses() -> None:
     assert crossing_edges(np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 2.0]])) is not None
 
 
@@ -183,15 +165,12 @@ LEVEL = SE3(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]), np.a
 GEOMETRY = RectifiedGeometry(640, 480, 400.0, 400.0, 319.5, 239.5, 0.1)
 
 
-def test_pixels_and_floor_of_a_camera_looking_down() -> None:
+def test_pixels_and_floor_of_a_camera_are_known_below_the_horizon_and_ahead():
     camera = StereoFloorCamera(GEOMETRY, DOWN)
     pixels = np.array([[319.5, 239.5], [519.5, 239.5], [319.5, 139.5]])
     floor = camera.back_project(pixels)
     np.testing.assert_allclose(floor, [[0, 0], [1, 0], [0, 0.5]], atol=1e-12)
     np.testing.assert_allclose(camera.project(np.column_stack([floor, np.zeros(3)])), pixels)
-
-
-def test_places_above_the_horizon_and_behind_the_camera_are_unknown() -> None:
     camera = StereoFloorCamera(GEOMETRY, LEVEL)
     assert np.isnan(camera.back_project(np.array([[319.5, 100.0]]))).all()
     assert np.isnan(camera.project(np.array([[0.0, -1.0, 0.0]]))).all()
@@ -204,23 +183,19 @@ def test_plane_of_a_rig_reads_its_world(tmp_path: Path) -> None:
         stereo_plane(tmp_path / "rig.toml")
     save_world(Floor(DOWN), tmp_path / "world.toml")
     plane = stereo_plane(tmp_path / "rig.toml")
-    wire = {"name": "w", "from_px": [319.5, 239.5], "to_px": [519.5, 239.5]}
-    placed = parse_rules({"tripwire": [wire]}, plane, "r").tripwires[0]
+    placed = placed_wire(plane, [319.5, 239.5], [519.5, 239.5])
     np.testing.assert_allclose(placed.points, [[0, 0], [1, 0]], atol=0.01)
 
 
 STAYS = [Stay(0.0, 1.0, True, True), Stay(0.55, 2.0, True), Stay(0.95, 1.2, False, True), Stay(7.0, 7.05, True, True)]
 
 
-def test_maximum_and_mean_over_frames_are_those_of_the_series() -> None:
+def test_maximum_and_mean_over_frames_are_those_of_the_series_and_half_a_century_costs_nothing():
     span = Span(0.0, 8.0, 0.1)
     series = occupancy_at(STAYS, span.frame_times(), span.frame_s)
     found = over_frames(STAYS, span)
     assert found.max == series.max() == 2
     assert found.mean == pytest.approx(series.mean())
-
-
-def test_half_a_century_of_frames_costs_nothing() -> None:
     assert over_frames(STAYS, Span(0.0, 1.6e9, 1 / 15)).max == 2
 
 
@@ -268,10 +243,12 @@ def test_misses_and_extras_cancel_in_the_total_but_not_in_the_strict_accuracy() 
     assert (scores.precision, scores.recall) == (0.75, 0.75)
 
 
-def test_wrong_direction_is_told_apart_from_a_miss() -> None:
+def test_wrong_direction_is_told_apart_from_a_miss_and_nothing_has_no_scores():
     scores = crossing_scores([crossing(1.0)], [crossing(1.1, "right_to_left")], 1.0)
     assert (scores.matched, scores.wrong_direction) == (0, 1)
     assert (scores.true_left_to_right, scores.found_right_to_left) == (1, 1)
+    scores = crossing_scores([], [], 1.0)
+    assert (scores.accuracy, scores.precision, scores.recall, scores.timing_mean_s) == (None, None, None, None)
 
 
 @pytest.mark.parametrize(
@@ -280,11 +257,6 @@ def test_wrong_direction_is_told_apart_from_a_miss() -> None:
 def test_accuracy_is_that_of_the_papers_table_3(true: int, found: int, accuracy: float) -> None:
     scores = crossing_scores([crossing(float(i)) for i in range(true)], [crossing(float(i)) for i in range(found)], 0.4)
     assert scores.accuracy == pytest.approx(accuracy, abs=0.001)
-
-
-def test_scores_without_crossings_are_unknown() -> None:
-    scores = crossing_scores([], [], 1.0)
-    assert (scores.accuracy, scores.precision, scores.recall, scores.timing_mean_s) == (None, None, None, None)
 
 
 def test_occupancy_is_grouped_by_the_true_number_as_in_table_4() -> None:

@@ -27,30 +27,24 @@ def test_colours_of_neighbouring_ids_are_far_apart_and_legible_on_white() -> Non
     assert (rgb @ (0.299, 0.587, 0.114)).max() < 155
 
 
-def test_box_is_drawn_in_the_colour_of_the_id_where_the_track_says() -> None:
+def test_box_is_drawn_in_the_colour_of_the_id_where_the_track_says_also_in_an_enlarged_image():
     person = TrackState(3, "confirmed", box_px=(100, 50, 60, 200))
     found = has(ImagePainter(None)(GREY, Snapshot(0, 0.0, [person])), person_rgb(3))
     rows, cols = np.nonzero(found)
     assert (cols.min(), rows.max()) == pytest.approx((99, 251), abs=1)
     assert not found[100:240, 110:150].any()
-
-
-def test_small_image_is_enlarged_with_its_boxes() -> None:
     person = TrackState(3, "confirmed", box_px=(50, 25, 30, 100))
     picture = ImagePainter(None)(GREY[::2, ::2].copy(), Snapshot(0, 0.0, [person]))
     assert picture.shape == GREY.shape
     assert np.nonzero(has(picture, person_rgb(3)))[1].min() == pytest.approx(99, abs=1)
 
 
-def test_metre_grid_passes_through_the_pixel_of_its_crossing() -> None:
+def test_metre_grid_passes_through_the_pixel_of_its_crossing_and_rules_beyond_the_view_draw_nothing():
     plain = ImagePainter(CAMERA)(GREY, Snapshot(0, 0.0, []))
     gridded = ImagePainter(CAMERA, bounds=PlanBounds(-2, 3, 2, 8))(GREY, Snapshot(0, 0.0, []))
     at = np.round(CAMERA.project(np.array([1.0, 5.0, 0.0]))).astype(int)
     assert (plain == 128).all()
     assert gridded[at[1], at[0], 0] > 150
-
-
-def test_rule_beyond_the_view_draws_nothing_and_does_not_fail() -> None:
     behind = Rule("gate", True, True, np.array([(-1.0, -50.0), (1.0, -50.0)]))
     assert (ImagePainter(CAMERA, [behind])(GREY, Snapshot(0, 0.0, [])) == 128).all()
 
@@ -96,15 +90,12 @@ def test_points_that_no_rule_has_are_refused(points: object) -> None:
         rules_of({"a": {"kind": "zone", "plane": "floor", "points": points}})
 
 
-def test_legend_lies_below_the_picture_and_shows_each_colour() -> None:
+def test_legend_lies_below_the_picture_and_goes_on_in_another_strip():
     picture = np.full((50, 300), 128, dtype=np.uint8)
     shown = with_legend(picture, [Entry((255, 0, 0), "above"), Entry((0, 0, 255), "below")])
     assert shown.shape == (50 + STRIP_PX, 300, 3)
     assert (shown[:50] == 128).all()
     assert all((shown[50:] == colour).all(axis=2).any() for colour in ((0, 0, 255), (255, 0, 0)))
-
-
-def test_legend_that_is_too_long_goes_on_in_another_strip() -> None:
     picture = np.zeros((50, 120, 3), dtype=np.uint8)
     assert with_legend(picture, [Entry((9, 9, 9), "a long meaning")] * 3).shape[0] == 50 + 3 * STRIP_PX
 

@@ -33,27 +33,17 @@ from stereo.matcher import DisparityRange
 from stereo.rgbd import RgbdRectifier
 
 
-def test_no_file_and_no_override_give_the_defaults() -> None:
-    assert load_config() == Config()
-
-
-def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
+def test_a_file_and_overrides_which_beat_it_change_what_they_name_and_nothing_else(tmp_path: Path) -> None:
     file = tmp_path / "c.toml"
     file.write_text("seed = 3\n[maps]\ncell_m = 0.05\n")
     expected = Config().model_copy(update={"seed": 3, "maps": Config().maps.model_copy(update={"cell_m": 0.05})})
-    assert load_config(file) == expected
-
-
-def test_an_override_beats_the_file(tmp_path: Path) -> None:
-    file = tmp_path / "c.toml"
-    file.write_text("[maps]\ncell_m = 0.05\n")
-    assert load_config(file, ["maps.cell_m=0.04", "feedback.enabled=false"]).maps.cell_m == 0.04
-
-
-def test_an_override_leaves_the_other_defaults_of_its_stage() -> None:
-    found = load_config(None, ["single_camera.foreground.beta=9"]).single_camera.foreground
-    assert found == Config().single_camera.foreground.model_copy(update={"beta": 9.0})
-    assert found.remove_colour_shadows
+    assert load_config() == Config() and load_config(file) == expected
+    config = load_config(file, ["maps.cell_m=0.04", "feedback.enabled=false", "single_camera.foreground.beta=9"])
+    assert config.maps.cell_m == 0.04 and not config.feedback.enabled
+    defaults = Config().single_camera.foreground
+    assert defaults.remove_colour_shadows
+    assert config.single_camera.foreground == defaults.model_copy(update={"beta": 9.0})
+    assert Config.model_validate_json(config.model_dump_json()) == config
 
 
 @pytest.mark.parametrize(
@@ -87,29 +77,20 @@ def test_unknown_names_and_bad_values_are_refused_by_name(override: str, named: 
     assert "\n" not in str(refused.value)
 
 
-def test_a_bad_value_in_a_file_names_the_file_and_the_key(tmp_path: Path) -> None:
-    file = tmp_path / "c.toml"
-    file.write_text("[maps]\ncell_m = 99\n")
-    with pytest.raises(InputError, match=r"c\.toml: maps\.cell_m: .*99"):
-        load_config(file)
-
-
-@pytest.mark.parametrize("content", [b"[maps", b"\xff\xfe", b"x = " + b"[" * 5000])
-def test_a_file_that_is_not_toml_is_refused(tmp_path: Path, content: bytes) -> None:
-    file = tmp_path / "c.toml"
-    file.write_bytes(content)
-    with pytest.raises(InputError, match=r"c\.toml: expected a TOML configuration"):
-        load_config(file)
-
-
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.toml"):
-        load_config(tmp_path / "none.toml")
-
-
-def test_the_effective_configuration_survives_json() -> None:
-    config = load_config(None, ["maps.cell_m=0.04"])
-    assert Config.model_validate_json(config.model_dump_json()) == config
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (b"[maps]\ncell_m = 99\n", r": maps\.cell_m: .*99"),
+        *[(text, ": expected a TOML configuration") for text in (b"[maps", b"\xff\xfe", b"x = " + b"[" * 5000)],
+        (None, ".*nothing there"),
+    ],
+    ids=["bad value", "cut off", "no text", "nested", "missing"],
+)
+def test_a_file_that_is_no_configuration_is_refused_by_name(tmp_path, content, found):
+    if content is not None:
+        (tmp_path / "c.toml").write_bytes(content)
+    with pytest.raises(InputError, match=rf"c\.toml{found}"):
+        load_config(tmp_path / "c.toml")
 
 
 @given(st.text(max_size=40))
@@ -149,44 +130,33 @@ def disparity() -> F32:
     return rows
 
 
-def test_disparity_in_pixels_passes_unchanged(disparity: F32) -> None:
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda disparity: disparity * 16, "sixteenths"),
+        (lambda disparity: np.float32(54_000) / disparity, "or depth"),
+        (lambda disparity: np.nan_to_num(disparity, nan=0.0), "expected NaN"),
+        (lambda disparity: np.nan_to_num(disparity, nan=-1.0), "expected NaN"),
+        (lambda disparity: disparity[1:], "expected float32"),
+        (lambda disparity: disparity.astype(np.float64), "expected float32"),
+    ],
+    ids=["sixteenths of a pixel", "millimetres", "0 for none", "-1 for none", "other shape", "other numbers"],
+)
+def test_disparity_of_another_kind_is_told_and_in_pixels_passes_unchanged(disparity, change, told):
     given = disparity.copy()
     refuse_foreign_disparity(given, SHAPE, SEARCHED)
     np.testing.assert_array_equal(given, disparity)
+    with pytest.raises(InputError, match=told):
+        refuse_foreign_disparity(change(disparity), SHAPE, SEARCHED)
 
 
-def test_sixteenths_of_a_pixel_are_told(disparity: F32) -> None:
-    with pytest.raises(InputError, match="sixteenths"):
-        refuse_foreign_disparity(disparity * 16, SHAPE, SEARCHED)
-
-
-def test_depth_in_millimetres_is_told(disparity: F32) -> None:
-    with pytest.raises(InputError, match="or depth"):
-        refuse_foreign_disparity(np.float32(54_000) / disparity, SHAPE, SEARCHED)
-
-
-@pytest.mark.parametrize("none", [0.0, -1.0])
-def test_number_that_stands_for_none_is_told(disparity: F32, none: float) -> None:
-    with pytest.raises(InputError, match="expected NaN"):
-        refuse_foreign_disparity(np.nan_to_num(disparity, nan=none), SHAPE, SEARCHED)
-
-
-def test_other_shape_or_kind_of_number_is_told(disparity: F32) -> None:
-    for other in (disparity[1:], disparity.astype(np.float64)):
-        with pytest.raises(InputError, match="expected float32"):
-            refuse_foreign_disparity(other, SHAPE, SEARCHED)
-
-
-def test_view_with_the_horizon_in_the_image_reaches_far_in_its_directions() -> None:
+def test_view_reaches_far_in_its_directions_and_straight_down_is_the_image_on_the_floor():
     camera = GroundCamera(640, 480, 500.0, 3.0, math.radians(80))
     outline = np.array(ground_camera_info(camera).view_m)
     far = outline[np.hypot(*outline.T) > 40]
     half_angle = np.degrees(np.arctan2(far[:, 0], far[:, 1]))
     assert (half_angle.min(), half_angle.max()) == pytest.approx((-32.6, 32.6), abs=3)
     assert np.hypot(*outline.T).max() == pytest.approx(1.7 * 500 / 20)
-
-
-def test_view_straight_down_is_the_image_on_the_floor() -> None:
     camera = GroundCamera(641, 481, 500.0, 3.0, 0.0)
     outline = np.array(ground_camera_info(camera).view_m)
     assert np.abs(outline).max(axis=0) == pytest.approx([3 * 320 / 500, 3 * 240 / 500])
@@ -212,42 +182,34 @@ def box(world_SE3_left: SE3, x_m: float, y_m: float, height_m: float) -> tuple[f
     return BodyBoxes(GEOMETRY, world_SE3_left)(track).box_px
 
 
-def test_box_of_a_person_ahead_spans_head_to_feet_of_the_near_side() -> None:
-    r, near = BODY_RADIUS_M, 4.25 - BODY_RADIUS_M  # 4 m: 25 px per metre
-    assert near == 4.0
-    assert box(LEVEL, 0.0, 4.25, 2.0) == pytest.approx((160 - 25 * r, 120 - 25, 50 * r, 50))
+@pytest.mark.parametrize(
+    ("pose", "person", "expected"),
+    [
+        # The near side is at 4 m: 25 px per metre.
+        (LEVEL, (0.0, 4.25, 2.0), (160 - 25 * BODY_RADIUS_M, 120 - 25, 50 * BODY_RADIUS_M, 50)),
+        # The top is 1 m below the camera: 100 px per metre.
+        (DOWN, (0.0, 0.0, 2.0), (160 - 25, 120 - 25, 50, 50)),
+        (DOWN, (0.0, 0.0, 2.9), (-0.5, -0.5, 320, 240)),
+    ],
+    ids=["ahead, of the near side", "below, of the top of the head", "clipped to the outer edges of the image"],
+)
+def test_box_of_a_person_spans_head_to_feet(pose, person, expected):
+    assert BODY_RADIUS_M == 0.25
+    assert box(pose, *person) == pytest.approx(expected)
 
 
-def test_box_of_a_person_below_is_as_large_as_the_top_of_the_head() -> None:
-    # The top is 1 m below the camera: 100 px per metre.
-    assert box(DOWN, 0.0, 0.0, 2.0) == pytest.approx((160 - 25, 120 - 25, 50, 50))
-
-
-def test_box_is_clipped_to_the_outer_edges_of_the_image() -> None:
-    left, top, width, height = box(DOWN, 0.0, 0.0, 2.9)
-    assert (left, top, width, height) == pytest.approx((-0.5, -0.5, 320, 240))
-
-
-@pytest.mark.parametrize(("x_m", "y_m"), [(0.0, -5.0), (40.0, 5.0)])
-def test_somebody_out_of_view_has_no_box(x_m: float, y_m: float) -> None:
-    assert all(math.isnan(side) for side in box(LEVEL, x_m, y_m, 1.8))
-
-
-def test_unknown_height_or_place_gives_no_box() -> None:
+def test_somebody_out_of_view_or_of_unknown_height_or_place_has_no_box() -> None:
+    for x_m, y_m in ((0.0, -5.0), (40.0, 5.0)):
+        assert all(math.isnan(side) for side in box(LEVEL, x_m, y_m, 1.8))
     for track in (TrackState(1, "lost"), TrackState(1, "confirmed", 0.0, 4.0)):
         assert BodyBoxes(GEOMETRY, LEVEL)(track) is track
 
 
-def test_fleck_that_fills_less_than_half_of_a_head_is_no_change() -> None:
-    mask = np.zeros((40, 40), np.uint8)
-    mask[10:14, 10:14] = 255
-    assert not solid(mask, 7).any()
-
-
-def test_disc_as_wide_as_a_head_keeps_its_middle() -> None:
-    mask = np.zeros((40, 40), np.uint8)
-    cv2.circle(mask, (20, 20), 3, 255, -1)
-    assert solid(mask, 7)[20, 20] == 255
+def test_fleck_that_fills_less_than_half_of_a_head_is_no_change_and_a_disc_as_wide_keeps_its_middle() -> None:
+    fleck, disc = np.zeros((2, 40, 40), np.uint8)
+    fleck[10:14, 10:14] = 255
+    cv2.circle(disc, (20, 20), 3, 255, -1)
+    assert not solid(fleck, 7).any() and solid(disc, 7)[20, 20] == 255
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -277,9 +239,7 @@ def person(x_m: float, state: State = "confirmed", track_id: int = 1) -> TrackSt
 
 
 def mask_after(feedback: Feedback, points: FloorPoints, *tracks: TrackState) -> list[int]:
-    mask = feedback(points, tracks, BELIEF_SHAPE)
-    assert mask is not None
-    return [int(v) for v in mask[0]]
+    return [int(v) for v in feedback(points, tracks, BELIEF_SHAPE)[0]]
 
 
 def walked(spread_px: int = 2) -> Feedback:
@@ -313,17 +273,14 @@ def test_foreground_is_a_persons_the_floors_or_left_to_the_model(where, who, exp
     assert mask.count(BACKGROUND) == (BACKGROUND in expected)
 
 
-def test_track_that_comes_back_under_its_id_must_walk_again():
+@pytest.mark.parametrize("reset", [False, True], ids=["came back under its id", "reset"])
+def test_track_must_walk_again_when_it_was_away_or_forgotten(reset):
     feedback = walked()
     mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
-    mask_after(feedback, point(1.0, 1.0, 20))
-    assert PERSON not in mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
-
-
-def test_reset_forgets_which_tracks_have_walked():
-    feedback = walked()
-    mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
-    feedback.reset()
+    if reset:
+        feedback.reset()
+    else:
+        mask_after(feedback, point(1.0, 1.0, 20))
     assert PERSON not in mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
 
 

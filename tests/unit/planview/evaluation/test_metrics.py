@@ -46,22 +46,21 @@ def sequence(truth: list[tuple[float, ...]], tracks: list[tuple[float, ...]], ga
     return build_sequence(table(truth), table(tracks), floor_similarity(gate_m))
 
 
-def test_floor_similarity_is_half_at_the_gate_and_zero_at_twice_the_gate():
+def test_similarity_is_half_at_the_gate_on_the_floor_and_the_overlap_of_boxes():
     truth, tracks = table([(0, 1, 0, 0)]), table([(0, 1, 0, 0), (0, 2, 0.5, 0), (0, 3, 0, 1.0), (0, 4, 9, 9)])
     similarity = floor_similarity(0.5)(truth, np.zeros(4, np.int64), tracks, np.arange(4))
     np.testing.assert_allclose(similarity, [1.0, 0.5, 0.0, 0.0])
-
-
-def test_box_similarity_is_intersection_over_union():
     truth, tracks = boxes([(0, 1, 0, 0, 10, 20)]), boxes([(0, 1, 5, 0, 10, 20), (0, 2, 20, 0, 10, 20)])
     np.testing.assert_allclose(box_similarity(truth, np.zeros(2, np.int64), tracks, np.arange(2)), [1 / 3, 0.0])
 
 
-def test_clear_counts_a_perfect_sequence_as_one():
+def test_a_perfect_sequence_counts_as_one_and_without_truth_scores_are_unknown():
     rows = [(t, i, 2.0 * i, 0.1 * t) for t in range(5) for i in (1, 2)]
     scores = clear_scores(sequence(rows, rows))
     assert (scores.mota, scores.misses, scores.false_positives, scores.switches) == (1.0, 0, 0, 0)
-    assert len(scores.matches) == 10
+    assert len(scores.matches) == 10 and hota_scores(sequence(rows, rows)).hota == pytest.approx(1.0)
+    scores = clear_scores(sequence([], [(0, 1, 0, 0)]))
+    assert (scores.mota, scores.false_positives) == (None, 1) and identity_scores(sequence([], [])).idf1 is None
 
 
 def test_clear_counts_misses_false_positives_and_a_switch():
@@ -110,12 +109,6 @@ def test_joined_sequences_add_up_and_share_no_identity():
     assert identity_scores(joined).idtp == 3 + 2
 
 
-def test_mota_is_unknown_without_truth():
-    scores = clear_scores(sequence([], [(0, 1, 0, 0)]))
-    assert scores.mota is None
-    assert scores.false_positives == 1
-
-
 def test_identity_gives_a_person_only_the_track_that_explains_most():
     # Track 1 holds the person for 3 of 5 frames, track 2 for the other 2: idtp 3, idf1 = 2 * 3 / (5 + 5).
     truth = [(t, 1, 0, 0) for t in range(5)]
@@ -123,15 +116,6 @@ def test_identity_gives_a_person_only_the_track_that_explains_most():
     scores = identity_scores(sequence(truth, tracks))
     assert (scores.idtp, scores.idfn, scores.idfp) == (3, 2, 2)
     assert scores.idf1 == pytest.approx(0.6)
-
-
-def test_identity_of_nothing_is_unknown():
-    assert identity_scores(sequence([], [])).idf1 is None
-
-
-def test_hota_of_a_perfect_sequence_is_one():
-    rows = [(t, i, 2.0 * i, 0.1 * t) for t in range(5) for i in (1, 2)]
-    assert hota_scores(sequence(rows, rows)).hota == pytest.approx(1.0)
 
 
 def test_hota_of_a_split_track_is_the_root_of_its_association():
@@ -291,9 +275,22 @@ def test_errors_of_people(name: str) -> None:
     assert kinds(people) == expected
 
 
-def test_person_alone_for_more_than_a_second_is_lost_where_it_began() -> None:
-    (error,) = found([person(1, (5, 30), (UNMATCHED, 11), (5, 30))])
-    assert (error.kind, error.frame, error.truth_id, error.track_id) == ("lost", 30, 1, 5)
+AWAY = np.concatenate([np.arange(30), 60 + np.arange(30)])
+
+
+@pytest.mark.parametrize(
+    ("people", "expected"),
+    [
+        ([person(1, (5, 30), (UNMATCHED, 11), (5, 30))], ("lost", 30, 1, 5)),
+        ([PersonHistory(1, AWAY, np.repeat([5, 6], 30))], ("lost", 60, 1, 5)),
+        ([person(1, (5, 30), (6, 30)), person(2, (6, 31), (5, 29))], ("swapped", 30, 1, 6)),
+        ([person(1, (5, 30)), person(2, (6, 30), (5, 30))], ("swapped", 30, 2, 5)),
+    ],
+    ids=["alone for more than a second", "back with a new id", "exchanged", "took over another's track"],
+)
+def test_error_has_its_frame_person_and_track(people, expected):
+    (error,) = found(people)
+    assert (error.kind, error.frame, error.truth_id, error.track_id) == expected
 
 
 def test_loss_reports_the_time_at_a_stretch() -> None:
@@ -320,41 +317,17 @@ def test_strict_count_takes_a_new_id_after_coming_back_and_both_sides_of_a_swap(
     assert [strict_identity_changes(p, FRAME_S, params) for p in ([back], swap, [flicker])] == [1, 2, 0]
 
 
-def test_person_back_after_a_short_absence_with_a_new_id_was_lost() -> None:
-    frames = np.concatenate([np.arange(30), 60 + np.arange(30)])
-    (error,) = found([PersonHistory(1, frames, np.repeat([5, 6], 30))])
-    assert (error.kind, error.frame, error.track_id) == ("lost", 60, 5)
-
-
-def test_exchange_of_identities_is_one_swap() -> None:
-    people = [person(1, (5, 30), (6, 30)), person(2, (6, 31), (5, 29))]
-    (error,) = found(people)
-    assert (error.kind, error.frame, error.truth_id, error.track_id) == ("swapped", 30, 1, 6)
-
-
-def test_taking_over_another_persons_track_is_a_swap() -> None:
-    people = [person(1, (5, 30)), person(2, (6, 30), (5, 30))]
-    (error,) = found(people)
-    assert (error.kind, error.truth_id, error.track_id) == ("swapped", 2, 5)
-
-
-def test_track_on_no_person_for_a_second_is_false_once() -> None:
+def test_track_on_no_person_for_a_second_is_false_once_and_for_less_no_error():
     stray = np.array([True] * 10 + [False] * 10 + [True] * 30)
     (error,) = found([], [TrackHistory(9, 100 + np.arange(50), stray)])
     assert (error.kind, error.frame, error.truth_id, error.track_id) == ("false_track", 120, None, 9)
-
-
-def test_track_on_no_person_for_less_is_no_error() -> None:
     assert found([], [TrackHistory(9, np.arange(9), np.ones(9, dtype=bool))]) == []
 
 
-def test_moment_near_a_person_does_not_excuse_a_false_track() -> None:
+def test_moment_near_a_person_does_not_excuse_a_false_track_and_most_of_the_time_does():
     stray = np.array([True] * 8 + [False] * 3 + [True] * 8)
     (error,) = found([], [TrackHistory(9, np.arange(19), stray)])
     assert (error.kind, error.frame, error.note) == ("false_track", 0, "on no person for 1.6 s of 1.9 s")
-
-
-def test_track_beside_a_person_most_of_the_time_is_not_false() -> None:
     stray = np.array([True, False, False, False] * 9)
     assert kinds([], [TrackHistory(9, np.arange(36), stray)]) == []
 
@@ -370,14 +343,11 @@ def of_predictions(*predictions: PredictionHistory, tracks: list[TrackHistory] |
     return significant_errors([], tracks or [], FRAME_S, SignificantParams(), predictions)
 
 
-def test_prediction_off_its_person_for_over_a_second_is_a_false_track() -> None:
+def test_prediction_off_its_person_for_over_a_second_is_a_false_track_and_now_and_then_no_error():
     (error,) = of_predictions(predicted(20, slice(5, 16)))
     assert (error.kind, error.frame, error.truth_id, error.track_id) == ("false_track", 105, 1, 5)
     assert (error.duration_s, error.note) == (pytest.approx(1.1), "predicted away from person 1 for 1.1 s")
     assert of_predictions(predicted(20, slice(5, 15))) == []
-
-
-def test_prediction_off_its_person_now_and_then_is_no_error() -> None:
     assert of_predictions(predicted(40, slice(None, None, 2))) == []
 
 
@@ -391,15 +361,12 @@ def error(frame: int, truth_id: int | None, track_id: int | None) -> Significant
     return SignificantError("lost", frame, truth_id, track_id, None, "")
 
 
-def test_errors_of_one_person_or_track_within_two_seconds_are_one_event() -> None:
+def test_errors_of_one_person_or_track_within_two_seconds_are_one_event_and_others_their_own():
     # Person 1 and track 5; then track 5 of person 2; then person 2 again, 20 frames after the first.
     one = [error(10, 1, 5), error(20, 2, 5), error(30, 2, 7)]
     assert grouped_events(one, 20) == [one]
     # 21 frames after the first error, and another person and track.
     assert [len(event) for event in grouped_events([*one, error(31, 2, 7), error(31, 3, 8)], 20)] == [3, 1, 1]
-
-
-def test_errors_without_a_common_person_or_track_are_events_of_their_own() -> None:
     assert len(grouped_events([error(10, 1, None), error(10, None, 1), error(10, None, None)], 20)) == 3
 
 
@@ -410,12 +377,9 @@ def test_upper_bound_of_a_poisson_count() -> None:
     assert 10 * poisson_upper(1) / 12.8 == pytest.approx(3.7, abs=0.01)
 
 
-def test_visits_split_at_long_gaps_only() -> None:
+def test_visits_split_at_long_gaps_only_and_runs_are_stretches():
     frames = np.array([0, 1, 41, 42, 83])
     parts = split_visits(PersonHistory(1, frames, np.ones(5, dtype=np.int64)), FRAME_S, 4.0)
     assert [part.frame.tolist() for part in parts] == [[0, 1, 41, 42], [83]]
-
-
-def test_runs_lists_stretches() -> None:
     assert runs(np.array([True, False, True, True])) == [(0, 1), (2, 4)]
     assert runs(np.zeros(0, dtype=bool)) == []

@@ -82,8 +82,12 @@ def test_after_three_empty_seconds_a_person_is_foreground_and_nothing_else(colou
     assert elsewhere(mask) < 0.01
 
 
-def test_first_frame_has_no_foreground():
-    assert not Scene().frame(PERSON_THERE).any()
+def test_first_frame_has_no_foreground_nor_has_the_first_after_a_reset():
+    scene = Scene()
+    assert not scene.frame(PERSON_THERE).any()
+    scene.watch(3)
+    scene.foreground.reset()
+    assert not scene.frame(PERSON_THERE).any()
 
 
 def test_disparity_carried_on_beside_a_body_is_background():
@@ -101,10 +105,12 @@ def test_same_colour_farther_from_a_body_than_matches_are_carried_is_foreground(
     assert share(mask, coat) > 0.9
 
 
-def test_same_colour_in_front_of_the_wall_is_foreground():
+def test_same_colour_in_front_or_another_hue_is_foreground_and_single_pixels_are_cleaned_away():
     scene = Scene()
     scene.watch(3)
+    assert not scene.frame([(np.s_[10:11, 10:11], (0.0, 0.0, 255.0), 16.0)], invalid=0).any()
     assert share(scene.frame([(BLOB, 1.0, 16.0)], invalid=0)) > 0.9
+    assert share(scene.frame([(BLOB, (200.0, 40.0, 40.0), 10.0)])) > 0.95
 
 
 @pytest.mark.parametrize("look", [0.5, 1.6])
@@ -113,12 +119,6 @@ def test_shadow_and_light_where_depth_agrees_are_background(look, colour):
     scene = Scene(colour)
     scene.watch(3)
     assert share(scene.frame([(BLOB, look, 10.0)], invalid=0)) < 0.05
-
-
-def test_other_hue_where_depth_agrees_is_foreground():
-    scene = Scene()
-    scene.watch(3)
-    assert share(scene.frame([(BLOB, (200.0, 40.0, 40.0), 10.0)])) > 0.95
 
 
 def test_shadow_without_depth_is_removed_only_if_asked_for():
@@ -248,13 +248,6 @@ def test_rarely_measured_depth_does_not_decide():
     assert share(scene.frame([(BLOB, 1.0, 16.0)], invalid=0)) < 0.4
 
 
-def test_reset_forgets():
-    scene = Scene()
-    scene.watch(3)
-    scene.foreground.reset()
-    assert not scene.frame(PERSON_THERE).any()
-
-
 def test_same_input_gives_the_same_masks():
     def masks() -> list[np.ndarray]:
         scene = Scene(fps=30)
@@ -282,12 +275,6 @@ def test_exposure_is_followed_once_in_a_frame_whether_changes_were_asked_for_or_
     assert asked_gain == gain == pytest.approx(1.5, abs=0.05)
 
 
-def test_single_pixels_are_cleaned_away():
-    scene = Scene()
-    scene.watch(3)
-    assert not scene.frame([(np.s_[10:11, 10:11], (0.0, 0.0, 255.0), 16.0)], invalid=0).any()
-
-
 @pytest.mark.parametrize(
     ("image", "disparity", "feedback", "message"),
     [
@@ -303,14 +290,11 @@ def test_wrong_arrays_are_refused_by_name(image, disparity, feedback, message):
         Foreground(ForegroundParams(), SHAPE).update(image, disparity, 0.0, feedback)
 
 
-def test_change_between_grey_and_colour_is_refused():
+def test_change_between_grey_and_colour_and_parameters_out_of_range_are_refused():
     foreground = Foreground(ForegroundParams(), SHAPE)
     foreground.update(np.zeros(SHAPE, np.uint8), None, 0.0)
     with pytest.raises(ValueError, match="grey"):
         foreground.update(np.zeros((*SHAPE, 3), np.uint8), None, 0.1)
-
-
-def test_parameters_out_of_range_are_refused():
     with pytest.raises(ValidationError):
         ForegroundParams(gaussians=9)
     with pytest.raises(ValueError, match="size"):
@@ -406,9 +390,11 @@ def _follow(gains: list[float]) -> Foreground:
     return foreground
 
 
-def test_gain_is_followed() -> None:
+def test_gain_is_followed_and_where_it_is_far_away_the_model_moves_to_it():
     foreground = _follow([1.0] * 10 + [1.3])
     assert foreground._gain.gain == pytest.approx(1.3, abs=0.03)
+    foreground = _follow([1.0] * 10 + [0.4, 0.4])
+    assert foreground._gain.gain == pytest.approx(1.0, abs=0.05)
 
 
 def test_plain_shirt_over_most_of_the_image_is_no_gain() -> None:
@@ -424,11 +410,6 @@ def test_plain_shirt_over_all_of_the_image_is_no_gain() -> None:
     foreground, masks = _watch([wall] * 10 + [np.full_like(wall, 120)] * 2 + [wall])
     assert foreground.exposure.gain == pytest.approx(1.0, abs=0.02)
     assert (masks[-1] > 0).mean() < 0.01
-
-
-def test_model_moves_to_the_exposure_of_the_image_when_that_is_far_away() -> None:
-    foreground = _follow([1.0] * 10 + [0.4, 0.4])
-    assert foreground._gain.gain == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_thousand_frames_of_drifting_light_do_not_run_away() -> None:
@@ -460,25 +441,29 @@ def mask_of(*bodies: tuple[slice, slice]) -> U8:
     return np.where(scene(*bodies) == 40, 255, 0).astype(np.uint8)
 
 
-def test_blob_with_its_outline_in_the_background_is_a_ghost():
-    ghosts = find_ghosts(scene(), scene(BODY), find_blobs(mask_of(BODY)), NOTHING, GhostParams())
-    np.testing.assert_array_equal(ghosts, mask_of(BODY))
+FULL = np.full(GHOST_SHAPE, 255, np.uint8)
+BESIDE = slice(20, 45), slice(55, 65)
 
 
-def test_person_standing_still_has_the_outline_in_the_image():
-    assert not find_ghosts(scene(BODY), scene(), find_blobs(mask_of(BODY)), NOTHING, GhostParams()).any()
+@pytest.mark.parametrize(
+    ("image", "background", "mask", "expected"),
+    [
+        (scene(), scene(BODY), mask_of(BODY), mask_of(BODY)),
+        (scene(BODY), scene(), mask_of(BODY), NOTHING),
+        (scene(BESIDE), scene(BODY), mask_of(BODY, BESIDE), mask_of(BODY)),
+        (scene(), scene(BODY), NOTHING, NOTHING),
+        (scene(), scene(BODY), FULL, NOTHING),
+    ],
+    ids=["outline in the background", "outline in the image", "ghost beside a person", "no blob", "nothing else"],
+)
+def test_blob_with_its_outline_in_the_background_is_a_ghost(image, background, mask, expected):
+    np.testing.assert_array_equal(find_ghosts(image, background, find_blobs(mask), NOTHING, GhostParams()), expected)
 
 
 def test_ghost_with_a_walker_in_front_waits_until_the_walker_has_passed():
     walker = slice(20, 45), slice(40, 50)
     image, mask = scene(walker), mask_of(BODY, walker)
     assert not find_ghosts(image, scene(BODY), find_blobs(mask), mask_of(walker), GhostParams()).any()
-
-
-def test_ghosts_are_told_apart_from_people_beside_them():
-    other = slice(20, 45), slice(55, 65)
-    ghosts = find_ghosts(scene(other), scene(BODY), find_blobs(mask_of(BODY, other)), NOTHING, GhostParams())
-    np.testing.assert_array_equal(ghosts, mask_of(BODY))
 
 
 def test_place_that_a_person_leaves_is_told_from_the_person_in_one_blob():
@@ -490,21 +475,12 @@ def test_place_that_a_person_leaves_is_told_from_the_person_in_one_blob():
 
 def test_person_in_one_blob_with_another_is_not_uncovered():
     assert not find_uncovered(scene(BODY), scene(), mask_of(BODY), GhostParams()).any()
-    assert not find_uncovered(scene(), scene(BODY), np.full(GHOST_SHAPE, 255, np.uint8), GhostParams()).any()
+    assert not find_uncovered(scene(), scene(BODY), FULL, GhostParams()).any()
 
 
 def test_still_blobs_are_those_in_which_nothing_has_moved():
-    other = slice(20, 45), slice(55, 65)
-    np.testing.assert_array_equal(
-        find_still(find_blobs(mask_of(BODY, other)), mask_of(other), GhostParams()), mask_of(BODY)
-    )
-
-
-def test_empty_and_full_masks_have_no_ghosts():
-    assert not find_ghosts(scene(), scene(BODY), find_blobs(NOTHING), NOTHING, GhostParams()).any()
-    assert not find_ghosts(
-        scene(), scene(BODY), find_blobs(np.full(GHOST_SHAPE, 255, np.uint8)), NOTHING, GhostParams()
-    ).any()
+    still = find_still(find_blobs(mask_of(BODY, BESIDE)), mask_of(BESIDE), GhostParams())
+    np.testing.assert_array_equal(still, mask_of(BODY))
 
 
 def test_background_luma_is_the_luma_of_the_first_images():

@@ -43,54 +43,44 @@ def flat(depth_m: float) -> np.ndarray:
     return np.full((48, 64), GEOMETRY.disparity_at(depth_m), dtype=np.float32)
 
 
-def test_height_map_of_a_table_below_an_overhead_camera_is_its_height() -> None:
+def mask_at(rows: slice, columns: slice) -> np.ndarray:
     mask = np.zeros((48, 64), dtype=np.uint8)
-    mask[20:28, 28:36] = 255
-    maps = builder()(flat(2.0), mask)
-    assert maps.height_raw.max() == pytest.approx(1.0, abs=1e-5)
+    mask[rows, columns] = 255
+    return mask
 
 
-def test_occupancy_of_a_surface_is_its_area_at_any_distance() -> None:
-    mask = np.zeros((48, 64), dtype=np.uint8)
-    mask[10:30, 20:40] = 255
+def test_height_of_a_table_below_an_overhead_camera_is_its_height_and_occupancy_its_area_at_any_distance() -> None:
+    assert builder()(flat(2.0), mask_at(np.s_[20:28], np.s_[28:36])).height_raw.max() == pytest.approx(1.0, abs=1e-5)
+    mask = mask_at(np.s_[10:30], np.s_[20:40])
     for depth in (1.0, 2.0):
         # 20 x 20 pixels, each depth / 50 wide.
         assert builder()(flat(depth), mask).occupancy_raw.sum() == pytest.approx((20 * depth / 50) ** 2, rel=1e-4)
+    half = MapBuilder(GEOMETRY, OVERHEAD, MapParams(smoothing_m=0.0, occupancy_min=0.0), reduction=2)
+    reduced = half(flat(2.0)[::2, ::2], mask[::2, ::2])
+    assert reduced.occupancy_raw.sum() == pytest.approx((20 * 2.0 / 50) ** 2, rel=1e-4)
 
 
-def test_maps_skip_pixels_without_depth_and_background() -> None:
+def test_maps_skip_background_and_what_has_no_depth_is_above_h_max_or_on_the_ground():
     disparity = flat(2.0)
     disparity[:, :32] = np.nan
     mask = np.full((48, 64), 255, dtype=np.uint8)
     mask[24:] = 0
     assert len(builder()(disparity, mask).points.xyz) == 24 * 32
-
-
-def test_maps_leave_out_what_is_above_h_max_or_on_the_ground() -> None:
-    mask = np.full((48, 64), 255, dtype=np.uint8)
     assert builder()(flat(0.4), mask).height_raw.max() == 0.0
     assert builder()(flat(2.95), mask).height_raw.max() == 0.0
 
 
 def test_height_is_masked_where_occupancy_is_low() -> None:
-    mask = np.zeros((48, 64), dtype=np.uint8)
-    mask[20, 30] = 255
-    lone = builder(smoothing_m=0.04, occupancy_min=2.0)(flat(2.0), mask)
+    lone = builder(smoothing_m=0.04, occupancy_min=2.0)(flat(2.0), mask_at(np.s_[20:21], np.s_[30:31]))
     assert lone.height_raw.max() > 0.9
     assert lone.height.max() == 0.0
 
 
-def test_reduced_maps_show_the_same_area() -> None:
-    mask = np.zeros((48, 64), dtype=np.uint8)
-    mask[10:30, 20:40] = 255
-    half = MapBuilder(GEOMETRY, OVERHEAD, MapParams(smoothing_m=0.0, occupancy_min=0.0), reduction=2)
-    maps = half(flat(2.0)[::2, ::2], mask[::2, ::2])
-    assert maps.occupancy_raw.sum() == pytest.approx((20 * 2.0 / 50) ** 2, rel=1e-4)
-
-
-def test_map_builder_refuses_images_of_another_size() -> None:
+def test_images_of_another_size_and_halls_too_large_are_refused():
     with pytest.raises(ValueError, match="expected disparity and mask"):
         builder()(flat(2.0)[:-1], np.zeros((47, 64), dtype=np.uint8))
+    with pytest.raises(ValueError, match="at most"):
+        Grid.covering(0.0, 0.0, 1000.0, 1000.0, 0.03)
 
 
 def test_grid_cell_owns_its_lower_edge() -> None:
@@ -102,11 +92,6 @@ def test_grid_cell_owns_its_lower_edge() -> None:
     point = np.array([[0.5, 0.25, 1.0]], np.float32)
     kernels.accumulate(point, np.ones(1, np.float32), 0.0, 0.0, 0.0, 0.25, height, occupancy)
     assert height[1, 2] == 1.0
-
-
-def test_grid_refuses_a_hall_too_large() -> None:
-    with pytest.raises(ValueError, match="at most"):
-        Grid.covering(0.0, 0.0, 1000.0, 1000.0, 0.03)
 
 
 @settings(max_examples=30, deadline=None)
@@ -179,17 +164,12 @@ def test_two_sides_of_a_body_count_as_the_side_that_shows_most() -> None:
     assert rows.max() == pytest.approx(2 * rows[rows > 0].min(), rel=0.05)
 
 
-def test_bodies_that_different_heads_see_do_not_share() -> None:
+def test_bodies_that_different_heads_see_do_not_share_and_one_hidden_from_a_head_keeps_its_surface() -> None:
     here, there = side(-1.0, 0.0), side(1.0, 0.0)
-    maps = build(here, there)([here, there])
-    assert maps.occupancy_raw.sum() == pytest.approx(1.0, rel=1e-4)
-
-
-def test_a_body_hidden_from_one_head_keeps_its_surface() -> None:
+    assert build(here, there)([here, there]).occupancy_raw.sum() == pytest.approx(1.0, rel=1e-4)
     seen, rest = side(0.0, -0.12), side(0.0, 0.12)
     rest.area[:] *= 0.01
-    maps = build(seen, rest)([seen, rest])
-    assert maps.occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
+    assert build(seen, rest)([seen, rest]).occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
 
 
 def test_heights_are_the_highest_of_all_heads() -> None:
@@ -198,19 +178,14 @@ def test_heights_are_the_highest_of_all_heads() -> None:
     assert build(low, high)([low, high]).height_raw.max() == pytest.approx(1.7, abs=1e-6)
 
 
-def test_offsets_of_opposite_heads_cancel() -> None:
+def test_offset_is_that_of_the_head_that_shows_a_person_and_those_of_opposite_heads_cancel() -> None:
     shares = np.full((2, *GRID.shape), 0.5, dtype=np.float32)
     view = MultiRigViewpoint((SOUTH, NORTH), GRID, shares)
     away, depression = view.viewing(np.array([[0.0, 0.0]]))
-    assert away == pytest.approx(np.zeros((1, 2)), abs=1e-9)
-    assert depression == pytest.approx([0.0])
-
-
-def test_offset_is_that_of_the_head_that_shows_a_person() -> None:
-    shares = np.zeros((2, *GRID.shape), dtype=np.float32)
-    shares[1] = 1.0
-    view = MultiRigViewpoint((SOUTH, NORTH), GRID, shares)
+    assert away == pytest.approx(np.zeros((1, 2)), abs=1e-9) and depression == pytest.approx([0.0])
+    shares[0], shares[1] = 0.0, 1.0
     np.testing.assert_allclose(view.viewing(np.array([[0.3, 0.5]]))[0], NORTH.viewing(np.array([[0.3, 0.5]]))[0])
+    assert view.sees(0.0, -2.0, 1.6) and view.sees(0.0, 2.5, 1.6) and not view.sees(5.0, 0.0, 1.6)
 
 
 def test_footprint_covers_the_noise_along_both_rays() -> None:
@@ -219,13 +194,6 @@ def test_footprint_covers_the_noise_along_both_rays() -> None:
     across, along, _ = view.footprint(0.0, 0.0, 0.1)
     assert single[1] > 1.5 * single[0]
     assert (across, along) == pytest.approx((single[1], single[1]), rel=1e-6)
-
-
-def test_a_place_is_in_view_when_one_head_sees_it() -> None:
-    view = MultiRigViewpoint((SOUTH, NORTH), GRID, np.zeros((2, *GRID.shape), dtype=np.float32))
-    assert view.sees(0.0, -2.0, 1.6)
-    assert view.sees(0.0, 2.5, 1.6)
-    assert not view.sees(5.0, 0.0, 1.6)
 
 
 FIELDS = (
@@ -284,11 +252,8 @@ def other(name: str, values: object) -> Callable[[Any], None]:
     return damage
 
 
-def one(name: str, place: int, value: float) -> Callable[[Any], None]:
-    def damage(file: Any) -> None:
-        file[name][place] = value
-
-    return damage
+def at(name: str, place: int, value: float) -> Callable[[Any], None]:
+    return lambda file: file[name].__setitem__(place, value)
 
 
 def pose(place: tuple[int, int], value: float) -> Callable[[Any], None]:
@@ -300,28 +265,39 @@ def pose(place: tuple[int, int], value: float) -> Callable[[Any], None]:
     return damage
 
 
+UP = np.eye(4)
+"""Looks at the sky."""
+UP[2, 3] = 2.5
+
+
 @pytest.mark.parametrize(
     ("damage", "named"),
     [
+        (lambda file: file.attrs.update(version=99), "version 1 to 2, found 99"),
+        (lambda file: file.attrs.update(config='{"telepathy": {}}'), "another version"),
+        (lambda file: file["rig"].attrs.update(focal_u_px=1e4), "another rig"),
+        (lambda file: file["points/appearance"].attrs.update(codes=7), "another version"),
+        (lambda file: file["points/disparity"].resize(3, axis=0), r"points/disparity of \(3,\)"),
         (longer, "500000000"),
-        (one("frames/timestamp_s", 3, 0.0), "times that do not increase"),
-        (one("frames/timestamp_s", 3, np.nan), "times that do not increase"),
-        (one("frames/timestamp_s", -1, 1e300), "times that do not increase"),
-        (one("frames/index", 3, 0), "frames out of order"),
-        (one("frames/end", 3, 10**9), "does not fit the frames"),
-        (one("frames/unmatched_end", 3, -1), "does not fit the frames"),
+        (at("frames/timestamp_s", 3, 0.0), "times that do not increase"),
+        (at("frames/timestamp_s", 3, np.nan), "times that do not increase"),
+        (at("frames/timestamp_s", -1, 1e300), "times that do not increase"),
+        (at("frames/index", 3, 0), "frames out of order"),
+        (at("frames/end", 3, 10**9), "does not fit the frames"),
+        (at("frames/unmatched_end", 3, -1), "does not fit the frames"),
         (other("frames/index", np.arange(39.0)), "frames/index of"),
         (other("points/pixel", np.zeros((3, 3), np.int32)), "points/pixel of"),
         (other("background/disparity", np.zeros((1, 5), np.float32)), "backgrounds of another size"),
-        (one("points/appearance", 5, 255), "colour codes below 200"),
-        (one("points/pixel", 5, -4), "pixels in order"),
-        (one("points/pixel", 5, 10**9), "pixels in order"),
-        (one("unmatched/pixel", 1, 10**9), "pixels in order"),
-        (one("points/disparity", 5, np.inf), "disparities of points"),
-        (one("points/disparity", 5, -1.0), "disparities of points"),
+        (at("points/appearance", 5, 255), "colour codes below 200"),
+        (at("points/pixel", 5, -4), "pixels in order"),
+        (at("points/pixel", 5, 10**9), "pixels in order"),
+        (at("unmatched/pixel", 1, 10**9), "pixels in order"),
+        (at("points/disparity", 5, np.inf), "disparities of points"),
+        (at("points/disparity", 5, -1.0), "disparities of points"),
         (pose((2, 3), 1e9), "above the floor"),
         (pose((0, 3), 1e9), "of the origin"),
         (pose((0, 0), np.nan), "finite rotation"),
+        (lambda file: file["floor"].attrs.update(world_SE3_left=UP), "a camera that sees the space between floor and"),
         (lambda file: file["rig"].attrs.update(sensor="eye"), "a sensor 'eye'"),
         (lambda file: file["rig"].attrs.update(width=80.5), "width of 80.5"),
     ],
@@ -333,15 +309,6 @@ def test_table_that_no_run_wrote_is_refused(maps: Path, damage: Callable[[Any], 
         track(maps)
 
 
-def test_floor_that_the_camera_does_not_see_is_refused(maps: Path) -> None:
-    up = np.eye(4)  # looks at the sky from 2.5 m
-    up[2, 3] = 2.5
-    with h5py.File(maps, "r+") as file:
-        file["floor"].attrs["world_SE3_left"] = up
-    with pytest.raises(InputError, match=r"maps\.h5: expected a camera that sees the space between floor and H_max"):
-        track(maps)
-
-
 REFERENCE = Exposure()
 
 
@@ -350,28 +317,15 @@ def codes_of(colour: tuple[int, int, int], exposure: Exposure = REFERENCE) -> in
     return int(colour_codes(image, np.zeros(1, np.int32), exposure)[0])
 
 
-def test_colour_codes_of_grey_lie_in_the_middle_of_chroma() -> None:
+def test_colour_codes_of_grey_lie_in_the_middle_of_chroma_whatever_the_exposure() -> None:
     # Luma 100 is in the fourth of eight cells; U and V are in the third of five.
     assert codes_of((100, 100, 100)) == (3 * 5 + 2) * 5 + 2
-
-
-def test_colour_codes_of_a_grey_image_equal_those_of_grey_colours() -> None:
-    image = np.array([[10, 200]], np.uint8)
-    both = colour_codes(image, np.array([0, 1], np.int32), Exposure())
+    both = colour_codes(np.array([[10, 200]], np.uint8), np.array([0, 1], np.int32), Exposure())
     assert both.tolist() == [codes_of((10, 10, 10)), codes_of((200, 200, 200))]
-
-
-def test_colour_codes_do_not_change_with_the_exposure() -> None:
     assert codes_of((110, 50, 70)) == codes_of((165, 75, 105), Exposure(1.5, 0.0))
-
-
-@pytest.mark.parametrize("colour", [(0, 0, 0), (255, 255, 255), (255, 0, 0), (0, 255, 0), (0, 0, 255)])
-def test_colour_codes_stay_within_their_range(colour: tuple[int, int, int]) -> None:
-    assert 0 <= codes_of(colour) < CODES
-
-
-def test_smoothing_keeps_the_mass_of_a_histogram() -> None:
-    np.testing.assert_allclose(smoothing().sum(axis=1), 1.0, rtol=1e-5)
+    corners = [codes_of((b, g, r)) for b in (0, 255) for g in (0, 255) for r in (0, 255)]
+    assert 0 <= min(corners) <= max(corners) < CODES
+    np.testing.assert_allclose(smoothing().sum(axis=1), 1.0, rtol=1e-5)  # a histogram keeps its mass
 
 
 @pytest.mark.parametrize("channels", [1, 3])

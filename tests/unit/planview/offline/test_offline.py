@@ -87,19 +87,18 @@ def test_predictions_of_a_joined_fragment_end_where_the_next_begins() -> None:
     assert result.tracks.state.tolist() == ["confirmed"] * 30 + ["lost"] * 10 + ["confirmed"] * 30
 
 
-def test_fragment_of_another_height_is_another_person() -> None:
-    result = refine(concatenated([walk(range(30), 4), walk(range(40, 70), 9, height_m=1.2)]))
-    assert np.unique(result.tracks.track_id).tolist() == [4, 9]
-
-
-def test_fragment_out_of_reach_or_long_after_is_another_person() -> None:
-    far, late = walk(range(40, 70), 9, y_m=4.0), walk(range(330, 360), 9, speed_mps=0.1)
-    for later in (far, late):
-        assert np.unique(refine(concatenated([walk(range(30), 4), later])).tracks.track_id).tolist() == [4, 9]
-
-
-def test_track_is_not_joined_with_one_that_overlaps_it() -> None:
-    assert len(np.unique(refine(concatenated([walk(range(30), 4), walk(range(29, 60), 9)])).tracks.track_id)) == 2
+@pytest.mark.parametrize(
+    "later",
+    [
+        walk(range(40, 70), 9, height_m=1.2),
+        walk(range(40, 70), 9, y_m=4.0),
+        walk(range(330, 360), 9, speed_mps=0.1),
+        walk(range(29, 60), 9),
+    ],
+    ids=["another height", "out of reach", "long after", "overlapping"],
+)
+def test_fragment_that_does_not_fit_is_another_person(later):
+    assert np.unique(refine(concatenated([walk(range(30), 4), later])).tracks.track_id).tolist() == [4, 9]
 
 
 def test_each_fragment_is_continued_by_the_one_that_fits_over_the_whole_recording() -> None:
@@ -111,16 +110,10 @@ def test_each_fragment_is_continued_by_the_one_that_fits_over_the_whole_recordin
     np.testing.assert_allclose(last.y_m[np.argsort(last.track_id)], [0.9, 1.1], atol=0.02)
 
 
-def test_tracks_without_times_stay_without() -> None:
+def test_tracks_without_times_stay_without_and_none_stay_none():
     tracks = walk(range(20))
     assert np.isnan(refine(replace(tracks, timestamp_s=np.full(20, math.nan))).tracks.timestamp_s).all()
-
-
-def test_no_tracks_are_refined_to_none() -> None:
     assert len(refine(walk(range(0))).tracks) == 0
-
-
-def test_tracks_without_floor_positions_are_refused() -> None:
     with pytest.raises(InputError, match="floor positions"):
         refine(replace(walk(range(5)), x_m=np.full(5, math.nan)))
 
@@ -166,33 +159,40 @@ def frames_of(table: Trajectories) -> dict[int, tuple[int, int]]:
 TWO = tracks((1, range(10), 0.0), (2, range(12, 20), 0.0), (3, range(20), 5.0))
 
 
-def test_join_makes_one_track_of_two() -> None:
-    assert frames_of(edited(TWO, ["join 1 2"])) == {1: (0, 19), 3: (0, 19)}
+AROUND_ONE = "POLYGON ((-1 -1, 1 -1, 1 0.45, -1 0.45, -1 -1))"
 
 
-def test_join_of_tracks_in_one_frame_is_refused() -> None:
-    with pytest.raises(InputError, match=r"'join 1 3': expected tracks that are never in one frame, found both in 10"):
-        edited(TWO, ["join 1 3"])
+@pytest.mark.parametrize(
+    ("edits", "frames"),
+    [
+        (["join 1 2"], {1: (0, 19), 3: (0, 19)}),
+        (["delete 3", "split 1 4"], {1: (0, 3), 2: (12, 19), 4: (4, 9)}),  # an id that no track ever had
+        (["delete 1", "delete 3 0 9"], {2: (12, 19), 3: (10, 19)}),
+        (["shorter 0.95"], {1: (0, 9), 3: (0, 19)}),
+        ([f"region {AROUND_ONE}"], {1: (0, 4)}),
+        ([f"ignore {AROUND_ONE}"], {1: (5, 9), 2: (12, 19), 3: (0, 19)}),
+    ],
+    ids=lambda value: value[0].split()[0] if isinstance(value, list) else "",
+)
+def test_edits_change_which_track_has_which_frames(edits, frames):
+    assert frames_of(edited(TWO, edits)) == frames
 
 
-def test_split_gives_the_rest_an_id_that_no_track_ever_had() -> None:
-    assert frames_of(edited(TWO, ["delete 3", "split 1 4"])) == {1: (0, 3), 2: (12, 19), 4: (4, 9)}
+@pytest.mark.parametrize(
+    ("edit", "found"),
+    [
+        ("join 1 3", "'join 1 3': expected tracks that are never in one frame, found both in 10"),
+        ("split 2 12", r"expected a frame within the track \(13 to 19\), found 12"),
+        ("rename 1 2", "expected an id from 1 that no track has, found 2"),
+    ],
+)
+def test_edits_that_do_not_fit_the_tracks_are_refused(edit, found):
+    with pytest.raises(InputError, match=found):
+        edited(TWO, [edit])
 
 
-def test_split_before_the_track_is_refused() -> None:
-    with pytest.raises(InputError, match=r"expected a frame within the track \(13 to 19\), found 12"):
-        edited(TWO, ["split 2 12"])
-
-
-def test_delete_takes_a_track_or_some_of_its_frames() -> None:
-    assert frames_of(edited(TWO, ["delete 1", "delete 3 0 9"])) == {2: (12, 19), 3: (10, 19)}
-
-
-def test_rename_keeps_rows_sorted_and_refuses_an_id_in_use() -> None:
-    renamed = edited(TWO, ["rename 1 9"])
-    assert renamed.track_id[:2].tolist() == [3, 9]
-    with pytest.raises(InputError, match="expected an id from 1 that no track has, found 2"):
-        edited(TWO, ["rename 1 2"])
+def test_rename_keeps_rows_sorted() -> None:
+    assert edited(TWO, ["rename 1 9"]).track_id[:2].tolist() == [3, 9]
 
 
 def test_gaps_are_joined_within_time_and_distance_in_chains() -> None:
@@ -205,16 +205,6 @@ def test_gaps_are_joined_within_time_and_distance_in_chains() -> None:
 def test_the_nearest_of_two_tracks_goes_on() -> None:
     parts = tracks((1, range(10), 0.0), (2, range(12, 20), 0.3), (3, range(12, 20), 0.1))
     assert frames_of(edited(parts, ["join-gaps 1 1"])) == {1: (0, 19), 2: (12, 19)}
-
-
-def test_short_tracks_are_deleted() -> None:
-    assert frames_of(edited(TWO, ["shorter 0.95"])) == {1: (0, 9), 3: (0, 19)}
-
-
-def test_regions_keep_and_ignore_rows() -> None:
-    around_one = "POLYGON ((-1 -1, 1 -1, 1 0.45, -1 0.45, -1 -1))"
-    assert frames_of(edited(TWO, [f"region {around_one}"])) == {1: (0, 4)}
-    assert frames_of(edited(TWO, [f"ignore {around_one}"])) == {1: (5, 9), 2: (12, 19), 3: (0, 19)}
 
 
 def test_hole_of_a_polygon_is_outside() -> None:

@@ -65,14 +65,11 @@ def test_an_array_comes_back_with_its_layout(array: np.ndarray) -> None:
     assert (back.dtype, back.strides) == (array.dtype, array.strides)
 
 
-def test_arrays_that_share_memory_share_it_again() -> None:
+def test_arrays_that_share_memory_and_an_object_in_two_places_are_one_again():
     whole = np.zeros(6)
     back_whole, back_part = restored([whole, whole[2:4]])
     back_part[:] = 5.0
     assert back_whole.tolist() == [0, 0, 5, 5, 0, 0]
-
-
-def test_an_object_in_two_places_is_one_object_again() -> None:
     person = Existence(1, 0.0, 0.0)
     first, second = restored([person, person])
     assert first is second
@@ -134,7 +131,6 @@ def write(folder: Path, frame: int) -> None:
 
 
 def frame_in(checkpoint: Checkpoint | None) -> int:
-    assert checkpoint is not None
     return int(decode(checkpoint.memory, {})["frame"][0])
 
 
@@ -181,13 +177,10 @@ def test_positions_that_no_run_writes_are_damage(tmp_path: Path, written: dict[s
         read_checkpoint(tmp_path / LATEST)
 
 
-def test_a_checkpoint_of_another_configuration_is_refused(tmp_path: Path) -> None:
+def test_a_checkpoint_of_another_configuration_is_refused_and_the_first_difference_named(tmp_path):
     write(tmp_path, 1)
     with pytest.raises(InputError, match=r"found one of another configuration \(seed\)"):
         checkpoint_of(tmp_path, IDENTITY | {"configuration": {"seed": 1}}, print)
-
-
-def test_the_first_difference_of_two_runs_is_named() -> None:
     assert difference(IDENTITY, IDENTITY) == ""
     assert difference(IDENTITY, IDENTITY | {"version": {"numpy": "9"}}) == "another version (numpy)"
 
@@ -245,18 +238,20 @@ def played(step_s: float, times_s: Iterable[float]) -> tuple[list[int], PaceInfo
 EIGHT_HZ = [2.0 + n / 8 for n in range(9)]
 
 
-def test_engine_in_time_drops_nothing_and_is_as_late_as_a_frame_takes() -> None:
-    tracked, info, took_s = played(1 / 16, EIGHT_HZ)
-    assert tracked == list(range(9))
-    assert info == PaceInfo(frames_dropped=0, latency_median_ms=62.5, latency_95_ms=62.5, latency_99_ms=62.5)
-    assert took_s == 1.0625
-
-
-def test_engine_twice_too_slow_drops_every_second_frame() -> None:
-    tracked, info, took_s = played(1 / 4, EIGHT_HZ)
-    assert tracked == [0, 2, 4, 6, 8]
-    assert info == PaceInfo(frames_dropped=4, latency_median_ms=250.0, latency_95_ms=250.0, latency_99_ms=250.0)
-    assert took_s == 1.25
+@pytest.mark.parametrize(
+    ("step_s", "times_s", "tracked", "latency_ms", "took_s"),
+    [
+        (1 / 16, EIGHT_HZ, list(range(9)), 62.5, 1.0625),
+        (1 / 4, EIGHT_HZ, [0, 2, 4, 6, 8], 250.0, 1.25),
+        (1 / 4, [0.0, 10.0], [0, 1], 250.0, 10.25),
+    ],
+    ids=["in time: as late as a frame takes", "twice too slow: every second frame is dropped", "a pause is waited for"],
+)
+def test_engine_drops_the_frames_for_which_it_has_no_time(step_s, times_s, tracked, latency_ms, took_s):
+    late = dict.fromkeys(("latency_median_ms", "latency_95_ms", "latency_99_ms"), latency_ms)
+    info = PaceInfo(frames_dropped=len(times_s) - len(tracked), **late)
+    assert played(step_s, times_s) == (tracked, info, took_s)
+    assert played(1.0, []) == ([], PaceInfo(), 0.0)
 
 
 def test_latency_counts_from_when_the_frame_was_due_and_not_from_when_it_was_taken() -> None:
@@ -265,15 +260,6 @@ def test_latency_counts_from_when_the_frame_was_due_and_not_from_when_it_was_tak
     assert tracked == [0, 1, 3] and info.frames_dropped == 1
     assert info.latency_median_ms == 187.5
     assert info.latency_99_ms == pytest.approx(187.5 + 0.98 * 62.5)  # of 187.5, 250 and 187.5
-
-
-def test_frame_after_a_pause_is_waited_for() -> None:
-    tracked, info, took_s = played(1 / 4, [0.0, 10.0])
-    assert tracked == [0, 1] and took_s == 10.25 and info.latency_99_ms == 250.0
-
-
-def test_recording_without_frames_has_no_latency() -> None:
-    assert played(1.0, []) == ([], PaceInfo(), 0.0)
 
 
 class Device:

@@ -49,18 +49,20 @@ def finish(folder: Path, finished: bool = True) -> None:
     write_run_info(RunInfo(input="x", finished=finished), folder / "run.json")
 
 
-def test_a_new_folder_is_made_with_its_parents(tmp_path):
+def test_a_new_folder_is_made_with_its_parents_where_no_file_is_in_its_place(tmp_path):
     prepare_folder(tmp_path / "a" / "b", overwrite=False)
     assert (tmp_path / "a" / "b").is_dir()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="expected a folder"):
+        check_folder(tmp_path / "file", overwrite=True)
+    with pytest.raises(WorkError, match="cannot be written"):
+        prepare_folder(tmp_path / "file" / "out", overwrite=False)
 
 
 @pytest.mark.parametrize(
     ("run_json", "sentence"),
     [
-        (
-            '{"input": "x", "finished": true}',
-            "holds a finished run; choose another folder or add --set run.overwrite=true",
-        ),
+        ('{"finished": true}', "holds a finished run; choose another folder or add --set run.overwrite=true"),
         ('{"input": "x"}', "unfinished run; go on with --resume or add --set run.overwrite=true"),
         ("{half", "run of another version; choose another folder or add --set run.overwrite=true"),
         (None, r"holds tracks\.csv, which is no planview run's"),
@@ -83,23 +85,11 @@ def test_overwriting_removes_every_product_and_no_other_file(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
 
 
-def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):
-    (tmp_path / "out").write_text("")
-    with pytest.raises(InputError, match="expected a folder"):
-        check_folder(tmp_path / "out", overwrite=True)
-
-
 @pytest.mark.parametrize("name", ["run.lock", "tracks.csv", "checkpoint.npz"])
 def test_a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for(tmp_path, name):
     os.mkfifo(tmp_path / name)
     with pytest.raises(InputError, match=rf"{name}: expected a file of a run, found a folder, a pipe or a device"):
         prepare_folder(tmp_path, overwrite=True)
-
-
-def test_a_folder_that_cannot_be_made_is_a_failure_of_work(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(WorkError, match="cannot be written"):
-        prepare_folder(tmp_path / "file" / "out", overwrite=False)
 
 
 def test_finished_run_tells_finished_from_unfinished(tmp_path):
@@ -149,7 +139,6 @@ with folder_lock(Path(sys.argv[1])):
 @contextmanager
 def another_process_holding(folder: Path) -> Iterator["subprocess.Popen[str]"]:
     process = subprocess.Popen([sys.executable, "-c", HOLD, str(folder)], stdout=subprocess.PIPE, text=True)
-    assert process.stdout
     assert process.stdout.readline() == "held\n"
     try:
         yield process
@@ -189,15 +178,11 @@ def test_a_process_may_lock_within_its_own_lock(tmp_path):
 
 
 @pytest.mark.parametrize("measured_step", [1, 2, 4])
-def test_reduced_disparity_is_that_of_the_image(measured_step: int) -> None:
+def test_reduced_disparity_is_that_of_the_image_and_not_enlarged_where_it_was_measured_at_the_step(measured_step):
     samples = np.arange(-(-20 // measured_step) * -(-31 // measured_step), dtype=np.float32)
     sampled = SampledDisparity(samples.reshape(-(-20 // measured_step), -1), measured_step, (20, 31))
     np.testing.assert_array_equal(at_step(sampled, 2), sampled.image[::2, ::2])
-
-
-def test_disparity_that_was_measured_at_the_step_is_not_enlarged() -> None:
-    sampled = SampledDisparity(np.zeros((10, 16), np.float32), 2, (20, 31))
-    assert at_step(sampled, 2) is sampled.samples
+    assert (at_step(sampled, 2) is sampled.samples) == (measured_step == 2)
 
 
 def test_a_run_is_looked_at_in_every_tenth_frame_only() -> None:

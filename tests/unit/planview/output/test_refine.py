@@ -18,7 +18,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_refine_keeps_the_online_tracks_and_says_so(folder, say):
+def test_refine_keeps_the_online_tracks_says_so_and_starts_from_them_again(folder, say):
     online = (folder / "tracks.csv").read_text()
     assert say("edit", folder, "--refine")[0] == 0
     assert (folder / "tracks_online.csv").read_text() == online
@@ -26,12 +26,8 @@ def test_refine_keeps_the_online_tracks_and_says_so(folder, say):
     assert read_run_info(folder / "run.json").refined
     with (folder / "refinement.csv").open() as file:
         changes = list(csv.DictReader(file))
-    assert [(row["id"], row["first_frame"], row["last_frame"], row["kind"]) for row in changes] == [
-        ("1", "0", "29", "smooth")
-    ]
-
-
-def test_refine_twice_starts_from_the_online_tracks(folder, say):
+    fields = ("id", "first_frame", "last_frame", "kind")
+    assert [tuple(row[name] for name in fields) for row in changes] == [("1", "0", "29", "smooth")]
     say("edit", folder, "--refine")
     once = (folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()
     say("edit", folder, "--refine")
@@ -60,12 +56,9 @@ def test_evaluate_takes_the_truth_of_the_runs_recording(folder, refused, json_of
     assert "strict_identity_changes those that last" in " ".join(capsys.readouterr().out.split())
 
 
-def test_refine_needs_a_finished_run(folder, refused):
-    write_run_info(RunInfo(finished=False), folder / "run.json")
-    assert "expected the folder of a finished run" in refused("edit", folder, "--refine")
-
-
-def test_refine_needs_the_online_tracks_of_a_refined_run(folder, say, refused):
+def test_refine_needs_a_finished_run_and_the_online_tracks_of_a_refined_one(folder, say, refused):
     say("edit", folder, "--refine")
     (folder / "tracks_online.csv").unlink()
     assert "expected the online tracks" in refused("edit", folder, "--refine")
+    write_run_info(RunInfo(finished=False), folder / "run.json")
+    assert "expected the folder of a finished run" in refused("edit", folder, "--refine")

@@ -18,32 +18,28 @@ def render(*words: object) -> None:
         main(["render", *map(str, words)])
 
 
-def test_video_has_a_picture_per_frame_at_the_rate_of_the_run(street, tmp_path):
+def test_the_usual_video_plays_in_browsers_and_has_a_picture_per_frame_at_the_rate_of_the_run(street, tmp_path):
     render(street, "--video", tmp_path / "new" / "scene.mp4", "--frames", "5:14")
     capture = cv2.VideoCapture(str(tmp_path / "new" / "scene.mp4"))
     assert int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == b"VP90"  # which browsers play
     assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == 10
     assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(10)
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["scene.mp4"]
+    render(street, "--frames", "5:7")
+    assert (street / "scene.webm").is_file()
 
 
 def test_without_a_floor_there_is_no_plan_of_it(street, tmp_path):
     info = json.loads((street / "run.json").read_text())
     (street / "run.json").write_text(json.dumps({**info, "rig": None, "floor": None}))
     rows = "".join(f"{n},{n / 10:.4f},4,,,,confirmed,20,10,20,60\n" for n in range(30))
-    (street / "tracks.csv").write_text(
-        "frame,timestamp_s,id,x_m,y_m,height_m,state,left_px,top_px,width_px,height_px\n" + rows
-    )
+    header = "frame,timestamp_s,id,x_m,y_m,height_m,state,left_px,top_px,width_px,height_px\n"
+    (street / "tracks.csv").write_text(header + rows)
     render(street, "--frame", "4", "--png", tmp_path / "still.png", "--no-truth")
     picture = cv2.imread(str(tmp_path / "still.png"))
-    assert picture is not None and picture.shape[1] == 640
+    assert picture.shape[1] == 640
     page = write_report(street).read_text()
     assert "Boxes: people" in page and "metres" not in page
-
-
-def test_the_usual_video_plays_in_browsers(street):
-    render(street, "--frames", "5:7")
-    assert (street / "scene.webm").is_file()
 
 
 def test_still_shows_the_image_beside_the_floor(street, tmp_path):

@@ -23,7 +23,7 @@ def ellipses(street: Path, tmp_path: Path) -> Path:
     video = tmp_path / "street"
     for n, file in enumerate(sorted(video.glob("*.png"))):
         image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
-        assert image is not None
+
         image[:] = 90
         if n >= 8:
             image[40:90, 30 + 2 * n : 48 + 2 * n] = 250
@@ -47,14 +47,11 @@ def test_command_draws_both_and_says_what_differs(ellipses, tmp_path, capsys):
         main(["replay", str(ellipses), *words])
     assert "tracks" in capsys.readouterr().out
     picture = cv2.imread(str(tmp_path / "both.png"))
-    assert picture is not None and picture.shape[0] > 2 * 480
+    assert picture.shape[0] > 2 * 480
 
 
-def test_frame_beyond_the_run_is_refused(ellipses, refused):
+def test_frame_beyond_the_run_is_refused_and_a_recording_that_is_gone_named(ellipses, refused):
     assert "from 0 to 29" in refused("replay", ellipses, "--frame", 99)
-
-
-def test_recording_that_is_gone_is_named(ellipses):
     info = json.loads((ellipses / "run.json").read_text())
     (ellipses / "run.json").write_text(json.dumps({**info, "input": "gone"}))
     with pytest.raises(InputError, match="gone"):

@@ -26,7 +26,7 @@ def test_foreground_is_outlined_in_pixels_of_the_image():
     mask = np.zeros((60, 80), dtype=np.uint8)
     mask[10:30, 20:40] = 255
     strips = outlines(mask, (160, 120)).strips
-    assert strips is not None
+
     (corners,) = strips.as_arrow_array().to_pylist()
     assert np.array(corners).min(axis=0).tolist() == [40, 20]
 
@@ -59,13 +59,9 @@ def test_templates_are_side_by_side_in_one_image():
     assert (shown[0, 0], shown[0, 5], shown[4, 5]) == (200, 255, 0)
 
 
-@pytest.mark.parametrize(("written", "step"), [(0, 1), (499, 1), (500, 2), (750, 4), (875, 8)])
+@pytest.mark.parametrize(("written", "step"), [(0, 1), (499, 1), (500, 2), (750, 4), (875, 8), (5000, 4096)])
 def test_images_become_rarer_whenever_half_of_the_room_left_is_used(written, step):
     assert rarer(written, room=1000) == step
-
-
-def test_images_stay_when_the_room_is_used_up():
-    assert rarer(5000, room=1000) == 4096
 
 
 def test_a_recording_that_ends_before_the_checkpoint_is_refused(tmp_path):

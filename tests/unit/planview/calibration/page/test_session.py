@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from toy_recordings import write_frames
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
@@ -55,13 +56,10 @@ def solved() -> CalibrationSession:
     return session
 
 
-def test_session_turns_drawn_people_into_a_camera(solved):
+def test_session_turns_drawn_people_into_a_camera_whose_values_have_deviations_and_a_verdict(solved):
     assert solved.solution.found is not None
     assert solved.solution.found.camera.height_m == pytest.approx(3.5, rel=0.02)
     assert [s.frame for s in solved.samples] == [0, 10, 20, 0, 10, 20]
-
-
-def test_solution_gives_every_value_with_its_deviation_and_a_verdict(solved):
     rows = {row.name: row for row in solved.solution.rows()}
     assert rows["height above the floor"].value.startswith("3.5")
     assert all(rows[name].deviation.startswith("±") for name in ("height above the floor", "roll", "focal length"))
@@ -83,14 +81,11 @@ def test_session_leads_from_box_to_head_to_foot_and_to_the_people_missing():
     assert "2 more people" in session.message
 
 
-def test_session_takes_a_slip_of_the_hand_for_no_box():
+def test_session_takes_a_slip_of_the_hand_for_no_box_and_refuses_a_head_far_from_its_box():
     session = new_session()
     session.press(100, 100)
     session.release(103, 104)
     assert session.draft.box_px is None
-
-
-def test_session_refuses_a_head_far_from_its_box_and_says_so():
     session = new_session()
     session.press(300, 100)
     session.release(350, 250)
@@ -175,19 +170,15 @@ def test_known_focal_length_is_kept_to(solved):
     session = new_session(*solved.samples)
     session.known = KnownValues(focal_px=520.0)
     session.solve()
-    assert session.solution.found is not None
     assert session.solution.found.camera.focal_px == pytest.approx(520, rel=0.03)
 
 
-def test_session_exports_what_the_commands_read(solved, tmp_path):
+def test_session_exports_what_the_commands_read_and_samples_alone_on_request(solved, tmp_path):
     written = solved.export(tmp_path / "new")
     assert {p.name for p in written} == {"samples.json", "camera.toml"}
     assert len(read_samples(tmp_path / "new" / "samples.json")) == 6
     assert load_ground_camera(tmp_path / "new" / "camera.toml").height_m == pytest.approx(3.5, rel=0.03)
-
-
-def test_samples_are_exported_without_the_camera_on_request_and_nothing_is_refused(solved, tmp_path):
-    assert [p.name for p in solved.export(tmp_path, solution=False)] == ["samples.json"]
+    assert [p.name for p in solved.export(tmp_path / "alone", solution=False)] == ["samples.json"]
     with pytest.raises(InputError, match="something drawn"):
         new_session().export(tmp_path)
 
@@ -241,10 +232,7 @@ def test_page_refuses_a_stereo_calibration_for_one_camera(tmp_path: Path) -> Non
 
 
 def test_every_frame_of_a_video_can_be_shown_one_by_one(video: Path, tmp_path: Path) -> None:
-    writer = cv2.VideoWriter(str(tmp_path / "one.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
-    for level in range(100):
-        writer.write(np.full((48, 64, 3), 2 * level, np.uint8))
-    writer.release()
+    write_frames(tmp_path / "one.avi", [np.full((48, 64, 3), 2 * level, np.uint8) for level in range(100)])
     session = open_session(tmp_path / "one.avi")
     assert len(session.frames) == 100 and list(session.indices) == list(range(100))
     for _ in range(57):
@@ -255,12 +243,10 @@ def test_every_frame_of_a_video_can_be_shown_one_by_one(video: Path, tmp_path: P
 
 
 def test_more_people_are_asked_for_only_where_something_moved(tmp_path: Path) -> None:
-    writer = cv2.VideoWriter(str(tmp_path / "one.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (320, 240))
-    for i in range(40):
-        picture = np.full((240, 320, 3), 90, np.uint8)
+    pictures = np.full((40, 240, 320, 3), 90, np.uint8)
+    for i, picture in enumerate(pictures):
         picture[100:160, 4 * i : 4 * i + 20] = 220  # somebody walks through the left half
-        writer.write(picture)
-    writer.release()
+    write_frames(tmp_path / "one.avi", pictures)
     walked = open_session(tmp_path / "one.avi").walked
     assert walked is not None and walked[130, 60] and not walked[130, 260] and not walked[30, 60]
 
@@ -270,25 +256,19 @@ FLOOR = np.array([(-1.0, 2.0, 3.0), (1.0, 2.0, 3.0), (0.0, 2.0, 5.0), (1.5, 2.0,
 LIMIT = np.full(6, 0.06)
 
 
-def test_point_off_the_plane_is_refused_with_its_height() -> None:
+def test_points_off_the_plane_are_refused_with_their_height_once_the_others_agree():
     points = np.vstack([FLOOR[:4], [(0.5, 1.6, 4.0)]])
     fit = fit_plane(points, LIMIT[:5])
     assert fit.used.tolist() == [True, True, True, True, False]
     assert fit.distance_m[4] == pytest.approx(0.4)
     assert fit.floor.height_m == pytest.approx(2.0)
-
-
-def test_first_point_off_the_plane_is_refused_once_the_others_agree() -> None:
     points = np.vstack([[(0.0, 1.0, 3.0)], FLOOR])
     assert fit_plane(points, LIMIT).used.tolist() == [False, True, True, True, True, True]
 
 
-def test_points_on_a_line_are_refused() -> None:
+def test_points_on_a_line_are_refused_three_are_not_enough_and_four_on_a_plane_are():
     with pytest.raises(InputError, match="on one line"):
         fit_plane(np.array([(0.0, 2.0, z) for z in (3.0, 4.0, 5.0)]), LIMIT[:3])
-
-
-def test_three_points_are_not_enough_and_four_on_a_plane_are() -> None:
     three, four = (floor_assessment(fit_plane(FLOOR[:n], LIMIT[:n])) for n in (3, 4))
     assert not three.enough and "fourth" in three.sentence
     assert four.enough

@@ -32,30 +32,20 @@ HEADER = "frame,timestamp_s,id,x_m,y_m,height_m,state\n"
 
 
 def write_tracks(folder: Path, n: int = 30) -> None:
-    rows = [
-        f"{t},{t / 10:.4f},{i},{i},{1 - t / 10:.3f},1.7{i},{'lost' if t > 25 else 'confirmed'}"
-        for t in range(n)
-        for i in (1, 2)
-    ]
-    (folder / "tracks.csv").write_text(HEADER + "".join(row + "\n" for row in rows))
+    state = ["lost" if t > 25 else "confirmed" for t in range(n)]
+    rows = [f"{t},{t / 10:.4f},{i},{i},{1 - t / 10:.3f},1.7{i},{state[t]}\n" for t in range(n) for i in (1, 2)]
+    (folder / "tracks.csv").write_text(HEADER + "".join(rows))
 
 
 def full_info() -> RunInfo:
     return RunInfo(
-        input="recordings/<script>alert(1)</script>",
-        tracker="template",
-        finished=True,
-        started_at="2026-01-02T03:04:05+00:00",
-        elapsed_s=2.0,
-        versions={"planview": "0.1.0"},
-        config={"seed": 0, "grid": {"cell_m": 0.03}},
-        frames_read=40,
-        frames_skipped=1,
-        skipped=[SkippedFrame(index=7, why="cannot be decoded")],
+        input="recordings/<script>alert(1)</script>", tracker="template", finished=True, elapsed_s=2.0,
+        started_at="2026-01-02T03:04:05+00:00", versions={"planview": "0.1.0"},
+        config={"seed": 0, "grid": {"cell_m": 0.03}}, frames_read=40, frames_skipped=1,
+        skipped=[SkippedFrame(index=7, why="cannot be decoded")], stages_ms={"match": 12.5, "track": None},
         rig=CameraInfo(width=640, height=480, view_m=[(-2, 0), (2, 0), (3, 5), (-3, 5)]),
         floor=FloorInfo(height_m=2.5, tilt_deg=60, roll_deg=1),
-        stages_ms={"match": 12.5, "track": None},
-    )
+    )  # fmt: skip
 
 
 def pictures(page: str) -> list[bytes]:
@@ -83,32 +73,18 @@ def test_report_of_a_full_run_tells_everything(tmp_path: Path) -> None:
     evaluation = {"mota": 0.9, "motp_m": None, "significant_errors": {"total": 1}, "significant_error_list": [error]}
     page = write_report(tmp_path, evaluation).read_text()
     assert len(pictures(page)) == 6
-    for text in (
-        "cannot be decoded",
-        "camera height",
-        "2.50 m",
-        "grid.cell_m",
-        "expected the recording of the run, found nothing there",
-        "alone for &lt;2 s",
-        "left to right 2",
-        "0.9",
-    ):
+    gone, note = "expected the recording of the run, found nothing there", "alone for &lt;2 s"
+    for text in ("cannot be decoded", "camera height", "2.50 m", "grid.cell_m", gone, note, "left to right 2", "0.9"):
         assert text in page
-    assert "<b>door" not in page
-    assert "<script" not in page
+    assert "<b>door" not in page and "<script" not in page
 
 
-def test_report_asks_for_nothing_from_outside(tmp_path: Path) -> None:
+def test_report_asks_for_nothing_from_outside_and_says_when_a_run_was_interrupted(tmp_path: Path) -> None:
     write_tracks(tmp_path)
     write_run_info(full_info(), tmp_path / "run.json")
     page = write_report(tmp_path).read_text()
-    assert "http://" not in page
-    assert "https://" not in page
+    assert "http://" not in page and "https://" not in page and "interrupted" not in page
     assert set(re.findall(r'(?:src|href)="([^:"]*)', page)) == {"data", "#person-1", "#person-2"}
-
-
-def test_interrupted_run_says_so(tmp_path: Path) -> None:
-    write_tracks(tmp_path)
     write_run_info(full_info().model_copy(update={"finished": False}), tmp_path / "run.json")
     assert "interrupted" in write_report(tmp_path).read_text()
 
@@ -134,12 +110,9 @@ def test_files_that_are_not_what_they_say_are_named(tmp_path: Path, name: str, t
         write_report(tmp_path)
 
 
-def test_folder_without_tracks_is_refused(tmp_path: Path) -> None:
+def test_folder_without_tracks_is_refused_and_a_page_that_cannot_be_written_is_work_failed(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"tracks\.csv"):
         write_report(tmp_path)
-
-
-def test_page_that_cannot_be_written_is_work_failed(tmp_path: Path) -> None:
     write_tracks(tmp_path)
     (tmp_path / "report.html").mkdir()
     with pytest.raises(WorkError, match="cannot be written"):
@@ -165,15 +138,12 @@ def test_ledger_of_a_person_tells_why_and_of_what_the_scores_are_made(tmp_path: 
     assert page.count("<polygon") == 4
 
 
-def test_heat_map_adds_time_in_the_cell_of_each_row() -> None:
+def test_heat_map_adds_time_in_the_cell_of_each_row_and_stays_small_for_far_apart_places():
     xy = np.array([[0.0, 0.0], [0.01, 0.01], [1.0, 0.5]])
     grid, heat = heat_map(xy, 0.1)
     assert heat.sum() == pytest.approx(0.3)
     row, col = (round(v) for v in grid.index_of(0.0, 0.0))
     assert heat[row : row + 2, col : col + 2].max() == pytest.approx(0.2)
-
-
-def test_heat_map_of_far_apart_places_stays_small() -> None:
     assert heat_map(np.array([[0.0, 0.0], [1e6, 1e6]]), 0.1)[1].size < 4_000_000
 
 
@@ -290,13 +260,10 @@ def test_comparison_shows_only_settings_that_differ_and_marks_the_best_figure(st
     assert '<td class="n">5</td><td class="n">-</td>' in page
 
 
-def test_report_of_one_run_is_written_into_its_folder(street: Path) -> None:
+def test_report_of_one_run_is_written_into_its_folder_and_of_none_refused(street, capsys):
     with pytest.raises(SystemExit, match="0"):
         main(["report", str(street)])
     assert "Busiest frame" in (street / "report.html").read_text()
-
-
-def test_report_of_nothing_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["report"])
     assert "the folder of a run" in capsys.readouterr().err

@@ -26,10 +26,15 @@ def mask_of(*ellipses: tuple[float, ...]) -> np.ndarray:
     return painted(np.array(ellipses, dtype=np.float64), FIT_SHAPE).any(axis=0).astype(np.float32)
 
 
-def test_fit_finds_one_ellipse_where_it_was_painted():
-    found = fit_ellipses(mask_of((40.0, 35, 12, 5, 0.1)), FIT_SIZE, PARAMS)
+@pytest.mark.parametrize(
+    ("ellipse", "size", "within"),
+    [((40.0, 35, 12, 5, 0.1), FIT_SIZE, 0.6), ((60.0, 40, 20, 10, 1.3), Size(20.0, 0.0, 1.0, 0.5, upright=False), 1.0)],
+    ids=["upright", "across, from above"],
+)
+def test_fit_finds_one_ellipse_where_it_was_painted(ellipse, size, within):
+    found = fit_ellipses(mask_of(ellipse), size, PARAMS)
     assert len(found) == 1
-    np.testing.assert_allclose(found[0], [40, 35, 12, 5, 0.1], atol=0.6)
+    np.testing.assert_allclose(found[0], ellipse, atol=within)
 
 
 def test_fit_keeps_one_ellipse_for_a_split_region():
@@ -63,12 +68,6 @@ def test_fit_follows_the_size_that_is_expected_in_a_row():
     size = Size(5.0, 0.2, 1.0, 0.4)  # half length 8 in row 15, 17 in row 60
     found = fit_ellipses(mask_of((30.0, 15, 8, 3.2, 0.0), (80, 60, 17, 6.8, 0.0)), size, PARAMS)
     np.testing.assert_allclose(found[np.argsort(found[:, 1]), 2], [8, 17], rtol=0.1)
-
-
-def test_fit_from_above_finds_a_person_who_lies_across():
-    found = fit_ellipses(mask_of((60.0, 40, 20, 10, 1.3)), Size(20.0, 0.0, 1.0, 0.5, upright=False), PARAMS)
-    assert len(found) == 1
-    np.testing.assert_allclose(found[0], [60, 40, 20, 10, 1.3], atol=1.0)
 
 
 def test_gain_is_the_share_of_foreground_less_background_outside_the_others():
@@ -185,7 +184,6 @@ def learned(frames: list[list[list[float]]], shape: tuple[int, int] = (100, 160)
 
 
 def half_in(found: tuple[Size, float] | None, row: float) -> float:
-    assert found is not None
     return float(found[0].half_lengths(np.array(row)))
 
 
@@ -214,7 +212,6 @@ def test_large_person_from_whom_pieces_fall_is_one_person():
         frames.append([[30.0 + k, 50, 30, 10, 0], *([*s, 4, 2, 0] for s in specks)])
     found = learned(frames)
     assert half_in(found, 50) == pytest.approx(30, rel=0.2)
-    assert found is not None
     assert found[1] > 0.6
 
 
@@ -230,9 +227,7 @@ def test_person_whom_the_border_always_cuts_is_one_person():
 def walkers(angles_deg: np.ndarray, half: float) -> Size:
     """One walker after another, each at an angle of its own."""
     frames = [[[40.0 + 6 * step, 60, half, 0.5 * half, a]] for a in np.radians(angles_deg) for step in range(6)]
-    found = learned(frames, (120, 160))
-    assert found is not None
-    return found[0]
+    return learned(frames, (120, 160))[0]
 
 
 def test_large_people_who_lie_in_all_directions_are_seen_from_above_and_of_one_size():
@@ -275,7 +270,6 @@ def test_camera_gives_the_length_of_an_adult_by_row():
     # 3 m above the floor at a tilt of 60 degrees: feet in some row are those of a head 1.7 m above them.
     camera = GroundCamera(640, 480, 500.0, 3.0, math.radians(60.0))
     size = size_of_camera(camera)
-    assert size is not None
     foot, head = camera.project(np.array([[0.0, 5.0, 0.0], [0.0, 5.0, 1.7]]))[:, 1]
     assert 2 * size.half_lengths((foot + head) / 2) == pytest.approx(foot - head, rel=0.1)
 
@@ -317,16 +311,9 @@ def test_row_sums_are_those_left_of_each_edge():
 @pytest.mark.parametrize("seed", range(4))
 def test_overlaps_agree_with_their_twin(seed):
     rng = np.random.default_rng(seed)
-    left, allowed = (
-        (rng.uniform(0, 1, SIZES) > 0.5).astype(np.uint8),
-        (rng.uniform(0, 1, SIZES) > 0.3).astype(np.uint8),
-    )
+    left, allowed = ((rng.uniform(0, 1, SIZES) > least).astype(np.uint8) for least in (0.5, 0.3))
     states = np.zeros((6, 7))
-    states[:, 0], states[:, 1], states[:, 4:] = (
-        rng.uniform(-3, 53, 6),
-        rng.uniform(-3, 43, 6),
-        rng.normal(0, 0.3, (6, 3)),
-    )
+    states[:, :2], states[:, 4:] = rng.uniform(-3, (53, 43), (6, 2)), rng.normal(0, 0.3, (6, 3))
     out = np.empty((6, 2))
     kernels.overlaps(states, kernels.row_sums(left), kernels.row_sums(allowed), Law(3.0, 0.1, 4.0, 0.5), out)
     for found, (x, y, _, _, ln_a, ln_b, angle) in zip(out, states, strict=True):

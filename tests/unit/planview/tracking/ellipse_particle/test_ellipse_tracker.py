@@ -105,30 +105,18 @@ def test_camera_gives_floor_positions_and_heights():
     assert state.height_m == pytest.approx(1.8, abs=0.12)
 
 
-def test_walker_is_found_in_images():
-    rng = np.random.default_rng(0)
-    scene = rng.integers(60, 160, (*SHAPE, 3), dtype=np.uint8)
-    tracker = EllipseParticleTracker(GIVEN)
-    source = OneCamera(SingleCameraParams(), SHAPE[::-1], tracker.foreground_columns)
-    for i in range(60):
-        image = scene.copy()
-        if i >= 20:
-            image[foreground((20 + 2.5 * (i - 20), 60)) > 0] = (20, 20, 230)
-        states = tracker.update(source.observe(VideoFrame(i, i / 10, image), tracker.feedback()))
-    assert [s.state for s in states] == ["confirmed"]
-    assert states[0].box_px[0] + 6 == pytest.approx(117.5, abs=4)
-
-
-def test_walker_who_stops_is_not_absorbed_by_the_background():
+@pytest.mark.parametrize(("frames", "stops_at"), [(60, 200.0), (150, 80.0)], ids=["who walks", "who stops"])
+def test_walker_is_found_in_images_and_not_absorbed_by_the_background(frames, stops_at):
     scene = np.random.default_rng(0).integers(60, 160, (*SHAPE, 3), dtype=np.uint8)
     tracker = EllipseParticleTracker(GIVEN)
     source = OneCamera(SingleCameraParams(), SHAPE[::-1], tracker.foreground_columns)
-    for i in range(150):
+    for i in range(frames):
         image = scene.copy()
         if i >= 20:
-            image[foreground((min(20 + 2.5 * (i - 20), 80), 60)) > 0] = (20, 20, 230)
+            image[foreground((min(20 + 2.5 * (i - 20), stops_at), 60)) > 0] = (20, 20, 230)
         states = tracker.update(source.observe(VideoFrame(i, i / 10, image), tracker.feedback()))
     assert [s.state for s in states] == ["confirmed"]
+    assert states[0].box_px[0] + 6 == pytest.approx(min(117.5, stops_at), abs=4)
 
 
 def test_debug_shows_measurements_objects_and_particles():
@@ -150,20 +138,13 @@ def test_flooded_frames_measure_nothing_and_people_are_found_again():
     assert [(s.track_id, s.state) for s in out[-1]] == [(1, "confirmed")]
 
 
-@pytest.mark.parametrize("value", [0, 255])
-def test_no_foreground_and_foreground_everywhere_give_no_tracks(value):
-    params = EllipseParticleParams()
-    masks = [np.full(SHAPE, value, dtype=np.uint8)] * 5
-    assert follow(EllipseParticleTracker(params), masks) == [()] * 5
-
-
-def test_one_frame_and_missing_images_are_no_trouble():
+def test_no_foreground_foreground_everywhere_and_missing_images_give_no_tracks_and_wrong_arrays_are_refused():
+    for value in (0, 255):
+        masks = [np.full(SHAPE, value, dtype=np.uint8)] * 5
+        assert follow(EllipseParticleTracker(EllipseParticleParams()), masks) == [()] * 5
     tracker = EllipseParticleTracker()
     assert tracker.update(Observation(0, 0.0)) == ()
     assert tracker.update(Observation(1, 0.1, image=np.zeros((48, 64, 3), dtype=np.uint8))) == ()
-
-
-def test_wrong_arrays_are_refused():
     with pytest.raises(ValueError, match="uint8 foreground"):
         EllipseParticleTracker(GIVEN).update(Observation(0, 0.0, foreground=np.zeros((5, 5, 3), dtype=np.uint8)))
 
@@ -235,7 +216,6 @@ def test_feedback_is_where_confirmed_people_are():
     assert tracker.feedback() is None
     follow(tracker, [foreground((60 + i, 60)) for i in range(10)])
     mask = tracker.feedback()
-    assert mask is not None
     assert (mask[60, 69], mask[60, 20]) == (WALKER, NO_FEEDBACK)
 
 

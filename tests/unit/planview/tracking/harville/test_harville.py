@@ -66,11 +66,8 @@ def test_tentative_track_is_dropped_at_its_first_miss() -> None:
     assert kinds(tracker) == ["pruned"]
 
 
-def test_chair_is_too_low_for_a_newcomer() -> None:
+def test_chair_is_too_low_and_a_hand_has_too_little_surface_for_a_newcomer():
     assert follow(HarvilleTracker(), walk(0.05, 0.05, 10, height_m=1.1))[-1] == ()
-
-
-def test_hand_has_too_little_surface_for_a_newcomer() -> None:
     assert follow(HarvilleTracker(), [[(0.05, 0.05, 1.75, 0.04)]] * 10)[-1] == ()
 
 
@@ -104,19 +101,16 @@ def test_lost_person_goes_on_as_predicted() -> None:
     assert lost.x_m == pytest.approx(seen.x_m + 0.5 * seen.vx_mps, abs=1e-6)
 
 
-def test_newcomer_within_reach_of_a_lost_person_is_that_person() -> None:
+@pytest.mark.parametrize(
+    ("y_m", "states", "decisions"),
+    [(1.85, {1: "confirmed"}, ["reacquired"]), (2.25, {1: "lost", 2: "tentative"}, ["spawned"])],
+)
+def test_newcomer_within_reach_of_a_lost_person_is_that_person_and_out_of_it_somebody_else(y_m, states, decisions):
     tracker = HarvilleTracker()
     follow(tracker, [*walk(0.05, 0.05, 10, step_m=0.0), *[[]] * 5])
-    (track,) = follow(tracker, [[(0.05, 1.85, 1.75)]], start=15)[0]
-    assert (track.track_id, track.state) == (1, "confirmed")
-    assert kinds(tracker) == ["reacquired"]
-
-
-def test_newcomer_out_of_reach_of_a_lost_person_is_somebody_else() -> None:
-    tracker = HarvilleTracker()
-    follow(tracker, [*walk(0.05, 0.05, 10, step_m=0.0), *[[]] * 5])
-    tracks = follow(tracker, [[(0.05, 2.25, 1.75)]], start=15)[0]
-    assert {track.track_id: track.state for track in tracks} == {1: "lost", 2: "tentative"}
+    tracks = follow(tracker, [[(0.05, y_m, 1.75)]], start=15)[0]
+    assert {track.track_id: track.state for track in tracks} == states
+    assert kinds(tracker) == decisions
 
 
 def test_lost_person_is_forgotten_after_four_seconds() -> None:
@@ -177,10 +171,9 @@ def test_debug_shows_search_zone_and_templates() -> None:
     follow(tracker, walk(0.05, 0.05, 3))
     debug = tracker.debug()
     assert [drawing.name for drawing in debug.drawings] == ["search", "template"]
-    assert {name: tile.shape for name, tile in debug.tiles.items()} == {
-        "template/1/height": (9, 9),
-        "template/1/occupancy": (9, 9),
-    }
+    assert {name: tile.shape for name, tile in debug.tiles.items()} == dict.fromkeys(
+        ("template/1/height", "template/1/occupancy"), (9, 9)
+    )
 
 
 def test_person_at_the_edge_of_the_floor_is_followed() -> None:
@@ -189,12 +182,9 @@ def test_person_at_the_edge_of_the_floor_is_followed() -> None:
     assert math.dist((track.x_m, track.y_m), (-2.95, 2.95)) < 0.3
 
 
-def test_observation_without_maps_is_refused() -> None:
+def test_observation_without_maps_and_time_that_runs_backwards_are_refused():
     with pytest.raises(ValueError, match="plan-view maps"):
         HarvilleTracker().update(Observation(0, 0.0))
-
-
-def test_time_that_runs_backwards_is_refused() -> None:
     tracker = HarvilleTracker()
     follow(tracker, walk(0.05, 0.05, 1), start=5)
     with pytest.raises(ValueError, match="time to advance"):

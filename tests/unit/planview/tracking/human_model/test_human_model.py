@@ -24,7 +24,7 @@ def _walker(t: float) -> list[Drawn]:
     return [(-2.5 + 1.2 * t, 6.0, RED)]
 
 
-def test_walker_is_one_track_near_the_truth() -> None:
+def test_walker_is_one_track_near_the_truth_with_the_box_of_the_whole_model() -> None:
     _, states, _ = run(_walker, 3.5)
     rows = [(k, s) for k, frame in enumerate(states) for s in confirmed(frame)]
     assert len(rows) > 20
@@ -33,11 +33,7 @@ def test_walker_is_one_track_near_the_truth() -> None:
     assert np.median(errors) < 0.15
     assert rows[-1][1].vx_mps == pytest.approx(1.2, abs=0.3)
     assert rows[-1][1].height_m == pytest.approx(1.76, abs=0.15)
-
-
-def test_box_is_the_amodal_model() -> None:
-    _, states, _ = run(_walker, 2.0)
-    (state,) = confirmed(states[-1])
+    (state,) = confirmed(states[19])
     left, top, width, height = state.box_px
     head, foot = CAMERA.project((state.x_m, 6.0, 1.76)), CAMERA.project((state.x_m, 6.0, 0.0))
     assert left < foot[0] < left + width
@@ -144,19 +140,12 @@ def test_reset_gives_the_same_tracks_again() -> None:
     assert again == states
 
 
-def test_images_of_another_size_are_refused() -> None:
-    tracker = HumanModelTracker(PARAMS, CAMERA, MAP)
-    mask = np.zeros((60, 80), np.uint8)
+def test_images_of_another_size_missing_foreground_and_the_map_of_another_camera_are_refused() -> None:
+    tracker, mask = HumanModelTracker(PARAMS, CAMERA, MAP), np.zeros((60, 80), np.uint8)
     with pytest.raises(InputError, match=r"expected images of 160x120 px.*found 80x60"):
         tracker.update(Observation(0, 0.0, None, mask, mask))
-
-
-def test_missing_foreground_is_refused() -> None:
     with pytest.raises(ValueError, match="foreground and motion"):
-        HumanModelTracker(PARAMS, CAMERA, MAP).update(Observation(0, 0.0))
-
-
-def test_map_of_another_camera_is_refused() -> None:
+        tracker.update(Observation(0, 0.0))
     with pytest.raises(InputError, match="human model map"):
         HumanModelTracker(PARAMS, replace(CAMERA, height_m=5.0), MAP)
 
@@ -202,20 +191,17 @@ def test_evidence_is_that_of_the_plain_twin(pose, others):
     assert evidence(frame, pose, *others) == pytest.approx(expected, rel=2e-3, abs=1e-3)
 
 
-def test_person_is_likelier_where_it_stands_than_beside():
+def test_person_is_likelier_where_it_stands_than_beside_and_unlikely_where_nothing_is_foreground():
     frame = frame_of((0.0, 6.0, RED))
     here = evidence(frame, (0.0, 6.0, 1.76))
     assert here > 20.0
     assert all(evidence(frame, (x, y, 1.76)) < here for x, y in ((0.3, 6.0), (-0.3, 6.0), (0.0, 7.0), (0.0, 5.2)))
+    assert evidence(frame_of(), (0.0, 6.0, 1.76)) < -10.0
 
 
 def test_person_who_is_hidden_by_another_costs_nothing_and_gains_nothing():
     frame = frame_of((0.0, 5.0, RED))
     assert abs(evidence(frame, (0.0, 5.2, 1.6), (0.0, 5.0, 1.76))) < 0.2 * evidence(frame, (0.0, 5.0, 1.76))
-
-
-def test_person_where_nothing_is_foreground_is_unlikely():
-    assert evidence(frame_of(), (0.0, 6.0, 1.76)) < -10.0
 
 
 def test_ascent_finds_the_person_from_a_walkers_error_of_prediction():
@@ -235,12 +221,9 @@ def test_place_is_known_better_across_the_ray_than_along_it():
     assert 0.0 < noise.xx < noise.yy
 
 
-def test_two_side_by_side_explain_two_better_than_one_does():
+def test_two_side_by_side_explain_two_better_than_one_does_and_a_second_in_the_outline_of_one_does_not():
     frame = frame_of((-0.35, 6.0, RED), (0.35, 6.0, BLUE))
     assert frame.beside(0, 1, people_at((-0.35, 6.0, 1.76), (0.35, 6.0, 1.76))).evidence > 8.0
-
-
-def test_second_person_in_the_outline_of_one_has_no_evidence():
     frame = frame_of((0.0, 6.0, RED))
     assert frame.beside(0, 1, people_at((0.0, 6.4, 1.7), (0.0, 5.9, 1.76))).evidence < 0.0
 

@@ -75,49 +75,29 @@ def test_who_enters_far_from_where_another_left_is_someone_else():
 
 
 def test_a_low_box_that_stands_is_no_person():
-    def box(t: float) -> SeenPixels:
-        seen = look_at(CAMERA, [(0.0, 3.0, 0.8)] if t > 0.3 else [])
-        return seen
-
-    tracker = TemplateTracker()
-    frames = [tracker.update(observed(n, n / 15, box(n / 15))) for n in range(45)]
+    frames = follow(lambda t: [(0.0, 3.0, 0.8)] if t > 0.3 else [], 3.0)
     assert not any(confirmed(states) for states in frames)
 
 
-def test_light_that_floods_the_image_ends_nobody():
+def test_light_that_floods_the_image_ends_nobody_and_a_reset_everybody():
     tracker = TemplateTracker()
     for n in range(20):
         tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
     flood = look_at(CAMERA, [])
     flood.kind[:] = SURFACE
-    states = tracker.update(observed(20, 20 / 15, flood))
-    assert 1 in {s.track_id for s in states}
-
-
-def test_every_frame_says_why_each_person_is_where_it_is():
-    tracker = TemplateTracker()
-    for n in range(10):
-        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
-    reasons = [d.reason for d in tracker.decisions if d.kind == "matched"]
-    assert len(reasons) == 1
-    assert "evidence" in reasons[0] and "existence" in reasons[0] and "visible" in reasons[0]
-
-
-def test_the_owners_of_pixels_are_shown():
-    tracker = TemplateTracker()
-    for n in range(10):
-        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
-    owners = tracker.debug().tiles["owners/0"]
-    assert owners.shape == CAMERA.shape
-    assert (owners > 40).sum() > 300
-
-
-def test_reset_forgets_everybody():
-    tracker = TemplateTracker()
-    for n in range(10):
-        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
+    assert 1 in {s.track_id for s in tracker.update(observed(20, 20 / 15, flood))}
     tracker.reset()
     assert tracker.update(observed(0, 0.0, look_at(CAMERA, []))) == ()
+
+
+def test_every_frame_says_why_each_person_is_where_it_is_and_shows_the_owners_of_pixels():
+    tracker = TemplateTracker()
+    for n in range(10):
+        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
+    (reason,) = (d.reason for d in tracker.decisions if d.kind == "matched")
+    assert "evidence" in reason and "existence" in reason and "visible" in reason
+    owners = tracker.debug().tiles["owners/0"]
+    assert owners.shape == CAMERA.shape and (owners > 40).sum() > 300
 
 
 def test_an_observation_without_pixels_is_refused():
