@@ -226,5 +226,4 @@ def test_database_with_foreign_tables_is_refused(tmp_path: Path) -> None:
 
 def test_every_export_format_is_fuzzed() -> None:
     names: list[ExportName] = list(EXPORTS)
-    assert set(names) <= {name for name, _ in trajectories()}
-    assert len(calibrations()) >= len(FORMATS) - 1
+    assert set(names) <= {name for name, _ in trajectories()} and len(calibrations()) >= len(FORMATS) - 1

@@ -34,8 +34,7 @@ def test_demo_tracks_its_clip_and_prints_the_metrics(recording, tmp_path, monkey
     with pytest.raises(SystemExit):
         main(["demo", "--out", str(out), "--json"])
     metrics = json.loads(capsys.readouterr().out)
-    assert metrics["significant_errors"]["total"] == 0
-    assert metrics["position_error_mean_m"] < 0.15
+    assert metrics["significant_errors"]["total"] == 0 and metrics["position_error_mean_m"] < 0.15
     assert {"tracks.csv", "run.json", "run.rrd", "report.html", "decisions.csv"} <= {f.name for f in out.iterdir()}
 
 
@@ -71,8 +70,7 @@ def test_demo_clip_at_half_its_frame_rate_is_tracked_without_a_significant_error
     truth = read_truth(DEMO / "truth.csv")
     truth = truth.where(truth.frame % 2 == 0)
     scores = evaluate_tracks(tracks.trajectories(), replace(truth, frame=truth.frame // 2))
-    assert not scores.significant
-    assert scores.position_error_m.mean() < 0.075
+    assert not scores.significant and scores.position_error_m.mean() < 0.075
 
 
 def failures(folder: Path) -> dict[str, float]:
@@ -88,5 +86,4 @@ def test_check_passes_the_real_overhead_pair(shared_data: Path) -> None:
     values = {check.name: check.value for check in diagnosis.checks}
     assert diagnosis.ok, [check for check in diagnosis.checks if not check.ok]
     assert values["row offset"] > 0.3 and values["row residual"] < 0.2
-    assert values["camera height"] == pytest.approx(2.74, abs=0.05)
-    assert 1.5 < values["person height"] < 1.9
+    assert values["camera height"] == pytest.approx(2.74, abs=0.05) and 1.5 < values["person height"] < 1.9

@@ -38,8 +38,7 @@ def test_pedpy_computes_density_and_fundamental_diagram_from_an_export(say: Say,
     assert trajectory.frame_rate == FPS
     expected = load_file(tracks).table
     loaded = trajectory.data.sort_values(["frame", "id"])
-    assert np.abs(loaded.x - expected.x_m).max() < 1e-3
-    assert np.abs(loaded.y - expected.y_m).max() < 1e-3
+    assert np.abs(loaded.x - expected.x_m).max() < 1e-3 and np.abs(loaded.y - expected.y_m).max() < 1e-3
     measured = pedpy.MeasurementArea("POLYGON ((-1 4, 1 4, 1 6, -1 6, -1 4))")
     density = pedpy.compute_classic_density(traj_data=trajectory, measurement_area=measured)
     assert density.density.max() == pytest.approx(1.0)
@@ -74,8 +73,7 @@ def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(say: S
 def test_evaluate_reads_exports_as_tracks_and_as_truth(to: str, say: Say, tracks: Path, json_of: JsonOf) -> None:
     out = tracks.with_name("export")
     assert say("export", tracks, "--to", to, "--out", out)[0] == 0
-    assert json_of("evaluate", tracks, out)["mota"] == 1.0
-    assert json_of("evaluate", out, out)["idf1"] == 1.0
+    assert json_of("evaluate", tracks, out)["mota"] == 1.0 and json_of("evaluate", out, out)["idf1"] == 1.0
 
 
 def test_count_reads_an_export(say: Say, tracks: Path, json_of: JsonOf) -> None:
@@ -115,8 +113,7 @@ def test_samples_of_other_programs_have_their_rows_and_rates(shared_data: Path) 
 
 def test_most_points_of_an_empty_room_lie_on_its_floor(engine: Engine) -> None:
     cloud = scene_cloud(engine.recording, set_up(engine.recording, engine.config), engine.config)
-    assert cloud.points_m.shape == cloud.colours.shape
-    assert np.median(np.abs(cloud.points_m[:, 2])) < 0.03
+    assert cloud.points_m.shape == cloud.colours.shape and np.median(np.abs(cloud.points_m[:, 2])) < 0.03
 
 
 def test_cloud_of_a_recording_is_a_ply_file(say: Say, recording: Path, tmp_path: Path) -> None:

@@ -23,8 +23,7 @@ def test_run_without_a_folder_gives_what_a_folder_would_hold(engine: planview.En
     frames = EMPTY + 6
     kept = planview.run(engine, tmp_path / "out", frames=frames)
     tracks = planview.run(engine, frames=frames)
-    assert len(tracks) > 0
-    assert np.array_equal(tracks.x_m, kept.x_m)
+    assert len(tracks) > 0 and np.array_equal(tracks.x_m, kept.x_m)
     assert (tmp_path / "out" / "report.html").is_file()
 
 
@@ -44,8 +43,7 @@ def test_dataframe_has_the_columns_of_the_file(engine: planview.Engine, tmp_path
     pytest.importorskip("pandas", reason="the extra table is not installed")
     frame = planview.run(engine, tmp_path / "out", frames=EMPTY + 6).to_dataframe()
     header = (tmp_path / "out" / "tracks.csv").read_text().splitlines()[0]
-    assert ",".join(frame.columns) == header
-    assert frame.state.iloc[-1] in ("tentative", "confirmed")
+    assert ",".join(frame.columns) == header and frame.state.iloc[-1] in ("tentative", "confirmed")
 
 
 def test_tracker_of_one_camera_is_refused_for_a_stereo_recording(copy: Path) -> None:
@@ -68,8 +66,7 @@ def stepped(engine: Engine, frames: int) -> list[FrameResult]:
 
 def test_steps_of_a_stereo_engine_give_the_tracks_of_its_iteration(engine: Engine) -> None:
     iterated = [result.tracks for result, _ in zip(engine, range(SHOWN), strict=False)]
-    assert any(iterated)
-    assert [result.tracks for result in stepped(engine, SHOWN)] == iterated
+    assert any(iterated) and [result.tracks for result in stepped(engine, SHOWN)] == iterated
 
 
 def test_a_stereo_step_is_timed_by_stage_without_reading(engine: Engine) -> None:
@@ -100,7 +97,6 @@ class Brightest:
     decisions: tuple[Decision, ...] = ()
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
-        assert observation.image is not None
         row, column = np.unravel_index(int(observation.image.argmax()), observation.image.shape)
         return (TrackState(1, "confirmed", box_px=(float(column), float(row), 1.0, 1.0)),)
 

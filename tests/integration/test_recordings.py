@@ -55,8 +55,7 @@ def test_stereo_sample_opens_with_its_size_rate_and_calibration(
     assert recording.rig.left.size == size and recording.n_frames == frames
     assert recording.fps == pytest.approx(fps, rel=1e-4)
     assert recording.rig.left.fx == pytest.approx(focal_px, rel=1e-5)
-    assert recording.rig.baseline_m == pytest.approx(baseline_m, rel=1e-3)
-    assert len(recording.sample(2)) == 2
+    assert recording.rig.baseline_m == pytest.approx(baseline_m, rel=1e-3) and len(recording.sample(2)) == 2
 
 
 def test_depth_topics_open_with_their_rate_and_camera(recordings):
@@ -95,8 +94,7 @@ def samples(shared_data: Path) -> Path:
 )
 def test_sample_is_read(name: str, size: tuple[int, int], baseline_m: float, samples: Path) -> None:
     rig = load_rig(samples / name, size)
-    assert rig.baseline_m == pytest.approx(baseline_m, rel=1e-3)
-    assert rig.left.size == rig.right.size == size
+    assert rig.baseline_m == pytest.approx(baseline_m, rel=1e-3) and rig.left.size == rig.right.size == size
 
 
 @pytest.mark.parametrize(
@@ -141,8 +139,7 @@ def test_pets_view_puts_the_annotated_feet_where_the_annotation_does(shared_data
     rows = np.loadtxt(folder / "gt.txt", delimiter=",")
     feet = np.column_stack([rows[:, 2] + rows[:, 4] / 2, rows[:, 3] + rows[:, 5]])
     away = np.linalg.norm(camera.back_project(feet) - rows[:, 7:9], axis=1)
-    assert np.median(away) < 0.15
-    assert away.max() < 0.25
+    assert np.median(away) < 0.15 and away.max() < 0.25
 
 
 def middlebury(folder: Path) -> tuple[U8, U8, F32]:
@@ -170,8 +167,7 @@ def test_overhead_pair_is_corrected_by_its_own_matches(shared_data: Path) -> Non
     rectifier, found = aligned_rectifier(recording.rig, frames)
     assert np.degrees(found.angles[2]) == pytest.approx(0.158, abs=0.02)  # see the recording's README
     assert list(found.is_applied) == [True, False, True]  # yaw cannot be told
-    assert "roll corrected by 0.15" in str(found)
-    assert found.before_px > 0.3
+    assert "roll corrected by 0.15" in str(found) and found.before_px > 0.3
     assert found.after_px < 0.25  # 0.5 px of the recorded 1280
     floor = FloorEstimator(rectifier)(frames)
     assert floor.height_m == pytest.approx(2.706, abs=0.02)

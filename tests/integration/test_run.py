@@ -57,8 +57,7 @@ def test_tracks_have_the_columns_of_the_contract_and_nothing_half_written_is_lef
 def test_the_walker_is_tracked_once_where_he_is(folder: Path) -> None:
     tracks = read_tracks(folder / "tracks.csv")
     sure = tracks.where(tracks.state == "confirmed")
-    assert set(sure.track_id) == {1}
-    assert len(sure) > FRAMES - EMPTY - 12
+    assert set(sure.track_id) == {1} and len(sure) > FRAMES - EMPTY - 12
     truth = np.array([(walking(int(f) - EMPTY)[0].x_m, walking(int(f) - EMPTY)[0].y_m) for f in sure.frame])
     assert np.median(np.hypot(sure.x_m - truth[:, 0], sure.y_m - truth[:, 1])) < 0.15
     assert np.median(sure.height_m) == pytest.approx(1.75, abs=0.06)
@@ -66,8 +65,7 @@ def test_the_walker_is_tracked_once_where_he_is(folder: Path) -> None:
 
 def test_run_json_says_what_was_done(folder: Path, recording: Path) -> None:
     info = json.loads((folder / "run.json").read_text())
-    assert info["input"] == str(recording)
-    assert info["finished"] is True
+    assert info["input"] == str(recording) and info["finished"] is True
     assert (info["frames_read"], info["frames_skipped"], info["people"]) == (FRAMES, 0, 1)
     assert info["config"]["analysis"]["setup_frames"] == 4
     assert {"planview", "python", "numpy"} <= info["versions"].keys()
@@ -84,8 +82,7 @@ def test_events_name_the_crossing_and_decisions_have_reasons_from_birth_on(folde
     assert [(event["rule"], event["id"]) for event in events] == [("gate", "1")]
     with (folder / "decisions.csv").open() as file:
         decisions = list(csv.DictReader(file))
-    assert decisions[0]["kind"] == "spawned"
-    assert all(decision["reason"] for decision in decisions)
+    assert decisions[0]["kind"] == "spawned" and all(decision["reason"] for decision in decisions)
     assert "confirmed" in {decision["kind"] for decision in decisions}
 
 
@@ -105,8 +102,7 @@ def test_overwriting_leaves_foreign_files_alone(say: Say, copy: Path, tmp_path: 
     assert run_few(say, copy, out, "--set", "run.frames=2")[0] == 0
     (out / "notes.txt").write_text("mine")
     assert run_few(say, copy, out, "--set", "run.frames=3", "--set", "run.overwrite=true")[0] == 0
-    assert (out / "notes.txt").read_text() == "mine"
-    assert read_run_info(out / "run.json").frames_read == 3
+    assert (out / "notes.txt").read_text() == "mine" and read_run_info(out / "run.json").frames_read == 3
 
 
 def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Engine, tmp_path: Path) -> None:

@@ -40,8 +40,7 @@ def test_tracks_end_with_a_whole_frame_when_the_disk_fills_up(refused, copy, tmp
     assert "no space left on the disk" in refused("run", copy, "--out", out, "--set", FEW, status=1)
     assert (out / "tracks.csv").read_bytes().endswith(b"\n")
     tracks = read_tracks(out / "tracks.csv")
-    assert 5 < len(tracks) < FRAMES - EMPTY
-    assert not read_run_info(out / "run.json").finished
+    assert 5 < len(tracks) < FRAMES - EMPTY and not read_run_info(out / "run.json").finished
     assert not (out / "report.html").exists()
 
 
@@ -94,8 +93,7 @@ def test_a_log_without_room_ends_the_run_in_a_sentence_and_keeps_the_tracks(engi
             run(engine, tmp_path, logs=[log(engine, tmp_path / name)])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    assert len(read_tracks(tmp_path / "tracks.csv"))
-    assert not read_run_info(tmp_path / "run.json").finished
+    assert len(read_tracks(tmp_path / "tracks.csv")) and not read_run_info(tmp_path / "run.json").finished
 
 
 # Interruption
@@ -118,13 +116,11 @@ def test_interruption_leaves_valid_files_and_says_so(recording, tmp_path):
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     _, told = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert one_sentence(told) == "planview: interrupted"
+    assert process.returncode == 130 and one_sentence(told) == "planview: interrupted"
     info = read_run_info(out / "run.json")
     assert not info.finished and 0 < info.frames_read < FRAMES
     tracks = read_tracks(out / "tracks.csv")
-    assert len(tracks) >= 3 and tracks.frame.max() < FRAMES - 1
-    assert not (out / "report.html").exists()
+    assert len(tracks) >= 3 and tracks.frame.max() < FRAMES - 1 and not (out / "report.html").exists()
     assert (out / "checkpoint.npz").is_file()
     rerun = Path(sysconfig.get_path("scripts")) / "rerun"
     assert subprocess.run([rerun, "rrd", "verify", out / "run.rrd"], timeout=60).returncode == 0

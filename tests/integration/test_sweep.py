@@ -63,14 +63,10 @@ def test_study_tracks_maps_of_a_recording_that_it_records_once(say, pool, copy, 
     (tmp_path / "c.toml").write_text("[analysis]\nsetup_frames = 4\n")
     text = 'recordings = ["copy"]\nconfig = "c.toml"\n[parameters]\ntemplate.stay_s = [0.35, {}]\n'
     path, out = study(tmp_path, text.format(0.4)), tmp_path / "study"
-    assert say("sweep", path)[0] == 0
-    assert pool.submitted == 3
-    assert len(list(out.glob("maps/*/maps.h5"))) == 1
-    assert say("sweep", path)[0] == 0
-    assert pool.submitted == 3
+    assert say("sweep", path)[0] == 0 and pool.submitted == 3 and len(list(out.glob("maps/*/maps.h5"))) == 1
+    assert say("sweep", path)[0] == 0 and pool.submitted == 3
     study(tmp_path, text.format(0.45))
-    assert say("sweep", path)[0] == 0
-    assert pool.submitted == 4
+    assert say("sweep", path)[0] == 0 and pool.submitted == 4
     assert [(r["template.stay_s"], r["state"], r["tracked_from"]) for r in rows(out)] == [
         ("0.35", "done", "maps"), ("0.45", "done", "maps"),
     ]  # fmt: skip
@@ -93,8 +89,7 @@ def test_recordings_of_one_name_do_not_get_each_others_results(say, pool, halls)
         file.write(b"\0")
     assert say("sweep", halls / "a" / "maps.h5", "--out", out)[0] == 0
     folder_of_a = rows(out)[0]["folder"]
-    assert say("sweep", halls / "b" / "maps.h5", "--out", out)[0] == 0
-    assert pool.submitted == 2
+    assert say("sweep", halls / "b" / "maps.h5", "--out", out)[0] == 0 and pool.submitted == 2
     assert rows(out)[0]["folder"] != folder_of_a
 
 
@@ -109,8 +104,7 @@ def test_bad_recordings_are_reported_at_the_end_and_the_others_are_done(say, poo
     (halls / "b" / "maps.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
     path = study(halls, 'recordings = ["b/maps.h5", "none", "a/maps.h5"]\nseeds = [0, 1]\n')
     status, told = say("sweep", path)
-    assert status == 1
-    assert one_sentence(told) == "planview: 4 of 6 runs failed; the others are done"
+    assert status == 1 and one_sentence(told) == "planview: 4 of 6 runs failed; the others are done"
     assert "failed: none, defaults, seed 0:" in told
     assert [row["state"] for row in rows(halls / "study")] == ["failed"] * 4 + ["done"] * 2
     (halls / "b" / "maps.h5").write_bytes((halls / "a" / "maps.h5").read_bytes())
@@ -143,25 +137,20 @@ def test_page_is_one_file_that_shows_names_as_text(say, pool, halls):
 @pytest.mark.parametrize("vary", ["maps.no_such=1,2", "maps.cell_m", "maps.cell_m=0.03,0.03", "seed=x", "seed=-1"])
 def test_sweep_refuses_wrong_settings_before_it_runs(say, copy, tmp_path, vary):
     status, told = say("sweep", copy, "--out", tmp_path / "sweep", "--vary", vary)
-    assert status == 2
-    assert one_sentence(told)
-    assert not (tmp_path / "sweep").exists()
+    assert status == 2 and one_sentence(told) and not (tmp_path / "sweep").exists()
 
 
 def test_optuna_tries_its_samples(say, pool, halls):
     text = 'recordings = ["a/maps.h5"]\nmethod = "optuna"\nsamples = 5\n[parameters]\n'
     path = study(halls, text + "template.stay_s = { min = 0.3, max = 0.5 }\n")
-    assert say("sweep", path)[0] == 0
-    assert len(rows(halls / "study")) == 5
-    assert say("sweep", path)[0] == 0
+    assert say("sweep", path)[0] == 0 and len(rows(halls / "study")) == 5 and say("sweep", path)[0] == 0
     assert pool.submitted == 5
 
 
 def test_what_killed_processes_left_is_removed(say, pool, halls):
     left = halls / "out" / "jobs" / ".attempt-4194305-0"
     left.mkdir(parents=True)
-    assert say("sweep", halls / "a" / "maps.h5", "--out", halls / "out")[0] == 0
-    assert not left.exists()
+    assert say("sweep", halls / "a" / "maps.h5", "--out", halls / "out")[0] == 0 and not left.exists()
 
 
 def test_runs_fail_with_the_plan_view_recording_that_they_need(say, pool, copy, halls):

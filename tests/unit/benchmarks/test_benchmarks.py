@@ -53,9 +53,7 @@ def test_ratios_are_printed_beside_their_limits() -> None:
     out = io.StringIO()
     print_speed(speed, Console(file=out, width=100))
     line = next(line for line in out.getvalue().splitlines() if "foreground to mog2" in line)
-    assert "0.750" in line
-    assert "0.650 to 0.850" in line
-    assert f"{LIMITS['foreground_to_mog2']:g}" in line
+    assert "0.750" in line and "0.650 to 0.850" in line and f"{LIMITS['foreground_to_mog2']:g}" in line
     assert "12.50" in out.getvalue()
 
 
@@ -78,8 +76,7 @@ def test_the_yardstick_depends_on_the_size_alone(size: tuple[int, int], disparit
 
 def test_frames_with_four_people_count_where_there_are_enough() -> None:
     people = np.array([1] * 20 + [4] * 12)
-    assert counted(people).sum() == 12
-    assert counted(people[:25]).sum() == 25
+    assert counted(people).sum() == 12 and counted(people[:25]).sum() == 25
 
 
 OWN = world_from_plane(np.array([0.0, -0.9, -0.4]), 2.4)
@@ -146,28 +143,22 @@ def test_variants_of_foreground_and_feedback_run_in_full_and_others_from_recorde
 
 def test_maps_without_occupancy_count_cells_and_keep_their_highest_point(maps):
     left = reduced(maps, "height")
-    assert left.height[0, 0] == pytest.approx(1.6)
-    assert left.occupancy[0, 0] == pytest.approx(0.01)
-    assert left.occupancy[0, 1] == 0
-    assert left.points.pixels.tolist() == [8]
-    assert left.points.colours.tolist() == [2]
-    assert left.points.area.tolist() == pytest.approx([0.01])
+    assert left.height[0, 0] == pytest.approx(1.6) and left.occupancy[0, 0] == pytest.approx(0.01)
+    assert left.occupancy[0, 1] == 0 and left.points.pixels.tolist() == [8]
+    assert left.points.colours.tolist() == [2] and left.points.area.tolist() == pytest.approx([0.01])
 
 
 def test_maps_without_height_are_equally_high_and_keep_occupancy(maps):
     left = reduced(maps, "occupancy")
     assert left.height[0].tolist() == pytest.approx([NOMINAL_HEIGHT_M, 0.0])
     assert left.points.xyz[:, 2].tolist() == pytest.approx([NOMINAL_HEIGHT_M] * 2)
-    assert left.occupancy[0, 0] == pytest.approx(0.003)
-    assert maps.points.xyz[0, 2] == 1.0
+    assert left.occupancy[0, 0] == pytest.approx(0.003) and maps.points.xyz[0, 2] == 1.0
 
 
 def test_interval_spans_the_resampled_recordings_and_is_their_figure_where_they_are_equal():
     samples = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
     value, low, high = bootstrap(np.array([0.0, 4.0]), np.array([1.0, 1.0]), samples)
-    assert value == 2.0
-    assert low == pytest.approx(0.15)
-    assert high == pytest.approx(3.85)
+    assert value == 2.0 and low == pytest.approx(0.15) and high == pytest.approx(3.85)
     assert bootstrap(np.array([3.0, 3.0]), np.array([2.0, 2.0]), np.array([[0, 1], [1, 1]])) == (1.5, 1.5, 1.5)
 
 
@@ -200,8 +191,5 @@ def test_table_has_every_figure_with_its_interval_and_the_papers_count(capsys):
     rows = [AblationRow(v, errors, *[some] * 6) for v in (CONFIGURED, LADDER[1])]
     print_ablation(rows, Console(width=TABLE_WIDTH))
     text = capsys.readouterr().out
-    assert "5, 0, 4, 0" in text
-    assert "[8.7, 11.6]" in text
-    assert "17" in text
-    assert "height only: the paper's tracker without occupancy" in text
-    assert "…" not in text
+    assert "5, 0, 4, 0" in text and "[8.7, 11.6]" in text and "17" in text
+    assert "height only: the paper's tracker without occupancy" in text and "…" not in text

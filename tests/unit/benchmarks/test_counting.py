@@ -47,13 +47,10 @@ def test_tables_show_accuracy_and_occupancy_with_verdicts() -> None:
         {"room": [OccupancyGroup("0", 10, 90.0, 0.1, 0.1), OccupancyGroup("10+", 0, None, None, None)]},
     )
     table = table_of("pavement", scores)
-    assert [row.ok for row in table.crossings] == [False]
-    assert len(table.occupancy) == 1
+    assert [row.ok for row in table.crossings] == [False] and len(table.occupancy) == 1
     output = io.StringIO()
     print_counting(table, Console(file=output, width=100, markup=False))
-    assert "1+8" in output.getvalue()
-    assert "88.9" in output.getvalue()
-    assert "short" in output.getvalue()
+    assert "1+8" in output.getvalue() and "88.9" in output.getvalue() and "short" in output.getvalue()
     assert table.to_json()["occupancy"][0]["right_percent"] == 90.0
 
 
@@ -89,8 +86,7 @@ def test_ranges_of_all_rooms_weigh_frames_alike_and_one_room_has_none():
     *rooms, together = all_rooms([_table("a", 100, 100.0), _table("b", 300, 96.0)]).occupancy
     assert [row.recording for row in rooms] == ["a", "b"]
     assert (together.group.frames, together.group.right_percent) == (400, pytest.approx(97.0))
-    assert together.ok
-    assert len(all_rooms([_table("a", 100, 100.0)]).occupancy) == 1
+    assert together.ok and len(all_rooms([_table("a", 100, 100.0)]).occupancy) == 1
 
 
 def score(true, found):

@@ -88,5 +88,4 @@ def test_person_who_is_not_seen_is_lost_and_gone_later(engine, maps, early, gone
     tracker = engine()
     walked(tracker, [(2.0, 2.0, 0.0, 0.0)], maps)
     (lost,) = tracker.update(Observation(8, 0.8, maps=maps()))
-    assert lost.state == "lost"
-    assert tracker.update(Observation(50, 0.8 + gone_s, maps=maps())) == ()
+    assert lost.state == "lost" and tracker.update(Observation(50, 0.8 + gone_s, maps=maps())) == ()

@@ -33,8 +33,7 @@ from planview.trajectories.table import Trajectories, positions_table, read_trac
 def test_minutes_choose_whole_scenes_by_the_seed():
     files = sorted(SUITE.glob("*.toml"))
     few, more = chosen_files(files, 1, 2.0), chosen_files(files, 1, 5.0)
-    assert set(few) < set(more) < set(files)
-    assert chosen_files(files, 2, 2.0) != few
+    assert set(few) < set(more) < set(files) and chosen_files(files, 2, 2.0) != few
     assert chosen_files(files, 1, 60.0) == files
 
 
@@ -126,8 +125,7 @@ def test_doubtful_people_are_neither_asked_for_nor_wrong() -> None:
     tracks = table((0, 7, 0.0, 1), (1, 7, 0.1, 1), (2, 7, 0.1, 1), (2, 8, 3.0, 1), (3, 7, 0.0, 1))
     score = score_real("room", "template", tracks, truth, np.arange(4))
     # Right in frames 0 to 2, in the last of which the doubtful one is found; nobody is there in frame 3.
-    assert (score.count_accuracy, score.exact_count) == (0.75, 0.5)
-    assert (score.ids, score.people) == (2, 1)
+    assert (score.count_accuracy, score.exact_count) == (0.75, 0.5) and (score.ids, score.people) == (2, 1)
     assert (score.evaluation.clear.misses, score.evaluation.clear.false_positives) == (0, 1)
 
 
@@ -175,8 +173,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_spread_holds_the_scores_of_every_seed_in_order_and_one_seed_has_none(folder):
     scores = score_pets("ellipse-particle", folder, None)
-    assert scores.spread() is None
-    assert (scores.boxes.clear.mota, scores.errors.total) == (1.0, 0)
+    assert scores.spread() is None and (scores.boxes.clear.mota, scores.errors.total) == (1.0, 0)
     scores = score_pets("ellipse-particle", folder, None, seeds=3)
     spread = scores.spread()
     assert scores.mota == 1.0

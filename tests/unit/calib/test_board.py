@@ -55,16 +55,14 @@ def test_corners_are_found_to_a_hundredth_of_a_pixel_and_in_a_small_image_at_its
 
 def test_counts_of_a_board_are_found_and_a_part_is_told_from_the_whole() -> None:
     images = [drawn(8, 5)] * 3
-    assert find_counts(images) == (8, 5)
-    assert larger_counts(images, (4, 3)) == (8, 5)
+    assert find_counts(images) == (8, 5) and larger_counts(images, (4, 3)) == (8, 5)
     assert larger_counts(images, (5, 8)) is None
 
 
 def test_no_board_is_found_in_blank_and_noisy_images() -> None:
     noise = np.random.default_rng(0).integers(0, 255, (120, 160)).astype(np.uint8)
     blank = np.full((120, 160), 90, np.uint8)
-    assert find_counts([blank, noise]) is None
-    assert Detector(Board(7, 5, 0.03))(blank) is None
+    assert find_counts([blank, noise]) is None and Detector(Board(7, 5, 0.03))(blank) is None
 
 
 def test_order_of_a_board_that_looks_alike_when_turned_follows_the_other_camera():
@@ -91,10 +89,7 @@ def test_charuco_corners_carry_their_ids_when_half_of_the_board_is_hidden() -> N
     whole = Detector(board)(image)
     image[:, 400:] = 255
     part = Detector(board)(image)
-    assert whole is not None
-    assert part is not None
-    assert len(whole.ids) == 24
-    assert 8 <= len(part.ids) < 24
+    assert len(whole.ids) == 24 and 8 <= len(part.ids) < 24
     both = dict(zip(whole.ids.tolist(), whole.pixels, strict=True))
     assert max(np.abs(both[int(i)] - p).max() for i, p in zip(part.ids, part.pixels, strict=True)) < 0.5
 
@@ -106,8 +101,7 @@ def test_dictionary_of_a_charuco_board_is_found() -> None:
     assert opened is not None
     found = complete_charuco(opened, [image], any_dictionary=True, any_marker=True)
     # Smaller dictionaries of a family begin with the same markers.
-    assert found.dictionary.startswith("DICT_6X6_")
-    assert Detector(found)(image) is not None
+    assert found.dictionary.startswith("DICT_6X6_") and Detector(found)(image) is not None
     assert (found.cols, found.rows) == (board.cols, board.rows)
 
 
@@ -148,8 +142,7 @@ def test_selection_leaves_out_blurred_and_repeated_views() -> None:
     views = [different[0]] * 20 + different[1:]
     sharp = [1.0] * 28 + [0.2]
     taken = select_views(views, sharp, rig.left.size, limit=9)
-    assert 28 not in taken
-    assert set(range(20, 28)) <= set(taken)
+    assert 28 not in taken and set(range(20, 28)) <= set(taken)
 
 
 BOARD = Board(7, 5, 0.04)
@@ -167,8 +160,7 @@ def views_of(
 def test_exact_corners_give_the_exact_rig() -> None:
     truth, views = views_of(n=8, noise_px=0.0)
     found = solve_board(views, BOARD, SIZE, model="brown")
-    assert max(calibration_errors(truth, found.rig)) < 1e-3
-    assert found.fit.rms_px < 1e-4
+    assert max(calibration_errors(truth, found.rig)) < 1e-3 and found.fit.rms_px < 1e-4
 
 
 @pytest.mark.parametrize(("lens", "seed"), [("brown", 1), ("fisheye", 2)])
@@ -176,9 +168,7 @@ def test_noisy_corners_give_the_rig_within_the_limits_asked(lens: str, seed: int
     truth, views = views_of(lens, 24, seed=seed)
     found = solve_board(views, BOARD, SIZE, model="fisheye" if lens == "fisheye" else "brown")
     focal, baseline, turn_deg = calibration_errors(truth, found.rig)
-    assert focal < 0.2
-    assert baseline < 0.3
-    assert turn_deg < 0.05
+    assert focal < 0.2 and baseline < 0.3 and turn_deg < 0.05
 
 
 def test_reported_uncertainty_covers_the_error() -> None:
@@ -198,8 +188,7 @@ def test_lens_is_chosen_by_views_left_out_and_one_without_distortion_is_recognis
     assert "no distortion" not in {one.name for one in found.lenses}
     _, views = views_of("plain", 14, seed=5)
     found = solve_board(views, BOARD, SIZE, model="brown")
-    assert choose_lens(found.lenses).name == "no distortion"
-    assert not np.any(found.rig.left.coefficients)
+    assert choose_lens(found.lenses).name == "no distortion" and not np.any(found.rig.left.coefficients)
 
 
 def test_wrong_corners_in_a_view_are_named_and_left_out() -> None:
@@ -207,8 +196,7 @@ def test_wrong_corners_in_a_view_are_named_and_left_out() -> None:
     views[4] = replace(views[4], right=views[4].right + np.array([6.0, -4.0]))
     found = solve_board(views, BOARD, SIZE, model="brown")
     assert [one.name for one in found.rejected] == ["view 04"]
-    assert "times the median" in found.rejected[0].why
-    assert calibration_errors(truth, found.rig)[1] < 0.3
+    assert "times the median" in found.rejected[0].why and calibration_errors(truth, found.rig)[1] < 0.3
 
 
 def test_too_few_pairs_are_refused() -> None:
@@ -280,8 +268,7 @@ def test_fisheye_boards_of_which_parts_are_hidden_give_the_rig() -> None:
     truth, views = views_of("fisheye", 12, seed=2)
     views[3] = BoardView("part", views[3].ids[7:], views[3].left[7:], views[3].right[7:])
     found = solve_board(views, BOARD, SIZE, model="fisheye")
-    assert len(found.views[3].ids) == 28
-    assert calibration_errors(truth, found.rig)[1] < 0.3
+    assert len(found.views[3].ids) == 28 and calibration_errors(truth, found.rig)[1] < 0.3
 
 
 def test_lens_that_turns_back_inside_the_image_is_seen() -> None:

@@ -43,8 +43,7 @@ def test_camera_has_no_ray_for_a_pixel_beyond_where_its_lens_turns_back() -> Non
     # r - 0.3 r^3 has its maximum 0.7027 at r = 1.054: nothing is imaged further out than 351 px.
     camera = Camera(1000, 480, 500.0, 500.0, 500.0, 240.0, "brown", (-0.3, 0.0, 0.0, 0.0))
     rays = camera.unproject([[500.0 + 340.0, 240.0], [500.0 + 360.0, 240.0]])
-    assert np.isfinite(rays[0]).all()
-    assert np.isnan(rays[1, :2]).all()
+    assert np.isfinite(rays[0]).all() and np.isnan(rays[1, :2]).all()
 
 
 def test_camera_projects_points_behind_it_to_nan_and_refuses_nan():
@@ -70,8 +69,7 @@ def test_world_has_y_up_the_image_of_an_overhead_camera_and_ahead_of_a_level_one
     floor = Floor(world_from_plane(np.array([0.0, 0.0, -1.0]), 2.7))
     np.testing.assert_allclose(floor.world_SE3_left @ [[1.0, 0.0, 2.7]], [[1.0, 0.0, 0.0]], atol=1e-12)
     np.testing.assert_allclose(floor.world_SE3_left @ [[0.0, -1.0, 1.7]], [[0.0, 1.0, 1.0]], atol=1e-12)
-    assert floor.tilt_rad == pytest.approx(0.0)
-    assert floor.height_m == pytest.approx(2.7)
+    assert floor.tilt_rad == pytest.approx(0.0) and floor.height_m == pytest.approx(2.7)
     floor = Floor(world_from_plane(np.array([0.0, -1.0, 0.0]), 2.0))
     np.testing.assert_allclose(floor.world_SE3_left @ [[0.0, 2.0, 5.0]], [[0.0, 5.0, 0.0]], atol=1e-12)
     assert np.degrees(floor.tilt_rad) == pytest.approx(90.0)

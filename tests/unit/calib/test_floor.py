@@ -92,8 +92,7 @@ def test_floor_in_a_part_of_the_view_is_found_under_a_larger_wall() -> None:
     room.add((1.0, 0.0, 0.0), -1.0)
     room.add((1.0, 0.0, 0.0), 1.5)
     floor = found(room.clouds())
-    assert floor.height_m == pytest.approx(2.2, abs=0.02)
-    assert floor.inlier_fraction < 0.4
+    assert floor.height_m == pytest.approx(2.2, abs=0.02) and floor.inlier_fraction < 0.4
 
 
 def test_wall_before_which_people_walk_is_no_floor_seen_from_above() -> None:
@@ -111,8 +110,7 @@ def test_floor_tells_its_uncertainty_and_extent() -> None:
     room.add((0.0, 0.0, 1.0), 0.0, (-2, 2, 1.5, 6))
     floor = found(room.clouds())
     assert floor.covariance is not None and floor.extent_m is not None
-    assert 0 < math.sqrt(floor.covariance[0, 0]) < 0.02
-    assert floor.residual_m < 0.1
+    assert 0 < math.sqrt(floor.covariance[0, 0]) < 0.02 and floor.residual_m < 0.1
     assert floor.extent_m[1] == pytest.approx(1.5, abs=0.2)
 
 
@@ -163,8 +161,7 @@ def test_floor_from_three_points_is_their_plane() -> None:
     pose = pose_of(40, 2.5, -3.0)
     points = pose.inverse() @ np.array([[0.0, 1.0, 0.0], [1.0, 3.0, 0.0], [-1.0, 4.0, 0.0]])
     floor = floor_from_points(points)
-    assert floor.height_m == pytest.approx(2.5)
-    assert math.degrees(floor.roll_rad) == pytest.approx(-3.0)
+    assert floor.height_m == pytest.approx(2.5) and math.degrees(floor.roll_rad) == pytest.approx(-3.0)
 
 
 @pytest.mark.parametrize(
@@ -182,8 +179,7 @@ def test_floor_from_points_refuses_what_is_no_floor(points: list[list[float]], m
 
 
 def test_points_are_pixels_or_metres_but_not_both() -> None:
-    assert parse_points(["1,2", "3,4", "5,6"])[1]
-    assert not parse_points(["1,2,3", "3,4,5", "5,6,7"])[1]
+    assert parse_points(["1,2", "3,4", "5,6"])[1] and not parse_points(["1,2,3", "3,4,5", "5,6,7"])[1]
     with pytest.raises(InputError, match="found both"):
         parse_points(["1,2", "3,4,5", "5,6"])
 

@@ -66,8 +66,7 @@ def opencv_pair(folder: Path, header: str = "%YAML:1.0\n---\n", last: str = "0."
 )
 def test_opencv_headers_of_every_style_are_read(header, tmp_path):
     rig = load_rig(opencv_pair(tmp_path, header), (640, 480))
-    assert rig.baseline_m == pytest.approx(0.1)
-    assert rig.left.distortion == (-0.1, 0.01, 0.0, 0.0)
+    assert rig.baseline_m == pytest.approx(0.1) and rig.left.distortion == (-0.1, 0.01, 0.0, 0.0)
 
 
 def test_format_is_told_by_content_not_by_name(tmp_path):
@@ -90,8 +89,7 @@ def hd_rig() -> StereoRig:
 def test_calibration_of_the_same_aspect_is_scaled_and_of_another_refused(tmp_path):
     write_rig(RIG, tmp_path / "rig.toml")
     rig = load_rig(tmp_path, (320, 240))
-    assert rig.left.fx == pytest.approx(250.0)
-    assert "scaled from 640x480 to 320x240" in rig.source
+    assert rig.left.fx == pytest.approx(250.0) and "scaled from 640x480 to 320x240" in rig.source
     found = r"rig.toml: expected a calibration for images of 640x360, found one for 640x480"
     with pytest.raises(InputError, match=found):
         load_rig(tmp_path, (640, 360))
@@ -99,8 +97,7 @@ def test_calibration_of_the_same_aspect_is_scaled_and_of_another_refused(tmp_pat
 
 def test_size_that_a_file_lacks_is_taken_from_the_principal_point_and_said(tmp_path):
     rig = load_rig(opencv_pair(tmp_path))
-    assert rig.left.size == (640, 480)
-    assert "taken from the principal points" in rig.source
+    assert rig.left.size == (640, 480) and "taken from the principal points" in rig.source
 
 
 def test_millimetres_and_positive_translations_are_refused_with_the_way_to_mend_them(tmp_path):
@@ -184,8 +181,7 @@ def test_kitti_rectified_images_get_the_rectified_cameras(tmp_path):
     (tmp_path / "calib_cam_to_cam.txt").write_text("calib_time: 09-Jan-2012 13:57:47\n" + "\n".join(lines))
     raw, rectified = load_rig(tmp_path), load_rig(tmp_path, (1242, 375))
     assert (raw.left.size, raw.left.fx, rectified.left.fx) == ((1392, 512), 960.0, 720.0)
-    assert raw.baseline_m == pytest.approx(0.53)
-    assert rectified.baseline_m == pytest.approx(0.53)
+    assert raw.baseline_m == pytest.approx(0.53) and rectified.baseline_m == pytest.approx(0.53)
 
 
 def test_middlebury_file_is_read_in_millimetres(tmp_path):
@@ -195,8 +191,7 @@ def test_middlebury_file_is_read_in_millimetres(tmp_path):
         "doffs=131.111\nbaseline=193.001\nwidth=2964\nheight=1988\nndisp=280\n"
     )
     rig = load_rig(tmp_path)
-    assert rig.baseline_m == pytest.approx(0.193001)
-    assert rig.right.cx == 1307.839
+    assert rig.baseline_m == pytest.approx(0.193001) and rig.right.cx == 1307.839
 
 
 @pytest.mark.parametrize(
@@ -223,8 +218,7 @@ def test_hostile_files_are_refused_in_one_sentence(content, tmp_path, monkeypatc
     (tmp_path / "f").write_text(content)
     with pytest.raises(InputError, match="expected") as refusal:
         load_rig(tmp_path / "f")
-    assert "\n" not in str(refusal.value)
-    assert not (tmp_path / "PWNED").exists()
+    assert "\n" not in str(refusal.value) and not (tmp_path / "PWNED").exists()
 
 
 fuzz = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -136,8 +136,7 @@ def test_a_file_is_replaced_in_one_step_and_its_folder_made(tmp_path: Path) -> N
     folder = tmp_path / "made" / "deep"
     write_whole(folder / "a", "old")
     write_whole(folder / "a", "new")
-    assert (folder / "a").read_text() == "new"
-    assert [file.name for file in folder.iterdir()] == ["a"]
+    assert (folder / "a").read_text() == "new" and [file.name for file in folder.iterdir()] == ["a"]
 
 
 def test_an_error_while_writing_leaves_the_file_as_it_was(tmp_path: Path) -> None:
@@ -145,16 +144,14 @@ def test_an_error_while_writing_leaves_the_file_as_it_was(tmp_path: Path) -> Non
     with suppress(ZeroDivisionError), whole_file(tmp_path / "a") as part:
         part.write_text("half")
         part.write_text(str(1 / 0))
-    assert (tmp_path / "a").read_bytes() == b"old"
-    assert [file.name for file in tmp_path.iterdir()] == ["a"]
+    assert (tmp_path / "a").read_bytes() == b"old" and [file.name for file in tmp_path.iterdir()] == ["a"]
 
 
 def test_links_stay_links_and_devices_devices(tmp_path):
     (tmp_path / "target").write_text("old")
     (tmp_path / "link").symlink_to(tmp_path / "target")
     write_whole(tmp_path / "link", "new")
-    assert (tmp_path / "link").is_symlink()
-    assert (tmp_path / "target").read_text() == "new"
+    assert (tmp_path / "link").is_symlink() and (tmp_path / "target").read_text() == "new"
     write_whole(Path("/dev/null"), "gone")
     assert Path("/dev/null").is_char_device()
 
@@ -217,8 +214,7 @@ def test_message_is_one_printable_line_whose_middle_is_left_out_where_it_is_long
     assert str(InputError("a.toml: found\n\x1b[31m\tä")) == "a.toml: found \\x1b[31m\\tä"
     assert str(WorkError("my  clip: no floor")) == "my  clip: no floor"
     message = str(InputError(f"a.toml: found {'9' * 5000} as a key"))
-    assert len(message) < MESSAGE_MAX
-    assert message.startswith("a.toml: found 99")
+    assert len(message) < MESSAGE_MAX and message.startswith("a.toml: found 99")
     assert message.endswith("9 as a key")
     assert printable("a\x1b[31m\u202eb\n\tä\udcff") == "a\\x1b[31m\\u202eb\n\tä\\udcff"
 

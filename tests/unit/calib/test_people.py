@@ -30,8 +30,7 @@ def test_model_has_the_papers_sizes_and_keeps_its_proportions_when_scaled():
     assert model.height_m == pytest.approx(1.76)
     assert model.planes == ((0.0, 0.12), (0.79, 0.21), (pytest.approx(1.49), 0.21), (pytest.approx(1.76), 0.09))
     model = HumanModel().scaled(0.88)
-    assert model.height_m == pytest.approx(0.88)
-    assert model.torso_radius_m == pytest.approx(0.105)
+    assert model.height_m == pytest.approx(0.88) and model.torso_radius_m == pytest.approx(0.105)
     with pytest.raises(ValueError, match="positive"):
         HumanModel(head_m=0.0)
 
@@ -54,8 +53,7 @@ def test_hull_is_the_convex_hull_of_the_circles_alone_and_of_many_and_nan_behind
     points = model.outline_points(OBLIQUE, (0.5, 6.0)).astype(np.float32)
     exact = cv2.contourArea(cv2.convexHull(points))
     hull = model.hull(OBLIQUE, 0.5, 6.0).astype(np.float32)
-    assert hull.shape == (HULL_POINTS, 2)
-    assert 0.99 * exact <= cv2.contourArea(hull) <= exact
+    assert hull.shape == (HULL_POINTS, 2) and 0.99 * exact <= cv2.contourArea(hull) <= exact
     model, xy = HumanModel(), np.array([[[0.0, 5.0], [1.0, 7.0]]])
     hulls = model.hulls(OBLIQUE, xy)
     assert hulls.shape == (1, 2, HULL_POINTS, 2)
@@ -89,10 +87,8 @@ def test_map_has_the_visible_floor_and_feet_outside_the_image():
     model_map = build_model_map(OBLIQUE, params=COARSE)
     horizon = 59.5 - 150.0 / math.tan(math.radians(60))
     assert model_map.foot_px[:, 1].min() > horizon
-    assert (np.linalg.norm(model_map.floor_m, axis=1) <= 60.0).all()
-    assert (model_map.visibility > 0.05).all()
-    assert model_map.entry_at((80.0, horizon - 9.0)) == -1
-    assert model_map.foot_px[:, 1].max() > 130
+    assert (np.linalg.norm(model_map.floor_m, axis=1) <= 60.0).all() and (model_map.visibility > 0.05).all()
+    assert model_map.entry_at((80.0, horizon - 9.0)) == -1 and model_map.foot_px[:, 1].max() > 130
     assert model_map.visibility.max() == 1.0
 
 
@@ -146,16 +142,14 @@ def test_calibration_is_exact_without_noise(name):
     found = calibrate_from_people(standing_people(truth, 8, seed=1), truth.size, truth.lens)
     assert found.camera.height_m == pytest.approx(truth.height_m, rel=0.01)
     assert math.degrees(found.camera.tilt_rad) == pytest.approx(math.degrees(truth.tilt_rad), abs=0.3)
-    assert found.camera.focal_px == pytest.approx(truth.focal_px, rel=0.015)
-    assert found.error < 0.02
+    assert found.camera.focal_px == pytest.approx(truth.focal_px, rel=0.015) and found.error < 0.02
 
 
 def test_roll_is_found_and_kept():
     truth = GroundCamera(640, 480, 600.0, 6.0, math.radians(65), "pinhole", math.radians(3))
     found = calibrate_from_people(standing_people(truth, 12, seed=1), truth.size, truth.lens)
     assert math.degrees(found.camera.roll_rad) == pytest.approx(3.0, abs=0.2)
-    assert found.camera.focal_px == pytest.approx(truth.focal_px, rel=0.02)
-    assert found.error < 0.03
+    assert found.camera.focal_px == pytest.approx(truth.focal_px, rel=0.02) and found.error < 0.03
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -194,8 +188,7 @@ def test_calibration_refuses_boxes_that_no_person_has():
 def test_boxes_alone_are_known_as_such():
     box = HumanSample((100, 50, 40, 120), (120, 50), (120, 170)).row()
     marked = HumanSample((100, 50, 40, 120), (112, 53), (126, 166)).row()
-    assert only_boxes(np.stack([box, box]))
-    assert not only_boxes(np.stack([box, marked]))
+    assert only_boxes(np.stack([box, box])) and not only_boxes(np.stack([box, marked]))
 
 
 @pytest.mark.parametrize(
@@ -252,8 +245,7 @@ def test_choice_covers_the_image_and_passes_over_the_odd():
     ]
     samples[40] = HumanSample((20, 50, 30, 40), (35, 50), (35, 90))
     chosen = choose_spread(samples, 9)
-    assert len(chosen) == 9
-    assert samples[40] not in chosen
+    assert len(chosen) == 9 and samples[40] not in chosen
     feet = np.array([s.foot_px for s in chosen])
     assert np.ptp(feet[:, 0]) > 300 and np.ptp(feet[:, 1]) > 150
 
@@ -265,10 +257,8 @@ def test_known_focal_length_makes_a_poor_set_enough() -> None:
     people = standing_people(STREET, 4, seed=0, noise_px=3.0)
     alone = calibrate_from_people(people, STREET.size, "pinhole")
     told = calibrate_from_people(people, STREET.size, "pinhole", known=KnownValues(focal_px=740.0))
-    assert not alone.assessment.enough
-    assert alone.assessment.sentence.startswith("not enough: ")
-    assert "focal length or field of view" in alone.assessment.sentence
-    assert told.assessment.enough
+    assert not alone.assessment.enough and alone.assessment.sentence.startswith("not enough: ")
+    assert "focal length or field of view" in alone.assessment.sentence and told.assessment.enough
     assert told.camera.focal_px == pytest.approx(740.0, rel=0.03)
     assert told.assessment.floor_error_m < alone.assessment.floor_error_m
 
@@ -286,14 +276,12 @@ def test_known_camera_height_tells_the_stature_of_the_people() -> None:
         standing_people(STREET, 12, seed=1), STREET.size, "pinhole", known=KnownValues(focal_px=740.0, height_m=6.7)
     )
     assert 6.65 < found.camera.height_m < 6.85
-    assert found.stature == pytest.approx(found.camera.height_m / 7.0, abs=0.03)
-    assert found.stature < 0.99
+    assert found.stature == pytest.approx(found.camera.height_m / 7.0, abs=0.03) and found.stature < 0.99
 
 
 def test_next_sample_is_a_place_in_the_image_that_lowers_the_error() -> None:
     found = calibrate_from_people(standing_people(STREET, 6, seed=2, noise_px=2.0), STREET.size, "pinhole")
     following = found.assessment.next_sample
-    assert following is not None
     assert 0 <= following.foot_px[0] < 480 and 0 <= following.foot_px[1] < 360
     assert following.floor_error_m < found.assessment.floor_error_m
 
@@ -328,8 +316,7 @@ def test_odd_sample_is_named_and_changes_little() -> None:
     left, top, width, height = people[4].box_px
     people[4] = HumanSample((left, top, width, height / 2), people[4].head_px, (left + width / 2, top + height / 2))
     found = calibrate_from_people(people, STREET.size, "pinhole", known=KnownValues(focal_px=740.0))
-    assert found.odd == (4,)
-    assert found.camera.height_m == pytest.approx(7.0, rel=0.04)
+    assert found.odd == (4,) and found.camera.height_m == pytest.approx(7.0, rel=0.04)
 
 
 def test_outlines_that_end_too_high_are_within_the_deviation() -> None:
@@ -343,5 +330,4 @@ def test_outlines_that_end_too_high_are_within_the_deviation() -> None:
     by_hand = calibrate_from_people(cut, truth.size, truth.lens)
     found = calibrate_from_people(cut, truth.size, truth.lens, independent=4)
     off = abs(math.log(found.camera.focal_px / truth.focal_px))
-    assert off < 2.0 * found.std.focal
-    assert found.std.focal > by_hand.std.focal
+    assert off < 2.0 * found.std.focal and found.std.focal > by_hand.std.focal

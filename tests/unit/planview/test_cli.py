@@ -31,23 +31,19 @@ def status_of(argv: list[str]) -> int:
 def test_help_of_every_command_has_an_example(command, capsys):
     assert status_of([*command, "--help"]) == 0
     text = " ".join(capsys.readouterr().out.split())
-    assert "Example" in text
-    assert " ".join(["planview", *command]) in text
+    assert "Example" in text and " ".join(["planview", *command]) in text
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
 def test_an_unknown_option_is_refused_in_one_sentence(command, capsys):
     assert status_of([*command, "--no-such-option"]) == 2
     shown = capsys.readouterr()
-    assert shown.err.startswith("planview: ")
-    assert shown.err.count("\n") == 1
-    assert shown.out == ""
+    assert shown.err.startswith("planview: ") and shown.err.count("\n") == 1 and shown.out == ""
 
 
 @pytest.mark.parametrize("argv", [["no-such-command"], ["calibrate", "no-such"], ["run"], ["run", "x", "--fps", "a"]])
 def test_wrong_usage_is_refused_in_one_sentence(argv, capsys):
-    assert status_of(argv) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    assert status_of(argv) == 2 and capsys.readouterr().err.count("\n") == 1
 
 
 @pytest.mark.parametrize("argv", [["run", "x", "--out", ""], ["run", "x", "--out="], ["run", ""]])
@@ -71,8 +67,7 @@ def test_errors_become_one_sentence_and_a_status(error, status, sentence, monkey
         raise error
 
     monkeypatch.setattr(cli, "make_app", lambda _: fail)
-    assert status_of(["run"]) == status
-    assert capsys.readouterr().err == f"planview: {sentence}\n"
+    assert status_of(["run"]) == status and capsys.readouterr().err == f"planview: {sentence}\n"
 
 
 @pytest.mark.parametrize(("name", "now"), cli.FORMER.items())
@@ -112,8 +107,7 @@ def test_the_package_and_its_listing_import_nothing_heavy():
         "print('HEAVY', [m for m in heavy if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert "Track people in a recording" in done.stdout
-    assert done.stdout.rstrip().endswith("HEAVY []")
+    assert "Track people in a recording" in done.stdout and done.stdout.rstrip().endswith("HEAVY []")
 
 
 def test_run_has_at_most_fourteen_options(capsys):
@@ -124,8 +118,7 @@ def test_run_has_at_most_fourteen_options(capsys):
 
 @pytest.mark.parametrize("flag", ["--version", "-v"])
 def test_version_is_printed(flag, capsys):
-    assert status_of([flag]) == 0
-    assert capsys.readouterr().out.strip()[0].isdigit()
+    assert status_of([flag]) == 0 and capsys.readouterr().out.strip()[0].isdigit()
 
 
 def test_completion_knows_the_options_of_commands(capsys):

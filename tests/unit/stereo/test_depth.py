@@ -24,8 +24,7 @@ def test_depth_is_focal_times_baseline_over_disparity_and_back():
 def test_depth_is_nan_without_disparity_and_beyond_the_maximum() -> None:
     disparity = np.array([[np.nan, 0.0, -1.0, 3.9, 4.1]], np.float32)
     depth = DepthFromDisparity(GEOMETRY, DepthParams(depth_max_m=10.0))(disparity)
-    assert np.isnan(depth[0, :4]).all()
-    assert depth[0, 4] == pytest.approx(40 / 4.1)
+    assert np.isnan(depth[0, :4]).all() and depth[0, 4] == pytest.approx(40 / 4.1)
 
 
 def test_depth_deviation_grows_with_the_square_of_the_depth() -> None:
@@ -171,8 +170,6 @@ def test_whole_image_is_cut_into_bands_where_far_rows_need_fewer_disparities_and
         return 16 if window.bottom <= 240 else 80
 
     whole = Gate((640, 480), 2, MatchingParams(), searched).whole
-    assert len(whole) > 1
-    assert [(w.left, w.right) for w in whole] == [(0, 640)] * len(whole)
-    assert [w.top for w in whole] == [0, *(w.bottom for w in whole[:-1])]
-    assert whole[-1].bottom == 480
+    assert len(whole) > 1 and [(w.left, w.right) for w in whole] == [(0, 640)] * len(whole)
+    assert [w.top for w in whole] == [0, *(w.bottom for w in whole[:-1])] and whole[-1].bottom == 480
     assert gate().whole == [Window(0, 0, *SIZE)]

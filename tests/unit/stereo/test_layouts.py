@@ -276,7 +276,6 @@ def test_clocks_that_differ_by_a_constant_or_stand_still_pair_in_order():
 
 def test_rate_tells_jitter_gaps_and_dropped_frames() -> None:
     rate = rate_of_times(np.array([0.0, 0.1, 0.2, 0.5, 0.6, 0.7]))
-    assert rate is not None
     assert rate.fps == pytest.approx(10.0) and rate.jitter_ms == pytest.approx(0.0, abs=1e-9)
     assert (rate.gaps, rate.dropped) == (1, 2) and rate.longest_gap_s == pytest.approx(0.3)
     assert rate_of_times(np.array([1.0])) is None

@@ -46,8 +46,7 @@ def shifted(disparity_px: float, noise: float = 1.0) -> tuple[U8, U8]:
 def test_sub_pixel_disparity_is_not_drawn_to_whole_pixels(disparity: float) -> None:
     found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32))(*shifted(disparity))
     inner = found[20:-20, 60:-20]
-    assert np.isfinite(inner).mean() > 0.95
-    assert np.nanmean(inner) == pytest.approx(disparity, abs=0.08)
+    assert np.isfinite(inner).mean() > 0.95 and np.nanmean(inner) == pytest.approx(disparity, abs=0.08)
 
 
 def test_disparity_of_the_floor_is_that_of_its_depth() -> None:
@@ -65,8 +64,7 @@ def test_disparity_of_the_floor_is_that_of_its_depth() -> None:
 def test_left_band_is_matched_as_far_as_the_right_camera_sees_wherever_the_search_starts(first_px):
     found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(first_px, 64 if not first_px else 32))(*shifted(12.0))
     assert np.isfinite(found[20:-20, 16:64]).mean() > 0.9 and np.isfinite(found[20:-20, 16:-20]).mean() > 0.9
-    assert not np.isfinite(found[:, :11]).any()
-    assert np.nanmedian(found) == pytest.approx(12.0, abs=0.1)
+    assert not np.isfinite(found[:, :11]).any() and np.nanmedian(found) == pytest.approx(12.0, abs=0.1)
 
 
 @pytest.mark.parametrize("level", [255, 90], ids=["saturated", "without texture"])
@@ -100,8 +98,7 @@ def test_a_window_has_the_disparity_of_its_samples(step: int) -> None:
     found = matcher.part(left[window.slices], right[right_of(window, searched).slices], window, searched)
     assert found.shape == (99 // step + 99 % step, 99 // step + 99 % step)
     inside = found[8 // step : -8 // step, 8 // step : -8 // step] - 12.0
-    assert abs(np.median(inside)) < 0.08
-    assert (np.abs(inside) < 0.4).mean() > 0.95
+    assert abs(np.median(inside)) < 0.08 and (np.abs(inside) < 0.4).mean() > 0.95
 
 
 def test_samples_of_a_window_are_those_of_every_pixel() -> None:
@@ -170,8 +167,7 @@ def test_far_rows_need_fewer_disparities() -> None:
     floor = Floor(world_from_plane(np.array([0.0, -np.sin(tilt), -np.cos(tilt)]), 2.7))
     rows = Window(0, 0, GEOMETRY.width, 60)
     far, everywhere = (disparity_range(GEOMETRY, None, floor, window) for window in (rows, None))
-    assert far.count < everywhere.count
-    assert far.first_px == everywhere.first_px
+    assert far.count < everywhere.count and far.first_px == everywhere.first_px
 
 
 def test_farthest_head_from_straight_above_is_a_childs_in_the_corner() -> None:

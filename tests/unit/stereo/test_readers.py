@@ -57,10 +57,8 @@ def test_missing_file_leaves_a_gap_in_time(tmp_path: Path) -> None:
     (folder / "timestamps.csv").write_text("frame,timestamp_s\n" + "\n".join(rows))
     recording = open_recording(folder)
     frames = list(recording)
-    assert [f.index for f in frames][:4] == [0, 1, 3, 4]
-    assert frames[2].timestamp_s == pytest.approx(0.3)
-    assert recording.fps == pytest.approx(10.0)
-    assert recording.skipped[0].index == 2
+    assert [f.index for f in frames][:4] == [0, 1, 3, 4] and frames[2].timestamp_s == pytest.approx(0.3)
+    assert recording.fps == pytest.approx(10.0) and recording.skipped[0].index == 2
 
 
 def test_numbers_missing_on_both_sides_are_skipped_frames(tmp_path: Path) -> None:
@@ -93,17 +91,14 @@ def test_files_pair_by_number_or_in_order_and_not_by_names_alone() -> None:
 
 def test_even_sequence_leaves_uneven_numbers_alone() -> None:
     assert even_sequence([0, 5, 15]) == [0, 5, 10, 15]
-    assert even_sequence([1000, 1033, 1067, 1100]) == [1000, 1033, 1067, 1100]
-    assert even_sequence([3]) == [3]
+    assert even_sequence([1000, 1033, 1067, 1100]) == [1000, 1033, 1067, 1100] and even_sequence([3]) == [3]
 
 
 def test_video_pair_is_read_and_grey_detected(tmp_path: Path) -> None:
     recording = open_recording(video_pair(tmp_path, (8, 8)))
     frames = list(recording)
-    assert len(frames) == recording.n_frames == 8
-    assert frames[0].left.ndim == 2
-    assert recording.fps == pytest.approx(10.0)
-    assert frames[5].timestamp_s == pytest.approx(0.5)
+    assert len(frames) == recording.n_frames == 8 and frames[0].left.ndim == 2
+    assert recording.fps == pytest.approx(10.0) and frames[5].timestamp_s == pytest.approx(0.5)
 
 
 def test_shorter_video_trims_the_pair_and_says_so(tmp_path: Path) -> None:
@@ -118,8 +113,7 @@ def test_truncated_video_ends_early_and_says_so(tmp_path: Path) -> None:
     (tmp_path / "right.avi").write_bytes(data[: len(data) // 2])
     recording = open_recording(tmp_path)
     count = len(list(recording))
-    assert 0 < count < 30
-    assert len(recording.skipped) == 30 - count
+    assert 0 < count < 30 and len(recording.skipped) == 30 - count
 
 
 def test_side_by_side_video_is_cut_in_halves(tmp_path: Path) -> None:
@@ -188,8 +182,7 @@ def test_single_camera_folder_is_a_video(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r") / "left"
     (folder / "0001.png").write_bytes(b"")
     video = open_video(folder)
-    assert [f.index for f in video] == [0, 2, 3, 4, 5]
-    assert video.size == (W, H) and len(video.skipped) == 1
+    assert [f.index for f in video] == [0, 2, 3, 4, 5] and video.size == (W, H) and len(video.skipped) == 1
 
 
 @pytest.mark.parametrize(
@@ -319,8 +312,7 @@ def test_stream_with_both_views_gives_pairs_until_it_ends(served: str, tmp_path:
 def test_two_streams_are_paired_as_they_come(served: str, tmp_path: Path) -> None:
     both = Path(f"{served}/left.avi,{served}/right.avi")
     recording = open_recording(both, OpenOptions(tmp_path / "rig.toml"))
-    assert len(list(recording)) == COUNT
-    assert "paired as they come" in recording.notes[0]
+    assert len(list(recording)) == COUNT and "paired as they come" in recording.notes[0]
 
 
 def test_live_sample_takes_frames_a_quarter_second_apart(served: str, tmp_path: Path) -> None:

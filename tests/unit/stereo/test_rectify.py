@@ -36,8 +36,7 @@ def test_rectifying_an_ideal_pair_changes_neither_its_images_nor_its_geometry():
     np.testing.assert_array_equal(pair.left, left)
     np.testing.assert_array_equal(pair.right_grey, right)
     geometry = Rectifier(toy_rig()).geometry
-    assert geometry.size == (320, 240)
-    assert geometry.focal_u_px == pytest.approx(230.0)
+    assert geometry.size == (320, 240) and geometry.focal_u_px == pytest.approx(230.0)
     assert (geometry.cu_px, geometry.cv_px) == pytest.approx((159.5, 119.5))
     assert geometry.baseline_m == pytest.approx(0.12)
 
@@ -49,8 +48,7 @@ FISHEYE = Camera(320, 240, 140.0, 140.0, 159.5, 119.5, "fisheye", (0.02, -0.01, 
 def test_rows_of_a_turned_pair_are_aligned(distortion: tuple[float, ...], lens: Camera | None, most: float) -> None:
     rig = toy_rig(rotation_deg=TURN, distortion=distortion)
     offsets = row_offsets(StereoRig(lens, lens, rig.right_SE3_left) if lens else rig)
-    assert len(offsets) > 60
-    assert np.median(np.abs(offsets)) < most
+    assert len(offsets) > 60 and np.median(np.abs(offsets)) < most
 
 
 def test_rectified_baseline_lies_along_x() -> None:
@@ -71,8 +69,7 @@ def test_large_images_are_reduced_to_the_working_size_unless_the_full_size_is_as
     rig = toy_rig((1280, 960), focal_px=920.0)
     assert Rectifier(rig, RectifyParams(working_px=0)).geometry.size == (1280, 960)
     rectifier = Rectifier(rig)
-    assert rectifier.geometry.size == (640, 480)
-    assert rectifier.geometry.focal_u_px == pytest.approx(460.0)
+    assert rectifier.geometry.size == (640, 480) and rectifier.geometry.focal_u_px == pytest.approx(460.0)
     checker = np.kron(np.indices((480, 640)).sum(axis=0) % 2, np.ones((2, 2))).astype(np.uint8) * 255
     pair = rectifier(checker, checker)
     np.testing.assert_array_equal(pair.left, checker[::2, ::2])
@@ -96,8 +93,7 @@ def test_folding_lens_model_is_not_followed_outside_its_range() -> None:
     g = rectifier.geometry
     u, v = np.meshgrid(np.arange(g.width), np.arange(g.height))
     radius = np.hypot((u - g.cu_px) / g.focal_u_px, (v - g.cv_px) / g.focal_v_px)
-    assert not rectifier.mask[radius > 0.9].any()
-    assert rectifier.mask[radius < 0.4].all()
+    assert not rectifier.mask[radius > 0.9].any() and rectifier.mask[radius < 0.4].all()
 
 
 def test_field_grows_with_the_share_of_border_kept() -> None:
@@ -125,15 +121,13 @@ def test_aligned_rectifier_takes_out_a_turn_the_calibration_missed(turn_deg: tup
     frames = [StereoFrame(i, i / 15, *world.pair(true, walking(i), i)) for i in (0, 20)]
     rectifier, found = aligned_rectifier(claimed, frames)
     left = (rectifier.rig.right_SE3_left @ true.right_SE3_left.inverse()).rotvec
-    assert np.degrees(np.abs(left)).max() < 0.03
-    assert found.after_px < 0.1 < found.before_px
+    assert np.degrees(np.abs(left)).max() < 0.03 and found.after_px < 0.1 < found.before_px
 
 
 def test_aligned_rectifier_leaves_a_good_calibration_alone() -> None:
     rig = toy_rig(rotation_deg=TURN)
     rectifier, found = aligned_rectifier(rig, [StereoFrame(0, 0.0, *ToyWorld().pair(rig))])
-    assert rectifier.rig is rig
-    assert found.before_px == found.after_px < 0.1
+    assert rectifier.rig is rig and found.before_px == found.after_px < 0.1
 
 
 def test_rectifier_takes_colour_on_the_left_and_refuses_other_sizes():

@@ -60,8 +60,7 @@ def test_turn_of_the_baseline_is_not_taken_for_one_of_the_camera(depths_m: tuple
 def test_right_calibration_is_kept(noise_px: float) -> None:
     found = fit_correction(matches_of(noise_px=noise_px), GEOMETRY)
     rig = toy_rig()
-    assert found(rig) is rig
-    assert found.before_px == found.after_px
+    assert found(rig) is rig and found.before_px == found.after_px
     assert str(found).startswith("relative pitch") and "kept as calibrated" in str(found)
 
 
@@ -93,8 +92,7 @@ def test_matches_of_a_shifted_image_show_the_shift() -> None:
     left, _ = ToyWorld().pair(toy_rig())
     right = np.roll(left, (3, -20), axis=(0, 1))
     matches = match_corners(left, right, 40.0, MatchParams())
-    assert len(matches) > 60
-    assert np.median(matches[:, 3]) == pytest.approx(3.0, abs=0.02)
+    assert len(matches) > 60 and np.median(matches[:, 3]) == pytest.approx(3.0, abs=0.02)
     assert np.median(matches[:, 0] - matches[:, 2]) == pytest.approx(20.0, abs=0.02)
 
 

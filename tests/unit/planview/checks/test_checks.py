@@ -64,16 +64,14 @@ def test_fixed_camera_is_still_when_its_exposure_halves() -> None:
 def test_panning_camera_moves_until_a_second_after() -> None:
     pan = [window(SCENE, 2 * i) for i in range(20)]
     found = judged(pan + [pan[-1]] * 20)
-    assert set(found[5:20]) == {Steady.MOVING}
-    assert found[-1] is Steady.STILL
+    assert set(found[5:20]) == {Steady.MOVING} and found[-1] is Steady.STILL
 
 
 def test_cut_is_told_a_second_after_its_break() -> None:
     watch = Steadiness()
     found = [watch.update(i, 0.1 * i, window(SCENE if i < 4 else OTHER)) for i in range(18)]
     assert found[4:15] == [Steady.BREAK] * 10 + [Steady.CUT]
-    assert set(found[:4] + found[15:]) == {Steady.STILL}
-    assert "first at frame 4" in watch.checks()[1].note
+    assert set(found[:4] + found[15:]) == {Steady.STILL} and "first at frame 4" in watch.checks()[1].note
 
 
 @pytest.mark.parametrize("frames", [9, 1], ids=["a person close before the camera", "one damaged frame"])
@@ -142,10 +140,8 @@ def test_alignment_finds_the_motion_from_paths_with_noise_and_other_ids() -> Non
     )
     order = np.lexsort((tracks.track_id, tracks.frame))
     laid, alignment = align_tracks(tracks.where(order), truth, 0.5)
-    assert alignment.pairs == 80
-    assert math.degrees(alignment.rotation_rad) == pytest.approx(120, abs=1.0)
-    assert alignment.rms_m < 0.1
-    assert np.isfinite(laid.x_m).all()
+    assert alignment.pairs == 80 and math.degrees(alignment.rotation_rad) == pytest.approx(120, abs=1.0)
+    assert alignment.rms_m < 0.1 and np.isfinite(laid.x_m).all()
 
 
 def test_alignment_starts_from_boxes_where_both_have_them() -> None:
@@ -200,8 +196,7 @@ def test_cameras_in_step_pass(sides: tuple[list[U8], list[U8]]) -> None:
 def test_images_that_are_late_are_told_with_their_lag_negative_on_the_left(sides, late):
     left, right = sides
     found = watched(left[late:], right[:-late]) if late > 0 else watched(left[:late], right[-late:])
-    assert found.lag == pytest.approx(late, abs=0.3)
-    assert "synchronisation" in failing(found)
+    assert found.lag == pytest.approx(late, abs=0.3) and "synchronisation" in failing(found)
 
 
 def test_frozen_right_camera_is_told(sides: tuple[list[U8], list[U8]]) -> None:
@@ -212,8 +207,7 @@ def test_frozen_right_camera_is_told(sides: tuple[list[U8], list[U8]]) -> None:
 def test_camera_that_stalls_once_is_told_by_the_length_of_the_stall(sides: tuple[list[U8], list[U8]]) -> None:
     left, right = sides
     found = watched(left * 5, (right[:20] + [right[19]] * 12 + right[32:]) + right * 4)
-    assert found.frozen < 0.1 and 10 <= found.stall <= 12
-    assert failing(found) == {"stalled camera"}
+    assert found.frozen < 0.1 and 10 <= found.stall <= 12 and failing(found) == {"stalled camera"}
 
 
 def test_second_half_that_is_late_is_told(sides: tuple[list[U8], list[U8]]) -> None:
@@ -295,8 +289,7 @@ def test_good_recording_passes(tmp_path, pairs):
     assert [c for c in diagnosis.checks if not c.ok] == []
     values = {c.name: c.value for c in diagnosis.checks}
     assert values["camera height"] == pytest.approx(2.5, abs=0.05)
-    assert values["person height"] == pytest.approx(1.75, abs=0.08)
-    assert values["synchronisation"] < 0.2
+    assert values["person height"] == pytest.approx(1.75, abs=0.08) and values["synchronisation"] < 0.2
     assert values["depth error at 4 m"] == pytest.approx(0.25 * 16 / (230 * 0.12), rel=0.02)
 
 
@@ -352,8 +345,7 @@ def test_fault_of_the_images(fault, tmp_path, pairs):
 )
 def test_fault_of_the_calibration(rig, frames, expected, tmp_path, pairs):
     found = failed(write_toy_recording(tmp_path / "r", RIG, pairs[:frames], claimed=rig))
-    assert expected <= found
-    assert found == expected or expected != {"calibration and layout"}
+    assert expected <= found and (found == expected or expected != {"calibration and layout"})
 
 
 def test_fault_units_of_inches(tmp_path, pairs):
@@ -431,8 +423,7 @@ def test_command_prints_json_and_refuses_with_status_one(tmp_path, pairs, capsys
         main(["check", str(folder), "--frames", "6", "--json", "--out", str(tmp_path / "pictures")])
     printed = capsys.readouterr()
     result = json.loads(printed.out)
-    assert result["ok"] is False
-    assert {"name", "ok", "value", "unit", "limit"} <= result["checks"][0].keys()
+    assert result["ok"] is False and {"name", "ok", "value", "unit", "limit"} <= result["checks"][0].keys()
     assert "left-right order" in printed.err
     names = {p.name for p in (tmp_path / "pictures").iterdir()}
     assert names == {"rows.png", "disparity.png", "floor.png", "exposure.png"}

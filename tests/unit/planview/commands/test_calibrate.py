@@ -39,8 +39,7 @@ def test_convert_mends_units_and_swapped_cameras_when_told(tmp_path, say):
     assert say(*words)[0] == say(*words, "--unit", "mm")[0] == 2
     assert say(*words, "--unit", "mm", "--swap", "--size", "320x240")[0] == 0
     rig = load_rig(tmp_path / "rig.toml")
-    assert rig.baseline_m == pytest.approx(0.1)
-    assert rig.left.size == (320, 240)
+    assert rig.baseline_m == pytest.approx(0.1) and rig.left.size == (320, 240)
 
 
 @pytest.mark.parametrize(
@@ -84,15 +83,13 @@ def test_camera_and_picture_are_written_for_the_image_size_of_the_file(people: P
     out = people.parent / "out" / "camera.toml"
     told = json_of(*HUMAN, people, "--lens", "normal-wide", "--out", out)
     camera = load_ground_camera(out)
-    assert camera.size == (640, 480)
-    assert told["height_m"] == camera.height_m == pytest.approx(4.0, rel=0.01)
+    assert camera.size == (640, 480) and told["height_m"] == camera.height_m == pytest.approx(4.0, rel=0.01)
     assert sorted(p.name for p in out.parent.iterdir()) == ["camera.png", "camera.toml"]
 
 
 def test_image_size_that_contradicts_the_file_is_refused(people: Path, refused: Refused) -> None:
     told = refused(*HUMAN, people, "--image-size", "1280x960", "--out", people.parent / "camera.toml")
-    assert "--image-size: expected the image size of" in told
-    assert "640x480, found 1280x960" in told
+    assert "--image-size: expected the image size of" in told and "640x480, found 1280x960" in told
 
 
 def test_samples_without_image_size_need_one(tmp_path: Path, refused: Refused) -> None:
@@ -135,5 +132,4 @@ def test_pairs_and_halves_are_not_of_the_usual_size() -> None:
     people = [standing(u, v, 0.3 * v) for u in range(50, 300, 50) for v in range(100, 220, 20)]
     people += [standing(80, 150, 80), standing(120, 170, 25)]
     usual = usual_sizes(people)
-    assert usual[:-2].all()
-    assert not usual[-2:].any()
+    assert usual[:-2].all() and not usual[-2:].any()

@@ -77,8 +77,7 @@ def test_synth_writes_a_recording_that_our_reader_takes_and_its_calibration_for_
 def test_synth_of_one_camera_writes_images_camera_and_boxes(scene, tmp_path, say):
     scene.write_text(SCENE.replace("[rig]", "[camera]"))
     out = tmp_path / "out"
-    assert say("synth", scene, out)[0] == 0
-    assert load_ground_camera(out / "camera.toml").size == (96, 72)
+    assert say("synth", scene, out)[0] == 0 and load_ground_camera(out / "camera.toml").size == (96, 72)
     assert len(list(open_video(out))) == 4
     with (out / "truth.csv").open() as file:
         row = next(csv.DictReader(file))
@@ -102,8 +101,7 @@ def test_rendered_recording_is_kept_and_found_again(scene, tmp_path):
     told = []
     options = Rendering(tmp_path / "cache", 1.0, 1)
     first = rendered(load_scene(scene), "s", options, told.append)
-    assert rendered(load_scene(scene), "s", options, told.append) == first
-    assert told == ["rendering s"]
+    assert rendered(load_scene(scene), "s", options, told.append) == first and told == ["rendering s"]
     scene.write_text(SCENE.replace("2.4", "2.5"))
     assert rendered(load_scene(scene), "s", options, told.append) != first
 
@@ -184,8 +182,7 @@ def test_foreign_tracks_write_nothing_beside_them(folder, say):
     lab.mkdir()
     (lab / "walk.txt").write_text("".join(f"1 {t} 100 {100 - 10 * t} 170\n" for t in range(21)))
     words = ("count", lab / "walk.txt", "--rules", folder / "rules.toml")
-    assert say(*words)[0] == 0
-    assert [path.name for path in lab.iterdir()] == ["walk.txt"]
+    assert say(*words)[0] == 0 and [path.name for path in lab.iterdir()] == ["walk.txt"]
     assert say(*words, "--out", folder / "new" / "place")[0] == 0
     assert (folder / "new" / "place" / "counts.json").is_file()
 

@@ -123,8 +123,7 @@ def test_reset_forgets_everything() -> None:
     counter = analytics()
     feed(counter, way(np.full(20, 2.0), x=2.0))
     counter.reset()
-    assert counter.stays == {"room": []}
-    assert crossings(way(DOWN)) == [(1, "left_to_right")]
+    assert counter.stays == {"room": []} and crossings(way(DOWN)) == [(1, "left_to_right")]
 
 
 def test_memory_is_released_when_people_are_gone() -> None:
@@ -170,8 +169,7 @@ def test_totals_per_interval_add_up_also_in_and_out_where_one_way_is_inward(inwa
     rows = [row for k in range(4) for row in way(DOWN, track_id=k + 1, start=30 * k)]
     counts, rules = totals(rows, {"tripwire": [WIRE | ({"inward": inward} if inward else {})]}, interval_s=5.0)
     door = rules["door"]
-    assert door["left_to_right"] == 4
-    assert [part["left_to_right"] for part in door["intervals"]] == [2, 1, 1]
+    assert door["left_to_right"] == 4 and [part["left_to_right"] for part in door["intervals"]] == [2, 1, 1]
     assert counts.span.duration_s == pytest.approx(11.1)
     if inward:
         assert (door["in"], door["out"]) == found
@@ -210,8 +208,7 @@ def test_person_who_walks_over_the_line_three_times_is_one_person_per_visit() ->
     later = way(DOWN, start=len(there_and_back) + 60)
     elsewhere = way([9.0] * 200, track_id=2, x=50.0)
     events = feed(counter, way(there_and_back) + later + elsewhere)
-    assert sum(event.kind == "crossing" for event in events) == 4
-    assert counter.people["door"] == 2
+    assert sum(event.kind == "crossing" for event in events) == 4 and counter.people["door"] == 2
 
 
 PAGE = Path(__file__).resolve().parents[4] / "docs" / "counting.md"

@@ -31,8 +31,7 @@ def test_box_is_drawn_in_the_colour_of_the_id_where_the_track_says_also_in_an_en
     person = TrackState(3, "confirmed", box_px=(100, 50, 60, 200))
     found = has(ImagePainter(None)(GREY, Snapshot(0, 0.0, [person])), person_rgb(3))
     rows, cols = np.nonzero(found)
-    assert (cols.min(), rows.max()) == pytest.approx((99, 251), abs=1)
-    assert not found[100:240, 110:150].any()
+    assert (cols.min(), rows.max()) == pytest.approx((99, 251), abs=1) and not found[100:240, 110:150].any()
     person = TrackState(3, "confirmed", box_px=(50, 25, 30, 100))
     picture = ImagePainter(None)(GREY[::2, ::2].copy(), Snapshot(0, 0.0, [person]))
     assert picture.shape == GREY.shape
@@ -43,8 +42,7 @@ def test_metre_grid_passes_through_the_pixel_of_its_crossing_and_rules_beyond_th
     plain = ImagePainter(CAMERA)(GREY, Snapshot(0, 0.0, []))
     gridded = ImagePainter(CAMERA, bounds=PlanBounds(-2, 3, 2, 8))(GREY, Snapshot(0, 0.0, []))
     at = np.round(CAMERA.project(np.array([1.0, 5.0, 0.0]))).astype(int)
-    assert (plain == 128).all()
-    assert gridded[at[1], at[0], 0] > 150
+    assert (plain == 128).all() and gridded[at[1], at[0], 0] > 150
     behind = Rule("gate", True, True, np.array([(-1.0, -50.0), (1.0, -50.0)]))
     assert (ImagePainter(CAMERA, [behind])(GREY, Snapshot(0, 0.0, [])) == 128).all()
 
@@ -93,8 +91,7 @@ def test_points_that_no_rule_has_are_refused(points: object) -> None:
 def test_legend_lies_below_the_picture_and_goes_on_in_another_strip():
     picture = np.full((50, 300), 128, dtype=np.uint8)
     shown = with_legend(picture, [Entry((255, 0, 0), "above"), Entry((0, 0, 255), "below")])
-    assert shown.shape == (50 + STRIP_PX, 300, 3)
-    assert (shown[:50] == 128).all()
+    assert shown.shape == (50 + STRIP_PX, 300, 3) and (shown[:50] == 128).all()
     assert all((shown[50:] == colour).all(axis=2).any() for colour in ((0, 0, 255), (255, 0, 0)))
     picture = np.zeros((50, 120, 3), dtype=np.uint8)
     assert with_legend(picture, [Entry((9, 9, 9), "a long meaning")] * 3).shape[0] == 50 + 3 * STRIP_PX

@@ -73,8 +73,7 @@ def test_an_unknown_name_is_answered_with_the_one_it_resembles(override: str, me
 def test_unknown_names_and_bad_values_are_refused_by_name(override: str, named: str) -> None:
     with pytest.raises(InputError) as refused:
         load_config(None, [override])
-    assert named in str(refused.value)
-    assert "\n" not in str(refused.value)
+    assert named in str(refused.value) and "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -115,8 +114,7 @@ def parameters_of(table: BaseModel, name: str) -> Iterator[tuple[str, str | None
 
 def test_every_parameter_says_what_it_means() -> None:
     described = dict(parameters_of(Config(), "config"))
-    assert len(described) > 50
-    assert [name for name, text in described.items() if not text] == []
+    assert len(described) > 50 and [name for name, text in described.items() if not text] == []
 
 
 SHAPE, SEARCHED = (48, 64), DisparityRange(0, 64)
@@ -194,8 +192,7 @@ def box(world_SE3_left: SE3, x_m: float, y_m: float, height_m: float) -> tuple[f
     ids=["ahead, of the near side", "below, of the top of the head", "clipped to the outer edges of the image"],
 )
 def test_box_of_a_person_spans_head_to_feet(pose, person, expected):
-    assert BODY_RADIUS_M == 0.25
-    assert box(pose, *person) == pytest.approx(expected)
+    assert BODY_RADIUS_M == 0.25 and box(pose, *person) == pytest.approx(expected)
 
 
 def test_somebody_out_of_view_or_of_unknown_height_or_place_has_no_box() -> None:
@@ -250,9 +247,7 @@ def walked(spread_px: int = 2) -> Feedback:
 
 def test_body_of_a_track_that_has_walked_is_protected_and_widened():
     mask = mask_after(walked(), point(1.0, 1.0, 20), person(1.0))
-    assert mask[18:23] == [PERSON] * 5
-    assert mask.count(PERSON) == 5
-    assert mask.count(NO_FEEDBACK) == 35
+    assert mask[18:23] == [PERSON] * 5 and mask.count(PERSON) == 5 and mask.count(NO_FEEDBACK) == 35
 
 
 @pytest.mark.parametrize(
@@ -268,8 +263,7 @@ def test_body_of_a_track_that_has_walked_is_protected_and_widened():
 )
 def test_foreground_is_a_persons_the_floors_or_left_to_the_model(where, who, expected):
     mask = mask_after(walked(), where, who)
-    assert set(mask) == expected
-    assert mask[20] == max(expected, key=lambda label: label != NO_FEEDBACK)
+    assert set(mask) == expected and mask[20] == max(expected, key=lambda label: label != NO_FEEDBACK)
     assert mask.count(BACKGROUND) == (BACKGROUND in expected)
 
 

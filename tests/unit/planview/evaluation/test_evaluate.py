@@ -34,8 +34,7 @@ def walk(n: int = 100, track_id: int = 1, x_m: float = 0.0, height_m: float = 1.
 
 def test_evaluation_measures_position_and_height_of_matches():
     result = evaluate_tracks(walk(x_m=0.1, height_m=1.75), walk()).to_json()
-    assert result["truth_rows"] == 100
-    assert (result["mota"], result["idf1"]) == (1.0, 1.0)
+    assert result["truth_rows"] == 100 and (result["mota"], result["idf1"]) == (1.0, 1.0)
     assert result["motp_m"] == result["position_error_mean_m"] == pytest.approx(0.1)
     assert result["position_error_std_m"] == pytest.approx(0.0, abs=1e-9)
     assert result["height_error_mean_m"] == pytest.approx(0.05)
@@ -191,8 +190,7 @@ def test_evaluate_prints_one_json_object_with_the_agreed_keys(files, capsys):
     result = json.loads(out)
     assert all(key in result for key in KEYS)
     assert set(result["significant_errors"]) == {"total", "lost", "missed", "swapped", "false_track"}
-    assert result["misses"] == 30
-    assert "30 truth rows lie after the last track" in " ".join(err.split())
+    assert result["misses"] == 30 and "30 truth rows lie after the last track" in " ".join(err.split())
 
 
 def test_truth_of_other_frames_is_refused_naming_both_files(files, refused):

@@ -114,8 +114,7 @@ def test_identity_gives_a_person_only_the_track_that_explains_most():
     truth = [(t, 1, 0, 0) for t in range(5)]
     tracks = [(t, 1 if t < 3 else 2, 0, 0) for t in range(5)]
     scores = identity_scores(sequence(truth, tracks))
-    assert (scores.idtp, scores.idfn, scores.idfp) == (3, 2, 2)
-    assert scores.idf1 == pytest.approx(0.6)
+    assert (scores.idtp, scores.idfn, scores.idfp) == (3, 2, 2) and scores.idf1 == pytest.approx(0.6)
 
 
 def test_hota_of_a_split_track_is_the_root_of_its_association():
@@ -123,8 +122,7 @@ def test_hota_of_a_split_track_is_the_root_of_its_association():
     truth = [(t, 1, 0, 0) for t in range(4)]
     tracks = [(t, 1 if t < 2 else 2, 0, 0) for t in range(4)]
     scores = hota_scores(sequence(truth, tracks))
-    assert scores.deta == pytest.approx(1.0)
-    assert scores.assa == pytest.approx(0.5)
+    assert scores.deta == pytest.approx(1.0) and scores.assa == pytest.approx(0.5)
     assert scores.hota == pytest.approx(math.sqrt(0.5))
 
 

@@ -78,8 +78,7 @@ def test_after_three_empty_seconds_a_person_is_foreground_and_nothing_else(colou
     scene = Scene(colour)
     assert elsewhere(scene.watch(3, depth=depth)) == 0
     mask = scene.watch(0.2, [(BLOB, (20.0, 30.0, 40.0)[: 3 if colour else 1], 16.0)], depth=depth)
-    assert share(mask) > 0.95
-    assert elsewhere(mask) < 0.01
+    assert share(mask) > 0.95 and elsewhere(mask) < 0.01
 
 
 def test_first_frame_has_no_foreground_nor_has_the_first_after_a_reset():
@@ -94,8 +93,7 @@ def test_disparity_carried_on_beside_a_body_is_background():
     scene, body, halo = Scene(fattening_px=4), np.s_[6:18, 14:20], np.s_[6:18, 10:24]
     scene.watch(3.0)
     mask = scene.watch(0.3, [(halo, 1.0, 16.0), (body, (20, 20, 230), 16.0)])
-    assert share(mask, body) > 0.9
-    assert elsewhere(mask) < 0.02 and share(mask, np.s_[8:16, 10:13]) < 0.05
+    assert share(mask, body) > 0.9 and elsewhere(mask) < 0.02 and share(mask, np.s_[8:16, 10:13]) < 0.05
 
 
 def test_same_colour_farther_from_a_body_than_matches_are_carried_is_foreground():
@@ -127,8 +125,7 @@ def test_shadow_without_depth_is_removed_only_if_asked_for():
         scene = Scene(remove_colour_shadows=wanted)
         scene.watch(3, depth=False)
         mask = scene.frame(shadow, depth=False)
-        assert (share(mask) < 0.1) == wanted
-        assert (share(scene.foreground.shadow) > 0.9) == wanted
+        assert (share(mask) < 0.1) == wanted and (share(scene.foreground.shadow) > 0.9) == wanted
 
 
 def test_chroma_of_dark_pixels_is_not_compared():
@@ -142,8 +139,7 @@ def test_person_there_at_the_start_leaves_no_ghost():
     scene = Scene()
     scene.watch(5, PERSON_THERE)
     mask = scene.watch(2)
-    assert share(mask) < 0.1
-    assert share(scene.frame([(BLOB, (200.0, 90.0, 20.0), 14.0)])) > 0.9
+    assert share(mask) < 0.1 and share(scene.frame([(BLOB, (200.0, 90.0, 20.0), 14.0)])) > 0.9
 
 
 def test_feedback_keeps_a_person_standing_for_ten_minutes():
@@ -165,8 +161,7 @@ def test_fidgeting_slows_absorption():
             mask = scene.frame([(BLOB, (look, look, 3 * look), 16.0)])
         return share(mask)
 
-    assert stands(60, fidgets=False) < 0.1
-    assert stands(60, fidgets=True) > 0.9
+    assert stands(60, fidgets=False) < 0.1 and stands(60, fidgets=True) > 0.9
 
 
 def test_moved_chair_becomes_background_within_a_minute_and_its_old_place_within_two_seconds():
@@ -175,9 +170,7 @@ def test_moved_chair_becomes_background_within_a_minute_and_its_old_place_within
     scene.watch(4, chair)
     moved = [(BLOB, (80.0, 60.0, 50.0), 14.0)]
     mask = scene.watch(2, moved)
-    assert share(mask, chair[0][0]) < 0.1
-    assert share(mask) > 0.9
-    assert share(scene.watch(60, moved)) < 0.05
+    assert share(mask, chair[0][0]) < 0.1 and share(mask) > 0.9 and share(scene.watch(60, moved)) < 0.05
 
 
 def test_feedback_background_is_learned_within_seconds():
@@ -197,8 +190,7 @@ def test_frame_rate_does_not_change_how_long_learning_takes():
         return scene.time_s - start
 
     slow, fast = absorbed_after(7), absorbed_after(30)
-    assert slow == pytest.approx(fast, rel=0.1)
-    assert 20 < slow < 60
+    assert slow == pytest.approx(fast, rel=0.1) and 20 < slow < 60
 
 
 def test_gap_in_time_teaches_at_most_a_second():
@@ -220,8 +212,7 @@ def test_gain_steps_raise_no_foreground_even_with_a_person_in_forty_percent_of_t
     scene.watch(0.5, person)
     for _ in range(5):
         mask = scene.frame(person, gain, invalid=0)
-        assert (mask[:, 19:] > 0).mean() < 0.02
-        assert (mask[:, 5:16] > 0).mean() > 0.9
+        assert (mask[:, 19:] > 0).mean() < 0.02 and (mask[:, 5:16] > 0).mean() > 0.9
 
 
 def test_clipped_floor_that_comes_out_of_saturation_is_background():
@@ -340,8 +331,7 @@ def test_gain_kernels_agree_with_numpy(seed: int, gain: float, offset: float, ou
         args = model, luma, information, start, offset, CLIP, TOLERANCE, step
         ours, theirs = kernels.weigh_inliers(*args), reference.weigh_inliers(*args)
         # A pixel on the edge of the tolerance may fall on either side.
-        assert abs(ours[0] - theirs[0]) <= 2
-        assert ours[1] == pytest.approx(theirs[1], rel=1e-4, abs=2 * most)
+        assert abs(ours[0] - theirs[0]) <= 2 and ours[1] == pytest.approx(theirs[1], rel=1e-4, abs=2 * most)
     line = kernels.refine_gain(model, luma, start, offset, CLIP, TOLERANCE)
     assert line == pytest.approx(reference.refine_gain(model, luma, start, offset, CLIP, TOLERANCE), rel=1e-2, abs=0.1)
     scale = kernels.consensus_scale(model, luma, information, CLIP, TOLERANCE)
@@ -408,8 +398,7 @@ def test_plain_shirt_over_all_of_the_image_is_no_gain() -> None:
     """A line almost without slope would fit, and the model in that exposure would have forgotten the scene."""
     wall = 80 + WALL / 2
     foreground, masks = _watch([wall] * 10 + [np.full_like(wall, 120)] * 2 + [wall])
-    assert foreground.exposure.gain == pytest.approx(1.0, abs=0.02)
-    assert (masks[-1] > 0).mean() < 0.01
+    assert foreground.exposure.gain == pytest.approx(1.0, abs=0.02) and (masks[-1] > 0).mean() < 0.01
 
 
 def test_a_thousand_frames_of_drifting_light_do_not_run_away() -> None:
@@ -469,8 +458,7 @@ def test_ghost_with_a_walker_in_front_waits_until_the_walker_has_passed():
 def test_place_that_a_person_leaves_is_told_from_the_person_in_one_blob():
     person = slice(20, 45), slice(38, 48)  # two columns overlap BODY
     uncovered = find_uncovered(scene(person), scene(BODY), mask_of(BODY, person), GhostParams())
-    assert uncovered[25:40, 31:36].all()
-    assert not uncovered[:, 39:].any()
+    assert uncovered[25:40, 31:36].all() and not uncovered[:, 39:].any()
 
 
 def test_person_in_one_blob_with_another_is_not_uncovered():

@@ -123,8 +123,7 @@ def test_rebase_brings_means_into_the_exposure_of_the_image():
     foreground.update(np.full(SHAPE, 100, np.uint8), None, 0.0)
     kernels.rebase(foreground._lead, foreground._rest, 2.0, 5.0)
     state = _mixtures(foreground)
-    assert state.y[0] == pytest.approx(205)
-    assert state.var_y[0] == pytest.approx(4 * 64)
+    assert state.y[0] == pytest.approx(205) and state.var_y[0] == pytest.approx(4 * 64)
 
 
 PARAMS = GhostParams()

@@ -72,8 +72,7 @@ def test_maps_skip_background_and_what_has_no_depth_is_above_h_max_or_on_the_gro
 
 def test_height_is_masked_where_occupancy_is_low() -> None:
     lone = builder(smoothing_m=0.04, occupancy_min=2.0)(flat(2.0), mask_at(np.s_[20:21], np.s_[30:31]))
-    assert lone.height_raw.max() > 0.9
-    assert lone.height.max() == 0.0
+    assert lone.height_raw.max() > 0.9 and lone.height.max() == 0.0
 
 
 def test_images_of_another_size_and_halls_too_large_are_refused():
@@ -85,8 +84,7 @@ def test_images_of_another_size_and_halls_too_large_are_refused():
 
 def test_grid_cell_owns_its_lower_edge() -> None:
     grid = Grid.covering(0.0, 0.0, 1.0, 0.5, 0.1)
-    assert grid.shape == (5, 10)
-    assert grid.centre_of(0, 0) == pytest.approx((0.05, 0.05))
+    assert grid.shape == (5, 10) and grid.centre_of(0, 0) == pytest.approx((0.05, 0.05))
     assert grid.index_of(0.05, 0.05) == pytest.approx((0.0, 0.0))
     height, occupancy = np.empty(grid.shape, np.float32), np.empty(grid.shape, np.float32)
     point = np.array([[0.5, 0.25, 1.0]], np.float32)
@@ -160,8 +158,7 @@ def test_two_sides_of_a_body_count_as_the_side_that_shows_most() -> None:
     maps = build(front, back)([front, back])
     assert maps.occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
     rows = maps.occupancy_raw.sum(axis=1)
-    assert (rows > 0).sum() == 2
-    assert rows.max() == pytest.approx(2 * rows[rows > 0].min(), rel=0.05)
+    assert (rows > 0).sum() == 2 and rows.max() == pytest.approx(2 * rows[rows > 0].min(), rel=0.05)
 
 
 def test_bodies_that_different_heads_see_do_not_share_and_one_hidden_from_a_head_keeps_its_surface() -> None:

@@ -75,8 +75,7 @@ def test_smoothing_reduces_noise_and_keeps_a_straight_walk() -> None:
 
 def test_fragments_of_one_walk_are_joined_under_the_first_id() -> None:
     result = refine(concatenated([walk(range(30), 4), walk(range(40, 70), 9)]))
-    assert np.unique(result.tracks.track_id).tolist() == [4]
-    assert kinds(result) == [("join", 4, 29, 40)]
+    assert np.unique(result.tracks.track_id).tolist() == [4] and kinds(result) == [("join", 4, 29, 40)]
     assert len(result.tracks) == 60
 
 
@@ -135,11 +134,9 @@ def test_refinement_adds_no_row_and_keeps_ids_unique(pieces: list[tuple[int, int
     result = refine(tracks).tracks
     for track_id in np.unique(result.track_id):
         before = tracks.frame[tracks.track_id == track_id]
-        assert track_id > 0
-        assert result.frame[result.track_id == track_id].min() >= before.min()
+        assert track_id > 0 and result.frame[result.track_id == track_id].min() >= before.min()
     assert len({*zip(result.frame.tolist(), result.track_id.tolist(), strict=True)}) == len(result)
-    assert len(result) <= len(tracks)
-    assert set(result.track_id) <= set(tracks.track_id)
+    assert len(result) <= len(tracks) and set(result.track_id) <= set(tracks.track_id)
     assert np.isfinite(result.x_m).all()
 
 

@@ -72,8 +72,7 @@ def test_arrays_that_share_memory_and_an_object_in_two_places_are_one_again():
     assert back_whole.tolist() == [0, 0, 5, 5, 0, 0]
     person = Existence(1, 0.0, 0.0)
     first, second = restored([person, person])
-    assert first is second
-    assert (first.track_id, first.state) == (1, "tentative")
+    assert first is second and (first.track_id, first.state) == (1, "tentative")
 
 
 def test_a_random_generator_goes_on_with_the_same_numbers() -> None:
@@ -138,8 +137,7 @@ def test_the_last_two_checkpoints_are_kept(tmp_path: Path) -> None:
     for frame in (1, 2, 3):
         write(tmp_path, frame)
     assert frame_in(read_checkpoint(tmp_path / LATEST)) == 3
-    assert frame_in(read_checkpoint(tmp_path / PREVIOUS)) == 2
-    assert len(list(tmp_path.iterdir())) == 2
+    assert frame_in(read_checkpoint(tmp_path / PREVIOUS)) == 2 and len(list(tmp_path.iterdir())) == 2
 
 
 @pytest.mark.parametrize("damage", ["cut", "flip", "empty", "rewritten"])
@@ -155,8 +153,7 @@ def test_a_damaged_checkpoint_gives_way_to_the_one_before(tmp_path: Path, damage
     kept = {"cut": bytes(data[:middle]), "flip": bytes(data), "empty": b"", "rewritten": rewritten.getvalue()}[damage]
     (tmp_path / LATEST).write_bytes(kept)
     told: list[str] = []
-    assert frame_in(checkpoint_of(tmp_path, IDENTITY, told.append)) == 1
-    assert len(told) == 1
+    assert frame_in(checkpoint_of(tmp_path, IDENTITY, told.append)) == 1 and len(told) == 1
     assert "the checkpoint is damaged" in told[0]
 
 
@@ -250,15 +247,13 @@ EIGHT_HZ = [2.0 + n / 8 for n in range(9)]
 def test_engine_drops_the_frames_for_which_it_has_no_time(step_s, times_s, tracked, latency_ms, took_s):
     late = dict.fromkeys(("latency_median_ms", "latency_95_ms", "latency_99_ms"), latency_ms)
     info = PaceInfo(frames_dropped=len(times_s) - len(tracked), **late)
-    assert played(step_s, times_s) == (tracked, info, took_s)
-    assert played(1.0, []) == ([], PaceInfo(), 0.0)
+    assert played(step_s, times_s) == (tracked, info, took_s) and played(1.0, []) == ([], PaceInfo(), 0.0)
 
 
 def test_latency_counts_from_when_the_frame_was_due_and_not_from_when_it_was_taken() -> None:
     tracked, info, _ = played(3 / 16, EIGHT_HZ[:4])
     # Frame 0 at 0 to 3/16; 1 (due 2/16) at 3/16 to 6/16; 3 (due 6/16; 2 was due 4/16) at 6/16 to 9/16.
-    assert tracked == [0, 1, 3] and info.frames_dropped == 1
-    assert info.latency_median_ms == 187.5
+    assert tracked == [0, 1, 3] and info.frames_dropped == 1 and info.latency_median_ms == 187.5
     assert info.latency_99_ms == pytest.approx(187.5 + 0.98 * 62.5)  # of 187.5, 250 and 187.5
 
 

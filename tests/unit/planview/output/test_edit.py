@@ -36,8 +36,7 @@ def test_edits_are_applied_written_down_and_taken_back(run: Path, say: Say) -> N
     say("edit", run, "--undo")
     assert set(read_tracks(run / "tracks.csv").track_id.tolist()) == {1, 3}
     say("edit", run, "--undo-all")
-    assert (run / "tracks.csv").read_bytes() == before
-    assert not (run / "edits.json").exists()
+    assert (run / "tracks.csv").read_bytes() == before and not (run / "edits.json").exists()
     assert not (run / "tracks_before.csv").exists()
 
 
@@ -45,8 +44,7 @@ def test_an_edit_that_is_refused_changes_nothing(run: Path, say: Say) -> None:
     before = (run / "tracks.csv").read_bytes()
     status, told = say("edit", run, "--delete", "2", "--join", "1:9")
     assert (status, told) == (2, "planview: 'join 1 9': expected the id of a track, found 9, which none has\n")
-    assert (run / "tracks.csv").read_bytes() == before
-    assert not (run / "edits.json").exists()
+    assert (run / "tracks.csv").read_bytes() == before and not (run / "edits.json").exists()
 
 
 def test_edits_of_a_list_are_applied_in_its_order(run: Path, say: Say) -> None:

@@ -33,8 +33,7 @@ def test_foreground_is_outlined_in_pixels_of_the_image():
 
 def test_viewer_sends_no_statistics(monkeypatch):
     monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
-    assert quiet_environment()["CI"] == "1"
-    assert "FORCE_RERUN_ANALYTICS" not in quiet_environment()
+    assert quiet_environment()["CI"] == "1" and "FORCE_RERUN_ANALYTICS" not in quiet_environment()
 
 
 def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, capsys):
@@ -47,16 +46,14 @@ def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(command.subprocess, "run", run)
     (tmp_path / "run.rrd").write_bytes(b"")
     command.view(tmp_path, web=True, web_port=9191)
-    assert called[0][1:3] == ["--bind", "127.0.0.1"]
-    assert "--serve-web" in called[0]
+    assert called[0][1:3] == ["--bind", "127.0.0.1"] and "--serve-web" in called[0]
     assert "http://127.0.0.1:9191" in capsys.readouterr().err
 
 
 def test_templates_are_side_by_side_in_one_image():
     tiles = {"b": np.full((3, 3), 0.5, dtype=np.float32), "a": np.full((5, 4), 200, dtype=np.uint8)}
     shown = mosaic(tiles)
-    assert shown.shape == (5, 4 + 1 + 3 + 1)
-    assert (shown[0, 0], shown[0, 5], shown[4, 5]) == (200, 255, 0)
+    assert shown.shape == (5, 4 + 1 + 3 + 1) and (shown[0, 0], shown[0, 5], shown[4, 5]) == (200, 255, 0)
 
 
 @pytest.mark.parametrize(("written", "step"), [(0, 1), (499, 1), (500, 2), (750, 4), (875, 8), (5000, 4096)])

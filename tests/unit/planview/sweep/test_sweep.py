@@ -44,9 +44,7 @@ def asked() -> list[Configuration]:
 
 def test_proposals_come_near_the_best_are_the_same_every_time_and_end_when_no_run_has_the_objective():
     found = asked()
-    assert len(found) == 24
-    assert max(map(score, found)) > 0.98
-    assert found == asked()
+    assert len(found) == 24 and max(map(score, found)) > 0.98 and found == asked()
     proposals = Proposals(STUDY)
     proposals.record([JobResult("a", c, 0, error="no truth") for c in proposals.ask()])
     assert proposals.ask() == []
@@ -258,8 +256,7 @@ def test_random_draws_are_the_same_for_a_seed_lie_in_their_ranges_and_stop_where
     parameters = {"a.x": Range(min=0.5, max=2.0, log=True), "a.n": Range(min=1, max=3), "a.c": ["p", "q"]}
     found = random_draws(parameters, 10, seed=4)
     assert found == random_draws(parameters, 10, seed=4) != random_draws(parameters, 10, seed=5)
-    assert len(set(found)) == 10
-    assert all(0.5 <= float(c.value("a.x")) <= 2.0 for c in found)
+    assert len(set(found)) == 10 and all(0.5 <= float(c.value("a.x")) <= 2.0 for c in found)
     assert {c.value("a.n") for c in found} <= {"1", "2", "3"}
     assert len(random_draws({"a.c": ["p", "q"]}, 10, seed=0)) == 2
 
@@ -278,8 +275,7 @@ def test_processes_are_replaced_when_one_is_killed_and_its_task_is_tried_again(t
         ended = list(run_tasks(die_once, by_key(range(4)), pool))
     finally:
         pool.close()
-    assert killed.exists()
-    assert sorted(d.key for d in ended) == ["0", "1", "2", "3"]
+    assert killed.exists() and sorted(d.key for d in ended) == ["0", "1", "2", "3"]
     assert all(not d.error and d.value != os.getpid() for d in ended)
 
 

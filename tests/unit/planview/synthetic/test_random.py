@@ -48,10 +48,8 @@ def test_range_gives_a_number_in_it_and_a_choice_one_of_its_list():
         resolved({"a": {"min": 1, "max": 3}, "b": {"min": 0.5, "max": 0.6}, "c": {"choose": ["x", "y"]}, "d": [4]}, rng)
         for _ in range(50)
     ]
-    assert {g["a"] for g in got} == {1, 2, 3}
-    assert all(0.5 <= g["b"] < 0.6 for g in got)
-    assert {g["c"] for g in got} == {"x", "y"}
-    assert got[0]["d"] == [4]
+    assert {g["a"] for g in got} == {1, 2, 3} and all(0.5 <= g["b"] < 0.6 for g in got)
+    assert {g["c"] for g in got} == {"x", "y"} and got[0]["d"] == [4]
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
@@ -90,8 +88,7 @@ def test_tightest_scenes_are_drawn_for_every_seed():
 
 def test_seeds_and_names_draw_other_scenes():
     first = random_scene(TABLE, 1, "test")
-    assert random_scene(TABLE, 2, "test") != first
-    assert random_scene(TABLE, 1, "other") != first
+    assert random_scene(TABLE, 2, "test") != first and random_scene(TABLE, 1, "other") != first
 
 
 def test_people_of_a_meeting_stay_at_their_spacing():
@@ -161,8 +158,7 @@ def test_route_goes_around_what_is_not_free_and_there_is_none_through_a_wall():
     free[8:13, :15] = False
     grid = FloorGrid(np.zeros(2), 0.2, free)
     way = grid.route(np.array([0.4, 0.4]), np.array([3.6, 0.4]))
-    assert way is not None and max(p[1] for p in way) > 2.0
-    assert way[-1] == pytest.approx([3.6, 0.4])
+    assert way is not None and max(p[1] for p in way) > 2.0 and way[-1] == pytest.approx([3.6, 0.4])
     free[8:13, :] = False
     assert grid.route(np.array([0.4, 0.4]), np.array([3.6, 0.4])) is None
 
@@ -177,8 +173,7 @@ def table(path: Path) -> dict[str, object]:
 @pytest.mark.parametrize("path", VIEWS, ids=lambda p: p.stem)
 def test_view_of_a_seed_is_drawn_again_alike_and_another_seed_otherwise(path):
     first, again, other = (random_view(table(path), seed, path.stem) for seed in (0, 0, 1))
-    assert first == again
-    assert first.scene != other.scene
+    assert first == again and first.scene != other.scene
 
 
 @pytest.mark.parametrize("path", VIEWS, ids=lambda p: p.stem)
@@ -187,10 +182,8 @@ def test_line_of_a_view_lies_in_the_image_and_everybody_has_time_to_pass_it(path
         view = random_view(table(path), seed, path.stem)
         size = np.array([view.scene.camera.width, view.scene.camera.height])
         for end in view.wire_px:
-            assert (np.array(end) >= 0).all()
-            assert (np.array(end) < size).all()
-        assert view.scene.people
-        assert all(p.enter_s < view.scene.duration_s - 3 for p in view.scene.people)
+            assert (np.array(end) >= 0).all() and (np.array(end) < size).all()
+        assert view.scene.people and all(p.enter_s < view.scene.duration_s - 3 for p in view.scene.people)
 
 
 def test_changes_take_the_place_of_what_a_seed_draws_and_a_person_in_the_middle_is_as_large_as_drawn():
@@ -210,8 +203,7 @@ def test_room_of_a_seed_is_always_the_same_and_of_another_seed_another() -> None
 
 def test_room_fills_with_twelve_people_who_all_leave() -> None:
     people = random_conference(1).scene.people
-    assert len(people) == 12
-    assert all(person.leaves for person in people)
+    assert len(people) == 12 and all(person.leaves for person in people)
     seats = [step.on for person in people for step in person.steps if step.sit_s]
     assert len(seats) == len(set(seats)) >= 8
 

@@ -49,8 +49,7 @@ RIG = "[rig]\nat_m = [3, 0.3, 2.5]\n"
 def test_scene_that_cannot_be_is_refused_in_one_sentence_naming_the_key(text, said):
     with pytest.raises(InputError) as refusal:
         parse_scene(text, "x.toml")
-    assert str(refusal.value).startswith("x.toml: ")
-    assert said in str(refusal.value)
+    assert str(refusal.value).startswith("x.toml: ") and said in str(refusal.value)
     assert "\n" not in str(refusal.value)
 
 
@@ -122,8 +121,7 @@ def test_cartwheel_puts_the_head_down_half_way_and_ends_upright_at_its_point():
     person = walker({"cartwheel": (0, 2)}, height_m=1.75)
     motion, body = scripted_motion(person, {}, 6), Body(person, Palette())
     tops = [body.pose(*pose_at(0, 1.75, motion, t)).top_m for t in np.arange(0.0, 5.0, 0.05)]
-    assert min(tops) < 0.9
-    assert (tops[0], tops[-1]) == pytest.approx((1.75, 1.75), abs=0.03)
+    assert min(tops) < 0.9 and (tops[0], tops[-1]) == pytest.approx((1.75, 1.75), abs=0.03)
     assert motion.at(5.0)[0] == pytest.approx([0, 2], abs=0.01)
 
 
@@ -159,9 +157,7 @@ def test_wanderers_keep_apart_and_another_seed_walks_elsewhere():
         for seed in (1, 1, 9)
     )
     gaps = np.linalg.norm(once[:, None] - once, axis=2) + 10 * np.eye(6)
-    assert gaps.min() > 0.45
-    assert (once == again).all()
-    assert not np.allclose(once, other, atol=0.3)
+    assert gaps.min() > 0.45 and (once == again).all() and not np.allclose(once, other, atol=0.3)
 
 
 def test_pushed_chair_stays_where_it_was_left_and_carried_box_on_its_height():
@@ -220,8 +216,7 @@ def test_synth_renders_heads_but_not_two_of_one_name(scene: Path, tmp_path: Path
 
 def test_drawn_heads_are_the_same_for_the_same_seed() -> None:
     one, again, other = random_rigs(5), random_rigs(5), random_rigs(6)
-    assert [h.mount for h in one] == [h.mount for h in again]
-    assert one[0].scene == again[0].scene
+    assert [h.mount for h in one] == [h.mount for h in again] and one[0].scene == again[0].scene
     assert one[0].scene != other[0].scene
 
 
@@ -262,8 +257,7 @@ def test_same_scene_gives_same_pixels_in_any_order_and_other_seed_gives_others(s
 def test_truth_is_the_place_relative_to_the_camera(standing):
     (row,) = standing.frame(5).truth
     assert (row.x_m, row.y_m) == pytest.approx((0.0, 3.0), abs=0.06)  # people shift their weight
-    assert row.height_m == pytest.approx(1.70, abs=0.01)
-    assert row.visible == 1.0
+    assert row.height_m == pytest.approx(1.70, abs=0.01) and row.visible == 1.0
 
 
 def test_head_of_the_truth_projects_onto_the_person_in_both_images(standing):
@@ -273,21 +267,18 @@ def test_head_of_the_truth_projects_onto_the_person_in_both_images(standing):
     room = standing.world_SE3_room.inverse() @ np.array([row.x_m, row.y_m, row.height_m - 0.11])
     left = standing.room_SE3_left.inverse() @ room
     u, v = np.round(rig.left.project(left)[0]).astype(int)
-    assert frame.owner[v, u] == 1
-    assert frame.depth[v, u] == pytest.approx(left[2], abs=0.15)
+    assert frame.owner[v, u] == 1 and frame.depth[v, u] == pytest.approx(left[2], abs=0.15)
     empty = SceneRenderer(standing.scene.model_copy(update={"people": ()})).frame(5)
     u, v = np.round(rig.right.project(rig.right_SE3_left @ left)[0]).astype(int)
     changed = np.abs(frame.right.astype(int) - empty.right).sum(axis=2)
-    assert changed[v, u] > 60
-    assert world_SE3_rect.translation == pytest.approx([0, 0, 2.4])
+    assert changed[v, u] > 60 and world_SE3_rect.translation == pytest.approx([0, 0, 2.4])
 
 
 def test_floor_depth_of_a_camera_straight_down_is_its_height():
     rig = "[rig]\nwidth = 64\nheight = 48\nfocal_px = 60\nat_m = [4, 4, 3]\ntilt_deg = 0\n"
     down = renderer(ROOM + rig + "distortion = [-0.1, 0, 0, 0]\n")
     frame = down.frame(0)
-    assert frame.depth == pytest.approx(np.full((48, 64), 3.0), abs=1e-4)
-    assert frame.truth == ()
+    assert frame.depth == pytest.approx(np.full((48, 64), 3.0), abs=1e-4) and frame.truth == ()
     assert down.world_SE3_left.rotation[2] == pytest.approx([0, 0, -1], abs=1e-9)
 
 
@@ -295,8 +286,7 @@ def test_hidden_part_is_counted_by_pixels_of_the_person_alone():
     screen = "[[furniture]]\nkind = 'partition'\nat_m = [4, 3]\nheading_deg = 90\n"
     free, hidden = renderer(ROOM + CAMERAS + STANDING).frame(2), renderer(ROOM + CAMERAS + STANDING + screen).frame(2)
     shown = (hidden.owner == 1).sum() / (free.owner == 1).sum()
-    assert 0.2 < shown < 0.8
-    assert hidden.truth[0].visible == pytest.approx(shown, abs=1e-6)
+    assert 0.2 < shown < 0.8 and hidden.truth[0].visible == pytest.approx(shown, abs=1e-6)
 
 
 def test_part_outside_the_image_counts_as_not_visible():
@@ -306,8 +296,7 @@ def test_part_outside_the_image_counts_as_not_visible():
         for w in (32, 160)
     )  # fmt: skip
     inside = (narrow.owner == 1).sum() / (wide.owner == 1).sum()
-    assert 0.2 < inside < 0.8
-    assert narrow.truth[0].visible == pytest.approx(inside, abs=0.05)
+    assert 0.2 < inside < 0.8 and narrow.truth[0].visible == pytest.approx(inside, abs=0.05)
     assert wide.truth[0].visible == 1.0
 
 
@@ -363,8 +352,7 @@ def test_sensor_noise_and_exposure_follow_the_signal():
 def test_grey_sensor_gives_one_channel_and_half_scale_the_same_truth():
     text = ROOM + "[sensor]\ngrey = true\n" + CAMERAS + STANDING
     whole, half = renderer(text), SceneRenderer(parse_scene(text, "t"), 0.5)
-    assert whole.frame(0).left.shape == (120, 160)
-    assert half.frame(0).left.shape == (60, 80)
+    assert whole.frame(0).left.shape == (120, 160) and half.frame(0).left.shape == (60, 80)
     assert half.rig.left.fx == pytest.approx(55)
     ours, theirs = whole.frame(4).truth[0], half.frame(4).truth[0]
     assert (ours.x_m, ours.y_m, ours.height_m) == (theirs.x_m, theirs.y_m, theirs.height_m)

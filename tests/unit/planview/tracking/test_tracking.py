@@ -124,8 +124,7 @@ def test_two_people_who_took_each_others_place_are_exchanged(known, seen, at_s, 
 def test_a_contact_stays_in_doubt_until_everybody_has_been_measured() -> None:
     layer, one, two = two_people(RED, BLUE)
     measure(layer, (one, RED))
-    assert layer.exchanges([one, two], 2.0) == []
-    assert layer.in_doubt(one) and layer.in_doubt(two)
+    assert layer.exchanges([one, two], 2.0) == [] and layer.in_doubt(one) and layer.in_doubt(two)
 
 
 def test_a_newcomer_who_looks_like_an_absent_person_is_known() -> None:
@@ -177,8 +176,7 @@ def test_reassigned_identities_move_with_their_times_and_are_logged() -> None:
     life.begin(3.0)
     life.confirm(two, "tracked")
     life.reassign([one, two], [two, one], 0.99)
-    assert (one.track_id, two.track_id) == (2, 1)
-    assert one.confirmed and not two.confirmed
+    assert (one.track_id, two.track_id) == (2, 1) and one.confirmed and not two.confirmed
     assert [d.kind for d in life.decisions] == ["confirmed", "identity", "identity"]
 
 
@@ -238,8 +236,7 @@ def test_people_who_cross_keep_their_ids() -> None:
     frames = [[box(-1.5 + 0.1 * i, 6.0), box(1.5 - 0.1 * i, 7.0)] for i in range(30)]
     states = track(frames)
     early, late = ({s.track_id: s.y_m for s in confirmed(states[i])} for i in (12, 29))
-    assert early.keys() == late.keys() == {1, 2}
-    assert all(abs(early[i] - late[i]) < 0.4 for i in early)
+    assert early.keys() == late.keys() == {1, 2} and all(abs(early[i] - late[i]) < 0.4 for i in early)
 
 
 def test_two_boxes_on_one_person_are_one_person() -> None:

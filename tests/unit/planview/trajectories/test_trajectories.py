@@ -115,8 +115,7 @@ def test_bad_numbers_and_short_rows_are_named_with_their_line(tmp_path):
 
 def test_pets_rows_count_frames_from_zero_and_carry_boxes_and_metres_where_they_are_known(tmp_path: Path) -> None:
     truth = load_truth(written(tmp_path, "2,5,10,20,30,40,1,1.5,-2.5,0\n1,5,11,20,30,40,1,1.4,-2.5,0\n"))
-    assert truth.frame.tolist() == [0, 1]
-    assert truth.box_px[1].tolist() == [10, 20, 30, 40]
+    assert truth.frame.tolist() == [0, 1] and truth.box_px[1].tolist() == [10, 20, 30, 40]
     assert (truth.x_m[1], truth.y_m[1]) == (1.5, -2.5)
     assert np.isnan(load_truth(written(tmp_path, "1,5,11,20,30,40,1\n")).x_m).all()
     unknown = load_truth(written(tmp_path, "1,1,10,20,30,40,1,-1,-1,-1\n1,2,50,20,30,40,1,-1,-1,0\n"))
@@ -126,8 +125,7 @@ def test_pets_rows_count_frames_from_zero_and_carry_boxes_and_metres_where_they_
 def test_motchallenge_truth_has_visibility_instead_of_metres(tmp_path: Path) -> None:
     truth = load_truth(written(tmp_path, MOT16_TRUTH))
     assert (truth.frame.tolist(), truth.track_id.tolist()) == ([0, 0, 1], [1, 4, 1])
-    assert truth.visible.tolist() == [0.9, IGNORED, 0.25]
-    assert np.isnan(truth.x_m).all()
+    assert truth.visible.tolist() == [0.9, IGNORED, 0.25] and np.isnan(truth.x_m).all()
 
 
 def test_truth_with_confidence_zero_is_left_out_and_results_with_it_are_kept(tmp_path: Path) -> None:
@@ -233,8 +231,7 @@ def test_petrack_text_in_centimetres_is_read_in_metres(tmp_path):
     path = tmp_path / "cm.txt"
     path.write_text("# framerate: 50 fps\n# id frame x/cm y/cm z/cm markerID\n7 3 -130.147 20 180 999\n")
     file = read_petrack(path)
-    assert file.fps == 50.0
-    assert (file.table.track_id[0], file.table.frame[0]) == (7, 3)
+    assert file.fps == 50.0 and (file.table.track_id[0], file.table.frame[0]) == (7, 3)
     assert (file.table.x_m[0], file.table.y_m[0], file.table.height_m[0]) == pytest.approx((-1.30147, 0.2, 1.8))
 
 

@@ -57,7 +57,6 @@ def solved() -> CalibrationSession:
 
 
 def test_session_turns_drawn_people_into_a_camera_whose_values_have_deviations_and_a_verdict(solved):
-    assert solved.solution.found is not None
     assert solved.solution.found.camera.height_m == pytest.approx(3.5, rel=0.02)
     assert [s.frame for s in solved.samples] == [0, 10, 20, 0, 10, 20]
     rows = {row.name: row for row in solved.solution.rows()}
@@ -77,8 +76,7 @@ def test_session_leads_from_box_to_head_to_foot_and_to_the_people_missing():
     assert session.message == "click the middle between the feet"
     click(session, (125, 245))
     session.solve()
-    assert session.solution.found is None
-    assert "2 more people" in session.message
+    assert session.solution.found is None and "2 more people" in session.message
 
 
 def test_session_takes_a_slip_of_the_hand_for_no_box_and_refuses_a_head_far_from_its_box():
@@ -89,8 +87,7 @@ def test_session_takes_a_slip_of_the_hand_for_no_box_and_refuses_a_head_far_from
     session = new_session()
     session.press(300, 100)
     session.release(350, 250)
-    assert not click(session, (20.0, 20.0), (325.0, 250.0))
-    assert not session.samples
+    assert not click(session, (20.0, 20.0), (325.0, 250.0)) and not session.samples
     assert "no standing person" in session.message
 
 
@@ -103,8 +100,7 @@ def test_undo_takes_back_every_kind_of_change():
     session.undo()
     assert session.samples == [ONE]
     session.undo()
-    assert session.samples == []
-    assert not session.undo()
+    assert session.samples == [] and not session.undo()
 
 
 def test_selected_head_is_dragged_and_nudged():
@@ -112,11 +108,9 @@ def test_selected_head_is_dragged_and_nudged():
     session.choose("select")
     session.press(131, 106)
     session.drag(134, 108)
-    assert session.release(134, 108)
-    assert session.samples[0].head_px == (133.0, 107.0)
+    assert session.release(134, 108) and session.samples[0].head_px == (133.0, 107.0)
     session.nudge(0, -1)
-    assert session.samples[0].head_px == (133.0, 106.0)
-    assert session.samples[0].foot_px == ONE.foot_px
+    assert session.samples[0].head_px == (133.0, 106.0) and session.samples[0].foot_px == ONE.foot_px
 
 
 @pytest.mark.parametrize(
@@ -140,8 +134,7 @@ def test_click_selects_people_of_the_frame_shown_and_changes_nothing(frame, sele
     session = new_session(ONE)
     session.show(frame)
     session.choose("select")
-    assert not click(session, (140.0, 180.0))
-    assert session.selected == selected
+    assert not click(session, (140.0, 180.0)) and session.selected == selected
 
 
 def test_person_asked_for_is_shown_and_selected():
@@ -191,8 +184,7 @@ def test_loaded_samples_of_another_image_size_are_refused():
 def test_overlay_shows_the_people_of_the_frame_shown(solved):
     svg = overlay(solved)
     assert (svg.count('class="sample"'), svg.count('class="model"'), svg.count('class="crowd"')) == (2, 2, 0)
-    assert 'class="grid"' in svg
-    assert "nan" not in svg
+    assert 'class="grid"' in svg and "nan" not in svg
     assert 'class="crowd"' in overlay(solved, everywhere=True)
 
 
@@ -259,8 +251,7 @@ LIMIT = np.full(6, 0.06)
 def test_points_off_the_plane_are_refused_with_their_height_once_the_others_agree():
     points = np.vstack([FLOOR[:4], [(0.5, 1.6, 4.0)]])
     fit = fit_plane(points, LIMIT[:5])
-    assert fit.used.tolist() == [True, True, True, True, False]
-    assert fit.distance_m[4] == pytest.approx(0.4)
+    assert fit.used.tolist() == [True, True, True, True, False] and fit.distance_m[4] == pytest.approx(0.4)
     assert fit.floor.height_m == pytest.approx(2.0)
     points = np.vstack([[(0.0, 1.0, 3.0)], FLOOR])
     assert fit_plane(points, LIMIT).used.tolist() == [False, True, True, True, True, True]
@@ -270,5 +261,4 @@ def test_points_on_a_line_are_refused_three_are_not_enough_and_four_on_a_plane_a
     with pytest.raises(InputError, match="on one line"):
         fit_plane(np.array([(0.0, 2.0, z) for z in (3.0, 4.0, 5.0)]), LIMIT[:3])
     three, four = (floor_assessment(fit_plane(FLOOR[:n], LIMIT[:n])) for n in (3, 4))
-    assert not three.enough and "fourth" in three.sentence
-    assert four.enough
+    assert not three.enough and "fourth" in three.sentence and four.enough

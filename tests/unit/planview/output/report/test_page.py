@@ -55,8 +55,7 @@ def pictures(page: str) -> list[bytes]:
 def test_report_of_tracks_alone_shows_the_floor_the_heat_and_the_people(tmp_path: Path) -> None:
     write_tracks(tmp_path)
     page = write_report(tmp_path).read_text()
-    assert len(pictures(page)) == 3
-    assert all(picture.startswith(b"\x89PNG") for picture in pictures(page))
+    assert len(pictures(page)) == 3 and all(picture.startswith(b"\x89PNG") for picture in pictures(page))
     assert "No run.json in this folder" in page
 
 
@@ -134,8 +133,7 @@ def test_ledger_of_a_person_tells_why_and_of_what_the_scores_are_made(tmp_path: 
     (tmp_path / "decisions.csv").write_text(",".join(DECISION_COLUMNS) + "\n" + "\n".join(rows) + "\n")
     page = write_report(tmp_path).read_text()
     assert "matched in 31 frames, 0 to 30; median score 0.15, worst 0.30 in frame 30" in page
-    assert "&lt;nothing like it&gt;" in page
-    assert page.count("<polygon") == 4
+    assert "&lt;nothing like it&gt;" in page and page.count("<polygon") == 4
 
 
 def test_heat_map_adds_time_in_the_cell_of_each_row_and_stays_small_for_far_apart_places():
@@ -159,8 +157,7 @@ def test_latency_of_a_run_in_real_time_is_on_the_page(tmp_path: Path) -> None:
     pace = PaceInfo(frames_dropped=3, latency_median_ms=35.2, latency_95_ms=50.0, latency_99_ms=61.6)
     write_run_info(full_info().model_copy(update={"pace": pace}), tmp_path / "run.json")
     page = write_report(tmp_path).read_text()
-    assert "<b>3</b>frames dropped" in page
-    assert "<b>62 ms</b>latency, 99 % within" in page
+    assert "<b>3</b>frames dropped" in page and "<b>62 ms</b>latency, 99 % within" in page
 
 
 def table(rows: list[tuple[int, int, float]]) -> Trajectories:
@@ -194,8 +191,7 @@ def test_bars_are_in_percent_of_the_run_and_errors_are_marked() -> None:
     assert [(round(bar.left), round(bar.width), bool(bar.colour)) for bar in person.bars] == [
         (0, 50, True), (50, 50, False),
     ]  # fmt: skip
-    assert [round(mark.left) for mark in person.marks] == [50]
-    assert track.link == "person-3"
+    assert [round(mark.left) for mark in person.marks] == [50] and track.link == "person-3"
 
 
 def decoded(uri: str) -> U8:
@@ -212,12 +208,10 @@ def test_scene_is_pictured_from_the_recording_opened_again(street: Path) -> None
     errors = errors_of(scores_of(results))
     assert [(error.kind, error.frame) for error in errors] == [("lost", 10)]
     pictures = scene_pictures(results, errors)
-    assert pictures.why_none == ""
-    assert pictures.overview[0].title == "Busiest frame"
+    assert pictures.why_none == "" and pictures.overview[0].title == "Busiest frame"
     assert decoded(pictures.overview[0].data).shape == (480, 640, 3)
     (strip,) = pictures.errors
-    assert strip.is_strip
-    assert decoded(strip.data).shape[1] > 4 * decoded(strip.data).shape[0]
+    assert strip.is_strip and decoded(strip.data).shape[1] > 4 * decoded(strip.data).shape[0]
 
 
 def test_frame_is_the_one_asked_for(street: Path) -> None:
@@ -254,8 +248,7 @@ def test_comparison_shows_only_settings_that_differ_and_marks_the_best_figure(st
     with pytest.raises(SystemExit, match="0"):
         main(["report", str(street), str(other), "--out", str(tmp_path / "compare.html")])
     page = (tmp_path / "compare.html").read_text()
-    assert "template.stay_s" in page
-    assert "template.errors_s" not in page
+    assert "template.stay_s" in page and "template.errors_s" not in page
     assert "&lt;other&gt;" in page and "<other>" not in page
     assert '<td class="n">5</td><td class="n">-</td>' in page
 

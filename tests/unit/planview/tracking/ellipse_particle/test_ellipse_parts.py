@@ -55,8 +55,7 @@ def test_fit_keeps_the_full_size_of_an_object_whose_legs_are_hidden():
     mask = mask_of((40.0, 35, 12, 4.8, 0.0))
     mask[40:] = 0
     found = fit_ellipses(mask, FIT_SIZE, PARAMS)
-    assert len(found) == 1
-    assert found[0, 2] == pytest.approx(12, rel=0.2)
+    assert len(found) == 1 and found[0, 2] == pytest.approx(12, rel=0.2)
 
 
 def test_fit_ignores_specks_suitcases_and_empty_masks():
@@ -88,9 +87,7 @@ def test_gain_is_the_share_of_foreground_less_background_outside_the_others():
 )
 def test_fit_of_any_mask_is_finite(mask, level, slope, aspect, upright):
     found = fit_ellipses(mask, Size(level, slope, 1.0, aspect, upright), PARAMS)
-    assert found.shape[1] == 5
-    assert np.isfinite(found).all()
-    assert (found[:, 2:4] > 0).all()
+    assert found.shape[1] == 5 and np.isfinite(found).all() and (found[:, 2:4] > 0).all()
 
 
 SHAPE = (60, 80)
@@ -211,8 +208,7 @@ def test_large_person_from_whom_pieces_fall_is_one_person():
             specks = np.column_stack([rng.uniform(5, 150, 10), rng.uniform(10, 90, 10)])
         frames.append([[30.0 + k, 50, 30, 10, 0], *([*s, 4, 2, 0] for s in specks)])
     found = learned(frames)
-    assert half_in(found, 50) == pytest.approx(30, rel=0.2)
-    assert found[1] > 0.6
+    assert half_in(found, 50) == pytest.approx(30, rel=0.2) and found[1] > 0.6
 
 
 def test_person_whom_the_border_always_cuts_is_one_person():
@@ -232,8 +228,7 @@ def walkers(angles_deg: np.ndarray, half: float) -> Size:
 
 def test_large_people_who_lie_in_all_directions_are_seen_from_above_and_of_one_size():
     size = walkers(np.arange(0.0, 180.0, 22.5), 30.0)
-    assert not size.upright
-    assert (size.slope, size.aspect) == (0.0, pytest.approx(0.5, rel=0.2))
+    assert not size.upright and (size.slope, size.aspect) == (0.0, pytest.approx(0.5, rel=0.2))
     assert size.level == pytest.approx(30, rel=0.2)
 
 

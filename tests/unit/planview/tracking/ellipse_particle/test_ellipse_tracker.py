@@ -52,9 +52,7 @@ def test_two_people_keep_their_ids_when_they_cross():
     masks = [foreground((20 + 3 * i, 60), (140 - 3 * i, 66)) for i in range(40)]
     out = follow(EllipseParticleTracker(GIVEN), masks)
     first, second = near(out[8], 44).track_id, near(out[8], 116).track_id
-    assert first != second
-    assert near(out[-1], 137).track_id == first
-    assert near(out[-1], 23).track_id == second
+    assert first != second and near(out[-1], 137).track_id == first and near(out[-1], 23).track_id == second
 
 
 def test_id_survives_an_occlusion_by_something_static():
@@ -80,8 +78,7 @@ def test_person_who_leaves_is_removed_with_a_reason():
 def test_sizes_are_learned_without_being_given():
     params = EllipseParticleParams(filter=ParticleFilterParams(particles=300))
     out = follow(EllipseParticleTracker(params), [foreground((20 + 2 * i, 50), (140 - 2 * i, 80)) for i in range(30)])
-    assert len(out[-1]) == 2
-    assert all(s.box_px[3] == pytest.approx(30, rel=0.2) for s in out[-1])
+    assert len(out[-1]) == 2 and all(s.box_px[3] == pytest.approx(30, rel=0.2) for s in out[-1])
 
 
 def test_same_seed_same_tracks_and_reset_starts_again():
@@ -89,8 +86,7 @@ def test_same_seed_same_tracks_and_reset_starts_again():
     tracker = EllipseParticleTracker(GIVEN)
     first = follow(tracker, masks)
     tracker.reset()
-    assert follow(tracker, masks) == first
-    assert follow(EllipseParticleTracker(GIVEN), masks) == first
+    assert follow(tracker, masks) == first and follow(EllipseParticleTracker(GIVEN), masks) == first
     assert follow(EllipseParticleTracker(GIVEN, seed=5), masks) != first
 
 
@@ -124,8 +120,7 @@ def test_debug_shows_measurements_objects_and_particles():
     assert tracker.debug().drawings == ()
     follow(tracker, [foreground((80, 60))] * 5)
     drawings = {d.name: d for d in tracker.debug().drawings}
-    assert drawings["objects"].labels == ("1",)
-    assert len(drawings["measurements"].strips) == 1
+    assert drawings["objects"].labels == ("1",) and len(drawings["measurements"].strips) == 1
     assert len(drawings["particles"].strips) >= 50
     assert all(a.plane == b.plane for a, b in pairwise(drawings.values()))
 
@@ -189,8 +184,7 @@ def test_learned_size_is_told_as_that_of_whatever_moves():
     assert tracker.notes == ()
     follow(tracker, [foreground((20 + 2 * i, 60)) for i in range(30)])
     (note,) = tracker.notes
-    assert note.startswith(("people are taken for 29", "people are taken for 30"))
-    assert "px high" in note
+    assert note.startswith(("people are taken for 29", "people are taken for 30")) and "px high" in note
     assert "whatever moves" in note and "100%" not in note  # no assurance that these are people
     assert EllipseParticleTracker(GIVEN).notes == ()
 
@@ -207,8 +201,7 @@ def test_shadow_speaks_neither_for_nor_against_a_body():
     tracker, nothing = EllipseParticleTracker(GIVEN), foreground()
     for i in range(8):
         states = tracker.update(Observation(i, i / 10, foreground=nothing, shadow=foreground((80, 60))))
-    assert states == ()
-    assert tracker.debug().tiles["foreground"].max() == pytest.approx(0.4 / 1.4, abs=0.01)
+    assert states == () and tracker.debug().tiles["foreground"].max() == pytest.approx(0.4 / 1.4, abs=0.01)
 
 
 def test_feedback_is_where_confirmed_people_are():

@@ -62,8 +62,7 @@ def test_newcomer_is_tentative_until_followed_for_a_while() -> None:
 
 def test_tentative_track_is_dropped_at_its_first_miss() -> None:
     tracker = HarvilleTracker()
-    assert follow(tracker, [*walk(0.05, 0.05, 1), []])[-1] == ()
-    assert kinds(tracker) == ["pruned"]
+    assert follow(tracker, [*walk(0.05, 0.05, 1), []])[-1] == () and kinds(tracker) == ["pruned"]
 
 
 def test_chair_is_too_low_and_a_hand_has_too_little_surface_for_a_newcomer():
@@ -97,8 +96,7 @@ def test_lost_person_goes_on_as_predicted() -> None:
     tracker = HarvilleTracker()
     seen = follow(tracker, walk(-0.95, 0.05, 10))[-1][0]
     lost = follow(tracker, [[]] * 5, start=10)[-1][0]
-    assert lost.state == "lost"
-    assert lost.x_m == pytest.approx(seen.x_m + 0.5 * seen.vx_mps, abs=1e-6)
+    assert lost.state == "lost" and lost.x_m == pytest.approx(seen.x_m + 0.5 * seen.vx_mps, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -109,15 +107,13 @@ def test_newcomer_within_reach_of_a_lost_person_is_that_person_and_out_of_it_som
     tracker = HarvilleTracker()
     follow(tracker, [*walk(0.05, 0.05, 10, step_m=0.0), *[[]] * 5])
     tracks = follow(tracker, [[(0.05, y_m, 1.75)]], start=15)[0]
-    assert {track.track_id: track.state for track in tracks} == states
-    assert kinds(tracker) == decisions
+    assert {track.track_id: track.state for track in tracks} == states and kinds(tracker) == decisions
 
 
 def test_lost_person_is_forgotten_after_four_seconds() -> None:
     tracker = HarvilleTracker()
     results = follow(tracker, [*walk(0.05, 0.05, 10, step_m=0.0), *[[]] * 41])
-    assert [len(tracks) for tracks in results[-2:]] == [1, 0]
-    assert kinds(tracker) == ["pruned"]
+    assert [len(tracks) for tracks in results[-2:]] == [1, 0] and kinds(tracker) == ["pruned"]
 
 
 def test_template_that_holds_little_of_its_person_is_recentred_on_the_occupancy_peak() -> None:
@@ -125,8 +121,7 @@ def test_template_that_holds_little_of_its_person_is_recentred_on_the_occupancy_
     tracker = HarvilleTracker(HarvilleParams(recentre_filled=0.5))
     follow(tracker, [[(0.05, 0.05, 1.75)]])
     (track,) = tracker.update(observe(1, [(0.15, 0.05, 1.75)]))
-    assert (track.x_m, track.y_m) == pytest.approx((0.15, 0.05), abs=1e-9)
-    assert "recentred" in kinds(tracker)
+    assert (track.x_m, track.y_m) == pytest.approx((0.15, 0.05), abs=1e-9) and "recentred" in kinds(tracker)
 
 
 def test_recentring_leaves_the_velocity() -> None:
@@ -178,8 +173,7 @@ def test_debug_shows_search_zone_and_templates() -> None:
 
 def test_person_at_the_edge_of_the_floor_is_followed() -> None:
     (track,) = follow(HarvilleTracker(), [[(-2.95, 2.95, 1.75, 0.5)]] * 6)[-1]
-    assert track.state == "confirmed"
-    assert math.dist((track.x_m, track.y_m), (-2.95, 2.95)) < 0.3
+    assert track.state == "confirmed" and math.dist((track.x_m, track.y_m), (-2.95, 2.95)) < 0.3
 
 
 def test_observation_without_maps_and_time_that_runs_backwards_are_refused():
@@ -211,8 +205,7 @@ def test_search_finds_a_template_where_it_was_moved() -> None:
     height[8:13, 6:11] = template
     result = np.empty(7)
     kernels.search(template, template, height, height, 7.0, 7.0, 3, 0.8, 1.0, 1.0, 0.01, 1.0, 5.0, NOBODY, result)
-    assert tuple(result[1:3]) == (8, 6)
-    assert result[3] == pytest.approx(0.0, abs=1e-6)
+    assert tuple(result[1:3]) == (8, 6) and result[3] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_search_prefers_of_two_equal_places_the_one_away_from_a_placed_person() -> None:

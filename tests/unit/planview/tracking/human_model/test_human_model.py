@@ -27,17 +27,14 @@ def _walker(t: float) -> list[Drawn]:
 def test_walker_is_one_track_near_the_truth_with_the_box_of_the_whole_model() -> None:
     _, states, _ = run(_walker, 3.5)
     rows = [(k, s) for k, frame in enumerate(states) for s in confirmed(frame)]
-    assert len(rows) > 20
-    assert len({s.track_id for _, s in rows}) == 1
+    assert len(rows) > 20 and len({s.track_id for _, s in rows}) == 1
     errors = [math.hypot(s.x_m - _walker(k / FPS)[0][0], s.y_m - 6.0) for k, s in rows]
-    assert np.median(errors) < 0.15
-    assert rows[-1][1].vx_mps == pytest.approx(1.2, abs=0.3)
+    assert np.median(errors) < 0.15 and rows[-1][1].vx_mps == pytest.approx(1.2, abs=0.3)
     assert rows[-1][1].height_m == pytest.approx(1.76, abs=0.15)
     (state,) = confirmed(states[19])
     left, top, width, height = state.box_px
     head, foot = CAMERA.project((state.x_m, 6.0, 1.76)), CAMERA.project((state.x_m, 6.0, 0.0))
-    assert left < foot[0] < left + width
-    assert top == pytest.approx(head[1], abs=3)
+    assert left < foot[0] < left + width and top == pytest.approx(head[1], abs=3)
     assert top + height == pytest.approx(foot[1], abs=4)
 
 
@@ -46,8 +43,7 @@ def test_two_who_enter_side_by_side_are_split() -> None:
         return [(-2.5 + 1.2 * t, 6.0, RED), (-1.8 + 1.2 * t, 6.0, BLUE)]
 
     _, states, kinds = run(path, 3.0)
-    assert len(confirmed(states[-1])) == 2
-    assert kinds.count("spawned") + kinds.count("split") == 2
+    assert len(confirmed(states[-1])) == 2 and kinds.count("spawned") + kinds.count("split") == 2
 
 
 def test_ids_survive_a_crossing() -> None:
@@ -57,14 +53,12 @@ def test_ids_survive_a_crossing() -> None:
     _, states, _ = run(path, 4.0)
     before = {s.track_id: s.x_m for s in confirmed(states[12])}
     after = {s.track_id: s.x_m for s in confirmed(states[38])}
-    assert len(before) == len(after) == 2
-    assert all(after[i] * x < 0 for i, x in before.items())
+    assert len(before) == len(after) == 2 and all(after[i] * x < 0 for i, x in before.items())
 
 
 def test_id_survives_a_column_in_front() -> None:
     _, states, kinds = run(_walker, 4.0, hidden=slice(68, 88))
-    assert len({s.track_id for frame in states for s in confirmed(frame)}) == 1
-    assert kinds.count("lost") == 1
+    assert len({s.track_id for frame in states for s in confirmed(frame)}) == 1 and kinds.count("lost") == 1
     assert kinds.count("reacquired") == 1
 
 
@@ -82,32 +76,27 @@ def test_person_who_was_hidden_for_long_has_the_same_id_again() -> None:
 
 def test_foreground_that_appears_and_stays_is_no_person() -> None:
     tracker, states, _ = run(lambda t: [(0.0, 6.0, RED)] if t >= 0.5 else [], 5.0)
-    assert not any(confirmed(frame) for frame in states)
-    assert (tracker.feedback() == BACKGROUND).any()
+    assert not any(confirmed(frame) for frame in states) and (tracker.feedback() == BACKGROUND).any()
 
 
 def test_video_without_foreground_gives_no_tracks() -> None:
     _, states, kinds = run(lambda t: [], 1.0)
-    assert not any(states)
-    assert not kinds
+    assert not any(states) and not kinds
 
 
 def test_chair_that_was_pushed_and_stays_still_is_a_thing() -> None:
     _, states, _ = run(lambda t: [(min(0.0, -1.2 + 1.2 * t), 6.0, RED)], 30.0)
-    assert confirmed(states[40])
-    assert not confirmed(states[-1])
+    assert confirmed(states[40]) and not confirmed(states[-1])
 
 
 def test_person_who_walked_in_stays_one_however_still() -> None:
     _, states, kinds = run(lambda t: [(min(0.0, -2.5 + 1.2 * t), 6.0, RED)], 26.0)
-    assert len(confirmed(states[-1])) == 1
-    assert "pruned" not in kinds
+    assert len(confirmed(states[-1])) == 1 and "pruned" not in kinds
 
 
 def test_person_who_leaves_the_view_is_removed() -> None:
     _, states, kinds = run(lambda t: [(1.5 * t, 6.0, RED)], 5.0)
-    assert not states[-1]
-    assert kinds[-1] == "pruned"
+    assert not states[-1] and kinds[-1] == "pruned"
 
 
 def test_states_appear_in_decisions_and_drawings() -> None:
@@ -128,8 +117,7 @@ def test_feedback_leaves_what_hides_a_person_to_the_background() -> None:
     u = round(float(CAMERA.project((-2.5 + 1.2 * 1.9, 6.0, 0.9))[0]))
     tracker, _, _ = run(_walker, 2.0, hidden=slice(u - 1, u + 2))
     feedback = tracker.feedback()
-    assert (feedback == WALKER).any()
-    assert not np.isin(feedback[:, u - 1 : u + 2], (PERSON, WALKER)).any()
+    assert (feedback == WALKER).any() and not np.isin(feedback[:, u - 1 : u + 2], (PERSON, WALKER)).any()
 
 
 def test_reset_gives_the_same_tracks_again() -> None:
@@ -233,8 +221,7 @@ def test_owners_are_the_people_in_whose_outline_pixels_are():
     shares = frame.share_out(people_at((-0.8, 6.0, 1.76), (2.5, 6.0, 1.76)))
     columns = [round(float(CAMERA.project((x, 6.0, 1.1))[0])) for x in (-0.8, 0.8)]
     row = round(float(CAMERA.project((0.0, 6.0, 1.1))[1]))
-    assert [int(shares.owner[row, c]) for c in columns] == [0, -1]
-    assert shares.owner[5, 5] == -2
+    assert [int(shares.owner[row, c]) for c in columns] == [0, -1] and shares.owner[5, 5] == -2
     assert shares.residual[row, columns[1]] > 1.0
 
 
@@ -262,6 +249,5 @@ def test_match_is_equation_1():
     (alone,) = matches([half], surface)
     assert alone == ModelMatch(pytest.approx(0.5), pytest.approx(1.0), 0.0)
     both = matches([half, half], surface)[0]
-    assert both.overlap == pytest.approx(0.5)
-    assert both.score == pytest.approx(1.0)
+    assert both.overlap == pytest.approx(0.5) and both.score == pytest.approx(1.0)
     assert matches([None], surface) == [ModelMatch()]

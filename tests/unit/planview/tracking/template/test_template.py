@@ -47,9 +47,7 @@ def test_two_people_who_pass_keep_their_ids():
     frames = follow(lambda t: [(-1.0 + t, 2.6, 1.8), (1.0 - t, 3.3, 1.65)], 2.0, codes=(30, 160))
     first = {s.track_id: s.x_m for s in confirmed(frames[8])}
     last = {s.track_id: s.x_m for s in confirmed(frames[-1])}
-    assert len(first) == 2
-    assert set(first) == set(last)
-    assert all(first[i] * last[i] < 0 for i in first)
+    assert len(first) == 2 and set(first) == set(last) and all(first[i] * last[i] < 0 for i in first)
 
 
 def test_a_person_behind_another_is_lost_and_found_with_the_same_id():
@@ -60,8 +58,7 @@ def test_a_person_behind_another_is_lost_and_found_with_the_same_id():
         seen.append(tracker.update(observed(n, n / 15, look_at(level, [(0.0, 2.0, 1.85), hidden], (30, 160)))))
     before, behind, after = ({s.track_id: s.state for s in seen[n]} for n in (16, 30, 48))
     assert list(before.values()) == ["confirmed", "confirmed"]
-    assert sorted(behind.values()) == ["confirmed", "lost"]
-    assert after == before
+    assert sorted(behind.values()) == ["confirmed", "lost"] and after == before
 
 
 def test_who_enters_far_from_where_another_left_is_someone_else():
@@ -164,8 +161,7 @@ def test_bodies_do_not_stand_in_each_other():
     samples = explained(look_at(oblique_camera(), [])).around(np.array(ADULT), 0.3)
     beside = samples.believed(np.array(ADULT), TALL, np.array([[0.0, 3.5, 1.0]]))
     within = samples.believed(np.array(ADULT), TALL, np.array([[0.0, 3.1, 1.0]]))
-    assert beside == pytest.approx(0.0, abs=0.01)
-    assert within < -8
+    assert beside == pytest.approx(0.0, abs=0.01) and within < -8
 
 
 def test_the_body_table_is_a_head_over_shoulders_over_legs():
@@ -176,7 +172,6 @@ def test_the_body_table_is_a_head_over_shoulders_over_legs():
         w = int(((rel - 0.5) * body.TORSO.height_m - table.w_min_m) / table.cell_m)
         return 2 * float(table.cover[level, :, w].sum()) * table.cell_m
 
-    assert width(0.92) == pytest.approx(0.18, abs=0.03)
-    assert 0.42 < width(0.65) < 0.52
+    assert width(0.92) == pytest.approx(0.18, abs=0.03) and 0.42 < width(0.65) < 0.52
     assert 0.26 < width(0.2) < 0.35  # legs, and the stride that is now and then beside them
     assert width(1.1) < 0.02
