@@ -38,12 +38,9 @@ def test_demo_tracks_its_clip_and_prints_the_metrics(recording, tmp_path, monkey
     assert {"tracks.csv", "run.json", "run.rrd", "report.html", "decisions.csv"} <= {f.name for f in out.iterdir()}
 
 
-def test_demo_without_its_clip_is_refused(refused, tmp_path, monkeypatch):
+def test_demo_without_its_clip_and_view_without_a_rerun_recording_are_refused(refused, tmp_path, monkeypatch):
     monkeypatch.setattr("planview.commands.run.DEMO", tmp_path / "none")
     assert "demo clip" in refused("demo", "--out", tmp_path / "out")
-
-
-def test_view_of_a_run_without_rerun_recording_is_refused(refused, tmp_path):
     prepare_folder(tmp_path / "out", overwrite=False)
     assert "--rrd" in refused("view", tmp_path / "out")
 

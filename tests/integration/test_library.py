@@ -46,12 +46,9 @@ def test_dataframe_has_the_columns_of_the_file(engine: planview.Engine, tmp_path
     assert ",".join(frame.columns) == header and frame.state.iloc[-1] in ("tentative", "confirmed")
 
 
-def test_tracker_of_one_camera_is_refused_for_a_stereo_recording(copy: Path) -> None:
+def test_trackers_and_matchers_that_do_not_go_with_a_recording_are_refused(copy, tmp_path):
     with pytest.raises(InputError, match="expected a tracker of stereo recordings and plan-view maps"):
         planview.run(copy, tracker="ellipse-particle")
-
-
-def test_matcher_for_a_recording_without_a_pair_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected a recording of one stereo pair"):
         planview.run(tmp_path, tracker="ellipse-particle", matcher=lambda left, right: np.zeros(left.shape, np.float32))
 
@@ -64,12 +61,9 @@ def stepped(engine: Engine, frames: int) -> list[FrameResult]:
     return [engine.step(frame) for frame, _ in zip(engine.recording, range(frames), strict=False)]  # type: ignore[call-overload]
 
 
-def test_steps_of_a_stereo_engine_give_the_tracks_of_its_iteration(engine: Engine) -> None:
+def test_steps_of_a_stereo_engine_give_the_tracks_of_its_iteration_timed_by_stage_without_reading(engine):
     iterated = [result.tracks for result, _ in zip(engine, range(SHOWN), strict=False)]
     assert any(iterated) and [result.tracks for result in stepped(engine, SHOWN)] == iterated
-
-
-def test_a_stereo_step_is_timed_by_stage_without_reading(engine: Engine) -> None:
     (result,) = stepped(engine, 1)
     assert list(result.stages_ms) == ["rectify", "match", "foreground", "maps", "track"]
 
@@ -125,11 +119,8 @@ def clip(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_tracker_of_images_gets_the_frames_of_one_camera(clip: Path) -> None:
+def test_a_tracker_of_images_gets_the_frames_of_one_camera_and_one_of_plan_view_maps_needs_depth(clip):
     boxes = [result.tracks[0].box_px[:2] for result in open_engine(clip, BrightestInImage())]
     assert boxes == [(10, 20), (11, 20), (12, 20)]
-
-
-def test_a_tracker_of_plan_view_maps_needs_depth(clip: Path) -> None:
     with pytest.raises(InputError):
         open_engine(clip, Brightest())

@@ -55,11 +55,8 @@ def test_a_rig_without_a_frame_is_left_out_of_that_moment(heads, engine):
     assert not math.isnan(right.tracks[0].box_px[0])
 
 
-def test_maps_of_several_heads_are_not_saved_and_why(refused, heads, tmp_path):
+def test_maps_of_several_heads_are_not_saved_and_other_commands_ask_for_one_of_them(refused, heads, tmp_path):
     assert "several heads" in refused("run", heads, "--out", tmp_path / "out", "--set", FEW, "--maps")
-
-
-def test_other_commands_ask_for_one_of_the_heads(refused, heads):
     assert "left_one" in refused("calibrate", "floor", heads)
 
 

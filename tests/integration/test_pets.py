@@ -25,14 +25,12 @@ def truth(shared_data: Path) -> Trajectories:
     return load_truth(path)
 
 
-def test_annotation_has_its_rows_from_frame_zero(truth: Trajectories) -> None:
+def test_annotation_has_its_rows_from_frame_zero_and_scores_full_marks_against_itself(truth):
     assert (len(truth), int(truth.frame[0]), int(truth.frame[-1])) == (2396, 0, 399)
-
-
-def test_annotation_scores_full_marks_against_itself_in_boxes(truth: Trajectories) -> None:
     result = evaluate_tracks(truth, truth, EvaluationParams(match_on="boxes", fps=7.0)).to_json()
     assert (result["truth_rows"], result["mota"], result["idf1"]) == (2396, 1.0, 1.0)
     assert result["significant_errors"]["total"] == 0
+    assert tracking_errors(truth, truth) == TrackingErrors(0, 0, 0)
 
 
 def test_turned_and_shifted_world_is_aligned_on_the_floor(truth: Trajectories) -> None:
@@ -64,11 +62,6 @@ def test_pets_view_1_is_tracked_without_calibration(shared_data: Path, tmp_path:
     scores = evaluate_tracks(tracks, truth, EvaluationParams(match_on="boxes"))
     assert scores.clear.mota >= 0.68 and scores.identity.idf1 >= 0.70
     assert tracking_errors(truth, tracks).total <= 22
-
-
-def test_tracking_errors_of_perfect_tracks_are_none(shared_data: Path) -> None:
-    truth = load_truth(shared_data / "pets09-s2l1-view001" / "gt.txt")
-    assert tracking_errors(truth, truth) == TrackingErrors(0, 0, 0)
 
 
 @pytest.mark.parametrize(("shift", "expected"), [(0, 0), (1, 1)])

@@ -88,13 +88,10 @@ def rig(name: str, heading_deg: float, x_m: float, y_m: float, start_s: float = 
     return RigEntry(name, turn @ OWN, start_s)
 
 
-def test_alignment_error_is_that_of_place_heading_and_clock() -> None:
+def test_alignment_error_is_that_of_place_heading_and_clock_and_kept_without_a_limit():
     true = [rig("a", 0, 0, 0), rig("b", 170, 3, 4, 1.0)]
     error = alignment_error([rig("a", 0, 0, 0), rig("b", -179, 3.03, 4.04, 1.02)], true)
     assert error == pytest.approx((5.0, 11.0, 20.0))
-
-
-def test_figure_without_a_limit_is_always_kept() -> None:
     assert [Row("a", value, "cm", 2.0).ok for value in (2.0, 2.1, math.inf)] == [True, False, False]
     assert Row("a", 5.0, "cm").ok
 

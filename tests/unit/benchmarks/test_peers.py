@@ -33,12 +33,9 @@ def walked(tracker, ways, maps, n=8):
     return tracks
 
 
-def test_blob_is_where_its_points_are_and_as_tall():
+def test_blob_is_where_its_points_are_and_people_who_touch_are_one():
     (blob,) = blobs(maps_of((1.6, 2.0)))
     assert blob == pytest.approx((1.6, 2.0, 1.7), abs=1e-3)
-
-
-def test_people_who_touch_are_one_blob():
     assert len(blobs(maps_of((1.6, 2.0), (2.2, 2.0)))) == 1
     assert len(blobs(maps_of((1.6, 2.0), (2.5, 2.0)))) == 2
 
@@ -58,14 +55,11 @@ def maps_from(*people: tuple[float, float]) -> PlanViewMaps:
     return Raster(grid, MapParams()).maps(points, view)
 
 
-def test_peak_is_the_head_of_a_person_behind_the_side_that_is_seen() -> None:
+def test_peak_is_the_head_of_a_person_also_shoulder_to_shoulder():
     (peak,) = peaks(maps_from((2.0, 2.0)))
     assert peak == pytest.approx((2.0, 2.0, 1.7), abs=0.1)
     (beside,) = peaks(maps_from((3.5, 2.0)))
     assert 3.5 < beside.x_m < 3.5 + 0.08
-
-
-def test_people_shoulder_to_shoulder_are_two_peaks() -> None:
     assert len(peaks(maps_from((1.7, 2.0), (2.2, 2.0)))) == 2
 
 

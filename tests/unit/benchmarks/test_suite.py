@@ -30,14 +30,11 @@ from planview.evaluation.significant import poisson_upper
 from planview.trajectories.table import Trajectories, positions_table, read_tracks
 
 
-def test_minutes_choose_whole_scenes_by_the_seed():
+def test_minutes_choose_whole_scenes_by_the_seed_and_scenes_are_dealt_out_in_turn():
     files = sorted(SUITE.glob("*.toml"))
     few, more = chosen_files(files, 1, 2.0), chosen_files(files, 1, 5.0)
     assert set(few) < set(more) < set(files) and chosen_files(files, 2, 2.0) != few
     assert chosen_files(files, 1, 60.0) == files
-
-
-def test_scenes_are_dealt_out_to_the_seeds_in_turn() -> None:
     paths = [Path(name) for name in ("c", "a", "b")]
     assert dealt_files(paths, [7, 8]) == [(7, Path("a")), (8, Path("b")), (7, Path("c"))]
 
@@ -120,16 +117,13 @@ def table(*rows: tuple[int, int, float, float]) -> Trajectories:
     return positions_table(frame, ids, np.column_stack([x, 0 * x]), timestamp_s=frame / 10, visible=visible * 1.0)
 
 
-def test_doubtful_people_are_neither_asked_for_nor_wrong() -> None:
+def test_doubtful_people_are_neither_asked_for_nor_wrong_and_only_judged_frames_count():
     truth = table((0, 1, 0.0, 1), (1, 1, 0.0, 1), (1, 2, 3.0, 0), (2, 1, 0.0, 1), (2, 2, 3.0, 0))
     tracks = table((0, 7, 0.0, 1), (1, 7, 0.1, 1), (2, 7, 0.1, 1), (2, 8, 3.0, 1), (3, 7, 0.0, 1))
     score = score_real("room", "template", tracks, truth, np.arange(4))
     # Right in frames 0 to 2, in the last of which the doubtful one is found; nobody is there in frame 3.
     assert (score.count_accuracy, score.exact_count) == (0.75, 0.5) and (score.ids, score.people) == (2, 1)
     assert (score.evaluation.clear.misses, score.evaluation.clear.false_positives) == (0, 1)
-
-
-def test_only_judged_frames_count() -> None:
     score = score_real("room", "template", table((0, 7, 0.0, 1), (5, 9, 3.0, 1)), table((0, 1, 0.0, 1)), np.array([0]))
     assert (score.frames, score.count_accuracy, score.ids) == (1, 1.0, 1)
 

@@ -215,13 +215,19 @@ def test_world_file_keeps_every_digit(tmp_path: Path) -> None:
     assert (read.inlier_fraction, read.extent_m) == (0.4, (-1.0, 0.5, 2.0, 4.0))
 
 
+POSE = "[world_SE3_left]\nrotation = [[1,0,0],[0,1,0],[0,0,{}]]\ntranslation_m = {}"
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("", "key 'world_SE3_left'"),
         ("world_SE3_left = 3", "expected a world.toml"),
-        ("[world_SE3_left]\nrotation = [[1,0,0],[0,1,0],[0,0,1]]\ntranslation_m = [0, 0, 2750]", "wrong units"),
-        ("[world_SE3_left]\nrotation = [[1,0,0],[0,1,0],[0,0,2]]\ntranslation_m = [0, 0, 2]", "rotation matrix"),
+        (POSE.format(1, "[0, 0, 2750]"), "found 2750 m .*wrong units"),
+        (POSE.format(1, "[0, 0, 1e-9]"), "expected a camera .*found 1e-09 m"),
+        (POSE.format(1, "[0, 0, -2]"), "expected a camera .*found -2 m"),
+        (POSE.format(1, "[1e9, 0, 2]"), "within 10000 m of the origin"),
+        (POSE.format(2, "[0, 0, 2]"), "rotation matrix"),
     ],
 )
 def test_world_file_refuses_what_is_no_camera_above_a_floor(tmp_path: Path, text: str, message: str) -> None:

@@ -86,7 +86,7 @@ def hd_rig() -> StereoRig:
     return StereoRig(camera, camera, POSE, "hd")
 
 
-def test_calibration_of_the_same_aspect_is_scaled_and_of_another_refused(tmp_path):
+def test_size_of_a_calibration_is_scaled_to_the_same_aspect_or_taken_from_the_principal_point(tmp_path):
     write_rig(RIG, tmp_path / "rig.toml")
     rig = load_rig(tmp_path, (320, 240))
     assert rig.left.fx == pytest.approx(250.0) and "scaled from 640x480 to 320x240" in rig.source
@@ -388,12 +388,18 @@ def write(folder: Path, focal: str = "8", kappa: str = "0", rx: str = "3.1415926
     return folder / "view.xml"
 
 
-def test_tsai_camera_above_the_floor_projects_as_by_hand(tmp_path: Path) -> None:
+def test_tsai_camera_projects_as_by_hand_the_same_at_another_resolution_and_nothing_above_the_horizon(tmp_path):
     # 5 m above the origin looking straight down; dpx = 0.0096 * 800 / 768 = 0.01 mm, so 800 px of focal length.
     camera = load_tsai(write(tmp_path))
     np.testing.assert_allclose(camera.centre_m, [0.0, 0.0, 5.0], atol=1e-12)
     np.testing.assert_allclose(camera.project([[1.0, 0.0, 0.0]]), [[384 + 160, 288]], atol=1e-9)
     np.testing.assert_allclose(camera.project([[0.0, 1.0, 0.0]]), [[384, 288 - 160]], atol=1e-9)
+    path = write(tmp_path, kappa="0.01", rx="2.2")
+    full, small = load_tsai(path), load_tsai(path, (384, 288))
+    pixel = full.project([[0.3, 0.2, 0.0]])
+    np.testing.assert_allclose(small.project([[0.3, 0.2, 0.0]]), (pixel + 0.5) / 2 - 0.5, atol=1e-9)
+    camera = load_tsai(write(tmp_path, rx="-1.5707963267948966"))
+    assert np.isnan(camera.back_project([[384.0, 0.0]])).all()
 
 
 @pytest.mark.parametrize("kappa", ["0.01", "-0.005"])
@@ -401,18 +407,6 @@ def test_tsai_back_projection_inverts_projection(kappa: str, tmp_path: Path) -> 
     camera = load_tsai(write(tmp_path, kappa=kappa, rx="2.2"))
     floor = np.array([[0.0, 0.5, 0.3], [0.4, -0.2, 0.3]])
     np.testing.assert_allclose(camera.back_project(camera.project(floor), 0.3), floor[:, :2], atol=1e-10)
-
-
-def test_tsai_camera_at_another_resolution_sees_the_same(tmp_path: Path) -> None:
-    path = write(tmp_path, kappa="0.01", rx="2.2")
-    full, small = load_tsai(path), load_tsai(path, (384, 288))
-    pixel = full.project([[0.3, 0.2, 0.0]])
-    np.testing.assert_allclose(small.project([[0.3, 0.2, 0.0]]), (pixel + 0.5) / 2 - 0.5, atol=1e-9)
-
-
-def test_tsai_ray_above_the_horizon_has_no_floor_point(tmp_path: Path) -> None:
-    camera = load_tsai(write(tmp_path, rx="-1.5707963267948966"))
-    assert np.isnan(camera.back_project([[384.0, 0.0]])).all()
 
 
 @pytest.mark.parametrize(("field", "value"), [("focal", "nan"), ("focal", "-1"), ("focal", "x"), ("pitch", 'dpx="0"')])

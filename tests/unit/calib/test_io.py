@@ -98,11 +98,8 @@ def test_large_files_folders_and_absence_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("setting", "named"),
     [
-        ("floor.ransac_iterations=1000000000", "ransac_iterations"),
-        ("maps.cell_m=1e-9", "cell_m"),
         ("template.patch_m=1e9", "patch_m"),
         ("template.template_time_s=1e-30", "template_time_s"),
-        ("seed=" + "9" * 4000, "seed"),
         ("maps.distance_max_m=1e300", "distance_max_m"),
     ],
 )  # fmt: skip
@@ -132,14 +129,11 @@ def test_reason_of_an_error_is_words_on_one_line(error: Exception, text: str) ->
     assert reason(error) == text
 
 
-def test_a_file_is_replaced_in_one_step_and_its_folder_made(tmp_path: Path) -> None:
+def test_a_file_is_replaced_in_one_step_its_folder_made_and_left_as_it_was_by_an_error(tmp_path):
     folder = tmp_path / "made" / "deep"
     write_whole(folder / "a", "old")
     write_whole(folder / "a", "new")
     assert (folder / "a").read_text() == "new" and [file.name for file in folder.iterdir()] == ["a"]
-
-
-def test_an_error_while_writing_leaves_the_file_as_it_was(tmp_path: Path) -> None:
     write_whole(tmp_path / "a", b"old")
     with suppress(ZeroDivisionError), whole_file(tmp_path / "a") as part:
         part.write_text("half")

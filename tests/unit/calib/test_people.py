@@ -35,13 +35,10 @@ def test_model_has_the_papers_sizes_and_keeps_its_proportions_when_scaled():
         HumanModel(head_m=0.0)
 
 
-def test_straight_down_view_of_a_person_below_is_the_shoulder_circle() -> None:
+def test_views_of_a_person_are_the_shoulders_from_above_and_the_head_over_the_foot_from_the_side():
     # Shoulders at 1.49 m are 2.51 m below the camera: radius 100 * 0.21 / 2.51 = 8.37 px.
     box = HumanModel().boxes(OVERHEAD, (0.0, 0.0))
     np.testing.assert_allclose(box, [79.5 - 8.367, 59.5 - 8.367, 16.733, 16.733], atol=1e-3)
-
-
-def test_head_is_above_the_foot_in_an_oblique_view() -> None:
     model = HumanModel()
     head, foot = model.head(OBLIQUE, (0.5, 6.0)), model.foot(OBLIQUE, (0.5, 6.0))
     np.testing.assert_allclose(foot, OBLIQUE.project((0.5, 6.0, 0.0)))

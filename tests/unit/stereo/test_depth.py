@@ -21,13 +21,10 @@ def test_depth_is_focal_times_baseline_over_disparity_and_back():
     assert GEOMETRY.disparity_at(2.0) == pytest.approx(20.0)
 
 
-def test_depth_is_nan_without_disparity_and_beyond_the_maximum() -> None:
+def test_depth_is_nan_without_disparity_and_its_deviation_grows_with_its_square():
     disparity = np.array([[np.nan, 0.0, -1.0, 3.9, 4.1]], np.float32)
     depth = DepthFromDisparity(GEOMETRY, DepthParams(depth_max_m=10.0))(disparity)
     assert np.isnan(depth[0, :4]).all() and depth[0, 4] == pytest.approx(40 / 4.1)
-
-
-def test_depth_deviation_grows_with_the_square_of_the_depth() -> None:
     # d z = z^2 / (f b) d d: 4 / 40 * 0.25 and 16 / 40 * 0.25.
     np.testing.assert_allclose(GEOMETRY.depth_std_m(np.array([2.0, 4.0], np.float32)), [0.025, 0.1], rtol=1e-6)
     assert GEOMETRY.depth_std_m(2.0) == pytest.approx(0.025)
@@ -91,12 +88,9 @@ def test_a_plane_is_aligned_to_a_tenth_of_a_degree_and_knows_it() -> None:
     assert 0 < np.sqrt(np.trace(aligned.covariance)) < 0.01
 
 
-def test_without_texture_the_guess_stays() -> None:
+def test_without_texture_the_guess_stays_and_what_stands_on_the_plane_does_not_take_part():
     true, guess = plane(60.0, 1.0, 2.5), plane(60.7, 0.7, 2.54)
     assert align_plane(guess, *seen(true, 0.0), FLOOR_GEOMETRY, FloorParams()) is guess
-
-
-def test_what_stands_on_the_plane_does_not_take_part() -> None:
     true, guess = plane(60.0, 1.0, 2.5), plane(60.3, 0.8, 2.52)
     left, right, depth = seen(true, 200.0)
     left[100:160, 140:200], depth[100:160, 140:200] = left[40:100, 140:200], 1.5

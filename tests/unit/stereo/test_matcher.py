@@ -76,11 +76,13 @@ def test_area_that_shows_nothing_has_no_disparity(level: int) -> None:
     assert np.isnan(found[75:165, 115:235]).all()
 
 
-def test_unrelated_images_give_little_disparity() -> None:
+def test_unrelated_images_give_little_disparity_and_other_sizes_are_refused():
     left, _ = ToyWorld(seed=1).pair(toy_rig())
     right, _ = ToyWorld(seed=2).pair(toy_rig())
     found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 64))(left, right)
     assert np.isfinite(found).mean() < 0.4
+    with pytest.raises(ValueError, match=r"\(240, 320\)"):
+        SgbmMatcher(GEOMETRY)(np.zeros((240, 300), np.uint8), np.zeros((240, 300), np.uint8))
 
 
 @pytest.mark.parametrize(("side", "seen"), [("mask", 197), ("right_mask", 212)])
@@ -121,11 +123,6 @@ def test_an_image_of_samples_repeats_them() -> None:
     np.testing.assert_array_equal(image, [[1, 1, 2, 2], [1, 1, 2, 2], [3, 3, np.nan, np.nan]])
 
 
-def test_matcher_refuses_other_sizes() -> None:
-    with pytest.raises(ValueError, match=r"\(240, 320\)"):
-        SgbmMatcher(GEOMETRY)(np.zeros((240, 300), np.uint8), np.zeros((240, 300), np.uint8))
-
-
 def test_range_without_a_floor_is_that_of_the_nearest_distance_and_bounded_for_wide_baselines():
     found = disparity_range(GEOMETRY, RangeParams(nearest_m=1.0))
     assert found == DisparityRange(0, 32)  # f b / 1 m = 27.6 px
@@ -133,14 +130,11 @@ def test_range_without_a_floor_is_that_of_the_nearest_distance_and_bounded_for_w
     assert disparity_range(wide, RangeParams(max_disparities=100)).count == 96
 
 
-def test_range_above_a_known_floor_starts_below_the_floor_and_ends_at_heads() -> None:
+def test_range_above_a_known_floor_reaches_heads_and_from_a_level_camera_infinity():
     floor = Floor(world_from_plane(np.array([0.0, 0.0, -1.0]), 2.74))
     found = disparity_range(OVERHEAD, RangeParams(reach_m=2.0, below_floor_m=0.5), floor)
     # f b = 29.96: 9.2 px at 3.24 m, 40.5 px at 0.74 m.
     assert found == DisparityRange(8, 48)
-
-
-def test_level_camera_is_searched_from_infinity_and_sees_no_farthest_head() -> None:
     floor = Floor(world_from_plane(np.array([0.0, -1.0, 0.0]), 1.6))
     assert disparity_range(OVERHEAD, RangeParams(nearest_m=0.7), floor).first_px == 0
     assert farthest_head_m(GEOMETRY, floor) == np.inf
@@ -162,15 +156,12 @@ def test_disparity_kernel_equals_its_numpy_twin(seed: int, lowest: int, left: in
     np.testing.assert_array_equal(ours, theirs)
 
 
-def test_far_rows_need_fewer_disparities() -> None:
+def test_far_rows_need_fewer_disparities_and_the_farthest_head_is_a_childs_in_the_corner():
     tilt = np.radians(60.0)
     floor = Floor(world_from_plane(np.array([0.0, -np.sin(tilt), -np.cos(tilt)]), 2.7))
     rows = Window(0, 0, GEOMETRY.width, 60)
     far, everywhere = (disparity_range(GEOMETRY, None, floor, window) for window in (rows, None))
     assert far.count < everywhere.count and far.first_px == everywhere.first_px
-
-
-def test_farthest_head_from_straight_above_is_a_childs_in_the_corner() -> None:
     floor = Floor(world_from_plane(np.array([0.0, 0.0, -1.0]), 2.85))
     assert farthest_head_m(OVERHEAD, floor) == pytest.approx(2.0)
 

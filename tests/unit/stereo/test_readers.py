@@ -94,17 +94,13 @@ def test_even_sequence_leaves_uneven_numbers_alone() -> None:
     assert even_sequence([1000, 1033, 1067, 1100]) == [1000, 1033, 1067, 1100] and even_sequence([3]) == [3]
 
 
-def test_video_pair_is_read_and_grey_detected(tmp_path: Path) -> None:
-    recording = open_recording(video_pair(tmp_path, (8, 8)))
+@pytest.mark.parametrize("right", [8, 5])
+def test_videos_are_read_and_grey_detected_and_the_shorter_trims_the_pair(tmp_path, right):
+    recording = open_recording(video_pair(tmp_path, (8, right)))
     frames = list(recording)
-    assert len(frames) == recording.n_frames == 8 and frames[0].left.ndim == 2
-    assert recording.fps == pytest.approx(10.0) and frames[5].timestamp_s == pytest.approx(0.5)
-
-
-def test_shorter_video_trims_the_pair_and_says_so(tmp_path: Path) -> None:
-    recording = open_recording(video_pair(tmp_path, (8, 5)))
-    assert [f.index for f in recording] == [0, 1, 2, 3, 4]
-    assert [s.index for s in recording.skipped] == [5, 6, 7]
+    assert [f.index for f in frames] == list(range(right)) and frames[0].left.ndim == 2
+    assert recording.fps == pytest.approx(10.0) and frames[4].timestamp_s == pytest.approx(0.4)
+    assert recording.n_frames == 8 and [s.index for s in recording.skipped] == list(range(right, 8))
 
 
 def test_truncated_video_ends_early_and_says_so(tmp_path: Path) -> None:
@@ -138,14 +134,6 @@ def test_sample_spreads_frames_leaves_skipped_alone_and_seeks_in_videos(tmp_path
     assert [(f.index, round(int(f.left[4, 4]) / 20)) for f in frames] == [(i, i) for i in (0, 4, 7, 11)]
 
 
-def test_sides_of_different_size_are_refused(tmp_path: Path) -> None:
-    folder = folder_recording(tmp_path / "r")
-    for file in (folder / "right").iterdir():
-        cv2.imwrite(str(file), np.zeros((H, W * 2), np.uint8))
-    with pytest.raises(InputError, match="32x24, found 64x24"):
-        open_recording(folder)
-
-
 def test_calibration_of_the_whole_sensor_is_scaled_and_of_another_aspect_refused(tmp_path: Path) -> None:
     recording = open_recording(folder_recording(tmp_path / "r", size=(64, 48)))
     assert (recording.rig.left.size, recording.rig.left.fx) == ((W, H), pytest.approx(15.0))
@@ -160,13 +148,6 @@ def test_recording_without_images_names_what_it_found(tmp_path: Path) -> None:
         open_recording(tmp_path)
     with pytest.raises(InputError, match="nothing there"):
         open_recording(tmp_path / "absent")
-
-
-def test_blank_file_for_a_video_is_refused(tmp_path: Path) -> None:
-    for side in ("left", "right"):
-        (tmp_path / f"{side}.mp4").write_bytes(b"\0" * 100)
-    with pytest.raises(InputError, match="cannot be opened as one"):
-        open_recording(tmp_path)
 
 
 def test_world_file_gives_the_pose(tmp_path: Path) -> None:
@@ -190,8 +171,6 @@ def test_single_camera_folder_is_a_video(tmp_path: Path) -> None:
     [
         ("frame,timestamp_s\n0,0\n1,nan\n", "'nan'"),
         ("frame,value\n0,0\n", "frame,timestamp_s"),
-        ("frame,timestamp_s\n0,0.5\n1,0.4\n", "increase"),
-        ("frame,timestamp_s\n", "none"),
         ("frame,timestamp_s\n0,0\n999999999,1\n", "counted from 0"),
     ],
 )
@@ -300,24 +279,21 @@ def served(tmp_path: Path) -> Iterator[str]:
     thread.join()
 
 
-def test_stream_with_both_views_gives_pairs_until_it_ends(served: str, tmp_path: Path) -> None:
+def test_stream_with_both_views_gives_pairs_until_it_ends_and_samples_a_quarter_second_apart(served, tmp_path):
     recording = open_recording(Path(f"{served}/both.avi"), OpenOptions(tmp_path / "rig.toml"))
     assert isinstance(recording, LiveRecording) and recording.n_frames == 0
     frames = list(recording)
     assert [f.index for f in frames] == list(range(COUNT))
     assert frames[0].left.shape == (48, 64) and recording.skipped == []
     assert frames[5].timestamp_s == pytest.approx(0.5, abs=0.01)
+    again = open_recording(Path(f"{served}/both.avi"), OpenOptions(tmp_path / "rig.toml"))
+    assert [f.index for f in again.sample(3)] == [0, 3, 6]
 
 
 def test_two_streams_are_paired_as_they_come(served: str, tmp_path: Path) -> None:
     both = Path(f"{served}/left.avi,{served}/right.avi")
     recording = open_recording(both, OpenOptions(tmp_path / "rig.toml"))
     assert len(list(recording)) == COUNT and "paired as they come" in recording.notes[0]
-
-
-def test_live_sample_takes_frames_a_quarter_second_apart(served: str, tmp_path: Path) -> None:
-    recording = open_recording(Path(f"{served}/both.avi"), OpenOptions(tmp_path / "rig.toml"))
-    assert [f.index for f in recording.sample(3)] == [0, 3, 6]
 
 
 def test_live_camera_without_calibration_asks_for_one_and_an_address_without_answer_is_refused(served):

@@ -62,13 +62,10 @@ def test_registration_shifts_depth_by_the_disparity_and_keeps_the_nearer_surface
     assert moved[20, 37] == 2.0
 
 
-def test_registration_fills_an_image_of_more_pixels() -> None:
+def test_registered_depth_stays_as_it_is_and_otherwise_fills_an_image_of_more_pixels():
     fine = Camera(128, 96, 120.0, 120.0, 63.5, 47.5)
     moved = DepthRegistration(RgbdRig(fine, CAMERA))(np.full((48, 64), 2.0, np.float32))
     assert np.isfinite(moved[2:-2, 2:-2]).all()
-
-
-def test_registered_depth_stays_as_it_is() -> None:
     depth = np.full((48, 64), 2.0, np.float32)
     assert DepthRegistration(RgbdRig(CAMERA))(depth) is depth
 
@@ -242,12 +239,9 @@ def test_tum_names_must_stay_inside_the_recording(tmp_path: Path) -> None:
         open_any(tmp_path)
 
 
-def test_mates_are_nearest_to_each_other() -> None:
+def test_mates_are_nearest_to_each_other_and_metres_leave_out_what_no_sensor_measures():
     images, depths = np.array([0, 33, 66]) * 1_000_000, np.array([30, 40, 90]) * 1_000_000
     assert nearest_mates(images, depths).tolist() == [-1, 0, -1]
-
-
-def test_metres_leave_out_what_no_sensor_measures() -> None:
     found = metres(np.array([[0, 1000, 65535]], np.uint16), 1000.0)
     np.testing.assert_array_equal(found, np.array([[np.nan, 1.0, np.nan]], np.float32))
 

@@ -57,11 +57,8 @@ def judged(frames: list[U8]) -> list[Steady]:
     return [watch.update(i, 0.1 * i, frame) for i, frame in enumerate(frames)]
 
 
-def test_fixed_camera_is_still_when_its_exposure_halves() -> None:
+def test_fixed_camera_is_still_when_its_exposure_halves_and_a_panning_one_moves_until_a_second_after():
     assert set(judged([window(SCENE)] * 5 + [window(SCENE) // 2] * 5)) == {Steady.STILL}
-
-
-def test_panning_camera_moves_until_a_second_after() -> None:
     pan = [window(SCENE, 2 * i) for i in range(20)]
     found = judged(pan + [pan[-1]] * 20)
     assert set(found[5:20]) == {Steady.MOVING} and found[-1] is Steady.STILL
@@ -187,9 +184,15 @@ def failing(found: MotionFindings) -> set[str]:
     return {check.name for check in motion_checks(found) if not check.ok}
 
 
-def test_cameras_in_step_pass(sides: tuple[list[U8], list[U8]]) -> None:
+def test_cameras_in_step_and_still_scenes_pass_and_frozen_cameras_and_copies_are_told(sides):
     found = watched(*sides)
     assert abs(found.lag) < 0.2 and failing(found) == set()
+    still = watched(*[[picture(0, 0)] * FRAMES] * 2)
+    assert np.isnan(still.lag) and failing(still) == set()
+    frozen = watched(sides[0], [sides[1][0]] * FRAMES)
+    assert frozen.frozen == 1.0 and {"frozen camera", "stalled camera"} <= failing(frozen)
+    copied = watched(*([side[i * 4 // 5] for i in range(FRAMES)] for side in sides))
+    assert copied.repeated == pytest.approx(0.17, abs=0.05)
 
 
 @pytest.mark.parametrize("late", [1, 2, 3, 8, -2])
@@ -197,11 +200,6 @@ def test_images_that_are_late_are_told_with_their_lag_negative_on_the_left(sides
     left, right = sides
     found = watched(left[late:], right[:-late]) if late > 0 else watched(left[:late], right[-late:])
     assert found.lag == pytest.approx(late, abs=0.3) and "synchronisation" in failing(found)
-
-
-def test_frozen_right_camera_is_told(sides: tuple[list[U8], list[U8]]) -> None:
-    found = watched(sides[0], [sides[1][0]] * FRAMES)
-    assert found.frozen == 1.0 and {"frozen camera", "stalled camera"} <= failing(found)
 
 
 def test_camera_that_stalls_once_is_told_by_the_length_of_the_stall(sides: tuple[list[U8], list[U8]]) -> None:
@@ -243,16 +241,6 @@ def test_memory_of_movement_is_bounded() -> None:
     for _ in range(20 * WINDOW):
         watch.update(still)
     assert len(watch._sums) <= BLOCKS_MAX
-
-
-def test_every_fifth_pair_a_copy_is_told(sides: tuple[list[U8], list[U8]]) -> None:
-    left, right = ([side[i * 4 // 5] for i in range(FRAMES)] for side in sides)
-    assert watched(left, right).repeated == pytest.approx(0.17, abs=0.05)
-
-
-def test_still_scene_says_nothing() -> None:
-    still = [picture(0, 0)] * FRAMES
-    assert np.isnan(watched(still, still).lag) and failing(watched(still, still)) == set()
 
 
 def test_thumbnails_leave_out_what_one_camera_alone_shows() -> None:
@@ -363,11 +351,19 @@ def test_fault_of_scale_against_a_known_height(tmp_path, pairs):
     assert failed(lens, person_height_m=1.75)
 
 
-def test_fault_camera_panned_since_calibration(tmp_path, pairs):
-    folder = write_toy_recording(tmp_path / "r", RIG, pairs[:8], claimed=turned(RIG, (0.0, 2.0, 0.0)))
-    diagnosis = examine(folder, frames=8)
-    check = next(c for c in diagnosis.checks if c.name == "camera turn")
-    assert not check.ok and check.value == pytest.approx(2.0, abs=0.2)
+@pytest.mark.parametrize(
+    ("fault", "name", "value", "within"),
+    [
+        (lambda pairs: (pairs[:8], turned(RIG, (0.0, 2.0, 0.0))), "camera turn", 2.0, 0.2),
+        (lambda pairs: ([(a, pairs[i][1]) for i, (a, _) in enumerate(pairs[3:])], RIG), "synchronisation", 3.0, 0.6),
+    ],
+    ids=["panned since calibration", "right camera late"],
+)
+def test_fault_is_told_with_its_size(fault, name, value, within, tmp_path, pairs):
+    shown, rig = fault(pairs)
+    diagnosis = examine(write_toy_recording(tmp_path / "r", RIG, shown, claimed=rig), frames=COUNT)
+    check = next(c for c in diagnosis.checks if c.name == name)
+    assert not check.ok and check.value == pytest.approx(value, abs=within)
 
 
 def test_check_writes_the_rig_that_the_recording_corrects(tmp_path, pairs, capsys):
@@ -380,13 +376,6 @@ def test_check_writes_the_rig_that_the_recording_corrects(tmp_path, pairs, capsy
     assert np.degrees(np.abs(left)).max() < 0.03
     with pytest.raises(WorkError, match="nothing to write to"):  # it needs no other correction
         check(folder, frames=8, calibration=tmp_path / "rig.toml", corrected_rig=tmp_path / "other.toml")
-
-
-def test_fault_late_right_camera(tmp_path, pairs):
-    late = [(left, pairs[max(0, i - 3)][1]) for i, (left, _) in enumerate(pairs)]
-    diagnosis = examine(write_toy_recording(tmp_path / "r", RIG, late[3:]), frames=COUNT)
-    check = next(c for c in diagnosis.checks if c.name == "synchronisation")
-    assert not check.ok and check.value == pytest.approx(3.0, abs=0.6)
 
 
 def test_fault_gaps_in_the_timestamps(tmp_path, pairs):
@@ -404,12 +393,9 @@ def test_fault_undecodable_frames(tmp_path, pairs):
     assert "usable frames" in failed(folder)
 
 
-def test_longest_step_is_relative_to_the_usual_one():
+def test_longest_step_is_relative_to_the_usual_one_and_unmeasured_values_fail_only_when_needed():
     assert longest_step(np.array([0.0, 0.1, 0.2, 0.5, 0.6])) == pytest.approx(3.0)
     assert np.isnan(longest_step(np.array([0.0, 0.1])))
-
-
-def test_unmeasured_values_fail_only_when_needed():
     nothing = float("nan")
     assert at_most("a", nothing, 1.0, "", "").ok and not at_most("a", nothing, 1.0, "", "", needed=True).ok
     assert at_least("a", nothing, 1.0, "", "").ok and not at_least("a", nothing, 1.0, "", "", needed=True).ok

@@ -87,12 +87,9 @@ def test_camera_and_picture_are_written_for_the_image_size_of_the_file(people: P
     assert sorted(p.name for p in out.parent.iterdir()) == ["camera.png", "camera.toml"]
 
 
-def test_image_size_that_contradicts_the_file_is_refused(people: Path, refused: Refused) -> None:
+def test_image_size_must_be_known_and_that_of_the_file(people, refused, tmp_path):
     told = refused(*HUMAN, people, "--image-size", "1280x960", "--out", people.parent / "camera.toml")
     assert "--image-size: expected the image size of" in told and "640x480, found 1280x960" in told
-
-
-def test_samples_without_image_size_need_one(tmp_path: Path, refused: Refused) -> None:
     path = tmp_path / "people.json"
     write_samples(standing_people(GROUND_CAMERA, 8, seed=1), path)
     assert read_image_size(path) is None

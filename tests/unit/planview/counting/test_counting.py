@@ -218,16 +218,13 @@ def crossing(moment: float, direction: Direction = "left_to_right") -> Event:
     return Event(round(moment * 10), moment, "door", "crossing", 1, direction)
 
 
-def test_matching_is_by_time_and_direction() -> None:
+def test_as_many_crossings_match_as_can_by_time_and_direction():
     true = [crossing(1.0), crossing(2.0), crossing(10.0, "right_to_left")]
     found = [crossing(2.3), crossing(1.2), crossing(10.1, "right_to_left")]
     scores = crossing_scores(true, found, 1.0)
     assert (scores.matched, scores.precision, scores.recall, scores.accuracy) == (3, 1.0, 1.0, 1.0)
     assert scores.timing_mean_s == pytest.approx(0.2)
     assert scores.timing_std_s == pytest.approx(np.std([0.2, 0.3, 0.1]))
-
-
-def test_as_many_crossings_match_as_can() -> None:
     # The nearest pair (2.0, 2.1) would leave 1.2 and 2.9 without partners in the window.
     scores = crossing_scores([crossing(1.2), crossing(2.0)], [crossing(2.1), crossing(2.9)], 0.95)
     assert scores.matched == 2

@@ -65,13 +65,10 @@ def test_moment_holds_people_their_trails_and_the_truth_of_one_frame() -> None:
     assert (snapshot.time_s, len(snapshot.truth)) == (0.1, 2)
 
 
-def test_plan_view_shows_a_person_at_the_place() -> None:
+def test_plan_view_shows_a_person_at_the_place_within_a_margin():
     paint = PlanPainter(PlanBounds(0, 0, 10, 10), (200, 200))
     found = has(paint(Snapshot(0, 0.0, [TrackState(4, "confirmed", 7.0, 2.0)])), person_rgb(4))
     assert found[160, 140]
-
-
-def test_bounds_leave_a_margin_and_pass_over_what_is_not_known() -> None:
     bounds = bounds_of(np.array([(0.0, 1.0), (np.nan, 2.0)]), np.array([(4.0, 3.0)]))
     assert (bounds.x_min_m, bounds.y_max_m) == pytest.approx((-0.6, 3.6))
 

@@ -245,9 +245,10 @@ def walked(spread_px: int = 2) -> Feedback:
     return feedback
 
 
-def test_body_of_a_track_that_has_walked_is_protected_and_widened():
+def test_body_of_a_track_that_has_walked_is_protected_and_widened_where_feedback_is_on():
     mask = mask_after(walked(), point(1.0, 1.0, 20), person(1.0))
     assert mask[18:23] == [PERSON] * 5 and mask.count(PERSON) == 5 and mask.count(NO_FEEDBACK) == 35
+    assert Feedback(FeedbackParams(enabled=False))(point(0, 1, 2), [], BELIEF_SHAPE) is None
 
 
 @pytest.mark.parametrize(
@@ -285,7 +286,3 @@ def test_ground_is_what_no_person_is_near_of_several():
     mask_after(feedback, points, person(0.0), person(4.0, track_id=2))
     mask = mask_after(feedback, points, person(1.0), person(4.0, track_id=2))
     assert [mask[i] for i in (5, 15, 25, 35)] == [PERSON, BACKGROUND, NO_FEEDBACK, NO_FEEDBACK]
-
-
-def test_feedback_that_is_off_gives_no_mask():
-    assert Feedback(FeedbackParams(enabled=False))(point(0, 1, 2), [], BELIEF_SHAPE) is None

@@ -102,15 +102,12 @@ def strays(x_m: float) -> Trajectories:
     return replace(tracks, state=np.where(held, "confirmed", "lost"), x_m=np.where(held, 0, x_m))
 
 
-def test_prediction_that_strays_from_its_person_is_a_false_track():
+def test_prediction_that_strays_from_its_person_is_a_false_track_where_the_truth_has_the_person():
     other = walk(70, track_id=2, start=30)  # the person walks on under another id
     result = evaluate_tracks(concatenated([strays(0.6), other]), walk())
     assert [(e.kind, e.frame, e.track_id) for e in result.significant] == [("false_track", 30, 1), ("lost", 30, 1)]
     assert result.events == 1
     assert [e.kind for e in evaluate_tracks(concatenated([strays(0.4), other]), walk()).significant] == ["lost"]
-
-
-def test_prediction_of_a_person_who_is_not_in_the_truth_is_not_judged():
     assert evaluate_tracks(strays(3.0), walk(30)).significant == []
 
 

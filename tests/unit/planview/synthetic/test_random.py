@@ -86,9 +86,11 @@ def test_tightest_scenes_are_drawn_for_every_seed():
         assert len(random_scene(table, seed, "overhead").people) == 4
 
 
-def test_seeds_and_names_draw_other_scenes():
+def test_seeds_and_names_draw_other_scenes_and_unknown_keys_none():
     first = random_scene(TABLE, 1, "test")
     assert random_scene(TABLE, 2, "test") != first and random_scene(TABLE, 1, "other") != first
+    with pytest.raises(ValidationError, match="colour"):
+        random_scene({**TABLE, "colour": 3}, 1, "test")
 
 
 def test_people_of_a_meeting_stay_at_their_spacing():
@@ -130,11 +132,6 @@ def test_similar_clothes_are_the_same_and_children_are_small():
     scene = random_scene(table_with(walkers, clothes="similar", children=1), 5, "test")
     assert len({p.shirt for p in scene.people}) == 1
     assert sorted(p.height_m < 1.25 for p in scene.people) == [False, False, True]
-
-
-def test_table_with_an_unknown_key_is_refused():
-    with pytest.raises(ValidationError, match="colour"):
-        random_scene({**TABLE, "colour": 3}, 1, "test")
 
 
 def test_ranges_that_ask_for_too_much_are_refused_in_one_sentence(monkeypatch):

@@ -201,9 +201,12 @@ def test_heads_record_the_same_person_on_their_own_clocks(scene: Path, tmp_path:
     np.testing.assert_allclose(in_common, np.column_stack([a.x_m, a.y_m])[3:], atol=2e-4)
 
 
-def test_a_head_that_starts_at_once_records_what_a_single_rig_does(scene: Path) -> None:
+def test_heads_are_drawn_the_same_for_the_same_seed_and_record_what_a_single_rig_does(scene):
     head = load_rig_scenes(scene)[0]
     assert (head.renderer().frame(4).left == SceneRenderer(head.scene).frame(4).left).all()
+    one, again, other = random_rigs(5), random_rigs(5), random_rigs(6)
+    assert [h.mount for h in one] == [h.mount for h in again] and one[0].scene == again[0].scene
+    assert one[0].scene != other[0].scene
 
 
 def test_synth_renders_heads_but_not_two_of_one_name(scene: Path, tmp_path: Path, json_of: JsonOf) -> None:
@@ -212,12 +215,6 @@ def test_synth_renders_heads_but_not_two_of_one_name(scene: Path, tmp_path: Path
     scene.write_text(scene.read_text().replace("west", "south"))
     with pytest.raises(InputError, match="name of their own"):
         load_rig_scenes(scene)
-
-
-def test_drawn_heads_are_the_same_for_the_same_seed() -> None:
-    one, again, other = random_rigs(5), random_rigs(5), random_rigs(6)
-    assert [h.mount for h in one] == [h.mount for h in again] and one[0].scene == again[0].scene
-    assert one[0].scene != other[0].scene
 
 
 CAMERAS = "[rig]\nwidth = 160\nheight = 120\nfocal_px = 110\nat_m = [4, 1, 2.4]\ntilt_deg = 65\n"

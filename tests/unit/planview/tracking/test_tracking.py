@@ -262,10 +262,12 @@ def test_without_a_camera_people_have_boxes_and_no_places() -> None:
     assert [s.state for s in last] == ["confirmed"] and math.isnan(last[0].x_m) and last[0].box_px[2] > 0
 
 
-def test_low_scores_are_not_believed() -> None:
+def test_low_scores_are_not_believed_and_arrays_of_another_shape_refused():
     sure = [[box(0.0, 6.0, score=0.9)] for _ in range(8)] + [[box(0.0, 6.0, score=0.2)]]
     doubted = [[box(0.0, 6.0, score=0.05)] for _ in range(8)] + [[box(0.0, 6.0, score=0.9)]]
     assert confirmed(track(sure)[-2]) and not confirmed(track(doubted)[-2])
+    with pytest.raises(InputError, match="frame 1"):
+        Detections.of([np.zeros((0, 4)), np.zeros((2, 3))])
 
 
 def test_boxes_of_a_detector_are_read_from_motchallenge_and_coco(tmp_path: Path) -> None:
@@ -301,8 +303,3 @@ def test_a_bad_file_is_refused_with_its_line(tmp_path: Path, name: str, text: st
     with pytest.raises(InputError) as error:
         load_detections(tmp_path / name)
     assert says in str(error.value) and "\n" not in str(error.value)
-
-
-def test_arrays_of_another_shape_are_refused() -> None:
-    with pytest.raises(InputError, match="frame 1"):
-        Detections.of([np.zeros((0, 4)), np.zeros((2, 3))])

@@ -209,14 +209,11 @@ def test_page_opens_a_side_by_side_video_as_a_stereo_recording(video: Path) -> N
         assert session.view is not None and session.size[0] == session.view.image.shape[1]
 
 
-def test_page_takes_the_calibration_of_a_side_by_side_video_from_elsewhere(video: Path, tmp_path: Path) -> None:
+def test_page_takes_a_stereo_calibration_for_a_side_by_side_video_and_not_for_one_camera(video, tmp_path):
     shutil.copy(video, tmp_path)
     with pytest.raises(InputError, match="expected a stereo calibration"):
         open_session(tmp_path / video.name)
     assert open_session(tmp_path / video.name, video.parent / "rig.toml").view is not None
-
-
-def test_page_refuses_a_stereo_calibration_for_one_camera(tmp_path: Path) -> None:
     shutil.copy(DEMO / "left.mp4", tmp_path / "one.mp4")
     assert open_session(tmp_path / "one.mp4").view is None
     with pytest.raises(InputError, match="needs both cameras"):

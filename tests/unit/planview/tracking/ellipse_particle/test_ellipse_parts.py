@@ -158,13 +158,10 @@ def test_objects_outside_every_measurement_are_unlikely():
     assert (particles.particles[:, 0, X] < 45).mean() > 0.99
 
 
-def test_kept_objects_keep_their_particles():
+def test_kept_objects_keep_their_particles_whose_ellipses_differ_from_the_expected_size():
     particles = filter_at((10.0, 25.0), (30.0, 25.0), (50.0, 25.0))
     particles.keep(np.array([0, 2]))
     assert particles.particles[..., X].mean(axis=0) == pytest.approx([10, 50], abs=0.2)
-
-
-def test_ellipses_of_states_have_the_expected_size_and_what_they_differ_by():
     state = np.array([[30.0, 20, 0, 0, math.log(1.2), 0.0, 0.1]])
     np.testing.assert_allclose(ellipses_of(state, SIZE), [[30, 20, 12, 4, 0.1]])
 
@@ -299,8 +296,13 @@ def test_paint_agrees_with_its_twin(seed):
         np.testing.assert_array_equal(mask, reference.raster(ellipse, SIZES))
 
 
-def test_row_sums_are_those_left_of_each_edge():
+def test_row_sums_are_those_left_of_each_edge_and_the_overlap_of_a_whole_ellipse_its_area():
     np.testing.assert_array_equal(kernels.row_sums(np.array([[1, 0, 2]], np.uint8)), [[0, 1, 1, 3]])
+    full, none = (kernels.row_sums(np.full((60, 60), v, np.uint8)) for v in (1, 0))
+    out = np.empty((1, 2))
+    kernels.overlaps(np.array([[30.0, 30, 0, 0, 0, 0, 0.2]]), full, none, Law(20.0, 0.0, 1.0, 0.5), out)
+    # Tall ellipses are summed over every third row.
+    assert out[0] == pytest.approx([math.pi * 20 * 10] * 2, rel=0.03)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -316,14 +318,6 @@ def test_overlaps_agree_with_their_twin(seed):
         ellipse = np.array([x, y, half * math.exp(ln_a), half * 0.5 * math.exp(ln_b), angle])
         expected = reference.overlap(ellipse, left.astype(np.float32), allowed.astype(np.float32))
         np.testing.assert_allclose(found, expected, atol=1e-6)
-
-
-def test_overlap_of_a_whole_ellipse_is_its_area():
-    full, none = (kernels.row_sums(np.full((60, 60), v, np.uint8)) for v in (1, 0))
-    out = np.empty((1, 2))
-    kernels.overlaps(np.array([[30.0, 30, 0, 0, 0, 0, 0.2]]), full, none, Law(20.0, 0.0, 1.0, 0.5), out)
-    # Tall ellipses are summed over every third row.
-    assert out[0] == pytest.approx([math.pi * 20 * 10] * 2, rel=0.03)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -55,12 +55,9 @@ def kinds(tracker: HarvilleTracker) -> list[str]:
     return [decision.kind for decision in tracker.decisions]
 
 
-def test_newcomer_is_tentative_until_followed_for_a_while() -> None:
+def test_newcomer_is_tentative_until_followed_for_a_while_and_dropped_at_the_first_miss():
     results = follow(HarvilleTracker(HarvilleParams(confirm_s=0.4)), walk(-0.95, 0.05, 6))
     assert [tracks[0].state for tracks in results] == ["tentative"] * 4 + ["confirmed"] * 2
-
-
-def test_tentative_track_is_dropped_at_its_first_miss() -> None:
     tracker = HarvilleTracker()
     assert follow(tracker, [*walk(0.05, 0.05, 1), []])[-1] == () and kinds(tracker) == ["pruned"]
 
@@ -70,12 +67,9 @@ def test_chair_is_too_low_and_a_hand_has_too_little_surface_for_a_newcomer():
     assert follow(HarvilleTracker(), [[(0.05, 0.05, 1.75, 0.04)]] * 10)[-1] == ()
 
 
-def test_position_is_the_template_centre_and_height_that_of_the_head() -> None:
+def test_position_height_and_velocity_are_those_of_the_walker():
     (track,) = follow(HarvilleTracker(), [[(0.05, 0.35, 1.8)]] * 10)[-1]
     assert (track.x_m, track.y_m, track.height_m) == pytest.approx((0.05, 0.35, 1.8), abs=1e-3)
-
-
-def test_velocity_of_a_walker_is_learned() -> None:
     (track,) = follow(HarvilleTracker(), walk(-1.95, 0.05, 25))[-1]
     assert (track.x_m, track.vx_mps, track.vy_mps) == pytest.approx((0.45, 1.0, 0.0), abs=0.05)
 

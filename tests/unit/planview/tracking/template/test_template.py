@@ -30,8 +30,12 @@ def confirmed(states: Sequence[TrackState]) -> list[TrackState]:
     return [s for s in states if s.state == "confirmed"]
 
 
-def test_nobody_is_found_in_an_empty_room():
+def test_nobody_is_found_in_an_empty_room_nor_in_a_low_box_that_stands():
     assert not any(follow(lambda t: [], 1.0))
+    frames = follow(lambda t: [(0.0, 3.0, 0.8)] if t > 0.3 else [], 3.0)
+    assert not any(confirmed(states) for states in frames)
+    with pytest.raises(ValueError, match="pixels"):
+        TemplateTracker().update(Observation(0, 0.0))
 
 
 @pytest.mark.parametrize("fps", [3.0, 15.0, 60.0])
@@ -71,11 +75,6 @@ def test_who_enters_far_from_where_another_left_is_someone_else():
     assert len({s.track_id for states in frames for s in confirmed(states)}) == 2
 
 
-def test_a_low_box_that_stands_is_no_person():
-    frames = follow(lambda t: [(0.0, 3.0, 0.8)] if t > 0.3 else [], 3.0)
-    assert not any(confirmed(states) for states in frames)
-
-
 def test_light_that_floods_the_image_ends_nobody_and_a_reset_everybody():
     tracker = TemplateTracker()
     for n in range(20):
@@ -95,11 +94,6 @@ def test_every_frame_says_why_each_person_is_where_it_is_and_shows_the_owners_of
     assert "evidence" in reason and "existence" in reason and "visible" in reason
     owners = tracker.debug().tiles["owners/0"]
     assert owners.shape == CAMERA.shape and (owners > 40).sum() > 300
-
-
-def test_an_observation_without_pixels_is_refused():
-    with pytest.raises(ValueError, match="pixels"):
-        TemplateTracker().update(Observation(0, 0.0))
 
 
 PARAMS = TemplateParams()
