@@ -145,11 +145,14 @@ def build(*heads: FloorPoints | None, views: tuple[CameraViewpoint, ...] = (SOUT
     return MultiRigMapBuilder([GRID] * len(heads), views, PARAMS)
 
 
-def test_surface_of_one_head_counts_whole() -> None:
+def test_surface_of_one_head_counts_whole_and_heights_are_the_highest_of_all_heads():
     alone = side(0.3, -0.1)
     maps = build(alone, None)([alone, None])
     assert maps.occupancy_raw.sum() == pytest.approx(0.5, rel=1e-4)
     np.testing.assert_array_equal(maps.points.area, alone.area)
+    low, high = side(0.0, 0.0), side(0.0, 0.0)
+    low.xyz[:, 2] *= 0.5
+    assert build(low, high)([low, high]).height_raw.max() == pytest.approx(1.7, abs=1e-6)
 
 
 def test_two_sides_of_a_body_count_as_the_side_that_shows_most() -> None:
@@ -167,12 +170,6 @@ def test_bodies_that_different_heads_see_do_not_share_and_one_hidden_from_a_head
     seen, rest = side(0.0, -0.12), side(0.0, 0.12)
     rest.area[:] *= 0.01
     assert build(seen, rest)([seen, rest]).occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
-
-
-def test_heights_are_the_highest_of_all_heads() -> None:
-    low, high = side(0.0, 0.0), side(0.0, 0.0)
-    low.xyz[:, 2] *= 0.5
-    assert build(low, high)([low, high]).height_raw.max() == pytest.approx(1.7, abs=1e-6)
 
 
 def test_offset_is_that_of_the_head_that_shows_a_person_and_those_of_opposite_heads_cancel() -> None:

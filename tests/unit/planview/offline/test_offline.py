@@ -52,14 +52,11 @@ def test_rows_and_states_stay_as_they_are() -> None:
     assert kinds(result) == []
 
 
-def test_predictions_within_a_track_lie_on_its_path() -> None:
+def test_predictions_within_a_track_lie_on_its_path_and_are_kept_after_the_last_confirmed_row():
     tracks = with_state(walk(range(30)), "lost", 10, 14)
     result = refine(replace(tracks, y_m=np.where(tracks.state == "lost", 0.8, 0.0))).tracks
     np.testing.assert_allclose(result.y_m, 0.0, atol=1e-9)
     np.testing.assert_allclose(result.x_m, 0.1 * np.arange(30), atol=0.02)
-
-
-def test_predictions_after_the_last_confirmed_row_are_kept() -> None:
     tracks = with_state(walk(range(30)), "lost", 25, 29)
     result = refine(tracks)
     np.testing.assert_array_equal(result.tracks.x_m[25:], tracks.x_m[25:])
@@ -73,13 +70,10 @@ def test_smoothing_reduces_noise_and_keeps_a_straight_walk() -> None:
     assert np.std(refine(noisy).tracks.y_m) < 0.6 * np.std(noisy.y_m)
 
 
-def test_fragments_of_one_walk_are_joined_under_the_first_id() -> None:
+def test_fragments_of_one_walk_are_joined_under_the_first_id_and_predictions_end_where_the_next_begins():
     result = refine(concatenated([walk(range(30), 4), walk(range(40, 70), 9)]))
     assert np.unique(result.tracks.track_id).tolist() == [4] and kinds(result) == [("join", 4, 29, 40)]
     assert len(result.tracks) == 60
-
-
-def test_predictions_of_a_joined_fragment_end_where_the_next_begins() -> None:
     first = with_state(walk(range(45), 4), "lost", 30, 44)
     result = refine(concatenated([first, walk(range(40, 70), 9)]))
     assert result.tracks.frame.tolist() == list(range(70))
@@ -188,25 +182,19 @@ def test_edits_that_do_not_fit_the_tracks_are_refused(edit, found):
         edited(TWO, [edit])
 
 
-def test_rename_keeps_rows_sorted() -> None:
+def test_rename_keeps_rows_sorted_and_the_hole_of_a_polygon_is_outside():
     assert edited(TWO, ["rename 1 9"]).track_id[:2].tolist() == [3, 9]
+    region = Region("POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0), (1 1, 3 1, 3 3, 1 3, 1 1))", "test")
+    assert region.contains(np.array([0.5, 2.0, 5.0]), np.array([0.5, 2.0, 2.0])).tolist() == [True, False, False]
 
 
-def test_gaps_are_joined_within_time_and_distance_in_chains() -> None:
+def test_gaps_are_joined_within_time_and_distance_in_chains_by_the_nearest():
     parts = tracks((1, range(10), 0.0), (2, range(12, 20), 0.1), (3, range(22, 30), 0.2), (4, range(12, 30), 3.0))
     assert frames_of(edited(parts, ["join-gaps 0.5 0.5"])) == {1: (0, 29), 4: (12, 29)}
     assert len(frames_of(edited(parts, ["join-gaps 0.2 0.5"]))) == 4
     assert len(frames_of(edited(parts, ["join-gaps 0.5 0.1"]))) == 4
-
-
-def test_the_nearest_of_two_tracks_goes_on() -> None:
     parts = tracks((1, range(10), 0.0), (2, range(12, 20), 0.3), (3, range(12, 20), 0.1))
     assert frames_of(edited(parts, ["join-gaps 1 1"])) == {1: (0, 19), 2: (12, 19)}
-
-
-def test_hole_of_a_polygon_is_outside() -> None:
-    region = Region("POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0), (1 1, 3 1, 3 3, 1 3, 1 1))", "test")
-    assert region.contains(np.array([0.5, 2.0, 5.0]), np.array([0.5, 2.0, 2.0])).tolist() == [True, False, False]
 
 
 @pytest.mark.parametrize(

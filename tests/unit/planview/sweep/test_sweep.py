@@ -192,11 +192,12 @@ def test_study_finds_recordings_by_path_pattern_and_table(tmp_path: Path) -> Non
     assert study.recordings[3].camera == tmp_path / "camera.toml"
 
 
-def test_study_takes_dotted_and_quoted_parameter_names(tmp_path: Path) -> None:
+def test_study_takes_dotted_and_quoted_parameter_names_and_vary_seeds(tmp_path):
     text = 'recordings = ["a"]\nmethod = "random"\n[parameters]\ntemplate.stay_s = [0.3]\n'
     text += '"maps.cell_m" = { min = 0.02, max = 0.05 }\n'
     study = load_study(write(tmp_path, text))
     assert study.parameters == {"template.stay_s": [0.3], "maps.cell_m": Range(min=0.02, max=0.05)}
+    assert varied(["maps.cell_m=0.03,0.04", "seed=1,2"]) == ({"maps.cell_m": [0.03, 0.04]}, [1, 2])
 
 
 @pytest.mark.parametrize(
@@ -217,10 +218,6 @@ def test_study_refuses_what_it_does_not_know_and_names_the_file(text: str, tmp_p
     with pytest.raises(InputError) as refused:
         load_study(path)
     assert str(refused.value).startswith(str(path)) and "\n" not in str(refused.value)
-
-
-def test_vary_takes_seeds_from_the_parameter_of_that_name() -> None:
-    assert varied(["maps.cell_m=0.03,0.04", "seed=1,2"]) == ({"maps.cell_m": [0.03, 0.04]}, [1, 2])
 
 
 @pytest.mark.parametrize(

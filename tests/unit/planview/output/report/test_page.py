@@ -199,8 +199,10 @@ def decoded(uri: str) -> U8:
     return np.asarray(cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
 
 
-def test_busiest_frame_is_the_middle_of_the_longest_stretch_with_the_most_people(street: Path) -> None:
+def test_pictures_are_of_the_frame_asked_for_and_the_busiest(street):
     assert busiest_frame(read_results(street)) == 4
+    images = {frame: int(np.median(image)) for frame, image in open_frames(read_results(street).info).at([3, 7, 20])}
+    assert images == {3: 103, 7: 107, 20: 120}
 
 
 def test_scene_is_pictured_from_the_recording_opened_again(street: Path) -> None:
@@ -212,11 +214,6 @@ def test_scene_is_pictured_from_the_recording_opened_again(street: Path) -> None
     assert decoded(pictures.overview[0].data).shape == (480, 640, 3)
     (strip,) = pictures.errors
     assert strip.is_strip and decoded(strip.data).shape[1] > 4 * decoded(strip.data).shape[0]
-
-
-def test_frame_is_the_one_asked_for(street: Path) -> None:
-    images = {frame: int(np.median(image)) for frame, image in open_frames(read_results(street).info).at([3, 7, 20])}
-    assert images == {3: 103, 7: 107, 20: 120}
 
 
 def test_recording_that_is_gone_gives_a_sentence_instead_of_pictures(street: Path) -> None:
