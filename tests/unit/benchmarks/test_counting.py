@@ -89,12 +89,9 @@ def test_ranges_of_all_rooms_weigh_frames_alike_and_one_room_has_none():
     assert together.ok and len(all_rooms([_table("a", 100, 100.0)]).occupancy) == 1
 
 
-def score(true, found):
-    return ViewScore("mall", 0, "ellipse-particle", crossing_scores(true, found, 2.0), 0, 0, 0.0, 1.0)
-
-
 def test_view_that_nobody_crosses_is_right_when_nobody_is_counted():
-    assert score([], []).strict == 1.0
+    nobody = crossing_scores([], [], 2.0)
+    assert ViewScore("mall", 0, "ellipse-particle", nobody, 0, 0, 0.0, 1.0).strict == 1.0
 
 
 def test_every_view_is_found_and_drawn_and_an_unknown_one_refused():
@@ -122,18 +119,14 @@ TRUTH = "frame,timestamp_s,id,x_m,y_m,height_m,visible\n0,0,1,,,,1\n1,0.1,1,,,,1
 TRACKS = "frame,timestamp_s,id,x_m,y_m,state\n0,0,7,,,tentative\n1,0.1,7,,,confirmed\n2,0.2,7,,,confirmed\n"
 
 
-def files(tmp_path, tracks=TRACKS):
-    (tmp_path / "truth.csv").write_text(TRUTH)
-    (tmp_path / "tracks.csv").write_text(tracks)
-    return read_tracks(tmp_path / "tracks.csv"), read_truth(tmp_path / "truth.csv")
-
-
 @pytest.mark.parametrize(
     ("tracks", "frames", "wrong", "too_few"),
     [(TRACKS, 4, 1, 1), (TRACKS, 1, 1, 1), (TRACKS + "2,0.2,8,,,confirmed\n", 4, 2, 1)],
     ids=["too few confirmed", "the end of the recording", "too many"],
 )
 def test_frames_with_too_few_or_too_many_tracks_are_wrong(tmp_path, tracks, frames, wrong, too_few):
-    counts = count_frames("a", *files(tmp_path, tracks), frames)
+    (tmp_path / "truth.csv").write_text(TRUTH)
+    (tmp_path / "tracks.csv").write_text(tracks)
+    counts = count_frames("a", read_tracks(tmp_path / "tracks.csv"), read_truth(tmp_path / "truth.csv"), frames)
     assert counts == FrameCounts("a", frames, wrong, too_few)
     assert counts.error == wrong / frames and FrameCounts("a", 0, 0, 0).error == 0.0

@@ -35,11 +35,6 @@ from planview.engine.config import load_config
 from planview.trajectories.formats import load_file
 
 
-def written(path: Path, text: str) -> Path:
-    path.write_text(text)
-    return path
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -110,9 +105,9 @@ def test_settings_beyond_what_their_unit_can_mean_are_refused_by_name(setting: s
 
 def test_polygon_of_too_many_corners_is_refused(tmp_path: Path) -> None:
     corners = ", ".join(f"[{i}, {i * i % 7}]" for i in range(501))
-    path = written(tmp_path / "rules.toml", f'[[zone]]\nname = "z"\npolygon_m = [{corners}]\n')
+    (tmp_path / "rules.toml").write_text(f'[[zone]]\nname = "z"\npolygon_m = [{corners}]\n')
     with pytest.raises(InputError, match="at most 500"):
-        load_rules(path)
+        load_rules(tmp_path / "rules.toml")
 
 
 @pytest.mark.parametrize(

@@ -310,10 +310,6 @@ def _information(luma: np.ndarray) -> np.ndarray:
     return information
 
 
-def _told(model: np.ndarray, luma: np.ndarray, information: np.ndarray, gain: float) -> float:
-    return kernels.weigh_inliers(model, luma, information, gain, 0.0, CLIP, TOLERANCE, kernels.THINNING)[1]
-
-
 @settings(max_examples=30, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -336,7 +332,8 @@ def test_gain_kernels_agree_with_numpy(seed: int, gain: float, offset: float, ou
     assert line == pytest.approx(reference.refine_gain(model, luma, start, offset, CLIP, TOLERANCE), rel=1e-2, abs=0.1)
     scale = kernels.consensus_scale(model, luma, information, CLIP, TOLERANCE)
     expected = reference.consensus_scale(model, luma, information, CLIP, TOLERANCE)
-    told = [_told(model, luma, information, gain) for gain in (scale, expected)]
+    last = 0.0, CLIP, TOLERANCE, kernels.THINNING
+    told = [kernels.weigh_inliers(model, luma, information, gain, *last)[1] for gain in (scale, expected)]
     assert told[0] == pytest.approx(told[1], abs=2 * most)
 
 

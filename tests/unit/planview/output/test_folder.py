@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
-from typing import IO
 
 import numpy as np
 import pytest
@@ -39,10 +38,6 @@ from planview.output.run import return_unused_memory
 from planview.output.tables import FrameFile
 from planview.output.totals import RunTotals
 from stereo.matcher import SampledDisparity
-
-
-def header(file: IO[str]) -> None:
-    file.write("a,b\n")
 
 
 def finish(folder: Path, finished: bool = True) -> None:
@@ -103,7 +98,7 @@ def test_finished_run_tells_finished_from_unfinished(tmp_path):
 def test_a_frame_that_does_not_fit_on_the_disk_is_cut_off_and_the_next_follows_the_last_whole_one(
     tmp_path, monkeypatch
 ):
-    file = FrameFile(tmp_path / "t.csv", header)
+    file = FrameFile(tmp_path / "t.csv", lambda f: f.write("a,b\n"))
     file.add(lambda f: f.write("1,one\n"))
     with monkeypatch.context() as patch:
         fill_disk_after(patch, 9)

@@ -282,14 +282,10 @@ def test_size_on_a_grid_is_that_in_pixels_over_the_scale():
 SIZES = (40, 50)
 
 
-def random_ellipses(rng: np.random.Generator, n: int) -> np.ndarray:
-    sizes = rng.uniform(2, 15, n), rng.uniform(1, 8, n), rng.uniform(-1.5, 1.5, n)
-    return np.column_stack([rng.uniform(-5, 55, n), rng.uniform(-5, 45, n), *sizes])
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_paint_agrees_with_its_twin(seed):
-    ellipses = random_ellipses(np.random.default_rng(seed), 5)
+    rng = np.random.default_rng(seed)
+    ellipses = rng.uniform((-5, -5, 2, 1, -1.5), (55, 45, 15, 8, 1.5), (5, 5))
     masks = np.zeros((5, *SIZES), dtype=np.uint8)
     kernels.paint(ellipses, masks)
     for mask, ellipse in zip(masks, ellipses, strict=True):

@@ -47,10 +47,6 @@ def walk(x_m: float, y_m: float, n: int, height_m: float = 1.75, step_m: float =
     return [[(x_m + i * step_m, y_m, height_m)] for i in range(n)]
 
 
-def both(one: list[list[Block]], other: list[list[Block]]) -> list[list[Block]]:
-    return [a + b for a, b in zip(one, other, strict=True)]
-
-
 def kinds(tracker: HarvilleTracker) -> list[str]:
     return [decision.kind for decision in tracker.decisions]
 
@@ -75,7 +71,7 @@ def test_position_height_and_velocity_are_those_of_the_walker():
 
 
 def test_walkers_who_pass_each_other_keep_their_ids() -> None:
-    frames = both(walk(-1.45, -0.35, 30, 1.6), walk(1.45, 0.35, 30, 1.9, -PACE_M))
+    frames = [a + b for a, b in zip(walk(-1.45, -0.35, 30, 1.6), walk(1.45, 0.35, 30, 1.9, -PACE_M), strict=True)]
     results = follow(HarvilleTracker(), frames)
     heights = [{track.track_id: round(track.height_m, 1) for track in results[i]} for i in (5, -1)]
     assert heights[0] == heights[1] and sorted(heights[0].values()) == [1.6, 1.9]
