@@ -1,29 +1,14 @@
 """``planview run`` on a recording of several heads."""
 
 import math
-import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from toy_run import EMPTY, FEW, run_few
 
-from calib.world import RigEntry, save_rigs
-from planview.engine.engine import Engine
 from planview.engine.open import open_engine
 from planview.output.folder import read_run_info
 from planview.trajectories.table import read_tracks
-
-
-@pytest.fixture(scope="module")
-def heads(recording: Path, engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two heads at one place that record the same."""
-    folder = tmp_path_factory.mktemp("heads")
-    for name in ("left_one", "right_one"):
-        shutil.copytree(recording, folder / name)
-    pose = engine.stereo.floor.world_SE3_left
-    save_rigs([RigEntry("left_one", pose), RigEntry("right_one", pose)], folder / "rigs.toml")
-    return folder
 
 
 def test_a_person_seen_by_two_heads_is_one_person(say, heads, engine, tmp_path):

@@ -283,6 +283,9 @@ BAD: dict[str, Callable[[Path], object]] = {
     "frame number of 30 digits": lambda p: p.write_text("# x/m\n1 " + "9" * 30 + " 0.5 0.5 1.7\n"),
     "two rows of one frame and id": lambda p: p.write_text("# x/m\n1 0 0.5 0.5 1.7\n1 0 0.6 0.5 1.7\n"),
     "another database": lambda p: _sqlite(p, "CREATE TABLE t (a)"),
+    "foreign values in a database": lambda p: _sqlite(
+        p, "CREATE TABLE trajectory_data (frame BLOB, id TEXT)", "INSERT INTO trajectory_data VALUES (x'ff', 'a')"
+    ),
     "a view without end": _endless_view,
     "rows claimed by a header": _claimed_rows,
     "a cut HDF5 file": lambda p: p.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(20)),
