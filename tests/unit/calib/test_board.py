@@ -149,9 +149,7 @@ BOARD = Board(7, 5, 0.04)
 SIZE = (1280, 800)
 
 
-def views_of(
-    lens: str = "brown", n: int = 20, noise_px: float = 0.2, seed: int = 0
-) -> tuple[StereoRig, list[BoardView]]:
+def views_of(lens: str = "brown", n: int = 20, noise_px: float = 0.2, seed: int = 0):
     rng = np.random.default_rng(seed)
     rig = random_rig(lens, rng)
     return rig, board_views(rig, BOARD, n, noise_px, rng)

@@ -1,4 +1,5 @@
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -36,9 +37,7 @@ class Room:
         self.depth = np.full(len(self.rays), np.inf)
         self.rng = np.random.default_rng(seed)
 
-    def add(
-        self, normal: tuple[float, float, float], offset: float, box: tuple[float, ...] = (-99, 99, -99, 99)
-    ) -> None:
+    def add(self, normal: tuple[float, float, float], offset: float, box: Sequence[float] = (-99, 99, -99, 99)) -> None:
         """The part of the plane normal . p = offset within x and y bounds."""
         n = np.array(normal)
         with np.errstate(all="ignore"):

@@ -62,7 +62,7 @@ def opencv_pair(folder: Path, header: str = "%YAML:1.0\n---\n", last: str = "0."
 
 
 @pytest.mark.parametrize(
-    "header", ["%YAML:1.0\n", "%YAML:1.0\n---\n", "%YAML 1.0\n---\n", "---\n", "\ufeff%YAML:1.0\n"]
+    "header", [f"{first}\n" for first in ("%YAML:1.0", "%YAML:1.0\n---", "%YAML 1.0\n---", "---", "\ufeff%YAML:1.0")]
 )
 def test_opencv_headers_of_every_style_are_read(header, tmp_path):
     rig = load_rig(opencv_pair(tmp_path, header), (640, 480))

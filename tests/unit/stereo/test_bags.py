@@ -237,9 +237,8 @@ def test_metadata_with_references_is_refused_at_once(tmp_path, inside):
     path = stereo_bag(tmp_path / "a", False)
     text = (path / "metadata.yaml").read_text()
     quoted = nested(12).replace("\n", "\\n")
-    text = text.replace(
-        "serialization_format: cdr", f'serialization_format: cdr\n      offered_qos_profiles: "{quoted}"'
-    )
+    profiles = f'serialization_format: cdr\n      offered_qos_profiles: "{quoted}"'
+    text = text.replace("serialization_format: cdr", profiles)
     (path / "metadata.yaml").write_text(text if inside else text + nested(12))
     with pytest.raises(InputError, match="references in its metadata"):
         find_layout(path)
@@ -248,9 +247,8 @@ def test_metadata_with_references_is_refused_at_once(tmp_path, inside):
 def test_metadata_with_a_time_of_text_is_refused(tmp_path):
     path = stereo_bag(tmp_path / "a", False)
     text = (path / "metadata.yaml").read_text()
-    (path / "metadata.yaml").write_text(
-        text.replace(f"nanoseconds_since_epoch: {START_NS}", "nanoseconds_since_epoch: noon")
-    )
+    noon = text.replace(f"nanoseconds_since_epoch: {START_NS}", "nanoseconds_since_epoch: noon")
+    (path / "metadata.yaml").write_text(noon)
     with pytest.raises(InputError, match="expected a ROS 2 bag, found one that is damaged"):
         find_layout(path)
 

@@ -53,9 +53,7 @@ def test_median_image_leaves_out_who_walks_through_and_what_is_never_valid() -> 
     np.testing.assert_array_equal(median_image(frames), [[4.0, np.nan]])
 
 
-FLOOR_GEOMETRY = RectifiedGeometry(
-    focal_u_px=260.0, focal_v_px=260.0, cu_px=159.5, cv_px=119.5, baseline_m=0.2, width=320, height=240
-)
+FLOOR_GEOMETRY = RectifiedGeometry(320, 240, 260.0, 260.0, 159.5, 119.5, 0.2)
 
 
 def plane(tilt_deg: float, roll_deg: float, height_m: float) -> Plane:

@@ -26,9 +26,8 @@ def test_folder_recording_yields_pairs_in_order_each_time(tmp_path, colour):
     recording = open_recording(folder_recording(tmp_path / "r", colour=colour))
     for _ in range(2):
         frames = list(recording)
-        assert [(f.index, int(f.left[0, 0, 0] if colour else f.left[0, 0])) for f in frames] == [
-            (i, 10 * i) for i in range(6)
-        ]
+        values = [int(f.left[0, 0, 0] if colour else f.left[0, 0]) for f in frames]
+        assert [f.index for f in frames] == list(range(6)) and values == [0, 10, 20, 30, 40, 50]
     assert frames[0].left.shape == ((H, W, 3) if colour else (H, W))
     assert recording.n_frames == 6 and recording.skipped == []
 
@@ -81,9 +80,7 @@ def test_folders_that_do_not_pair_are_refused_by_name(tmp_path: Path) -> None:
 def test_files_pair_by_number_or_in_order_and_not_by_names_alone() -> None:
     pairs = pair_files([Path(f"l/left{i:02d}.jpg") for i in range(9)], [Path(f"r/right{i:02d}.jpg") for i in range(9)])
     assert pairs[4] == (Path("l/left04.jpg"), Path("r/right04.jpg"))
-    left, right = (
-        [Path(f"{side}/{first + 33 * i}.png") for i in range(5)] for side, first in (("l", 1000), ("r", 1007))
-    )
+    left, right = ([Path(f"{first + 33 * i}.png") for i in range(5)] for first in (1000, 1007))
     assert pair_files(left, right) == list(zip(left, right, strict=True))  # stamped by two clocks
     with pytest.raises(InputError, match=r"left/b\.png"):
         pair_files([Path(f"left/{name}.png") for name in "abc"], [Path("right/a.png"), Path("right/c.png")])
@@ -152,9 +149,8 @@ def test_recording_without_images_names_what_it_found(tmp_path: Path) -> None:
 
 def test_world_file_gives_the_pose(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r")
-    (folder / "world.toml").write_text(
-        "[world_SE3_left]\nrotation = [[1,0,0],[0,-1,0],[0,0,-1]]\ntranslation_m = [0,0,2.5]\n"
-    )
+    rotation = "rotation = [[1,0,0],[0,-1,0],[0,0,-1]]"
+    (folder / "world.toml").write_text(f"[world_SE3_left]\n{rotation}\ntranslation_m = [0,0,2.5]\n")
     pose = open_recording(folder).world_SE3_left
     assert pose is not None and pose.translation[2] == 2.5
 

@@ -162,9 +162,8 @@ def test_the_reduced_image_of_a_part_holds_means_of_the_whole() -> None:
     assert reduced.shape == means.shape
     inside = rectifier.mask[::2, ::2] > 0
     assert abs((reduced - means)[inside].mean()) < 0.5
-    off = [
-        np.abs(np.roll(reduced, by, (0, 1)) - means)[inside].mean() for by in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
-    ]
+    near = (0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)
+    off = [np.abs(np.roll(reduced, by, (0, 1)) - means)[inside].mean() for by in near]
     assert off[0] < 0.5 * min(off[1:])
 
 
@@ -184,9 +183,7 @@ class Times:
 
 def moments(*heads: tuple[Times, float]) -> list[tuple[float, list[int | None]]]:
     """Time of every moment, and the frame index of each head."""
-    together = [
-        RigRecording(f"{i}", cast(StereoRecording, cast(Any, times)), start) for i, (times, start) in enumerate(heads)
-    ]
+    together = [RigRecording(f"{i}", cast(Any, times), start) for i, (times, start) in enumerate(heads)]
     recording = MultiRigRecording(Path("r"), together)
     return [(round(m.timestamp_s, 4), [f.index if f else None for f in m.frames]) for m in recording]
 

@@ -27,9 +27,8 @@ def matches_of(
     seen = (points - centre) @ SE3.from_rotvec(np.radians(turn_deg)).rotation  # p_turned = turn^T p
     right = 500.0 * seen[:, :2] / seen[:, 2:] + (319.5, 239.5)
     offset = right[:, 1] - v + rng.normal(size=count) * noise_px
-    return np.column_stack(
-        [u, v, right[:, 0], np.where(rng.uniform(size=count) < wrong, rng.uniform(-6, 6, count), offset)]
-    )
+    offset = np.where(rng.uniform(size=count) < wrong, rng.uniform(-6, 6, count), offset)
+    return np.column_stack([u, v, right[:, 0], offset])
 
 
 def test_roll_moves_rows_by_the_column() -> None:

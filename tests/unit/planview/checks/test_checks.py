@@ -132,9 +132,8 @@ def test_alignment_finds_the_motion_from_paths_with_noise_and_other_ids() -> Non
     truth = moved(two_walkers(), MOTION)
     noisy = two_walkers()
     rng = np.random.default_rng(1)
-    tracks = positions_table(
-        noisy.frame, 10 - noisy.track_id, np.column_stack([noisy.x_m, noisy.y_m]) + rng.normal(0, 0.05, (80, 2))
-    )
+    xy = np.column_stack([noisy.x_m, noisy.y_m]) + rng.normal(0, 0.05, (80, 2))
+    tracks = positions_table(noisy.frame, 10 - noisy.track_id, xy)
     order = np.lexsort((tracks.track_id, tracks.frame))
     laid, alignment = align_tracks(tracks.where(order), truth, 0.5)
     assert alignment.pairs == 80 and math.degrees(alignment.rotation_rad) == pytest.approx(120, abs=1.0)

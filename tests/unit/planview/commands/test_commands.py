@@ -167,9 +167,8 @@ def test_count_scores_against_true_events(folder, json_of):
 
 
 def test_count_takes_pixels_of_a_camera(folder, refused, json_of):
-    (folder / "camera.toml").write_text(
-        'width = 640\nheight = 480\nfocal_px = 400\nheight_m = 4\ntilt_deg = 0\nlens = "pinhole"\n'
-    )
+    keys = "width = 640\nheight = 480\nfocal_px = 400\nheight_m = 4\ntilt_deg = 0"
+    (folder / "camera.toml").write_text(f'{keys}\nlens = "pinhole"\n')
     # Straight down: the image's middle row is y = 0, right is +x.
     (folder / "rules.toml").write_text('[[tripwire]]\nname = "row"\nfrom_px = [100, 239.5]\nto_px = [600, 239.5]\n')
     words = ("count", folder, "--rules", folder / "rules.toml")

@@ -34,9 +34,7 @@ def feed(counter: Analytics, rows: Sequence[Row]) -> list[Event]:
     return events
 
 
-def way(
-    ys: Sequence[float], track_id: int = 1, x: float = 1.0, start: int = 0, state: State = "confirmed"
-) -> list[Row]:
+def way(ys: Sequence[float], track_id: int = 1, x: float = 1.0, start: int = 0, state: State = "confirmed"):
     return [(start + i, track_id, x, float(y), state) for i, y in enumerate(ys)]
 
 

@@ -34,9 +34,8 @@ OVERHEAD = world_from_plane(np.array([0.0, 0.0, -1.0]), 3.0)
 
 
 def builder(**params: float | bool) -> MapBuilder:
-    return MapBuilder(
-        GEOMETRY, OVERHEAD, MapParams.model_validate({"smoothing_m": 0.0, "occupancy_min": 0.0, **params})
-    )
+    exact = {"smoothing_m": 0.0, "occupancy_min": 0.0}
+    return MapBuilder(GEOMETRY, OVERHEAD, MapParams.model_validate(exact | params))
 
 
 def flat(depth_m: float) -> np.ndarray:

@@ -95,9 +95,7 @@ def test_finished_run_tells_finished_from_unfinished(tmp_path):
     assert finished_run(tmp_path) == RunInfo(input="x", finished=True)
 
 
-def test_a_frame_that_does_not_fit_on_the_disk_is_cut_off_and_the_next_follows_the_last_whole_one(
-    tmp_path, monkeypatch
-):
+def test_a_frame_that_does_not_fit_on_the_disk_is_cut_off_and_the_next_follows_the_last_whole(tmp_path, monkeypatch):
     file = FrameFile(tmp_path / "t.csv", lambda f: f.write("a,b\n"))
     file.add(lambda f: f.write("1,one\n"))
     with monkeypatch.context() as patch:
