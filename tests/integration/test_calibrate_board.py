@@ -45,7 +45,6 @@ def test_small_images_of_a_named_board_give_the_rig(kind: str, pairs: Path, tmp_
     for number in (*SIX, "02", "04"):
         for side in ("left", "right"):
             grey = cv2.imread(str(pairs / f"{side}{number}.jpg"), cv2.IMREAD_GRAYSCALE)
-
             small = cv2.resize(grey, (320, 240), interpolation=cv2.INTER_AREA)
             stored = cv2.cvtColor(small, cv2.COLOR_GRAY2BGRA) if kind == "RGBA" else small.astype(np.uint16) * 16
             cv2.imwrite(str(tmp_path / f"{side}_{number}.png"), stored)

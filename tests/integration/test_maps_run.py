@@ -51,7 +51,6 @@ def test_maps_built_from_the_recording_are_those_of_the_run(live, engine):
     assert len(again) == len(live[1]) == FRAMES
     for before, after in zip(live[1], again, strict=True):
         old, new = before.observation.maps, after.observation.maps
-
         np.testing.assert_array_equal(new.height, old.height, strict=True)
         np.testing.assert_array_equal(new.occupancy, old.occupancy, strict=True)
         for name in ("xyz", "area", "pixels", "colours"):

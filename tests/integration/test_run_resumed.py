@@ -55,7 +55,6 @@ def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(engine, tmp_path,
     with pytest.raises(StoppedError):
         run(engine, stopped, options_with(rules), [MapsLog(engine, folder_of(stopped) / "maps.h5")], stop_at(frame))
     assert read_run_info(stopped / "run.json").state == "interrupted"
-
     options, told = options_with(rules), []
     checkpoint = checkpoint_of(stopped, run_identity(engine, options, ["MapsLog"]), told.append)
     log = MapsLog(engine, stopped / "maps.h5", checkpoint.written["logs"]["MapsLog"])

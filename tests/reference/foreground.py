@@ -85,7 +85,6 @@ def update(
     slow = np.where(feedback == PERSON, F32(0), np.where(m.activity > s.active, s.slow_active, F32(1)))
     rate_w = np.where(feedback == BACKGROUND, rates.fast, rates.weight * slow)
     rate_m = np.where(feedback == BACKGROUND, rates.fast, rates.mean * slow)
-
     kinds = np.stack([_match_kind(m, k, o, s) for k in range(len(m.weight))])
     matched = (kinds > 0) & (m.weight > 0)
     matched[0] = kinds[0] > 0

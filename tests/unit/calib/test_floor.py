@@ -209,7 +209,6 @@ def test_world_file_keeps_every_digit(tmp_path: Path) -> None:
     save_world(floor, tmp_path / "world.toml")
     read = load_world(tmp_path / "world.toml")
     np.testing.assert_array_equal(read.world_SE3_left.matrix, floor.world_SE3_left.matrix)
-
     np.testing.assert_array_equal(read.covariance, np.diag([1e-4, 2e-5, 3e-5]))
     assert (read.inlier_fraction, read.extent_m) == (0.4, (-1.0, 0.5, 2.0, 4.0))
 

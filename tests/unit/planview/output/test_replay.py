@@ -36,7 +36,6 @@ def ellipses(street: Path, tmp_path: Path) -> Path:
     video = tmp_path / "street"
     for n, file in enumerate(sorted(video.glob("*.png"))):
         image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
-
         image[:] = 90
         if n >= 8:
             image[40:90, 30 + 2 * n : 48 + 2 * n] = 250

@@ -207,7 +207,6 @@ def test_room_fills_with_twelve_people_who_all_leave() -> None:
 
 def test_middle_of_a_standing_person_on_the_zone_is_in_the_image() -> None:
     drawn = random_conference(2)
-
     corners = np.array(drawn.zone_m)
     u, v = ground_camera(drawn.scene.camera).project(np.column_stack([corners, np.full(len(corners), 0.8)])).T
     assert ((u >= 0) & (u < 320) & (v >= 0) & (v < 240)).all()
