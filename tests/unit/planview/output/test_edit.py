@@ -56,12 +56,12 @@ def test_edits_of_a_list_are_applied_in_its_order(run: Path, say: Say) -> None:
     assert (set(tracks.track_id.tolist()), int(tracks.frame.max())) == ({2, 5}, 9)
 
 
-def test_nothing_to_undo_unfinished_runs_and_refinement_over_edits_are_refused(run, say):
+def test_nothing_to_undo_refinement_over_edits_and_unfinished_runs_are_refused(run: Path, say: Say) -> None:
+    assert say("edit", run, "--undo")[0] == 2
     say("edit", run, "--delete", "2")
     assert "its tracks were edited" in say("edit", run, "--refine")[1]
-    assert say("edit", run, "--undo")[0] == 2
     write_run_info(RunInfo(state="interrupted"), run / "run.json")
-    assert "expected the folder of a finished run" in say("edit", run, "--delete", "2")[1]
+    assert "expected the folder of a finished run" in say("edit", run, "--delete", "1")[1]
 
 
 def test_export_and_count_take_regions(run: Path, say: Say, json_of: JsonOf) -> None:
