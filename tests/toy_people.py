@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.pose import SE3
 from calib.types import F32, F64, U8
-from planview.maps.pixels import NO_DEPTH, SURFACE, PixelRays, SeenPixels
+from planview.maps.pixels import SURFACE, PixelRays, SeenPixels
 from planview.tracking.base import Observation
 from planview.tracking.body import TORSO, body_table
 from stereo.depth import RectifiedGeometry
@@ -60,9 +60,3 @@ def seen_body(rays: PixelRays, person: tuple[float, float, float]) -> tuple[F64,
 def observed(frame: int, timestamp_s: float, *views: SeenPixels) -> Observation:
     """An observation of what cameras saw."""
     return Observation(frame, timestamp_s, views=views)
-
-
-def without_depth(seen: SeenPixels) -> SeenPixels:
-    """The same, but the surface has no disparity."""
-    kind = np.where(seen.kind == SURFACE, NO_DEPTH, seen.kind).astype(np.uint8)
-    return SeenPixels(seen.rays, kind, seen.range_m, seen.colour)

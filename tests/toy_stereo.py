@@ -83,10 +83,7 @@ class ToyWorld:
         """Left and right grey images."""
         right = self.world_SE3_left @ rig.right_SE3_left.inverse()
         rng = np.random.default_rng((self.seed, frame))
-        return (
-            self._image(rig.left, self.world_SE3_left, cards, rng),
-            self._image(rig.right, right, cards, rng),
-        )
+        return (self._image(rig.left, self.world_SE3_left, cards, rng), self._image(rig.right, right, cards, rng))
 
     def _image(self, camera: Camera, world_SE3_camera: SE3, cards: tuple[Card, ...], rng: np.random.Generator) -> U8:
         rays = _rays(camera) @ world_SE3_camera.rotation.T

@@ -52,19 +52,8 @@ from stereo.readers import open_any, open_recording
 
 SECONDS, MEMORY = 10, 4 << 30
 NUMBERS = (
-    "0",
-    "-1",
-    "1e-9",
-    "-1e6",
-    "1e9",
-    "5e8",
-    "1e308",
-    "1e999999",
-    "nan",
-    "inf",
-    "-2147483648",
-    "99999999999999999999",
-)
+    "0", "-1", "1e-9", "-1e6", "1e9", "5e8", "1e308", "1e999999", "nan", "inf", "-2147483648", "99999999999999999999",
+)  # fmt: skip
 WORDS = (*NUMBERS, '"x"', "[]", "{}", "", "0001-01-01 00:00:00", "9999-12-31 23:59:59", "true", "a.b", "\0", "\xff")
 EXTREMES = (0, 1, -1, 255, 1e-9, 1e9, -1e9, 5e8, 2**31 - 1, 2**62, np.nan, np.inf, -np.inf, 1e300)
 
@@ -75,9 +64,8 @@ def damaged_text(text: str, rng: random.Random) -> str:
         words = [at for at in range(len(text)) if text[at].isalnum() and (at == 0 or not text[at - 1].isalnum())] or [0]
         start = rng.choice(words)
         stop = start + next((n for n, c in enumerate(text[start:]) if not (c.isalnum() or c in ".-+_")), 1)
-        new = rng.choice(
-            (rng.choice(WORDS), text[start:stop] * 2, "", rng.choice(WORDS) + "\n", "." * rng.choice((1, 4000)))
-        )
+        others = (rng.choice(WORDS), text[start:stop] * 2, "", rng.choice(WORDS) + "\n", "." * rng.choice((1, 4000)))
+        new = rng.choice(others)
         text = text[:start] + new + text[stop:]
     return text
 
@@ -266,12 +254,8 @@ def try_checkpoint(folder: Path, rng: random.Random) -> None:
             block[rng.randrange(len(block)) :][:8] = rng.choice((0, 1, 127, 255))
         else:
             damage_value(document[rng.choice(("written", "roots", "nodes", "nodes", "nodes"))], rng)
-    write_checkpoint(
-        out,
-        Checkpoint(
-            found.identity, document["written"], Encoded(document["roots"], document["nodes"], found.memory.blocks)
-        ),
-    )
+    memory = Encoded(document["roots"], document["nodes"], found.memory.blocks)
+    write_checkpoint(out, Checkpoint(found.identity, document["written"], memory))
     run_to(originals() / name, out, -1, checkpoint_of(out, found.identity, lambda _: None))
 
 
@@ -355,12 +339,8 @@ def main() -> None:
                 found = in_a_process(kind, seed, Path(place) / "log")
                 counts[found] += 1
                 if found not in ("read", "refused"):
-                    print(
-                        f"{kind} {seed}: {found}",
-                        *(Path(place) / "log").read_text().splitlines()[-3:],
-                        sep="\n  ",
-                        flush=True,
-                    )
+                    told = (Path(place) / "log").read_text().splitlines()[-3:]
+                    print(f"{kind} {seed}: {found}", *told, sep="\n  ", flush=True)
             print(kind, dict(counts), flush=True)
     shutil.rmtree(originals())
 

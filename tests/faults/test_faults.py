@@ -6,13 +6,12 @@ import shutil
 from pathlib import Path
 
 import pytest
-from faults.damage import FRAMES, Fault
+from faults.damage import FRAMES
 from faults.faults import FAULTS
 from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
 
 from calib.rig import Floor
 from calib.world import save_world
-from planview.cli import main
 from planview.output.folder import read_run_info
 from planview.trajectories.table import read_tracks
 
@@ -36,30 +35,21 @@ def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("planview.output.report.page.write_report", lambda folder: None)
 
 
-def told_by(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str]:
-    try:
-        main([str(word) for word in words])
-    except SystemExit as left:
-        return int(left.code or 0), capsys.readouterr().err
-    return 0, capsys.readouterr().err
-
-
-def test_there_are_at_least_sixty_faults() -> None:
+def test_there_are_at_least_sixty_faults():
     assert len({fault.name for fault in FAULTS}) == len(FAULTS) >= 60
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
-def test_fault(fault: Fault, good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_fault(fault, good, tmp_path, say):
     recording, out = tmp_path / "recording", tmp_path / "out"
     shutil.copytree(good, recording)
     out.mkdir()
     (out / "notes.txt").write_text(NOTES)
     fault.damage(recording)
     words = [word.replace("{}", str(recording)) for word in fault.words]
-    status, told = told_by(capsys, "run", recording, "--out", out, *FEW, *words)
+    status, told = say("run", recording, "--out", out, *FEW, *words)
     assert status == fault.status, told
-    assert "Traceback" not in told
-    assert (out / "notes.txt").read_text() == NOTES
+    assert "Traceback" not in told and (out / "notes.txt").read_text() == NOTES
     sentences = [line for line in told.splitlines() if line.startswith("planview: ")]
     if fault.status:
         assert len(sentences) == 1 and re.search(fault.says, sentences[0]), told
@@ -74,27 +64,25 @@ def test_fault(fault: Fault, good: Path, tmp_path: Path, capsys: pytest.CaptureF
     read_tracks(out / "tracks.csv")
 
 
-def test_good_recording_runs_without_a_warning(good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    status, told = told_by(capsys, "run", good, "--out", tmp_path / "out", "--strict", *FEW)
+def test_good_recording_runs_without_a_warning(good, tmp_path, say):
+    status, told = say("run", good, "--out", tmp_path / "out", "--strict", *FEW)
     assert status == 0, told
     info = read_run_info(tmp_path / "out" / "run.json")
     assert info.warnings == [] and info.frames_read == FRAMES
 
 
 @pytest.mark.parametrize("name", ["caf\udce9", "a\x1b]0;owned\x07b", "[red]x[/]", "-x y"], ids=ascii)
-def test_folder_names_of_any_kind_run_and_stay_text(
-    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
+def test_folder_names_of_any_kind_run_and_stay_text(good, tmp_path, say, name):
     shutil.copytree(good, tmp_path / name)
-    status, told = told_by(capsys, "run", tmp_path / name, "--out", tmp_path / f"{name}-out", *FEW)
+    status, told = say("run", tmp_path / name, "--out", tmp_path / f"{name}-out", *FEW)
     assert status == 0, told
     assert "\x1b]" not in told and "\x07" not in told
     assert read_run_info(tmp_path / f"{name}-out" / "run.json").finished
 
 
-def test_finished_run_survives_every_refusal(good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_finished_run_survives_every_refusal(good, tmp_path, say):
     out = tmp_path / "out"
-    assert told_by(capsys, "run", good, "--out", out, *FEW)[0] == 0
+    assert say("run", good, "--out", out, *FEW)[0] == 0
     before = {file.name: file.read_bytes() for file in out.iterdir()}
     recording = tmp_path / "recording"
     shutil.copytree(good, recording)
@@ -108,6 +96,6 @@ def test_finished_run_survives_every_refusal(good: Path, tmp_path: Path, capsys:
         ("run", os.devnull, "--out", out, "--set", "run.overwrite=true"),
     ]
     for words in refused:
-        status, told = told_by(capsys, *words)
+        status, told = say(*words)
         assert status == 2 and told.startswith("planview: "), told
     assert {file.name: file.read_bytes() for file in out.iterdir()} == before

@@ -5,7 +5,6 @@
 """
 
 import random
-import sqlite3
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -233,17 +232,6 @@ def test_maps_that_are_damaged_are_refused(folder: Path, seed: int, steps: int) 
     assert sentence and is_clear(sentence, "maps.h5")
 
 
-def test_database_with_foreign_tables_is_refused(tmp_path: Path) -> None:
-    base = sqlite3.connect(tmp_path / "a.sqlite")
-    base.execute("create table trajectory_data (frame blob, id text)")
-    base.execute("insert into trajectory_data values (x'ff', 'a')")
-    base.commit()
-    base.close()
-    with pytest.raises(InputError):
-        load_file(tmp_path / "a.sqlite")
-
-
 def test_every_export_format_is_fuzzed() -> None:
     names: list[ExportName] = list(EXPORTS)
-    assert set(names) <= {name for name, _ in trajectories()}
-    assert len(calibrations()) >= len(FORMATS) - 1
+    assert set(names) <= {name for name, _ in trajectories()} and len(calibrations()) >= len(FORMATS) - 1

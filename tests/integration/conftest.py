@@ -8,6 +8,7 @@ from short_clip import write_short_clip
 from toy_run import EMPTY, FEW, FRAMES, Pair, write_world
 from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
 
+from calib.world import RigEntry, save_rigs
 from planview.engine.config import load_config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine
@@ -43,4 +44,14 @@ def copy(recording: Path, engine: Engine, tmp_path: Path) -> Path:
     folder = tmp_path / "copy"
     shutil.copytree(recording, folder)
     write_world(engine, folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def heads(recording: Path, engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two heads at one place that record the same."""
+    folder, pose = tmp_path_factory.mktemp("heads"), engine.stereo.floor.world_SE3_left
+    for name in ("left_one", "right_one"):
+        shutil.copytree(recording, folder / name)
+    save_rigs([RigEntry("left_one", pose), RigEntry("right_one", pose)], folder / "rigs.toml")
     return folder

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from say import JsonOf, Refused
+from toy_recordings import write_frames
 
 from calib.formats import load_rig
 
@@ -31,15 +32,12 @@ SIX = ("01", "03", "05", "07", "09", "13")
 def test_opencv_pairs_reach_the_accuracy_asked(pairs: Path, tmp_path: Path, json_of: JsonOf) -> None:
     out = tmp_path / "rig.toml"
     result = json_of("calibrate", "board", pairs, "--square", "25mm", "--out", out)
-    assert result["stereo_rms_px"] <= 0.25
-    assert result["views_used"] == 13
-    assert result["views_rejected"] == []
+    assert result["stereo_rms_px"] <= 0.25 and result["views_used"] == 13 and result["views_rejected"] == []
     assert result["baseline_m"] / 0.025 == pytest.approx(3.34, rel=0.01)
     assert load_rig(out, (640, 480)).baseline_m == pytest.approx(result["baseline_m"])
     assert load_rig(tmp_path / "rig.yml", (640, 480)).baseline_m == pytest.approx(result["baseline_m"])
     page = (tmp_path / "rig.html").read_text()
-    assert page.count("data:image/") == 3
-    assert "://" not in page
+    assert page.count("data:image/") == 3 and "://" not in page
 
 
 @pytest.mark.parametrize("kind", ["RGBA", "12 bits in 16"])
@@ -47,14 +45,12 @@ def test_small_images_of_a_named_board_give_the_rig(kind: str, pairs: Path, tmp_
     for number in (*SIX, "02", "04"):
         for side in ("left", "right"):
             grey = cv2.imread(str(pairs / f"{side}{number}.jpg"), cv2.IMREAD_GRAYSCALE)
-            assert grey is not None
             small = cv2.resize(grey, (320, 240), interpolation=cv2.INTER_AREA)
             stored = cv2.cvtColor(small, cv2.COLOR_GRAY2BGRA) if kind == "RGBA" else small.astype(np.uint16) * 16
             cv2.imwrite(str(tmp_path / f"{side}_{number}.png"), stored)
     out = ("--board", "9x6", "--square", "25mm", "--model", "brown", "--out", tmp_path / "rig.toml")
     result = json_of("calibrate", "board", tmp_path, *out)
-    assert result["views_used"] == 8
-    assert result["stereo_rms_px"] < 0.15
+    assert result["views_used"] == 8 and result["stereo_rms_px"] < 0.15
     assert result["baseline_squares"] == pytest.approx(3.34, rel=0.01)
 
 
@@ -70,8 +66,7 @@ def test_swapped_images_are_refused(pairs: Path, tmp_path: Path, refused: Refuse
             shutil.copy(pairs / f"{side}{number}.jpg", tmp_path / f"{other}{number}.jpg")
     words = ("--square", "25mm", "--model", "brown", "--out", tmp_path / "o" / "r.toml")
     said = refused("calibrate", "board", tmp_path, *words)
-    assert "left and right are swapped" in said
-    assert not (tmp_path / "o" / "r.toml").exists()
+    assert "left and right are swapped" in said and not (tmp_path / "o" / "r.toml").exists()
 
 
 def test_too_few_blank_mixed_and_unreadable_images_are_refused(pairs: Path, tmp_path: Path, refused: Refused) -> None:
@@ -80,9 +75,8 @@ def test_too_few_blank_mixed_and_unreadable_images_are_refused(pairs: Path, tmp_
     assert "found 2 of 2" in refused("calibrate", "board", few, *out)
     mixed = copy(pairs, tmp_path / "mixed", SIX[:3])
     cv2.imwrite(str(mixed / "right03.jpg"), np.zeros((240, 320), np.uint8))
-    assert "expected images of one size, 640x480, found 320x240 in left03.jpg right03.jpg" in refused(
-        "calibrate", "board", mixed, *out
-    )
+    sizes = "expected images of one size, 640x480, found 320x240 in left03.jpg right03.jpg"
+    assert sizes in refused("calibrate", "board", mixed, *out)
     blank = tmp_path / "blank"
     blank.mkdir()
     for name in ("left1.png", "right1.png"):
@@ -92,20 +86,12 @@ def test_too_few_blank_mixed_and_unreadable_images_are_refused(pairs: Path, tmp_
     assert "left1.png cannot be decoded" in refused("calibrate", "board", blank, *out)
 
 
-def test_square_without_unit_is_refused(pairs: Path, refused: Refused) -> None:
-    assert "found '25' without one: type --square 25mm" in refused("calibrate", "board", pairs, "--square", "25")
-
-
 def test_pairs_side_by_side_in_a_video_give_the_same_rig(pairs: Path, tmp_path: Path, json_of: JsonOf) -> None:
     frames = [
         np.hstack([cv2.imread(str(pairs / f"{side}{n}.jpg")) for side in ("left", "right")])
         for n in (*SIX, "02", "04", "06", "11", "12")
     ]
-    writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (1280, 480))
-    for frame in frames:
-        writer.write(frame)
-    writer.release()
+    write_frames(tmp_path / "v.avi", frames)
     out = str(tmp_path / "rig.toml")
     result = json_of("calibrate", "board", tmp_path / "v.avi", "--square", "25mm", "--model", "brown", "--out", out)
-    assert result["baseline_m"] / 0.025 == pytest.approx(3.34, rel=0.01)
-    assert result["views_used"] >= 10
+    assert result["baseline_m"] / 0.025 == pytest.approx(3.34, rel=0.01) and result["views_used"] >= 10

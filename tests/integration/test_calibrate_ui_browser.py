@@ -98,9 +98,7 @@ def draw(browser: Browser, picture: Picture, sample: HumanSample, number: int) -
         browser.wait(f"return document.body.innerText.includes('{then}')")
 
 
-def test_people_drawn_with_the_mouse_become_a_camera(
-    browser: Browser, page: str, people: list[HumanSample], tmp_path: Path
-) -> None:
+def test_people_drawn_with_the_mouse_become_a_camera(browser, page, people, tmp_path):
     browser.open(page)
     browser.wait("return document.querySelector('.pv-stage img')?.naturalWidth > 0 && document.body.dataset.zoom")
     picture = Picture(browser)
@@ -140,7 +138,7 @@ def _zoom_select_delete(browser: Browser, picture: Picture, people: list[HumanSa
     browser.wait("return !document.querySelector('.pv-side').innerText.includes('solving')")
 
 
-def test_port_in_use_is_one_sentence(tmp_path: Path) -> None:
+def test_port_in_use_is_one_sentence(tmp_path):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

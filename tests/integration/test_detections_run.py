@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+from toy_recordings import write_frames
 
 import planview
 from calib.errors import InputError
@@ -20,10 +20,7 @@ PERSON = CAMERA.project(np.array([(0.0, 6.0, 0.0), (0.0, 6.0, 1.75)]))
 @pytest.fixture
 def video(tmp_path: Path) -> Path:
     path = tmp_path / "street.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, CAMERA.size)
-    for _ in range(20):
-        writer.write(np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8))
-    writer.release()
+    write_frames(path, [np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8)] * 20)
     save_ground_camera(CAMERA, tmp_path / "camera.toml")
     return path
 
@@ -40,9 +37,7 @@ def box() -> list[float]:
     return [u - 0.15 * height, top, 0.3 * height, height]
 
 
-def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(
-    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(video, tmp_path, capsys):
     rows = "".join(f"{i},-1,{','.join(map(str, box()))},1\n" for i in range(1, 21))
     (tmp_path / "det.txt").write_text(rows)
     truth = "".join(f"{i},0.0,6.0,1.75,7\n" for i in range(20))
@@ -56,22 +51,20 @@ def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(
     scored = ["evaluate", str(out / "tracks.csv"), str(tmp_path / "truth.csv"), "--benchmark"]
     assert status(scored) == 0
     told = capsys.readouterr().out
-    assert "idf1" in told and "continuity" in told
-    assert status([*scored, "--json"]) == 0
+    assert "idf1" in told and "continuity" in told and status([*scored, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["benchmark"]["continuity"] > 0.5
     assert status([*scored, "--boxes"]) == 2
     capsys.readouterr()
-    assert status(["replay", str(out), "--frame", "5"]) == 2
-    assert "--detections" in capsys.readouterr().err
+    assert status(["replay", str(out), "--frame", "5"]) == 2 and "--detections" in capsys.readouterr().err
 
 
-def test_python_takes_an_array_per_frame(video: Path, tmp_path: Path) -> None:
+def test_python_takes_an_array_per_frame(video, tmp_path):
     boxes = [np.array([box()])] * 20
     tracks = planview.run(video, detections=boxes, camera=tmp_path / "camera.toml")
     last = tracks.frame == 19
     assert tracks.y_m[last] == pytest.approx([6.0], abs=0.3)
 
 
-def test_boxes_beyond_the_video_are_refused(video: Path) -> None:
+def test_boxes_beyond_the_video_are_refused(video):
     with pytest.raises(InputError, match="found frame 21"):
         planview.open_engine(video, detections=[np.array([box()])] * 21)

@@ -1,13 +1,14 @@
-"""Every program of ``examples/`` runs, on a part of the committed clip."""
+"""Every program of examples/ and of the README runs, on a part of the committed clip."""
 
 import json
+import re
 import runpy
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from short_clip import ROOT
+from short_clip import KEPT, ROOT
 
 EXAMPLES = ROOT / "examples"
 FRAMES = 22
@@ -62,3 +63,21 @@ def test_cells_of_the_notebook_run_in_order(short_clip: Path, monkeypatch: pytes
             exec(compile(source, cell["id"], "exec"), names)
     assert names["scores"]["switches"] == 0
     assert set(names["table"].columns) >= {"frame", "id", "x_m", "y_m", "state"}
+
+
+def examples() -> list[str]:
+    readme = ROOT / "README.md"
+    return re.findall(r"^```python\n(.*?)^```", readme.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+
+
+def test_the_readme_has_an_example():
+    assert examples()
+
+
+@pytest.mark.parametrize("example", examples())
+def test_the_example_prints_people(example, short_clip, monkeypatch, capsys):
+    monkeypatch.chdir(short_clip)
+    exec(compile(example, "README.md", "exec"), {"__name__": "__main__"})
+    rows = [[float(word) for word in line.split()] for line in capsys.readouterr().out.splitlines()]
+    assert len(rows) > 5
+    assert all(12 <= frame < len(KEPT) and person >= 1 and 0 < y < 9 for frame, person, _, y in rows)

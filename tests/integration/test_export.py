@@ -1,4 +1,4 @@
-"""``planview export``, and the programs that read what it writes."""
+"""``planview export``, of tracks for other programs and of the scene."""
 
 from pathlib import Path
 
@@ -7,6 +7,8 @@ import pytest
 from say import JsonOf, Refused, Say
 
 from planview.cli import main
+from planview.engine.engine import Engine
+from planview.engine.setup import scene_cloud, set_up
 from planview.trajectories.formats import load_file
 from planview.trajectories.table import positions_table, write_table
 
@@ -36,8 +38,7 @@ def test_pedpy_computes_density_and_fundamental_diagram_from_an_export(say: Say,
     assert trajectory.frame_rate == FPS
     expected = load_file(tracks).table
     loaded = trajectory.data.sort_values(["frame", "id"])
-    assert np.abs(loaded.x - expected.x_m).max() < 1e-3
-    assert np.abs(loaded.y - expected.y_m).max() < 1e-3
+    assert np.abs(loaded.x - expected.x_m).max() < 1e-3 and np.abs(loaded.y - expected.y_m).max() < 1e-3
     measured = pedpy.MeasurementArea("POLYGON ((-1 4, 1 4, 1 6, -1 6, -1 4))")
     density = pedpy.compute_classic_density(traj_data=trajectory, measurement_area=measured)
     assert density.density.max() == pytest.approx(1.0)
@@ -72,8 +73,7 @@ def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(say: S
 def test_evaluate_reads_exports_as_tracks_and_as_truth(to: str, say: Say, tracks: Path, json_of: JsonOf) -> None:
     out = tracks.with_name("export")
     assert say("export", tracks, "--to", to, "--out", out)[0] == 0
-    assert json_of("evaluate", tracks, out)["mota"] == 1.0
-    assert json_of("evaluate", out, out)["idf1"] == 1.0
+    assert json_of("evaluate", tracks, out)["mota"] == 1.0 and json_of("evaluate", out, out)["idf1"] == 1.0
 
 
 def test_count_reads_an_export(say: Say, tracks: Path, json_of: JsonOf) -> None:
@@ -109,3 +109,20 @@ def test_samples_of_other_programs_have_their_rows_and_rates(shared_data: Path) 
     }
     loaded = {name: load_file(shared_data / "recordings" / name) for name in files}
     assert {name: (len(file.table), file.fps) for name, file in loaded.items()} == files
+
+
+def test_most_points_of_an_empty_room_lie_on_its_floor(engine: Engine) -> None:
+    cloud = scene_cloud(engine.recording, set_up(engine.recording, engine.config), engine.config)
+    assert cloud.points_m.shape == cloud.colours.shape and np.median(np.abs(cloud.points_m[:, 2])) < 0.03
+
+
+def test_cloud_of_a_recording_is_a_ply_file(say: Say, recording: Path, tmp_path: Path) -> None:
+    pytest.importorskip("open3d")
+    status, told = say("export", recording, "--cloud", tmp_path / "new" / "scene.ply")
+    assert status == 0, told
+    assert (tmp_path / "new" / "scene.ply").read_bytes()[:3] == b"ply"
+
+
+@pytest.mark.parametrize("words", [["--cloud", "scene.txt"], [], ["--cloud", "a.ply", "--to", "csv"]])
+def test_export_without_a_known_format_is_refused(refused: Refused, recording: Path, words: list[str]) -> None:
+    assert "expected" in refused("export", recording, *words)

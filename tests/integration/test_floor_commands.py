@@ -40,8 +40,7 @@ def test_check_and_calibration_find_the_floor_of_a_run(small: Path, json_of: Jso
     assert evidence is not None and evidence.floor is not None
     assert evidence.floor.world_SE3_left.matrix.tolist() == of_run.world_SE3_left.matrix.tolist()
     printed = json_of("calibrate", "floor", small)
-    assert printed["height_m"] == of_run.height_m
-    assert printed["inlier_fraction"] == of_run.inlier_fraction
+    assert printed["height_m"] == of_run.height_m and printed["inlier_fraction"] == of_run.inlier_fraction
 
 
 def test_configured_search_is_that_of_the_run() -> None:
@@ -50,17 +49,13 @@ def test_configured_search_is_that_of_the_run() -> None:
     assert (search.frames, search.sgbm, search.floor, search.range) == (4, config.sgbm, config.floor, config.range)
 
 
-def test_nothing_is_written_without_a_place_to_write_to(small: Path, json_of: JsonOf) -> None:
+def test_nothing_is_written_without_a_place_to_write_to_and_how_to_keep_it_is_said(say, small, json_of):
     before = files(small)
     found = json_of("calibrate", "floor", small, "--frames", 2)
-    assert found.keys() >= KEYS
-    assert found["height_m"] == pytest.approx(HEIGHT_M, abs=0.05)
+    assert found.keys() >= KEYS and found["height_m"] == pytest.approx(HEIGHT_M, abs=0.05)
     assert found["world"] is None
-    assert files(small) == before
-
-
-def test_floor_that_is_only_printed_says_how_to_keep_it(say: Say, small: Path) -> None:
     assert "--save keeps this floor" in " ".join(say("calibrate", "floor", small, "--frames", 2)[1].split())
+    assert files(small) == before
 
 
 def test_out_writes_the_floor_and_its_picture_there(say: Say, small: Path, tmp_path: Path) -> None:
@@ -68,8 +63,7 @@ def test_out_writes_the_floor_and_its_picture_there(say: Say, small: Path, tmp_p
     status, told = say("calibrate", "floor", small, "--frames", 2, "--out", tmp_path / "new" / "world.toml")
     assert status == 0, told
     assert load_world(tmp_path / "new" / "world.toml").height_m == pytest.approx(HEIGHT_M, abs=0.05)
-    assert files(tmp_path / "new") == {"world.toml", "world.png"}
-    assert files(small) == before
+    assert files(tmp_path / "new") == {"world.toml", "world.png"} and files(small) == before
 
 
 def test_save_gives_the_recording_a_floor_that_runs_take(say: Say, own: Path) -> None:
@@ -78,14 +72,11 @@ def test_save_gives_the_recording_a_floor_that_runs_take(say: Say, own: Path) ->
     assert set_up(open_recording(own), load_config()).floor_source == "world.toml"
 
 
-def test_points_in_metres_give_their_plane(small: Path, json_of: JsonOf) -> None:
+def test_points_in_metres_give_their_plane_and_in_pixels_lie_on_the_floor_by_their_depth(small, json_of):
     words = ["--points", "1,2,3", "2,2,3", "1,2,5", "--frames", "1"]
     found = json_of("calibrate", "floor", small, *words)
     assert (found["height_m"], found["tilt_deg"], found["roll_deg"]) == pytest.approx((2.0, 90.0, 0.0), abs=1e-6)
     assert found["inlier_fraction"] is None
-
-
-def test_points_in_pixels_lie_on_the_floor_by_their_depth(small: Path, json_of: JsonOf) -> None:
     words = ["--points", "80,200", "240,200", "160,160", "--frames", "2"]
     assert json_of("calibrate", "floor", small, *words)["height_m"] == pytest.approx(HEIGHT_M, abs=0.1)
 

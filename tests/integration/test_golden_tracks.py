@@ -3,6 +3,7 @@
 Places are the recordings' truth, rounded: tracks may change in their last digits, and better trackers pass.
 """
 
+import math
 import shutil
 from collections.abc import Sequence
 from itertools import islice
@@ -67,13 +68,13 @@ def assert_walked(
 def _nearest(tracks: Sequence[TrackState], place: tuple[float, float], in_image: bool) -> tuple[int, float]:
     """The id nearest to a place, and how far off it is."""
     assert tracks, f"expected somebody at {place}"
-    return min(((t.track_id, _apart(t, place, in_image)) for t in tracks), key=lambda found: found[1])
-
-
-def _apart(track: TrackState, place: tuple[float, float], in_image: bool) -> float:
-    left, top, width, height = track.box_px
-    x, y = (left + width / 2, top + height) if in_image else (track.x_m, track.y_m)
-    return float(((x - place[0]) ** 2 + (y - place[1]) ** 2) ** 0.5)
+    found = []
+    for track in tracks:
+        left, top, width, height = track.box_px
+        at = (left + width / 2, top + height) if in_image else (track.x_m, track.y_m)
+        found.append((math.dist(at, place), track.track_id))
+    distance, track_id = min(found)
+    return track_id, distance
 
 
 def test_demo() -> None:
@@ -116,7 +117,6 @@ def test_street_by_ellipses(shared_data: Path) -> None:
 
 def test_street_by_the_human_model(shared_data: Path, tmp_path: Path) -> None:
     size = read_image_size(PEOPLE)
-    assert size is not None
     save_ground_camera(calibrate_from_people(read_samples(PEOPLE), size, "pinhole").camera, tmp_path / "camera.toml")
     video = shared_data / "pets09-s2l1-view001" / "view001.mp4"
     tracks = confirmed(planview.open_engine(video, "human-model", camera=tmp_path / "camera.toml"), 15)

@@ -1,33 +1,17 @@
 """``planview run`` on a recording of several heads."""
 
 import math
-import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
-from say import Refused, Say
 from toy_run import EMPTY, FEW, run_few
 
-from calib.world import RigEntry, save_rigs
-from planview.engine.engine import Engine
 from planview.engine.open import open_engine
 from planview.output.folder import read_run_info
 from planview.trajectories.table import read_tracks
 
 
-@pytest.fixture(scope="module")
-def heads(recording: Path, engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two heads at one place that record the same."""
-    folder = tmp_path_factory.mktemp("heads")
-    for name in ("left_one", "right_one"):
-        shutil.copytree(recording, folder / name)
-    pose = engine.stereo.floor.world_SE3_left
-    save_rigs([RigEntry("left_one", pose), RigEntry("right_one", pose)], folder / "rigs.toml")
-    return folder
-
-
-def test_a_person_seen_by_two_heads_is_one_person(say: Say, heads: Path, engine: Engine, tmp_path: Path) -> None:
+def test_a_person_seen_by_two_heads_is_one_person(say, heads, engine, tmp_path):
     status, told = run_few(say, heads, tmp_path / "out", "--rrd")
     assert status == 0, told
     tracks = read_tracks(tmp_path / "out" / "tracks.csv")
@@ -42,7 +26,7 @@ def test_a_person_seen_by_two_heads_is_one_person(say: Say, heads: Path, engine:
         assert (x, y) == pytest.approx((alone[frame, track_id].x_m, alone[frame, track_id].y_m), abs=0.04)
 
 
-def test_a_rig_without_a_frame_is_left_out_of_that_moment(heads: Path, engine: Engine) -> None:
+def test_a_rig_without_a_frame_is_left_out_of_that_moment(heads, engine):
     together = open_engine(heads, config=engine.config)
     frames = [frame for frame, _ in zip(together.recording, range(EMPTY + 6), strict=False)]
     for frame in frames[:-2]:
@@ -56,11 +40,8 @@ def test_a_rig_without_a_frame_is_left_out_of_that_moment(heads: Path, engine: E
     assert not math.isnan(right.tracks[0].box_px[0])
 
 
-def test_maps_of_several_heads_are_not_saved_and_why(refused: Refused, heads: Path, tmp_path: Path) -> None:
+def test_maps_of_several_heads_are_not_saved_and_other_commands_ask_for_one_of_them(refused, heads, tmp_path):
     assert "several heads" in refused("run", heads, "--out", tmp_path / "out", "--set", FEW, "--maps")
-
-
-def test_other_commands_ask_for_one_of_the_heads(refused: Refused, heads: Path) -> None:
     assert "left_one" in refused("calibrate", "floor", heads)
 
 
@@ -72,7 +53,5 @@ def test_other_commands_ask_for_one_of_the_heads(refused: Refused, heads: Path) 
         (("left_one", "right_one", "--out", "left_one/rigs.toml"), "above all heads"),
     ],
 )
-def test_heads_that_cannot_be_aligned_are_refused_at_once(
-    refused: Refused, heads: Path, words: tuple[str, ...], found: str
-) -> None:
+def test_heads_that_cannot_be_aligned_are_refused_at_once(refused, heads, words, found):
     assert found in refused("calibrate", "align", *(heads / w if w[0] in "lr" else w for w in words))

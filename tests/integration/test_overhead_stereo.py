@@ -29,5 +29,4 @@ def test_two_walkers_are_followed_through_the_middle_as_they_went(shared_data: P
         assert frame[crossing + 1] == pytest.approx(crossed_at, abs=10)
         assert np.sign(column[-1] - 0.5) == np.sign(0.5 - column[0]) == way
         # Followed for as long as they are well inside.
-        assert column.min() < 0.3 and column.max() > 0.7
-        assert np.diff(frame).max() <= 5
+        assert column.min() < 0.3 and column.max() > 0.7 and np.diff(frame).max() <= 5

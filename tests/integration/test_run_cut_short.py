@@ -7,13 +7,13 @@ import subprocess
 import sys
 import sysconfig
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from full_disk import fill_disk_after
-from say import Refused, one_sentence
+from say import one_sentence
 from toy_run import EMPTY, FEW, FRAMES, rows_in
 
 from calib.errors import WorkError
@@ -34,16 +34,13 @@ def rerun_log(engine: Engine, path: Path) -> RunLog:
     return RerunLog(engine, path)
 
 
-def test_tracks_end_with_a_whole_frame_when_the_disk_fills_up(
-    refused: Refused, copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tracks_end_with_a_whole_frame_when_the_disk_fills_up(refused, copy, tmp_path, monkeypatch):
     fill_disk_after(monkeypatch, 1500)
     out = tmp_path / "out"
     assert "no space left on the disk" in refused("run", copy, "--out", out, "--set", FEW, status=1)
     assert (out / "tracks.csv").read_bytes().endswith(b"\n")
     tracks = read_tracks(out / "tracks.csv")
-    assert 5 < len(tracks) < FRAMES - EMPTY
-    assert not read_run_info(out / "run.json").finished
+    assert 5 < len(tracks) < FRAMES - EMPTY and not read_run_info(out / "run.json").finished
     assert not (out / "report.html").exists()
 
 
@@ -60,7 +57,7 @@ def tiny_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", "-l", place], check=True)
 
 
-def test_a_disk_without_room_for_the_report_leaves_no_half_page(refused: Refused, copy: Path, tiny_disk: Path) -> None:
+def test_a_disk_without_room_for_the_report_leaves_no_half_page(refused, copy, tiny_disk):
     assert "no space left" in refused("run", copy, "--out", tiny_disk / "out", "--set", FEW, status=1)
     left = {file.name for file in (tiny_disk / "out").iterdir()}
     assert left <= {"tracks.csv", "decisions.csv", "run.json"}
@@ -68,15 +65,13 @@ def test_a_disk_without_room_for_the_report_leaves_no_half_page(refused: Refused
     read_run_info(tiny_disk / "out" / "run.json")
 
 
-def test_a_full_disk_from_the_start_is_told(refused: Refused, copy: Path, tiny_disk: Path) -> None:
+def test_a_full_disk_from_the_start_is_told(refused, copy, tiny_disk):
     (tiny_disk / "ballast").write_bytes(bytes(32 * 1024))
     assert "no space left" in refused("run", copy, "--out", tiny_disk / "out", "--set", FEW, status=1)
     assert "run.json" not in {file.name for file in (tiny_disk / "out").iterdir()}
 
 
-def test_rerun_is_stopped_before_the_disk_is_full(
-    engine: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rerun_is_stopped_before_the_disk_is_full(engine, tmp_path, monkeypatch):
     from planview.output.rerun import log as rerun_log
 
     room = iter([200 << 20] * 4 + [10 << 20] * 100)
@@ -89,9 +84,7 @@ def test_rerun_is_stopped_before_the_disk_is_full(
 
 
 @pytest.mark.parametrize(("log", "name", "room"), [(maps_log, "maps.h5", 4 << 20), (rerun_log, "run.rrd", 300_000)])
-def test_a_log_without_room_ends_the_run_in_a_sentence_and_keeps_the_tracks(
-    engine: Engine, tmp_path: Path, log: Callable[[Engine, Path], RunLog], name: str, room: int
-) -> None:
+def test_a_log_without_room_ends_the_run_in_a_sentence_and_keeps_the_tracks(engine, tmp_path, log, name, room):
     list(engine)  # numba's caches are written while there is room
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
@@ -100,14 +93,13 @@ def test_a_log_without_room_ends_the_run_in_a_sentence_and_keeps_the_tracks(
             run(engine, tmp_path, logs=[log(engine, tmp_path / name)])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    assert len(read_tracks(tmp_path / "tracks.csv"))
-    assert not read_run_info(tmp_path / "run.json").finished
+    assert len(read_tracks(tmp_path / "tracks.csv")) and not read_run_info(tmp_path / "run.json").finished
 
 
 # Interruption
 
 
-def test_interruption_leaves_valid_files_and_says_so(recording: Path, tmp_path: Path) -> None:
+def test_interruption_leaves_valid_files_and_says_so(recording, tmp_path):
     out = tmp_path / "out"
     words = ["run", str(recording), "--out", str(out), "--set", FEW, "--rrd"]
     # Slow frames, so that the signal meets the run in its middle on any machine; background jobs of a shell ignore it.
@@ -124,13 +116,11 @@ def test_interruption_leaves_valid_files_and_says_so(recording: Path, tmp_path: 
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     _, told = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert one_sentence(told) == "planview: interrupted"
+    assert process.returncode == 130 and one_sentence(told) == "planview: interrupted"
     info = read_run_info(out / "run.json")
     assert not info.finished and 0 < info.frames_read < FRAMES
     tracks = read_tracks(out / "tracks.csv")
-    assert len(tracks) >= 3 and tracks.frame.max() < FRAMES - 1
-    assert not (out / "report.html").exists()
+    assert len(tracks) >= 3 and tracks.frame.max() < FRAMES - 1 and not (out / "report.html").exists()
     assert (out / "checkpoint.npz").is_file()
     rerun = Path(sysconfig.get_path("scripts")) / "rerun"
     assert subprocess.run([rerun, "rrd", "verify", out / "run.rrd"], timeout=60).returncode == 0

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from say import Refused, Say
+from toy_recordings import write_frames
 
 from calib.ground_camera import GroundCamera, save_ground_camera
 from calib.types import U8
@@ -55,10 +56,7 @@ def cut(i: int) -> U8:
 
 
 def write_clip(path: Path, paint: Callable[[int], U8], n_frames: int) -> Path:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (160, 120))
-    for i in range(n_frames):
-        writer.write(paint(i))
-    writer.release()
+    write_frames(path, [paint(i) for i in range(n_frames)])
     return path
 
 
@@ -87,8 +85,7 @@ def run(request: pytest.FixtureRequest, say: Say, tmp_path: Path) -> Run:
 
 def test_clip_without_motion_gives_no_people_and_says_why(run: Run, tmp_path: Path) -> None:
     info, told = run(lambda i: np.full((120, 160, 3), 90, np.uint8), 20)
-    assert "nothing of a person's size moved in 20 frames" in told
-    assert info.remark.startswith("nothing")
+    assert "nothing of a person's size moved in 20 frames" in told and info.remark.startswith("nothing")
     assert len((tmp_path / "out" / "tracks.csv").read_text().splitlines()) == 1
 
 
@@ -115,27 +112,21 @@ def test_truncated_video_is_refused(refused: Refused, tmp_path: Path) -> None:
 
 def test_moving_camera_counts_nobody_and_is_told(run: Run) -> None:
     info, told = run(panned, 40)
-    assert info.people == 0
-    assert [warning.name for warning in info.warnings] == ["moving camera"]
+    assert info.people == 0 and [warning.name for warning in info.warnings] == ["moving camera"]
     assert "the whole image moves, first at" in told
 
 
 def test_scene_cut_makes_no_people_and_is_told(run: Run) -> None:
     info, _ = run(cut, 45)
-    assert info.people <= 1
-    assert [warning.name for warning in info.warnings] == ["scene cuts"]
+    assert info.people <= 1 and [warning.name for warning in info.warnings] == ["scene cuts"]
     assert "first at frame 20" in info.warnings[0].text
 
 
-def test_person_throughout_is_counted_once_by_ellipses_and_at_most_twice_by_models(
-    run: Run,
-) -> None:
+def test_person_throughout_is_counted_once_by_ellipses_and_at_most_twice_by_models(run: Run) -> None:
     info, _ = run(there_throughout, 60)
-    assert 1 <= info.people <= (1 if info.tracker == "ellipse-particle" else 2)
-    assert not info.warnings
+    assert 1 <= info.people <= (1 if info.tracker == "ellipse-particle" else 2) and not info.warnings
 
 
 def test_two_seconds_count_no_more_than_are_there(run: Run) -> None:
     info, _ = run(walked, 20)
-    assert info.people <= 1
-    assert not info.warnings
+    assert info.people <= 1 and not info.warnings

@@ -14,9 +14,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
-from say import Say
 
-from planview.engine.engine import Engine
 from planview.output.maps_log import MapsLog
 from planview.output.run import run
 
@@ -67,9 +65,7 @@ def kill_when_working(worker: subprocess.Popen[str], out: Path) -> None:
         time.sleep(0.001)
 
 
-def test_study_finishes_when_one_of_two_workers_is_killed(
-    say: Say, engine: Engine, cluster: tuple[str, list[subprocess.Popen[str]]], tmp_path: Path
-) -> None:
+def test_study_finishes_when_one_of_two_workers_is_killed(say, engine, cluster, tmp_path):
     address, workers = cluster
     (tmp_path / "live").mkdir()
     run(engine, tmp_path / "live", None, [MapsLog(engine, tmp_path / "live" / "maps.h5")])

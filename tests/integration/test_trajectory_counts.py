@@ -31,15 +31,13 @@ def read(shared_data: Path, name: str) -> Trajectories:
 
 
 @pytest.mark.parametrize(("name", "down", "up"), EXACT)
-def test_counts_of_measured_heads_are_exact(shared_data: Path, name: str, down: int, up: int) -> None:
+def test_counts_of_measured_heads_are_exact(shared_data, name, down, up):
     assert counted(read(shared_data, name)) == (down, up)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize(("name", "down", "up"), EXACT)
-def test_counts_stay_exact_with_noise_and_dropped_frames(
-    shared_data: Path, name: str, down: int, up: int, seed: int
-) -> None:
+def test_counts_stay_exact_with_noise_and_dropped_frames(shared_data, name, down, up, seed):
     tracks = read(shared_data, name)
     rng = np.random.default_rng(seed)
     noise = rng.normal(0.0, 0.10, (len(tracks), 2))
@@ -48,7 +46,7 @@ def test_counts_stay_exact_with_noise_and_dropped_frames(
     assert counted(noisy.where(~dropped[noisy.frame])) == (down, up)
 
 
-def test_bench_scores_full_marks_on_trajectories(shared_data: Path) -> None:
+def test_bench_scores_full_marks_on_trajectories(shared_data):
     if not (shared_data / "trajectories").is_dir():
         pytest.skip("the trajectories are not here")
     table = score_trajectories(shared_data / "trajectories")

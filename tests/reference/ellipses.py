@@ -29,13 +29,8 @@ def row_spans(ellipse: F64, row: int) -> tuple[float, float] | None:
     s, c = math.sin(angle), math.cos(angle)
     dy = row - y
     # (dx s + dy c)^2 / a^2 + (dx c - dy s)^2 / b^2 = 1 in dx.
-    roots = np.roots(
-        [
-            s * s / a**2 + c * c / b**2,
-            2 * dy * s * c * (1 / a**2 - 1 / b**2),
-            dy * dy * (c * c / a**2 + s * s / b**2) - 1,
-        ]
-    )
+    square, free = s * s / a**2 + c * c / b**2, dy * dy * (c * c / a**2 + s * s / b**2) - 1
+    roots = np.roots([square, 2 * dy * s * c * (1 / a**2 - 1 / b**2), free])
     if np.iscomplexobj(roots) and abs(roots.imag).max() > 0:
         return None
     return x + float(roots.real.min()), x + float(roots.real.max())

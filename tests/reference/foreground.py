@@ -85,7 +85,6 @@ def update(
     slow = np.where(feedback == PERSON, F32(0), np.where(m.activity > s.active, s.slow_active, F32(1)))
     rate_w = np.where(feedback == BACKGROUND, rates.fast, rates.weight * slow)
     rate_m = np.where(feedback == BACKGROUND, rates.fast, rates.mean * slow)
-
     kinds = np.stack([_match_kind(m, k, o, s) for k in range(len(m.weight))])
     matched = (kinds > 0) & (m.weight > 0)
     matched[0] = kinds[0] > 0
@@ -166,15 +165,9 @@ def _classify(m: Mixtures, found: np.ndarray, unclipped: np.ndarray, o: Pixels, 
 
 
 def _learn(
-    m: Mixtures,
-    found: np.ndarray,
-    kind: np.ndarray,
-    o: Pixels,
-    rate_w: np.ndarray,
-    rate_m: np.ndarray,
-    s: UpdateConstants,
-    measured: np.ndarray,
-) -> None:
+    m: Mixtures, found: np.ndarray, kind: np.ndarray, o: Pixels, rate_w: np.ndarray, rate_m: np.ndarray,
+    s: UpdateConstants, measured: np.ndarray,
+) -> None:  # fmt: skip
     frozen = (found != 0) & (rate_w <= 0)
     m.weight *= np.where(frozen, F32(1), F32(1) - rate_w)
     for k in range(len(m.weight)):
@@ -190,15 +183,9 @@ def _learn(
 
 
 def _learn_gaussian(
-    m: Mixtures,
-    k: int,
-    chosen: np.ndarray,
-    kind: np.ndarray,
-    o: Pixels,
-    rate: np.ndarray,
-    s: UpdateConstants,
-    measured: np.ndarray,
-) -> None:
+    m: Mixtures, k: int, chosen: np.ndarray, kind: np.ndarray, o: Pixels, rate: np.ndarray,
+    s: UpdateConstants, measured: np.ndarray,
+) -> None:  # fmt: skip
     rate_var = np.where(kind == 1, rate, F32(0))
     bound, clipped, same = m.var_y[k] < 0, o.y >= s.clip, kind == 1
     still = np.where(same, clipped & (bound | (m.y[k] <= s.clip)), bound)

@@ -6,17 +6,9 @@ from calib.types import F32, F64, I32, U8
 
 
 def back_project(
-    disparity: F32,
-    mask: U8,
-    disparity_min: float,
-    focal_baseline: float,
-    intrinsics: F64,
-    pose: F64,
-    height_max_m: float,
-    points: F32,
-    area: F32,
-    pixels: I32,
-) -> int:
+    disparity: F32, mask: U8, disparity_min: float, focal_baseline: float, intrinsics: F64, pose: F64,
+    height_max_m: float, points: F32, area: F32, pixels: I32,
+) -> int:  # fmt: skip
     fu, fv, cu, cv = intrinsics
     row, col = np.nonzero((mask > 0) & (disparity >= disparity_min))
     z = focal_baseline / disparity[row, col].astype(np.float64)
@@ -31,17 +23,10 @@ def back_project(
 
 
 def accumulate(
-    points: F32,
-    weight: F32,
-    height_min_m: float,
-    x_min_m: float,
-    y_min_m: float,
-    cell_m: float,
-    height: F32,
-    occupancy: F32,
-) -> None:
-    height[:] = 0.0
-    occupancy[:] = 0.0
+    points: F32, weight: F32, height_min_m: float, x_min_m: float, y_min_m: float, cell_m: float,
+    height: F32, occupancy: F32,
+) -> None:  # fmt: skip
+    height[:] = occupancy[:] = 0.0
     xy = points[:, :2].astype(np.float64)
     col = np.floor((xy[:, 0] - x_min_m) / cell_m).astype(np.int64)
     row = np.floor((xy[:, 1] - y_min_m) / cell_m).astype(np.int64)

@@ -6,19 +6,9 @@ from calib.types import F32, F64, U8, AnyArray
 
 
 def disparity_from_fixed(
-    fixed: AnyArray,
-    mask: U8,
-    right_mask: U8,
-    darkest: U8,
-    brightest: U8,
-    left: int,
-    step: int,
-    lowest: int,
-    subpixel: F32,
-    saturated_level: int,
-    texture_min: int,
-    out: F32,
-) -> None:
+    fixed: AnyArray, mask: U8, right_mask: U8, darkest: U8, brightest: U8, left: int, step: int, lowest: int,
+    subpixel: F32, saturated_level: int, texture_min: int, out: F32,
+) -> None:  # fmt: skip
     value = fixed.astype(np.int32)
     whole = value >> 4
     column = left + step * np.arange(fixed.shape[1])[None, :] - whole

@@ -8,13 +8,7 @@ from calib.types import F32, F64
 
 
 def differences(
-    template_height: F32,
-    template_occupancy: F32,
-    height: F32,
-    occupancy: F32,
-    row: int,
-    col: int,
-    one_sided: float,
+    template_height: F32, template_occupancy: F32, height: F32, occupancy: F32, row: int, col: int, one_sided: float
 ) -> tuple[float, float]:
     n = len(template_height)
     seen_height = height[row : row + n, col : col + n].astype(np.float64)
@@ -28,22 +22,10 @@ def differences(
 
 
 def search(
-    template_height: F32,
-    template_occupancy: F32,
-    height: F32,
-    occupancy: F32,
-    row: float,
-    col: float,
-    reach: int,
-    one_sided: float,
-    height_weight: float,
-    occupancy_weight: float,
-    distance_weight: float,
-    separation_weight: float,
-    separation_cells: float,
-    others: F64,
-    result: F64,
-) -> None:
+    template_height: F32, template_occupancy: F32, height: F32, occupancy: F32, row: float, col: float, reach: int,
+    one_sided: float, height_weight: float, occupancy_weight: float, distance_weight: float,
+    separation_weight: float, separation_cells: float, others: F64, result: F64,
+) -> None:  # fmt: skip
     n = len(template_height)
     rows, cols = height.shape[0] - n + 1, height.shape[1] - n + 1
     r0, c0 = min(max(round(row), 0), rows - 1), min(max(round(col), 0), cols - 1)

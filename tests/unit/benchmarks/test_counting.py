@@ -47,13 +47,10 @@ def test_tables_show_accuracy_and_occupancy_with_verdicts() -> None:
         {"room": [OccupancyGroup("0", 10, 90.0, 0.1, 0.1), OccupancyGroup("10+", 0, None, None, None)]},
     )
     table = table_of("pavement", scores)
-    assert [row.ok for row in table.crossings] == [False]
-    assert len(table.occupancy) == 1
+    assert [row.ok for row in table.crossings] == [False] and len(table.occupancy) == 1
     output = io.StringIO()
     print_counting(table, Console(file=output, width=100, markup=False))
-    assert "1+8" in output.getvalue()
-    assert "88.9" in output.getvalue()
-    assert "short" in output.getvalue()
+    assert "1+8" in output.getvalue() and "88.9" in output.getvalue() and "short" in output.getvalue()
     assert table.to_json()["occupancy"][0]["right_percent"] == 90.0
 
 
@@ -72,49 +69,36 @@ def test_passages_are_found_where_the_line_is_last_passed() -> None:
     assert passages(back) == []
 
 
-def test_bad_number_of_frames_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("word", "value", "told"), [("--frames", "0", "expected at least 1"), ("--rooms", "-1", "expected numbers from 0")]
+)
+def test_bad_numbers_of_frames_and_seeds_are_refused(capsys, word, value, told):
     with pytest.raises(SystemExit, match="2"):
-        main(["counting", "--frames", "0"])
-    assert "--frames: expected at least 1" in capsys.readouterr().err
+        main(["counting", word, value])
+    assert f"{word}: {told}" in capsys.readouterr().err
 
 
 def _table(name: str, frames: int, right: float) -> CountingTable:
     return CountingTable((), (OccupancyRow(name, "room", OccupancyGroup("3-5", frames, right, 0.1, 0.1), 97.0),))
 
 
-def test_ranges_of_all_rooms_weigh_frames_alike() -> None:
+def test_ranges_of_all_rooms_weigh_frames_alike_and_one_room_has_none():
     *rooms, together = all_rooms([_table("a", 100, 100.0), _table("b", 300, 96.0)]).occupancy
     assert [row.recording for row in rooms] == ["a", "b"]
     assert (together.group.frames, together.group.right_percent) == (400, pytest.approx(97.0))
-    assert together.ok
-
-
-def test_one_room_has_no_row_for_all_rooms() -> None:
-    assert len(all_rooms([_table("a", 100, 100.0)]).occupancy) == 1
-
-
-def test_negative_seeds_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        main(["counting", "--rooms", "-1"])
-    assert "--rooms: expected numbers from 0" in capsys.readouterr().err
-
-
-def score(true, found):
-    return ViewScore("mall", 0, "ellipse-particle", crossing_scores(true, found, 2.0), 0, 0, 0.0, 1.0)
+    assert together.ok and len(all_rooms([_table("a", 100, 100.0)]).occupancy) == 1
 
 
 def test_view_that_nobody_crosses_is_right_when_nobody_is_counted():
-    assert score([], []).strict == 1.0
+    nobody = crossing_scores([], [], 2.0)
+    assert ViewScore("mall", 0, "ellipse-particle", nobody, 0, 0, 0.0, 1.0).strict == 1.0
 
 
-def test_unknown_view_is_refused_by_name():
-    with pytest.raises(InputError, match="found 'moon'"):
-        scene_files(["moon"], VIEWS)
-
-
-def test_every_view_is_found_and_drawn():
+def test_every_view_is_found_and_drawn_and_an_unknown_one_refused():
     assert VIEWS / "bus_door.toml" in scene_files((), VIEWS)
     assert drawn_view(VIEWS / "bus_door.toml", 3).scene.people
+    with pytest.raises(InputError, match="found 'moon'"):
+        scene_files(["moon"], VIEWS)
 
 
 def test_zone_of_a_nearly_horizontal_view_is_floor():
@@ -135,25 +119,14 @@ TRUTH = "frame,timestamp_s,id,x_m,y_m,height_m,visible\n0,0,1,,,,1\n1,0.1,1,,,,1
 TRACKS = "frame,timestamp_s,id,x_m,y_m,state\n0,0,7,,,tentative\n1,0.1,7,,,confirmed\n2,0.2,7,,,confirmed\n"
 
 
-def files(tmp_path, tracks=TRACKS):
+@pytest.mark.parametrize(
+    ("tracks", "frames", "wrong", "too_few"),
+    [(TRACKS, 4, 1, 1), (TRACKS, 1, 1, 1), (TRACKS + "2,0.2,8,,,confirmed\n", 4, 2, 1)],
+    ids=["too few confirmed", "the end of the recording", "too many"],
+)
+def test_frames_with_too_few_or_too_many_tracks_are_wrong(tmp_path, tracks, frames, wrong, too_few):
     (tmp_path / "truth.csv").write_text(TRUTH)
     (tmp_path / "tracks.csv").write_text(tracks)
-    return read_tracks(tmp_path / "tracks.csv"), read_truth(tmp_path / "truth.csv")
-
-
-def test_frames_with_too_few_confirmed_tracks_are_wrong(tmp_path):
-    assert count_frames("a", *files(tmp_path), 4) == FrameCounts("a", 4, 1, 1)
-
-
-def test_frames_with_too_many_tracks_are_wrong_but_not_too_few(tmp_path):
-    counts = count_frames("a", *files(tmp_path, TRACKS + "2,0.2,8,,,confirmed\n"), 4)
-    assert (counts.wrong, counts.too_few) == (2, 1)
-    assert counts.error == pytest.approx(0.5)
-
-
-def test_frames_after_the_end_are_not_counted(tmp_path):
-    assert count_frames("a", *files(tmp_path), 1) == FrameCounts("a", 1, 1, 1)
-
-
-def test_no_frames_have_no_error():
-    assert FrameCounts("a", 0, 0, 0).error == 0.0
+    counts = count_frames("a", read_tracks(tmp_path / "tracks.csv"), read_truth(tmp_path / "truth.csv"), frames)
+    assert counts == FrameCounts("a", frames, wrong, too_few)
+    assert counts.error == wrong / frames and FrameCounts("a", 0, 0, 0).error == 0.0

@@ -1,13 +1,17 @@
-"""The challenge suite: which scenes a seed gets, what is kept in the cache, and totals."""
+"""The challenge suite, and scores of real recordings."""
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from benchmarks import pets
 from benchmarks.options import SUITE
 from benchmarks.passes import Pass
+from benchmarks.pets import nearby_camera, score_pets
+from benchmarks.real import WALKER_PATH, recordings_with_truth, score_real, truth_of
 from benchmarks.scores import totals
 from benchmarks.suite import (
     SuiteJob,
@@ -20,20 +24,17 @@ from benchmarks.suite import (
     suite,
 )
 from calib.errors import InputError
+from calib.ground_camera import GroundCamera
 from planview.engine.config import Config, load_config
 from planview.evaluation.significant import poisson_upper
-from planview.trajectories.table import positions_table
+from planview.trajectories.table import Trajectories, positions_table, read_tracks
 
 
-def test_minutes_choose_whole_scenes_by_the_seed():
+def test_minutes_choose_whole_scenes_by_the_seed_and_scenes_are_dealt_out_in_turn():
     files = sorted(SUITE.glob("*.toml"))
     few, more = chosen_files(files, 1, 2.0), chosen_files(files, 1, 5.0)
-    assert set(few) < set(more) < set(files)
-    assert chosen_files(files, 2, 2.0) != few
+    assert set(few) < set(more) < set(files) and chosen_files(files, 2, 2.0) != few
     assert chosen_files(files, 1, 60.0) == files
-
-
-def test_scenes_are_dealt_out_to_the_seeds_in_turn() -> None:
     paths = [Path(name) for name in ("c", "a", "b")]
     assert dealt_files(paths, [7, 8]) == [(7, Path("a")), (8, Path("b")), (7, Path("c"))]
 
@@ -104,10 +105,87 @@ def test_command_reports_scenes_and_seeds_as_json(challenge, recording, tmp_path
     assert json.loads((tmp_path / "suite.json").read_text())["online"]["totals"]["minutes"] == pytest.approx(8 / 60)
 
 
-def test_totals_of_nothing_are_unknown():
+def test_totals_of_nothing_are_unknown_and_minutes_must_be_positive():
     assert np.isnan(totals([]).mota)
-
-
-def test_command_refuses_minutes_that_are_not_positive():
     with pytest.raises(InputError, match="--minutes above 0"):
         suite(options=SuiteOptions(minutes=0))
+
+
+def table(*rows: tuple[int, int, float, float]) -> Trajectories:
+    """Of frame, id, x [m] and visible."""
+    frame, ids, x, visible = (np.array(column) for column in zip(*rows, strict=True))
+    return positions_table(frame, ids, np.column_stack([x, 0 * x]), timestamp_s=frame / 10, visible=visible * 1.0)
+
+
+def test_doubtful_people_are_neither_asked_for_nor_wrong_and_only_judged_frames_count():
+    truth = table((0, 1, 0.0, 1), (1, 1, 0.0, 1), (1, 2, 3.0, 0), (2, 1, 0.0, 1), (2, 2, 3.0, 0))
+    tracks = table((0, 7, 0.0, 1), (1, 7, 0.1, 1), (2, 7, 0.1, 1), (2, 8, 3.0, 1), (3, 7, 0.0, 1))
+    score = score_real("room", "template", tracks, truth, np.arange(4))
+    # Right in frames 0 to 2, in the last of which the doubtful one is found; nobody is there in frame 3.
+    assert (score.count_accuracy, score.exact_count) == (0.75, 0.5) and (score.ids, score.people) == (2, 1)
+    assert (score.evaluation.clear.misses, score.evaluation.clear.false_positives) == (0, 1)
+    score = score_real("room", "template", table((0, 7, 0.0, 1), (5, 9, 3.0, 1)), table((0, 1, 0.0, 1)), np.array([0]))
+    assert (score.frames, score.count_accuracy, score.ids) == (1, 1.0, 1)
+
+
+def test_walkers_path_has_a_second_person_to_the_right_once_both_stand(tmp_path: Path) -> None:
+    (tmp_path / WALKER_PATH).write_text("frame,x_m,z_m,height_m\n0,0.5,1,1.7\n31,0.65,0.7,1.8\n31,0.0,0.6,1.7\n")
+    truth = truth_of(tmp_path)
+    assert list(zip(truth.frame, truth.track_id, truth.visible, strict=True)) == [(0, 1, 1), (31, 1, 0), (31, 2, 0)]
+    assert truth.x_m.tolist() == [0.5, 0.0, 0.65]
+
+
+def test_recordings_are_found_by_their_truth(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"truth\.csv"):
+        recordings_with_truth(tmp_path)
+    (tmp_path / "room").mkdir()
+    (tmp_path / "room" / "truth.csv").touch()
+    assert recordings_with_truth(tmp_path) == [tmp_path / "room"]
+    with pytest.raises(InputError, match="found 'attic'"):
+        recordings_with_truth(tmp_path, ["attic"])
+
+
+ROWS = "frame,timestamp_s,id,x_m,y_m,left_px,top_px,width_px,height_px,state\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Truth of one person in ten frames; seed n misses the last n of them."""
+    (tmp_path / "gt.txt").write_text("".join(f"{i + 1},1,10,10,20,50,1,0,0,0\n" for i in range(10)))
+    (tmp_path / "view001.mp4").write_bytes(b"")
+
+    def run(_video, *, config, watch, **_options) -> Trajectories:
+        for frame in range(10):
+            watch(SimpleNamespace(frame=frame))
+        path = tmp_path / f"tracks{config.seed}.csv"
+        path.write_text(ROWS + "".join(f"{i},{i / 7:.3f},5,,,9,9,20,50,confirmed\n" for i in range(10 - config.seed)))
+        return read_tracks(path)
+
+    monkeypatch.setattr(pets, "run", run)
+    return tmp_path
+
+
+def test_spread_holds_the_scores_of_every_seed_in_order_and_one_seed_has_none(folder):
+    scores = score_pets("ellipse-particle", folder, None)
+    assert scores.spread() is None and (scores.boxes.clear.mota, scores.errors.total) == (1.0, 0)
+    scores = score_pets("ellipse-particle", folder, None, seeds=3)
+    spread = scores.spread()
+    assert scores.mota == 1.0
+    np.testing.assert_allclose(spread["mota"], [1.0, 0.9, 0.8])
+    assert spread["mota_range"] == pytest.approx(0.2)
+    assert spread["mota_deviation"] == pytest.approx(0.1 * (2 / 3) ** 0.5)
+
+
+def test_folder_without_the_sequence_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"gt\.txt"):
+        score_pets("ellipse-particle", tmp_path, None)
+
+
+def test_nearby_cameras_are_near_and_differ():
+    camera = GroundCamera(480, 360, 740.0, 7.0, 1.28)
+    near = [nearby_camera(camera, seed) for seed in (1, 2)]
+    assert near[0] != near[1]
+    for other in near:
+        assert abs(other.tilt_rad - camera.tilt_rad) <= np.radians(0.5)
+        assert other.focal_px == pytest.approx(camera.focal_px, rel=0.03)
+        assert other.height_m == pytest.approx(camera.height_m, rel=0.03)

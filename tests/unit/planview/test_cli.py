@@ -1,5 +1,6 @@
-"""The command line as a whole: help, refusals in one sentence, and what is imported when."""
+"""The command line and the public names."""
 
+import os
 import re
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import planview
 from calib.errors import InputError, WorkError
 from planview import cli
 
@@ -26,34 +28,27 @@ def status_of(argv: list[str]) -> int:
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
-def test_help_of_every_command_has_an_example(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_of_every_command_has_an_example(command, capsys):
     assert status_of([*command, "--help"]) == 0
     text = " ".join(capsys.readouterr().out.split())
-    assert "Example" in text
-    assert " ".join(["planview", *command]) in text
+    assert "Example" in text and " ".join(["planview", *command]) in text
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
-def test_an_unknown_option_is_refused_in_one_sentence(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_option_is_refused_in_one_sentence(command, capsys):
     assert status_of([*command, "--no-such-option"]) == 2
     shown = capsys.readouterr()
-    assert shown.err.startswith("planview: ")
-    assert shown.err.count("\n") == 1
-    assert shown.out == ""
+    assert shown.err.startswith("planview: ") and shown.err.count("\n") == 1 and shown.out == ""
 
 
 @pytest.mark.parametrize("argv", [["no-such-command"], ["calibrate", "no-such"], ["run"], ["run", "x", "--fps", "a"]])
-def test_wrong_usage_is_refused_in_one_sentence(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert status_of(argv) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+def test_wrong_usage_is_refused_in_one_sentence(argv, capsys):
+    assert status_of(argv) == 2 and capsys.readouterr().err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("argv", "option"), [(["run", "x", "--out", ""], "--out"), (["run", "x", "--out="], "--out"), (["run", ""], "run")]
-)
-def test_an_empty_value_is_refused_in_one_sentence(
-    argv: list[str], option: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.parametrize("argv", [["run", "x", "--out", ""], ["run", "x", "--out="], ["run", ""]])
+def test_an_empty_value_is_refused_in_one_sentence(argv, capsys):
+    option = "--out" if len(argv) > 2 else "run"
     assert status_of(argv) == 2
     assert capsys.readouterr().err == f"planview: {option}: expected a value, found an empty one\n"
 
@@ -67,37 +62,26 @@ def test_an_empty_value_is_refused_in_one_sentence(
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
 )
-def test_errors_become_one_sentence_and_a_status(
-    error: BaseException,
-    status: int,
-    sentence: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_errors_become_one_sentence_and_a_status(error, status, sentence, monkeypatch, capsys):
     def fail(*_: object, **__: object) -> None:
         raise error
 
     monkeypatch.setattr(cli, "make_app", lambda _: fail)
-    assert status_of(["run"]) == status
-    assert capsys.readouterr().err == f"planview: {sentence}\n"
+    assert status_of(["run"]) == status and capsys.readouterr().err == f"planview: {sentence}\n"
 
 
 @pytest.mark.parametrize(("name", "now"), cli.FORMER.items())
-def test_a_former_command_is_answered_with_its_new_name(
-    name: str, now: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_former_command_is_answered_with_its_new_name(name, now, capsys):
     assert status_of([name, "x"]) == 2
     assert capsys.readouterr().err == f"planview: {name}: expected its new name, {now}\n"
 
 
-def test_a_former_option_of_run_is_answered_with_what_takes_its_place(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_former_option_of_run_is_answered_with_what_takes_its_place(capsys):
     assert status_of(["run", "x", "--pace", "--out", "y"]) == 2
     assert "expected --set run.real_time=true" in capsys.readouterr().err
 
 
-def test_an_unexpected_error_becomes_one_sentence_that_names_a_file_with_the_traceback(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_an_unexpected_error_becomes_one_sentence_that_names_a_file_with_the_traceback(monkeypatch, capsys, tmp_path):
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("a\nb")
 
@@ -109,36 +93,75 @@ def test_an_unexpected_error_becomes_one_sentence_that_names_a_file_with_the_tra
     assert "Traceback" in log.read_text() and "in fail" in log.read_text()
 
 
-def test_messages_to_a_full_disk_do_not_end_the_work() -> None:
+def test_messages_to_a_full_disk_do_not_end_the_work():
     command = "import sys; from planview.cli import main; sys.argv = ['planview', 'nonsense']; main()"
     with Path("/dev/full").open("w") as full:
         done = subprocess.run([sys.executable, "-c", command], stderr=full)
     assert done.returncode == 2
 
 
-def test_the_listing_imports_nothing_heavy() -> None:
+def test_the_package_and_its_listing_import_nothing_heavy():
     program = (
-        "import sys\nfrom planview.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
-        "print('HEAVY', [m for m in ('numba', 'open3d', 'rerun', 'cv2', 'numpy', 'matplotlib') if m in sys.modules])"
+        "import sys, planview\nfrom planview.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
+        "heavy = ('numba', 'open3d', 'rerun', 'cv2', 'numpy', 'matplotlib', 'scipy', 'pydantic')\n"
+        "print('HEAVY', [m for m in heavy if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert "Track people in a recording" in done.stdout
-    assert done.stdout.rstrip().endswith("HEAVY []")
+    assert "Track people in a recording" in done.stdout and done.stdout.rstrip().endswith("HEAVY []")
 
 
-def test_run_has_at_most_fourteen_options(capsys: pytest.CaptureFixture[str]) -> None:
+def test_run_has_at_most_fourteen_options(capsys):
     assert status_of(["run", "--help"]) == 0
     shown = re.findall(r"^│ [* ]*(--\S+)", capsys.readouterr().out, re.MULTILINE)
     assert "--out" in shown and len(shown) <= 14
 
 
 @pytest.mark.parametrize("flag", ["--version", "-v"])
-def test_version_is_printed(flag: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert status_of([flag]) == 0
-    assert capsys.readouterr().out.strip()[0].isdigit()
+def test_version_is_printed(flag, capsys):
+    assert status_of([flag]) == 0 and capsys.readouterr().out.strip()[0].isdigit()
 
 
-def test_completion_knows_the_options_of_commands(capsys: pytest.CaptureFixture[str]) -> None:
+def test_completion_knows_the_options_of_commands(capsys):
     assert status_of(["completion", "bash"]) == 0
     text = capsys.readouterr().out
     assert "--overwrite" in text and "complete -F" in text
+
+
+ROOT = Path(__file__).resolve().parents[3]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+LINES = sorted({found.split("#")[0].strip() for found in re.findall(r"^planview .*", README, re.MULTILINE)})
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_a_command_of_the_readme_has_the_options_that_are_shown(line, capsys):
+    words = line.split()[1:]
+    assert status_of([*words[: 2 if words[0] == "calibrate" else 1], "--help"]) == 0
+    helped = capsys.readouterr().out
+    assert all(word in helped for word in words if word.startswith("--"))
+
+
+def test_the_readme_can_be_read_in_four_minutes():
+    assert len(README.splitlines()) <= 120
+    steps = [README.index(step) for step in ("git clone", "make demo", "activate", "planview run")]
+    assert steps == sorted(steps)
+
+
+@pytest.mark.parametrize("name", ["calib", "stereo"])
+def test_file_of_the_users_that_hides_a_package_is_named(tmp_path: Path, name: str) -> None:
+    (tmp_path / f"{name}.py").write_text("")
+    (tmp_path / "script.py").write_text("import planview\n")
+    outside = os.environ | {"PYTHONPATH": str(ROOT)}
+    told = subprocess.run([sys.executable, tmp_path / "script.py"], env=outside, capture_output=True, text=True)
+    last = told.stderr.splitlines()[-1]
+    assert str(tmp_path / f"{name}.py") in last and "rename that file" in last
+
+
+@pytest.mark.parametrize("name", planview.__all__)
+def test_every_public_name_is_what_it_says(name):
+    value = getattr(planview, name)
+    assert value is planview.ABLATIONS if name == "ABLATIONS" else value.__name__ == name
+
+
+def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="telepathy"):
+        _ = planview.telepathy

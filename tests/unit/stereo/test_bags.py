@@ -1,7 +1,11 @@
+"""Bags of ROS, and Foxglove messages in MCAP files as JSON and as protobuf."""
+
+import base64
+import json
 import re
 import tracemalloc
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,7 +13,6 @@ import pytest
 from toy_bags import COUNT, FOCAL, START_NS, STEP_NS, H, W, Writer, picture, stereo_bag
 
 from calib.errors import InputError
-from calib.types import AnyArray
 from stereo.readers import OpenOptions, find_layout, open_recording
 from stereo.readers.bags import storage
 from stereo.readers.bags.messages import ImageMessage, stored_pixels
@@ -26,9 +29,7 @@ zstandard = pytest.importorskip("zstandard")
     ("name", "ros1", "plugin", "compressed"),
     [("a.bag", True, "", False), ("b.bag", True, "", True), ("c", False, "sqlite3", False), ("d", False, "mcap", True)],
 )
-def test_stereo_bag_of_every_storage_gives_the_same_pairs(
-    tmp_path: Path, name: str, ros1: bool, plugin: str, compressed: bool
-) -> None:
+def test_stereo_bag_of_every_storage_gives_the_same_pairs(tmp_path, name, ros1, plugin, compressed):
     recording = open_recording(stereo_bag(tmp_path / name, ros1, plugin or "sqlite3", compressed=compressed))
     frames = list(recording)
     assert [int(f.left[0, 0]) for f in frames] == [10 * i for i in range(COUNT)]
@@ -36,12 +37,12 @@ def test_stereo_bag_of_every_storage_gives_the_same_pairs(
     assert recording.rig.baseline_m == pytest.approx(0.1) and recording.rig.left.fx == FOCAL
 
 
-def test_bare_mcap_file_is_read_without_its_metadata(tmp_path: Path) -> None:
+def test_bare_mcap_file_is_read_without_its_metadata(tmp_path):
     file = next(stereo_bag(tmp_path / "bag", False, "mcap").glob("*.mcap"))
     assert len(list(open_recording(file.rename(tmp_path / "alone.mcap")))) == COUNT
 
 
-def test_message_that_is_missing_on_one_side_is_a_skipped_frame(tmp_path: Path) -> None:
+def test_message_that_is_missing_on_one_side_is_a_skipped_frame(tmp_path):
     def stamps(i: int, side: str) -> int | None:
         return None if (i, side) == (6, "right") else START_NS + i * STEP_NS + 3_000_000 * (side == "right")
 
@@ -51,37 +52,36 @@ def test_message_that_is_missing_on_one_side_is_a_skipped_frame(tmp_path: Path) 
     assert "1 of 8 frames without a mate within 25.0 ms" in recording.notes[0]
 
 
-def test_messages_recorded_out_of_order_come_in_the_order_of_their_stamps(tmp_path: Path) -> None:
+def test_messages_recorded_out_of_order_come_in_the_order_of_their_stamps(tmp_path):
     order = [0, 1, 3, 2, 4, 5, 6, 7]
     recording = open_recording(stereo_bag(tmp_path / "a.bag", stamps=lambda i, side: START_NS + order[i] * STEP_NS))
     assert [int(f.left[0, 0]) // 10 for f in recording] == order
     assert any("out of order" in note for note in recording.notes)
 
 
-def test_headers_without_times_take_the_time_of_recording(tmp_path: Path) -> None:
+def test_headers_without_a_time_of_this_world_take_the_time_of_recording(tmp_path):
     recording = open_recording(stereo_bag(tmp_path / "a.bag", stamps=lambda i, side: 0))
     assert [f.timestamp_s for f in recording][:3] == pytest.approx([0.0, 0.1, 0.2])
     assert "headers hold no times" in recording.notes[0]
+    odd = stereo_bag(tmp_path / "a", False, stamps=lambda i, _: -(2**31) * 10**9 if i == 3 else START_NS + i * STEP_NS)
+    assert len(list(open_recording(odd))) == COUNT
 
 
-def test_sample_of_a_bag_gives_frames_spread_over_it(tmp_path: Path) -> None:
+def test_sample_of_a_bag_gives_frames_spread_over_it(tmp_path):
     frames = open_recording(stereo_bag(tmp_path / "a.bag")).sample(3)
     assert [(f.index, int(f.right[0, 0])) for f in frames] == [(0, 0), (4, 40), (7, 70)]
 
 
-def test_bag_without_camera_info_asks_for_a_calibration(tmp_path: Path) -> None:
+def test_bags_without_calibration_or_baseline_ask_for_one(tmp_path):
     _, layout = find_layout(stereo_bag(tmp_path / "a.bag", infos=False))
     with pytest.raises(InputError, match=r"camera_info of /stereo/left/image_raw .*--calibration"):
         layout.open()
-
-
-def test_bag_whose_p_holds_no_baseline_needs_transforms(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no transform from left_optical to right_optical"):
         open_recording(stereo_bag(tmp_path / "a", False, baseline_m=0.0))
 
 
 @pytest.mark.parametrize("name", ["a", "a.bag"])
-def test_static_transforms_give_the_baseline_by_the_definition_in_the_bag(tmp_path: Path, name: str) -> None:
+def test_static_transforms_give_the_baseline_by_the_definition_in_the_bag(tmp_path, name):
     writer = Writer(tmp_path / name, name.endswith(".bag"))
     writer.pairs(range(3), 0.0)
     writer.static_transforms(0.2)
@@ -90,16 +90,19 @@ def test_static_transforms_give_the_baseline_by_the_definition_in_the_bag(tmp_pa
     np.testing.assert_allclose(recording.rig.right_SE3_left.translation, [-0.2, 0, 0])
 
 
-def test_truncated_bag_is_refused_with_the_way_out(tmp_path: Path) -> None:
+def test_truncated_bag_is_refused_with_the_way_out(tmp_path):
     path = stereo_bag(tmp_path / "a.bag")
     path.write_bytes(path.read_bytes()[:5000])
     with pytest.raises(InputError, match=r"damaged or was cut off .*rosbag reindex"):
         open_recording(path)
 
 
-def test_topics_that_are_not_in_the_bag_are_refused_by_name(tmp_path: Path) -> None:
+def test_topics_that_are_not_in_the_bag_are_refused_and_two_rigs_asked_for(tmp_path):
     with pytest.raises(InputError, match=r"--topics: .*/stereo/left/image_raw.*found '/x'"):
         find_layout(stereo_bag(tmp_path / "a.bag"), OpenOptions(topics=("/stereo/left/image_raw", "/x")))
+    bag = Listed("/a/left/image_raw", "/a/right/image_raw", "/b/left/image_raw", "/b/right/image_raw")
+    with pytest.raises(InputError, match=r"2 pairs among /a/left.*--topics"):
+        choose_topics(bag, ())  # type: ignore[arg-type]
 
 
 class Listed:
@@ -111,36 +114,23 @@ class Listed:
         self.topics = tuple(Topic(name, "", "info" if "info" in name else "image", 5) for name in names)
 
 
+COLOUR_AND_DEPTH = ("/camera/color/image_raw", "/camera/depth/image_rect_raw")
+INFRARED = ("/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw")  # of a RealSense
+
+
 @pytest.mark.parametrize(
     ("kind", "chosen", "others"),
-    [
-        (
-            "stereo",
-            ("/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw"),
-            ("/camera/color/image_raw", "/camera/depth/image_rect_raw"),
-        ),
-        ("rgbd", ("/camera/color/image_raw", "/camera/depth/image_rect_raw"), ("/camera/color/image_rect",)),
-    ],
-    ids=["infrared pair of a RealSense", "colour and depth"],
+    [("stereo", INFRARED, COLOUR_AND_DEPTH), ("rgbd", COLOUR_AND_DEPTH, ("/camera/color/image_rect",))],
 )
-def test_topics_of_a_pair_are_chosen(kind: str, chosen: tuple[str, str], others: tuple[str, ...]) -> None:
+def test_topics_of_a_pair_are_chosen(kind, chosen, others):
     assert choose_topics(Listed(*others, *chosen), ()) == (kind, *chosen)  # type: ignore[arg-type]
 
 
-def test_two_rigs_in_a_bag_are_asked_for() -> None:
-    bag = Listed("/a/left/image_raw", "/a/right/image_raw", "/b/left/image_raw", "/b/right/image_raw")
-    with pytest.raises(InputError, match=r"2 pairs among /a/left.*--topics"):
-        choose_topics(bag, ())  # type: ignore[arg-type]
-
-
-def test_camera_info_of_a_compressed_topic_is_that_of_its_camera() -> None:
-    bag = Listed("/s/left/camera_info", "/s/right/camera_info")
-    assert info_topic(bag.topics, "/s/right/image_raw/compressed") == "/s/right/camera_info"
-
-
-def test_kinds_of_messages_are_known_by_their_names() -> None:
+def test_kinds_of_messages_and_the_camera_info_of_a_topic_are_known_by_their_names():
     names = ("sensor_msgs/Image", "sensor_msgs/msg/CompressedImage", "foxglove.CameraCalibration", "std_msgs/msg/Image")
     assert [kind_of(name) for name in names] == ["image", "compressed", "info", "other"]
+    bag = Listed("/s/left/camera_info", "/s/right/camera_info")
+    assert info_topic(bag.topics, "/s/right/image_raw/compressed") == "/s/right/camera_info"
 
 
 @pytest.mark.parametrize(
@@ -153,28 +143,21 @@ def test_kinds_of_messages_are_known_by_their_names() -> None:
         ("32FC1", np.array([[1.5]], "<f4"), 1.5),
     ],
 )
-def test_raw_encodings_give_bgr_or_grey(encoding: str, values: AnyArray, expected: object) -> None:
+def test_raw_encodings_give_bgr_or_grey(encoding, values, expected):
     rows, columns = values.shape[:2]
     stored = stored_pixels(ImageMessage(encoding, values.tobytes(), columns, rows, values.nbytes // rows))
-    assert stored is not None
     np.testing.assert_array_equal(stored[0, 0], expected)
 
 
-def test_bayer_red_pixel_is_red_in_every_pattern() -> None:
+def test_bayer_red_pixel_is_red_in_every_pattern():
     for pattern, (row, column) in {"rggb": (0, 0), "bggr": (1, 1), "gbrg": (1, 0), "grbg": (0, 1)}.items():
         mosaic = np.zeros((8, 8), np.uint8)
         mosaic[row::2, column::2] = 200
         stored = stored_pixels(ImageMessage(f"bayer_{pattern}8", mosaic.tobytes(), 8, 8, 8))
-        assert stored is not None
         np.testing.assert_array_equal(stored[4, 4], [0, 0, 200])
 
 
-def test_image_that_announces_more_than_it_holds_is_not_decoded() -> None:
-    assert stored_pixels(ImageMessage("mono8", b"\0" * 100, 60_000, 60_000, 60_000)) is None
-    assert stored_pixels(ImageMessage("no such", b"\0" * 100, 10, 10, 10)) is None
-
-
-def test_compressed_depth_of_floats_is_unquantised() -> None:
+def test_compressed_depth_of_floats_is_unquantised():
     png = np.asarray(cv2.imencode(".png", np.array([[0, 101]], np.uint16))[1]).tobytes()
     header = np.array([0], "<i4").tobytes() + np.array([2.0, 100.0], "<f4").tobytes()
     stored = stored_pixels(ImageMessage("32FC1; compressedDepth png", header + png))
@@ -183,28 +166,26 @@ def test_compressed_depth_of_floats_is_unquantised() -> None:
 
 
 @pytest.mark.parametrize("damage", [lambda data: data[:20], lambda data: b""])
-def test_damaged_camera_info_is_refused_in_one_sentence(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+def test_damaged_camera_info_is_refused_in_one_sentence(tmp_path, damage):
     writer = Writer(tmp_path / "a", False)
     for side in ("left", "right"):
         writer.write(f"/{side}/image_raw", START_NS, writer.image(START_NS, picture(0)))
         info = writer.info(START_NS, 0.0)
-        topic = f"/{side}/camera_info"
-        writer.connections[topic] = writer.bag.add_connection(topic, info.__msgtype__, typestore=writer.store)
-        writer.bag.write(
-            writer.connections[topic], START_NS, damage(writer.store.serialize_cdr(info, info.__msgtype__))
-        )
+        connection = writer.bag.add_connection(f"/{side}/camera_info", info.__msgtype__, typestore=writer.store)
+        writer.bag.write(connection, START_NS, damage(writer.store.serialize_cdr(info, info.__msgtype__)))
     writer.close()
     with pytest.raises(InputError, match=r"expected a camera_info in /left/camera_info, found .*--calibration FILE"):
         open_recording(tmp_path / "a")
 
 
-@pytest.mark.parametrize("encoding", ["8UC-1", "8UC0", "8UC2", "16UC7", "8UC"])
-def test_encoding_that_no_image_has_is_not_decoded(encoding: str) -> None:
+@pytest.mark.parametrize("encoding", ["8UC-1", "8UC0", "8UC2", "16UC7", "8UC", "no such"])
+def test_encoding_that_no_image_has_is_not_decoded(encoding):
     stored = stored_pixels(ImageMessage(encoding, b"\0" * 144, 4, 4, 36))
     assert (stored is None) == (encoding != "8UC")
 
 
-def test_rows_that_announce_more_than_the_message_holds_take_no_memory() -> None:
+def test_messages_that_announce_more_than_they_hold_take_no_memory():
+    assert stored_pixels(ImageMessage("mono8", b"\0" * 100, 60_000, 60_000, 60_000)) is None
     message = ImageMessage("mono8", bytes(range(4)), 4, 1, 2**32 - 1)
     tracemalloc.start()
     stored = stored_pixels(message)
@@ -213,38 +194,33 @@ def test_rows_that_announce_more_than_the_message_holds_take_no_memory() -> None
     assert stored is not None and stored.tolist() == [[0, 1, 2, 3]] and peak < 1e6
 
 
-def test_chunk_that_unpacks_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "b.bag"
-    writer = Writer(path, True, chunks="bz2")
-    writer.pairs(range(2))
+def zstd_messages(path: Path) -> Path:
+    """A ROS 2 bag whose messages are compressed one by one."""
+    writer = Writer(path / "unused", False)
     writer.close()
-    assert find_layout(path)[1].n_frames == 2
-    monkeypatch.setattr(storage, "MAX_UNPACKED_BYTES", 100)
-    with pytest.raises(InputError, match="compressed data of more than"):
-        find_layout(path)
-
-
-def test_message_that_unpacks_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    writer = Writer(tmp_path / "unused", False)
-    writer.close()
-    bag = rosbag2.Writer(tmp_path / "a", version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3)
+    bag = rosbag2.Writer(path / "a", version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3)
     bag.set_compression(rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionFormat.ZSTD)
     bag.open()
     writer.bag = bag
-    writer.connections.clear()
     writer.pairs(range(2))
     writer.close()
-    _, layout = find_layout(tmp_path / "a")
-    assert layout.n_frames == 2 and layout.streams[0].size == (W, H)
-    monkeypatch.setattr(storage, "MAX_UNPACKED_BYTES", 100)
-    with pytest.raises(InputError, match="compressed data of more than"):
-        find_layout(tmp_path / "a")
+    return path / "a"
 
 
-def test_chunk_of_a_folder_of_mcap_files_that_unpacks_without_end_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = stereo_bag(tmp_path / "a", False, "mcap")
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda path: stereo_bag(path / "b.bag", chunks="bz2"),
+        lambda path: stereo_bag(path / "a", False, "mcap"),
+        lambda path: foxglove_file(path / "a.mcap", "json"),
+        zstd_messages,
+    ],
+    ids=["bz2 chunks", "mcap chunks in a folder", "mcap chunks in a file", "zstd messages"],
+)
+def test_data_that_unpack_without_end_are_refused(tmp_path, monkeypatch, make):
+    path = make(tmp_path)
+    _, layout = find_layout(path)
+    assert layout.n_frames >= 2 and layout.streams[0].size == (W, H)
     monkeypatch.setattr(storage, "MAX_UNPACKED_BYTES", 100)
     with pytest.raises(InputError, match="compressed data of more than"):
         find_layout(path)
@@ -257,31 +233,27 @@ def nested(levels: int) -> str:
 
 
 @pytest.mark.parametrize("inside", [False, True], ids=["metadata", "profiles in it"])
-def test_metadata_with_references_is_refused_at_once(tmp_path: Path, inside: bool) -> None:
+def test_metadata_with_references_is_refused_at_once(tmp_path, inside):
     path = stereo_bag(tmp_path / "a", False)
     text = (path / "metadata.yaml").read_text()
     quoted = nested(12).replace("\n", "\\n")
-    text = text.replace(
-        "serialization_format: cdr", f'serialization_format: cdr\n      offered_qos_profiles: "{quoted}"'
-    )
+    profiles = f'serialization_format: cdr\n      offered_qos_profiles: "{quoted}"'
+    text = text.replace("serialization_format: cdr", profiles)
     (path / "metadata.yaml").write_text(text if inside else text + nested(12))
     with pytest.raises(InputError, match="references in its metadata"):
         find_layout(path)
 
 
-def test_metadata_with_a_time_of_text_is_refused(tmp_path: Path) -> None:
+def test_metadata_with_a_time_of_text_is_refused(tmp_path):
     path = stereo_bag(tmp_path / "a", False)
     text = (path / "metadata.yaml").read_text()
-    (path / "metadata.yaml").write_text(
-        text.replace(f"nanoseconds_since_epoch: {START_NS}", "nanoseconds_since_epoch: noon")
-    )
+    noon = text.replace(f"nanoseconds_since_epoch: {START_NS}", "nanoseconds_since_epoch: noon")
+    (path / "metadata.yaml").write_text(noon)
     with pytest.raises(InputError, match="expected a ROS 2 bag, found one that is damaged"):
         find_layout(path)
 
 
-def test_file_that_unpacks_to_far_more_than_its_size_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_file_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path, monkeypatch):
     path = stereo_bag(tmp_path / "a", False)
     file = next(path.glob("*.db3"))
     whole = zstandard.ZstdCompressor().compress(file.read_bytes())
@@ -297,9 +269,90 @@ def test_file_that_unpacks_to_far_more_than_its_size_is_refused(
         find_layout(path)
 
 
-def test_header_without_a_time_of_this_world_takes_the_time_of_recording(tmp_path: Path) -> None:
-    def stamps(i: int, side: str) -> int:
-        return -(2**31) * 10**9 if i == 3 else START_NS + i * STEP_NS
+writer_module = pytest.importorskip("mcap.writer")
+descriptors = pytest.importorskip("google.protobuf.descriptor_pb2")
+pytest.importorskip("mcap_protobuf.decoder")
 
-    recording = open_recording(stereo_bag(tmp_path / "a", False, stamps=stamps))
-    assert len(list(recording)) == COUNT
+N_FRAMES, PERIOD_NS, BEGIN_NS = 4, 50_000_000, 1_700_000_000_000_000_000
+
+
+def messages(side: str, i: int) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A CompressedImage and a CameraCalibration."""
+    stamp = divmod(BEGIN_NS + i * PERIOD_NS, 10**9)
+    png = np.asarray(cv2.imencode(".png", picture(10 * i))[1]).tobytes()
+    image = {"timestamp": stamp, "frame_id": side, "data": png, "format": "png"}
+    shift = -3.0 if side == "right" else 0.0
+    camera = {
+        "timestamp": stamp, "frame_id": side, "width": W, "height": H, "distortion_model": "plumb_bob",
+        "D": [0.0] * 5, "K": [30.0, 0, 15.5, 0, 30.0, 11.5, 0, 0, 1], "R": [1.0, 0, 0, 0, 1, 0, 0, 0, 1],
+        "P": [30.0, 0, 15.5, shift, 0, 30.0, 11.5, 0, 0, 0, 1, 0],
+    }  # fmt: skip
+    return image, camera
+
+
+def as_json(message: dict[str, Any]) -> bytes:
+    seconds, nanoseconds = message["timestamp"]
+    plain = message | {"timestamp": {"sec": seconds, "nsec": nanoseconds}}
+    if "data" in plain:
+        plain["data"] = base64.b64encode(plain["data"]).decode()
+    return json.dumps(plain).encode()
+
+
+def classes() -> tuple[bytes, dict[str, Any]]:
+    """The file descriptor set of the two messages, and their classes by name."""
+    from google.protobuf.descriptor_pool import DescriptorPool
+    from google.protobuf.message_factory import GetMessageClass
+
+    kinds = descriptors.FieldDescriptorProto
+    file = descriptors.FileDescriptorProto(name="test.proto", package="foxglove", syntax="proto3")
+    time = file.message_type.add(name="Time")
+    for number, name in enumerate(("seconds", "nanos"), 1):
+        time.field.add(name=name, number=number, type=kinds.TYPE_INT64, label=kinds.LABEL_OPTIONAL)
+    texts = {"frame_id": kinds.TYPE_STRING, "format": kinds.TYPE_STRING, "distortion_model": kinds.TYPE_STRING,
+             "data": kinds.TYPE_BYTES, "width": kinds.TYPE_INT64, "height": kinds.TYPE_INT64}  # fmt: skip
+    for kind, names in (
+        ("CompressedImage", ("frame_id", "data", "format")),
+        ("CameraCalibration", ("frame_id", "width", "height", "distortion_model", "D", "K", "R", "P")),
+    ):
+        one = file.message_type.add(name=kind)
+        one.field.add(name="timestamp", number=1, type=kinds.TYPE_MESSAGE, type_name=".foxglove.Time", label=1)
+        for number, name in enumerate(names, 2):
+            label = kinds.LABEL_OPTIONAL if name in texts else kinds.LABEL_REPEATED
+            one.field.add(name=name, number=number, type=texts.get(name, kinds.TYPE_DOUBLE), label=label)
+    pool = DescriptorPool()
+    pool.Add(file)
+    names = ("CompressedImage", "CameraCalibration")
+    found = {name: GetMessageClass(pool.FindMessageTypeByName(f"foxglove.{name}")) for name in names}
+    return descriptors.FileDescriptorSet(file=[file]).SerializeToString(), found
+
+
+def foxglove_file(path: Path, encoding: str) -> Path:
+    schema_data, by_name = (b"{}", {}) if encoding == "json" else classes()
+    with path.open("wb") as file:
+        writer = writer_module.Writer(file)
+        writer.start()
+        for side in ("left", "right"):
+            for k, (kind, topic) in enumerate((("CompressedImage", "image"), ("CameraCalibration", "calibration"))):
+                schema_encoding = "jsonschema" if encoding == "json" else "protobuf"
+                schema = writer.register_schema(f"foxglove.{kind}", schema_encoding, schema_data)
+                channel = writer.register_channel(f"/{side}/{topic}", encoding, schema)
+                for i in range(N_FRAMES):
+                    message = messages(side, i)[k]
+                    if encoding == "json":
+                        data = as_json(message)
+                    else:
+                        seconds, nanoseconds = message["timestamp"]
+                        stamp = {"seconds": seconds, "nanos": nanoseconds}
+                        data = by_name[kind](**(message | {"timestamp": stamp})).SerializeToString()
+                    writer.add_message(channel, BEGIN_NS // 10**6 + i, data, BEGIN_NS // 10**6 + i)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("encoding", ["json", "protobuf"])
+def test_foxglove_images_and_calibrations_are_a_recording(tmp_path: Path, encoding: str) -> None:
+    recording = open_recording(foxglove_file(tmp_path / "a.mcap", encoding))
+    frames = list(recording)
+    assert [int(f.right[0, 0]) for f in frames] == [0, 10, 20, 30]
+    assert [f.timestamp_s for f in frames] == pytest.approx([0.0, 0.05, 0.1, 0.15])
+    assert recording.rig.baseline_m == pytest.approx(0.1) and recording.rig.left.fx == 30.0

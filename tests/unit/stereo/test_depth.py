@@ -1,32 +1,33 @@
+"""From disparity to depth and points on the floor."""
+
+import cv2
 import numpy as np
 import pytest
+from reference import windows as reference
 
+from calib.floor.plane import FloorParams, Plane
+from stereo._kernels import split
 from stereo.depth import DepthFromDisparity, DepthParams, RectifiedGeometry, back_project, median_image
+from stereo.floor import align_plane
+from stereo.gating import TILE, Gate, MatchingParams, Window
 
 GEOMETRY = RectifiedGeometry(4, 3, 400.0, 400.0, 1.5, 1.0, 0.1, disparity_std_px=0.25)
 
 
-def test_depth_is_focal_times_baseline_over_disparity() -> None:
+def test_depth_is_focal_times_baseline_over_disparity_and_back():
     depth = DepthFromDisparity(GEOMETRY)(np.full((3, 4), 20.0, np.float32))
     assert depth.dtype == np.float32
     np.testing.assert_allclose(depth, 2.0)
+    assert GEOMETRY.disparity_at(2.0) == pytest.approx(20.0)
 
 
-def test_depth_is_nan_without_disparity_and_beyond_the_maximum() -> None:
+def test_depth_is_nan_without_disparity_and_its_deviation_grows_with_its_square():
     disparity = np.array([[np.nan, 0.0, -1.0, 3.9, 4.1]], np.float32)
     depth = DepthFromDisparity(GEOMETRY, DepthParams(depth_max_m=10.0))(disparity)
-    assert np.isnan(depth[0, :4]).all()
-    assert depth[0, 4] == pytest.approx(40 / 4.1)
-
-
-def test_depth_deviation_grows_with_the_square_of_the_depth() -> None:
+    assert np.isnan(depth[0, :4]).all() and depth[0, 4] == pytest.approx(40 / 4.1)
     # d z = z^2 / (f b) d d: 4 / 40 * 0.25 and 16 / 40 * 0.25.
     np.testing.assert_allclose(GEOMETRY.depth_std_m(np.array([2.0, 4.0], np.float32)), [0.025, 0.1], rtol=1e-6)
     assert GEOMETRY.depth_std_m(2.0) == pytest.approx(0.025)
-
-
-def test_disparity_at_inverts_depth() -> None:
-    assert GEOMETRY.disparity_at(2.0) == pytest.approx(20.0)
 
 
 def test_back_projection_puts_the_principal_point_on_the_axis() -> None:
@@ -38,17 +39,11 @@ def test_back_projection_puts_the_principal_point_on_the_axis() -> None:
     np.testing.assert_allclose(points[2, 3], [1.5 * 2 / 400, 1.0 * 2 / 400, 2.0], atol=1e-7)
 
 
-def test_ray_through_a_pixel_is_at_unit_depth() -> None:
+def test_rays_through_pixels_are_at_unit_depth_and_projection_inverts_them_ahead_of_the_camera():
     # 40 px right of and 20 px below the principal point (1.5, 1) at a focal length of 400 px.
     np.testing.assert_allclose(GEOMETRY.rays([[41.5, 21.0]]), [[0.1, 0.05, 1.0]])
-
-
-def test_projection_inverts_rays_at_any_depth() -> None:
     pixels = np.array([[[0.0, 0.0], [3.0, 2.0]]])
     np.testing.assert_allclose(GEOMETRY.project(2.5 * GEOMETRY.rays(pixels)), pixels)
-
-
-def test_point_behind_the_camera_has_no_pixel() -> None:
     assert np.isnan(GEOMETRY.project([0.0, 0.0, -1.0])).all()
 
 
@@ -56,3 +51,117 @@ def test_median_image_leaves_out_who_walks_through_and_what_is_never_valid() -> 
     frames = [np.array([[4.0, np.nan]], np.float32), np.array([[1.0, np.nan]], np.float32)]
     frames.append(np.array([[4.0, np.nan]], np.float32))
     np.testing.assert_array_equal(median_image(frames), [[4.0, np.nan]])
+
+
+FLOOR_GEOMETRY = RectifiedGeometry(320, 240, 260.0, 260.0, 159.5, 119.5, 0.2)
+
+
+def plane(tilt_deg: float, roll_deg: float, height_m: float) -> Plane:
+    tilt, roll = np.radians([tilt_deg, roll_deg])
+    normal = np.array([np.sin(roll), -np.sin(tilt) * np.cos(roll), -np.cos(tilt) * np.cos(roll)])
+    return Plane(-normal / height_m, 1.0, np.zeros((3, 3)))
+
+
+def seen(true: Plane, contrast: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Left and right image of a spotted plane, and its depth [m]."""
+    u, v = np.meshgrid(np.arange(320.0), np.arange(240.0))
+    inverse = FLOOR_GEOMETRY.rays(np.stack([u, v], axis=-1)) @ true.q
+    rng = np.random.default_rng(1)
+    spots = cv2.GaussianBlur(rng.normal(size=(240, 320)), (0, 0), 2.5)
+    right = (120 + contrast * spots).astype(np.float32)
+    disparity = (260.0 * 0.2 * inverse).astype(np.float32)
+    left = cv2.remap(
+        right, u.astype(np.float32) - disparity, v.astype(np.float32), cv2.INTER_CUBIC, None, cv2.BORDER_REFLECT
+    )
+    depth = np.where(inverse > 0.1, 1.0 / np.maximum(inverse, 0.1), np.nan).astype(np.float32)
+    noise = rng.normal(size=(2, 240, 320)).astype(np.float32)
+    return left + noise[0], right + noise[1], depth
+
+
+def test_a_plane_is_aligned_to_a_tenth_of_a_degree_and_knows_it() -> None:
+    true, guess = plane(60.0, 1.0, 2.5), plane(60.7, 0.7, 2.54)
+    aligned = align_plane(guess, *seen(true, 200.0), FLOOR_GEOMETRY, FloorParams())
+    assert aligned.distance_m == pytest.approx(2.5, abs=0.01)
+    assert np.degrees([aligned.tilt_rad, aligned.roll_rad]) == pytest.approx([60.0, 1.0], abs=0.1)
+    assert 0 < np.sqrt(np.trace(aligned.covariance)) < 0.01
+
+
+def test_without_texture_the_guess_stays_and_what_stands_on_the_plane_does_not_take_part():
+    true, guess = plane(60.0, 1.0, 2.5), plane(60.7, 0.7, 2.54)
+    assert align_plane(guess, *seen(true, 0.0), FLOOR_GEOMETRY, FloorParams()) is guess
+    true, guess = plane(60.0, 1.0, 2.5), plane(60.3, 0.8, 2.52)
+    left, right, depth = seen(true, 200.0)
+    left[100:160, 140:200], depth[100:160, 140:200] = left[40:100, 140:200], 1.5
+    aligned = align_plane(guess, left, right, depth, FLOOR_GEOMETRY, FloorParams())
+    assert np.degrees([aligned.tilt_rad, aligned.roll_rad]) == pytest.approx([60.0, 1.0], abs=0.1)
+
+
+SIZE = (320, 240)
+SAMPLES = (120, 160)
+NOTHING = np.zeros(SAMPLES, np.uint8)
+
+
+def gate(refresh_s: float = 600.0) -> Gate:
+    return Gate(SIZE, 1, MatchingParams(refresh_s=refresh_s), lambda window: 64)
+
+
+def changed_at(*places: tuple[int, int]) -> np.ndarray:
+    changed = NOTHING.copy()
+    for x, y in places:
+        changed[y // 2, x // 2] = 255
+    return changed
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_windows_agree_with_the_plain_twin(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tiles = (cv2.GaussianBlur(rng.random((30, 40)), (0, 0), 1.5) > 0.56).astype(np.uint8)
+    work = np.full((30, 30), 80.0) + np.arange(30)
+    settings = work, TILE, 36.0, 16.0, 20_000.0
+    out = np.empty((200, 4), np.int64)
+    n, _ = split(cv2.integral(tiles), *settings, out)
+    found = {tuple(int(edge) for edge in box) for box in out[:n]}
+    assert found == {tuple(int(edge) for edge in box) for box in reference.split(tiles, *settings)}
+
+
+@pytest.mark.parametrize(
+    ("changed", "people", "windows"),
+    [
+        (NOTHING, [], []),
+        (changed_at((100, 60)), [], [Window(96, 56, 112, 72)]),
+        (changed_at((20, 20), (300, 220)), [], [Window(16, 16, 32, 32), Window(296, 216, 312, 232)]),
+        (NOTHING, [(100.0, 60.0, 30.0, 80.0)], [Window(96, 56, 136, 144)]),
+        (NOTHING, [(-0.5, -0.5, 10.0, 10.0)], [Window(0, 0, 16, 16)]),
+        (np.full(SAMPLES, 255, np.uint8), [], [Window(0, 0, *SIZE)]),
+    ],
+    ids=["no change", "a change", "far changes", "a person", "a box over the edge", "most of the image"],
+)
+def test_windows_hold_changes_and_people_and_what_is_near_them(changed, people, windows):
+    assert sorted(gate().windows(changed, people, 0.0)) == windows
+
+
+def test_the_refresh_visits_every_pixel_in_its_time() -> None:
+    chosen, visited = gate(refresh_s=2.0), np.zeros(SIZE[::-1], bool)
+    for frame in range(31):
+        windows = chosen.windows(NOTHING, [], frame / 15)
+        assert sum((w.right - w.left) * (w.bottom - w.top) for w in windows) < 0.1 * visited.size
+        for window in windows:
+            visited[window.slices] = True
+    assert visited.all()
+
+
+def test_the_refresh_does_not_hurry_after_a_gap_in_time() -> None:
+    chosen = gate(refresh_s=2.0)
+    chosen.windows(NOTHING, [], 0.0)
+    chosen.windows(NOTHING, [], 3600.0)
+    assert chosen.windows(NOTHING, [], 3600.0) == []
+
+
+def test_whole_image_is_cut_into_bands_where_far_rows_need_fewer_disparities_and_else_one_window():
+    def searched(window: Window) -> int:
+        return 16 if window.bottom <= 240 else 80
+
+    whole = Gate((640, 480), 2, MatchingParams(), searched).whole
+    assert len(whole) > 1 and [(w.left, w.right) for w in whole] == [(0, 640)] * len(whole)
+    assert [w.top for w in whole] == [0, *(w.bottom for w in whole[:-1])] and whole[-1].bottom == 480
+    assert gate().whole == [Window(0, 0, *SIZE)]

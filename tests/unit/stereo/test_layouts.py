@@ -1,3 +1,5 @@
+"""What is in a folder, and when its frames were taken."""
+
 import struct
 import zlib
 from pathlib import Path
@@ -13,7 +15,8 @@ from calib.formats import write_rig
 from calib.rig import save_rig
 from stereo.readers import OpenOptions, find_layout, find_reader, open_recording
 from stereo.readers.images import decode_image, to_8_bits, true_bits
-from stereo.readers.pairing import split_sides
+from stereo.readers.pairing import pair_stamps, split_sides
+from stereo.readers.times import load_timestamps, rate_of_times, read_stamps, stamps_in_names
 
 COUNT = 6
 START = 1_403_715_273_262_142_976
@@ -33,19 +36,19 @@ def euroc(folder: Path, listed: bool = True, missing: int | None = None) -> Path
 
 
 @pytest.mark.parametrize("listed", [True, False])
-def test_euroc_folder_has_the_rate_of_its_stamps_and_its_own_calibration(tmp_path: Path, listed: bool) -> None:
+def test_euroc_folder_has_the_rate_of_its_stamps_and_its_own_calibration(tmp_path, listed):
     recording = open_recording(euroc(tmp_path, listed))
     assert [round(f.timestamp_s, 6) for f in recording] == [0.0, 0.05, 0.1, 0.15, 0.2, 0.25]
     assert recording.fps == pytest.approx(20.0) and recording.rig.baseline_m == pytest.approx(0.12)
 
 
-def test_euroc_frame_of_one_camera_is_counted(tmp_path: Path) -> None:
+def test_euroc_frame_of_one_camera_is_counted(tmp_path):
     recording = open_recording(euroc(tmp_path, missing=3))
     assert [f.index for f in recording] == [0, 1, 2, 4, 5]
     assert "1 of 6 frames without a mate within 12.5 ms" in recording.notes[0]
 
 
-def test_euroc_cameras_in_the_wrong_order_are_exchanged(tmp_path: Path) -> None:
+def test_euroc_cameras_in_the_wrong_order_are_exchanged(tmp_path):
     folder = euroc(tmp_path) / "mav0"
     first, second = folder / "cam0" / "sensor.yaml", folder / "cam1" / "sensor.yaml"
     texts = first.read_text(), second.read_text()
@@ -73,15 +76,13 @@ def kitti(folder: Path, suffix: str) -> Path:
 
 
 @pytest.mark.parametrize(("suffix", "focal_px", "baseline_m"), [("sync", 25.0, 0.1), ("extract", 30.0, 0.12)])
-def test_kitti_drive_is_rectified_when_its_name_says_so(
-    tmp_path: Path, suffix: str, focal_px: float, baseline_m: float
-) -> None:
+def test_kitti_drive_is_rectified_when_its_name_says_so(tmp_path, suffix, focal_px, baseline_m):
     recording = open_recording(kitti(tmp_path, suffix))
     assert recording.rig.left.fx == focal_px and recording.rig.baseline_m == pytest.approx(baseline_m)
     assert [f.timestamp_s for f in recording] == pytest.approx([0.0, 0.1, 0.3])
 
 
-def test_kitti_odometry_sequence_has_its_times_and_projections(tmp_path: Path) -> None:
+def test_kitti_odometry_sequence_has_its_times_and_projections(tmp_path):
     for camera in ("image_0", "image_1"):
         (tmp_path / camera).mkdir()
         for i in range(3):
@@ -96,7 +97,7 @@ def test_kitti_odometry_sequence_has_its_times_and_projections(tmp_path: Path) -
     assert [f.timestamp_s for f in recording] == pytest.approx([0.0, 0.1036224, 0.2072410])
 
 
-def test_middlebury_pair_is_one_frame(tmp_path: Path) -> None:
+def test_middlebury_pair_is_one_frame(tmp_path):
     for name in ("im0", "im1"):
         cv2.imwrite(str(tmp_path / f"{name}.png"), picture(0))
     write_rig(toy_rig((W, H), focal_px=30.0), tmp_path / "calib.txt", "middlebury")
@@ -110,7 +111,7 @@ def test_middlebury_pair_is_one_frame(tmp_path: Path) -> None:
     [("left{:03d}", "right{:03d}"), ("{:03d}_L", "{:03d}_R"), ("cam0_{}", "cam1_{}"), ("I1_{:06d}", "I2_{:06d}"),
      ("cam0_img{:02d}", "cam1_img{:02d}"), ("{}-imageLeft", "{}-imageRight")],
 )  # fmt: skip
-def test_images_in_one_folder_pair_by_any_naming_of_the_sides(tmp_path: Path, names: tuple[str, str]) -> None:
+def test_images_in_one_folder_pair_by_any_naming_of_the_sides(tmp_path, names):
     for i in range(COUNT):
         for value, name in zip((10, 200), names, strict=True):
             cv2.imwrite(str(tmp_path / f"{name.format(i)}.png"), picture(value + i))
@@ -119,18 +120,18 @@ def test_images_in_one_folder_pair_by_any_naming_of_the_sides(tmp_path: Path, na
     assert [(int(f.left[0, 0]), int(f.right[0, 0])) for f in frames] == [(10 + i, 200 + i) for i in range(COUNT)]
 
 
-def test_names_that_tell_no_side_are_no_pair() -> None:
+def test_names_that_tell_no_side_are_no_pair():
     assert split_sides(["frame1", "frame2", "frame3"]) is None
     assert split_sides(["camera1", "camera2", "camera3"]) is None
     assert split_sides(["calibration", "result"]) is None
 
 
-def test_nanoseconds_in_file_names_give_the_rate(tmp_path: Path) -> None:
+def test_nanoseconds_in_file_names_give_the_rate(tmp_path):
     recording = open_recording(folder_recording(tmp_path / "r", [str(stamp) for stamp in STAMPS]))
     assert recording.fps == pytest.approx(20.0)
 
 
-def test_nanoseconds_in_timestamps_csv_are_told_as_such(tmp_path: Path) -> None:
+def test_nanoseconds_in_timestamps_csv_are_told_as_such(tmp_path):
     folder = folder_recording(tmp_path / "r", COUNT)
     rows = "".join(f"{i},{stamp}\n" for i, stamp in enumerate(STAMPS))
     (folder / "timestamps.csv").write_text("frame,timestamp_s\n" + rows)
@@ -140,7 +141,7 @@ def test_nanoseconds_in_timestamps_csv_are_told_as_such(tmp_path: Path) -> None:
     assert [f.timestamp_s for f in even][:3] == pytest.approx([0.0, 0.2, 0.4])
 
 
-def test_twelve_bits_in_sixteen_are_scaled_by_the_brightest_frame(tmp_path: Path) -> None:
+def test_twelve_bits_in_sixteen_are_scaled_by_the_brightest_frame(tmp_path):
     folder = folder_recording(tmp_path / "r", COUNT, [np.full((H, W), 900, np.uint16)] * COUNT)
     cv2.imwrite(str(folder / "right" / "0005.png"), np.full((H, W), 4000, np.uint16))
     recording = open_recording(folder)
@@ -150,7 +151,7 @@ def test_twelve_bits_in_sixteen_are_scaled_by_the_brightest_frame(tmp_path: Path
     ]
 
 
-def test_true_bits_are_those_of_the_largest_value() -> None:
+def test_true_bits_are_those_of_the_largest_value():
     assert [true_bits([np.array([[v]], np.uint16)]) for v in (255, 256, 1023, 4095, 4096, 65535)] == [
         8, 10, 10, 12, 14, 16,
     ]  # fmt: skip
@@ -158,7 +159,7 @@ def test_true_bits_are_those_of_the_largest_value() -> None:
     np.testing.assert_array_equal(to_8_bits(np.array([[4095, 65535]], np.uint16), 12), [[255, 255]])
 
 
-def test_image_that_announces_a_bomb_is_not_decoded() -> None:
+def test_image_that_announces_a_bomb_is_not_decoded():
     header = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
     chunk = b"IHDR" + header
     data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk)) + b"IEND"
@@ -167,7 +168,7 @@ def test_image_that_announces_a_bomb_is_not_decoded() -> None:
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tiff", ".webp", ".ppm"])
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
-def test_image_of_every_format_is_decoded_unless_it_is_cut_off(suffix: str, kind: type) -> None:
+def test_image_of_every_format_is_decoded_unless_it_is_cut_off(suffix, kind):
     if kind is np.uint16 and suffix not in (".png", ".tiff", ".ppm"):
         pytest.skip("holds 8 bits only")
     data = cv2.imencode(suffix, np.full((37, 53, 3), 9, kind))[1].tobytes()
@@ -176,18 +177,114 @@ def test_image_of_every_format_is_decoded_unless_it_is_cut_off(suffix: str, kind
     assert decode_image(data[:8]) is None
 
 
+LFS = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 727\n"
+
+
 @pytest.mark.parametrize(
     ("name", "content", "found"),
-    [
-        (
-            "a.bag",
-            "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 727\n",
-            "git-lfs pointer instead of the file of 727 bytes",
-        ),
-        ("a.svo2", "SVO", "ZED SDK"),
-    ],
+    [("a.bag", LFS, "git-lfs pointer instead of the file of 727 bytes"), ("a.svo2", "SVO", "ZED SDK")],
 )
-def test_file_that_is_no_recording_is_told_as_what_it_is(tmp_path: Path, name: str, content: str, found: str) -> None:
+def test_file_that_is_no_recording_is_told_as_what_it_is(tmp_path, name, content, found):
     (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=found):
         find_layout(tmp_path / name)
+
+
+STEP = 100_000_000
+NOW = 1_650_000_000_000_000_000
+EVEN = NOW + STEP * np.arange(10)
+
+
+@pytest.mark.parametrize(
+    ("texts", "unit", "first", "step"),
+    [
+        (["1403715273262142976", "1403715273312142976"], "ns", 1403715273262142976, 50_000_000),
+        (["1403715273262142", "1403715273312142"], "us", 1403715273262142000, 50_000_000),
+        (["1403715273262", "1403715273312"], "ms", 1403715273262000000, 50_000_000),
+        (["1403715273.262142976", "1403715273.312142976"], "s", 1403715273262142976, 50_000_000),
+        (["0", "0.05"], "s", 0, 50_000_000),
+        (["0", "33.25"], "ms", 0, 33_250_000),
+        (["0", "33250"], "us", 0, 33_250_000),
+        (["7", "33250007"], "ns", 7, 33_250_000),
+        (["2022-04-15 05:20:00.5", "2022-04-15T05:20:01Z"], "date", 1_650_000_000_500_000_000, 500_000_000),
+    ],
+)
+def test_unit_of_times_is_recognised_and_no_digit_is_lost(texts: list[str], unit: str, first: int, step: int) -> None:
+    stamps = read_stamps(texts)
+    assert (stamps.unit, stamps.ns[0], stamps.ns[1] - stamps.ns[0]) == (unit, first, step)
+
+
+@pytest.mark.parametrize("text", ["nan", "1e300", "9" * 30, "soon", ""])
+def test_what_is_no_time_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        read_stamps([text, "1"])
+
+
+@pytest.mark.parametrize("date", ["0001-01-01 00:00:00", "9999-12-31 23:59:59", "2262-04-12 00:00:00"])
+def test_dates_that_no_clock_shows_are_refused(date: str) -> None:
+    with pytest.raises(ValueError, match=f"expected times, found '{date}'"):
+        read_stamps([date, "2022-04-15 05:20:00"])
+
+
+def test_names_hold_times_only_when_no_counter_is_like_them() -> None:
+    found = stamps_in_names(["rgb_1650000000.066", "rgb_1650000000.133"])
+    assert found is not None and found.ns[1] - found.ns[0] == 67_000_000
+    assert stamps_in_names(["1403715273262142976", "1403715273312143104"]) is not None
+    assert stamps_in_names(["left0001", "left0002"]) is None
+    assert stamps_in_names(["0000000001", "0000000003"]) is None
+    assert stamps_in_names(["2022041501", "2022041502"]) is None
+    assert stamps_in_names(["9" * 20, "8" * 20]) is None  # more digits than a clock
+
+
+def test_frames_pair_with_the_nearest_within_a_quarter_period() -> None:
+    right = np.delete(EVEN, 6) + np.array([0, 0, 0, 26, 0, 0, 0, 0, 0]) * STEP // 100
+    pairs = pair_stamps(EVEN, right)
+    frames = list(zip(pairs.left.tolist(), pairs.right.tolist(), strict=True))
+    assert frames[2:5] == [(2, 2), (3, -1), (-1, 3)] and frames[7] == (6, -1)
+    assert pairs.unpaired == 3 and pairs.fps == pytest.approx(10.0)
+    assert "3 of 11 frames without a mate within 25.0 ms" in pairs.notes[0]
+
+
+def test_frames_recorded_late_are_put_in_their_place_and_repeated_times_skipped():
+    late = EVEN[[0, 1, 3, 2, 4, 5, 6, 7, 8, 9]]
+    pairs = pair_stamps(late, EVEN)
+    assert pairs.left.tolist() == [0, 1, 3, 2, 4, 5, 6, 7, 8, 9] and pairs.right.tolist() == list(range(10))
+    assert pairs.notes == ("1 frame of left recorded out of order, put in order of their times",)
+    stamps = EVEN.copy()
+    stamps[4] = stamps[3]
+    pairs = pair_stamps(stamps, stamps)
+    assert (pairs.left >= 0).sum() == 9 and np.all(np.diff(pairs.times_s[pairs.left >= 0]) > 0)
+
+
+@pytest.mark.parametrize("jump_s", [30 * 86_400, -1_650_000_000])
+def test_clock_that_was_set_runs_on_at_the_nominal_rate(jump_s: int) -> None:
+    stamps = EVEN + np.where(np.arange(10) >= 5, jump_s * 10**9, 0)
+    pairs = pair_stamps(stamps, stamps)
+    np.testing.assert_allclose(pairs.times_s, np.arange(10) * 0.1)
+    assert "days after frame 4" in pairs.notes[0] and pairs.unpaired == 0
+
+
+def test_clocks_that_differ_by_a_constant_or_stand_still_pair_in_order():
+    pairs = pair_stamps(EVEN, EVEN + 5 * STEP + STEP // 3)
+    assert pairs.unpaired == 0 and "paired in order" in pairs.notes[0]
+    pairs = pair_stamps(np.zeros(3, np.int64), np.zeros(3, np.int64))
+    assert pairs.times_s[2] == pytest.approx(2 / 30) and "--fps" in pairs.notes[0]
+
+
+def test_rate_tells_jitter_gaps_and_dropped_frames() -> None:
+    rate = rate_of_times(np.array([0.0, 0.1, 0.2, 0.5, 0.6, 0.7]))
+    assert rate.fps == pytest.approx(10.0) and rate.jitter_ms == pytest.approx(0.0, abs=1e-9)
+    assert (rate.gaps, rate.dropped) == (1, 2) and rate.longest_gap_s == pytest.approx(0.3)
+    assert rate_of_times(np.array([1.0])) is None
+
+
+def test_table_of_times_beyond_half_a_day_is_refused_by_its_size(tmp_path: Path) -> None:
+    with (tmp_path / "timestamps.csv").open("wb") as file:
+        file.truncate(50_000_000)
+    with pytest.raises(InputError, match=r"timestamps\.csv: expected a table of times of up to 33554432 bytes"):
+        load_timestamps(tmp_path / "timestamps.csv")
+
+
+def test_marks_around_numbers_that_count_as_blanks_are_passed_over(tmp_path: Path) -> None:
+    (tmp_path / "timestamps.csv").write_text("frame,timestamp_s\n0,0.0\n1\x1c,0.5\x1d\n")
+    assert load_timestamps(tmp_path / "timestamps.csv").times_s.tolist() == [0.0, 0.5]

@@ -46,8 +46,7 @@ def shifted(disparity_px: float, noise: float = 1.0) -> tuple[U8, U8]:
 def test_sub_pixel_disparity_is_not_drawn_to_whole_pixels(disparity: float) -> None:
     found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 32))(*shifted(disparity))
     inner = found[20:-20, 60:-20]
-    assert np.isfinite(inner).mean() > 0.95
-    assert np.nanmean(inner) == pytest.approx(disparity, abs=0.08)
+    assert np.isfinite(inner).mean() > 0.95 and np.nanmean(inner) == pytest.approx(disparity, abs=0.08)
 
 
 def test_disparity_of_the_floor_is_that_of_its_depth() -> None:
@@ -61,16 +60,11 @@ def test_disparity_of_the_floor_is_that_of_its_depth() -> None:
     assert np.nanmedian(found) == pytest.approx(expected, abs=0.15)
 
 
-def test_left_band_is_matched_as_far_as_the_right_camera_sees() -> None:
-    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 64))(*shifted(12.0))
-    assert np.isfinite(found[20:-20, 16:64]).mean() > 0.9
-    assert not np.isfinite(found[:, :11]).any()
-
-
-def test_search_may_start_above_zero() -> None:
-    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(5, 32))(*shifted(12.0))
-    assert np.isfinite(found[20:-20, 16:-20]).mean() > 0.9
-    assert np.nanmedian(found) == pytest.approx(12.0, abs=0.1)
+@pytest.mark.parametrize("first_px", [0, 5])
+def test_left_band_is_matched_as_far_as_the_right_camera_sees_wherever_the_search_starts(first_px):
+    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(first_px, 64 if not first_px else 32))(*shifted(12.0))
+    assert np.isfinite(found[20:-20, 16:64]).mean() > 0.9 and np.isfinite(found[20:-20, 16:-20]).mean() > 0.9
+    assert not np.isfinite(found[:, :11]).any() and np.nanmedian(found) == pytest.approx(12.0, abs=0.1)
 
 
 @pytest.mark.parametrize("level", [255, 90], ids=["saturated", "without texture"])
@@ -82,11 +76,13 @@ def test_area_that_shows_nothing_has_no_disparity(level: int) -> None:
     assert np.isnan(found[75:165, 115:235]).all()
 
 
-def test_unrelated_images_give_little_disparity() -> None:
+def test_unrelated_images_give_little_disparity_and_other_sizes_are_refused():
     left, _ = ToyWorld(seed=1).pair(toy_rig())
     right, _ = ToyWorld(seed=2).pair(toy_rig())
     found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(0, 64))(left, right)
     assert np.isfinite(found).mean() < 0.4
+    with pytest.raises(ValueError, match=r"\(240, 320\)"):
+        SgbmMatcher(GEOMETRY)(np.zeros((240, 300), np.uint8), np.zeros((240, 300), np.uint8))
 
 
 @pytest.mark.parametrize(("side", "seen"), [("mask", 197), ("right_mask", 212)])
@@ -104,8 +100,7 @@ def test_a_window_has_the_disparity_of_its_samples(step: int) -> None:
     found = matcher.part(left[window.slices], right[right_of(window, searched).slices], window, searched)
     assert found.shape == (99 // step + 99 % step, 99 // step + 99 % step)
     inside = found[8 // step : -8 // step, 8 // step : -8 // step] - 12.0
-    assert abs(np.median(inside)) < 0.08
-    assert (np.abs(inside) < 0.4).mean() > 0.95
+    assert abs(np.median(inside)) < 0.08 and (np.abs(inside) < 0.4).mean() > 0.95
 
 
 def test_samples_of_a_window_are_those_of_every_pixel() -> None:
@@ -128,32 +123,21 @@ def test_an_image_of_samples_repeats_them() -> None:
     np.testing.assert_array_equal(image, [[1, 1, 2, 2], [1, 1, 2, 2], [3, 3, np.nan, np.nan]])
 
 
-def test_matcher_refuses_other_sizes() -> None:
-    with pytest.raises(ValueError, match=r"\(240, 320\)"):
-        SgbmMatcher(GEOMETRY)(np.zeros((240, 300), np.uint8), np.zeros((240, 300), np.uint8))
-
-
-def test_range_without_a_floor_reaches_from_infinity_to_the_nearest_distance() -> None:
+def test_range_without_a_floor_is_that_of_the_nearest_distance_and_bounded_for_wide_baselines():
     found = disparity_range(GEOMETRY, RangeParams(nearest_m=1.0))
     assert found == DisparityRange(0, 32)  # f b / 1 m = 27.6 px
+    wide = RectifiedGeometry(640, 480, 500.0, 500.0, 320.0, 240.0, 1.0)
+    assert disparity_range(wide, RangeParams(max_disparities=100)).count == 96
 
 
-def test_range_above_a_known_floor_starts_below_the_floor_and_ends_at_heads() -> None:
+def test_range_above_a_known_floor_reaches_heads_and_from_a_level_camera_infinity():
     floor = Floor(world_from_plane(np.array([0.0, 0.0, -1.0]), 2.74))
     found = disparity_range(OVERHEAD, RangeParams(reach_m=2.0, below_floor_m=0.5), floor)
     # f b = 29.96: 9.2 px at 3.24 m, 40.5 px at 0.74 m.
     assert found == DisparityRange(8, 48)
-
-
-def test_level_camera_is_searched_from_infinity_and_sees_no_farthest_head() -> None:
     floor = Floor(world_from_plane(np.array([0.0, -1.0, 0.0]), 1.6))
     assert disparity_range(OVERHEAD, RangeParams(nearest_m=0.7), floor).first_px == 0
     assert farthest_head_m(GEOMETRY, floor) == np.inf
-
-
-def test_range_is_bounded_for_wide_baselines() -> None:
-    wide = RectifiedGeometry(640, 480, 500.0, 500.0, 320.0, 240.0, 1.0)
-    assert disparity_range(wide, RangeParams(max_disparities=100)).count == 96
 
 
 @settings(max_examples=25, deadline=None)
@@ -172,16 +156,12 @@ def test_disparity_kernel_equals_its_numpy_twin(seed: int, lowest: int, left: in
     np.testing.assert_array_equal(ours, theirs)
 
 
-def test_far_rows_need_fewer_disparities() -> None:
+def test_far_rows_need_fewer_disparities_and_the_farthest_head_is_a_childs_in_the_corner():
     tilt = np.radians(60.0)
     floor = Floor(world_from_plane(np.array([0.0, -np.sin(tilt), -np.cos(tilt)]), 2.7))
     rows = Window(0, 0, GEOMETRY.width, 60)
     far, everywhere = (disparity_range(GEOMETRY, None, floor, window) for window in (rows, None))
-    assert far.count < everywhere.count
-    assert far.first_px == everywhere.first_px
-
-
-def test_farthest_head_from_straight_above_is_a_childs_in_the_corner() -> None:
+    assert far.count < everywhere.count and far.first_px == everywhere.first_px
     floor = Floor(world_from_plane(np.array([0.0, 0.0, -1.0]), 2.85))
     assert farthest_head_m(OVERHEAD, floor) == pytest.approx(2.0)
 

@@ -1,3 +1,9 @@
+"""Rectification, and rigs of several cameras."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, cast
+
 import numpy as np
 import pytest
 from toy_stereo import ToyWorld, toy_rig, walking
@@ -7,7 +13,8 @@ from calib.images import as_grey
 from calib.pose import SE3
 from calib.rig import StereoRig
 from stereo.gating import Window
-from stereo.recording import StereoFrame
+from stereo.readers.multi_rig import MultiRigRecording, RigRecording
+from stereo.recording import Skipped, StereoFrame, StereoRecording
 from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier, fold_radius, ideal_pinhole, source_pixels
 from stereo.rig_correction import MatchParams, match_corners
 
@@ -22,18 +29,14 @@ def row_offsets(rig: StereoRig) -> np.ndarray:
     return match_corners(pair.left_grey, pair.right_grey, 45.0, MatchParams())[:, 3]
 
 
-def test_rectifying_an_ideal_pair_changes_nothing() -> None:
+def test_rectifying_an_ideal_pair_changes_neither_its_images_nor_its_geometry():
     rig = toy_rig()
     left, right = ToyWorld().pair(rig)
     pair = Rectifier(rig)(left, right)
     np.testing.assert_array_equal(pair.left, left)
     np.testing.assert_array_equal(pair.right_grey, right)
-
-
-def test_geometry_of_an_ideal_pair_is_the_cameras_own() -> None:
     geometry = Rectifier(toy_rig()).geometry
-    assert geometry.size == (320, 240)
-    assert geometry.focal_u_px == pytest.approx(230.0)
+    assert geometry.size == (320, 240) and geometry.focal_u_px == pytest.approx(230.0)
     assert (geometry.cu_px, geometry.cv_px) == pytest.approx((159.5, 119.5))
     assert geometry.baseline_m == pytest.approx(0.12)
 
@@ -45,8 +48,7 @@ FISHEYE = Camera(320, 240, 140.0, 140.0, 159.5, 119.5, "fisheye", (0.02, -0.01, 
 def test_rows_of_a_turned_pair_are_aligned(distortion: tuple[float, ...], lens: Camera | None, most: float) -> None:
     rig = toy_rig(rotation_deg=TURN, distortion=distortion)
     offsets = row_offsets(StereoRig(lens, lens, rig.right_SE3_left) if lens else rig)
-    assert len(offsets) > 60
-    assert np.median(np.abs(offsets)) < most
+    assert len(offsets) > 60 and np.median(np.abs(offsets)) < most
 
 
 def test_rectified_baseline_lies_along_x() -> None:
@@ -67,8 +69,7 @@ def test_large_images_are_reduced_to_the_working_size_unless_the_full_size_is_as
     rig = toy_rig((1280, 960), focal_px=920.0)
     assert Rectifier(rig, RectifyParams(working_px=0)).geometry.size == (1280, 960)
     rectifier = Rectifier(rig)
-    assert rectifier.geometry.size == (640, 480)
-    assert rectifier.geometry.focal_u_px == pytest.approx(460.0)
+    assert rectifier.geometry.size == (640, 480) and rectifier.geometry.focal_u_px == pytest.approx(460.0)
     checker = np.kron(np.indices((480, 640)).sum(axis=0) % 2, np.ones((2, 2))).astype(np.uint8) * 255
     pair = rectifier(checker, checker)
     np.testing.assert_array_equal(pair.left, checker[::2, ::2])
@@ -92,8 +93,7 @@ def test_folding_lens_model_is_not_followed_outside_its_range() -> None:
     g = rectifier.geometry
     u, v = np.meshgrid(np.arange(g.width), np.arange(g.height))
     radius = np.hypot((u - g.cu_px) / g.focal_u_px, (v - g.cv_px) / g.focal_v_px)
-    assert not rectifier.mask[radius > 0.9].any()
-    assert rectifier.mask[radius < 0.4].all()
+    assert not rectifier.mask[radius > 0.9].any() and rectifier.mask[radius < 0.4].all()
 
 
 def test_field_grows_with_the_share_of_border_kept() -> None:
@@ -121,28 +121,23 @@ def test_aligned_rectifier_takes_out_a_turn_the_calibration_missed(turn_deg: tup
     frames = [StereoFrame(i, i / 15, *world.pair(true, walking(i), i)) for i in (0, 20)]
     rectifier, found = aligned_rectifier(claimed, frames)
     left = (rectifier.rig.right_SE3_left @ true.right_SE3_left.inverse()).rotvec
-    assert np.degrees(np.abs(left)).max() < 0.03
-    assert found.after_px < 0.1 < found.before_px
+    assert np.degrees(np.abs(left)).max() < 0.03 and found.after_px < 0.1 < found.before_px
 
 
 def test_aligned_rectifier_leaves_a_good_calibration_alone() -> None:
     rig = toy_rig(rotation_deg=TURN)
     rectifier, found = aligned_rectifier(rig, [StereoFrame(0, 0.0, *ToyWorld().pair(rig))])
-    assert rectifier.rig is rig
-    assert found.before_px == found.after_px < 0.1
+    assert rectifier.rig is rig and found.before_px == found.after_px < 0.1
 
 
-def test_rectifier_refuses_other_sizes() -> None:
-    with pytest.raises(ValueError, match=r"\(240, 320\)"):
-        Rectifier(toy_rig())(np.zeros((240, 321), np.uint8), np.zeros((240, 321), np.uint8))
-
-
-def test_colour_left_stays_colour_and_right_becomes_grey() -> None:
+def test_rectifier_takes_colour_on_the_left_and_refuses_other_sizes():
     image = np.zeros((240, 320, 3), np.uint8)
     image[..., 2] = 200
     pair = Rectifier(toy_rig())(image, image)
     assert pair.left.shape == (240, 320, 3)
     assert pair.left_grey[100, 100] == pair.right_grey[100, 100] == as_grey(image)[0, 0]
+    with pytest.raises(ValueError, match=r"\(240, 320\)"):
+        Rectifier(toy_rig())(np.zeros((240, 321), np.uint8), np.zeros((240, 321), np.uint8))
 
 
 def test_parts_of_a_pair_are_those_of_the_whole_pair() -> None:
@@ -167,7 +162,58 @@ def test_the_reduced_image_of_a_part_holds_means_of_the_whole() -> None:
     assert reduced.shape == means.shape
     inside = rectifier.mask[::2, ::2] > 0
     assert abs((reduced - means)[inside].mean()) < 0.5
-    off = [
-        np.abs(np.roll(reduced, by, (0, 1)) - means)[inside].mean() for by in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
-    ]
+    near = (0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)
+    off = [np.abs(np.roll(reduced, by, (0, 1)) - means)[inside].mean() for by in near]
     assert off[0] < 0.5 * min(off[1:])
+
+
+BLACK = np.zeros((2, 2), dtype=np.uint8)
+
+
+class Times:
+    """A recording of which only the times matter."""
+
+    def __init__(self, times_s: list[float], fps: float = 10.0) -> None:
+        self.times_s, self.fps, self.n_frames = times_s, fps, len(times_s)
+        self.skipped: list[Skipped] = []
+
+    def __iter__(self) -> Iterator[StereoFrame]:
+        return (StereoFrame(i, t, BLACK, BLACK) for i, t in enumerate(self.times_s))
+
+
+def moments(*heads: tuple[Times, float]) -> list[tuple[float, list[int | None]]]:
+    """Time of every moment, and the frame index of each head."""
+    together = [RigRecording(f"{i}", cast(Any, times), start) for i, (times, start) in enumerate(heads)]
+    recording = MultiRigRecording(Path("r"), together)
+    return [(round(m.timestamp_s, 4), [f.index if f else None for f in m.frames]) for m in recording]
+
+
+JITTER = 0.004 * np.array([0, 1, -1, 1, 0, -1])
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "start_s", "frames"),
+    [
+        (Times([0.0, 0.1, 0.2]), Times([0.0, 0.1, 0.2]), 0.12, [[0, None], [1, 0], [2, 1], [None, 2]]),
+        (Times([0.0, 0.1, 0.2]), Times([0.0, 0.2]), 0.0, [[0, 0], [1, None], [2, 1]]),
+        (Times([0.0, 0.05, 0.1, 0.15, 0.2], 20.0), Times([0.0, 0.1, 0.2], 10.0), 0.0, [[0, 0], [2, 1], [4, 2]]),
+        (Times(list(np.arange(6) / 10)), Times(list(np.arange(6) / 10 + JITTER)), 0.05, [[i, i] for i in range(6)]),
+    ],
+    ids=["clocks apart", "a frame missing", "a faster head", "half a period apart with jitter"],
+)
+def test_heads_give_the_frames_of_each_moment(first, second, start_s, frames):
+    assert [found for _, found in moments((first, 0.0), (second, start_s))] == frames
+
+
+def test_times_are_means_that_begin_with_the_earliest_head() -> None:
+    assert moments((Times([0.0]), 0.0), (Times([0.0]), -3.0))[0] == (0.0, [None, 0])
+    even = Times([0.0, 0.1, 0.2])
+    assert [time for time, _ in moments((even, 0.0), (even, 0.12))] == [0.0, 0.11, 0.21, 0.32]
+
+
+def test_skipped_frames_name_their_head() -> None:
+    times = Times([0.0])
+    times.skipped.append(Skipped(4, "left: file is missing"))
+    recording = MultiRigRecording(Path("r"), [RigRecording("north", cast(StereoRecording, cast(Any, times)), 0.0)])
+    assert [(s.index, s.why) for s in recording.skipped] == [(4, "north: left: file is missing")]
+    assert recording.fps == pytest.approx(10.0)

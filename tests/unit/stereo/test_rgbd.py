@@ -1,28 +1,34 @@
-"""Images with depth: noise, rectification, registration."""
+"""RGB-D recordings: readers and registration."""
 
+import json
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 from reference import stereo_kernels as reference
 
 from calib.camera import Camera
+from calib.errors import InputError
 from calib.pose import SE3
 from calib.rig import RgbdRig
 from stereo._kernels import register_depth
 from stereo.depth import DepthFromDisparity
-from stereo.recording import RgbdFrame
+from stereo.readers import OpenOptions, find_reader, open_any
+from stereo.readers.images import metres
+from stereo.readers.pairing import nearest_mates
+from stereo.readers.rgbd import rate_by_movement
+from stereo.recording import RgbdFrame, RgbdRecording
 from stereo.rgbd import DepthRegistration, RgbdRectifier
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 31.5, 23.5)
 LENS = (-0.1, 0.05, 0.0, 0.0, 0.0)
 
 
-def test_structured_light_has_the_published_noise() -> None:
+def test_sensors_have_the_noise_that_was_published():
     geometry = RgbdRectifier(CAMERA, "structured-light").geometry
     assert geometry.depth_std_m(5.0) == pytest.approx(0.0356, abs=1e-4)  # Khoshelham and Elberink: about 4 cm at 5 m
     assert geometry.disparity_std_px == 0.25
-
-
-def test_time_of_flight_keeps_its_noise_nearby() -> None:
     geometry = RgbdRectifier(CAMERA, "time-of-flight").geometry
     assert geometry.depth_std_m(0.5) == pytest.approx(0.005, rel=0.01)
     at = geometry.disparity_at(0.5)
@@ -56,13 +62,10 @@ def test_registration_shifts_depth_by_the_disparity_and_keeps_the_nearer_surface
     assert moved[20, 37] == 2.0
 
 
-def test_registration_fills_an_image_of_more_pixels() -> None:
+def test_registered_depth_stays_as_it_is_and_otherwise_fills_an_image_of_more_pixels():
     fine = Camera(128, 96, 120.0, 120.0, 63.5, 47.5)
     moved = DepthRegistration(RgbdRig(fine, CAMERA))(np.full((48, 64), 2.0, np.float32))
     assert np.isfinite(moved[2:-2, 2:-2]).all()
-
-
-def test_registered_depth_stays_as_it_is() -> None:
     depth = np.full((48, 64), 2.0, np.float32)
     assert DepthRegistration(RgbdRig(CAMERA))(depth) is depth
 
@@ -91,3 +94,194 @@ def test_registration_kernel_agrees_with_numpy() -> None:
         reference.register_depth(depth, rays, shift, pinhole, distorted, half, expected)
         np.testing.assert_allclose(found, expected, rtol=1e-6)
         assert np.isfinite(found).sum() > 100
+
+
+COLOUR = {"fx": 60.0, "fy": 60.0, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}
+
+
+def _write(folder: Path, names: list[str], suffix: str = ".png", depth: int | None = None) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        image = np.full((48, 64), depth, np.uint16) if depth else np.full((48, 64, 3), (30, 60, 90), np.uint8)
+        cv2.imwrite(str(folder / f"{name}{suffix}"), image)
+
+
+def _folders(path: Path, calibration: object, names: tuple[str, str] = ("rgb", "depth"), depth: int = 2500) -> Path:
+    _write(path / names[0], ["0", "1", "2"], ".jpg")
+    _write(path / names[1], ["0", "1", "2"], depth=depth)
+    (path / "calib.json").write_text(json.dumps(calibration))
+    return path
+
+
+def _open(path: Path, options: OpenOptions | None = None) -> RgbdRecording:
+    recording = open_any(path, options)
+    assert isinstance(recording, RgbdRecording)
+    return recording
+
+
+@pytest.mark.parametrize("names", [("rgb", "depth"), ("color", "depth"), ("Color", "aligned_depth_to_color")])
+def test_folders_hold_millimetres_unless_they_say_otherwise(tmp_path: Path, names: tuple[str, str]) -> None:
+    (frame, *_), recording = list(rec := _open(_folders(tmp_path, COLOUR, names))), rec
+    assert (recording.n_frames, recording.camera.fx, recording.sensor) == (3, 60.0, "structured-light")
+    assert frame.image.shape == (48, 64, 3)
+    np.testing.assert_allclose(frame.depth_m, 2.5)
+
+
+@pytest.mark.parametrize("scale", [5000.0, 0.0002])
+def test_depth_scale_counts_units_of_a_metre_or_metres_of_a_unit(tmp_path: Path, scale: float) -> None:
+    frame = next(iter(_open(_folders(tmp_path, COLOUR | {"depth_scale": scale}))))
+    np.testing.assert_allclose(frame.depth_m, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("key", "shift"),
+    [("depth_to_rgb", {"T_m": [0.0, 0.0, 0.5]}), ("color_to_depth", {"T": [0.0, 0.0, -500.0]})],
+    ids=["metres", "the other way in millimetres"],
+)
+def test_depth_in_its_own_frame_is_moved_by_the_pose(tmp_path: Path, key: str, shift: dict[str, list[float]]) -> None:
+    content = {"rgb": COLOUR, "depth": COLOUR, key: {"R": np.eye(3).tolist(), **shift}}
+    frame = next(iter(_open(_folders(tmp_path, content))))
+    np.testing.assert_allclose(frame.depth_m[24, 32], 3.0)
+
+
+def test_open3d_intrinsics_are_stored_by_columns_and_name_the_sensor(tmp_path: Path) -> None:
+    matrix = [60.0, 0, 0, 0, 61.0, 0, 31.5, 23.5, 1.0]
+    content = {"width": 64, "height": 48, "intrinsic_matrix": matrix, "depth_mode": "NFOV_UNBINNED"}
+    recording = _open(_folders(tmp_path, content))
+    assert (recording.camera.fy, recording.camera.cx, recording.sensor) == (61.0, 31.5, "time-of-flight")
+
+
+def test_images_and_depth_in_one_folder_are_told_apart_by_name(tmp_path: Path) -> None:
+    _write(tmp_path, [f"frame-00000{i}.color" for i in range(3)])
+    _write(tmp_path, [f"frame-00000{i}.depth" for i in range(3)], depth=2000)
+    (tmp_path / "intrinsic.json").write_text(json.dumps(COLOUR))
+    assert [frame.index for frame in _open(tmp_path)] == [0, 1, 2]
+
+
+def test_times_in_names_pair_images_with_depth(tmp_path: Path) -> None:
+    _write(tmp_path / "rgb", ["1305031102.175304", "1305031102.211214", "1305031102.243211"])
+    _write(tmp_path / "depth", ["1305031102.160407", "1305031102.226738"], depth=2000)
+    (tmp_path / "intrinsic.json").write_text(json.dumps(COLOUR))
+    recording = _open(tmp_path)
+    assert [(frame.index, round(frame.timestamp_s, 4)) for frame in recording] == [(0, 0.0), (1, 0.0359)]
+    assert recording.notes == ["1 of 3 images without a depth image within 20 ms, skipped"]
+
+
+def test_depth_of_another_resolution_counts_as_registered(tmp_path: Path) -> None:
+    _folders(tmp_path, COLOUR)
+    for i in range(3):
+        cv2.imwrite(str(tmp_path / "depth" / f"{i}.png"), np.full((24, 32), 2000, np.uint16))
+    recording = _open(tmp_path)
+    frame = next(iter(recording))
+    assert np.isfinite(frame.depth_m[2:-2, 2:-2]).all()
+    assert any("counts as registered" in note for note in recording.notes)
+
+
+def test_folders_without_calibration_are_refused(tmp_path: Path) -> None:
+    (_folders(tmp_path, COLOUR) / "calib.json").unlink()
+    with pytest.raises(InputError, match="expected a calibration of the images"):
+        open_any(tmp_path)
+
+
+def test_calibration_of_another_aspect_is_refused_and_of_twice_the_resolution_scaled(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="another aspect"):
+        open_any(_folders(tmp_path / "a", COLOUR | {"height": 40}))
+    large = {"fx": 120.0, "fy": 120.0, "cx": 63.5, "cy": 47.5, "width": 128, "height": 96}
+    recording = _open(_folders(tmp_path / "b", large))
+    assert recording.camera.fx == 60.0 and "scaled from 128x96" in recording.source
+
+
+def test_lost_depth_image_is_skipped_with_a_reason(tmp_path: Path) -> None:
+    _folders(tmp_path, COLOUR)
+    (tmp_path / "depth" / "1.png").write_bytes(b"broken")
+    recording = _open(tmp_path)
+    assert [frame.index for frame in recording] == [0, 2]
+    assert [(s.index, s.why) for s in recording.skipped] == [(1, "depth: depth/1.png cannot be decoded")]
+
+
+def test_colour_pictures_of_depth_are_no_depth(tmp_path: Path) -> None:
+    _write(tmp_path / "rgb", ["0", "1"])
+    _write(tmp_path / "depth", ["0", "1"])
+    with pytest.raises(InputError, match="expected a recording"):
+        find_reader(tmp_path)
+
+
+def _tum(path: Path, depth_at: list[str]) -> Path:
+    at = ["10.0", "10.1", "10.2"]
+    _write(path / "rgb", at)
+    _write(path / "depth", depth_at, depth=10_000)
+    for name, times in (("rgb", at), ("depth", depth_at)):
+        lines = ["# timestamp filename", *(f"{t} {name}/{t}.png" for t in times)]
+        (path / f"{name}.txt").write_text("\n".join(lines))
+    return path
+
+
+def test_tum_images_take_the_depth_of_their_time(tmp_path: Path) -> None:
+    recording = _open(_tum(tmp_path, ["10.01", "10.15", "10.21"]))
+    frames = list(recording)
+    assert [(frame.index, round(frame.timestamp_s, 6)) for frame in frames] == [(0, 0.0), (2, 0.2)]
+    np.testing.assert_allclose(frames[0].depth_m[24, 32], 2.0)
+    assert len(recording.skipped) == 1 and any("nominal Kinect camera" in note for note in recording.notes)
+
+
+def test_tum_associations_decide_when_they_are_there(tmp_path: Path) -> None:
+    _tum(tmp_path, ["10.01", "10.11", "10.21"])
+    (tmp_path / "associations.txt").write_text("10.0 rgb/10.0.png 10.01 depth/10.01.png\n")
+    recording = _open(tmp_path)
+    assert [frame.index for frame in recording] == [0]
+    assert any("2 of 3 images" in note for note in recording.notes)
+
+
+def test_tum_names_must_stay_inside_the_recording(tmp_path: Path) -> None:
+    _tum(tmp_path, ["10.0", "10.1", "10.2"])
+    (tmp_path / "rgb.txt").write_text("10.0 ../secret.png\n")
+    with pytest.raises(InputError, match="inside the recording"):
+        open_any(tmp_path)
+
+
+def test_mates_are_nearest_to_each_other_and_metres_leave_out_what_no_sensor_measures():
+    images, depths = np.array([0, 33, 66]) * 1_000_000, np.array([30, 40, 90]) * 1_000_000
+    assert nearest_mates(images, depths).tolist() == [-1, 0, -1]
+    found = metres(np.array([[0, 1000, 65535]], np.uint16), 1000.0)
+    np.testing.assert_array_equal(found, np.array([[np.nan, 1.0, np.nan]], np.float32))
+
+
+WALK_CAMERA = Camera(320, 240, 260.0, 260.0, 159.5, 119.5)
+
+
+def _walker(step_m: float) -> list[RgbdFrame]:
+    """Before a wall 6 m away, a card of 0.5 m x 1.6 m at 3 m steps to the right."""
+    frames = []
+    for index in range(24):
+        depth = np.full((240, 320), 6.0, np.float32)
+        left = round(260 * (-1.8 + step_m * index) / 3 + 159.5)
+        depth[40:180, max(left, 0) : max(left + 43, 0)] = 3.0
+        frames.append(RgbdFrame(index, index / 30, np.zeros((240, 320), np.uint8), depth))
+    return frames
+
+
+@pytest.mark.parametrize(("step_m", "fps"), [(0.13, 10.0), (0.26, 5.0), (0.0, None)])
+def test_rate_is_that_at_which_people_walk_and_unknown_where_nothing_moves(step_m, fps):
+    frames = _walker(step_m)
+    found = rate_by_movement(lambda indices: [frames[i] for i in indices], len(frames), WALK_CAMERA)
+    assert found is None if fps is None else found == pytest.approx(fps, rel=0.25)  # of 8 pixels each
+
+
+@pytest.mark.parametrize("time", ["1e999999", "1e99999999", "1e19", "nan", "0001-01-01", "9999-12-31", "2262-04-12"])
+def test_tum_times_that_no_clock_shows_are_refused_with_their_line(tmp_path: Path, time: str) -> None:
+    _tum(tmp_path, ["10.0", "10.1", "10.2"])
+    (tmp_path / "rgb.txt").write_text(f"# times\n10.0 rgb/10.0.png\n{time} rgb/10.1.png\n")
+    with pytest.raises(InputError, match=rf"rgb\.txt: expected timestamp and file name in line 3, found '{time} rgb"):
+        open_any(tmp_path)
+
+
+def test_tum_line_with_the_time_of_another_is_named(tmp_path: Path) -> None:
+    _tum(tmp_path, ["10.0", "10.1", "10.2"])
+    listed = "10.0 rgb/10.0.png\n10.1 rgb/10.1.png\n10.1 rgb/10.2.png\n10.10 rgb/10.3.png\n"
+    (tmp_path / "rgb.txt").write_text(listed)
+    recording = _open(tmp_path)
+    assert [frame.index for frame in recording] == [0, 1]
+    assert recording.notes[:2] == [
+        "line 3 of rgb.txt has the time of line 2, skipped",
+        "1 more lines of rgb.txt with the time of another, skipped",
+    ]

@@ -13,19 +13,17 @@ from stereo.readers import open_recording
 from stereo.readers.side_by_side import Packing, common, find_packing, rectified_rig, tell_order
 
 SIDE_BY_SIDE, STACKED = Packing(False, False), Packing(True, False)
-W, H, DISPARITY, ROWS = 320, 240, 12, 9
+W, H = 320, 240
 
 
-def view(shift: int = 0, rows: int = 0) -> U8:
-    """A textured plane, shifted to the left and down."""
-    rng = np.random.default_rng(3)
-    texture = cv2.resize(
-        rng.integers(0, 255, (50, 60), dtype=np.uint8), (W + 80, H + 40), interpolation=cv2.INTER_CUBIC
-    )
-    return np.ascontiguousarray(texture[20 - rows : 20 - rows + H, 20 + shift : 20 + shift + W])
+def view(shift: int = 0) -> U8:
+    """A textured plane, shifted to the left."""
+    coarse = np.random.default_rng(3).integers(0, 255, (50, 60), dtype=np.uint8)
+    texture = cv2.resize(coarse, (W + 80, H + 40), interpolation=cv2.INTER_CUBIC)
+    return np.ascontiguousarray(texture[20 : 20 + H, 20 + shift : 20 + shift + W])
 
 
-LEFT, RIGHT = view(), view(DISPARITY)
+LEFT, RIGHT = view(), view(12)
 
 
 @pytest.mark.parametrize(

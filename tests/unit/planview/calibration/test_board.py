@@ -1,14 +1,20 @@
-"""Layouts of board images on disk."""
+"""Calibration from boards, and the frames of a room aligned."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from toy_recordings import write_frames
 
-from calib.errors import InputError
+from calib.errors import InputError, WorkError
+from calib.types import F64
+from planview.calibration.align import AlignParams, RigAlignment, after, align_rigs
 from planview.calibration.board import BoardImages
+from planview.calibration.paths import TICK_S, WalkedPath, by_time
+from planview.evaluation.align import floor_rotation
 
 
 def save(folder: Path, names: Sequence[str], size: tuple[int, int] = (40, 30)) -> Path:
@@ -41,10 +47,12 @@ def test_pairs_are_found_in_folders_and_by_name(names: Sequence[str], tmp_path: 
     assert values(BoardImages(save(tmp_path, names))) == [(5, 25), (15, 35)]
 
 
-def test_an_image_without_a_mate_is_named(tmp_path: Path) -> None:
+def test_images_without_a_mate_or_that_cannot_be_decoded_are_named(tmp_path: Path) -> None:
     images = BoardImages(save(tmp_path, ["left1.png", "left2.png", "left3.png", "right1.png", "right3.png"]))
     assert [(p.name, p.why) for p in images if p.left is None] == [("left2.png", "has no mate from the other camera")]
     assert values(images) == [(5, 35), (25, 45)]
+    (tmp_path / "left1.png").write_bytes(b"\x89PNG broken")
+    assert next(iter(images)).why.endswith("left1.png cannot be decoded")
 
 
 def test_wide_images_are_split_in_halves(tmp_path: Path) -> None:
@@ -53,34 +61,97 @@ def test_wide_images_are_split_in_halves(tmp_path: Path) -> None:
     assert values(BoardImages(tmp_path)) == [(7, 9)]
 
 
-def test_images_that_are_neither_named_nor_wide_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"expected a left and a right image side by side .* found 40x30"):
-        list(BoardImages(save(tmp_path, ["a.png"])))
-
-
-def test_an_image_that_cannot_be_decoded_is_named(tmp_path: Path) -> None:
-    save(tmp_path, ["left1.png", "right1.png"])
-    (tmp_path / "left1.png").write_bytes(b"\x89PNG broken")
-    (pair,) = BoardImages(tmp_path)
-    assert pair.why.endswith("left1.png cannot be decoded")
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [
+        (["a.png"], "a left and a right image side by side .* found 40x30"),
+        ([], ""),
+        (["left/1.png"], ""),
+        (["left/1.png", "left2/1.png", "right/1.png"], ""),
+        (None, "a folder of board images or a video"),
+    ],
+)
+def test_what_holds_no_pairs_is_refused(names, found, tmp_path):
+    with pytest.raises(InputError, match=f"expected {found}"):
+        list(BoardImages(tmp_path / "none" if names is None else save(tmp_path, names)))
 
 
 def test_a_side_by_side_video_gives_named_frames(tmp_path: Path) -> None:
-    writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (160, 48))
-    for _ in range(6):
-        writer.write(np.zeros((48, 160, 3), np.uint8))
-    writer.release()
+    write_frames(tmp_path / "v.avi", [np.zeros((48, 160, 3), np.uint8)] * 6)
     images = BoardImages(tmp_path / "v.avi")
     assert images.names[0] == "frame 0"
     assert [pair.left.shape[:2] for pair in images if pair.left is not None] == [(48, 80)] * 6
 
 
-@pytest.mark.parametrize("names", [[], ["left/1.png"], ["left/1.png", "left2/1.png", "right/1.png"]])
-def test_folders_without_pairs_are_refused(names: Sequence[str], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected"):
-        BoardImages(save(tmp_path, names))
+PARAMS = AlignParams(disparity_px=0.0)
+TRUE = RigAlignment(math.radians(140.0), 3.0, 1.5, 2.34)
 
 
-def test_a_path_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected a folder of board images or a video"):
-        BoardImages(tmp_path / "none")
+def path(times_s: F64, xy_m: F64, height_m: float = 1.7) -> WalkedPath:
+    """A path at ticks from positions at any times."""
+    ticks = np.arange(math.ceil(times_s[0] / TICK_S), math.floor(times_s[-1] / TICK_S) + 1)
+    xy = np.column_stack([np.interp(ticks * TICK_S, times_s, column) for column in xy_m.T])
+    return WalkedPath(int(ticks[0]), xy, height_m, np.zeros_like(xy))
+
+
+def both_heads(xy_m: F64, noise_m: float = 0.03, seed: int = 0) -> tuple[WalkedPath, WalkedPath]:
+    """What two heads measure of a person at xy (T, 2), every 0.05 s: noise and clock are those of TRUE."""
+    rng = np.random.default_rng(seed)
+    times = 0.05 * np.arange(len(xy_m))
+    own = (xy_m - [TRUE.x_m, TRUE.y_m]) @ floor_rotation(TRUE.heading_rad)
+    first, second = (p + rng.normal(0, noise_m, p.shape) for p in (xy_m, own))
+    return path(times, first), path(times - TRUE.clock_s, second)
+
+
+def curve(t: F64) -> F64:
+    """A walk around a room."""
+    return np.column_stack([1.5 * np.sin(0.5 * t) + 0.3 * np.sin(1.3 * t), 3.0 + 1.2 * np.cos(0.4 * t)])
+
+
+def test_a_walk_with_turns_tells_heading_place_and_clock() -> None:
+    first, second = both_heads(curve(0.05 * np.arange(600)))
+    found = align_rigs([first], [second], PARAMS)
+    assert math.degrees(abs(found.heading_rad - TRUE.heading_rad)) < 0.5
+    assert math.hypot(found.x_m - TRUE.x_m, found.y_m - TRUE.y_m) < 0.03
+    assert found.clock_s == pytest.approx(TRUE.clock_s, abs=0.02)
+    assert found.shared_s == pytest.approx(30.0, abs=0.3)
+    assert found.residual_m == pytest.approx(0.03, abs=0.02)
+    assert abs(found.heading_rad - TRUE.heading_rad) < 3 * found.heading_std_rad
+
+
+@pytest.mark.parametrize(
+    ("x_m", "noise_m", "found"),
+    [
+        (-2.0 + 0.5 * 0.05 * np.arange(200), 0.01, "straight|another that fits"),
+        (1.5 * np.sin(0.7 * 0.05 * np.arange(600)), 0.01, "another that fits"),
+        (np.full(400, 0.5), 0.03, "stood"),
+    ],
+    ids=["one straight line at one speed", "to and fro on a line", "standing"],
+)
+def test_walks_that_tell_no_alignment_are_refused(x_m, noise_m, found):
+    first, second = both_heads(np.column_stack([x_m, np.full(len(x_m), 3.0)]), noise_m)
+    with pytest.raises(WorkError, match=found):
+        align_rigs([first], [second], PARAMS)
+    with pytest.raises(WorkError, match="found none"):
+        align_rigs([], [], PARAMS)
+
+
+def test_people_of_other_heights_do_not_meet() -> None:
+    first, second = both_heads(curve(0.05 * np.arange(600)))
+    taller = WalkedPath(second.first, second.xy_m, 1.95, second.per_px_m)
+    with pytest.raises(WorkError, match="no path that fits"):
+        align_rigs([first], [taller], PARAMS)
+
+
+def test_a_third_head_is_placed_by_the_second() -> None:
+    second, third = RigAlignment(math.pi / 2, 1.0, 2.0, 3.0), RigAlignment(math.pi / 2, 1.0, 0.0, -1.0)
+    placed = after(second, third)
+    assert (placed.x_m, placed.y_m, placed.clock_s) == pytest.approx((1.0, 3.0, 2.0))
+    assert abs(placed.heading_rad) == pytest.approx(math.pi)
+
+
+def test_paths_one_after_the_other_share_a_slot() -> None:
+    ones = np.ones((30, 2))
+    early, late, beside = (WalkedPath(first, ones * first, 1.7, ones) for first in (10, 40, 20))
+    xy, _, first = by_time([early, late, beside])
+    assert (xy.shape, first) == ((60, 2, 2), 10)

@@ -1,6 +1,8 @@
-"""Crossings, stays and queues of people whose ways are known, at 10 frames per second."""
+"""Counting while tracks arrive, and the page."""
 
+import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,11 +10,11 @@ import pytest
 
 from planview.counting.events import Event
 from planview.counting.geometry import RulePlane
-from planview.counting.rules import AnalyticsParams, parse_rules
+from planview.counting.rules import AnalyticsParams, load_rules, parse_rules
 from planview.counting.stream import Analytics
 from planview.counting.totals import Clock, Counts, count_tracks, count_truth
 from planview.trajectories.state import State, TrackState
-from planview.trajectories.table import positions_table
+from planview.trajectories.table import Trajectories, positions_table, write_table
 
 WIRE = {"name": "door", "from_m": [0, 0], "to_m": [2, 0]}  # from left to right: its left side is y > 0
 ZONE = {"name": "room", "polygon_m": [[0, 0], [4, 0], [4, 4], [0, 4]]}
@@ -32,9 +34,7 @@ def feed(counter: Analytics, rows: Sequence[Row]) -> list[Event]:
     return events
 
 
-def way(
-    ys: Sequence[float], track_id: int = 1, x: float = 1.0, start: int = 0, state: State = "confirmed"
-) -> list[Row]:
+def way(ys: Sequence[float], track_id: int = 1, x: float = 1.0, start: int = 0, state: State = "confirmed"):
     return [(start + i, track_id, x, float(y), state) for i, y in enumerate(ys)]
 
 
@@ -86,31 +86,24 @@ def test_age_from_which_a_track_counts_is_a_parameter() -> None:
     assert crossings(way([0.5, 0.1, -0.5]), min_age_s=0.2) == [(1, RIGHT)]
 
 
-def test_crossing_is_dated_to_the_line_between_frames() -> None:
-    (event,) = (e for e in feed(analytics(), way([1.0, 0.6, 0.1, -0.3, -0.7, -1.0])) if e.kind == "crossing")
-    assert event.timestamp_s == pytest.approx(0.2 + 0.1 * 0.25)
-    assert event.frame == 3
-
-
-def test_crossing_inside_a_gap_is_interpolated() -> None:
-    rows = [row for row in way(DOWN) if not 5 < row[0] < 16]
+@pytest.mark.parametrize(
+    ("rows", "frame", "timestamp_s"),
+    [
+        (way([1.0, 0.6, 0.1, -0.3, -0.7, -1.0]), 3, 0.2 + 0.1 * 0.25),
+        ([row for row in way(DOWN) if not 5 < row[0] < 16], 10, 1.0),
+        (way([1.0, 0.9, 0.8, -1.5, 0.7, 0.5, 0.1, -0.3, -0.6]), 7, 0.6 + 0.1 * 0.25),
+    ],
+    ids=["between frames", "inside a gap", "after one frame that was wrong, as when a low camera sees the head only"],
+)
+def test_crossing_is_dated_to_the_line(rows, frame, timestamp_s):
     (event,) = (e for e in feed(analytics(), rows) if e.kind == "crossing")
-    assert event.timestamp_s == pytest.approx(1.0)
+    assert (event.frame, event.direction) == (frame, RIGHT)
+    assert event.timestamp_s == pytest.approx(timestamp_s)
 
 
-def test_one_frame_beyond_the_line_is_no_crossing_and_does_not_hide_the_one_after_it() -> None:
-    """A distance that is wrong in one frame, as when a low camera sees the head only."""
-    ways = way([1.0, 0.9, 0.8, -1.5, 0.7, 0.5, 0.1, -0.3, -0.6])
-    (event,) = (e for e in feed(analytics(), ways) if e.kind == "crossing")
-    assert (event.frame, event.direction) == (7, "left_to_right")
-
-
-def test_stay_is_dated_to_the_outline_and_gives_entry_and_exit() -> None:
+def test_stay_is_dated_to_the_outline_and_brushing_along_it_enters_nothing():
     events = [e for e in feed(analytics(), way(np.linspace(-1, 5, 61), x=2.0)) if e.rule == "room"]
     assert [(e.kind, round(e.timestamp_s, 3)) for e in events] == [("entry", 1.0), ("exit", 5.0)]
-
-
-def test_brushing_along_the_outline_enters_nothing() -> None:
     assert [e for e in feed(analytics(), way([-1.0, *[0.1, -0.1] * 20, -1.0], x=3.0)) if e.rule == "room"] == []
 
 
@@ -128,8 +121,7 @@ def test_reset_forgets_everything() -> None:
     counter = analytics()
     feed(counter, way(np.full(20, 2.0), x=2.0))
     counter.reset()
-    assert counter.stays == {"room": []}
-    assert crossings(way(DOWN)) == [(1, "left_to_right")]
+    assert counter.stays == {"room": []} and crossings(way(DOWN)) == [(1, "left_to_right")]
 
 
 def test_memory_is_released_when_people_are_gone() -> None:
@@ -147,7 +139,7 @@ def totals(rows: Sequence[Row], rules: dict[str, Any], **params: float) -> tuple
     return counts, counts.to_json()["rules"]
 
 
-def test_zone_totals_of_a_visitor_and_a_resident() -> None:
+def test_zone_totals_and_occupancy_over_time_follow_the_stays():
     rows = [*way(np.linspace(-1, 5, 61), x=2.0), *way(np.full(100, 2.0), track_id=2, x=3.0)]
     _, rules = totals(rows, {"zone": [ZONE]})
     room = rules["room"]
@@ -155,9 +147,6 @@ def test_zone_totals_of_a_visitor_and_a_resident() -> None:
     assert (room["appeared_inside"], room["vanished_inside"]) == (1, 1)
     assert room["mean_occupancy"] == pytest.approx((4.0 + 10.0) / 10.0)
     assert room["mean_dwell_s"] == pytest.approx(7.0)
-
-
-def test_occupancy_over_time_follows_the_stays() -> None:
     counts, _ = totals(way(np.linspace(-1, 5, 61), x=2.0), {"zone": [ZONE]})
     np.testing.assert_array_equal(counts.occupancy("room", np.array([0.5, 1.5, 4.9, 5.1])), [0, 1, 1, 0])
 
@@ -173,22 +162,16 @@ def test_truth_counts_at_once_but_not_steps_back_within_the_hysteresis() -> None
     assert event.timestamp_s == pytest.approx(0.2 + 0.1 * 0.08 / 0.58)
 
 
-@pytest.mark.parametrize(("inward", "found"), [("left_to_right", (4, 0)), ("right_to_left", (0, 4))])
-def test_a_tripwire_with_an_inward_direction_counts_in_and_out(inward: str, found: tuple[int, int]) -> None:
+@pytest.mark.parametrize(("inward", "found"), [("left_to_right", (4, 0)), ("right_to_left", (0, 4)), (None, None)])
+def test_totals_per_interval_add_up_also_in_and_out_where_one_way_is_inward(inward, found):
     rows = [row for k in range(4) for row in way(DOWN, track_id=k + 1, start=30 * k)]
-    _, rules = totals(rows, {"tripwire": [{**WIRE, "inward": inward}]}, interval_s=5.0)
+    counts, rules = totals(rows, {"tripwire": [WIRE | ({"inward": inward} if inward else {})]}, interval_s=5.0)
     door = rules["door"]
-    assert (door["in"], door["out"]) == found and door["left_to_right"] == 4
-    assert tuple(sum(part[way] for part in door["intervals"]) for way in ("in", "out")) == found
-
-
-def test_totals_per_interval_add_up() -> None:
-    rows = [row for k in range(4) for row in way(DOWN, track_id=k + 1, start=30 * k)]
-    counts, rules = totals(rows, {"tripwire": [WIRE]}, interval_s=5.0)
-    door = rules["door"]
-    assert door["left_to_right"] == 4
-    assert [part["left_to_right"] for part in door["intervals"]] == [2, 1, 1]
+    assert door["left_to_right"] == 4 and [part["left_to_right"] for part in door["intervals"]] == [2, 1, 1]
     assert counts.span.duration_s == pytest.approx(11.1)
+    if inward:
+        assert (door["in"], door["out"]) == found
+        assert tuple(sum(part[way] for part in door["intervals"]) for way in ("in", "out")) == found
 
 
 def test_queue_counts_people_waiting_and_not_people_passing() -> None:
@@ -223,5 +206,43 @@ def test_person_who_walks_over_the_line_three_times_is_one_person_per_visit() ->
     later = way(DOWN, start=len(there_and_back) + 60)
     elsewhere = way([9.0] * 200, track_id=2, x=50.0)
     events = feed(counter, way(there_and_back) + later + elsewhere)
-    assert sum(event.kind == "crossing" for event in events) == 4
-    assert counter.people["door"] == 2
+    assert sum(event.kind == "crossing" for event in events) == 4 and counter.people["door"] == 2
+
+
+PAGE = Path(__file__).resolve().parents[4] / "docs" / "counting.md"
+METRES, PIXELS = re.findall(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+
+
+@pytest.fixture
+def nearer() -> Trajectories:
+    """Somebody who walks towards the camera through the door of the page."""
+    frame = np.arange(40)
+    xy = np.column_stack([np.zeros(40), 5.0 - 0.1 * frame])
+    return positions_table(frame, np.ones(40, dtype=np.int64), xy, np.full(40, 1.7), 0.1 * frame)
+
+
+def test_coming_towards_the_camera_is_in(nearer, tmp_path):
+    (tmp_path / "rules.toml").write_text(METRES)
+    door = count_tracks(nearer, load_rules(tmp_path / "rules.toml")).to_json()["rules"]["door"]
+    assert (door["in"], door["out"]) == (1, 0)
+
+
+def test_walking_up_the_image_is_in(tmp_path):
+    (tmp_path / "rules.toml").write_text(PIXELS)
+    frame = np.arange(40)
+    box = np.column_stack([np.full(40, 300.0), 350.0 - 6 * frame, np.full(40, 30.0), np.full(40, 60.0)])
+    up = positions_table(frame, np.ones(40, dtype=np.int64), np.full((40, 2), np.nan), None, 0.1 * frame, box)
+    edge = count_tracks(up, load_rules(tmp_path / "rules.toml")).to_json()["rules"]["platform edge"]
+    assert (edge["in"], edge["out"]) == (1, 0)
+
+
+def test_the_program_runs(nearer, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rules.toml").write_text(METRES)
+    (tmp_path / "out").mkdir()
+    with (tmp_path / "out" / "tracks.csv").open("w") as file:
+        write_table(file, nearer)
+    found = re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert found
+    exec(found.group(1), {})
+    assert "'door'" in capsys.readouterr().out

@@ -1,7 +1,6 @@
-"""Drawing people in images and on the floor."""
-
 import math
 
+import cv2
 import numpy as np
 import pytest
 
@@ -10,7 +9,7 @@ from calib.ground_camera import GroundCamera
 from calib.types import U8
 from planview.drawing.image import ImagePainter
 from planview.drawing.plan import PlanBounds, PlanPainter, Rule, Snapshot, bounds_of, rules_of, snapshot_at
-from planview.drawing.style import Labels, as_bgr, person_rgb
+from planview.drawing.style import STRIP_PX, Entry, Labels, as_bgr, person_rgb, with_colour_bar, with_legend
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import positions_table
 
@@ -28,30 +27,22 @@ def test_colours_of_neighbouring_ids_are_far_apart_and_legible_on_white() -> Non
     assert (rgb @ (0.299, 0.587, 0.114)).max() < 155
 
 
-def test_box_is_drawn_in_the_colour_of_the_id_where_the_track_says() -> None:
+def test_box_is_drawn_in_the_colour_of_the_id_where_the_track_says_also_in_an_enlarged_image():
     person = TrackState(3, "confirmed", box_px=(100, 50, 60, 200))
     found = has(ImagePainter(None)(GREY, Snapshot(0, 0.0, [person])), person_rgb(3))
     rows, cols = np.nonzero(found)
-    assert (cols.min(), rows.max()) == pytest.approx((99, 251), abs=1)
-    assert not found[100:240, 110:150].any()
-
-
-def test_small_image_is_enlarged_with_its_boxes() -> None:
+    assert (cols.min(), rows.max()) == pytest.approx((99, 251), abs=1) and not found[100:240, 110:150].any()
     person = TrackState(3, "confirmed", box_px=(50, 25, 30, 100))
     picture = ImagePainter(None)(GREY[::2, ::2].copy(), Snapshot(0, 0.0, [person]))
     assert picture.shape == GREY.shape
     assert np.nonzero(has(picture, person_rgb(3)))[1].min() == pytest.approx(99, abs=1)
 
 
-def test_metre_grid_passes_through_the_pixel_of_its_crossing() -> None:
+def test_metre_grid_passes_through_the_pixel_of_its_crossing_and_rules_beyond_the_view_draw_nothing():
     plain = ImagePainter(CAMERA)(GREY, Snapshot(0, 0.0, []))
     gridded = ImagePainter(CAMERA, bounds=PlanBounds(-2, 3, 2, 8))(GREY, Snapshot(0, 0.0, []))
     at = np.round(CAMERA.project(np.array([1.0, 5.0, 0.0]))).astype(int)
-    assert (plain == 128).all()
-    assert gridded[at[1], at[0], 0] > 150
-
-
-def test_rule_beyond_the_view_draws_nothing_and_does_not_fail() -> None:
+    assert (plain == 128).all() and gridded[at[1], at[0], 0] > 150
     behind = Rule("gate", True, True, np.array([(-1.0, -50.0), (1.0, -50.0)]))
     assert (ImagePainter(CAMERA, [behind])(GREY, Snapshot(0, 0.0, [])) == 128).all()
 
@@ -74,13 +65,10 @@ def test_moment_holds_people_their_trails_and_the_truth_of_one_frame() -> None:
     assert (snapshot.time_s, len(snapshot.truth)) == (0.1, 2)
 
 
-def test_plan_view_shows_a_person_at_the_place() -> None:
+def test_plan_view_shows_a_person_at_the_place_within_a_margin():
     paint = PlanPainter(PlanBounds(0, 0, 10, 10), (200, 200))
     found = has(paint(Snapshot(0, 0.0, [TrackState(4, "confirmed", 7.0, 2.0)])), person_rgb(4))
     assert found[160, 140]
-
-
-def test_bounds_leave_a_margin_and_pass_over_what_is_not_known() -> None:
     bounds = bounds_of(np.array([(0.0, 1.0), (np.nan, 2.0)]), np.array([(4.0, 3.0)]))
     assert (bounds.x_min_m, bounds.y_max_m) == pytest.approx((-0.6, 3.6))
 
@@ -95,3 +83,19 @@ def test_rules_of_counts_keep_their_plane_and_kind() -> None:
 def test_points_that_no_rule_has_are_refused(points: object) -> None:
     with pytest.raises(InputError, match=r"counts\.json: expected points of rule 'a'"):
         rules_of({"a": {"kind": "zone", "plane": "floor", "points": points}})
+
+
+def test_legend_lies_below_the_picture_and_goes_on_in_another_strip():
+    picture = np.full((50, 300), 128, dtype=np.uint8)
+    shown = with_legend(picture, [Entry((255, 0, 0), "above"), Entry((0, 0, 255), "below")])
+    assert shown.shape == (50 + STRIP_PX, 300, 3) and (shown[:50] == 128).all()
+    assert all((shown[50:] == colour).all(axis=2).any() for colour in ((0, 0, 255), (255, 0, 0)))
+    picture = np.zeros((50, 120, 3), dtype=np.uint8)
+    assert with_legend(picture, [Entry((9, 9, 9), "a long meaning")] * 3).shape[0] == 50 + 3 * STRIP_PX
+
+
+def test_colour_bar_goes_from_the_low_to_the_high_end() -> None:
+    shown = with_colour_bar(np.zeros((50, 400, 3), dtype=np.uint8), cv2.COLORMAP_TURBO, "far", "near")
+    bar = shown[50 + 12].astype(int)
+    blue, red = np.argmax(bar[:, 0] - bar[:, 2]), np.argmax(bar[60:320, 2] - bar[60:320, 0]) + 60
+    assert blue < red

@@ -1,6 +1,7 @@
-"""``evaluate_tracks`` and ``planview evaluate`` as a whole."""
+"""Whole evaluations."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,9 +10,11 @@ import pytest
 
 from calib.errors import InputError
 from planview.cli import main
+from planview.evaluation.benchmark import benchmark
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.trajectories.formats import load_truth
-from planview.trajectories.table import Trajectories, concatenated, positions_table
+from planview.trajectories.state import TrackState
+from planview.trajectories.table import Trajectories, TrajectoryCollector, concatenated, positions_table
 
 KEYS = (
     "truth_rows", "mota", "motp_m", "idf1", "hota", "switches", "misses", "false_positives", "position_error_mean_m",
@@ -29,17 +32,16 @@ def walk(n: int = 100, track_id: int = 1, x_m: float = 0.0, height_m: float = 1.
     return positions_table(frame, np.full(n, track_id), xy, np.full(n, height_m), frame / 30)
 
 
-def test_evaluation_measures_position_and_height_of_matches() -> None:
+def test_evaluation_measures_position_and_height_of_matches():
     result = evaluate_tracks(walk(x_m=0.1, height_m=1.75), walk()).to_json()
-    assert result["truth_rows"] == 100
-    assert (result["mota"], result["idf1"]) == (1.0, 1.0)
+    assert result["truth_rows"] == 100 and (result["mota"], result["idf1"]) == (1.0, 1.0)
     assert result["motp_m"] == result["position_error_mean_m"] == pytest.approx(0.1)
     assert result["position_error_std_m"] == pytest.approx(0.0, abs=1e-9)
     assert result["height_error_mean_m"] == pytest.approx(0.05)
     assert result["significant_errors"] == {"total": 0, "lost": 0, "missed": 0, "swapped": 0, "false_track": 0}
 
 
-def test_rates_are_over_the_time_scored() -> None:
+def test_rates_are_over_the_time_scored():
     # 300 frames at 30 fps are 10 s; the id changes at frame 150: one switch, one significant error.
     tracks = replace(walk(300), track_id=np.repeat([1, 2], 150))
     result = evaluate_tracks(tracks, walk(300)).to_json()
@@ -51,7 +53,7 @@ def test_rates_are_over_the_time_scored() -> None:
     assert result["events_per_10_min_upper"] == pytest.approx(60 * 4.744, rel=1e-3)
 
 
-def test_breakdown_groups_rows_by_distance_visibility_and_people() -> None:
+def test_breakdown_groups_rows_by_distance_visibility_and_people():
     # Person 1 stands 1 m away, tracked 0.1 m off; person 2, half hidden, 5 m away in the first 40 frames, untracked.
     near = positions_table(np.arange(100), np.full(100, 1), np.tile([0.0, 1.0], (100, 1)))
     far = positions_table(np.arange(40), np.full(40, 2), np.tile([3.0, 4.0], (40, 1)), visible=np.full(40, 0.5))
@@ -67,14 +69,24 @@ def test_breakdown_groups_rows_by_distance_visibility_and_people() -> None:
     assert result["by_distance"][2]["position_error_mean_m"] is None
 
 
-def test_tentative_and_lost_rows_are_neither_found_nor_false() -> None:
+def test_tentative_and_lost_rows_are_neither_found_nor_false_and_frames_limit_both_tables():
     tracks = walk()
     for state in ("tentative", "lost"):
         result = evaluate_tracks(replace(tracks, state=np.full(100, state)), walk())
         assert (result.clear.misses, result.clear.false_positives) == (100, 0)
+    result = evaluate_tracks(walk(50), walk(), frames=(10, 49))
+    assert (result.truth_rows, result.clear.misses, result.track_rows) == (40, 0, 40)
 
 
-def test_prediction_saves_a_person_from_being_lost_but_not_from_misses() -> None:
+def test_scene_without_people_scores_false_tracks_only_and_a_run_without_tracks_misses_everybody():
+    result = evaluate_tracks(walk(60), walk(0)).to_json()
+    assert (result["mota"], result["false_positives"], result["significant_errors"]["false_track"]) == (None, 60, 1)
+    result = evaluate_tracks(walk(0), walk()).to_json()
+    assert (result["mota"], result["misses"], result["motp_m"]) == (0.0, 100, None)
+    assert result["significant_errors"]["missed"] == 1
+
+
+def test_prediction_saves_a_person_from_being_lost_but_not_from_misses():
     tracks = walk()
     state = np.where((tracks.frame >= 30) & (tracks.frame < 75), "lost", "confirmed")
     held = evaluate_tracks(replace(tracks, state=state), walk())
@@ -90,79 +102,44 @@ def strays(x_m: float) -> Trajectories:
     return replace(tracks, state=np.where(held, "confirmed", "lost"), x_m=np.where(held, 0, x_m))
 
 
-def test_prediction_that_strays_from_its_person_is_a_false_track() -> None:
+def test_prediction_that_strays_from_its_person_is_a_false_track_where_the_truth_has_the_person():
     other = walk(70, track_id=2, start=30)  # the person walks on under another id
     result = evaluate_tracks(concatenated([strays(0.6), other]), walk())
     assert [(e.kind, e.frame, e.track_id) for e in result.significant] == [("false_track", 30, 1), ("lost", 30, 1)]
     assert result.events == 1
     assert [e.kind for e in evaluate_tracks(concatenated([strays(0.4), other]), walk()).significant] == ["lost"]
-
-
-def test_prediction_of_a_person_who_is_not_in_the_truth_is_not_judged() -> None:
     assert evaluate_tracks(strays(3.0), walk(30)).significant == []
 
 
-def test_hidden_person_is_neither_missed_nor_a_reason_for_false_positives() -> None:
+def test_hidden_person_is_neither_missed_nor_a_reason_for_false_positives():
     truth = replace(walk(), visible=np.where(np.arange(100) < 40, 0.1, 1.0))
-    untracked = evaluate_tracks(walk(60, start=40), truth)
-    tracked = evaluate_tracks(walk(), truth)
-    for result in (untracked, tracked):
+    for result in (evaluate_tracks(walk(60, start=40), truth), evaluate_tracks(walk(), truth)):
         assert (len(result.significant), result.ignored_rows, result.truth_rows) == (0, 40, 60)
         assert (result.clear.misses, result.clear.false_positives, result.clear.mota) == (0, 0, 1.0)
-
-
-def test_hidden_person_does_not_excuse_a_second_track() -> None:
-    truth = replace(walk(), visible=np.full(100, 0.1))
-    twice = concatenated([walk(track_id=1), walk(track_id=2, x_m=0.2)])
-    assert evaluate_tracks(twice, truth).clear.false_positives == 100
-
-
-def test_hidden_person_keeps_their_own_track_beside_a_visible_one() -> None:
-    # The track on the hidden person must not be handed to the untracked neighbour within the gate.
-    hidden = replace(walk(track_id=1), visible=np.full(100, 0.1))
-    truth = concatenated([hidden, walk(track_id=2, x_m=0.4)])
-    result = evaluate_tracks(walk(track_id=7), truth)
-    assert (result.clear.misses, result.clear.false_positives) == (100, 0)
-
-
-def test_min_visible_zero_counts_everybody() -> None:
-    truth = replace(walk(), visible=np.full(100, 0.0))
     assert evaluate_tracks(walk(), truth, EvaluationParams(min_visible=0.0)).truth_rows == 100
 
 
-def test_scene_without_people_scores_false_tracks_only() -> None:
-    result = evaluate_tracks(walk(60), walk(0)).to_json()
-    assert result["mota"] is None
-    assert result["false_positives"] == 60
-    assert result["significant_errors"]["false_track"] == 1
+def test_hidden_person_excuses_no_second_track_and_keeps_their_own_beside_a_visible_one():
+    hidden = replace(walk(), visible=np.full(100, 0.1))
+    twice = concatenated([walk(track_id=1), walk(track_id=2, x_m=0.2)])
+    assert evaluate_tracks(twice, hidden).clear.false_positives == 100
+    # The track on the hidden person must not be handed to the untracked neighbour within the gate.
+    result = evaluate_tracks(walk(track_id=7), concatenated([hidden, walk(track_id=2, x_m=0.4)]))
+    assert (result.clear.misses, result.clear.false_positives) == (100, 0)
 
 
-def test_run_without_tracks_misses_everybody() -> None:
-    result = evaluate_tracks(walk(0), walk()).to_json()
-    assert (result["mota"], result["misses"], result["motp_m"]) == (0.0, 100, None)
-    assert result["significant_errors"]["missed"] == 1
-
-
-def test_frames_limit_both_tables() -> None:
-    result = evaluate_tracks(walk(50), walk(), frames=(10, 49))
-    assert (result.truth_rows, result.clear.misses, result.track_rows) == (40, 0, 40)
-
-
-def test_boxes_match_at_half_overlap_without_floor_positions() -> None:
+def test_boxes_match_at_half_overlap_without_floor_positions():
     nowhere = np.full((10, 2), np.nan)
     box = np.tile([10.0, 10.0, 20.0, 60.0], (10, 1))
     truth = positions_table(np.arange(10), np.ones(10, dtype=np.int64), nowhere, box_px=box)
     params = EvaluationParams(match_on="boxes")
-    near, far = (
-        replace(truth, box_px=box + np.array([5, 0, 0, 0])),
-        replace(truth, box_px=box + np.array([11, 0, 0, 0])),
-    )
+    near, far = (replace(truth, box_px=box + np.array([right, 0, 0, 0])) for right in (5, 11))
     assert evaluate_tracks(near, truth, params).clear.mota == 1.0
     assert evaluate_tracks(far, truth, params).clear.mota == -1.0
     assert evaluate_tracks(near, truth, params).to_json()["motp_m"] is None
 
 
-def test_boxes_measure_metres_only_in_a_common_frame() -> None:
+def test_boxes_measure_metres_only_in_a_common_frame():
     box = np.column_stack([10.0 * np.arange(100), np.zeros(100), np.full(100, 20.0), np.full(100, 60.0)])
     truth = replace(walk(), box_px=box)
     tracks = replace(walk(x_m=40.0), box_px=box)
@@ -172,10 +149,13 @@ def test_boxes_measure_metres_only_in_a_common_frame() -> None:
     assert aligned.to_json()["motp_m"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_tracks_without_positions_are_refused_on_the_floor() -> None:
+def test_tracks_without_positions_on_the_floor_are_refused():
     tracks = replace(walk(), x_m=np.full(100, np.nan))
     with pytest.raises(InputError, match="tracks with floor positions"):
         evaluate_tracks(tracks, walk())
+    boxes = table(*[(f, i, np.nan, np.nan) for f, i, _, _ in WALK])
+    with pytest.raises(InputError, match="tracks with floor positions"):
+        benchmark(boxes, table(*WALK))
 
 
 def write(path: Path, header: str, rows: list[str]) -> Path:
@@ -201,43 +181,34 @@ def run(*words: str) -> int:
     return 0
 
 
-def test_evaluate_prints_one_json_object_with_the_agreed_keys(
-    files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_evaluate_prints_one_json_object_with_the_agreed_keys(files, capsys):
     assert run(str(files[0]), str(files[1]), "--json") == 0
     out, err = capsys.readouterr()
     result = json.loads(out)
     assert all(key in result for key in KEYS)
     assert set(result["significant_errors"]) == {"total", "lost", "missed", "swapped", "false_track"}
-    assert result["misses"] == 30
-    assert "30 truth rows lie after the last track" in " ".join(err.split())
+    assert result["misses"] == 30 and "30 truth rows lie after the last track" in " ".join(err.split())
 
 
-def test_truth_of_other_frames_is_refused_naming_both_files(
-    files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_truth_of_other_frames_is_refused_naming_both_files(files, refused):
     files[1].write_text("frame,id,x_m,y_m,height_m\n500,1,0,0,1.7\n501,1,0,0,1.7\n")
-    assert run(str(files[0]), str(files[1])) == 2
-    err = " ".join(capsys.readouterr().err.split())
-    assert f"{files[1]}: expected truth of the frames 0 to " in err
-    assert err.endswith(f"of {files[0]}, found 500 to 501")
+    told = refused("evaluate", *files)
+    assert f"{files[1]}: expected truth of the frames 0 to " in told
+    assert told.endswith(f"of {files[0]}, found 500 to 501")
 
 
-def test_evaluate_lists_each_significant_error(files: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+def test_evaluate_lists_each_significant_error_and_takes_the_folder_of_a_run(files, capsys):
     text = files[1].read_text() + "".join(f"{t},5,3,3,1.6,1\n" for t in range(20, 90))
     files[1].write_text(text)
     assert run(str(files[0].parent / "tracks.csv"), str(files[1]), "--frames", "0:89", "--gate", "0.3") == 0
     assert "frame 20: missed: person 5: visible for 2.3 s and never tracked" in capsys.readouterr().out
-
-
-def test_evaluate_takes_the_folder_of_a_run(files: tuple[Path, Path]) -> None:
     assert run(str(files[0].parent), str(files[1]), "--json") == 0
 
 
 MOT16_ROWS = "".join(f"{t},1,{10 * t},20,30,40,1,1,1\n" for t in range(1, 6))
 
 
-def test_evaluate_pairs_two_folders_by_name_and_pools_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_evaluate_pairs_two_folders_by_name_and_pools_them(tmp_path, capsys):
     for name, rows in (("a", MOT16_ROWS), ("b", MOT16_ROWS + "1,2,400,20,30,40,1,1,1\n")):
         (tmp_path / "gt" / name / "gt").mkdir(parents=True)
         (tmp_path / "gt" / name / "gt" / "gt.txt").write_text(rows)
@@ -251,15 +222,14 @@ def test_evaluate_pairs_two_folders_by_name_and_pools_them(tmp_path: Path, capsy
     assert (result["truth_rows"], result["misses"], result["mota"]) == (11, 1, pytest.approx(10 / 11))
 
 
-def test_evaluate_names_the_recording_without_tracks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_evaluate_names_the_recording_without_tracks(tmp_path, refused):
     for folder in ("gt", "mine"):
         (tmp_path / folder).mkdir()
     (tmp_path / "gt" / "a.txt").write_text(MOT16_ROWS)
-    assert run(str(tmp_path / "mine"), str(tmp_path / "gt"), "--boxes") == 2
-    assert "expected tracks for 'a'" in " ".join(capsys.readouterr().err.split())
+    assert "expected tracks for 'a'" in refused("evaluate", tmp_path / "mine", tmp_path / "gt", "--boxes")
 
 
-def test_motchallenge_distractor_is_neither_person_nor_error(tmp_path: Path) -> None:
+def test_motchallenge_distractor_is_neither_person_nor_error(tmp_path):
     path = tmp_path / "gt.txt"
     path.write_text(MOT16_ROWS + "".join(f"{t},9,300,20,30,40,0,8,1\n" for t in range(1, 6)))
     truth = load_truth(path)
@@ -276,17 +246,56 @@ def test_motchallenge_distractor_is_neither_person_nor_error(tmp_path: Path) -> 
         (["--frames", "abc"], "--frames: expected FIRST:LAST"),
         (["--frames", "9:3"], "FIRST not after LAST"),
         (["--boxes"], "image boxes"),
+        ([], "tracks.csv"),
     ],
 )
-def test_evaluate_refuses_bad_options_in_one_sentence(
-    files: tuple[Path, Path], capsys: pytest.CaptureFixture[str], words: list[str], sentence: str
-) -> None:
-    assert run(str(files[0]), str(files[1]), *words) == 2
-    err = capsys.readouterr().err
-    assert sentence in err
-    assert "Traceback" not in err
+def test_evaluate_refuses_bad_options_and_a_missing_file_in_one_sentence(files, refused, words, sentence):
+    if not words:
+        files[0].unlink()
+    assert sentence in refused("evaluate", *files, *words)
 
 
-def test_evaluate_names_a_missing_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(str(tmp_path / "no.csv"), str(tmp_path / "no2.csv")) == 2
-    assert "no.csv" in capsys.readouterr().err
+def table(*rows: tuple[int, int, float, float], state: str = "confirmed") -> Trajectories:
+    """(frame, id, x, y) each."""
+    gathered = TrajectoryCollector()
+    frames: dict[int, list[TrackState]] = {}
+    for frame, who, x, y in rows:
+        frames.setdefault(frame, []).append(TrackState(who, state, x, y))  # type: ignore[arg-type]
+    for frame in sorted(frames):
+        gathered.add(frame, frame / 10, tuple(frames[frame]))
+    return gathered.trajectories()
+
+
+WALK = [(i, 1, -2.0 + 0.1 * i, 3.0) for i in range(41)]
+
+
+def test_benchmark_of_the_truth_is_the_best_and_of_a_constant_offset_an_error_of_position_alone():
+    found = benchmark(table(*WALK), table(*WALK))
+    assert (found.flux, found.density, found.position_m, found.trajectory_m, found.continuity) == (1, 1, 0, 0, 1)
+    found = benchmark(table(*[(f, i, x, y + 0.1) for f, i, x, y in WALK]), table(*WALK))
+    assert found.position_m == pytest.approx(0.1) and found.trajectory_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_person_missed_for_a_quarter_loses_density_and_continuity_and_no_flux() -> None:
+    found = benchmark(table(*WALK[:41:2], *WALK[1:20:2]), table(*WALK))
+    assert found.density == pytest.approx(31 / 41) and found.continuity == pytest.approx(31 / 41)
+    assert found.flux == 1.0
+
+
+def test_a_track_that_begins_anew_halves_the_continuity_and_loses_the_line_between() -> None:
+    halves = [(f, 1 if f < 20 else 2, x, y) for f, _, x, y in WALK]
+    found = benchmark(table(*halves), table(*WALK))
+    assert found.continuity == pytest.approx(21 / 41) and found.density == 1.0
+    assert found.flux == pytest.approx(2 / 3)  # of three lines along x, that in the middle
+
+
+def test_false_tracks_count_against_flux_and_density() -> None:
+    false = [(f, 2, x, y + 3.0) for f, _, x, y in WALK]
+    found = benchmark(table(*WALK, *false), table(*WALK))
+    assert (found.flux, found.density, found.continuity) == (0.0, 0.0, 1.0)
+
+
+def test_people_who_sway_on_a_line_cross_nothing() -> None:
+    sway = [(i, 1, 0.1 * math.sin(i), 3.0) for i in range(41)]
+    assert math.isnan(benchmark(table(*sway), table(*sway)).flux)
+    assert benchmark(table(*sway), table(*sway)).to_json()["flux"] is None

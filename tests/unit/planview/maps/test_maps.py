@@ -1,14 +1,32 @@
+"""Plan-view maps: built, recorded, of several rigs."""
+
+import math
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from toy_maps import write_toy_maps
 
+from calib.errors import InputError
 from calib.pose import SE3
 from calib.rig import world_from_plane
+from calib.types import F64
+from planview.engine.open import open_engine
+from planview.foreground.gain import Exposure
 from planview.maps import _kernels as kernels
-from planview.maps.builder import MapBuilder, MapParams
+from planview.maps.builder import CameraViewpoint, FloorPoints, MapBuilder, MapParams
+from planview.maps.colour import CHROMA_EDGES, CODES, LUMA_CELLS, colour_codes, smoothing
 from planview.maps.grid import Grid
+from planview.maps.multi_rig import MultiRigMapBuilder, MultiRigViewpoint
+from planview.maps.recording import MapsRecording
 from stereo.depth import RectifiedGeometry
+from stereo.recording import Skipped
 from tests.reference import maps as reference
 
 GEOMETRY = RectifiedGeometry(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1)
@@ -16,79 +34,61 @@ OVERHEAD = world_from_plane(np.array([0.0, 0.0, -1.0]), 3.0)
 
 
 def builder(**params: float | bool) -> MapBuilder:
-    return MapBuilder(
-        GEOMETRY, OVERHEAD, MapParams.model_validate({"smoothing_m": 0.0, "occupancy_min": 0.0, **params})
-    )
+    exact = {"smoothing_m": 0.0, "occupancy_min": 0.0}
+    return MapBuilder(GEOMETRY, OVERHEAD, MapParams.model_validate(exact | params))
 
 
 def flat(depth_m: float) -> np.ndarray:
     return np.full((48, 64), GEOMETRY.disparity_at(depth_m), dtype=np.float32)
 
 
-def test_height_map_of_a_table_below_an_overhead_camera_is_its_height() -> None:
+def mask_at(rows: slice, columns: slice) -> np.ndarray:
     mask = np.zeros((48, 64), dtype=np.uint8)
-    mask[20:28, 28:36] = 255
-    maps = builder()(flat(2.0), mask)
-    assert maps.height_raw.max() == pytest.approx(1.0, abs=1e-5)
+    mask[rows, columns] = 255
+    return mask
 
 
-def test_occupancy_of_a_surface_is_its_area_at_any_distance() -> None:
-    mask = np.zeros((48, 64), dtype=np.uint8)
-    mask[10:30, 20:40] = 255
+def test_height_of_a_table_below_an_overhead_camera_is_its_height_and_occupancy_its_area_at_any_distance() -> None:
+    assert builder()(flat(2.0), mask_at(np.s_[20:28], np.s_[28:36])).height_raw.max() == pytest.approx(1.0, abs=1e-5)
+    mask = mask_at(np.s_[10:30], np.s_[20:40])
     for depth in (1.0, 2.0):
         # 20 x 20 pixels, each depth / 50 wide.
         assert builder()(flat(depth), mask).occupancy_raw.sum() == pytest.approx((20 * depth / 50) ** 2, rel=1e-4)
+    half = MapBuilder(GEOMETRY, OVERHEAD, MapParams(smoothing_m=0.0, occupancy_min=0.0), reduction=2)
+    reduced = half(flat(2.0)[::2, ::2], mask[::2, ::2])
+    assert reduced.occupancy_raw.sum() == pytest.approx((20 * 2.0 / 50) ** 2, rel=1e-4)
 
 
-def test_maps_skip_pixels_without_depth_and_background() -> None:
+def test_maps_skip_background_and_what_has_no_depth_is_above_h_max_or_on_the_ground():
     disparity = flat(2.0)
     disparity[:, :32] = np.nan
     mask = np.full((48, 64), 255, dtype=np.uint8)
     mask[24:] = 0
     assert len(builder()(disparity, mask).points.xyz) == 24 * 32
-
-
-def test_maps_leave_out_what_is_above_h_max_or_on_the_ground() -> None:
-    mask = np.full((48, 64), 255, dtype=np.uint8)
     assert builder()(flat(0.4), mask).height_raw.max() == 0.0
     assert builder()(flat(2.95), mask).height_raw.max() == 0.0
 
 
 def test_height_is_masked_where_occupancy_is_low() -> None:
-    mask = np.zeros((48, 64), dtype=np.uint8)
-    mask[20, 30] = 255
-    lone = builder(smoothing_m=0.04, occupancy_min=2.0)(flat(2.0), mask)
-    assert lone.height_raw.max() > 0.9
-    assert lone.height.max() == 0.0
+    lone = builder(smoothing_m=0.04, occupancy_min=2.0)(flat(2.0), mask_at(np.s_[20:21], np.s_[30:31]))
+    assert lone.height_raw.max() > 0.9 and lone.height.max() == 0.0
 
 
-def test_reduced_maps_show_the_same_area() -> None:
-    mask = np.zeros((48, 64), dtype=np.uint8)
-    mask[10:30, 20:40] = 255
-    half = MapBuilder(GEOMETRY, OVERHEAD, MapParams(smoothing_m=0.0, occupancy_min=0.0), reduction=2)
-    maps = half(flat(2.0)[::2, ::2], mask[::2, ::2])
-    assert maps.occupancy_raw.sum() == pytest.approx((20 * 2.0 / 50) ** 2, rel=1e-4)
-
-
-def test_map_builder_refuses_images_of_another_size() -> None:
+def test_images_of_another_size_and_halls_too_large_are_refused():
     with pytest.raises(ValueError, match="expected disparity and mask"):
         builder()(flat(2.0)[:-1], np.zeros((47, 64), dtype=np.uint8))
+    with pytest.raises(ValueError, match="at most"):
+        Grid.covering(0.0, 0.0, 1000.0, 1000.0, 0.03)
 
 
 def test_grid_cell_owns_its_lower_edge() -> None:
     grid = Grid.covering(0.0, 0.0, 1.0, 0.5, 0.1)
-    assert grid.shape == (5, 10)
-    assert grid.centre_of(0, 0) == pytest.approx((0.05, 0.05))
+    assert grid.shape == (5, 10) and grid.centre_of(0, 0) == pytest.approx((0.05, 0.05))
     assert grid.index_of(0.05, 0.05) == pytest.approx((0.0, 0.0))
     height, occupancy = np.empty(grid.shape, np.float32), np.empty(grid.shape, np.float32)
     point = np.array([[0.5, 0.25, 1.0]], np.float32)
     kernels.accumulate(point, np.ones(1, np.float32), 0.0, 0.0, 0.0, 0.25, height, occupancy)
     assert height[1, 2] == 1.0
-
-
-def test_grid_refuses_a_hall_too_large() -> None:
-    with pytest.raises(ValueError, match="at most"):
-        Grid.covering(0.0, 0.0, 1000.0, 1000.0, 0.03)
 
 
 @settings(max_examples=30, deadline=None)
@@ -110,3 +110,223 @@ def test_map_kernels_equal_their_reference(seed: int) -> None:
         results.append((n, points, area, pixels, height, occupancy))
     for ours, theirs in zip(*results, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-6)
+
+
+GRID = Grid(-2.0, -2.0, 0.04, 100, 100)
+RIG_GEOMETRY = RectifiedGeometry(320, 240, 230.0, 230.0, 159.5, 119.5, 0.15)
+PARAMS = MapParams(smoothing_m=0.0)
+
+
+def looking(at_m: tuple[float, float], heading_deg: float, height_m: float = 1.6) -> CameraViewpoint:
+    """A level camera."""
+    a = math.radians(heading_deg)
+    ahead, right = np.array([math.cos(a), math.sin(a), 0.0]), np.array([math.sin(a), -math.cos(a), 0.0])
+    pose = SE3(np.column_stack([right, [0.0, 0.0, -1.0], ahead]), np.array([*at_m, height_m]))
+    return CameraViewpoint(pose.translation, 0.01, RIG_GEOMETRY.matrix @ pose.inverse().matrix[:3], RIG_GEOMETRY.size)
+
+
+SOUTH, NORTH, WEST = looking((0.0, -3.0), 90), looking((0.0, 3.0), -90), looking((-3.0, 0.0), 0)
+
+
+def points(xy: F64, area_m2: float = 0.5) -> FloorPoints:
+    """An upright surface over some floor positions."""
+    z = np.linspace(0.2, 1.7, len(xy))
+    xyz = np.column_stack([xy, z]).astype(np.float32)
+    return FloorPoints(xyz, np.full(len(xy), area_m2 / len(xy), np.float32), np.arange(len(xy), dtype=np.int32))
+
+
+def side(x: float, y: float) -> FloorPoints:
+    """What shows of a body: a line of cells."""
+    return points(np.column_stack([np.linspace(x - 0.2, x + 0.2, 400), np.full(400, y)]))
+
+
+def build(*heads: FloorPoints | None, views: tuple[CameraViewpoint, ...] = (SOUTH, NORTH)) -> MultiRigMapBuilder:
+    return MultiRigMapBuilder([GRID] * len(heads), views, PARAMS)
+
+
+def test_surface_of_one_head_counts_whole_and_heights_are_the_highest_of_all_heads():
+    alone = side(0.3, -0.1)
+    maps = build(alone, None)([alone, None])
+    assert maps.occupancy_raw.sum() == pytest.approx(0.5, rel=1e-4)
+    np.testing.assert_array_equal(maps.points.area, alone.area)
+    low, high = side(0.0, 0.0), side(0.0, 0.0)
+    low.xyz[:, 2] *= 0.5
+    assert build(low, high)([low, high]).height_raw.max() == pytest.approx(1.7, abs=1e-6)
+
+
+def test_two_sides_of_a_body_count_as_the_side_that_shows_most() -> None:
+    front, back = side(0.0, -0.12), side(0.0, 0.12)
+    back.area[:] *= 0.5
+    maps = build(front, back)([front, back])
+    assert maps.occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
+    rows = maps.occupancy_raw.sum(axis=1)
+    assert (rows > 0).sum() == 2 and rows.max() == pytest.approx(2 * rows[rows > 0].min(), rel=0.05)
+
+
+def test_bodies_that_different_heads_see_do_not_share_and_one_hidden_from_a_head_keeps_its_surface() -> None:
+    here, there = side(-1.0, 0.0), side(1.0, 0.0)
+    assert build(here, there)([here, there]).occupancy_raw.sum() == pytest.approx(1.0, rel=1e-4)
+    seen, rest = side(0.0, -0.12), side(0.0, 0.12)
+    rest.area[:] *= 0.01
+    assert build(seen, rest)([seen, rest]).occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
+
+
+def test_offset_is_that_of_the_head_that_shows_a_person_and_those_of_opposite_heads_cancel() -> None:
+    shares = np.full((2, *GRID.shape), 0.5, dtype=np.float32)
+    view = MultiRigViewpoint((SOUTH, NORTH), GRID, shares)
+    away, depression = view.viewing(np.array([[0.0, 0.0]]))
+    assert away == pytest.approx(np.zeros((1, 2)), abs=1e-9) and depression == pytest.approx([0.0])
+    shares[0], shares[1] = 0.0, 1.0
+    np.testing.assert_allclose(view.viewing(np.array([[0.3, 0.5]]))[0], NORTH.viewing(np.array([[0.3, 0.5]]))[0])
+    assert view.sees(0.0, -2.0, 1.6) and view.sees(0.0, 2.5, 1.6) and not view.sees(5.0, 0.0, 1.6)
+
+
+def test_footprint_covers_the_noise_along_both_rays() -> None:
+    view = MultiRigViewpoint((SOUTH, WEST), GRID, np.zeros((2, *GRID.shape), dtype=np.float32))
+    single = SOUTH.footprint(0.0, 0.0, 0.1)
+    across, along, _ = view.footprint(0.0, 0.0, 0.1)
+    assert single[1] > 1.5 * single[0]
+    assert (across, along) == pytest.approx((single[1], single[1]), rel=1e-6)
+
+
+FIELDS = (
+    *(("rig", name) for name in ("width", "height", "focal_u_px", "cu_px", "baseline_m", "reduction", "count")),
+    *(("grid", name) for name in ("x_min_m", "cell_m", "n_rows")),
+    ("", "fps"),
+)
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_toy_maps(tmp_path_factory.mktemp("maps") / "maps.h5")
+
+
+@pytest.fixture
+def maps(good: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(good, tmp_path / "maps.h5"))
+
+
+def track(path: Path) -> int:
+    return sum(1 for _ in open_engine(path))
+
+
+def test_frames_are_read_as_they_were_written(maps: Path) -> None:
+    recording = MapsRecording(maps)
+    frames = list(recording)
+    assert [f.index for f in frames][5:9] == [5, 6, 8, 9] and recording.n_frames == track(maps) == 39
+    assert recording.skipped == [Skipped(7, "left: file is missing")] and recording.fps == 15.0
+    first = frames[0]
+    assert first.unmatched is not None and len(first.unmatched) >= 9 and len(first.pixels) == len(first.disparities)
+    assert first.background is not None and frames[1].background is None
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1e9, 1e9, "text", [1.0, 2.0]])
+@pytest.mark.parametrize(("group", "name"), FIELDS)
+def test_number_that_no_rig_has_is_refused_by_its_name(maps: Path, group: str, name: str, value: object) -> None:
+    with h5py.File(maps, "r+") as file:
+        (file[group] if group else file).attrs[name] = value
+    with pytest.raises(InputError, match=r"maps\.h5: expected plan-view maps .*, found ") as refused:
+        MapsRecording(maps)
+    assert isinstance(value, str | list) or name in str(refused.value)
+
+
+def longer(file: Any) -> None:
+    for column in file["frames"].values():
+        column.resize(5 * 10**8, axis=0)
+
+
+def other(name: str, values: object) -> Callable[[Any], None]:
+    """The dataset holds something else."""
+
+    def damage(file: Any) -> None:
+        del file[name]
+        file[name] = values
+
+    return damage
+
+
+def at(name: str, place: int, value: float) -> Callable[[Any], None]:
+    return lambda file: file[name].__setitem__(place, value)
+
+
+def pose(place: tuple[int, int], value: float) -> Callable[[Any], None]:
+    def damage(file: Any) -> None:
+        matrix = file["floor"].attrs["world_SE3_left"]
+        matrix[place] = value
+        file["floor"].attrs["world_SE3_left"] = matrix
+
+    return damage
+
+
+UP = np.eye(4)
+"""Looks at the sky."""
+UP[2, 3] = 2.5
+
+
+@pytest.mark.parametrize(
+    ("damage", "named"),
+    [
+        (lambda file: file.attrs.update(version=99), "version 1 to 2, found 99"),
+        (lambda file: file.attrs.update(config='{"telepathy": {}}'), "another version"),
+        (lambda file: file["rig"].attrs.update(focal_u_px=1e4), "another rig"),
+        (lambda file: file["points/appearance"].attrs.update(codes=7), "another version"),
+        (lambda file: file["points/disparity"].resize(3, axis=0), r"points/disparity of \(3,\)"),
+        (longer, "500000000"),
+        (at("frames/timestamp_s", 3, 0.0), "times that do not increase"),
+        (at("frames/timestamp_s", 3, np.nan), "times that do not increase"),
+        (at("frames/timestamp_s", -1, 1e300), "times that do not increase"),
+        (at("frames/index", 3, 0), "frames out of order"),
+        (at("frames/end", 3, 10**9), "does not fit the frames"),
+        (at("frames/unmatched_end", 3, -1), "does not fit the frames"),
+        (other("frames/index", np.arange(39.0)), "frames/index of"),
+        (other("points/pixel", np.zeros((3, 3), np.int32)), "points/pixel of"),
+        (other("background/disparity", np.zeros((1, 5), np.float32)), "backgrounds of another size"),
+        (at("points/appearance", 5, 255), "colour codes below 200"),
+        (at("points/pixel", 5, -4), "pixels in order"),
+        (at("points/pixel", 5, 10**9), "pixels in order"),
+        (at("unmatched/pixel", 1, 10**9), "pixels in order"),
+        (at("points/disparity", 5, np.inf), "disparities of points"),
+        (at("points/disparity", 5, -1.0), "disparities of points"),
+        (pose((2, 3), 1e9), "above the floor"),
+        (pose((0, 3), 1e9), "of the origin"),
+        (pose((0, 0), np.nan), "finite rotation"),
+        (lambda file: file["floor"].attrs.update(world_SE3_left=UP), "a camera that sees the space between floor and"),
+        (lambda file: file["rig"].attrs.update(sensor="eye"), "a sensor 'eye'"),
+        (lambda file: file["rig"].attrs.update(width=80.5), "width of 80.5"),
+    ],
+)
+def test_table_that_no_run_wrote_is_refused(maps: Path, damage: Callable[[Any], None], named: str) -> None:
+    with h5py.File(maps, "r+") as file:
+        damage(file)
+    with pytest.raises(InputError, match=rf"maps\.h5: .*{named}"):
+        track(maps)
+
+
+REFERENCE = Exposure()
+
+
+def codes_of(colour: tuple[int, int, int], exposure: Exposure = REFERENCE) -> int:
+    image = np.full((1, 1, 3), colour, np.uint8)
+    return int(colour_codes(image, np.zeros(1, np.int32), exposure)[0])
+
+
+def test_colour_codes_of_grey_lie_in_the_middle_of_chroma_whatever_the_exposure() -> None:
+    # Luma 100 is in the fourth of eight cells; U and V are in the third of five.
+    assert codes_of((100, 100, 100)) == (3 * 5 + 2) * 5 + 2
+    both = colour_codes(np.array([[10, 200]], np.uint8), np.array([0, 1], np.int32), Exposure())
+    assert both.tolist() == [codes_of((10, 10, 10)), codes_of((200, 200, 200))]
+    assert codes_of((110, 50, 70)) == codes_of((165, 75, 105), Exposure(1.5, 0.0))
+    corners = [codes_of((b, g, r)) for b in (0, 255) for g in (0, 255) for r in (0, 255)]
+    assert 0 <= min(corners) <= max(corners) < CODES
+    np.testing.assert_allclose(smoothing().sum(axis=1), 1.0, rtol=1e-5)  # a histogram keeps its mass
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_colour_kernel_equals_its_reference(channels: int) -> None:
+    rng = np.random.default_rng(channels)
+    image, edges = rng.integers(0, 256, 300 * channels).astype(np.uint8), np.float32(CHROMA_EDGES)
+    pixels = rng.permutation(300)[:200].astype(np.int32)
+    ours, theirs = np.empty(200, np.uint8), np.empty(200, np.uint8)
+    for module, codes in ((kernels, ours), (reference, theirs)):
+        module.encode_colours(image, channels, pixels, 1.3, -4.5, LUMA_CELLS, edges, codes)
+    np.testing.assert_array_equal(ours, theirs)

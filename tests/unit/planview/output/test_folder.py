@@ -1,18 +1,26 @@
-"""The output folder of a run: what may be replaced, run.json, and the lock of its writer."""
+"""The folder of a run: files, maps, progress."""
 
+import ctypes
+import io
 import json
+import math
 import os
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from full_disk import fill_disk_after
+from numba import njit
+from rich.console import Console
+from rich.table import Table
 
 from calib.errors import InputError, WorkError
+from planview.checks.examine import STEP, RecordingWatch
 from planview.output.folder import (
     LOCK_NAME,
     PRODUCTS,
@@ -24,35 +32,38 @@ from planview.output.folder import (
     read_run_info,
     write_run_info,
 )
+from planview.output.maps_log import at_step
+from planview.output.progress import PlainConsole, compile_notice
+from planview.output.run import return_unused_memory
 from planview.output.tables import FrameFile
-
-
-def header(file: IO[str]) -> None:
-    file.write("a,b\n")
+from planview.output.totals import RunTotals
+from stereo.matcher import SampledDisparity
 
 
 def finish(folder: Path, finished: bool = True) -> None:
     write_run_info(RunInfo(input="x", finished=finished), folder / "run.json")
 
 
-def test_a_new_folder_is_made_with_its_parents(tmp_path: Path) -> None:
+def test_a_new_folder_is_made_with_its_parents_where_no_file_is_in_its_place(tmp_path):
     prepare_folder(tmp_path / "a" / "b", overwrite=False)
     assert (tmp_path / "a" / "b").is_dir()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="expected a folder"):
+        check_folder(tmp_path / "file", overwrite=True)
+    with pytest.raises(WorkError, match="cannot be written"):
+        prepare_folder(tmp_path / "file" / "out", overwrite=False)
 
 
 @pytest.mark.parametrize(
     ("run_json", "sentence"),
     [
-        (
-            '{"input": "x", "finished": true}',
-            "holds a finished run; choose another folder or add --set run.overwrite=true",
-        ),
+        ('{"finished": true}', "holds a finished run; choose another folder or add --set run.overwrite=true"),
         ('{"input": "x"}', "unfinished run; go on with --resume or add --set run.overwrite=true"),
         ("{half", "run of another version; choose another folder or add --set run.overwrite=true"),
         (None, r"holds tracks\.csv, which is no planview run's"),
     ],
 )
-def test_results_in_the_folder_are_refused_and_kept(tmp_path: Path, run_json: str | None, sentence: str) -> None:
+def test_results_in_the_folder_are_refused_and_kept(tmp_path, run_json, sentence):
     if run_json is not None:
         (tmp_path / "run.json").write_text(run_json)
     (tmp_path / "tracks.csv").write_text("precious")
@@ -61,7 +72,7 @@ def test_results_in_the_folder_are_refused_and_kept(tmp_path: Path, run_json: st
     assert (tmp_path / "tracks.csv").read_text() == "precious"
 
 
-def test_overwriting_removes_every_product_and_no_other_file(tmp_path: Path) -> None:
+def test_overwriting_removes_every_product_and_no_other_file(tmp_path):
     for name in PRODUCTS:
         (tmp_path / name.replace("[0-9]*", "2")).write_text("old")
     (tmp_path / "notes.txt").write_text("mine")
@@ -69,26 +80,14 @@ def test_overwriting_removes_every_product_and_no_other_file(tmp_path: Path) -> 
     assert [file.name for file in tmp_path.iterdir()] == ["notes.txt"]
 
 
-def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "out").write_text("")
-    with pytest.raises(InputError, match="expected a folder"):
-        check_folder(tmp_path / "out", overwrite=True)
-
-
 @pytest.mark.parametrize("name", ["run.lock", "tracks.csv", "checkpoint.npz"])
-def test_a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for(tmp_path: Path, name: str) -> None:
+def test_a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for(tmp_path, name):
     os.mkfifo(tmp_path / name)
     with pytest.raises(InputError, match=rf"{name}: expected a file of a run, found a folder, a pipe or a device"):
         prepare_folder(tmp_path, overwrite=True)
 
 
-def test_a_folder_that_cannot_be_made_is_a_failure_of_work(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(WorkError, match="cannot be written"):
-        prepare_folder(tmp_path / "file" / "out", overwrite=False)
-
-
-def test_finished_run_tells_finished_from_unfinished(tmp_path: Path) -> None:
+def test_finished_run_tells_finished_from_unfinished(tmp_path):
     assert finished_run(tmp_path) is None
     finish(tmp_path, finished=False)
     assert finished_run(tmp_path) is None
@@ -96,10 +95,8 @@ def test_finished_run_tells_finished_from_unfinished(tmp_path: Path) -> None:
     assert finished_run(tmp_path) == RunInfo(input="x", finished=True)
 
 
-def test_a_frame_that_does_not_fit_on_the_disk_is_cut_off_and_the_next_follows_the_last_whole_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = FrameFile(tmp_path / "t.csv", header)
+def test_a_frame_that_does_not_fit_on_the_disk_is_cut_off_and_the_next_follows_the_last_whole(tmp_path, monkeypatch):
+    file = FrameFile(tmp_path / "t.csv", lambda f: f.write("a,b\n"))
     file.add(lambda f: f.write("1,one\n"))
     with monkeypatch.context() as patch:
         fill_disk_after(patch, 9)
@@ -111,7 +108,7 @@ def test_a_frame_that_does_not_fit_on_the_disk_is_cut_off_and_the_next_follows_t
     assert (tmp_path / "t.csv").read_text() == "a,b\n1,one\n3,three\n"
 
 
-def test_run_json_is_kept_when_its_successor_does_not_fit(tmp_path: Path) -> None:
+def test_run_json_is_kept_when_its_successor_does_not_fit(tmp_path):
     if not Path("/dev/full").exists():
         pytest.skip("/dev/full, a disk that is always full, is Linux's")
     finish(tmp_path, finished=False)
@@ -135,7 +132,6 @@ with folder_lock(Path(sys.argv[1])):
 @contextmanager
 def another_process_holding(folder: Path) -> Iterator["subprocess.Popen[str]"]:
     process = subprocess.Popen([sys.executable, "-c", HOLD, str(folder)], stdout=subprocess.PIPE, text=True)
-    assert process.stdout
     assert process.stdout.readline() == "held\n"
     try:
         yield process
@@ -144,7 +140,7 @@ def another_process_holding(folder: Path) -> Iterator["subprocess.Popen[str]"]:
         process.wait()
 
 
-def test_a_folder_that_another_process_holds_is_refused_with_its_process_and_kept(tmp_path: Path) -> None:
+def test_a_folder_that_another_process_holds_is_refused_with_its_process_and_kept(tmp_path):
     (tmp_path / "tracks.csv").write_text("theirs")
     with another_process_holding(tmp_path) as process:
         with pytest.raises(InputError, match=f"process {process.pid} on .* is writing into it"):
@@ -152,7 +148,7 @@ def test_a_folder_that_another_process_holds_is_refused_with_its_process_and_kep
         assert (tmp_path / "tracks.csv").read_text() == "theirs"
 
 
-def test_the_lock_of_a_killed_process_is_told_and_taken_over(tmp_path: Path) -> None:
+def test_the_lock_of_a_killed_process_is_told_and_taken_over(tmp_path):
     with another_process_holding(tmp_path) as process:
         pass
     with folder_lock(tmp_path) as told:
@@ -161,14 +157,87 @@ def test_the_lock_of_a_killed_process_is_told_and_taken_over(tmp_path: Path) -> 
     assert not (tmp_path / LOCK_NAME).exists()
 
 
-def test_a_lock_of_another_host_is_refused_and_says_what_to_delete(tmp_path: Path) -> None:
+def test_a_lock_of_another_host_is_refused_and_says_what_to_delete(tmp_path):
     (tmp_path / LOCK_NAME).write_text('{"pid": 1, "host": "elsewhere", "since": "yesterday"}')
     with pytest.raises(InputError, match=r"process 1 on elsewhere .*delete .*run\.lock"), folder_lock(tmp_path):
         pass
 
 
-def test_a_process_may_lock_within_its_own_lock(tmp_path: Path) -> None:
+def test_a_process_may_lock_within_its_own_lock(tmp_path):
     with folder_lock(tmp_path):
         with folder_lock(tmp_path) as told:
             assert told == ""
         assert (tmp_path / LOCK_NAME).exists()
+
+
+@pytest.mark.parametrize("measured_step", [1, 2, 4])
+def test_reduced_disparity_is_that_of_the_image_and_not_enlarged_where_it_was_measured_at_the_step(measured_step):
+    samples = np.arange(-(-20 // measured_step) * -(-31 // measured_step), dtype=np.float32)
+    sampled = SampledDisparity(samples.reshape(-(-20 // measured_step), -1), measured_step, (20, 31))
+    np.testing.assert_array_equal(at_step(sampled, 2), sampled.image[::2, ::2])
+    assert (at_step(sampled, 2) is sampled.samples) == (measured_step == 2)
+
+
+def test_a_run_is_looked_at_in_every_tenth_frame_only() -> None:
+    class Counted:
+        made = 0
+
+        @property
+        def image(self) -> np.ndarray:
+            Counted.made += 1
+            return np.full((4, 4), np.nan, np.float32)
+
+    watch = RecordingWatch.__new__(RecordingWatch)
+    watch._view, watch._frames, watch._valid = SimpleNamespace(reduction=1), 0, []  # type: ignore[assignment]
+    for _ in range(2 * STEP + 1):
+        watch.update(None, Counted(), None)  # type: ignore[arg-type]
+    assert Counted.made == 3
+
+
+def test_compiled_kernels_are_told_and_cached_ones_are_not() -> None:
+    kernel = njit(lambda x: x + 1)
+    told = io.StringIO()
+    with compile_notice(Console(file=told)):
+        kernel(1)
+    assert "once per installation" in told.getvalue()
+    told = io.StringIO()
+    with compile_notice(Console(file=told)):
+        kernel(1)
+    assert told.getvalue() == ""
+
+
+EVIL = "out\x1b]0;owned\x07\x1b[31m[bold]x[/]\udcff"
+
+
+def test_console_shows_escape_codes_and_markup_of_names_as_text() -> None:
+    file = io.StringIO()
+    console = PlainConsole(file=file, force_terminal=True, width=200, color_system=None)
+    table = Table(show_header=False, box=None)
+    table.add_row("results", EVIL)
+    console.print(EVIL)
+    console.print(table)
+    assert "\x1b" not in file.getvalue() and "\x07" not in file.getvalue()
+    assert file.getvalue().count("\\x1b[31m[bold]x[/]\\udcff") == 2
+
+
+@pytest.mark.parametrize(("system", "calls"), [("linux", [0]), ("win32", []), ("darwin", [])])
+def test_freed_memory_is_returned_to_linux_and_left_alone_elsewhere_or_by_other_c_libraries(monkeypatch, system, calls):
+    kept, asked = [], []
+    monkeypatch.setattr(sys, "platform", system)
+    monkeypatch.setattr(ctypes, "CDLL", lambda name: SimpleNamespace(malloc_trim=kept.append))
+    return_unused_memory()
+    assert kept == calls
+    monkeypatch.setattr(ctypes, "CDLL", lambda name: asked.append(name) or object())
+    return_unused_memory()
+    assert asked == [None] * len(calls)
+
+
+@pytest.mark.parametrize(("px_per_s", "doubted"), [(80.0, False), (300.0, True)])
+def test_people_without_metres_who_move_faster_than_walkers_are_doubted(px_per_s, doubted):
+    totals, nan = RunTotals(), math.nan
+    for n in range(20):
+        box = (n * px_per_s / 10, 50.0, 40.0, 100.0)
+        track = SimpleNamespace(track_id=1, state="confirmed", x_m=nan, box_px=box)
+        totals.take(SimpleNamespace(frame=n, timestamp_s=n / 10, tracks=(track,), stages_ms={}))  # type: ignore[arg-type]
+    assert totals.remark().startswith("they move 3.0 of their heights a second") == doubted
+    assert bool(totals.remark()) == doubted

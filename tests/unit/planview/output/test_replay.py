@@ -1,19 +1,31 @@
-"""``planview replay``: a run again with a parameter changed."""
+"""What is drawn of a run: pictures, videos, rerun recordings, and a run again with a parameter changed."""
 
 import json
+import math
+import subprocess
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
-from say import Refused
 
 from calib.errors import InputError
 from planview.cli import main
+from planview.commands import results as command
+from planview.commands.results import quiet_environment
+from planview.counting.events import Event
+from planview.drawing.style import as_bgr, person_rgb
 from planview.engine.config import Config, load_config
 from planview.engine.open import open_engine
+from planview.output.folder import rrd_parts
+from planview.output.render import Tally
 from planview.output.replay import difference_text, replay_run
+from planview.output.report.page import write_report
+from planview.output.rerun.log import kept_parts, rarer
+from planview.output.rerun.shapes import LABEL_APART_M, label_places, mosaic, outlines
 from planview.output.results import read_results
 from planview.output.run import RunOptions, run
+from planview.trajectories.state import TrackState
 
 TRACKER = "ellipse-particle"
 
@@ -24,7 +36,6 @@ def ellipses(street: Path, tmp_path: Path) -> Path:
     video = tmp_path / "street"
     for n, file in enumerate(sorted(video.glob("*.png"))):
         image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
-        assert image is not None
         image[:] = 90
         if n >= 8:
             image[40:90, 30 + 2 * n : 48 + 2 * n] = 250
@@ -35,29 +46,24 @@ def ellipses(street: Path, tmp_path: Path) -> Path:
     return out
 
 
-def test_run_repeated_with_its_own_parameters_has_the_same_tracks(ellipses: Path) -> None:
+def test_run_repeated_with_its_own_parameters_has_the_same_tracks(ellipses):
     results = read_results(ellipses)
     replayed = replay_run(results, load_config(None, (), None), 25)
     assert replayed.source == ellipses.parent / "street"
     assert difference_text(results, replayed, 25)[0] == "tracks are the same up to this frame"
 
 
-def test_command_draws_both_and_says_what_differs(
-    ellipses: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_draws_both_and_says_what_differs(ellipses, tmp_path, capsys):
     words = ["--frame", "25", "--set", "single_camera.foreground.gaussians=2", "--png", str(tmp_path / "both.png")]
     with pytest.raises(SystemExit, match="0"):
         main(["replay", str(ellipses), *words])
     assert "tracks" in capsys.readouterr().out
     picture = cv2.imread(str(tmp_path / "both.png"))
-    assert picture is not None and picture.shape[0] > 2 * 480
+    assert picture.shape[0] > 2 * 480
 
 
-def test_frame_beyond_the_run_is_refused(ellipses: Path, refused: Refused) -> None:
+def test_frame_beyond_the_run_is_refused_and_a_recording_that_is_gone_named(ellipses, refused):
     assert "from 0 to 29" in refused("replay", ellipses, "--frame", 99)
-
-
-def test_recording_that_is_gone_is_named(ellipses: Path) -> None:
     info = json.loads((ellipses / "run.json").read_text())
     (ellipses / "run.json").write_text(json.dumps({**info, "input": "gone"}))
     with pytest.raises(InputError, match="gone"):
@@ -65,6 +71,131 @@ def test_recording_that_is_gone_is_named(ellipses: Path) -> None:
 
 
 @pytest.mark.parametrize("damaged", [b"frame\n1\n", b"\xff", b"frame,timestamp_s,id,kind,reason\n,0,1,born,x\n"])
-def test_decisions_that_are_damaged_are_refused(ellipses: Path, refused: Refused, damaged: bytes) -> None:
+def test_decisions_that_are_damaged_are_refused(ellipses, refused, damaged):
     (ellipses / "decisions.csv").write_bytes(damaged)
     assert "decisions.csv: expected" in refused("replay", ellipses, "--frame", 25)
+
+
+def render(*words: object) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["render", *map(str, words)])
+
+
+def test_the_usual_video_plays_in_browsers_and_has_a_picture_per_frame_at_the_rate_of_the_run(street, tmp_path):
+    render(street, "--video", tmp_path / "new" / "scene.mp4", "--frames", "5:14")
+    capture = cv2.VideoCapture(str(tmp_path / "new" / "scene.mp4"))
+    assert int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == b"VP90"  # which browsers play
+    assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == 10
+    assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(10)
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["scene.mp4"]
+    render(street, "--frames", "5:7")
+    assert (street / "scene.webm").is_file()
+
+
+def test_without_a_floor_there_is_no_plan_of_it(street, tmp_path):
+    info = json.loads((street / "run.json").read_text())
+    (street / "run.json").write_text(json.dumps({**info, "rig": None, "floor": None}))
+    rows = "".join(f"{n},{n / 10:.4f},4,,,,confirmed,20,10,20,60\n" for n in range(30))
+    header = "frame,timestamp_s,id,x_m,y_m,height_m,state,left_px,top_px,width_px,height_px\n"
+    (street / "tracks.csv").write_text(header + rows)
+    render(street, "--frame", "4", "--png", tmp_path / "still.png", "--no-truth")
+    picture = cv2.imread(str(tmp_path / "still.png"))
+    assert picture.shape[1] == 640
+    page = write_report(street).read_text()
+    assert "Boxes: people" in page and "metres" not in page
+
+
+def test_still_shows_the_image_beside_the_floor(street, tmp_path):
+    render(street, "--frame", "4", "--png", tmp_path / "still.png", "--no-truth")
+    picture = cv2.imread(str(tmp_path / "still.png"))
+    assert picture.shape[1] == 640 + 360
+    people = (picture == as_bgr(person_rgb(4))).all(axis=2)
+    assert people[:, :640].any() and people[:, 640:].any() and int(np.median(picture[40:, :200])) == 104
+
+
+def test_floor_alone_is_drawn_when_the_recording_is_gone(street, tmp_path, capsys):
+    info = json.loads((street / "run.json").read_text())
+    (street / "run.json").write_text(json.dumps({**info, "input": "gone"}))
+    render(street, "--frame", "4", "--png", tmp_path / "still.png")
+    assert "the floor alone is drawn" in capsys.readouterr().err
+    assert cv2.imread(str(tmp_path / "still.png")) is not None
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--frame", "30"], "--frame"), (["--png", "x.png"], "--frame"), (["--video", "x.txt"], "x.txt"),
+        (["--frames", "9:3"], "--frames"), (["--frames", "40:50"], "frames from 40"), (["--every", "0"], "--every"),
+    ],
+)  # fmt: skip
+def test_wrong_options_are_refused_by_name(street, words, named, refused):
+    assert named in refused("render", street, *words)
+
+
+def test_tally_counts_what_happened_up_to_a_frame():
+    events = [
+        Event(3, 0.3, "gate", "crossing", 1, "left_to_right"), Event(5, 0.5, "gate", "crossing", 2, "right_to_left"),
+        Event(2, 0.2, "room", "entry", 1), Event(6, 0.6, "room", "exit", 1),
+    ]  # fmt: skip
+    tally = Tally(events)
+    assert tally.lines(4) == ["room: 1 inside, 1 entries", "gate: 1 to its right, 0 to its left"]
+    assert Tally(events, {"gate": "right_to_left"}).lines(6)[1] == "gate: 1 out, 1 in"
+    assert tally.lines(6)[0] == "room: 0 inside, 1 entries"
+
+
+def test_labels_from_above_stand_beside_people_and_apart():
+    people = [TrackState(i, "confirmed", 0.1 * i, 0.0) for i in range(3)]
+    places = label_places(people)
+    assert all(math.dist(place[:2], (p.x_m, p.y_m)) > 0.3 for place, p in zip(places, people, strict=True))
+    assert min(math.dist(a, b) for i, a in enumerate(places) for b in places[:i]) > LABEL_APART_M
+
+
+def test_viewer_sends_no_statistics(monkeypatch):
+    monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
+    assert quiet_environment()["CI"] == "1" and "FORCE_RERUN_ANALYTICS" not in quiet_environment()
+
+
+def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, capsys):
+    called: list[list[str]] = []
+
+    def run(words: list[str], **_options: object) -> subprocess.CompletedProcess[bytes]:
+        called.append(words)
+        return subprocess.CompletedProcess(words, 0)
+
+    monkeypatch.setattr(command.subprocess, "run", run)
+    (tmp_path / "run.rrd").write_bytes(b"")
+    command.view(tmp_path, web=True, web_port=9191)
+    assert called[0][1:3] == ["--bind", "127.0.0.1"] and "--serve-web" in called[0]
+    assert "http://127.0.0.1:9191" in capsys.readouterr().err
+
+
+def test_templates_and_foreground_are_drawn_in_pixels_of_one_image():
+    tiles = {"b": np.full((3, 3), 0.5, dtype=np.float32), "a": np.full((5, 4), 200, dtype=np.uint8)}
+    shown = mosaic(tiles)
+    assert shown.shape == (5, 4 + 1 + 3 + 1) and (shown[0, 0], shown[0, 5], shown[4, 5]) == (200, 255, 0)
+    mask = np.zeros((60, 80), dtype=np.uint8)
+    mask[10:30, 20:40] = 255
+    strips = outlines(mask, (160, 120)).strips
+    (corners,) = strips.as_arrow_array().to_pylist()
+    assert np.array(corners).min(axis=0).tolist() == [40, 20]
+
+
+@pytest.mark.parametrize(("written", "step"), [(0, 1), (499, 1), (500, 2), (750, 4), (875, 8), (5000, 4096)])
+def test_images_become_rarer_whenever_half_of_the_room_left_is_used(written, step):
+    assert rarer(written, room=1000) == step
+
+
+def test_a_recording_that_ends_before_the_checkpoint_is_refused(tmp_path):
+    (tmp_path / "run.rrd").write_bytes(b"12345")
+    with pytest.raises(InputError, match="expected 9 bytes before the checkpoint, found 5"):
+        kept_parts(tmp_path / "run.rrd", {"parts": 1, "size": 9})
+
+
+def test_a_resumed_recording_drops_what_was_written_after_the_checkpoint_and_must_reach_it(tmp_path):
+    names = ["run.rrd", "run-2.rrd", "run-3.rrd", "run-10.rrd"]
+    for name in names:
+        (tmp_path / name).write_bytes(b"12345")
+    assert [part.name for part in rrd_parts(tmp_path / "run.rrd")] == names
+    kept = kept_parts(tmp_path / "run.rrd", {"parts": 2, "size": 3})
+    assert [part.name for part in kept] == ["run.rrd", "run-2.rrd", "run-3.rrd"]
+    assert {part.name: part.stat().st_size for part in tmp_path.iterdir()} == {"run.rrd": 5, "run-2.rrd": 3}

@@ -1,8 +1,13 @@
+"""The calibration page: its session and what it shows."""
+
 import math
+import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from toy_recordings import write_frames
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
@@ -10,7 +15,9 @@ from calib.people.model import KnownValues
 from calib.people.samples import HumanSample, read_samples
 from planview.calibration.page.marks import Handle
 from planview.calibration.page.overlay import overlay
-from planview.calibration.page.session import CalibrationSession
+from planview.calibration.page.session import CalibrationSession, open_session
+from planview.calibration.page.solution import fit_plane, floor_assessment
+from planview.synthetic.assets import DEMO
 from tests.people import standing_people
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.5, math.radians(55), "pinhole")
@@ -49,13 +56,9 @@ def solved() -> CalibrationSession:
     return session
 
 
-def test_session_turns_drawn_people_into_a_camera(solved: CalibrationSession) -> None:
-    assert solved.solution.found is not None
+def test_session_turns_drawn_people_into_a_camera_whose_values_have_deviations_and_a_verdict(solved):
     assert solved.solution.found.camera.height_m == pytest.approx(3.5, rel=0.02)
     assert [s.frame for s in solved.samples] == [0, 10, 20, 0, 10, 20]
-
-
-def test_solution_gives_every_value_with_its_deviation_and_a_verdict(solved: CalibrationSession) -> None:
     rows = {row.name: row for row in solved.solution.rows()}
     assert rows["height above the floor"].value.startswith("3.5")
     assert all(rows[name].deviation.startswith("±") for name in ("height above the floor", "roll", "focal length"))
@@ -63,7 +66,7 @@ def test_solution_gives_every_value_with_its_deviation_and_a_verdict(solved: Cal
     assert assessment is not None and assessment.sentence.startswith("enough" if assessment.enough else "not enough")
 
 
-def test_session_leads_from_box_to_head_to_foot_and_to_the_people_missing() -> None:
+def test_session_leads_from_box_to_head_to_foot_and_to_the_people_missing():
     session = new_session()
     assert "3 more people" in session.message
     session.press(100, 100)
@@ -73,27 +76,22 @@ def test_session_leads_from_box_to_head_to_foot_and_to_the_people_missing() -> N
     assert session.message == "click the middle between the feet"
     click(session, (125, 245))
     session.solve()
-    assert session.solution.found is None
-    assert "2 more people" in session.message
+    assert session.solution.found is None and "2 more people" in session.message
 
 
-def test_session_takes_a_slip_of_the_hand_for_no_box() -> None:
+def test_session_takes_a_slip_of_the_hand_for_no_box_and_refuses_a_head_far_from_its_box():
     session = new_session()
     session.press(100, 100)
     session.release(103, 104)
     assert session.draft.box_px is None
-
-
-def test_session_refuses_a_head_far_from_its_box_and_says_so() -> None:
     session = new_session()
     session.press(300, 100)
     session.release(350, 250)
-    assert not click(session, (20.0, 20.0), (325.0, 250.0))
-    assert not session.samples
+    assert not click(session, (20.0, 20.0), (325.0, 250.0)) and not session.samples
     assert "no standing person" in session.message
 
 
-def test_undo_takes_back_every_kind_of_change() -> None:
+def test_undo_takes_back_every_kind_of_change():
     session = new_session()
     draw(session, ONE)
     session.choose("select")
@@ -102,20 +100,17 @@ def test_undo_takes_back_every_kind_of_change() -> None:
     session.undo()
     assert session.samples == [ONE]
     session.undo()
-    assert session.samples == []
-    assert not session.undo()
+    assert session.samples == [] and not session.undo()
 
 
-def test_selected_head_is_dragged_and_nudged() -> None:
+def test_selected_head_is_dragged_and_nudged():
     session = new_session(ONE)
     session.choose("select")
     session.press(131, 106)
     session.drag(134, 108)
-    assert session.release(134, 108)
-    assert session.samples[0].head_px == (133.0, 107.0)
+    assert session.release(134, 108) and session.samples[0].head_px == (133.0, 107.0)
     session.nudge(0, -1)
-    assert session.samples[0].head_px == (133.0, 106.0)
-    assert session.samples[0].foot_px == ONE.foot_px
+    assert session.samples[0].head_px == (133.0, 106.0) and session.samples[0].foot_px == ONE.foot_px
 
 
 @pytest.mark.parametrize(
@@ -126,7 +121,7 @@ def test_selected_head_is_dragged_and_nudged() -> None:
     ],
     ids=["a corner and its two edges", "the whole person"],
 )
-def test_part_that_is_picked_up_moves_alone(at: tuple[int, int], to: tuple[int, int], moved: HumanSample) -> None:
+def test_part_that_is_picked_up_moves_alone(at, to, moved):
     session = new_session(ONE)
     session.choose("select")
     session.press(*at)
@@ -135,22 +130,21 @@ def test_part_that_is_picked_up_moves_alone(at: tuple[int, int], to: tuple[int, 
 
 
 @pytest.mark.parametrize(("frame", "selected"), [(0, Handle(0, "whole")), (1, None)])
-def test_click_selects_people_of_the_frame_shown_and_changes_nothing(frame: int, selected: Handle | None) -> None:
+def test_click_selects_people_of_the_frame_shown_and_changes_nothing(frame, selected):
     session = new_session(ONE)
     session.show(frame)
     session.choose("select")
-    assert not click(session, (140.0, 180.0))
-    assert session.selected == selected
+    assert not click(session, (140.0, 180.0)) and session.selected == selected
 
 
-def test_person_asked_for_is_shown_and_selected() -> None:
+def test_person_asked_for_is_shown_and_selected():
     session = new_session(HumanSample(ONE.box_px, ONE.head_px, ONE.foot_px, 20))
     session.show_sample(0)
     assert (session.shown, session.tool, session.selected) == (2, "select", Handle(0, "whole"))
     assert "drag to move it" in session.message
 
 
-def test_floor_point_that_is_picked_up_moves_with_the_mouse() -> None:
+def test_floor_point_that_is_picked_up_moves_with_the_mouse():
     session = new_session()
     session.choose("floor")
     click(session, (200.0, 300.0))
@@ -160,42 +154,108 @@ def test_floor_point_that_is_picked_up_moves_with_the_mouse() -> None:
     assert session.floor_points == [(245.0, 337.0)]
 
 
-def test_floor_points_have_metres_once_the_camera_is_known(solved: CalibrationSession) -> None:
+def test_floor_points_have_metres_once_the_camera_is_known(solved):
     pixel = CAMERA.project((0.5, 4.0, 0.0))
     assert solved.solution.metres([(float(pixel[0]), float(pixel[1]))])[0] == pytest.approx((0.5, 4.0), abs=0.15)
 
 
-def test_known_focal_length_is_kept_to(solved: CalibrationSession) -> None:
+def test_known_focal_length_is_kept_to(solved):
     session = new_session(*solved.samples)
     session.known = KnownValues(focal_px=520.0)
     session.solve()
-    assert session.solution.found is not None
     assert session.solution.found.camera.focal_px == pytest.approx(520, rel=0.03)
 
 
-def test_session_exports_what_the_commands_read(solved: CalibrationSession, tmp_path: Path) -> None:
+def test_session_exports_what_the_commands_read_and_samples_alone_on_request(solved, tmp_path):
     written = solved.export(tmp_path / "new")
     assert {p.name for p in written} == {"samples.json", "camera.toml"}
     assert len(read_samples(tmp_path / "new" / "samples.json")) == 6
     assert load_ground_camera(tmp_path / "new" / "camera.toml").height_m == pytest.approx(3.5, rel=0.03)
-
-
-def test_samples_are_exported_without_the_camera_on_request_and_nothing_is_refused(
-    solved: CalibrationSession, tmp_path: Path
-) -> None:
-    assert [p.name for p in solved.export(tmp_path, solution=False)] == ["samples.json"]
+    assert [p.name for p in solved.export(tmp_path / "alone", solution=False)] == ["samples.json"]
     with pytest.raises(InputError, match="something drawn"):
         new_session().export(tmp_path)
 
 
-def test_loaded_samples_of_another_image_size_are_refused() -> None:
+def test_loaded_samples_of_another_image_size_are_refused():
     with pytest.raises(InputError, match="640x480 px, found 320x240"):
         new_session().load([ONE], (320, 240))
 
 
-def test_overlay_shows_the_people_of_the_frame_shown(solved: CalibrationSession) -> None:
+def test_overlay_shows_the_people_of_the_frame_shown(solved):
     svg = overlay(solved)
     assert (svg.count('class="sample"'), svg.count('class="model"'), svg.count('class="crowd"')) == (2, 2, 0)
-    assert 'class="grid"' in svg
-    assert "nan" not in svg
+    assert 'class="grid"' in svg and "nan" not in svg
     assert 'class="crowd"' in overlay(solved, everywhere=True)
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six frames of the demo with both views side by side, and its calibration beside them."""
+    folder = tmp_path_factory.mktemp("pair")
+    sides = [cv2.VideoCapture(str(DEMO / f"{side}.mp4")) for side in ("left", "right")]
+    frames = [np.hstack([side.read()[1] for side in sides]) for _ in range(6)]
+    height, width = frames[0].shape[:2]
+    writer = cv2.VideoWriter(str(folder / "both.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 15.0, (width, height))
+    for frame in frames:
+        writer.write(frame)
+    writer.release()
+    shutil.copy(DEMO / "rig.toml", folder)
+    return folder / "both.mp4"
+
+
+def test_page_opens_a_side_by_side_video_as_a_stereo_recording(video: Path) -> None:
+    for path in (video, video.parent):
+        session = open_session(path)
+        assert session.view is not None and session.size[0] == session.view.image.shape[1]
+
+
+def test_page_takes_a_stereo_calibration_for_a_side_by_side_video_and_not_for_one_camera(video, tmp_path):
+    shutil.copy(video, tmp_path)
+    with pytest.raises(InputError, match="expected a stereo calibration"):
+        open_session(tmp_path / video.name)
+    assert open_session(tmp_path / video.name, video.parent / "rig.toml").view is not None
+    shutil.copy(DEMO / "left.mp4", tmp_path / "one.mp4")
+    assert open_session(tmp_path / "one.mp4").view is None
+    with pytest.raises(InputError, match="needs both cameras"):
+        open_session(tmp_path / "one.mp4", DEMO / "rig.toml")
+
+
+def test_every_frame_of_a_video_can_be_shown_one_by_one(video: Path, tmp_path: Path) -> None:
+    write_frames(tmp_path / "one.avi", [np.full((48, 64, 3), 2 * level, np.uint8) for level in range(100)])
+    session = open_session(tmp_path / "one.avi")
+    assert len(session.frames) == 100 and list(session.indices) == list(range(100))
+    for _ in range(57):
+        session.show(session.shown + 1)
+    assert float(session.frames[session.shown].mean()) == pytest.approx(114, abs=2)
+    session.show(99)
+    assert float(session.frames[session.shown].mean()) == pytest.approx(198, abs=2)
+
+
+def test_more_people_are_asked_for_only_where_something_moved(tmp_path: Path) -> None:
+    pictures = np.full((40, 240, 320, 3), 90, np.uint8)
+    for i, picture in enumerate(pictures):
+        picture[100:160, 4 * i : 4 * i + 20] = 220  # somebody walks through the left half
+    write_frames(tmp_path / "one.avi", pictures)
+    walked = open_session(tmp_path / "one.avi").walked
+    assert walked is not None and walked[130, 60] and not walked[130, 260] and not walked[30, 60]
+
+
+FLOOR = np.array([(-1.0, 2.0, 3.0), (1.0, 2.0, 3.0), (0.0, 2.0, 5.0), (1.5, 2.0, 4.0), (-1.5, 2.0, 4.5)])
+"""On a floor 2 m below a level camera (x right, y down, z forward)."""
+LIMIT = np.full(6, 0.06)
+
+
+def test_points_off_the_plane_are_refused_with_their_height_once_the_others_agree():
+    points = np.vstack([FLOOR[:4], [(0.5, 1.6, 4.0)]])
+    fit = fit_plane(points, LIMIT[:5])
+    assert fit.used.tolist() == [True, True, True, True, False] and fit.distance_m[4] == pytest.approx(0.4)
+    assert fit.floor.height_m == pytest.approx(2.0)
+    points = np.vstack([[(0.0, 1.0, 3.0)], FLOOR])
+    assert fit_plane(points, LIMIT).used.tolist() == [False, True, True, True, True, True]
+
+
+def test_points_on_a_line_are_refused_three_are_not_enough_and_four_on_a_plane_are():
+    with pytest.raises(InputError, match="on one line"):
+        fit_plane(np.array([(0.0, 2.0, z) for z in (3.0, 4.0, 5.0)]), LIMIT[:3])
+    three, four = (floor_assessment(fit_plane(FLOOR[:n], LIMIT[:n])) for n in (3, 4))
+    assert not three.enough and "fourth" in three.sentence and four.enough

@@ -11,22 +11,19 @@ import pytest
 from calib.types import U8
 from planview.output.report.page import write_report
 
-CHROMIUM = next(
-    (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
-)
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+CHROMIUM = next((found for name in NAMES if (found := shutil.which(name))), None)
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
 
 
 def screenshot(page: Path, width: int, *options: str) -> U8:
     """(H, W, 3) BGR."""
-    assert CHROMIUM is not None
     target = page.with_suffix(".png")
     size = f"--window-size={width},1600"
     command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", size, *options]
     subprocess.run([*command, f"--screenshot={target}", page.as_uri()], capture_output=True, timeout=60, check=True)
     picture = cv2.imread(str(target))
-    assert picture is not None
     return np.asarray(picture, dtype=np.uint8)
 
 

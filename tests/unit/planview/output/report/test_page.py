@@ -1,50 +1,51 @@
-"""report.html: self-contained, escaped, and made of whatever there is."""
+"""The report: pages, timelines, snapshots."""
 
 import base64
 import json
 import re
+import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from calib.errors import InputError, WorkError
+from calib.types import U8
 from planview.cli import main
+from planview.counting.totals import Clock
 from planview.engine.config import Config
 from planview.engine.info import CameraInfo, FloorInfo
+from planview.evaluation.significant import SignificantError
 from planview.output.folder import PaceInfo, RunInfo, SkippedFrame, read_run_info, write_run_info
-from planview.output.report.page import changed_settings, write_report
+from planview.output.report.compare import shared_errors
+from planview.output.report.page import changed_settings, errors_of, scores_of, write_report
 from planview.output.report.plots import heat_map
+from planview.output.report.snapshots import busiest_frame, scene_pictures
+from planview.output.report.timelines import UNHELD, held_by, stretches, timelines
+from planview.output.results import read_results
+from planview.output.scene import open_frames
 from planview.output.tables import DECISION_COLUMNS
+from planview.trajectories.table import Trajectories, positions_table
 
 HEADER = "frame,timestamp_s,id,x_m,y_m,height_m,state\n"
 
 
 def write_tracks(folder: Path, n: int = 30) -> None:
-    rows = [
-        f"{t},{t / 10:.4f},{i},{i},{1 - t / 10:.3f},1.7{i},{'lost' if t > 25 else 'confirmed'}"
-        for t in range(n)
-        for i in (1, 2)
-    ]
-    (folder / "tracks.csv").write_text(HEADER + "".join(row + "\n" for row in rows))
+    state = ["lost" if t > 25 else "confirmed" for t in range(n)]
+    rows = [f"{t},{t / 10:.4f},{i},{i},{1 - t / 10:.3f},1.7{i},{state[t]}\n" for t in range(n) for i in (1, 2)]
+    (folder / "tracks.csv").write_text(HEADER + "".join(rows))
 
 
 def full_info() -> RunInfo:
     return RunInfo(
-        input="recordings/<script>alert(1)</script>",
-        tracker="template",
-        finished=True,
-        started_at="2026-01-02T03:04:05+00:00",
-        elapsed_s=2.0,
-        versions={"planview": "0.1.0"},
-        config={"seed": 0, "grid": {"cell_m": 0.03}},
-        frames_read=40,
-        frames_skipped=1,
-        skipped=[SkippedFrame(index=7, why="cannot be decoded")],
+        input="recordings/<script>alert(1)</script>", tracker="template", finished=True, elapsed_s=2.0,
+        started_at="2026-01-02T03:04:05+00:00", versions={"planview": "0.1.0"},
+        config={"seed": 0, "grid": {"cell_m": 0.03}}, frames_read=40, frames_skipped=1,
+        skipped=[SkippedFrame(index=7, why="cannot be decoded")], stages_ms={"match": 12.5, "track": None},
         rig=CameraInfo(width=640, height=480, view_m=[(-2, 0), (2, 0), (3, 5), (-3, 5)]),
         floor=FloorInfo(height_m=2.5, tilt_deg=60, roll_deg=1),
-        stages_ms={"match": 12.5, "track": None},
-    )
+    )  # fmt: skip
 
 
 def pictures(page: str) -> list[bytes]:
@@ -54,8 +55,7 @@ def pictures(page: str) -> list[bytes]:
 def test_report_of_tracks_alone_shows_the_floor_the_heat_and_the_people(tmp_path: Path) -> None:
     write_tracks(tmp_path)
     page = write_report(tmp_path).read_text()
-    assert len(pictures(page)) == 3
-    assert all(picture.startswith(b"\x89PNG") for picture in pictures(page))
+    assert len(pictures(page)) == 3 and all(picture.startswith(b"\x89PNG") for picture in pictures(page))
     assert "No run.json in this folder" in page
 
 
@@ -72,32 +72,18 @@ def test_report_of_a_full_run_tells_everything(tmp_path: Path) -> None:
     evaluation = {"mota": 0.9, "motp_m": None, "significant_errors": {"total": 1}, "significant_error_list": [error]}
     page = write_report(tmp_path, evaluation).read_text()
     assert len(pictures(page)) == 6
-    for text in (
-        "cannot be decoded",
-        "camera height",
-        "2.50 m",
-        "grid.cell_m",
-        "expected the recording of the run, found nothing there",
-        "alone for &lt;2 s",
-        "left to right 2",
-        "0.9",
-    ):
+    gone, note = "expected the recording of the run, found nothing there", "alone for &lt;2 s"
+    for text in ("cannot be decoded", "camera height", "2.50 m", "grid.cell_m", gone, note, "left to right 2", "0.9"):
         assert text in page
-    assert "<b>door" not in page
-    assert "<script" not in page
+    assert "<b>door" not in page and "<script" not in page
 
 
-def test_report_asks_for_nothing_from_outside(tmp_path: Path) -> None:
+def test_report_asks_for_nothing_from_outside_and_says_when_a_run_was_interrupted(tmp_path: Path) -> None:
     write_tracks(tmp_path)
     write_run_info(full_info(), tmp_path / "run.json")
     page = write_report(tmp_path).read_text()
-    assert "http://" not in page
-    assert "https://" not in page
+    assert "http://" not in page and "https://" not in page and "interrupted" not in page
     assert set(re.findall(r'(?:src|href)="([^:"]*)', page)) == {"data", "#person-1", "#person-2"}
-
-
-def test_interrupted_run_says_so(tmp_path: Path) -> None:
-    write_tracks(tmp_path)
     write_run_info(full_info().model_copy(update={"finished": False}), tmp_path / "run.json")
     assert "interrupted" in write_report(tmp_path).read_text()
 
@@ -123,12 +109,9 @@ def test_files_that_are_not_what_they_say_are_named(tmp_path: Path, name: str, t
         write_report(tmp_path)
 
 
-def test_folder_without_tracks_is_refused(tmp_path: Path) -> None:
+def test_folder_without_tracks_is_refused_and_a_page_that_cannot_be_written_is_work_failed(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"tracks\.csv"):
         write_report(tmp_path)
-
-
-def test_page_that_cannot_be_written_is_work_failed(tmp_path: Path) -> None:
     write_tracks(tmp_path)
     (tmp_path / "report.html").mkdir()
     with pytest.raises(WorkError, match="cannot be written"):
@@ -153,15 +136,12 @@ def test_decisions_of_a_person_say_why_and_how_well_they_matched(tmp_path: Path)
     assert "&lt;nothing like it&gt;" in page
 
 
-def test_heat_map_adds_time_in_the_cell_of_each_row() -> None:
+def test_heat_map_adds_time_in_the_cell_of_each_row_and_stays_small_for_far_apart_places():
     xy = np.array([[0.0, 0.0], [0.01, 0.01], [1.0, 0.5]])
     heat = heat_map(xy, 0.1)
     assert heat.seconds.sum() == pytest.approx(0.3)
     col, row = np.floor((xy[0] - heat.corner_m) / heat.cell_m).astype(int)
     assert heat.seconds[row, col] == pytest.approx(0.2)
-
-
-def test_heat_map_of_far_apart_places_stays_small() -> None:
     assert heat_map(np.array([[0.0, 0.0], [1e6, 1e6]]), 0.1).seconds.size < 4_000_000
 
 
@@ -177,5 +157,103 @@ def test_latency_of_a_run_in_real_time_is_on_the_page(tmp_path: Path) -> None:
     pace = PaceInfo(frames_dropped=3, latency_median_ms=35.2, latency_95_ms=50.0, latency_99_ms=61.6)
     write_run_info(full_info().model_copy(update={"pace": pace}), tmp_path / "run.json")
     page = write_report(tmp_path).read_text()
-    assert "<b>3</b>frames dropped" in page
-    assert "<b>62 ms</b>latency, 99 % within" in page
+    assert "<b>3</b>frames dropped" in page and "<b>62 ms</b>latency, 99 % within" in page
+
+
+def table(rows: list[tuple[int, int, float]]) -> Trajectories:
+    """Rows of (frame, id, x), 10 frames per second, y = 0."""
+    frame, track_id, x = (np.array(column) for column in zip(*rows, strict=True))
+    xy = np.column_stack([x, np.zeros(len(x))]).astype(np.float64)
+    return positions_table(frame, track_id, xy, timestamp_s=frame / 10)
+
+
+def test_stretches_end_at_gaps_and_changes_of_value() -> None:
+    person, frame = np.array([1, 1, 1, 1, 2]), np.array([0, 1, 3, 4, 0])
+    found = stretches(person, frame, np.array([0, 0, 0, 5, 0]))
+    assert list(zip(found.person, found.first, found.last, found.value, strict=True)) == [
+        (1, 0, 1, 0), (1, 3, 3, 0), (1, 4, 4, 5), (2, 0, 0, 0),
+    ]  # fmt: skip
+
+
+def test_truth_is_held_by_the_confirmed_track_within_the_gate() -> None:
+    truth = table([(0, 7, 0.0), (0, 8, 5.0), (1, 7, 0.0)])
+    tracks = table([(0, 3, 0.1), (1, 3, 2.0)])
+    assert held_by(tracks, truth).tolist() == [3, UNHELD, UNHELD]
+
+
+def test_bars_are_in_percent_of_the_run_and_errors_are_marked() -> None:
+    tracks = table([(frame, 3, 0.0) for frame in range(5)])
+    truth = table([(frame, 7, 0.0) for frame in range(10)])
+    error = SignificantError("lost", 5, 7, 3, 0.5, "visible")
+    found = timelines(tracks, truth, Clock(tracks, 10.0), 10, [error])
+    (track,), (person,) = found.tracks, found.truth
+    assert [(round(bar.left), round(bar.width)) for bar in track.bars] == [(0, 50)]
+    assert [(round(bar.left), round(bar.width), bool(bar.colour)) for bar in person.bars] == [
+        (0, 50, True), (50, 50, False),
+    ]  # fmt: skip
+    assert [round(mark.left) for mark in person.marks] == [50] and track.link == "person-3"
+
+
+def decoded(uri: str) -> U8:
+    data = base64.b64decode(uri.partition(",")[2])
+    return np.asarray(cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
+
+
+def test_pictures_are_of_the_frame_asked_for_and_the_busiest(street):
+    assert busiest_frame(read_results(street)) == 4
+    images = {frame: int(np.median(image)) for frame, image in open_frames(read_results(street).info).at([3, 7, 20])}
+    assert images == {3: 103, 7: 107, 20: 120}
+
+
+def test_scene_is_pictured_from_the_recording_opened_again(street: Path) -> None:
+    results = read_results(street)
+    errors = errors_of(scores_of(results))
+    assert [(error.kind, error.frame) for error in errors] == [("lost", 10)]
+    pictures = scene_pictures(results, errors)
+    assert pictures.why_none == "" and pictures.overview[0].title == "Busiest frame"
+    assert decoded(pictures.overview[0].data).shape == (480, 640, 3)
+    (strip,) = pictures.errors
+    assert strip.is_strip and decoded(strip.data).shape[1] > 4 * decoded(strip.data).shape[0]
+
+
+def test_recording_that_is_gone_gives_a_sentence_instead_of_pictures(street: Path) -> None:
+    info = json.loads((street / "run.json").read_text())
+    (street / "run.json").write_text(json.dumps({**info, "input": "gone"}))
+    pictures = scene_pictures(read_results(street), [])
+    assert pictures.overview == []
+    assert "gone: expected the recording of the run, found nothing there" in pictures.why_none
+
+
+def lost(frame: int, person: int = 1) -> SignificantError:
+    return SignificantError("lost", frame, person, 4, 1.5, "alone")
+
+
+def test_error_that_two_runs_make_at_about_one_time_is_one_row() -> None:
+    rows = shared_errors([[lost(10), lost(90)], [lost(14), lost(10, person=2)]], 0.1)
+    assert [(row.frame, row.person, [bool(note) for note in row.notes]) for row in rows] == [
+        (10, "P1", [True, True]), (10, "P2", [False, True]), (90, "P1", [True, False]),
+    ]  # fmt: skip
+
+
+def test_comparison_shows_only_settings_that_differ_and_marks_the_best_figure(street: Path, tmp_path: Path) -> None:
+    other = tmp_path / "<other>"
+    shutil.copytree(street, other)
+    info = json.loads((street / "run.json").read_text())
+    info["config"]["template"]["stay_s"] = 0.7
+    info["stages_ms"] = {"match": 5.0}
+    (street / "run.json").write_text(json.dumps(info))
+    with pytest.raises(SystemExit, match="0"):
+        main(["report", str(street), str(other), "--out", str(tmp_path / "compare.html")])
+    page = (tmp_path / "compare.html").read_text()
+    assert "template.stay_s" in page and "template.errors_s" not in page
+    assert "&lt;other&gt;" in page and "<other>" not in page
+    assert '<td class="n">5</td><td class="n">-</td>' in page
+
+
+def test_report_of_one_run_is_written_into_its_folder_and_of_none_refused(street, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["report", str(street)])
+    assert "Busiest frame" in (street / "report.html").read_text()
+    with pytest.raises(SystemExit, match="2"):
+        main(["report"])
+    assert "the folder of a run" in capsys.readouterr().err

@@ -22,10 +22,7 @@ from planview.trajectories.state import TrackState
 from stereo.recording import VideoFrame
 
 SHAPE = (120, 160)
-GIVEN = EllipseParticleParams(
-    size=EllipseSizeParams(person_height_px=30),
-    filter=ParticleFilterParams(particles=300),
-)
+GIVEN = EllipseParticleParams(size=EllipseSizeParams(person_height_px=30), filter=ParticleFilterParams(particles=300))
 
 
 def foreground(*people: tuple[float, float]) -> np.ndarray:
@@ -55,9 +52,7 @@ def test_two_people_keep_their_ids_when_they_cross():
     masks = [foreground((20 + 3 * i, 60), (140 - 3 * i, 66)) for i in range(40)]
     out = follow(EllipseParticleTracker(GIVEN), masks)
     first, second = near(out[8], 44).track_id, near(out[8], 116).track_id
-    assert first != second
-    assert near(out[-1], 137).track_id == first
-    assert near(out[-1], 23).track_id == second
+    assert first != second and near(out[-1], 137).track_id == first and near(out[-1], 23).track_id == second
 
 
 def test_id_survives_an_occlusion_by_something_static():
@@ -83,8 +78,7 @@ def test_person_who_leaves_is_removed_with_a_reason():
 def test_sizes_are_learned_without_being_given():
     params = EllipseParticleParams(filter=ParticleFilterParams(particles=300))
     out = follow(EllipseParticleTracker(params), [foreground((20 + 2 * i, 50), (140 - 2 * i, 80)) for i in range(30)])
-    assert len(out[-1]) == 2
-    assert all(s.box_px[3] == pytest.approx(30, rel=0.2) for s in out[-1])
+    assert len(out[-1]) == 2 and all(s.box_px[3] == pytest.approx(30, rel=0.2) for s in out[-1])
 
 
 def test_same_seed_same_tracks_and_reset_starts_again():
@@ -92,8 +86,7 @@ def test_same_seed_same_tracks_and_reset_starts_again():
     tracker = EllipseParticleTracker(GIVEN)
     first = follow(tracker, masks)
     tracker.reset()
-    assert follow(tracker, masks) == first
-    assert follow(EllipseParticleTracker(GIVEN), masks) == first
+    assert follow(tracker, masks) == first and follow(EllipseParticleTracker(GIVEN), masks) == first
     assert follow(EllipseParticleTracker(GIVEN, seed=5), masks) != first
 
 
@@ -108,30 +101,18 @@ def test_camera_gives_floor_positions_and_heights():
     assert state.height_m == pytest.approx(1.8, abs=0.12)
 
 
-def test_walker_is_found_in_images():
-    rng = np.random.default_rng(0)
-    scene = rng.integers(60, 160, (*SHAPE, 3), dtype=np.uint8)
-    tracker = EllipseParticleTracker(GIVEN)
-    source = OneCamera(SingleCameraParams(), SHAPE[::-1], tracker.foreground_columns)
-    for i in range(60):
-        image = scene.copy()
-        if i >= 20:
-            image[foreground((20 + 2.5 * (i - 20), 60)) > 0] = (20, 20, 230)
-        states = tracker.update(source.observe(VideoFrame(i, i / 10, image), tracker.feedback()))
-    assert [s.state for s in states] == ["confirmed"]
-    assert states[0].box_px[0] + 6 == pytest.approx(117.5, abs=4)
-
-
-def test_walker_who_stops_is_not_absorbed_by_the_background():
+@pytest.mark.parametrize(("frames", "stops_at"), [(60, 200.0), (150, 80.0)], ids=["who walks", "who stops"])
+def test_walker_is_found_in_images_and_not_absorbed_by_the_background(frames, stops_at):
     scene = np.random.default_rng(0).integers(60, 160, (*SHAPE, 3), dtype=np.uint8)
     tracker = EllipseParticleTracker(GIVEN)
     source = OneCamera(SingleCameraParams(), SHAPE[::-1], tracker.foreground_columns)
-    for i in range(150):
+    for i in range(frames):
         image = scene.copy()
         if i >= 20:
-            image[foreground((min(20 + 2.5 * (i - 20), 80), 60)) > 0] = (20, 20, 230)
+            image[foreground((min(20 + 2.5 * (i - 20), stops_at), 60)) > 0] = (20, 20, 230)
         states = tracker.update(source.observe(VideoFrame(i, i / 10, image), tracker.feedback()))
     assert [s.state for s in states] == ["confirmed"]
+    assert states[0].box_px[0] + 6 == pytest.approx(min(117.5, stops_at), abs=4)
 
 
 def test_debug_shows_measurements_objects_and_particles():
@@ -139,8 +120,7 @@ def test_debug_shows_measurements_objects_and_particles():
     assert tracker.debug().drawings == ()
     follow(tracker, [foreground((80, 60))] * 5)
     drawings = {d.name: d for d in tracker.debug().drawings}
-    assert drawings["objects"].labels == ("1",)
-    assert len(drawings["measurements"].strips) == 1
+    assert drawings["objects"].labels == ("1",) and len(drawings["measurements"].strips) == 1
     assert len(drawings["particles"].strips) >= 50
     assert all(a.plane == b.plane for a, b in pairwise(drawings.values()))
 
@@ -153,20 +133,13 @@ def test_flooded_frames_measure_nothing_and_people_are_found_again():
     assert [(s.track_id, s.state) for s in out[-1]] == [(1, "confirmed")]
 
 
-@pytest.mark.parametrize("value", [0, 255])
-def test_no_foreground_and_foreground_everywhere_give_no_tracks(value):
-    params = EllipseParticleParams()
-    masks = [np.full(SHAPE, value, dtype=np.uint8)] * 5
-    assert follow(EllipseParticleTracker(params), masks) == [()] * 5
-
-
-def test_one_frame_and_missing_images_are_no_trouble():
+def test_no_foreground_foreground_everywhere_and_missing_images_give_no_tracks_and_wrong_arrays_are_refused():
+    for value in (0, 255):
+        masks = [np.full(SHAPE, value, dtype=np.uint8)] * 5
+        assert follow(EllipseParticleTracker(EllipseParticleParams()), masks) == [()] * 5
     tracker = EllipseParticleTracker()
     assert tracker.update(Observation(0, 0.0)) == ()
     assert tracker.update(Observation(1, 0.1, image=np.zeros((48, 64, 3), dtype=np.uint8))) == ()
-
-
-def test_wrong_arrays_are_refused():
     with pytest.raises(ValueError, match="uint8 foreground"):
         EllipseParticleTracker(GIVEN).update(Observation(0, 0.0, foreground=np.zeros((5, 5, 3), dtype=np.uint8)))
 
@@ -211,8 +184,7 @@ def test_learned_size_is_told_as_that_of_whatever_moves():
     assert tracker.notes == ()
     follow(tracker, [foreground((20 + 2 * i, 60)) for i in range(30)])
     (note,) = tracker.notes
-    assert note.startswith(("people are taken for 29", "people are taken for 30"))
-    assert "px high" in note
+    assert note.startswith(("people are taken for 29", "people are taken for 30")) and "px high" in note
     assert "whatever moves" in note and "100%" not in note  # no assurance that these are people
     assert EllipseParticleTracker(GIVEN).notes == ()
 
@@ -229,8 +201,7 @@ def test_shadow_speaks_neither_for_nor_against_a_body():
     tracker, nothing = EllipseParticleTracker(GIVEN), foreground()
     for i in range(8):
         states = tracker.update(Observation(i, i / 10, foreground=nothing, shadow=foreground((80, 60))))
-    assert states == ()
-    assert tracker.debug().tiles["foreground"].max() == pytest.approx(0.4 / 1.4, abs=0.01)
+    assert states == () and tracker.debug().tiles["foreground"].max() == pytest.approx(0.4 / 1.4, abs=0.01)
 
 
 def test_feedback_is_where_confirmed_people_are():
@@ -238,7 +209,6 @@ def test_feedback_is_where_confirmed_people_are():
     assert tracker.feedback() is None
     follow(tracker, [foreground((60 + i, 60)) for i in range(10)])
     mask = tracker.feedback()
-    assert mask is not None
     assert (mask[60, 69], mask[60, 20]) == (WALKER, NO_FEEDBACK)
 
 

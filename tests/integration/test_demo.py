@@ -1,0 +1,86 @@
+"""The demo clip: ``planview demo`` and ``view``, at half its rate, and checks that it passes."""
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from toy_run import EMPTY, FRAMES
+from toy_stereo import walking
+
+from planview.checks.examine import examine
+from planview.cli import main
+from planview.engine.config import Config
+from planview.engine.setup import set_up
+from planview.engine.stereo import stereo_engine
+from planview.evaluation.evaluate import evaluate_tracks
+from planview.output.folder import prepare_folder
+from planview.synthetic.assets import DEMO
+from planview.trajectories.table import TrajectoryCollector, read_truth
+from stereo.readers import open_recording
+from stereo.recording import StereoFrame, StereoRecording
+
+
+def test_demo_tracks_its_clip_and_prints_the_metrics(recording, tmp_path, monkeypatch, capsys):
+    clip, out = tmp_path / "clip", tmp_path / "out"
+    shutil.copytree(recording, clip)
+    cards = [(i, walking(i - EMPTY)[0]) for i in range(EMPTY, FRAMES)]
+    truth = "".join(f"{i},1,{card.x_m:.3f},{card.y_m:.3f},1.75\n" for i, card in cards)
+    (clip / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + truth)
+    monkeypatch.setattr("planview.commands.run.DEMO", clip)
+    with pytest.raises(SystemExit):
+        main(["demo", "--out", str(out), "--json"])
+    metrics = json.loads(capsys.readouterr().out)
+    assert metrics["significant_errors"]["total"] == 0 and metrics["position_error_mean_m"] < 0.15
+    assert {"tracks.csv", "run.json", "run.rrd", "report.html", "decisions.csv"} <= {f.name for f in out.iterdir()}
+
+
+def test_demo_without_its_clip_and_view_without_a_rerun_recording_are_refused(refused, tmp_path, monkeypatch):
+    monkeypatch.setattr("planview.commands.run.DEMO", tmp_path / "none")
+    assert "demo clip" in refused("demo", "--out", tmp_path / "out")
+    prepare_folder(tmp_path / "out", overwrite=False)
+    assert "--rrd" in refused("view", tmp_path / "out")
+
+
+class EverySecondFrame:
+    """A recording without its odd frames, with the timestamps of the even ones."""
+
+    def __init__(self, recording: StereoRecording) -> None:
+        self._recording = recording
+
+    def __iter__(self) -> Iterator[StereoFrame]:
+        for frame in self._recording:
+            if frame.index % 2 == 0:
+                yield replace(frame, index=frame.index // 2)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._recording, name)
+
+
+def test_demo_clip_at_half_its_frame_rate_is_tracked_without_a_significant_error() -> None:
+    recording, config, tracks = open_recording(DEMO), Config(), TrajectoryCollector()
+    for result in stereo_engine(EverySecondFrame(recording), config, setup=set_up(recording, config)):
+        tracks.add(result.frame, result.timestamp_s, result.tracks)
+    truth = read_truth(DEMO / "truth.csv")
+    truth = truth.where(truth.frame % 2 == 0)
+    scores = evaluate_tracks(tracks.trajectories(), replace(truth, frame=truth.frame // 2))
+    assert not scores.significant and scores.position_error_m.mean() < 0.075
+
+
+def failures(folder: Path) -> dict[str, float]:
+    return {check.name: check.value for check in examine(folder).checks if not check.ok}
+
+
+def test_check_passes_the_committed_clip() -> None:
+    assert failures(DEMO) == {}
+
+
+def test_check_passes_the_real_overhead_pair(shared_data: Path) -> None:
+    diagnosis = examine(shared_data / "overhead-stereo")
+    values = {check.name: check.value for check in diagnosis.checks}
+    assert diagnosis.ok, [check for check in diagnosis.checks if not check.ok]
+    assert values["row offset"] > 0.3 and values["row residual"] < 0.2
+    assert values["camera height"] == pytest.approx(2.74, abs=0.05) and 1.5 < values["person height"] < 1.9

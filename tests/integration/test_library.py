@@ -1,0 +1,126 @@
+"""Planview in a program: runs, engines step by step, and a tracker of one's own."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from crossing_video import CAMERA, CrossingVideo
+from toy_run import EMPTY, FRAMES
+
+import planview
+from calib.errors import InputError
+from calib.types import U8
+from planview.engine.engine import Engine, FrameResult
+from planview.engine.one_camera import one_camera_engine
+from planview.engine.open import open_engine
+from planview.tracking.base import Decision, Observation, TrackerDebug
+from planview.tracking.ellipse_particle import EllipseParticleTracker
+from planview.trajectories.state import TrackState
+
+
+def test_run_without_a_folder_gives_what_a_folder_would_hold(engine: planview.Engine, tmp_path: Path) -> None:
+    frames = EMPTY + 6
+    kept = planview.run(engine, tmp_path / "out", frames=frames)
+    tracks = planview.run(engine, frames=frames)
+    assert len(tracks) > 0 and np.array_equal(tracks.x_m, kept.x_m)
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
+def test_run_refuses_a_folder_with_results(engine: planview.Engine, tmp_path: Path) -> None:
+    planview.run(engine, tmp_path, frames=2)
+    with pytest.raises(InputError, match="overwrite"):
+        planview.run(engine, tmp_path, frames=2)
+
+
+def test_evaluation_takes_tables_and_paths(engine: planview.Engine, tmp_path: Path) -> None:
+    tracks = planview.run(engine, tmp_path / "out", frames=FRAMES)
+    confirmed = tracks.where(tracks.state == "confirmed")
+    assert planview.evaluate(tmp_path / "out", confirmed).to_json()["mota"] == 1.0
+
+
+def test_dataframe_has_the_columns_of_the_file(engine: planview.Engine, tmp_path: Path) -> None:
+    pytest.importorskip("pandas", reason="the extra table is not installed")
+    frame = planview.run(engine, tmp_path / "out", frames=EMPTY + 6).to_dataframe()
+    header = (tmp_path / "out" / "tracks.csv").read_text().splitlines()[0]
+    assert ",".join(frame.columns) == header and frame.state.iloc[-1] in ("tentative", "confirmed")
+
+
+def test_trackers_and_matchers_that_do_not_go_with_a_recording_are_refused(copy, tmp_path):
+    with pytest.raises(InputError, match="expected a tracker of stereo recordings and plan-view maps"):
+        planview.run(copy, tracker="ellipse-particle")
+    with pytest.raises(InputError, match="expected a recording of one stereo pair"):
+        planview.run(tmp_path, tracker="ellipse-particle", matcher=lambda left, right: np.zeros(left.shape, np.float32))
+
+
+SHOWN = EMPTY + 12
+
+
+def stepped(engine: Engine, frames: int) -> list[FrameResult]:
+    engine.reset()
+    return [engine.step(frame) for frame, _ in zip(engine.recording, range(frames), strict=False)]  # type: ignore[call-overload]
+
+
+def test_steps_of_a_stereo_engine_give_the_tracks_of_its_iteration_timed_by_stage_without_reading(engine):
+    iterated = [result.tracks for result, _ in zip(engine, range(SHOWN), strict=False)]
+    assert any(iterated) and [result.tracks for result in stepped(engine, SHOWN)] == iterated
+    (result,) = stepped(engine, 1)
+    assert list(result.stages_ms) == ["rectify", "match", "foreground", "maps", "track"]
+
+
+def test_reset_forgets_the_background_of_a_stereo_engine(engine: Engine) -> None:
+    stepped(engine, EMPTY + 3)
+    assert not stepped(engine, 1)[0].observation.foreground.any()
+
+
+def test_steps_of_a_single_camera_engine_give_the_tracks_of_its_iteration() -> None:
+    engine = one_camera_engine(CrossingVideo(), EllipseParticleTracker())
+    assert [r.tracks for r in stepped(engine, CrossingVideo.n_frames)] == [r.tracks for r in engine]
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_an_engine_without_stereo_says_what_it_knows_of_its_camera(known: bool) -> None:
+    engine = one_camera_engine(CrossingVideo(), EllipseParticleTracker(), camera=CAMERA if known else None)
+    assert engine.stereo is None
+    assert (engine.camera_info() is not None, engine.floor_info() is not None) == (known, known)
+
+
+class Brightest:
+    """Follows the brightest pixel; says nothing of foreground, as trackers of plan-view maps do."""
+
+    decisions: tuple[Decision, ...] = ()
+
+    def update(self, observation: Observation) -> tuple[TrackState, ...]:
+        row, column = np.unravel_index(int(observation.image.argmax()), observation.image.shape)
+        return (TrackState(1, "confirmed", box_px=(float(column), float(row), 1.0, 1.0)),)
+
+    def feedback(self) -> U8 | None:
+        return None
+
+    def debug(self) -> TrackerDebug:
+        return TrackerDebug()
+
+    def reset(self) -> None:
+        """Nothing is remembered."""
+
+
+class BrightestInImage(Brightest):
+    """The same as an ``ImageTracker``."""
+
+    foreground_columns = None
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Path:
+    for i in range(3):
+        image = np.zeros((48, 64), np.uint8)
+        image[20, 10 + i] = 255
+        cv2.imwrite(str(tmp_path / f"{i:03}.png"), image)
+    return tmp_path
+
+
+def test_a_tracker_of_images_gets_the_frames_of_one_camera_and_one_of_plan_view_maps_needs_depth(clip):
+    boxes = [result.tracks[0].box_px[:2] for result in open_engine(clip, BrightestInImage())]
+    assert boxes == [(10, 20), (11, 20), (12, 20)]
+    with pytest.raises(InputError):
+        open_engine(clip, Brightest())

@@ -1,0 +1,192 @@
+"""The smaller benchmarks."""
+
+import io
+import json
+import math
+import os
+
+import cv2
+import numpy as np
+import pytest
+from rich.console import Console
+from toy_stereo import ToyWorld, toy_rig
+
+from benchmarks.__main__ import main_benchmarks as main
+from benchmarks.ablation import (
+    CONFIGURED,
+    LADDER,
+    TABLE_WIDTH,
+    AblationOptions,
+    AblationRow,
+    Interval,
+    ablation,
+    bootstrap,
+    chosen_variants,
+    print_ablation,
+)
+from benchmarks.calibration import Row, alignment_error
+from benchmarks.correction import head_error_m
+from benchmarks.foreground import pixel_counts
+from benchmarks.one_statistic import NOMINAL_HEIGHT_M, reduced
+from benchmarks.speed import LIMITS, Clip, Speed, Yardstick, counted, one_core, print_speed
+from calib.errors import InputError
+from calib.pose import SE3
+from calib.rig import Floor, world_from_plane
+from calib.world import RigEntry
+from planview.engine.config import Config, load_config
+from planview.maps.builder import CameraViewpoint, FloorPoints, PlanViewMaps
+from planview.maps.grid import Grid
+from stereo.rectify import Rectifier
+
+
+def test_missing_recordings_and_too_few_frames_are_refused(tmp_path, capsys):
+    with pytest.raises(InputError, match="nowhere"):
+        Clip(tmp_path / "nowhere", 10)
+    with pytest.raises(SystemExit, match="2"):
+        main(["speed", "--frames", "1"])
+    assert "--frames" in capsys.readouterr().err
+
+
+def test_ratios_are_printed_beside_their_limits() -> None:
+    speed = Speed({"match": 12.5}, details={"recording": "clip", "image": "640x480"})
+    speed.add("foreground_to_mog2", np.array([0.55, 0.65, 0.75, 0.85, 0.95]))
+    out = io.StringIO()
+    print_speed(speed, Console(file=out, width=100))
+    line = next(line for line in out.getvalue().splitlines() if "foreground to mog2" in line)
+    assert "0.750" in line and "0.650 to 0.850" in line and f"{LIMITS['foreground_to_mog2']:g}" in line
+    assert "12.50" in out.getvalue()
+
+
+def test_one_core_is_given_back():
+    threads = cv2.getNumThreads()
+    with one_core():
+        assert cv2.getNumThreads() == 1
+    assert cv2.getNumThreads() == threads
+    if hasattr(os, "sched_getaffinity"):
+        cores = os.sched_getaffinity(0)
+        with one_core():
+            assert len(os.sched_getaffinity(0)) == 1
+        assert os.sched_getaffinity(0) == cores
+
+
+@pytest.mark.parametrize(("size", "disparities"), [((320, 240), 64), ((640, 480), 64), ((1280, 800), 128)])
+def test_the_yardstick_depends_on_the_size_alone(size: tuple[int, int], disparities: int) -> None:
+    assert Yardstick(toy_rig().scaled(*size), grey=True).disparities == disparities
+
+
+def test_frames_with_four_people_count_where_there_are_enough() -> None:
+    people = np.array([1] * 20 + [4] * 12)
+    assert counted(people).sum() == 12 and counted(people[:25]).sum() == 25
+
+
+OWN = world_from_plane(np.array([0.0, -0.9, -0.4]), 2.4)
+
+
+def rig(name: str, heading_deg: float, x_m: float, y_m: float, start_s: float = 0.0) -> RigEntry:
+    """A rig whose own world lies in the common one."""
+    turn = SE3.from_rotvec([0.0, 0.0, math.radians(heading_deg)], [x_m, y_m, 0.0])
+    return RigEntry(name, turn @ OWN, start_s)
+
+
+def test_alignment_error_is_that_of_place_heading_and_clock_and_kept_without_a_limit():
+    true = [rig("a", 0, 0, 0), rig("b", 170, 3, 4, 1.0)]
+    error = alignment_error([rig("a", 0, 0, 0), rig("b", -179, 3.03, 4.04, 1.02)], true)
+    assert error == pytest.approx((5.0, 11.0, 20.0))
+    assert [Row("a", value, "cm", 2.0).ok for value in (2.0, 2.1, math.inf)] == [True, False, False]
+    assert Row("a", 5.0, "cm").ok
+
+
+def test_counts_leave_out_pixels_of_moving_things():
+    owner = np.array([[0, 0, 0, 0], [1, 1, 2, -1]], np.int32)
+    found = np.array([[True, False, False, False], [True, False, True, True]])
+    assert pixel_counts(found, owner).tolist() == [1, 3, 1, 4]
+
+
+def test_heads_are_where_they_are_by_the_true_rig_and_off_by_another() -> None:
+    true, floor = toy_rig(), Floor(ToyWorld().world_SE3_left)
+    assert head_error_m(true, floor, Rectifier(true), floor) == pytest.approx(0.0, abs=1e-9)
+    longer = toy_rig(baseline_m=0.132)  # a tenth more of baseline puts all a tenth farther away
+    assert 0.1 < head_error_m(true, floor, Rectifier(longer), floor) < 0.6
+    assert np.isfinite(head_error_m(true, floor, Rectifier(toy_rig(rotation_deg=(0.0, 0.0, 0.3))), floor))
+
+
+@pytest.fixture
+def maps():
+    """Two cells of 0.1 m: two points of 1 m and 1.6 m in the first, none in the second."""
+    grid = Grid.covering(0.0, 0.0, 0.2, 0.1, 0.1)
+    height = np.zeros(grid.shape, np.float32)
+    occupancy = np.zeros(grid.shape, np.float32)
+    height[0, 0], occupancy[0, 0] = 1.6, 0.003
+    points = FloorPoints(
+        np.array([[0.05, 0.05, 1.0], [0.06, 0.05, 1.6]], np.float32),
+        np.array([0.001, 0.002], np.float32),
+        np.array([7, 8], np.int32),
+        np.array([1, 2], np.uint8),
+    )
+    view = CameraViewpoint(np.array([0.0, 0.0, 2.0]), 0.01, np.eye(3, 4), (160, 120))
+    return PlanViewMaps(grid, height, occupancy, height, occupancy, 0.0, points, view)
+
+
+@pytest.mark.parametrize("variant", LADDER, ids=lambda v: v.name)
+def test_variant_changes_the_configuration_by_known_parameters(variant):
+    changed = load_config(None, variant.settings) != Config()
+    assert changed or variant.way != "online" or variant.harville
+
+
+def test_variants_of_foreground_and_feedback_run_in_full_and_others_from_recorded_points():
+    full = {v.name for v in LADDER if not v.tracker_only}
+    assert full == {"feedback off", "colour only foreground"}
+
+
+def test_maps_without_occupancy_count_cells_and_keep_their_highest_point(maps):
+    left = reduced(maps, "height")
+    assert left.height[0, 0] == pytest.approx(1.6) and left.occupancy[0, 0] == pytest.approx(0.01)
+    assert left.occupancy[0, 1] == 0 and left.points.pixels.tolist() == [8]
+    assert left.points.colours.tolist() == [2] and left.points.area.tolist() == pytest.approx([0.01])
+
+
+def test_maps_without_height_are_equally_high_and_keep_occupancy(maps):
+    left = reduced(maps, "occupancy")
+    assert left.height[0].tolist() == pytest.approx([NOMINAL_HEIGHT_M, 0.0])
+    assert left.points.xyz[:, 2].tolist() == pytest.approx([NOMINAL_HEIGHT_M] * 2)
+    assert left.occupancy[0, 0] == pytest.approx(0.003) and maps.points.xyz[0, 2] == 1.0
+
+
+def test_interval_spans_the_resampled_recordings_and_is_their_figure_where_they_are_equal():
+    samples = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+    value, low, high = bootstrap(np.array([0.0, 4.0]), np.array([1.0, 1.0]), samples)
+    assert value == 2.0 and low == pytest.approx(0.15) and high == pytest.approx(3.85)
+    assert bootstrap(np.array([3.0, 3.0]), np.array([2.0, 2.0]), np.array([[0, 1], [1, 1]])) == (1.5, 1.5, 1.5)
+
+
+def test_unknown_variants_and_recordings_without_truth_are_refused(tmp_path):
+    with pytest.raises(InputError, match="height only"):
+        chosen_variants(["joint"])
+    with pytest.raises(InputError, match=r"truth\.csv"):
+        ablation(options=AblationOptions(recording=[tmp_path], cache=tmp_path))
+
+
+def test_command_compares_variants_with_the_engine_as_configured(recording, tmp_path, capsys):
+    cache, folder, _ = recording
+    variants = ["without colours", "harville", "naive engine"]
+    out = tmp_path / "ablation.json"
+    ablation(options=AblationOptions(recording=[folder], variant=variants, cache=cache, out=out))
+    assert "naive engine" in capsys.readouterr().out
+    result = json.loads(out.read_text())
+    assert result["recordings"] == [folder.name]
+    names = [row["variant"] for row in result["variants"]]
+    assert names == [CONFIGURED.name, *variants]
+    assert result["variants"][0]["change_per_10_min"] == [0.0, 0.0, 0.0]
+    # One person alone: colours hardly decide where.
+    as_configured, without_colours = (row["position_error_m"][0] for row in result["variants"][:2])
+    assert without_colours == pytest.approx(as_configured, abs=0.02)
+
+
+def test_table_has_every_figure_with_its_interval_and_the_papers_count(capsys):
+    some = Interval(0.104, 0.087, 0.116)
+    errors = {"total": 9, "lost": 5, "missed": 0, "swapped": 4, "false_track": 0}
+    rows = [AblationRow(v, errors, *[some] * 6) for v in (CONFIGURED, LADDER[1])]
+    print_ablation(rows, Console(width=TABLE_WIDTH))
+    text = capsys.readouterr().out
+    assert "5, 0, 4, 0" in text and "[8.7, 11.6]" in text and "17" in text
+    assert "height only: the paper's tracker without occupancy" in text and "…" not in text

@@ -1,0 +1,274 @@
+"""Boards: found in images, solved for cameras."""
+
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from benchmarks.calibration import board_views, calibration_errors, random_rig
+from calib.board.detect import (
+    Board,
+    BoardView,
+    Corners,
+    Detector,
+    complete_charuco,
+    dictionaries,
+    find_counts,
+    larger_counts,
+    parse_board,
+    parse_square,
+    same_order,
+)
+from calib.board.fit import fit_rig, select_views, sharpness
+from calib.board.solve import LENSES, RejectedView, choose_lens, folds_back, solve_board
+from calib.camera import Camera
+from calib.errors import InputError
+from calib.pose import SE3
+from calib.rig import StereoRig
+from calib.types import U8
+
+PX = 30
+
+
+def drawn(cols: int, rows: int) -> U8:
+    """A chessboard from straight ahead: corner (0, 0) at pixel (3 PX - 0.5, 3 PX - 0.5)."""
+    y, x = np.mgrid[: (rows + 1) * PX, : (cols + 1) * PX]
+    board = (((x // PX + y // PX) % 2) * 200 + 25).astype(np.uint8)
+    framed = cv2.copyMakeBorder(board, 2 * PX, 2 * PX, 2 * PX, 2 * PX, cv2.BORDER_CONSTANT, value=225)
+    return np.asarray(cv2.GaussianBlur(framed, (0, 0), 0.8), dtype=np.uint8)
+
+
+def test_corners_are_found_to_a_hundredth_of_a_pixel_and_in_a_small_image_at_its_own_pixels():
+    corners = Detector(Board(8, 5, 0.03))(drawn(8, 5))
+    assert corners is not None
+    expected = Board(8, 5, 0.1).points[:, :2] / 0.1 * PX + 3 * PX - 0.5
+    away = [np.abs(order - expected).max() for order in (corners.pixels, corners.pixels[::-1])]
+    assert min(away) < 0.01
+    image = np.asarray(cv2.resize(drawn(9, 6), None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    corners = Detector(Board(9, 6, 0.025))(image)
+    assert corners is not None
+    expected = Board(9, 6, 0.1).points[:, :2] / 0.1 * PX / 3 + PX - 0.5
+    assert min(np.abs(order - expected).max() for order in (corners.pixels, corners.pixels[::-1])) < 0.1
+
+
+def test_counts_of_a_board_are_found_and_a_part_is_told_from_the_whole() -> None:
+    images = [drawn(8, 5)] * 3
+    assert find_counts(images) == (8, 5) and larger_counts(images, (4, 3)) == (8, 5)
+    assert larger_counts(images, (5, 8)) is None
+
+
+def test_no_board_is_found_in_blank_and_noisy_images() -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (120, 160)).astype(np.uint8)
+    blank = np.full((120, 160), 90, np.uint8)
+    assert find_counts([blank, noise]) is None and Detector(Board(7, 5, 0.03))(blank) is None
+
+
+def test_order_of_a_board_that_looks_alike_when_turned_follows_the_other_camera():
+    board = Board(7, 5, 0.03)
+    pixels = board.points[:, :2] * 1000
+    left = Corners(np.arange(35), pixels)
+    right = Corners(np.arange(35), pixels[::-1] - [20.0, 0.0])
+    np.testing.assert_allclose(same_order(board, left, right).pixels, pixels - [20.0, 0.0])
+    board = Board(4, 4, 0.03)
+    pixels = board.points[:, :2] * 1000
+    quarter = np.rot90(pixels.reshape(4, 4, 2), 1).reshape(-1, 2)
+    turned = same_order(board, Corners(np.arange(16), pixels), Corners(np.arange(16), quarter))
+    np.testing.assert_allclose(turned.pixels, pixels)
+
+
+def charuco(name: str) -> tuple[Board, U8]:
+    board = Board(6, 4, 0.04, name, 0.03)
+    made = cv2.aruco.CharucoBoard((7, 5), 0.04, 0.03, cv2.aruco.getPredefinedDictionary(dictionaries()[name]))
+    return board, np.asarray(made.generateImage((700, 500), marginSize=20), dtype=np.uint8)
+
+
+def test_charuco_corners_carry_their_ids_when_half_of_the_board_is_hidden() -> None:
+    board, image = charuco("DICT_5X5_100")
+    whole = Detector(board)(image)
+    image[:, 400:] = 255
+    part = Detector(board)(image)
+    assert len(whole.ids) == 24 and 8 <= len(part.ids) < 24
+    both = dict(zip(whole.ids.tolist(), whole.pixels, strict=True))
+    assert max(np.abs(both[int(i)] - p).max() for i, p in zip(part.ids, part.pixels, strict=True)) < 0.5
+
+
+def test_dictionary_of_a_charuco_board_is_found() -> None:
+    board, large = charuco("DICT_6X6_250")
+    image = np.asarray(cv2.resize(large, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    opened = parse_board("charuco:7x5", 0.04, None, None)
+    assert opened is not None
+    found = complete_charuco(opened, [image], any_dictionary=True, any_marker=True)
+    # Smaller dictionaries of a family begin with the same markers.
+    assert found.dictionary.startswith("DICT_6X6_") and Detector(found)(image) is not None
+    assert (found.cols, found.rows) == (board.cols, board.rows)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        *[((text, 0.03, None, None), "--board") for text in ("9", "2x6", "99x6", "charuco:", "nine by six", "9x6x2")],
+        (("charuco:2x2", 0.03, None, None), "--board"),
+        ((None, 0.0001, None, None), "--square"),
+        ((None, 24.23, None, None), "--square"),
+        (("charuco:7x5", 0.03, None, "DICT_9X9"), "--dictionary"),
+        (("charuco:7x5", 0.03, "40mm", None), "markers smaller than the squares"),
+    ],
+)
+def test_board_without_sense_or_in_a_wrong_unit_is_refused(words, named):
+    with pytest.raises(InputError, match=named):
+        parse_board(*words)
+
+
+@pytest.mark.parametrize("text", ["25", " 24.23 ", "2,5"])
+def test_square_without_unit_is_refused_with_what_to_type(text):
+    with pytest.raises(InputError, match=rf"type --square {text.strip()}mm"):
+        parse_square(text)
+
+
+def test_blur_lowers_sharpness() -> None:
+    image = drawn(8, 5)
+    corners = Detector(Board(8, 5, 0.03))(image)
+    assert corners is not None
+    blurred = np.asarray(cv2.GaussianBlur(image, (0, 0), 3), dtype=np.uint8)
+    assert sharpness(blurred, corners) < 0.6 * sharpness(image, corners)
+
+
+def test_selection_leaves_out_blurred_and_repeated_views() -> None:
+    rng = np.random.default_rng(0)
+    rig = random_rig("plain", rng)
+    different = board_views(rig, Board(7, 5, 0.04), 10, 0.0, rng)
+    views = [different[0]] * 20 + different[1:]
+    sharp = [1.0] * 28 + [0.2]
+    taken = select_views(views, sharp, rig.left.size, limit=9)
+    assert 28 not in taken and set(range(20, 28)) <= set(taken)
+
+
+BOARD = Board(7, 5, 0.04)
+SIZE = (1280, 800)
+
+
+def views_of(lens: str = "brown", n: int = 20, noise_px: float = 0.2, seed: int = 0):
+    rng = np.random.default_rng(seed)
+    rig = random_rig(lens, rng)
+    return rig, board_views(rig, BOARD, n, noise_px, rng)
+
+
+def test_exact_corners_give_the_exact_rig() -> None:
+    truth, views = views_of(n=8, noise_px=0.0)
+    found = solve_board(views, BOARD, SIZE, model="brown")
+    assert max(calibration_errors(truth, found.rig)) < 1e-3 and found.fit.rms_px < 1e-4
+
+
+@pytest.mark.parametrize(("lens", "seed"), [("brown", 1), ("fisheye", 2)])
+def test_noisy_corners_give_the_rig_within_the_limits_asked(lens: str, seed: int) -> None:
+    truth, views = views_of(lens, 24, seed=seed)
+    found = solve_board(views, BOARD, SIZE, model="fisheye" if lens == "fisheye" else "brown")
+    focal, baseline, turn_deg = calibration_errors(truth, found.rig)
+    assert focal < 0.2 and baseline < 0.3 and turn_deg < 0.05
+
+
+def test_reported_uncertainty_covers_the_error() -> None:
+    truth, views = views_of(n=24, seed=3)
+    found = solve_board(views, BOARD, SIZE, model="brown")
+    assert abs(found.rig.left.fx - truth.left.fx) < 4 * found.std["left fx"]
+    assert abs(found.rig.baseline_m - truth.baseline_m) < 4 * found.std["baseline"]
+    assert 0 < found.std["left fx"] < 0.002 * truth.left.fx
+
+
+def test_lens_is_chosen_by_views_left_out_and_one_without_distortion_is_recognised():
+    _, views = views_of("fisheye", 8, seed=4)
+    found = solve_board(views, BOARD, SIZE)
+    assert found.rig.left.model in {"fisheye", "rational"}
+    # A lens that fits far worse than the best is not judged on other views, and not listed.
+    assert "fisheye (k1-k4)" in {one.name for one in found.lenses}
+    assert "no distortion" not in {one.name for one in found.lenses}
+    _, views = views_of("plain", 14, seed=5)
+    found = solve_board(views, BOARD, SIZE, model="brown")
+    assert choose_lens(found.lenses).name == "no distortion" and not np.any(found.rig.left.coefficients)
+
+
+def test_wrong_corners_in_a_view_are_named_and_left_out() -> None:
+    truth, views = views_of(n=12)
+    views[4] = replace(views[4], right=views[4].right + np.array([6.0, -4.0]))
+    found = solve_board(views, BOARD, SIZE, model="brown")
+    assert [one.name for one in found.rejected] == ["view 04"]
+    assert "times the median" in found.rejected[0].why and calibration_errors(truth, found.rig)[1] < 0.3
+
+
+def test_too_few_pairs_are_refused() -> None:
+    _, views = views_of(n=4)
+    with pytest.raises(InputError, match=r"expected at least 5 pairs .* found 4 of 5, e.g. x: blank"):
+        solve_board(views, BOARD, SIZE, rejected=[RejectedView("x", "blank")], source="photos")
+
+
+def test_one_pose_repeated_is_refused() -> None:
+    rng = np.random.default_rng(0)
+    _, views = views_of(n=1)
+    ids, left, right = views[0].ids, views[0].left, views[0].right
+    noise = 0.2 * rng.normal(size=(10, 2, *left.shape))
+    same = [BoardView(str(i), ids, left + a, right + b) for i, (a, b) in enumerate(noise)]
+    with pytest.raises(InputError, match="found 1 different pose in 10 views"):
+        solve_board(same, BOARD, SIZE)
+
+
+def test_a_board_never_tilted_is_refused() -> None:
+    truth = random_rig("brown", np.random.default_rng(0))
+    rig = StereoRig(truth.left, truth.left, SE3(np.eye(3), np.array([-0.1, 0.0, 0.0])))
+    rng = np.random.default_rng(1)
+    views = []
+    for i, (x, y) in enumerate([(-0.3, -0.2), (0.1, -0.2), (-0.3, 0.0), (0.1, 0.0), (-0.1, -0.1), (-0.2, 0.02)]):
+        points = BOARD.points + np.array([x, y, 0.8])
+        sides = (rig.left.project(points), rig.right.project(rig.right_SE3_left @ points))
+        noisy = (p + 0.2 * rng.normal(size=p.shape) for p in sides)
+        views.append(BoardView(str(i), np.arange(len(points)), *noisy))
+    with pytest.raises(InputError, match="focal length"):
+        solve_board(views, BOARD, SIZE, model="brown")
+
+
+def test_swapped_cameras_and_pairs_that_do_not_belong_together_are_refused() -> None:
+    _, views = views_of(n=8)
+    swapped = [BoardView(view.name, view.ids, view.right, view.left) for view in views]
+    with pytest.raises(InputError, match="left and right are swapped"):
+        solve_board(swapped, BOARD, SIZE, model="brown")
+    _, views = views_of(n=7)
+    torn = [BoardView(a.name, a.ids, a.left, b.right) for a, b in zip(views, [*views[3:], *views[:3]], strict=True)]
+    with pytest.raises(InputError, match="expected"):
+        solve_board(torn, BOARD, SIZE, model="brown")
+
+
+def test_nonsense_square_size_is_refused() -> None:
+    rng = np.random.default_rng(0)
+    truth = random_rig("brown", rng)
+    wide = StereoRig(truth.left, truth.right, SE3(truth.right_SE3_left.rotation, np.array([-0.25, 0.0, 0.0])))
+    views = board_views(wide, Board(7, 5, 0.02), 8, 0.1, rng)
+    with pytest.raises(InputError, match="is --square right"):
+        solve_board(views, Board(7, 5, 0.5), SIZE, model="brown")
+
+
+def test_errors_per_view_are_those_that_opencv_reports() -> None:
+    truth, views = views_of("brown", 6)
+    fit = fit_rig(views, BOARD.points, (truth.left, truth.right), LENSES[3])
+    one = np.float32
+    points = [BOARD.points.astype(one)] * 6
+    left, right = ([view.image_points(side).astype(one) for view in views] for side in ("left", "right"))  # type: ignore[arg-type]
+    cameras = (truth.left.matrix, truth.left.coefficients, truth.right.matrix, truth.right.coefficients)
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3
+    extended: Any = cv2.stereoCalibrateExtended
+    *_, per_view = extended(points, left, right, *cameras, SIZE, None, None, flags=flags)
+    found = np.sqrt((np.array(fit.errors) ** 2).sum(axis=3).mean(axis=2))
+    np.testing.assert_allclose(found, per_view, rtol=0.01)
+
+
+def test_fisheye_boards_of_which_parts_are_hidden_give_the_rig() -> None:
+    # OpenCV's fisheye.stereoCalibrate demands the same number of corners in all views.
+    truth, views = views_of("fisheye", 12, seed=2)
+    views[3] = BoardView("part", views[3].ids[7:], views[3].left[7:], views[3].right[7:])
+    found = solve_board(views, BOARD, SIZE, model="fisheye")
+    assert len(found.views[3].ids) == 28 and calibration_errors(truth, found.rig)[1] < 0.3
+
+
+def test_lens_that_turns_back_inside_the_image_is_seen() -> None:
+    assert folds_back(Camera(1000, 800, 500.0, 500.0, 500.0, 400.0, "brown", (-0.3, 0.0, 0.0, 0.0)))
+    assert not folds_back(Camera(1000, 800, 900.0, 900.0, 500.0, 400.0, "brown", (-0.3, 0.1, 0.0, 0.0)))

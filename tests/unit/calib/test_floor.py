@@ -1,0 +1,234 @@
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from calib.errors import InputError, WorkError
+from calib.floor.find import PeopleSeen, find_floor, floor_from_people, floor_from_points, parse_points
+from calib.pose import SE3
+from calib.rig import Floor, world_from_plane
+from calib.types import F32, F64
+from calib.world import load_world, save_world
+
+FOCAL_PX, BASELINE_M = 320.0, 0.2
+WIDTH, HEIGHT = 320, 240
+
+
+def pose_of(tilt_deg: float, height_m: float, roll_deg: float = 0.0) -> SE3:
+    t, r = math.radians(tilt_deg), math.radians(roll_deg)
+    normal = np.array([math.sin(r), -math.sin(t) * math.cos(r), -math.cos(t) * math.cos(r)])
+    return world_from_plane(normal, height_m)
+
+
+class Room:
+    """Depth of planes seen from a pose, with the noise of stereo."""
+
+    def __init__(self, pose: SE3, seed: int = 0) -> None:
+        u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+        self.rays = np.stack([(u - WIDTH / 2) / FOCAL_PX, (v - HEIGHT / 2) / FOCAL_PX, np.ones(u.shape)], -1)
+        self.rays = self.rays.reshape(-1, 3)
+        self.world = self.rays @ pose.rotation.T
+        self.height = float(pose.translation[2])
+        self.depth = np.full(len(self.rays), np.inf)
+        self.rng = np.random.default_rng(seed)
+
+    def add(self, normal: tuple[float, float, float], offset: float, box: Sequence[float] = (-99, 99, -99, 99)) -> None:
+        """The part of the plane normal . p = offset within x and y bounds."""
+        n = np.array(normal)
+        with np.errstate(all="ignore"):
+            s = (offset - self.height * n[2]) / (self.world @ n)
+            s = np.where(s > 0, s, np.inf)
+            p = np.where(np.isfinite(s), s, 0.0)[:, None] * self.world
+        inside = (p[:, 0] > box[0]) & (p[:, 0] < box[1]) & (p[:, 1] > box[2]) & (p[:, 1] < box[3])
+        self.depth = np.minimum(self.depth, np.where(inside, s, np.inf))
+
+    def clouds(self, n: int = 4, people: bool = True) -> list[F32]:
+        return [self._cloud(people) for _ in range(n)]
+
+    def _cloud(self, people: bool) -> F32:
+        still = self.depth
+        if people:
+            x, y = self.rng.uniform(-1.5, 1.5), self.rng.uniform(1.0, 4.0)
+            self.add((0.0, 0.0, 1.0), 1.5, (x - 0.25, x + 0.25, y - 0.25, y + 0.25))
+        disparity = FOCAL_PX * BASELINE_M / self.depth + self.rng.normal(0, 0.25, len(self.depth))
+        self.depth = still
+        disparity = np.round(disparity * 16) / 16
+        disparity[(self.rng.random(len(disparity)) < 0.2) | (disparity < 1.0)] = np.nan
+        wrong = self.rng.random(len(disparity)) < 0.03
+        disparity[wrong & np.isfinite(disparity)] = self.rng.uniform(1, 64)
+        return (self.rays * (FOCAL_PX * BASELINE_M / disparity)[:, None]).astype(np.float32)
+
+
+def found(clouds: list[F32]) -> Floor:
+    return find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M)
+
+
+@pytest.mark.parametrize("tilt_deg", [0, 30, 60, 75])
+def test_floor_is_found_among_walls_and_a_table_at_any_tilt(tilt_deg: float) -> None:
+    height = 2.6
+    room = Room(pose_of(tilt_deg, height, 2.0))
+    room.add((0.0, 0.0, 1.0), 0.0)
+    room.add((0.0, 1.0, 0.0), 6.0)
+    room.add((1.0, 0.0, 0.0), -3.0)
+    ahead = height * math.tan(math.radians(tilt_deg))
+    room.add((0.0, 0.0, 1.0), 0.75, (-0.6, 0.6, ahead - 0.4, ahead + 0.4))
+    floor = found(room.clouds())
+    assert floor.height_m == pytest.approx(height, abs=0.02)
+    assert math.degrees(floor.roll_rad) == pytest.approx(2.0, abs=0.3)
+    true_tilt = pose_of(tilt_deg, height, 2.0)
+    assert math.degrees(floor.tilt_rad - Floor(true_tilt).tilt_rad) == pytest.approx(0.0, abs=0.3)
+
+
+def test_floor_in_a_part_of_the_view_is_found_under_a_larger_wall() -> None:
+    room = Room(pose_of(72, 2.2))
+    room.add((0.0, 0.0, 1.0), 0.0)
+    room.add((0.0, 1.0, 0.0), 4.0)
+    room.add((1.0, 0.0, 0.0), -1.0)
+    room.add((1.0, 0.0, 0.0), 1.5)
+    floor = found(room.clouds())
+    assert floor.height_m == pytest.approx(2.2, abs=0.02) and floor.inlier_fraction < 0.4
+
+
+def test_wall_before_which_people_walk_is_no_floor_seen_from_above() -> None:
+    room = Room(pose_of(80, 1.8))
+    room.add((0.0, 1.0, 0.0), 5.5)
+    clouds = room.clouds(6, people=False)
+    assert found(clouds).height_m == pytest.approx(5.5, abs=0.2)
+    person = np.column_stack([np.zeros(900), np.linspace(-0.5, 1.2, 900), np.full(900, 2.2)])
+    with pytest.raises(WorkError, match="of what moves is higher than people above it"):
+        find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M, moved=person)
+
+
+def test_floor_tells_its_uncertainty_and_extent() -> None:
+    room = Room(pose_of(45, 3.0))
+    room.add((0.0, 0.0, 1.0), 0.0, (-2, 2, 1.5, 6))
+    floor = found(room.clouds())
+    assert floor.covariance is not None and floor.extent_m is not None
+    assert 0 < math.sqrt(floor.covariance[0, 0]) < 0.02 and floor.residual_m < 0.1
+    assert floor.extent_m[1] == pytest.approx(1.5, abs=0.2)
+
+
+def test_floor_takes_the_floor_below_a_table_that_is_larger() -> None:
+    room = Room(pose_of(0, 3.0))
+    room.add((0.0, 0.0, 1.0), 0.0)
+    room.add((0.0, 0.0, 1.0), 0.75, (-1.0, 1.0, -0.5, 0.7))
+    assert found(room.clouds(people=False)).height_m == pytest.approx(3.0, abs=0.02)
+
+
+def test_floor_refuses_walls_without_a_floor() -> None:
+    room = Room(pose_of(60, 3.0))
+    room.add((0.0, 1.0, 0.0), 4.0)
+    room.add((1.0, 0.0, 0.0), -2.0)
+    with pytest.raises(WorkError, match=r"no floor found in 4 frames .*wall or ceiling"):
+        found(room.clouds(people=False))
+
+
+LINE = np.column_stack([np.ones(1200), np.linspace(-1e5, 1e5, 1200), np.ones(1200)]).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("cloud", "error", "found"),
+    [
+        (np.random.default_rng(1).normal((0, 0, 5), 1, (20000, 3)).astype(np.float32), WorkError, "no floor found"),
+        (np.full((5000, 3), np.nan, np.float32), WorkError, "only 0 points"),
+        (LINE, WorkError, None),
+        (np.zeros((5, 4), np.float32), ValueError, r"\(N, 3\)"),
+    ],
+    ids=["a ball of clutter", "no depth", "an upright line", "another shape"],
+)
+def test_floor_refuses_clouds_that_show_none(cloud, error, found):
+    with pytest.raises(error, match=found):
+        find_floor([cloud], focal_px=FOCAL_PX, baseline_m=BASELINE_M)
+
+
+@settings(max_examples=15, deadline=None)
+@given(arrays(np.float32, (1200, 3), elements=st.floats(-100, 100, width=32)))
+def test_floor_of_anything_is_a_floor_or_a_refusal(cloud: F32) -> None:
+    try:
+        floor = found([cloud])
+    except WorkError:
+        return
+    assert 0.8 <= floor.height_m <= 12.0
+
+
+def test_floor_from_three_points_is_their_plane() -> None:
+    pose = pose_of(40, 2.5, -3.0)
+    points = pose.inverse() @ np.array([[0.0, 1.0, 0.0], [1.0, 3.0, 0.0], [-1.0, 4.0, 0.0]])
+    floor = floor_from_points(points)
+    assert floor.height_m == pytest.approx(2.5) and math.degrees(floor.roll_rad) == pytest.approx(-3.0)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ([[0, 1, 2], [1, 1, 2]], "three or more"),
+        ([[0, 1, 2], [0, 1, 3], [0, 1, 4]], "one line"),
+        ([[0, 1, 2], [1, 1, 3], [0, math.nan, 4]], "NaN"),
+        ([[3, 1, 2], [3, 0, 5], [3, -1, 4]], "wall"),
+    ],
+)
+def test_floor_from_points_refuses_what_is_no_floor(points: list[list[float]], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        floor_from_points(points)
+
+
+def test_points_are_pixels_or_metres_but_not_both() -> None:
+    assert parse_points(["1,2", "3,4", "5,6"])[1] and not parse_points(["1,2,3", "3,4,5", "5,6,7"])[1]
+    with pytest.raises(InputError, match="found both"):
+        parse_points(["1,2", "3,4,5", "5,6"])
+
+
+def test_floor_from_people_refines_a_rough_guess_by_feet_and_heads() -> None:
+    rng, truth = np.random.default_rng(0), pose_of(50, 3.0, 1.0)
+    xy = rng.uniform((-2, 1), (2, 6), (60, 2))
+    ids = np.repeat([1, 2, 3], 20)
+    heights = np.repeat([1.62, 1.75, 1.9], 20)
+    to_camera = truth.inverse()
+    feet: F64 = to_camera @ np.column_stack([xy, np.zeros(60)]) + rng.normal(0, 0.03, (60, 3))
+    heads: F64 = to_camera @ np.column_stack([xy, heights]) + rng.normal(0, 0.03, (60, 3))
+    feet[::3] = np.nan
+    floor = floor_from_people(PeopleSeen(ids, heads, feet), Floor(pose_of(46, 2.7)))
+    assert floor.height_m == pytest.approx(3.0, abs=0.04)
+    assert math.degrees(floor.tilt_rad) == pytest.approx(math.degrees(Floor(truth).tilt_rad), abs=0.5)
+
+
+def test_floor_from_people_refuses_one_line_of_people() -> None:
+    x = np.linspace(-2, 2, 30)
+    feet = pose_of(50, 3.0).inverse() @ np.column_stack([x, np.full(30, 3.0), np.zeros(30)])
+    with pytest.raises(WorkError, match="tilt or roll"):
+        floor_from_people(PeopleSeen(np.ones(30, np.int64), np.full((30, 3), np.nan), feet), Floor(pose_of(50, 3.0)))
+
+
+def test_world_file_keeps_every_digit(tmp_path: Path) -> None:
+    floor = Floor(pose_of(33, 2.345, 1.5), 0.4, 0.02, np.diag([1e-4, 2e-5, 3e-5]), (-1.0, 0.5, 2.0, 4.0))
+    save_world(floor, tmp_path / "world.toml")
+    read = load_world(tmp_path / "world.toml")
+    np.testing.assert_array_equal(read.world_SE3_left.matrix, floor.world_SE3_left.matrix)
+    np.testing.assert_array_equal(read.covariance, np.diag([1e-4, 2e-5, 3e-5]))
+    assert (read.inlier_fraction, read.extent_m) == (0.4, (-1.0, 0.5, 2.0, 4.0))
+
+
+POSE = "[world_SE3_left]\nrotation = [[1,0,0],[0,1,0],[0,0,{}]]\ntranslation_m = {}"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "key 'world_SE3_left'"),
+        ("world_SE3_left = 3", "expected a world.toml"),
+        (POSE.format(1, "[0, 0, 2750]"), "found 2750 m .*wrong units"),
+        (POSE.format(1, "[0, 0, 1e-9]"), "expected a camera .*found 1e-09 m"),
+        (POSE.format(1, "[0, 0, -2]"), "expected a camera .*found -2 m"),
+        (POSE.format(1, "[1e9, 0, 2]"), "within 10000 m of the origin"),
+        (POSE.format(2, "[0, 0, 2]"), "rotation matrix"),
+    ],
+)
+def test_world_file_refuses_what_is_no_camera_above_a_floor(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "world.toml").write_text(text)
+    with pytest.raises(InputError, match=message):
+        load_world(tmp_path / "world.toml")

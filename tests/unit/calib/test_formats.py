@@ -1,0 +1,415 @@
+"""Calibration files of every format."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from calib.camera import Camera
+from calib.errors import InputError
+from calib.formats import FORMATS, load_rig, write_rig
+from calib.formats.tsai import load_tsai
+from calib.pose import SE3
+from calib.rig import MAX_BASELINE_M, MIN_BASELINE_M, StereoRig
+
+CAMERA = Camera(640, 480, 500.0, 500.0, 320.0, 240.0, "brown", (-0.1, 0.01, 0.0, 0.0))
+POSE = SE3.from_rotvec([0.0, 0.01, 0.0], [-0.1, 0.0, 0.0])
+RIG = StereoRig(CAMERA, CAMERA, POSE, "test")
+
+INTRINSICS = """{header}M1: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 5.0e+002, 0., 3.2e+002, 0., 5.0e+002, 240., 0., 0., 1. ]
+D1: !!opencv-matrix
+   rows: 1
+   cols: 4
+   dt: d
+   data: [ -0.1, 1e-2, 0., 0. ]
+M2: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 500., 0., 320., 0., 500., 240., 0., 0., 1. ]
+D2: !!opencv-matrix
+   rows: 1
+   cols: 4
+   dt: d
+   data: [ -0.1, 0.01, 0., {last} ]
+"""
+EXTRINSICS = """{header}R: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]
+T: !!opencv-matrix
+   rows: 3
+   cols: 1
+   dt: d
+   data: [ {tx}, 0., 0. ]
+"""
+
+
+def opencv_pair(folder: Path, header: str = "%YAML:1.0\n---\n", last: str = "0.", tx: str = "-0.1") -> Path:
+    (folder / "intrinsics.yml").write_text(INTRINSICS.format(header=header, last=last))
+    (folder / "extrinsics.yml").write_text(EXTRINSICS.format(header=header, tx=tx))
+    return folder
+
+
+@pytest.mark.parametrize(
+    "header", [f"{first}\n" for first in ("%YAML:1.0", "%YAML:1.0\n---", "%YAML 1.0\n---", "---", "\ufeff%YAML:1.0")]
+)
+def test_opencv_headers_of_every_style_are_read(header, tmp_path):
+    rig = load_rig(opencv_pair(tmp_path, header), (640, 480))
+    assert rig.baseline_m == pytest.approx(0.1) and rig.left.distortion == (-0.1, 0.01, 0.0, 0.0)
+
+
+def test_format_is_told_by_content_not_by_name(tmp_path):
+    for form in FORMATS:
+        if form.suffix and form.key != "middlebury":
+            write_rig(RIG.scaled(1280, 960) if form.key != "zed" else hd_rig(), tmp_path / "x", form.key)
+            path = tmp_path / "x" / "intrinsics.yml" if form.key == "opencv" else tmp_path / "x"
+            assert load_rig(path).baseline_m == pytest.approx(0.1), form.key
+            path.unlink()
+            if form.key == "opencv":
+                (tmp_path / "x" / "extrinsics.yml").unlink()
+                (tmp_path / "x").rmdir()
+
+
+def hd_rig() -> StereoRig:
+    camera = Camera(1280, 720, 700.0, 700.0, 640.0, 360.0, "brown", (-0.1, 0.01, 0.0, 0.0))
+    return StereoRig(camera, camera, POSE, "hd")
+
+
+def test_size_of_a_calibration_is_scaled_to_the_same_aspect_or_taken_from_the_principal_point(tmp_path):
+    write_rig(RIG, tmp_path / "rig.toml")
+    rig = load_rig(tmp_path, (320, 240))
+    assert rig.left.fx == pytest.approx(250.0) and "scaled from 640x480 to 320x240" in rig.source
+    found = r"rig.toml: expected a calibration for images of 640x360, found one for 640x480"
+    with pytest.raises(InputError, match=found):
+        load_rig(tmp_path, (640, 360))
+
+
+def test_size_that_a_file_lacks_is_taken_from_the_principal_point_and_said(tmp_path):
+    rig = load_rig(opencv_pair(tmp_path))
+    assert rig.left.size == (640, 480) and "taken from the principal points" in rig.source
+
+
+def test_millimetres_and_positive_translations_are_refused_with_the_way_to_mend_them(tmp_path):
+    opencv_pair(tmp_path, tx="-100.")
+    with pytest.raises(InputError, match=r"found 100 m \(millimetres\? .*--unit mm makes it 0.1 m"):
+        load_rig(tmp_path, (640, 480))
+    assert load_rig(tmp_path, (640, 480), unit_m=0.001).baseline_m == pytest.approx(0.1)
+    opencv_pair(tmp_path, tx="0.1")
+    with pytest.raises(InputError, match="left and right are swapped"):
+        load_rig(tmp_path, (640, 480))
+    assert load_rig(tmp_path, (640, 480), swap=True).right_SE3_left.translation[0] == pytest.approx(-0.1)
+
+
+@pytest.mark.parametrize(("last", "tx"), [(".NaN", "-0.1"), ("0.", ".Inf"), ("nan", "-0.1"), ("[]", "-0.1")])
+def test_numbers_that_are_not_finite_are_refused(last, tx, tmp_path):
+    opencv_pair(tmp_path, last=last, tx=tx)
+    with pytest.raises(InputError, match=r"intrinsics.yml.*(finite|numbers)"):
+        load_rig(tmp_path, (640, 480))
+
+
+@pytest.mark.parametrize("k1", [-1e6, -3.0, 1e6, 1e300])
+def test_lens_that_shows_no_picture_is_refused(k1, tmp_path):
+    camera = replace(CAMERA, distortion=(k1, 0.0, 0.0, 0.0))
+    write_rig(replace(RIG, left=camera), tmp_path / "rig.toml")
+    with pytest.raises(InputError, match=r"rig\.toml .*expected a left lens that shows the middle of its image"):
+        load_rig(tmp_path / "rig.toml")
+
+
+def test_half_of_a_pair_is_refused(tmp_path):
+    opencv_pair(tmp_path)
+    (tmp_path / "extrinsics.yml").unlink()
+    with pytest.raises(InputError, match="only half of a pair"):
+        load_rig(tmp_path, (640, 480))
+    with pytest.raises(InputError, match="other half"):
+        load_rig(tmp_path / "intrinsics.yml", (640, 480))
+
+
+def test_two_calibrations_in_a_folder_are_refused_unless_one_is_ours(tmp_path):
+    write_rig(RIG, tmp_path / "a.yml")
+    write_rig(RIG, tmp_path / "b.json")
+    with pytest.raises(InputError, match=r"expected one calibration in it, found 2 \(a.yml, b.json\)"):
+        load_rig(tmp_path)
+    write_rig(RIG, tmp_path / "rig.toml")
+    assert load_rig(tmp_path).source == "test"
+
+
+def test_depthai_extrinsics_are_composed_along_the_chain(tmp_path):
+    write_rig(RIG, tmp_path / "calib.json")
+    data = json.loads((tmp_path / "calib.json").read_text())
+    left, right = (entry for _, entry in data["cameraData"])
+    # left -> colour (socket 0) <- right, as an OAK-D writes it.
+    half = {"x": -5.0, "y": 0.0, "z": 0.0}
+    eye = np.eye(3).tolist()
+    left["extrinsics"] = {"rotationMatrix": eye, "translation": half, "toCameraSocket": 0}
+    right["extrinsics"] = {"rotationMatrix": eye, "translation": {"x": 5.0, "y": 0.0, "z": 0.0}, "toCameraSocket": 0}
+    data["cameraData"] = [[0, {**left, "extrinsics": {"toCameraSocket": -1}}], [1, left], [2, right]]
+    (tmp_path / "calib.json").write_text(json.dumps(data))
+    np.testing.assert_allclose(load_rig(tmp_path).right_SE3_left.translation, [-0.1, 0.0, 0.0], atol=1e-12)
+
+
+def test_zed_resolution_follows_the_images(tmp_path):
+    camera = "fx={f}\nfy={f}\ncx={x}\ncy={y}\nk1=-0.17\nk2=0.02\np1=0\np2=0\n"
+    hd, vga = camera.format(f=700, x=640, y=360), camera.format(f=350, x=336, y=188)
+    text = f"[LEFT_CAM_HD]\n{hd}[RIGHT_CAM_HD]\n{hd}[LEFT_CAM_VGA]\n{vga}[RIGHT_CAM_VGA]\n{vga}"
+    (tmp_path / "SN1.conf").write_text(text + "[STEREO]\nBaseline=120\nCV_HD=0.01\nCV_VGA=0.02\nRX_HD=0\nRZ_HD=0\n")
+    assert load_rig(tmp_path, (672, 376)).left.fx == 350.0
+    rig = load_rig(tmp_path, (1280, 720))
+    np.testing.assert_allclose(rig.right_SE3_left.rotvec, [0.0, 0.01, 0.0], atol=1e-12)
+    np.testing.assert_allclose(rig.right_SE3_left.translation, [-0.12, 0.0, 0.0])
+    assert "the largest of 1280x720, 672x376" in load_rig(tmp_path).source
+
+
+def test_kitti_rectified_images_get_the_rectified_cameras(tmp_path):
+    lines = []
+    for name, shift in (("02", 0.06), ("03", -0.47)):
+        lines += [
+            f"S_{name}: 1392 512", f"K_{name}: 960 0 696 0 957 224 0 0 1", f"D_{name}: -0.37 0.2 0.001 0.002 -0.07",
+            f"R_{name}: 1 0 0 0 1 0 0 0 1", f"T_{name}: {shift} 0 0", f"S_rect_{name}: 1242 375",
+            f"P_rect_{name}: 720 0 610 {720 * shift} 0 720 173 0 0 0 1 0",
+        ]  # fmt: skip
+    (tmp_path / "calib_cam_to_cam.txt").write_text("calib_time: 09-Jan-2012 13:57:47\n" + "\n".join(lines))
+    raw, rectified = load_rig(tmp_path), load_rig(tmp_path, (1242, 375))
+    assert (raw.left.size, raw.left.fx, rectified.left.fx) == ((1392, 512), 960.0, 720.0)
+    assert raw.baseline_m == pytest.approx(0.53) and rectified.baseline_m == pytest.approx(0.53)
+
+
+def test_middlebury_file_is_read_in_millimetres(tmp_path):
+    (tmp_path / "calib.txt").write_text(
+        "cam0=[3997.684 0 1176.728; 0 3997.684 1011.728; 0 0 1]\n"
+        "cam1=[3997.684 0 1307.839; 0 3997.684 1011.728; 0 0 1]\n"
+        "doffs=131.111\nbaseline=193.001\nwidth=2964\nheight=1988\nndisp=280\n"
+    )
+    rig = load_rig(tmp_path)
+    assert rig.baseline_m == pytest.approx(0.193001) and rig.right.cx == 1307.839
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "cam0: !!python/object/apply:os.system ['touch PWNED']\ncamera_model: x\n",
+        "cam0: &a [*a]\ncamera_model: x\n",
+        "%YAML:1.0\nM1: !!opencv-matrix {{{\nT: 1\n",
+        "cam0: " + "[" * 5000 + "\ncamera_model: x\n",
+        "cam0: 2001-99-99\ncamera_model: pinhole\n",
+        '{"cameraData": ' + "[" * 100000,
+        '{"cameraData": 3}',
+        "[right_SE3_left]\nrotation = 3\n",
+        "[LEFT_CAM_HD]\nfx\n",
+        "K_00: 1\nT_00: 2\n",
+        "cam0=[1 2 3]\n",
+        "camera_model: x\ncam0:\n  intrinsics: 3\ncam1: 4\n",
+        '<?xml version="1.0"?><!DOCTYPE l [<!ENTITY a "aaaa">]><opencv_storage><M1 type_id="opencv-matrix">&a;</M1>'
+        "<T>1</T></opencv_storage>",
+    ],
+)
+def test_hostile_files_are_refused_in_one_sentence(content, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "f").write_text(content)
+    with pytest.raises(InputError, match="expected") as refusal:
+        load_rig(tmp_path / "f")
+    assert "\n" not in str(refusal.value) and not (tmp_path / "PWNED").exists()
+
+
+fuzz = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@fuzz
+@given(st.binary(max_size=400))
+def test_random_bytes_are_refused(tmp_path, content):
+    (tmp_path / "f").write_bytes(content)
+    with pytest.raises(InputError):
+        load_rig(tmp_path / "f")
+    with pytest.raises(InputError):
+        load_tsai(tmp_path / "f")
+
+
+@settings(fuzz, max_examples=150)
+@given(
+    key=st.sampled_from([f.key for f in FORMATS if f.key != "middlebury"]),
+    start=st.integers(0, 3000),
+    length=st.integers(0, 40),
+    junk=st.one_of(
+        st.binary(max_size=12),
+        st.sampled_from(
+            [b"nan", b"1e999", b"-", b"[", b"{", b"!!bool x", b"&a", b"*a", b'"', b"\n", b":", b"0" * 5000]
+        ),
+    ),
+)
+def test_a_damaged_file_is_read_or_refused(key, start, length, junk, tmp_path):
+    place = tmp_path / key
+    if not place.exists():
+        place.mkdir()
+        write_rig(hd_rig(), place / "whole", key)
+    found = sorted(path for path in place.rglob("*") if path.is_file() and path.name != "broken")
+    good = found[0].read_bytes()
+    start %= len(good)
+    try:
+        found[0].write_bytes(good[:start] + junk + good[start + length :])
+        rig = load_rig(found[0])
+        assert MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M
+    except InputError as error:
+        assert str(error)  # noqa: PT017
+    finally:
+        found[0].write_bytes(good)
+
+
+@pytest.mark.parametrize(
+    ("name", "found"), [("none.yml", "nothing there"), ("", "a stereo calibration in it, found none")]
+)
+def test_absence_of_a_calibration_is_refused(name, found, tmp_path):
+    with pytest.raises(InputError, match=found):
+        load_rig(tmp_path / name)
+
+
+MAX_PX = 1e-6
+RIG_POSE = SE3.from_rotvec([0.01, -0.02, 0.005], [-0.12, 0.002, 0.001])
+BROWN4 = Camera(1280, 720, 500.123456789, 501.5, 641.25, 359.75, "brown", (-0.3, 0.1, 0.001, -0.0005))
+BROWN5 = Camera(1280, 720, 510.0, 509.0, 638.0, 361.0, "brown", (-0.25, 0.08, -0.001, 0.0005, 0.01))
+RATIONAL8 = Camera(1280, 720, 510.0, 509.0, 638.0, 361.0, "rational", (0.1, 0.2, 0.001, 0.002, 0.03, 0.2, 0.1, 0.05))
+RATIONAL14 = Camera(
+    1280, 720, 510.0, 509.0, 638.0, 361.0, "rational", (*RATIONAL8.distortion, 0.001, 2e-4, -0.001, 3e-4, 0.01, -0.02)
+)  # fmt: skip
+FISHEYE = Camera(1280, 720, 300.0, 301.0, 640.0, 360.0, "fisheye", (0.02, -0.01, 0.003, -0.0005))
+PLAIN = Camera(1280, 720, 500.0, 500.0, 640.0, 360.0)
+RECTIFIED = StereoRig(
+    PLAIN, Camera(1280, 720, 500.0, 500.0, 670.0, 360.0), SE3(np.eye(3), np.array([-0.2, 0.0, 0.0])), "rectified"
+)
+LENSES = {"brown4": BROWN4, "brown5": BROWN5, "rational8": RATIONAL8, "rational14": RATIONAL14, "fisheye": FISHEYE}
+HOLDS = {
+    "rig": set(LENSES),
+    "opencv": set(LENSES),
+    "depthai": set(LENSES),
+    "kalibr": {"brown4", "fisheye"},
+    "ros": {"brown4", "brown5", "rational8", "fisheye"},
+    "zed": {"brown4", "brown5", "rational8"},
+    "kitti": {"brown4", "brown5"},
+    "euroc": {"brown4", "fisheye"},
+    "middlebury": set(),
+}
+
+
+def furthest_pixel(one: StereoRig, other: StereoRig) -> float:
+    x, y, z = np.meshgrid(np.linspace(-0.5, 0.5, 7), np.linspace(-0.4, 0.4, 7), [0.8, 2.0, 10.0])
+    points = np.stack([x * z, y * z, z], axis=-1).reshape(-1, 3)
+    left = one.left.project(points) - other.left.project(points)
+    right = one.right.project(one.right_SE3_left @ points) - other.right.project(other.right_SE3_left @ points)
+    return float(np.abs(np.concatenate([left, right])).max())
+
+
+def name_of(key: str) -> str:
+    suffix = {f.key: f.suffix for f in FORMATS}[key]
+    return f"out{suffix}"
+
+
+@pytest.mark.parametrize("key", HOLDS)
+@pytest.mark.parametrize("lens", [*LENSES, "rectified"])
+def test_format_keeps_every_reprojected_point_or_refuses(key, lens, tmp_path):
+    rig = RECTIFIED if lens == "rectified" else StereoRig(LENSES[lens], LENSES[lens], RIG_POSE, "test")
+    path = tmp_path / name_of(key)
+    if lens not in {*HOLDS[key], "rectified"}:
+        with pytest.raises(InputError, match="can hold"):
+            write_rig(rig, path, key)
+        return
+    write_rig(rig, path, key)
+    assert furthest_pixel(load_rig(path), rig) < MAX_PX
+
+
+def test_opencv_reads_what_we_write_and_a_pair_of_files_is_read_back(tmp_path):
+    rig = StereoRig(BROWN4, BROWN5, RIG_POSE, "test")
+    written = write_rig(rig, tmp_path / "pair", "opencv")
+    assert [path.name for path in written] == ["intrinsics.yml", "extrinsics.yml"]
+    assert furthest_pixel(load_rig(tmp_path / "pair"), rig) < MAX_PX
+    assert furthest_pixel(load_rig(written[1]), rig) < MAX_PX
+    write_rig(StereoRig(RATIONAL14, RATIONAL14, RIG_POSE, ""), tmp_path / "rig.yml")
+    storage = cv2.FileStorage(str(tmp_path / "rig.yml"), cv2.FILE_STORAGE_READ)
+    np.testing.assert_array_equal(storage.getNode("M1").mat(), RATIONAL14.matrix)
+    np.testing.assert_array_equal(storage.getNode("D2").mat().ravel(), RATIONAL14.distortion)
+    np.testing.assert_array_equal(storage.getNode("T").mat().ravel(), RIG_POSE.translation)
+
+
+@pytest.mark.parametrize("suffix", [".yml", ".xml"])
+def test_files_that_opencv_writes_are_read(suffix, tmp_path):
+    path = tmp_path / f"stereo{suffix}"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for number, camera in ((1, BROWN4), (2, BROWN5)):
+        storage.write(f"M{number}", camera.matrix)
+        storage.write(f"D{number}", camera.coefficients.reshape(1, -1))
+    storage.write("R", np.array(RIG_POSE.rotation))
+    storage.write("T", np.array(RIG_POSE.translation).reshape(3, 1))
+    storage.release()
+    rig = load_rig(path, (1280, 720))
+    assert furthest_pixel(rig, StereoRig(BROWN4, BROWN5, RIG_POSE, "")) < MAX_PX
+
+
+small = st.floats(-0.3, 0.3)
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    turn=st.tuples(small, small, small),
+    shift=st.tuples(st.floats(-4, -0.02), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01)),
+    focal=st.floats(200, 3000),
+    key=st.sampled_from(["rig", "opencv", "depthai", "kalibr", "ros", "zed", "kitti", "euroc"]),
+)
+@example(turn=(0.0, 0.0, 1e-8), shift=(-1.0, 0.0, 0.0), focal=200.0, key="zed")
+def test_any_pose_survives_every_format(turn, shift, focal, key, tmp_path):
+    camera = Camera(1280, 720, focal, focal * 1.01, 600.0, 350.0, "brown", (-0.1, 0.01, 0.0, 0.0))
+    rig = StereoRig(camera, camera, SE3.from_rotvec(turn, shift), "any")
+    path = tmp_path / key / name_of(key)
+    path.parent.mkdir(exist_ok=True)
+    write_rig(rig, path, key)
+    back = load_rig(path)
+    np.testing.assert_allclose(back.right_SE3_left.matrix, rig.right_SE3_left.matrix, atol=1e-12)
+    np.testing.assert_allclose(back.left.matrix, rig.left.matrix, rtol=1e-14)
+
+
+XML = """<?xml version="1.0" encoding="UTF-8"?>
+<Camera name="test">
+  <Geometry width="768" height="576" ncx="800" nfx="768" dx="0.0096" dy="0.01" {pitch} dpy="0.01"/>
+  <Intrinsic focal="{focal}" kappa1="{kappa}" cx="384" cy="288" sx="1.0"/>
+  <Extrinsic tx="0" ty="0" tz="5000" rx="{rx}" ry="0" rz="0"/>
+</Camera>
+"""
+
+
+def write(folder: Path, focal: str = "8", kappa: str = "0", rx: str = "3.141592653589793", pitch: str = "") -> Path:
+    (folder / "view.xml").write_text(XML.format(focal=focal, kappa=kappa, rx=rx, pitch=pitch))
+    return folder / "view.xml"
+
+
+def test_tsai_camera_projects_as_by_hand_the_same_at_another_resolution_and_nothing_above_the_horizon(tmp_path):
+    # 5 m above the origin looking straight down; dpx = 0.0096 * 800 / 768 = 0.01 mm, so 800 px of focal length.
+    camera = load_tsai(write(tmp_path))
+    np.testing.assert_allclose(camera.centre_m, [0.0, 0.0, 5.0], atol=1e-12)
+    np.testing.assert_allclose(camera.project([[1.0, 0.0, 0.0]]), [[384 + 160, 288]], atol=1e-9)
+    np.testing.assert_allclose(camera.project([[0.0, 1.0, 0.0]]), [[384, 288 - 160]], atol=1e-9)
+    path = write(tmp_path, kappa="0.01", rx="2.2")
+    full, small = load_tsai(path), load_tsai(path, (384, 288))
+    pixel = full.project([[0.3, 0.2, 0.0]])
+    np.testing.assert_allclose(small.project([[0.3, 0.2, 0.0]]), (pixel + 0.5) / 2 - 0.5, atol=1e-9)
+    camera = load_tsai(write(tmp_path, rx="-1.5707963267948966"))
+    assert np.isnan(camera.back_project([[384.0, 0.0]])).all()
+
+
+@pytest.mark.parametrize("kappa", ["0.01", "-0.005"])
+def test_tsai_back_projection_inverts_projection(kappa: str, tmp_path: Path) -> None:
+    camera = load_tsai(write(tmp_path, kappa=kappa, rx="2.2"))
+    floor = np.array([[0.0, 0.5, 0.3], [0.4, -0.2, 0.3]])
+    np.testing.assert_allclose(camera.back_project(camera.project(floor), 0.3), floor[:, :2], atol=1e-10)
+
+
+@pytest.mark.parametrize(("field", "value"), [("focal", "nan"), ("focal", "-1"), ("focal", "x"), ("pitch", 'dpx="0"')])
+def test_tsai_file_with_a_bad_number_is_refused(field: str, value: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"view.xml: expected a Tsai camera"):
+        load_tsai(write(tmp_path, **{field: value}))

@@ -1,0 +1,330 @@
+"""Cameras from people: the model, the solution, its assessment."""
+
+import json
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from calib.errors import InputError, WorkError
+from calib.ground_camera import GroundCamera
+from calib.people._kernels import candidate_errors
+from calib.people.calibration import calibrate_from_people
+from calib.people.model import HULL_POINTS, HumanModel, KnownValues
+from calib.people.samples import COLUMNS, HumanSample, choose_spread, only_boxes, read_samples, write_samples
+from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map, visible_fraction
+from tests.people import standing_people
+from tests.reference.human_error import weighted_error
+
+OBLIQUE = GroundCamera(160, 120, 150.0, 4.0, math.radians(60))
+OVERHEAD = GroundCamera(160, 120, 100.0, 4.0, 0.0)
+COARSE = HumanModelMapParams(step_px=8)
+
+
+def test_model_has_the_papers_sizes_and_keeps_its_proportions_when_scaled():
+    model = HumanModel()
+    assert model.height_m == pytest.approx(1.76)
+    assert model.planes == ((0.0, 0.12), (0.79, 0.21), (pytest.approx(1.49), 0.21), (pytest.approx(1.76), 0.09))
+    model = HumanModel().scaled(0.88)
+    assert model.height_m == pytest.approx(0.88) and model.torso_radius_m == pytest.approx(0.105)
+    with pytest.raises(ValueError, match="positive"):
+        HumanModel(head_m=0.0)
+
+
+def test_views_of_a_person_are_the_shoulders_from_above_and_the_head_over_the_foot_from_the_side():
+    # Shoulders at 1.49 m are 2.51 m below the camera: radius 100 * 0.21 / 2.51 = 8.37 px.
+    box = HumanModel().boxes(OVERHEAD, (0.0, 0.0))
+    np.testing.assert_allclose(box, [79.5 - 8.367, 59.5 - 8.367, 16.733, 16.733], atol=1e-3)
+    model = HumanModel()
+    head, foot = model.head(OBLIQUE, (0.5, 6.0)), model.foot(OBLIQUE, (0.5, 6.0))
+    np.testing.assert_allclose(foot, OBLIQUE.project((0.5, 6.0, 0.0)))
+    assert head[1] < foot[1] - 20
+
+
+def test_hull_is_the_convex_hull_of_the_circles_alone_and_of_many_and_nan_behind_the_camera():
+    model = HumanModel()
+    points = model.outline_points(OBLIQUE, (0.5, 6.0)).astype(np.float32)
+    exact = cv2.contourArea(cv2.convexHull(points))
+    hull = model.hull(OBLIQUE, 0.5, 6.0).astype(np.float32)
+    assert hull.shape == (HULL_POINTS, 2) and 0.99 * exact <= cv2.contourArea(hull) <= exact
+    model, xy = HumanModel(), np.array([[[0.0, 5.0], [1.0, 7.0]]])
+    hulls = model.hulls(OBLIQUE, xy)
+    assert hulls.shape == (1, 2, HULL_POINTS, 2)
+    np.testing.assert_array_equal(hulls[0, 1], model.hull(OBLIQUE, 1.0, 7.0))
+    assert np.isnan(HumanModel().hull(OBLIQUE, 0.0, -9.0)).all()
+
+
+@given(
+    st.floats(-1.4, 1.4), st.floats(2.2, 8.0), st.floats(-20, 20), st.floats(-20, 40), st.sampled_from([0.9, 1.76, 2.1])
+)
+def test_box_encloses_hull_head_and_foot(tilt: float, height: float, x: float, y: float, person: float) -> None:
+    camera = GroundCamera(320, 240, 300.0, height, tilt)
+    model = HumanModel().scaled(person)
+    hull = model.hull(camera, x, y)
+    if np.isfinite(hull).all():
+        left, top, width, high = model.boxes(camera, (x, y))
+        points = np.vstack([hull, model.head(camera, (x, y)), model.foot(camera, (x, y))])
+        slack = 1e-6 * (1 + np.abs(hull).max())
+        assert (points >= [left - slack, top - slack]).all()
+        assert (points <= [left + width + slack, top + high + slack]).all()
+
+
+def test_visible_fraction_of_squares() -> None:
+    square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
+    shifts = np.array([[2, 2], [-2.5, 2], [-2.5, -2.5], [-9, 2], [9.5, 5.5]])
+    fractions = visible_fraction(square + shifts[:, None], 12, 8)
+    np.testing.assert_allclose(fractions, [1.0, 0.5, 0.25, 0.0, 0.25])
+
+
+def test_map_has_the_visible_floor_and_feet_outside_the_image():
+    model_map = build_model_map(OBLIQUE, params=COARSE)
+    horizon = 59.5 - 150.0 / math.tan(math.radians(60))
+    assert model_map.foot_px[:, 1].min() > horizon
+    assert (np.linalg.norm(model_map.floor_m, axis=1) <= 60.0).all() and (model_map.visibility > 0.05).all()
+    assert model_map.entry_at((80.0, horizon - 9.0)) == -1 and model_map.foot_px[:, 1].max() > 130
+    assert model_map.visibility.max() == 1.0
+
+
+def test_map_entries_are_the_model_at_the_pixel() -> None:
+    model_map = build_model_map(OBLIQUE, params=COARSE)
+    entry = int(model_map.entry_at((83.0, 66.0)))
+    u, v = model_map.foot_px[entry]
+    assert abs(u - 83) <= 4 and abs(v - 66) <= 4
+    floor = OBLIQUE.back_project((u, v))
+    np.testing.assert_allclose(model_map.floor_m[entry], floor, rtol=1e-5)
+    np.testing.assert_allclose(model_map.head_px[entry], HumanModel().head(OBLIQUE, floor), rtol=1e-5)
+    np.testing.assert_allclose(model_map.hull_px[entry], HumanModel().hull(OBLIQUE, *floor), rtol=1e-4)
+
+
+def test_map_refuses_a_grid_beyond_its_limit() -> None:
+    with pytest.raises(ValueError, match="enlarge step_px"):
+        build_model_map(GroundCamera(4000, 3000, 3000.0, 4.0, 1.0), params=HumanModelMapParams(step_px=1))
+
+
+CAMERAS = {
+    "overhead": GroundCamera(640, 480, 400.0, 3.5, 0.0, "pinhole"),
+    "oblique": GroundCamera(640, 480, 500.0, 4.0, math.radians(45), "normal-wide"),
+    "near-horizontal": GroundCamera(640, 480, 600.0, 4.0, math.radians(68), "normal"),
+}
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_kernel_error_is_the_weighted_formula(name):
+    camera, sample = CAMERAS[name], standing_people(CAMERAS[name], 1, seed=4)[0]
+    rows = sample.row()[None]
+    centre = np.tile([(camera.width - 1) / 2, (camera.height - 1) / 2], 4)
+    ends = camera.back_project(sample.foot_px)
+    moved = HumanSample(
+        (sample.box_px[0] + 5, sample.box_px[1] - 3, sample.box_px[2], sample.box_px[3]), sample.head_px, sample.foot_px
+    )
+    marked = moved.row()[None] - centre
+    k = camera.distortion_k
+    points = (rows - centre)[:, 4:].reshape(2, 2)
+    r = np.hypot(*points.T)
+    flat = (points * (2 / (1 + np.sqrt(1 + 4 * k * r)))[:, None]).reshape(1, 4)
+    out = np.empty(1)
+    values = np.array([[camera.focal_px, camera.height_m, camera.tilt_rad]])
+    model = HumanModel()
+    candidate_errors(values, k, flat, marked, model.circles(), model.height_m, math.inf, out)
+    assert out[0] == pytest.approx(weighted_error(camera, moved, ends), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_calibration_is_exact_without_noise(name):
+    truth = CAMERAS[name]
+    found = calibrate_from_people(standing_people(truth, 8, seed=1), truth.size, truth.lens)
+    assert found.camera.height_m == pytest.approx(truth.height_m, rel=0.01)
+    assert math.degrees(found.camera.tilt_rad) == pytest.approx(math.degrees(truth.tilt_rad), abs=0.3)
+    assert found.camera.focal_px == pytest.approx(truth.focal_px, rel=0.015) and found.error < 0.02
+
+
+def test_roll_is_found_and_kept():
+    truth = GroundCamera(640, 480, 600.0, 6.0, math.radians(65), "pinhole", math.radians(3))
+    found = calibrate_from_people(standing_people(truth, 12, seed=1), truth.size, truth.lens)
+    assert math.degrees(found.camera.roll_rad) == pytest.approx(3.0, abs=0.2)
+    assert found.camera.focal_px == pytest.approx(truth.focal_px, rel=0.02) and found.error < 0.03
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_calibration_of_noisy_samples_is_within_its_own_deviation(name):
+    truth = CAMERAS[name]
+    found = calibrate_from_people(standing_people(truth, 12, seed=2, noise_px=2.0), truth.size, truth.lens)
+    height, tilt, focal, _ = found.std
+    assert abs(math.log(found.camera.height_m / truth.height_m)) < 3 * height + 0.005
+    assert abs(found.camera.tilt_rad - truth.tilt_rad) < 3 * tilt + 0.002
+    assert abs(math.log(found.camera.focal_px / truth.focal_px)) < 3 * focal + 0.005
+
+
+@pytest.mark.parametrize(
+    ("people", "size", "message"),
+    [
+        (standing_people(CAMERAS["oblique"], 2), (640, 480), "at least 3 samples at different places, found 2"),
+        (standing_people(CAMERAS["oblique"], 1) * 5, (640, 480), "height and focal length cannot be told apart"),
+        (standing_people(CAMERAS["oblique"], 8), (320, 240), "wrong image size"),
+    ],
+    ids=["too few", "one place", "another image size"],
+)
+def test_calibration_refuses_samples_that_tell_no_camera(people, size, message):
+    with pytest.raises(InputError, match=message):
+        calibrate_from_people(people, size, "normal")
+
+
+def test_calibration_refuses_boxes_that_no_person_has():
+    places = [(60, 60), (300, 200), (500, 60), (60, 330)]
+    up = [HumanSample((x, y, 30, 120), (x + 14, y + 2), (x + 16, y + 117)) for x, y in places]
+    down = [HumanSample((x + 40, y, 60, 60), (x + 44, y + 57), (x + 96, y + 2)) for x, y in places]
+    lying = up + down
+    with pytest.raises(WorkError, match=r"no camera fits|cannot be told apart"):
+        calibrate_from_people(lying, (640, 480), "pinhole")
+
+
+def test_boxes_alone_are_known_as_such():
+    box = HumanSample((100, 50, 40, 120), (120, 50), (120, 170)).row()
+    marked = HumanSample((100, 50, 40, 120), (112, 53), (126, 166)).row()
+    assert only_boxes(np.stack([box, box])) and not only_boxes(np.stack([box, marked]))
+
+
+@pytest.mark.parametrize(
+    ("box", "head", "foot", "message"),
+    [
+        ((0, 0, 40, math.nan), (20, 0), (20, 90), "finite"),
+        ((0, 0, -40, 90), (20, 0), (20, 90), "positive width"),
+        ((0, 0, 40, 90), (20, 200), (20, 90), "head within its box"),
+    ],
+)
+def test_sample_refuses_what_is_no_person(box, head, foot, message):
+    with pytest.raises(ValueError, match=message):
+        HumanSample(box, head, foot)
+
+
+@pytest.mark.parametrize("name", ["samples.csv", "samples.json"])
+def test_samples_survive_a_round_trip(tmp_path, name):
+    samples = standing_people(CAMERAS["oblique"], 4, noise_px=1.0)
+    write_samples(samples, tmp_path / name)
+    assert list(read_samples(tmp_path / name)) == samples
+    if name.endswith("json"):
+        assert set(json.loads((tmp_path / name).read_text())["samples"][0]) == {"frame", "box", "head", "foot"}
+
+
+def test_samples_are_read_without_suffixes_and_frame(tmp_path):
+    names = ",".join(column.removesuffix("_px") for column in COLUMNS)
+    (tmp_path / "s.csv").write_text(f"{names}\n10,20,40,100,30,21,30,118\n")
+    assert read_samples(tmp_path / "s.csv")[0].foot_px == (30.0, 118.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("left_px,top_px\n1,2\n", "found no 'width_px' in sample 1"),
+        ('[{"box": [1, 2, 3], "head": [1, 2], "foot": [1, 2]}]', "standing person in sample 1"),
+        ('{"people": []}', "list of samples"),
+        ("[1, 2", "expected JSON"),
+        (",".join(COLUMNS) + "\n1,2,3,4,nan,6,7,8\n", "finite"),
+    ],
+)
+def test_samples_that_cannot_be_read_are_refused_by_name(tmp_path, text, message):
+    path = tmp_path / "bad"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        read_samples(path)
+    assert str(path) in str(caught.value)
+
+
+def test_choice_covers_the_image_and_passes_over_the_odd():
+    samples = [
+        HumanSample((x, y, 30, 80.0 + y / 10), (x + 15, y), (x + 15, y + 80.0 + y / 10))
+        for x in range(20, 560, 20)
+        for y in range(50, 350, 25)
+    ]
+    samples[40] = HumanSample((20, 50, 30, 40), (35, 50), (35, 90))
+    chosen = choose_spread(samples, 9)
+    assert len(chosen) == 9 and samples[40] not in chosen
+    feet = np.array([s.foot_px for s in chosen])
+    assert np.ptp(feet[:, 0]) > 300 and np.ptp(feet[:, 1]) > 150
+
+
+STREET = GroundCamera(480, 360, 740.0, 7.0, math.radians(73.5), "pinhole")
+
+
+def test_known_focal_length_makes_a_poor_set_enough() -> None:
+    people = standing_people(STREET, 4, seed=0, noise_px=3.0)
+    alone = calibrate_from_people(people, STREET.size, "pinhole")
+    told = calibrate_from_people(people, STREET.size, "pinhole", known=KnownValues(focal_px=740.0))
+    assert not alone.assessment.enough and alone.assessment.sentence.startswith("not enough: ")
+    assert "focal length or field of view" in alone.assessment.sentence and told.assessment.enough
+    assert told.camera.focal_px == pytest.approx(740.0, rel=0.03)
+    assert told.assessment.floor_error_m < alone.assessment.floor_error_m
+
+
+def test_field_of_view_is_a_focal_length_and_both_are_refused():
+    field = math.degrees(2 * math.atan(240 / 740))
+    assert KnownValues(field_deg=field).focal(480, 0.0) == pytest.approx(740.0)
+    with pytest.raises(ValueError, match="focal_px or field_deg"):
+        KnownValues(focal_px=700.0, field_deg=60.0)
+
+
+def test_known_camera_height_tells_the_stature_of_the_people() -> None:
+    # People of 1.76 m under a camera at 7 m give the images of people of 1.69 m under a camera at 6.7 m.
+    found = calibrate_from_people(
+        standing_people(STREET, 12, seed=1), STREET.size, "pinhole", known=KnownValues(focal_px=740.0, height_m=6.7)
+    )
+    assert 6.65 < found.camera.height_m < 6.85
+    assert found.stature == pytest.approx(found.camera.height_m / 7.0, abs=0.03) and found.stature < 0.99
+
+
+def test_next_sample_is_a_place_in_the_image_that_lowers_the_error() -> None:
+    found = calibrate_from_people(standing_people(STREET, 6, seed=2, noise_px=2.0), STREET.size, "pinhole")
+    following = found.assessment.next_sample
+    assert 0 <= following.foot_px[0] < 480 and 0 <= following.foot_px[1] < 360
+    assert following.floor_error_m < found.assessment.floor_error_m
+
+
+def test_next_sample_lies_where_something_moved() -> None:
+    people = standing_people(STREET, 6, seed=2, noise_px=2.0)
+    walked = np.zeros((360, 480), np.bool_)
+    walked[:, :200] = True
+    left = calibrate_from_people(people, STREET.size, "pinhole", walked=walked).assessment.next_sample
+    right = calibrate_from_people(people, STREET.size, "pinhole", walked=~walked).assessment.next_sample
+    assert left is not None and left.foot_px[0] < 201
+    assert right is not None and right.foot_px[0] > 199
+    none = calibrate_from_people(people, STREET.size, "pinhole", walked=np.zeros((360, 480), np.bool_)).assessment
+    assert none.next_sample is None and "pixel" not in none.sentence
+
+
+def test_middles_of_noisy_boxes_are_read_as_such() -> None:
+    """Taken at their word, heads above feet everywhere would be a focal length without end."""
+    rng = np.random.default_rng(0)
+    samples = []
+    for s in standing_people(STREET, 24, seed=5):
+        left, top, width, height = s.box_px
+        ends = np.array([left + width / 2, top, left + width / 2, top + height]) + rng.normal(0, 1, 4)
+        samples.append(HumanSample(s.box_px, (ends[0], ends[1]), (ends[2], ends[3])))
+    found = calibrate_from_people(samples, STREET.size, "pinhole")
+    assert abs(math.log(found.camera.focal_px / 740.0)) < 2 * found.std.focal
+    assert found.camera.focal_px < 1.4 * 740.0
+
+
+def test_odd_sample_is_named_and_changes_little() -> None:
+    people = standing_people(STREET, 12, seed=1, noise_px=1.0)
+    left, top, width, height = people[4].box_px
+    people[4] = HumanSample((left, top, width, height / 2), people[4].head_px, (left + width / 2, top + height / 2))
+    found = calibrate_from_people(people, STREET.size, "pinhole", known=KnownValues(focal_px=740.0))
+    assert found.odd == (4,) and found.camera.height_m == pytest.approx(7.0, rel=0.04)
+
+
+def test_outlines_that_end_too_high_are_within_the_deviation() -> None:
+    """Of four people, seen often, the lowest 2 px are missing everywhere, as where a shadow is removed."""
+    truth = GroundCamera(640, 480, 450.0, 3.5, math.radians(65), "pinhole")
+    cut = []
+    for sample in standing_people(truth, 16, seed=3):
+        left, top, width, height = sample.box_px
+        (u, v) = sample.foot_px
+        cut.append(replace(sample, box_px=(left, top, width, height - 2.0), foot_px=(u, v - 2.0)))
+    by_hand = calibrate_from_people(cut, truth.size, truth.lens)
+    found = calibrate_from_people(cut, truth.size, truth.lens, independent=4)
+    off = abs(math.log(found.camera.focal_px / truth.focal_px))
+    assert off < 2.0 * found.std.focal and found.std.focal > by_hand.std.focal

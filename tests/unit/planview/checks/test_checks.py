@@ -1,0 +1,435 @@
+"""What is wrong with a recording: camera, pair, timing."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from toy_stereo import SIZE, ToyWorld, toy_rig, walking, write_toy_recording
+
+from calib.camera import Camera
+from calib.errors import InputError, WorkError
+from calib.formats import load_rig
+from calib.pose import SE3
+from calib.rig import StereoRig
+from calib.types import F64, U8
+from planview.checks.camera import THUMBNAIL, Steadiness, Steady
+from planview.checks.check import at_least, at_most, between
+from planview.checks.examine import Diagnosis, examine, refuse_unless_ok
+from planview.checks.pair import light_checks
+from planview.checks.timing import (
+    BLOCKS_MAX,
+    WINDOW,
+    MotionFindings,
+    MotionWatch,
+    Thumbnails,
+    lag_of,
+    lag_sums,
+    longest_step,
+    motion_checks,
+    thumbnails,
+)
+from planview.cli import main
+from planview.commands.recordings import check
+from planview.evaluation.align import FloorAlignment, align_tracks, fit_rigid, moved
+from planview.trajectories.table import Trajectories, positions_table
+
+
+def scene(seed: int) -> U8:
+    """(120, 300) uint8 patches, wider than the image."""
+    coarse = np.random.default_rng(seed).integers(40, 216, (12, 30), dtype=np.uint8)
+    return np.asarray(cv2.resize(coarse, (300, 120), interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+
+
+SCENE, OTHER = scene(1), scene(2)
+
+
+def window(image: U8, left_px: int = 0) -> U8:
+    return np.ascontiguousarray(image[:, left_px : left_px + THUMBNAIL[0]])
+
+
+def judged(frames: list[U8]) -> list[Steady]:
+    watch = Steadiness()
+    return [watch.update(i, 0.1 * i, frame) for i, frame in enumerate(frames)]
+
+
+def test_fixed_camera_is_still_when_its_exposure_halves_and_a_panning_one_moves_until_a_second_after():
+    assert set(judged([window(SCENE)] * 5 + [window(SCENE) // 2] * 5)) == {Steady.STILL}
+    pan = [window(SCENE, 2 * i) for i in range(20)]
+    found = judged(pan + [pan[-1]] * 20)
+    assert set(found[5:20]) == {Steady.MOVING} and found[-1] is Steady.STILL
+
+
+def test_cut_is_told_a_second_after_its_break() -> None:
+    watch = Steadiness()
+    found = [watch.update(i, 0.1 * i, window(SCENE if i < 4 else OTHER)) for i in range(18)]
+    assert found[4:15] == [Steady.BREAK] * 10 + [Steady.CUT]
+    assert set(found[:4] + found[15:]) == {Steady.STILL} and "first at frame 4" in watch.checks()[1].note
+
+
+@pytest.mark.parametrize("frames", [9, 1], ids=["a person close before the camera", "one damaged frame"])
+def test_a_short_break_is_no_cut(frames):
+    found = judged([window(SCENE)] * 4 + [window(OTHER, i) for i in range(frames)] + [window(SCENE)] * 4)
+    assert set(found[4 : 4 + frames]) == {Steady.BREAK} and set(found[4 + frames :]) == {Steady.STILL}
+
+
+def test_textured_person_before_a_plain_wall_is_no_moving_camera() -> None:
+    frames = [np.full(THUMBNAIL[::-1], 120, np.uint8) for _ in range(20)]
+    for i, frame in enumerate(frames):
+        frame[20:110, 4 * i + 10 : 4 * i + 60] = SCENE[20:110, :50]
+    assert set(judged(frames)) == {Steady.STILL}
+
+
+def test_crowd_that_fills_the_view_is_no_moving_camera() -> None:
+    steps = np.array([-2, -2, 2, 2] * 3) * np.random.default_rng(3).uniform(0.7, 1.3, 12)
+
+    def crowd(i: int) -> U8:
+        rows = [np.roll(SCENE[10 * row : 10 * row + 10], round(step * i), axis=1) for row, step in enumerate(steps)]
+        return window(np.concatenate(rows))
+
+    assert set(judged([crowd(i) for i in range(20)])) <= {Steady.STILL}
+
+
+def test_camera_that_zooms_and_turns_moves() -> None:
+    def zoomed(i: int) -> U8:
+        motion = cv2.getRotationMatrix2D((80.0, 60.0), 1.5 * i, 1.0 + 0.03 * i)
+        return np.asarray(cv2.warpAffine(SCENE, motion, THUMBNAIL, borderMode=cv2.BORDER_REFLECT), dtype=np.uint8)
+
+    assert Steady.MOVING in judged([zoomed(i) for i in range(10)])
+
+
+def test_large_person_before_a_dark_noisy_wall_is_no_scene_cut() -> None:
+    rng = np.random.default_rng(0)
+    frames = [np.clip(rng.normal(30.0, 6.0, THUMBNAIL[::-1]), 0, 255).astype(np.uint8) for _ in range(12)]
+    for frame in frames[6:]:
+        frame[:, 40:120] = OTHER[:, :80]
+    assert set(judged(frames)) == {Steady.STILL}
+
+
+MOTION = FloorAlignment(math.radians(120), 3.0, -2.0, 0.0, 0)
+
+
+def two_walkers() -> Trajectories:
+    frame = np.repeat(np.arange(40), 2)
+    walker = np.tile([1, 2], 40)
+    t = frame / 40
+    xy = np.column_stack([np.where(walker == 1, 3 * t, 1 + 0.5 * t), np.where(walker == 1, 0.2 * t, 2 - 3 * t)])
+    return positions_table(frame, walker, xy)
+
+
+def test_rigid_fit_recovers_a_known_motion() -> None:
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 2.0]])
+    fit = fit_rigid(points, MOTION.apply(points))
+    assert (fit.rotation_rad, fit.x_m, fit.y_m) == pytest.approx((MOTION.rotation_rad, 3.0, -2.0))
+    assert fit.rms_m == pytest.approx(0.0, abs=1e-12)
+
+
+def test_alignment_finds_the_motion_from_paths_with_noise_and_other_ids() -> None:
+    truth = moved(two_walkers(), MOTION)
+    noisy = two_walkers()
+    rng = np.random.default_rng(1)
+    xy = np.column_stack([noisy.x_m, noisy.y_m]) + rng.normal(0, 0.05, (80, 2))
+    tracks = positions_table(noisy.frame, 10 - noisy.track_id, xy)
+    order = np.lexsort((tracks.track_id, tracks.frame))
+    laid, alignment = align_tracks(tracks.where(order), truth, 0.5)
+    assert alignment.pairs == 80 and math.degrees(alignment.rotation_rad) == pytest.approx(120, abs=1.0)
+    assert alignment.rms_m < 0.1 and np.isfinite(laid.x_m).all()
+
+
+def test_alignment_starts_from_boxes_where_both_have_them() -> None:
+    plain = two_walkers()
+    xy = np.column_stack([plain.x_m, plain.y_m])
+    box = np.column_stack([100 * plain.x_m, 100 * plain.y_m + 300, np.full(80, 40.0), np.full(80, 80.0)])
+    tracks = positions_table(plain.frame, plain.track_id, xy, box_px=box)
+    truth = positions_table(plain.frame, plain.track_id, MOTION.apply(xy), box_px=box)
+    _, alignment = align_tracks(tracks, truth, 0.5)
+    assert (alignment.x_m, alignment.y_m) == pytest.approx((3.0, -2.0))
+
+
+def test_alignment_needs_people_who_move() -> None:
+    still = positions_table(np.arange(20), np.ones(20, dtype=np.int64), np.zeros((20, 2)))
+    with pytest.raises(WorkError, match="tracks that move"):
+        align_tracks(still, still, 0.5)
+
+
+FRAMES = 60
+
+
+def picture(t: float, shift: int) -> U8:
+    """A square of 20 px that moves along the diagonal, to and fro, with noise; ``shift`` is its disparity."""
+    image = np.random.default_rng((round(1000 * t), shift)).integers(58, 63, (96, 120), dtype=np.uint8)
+    place = round(35 + 25 * np.sin(t / 5.0) + 8 * np.sin(t / 1.7))
+    image[place : place + 20, place + 10 - shift : place + 30 - shift] = 200
+    return image
+
+
+def watched(left: list[U8], right: list[U8]) -> MotionFindings:
+    watch = MotionWatch()
+    for pair in zip(left, right, strict=True):
+        watch.update(Thumbnails(*pair))
+    return watch.findings()
+
+
+@pytest.fixture(scope="module")
+def sides() -> tuple[list[U8], list[U8]]:
+    return [picture(i, 0) for i in range(FRAMES)], [picture(i, 6) for i in range(FRAMES)]
+
+
+def failing(found: MotionFindings) -> set[str]:
+    return {check.name for check in motion_checks(found) if not check.ok}
+
+
+def test_cameras_in_step_and_still_scenes_pass_and_frozen_cameras_and_copies_are_told(sides):
+    found = watched(*sides)
+    assert abs(found.lag) < 0.2 and failing(found) == set()
+    still = watched(*[[picture(0, 0)] * FRAMES] * 2)
+    assert np.isnan(still.lag) and failing(still) == set()
+    frozen = watched(sides[0], [sides[1][0]] * FRAMES)
+    assert frozen.frozen == 1.0 and {"frozen camera", "stalled camera"} <= failing(frozen)
+    copied = watched(*([side[i * 4 // 5] for i in range(FRAMES)] for side in sides))
+    assert copied.repeated == pytest.approx(0.17, abs=0.05)
+
+
+@pytest.mark.parametrize("late", [1, 2, 3, 8, -2])
+def test_images_that_are_late_are_told_with_their_lag_negative_on_the_left(sides, late):
+    left, right = sides
+    found = watched(left[late:], right[:-late]) if late > 0 else watched(left[:late], right[-late:])
+    assert found.lag == pytest.approx(late, abs=0.3) and "synchronisation" in failing(found)
+
+
+def test_camera_that_stalls_once_is_told_by_the_length_of_the_stall(sides: tuple[list[U8], list[U8]]) -> None:
+    left, right = sides
+    found = watched(left * 5, (right[:20] + [right[19]] * 12 + right[32:]) + right * 4)
+    assert found.frozen < 0.1 and 10 <= found.stall <= 12 and failing(found) == {"stalled camera"}
+
+
+def test_second_half_that_is_late_is_told(sides: tuple[list[U8], list[U8]]) -> None:
+    long = [[picture(i * 1.0 + 0.001 * i * i, shift) for i in range(360)] for shift in (0, 6)]
+    found = watched(long[0], long[1][:180] + long[1][165:345])
+    assert found.lag == pytest.approx(15, abs=1.0)
+
+
+def wave(late: float, frames: int = WINDOW, seed: int = 0) -> F64:
+    t = np.arange(frames)[:, None] - late + np.array([0.0, 20.0, 40.0])
+    noise = np.random.default_rng((seed, round(10 * late) + 100)).normal(0, 0.05, (frames, 3))
+    return np.asarray(np.sin(t / 3.0) + 0.5 * np.sin(t / 7.0) + noise, dtype=np.float64)
+
+
+@pytest.mark.parametrize("late", [2.5, -2.5])
+def test_lag_is_found_between_frames_within_its_deviation(late: float) -> None:
+    lag = lag_of(lag_sums(wave(0.0), wave(late)))
+    assert lag.frames == pytest.approx(late, abs=0.15) and abs(lag.frames - late) < 4 * lag.std + 0.05
+    assert lag.surely > 1.5
+
+
+def test_lag_of_cameras_in_step_or_of_one_burst_is_not_sure_and_without_movement_there_is_none() -> None:
+    lags = [lag_of(lag_sums(wave(0.0, seed=seed), wave(0.01, seed=seed))) for seed in range(20)]
+    assert all(lag.surely < 0.5 for lag in lags)
+    left, right = np.zeros((WINDOW, 3)), np.zeros((WINDOW, 3))
+    assert np.isnan(lag_of(lag_sums(left[:60], right[:60])).frames)
+    left[47:51], right[55:59] = 1.0, 1.0  # somebody comes into the right camera's view eight frames later
+    assert not lag_of(lag_sums(left, right)).surely > 0.5
+
+
+def test_memory_of_movement_is_bounded() -> None:
+    watch, still = MotionWatch(), Thumbnails(picture(0, 0), picture(0, 6))
+    for _ in range(20 * WINDOW):
+        watch.update(still)
+    assert len(watch._sums) <= BLOCKS_MAX
+
+
+def test_thumbnails_leave_out_what_one_camera_alone_shows() -> None:
+    left, right = np.zeros((48, 80), np.uint8), np.zeros((48, 80), np.uint8)
+    left[:, :10], right[:, 70:] = 255, 255
+    small = thumbnails(left, right)
+    assert small.left.shape == small.right.shape == (24, 35)
+    assert not small.left.any() and not small.right.any()
+
+
+RIG = toy_rig(rotation_deg=(0.4, -0.6, 1.0))
+COUNT = 30
+Pairs = list[tuple[U8, U8]]
+
+
+@pytest.fixture(scope="module")
+def pairs() -> Pairs:
+    world = ToyWorld()
+    return [world.pair(RIG, walking(i), i) for i in range(COUNT)]
+
+
+def failed(folder: Path, **options: float) -> set[str]:
+    return {check.name for check in examine(folder, frames=COUNT, **options).checks if not check.ok}  # type: ignore[arg-type]
+
+
+def turned(rig: StereoRig, degrees: tuple[float, float, float]) -> StereoRig:
+    """The rig as it would be written before its right camera was turned."""
+    turn = SE3.from_rotvec(np.radians(degrees))
+    return replace(rig, right_SE3_left=turn @ rig.right_SE3_left)
+
+
+def test_good_recording_passes(tmp_path, pairs):
+    diagnosis = examine(write_toy_recording(tmp_path / "r", RIG, pairs), frames=COUNT, person_height_m=1.75)
+    assert [c for c in diagnosis.checks if not c.ok] == []
+    values = {c.name: c.value for c in diagnosis.checks}
+    assert values["camera height"] == pytest.approx(2.5, abs=0.05)
+    assert values["person height"] == pytest.approx(1.75, abs=0.08) and values["synchronisation"] < 0.2
+    assert values["depth error at 4 m"] == pytest.approx(0.25 * 16 / (230 * 0.12), rel=0.02)
+
+
+def claimed(scale: float = 1.0, mirrored: bool = False) -> StereoRig:
+    """The rig with another baseline, or with the pose of its mirror image."""
+    pose = RIG.right_SE3_left
+    return replace(RIG, right_SE3_left=SE3(pose.rotation.T if mirrored else pose.rotation, scale * pose.translation))
+
+
+def brightened(pairs: Pairs, factor: float) -> Pairs:
+    return [(cv2.convertScaleAbs(a, alpha=factor), cv2.convertScaleAbs(b, alpha=factor)) for a, b in pairs]  # type: ignore[misc]
+
+
+def seen(world: ToyWorld) -> Pairs:
+    """Nobody before six frames of a world."""
+    return [world.pair(RIG, (), i) for i in range(6)]
+
+
+IMAGES: dict[str, tuple[Callable[[Pairs], Pairs], set[str]]] = {
+    "swapped": (lambda pairs: [(b, a) for a, b in pairs[:8]], {"left-right order"}),
+    "vertical shift": (lambda pairs: [(a, np.roll(b, 4, axis=0)) for a, b in pairs[:8]], {"row offset"}),
+    "frozen right camera": (lambda pairs: [(a, pairs[0][1]) for a, _ in pairs], {"frozen camera"}),
+    "a wall": (
+        lambda _: seen(ToyWorld(tilt_deg=55.0, camera_height_m=20.0, wall_y_m=3.0)), {"floor share"},
+    ),
+    "over-exposed": (lambda pairs: brightened(pairs[:8], 2.5), {"over-exposure"}),
+    "under-exposed": (lambda pairs: brightened(pairs[:8], 0.12), {"under-exposure"}),
+    "covered right camera": (
+        lambda pairs: [(a, np.full_like(b, 3)) for a, b in pairs[:8]], {"brightness match", "matched corners"},
+    ),
+    "no texture": (
+        lambda _: seen(ToyWorld(contrast=0.0, floor_contrast=0.0, noise=0.5)), {"valid disparity", "matched corners"},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", IMAGES)
+def test_fault_of_the_images(fault, tmp_path, pairs):
+    images, expected = IMAGES[fault]
+    assert expected <= failed(write_toy_recording(tmp_path / "r", RIG, images(pairs)))
+
+
+@pytest.mark.parametrize(
+    ("rig", "frames", "expected"),
+    [
+        (RIG.swapped(), 4, {"calibration and layout"}),
+        (claimed(scale=1000.0), COUNT, {"calibration and layout"}),
+        (toy_rig((400, 240)), 6, {"calibration and layout"}),
+        (claimed(mirrored=True), 8, {"mirrored pose"}),
+        (turned(RIG, (0.0, 0.0, 2.0)), 8, {"camera turn"}),
+    ],
+    ids=["cameras swapped", "millimetres", "another image size", "mirrored pose", "turned camera"],
+)
+def test_fault_of_the_calibration(rig, frames, expected, tmp_path, pairs):
+    found = failed(write_toy_recording(tmp_path / "r", RIG, pairs[:frames], claimed=rig))
+    assert expected <= found and (found == expected or expected != {"calibration and layout"})
+
+
+def test_fault_units_of_inches(tmp_path, pairs):
+    folder = write_toy_recording(tmp_path / "r", RIG, pairs, claimed=claimed(scale=1 / 0.254))
+    assert failed(folder) & {"floor share", "camera height", "person height"}
+
+
+def test_fault_of_scale_against_a_known_height(tmp_path, pairs):
+    longer = write_toy_recording(tmp_path / "longer", RIG, pairs, claimed=claimed(scale=1.2))
+    assert failed(longer, person_height_m=1.75) == {"person height"}
+    empty = write_toy_recording(tmp_path / "empty", RIG, seen(ToyWorld()))
+    assert failed(empty, person_height_m=1.75) == {"person height"}
+    camera = Camera(*SIZE, 345.0, 345.0, 159.5, 119.5)
+    lens = write_toy_recording(tmp_path / "lens", RIG, pairs, claimed=StereoRig(camera, camera, RIG.right_SE3_left))
+    assert failed(lens, person_height_m=1.75)
+
+
+@pytest.mark.parametrize(
+    ("fault", "name", "value", "within"),
+    [
+        (lambda pairs: (pairs[:8], turned(RIG, (0.0, 2.0, 0.0))), "camera turn", 2.0, 0.2),
+        (lambda pairs: ([(a, pairs[i][1]) for i, (a, _) in enumerate(pairs[3:])], RIG), "synchronisation", 3.0, 0.6),
+    ],
+    ids=["panned since calibration", "right camera late"],
+)
+def test_fault_is_told_with_its_size(fault, name, value, within, tmp_path, pairs):
+    shown, rig = fault(pairs)
+    diagnosis = examine(write_toy_recording(tmp_path / "r", RIG, shown, claimed=rig), frames=COUNT)
+    check = next(c for c in diagnosis.checks if c.name == name)
+    assert not check.ok and check.value == pytest.approx(value, abs=within)
+
+
+def test_check_writes_the_rig_that_the_recording_corrects(tmp_path, pairs, capsys):
+    folder = write_toy_recording(tmp_path / "r", RIG, pairs[:8], claimed=turned(RIG, (0.1, 0.0, 0.3)))
+    check(folder, frames=8)
+    assert "--corrected-rig rig.toml writes the corrected calibration" in " ".join(capsys.readouterr().err.split())
+    check(folder, frames=8, corrected_rig=tmp_path / "rig.toml")
+    assert "roll corrected by" in capsys.readouterr().err
+    left = (load_rig(tmp_path / "rig.toml").right_SE3_left @ RIG.right_SE3_left.inverse()).rotvec
+    assert np.degrees(np.abs(left)).max() < 0.03
+    with pytest.raises(WorkError, match="nothing to write to"):  # it needs no other correction
+        check(folder, frames=8, calibration=tmp_path / "rig.toml", corrected_rig=tmp_path / "other.toml")
+
+
+def test_fault_gaps_in_the_timestamps(tmp_path, pairs):
+    folder = write_toy_recording(tmp_path / "r", RIG, pairs[:10])
+    times = np.arange(10) / 15.0 + (np.arange(10) >= 6) * 1.5
+    rows = [f"{i},{t:.4f}" for i, t in enumerate(times)]
+    (folder / "timestamps.csv").write_text("\n".join(["frame,timestamp_s", *rows]))
+    assert failed(folder) == {"timestamp gap"}
+
+
+def test_fault_undecodable_frames(tmp_path, pairs):
+    folder = write_toy_recording(tmp_path / "r", RIG, pairs[:10])
+    for i in (2, 4, 7):
+        (folder / "left" / f"{i:06d}.png").write_bytes(b"broken")
+    assert "usable frames" in failed(folder)
+
+
+def test_longest_step_is_relative_to_the_usual_one_and_unmeasured_values_fail_only_when_needed():
+    assert longest_step(np.array([0.0, 0.1, 0.2, 0.5, 0.6])) == pytest.approx(3.0)
+    assert np.isnan(longest_step(np.array([0.0, 0.1])))
+    nothing = float("nan")
+    assert at_most("a", nothing, 1.0, "", "").ok and not at_most("a", nothing, 1.0, "", "", needed=True).ok
+    assert at_least("a", nothing, 1.0, "", "").ok and not at_least("a", nothing, 1.0, "", "", needed=True).ok
+    assert not between("a", nothing, (0.0, 1.0), "", "", needed=True).ok
+    assert at_most("a", nothing, 1.0, "", "").to_json()["value"] is None
+
+
+def test_command_prints_json_and_refuses_with_status_one(tmp_path, pairs, capsys):
+    folder = write_toy_recording(tmp_path / "r", RIG, [(b, a) for a, b in pairs[:6]])
+    with pytest.raises(SystemExit, match="1"):
+        main(["check", str(folder), "--frames", "6", "--json", "--out", str(tmp_path / "pictures")])
+    printed = capsys.readouterr()
+    result = json.loads(printed.out)
+    assert result["ok"] is False and {"name", "ok", "value", "unit", "limit"} <= result["checks"][0].keys()
+    assert "left-right order" in printed.err
+    names = {p.name for p in (tmp_path / "pictures").iterdir()}
+    assert names == {"rows.png", "disparity.png", "floor.png", "exposure.png"}
+
+
+def test_command_refuses_a_height_without_sense(refused, tmp_path):
+    assert "0.5 to 2.5 m" in refused("check", tmp_path, "--person-height", "175m")
+
+
+def test_what_is_no_recording_is_refused_or_told(tmp_path):
+    with pytest.raises(InputError, match="nothing there"):
+        examine(tmp_path / "absent")
+    diagnosis = examine(tmp_path)
+    assert isinstance(diagnosis, Diagnosis) and not diagnosis.ok and diagnosis.evidence is None
+    assert "left/ and right/" in diagnosis.checks[0].note
+
+
+def test_a_picture_over_exposed_by_a_hair_is_a_warning_and_no_refusal():
+    image = np.full((100, 100), 100, np.uint8)
+    image[:37] = 255
+    over = next(check for check in light_checks([image]) if check.name == "over-exposure")
+    assert over.value == pytest.approx(0.37, abs=0.02) and not over.ok and not over.failed
+    refuse_unless_ok([over], "recording")  # --strict goes on
+    assert Diagnosis((over,), None).ok

@@ -1,0 +1,270 @@
+"""The commands: what they do, print and refuse."""
+
+import csv
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from toy_recordings import write_frames
+from toy_rgbd import write_toy_rgbd
+from toy_stereo import toy_rig
+
+from benchmarks.__main__ import main_benchmarks
+from benchmarks.options import Rendering, rendered, scene_files
+from calib.formats import load_rig, write_rig
+from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
+from calib.rig import save_rig
+from calib.world import load_world
+from planview.cli import main
+from planview.commands.recordings import check
+from planview.commands.run import TrackingOptions, _is_of_one_camera
+from planview.counting.events import read_events
+from planview.synthetic.scene import load_scene
+from planview.trajectories.table import read_truth
+from stereo.readers import open_any, open_recording, open_video, rgbd
+
+
+def test_a_camera_above_the_floor_is_known_by_its_keys_and_a_rig_is_that_of_a_pair_to_trackers_of_pairs(tmp_path):
+    for name in ("camera.toml", "street.toml"):
+        save_ground_camera(GroundCamera(320, 240, 200.0, 3.0, 0.8), tmp_path / name)
+        assert _is_of_one_camera(tmp_path / name, TrackingOptions(tracker="ellipse-particle"))
+    write_rig(toy_rig(), tmp_path / "rig.toml", "rig")
+    assert not _is_of_one_camera(tmp_path / "rig.toml", TrackingOptions())
+    assert not _is_of_one_camera(tmp_path, TrackingOptions())
+    assert _is_of_one_camera(tmp_path / "rig.toml", TrackingOptions(tracker="human-model"))
+
+
+SCENE = """
+fps = 10
+duration_s = 0.4
+[rig]
+width = 96
+height = 72
+focal_px = 70
+at_m = [3, 0.3, 2.4]
+[[people]]
+start_m = [3, 3]
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def test_synth_writes_a_recording_that_our_reader_takes_and_its_calibration_for_opencv(scene, tmp_path, json_of, say):
+    out = tmp_path / "out"
+    told = json_of("synth", scene, out, "--frames", 3, "--world", "--opencv")
+    assert told == {"frames": 3, "truth_rows": 3, "folder": str(out)}
+    recording = open_recording(out)
+    assert [f.left.shape for f in recording] == [(72, 96, 3)] * 3
+    assert [f.timestamp_s for f in recording] == pytest.approx([0, 0.1, 0.2])
+    assert load_world(out / "world.toml").height_m == pytest.approx(2.4)
+    assert read_truth(out / "truth.csv").frame.tolist() == [0, 1, 2]
+    rig = load_rig(out / "rig.toml")
+    inner = cv2.FileStorage(str(out / "intrinsics.yml"), cv2.FILE_STORAGE_READ)
+    outer = cv2.FileStorage(str(out / "extrinsics.yml"), cv2.FILE_STORAGE_READ)
+    assert inner.getNode("M1").mat() == pytest.approx(rig.left.matrix)
+    assert outer.getNode("T").mat().ravel() == pytest.approx(rig.right_SE3_left.translation)
+    assert say("synth", scene, tmp_path / "videos", "--video")[0] == 0
+    assert len(list(open_recording(tmp_path / "videos"))) == 4
+
+
+def test_synth_of_one_camera_writes_images_camera_and_boxes(scene, tmp_path, say):
+    scene.write_text(SCENE.replace("[rig]", "[camera]"))
+    out = tmp_path / "out"
+    assert say("synth", scene, out)[0] == 0 and load_ground_camera(out / "camera.toml").size == (96, 72)
+    assert len(list(open_video(out))) == 4
+    with (out / "truth.csv").open() as file:
+        row = next(csv.DictReader(file))
+    assert float(row["height_px"]) == float(row["full_height_px"]) > 20
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("out", "--frames", "0"), "expected"),
+        (("out", "--scale", "99"), "expected"),
+        (("out", "--video", "--jpeg"), "expected"),
+        (("",), "in use"),
+    ],
+)
+def test_synth_refuses_wrong_usage_and_folders_in_use(scene, tmp_path, words, told, refused):
+    assert told in refused("synth", scene, tmp_path / words[0], *words[1:])
+
+
+def test_rendered_recording_is_kept_and_found_again(scene, tmp_path):
+    told = []
+    options = Rendering(tmp_path / "cache", 1.0, 1)
+    first = rendered(load_scene(scene), "s", options, told.append)
+    assert rendered(load_scene(scene), "s", options, told.append) == first and told == ["rendering s"]
+    scene.write_text(SCENE.replace("2.4", "2.5"))
+    assert rendered(load_scene(scene), "s", options, told.append) != first
+
+
+def test_accuracy_knows_its_scenes(capsys):
+    assert {"crossing", "group", "office", "shadows", "eight", "furniture"} <= {p.stem for p in scene_files()}
+    with pytest.raises(SystemExit, match="2"):
+        main_benchmarks(["accuracy", "--scene", "nothing"])
+    assert "crossing" in capsys.readouterr().err
+
+
+RULES = """
+[[tripwire]]
+name = "door"
+from_m = [0, 0]
+to_m = [2, 0]
+[[zone]]
+name = "room"
+polygon_m = [[0, -3], [2, -3], [2, 0], [0, 0]]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A run in which person 1 walks from y = 1 to y = -1 in 2 s and stays there for 2 s."""
+    rows = [f"{t},{t / 10:.4f},1,1.0,{max(1 - t / 10, -1):.3f},confirmed" for t in range(41)]
+    (tmp_path / "tracks.csv").write_text("frame,timestamp_s,id,x_m,y_m,state\n" + "\n".join(rows) + "\n")
+    (tmp_path / "rules.toml").write_text(RULES)
+    return tmp_path
+
+
+def test_count_prints_the_agreed_keys_and_writes_its_files(folder, json_of):
+    rules = json_of("count", folder / "tracks.csv", "--rules", folder / "rules.toml")["rules"]
+    assert (rules["door"]["left_to_right"], rules["door"]["right_to_left"]) == (1, 0)
+    assert (rules["room"]["entries"], rules["room"]["exits"]) == (1, 0)
+    assert rules["room"]["mean_dwell_s"] == pytest.approx(3.1)
+    assert rules["room"]["mean_occupancy"] == pytest.approx(3.1 / 4.1)
+    assert json.loads((folder / "counts.json").read_text())["rules"] == rules
+    events = read_events(folder / "events.csv")
+    told = {(e.rule, e.kind, e.direction) for e in events}
+    assert told == {("door", "crossing", "left_to_right"), ("room", "entry", "")}
+
+
+def test_count_scores_against_true_positions(folder, json_of, capsys):
+    rows = [f"{t},7,1.0,{max(1 - t / 10, -1):.3f},1.7" for t in range(41)]
+    (folder / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + "\n".join(rows) + "\n")
+    words = ("count", folder, "--rules", folder / "rules.toml", "--truth", folder / "truth.csv")
+    scores = json_of(*words)["scores"]["rules"]
+    assert (scores["door"]["matched"], scores["door"]["strict_accuracy"]) == (1, 1.0)
+    assert {g["people"]: g["right_percent"] for g in scores["room"]["groups"] if g["frames"]} == {"0": 100, "1-2": 100}
+    with pytest.raises(SystemExit, match="0"):
+        main([*map(str, words)])
+    assert "1-2 people: 100.0 % right" in " ".join(capsys.readouterr().out.split())
+
+
+def test_count_scores_against_true_events(folder, json_of):
+    header = "frame,timestamp_s,rule,kind,id,direction\n"
+    rows = "11,1.1,door,crossing,1,left_to_right\n30,3,door,crossing,2,left_to_right\n"
+    (folder / "true.csv").write_text(header + rows)
+    words = ("--rules", folder / "rules.toml", "--truth", folder / "true.csv")
+    door = json_of("count", folder, *words)["scores"]["rules"]["door"]
+    assert (door["matched"], door["recall"], door["timing_mean_s"]) == (1, 0.5, pytest.approx(-0.1))
+
+
+def test_count_takes_pixels_of_a_camera(folder, refused, json_of):
+    keys = "width = 640\nheight = 480\nfocal_px = 400\nheight_m = 4\ntilt_deg = 0"
+    (folder / "camera.toml").write_text(f'{keys}\nlens = "pinhole"\n')
+    # Straight down: the image's middle row is y = 0, right is +x.
+    (folder / "rules.toml").write_text('[[tripwire]]\nname = "row"\nfrom_px = [100, 239.5]\nto_px = [600, 239.5]\n')
+    words = ("count", folder, "--rules", folder / "rules.toml")
+    assert json_of(*words, "--camera", folder / "camera.toml")["rules"]["row"]["left_to_right"] == 1
+    assert "expected tracks with boxes (or --camera) for rule 'row'" in refused(*words)
+
+
+def test_foreign_tracks_write_nothing_beside_them(folder, say):
+    lab = folder / "lab"
+    lab.mkdir()
+    (lab / "walk.txt").write_text("".join(f"1 {t} 100 {100 - 10 * t} 170\n" for t in range(21)))
+    words = ("count", lab / "walk.txt", "--rules", folder / "rules.toml")
+    assert say(*words)[0] == 0 and [path.name for path in lab.iterdir()] == ["walk.txt"]
+    assert say(*words, "--out", folder / "new" / "place")[0] == 0
+    assert (folder / "new" / "place" / "counts.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--hysteresis", "-1"], "hysteresis_m"),
+        (["--interval", "0"], "interval_s"),
+        (["--window", "0", "--truth", "tracks.csv"], "--window"),
+        (["--truth", "nothing.csv"], "nothing.csv"),
+        (["--camera", "a.toml", "--rig", "b.toml"], "--camera or --rig"),
+        (["--camera", "a.toml"], "a.toml"),
+        (["--out", "rules.toml/x"], "could not write"),
+    ],
+)
+def test_bad_options_get_one_sentence(folder, monkeypatch, refused, words, sentence):
+    monkeypatch.chdir(folder)
+    status = 1 if "--out" in words else 2
+    assert sentence in refused("count", "tracks.csv", "--rules", "rules.toml", *words, status=status)
+
+
+def test_tracks_without_rows_count_nothing(folder, json_of):
+    (folder / "tracks.csv").write_text("frame,timestamp_s,id,x_m,y_m,state\n")
+    rules = json_of("count", folder, "--rules", folder / "rules.toml")["rules"]
+    assert (rules["door"]["left_to_right"], rules["room"]["mean_occupancy"]) == (0, 0.0)
+
+
+@pytest.mark.parametrize("row", ["x,1,a,crossing,1,", "1,1,a,jump,1,", "1,1,a,crossing,1,up"])
+def test_odd_events_are_refused_with_their_line(folder, refused, row):
+    (folder / "true.csv").write_text(f"frame,timestamp_s,rule,kind,id,direction\n{row}\n")
+    told = refused("count", folder, "--rules", folder / "rules.toml", "--truth", folder / "true.csv")
+    assert "true.csv: line 2: expected" in told
+
+
+def recording(folder: Path) -> Path:
+    for side in ("left", "right"):
+        (folder / side).mkdir(parents=True)
+        for i in range(4):
+            if (side, i) != ("right", 2):
+                cv2.imwrite(str(folder / side / f"{i}.png"), np.zeros((24, 32), np.uint8))
+    (folder / "timestamps.csv").write_text("frame,timestamp_s\n0,0\n1,0.1\n2,0.2\n3,0.3\n")
+    return folder
+
+
+def inspected(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
+    check(path, quick=True, json_output=True)
+    found: dict[str, object] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_inspect_tells_sizes_rates_calibration_and_unpaired_frames(tmp_path, capsys):
+    save_rig(toy_rig((32, 24), focal_px=16.0), recording(tmp_path) / "rig.toml")
+    found = inspected(tmp_path, capsys)
+    assert (found["reader"], found["kind"], found["frames"], found["unpaired"]) == ("folders", "stereo", 4, 1)
+    assert found["fps"] == pytest.approx(10.0) and found["size"] == [32, 24] and found["missing"] == []
+    calibration = found["calibration"]
+    assert calibration["baseline_m"] == pytest.approx(0.12) and calibration["fov_deg"][0] == pytest.approx(90.0)
+
+
+def test_inspect_names_the_option_that_supplies_what_is_missing_and_shows_people_a_table(tmp_path, capsys):
+    found = inspected(recording(tmp_path), capsys)
+    assert found["calibration"] is None and "--calibration FILE" in str(found["missing"])
+    check(tmp_path, quick=True)
+    shown = capsys.readouterr().out
+    assert "32x24" in shown and "1 without a mate" in shown
+
+
+def test_the_rate_of_images_without_times_is_the_one_that_a_run_takes(tmp_path, capsys, monkeypatch):
+    folder = write_toy_rgbd(tmp_path / "rgbd")
+    (folder / "timestamps.csv").unlink(missing_ok=True)
+    monkeypatch.setattr(rgbd, "rate_by_movement", lambda *_: 6.7)
+    found = inspected(folder, capsys)
+    assert found["fps"] == open_any(folder).fps == 6.7
+    notes = [note for note in found["notes"] if "frames per second are assumed" in note]  # type: ignore[attr-defined]
+    assert len(notes) == 1 and "no timestamps: 6.7" in notes[0]
+
+
+@pytest.mark.parametrize("words", [["check", "--quick"], ["check"], ["run", "--out", "out"]])
+def test_a_video_of_one_camera_names_its_trackers(tmp_path, words, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_frames(tmp_path / "street.avi", [np.zeros((48, 64, 3), np.uint8)] * 4)
+    with pytest.raises(SystemExit):
+        main([words[0], "street.avi", *words[1:]])
+    told = " ".join(capsys.readouterr().err.split())
+    assert "--tracker ellipse-particle, or --tracker human-model --calibration camera.toml" in told

@@ -1,0 +1,314 @@
+"""Counting: rules, totals, tables."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calib.camera import Camera
+from calib.errors import InputError
+from calib.ground_camera import GroundCamera
+from calib.pose import SE3
+from calib.rig import Floor, StereoRig, save_rig
+from calib.world import save_world
+from planview.counting.events import Direction, Event
+from planview.counting.geometry import Outline, RulePlane, crossing_edges, inner_radius, stereo_plane
+from planview.counting.passages import Stay
+from planview.counting.rules import AnalyticsParams, Rules, load_rules, parse_rules
+from planview.counting.scoring import crossing_scores, occupancy_groups
+from planview.counting.stream import Analytics
+from planview.counting.totals import Clock, Span, count_tracks, occupancy_at, over_frames
+from planview.trajectories.state import TrackState
+from planview.trajectories.table import Trajectories, TrajectoryCollector, row_state
+from stereo.depth import RectifiedGeometry, StereoFloorCamera
+
+CAMERA = GroundCamera(640, 480, 500.0, 3.0, math.radians(60))
+SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
+
+
+def rules_file(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "rules.toml"
+    path.write_text(text)
+    return path
+
+
+WIRE = '[[tripwire]]\nname = "door"\nfrom_m = [0, 0]\nto_m = [2, 0]\n'
+ZONE = '[[zone]]\nname = "till"\npolygon_m = [[0, 0], [2, 0], [2, 2]]\n'
+
+
+def test_rules_keep_metres_as_they_are(tmp_path: Path) -> None:
+    rules = load_rules(rules_file(tmp_path, WIRE + ZONE + '[[queue]]\nname = "q"\nzone = "till"\n'))
+    assert rules.names == ["door", "till", "q"] and rules.tripwires[0].plane == "floor"
+    np.testing.assert_array_equal(rules.tripwires[0].points, [[0, 0], [2, 0]])
+
+
+def test_zone_may_repeat_its_first_point_and_surround_the_whole_view():
+    zone = {"name": "z", "polygon_m": [[0, 0], [2, 0], [2, 2], [0, 2], [0, 0]]}
+    assert len(parse_rules({"zone": [zone]}, RulePlane(), "r").zones[0].points) == 4
+    zone = {"name": "all", "polygon_m": [[-500, -500], [500, -500], [500, 500], [-500, 500]]}
+    assert parse_rules({"zone": [zone]}, RulePlane(GroundCamera(640, 480, 500.0, 3.0, 0.0)), "r").zones
+
+
+def placed_wire(plane: RulePlane, from_px: list[float], to_px: list[float]) -> Any:
+    return parse_rules({"tripwire": [{"name": "w", "from_px": from_px, "to_px": to_px}]}, plane, "r").tripwires[0]
+
+
+def test_pixels_go_to_the_floor_of_a_known_camera_and_stay_pixels_without_one() -> None:
+    placed = placed_wire(RulePlane(CAMERA), [100, 300], [500, 300])
+    assert placed.plane == "floor"
+    pixels = CAMERA.project(np.column_stack([placed.points, np.zeros(2)]))
+    np.testing.assert_allclose(pixels, [[100, 300], [500, 300]], atol=1e-6)
+    assert placed_wire(RulePlane(image_size=(400, 400)), [0, 200], [400, 200]).plane == "image"
+
+
+def test_line_in_the_image_goes_on_beyond_the_border_where_it_ends():
+    placed = placed_wire(RulePlane(image_size=(320, 240)), [100, 50], [100, 239])
+    assert placed.counted.tolist() == [[100, 50], [100, 559]]
+    assert placed.points.tolist() == [[100, 50], [100, 239]]  # as it is drawn and written
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "at least one [[tripwire]] or [[zone]], found an empty file"),
+        ("tripwire = []", "at least one [[tripwire]] or [[zone]], found none"),
+        ("[[tripwire]\n", "expected a rules.toml, found"),
+        ('[[line]]\nname = "a"\n', "tables named tripwire, zone or queue, found 'line'"),
+        ("tripwire = 3\n", "tripwire: input should be a valid list, found 3"),
+        ('[[tripwire]]\nname = "a"\nfrom_m = [1, 1]\nto_m = [1, 1]\n', "'a', found a line of zero length"),
+        ('[[tripwire]]\nname = "a"\nfrom_m = [1, 1]\n', "from_m and to_m, or from_px and to_px, in tripwire 'a'"),
+        ('[[tripwire]]\nname = "a"\n', "found neither"),
+        ('[[tripwire]]\nname = "a"\nfrom_m = [1, 1]\nto_px = [1, 2]\n', "found from_m, to_px"),
+        ('[[tripwire]]\nname = "a"\nfrom_m = [1, nan]\nto_m = [1, 2]\n', "tripwire 'a'"),
+        ('[[tripwire]]\nname = "a"\nfrom_m = ["x", 1]\nto_m = [1, 2]\n', "found 'x'"),
+        ('[[tripwire]]\nname = "a"\nfrom_m = [1, 1]\nto_m = [1, 2]\nhysteresis = 1\n', "found hysteresis in"),
+        ("[[tripwire]]\nfrom_m = [1, 1]\nto_m = [1, 2]\n", "expected name in tripwire number 1, found none"),
+        (WIRE + WIRE, "a name of its own, found 'door' twice"),
+        (WIRE + '[[zone]]\nname = "door"\npolygon_m = [[0, 0], [2, 0], [2, 2]]\n', "found 'door' twice"),
+        (ZONE + '[[queue]]\nname = "q"\nzone = "kiosk"\n', "queue 'q' to name one of the zones (till), found 'kiosk'"),
+        (WIRE + '[[queue]]\nname = "q"\nzone = "kiosk"\n', "(there are none), found 'kiosk'"),
+        ('[[zone]]\nname = "z"\npolygon_m = [[0, 0], [1, 0]]\n', "at least 3 points in zone 'z', found 2"),
+        ('[[zone]]\nname = "z"\npolygon_m = [[0, 0], [1, 1], [2, 2]]\n', "found points on a line"),
+        ('[[zone]]\nname = "z"\npolygon_m = [[0, 0], [2, 2], [2, 0], [0, 2]]\n', "does not cross itself in zone 'z'"),
+        ('[[zone]]\nname = "z"\n', "polygon_m or polygon_px in zone 'z', found neither"),
+    ],
+)
+def test_bad_rules_get_one_sentence_that_names_the_file(tmp_path: Path, text: str, sentence: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_rules(rules_file(tmp_path, text))
+    assert sentence in str(caught.value) and str(caught.value).startswith(str(tmp_path / "rules.toml"))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("rule", "sentence"),
+    [
+        ({"from_px": [700, 10], "to_px": [900, 10]}, "inside the view of 640x480 pixels"),
+        ({"from_px": [100, 5], "to_px": [200, 5]}, "above the horizon"),
+        ({"from_m": [-1, -5], "to_m": [1, -5]}, "inside the view"),
+        ({"from_m": [50, 5], "to_m": [50, 6]}, "inside the view"),
+    ],
+)
+def test_line_outside_the_view_is_refused(rule: dict[str, list[float]], sentence: str) -> None:
+    camera = GroundCamera(640, 480, 500.0, 3.0, math.radians(80))
+    with pytest.raises(InputError, match=sentence):
+        parse_rules({"tripwire": [{"name": "w", **rule}]}, RulePlane(camera), "r")
+
+
+def test_depth_in_an_outline_is_the_distance_to_it_with_a_sign():
+    x, y = np.array([[1.0, 0.25], [3.0, 1.0], [-3.0, -4.0]]).T
+    assert Outline(SQUARE).depth(x, y) == pytest.approx([0.25, -1.0, -5.0])
+    assert inner_radius(SQUARE) == pytest.approx(1.0, abs=0.1)
+    notched = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 1.0], [0.0, 4.0]])
+    assert crossing_edges(notched) is None
+    outside, inside = Outline(notched).depth(np.array([2.0, 0.5]), np.array([2.0, 1.0]))
+    assert outside < 0 < inside
+    assert crossing_edges(np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 2.0]])) is not None
+
+
+_json = st.recursive(
+    st.none() | st.booleans() | st.integers(-5, 5) | st.floats() | st.text(max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.sampled_from(["name", "from_m", "to_m", "x"]), inner)
+    ),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.dictionaries(st.sampled_from(["tripwire", "zone", "queue", "x"]), _json, max_size=3))
+def test_wild_rules_are_accepted_or_refused(data: dict[str, object]) -> None:
+    try:
+        rules = parse_rules(data, RulePlane(), "r")
+    except InputError as error:
+        assert str(error).startswith("r")  # noqa: PT017
+    else:
+        assert rules.names
+
+
+@pytest.mark.parametrize("name", ["=HYPERLINK(1)", "@door", "-1+1", "+door", "a\tb", "a\x1b[31m"])
+def test_name_that_a_spreadsheet_or_terminal_would_act_on_is_refused(name: str) -> None:
+    rule = {"name": name, "from_m": [0, 0], "to_m": [1, 0]}
+    with pytest.raises(InputError, match="begins with none of"):
+        parse_rules({"tripwire": [rule]}, RulePlane(), "rules.toml")
+
+
+# Two metres above the floor, straight down: image right is +x, image up is +y.
+DOWN = SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 2.0]))
+# Looking along +y, level: the horizon is the middle row.
+LEVEL = SE3(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]), np.array([0.0, 0.0, 2.0]))
+GEOMETRY = RectifiedGeometry(640, 480, 400.0, 400.0, 319.5, 239.5, 0.1)
+
+
+def test_pixels_and_floor_of_a_camera_are_known_below_the_horizon_and_ahead():
+    camera = StereoFloorCamera(GEOMETRY, DOWN)
+    pixels = np.array([[319.5, 239.5], [519.5, 239.5], [319.5, 139.5]])
+    floor = camera.back_project(pixels)
+    np.testing.assert_allclose(floor, [[0, 0], [1, 0], [0, 0.5]], atol=1e-12)
+    np.testing.assert_allclose(camera.project(np.column_stack([floor, np.zeros(3)])), pixels)
+    camera = StereoFloorCamera(GEOMETRY, LEVEL)
+    assert np.isnan(camera.back_project(np.array([[319.5, 100.0]]))).all()
+    assert np.isnan(camera.project(np.array([[0.0, -1.0, 0.0]]))).all()
+
+
+def test_plane_of_a_rig_reads_its_world(tmp_path: Path) -> None:
+    lens = Camera(640, 480, 400.0, 400.0, 319.5, 239.5)
+    save_rig(StereoRig(lens, lens, SE3(np.eye(3), np.array([-0.1, 0.0, 0.0]))), tmp_path / "rig.toml")
+    with pytest.raises(InputError, match=r"world\.toml: expected the pose of the rig"):
+        stereo_plane(tmp_path / "rig.toml")
+    save_world(Floor(DOWN), tmp_path / "world.toml")
+    plane = stereo_plane(tmp_path / "rig.toml")
+    placed = placed_wire(plane, [319.5, 239.5], [519.5, 239.5])
+    np.testing.assert_allclose(placed.points, [[0, 0], [1, 0]], atol=0.01)
+
+
+STAYS = [Stay(0.0, 1.0, True, True), Stay(0.55, 2.0, True), Stay(0.95, 1.2, False, True), Stay(7.0, 7.05, True, True)]
+
+
+def test_maximum_and_mean_over_frames_are_those_of_the_series_and_half_a_century_costs_nothing():
+    span = Span(0.0, 8.0, 0.1)
+    series = occupancy_at(STAYS, span.frame_times(), span.frame_s)
+    found = over_frames(STAYS, span)
+    assert found.max == series.max() == 2 and found.mean == pytest.approx(series.mean())
+    assert over_frames(STAYS, Span(0.0, 1.6e9, 1 / 15)).max == 2
+
+
+def test_intervals_of_a_jump_are_those_that_hold_something() -> None:
+    starts = Span(0.0, 1.6e9, 0.1).interval_starts(60.0, [61.0, 1.5e9])
+    assert starts.tolist() == [0.0, 60.0, 1.5e9, pytest.approx(1.6e9, abs=60.0)]
+
+
+def tracks_at(times: list[float]) -> Trajectories:
+    collector = TrajectoryCollector()
+    for frame, time in enumerate(times):
+        collector.add(frame, time, (TrackState(1, "confirmed", 0.0, 0.0, 0.0, 0.0, 1.7),))
+    return collector.trajectories()
+
+
+def test_a_jump_is_told_with_its_frames_and_size() -> None:
+    assert "by 30.0 days from frame 1 to 2" in Clock(tracks_at([0.0, 0.1, 0.2 + 30 * 86400]), 10.0).jump()
+    assert Clock(tracks_at([0.0, 0.1, 60.0]), 10.0).jump() == ""
+    assert np.isfinite(Clock(tracks_at([0.0]), 10.0).frame_s)
+
+
+def crossing(moment: float, direction: Direction = "left_to_right") -> Event:
+    return Event(round(moment * 10), moment, "door", "crossing", 1, direction)
+
+
+def test_as_many_crossings_match_as_can_by_time_and_direction():
+    true = [crossing(1.0), crossing(2.0), crossing(10.0, "right_to_left")]
+    found = [crossing(2.3), crossing(1.2), crossing(10.1, "right_to_left")]
+    scores = crossing_scores(true, found, 1.0)
+    assert (scores.matched, scores.precision, scores.recall, scores.accuracy) == (3, 1.0, 1.0, 1.0)
+    assert scores.timing_mean_s == pytest.approx(0.2)
+    assert scores.timing_std_s == pytest.approx(np.std([0.2, 0.3, 0.1]))
+    # The nearest pair (2.0, 2.1) would leave 1.2 and 2.9 without partners in the window.
+    scores = crossing_scores([crossing(1.2), crossing(2.0)], [crossing(2.1), crossing(2.9)], 0.95)
+    assert scores.matched == 2
+
+
+def test_misses_and_extras_cancel_in_the_total_but_not_in_the_strict_accuracy() -> None:
+    scores = crossing_scores([crossing(t) for t in (1, 2, 3, 4)], [crossing(t) for t in (1, 2, 3, 50)], 1.0)
+    assert scores.accuracy == 1.0 and scores.strict_accuracy == 0.5
+    assert (scores.precision, scores.recall) == (0.75, 0.75)
+
+
+def test_wrong_direction_is_told_apart_from_a_miss_and_nothing_has_no_scores():
+    scores = crossing_scores([crossing(1.0)], [crossing(1.1, "right_to_left")], 1.0)
+    assert (scores.matched, scores.wrong_direction) == (0, 1)
+    assert (scores.true_left_to_right, scores.found_right_to_left) == (1, 1)
+    scores = crossing_scores([], [], 1.0)
+    assert (scores.accuracy, scores.precision, scores.recall, scores.timing_mean_s) == (None, None, None, None)
+
+
+@pytest.mark.parametrize(
+    ("true", "found", "accuracy"), [(16, 17, 0.938), (102, 98, 0.961), (54, 41, 0.759), (564, 597, 0.941)]
+)
+def test_accuracy_is_that_of_the_papers_table_3(true: int, found: int, accuracy: float) -> None:
+    scores = crossing_scores([crossing(float(i)) for i in range(true)], [crossing(float(i)) for i in range(found)], 0.4)
+    assert scores.accuracy == pytest.approx(accuracy, abs=0.001)
+
+
+def test_occupancy_is_grouped_by_the_true_number_as_in_table_4() -> None:
+    true = np.array([0, 0, 1, 2, 4, 4, 12])
+    found = np.array([0, 1, 1, 2, 3, 5, 10])
+    groups = {group.people: group for group in occupancy_groups(true, found)}
+    assert (groups["0"].right_percent, groups["0"].mean_difference) == (50.0, 0.5)
+    assert groups["1-2"].right_percent == 100.0
+    assert (groups["3-5"].mean_difference, groups["3-5"].mean_absolute_difference) == (0.0, 1.0)
+    assert (groups["6-9"].frames, groups["6-9"].right_percent) == (0, None)
+    assert groups["10+"].mean_difference == -2.0
+
+
+People = dict[str, int]
+Stays = dict[str, list[str]]
+RULES = {
+    "tripwire": [{"name": "door", "from_m": [-1, 0], "to_m": [1, 0]}],
+    "zone": [{"name": "room", "polygon_m": [[-1, -1], [1, -1], [1, 1], [-1, 1]]}],
+}
+
+
+def wild_tracks(seed: int) -> Trajectories:
+    """People near a door who are lost, hidden, exchanged and given new ids all the time."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for person in range(4):
+        place, track_id, away = rng.uniform(-1.5, 1.5, 2), person + 1, 0
+        for frame in range(int(rng.integers(0, 20)), 1100):
+            place = np.clip(place + rng.normal(0, 0.12, 2), -1.6, 1.6)
+            away = max(0, away - 1) if rng.random() > 0.03 else int(rng.integers(1, 40))
+            if rng.random() < 0.01:
+                track_id = int(rng.integers(1, 30))
+            state = rng.choice(["confirmed", "lost", "tentative"], p=[0.9, 0.07, 0.03])
+            if not away and all(row[:2] != (frame, track_id) for row in rows[-2000:]):
+                rows.append((frame, track_id, *place, state))
+    rows.sort(key=lambda row: row[:2])
+    frame, ids, x, y, state = zip(*rows, strict=True)
+    n = len(rows)
+    return Trajectories(
+        np.array(frame), np.array(ids), np.array(frame) / 10, np.array(x), np.array(y), np.full(n, 1.7),
+        np.array(state), np.ones(n), np.full((n, 4), np.nan), np.full((n, 2), np.nan),
+    )  # fmt: skip
+
+
+def every_frame(tracks: Trajectories, rules: Rules, params: AnalyticsParams) -> tuple[list[Event], Stays, People]:
+    counter, events = Analytics(rules, params), []
+    for frame in np.unique(tracks.frame).tolist():
+        rows = np.flatnonzero(tracks.frame == frame).tolist()
+        events += counter.update(frame, frame / 10, [row_state(tracks, row) for row in rows])
+    stays = {name: sorted(map(str, map(vars, stays))) for name, stays in counter.stays.items()}
+    return sorted(events, key=str), stays, counter.people
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_counts_of_a_table_are_those_of_every_frame(seed: int) -> None:
+    tracks, params = wild_tracks(seed), AnalyticsParams(min_age_s=0.3)
+    rules = parse_rules(RULES, RulePlane(), "r")
+    counts = count_tracks(tracks, rules, params, clock=Clock(tracks, 10.0))
+    events, stays, people = every_frame(tracks, rules, params)
+    assert len(events) > 5 and sorted(counts.events, key=str) == events and counts.people == people
+    assert {name: sorted(map(str, map(vars, stays))) for name, stays in counts.stays.items()} == stays

@@ -1,0 +1,290 @@
+"""The engine: configuration, stages, feedback."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import BaseModel
+from toy_rgbd import CAMERA
+
+from calib.errors import InputError
+from calib.ground_camera import GroundCamera
+from calib.params import field_docs
+from calib.pose import SE3
+from calib.rig import Floor
+from calib.types import F32
+from planview.engine.config import Config, FeedbackParams, load_config
+from planview.engine.gated import SAME_LEVELS, alike, solid
+from planview.engine.info import ground_camera_info
+from planview.engine.setup import Setup, refuse_foreign_disparity
+from planview.engine.stereo import BODY_RADIUS_M, BodyBoxes, Feedback, stereo_engine
+from planview.foreground.params import BACKGROUND, NO_FEEDBACK, PERSON
+from planview.maps.builder import FloorPoints
+from planview.trajectories.state import State, TrackState
+from stereo.depth import RectifiedGeometry
+from stereo.matcher import DisparityRange
+from stereo.rgbd import RgbdRectifier
+
+
+def test_a_file_and_overrides_which_beat_it_change_what_they_name_and_nothing_else(tmp_path: Path) -> None:
+    file = tmp_path / "c.toml"
+    file.write_text("seed = 3\n[maps]\ncell_m = 0.05\n")
+    expected = Config().model_copy(update={"seed": 3, "maps": Config().maps.model_copy(update={"cell_m": 0.05})})
+    assert load_config() == Config() and load_config(file) == expected
+    config = load_config(file, ["maps.cell_m=0.04", "feedback.enabled=false", "single_camera.foreground.beta=9"])
+    assert config.maps.cell_m == 0.04 and not config.feedback.enabled
+    defaults = Config().single_camera.foreground
+    assert defaults.remove_colour_shadows
+    assert config.single_camera.foreground == defaults.model_copy(update={"beta": 9.0})
+    assert Config.model_validate_json(config.model_dump_json()) == config
+
+
+@pytest.mark.parametrize(
+    ("override", "meant"),
+    [("maps.cel_m=0.03", "maps.cell_m"), ("cell_m=0.03", "maps.cell_m"), ("foregruond.beta=9", "foreground")],
+)
+def test_an_unknown_name_is_answered_with_the_one_it_resembles(override: str, meant: str) -> None:
+    with pytest.raises(InputError, match=rf"did you mean {meant}\?"):
+        load_config(None, [override])
+
+
+@pytest.mark.parametrize(
+    ("override", "named"),
+    [
+        ("foreground.learning_rat=0.1", "foreground.learning_rat"),
+        ("no_such_stage.x=1", "no_such_stage"),
+        ("maps.cell_m=-1", "maps.cell_m"),
+        ("maps.cell_m=nan", "maps.cell_m"),
+        ("maps.cell_m=wide", "maps.cell_m"),
+        ("maps=3", "maps"),
+        ("seed.deeper.x=1", "seed"),
+        ("maps.cell_m", "maps.cell_m"),
+        ("maps.cell_m=0.0049", "maps.cell_m"),
+        ("floor.max_below_fraction=0.999999", "floor.max_below_fraction"),
+        (".=1", ".=1"),
+        ("=1", "=1"),
+    ],
+)
+def test_unknown_names_and_bad_values_are_refused_by_name(override: str, named: str) -> None:
+    with pytest.raises(InputError) as refused:
+        load_config(None, [override])
+    assert named in str(refused.value) and "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (b"[maps]\ncell_m = 99\n", r": maps\.cell_m: .*99"),
+        *[(text, ": expected a TOML configuration") for text in (b"[maps", b"\xff\xfe", b"x = " + b"[" * 5000)],
+        (None, ".*nothing there"),
+    ],
+    ids=["bad value", "cut off", "no text", "nested", "missing"],
+)
+def test_a_file_that_is_no_configuration_is_refused_by_name(tmp_path, content, found):
+    if content is not None:
+        (tmp_path / "c.toml").write_bytes(content)
+    with pytest.raises(InputError, match=rf"c\.toml{found}"):
+        load_config(tmp_path / "c.toml")
+
+
+@given(st.text(max_size=40))
+def test_any_override_is_taken_or_refused_in_one_sentence(override: str) -> None:
+    told = ""
+    try:
+        load_config(None, [override])
+    except InputError as error:
+        told = str(error)
+    assert len(told) < 400
+
+
+def parameters_of(table: BaseModel, name: str) -> Iterator[tuple[str, str | None]]:
+    meanings = field_docs(type(table))
+    for key in type(table).model_fields:
+        value = getattr(table, key)
+        if isinstance(value, BaseModel):
+            yield from parameters_of(value, f"{name}.{key}")
+        else:
+            yield f"{name}.{key}", meanings.get(key)
+
+
+def test_every_parameter_says_what_it_means() -> None:
+    described = dict(parameters_of(Config(), "config"))
+    assert len(described) > 50 and [name for name, text in described.items() if not text] == []
+
+
+SHAPE, SEARCHED = (48, 64), DisparityRange(0, 64)
+
+
+@pytest.fixture
+def disparity() -> F32:
+    """Rows from 8 to 40 px, the upper quarter unknown."""
+    rows = np.linspace(8, 40, SHAPE[0], dtype=np.float32)[:, None] * np.ones((1, SHAPE[1]), dtype=np.float32)
+    rows[:12] = np.nan
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda disparity: disparity * 16, "sixteenths"),
+        (lambda disparity: np.float32(54_000) / disparity, "or depth"),
+        (lambda disparity: np.nan_to_num(disparity, nan=0.0), "expected NaN"),
+        (lambda disparity: np.nan_to_num(disparity, nan=-1.0), "expected NaN"),
+        (lambda disparity: disparity[1:], "expected float32"),
+        (lambda disparity: disparity.astype(np.float64), "expected float32"),
+    ],
+    ids=["sixteenths of a pixel", "millimetres", "0 for none", "-1 for none", "other shape", "other numbers"],
+)
+def test_disparity_of_another_kind_is_told_and_in_pixels_passes_unchanged(disparity, change, told):
+    given = disparity.copy()
+    refuse_foreign_disparity(given, SHAPE, SEARCHED)
+    np.testing.assert_array_equal(given, disparity)
+    with pytest.raises(InputError, match=told):
+        refuse_foreign_disparity(change(disparity), SHAPE, SEARCHED)
+
+
+def test_view_reaches_far_in_its_directions_and_straight_down_is_the_image_on_the_floor():
+    camera = GroundCamera(640, 480, 500.0, 3.0, math.radians(80))
+    outline = np.array(ground_camera_info(camera).view_m)
+    far = outline[np.hypot(*outline.T) > 40]
+    half_angle = np.degrees(np.arctan2(far[:, 0], far[:, 1]))
+    assert (half_angle.min(), half_angle.max()) == pytest.approx((-32.6, 32.6), abs=3)
+    assert np.hypot(*outline.T).max() == pytest.approx(1.7 * 500 / 20)
+    camera = GroundCamera(641, 481, 500.0, 3.0, 0.0)
+    outline = np.array(ground_camera_info(camera).view_m)
+    assert np.abs(outline).max(axis=0) == pytest.approx([3 * 320 / 500, 3 * 240 / 500])
+
+
+def test_a_floor_that_the_camera_does_not_see_is_refused_by_name() -> None:
+    rectifier = RgbdRectifier(CAMERA, "structured-light")
+    upwards = Floor(SE3(np.eye(3), np.array([0.0, 0.0, 3.0])))
+    setup = Setup(rectifier, upwards, rectifier.disparities(), "world.toml", "calib.json", "structured-light")
+    with pytest.raises(InputError, match=r"hall \(floor: world.toml\): expected a camera that sees"):
+        stereo_engine(cast(Any, SimpleNamespace(path="hall")), Config(), setup=setup)
+
+
+GEOMETRY = RectifiedGeometry(320, 240, 100.0, 100.0, 160.0, 120.0, 0.1)
+LEVEL = SE3(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.array([0.0, 0.0, 1.0]))
+"""A camera 1 m above the floor that looks along y."""
+DOWN = SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 3.0]))
+"""A camera 3 m above the floor that looks straight down."""
+
+
+def box(world_SE3_left: SE3, x_m: float, y_m: float, height_m: float) -> tuple[float, float, float, float]:
+    track = TrackState(1, "confirmed", x_m, y_m, 0.0, 0.0, height_m)
+    return BodyBoxes(GEOMETRY, world_SE3_left)(track).box_px
+
+
+@pytest.mark.parametrize(
+    ("pose", "person", "expected"),
+    [
+        # The near side is at 4 m: 25 px per metre.
+        (LEVEL, (0.0, 4.25, 2.0), (160 - 25 * BODY_RADIUS_M, 120 - 25, 50 * BODY_RADIUS_M, 50)),
+        # The top is 1 m below the camera: 100 px per metre.
+        (DOWN, (0.0, 0.0, 2.0), (160 - 25, 120 - 25, 50, 50)),
+        (DOWN, (0.0, 0.0, 2.9), (-0.5, -0.5, 320, 240)),
+    ],
+    ids=["ahead, of the near side", "below, of the top of the head", "clipped to the outer edges of the image"],
+)
+def test_box_of_a_person_spans_head_to_feet(pose, person, expected):
+    assert BODY_RADIUS_M == 0.25 and box(pose, *person) == pytest.approx(expected)
+
+
+def test_somebody_out_of_view_or_of_unknown_height_or_place_has_no_box() -> None:
+    for x_m, y_m in ((0.0, -5.0), (40.0, 5.0)):
+        assert all(math.isnan(side) for side in box(LEVEL, x_m, y_m, 1.8))
+    for track in (TrackState(1, "lost"), TrackState(1, "confirmed", 0.0, 4.0)):
+        assert BodyBoxes(GEOMETRY, LEVEL)(track) is track
+
+
+def test_fleck_that_fills_less_than_half_of_a_head_is_no_change_and_a_disc_as_wide_keeps_its_middle() -> None:
+    fleck, disc = np.zeros((2, 40, 40), np.uint8)
+    fleck[10:14, 10:14] = 255
+    cv2.circle(disc, (20, 20), 3, 255, -1)
+    assert not solid(fleck, 7).any() and solid(disc, 7)[20, 20] == 255
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_smallest_square_is_the_median_of_nine(seed: int) -> None:
+    mask = np.where(np.random.default_rng(seed).random((30, 50)) < 0.5, 255, 0).astype(np.uint8)
+    assert np.array_equal(solid(mask, 3), cv2.medianBlur(mask, 3))
+
+
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_images_are_alike_up_to_the_level_in_every_channel(channels: tuple[int, ...]) -> None:
+    image, other = np.full((1, 4, *channels), 50, np.uint8), np.full((1, 4, *channels), 50, np.uint8)
+    other[0, 1], other[0, 2] = 50 + SAME_LEVELS, 50 - SAME_LEVELS
+    other[0, 3, ..., None][-1] = 50 + SAME_LEVELS + 1
+    assert alike(image, other).tolist() == [[255, 255, 255, 0]]
+
+
+BELIEF_SHAPE = (1, 40)
+
+
+def point(x_m: float, z_m: float, pixel: int) -> FloorPoints:
+    xyz = np.array([[x_m, 0.0, z_m]], dtype=np.float32)
+    return FloorPoints(xyz, np.ones(1, dtype=np.float32), np.array([pixel], dtype=np.int32))
+
+
+def person(x_m: float, state: State = "confirmed", track_id: int = 1) -> TrackState:
+    return TrackState(track_id, state, x_m, 0.0, 0.0, 0.0, 1.7)
+
+
+def mask_after(feedback: Feedback, points: FloorPoints, *tracks: TrackState) -> list[int]:
+    return [int(v) for v in feedback(points, tracks, BELIEF_SHAPE)[0]]
+
+
+def walked(spread_px: int = 2) -> Feedback:
+    feedback = Feedback(FeedbackParams(spread_px=spread_px))
+    mask_after(feedback, point(0.0, 1.0, 20), person(0.0))
+    return feedback
+
+
+def test_body_of_a_track_that_has_walked_is_protected_and_widened_where_feedback_is_on():
+    mask = mask_after(walked(), point(1.0, 1.0, 20), person(1.0))
+    assert mask[18:23] == [PERSON] * 5 and mask.count(PERSON) == 5 and mask.count(NO_FEEDBACK) == 35
+    assert Feedback(FeedbackParams(enabled=False))(point(0, 1, 2), [], BELIEF_SHAPE) is None
+
+
+@pytest.mark.parametrize(
+    ("where", "who", "expected"),
+    [
+        (point(0.2, 1.0, 20), person(0.2), {NO_FEEDBACK}),
+        (point(1.0, 1.0, 20), person(1.0, "lost"), {NO_FEEDBACK}),
+        (point(3.0, 1.0, 20), person(1.0), {NO_FEEDBACK}),
+        (point(3.0, 0.05, 20), person(1.0), {NO_FEEDBACK, BACKGROUND}),
+        (point(1.0, 0.05, 20), person(1.0), {NO_FEEDBACK, PERSON}),
+    ],
+    ids=["has not moved", "lost", "high, away from people", "low, away from people", "feet of a person"],
+)
+def test_foreground_is_a_persons_the_floors_or_left_to_the_model(where, who, expected):
+    mask = mask_after(walked(), where, who)
+    assert set(mask) == expected and mask[20] == max(expected, key=lambda label: label != NO_FEEDBACK)
+    assert mask.count(BACKGROUND) == (BACKGROUND in expected)
+
+
+@pytest.mark.parametrize("reset", [False, True], ids=["came back under its id", "reset"])
+def test_track_must_walk_again_when_it_was_away_or_forgotten(reset):
+    feedback = walked()
+    mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
+    if reset:
+        feedback.reset()
+    else:
+        mask_after(feedback, point(1.0, 1.0, 20))
+    assert PERSON not in mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
+
+
+def test_ground_is_what_no_person_is_near_of_several():
+    xyz = np.array([[1.0, 0.0, 0.05], [2.5, 0.0, 0.05], [4.0, 0.0, 0.05], [4.0, 0.0, 1.0]], dtype=np.float32)
+    points = FloorPoints(xyz, np.ones(4, dtype=np.float32), np.array([5, 15, 25, 35], dtype=np.int32))
+    feedback = Feedback(FeedbackParams(spread_px=0))
+    mask_after(feedback, points, person(0.0), person(4.0, track_id=2))
+    mask = mask_after(feedback, points, person(1.0), person(4.0, track_id=2))
+    assert [mask[i] for i in (5, 15, 25, 35)] == [PERSON, BACKGROUND, NO_FEEDBACK, NO_FEEDBACK]

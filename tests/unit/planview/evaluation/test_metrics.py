@@ -1,0 +1,380 @@
+"""Metrics on sequences that can be counted by hand."""
+
+import importlib
+import math
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planview.evaluation.metrics import clear_scores, hota_scores, identity_scores
+from planview.evaluation.sequence import Sequence, box_similarity, build_sequence, floor_similarity
+from planview.evaluation.significant import (
+    PREDICTED,
+    UNMATCHED,
+    PersonHistory,
+    PredictionHistory,
+    SignificantError,
+    SignificantParams,
+    TrackHistory,
+    grouped_events,
+    poisson_upper,
+    runs,
+    significant_errors,
+    split_visits,
+    strict_identity_changes,
+)
+from planview.trajectories.table import Trajectories, positions_table
+
+
+def table(rows: list[tuple[float, ...]]) -> Trajectories:
+    """Rows of frame, id, x, y."""
+    data = np.array(sorted(rows), dtype=np.float64).reshape(-1, 4)
+    return positions_table(data[:, 0].astype(np.int64), data[:, 1].astype(np.int64), data[:, 2:])
+
+
+def boxes(rows: list[tuple[float, ...]]) -> Trajectories:
+    """Rows of frame, id, left, top, width, height."""
+    data = np.array(rows, dtype=np.float64)
+    nowhere = np.full((len(data), 2), np.nan)
+    return positions_table(data[:, 0].astype(np.int64), data[:, 1].astype(np.int64), nowhere, box_px=data[:, 2:])
+
+
+def sequence(truth: list[tuple[float, ...]], tracks: list[tuple[float, ...]], gate_m: float = 0.5) -> Sequence:
+    return build_sequence(table(truth), table(tracks), floor_similarity(gate_m))
+
+
+def test_similarity_is_half_at_the_gate_on_the_floor_and_the_overlap_of_boxes():
+    truth, tracks = table([(0, 1, 0, 0)]), table([(0, 1, 0, 0), (0, 2, 0.5, 0), (0, 3, 0, 1.0), (0, 4, 9, 9)])
+    similarity = floor_similarity(0.5)(truth, np.zeros(4, np.int64), tracks, np.arange(4))
+    np.testing.assert_allclose(similarity, [1.0, 0.5, 0.0, 0.0])
+    truth, tracks = boxes([(0, 1, 0, 0, 10, 20)]), boxes([(0, 1, 5, 0, 10, 20), (0, 2, 20, 0, 10, 20)])
+    np.testing.assert_allclose(box_similarity(truth, np.zeros(2, np.int64), tracks, np.arange(2)), [1 / 3, 0.0])
+
+
+def test_a_perfect_sequence_counts_as_one_and_without_truth_scores_are_unknown():
+    rows = [(t, i, 2.0 * i, 0.1 * t) for t in range(5) for i in (1, 2)]
+    scores = clear_scores(sequence(rows, rows))
+    assert (scores.mota, scores.misses, scores.false_positives, scores.switches) == (1.0, 0, 0, 0)
+    assert len(scores.matches) == 10 and hota_scores(sequence(rows, rows)).hota == pytest.approx(1.0)
+    scores = clear_scores(sequence([], [(0, 1, 0, 0)]))
+    assert (scores.mota, scores.false_positives) == (None, 1) and identity_scores(sequence([], [])).idf1 is None
+
+
+def test_clear_counts_misses_false_positives_and_a_switch():
+    # Person 1 stands at x = 0: frames 0-1 track 7, frame 2 none, frames 3-4 track 8. Track 9 is far away once.
+    truth = [(t, 1, 0, 0) for t in range(5)]
+    tracks = [(0, 7, 0, 0), (1, 7, 0, 0), (2, 9, 5, 5), (3, 8, 0.2, 0), (4, 8, 0.2, 0)]
+    scores = clear_scores(sequence(truth, tracks))
+    assert (scores.misses, scores.false_positives, scores.switches) == (1, 1, 1)
+    assert scores.mota == pytest.approx(1 - 3 / 5)
+
+
+def test_clear_matches_up_to_the_gate_and_goes_on_although_another_track_is_nearer():
+    at = clear_scores(sequence([(0, 1, 0, 0)], [(0, 1, 0.5, 0)]))
+    beyond = clear_scores(sequence([(0, 1, 0, 0)], [(0, 1, 0.501, 0)]))
+    assert (len(at.matches), len(beyond.matches)) == (1, 0)
+    truth = [(0, 1, 0, 0), (1, 1, 0, 0)]
+    tracks = [(0, 1, 0.0, 0), (1, 1, 0.4, 0), (1, 2, 0.0, 0)]
+    scores = clear_scores(sequence(truth, tracks))
+    assert (scores.switches, scores.false_positives) == (0, 1)
+
+
+def test_clear_counts_crossed_identities_as_two_switches():
+    truth = [(t, i, 3.0 * i, 0) for t in range(4) for i in (1, 2)]
+    tracks = [(t, i if t < 2 else 3 - i, 3.0 * i, 0) for t in range(4) for i in (1, 2)]
+    assert clear_scores(sequence(truth, tracks)).switches == 2
+
+
+def test_clear_counts_fragmentations_and_people_mostly_tracked_or_lost():
+    # Person 1 is matched in 9 of 10 frames (one gap), person 2 in 5 of 10 (every other frame), person 3 in 1 of 10.
+    truth = [(t, i, 5.0 * i, 0) for t in range(10) for i in (1, 2, 3)]
+    found = {1: {0, 1, 2, 3, 5, 6, 7, 8, 9}, 2: {0, 2, 4, 6, 8}, 3: {0}}
+    scores = clear_scores(sequence(truth, [row for row in truth if row[0] in found[int(row[1])]]))
+    assert (scores.fragmentations, scores.mostly_tracked, scores.mostly_lost) == (1 + 4, 1, 1)
+
+
+def test_joined_sequences_add_up_and_share_no_identity():
+    truth = [(t, 1, 0, 0) for t in range(4)]
+    one = sequence(truth, [(t, 1, 0, 0) for t in range(3)])
+    two = sequence(truth, [(t, 1 if t < 2 else 2, 0, 0) for t in range(4)])
+    joined = Sequence.joined([one, two])
+    scores = clear_scores(joined)
+    assert (joined.truth_rows, joined.track_rows, scores.misses, scores.switches) == (8, 7, 1, 1)
+    assert identity_scores(joined).idtp == 3 + 2
+
+
+def test_identity_gives_a_person_only_the_track_that_explains_most():
+    # Track 1 holds the person for 3 of 5 frames, track 2 for the other 2: idtp 3, idf1 = 2 * 3 / (5 + 5).
+    truth = [(t, 1, 0, 0) for t in range(5)]
+    tracks = [(t, 1 if t < 3 else 2, 0, 0) for t in range(5)]
+    scores = identity_scores(sequence(truth, tracks))
+    assert (scores.idtp, scores.idfn, scores.idfp) == (3, 2, 2) and scores.idf1 == pytest.approx(0.6)
+
+
+def test_hota_of_a_split_track_is_the_root_of_its_association_and_a_match_counts_up_to_its_localisation():
+    # All detections perfect; each half holds 2 of 4 frames: A = 2 / (4 + 2 - 2) for every match.
+    truth = [(t, 1, 0, 0) for t in range(4)]
+    tracks = [(t, 1 if t < 2 else 2, 0, 0) for t in range(4)]
+    scores = hota_scores(sequence(truth, tracks))
+    assert scores.deta == pytest.approx(1.0) and scores.assa == pytest.approx(0.5)
+    assert scores.hota == pytest.approx(math.sqrt(0.5))
+    # Distance 0.2 with gate 0.5 is a similarity of 0.8: 16 of 19 thresholds accept it.
+    scores = hota_scores(sequence([(0, 1, 0, 0)], [(0, 1, 0.2, 0)]))
+    assert scores.hota == pytest.approx(16 / 19)
+
+
+_rows = st.lists(
+    st.tuples(st.integers(0, 6), st.integers(1, 4), st.floats(-1, 1), st.floats(-1, 1)),
+    max_size=25,
+    unique_by=lambda row: row[:2],
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(_rows, _rows)
+def test_metrics_stay_in_range_whatever_the_rows(truth, tracks):
+    rows = sequence(truth, tracks)
+    clear, identity, hota = clear_scores(rows), identity_scores(rows), hota_scores(rows)
+    assert clear.misses + len(clear.matches) == len(truth)
+    assert clear.false_positives + len(clear.matches) == len(tracks)
+    assert len({tuple(pair) for pair in clear.matches}) == len(clear.matches)
+    for value in (identity.idf1, hota.hota, hota.deta, hota.assa):
+        assert value is None or 0.0 <= value <= 1.0 + 1e-12
+    if clear.mota is not None:
+        assert clear.mota <= 1.0
+
+
+def _wild_sequence(seed: int) -> Sequence:
+    """Six wanderers with noise, misses, clutter, exchanged and renewed ids, and empty frames."""
+    rng = np.random.default_rng(seed)
+    place, step = rng.uniform(-2, 2, (6, 2)), rng.normal(0, 0.05, (6, 2))
+    names, fresh = list(range(1, 7)), 7
+    truth: list[tuple[float, ...]] = []
+    tracks: list[tuple[float, ...]] = []
+    for t in range(60):
+        place += step
+        for i in range(6):
+            if 30 <= t < 33 or not 4 * i <= t < 60 - 2 * i:
+                continue
+            if not 20 <= t < 22:
+                truth.append((t, i + 1, *place[i]))
+            if rng.random() < 0.85 and not 40 <= t < 42:
+                tracks.append((t, names[i], *(place[i] + rng.normal(0, 0.2, 2))))
+        if rng.random() < 0.3:
+            tracks.append((t, 1000, *rng.uniform(-2, 2, 2)))
+        i, j = rng.integers(6, size=2)
+        if rng.random() < 0.15:
+            names[i], names[j] = names[j], names[i]
+        if rng.random() < 0.1:
+            names[i], fresh = fresh, fresh + 1
+    return sequence(truth, tracks)
+
+
+def _as_trackeval_wants_it(rows: Sequence) -> dict[str, object]:
+    frames = range(rows.n_frames)
+    similarity = np.zeros((rows.truth_rows, rows.track_rows))
+    similarity[rows.pair_truth, rows.pair_track] = rows.similarity
+    truth, tracks = ([np.flatnonzero(of == f) for f in frames] for of in (rows.truth_frame, rows.track_frame))
+    return {
+        "num_gt_ids": rows.n_truth,
+        "num_tracker_ids": rows.n_tracks,
+        "num_gt_dets": rows.truth_rows,
+        "num_tracker_dets": rows.track_rows,
+        "num_timesteps": rows.n_frames,
+        "gt_ids": [rows.truth[t] for t in truth],
+        "tracker_ids": [rows.tracks[k] for k in tracks],
+        "similarity_scores": [similarity[np.ix_(t, k)] for t, k in zip(truth, tracks, strict=True)],
+    }
+
+
+def test_metrics_agree_with_trackeval_on_wild_sequences(monkeypatch):
+    for name, kind in (("float", float), ("int", int), ("bool", bool)):  # aliases that numpy 2 no longer has
+        if not hasattr(np, name):
+            monkeypatch.setattr(np, name, kind, raising=False)
+    try:
+        metrics = importlib.import_module("trackeval.metrics")
+    except ImportError:
+        pytest.skip("trackeval is not installed here (pip install --no-deps trackeval)")
+    finally:
+        sys.modules.pop("trackeval", None)
+    for seed in range(20):
+        rows = _wild_sequence(seed)
+        data = _as_trackeval_wants_it(rows)
+        clear = metrics.CLEAR({"PRINT_CONFIG": False}).eval_sequence(data)
+        identity = metrics.Identity({"PRINT_CONFIG": False}).eval_sequence(data)
+        hota = metrics.HOTA().eval_sequence(data)
+        ours, ours_identity, ours_hota = clear_scores(rows), identity_scores(rows), hota_scores(rows)
+        assert (ours.misses, ours.false_positives, ours.switches) == (clear["CLR_FN"], clear["CLR_FP"], clear["IDSW"])
+        assert (ours.mostly_tracked, ours.mostly_lost, ours.fragmentations) == (clear["MT"], clear["ML"], clear["Frag"])
+        assert ours.mota == pytest.approx(clear["MOTA"])
+        assert ours_identity.idf1 == pytest.approx(identity["IDF1"])
+        assert ours_hota.hota == pytest.approx(hota["HOTA"].mean())
+        assert ours_hota.assa == pytest.approx(hota["AssA"].mean())
+        assert ours_hota.deta == pytest.approx(hota["DetA"].mean())
+
+
+FRAME_S = 0.1
+
+
+def person(truth_id: int, *parts: tuple[int, int], start: int = 0) -> PersonHistory:
+    """A history of (track id, number of frames) parts."""
+    ids = np.concatenate([np.full(n, track) for track, n in parts])
+    return PersonHistory(truth_id, start + np.arange(len(ids)), ids)
+
+
+def found(people: list[PersonHistory], tracks: list[TrackHistory] | None = None) -> list[SignificantError]:
+    return significant_errors(people, tracks or [], FRAME_S, SignificantParams())
+
+
+def kinds(people: list[PersonHistory], tracks: list[TrackHistory] | None = None) -> list[tuple[str, int]]:
+    return [(error.kind, error.frame) for error in found(people, tracks)]
+
+
+CASES: dict[str, tuple[list[PersonHistory], list[tuple[str, int]]]] = {
+    "held throughout": ([person(1, (5, 100))], []),
+    "never tracked": ([person(1, (UNMATCHED, 20))], [("missed", 0)]),
+    "never tracked, but too short": ([person(1, (UNMATCHED, 19))], []),
+    "tracked late": ([person(1, (UNMATCHED, 30), (5, 50))], []),
+    "brush with another's track": ([person(1, (UNMATCHED, 20), (9, 4), (UNMATCHED, 20))], [("missed", 0)]),
+    "alone for a second": ([person(1, (5, 30), (UNMATCHED, 10), (5, 30))], []),
+    "lost until the end": ([person(1, (5, 30), (UNMATCHED, 15), (8, 2), (UNMATCHED, 15))], [("lost", 30)]),
+    # 0.4 s without a track, 0.3 s with it, and so on for 3.5 s: never longer than a second at a stretch.
+    "scattered misses": ([person(1, (5, 30), *[(UNMATCHED, 4), (5, 3)] * 5, (5, 30))], []),
+    "prediction near": ([person(1, (5, 30), (PREDICTED, 25), (5, 30))], []),
+    "new id after a long absence": (
+        [PersonHistory(1, np.concatenate([np.arange(30), 80 + np.arange(30)]), np.repeat([5, 6], 30))], [],
+    ),
+    "long loss that ends in a new id": ([person(1, (5, 30), (UNMATCHED, 20), (6, 30))], [("lost", 30)]),
+    "exchange and return": (
+        [person(1, (5, 30), (6, 80), (5, 30)), person(2, (6, 30), (5, 80), (6, 30))],
+        [("swapped", 30), ("swapped", 110)],
+    ),
+    "flicker between close people": (
+        [person(1, (5, 30), (6, 4), (5, 30)), person(2, (6, 30), (5, 4), (6, 30))], [],
+    ),
+    "two people, by frame": (
+        [person(1, (5, 50), (UNMATCHED, 20)), person(2, (UNMATCHED, 30), start=10)], [("missed", 10), ("lost", 50)],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_errors_of_people(name: str) -> None:
+    people, expected = CASES[name]
+    assert kinds(people) == expected
+
+
+AWAY = np.concatenate([np.arange(30), 60 + np.arange(30)])
+
+
+@pytest.mark.parametrize(
+    ("people", "expected"),
+    [
+        ([person(1, (5, 30), (UNMATCHED, 11), (5, 30))], ("lost", 30, 1, 5)),
+        ([PersonHistory(1, AWAY, np.repeat([5, 6], 30))], ("lost", 60, 1, 5)),
+        ([person(1, (5, 30), (6, 30)), person(2, (6, 31), (5, 29))], ("swapped", 30, 1, 6)),
+        ([person(1, (5, 30)), person(2, (6, 30), (5, 30))], ("swapped", 30, 2, 5)),
+    ],
+    ids=["alone for more than a second", "back with a new id", "exchanged", "took over another's track"],
+)
+def test_error_has_its_frame_person_and_track(people, expected):
+    (error,) = found(people)
+    assert (error.kind, error.frame, error.truth_id, error.track_id) == expected
+
+
+STRETCH = "visible but without a track for 1.2 s at a stretch"
+MOMENT = "visible for 4.4 s and tracked for only 0.4 s of it"
+
+
+@pytest.mark.parametrize(
+    ("parts", "expected"),
+    [
+        ([(5, 30), (UNMATCHED, 4), (5, 3), (UNMATCHED, 12), (5, 30)], ("lost", 37, 5, STRETCH)),
+        ([(5, 30), *[(UNMATCHED, 6), (9, 1)] * 3, (6, 30)], ("lost", 51, 5, "went on as a new track 6")),
+        ([(UNMATCHED, 20), (9, 4), (UNMATCHED, 20)], ("missed", 0, None, MOMENT)),
+    ],
+    ids=["the time at a stretch", "scattered misses before a new id", "tracked for a moment"],
+)
+def test_note_of_an_error_says_what_happened(parts, expected):
+    (error,) = found([person(1, *parts)])
+    assert (error.kind, error.frame, error.track_id, error.note) == expected
+    assert error.note != STRETCH or error.duration_s == pytest.approx(1.2)
+
+
+def test_strict_count_takes_a_new_id_after_coming_back_and_both_sides_of_a_swap() -> None:
+    params = SignificantParams()
+    back = PersonHistory(1, np.concatenate([np.arange(30), 200 + np.arange(30)]), np.repeat([5, 6], 30))
+    swap = [person(1, (5, 30), (6, 30)), person(2, (6, 31), (5, 29))]
+    flicker = person(1, (5, 30), (6, 4), (5, 30))
+    assert [strict_identity_changes(p, FRAME_S, params) for p in ([back], swap, [flicker])] == [1, 2, 0]
+
+
+def test_track_on_no_person_for_a_second_is_false_once_and_for_less_no_error():
+    stray = np.array([True] * 10 + [False] * 10 + [True] * 30)
+    (error,) = found([], [TrackHistory(9, 100 + np.arange(50), stray)])
+    assert (error.kind, error.frame, error.truth_id, error.track_id) == ("false_track", 120, None, 9)
+    assert found([], [TrackHistory(9, np.arange(9), np.ones(9, dtype=bool))]) == []
+
+
+def test_moment_near_a_person_does_not_excuse_a_false_track_and_most_of_the_time_does():
+    stray = np.array([True] * 8 + [False] * 3 + [True] * 8)
+    (error,) = found([], [TrackHistory(9, np.arange(19), stray)])
+    assert (error.kind, error.frame, error.note) == ("false_track", 0, "on no person for 1.6 s of 1.9 s")
+    stray = np.array([True, False, False, False] * 9)
+    assert kinds([], [TrackHistory(9, np.arange(36), stray)]) == []
+
+
+def predicted(n: int, off: slice, track_id: int = 5) -> PredictionHistory:
+    """Predictions of person 1 in n frames from frame 100 on, some of them off."""
+    strays = np.zeros(n, dtype=bool)
+    strays[off] = True
+    return PredictionHistory(track_id, 100 + np.arange(n), np.ones(n, dtype=np.int64), strays)
+
+
+def of_predictions(*predictions: PredictionHistory, tracks: list[TrackHistory] | None = None) -> list[SignificantError]:
+    return significant_errors([], tracks or [], FRAME_S, SignificantParams(), predictions)
+
+
+def test_prediction_off_its_person_for_over_a_second_is_a_false_track_and_now_and_then_no_error():
+    (error,) = of_predictions(predicted(20, slice(5, 16)))
+    assert (error.kind, error.frame, error.truth_id, error.track_id) == ("false_track", 105, 1, 5)
+    assert (error.duration_s, error.note) == (pytest.approx(1.1), "predicted away from person 1 for 1.1 s")
+    assert of_predictions(predicted(20, slice(5, 15))) == []
+    assert of_predictions(predicted(40, slice(None, None, 2))) == []
+
+
+def test_track_is_false_once_for_confirmed_and_predicted_rows() -> None:
+    stray = TrackHistory(5, np.arange(20), np.ones(20, dtype=bool))
+    assert [error.frame for error in of_predictions(predicted(20, slice(0, 20)), tracks=[stray])] == [0]
+    assert len(of_predictions(predicted(20, slice(0, 20), track_id=6), tracks=[stray])) == 2
+
+
+def error(frame: int, truth_id: int | None, track_id: int | None) -> SignificantError:
+    return SignificantError("lost", frame, truth_id, track_id, None, "")
+
+
+def test_errors_of_one_person_or_track_within_two_seconds_are_one_event_and_others_their_own():
+    # Person 1 and track 5; then track 5 of person 2; then person 2 again, 20 frames after the first.
+    one = [error(10, 1, 5), error(20, 2, 5), error(30, 2, 7)]
+    assert grouped_events(one, 20) == [one]
+    # 21 frames after the first error, and another person and track.
+    assert [len(event) for event in grouped_events([*one, error(31, 2, 7), error(31, 3, 8)], 20)] == [3, 1, 1]
+    assert len(grouped_events([error(10, 1, None), error(10, None, 1), error(10, None, None)], 20)) == 3
+
+
+def test_upper_bound_of_a_poisson_count() -> None:
+    # P(0; m) = exp(-m) = 5 % at m = ln 20; P(0 or 1; m) = (1 + m) exp(-m) = 5 % at 4.744.
+    assert poisson_upper(0) == pytest.approx(np.log(20))
+    assert poisson_upper(1) == pytest.approx(4.744, abs=1e-3)
+    assert 10 * poisson_upper(1) / 12.8 == pytest.approx(3.7, abs=0.01)
+
+
+def test_visits_split_at_long_gaps_only_and_runs_are_stretches():
+    frames = np.array([0, 1, 41, 42, 83])
+    parts = split_visits(PersonHistory(1, frames, np.ones(5, dtype=np.int64)), FRAME_S, 4.0)
+    assert [part.frame.tolist() for part in parts] == [[0, 1, 41, 42], [83]]
+    assert runs(np.array([True, False, True, True])) == [(0, 1), (2, 4)]
+    assert runs(np.zeros(0, dtype=bool)) == []

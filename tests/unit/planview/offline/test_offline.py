@@ -1,0 +1,205 @@
+"""Tracks refined and edited afterwards."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calib.errors import InputError
+from planview.offline.edit import edited
+from planview.offline.refine import Refined, refine
+from planview.trajectories.file import Region
+from planview.trajectories.table import Trajectories, concatenated, positions_table
+
+
+def walk(
+    frames: range, track_id: int = 1, y_m: float = 0.0, speed_mps: float = 1.0, height_m: float = 1.7
+) -> Trajectories:
+    """A person walking along x, at x = 0 in frame 0."""
+    frame = np.arange(frames.start, frames.stop)
+    xy = np.column_stack([0.1 * speed_mps * frame, np.full(len(frame), y_m)])
+    return positions_table(frame, np.full(len(frame), track_id), xy, np.full(len(frame), height_m), 0.1 * frame)
+
+
+def with_state(table: Trajectories, state: str, first: int, last: int) -> Trajectories:
+    """The rows of frames first to last in another state."""
+    inside = (table.frame >= first) & (table.frame <= last)
+    return replace(table, state=np.where(inside, state, table.state))
+
+
+def kinds(result: Refined) -> list[tuple[str, int, int, int]]:
+    return [(c.kind, c.track_id, c.first_frame, c.last_frame) for c in result.changes if c.kind != "smooth"]
+
+
+def test_track_that_was_never_confirmed_stays_as_it_is() -> None:
+    ghost = with_state(walk(range(5, 9), track_id=2, y_m=3.0), "tentative", 5, 8)
+    result = refine(concatenated([walk(range(30)), ghost]))
+    kept = result.tracks.where(result.tracks.track_id == 2)
+    assert kept.state.tolist() == ["tentative"] * 4
+    np.testing.assert_array_equal(kept.x_m, ghost.x_m)
+
+
+def test_rows_and_states_stay_as_they_are() -> None:
+    tracks = with_state(with_state(walk(range(5, 30)), "tentative", 5, 8), "lost", 15, 19)
+    tracks = tracks.where((tracks.frame < 22) | (tracks.frame > 24))
+    result = refine(tracks)
+    assert result.tracks.state.tolist() == tracks.state.tolist()
+    np.testing.assert_array_equal(result.tracks.frame, tracks.frame)
+    assert kinds(result) == []
+
+
+def test_predictions_within_a_track_lie_on_its_path_and_are_kept_after_the_last_confirmed_row():
+    tracks = with_state(walk(range(30)), "lost", 10, 14)
+    result = refine(replace(tracks, y_m=np.where(tracks.state == "lost", 0.8, 0.0))).tracks
+    np.testing.assert_allclose(result.y_m, 0.0, atol=1e-9)
+    np.testing.assert_allclose(result.x_m, 0.1 * np.arange(30), atol=0.02)
+    tracks = with_state(walk(range(30)), "lost", 25, 29)
+    result = refine(tracks)
+    np.testing.assert_array_equal(result.tracks.x_m[25:], tracks.x_m[25:])
+    assert result.tracks.state[25:].tolist() == ["lost"] * 5
+
+
+def test_smoothing_reduces_noise_and_keeps_a_straight_walk() -> None:
+    straight = walk(range(100))
+    noisy = replace(straight, y_m=np.random.default_rng(0).normal(0, 0.05, 100))
+    np.testing.assert_allclose(refine(straight).tracks.x_m, straight.x_m, atol=0.02)
+    assert np.std(refine(noisy).tracks.y_m) < 0.6 * np.std(noisy.y_m)
+
+
+def test_fragments_of_one_walk_are_joined_under_the_first_id_and_predictions_end_where_the_next_begins():
+    result = refine(concatenated([walk(range(30), 4), walk(range(40, 70), 9)]))
+    assert np.unique(result.tracks.track_id).tolist() == [4] and kinds(result) == [("join", 4, 29, 40)]
+    assert len(result.tracks) == 60
+    first = with_state(walk(range(45), 4), "lost", 30, 44)
+    result = refine(concatenated([first, walk(range(40, 70), 9)]))
+    assert result.tracks.frame.tolist() == list(range(70))
+    assert result.tracks.state.tolist() == ["confirmed"] * 30 + ["lost"] * 10 + ["confirmed"] * 30
+
+
+@pytest.mark.parametrize(
+    "later",
+    [
+        walk(range(40, 70), 9, height_m=1.2),
+        walk(range(40, 70), 9, y_m=4.0),
+        walk(range(330, 360), 9, speed_mps=0.1),
+        walk(range(29, 60), 9),
+    ],
+    ids=["another height", "out of reach", "long after", "overlapping"],
+)
+def test_fragment_that_does_not_fit_is_another_person(later):
+    assert np.unique(refine(concatenated([walk(range(30), 4), later])).tracks.track_id).tolist() == [4, 9]
+
+
+def test_each_fragment_is_continued_by_the_one_that_fits_over_the_whole_recording() -> None:
+    # Both starts are as near to the end of 2; that of 1 is nearer to 4, which therefore 2 must leave alone.
+    ends = [walk(range(30), 1, y_m=0.0), walk(range(30), 2, y_m=1.0)]
+    starts = [walk(range(32, 70), 3, y_m=1.1), walk(range(32, 70), 4, y_m=0.9)]
+    tracks = refine(concatenated([*ends, *starts])).tracks
+    last = tracks.where(tracks.frame == 69)
+    np.testing.assert_allclose(last.y_m[np.argsort(last.track_id)], [0.9, 1.1], atol=0.02)
+
+
+def test_tracks_without_times_stay_without_and_none_stay_none():
+    tracks = walk(range(20))
+    assert np.isnan(refine(replace(tracks, timestamp_s=np.full(20, math.nan))).tracks.timestamp_s).all()
+    assert len(refine(walk(range(0))).tracks) == 0
+    with pytest.raises(InputError, match="floor positions"):
+        refine(replace(walk(range(5)), x_m=np.full(5, math.nan)))
+
+
+_pieces = st.lists(
+    st.tuples(st.integers(0, 40), st.integers(1, 25), st.floats(-2, 2), st.floats(-1.5, 1.5), st.integers(0, 4)),
+    max_size=5,
+)
+
+
+@settings(max_examples=40, deadline=None)
+@given(_pieces)
+def test_refinement_adds_no_row_and_keeps_ids_unique(pieces: list[tuple[int, int, float, float, int]]) -> None:
+    tables = [
+        with_state(walk(range(a, a + n), i, y, v), "tentative", a, a + tentative - 1)
+        for i, (a, n, y, v, tentative) in enumerate(pieces, start=1)
+    ]
+    tracks = concatenated([walk(range(0), 99), *tables])
+    result = refine(tracks).tracks
+    for track_id in np.unique(result.track_id):
+        before = tracks.frame[tracks.track_id == track_id]
+        assert track_id > 0 and result.frame[result.track_id == track_id].min() >= before.min()
+    assert len({*zip(result.frame.tolist(), result.track_id.tolist(), strict=True)}) == len(result)
+    assert len(result) <= len(tracks) and set(result.track_id) <= set(tracks.track_id)
+    assert np.isfinite(result.x_m).all()
+
+
+def tracks(*parts: tuple[int, Sequence[int], float]) -> Trajectories:
+    """Parts of (id, frames, x), who walk 0.1 m a frame along y."""
+    rows = sorted((frame, i, x, 0.1 * frame) for i, frames, x in parts for frame in frames)
+    frame, ids = np.array([row[:2] for row in rows], dtype=np.int64).T
+    return positions_table(frame, ids, np.array([row[2:] for row in rows]), timestamp_s=frame / 10)
+
+
+def frames_of(table: Trajectories) -> dict[int, tuple[int, int]]:
+    """First and last frame of every id."""
+    ids = np.unique(table.track_id).tolist()
+    return {i: (int(table.frame[table.track_id == i][0]), int(table.frame[table.track_id == i][-1])) for i in ids}
+
+
+TWO = tracks((1, range(10), 0.0), (2, range(12, 20), 0.0), (3, range(20), 5.0))
+
+
+AROUND_ONE = "POLYGON ((-1 -1, 1 -1, 1 0.45, -1 0.45, -1 -1))"
+
+
+@pytest.mark.parametrize(
+    ("edits", "frames"),
+    [
+        (["join 1 2"], {1: (0, 19), 3: (0, 19)}),
+        (["delete 3", "split 1 4"], {1: (0, 3), 2: (12, 19), 4: (4, 9)}),  # an id that no track ever had
+        (["delete 1", "delete 3 0 9"], {2: (12, 19), 3: (10, 19)}),
+        (["shorter 0.95"], {1: (0, 9), 3: (0, 19)}),
+        ([f"region {AROUND_ONE}"], {1: (0, 4)}),
+        ([f"ignore {AROUND_ONE}"], {1: (5, 9), 2: (12, 19), 3: (0, 19)}),
+    ],
+    ids=lambda value: value[0].split()[0] if isinstance(value, list) else "",
+)
+def test_edits_change_which_track_has_which_frames(edits, frames):
+    assert frames_of(edited(TWO, edits)) == frames
+
+
+@pytest.mark.parametrize(
+    ("edit", "found"),
+    [
+        ("join 1 3", "'join 1 3': expected tracks that are never in one frame, found both in 10"),
+        ("split 2 12", r"expected a frame within the track \(13 to 19\), found 12"),
+        ("rename 1 2", "expected an id from 1 that no track has, found 2"),
+    ],
+)
+def test_edits_that_do_not_fit_the_tracks_are_refused(edit, found):
+    with pytest.raises(InputError, match=found):
+        edited(TWO, [edit])
+
+
+def test_rename_keeps_rows_sorted_and_the_hole_of_a_polygon_is_outside():
+    assert edited(TWO, ["rename 1 9"]).track_id[:2].tolist() == [3, 9]
+    region = Region("POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0), (1 1, 3 1, 3 3, 1 3, 1 1))", "test")
+    assert region.contains(np.array([0.5, 2.0, 5.0]), np.array([0.5, 2.0, 2.0])).tolist() == [True, False, False]
+
+
+def test_gaps_are_joined_within_time_and_distance_in_chains_by_the_nearest():
+    parts = tracks((1, range(10), 0.0), (2, range(12, 20), 0.1), (3, range(22, 30), 0.2), (4, range(12, 30), 3.0))
+    assert frames_of(edited(parts, ["join-gaps 0.5 0.5"])) == {1: (0, 29), 4: (12, 29)}
+    assert len(frames_of(edited(parts, ["join-gaps 0.2 0.5"]))) == 4
+    assert len(frames_of(edited(parts, ["join-gaps 0.5 0.1"]))) == 4
+    parts = tracks((1, range(10), 0.0), (2, range(12, 20), 0.3), (3, range(12, 20), 0.1))
+    assert frames_of(edited(parts, ["join-gaps 1 1"])) == {1: (0, 19), 2: (12, 19)}
+
+
+@pytest.mark.parametrize(
+    "line", ["", "fly 1", "join 1", "join 1 two", "split 1", "shorter", "shorter -1", "delete 1 2", "region x"]
+)
+def test_what_is_no_edit_is_refused_with_how_it_is_written(line: str) -> None:
+    with pytest.raises(InputError, match="expected"):
+        edited(TWO, [line])

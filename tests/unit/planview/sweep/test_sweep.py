@@ -1,0 +1,318 @@
+"""Sweeps: proposals, jobs, results, studies."""
+
+import math
+import os
+import shutil
+import signal
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import numpy as np
+import pytest
+from inline_pool import InlinePool
+
+import planview
+from calib.errors import InputError, WorkError
+from planview.output.resume import code_version, content_key
+from planview.sweep.jobs import files_beside
+from planview.sweep.results import JobResult, estimate, ranked, summary_csv, why_no_intervals
+from planview.sweep.study import Configuration, Range, grid, load_study, random_draws, varied
+from planview.sweep.work import DEATHS_MAX, ClusterPool, ProcessPool, run_tasks
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    for side in ("left", "right"):
+        (tmp_path / "a" / side).mkdir(parents=True)
+        (tmp_path / "a" / side / "0.png").write_bytes(side.encode())
+    (tmp_path / "a" / "rig.toml").write_text("focal = 1")
+    return tmp_path / "a"
+
+
+@pytest.mark.parametrize("change", ["left/0.png", "rig.toml", "left/1.png"])
+def test_key_changes_with_the_content(change: str, recording: Path) -> None:
+    before = content_key(recording)
+    (recording / change).write_text("tfel" if change == "left/0.png" else "focal = 2")
+    assert content_key(recording) != before
+
+
+def test_key_is_that_of_the_content_without_truth_hidden_files_or_results(recording, tmp_path):
+    before = content_key(recording)
+    (recording / "truth.csv").write_text("frame,id\n")
+    (recording / ".cache").write_text("x")
+    (recording / "out").mkdir()
+    (recording / "out" / "run.json").write_text("{}")
+    assert content_key(recording) == before
+    assert content_key(Path(shutil.copytree(recording, tmp_path / "b"))) == content_key(recording)
+    with pytest.raises(InputError, match="no such file or folder"):
+        content_key(tmp_path / "none")
+
+
+def test_key_of_a_large_file_depends_on_its_first_and_last_bytes_and_size(tmp_path: Path) -> None:
+    path, size = tmp_path / "left.mp4", 40 * 64 * 1024
+    keys = set()
+    for place in (None, 0, size - 1, size):
+        content = bytearray(size + (place == size))
+        if place is not None:
+            content[place] = 1
+        path.write_bytes(content)
+        keys.add(content_key(path))
+    assert len(keys) == 4
+
+
+def test_files_beside_a_video_are_calibrations_and_times(tmp_path: Path) -> None:
+    for name in ("a.mp4", "b.mp4", "calib.json", "timestamps.csv", "truth.csv", "study.toml"):
+        (tmp_path / name).touch()
+    assert [file.name for file in files_beside(tmp_path / "a.mp4")] == ["calib.json", "timestamps.csv"]
+
+
+def test_version_changes_with_the_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(Path(planview.__file__).parent / "checks", tmp_path / "planview" / "checks")
+    monkeypatch.setattr(planview, "__file__", str(tmp_path / "planview" / "__init__.py"))
+    before = code_version.__wrapped__()
+    with next((tmp_path / "planview").rglob("[a-z]*.py")).open("a") as file:
+        file.write("# changed\n")
+    assert code_version.__wrapped__() != before
+
+
+A, B = Configuration(("a.b=1",)), Configuration(("a.b=2",))
+
+
+def result(configuration: Configuration, recording: str, mota: float | None, seed: int = 0) -> JobResult:
+    figures = {} if mota is None else {"mota": mota, "position_error_mean_m": 1 - mota}
+    return JobResult(recording, configuration, seed, figures=figures, error="" if figures else "no floor")
+
+
+@pytest.mark.parametrize(
+    ("runs", "objective"),
+    [
+        ([result(A, "x", 0.5), result(A, "y", 0.7), result(B, "x", 0.9), result(B, "y", 0.5)], "mota"),
+        ([result(A, "x", 0.5), result(B, "x", 0.9)], "position_error_mean_m"),
+        ([result(A, "x", 0.9), result(A, "y", None), result(B, "x", 0.5), result(B, "y", 0.5)], "mota"),
+        ([result(A, "x", None), result(B, "x", 0.5)], "mota"),
+    ],
+    ids=["the best mean over recordings", "the least error", "complete ones", "those that have the objective"],
+)
+def test_comes_first(runs, objective):
+    ranking = ranked(runs, objective)
+    assert [row.configuration for row in ranking] == [B, A]
+    if len(runs) == 4:
+        means = [row.figures["mota"].mean for row in ranking]
+        assert means == pytest.approx([0.7, 0.6] if not ranking[1].failed else [0.5, 0.9])
+        assert (ranking[1].runs, ranking[1].failed) in ((2, 0), (1, 1))
+
+
+def test_seeds_of_a_recording_count_together_as_much_as_another_recording() -> None:
+    values = np.array([[0.0, 0.0], [1.0, math.nan]])
+    assert estimate(values).mean == 0.5
+
+
+@pytest.mark.parametrize("values", [[[0.4]], [[0.4, 0.5]] * 4, [[0.4]] * 4 + [[math.nan]]])
+def test_fewer_than_five_recordings_have_no_interval_and_why_is_said(values):
+    found = estimate(np.array(values))
+    assert found.mean == pytest.approx(np.nanmean(values)) and math.isnan(found.low) and math.isnan(found.high)
+    why = why_no_intervals([result(A, "x", 0.5), result(A, "y", None)])
+    assert why == "no 95% intervals: they need 5 recordings, found 1"
+    assert not why_no_intervals([result(A, name, 0.5) for name in "abcde"])
+
+
+def test_interval_is_that_of_the_mean_and_of_equal_recordings_without_width():
+    found = estimate(np.full((5, 1), 0.25))
+    assert (found.mean, found.low, found.high) == pytest.approx((0.25, 0.25, 0.25))
+    values = np.random.default_rng(1).normal(0.0, 1.0, (400, 1))
+    found = estimate(values)
+    assert found.high - found.low == pytest.approx(2 * 1.96 * values.std() / 20, rel=0.1)
+
+
+def test_difference_to_the_first_is_taken_run_by_run() -> None:
+    runs = [result(A, name, 0.5 + i / 10) for i, name in enumerate("vwxyz")]
+    runs += [result(B, name, 0.4 + i / 10) for i, name in enumerate("vwxyz")]
+    behind = ranked(runs, "mota")[1].behind
+    assert (behind.mean, behind.low, behind.high) == pytest.approx((-0.1, -0.1, -0.1))
+
+
+def test_summary_has_a_row_per_run_a_column_per_parameter_and_no_formulas():
+    done = JobResult("hall", Configuration(("a.b=1", "c.d=true")), 3, figures={"mota": 0.5})
+    header, row = summary_csv([done]).splitlines()
+    assert header.startswith("recording,a.b,c.d,seed,state,tracked_from,mota,idf1")
+    assert row.startswith("hall,1,true,3,done,recording,0.5,,")
+    failed = JobResult('=HYPERLINK("x")', Configuration(("a.b=-1",)), 0, error="no floor")
+    row = summary_csv([failed]).splitlines()[1]
+    assert row.startswith('"\'=HYPERLINK(""x"")",-1,0,failed') and row.endswith(",no floor")
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "s.toml"
+    path.write_text(text)
+    return path
+
+
+def test_study_finds_recordings_by_path_pattern_and_table(tmp_path: Path) -> None:
+    for name in ("hall/a", "hall/b", "other"):
+        (tmp_path / name).mkdir(parents=True)
+    text = 'recordings = ["hall/*", "other", { path = "x.mp4", camera = "camera.toml" }]\n'
+    study = load_study(write(tmp_path, text))
+    paths = [entry.path.relative_to(tmp_path).as_posix() for entry in study.recordings]
+    assert paths == ["hall/a", "hall/b", "other", "x.mp4"]
+    assert study.recordings[3].camera == tmp_path / "camera.toml"
+
+
+def test_study_takes_dotted_and_quoted_parameter_names_and_vary_seeds(tmp_path):
+    text = 'recordings = ["a"]\nmethod = "random"\n[parameters]\ntemplate.stay_s = [0.3]\n'
+    text += '"maps.cell_m" = { min = 0.02, max = 0.05 }\n'
+    study = load_study(write(tmp_path, text))
+    assert study.parameters == {"template.stay_s": [0.3], "maps.cell_m": Range(min=0.02, max=0.05)}
+    assert varied(["maps.cell_m=0.03,0.04", "seed=1,2"]) == ({"maps.cell_m": [0.03, 0.04]}, [1, 2])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "recordings = []",
+        'recordings = ["none/*"]',
+        'recordings = ["a"]\nseeds = [1, 1]',
+        'recordings = ["a"]\nno_such = 1',
+        'recordings = ["a"]\nobjective = "beauty"',
+        'recordings = ["a"]\n[parameters]\n"maps.cell_m" = { min = 2, max = 1 }',
+        "recordings = 3",
+        "not toml",
+    ],
+)
+def test_study_refuses_what_it_does_not_know_and_names_the_file(text: str, tmp_path: Path) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(InputError) as refused:
+        load_study(path)
+    assert str(refused.value).startswith(str(path)) and "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        (f"seeds = {list(range(100_000))}", "found"),
+        (f"seeds = {list(range(20_000))}\n[parameters]\n'a.b' = [1, 2, 3]", "60000 .3 configurations x 1 recordings"),
+        ("method = 'random'\nsamples = 100_000", "100000"),
+        ("[parameters]\n'a.b' = { min = 0.0, max = 1.0, step = 1e-6 }", "1000001"),
+        ("a" + ".b" * 60_000 + " = 1", "deeper ones"),
+    ],
+    ids=["many seeds", "many runs", "many samples", "many steps", "deep key"],
+)
+def test_study_that_is_too_large_is_refused_at_once(text: str, found: str, tmp_path: Path) -> None:
+    path, begin = write(tmp_path, f'recordings = ["a"]\n{text}\n'), time.perf_counter()
+    with pytest.raises(InputError, match=f"expected .* found .*{found}|less than or equal to 50000, found {found}"):
+        load_study(path)
+    assert time.perf_counter() - begin < 1.0
+
+
+def test_grid_has_all_combinations_the_last_parameter_fastest_and_ranges_by_their_steps() -> None:
+    found = grid({"maps.cell_m": [0.03, 0.04], "feedback.enabled": [True, False]})
+    pairs = [(cell, on) for cell in ("0.03", "0.04") for on in ("true", "false")]
+    assert [c.label for c in found] == [f"maps.cell_m={cell} feedback.enabled={on}" for cell, on in pairs]
+    assert [c.label for c in grid({})] == ["defaults"]
+    steps = grid({"a.b": Range(min=0.1, max=0.3, step=0.1)})
+    assert [c.settings for c in steps] == [("a.b=0.1",), ("a.b=0.2",), ("a.b=0.3",)]
+    with pytest.raises(InputError, match="a step for a grid"):
+        grid({"a.b": Range(min=0.1, max=0.3)})
+
+
+def test_random_draws_are_the_same_for_a_seed_lie_in_their_ranges_and_stop_where_the_space_is_exhausted():
+    parameters = {"a.x": Range(min=0.5, max=2.0, log=True), "a.n": Range(min=1, max=3), "a.c": ["p", "q"]}
+    found = random_draws(parameters, 10, seed=4)
+    assert found == random_draws(parameters, 10, seed=4) != random_draws(parameters, 10, seed=5)
+    assert len(set(found)) == 10 and all(0.5 <= float(c.value("a.x")) <= 2.0 for c in found)
+    assert {c.value("a.n") for c in found} <= {"1", "2", "3"}
+    assert len(random_draws({"a.c": ["p", "q"]}, 10, seed=0)) == 2
+
+
+def test_processes_are_replaced_when_one_is_killed_and_its_task_is_tried_again(tmp_path: Path) -> None:
+    killed = tmp_path / "killed"
+
+    def die_once(argument: object) -> int:
+        if argument == 2 and not killed.exists():
+            killed.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return os.getpid()
+
+    pool = ProcessPool(2)
+    try:
+        ended = list(run_tasks(die_once, by_key(range(4)), pool))
+    finally:
+        pool.close()
+    assert killed.exists() and sorted(d.key for d in ended) == ["0", "1", "2", "3"]
+    assert all(not d.error and d.value != os.getpid() for d in ended)
+
+
+def test_processes_are_limited_to_one_thread_of_numerical_libraries() -> None:
+    pool = ProcessPool(1)
+    try:
+        (ended,) = run_tasks(os.getenv, {"threads": "OMP_NUM_THREADS"}, pool)
+    finally:
+        pool.close()
+    assert ended.value == "1"
+
+
+def test_no_process_and_a_cluster_that_is_not_there_are_refused(monkeypatch):
+    with pytest.raises(InputError, match="at least 1"):
+        ProcessPool(0)
+    monkeypatch.setattr("planview.sweep.work.CONNECT_S", 0.2)
+    with pytest.raises(InputError, match="expected a Dask scheduler"):
+        ClusterPool("tcp://127.0.0.1:9")
+
+
+def by_key(numbers: Iterable[int]) -> dict[str, int]:
+    return {str(n): n for n in numbers}
+
+
+def double(argument: object) -> int:
+
+    if argument < 0:
+        raise WorkError("expected a number from 0")
+    return 2 * argument // argument
+
+
+class DyingPool(InlinePool):
+    """Its process dies whenever it gets ``deadly``, at most ``deaths`` times."""
+
+    def __init__(self, deadly: int, deaths: int) -> None:
+        super().__init__(at_once=2)
+        self.deadly, self.deaths = deadly, deaths
+
+    def submit(self, function: Callable[..., object], *arguments: object) -> Future[object]:
+        if arguments[1] == self.deadly and self.deaths > 0:
+            self.deaths -= 1
+            future: Future[object] = Future()
+            future.set_exception(BrokenProcessPool())
+            return future
+        return super().submit(function, *arguments)
+
+
+def test_task_that_fails_stops_no_other_and_is_told_in_one_sentence() -> None:
+    ended = {d.key: (d.value, d.error) for d in run_tasks(double, by_key((3, -1, 4)), InlinePool())}
+    assert ended == {"3": (2, ""), "-1": (None, "expected a number from 0"), "4": (2, "")}
+    (unexpected,) = run_tasks(double, by_key((0,)), InlinePool())
+    assert "ZeroDivisionError" in unexpected.error and "\n" not in unexpected.error
+    assert list(run_tasks(double, {}, InlinePool())) == []
+
+
+@pytest.mark.parametrize("deaths", [DEATHS_MAX - 1, 100])
+def test_task_whose_process_died_is_tried_again_and_given_up_in_the_end(deaths):
+    ended = {d.key: d.error for d in run_tasks(double, by_key((4, 5, 6)), DyingPool(deadly=5, deaths=deaths))}
+    assert (ended["4"], ended["6"]) == ("", "")
+    assert "killed" in ended["5"] if deaths == 100 else ended["5"] == ""
+
+
+def test_all_that_is_left_fails_when_the_cluster_is_lost() -> None:
+    class LostPool(InlinePool):
+        def check(self) -> None:
+            raise WorkError("the scheduler was lost")
+
+    ended = list(run_tasks(double, by_key((1, 2)), LostPool()))
+    assert [d.error for d in ended] == ["the scheduler was lost"] * 2
+
+
+@pytest.mark.parametrize("at_once", [1, 2, 9])
+def test_every_task_comes_once(at_once: int) -> None:
+    ended = run_tasks(double, by_key(range(1, 8)), InlinePool(at_once))
+    assert sorted(d.key for d in ended) == [str(n) for n in range(1, 8)]

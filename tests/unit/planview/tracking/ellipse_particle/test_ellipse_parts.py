@@ -1,0 +1,352 @@
+"""Parts of the ellipse tracker."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from calib.ground_camera import GroundCamera
+from planview.tracking.ellipse_particle import _kernels as kernels
+from planview.tracking.ellipse_particle._kernels import ANGLE, LN_A, VX, Law, Match, X, Y
+from planview.tracking.ellipse_particle.fit import fit_ellipses, own_gains, painted
+from planview.tracking.ellipse_particle.params import EllipseFitParams, ParticleFilterParams
+from planview.tracking.ellipse_particle.particles import ParticleFilter, ellipses_of
+from planview.tracking.ellipse_particle.size import Size, SizeLearner, log_density, size_of_camera
+from tests.reference import ellipses as reference
+
+FIT_SHAPE = (80, 120)
+FIT_SIZE = Size(12.0, 0.0, 1.0, 0.4)
+PARAMS = EllipseFitParams()
+
+
+def mask_of(*ellipses: tuple[float, ...]) -> np.ndarray:
+    return painted(np.array(ellipses, dtype=np.float64), FIT_SHAPE).any(axis=0).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("ellipse", "size", "within"),
+    [((40.0, 35, 12, 5, 0.1), FIT_SIZE, 0.6), ((60.0, 40, 20, 10, 1.3), Size(20.0, 0.0, 1.0, 0.5, upright=False), 1.0)],
+    ids=["upright", "across, from above"],
+)
+def test_fit_finds_one_ellipse_where_it_was_painted(ellipse, size, within):
+    found = fit_ellipses(mask_of(ellipse), size, PARAMS)
+    assert len(found) == 1
+    np.testing.assert_allclose(found[0], ellipse, atol=within)
+
+
+def test_fit_keeps_one_ellipse_for_a_split_region():
+    mask = mask_of((40.0, 35, 12, 4.8, 0.0))
+    mask[33:37] = 0  # a pole crosses the person
+    found = fit_ellipses(mask, FIT_SIZE, PARAMS)
+    assert len(found) == 1
+    np.testing.assert_allclose(found[0, :2], [40, 35], atol=1.0)
+
+
+def test_fit_explains_a_merged_region_by_two_ellipses():
+    found = fit_ellipses(mask_of((40.0, 35, 12, 4.8, 0.0), (46, 38, 12, 4.8, 0.0)), FIT_SIZE, PARAMS)
+    assert len(found) == 2
+    np.testing.assert_allclose(np.sort(found[:, 0]), [40, 46], atol=1.5)
+
+
+def test_fit_keeps_the_full_size_of_an_object_whose_legs_are_hidden():
+    mask = mask_of((40.0, 35, 12, 4.8, 0.0))
+    mask[40:] = 0
+    found = fit_ellipses(mask, FIT_SIZE, PARAMS)
+    assert len(found) == 1 and found[0, 2] == pytest.approx(12, rel=0.2)
+
+
+def test_fit_ignores_specks_suitcases_and_empty_masks():
+    for mask in (np.zeros(FIT_SHAPE, np.float32), mask_of((40.0, 35, 3, 2, 0.0)), mask_of((40.0, 43, 5, 3, 0.0))):
+        assert len(fit_ellipses(mask, FIT_SIZE, PARAMS)) == 0
+
+
+def test_fit_follows_the_size_that_is_expected_in_a_row():
+    size = Size(5.0, 0.2, 1.0, 0.4)  # half length 8 in row 15, 17 in row 60
+    found = fit_ellipses(mask_of((30.0, 15, 8, 3.2, 0.0), (80, 60, 17, 6.8, 0.0)), size, PARAMS)
+    np.testing.assert_allclose(found[np.argsort(found[:, 1]), 2], [8, 17], rtol=0.1)
+
+
+def test_gain_is_the_share_of_foreground_less_background_outside_the_others():
+    one, twin = (40.0, 35, 12, 4.8, 0.0), (40.0, 35, 12, 4.8, 0.0)
+    mask = mask_of(one)
+    assert own_gains(mask, np.array([one]), 0.4) == pytest.approx([1.0])
+    assert own_gains(0 * mask, np.array([one]), 0.4) == pytest.approx([-0.4])
+    assert own_gains(mask, np.array([one, twin]), 0.4) == pytest.approx([0.0, 0.0])
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    hnp.arrays(np.float32, st.tuples(st.integers(1, 24), st.integers(1, 24)), elements=st.sampled_from([0, 0.5, 1])),
+    st.floats(0.5, 10),
+    st.floats(-0.5, 0.5),
+    st.floats(0.15, 1.0),
+    st.booleans(),
+)
+def test_fit_of_any_mask_is_finite(mask, level, slope, aspect, upright):
+    found = fit_ellipses(mask, Size(level, slope, 1.0, aspect, upright), PARAMS)
+    assert found.shape[1] == 5 and np.isfinite(found).all() and (found[:, 2:4] > 0).all()
+
+
+SHAPE = (60, 80)
+SIZE = Size(10.0, 0.0, 1.0, 0.4)
+AREA = math.pi * 10 * 4
+NOBODY = np.zeros(SHAPE, np.uint8)
+
+
+def union(*places: tuple[float, float]) -> np.ndarray:
+    return painted(np.array([[*place, 10.0, 4.0, 0.0] for place in places]), SHAPE).any(axis=0).view(np.uint8)
+
+
+def filter_at(*places: tuple[float, float], speed: float = 1.0) -> ParticleFilter:
+    """Objects around ellipses of the expected size, at 12 cells per metre."""
+    params = ParticleFilterParams(particles=2000, speed_mps=speed)
+    particles = ParticleFilter(params, np.random.default_rng(0))
+    for place in places:
+        particles.add(np.array([*place, 10.0, 4.0, 0.0]), SIZE, 12.0)
+    return particles
+
+
+def test_new_object_is_where_it_was_measured_and_may_walk_anywhere():
+    (state,) = filter_at((30.0, 25.0)).particles.mean(axis=0)
+    assert state[[X, Y]] == pytest.approx([30, 25], abs=0.1)
+    assert filter_at((30.0, 25.0)).particles[..., VX].std() == pytest.approx(12.0, rel=0.1)
+
+
+def test_prediction_moves_with_the_velocity_and_spreads_with_the_acceleration():
+    particles = filter_at((30.0, 25.0), speed=1e-6)
+    particles.particles[..., VX] = 10.0
+    particles.predict(0.5, SIZE, np.array([12.0]))
+    # Half of 2 m/s^2 over 0.5 s, squared, is 0.25 m: 3 cells; with a jitter of 0.36 cells and 0.4 of the start.
+    assert particles.particles[..., X].mean() == pytest.approx(35, abs=0.3)
+    assert particles.particles[..., X].std() == pytest.approx(math.hypot(3.0, 0.36, 0.4), rel=0.1)
+
+
+def test_size_and_angle_return_to_what_is_expected():
+    particles = filter_at((30.0, 25.0))
+    particles.particles[..., LN_A : ANGLE + 1] = 0.3
+    particles.predict(1.0, SIZE, np.array([12.0]))
+    assert particles.particles[..., LN_A].mean() == pytest.approx(0.3 / math.e, abs=0.02)
+
+
+def test_weighing_draws_an_object_to_its_measurement():
+    particles = filter_at((30.0, 25.0))
+    particles.predict(0.2, SIZE, np.array([12.0]))
+    state = particles.weigh(0, union((33.0, 26.0)), NOBODY, SIZE, AREA)
+    assert state[[X, Y]] == pytest.approx([33, 26], abs=0.7)
+    assert particles.particles[:, 0, X].mean() == pytest.approx(33, abs=0.7)
+
+
+def test_what_others_cover_draws_nobody():
+    particles = filter_at((30.0, 25.0))
+    particles.predict(0.2, SIZE, np.array([12.0]))
+    before = particles.particles[:, 0, X].mean()
+    particles.weigh(0, union((33.0, 25.0)), union((33.0, 25.0)), SIZE, AREA)
+    # Its place outside the measured area costs something, and the measurement is another's.
+    assert particles.particles[:, 0, X].mean() > before
+    free = particles.weigh(0, union((36.0, 25.0), (27.0, 25.0)), union((36.0, 25.0)), SIZE, AREA)
+    assert free[X] < 33
+
+
+def test_objects_outside_every_measurement_are_unlikely():
+    particles = filter_at((30.0, 25.0))
+    particles.particles[:1000, 0, X], particles.particles[1000:, 0, X] = 30.0, 60.0
+    # Both halves cover as much of what is left, nothing; those in the measured area of the other cost nothing.
+    particles.weigh(0, union((30.0, 25.0)), union((30.0, 25.0)), SIZE, AREA)
+    assert (particles.particles[:, 0, X] < 45).mean() > 0.99
+
+
+def test_kept_objects_keep_their_particles_whose_ellipses_differ_from_the_expected_size():
+    particles = filter_at((10.0, 25.0), (30.0, 25.0), (50.0, 25.0))
+    particles.keep(np.array([0, 2]))
+    assert particles.particles[..., X].mean(axis=0) == pytest.approx([10, 50], abs=0.2)
+    state = np.array([[30.0, 20, 0, 0, math.log(1.2), 0.0, 0.1]])
+    np.testing.assert_allclose(ellipses_of(state, SIZE), [[30, 20, 12, 4, 0.1]])
+
+
+SPREAD = 0.17
+
+
+def learned(frames: list[list[list[float]]], shape: tuple[int, int] = (100, 160)) -> tuple[Size, float] | None:
+    """The size by frames of ellipses."""
+    learner = SizeLearner(SPREAD)
+    for people in frames:
+        learner.add(painted(np.array(people), shape).any(axis=0) * np.uint8(255), None)
+    return learner.size()
+
+
+def half_in(found: tuple[Size, float] | None, row: float) -> float:
+    return float(found[0].half_lengths(np.array(row)))
+
+
+def test_size_is_that_of_one_person_where_people_hide_one_another():
+    rng, frames = np.random.default_rng(0), []
+    for _ in range(60):
+        y = rng.uniform([30, 30, 15], [70, 70, 60])
+        places = [(20.0, y[0]), (55.0, y[1]), (90.0, y[2]), (90.0, y[2] + rng.uniform(8, 14))]
+        people = [[*place, a, 0.35 * a, 0.0] for place, a in zip(places, rng.normal(10, 0.8, 4), strict=True)]
+        frames += [people, people]
+    assert half_in(learned(frames), 45) == pytest.approx(10, rel=0.1)
+
+
+def test_lengths_grow_with_the_rows():
+    frames = [[[20.0 + 2 * k, 20.0 + k, 6 + 0.2 * k, 2 + 0.07 * k, 0]] for k in range(60)]
+    found = learned(frames, (120, 160))
+    for k in (5, 30, 55):
+        assert half_in(found, 20.0 + k) == pytest.approx(6 + 0.2 * k, rel=0.1)
+
+
+def test_large_person_from_whom_pieces_fall_is_one_person():
+    rng, frames = np.random.default_rng(0), []
+    for k in range(30):
+        if k % 2 == 0:
+            specks = np.column_stack([rng.uniform(5, 150, 10), rng.uniform(10, 90, 10)])
+        frames.append([[30.0 + k, 50, 30, 10, 0], *([*s, 4, 2, 0] for s in specks)])
+    found = learned(frames)
+    assert half_in(found, 50) == pytest.approx(30, rel=0.2) and found[1] > 0.6
+
+
+def test_person_whom_the_border_always_cuts_is_one_person():
+    learner = SizeLearner(SPREAD)
+    for k in range(30):
+        mask = np.zeros((100, 160), np.uint8)
+        mask[10:, 20 + 2 * k : 55 + 2 * k] = 255
+        learner.add(mask, None)
+    assert 2 * half_in(learner.size(), 55) == pytest.approx(90, rel=0.1)
+
+
+def walkers(angles_deg: np.ndarray, half: float) -> Size:
+    """One walker after another, each at an angle of its own."""
+    frames = [[[40.0 + 6 * step, 60, half, 0.5 * half, a]] for a in np.radians(angles_deg) for step in range(6)]
+    return learned(frames, (120, 160))[0]
+
+
+def test_large_people_who_lie_in_all_directions_are_seen_from_above_and_of_one_size():
+    size = walkers(np.arange(0.0, 180.0, 22.5), 30.0)
+    assert not size.upright and (size.slope, size.aspect) == (0.0, pytest.approx(0.5, rel=0.2))
+    assert size.level == pytest.approx(30, rel=0.2)
+
+
+@pytest.mark.parametrize(("angles_deg", "half"), [(np.zeros(8), 30.0), (np.arange(0.0, 180.0, 22.5), 7.0)])
+def test_upright_or_small_people_are_upright_ellipses(angles_deg, half):
+    assert walkers(angles_deg, half).upright
+
+
+def test_what_does_not_move_teaches_no_size():
+    learner, still = SizeLearner(SPREAD), np.zeros((60, 80), np.uint8)
+    for _ in range(20):
+        learner.add(painted(np.array([[40.0, 30, 15, 6, 0]]), (60, 80))[0] * np.uint8(255), still)
+    assert learner.size() is None
+
+
+def test_samples_stay_bounded():
+    rng, learner = np.random.default_rng(0), SizeLearner(SPREAD)
+    for k in range(2000):
+        people = np.array([[40.0 + k % 60, 50, 15, 5, 0], [120.0, rng.uniform(45, 50), 15, 5, 0]])
+        learner.add(painted(people, (100, 160)).any(axis=0) * np.uint8(255), None)
+    assert half_in(learner.size(), 50) == pytest.approx(15, rel=0.1)
+
+
+def test_density_of_lengths_is_largest_for_one_person():
+    ratios, whole = np.array([1.0, 1.6, 0.4, 4.0]), np.zeros(4, np.bool_)
+    one, *others = log_density(ratios, whole, SPREAD)
+    assert one > max(others)
+    # Who is cut by the border may be of any length up to one.
+    cut = log_density(ratios, ~whole, SPREAD)
+    assert cut[2] - cut[0] > others[1] - one
+
+
+def test_camera_gives_the_length_of_an_adult_by_row():
+    # 3 m above the floor at a tilt of 60 degrees: feet in some row are those of a head 1.7 m above them.
+    camera = GroundCamera(640, 480, 500.0, 3.0, math.radians(60.0))
+    size = size_of_camera(camera)
+    foot, head = camera.project(np.array([[0.0, 5.0, 0.0], [0.0, 5.0, 1.7]]))[:, 1]
+    assert 2 * size.half_lengths((foot + head) / 2) == pytest.approx(foot - head, rel=0.1)
+
+
+@pytest.mark.parametrize(("height_m", "tilt_deg"), [(3.0, 10.0), (1.1, 85.0)])
+def test_steep_or_low_camera_leaves_the_size_to_be_learned(height_m, tilt_deg):
+    assert size_of_camera(GroundCamera(640, 480, 500.0, height_m, math.radians(tilt_deg))) is None
+
+
+def test_size_on_a_grid_is_that_in_pixels_over_the_scale():
+    size = Size(20.0, 0.1, 4.0, 0.4)
+    cells = size.on(4.0)
+    # Row 25 of cells of 4 px is centred in row 101.5 px.
+    assert 4 * float(cells.half_lengths(np.array(25.0))) == pytest.approx(float(size.half_lengths(np.array(101.5))))
+    assert size.on(0.5).on(2.0).level == pytest.approx(20.0)
+
+
+SIZES = (40, 50)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_paint_agrees_with_its_twin(seed):
+    rng = np.random.default_rng(seed)
+    ellipses = rng.uniform((-5, -5, 2, 1, -1.5), (55, 45, 15, 8, 1.5), (5, 5))
+    masks = np.zeros((5, *SIZES), dtype=np.uint8)
+    kernels.paint(ellipses, masks)
+    for mask, ellipse in zip(masks, ellipses, strict=True):
+        np.testing.assert_array_equal(mask, reference.raster(ellipse, SIZES))
+
+
+def test_row_sums_are_those_left_of_each_edge_and_the_overlap_of_a_whole_ellipse_its_area():
+    np.testing.assert_array_equal(kernels.row_sums(np.array([[1, 0, 2]], np.uint8)), [[0, 1, 1, 3]])
+    full, none = (kernels.row_sums(np.full((60, 60), v, np.uint8)) for v in (1, 0))
+    out = np.empty((1, 2))
+    kernels.overlaps(np.array([[30.0, 30, 0, 0, 0, 0, 0.2]]), full, none, Law(20.0, 0.0, 1.0, 0.5), out)
+    # Tall ellipses are summed over every third row.
+    assert out[0] == pytest.approx([math.pi * 20 * 10] * 2, rel=0.03)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_overlaps_agree_with_their_twin(seed):
+    rng = np.random.default_rng(seed)
+    left, allowed = ((rng.uniform(0, 1, SIZES) > least).astype(np.uint8) for least in (0.5, 0.3))
+    states = np.zeros((6, 7))
+    states[:, :2], states[:, 4:] = rng.uniform(-3, (53, 43), (6, 2)), rng.normal(0, 0.3, (6, 3))
+    out = np.empty((6, 2))
+    kernels.overlaps(states, kernels.row_sums(left), kernels.row_sums(allowed), Law(3.0, 0.1, 4.0, 0.5), out)
+    for found, (x, y, _, _, ln_a, ln_b, angle) in zip(out, states, strict=True):
+        half = max(4.0, 3.0 + 0.1 * y)
+        ellipse = np.array([x, y, half * math.exp(ln_a), half * 0.5 * math.exp(ln_b), angle])
+        expected = reference.overlap(ellipse, left.astype(np.float32), allowed.astype(np.float32))
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_cover_agrees_with_its_twin(seed):
+    rng = np.random.default_rng(seed)
+    mask = reference.paint(np.array([[12.0, 15, 8, 3, 0], [30, 20, 9, 3.5, 0.1], [35, 22, 8, 3, 0]]), SIZES)
+    score = np.where(mask > 0, 1.0, -0.4).astype(np.float32) + rng.normal(0, 0.05, SIZES).astype(np.float32)
+    half = 7.0 + 0.05 * np.arange(SIZES[0])
+    found = kernels.cover(score.copy(), half, 0.4, 2, 0.2)
+    assert [(int(e[1]), int(e[0])) for e in found] == reference.cover(score, half, 0.4, 2, 0.2)
+
+
+def test_refine_agrees_with_its_twin():
+    mask = reference.paint(np.array([[20.0, 20, 12, 4.5, 0.1], [27, 22, 11, 4, -0.1]]), SIZES).astype(np.float32)
+    start = np.array([[18.47, 18.1, 10, 4, 0.01], [28, 24, 12, 4.5, 0.05]])
+    law, spread = Law(9.0, 0.05, 2.0, 0.4), np.array([0.12, 0.12, 0.1])
+    expected = reference.refine(mask, start, law, spread, 3.0, 0.7, 0.4, 0.7, 3)
+    kernels.refine(mask, start, law, Match(0.7, 0.4, 0.7, 0.12, 0.1, 3.0), 3)
+    np.testing.assert_allclose(start, expected, atol=1e-6)
+
+
+def test_normal_equations_are_the_slope_of_the_cost():
+    mask = reference.paint(np.array([[28.0, 31, 14, 6, 0.1]]), (60, 60)).astype(np.float32)
+    law, match = Law(12.0, 0.0, 1.0, 0.4), Match(0.7, 0.4, 0.7, 0.12, 0.1, 3.0)
+    grad, hess, free, window = np.empty(5), np.empty((5, 5)), np.ones((60, 60)), (0, 59, 0, 59)
+
+    def cost(step: np.ndarray, derive: bool = False) -> float:
+        ellipse = np.array([30.0, 30, 13, 5, 0.05]) * np.exp([0, 0, step[2], step[3], 0])
+        ellipse[[0, 1, 4]] += step[[0, 1, 4]]
+        return kernels.normal_equations(mask, ellipse, window, free, law, match, grad, hess, derive)
+
+    cost(np.zeros(5), derive=True)
+    slopes = grad.copy()
+    for i, step in enumerate(1e-5 * np.eye(5)):
+        # The width of the soft edge is that of the ellipse, which the derivatives take as fixed.
+        assert -slopes[i] == pytest.approx((cost(step) - cost(-step)) / 2e-5, rel=0.2, abs=1.5)

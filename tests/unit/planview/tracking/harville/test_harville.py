@@ -1,0 +1,221 @@
+"""Harville's tracker."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planview.maps.builder import CameraViewpoint, FloorPoints, PlanViewMaps
+from planview.maps.grid import Grid
+from planview.tracking.base import Observation
+from planview.tracking.harville import HarvilleParams, HarvilleTracker
+from planview.tracking.harville import _kernels as kernels
+from planview.trajectories.state import TrackState
+from tests.reference import template as reference
+
+GRID = Grid(-3.0, -3.0, 0.1, 60, 60)
+VIEW = CameraViewpoint(np.array([0.0, 0.0, 4.0]), 0.002, np.eye(3, 4), (640, 480))
+NO_POINTS = FloorPoints(np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.int32))
+PACE_M = 0.1
+
+Block = tuple[float, float, float] | tuple[float, float, float, float]
+"""x, y, height [m], and surface of all cells together [m^2], 0.25 where it is left out."""
+
+
+def observe(frame: int, people: list[Block], fps: float = 10.0) -> Observation:
+    """The centre cell of a block has 1.5 times the surface of the others, and is the head."""
+    height, occupancy = np.zeros(GRID.shape, np.float32), np.zeros(GRID.shape, np.float32)
+    for x, y, tall, *area in people:
+        row, col = (round(i) for i in GRID.index_of(x, y))
+        body = slice(max(0, row - 2), row + 3), slice(max(0, col - 2), col + 3)
+        height[body] = max(tall - 0.3, 0.1)
+        occupancy[body] += np.float32((area[0] if area else 0.25) / 25.5)
+        height[row, col] = tall
+        occupancy[row, col] *= 1.5
+    maps = PlanViewMaps(GRID, height, occupancy, height, occupancy, 0.002, NO_POINTS, VIEW)
+    return Observation(frame, frame / fps, maps=maps)
+
+
+def follow(tracker: HarvilleTracker, frames: list[list[Block]], start: int = 0) -> list[tuple[TrackState, ...]]:
+    return [tracker.update(observe(start + i, people)) for i, people in enumerate(frames)]
+
+
+def walk(x_m: float, y_m: float, n: int, height_m: float = 1.75, step_m: float = PACE_M) -> list[list[Block]]:
+    """One person who takes n steps along x, on the centres of cells."""
+    return [[(x_m + i * step_m, y_m, height_m)] for i in range(n)]
+
+
+def kinds(tracker: HarvilleTracker) -> list[str]:
+    return [decision.kind for decision in tracker.decisions]
+
+
+def test_newcomer_is_tentative_until_followed_for_a_while_and_dropped_at_the_first_miss():
+    results = follow(HarvilleTracker(HarvilleParams(confirm_s=0.4)), walk(-0.95, 0.05, 6))
+    assert [tracks[0].state for tracks in results] == ["tentative"] * 4 + ["confirmed"] * 2
+    tracker = HarvilleTracker()
+    assert follow(tracker, [*walk(0.05, 0.05, 1), []])[-1] == () and kinds(tracker) == ["pruned"]
+
+
+def test_chair_is_too_low_and_a_hand_has_too_little_surface_for_a_newcomer():
+    assert follow(HarvilleTracker(), walk(0.05, 0.05, 10, height_m=1.1))[-1] == ()
+    assert follow(HarvilleTracker(), [[(0.05, 0.05, 1.75, 0.04)]] * 10)[-1] == ()
+
+
+def test_position_height_and_velocity_are_those_of_the_walker():
+    (track,) = follow(HarvilleTracker(), [[(0.05, 0.35, 1.8)]] * 10)[-1]
+    assert (track.x_m, track.y_m, track.height_m) == pytest.approx((0.05, 0.35, 1.8), abs=1e-3)
+    (track,) = follow(HarvilleTracker(), walk(-1.95, 0.05, 25))[-1]
+    assert (track.x_m, track.vx_mps, track.vy_mps) == pytest.approx((0.45, 1.0, 0.0), abs=0.05)
+
+
+def test_walkers_who_pass_each_other_keep_their_ids() -> None:
+    frames = [a + b for a, b in zip(walk(-1.45, -0.35, 30, 1.6), walk(1.45, 0.35, 30, 1.9, -PACE_M), strict=True)]
+    results = follow(HarvilleTracker(), frames)
+    heights = [{track.track_id: round(track.height_m, 1) for track in results[i]} for i in (5, -1)]
+    assert heights[0] == heights[1] and sorted(heights[0].values()) == [1.6, 1.9]
+
+
+def test_data_of_a_found_person_is_cleared_and_no_newcomer() -> None:
+    results = follow(HarvilleTracker(), walk(-0.95, 0.05, 20))
+    assert all(len(tracks) == 1 for tracks in results)
+
+
+def test_lost_person_goes_on_as_predicted() -> None:
+    tracker = HarvilleTracker()
+    seen = follow(tracker, walk(-0.95, 0.05, 10))[-1][0]
+    lost = follow(tracker, [[]] * 5, start=10)[-1][0]
+    assert lost.state == "lost" and lost.x_m == pytest.approx(seen.x_m + 0.5 * seen.vx_mps, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("y_m", "states", "decisions"),
+    [(1.85, {1: "confirmed"}, ["reacquired"]), (2.25, {1: "lost", 2: "tentative"}, ["spawned"])],
+)
+def test_newcomer_within_reach_of_a_lost_person_is_that_person_and_out_of_it_somebody_else(y_m, states, decisions):
+    tracker = HarvilleTracker()
+    follow(tracker, [*walk(0.05, 0.05, 10, step_m=0.0), *[[]] * 5])
+    tracks = follow(tracker, [[(0.05, y_m, 1.75)]], start=15)[0]
+    assert {track.track_id: track.state for track in tracks} == states and kinds(tracker) == decisions
+
+
+def test_lost_person_is_forgotten_after_four_seconds() -> None:
+    tracker = HarvilleTracker()
+    results = follow(tracker, [*walk(0.05, 0.05, 10, step_m=0.0), *[[]] * 41])
+    assert [len(tracks) for tracks in results[-2:]] == [1, 0] and kinds(tracker) == ["pruned"]
+
+
+def test_template_that_holds_little_of_its_person_is_recentred_on_the_occupancy_peak() -> None:
+    """A template of 81 cells with 25 filled counts as slipped: the peak is the head of a block a cell away."""
+    tracker = HarvilleTracker(HarvilleParams(recentre_filled=0.5))
+    follow(tracker, [[(0.05, 0.05, 1.75)]])
+    (track,) = tracker.update(observe(1, [(0.15, 0.05, 1.75)]))
+    assert (track.x_m, track.y_m) == pytest.approx((0.15, 0.05), abs=1e-9) and "recentred" in kinds(tracker)
+
+
+def test_recentring_leaves_the_velocity() -> None:
+    still, moved = HarvilleTracker(HarvilleParams(recentre_filled=0.0)), HarvilleTracker()
+    for tracker in (still, moved):
+        follow(tracker, walk(-0.95, 0.05, 8))
+    moved.params = HarvilleParams(recentre_filled=0.5)
+    one, other = (tracker.update(observe(8, [(-0.05, 0.05, 1.75)]))[0] for tracker in (still, moved))
+    assert "recentred" in kinds(moved) and one.x_m != other.x_m
+    assert (one.vx_mps, one.vy_mps) == (other.vx_mps, other.vy_mps)
+
+
+def test_templates_follow_who_sits_down() -> None:
+    heights = [*np.linspace(1.75, 1.25, 10).tolist(), *[1.25] * 10]
+    (track,) = follow(HarvilleTracker(), [[(0.05, 0.05, height)] for height in heights])[-1]
+    assert track.height_m == pytest.approx(1.25, abs=0.01)
+
+
+def test_score_is_the_sum_of_its_terms() -> None:
+    tracker = HarvilleTracker()
+    follow(tracker, walk(-0.95, 0.05, 3))
+    (matched,) = tracker.decisions
+    assert sum(matched.terms) == pytest.approx(matched.value)
+
+
+@pytest.mark.parametrize("without", ["height", "occupancy"])
+def test_weight_of_zero_leaves_a_statistic_out(without: str) -> None:
+    tracker = HarvilleTracker(HarvilleParams(**{f"{without}_weight": 0.0}))
+    follow(tracker, walk(-0.95, 0.05, 3))
+    assert getattr(tracker.decisions[0].terms, without) == 0.0
+
+
+def test_ids_start_again_after_reset() -> None:
+    tracker = HarvilleTracker()
+    follow(tracker, walk(0.05, 0.05, 1))
+    tracker.reset()
+    assert follow(tracker, walk(0.55, 0.55, 1))[0][0].track_id == 1
+
+
+def test_debug_shows_search_zone_and_templates() -> None:
+    tracker = HarvilleTracker()
+    follow(tracker, walk(0.05, 0.05, 3))
+    debug = tracker.debug()
+    assert [drawing.name for drawing in debug.drawings] == ["search", "template"]
+    assert {name: tile.shape for name, tile in debug.tiles.items()} == dict.fromkeys(
+        ("template/1/height", "template/1/occupancy"), (9, 9)
+    )
+
+
+def test_person_at_the_edge_of_the_floor_is_followed() -> None:
+    (track,) = follow(HarvilleTracker(), [[(-2.95, 2.95, 1.75, 0.5)]] * 6)[-1]
+    assert track.state == "confirmed" and math.dist((track.x_m, track.y_m), (-2.95, 2.95)) < 0.3
+
+
+def test_observation_without_maps_and_time_that_runs_backwards_are_refused():
+    with pytest.raises(ValueError, match="plan-view maps"):
+        HarvilleTracker().update(Observation(0, 0.0))
+    tracker = HarvilleTracker()
+    follow(tracker, walk(0.05, 0.05, 1), start=5)
+    with pytest.raises(ValueError, match="time to advance"):
+        tracker.update(observe(2, []))
+
+
+NOBODY = np.empty((0, 2))
+
+
+def sparse_map(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    return np.where(rng.random(shape) < 0.5, rng.uniform(0.1, 2.0, shape), 0.0).astype(np.float32)
+
+
+def test_difference_counts_one_sided_cells_as_h_max_thirds() -> None:
+    template = np.array([[1.5, 0.0], [1.0, 0.0]], np.float32)
+    seen = np.array([[1.7, 0.9], [0.0, 0.0]], np.float32)
+    height, _ = kernels.differences(template, template, seen, seen, 0, 0, 0.8)
+    assert height == pytest.approx((0.2 + 0.8 + 0.8) / 3, abs=1e-6)
+
+
+def test_search_finds_a_template_where_it_was_moved() -> None:
+    template = sparse_map(np.random.default_rng(1), (5, 5))
+    height = np.zeros((20, 20), np.float32)
+    height[8:13, 6:11] = template
+    result = np.empty(7)
+    kernels.search(template, template, height, height, 7.0, 7.0, 3, 0.8, 1.0, 1.0, 0.01, 1.0, 5.0, NOBODY, result)
+    assert tuple(result[1:3]) == (8, 6) and result[3] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_search_prefers_of_two_equal_places_the_one_away_from_a_placed_person() -> None:
+    template = np.full((3, 3), 1.7, np.float32)
+    height = np.zeros((9, 20), np.float32)
+    height[3:6, 2:5] = height[3:6, 12:15] = template
+    result = np.empty(7)
+    placed = np.array([[3.0, 3.0]])
+    kernels.search(template, template, height, height, 3.0, 7.0, 6, 0.8, 1.0, 1.0, 0.0, 1.0, 2.0, placed, result)
+    assert tuple(result[1:3]) == (3, 12)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_search_equals_its_reference(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    template, height, occupancy = (sparse_map(rng, s) for s in ((5, 5), (24, 20), (24, 20)))
+    others = rng.uniform(0, 15, (2, 2))
+    args = template, template, height, occupancy, rng.uniform(-2, 22), rng.uniform(-2, 18), 3
+    ours, theirs = np.empty(7), np.empty(7)
+    kernels.search(*args, 0.8, 1.2, 0.9, 0.05, 1.0, 4.0, others, ours)
+    reference.search(*args, 0.8, 1.2, 0.9, 0.05, 1.0, 4.0, others, theirs)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=1e-5)

@@ -1,0 +1,251 @@
+"""The human-model tracker."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from planview.foreground.params import BACKGROUND, PERSON, WALKER
+from planview.tracking import body
+from planview.tracking.base import Observation
+from planview.tracking.human_model import HumanModelTracker
+from planview.tracking.human_model.births import FloorPlaces, births
+from planview.tracking.human_model.explanation import SPACING_M, MaskExplanation, MaskView
+from planview.tracking.human_model.silhouette import silhouette
+from planview.tracking.human_model.walker import ModelMatch, matches
+from planview.tracking.template.explanation import People
+from tests.human_model_world import BLUE, CAMERA, FPS, MAP, PARAMS, RED, Drawn, World, confirmed, run
+from tests.reference import human_model as reference
+
+
+def _walker(t: float) -> list[Drawn]:
+    return [(-2.5 + 1.2 * t, 6.0, RED)]
+
+
+def test_walker_is_one_track_near_the_truth_with_the_box_of_the_whole_model() -> None:
+    _, states, _ = run(_walker, 3.5)
+    rows = [(k, s) for k, frame in enumerate(states) for s in confirmed(frame)]
+    assert len(rows) > 20 and len({s.track_id for _, s in rows}) == 1
+    errors = [math.hypot(s.x_m - _walker(k / FPS)[0][0], s.y_m - 6.0) for k, s in rows]
+    assert np.median(errors) < 0.15 and rows[-1][1].vx_mps == pytest.approx(1.2, abs=0.3)
+    assert rows[-1][1].height_m == pytest.approx(1.76, abs=0.15)
+    (state,) = confirmed(states[19])
+    left, top, width, height = state.box_px
+    head, foot = CAMERA.project((state.x_m, 6.0, 1.76)), CAMERA.project((state.x_m, 6.0, 0.0))
+    assert left < foot[0] < left + width and top == pytest.approx(head[1], abs=3)
+    assert top + height == pytest.approx(foot[1], abs=4)
+
+
+def test_two_who_enter_side_by_side_are_split() -> None:
+    def path(t: float) -> list[Drawn]:
+        return [(-2.5 + 1.2 * t, 6.0, RED), (-1.8 + 1.2 * t, 6.0, BLUE)]
+
+    _, states, kinds = run(path, 3.0)
+    assert len(confirmed(states[-1])) == 2 and kinds.count("spawned") + kinds.count("split") == 2
+
+
+def test_ids_survive_a_crossing() -> None:
+    def path(t: float) -> list[Drawn]:
+        return [(-2.5 + 1.2 * t, 6.0, RED), (2.5 - 1.2 * t, 6.6, BLUE)]
+
+    _, states, _ = run(path, 4.0)
+    before = {s.track_id: s.x_m for s in confirmed(states[12])}
+    after = {s.track_id: s.x_m for s in confirmed(states[38])}
+    assert len(before) == len(after) == 2 and all(after[i] * x < 0 for i, x in before.items())
+
+
+def test_id_survives_a_column_in_front() -> None:
+    _, states, kinds = run(_walker, 4.0, hidden=slice(68, 88))
+    assert len({s.track_id for frame in states for s in confirmed(frame)}) == 1 and kinds.count("lost") == 1
+    assert kinds.count("reacquired") == 1
+
+
+def _hidden_for_long(t: float) -> list[Drawn]:
+    if t < 2.5:
+        return [(-2.5 + t, 6.0, RED)]
+    return [(2.0 - (t - 9.0), 4.5, RED)] if t >= 9.0 else []
+
+
+def test_person_who_was_hidden_for_long_has_the_same_id_again() -> None:
+    _, states, _ = run(_hidden_for_long, 12.0)
+    assert {s.track_id for frame in states for s in confirmed(frame)} == {1}
+    assert [s.state for s in states[-1]] == ["confirmed"]
+
+
+def test_foreground_that_appears_and_stays_is_no_person_nor_is_none() -> None:
+    tracker, states, _ = run(lambda t: [(0.0, 6.0, RED)] if t >= 0.5 else [], 5.0)
+    assert not any(confirmed(frame) for frame in states)
+    assert (tracker.feedback() == BACKGROUND).any()
+    _, states, kinds = run(lambda t: [], 1.0)
+    assert not any(states) and not kinds
+
+
+def test_chair_that_was_pushed_and_stays_still_is_a_thing() -> None:
+    _, states, _ = run(lambda t: [(min(0.0, -1.2 + 1.2 * t), 6.0, RED)], 30.0)
+    assert confirmed(states[40]) and not confirmed(states[-1])
+
+
+def test_person_who_walked_in_stays_one_however_still() -> None:
+    _, states, kinds = run(lambda t: [(min(0.0, -2.5 + 1.2 * t), 6.0, RED)], 26.0)
+    assert len(confirmed(states[-1])) == 1 and "pruned" not in kinds
+
+
+def test_person_who_leaves_the_view_is_removed() -> None:
+    _, states, kinds = run(lambda t: [(1.5 * t, 6.0, RED)], 5.0)
+    assert not states[-1] and kinds[-1] == "pruned"
+
+
+def test_states_appear_in_decisions_and_drawings() -> None:
+    tracker, _, kinds = run(lambda t: [(min(0.0, -2.5 + 1.2 * t), 6.0, RED)], 4.0)
+    assert "state" in kinds
+    models = next(d for d in tracker.debug().drawings if d.name == "models")
+    assert "stationary" in models.labels[0]
+
+
+@pytest.mark.parametrize(("seconds", "label"), [(1.0, PERSON), (2.0, WALKER)])
+def test_feedback_protects_tracked_people_and_tells_who_has_walked(seconds: float, label: int) -> None:
+    tracker, _, _ = run(_walker, seconds)
+    u, v = CAMERA.project((-2.5 + 1.2 * (seconds - 0.1), 6.0, 0.9))
+    assert tracker.feedback()[round(float(v)), round(float(u))] == label
+
+
+def test_feedback_leaves_what_hides_a_person_to_the_background() -> None:
+    u = round(float(CAMERA.project((-2.5 + 1.2 * 1.9, 6.0, 0.9))[0]))
+    tracker, _, _ = run(_walker, 2.0, hidden=slice(u - 1, u + 2))
+    feedback = tracker.feedback()
+    assert (feedback == WALKER).any() and not np.isin(feedback[:, u - 1 : u + 2], (PERSON, WALKER)).any()
+
+
+def test_reset_gives_the_same_tracks_again() -> None:
+    tracker, states, _ = run(_walker, 2.0)
+    tracker.reset()
+    world = World()
+    again = [tracker.update(world.observe(k, _walker(k / FPS))) for k in range(20)]
+    assert again == states
+
+
+def test_images_of_another_size_missing_foreground_and_the_map_of_another_camera_are_refused() -> None:
+    tracker, mask = HumanModelTracker(PARAMS, CAMERA, MAP), np.zeros((60, 80), np.uint8)
+    with pytest.raises(InputError, match=r"expected images of 160x120 px.*found 80x60"):
+        tracker.update(Observation(0, 0.0, None, mask, mask))
+    with pytest.raises(ValueError, match="foreground and motion"):
+        tracker.update(Observation(0, 0.0))
+    with pytest.raises(InputError, match="human model map"):
+        HumanModelTracker(PARAMS, replace(CAMERA, height_m=5.0), MAP)
+
+
+def test_grey_video_is_tracked_without_colours() -> None:
+    tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
+    for k in range(20):
+        seen = world.observe(k, _walker(k / FPS))
+        states = tracker.update(replace(seen, image=seen.image[:, :, 2].copy()))  # type: ignore[index]
+    assert len(confirmed(states)) == 1
+
+
+VIEW = MaskView(CAMERA, PARAMS.model_copy(update={"colour_weight": 0.0}))
+TALL = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
+ANY = np.ones((3, 200), np.float32)
+NOBODY = np.zeros(0, np.int64)
+
+
+def frame_of(*people: Drawn) -> MaskExplanation:
+    return MaskExplanation(VIEW, World().observe(0, people))
+
+
+def people_at(*poses: tuple[float, float, float]) -> People:
+    n = len(poses)
+    return People(np.array(poses).reshape(-1, 3), np.ones(n), np.tile(TALL, (n, 1)), np.ones((n, 3, 200), np.float32))
+
+
+def evidence(frame: MaskExplanation, pose: tuple[float, float, float], *others: tuple[float, float, float]) -> float:
+    at, known = np.array(pose), people_at(*others)
+    samples = frame.around(at, 0.5)
+    samples.layer(known, np.arange(len(others)), at)
+    return samples.lam(at, TALL, ANY)
+
+
+@pytest.mark.parametrize("pose", [(0.0, 6.0, 1.76), (0.3, 5.5, 1.6), (-0.2, 6.3, 1.3)])
+@pytest.mark.parametrize("others", [[], [(0.4, 5.0, 1.8)], [(0.1, 6.6, 1.7), (-0.3, 5.2, 1.7)]])
+def test_evidence_is_that_of_the_plain_twin(pose, others):
+    seen = World().observe(0, [(0.0, 6.0, RED), (0.5, 5.2, BLUE)])
+    shadow = np.zeros_like(seen.foreground)
+    shadow[60:70, 70:90] = 255
+    frame = MaskExplanation(VIEW, Observation(0, 0.0, None, seen.foreground, seen.motion, shadow=shadow))
+    expected = reference.gain(VIEW, frame.kind, pose, TALL[0], [(o, TALL[0]) for o in others], SPACING_M)
+    assert evidence(frame, pose, *others) == pytest.approx(expected, rel=2e-3, abs=1e-3)
+
+
+def test_person_is_likelier_where_it_stands_than_beside_and_unlikely_where_nothing_is_foreground():
+    frame = frame_of((0.0, 6.0, RED))
+    here = evidence(frame, (0.0, 6.0, 1.76))
+    assert here > 20.0
+    assert all(evidence(frame, (x, y, 1.76)) < here for x, y in ((0.3, 6.0), (-0.3, 6.0), (0.0, 7.0), (0.0, 5.2)))
+    assert evidence(frame_of(), (0.0, 6.0, 1.76)) < -10.0
+
+
+def test_person_who_is_hidden_by_another_costs_nothing_and_gains_nothing():
+    frame = frame_of((0.0, 5.0, RED))
+    assert abs(evidence(frame, (0.0, 5.2, 1.6), (0.0, 5.0, 1.76))) < 0.2 * evidence(frame, (0.0, 5.0, 1.76))
+
+
+def test_ascent_finds_the_person_from_a_walkers_error_of_prediction():
+    frame, start = frame_of((0.0, 6.0, RED)), np.array([0.2, 6.3, 1.7])
+    samples = frame.around(start, 0.5)
+    samples.layer(people_at(), NOBODY, start)
+    pose = start.copy()
+    samples.ascend(pose, start, np.array([4.0, 0.0, 4.0, 60.0]), TALL, np.zeros((0, 3)), ANY)
+    assert pose[:2] == pytest.approx([0.0, 6.0], abs=0.15)
+
+
+def test_place_is_known_better_across_the_ray_than_along_it():
+    frame, pose = frame_of((0.0, 6.0, RED)), np.array([0.0, 6.0, 1.76])
+    samples = frame.around(pose, 0.5)
+    samples.layer(people_at(), NOBODY, pose)
+    noise, _ = samples.noise(pose, TALL, ANY)
+    assert 0.0 < noise.xx < noise.yy
+
+
+def test_two_side_by_side_explain_two_better_than_one_does_and_a_second_in_the_outline_of_one_does_not():
+    frame = frame_of((-0.35, 6.0, RED), (0.35, 6.0, BLUE))
+    assert frame.beside(0, 1, people_at((-0.35, 6.0, 1.76), (0.35, 6.0, 1.76))).evidence > 8.0
+    frame = frame_of((0.0, 6.0, RED))
+    assert frame.beside(0, 1, people_at((0.0, 6.4, 1.7), (0.0, 5.9, 1.76))).evidence < 0.0
+
+
+def test_owners_are_the_people_in_whose_outline_pixels_are():
+    frame = frame_of((-0.8, 6.0, RED), (0.8, 6.0, BLUE))
+    shares = frame.share_out(people_at((-0.8, 6.0, 1.76), (2.5, 6.0, 1.76)))
+    columns = [round(float(CAMERA.project((x, 6.0, 1.1))[0])) for x in (-0.8, 0.8)]
+    row = round(float(CAMERA.project((0.0, 6.0, 1.1))[1]))
+    assert [int(shares.owner[row, c]) for c in columns] == [0, -1] and shares.owner[5, 5] == -2
+    assert shares.residual[row, columns[1]] > 1.0
+
+
+def test_one_is_born_for_each_person_whom_nobody_explains():
+    frame, places = frame_of((-1.0, 6.0, RED), (1.0, 6.0, BLUE)), FloorPlaces(MAP, PARAMS.birth_visible, PARAMS.patch_m)
+    known = people_at((-1.0, 6.0, 1.76))
+    born, poses = births(places, frame, known, frame.share_out(known), 0.0)
+    assert [b.at_m for b in born] == [pytest.approx((1.0, 6.0), abs=0.25)]
+    assert poses.tolist() == [[-1.0, 6.0, 1.76]]
+
+
+def test_silhouette_is_widest_at_the_arms_and_round_from_above():
+    table = silhouette()
+    level, above = table.cover[6], table.cover[24]
+    wide = level.sum(axis=0)
+    assert wide[44:60].mean() > 1.5 * wide[15:30].mean()
+    assert ((table.cover >= 0.0) & (table.cover <= 1.0)).all()
+    assert (above > 0.3).sum() < (level > 0.3).sum() / 2
+
+
+def test_match_is_equation_1():
+    surface = np.zeros((20, 30), np.uint8)
+    surface[5:15, 5:15] = 255
+    half = np.array([[5.0, 5.0], [9.0, 5.0], [9.0, 14.0], [5.0, 14.0]])
+    (alone,) = matches([half], surface)
+    assert alone == ModelMatch(pytest.approx(0.5), pytest.approx(1.0), 0.0)
+    both = matches([half, half], surface)[0]
+    assert both.overlap == pytest.approx(0.5) and both.score == pytest.approx(1.0)
+    assert matches([None], surface) == [ModelMatch()]

@@ -1,0 +1,306 @@
+"""What all trackers share."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from calib.types import F64
+from planview.tracking.appearance_model import Appearance
+from planview.tracking.base import Observation
+from planview.tracking.detections import DetectionParams, DetectionTracker
+from planview.tracking.identity import IdentityLayer, IdentityParams
+from planview.tracking.kalman import FloorKalman, PositionNoise
+from planview.tracking.lifecycle import Existence, LifeCycle
+from planview.trajectories.detections import Detections, load_detections
+from planview.trajectories.state import TrackState
+from tests.human_model_world import CAMERA
+
+
+def test_correlated_noise_gives_the_matrix_equations() -> None:
+    kalman = FloorKalman.measured(0.0, 0.0, PositionNoise(0.04, 0.01, 0.09), 1.5)
+    state, covariance = np.zeros(4), np.diag([0.04, 0.09, 2.25, 2.25])
+    covariance[0, 1] = covariance[1, 0] = 0.01
+    dt, noise = 0.1, np.array([[0.05, -0.02], [-0.02, 0.03]])
+    forward, push = np.eye(4), np.vstack([np.eye(2) * dt**2 / 2, np.eye(2) * dt])
+    forward[0, 2] = forward[1, 3] = dt
+    for k in range(1, 20):
+        measured = np.array([0.1 * k, -0.05 * k])
+        state, covariance = forward @ state, forward @ covariance @ forward.T + 4.0 * push @ push.T
+        gain = covariance[:, :2] @ np.linalg.inv(covariance[:2, :2] + noise)
+        state, covariance = state + gain @ (measured - state[:2]), covariance - gain @ covariance[:2]
+        kalman = kalman.predicted(dt, 2.0).corrected(*measured, PositionNoise(0.05, -0.02, 0.03))
+    np.testing.assert_allclose(kalman[:4], state, atol=1e-12)
+    upper = [(0, 0), (0, 1), (1, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)]
+    np.testing.assert_allclose(kalman[4:], [covariance[index] for index in upper], atol=1e-12)
+
+
+def test_isotropic_noise_keeps_the_axes_apart() -> None:
+    kalman = FloorKalman.at(1.0, 2.0, 0.1, 1.0).predicted(0.1, 2.0).updated(1.1, 1.9, 0.05)
+    assert (kalman.c_xy, kalman.c_xv, kalman.c_yu, kalman.c_uv) == (0.0, 0.0, 0.0, 0.0)
+    assert (kalman.c_xx, kalman.c_xu, kalman.c_uu) == (kalman.c_yy, kalman.c_yv, kalman.c_vv)
+
+
+def test_certain_direction_follows_the_measurement_and_noise_is_scaled_by_its_deviations():
+    kalman = FloorKalman.measured(0.0, 0.0, PositionNoise(1.0, 0.0, 1.0), 0.0)
+    found = kalman.corrected(1.0, 1.0, PositionNoise(1e-9, 0.0, 1e9))
+    assert (found.x_m, found.y_m) == pytest.approx((1.0, 0.0), abs=1e-6)
+    assert PositionNoise(1.0, 0.5, 4.0).scaled(2.0) == (4.0, 2.0, 16.0)
+
+
+def test_kalman_learns_a_constant_velocity_and_grows_uncertain_without_measurements():
+    state = FloorKalman.at(0.0, 0.0, 0.05, 1.0)
+    for i in range(1, 40):
+        state = state.predicted(0.1, 0.5).updated(0.1 * i, -0.05 * i, 0.05)
+    assert (state.vx_mps, state.vy_mps) == pytest.approx((1.0, -0.5), abs=0.02)
+    assert state.position_std_m < 0.05
+    state = FloorKalman.at(0.0, 0.0, 0.05, 0.0)
+    assert state.predicted(0.5, 2.0).position_std_m == pytest.approx(np.hypot(0.05, 2.0 * 0.5**2 / 2))
+
+
+def test_the_place_that_a_search_found_is_that_of_the_posterior() -> None:
+    noise = PositionNoise(0.05, -0.02, 0.03)
+    kalman = FloorKalman.measured(1.0, 2.0, PositionNoise(0.04, 0.01, 0.02), 1.0).predicted(0.1, 2.0)
+    measured = kalman.corrected(1.2, 1.9, noise)
+    found = kalman.found_at(measured.x_m, measured.y_m, noise, 2.5)
+    assert found == pytest.approx(measured)
+    fast = kalman.found_at(9.0, 2.0, noise, 0.5)
+    assert np.hypot(fast.vx_mps, fast.vy_mps) == pytest.approx(0.5)
+
+
+RED = Appearance(np.array([[1.0, 0.0, 0.0]], np.float32), 1.70)
+BLUE = Appearance(np.array([[0.0, 0.0, 1.0]], np.float32), 1.70)
+GREY = Appearance(np.zeros((1, 3), np.float32), 1.70)
+
+
+def two_people(first: Appearance, second: Appearance, params: IdentityParams | None = None):
+    """A layer that knows two people, who are in contact at 1 s."""
+    layer = IdentityLayer(params or IdentityParams())
+    one, two = Existence(1, 0.0, 1.0, True), Existence(2, 0.0, 1.0, True)
+    for _ in range(10):
+        layer.learn(one, first)
+        layer.learn(two, second)
+    layer.contact(one, two, 1.0)
+    return layer, one, two
+
+
+def measure(layer: IdentityLayer, *looks: tuple[Existence, Appearance]) -> None:
+    for _ in range(5):
+        for who, appearance in looks:
+            layer.learn(who, appearance)
+
+
+TALL = Appearance(GREY.colours, 1.95)
+LATE_S = 1.0 + IdentityParams().doubt_s + 0.1
+
+
+@pytest.mark.parametrize(
+    ("known", "seen", "at_s", "exchanged"),
+    [
+        ((RED, BLUE), (BLUE, RED), 2.0, True),
+        ((RED, BLUE), (RED, BLUE), 2.0, False),
+        ((RED, RED), (RED, RED), 2.0, False),
+        ((RED, BLUE), (BLUE,), 2.0, True),
+        ((GREY, TALL), (TALL, GREY), 2.0, True),
+        ((RED, BLUE), (BLUE, RED), LATE_S, False),
+    ],
+    ids=["exchanged", "stayed", "same clothes", "one series is enough", "height without colour", "too old a contact"],
+)
+def test_two_people_who_took_each_others_place_are_exchanged(known, seen, at_s, exchanged):
+    layer, one, two = two_people(*known)
+    measure(layer, *zip((one, two), seen, strict=False))
+    found = layer.exchanges([one, two], at_s)
+    assert [(e.places, e.identities) for e in found] == [((one, two), (two, one))] * exchanged
+    assert all(e.confidence > 0.95 for e in found)
+    assert exchanged or known == (RED, RED) or not layer.in_doubt(one)
+    off, one, two = two_people(*known, IdentityParams(enabled=False))
+    measure(off, *zip((one, two), seen, strict=False))
+    assert off.exchanges([one, two], at_s) == []
+
+
+def test_a_contact_stays_in_doubt_until_everybody_has_been_measured() -> None:
+    layer, one, two = two_people(RED, BLUE)
+    measure(layer, (one, RED))
+    assert layer.exchanges([one, two], 2.0) == [] and layer.in_doubt(one) and layer.in_doubt(two)
+
+
+def test_a_newcomer_who_looks_like_an_absent_person_is_known() -> None:
+    layer, one, two = two_people(RED, BLUE)
+    newcomer = Existence(3, 5.0, 5.0)
+    measure(layer, (newcomer, BLUE))
+    assert layer.known_as(newcomer, [one, two]) == (two, pytest.approx(0.99, abs=0.01))
+    assert layer.known_as(newcomer, [one]) is None
+
+
+def test_a_track_on_another_person_takes_the_identity_of_the_one_that_was_lost() -> None:
+    layer, one, two = two_people(RED, BLUE)
+    two.observed = False
+    measure(layer, (one, BLUE))
+    (exchange,) = layer.exchanges([one, two], 2.0)
+    assert exchange.places == (one, two) and exchange.identities == (two, one)
+
+
+def test_three_people_who_moved_round_are_put_back_jointly() -> None:
+    looks = [Appearance(row[None].astype(np.float32)) for row in np.eye(3)]
+    layer = IdentityLayer(IdentityParams())
+    people = [Existence(i + 1, 0.0, 1.0, True) for i in range(3)]
+    for who, look in zip(people, looks, strict=True):
+        measure(layer, (who, look))
+    layer.contact(people[0], people[1], 1.0)
+    layer.contact(people[1], people[2], 1.0)
+    measure(layer, *zip(people, [looks[1], looks[2], looks[0]], strict=True))
+    (exchange,) = layer.exchanges(people, 2.0)
+    assert exchange.identities == (people[1], people[2], people[0])
+
+
+def test_only_people_who_are_tracked_stay_remembered() -> None:
+    layer, one, two = two_people(RED, BLUE)
+    layer.retain([one])
+    assert layer.remembered(one) is not None and layer.remembered(two) is None
+
+
+def test_unlikelihood_tells_the_same_person_from_another() -> None:
+    layer, one, _ = two_people(RED, BLUE)
+    assert layer.unlikelihood(one, RED) == pytest.approx(0.0, abs=1e-6)
+    # Nothing in common: a Hellinger distance of 1, in deviations of 0.12.
+    assert layer.unlikelihood(one, BLUE) == pytest.approx(1 / (2 * 0.12**2))
+
+
+def test_reassigned_identities_move_with_their_times_and_are_logged() -> None:
+    life = LifeCycle()
+    life.begin(0.0)
+    one, two = life.spawn("a"), life.spawn("b")
+    life.begin(3.0)
+    life.confirm(two, "tracked")
+    life.reassign([one, two], [two, one], 0.99)
+    assert (one.track_id, two.track_id) == (2, 1) and one.confirmed and not two.confirmed
+    assert [d.kind for d in life.decisions] == ["confirmed", "identity", "identity"]
+
+
+def test_life_cycle_tells_states_and_reasons() -> None:
+    life = LifeCycle()
+    life.begin(0.0)
+    who = life.spawn("a head")
+    assert who.state == "tentative"
+    life.begin(1.0)
+    life.confirm(who, "tracked")
+    life.miss(who, "nothing there")
+    assert who.state == "lost" and life.unobserved_s(who) == 1.0
+    life.begin(2.0)
+    life.observe(who, "found")
+    assert who.state == "confirmed"
+    assert [(d.kind, d.reason) for d in life.decisions] == [("reacquired", "found")]
+
+
+FPS = 10.0
+IMAGE = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+
+
+def box(x_m: float, y_m: float, height_m: float = 1.75, score: float = 1.0) -> list[float]:
+    """Of a cylinder on the floor."""
+    ring = [(x_m + 0.2 * math.cos(a), y_m + 0.2 * math.sin(a)) for a in np.linspace(0, 2 * math.pi, 32)]
+    pixels = CAMERA.project(np.array([(x, y, z) for x, y in ring for z in (0.0, height_m)]))
+    (left, top), (right, bottom) = pixels.min(axis=0), pixels.max(axis=0)
+    return [left, top, right - left, bottom - top, score]
+
+
+def track(frames: list[list[list[float]]], camera: bool = True) -> list[tuple[TrackState, ...]]:
+    tracker = DetectionTracker(Detections.of(frames), DetectionParams(), CAMERA if camera else None)
+    return [tracker.update(Observation(i, i / FPS, IMAGE)) for i in range(len(frames))]
+
+
+def confirmed(states: tuple[TrackState, ...]) -> list[TrackState]:
+    return [state for state in states if state.state == "confirmed"]
+
+
+def test_boxes_of_a_walker_are_one_person_at_its_place_and_height() -> None:
+    rows = [confirmed(states) for states in track([[box(-1.5 + 0.1 * i, 6.0)] for i in range(30)])]
+    assert len(rows[-1]) == 1 and {state.track_id for row in rows for state in row} == {1}
+    last = rows[-1][0]
+    assert (last.x_m, last.y_m) == pytest.approx((1.4, 6.0), abs=0.15)
+    assert (last.vx_mps, last.vy_mps) == pytest.approx((1.0, 0.0), abs=0.3)
+    assert last.height_m == pytest.approx(1.75, abs=0.08)
+    assert last.box_px == pytest.approx(tuple(box(1.4, 6.0)[:4]), abs=1e-9)
+
+
+def test_false_boxes_that_come_once_are_nobody() -> None:
+    rng = np.random.default_rng(0)
+    frames = [[box(rng.uniform(-2, 2), rng.uniform(4, 9))] if i % 4 == 0 else [] for i in range(40)]
+    assert not any(confirmed(states) for states in track(frames))
+
+
+def test_people_who_cross_keep_their_ids() -> None:
+    frames = [[box(-1.5 + 0.1 * i, 6.0), box(1.5 - 0.1 * i, 7.0)] for i in range(30)]
+    states = track(frames)
+    early, late = ({s.track_id: s.y_m for s in confirmed(states[i])} for i in (12, 29))
+    assert early.keys() == late.keys() == {1, 2} and all(abs(early[i] - late[i]) < 0.4 for i in early)
+
+
+def test_two_boxes_on_one_person_are_one_person() -> None:
+    left, *rest = box(0.0, 6.0)
+    frames = [[[left, *rest], [left + 1.5, *rest]] for _ in range(20)]
+    assert len(track(frames)[-1]) == 1
+
+
+def test_a_person_without_boxes_is_lost_and_then_forgotten() -> None:
+    states = track([[box(0.0, 6.0)] for _ in range(20)] + [[] for _ in range(60)])
+    assert [s.state for s in states[22]] == ["lost"] and states[-1] == ()
+
+
+def test_a_person_hidden_behind_another_is_kept() -> None:
+    both = [[box(0.0, 5.0), box(0.9 - 0.03 * i, 6.0)] for i in range(28)]
+    hidden = [[box(0.0, 5.0)] for _ in range(25)]  # two and a half seconds behind the one in front
+    states = track(both + hidden)
+    assert {s.track_id for s in states[-1]} == {1, 2}
+
+
+def test_without_a_camera_people_have_boxes_and_no_places() -> None:
+    last = track([[box(-1.5 + 0.1 * i, 6.0)] for i in range(30)], camera=False)[-1]
+    assert [s.state for s in last] == ["confirmed"] and math.isnan(last[0].x_m) and last[0].box_px[2] > 0
+
+
+def test_low_scores_are_not_believed_and_arrays_of_another_shape_refused():
+    sure = [[box(0.0, 6.0, score=0.9)] for _ in range(8)] + [[box(0.0, 6.0, score=0.2)]]
+    doubted = [[box(0.0, 6.0, score=0.05)] for _ in range(8)] + [[box(0.0, 6.0, score=0.9)]]
+    assert confirmed(track(sure)[-2]) and not confirmed(track(doubted)[-2])
+    with pytest.raises(InputError, match="frame 1"):
+        Detections.of([np.zeros((0, 4)), np.zeros((2, 3))])
+
+
+def test_boxes_of_a_detector_are_read_from_motchallenge_and_coco(tmp_path: Path) -> None:
+    (tmp_path / "det.txt").write_text("2,-1,10,20,30,60,0.9,-1,-1,-1\n1,-1,11,21,31,61,0.5\n")
+    entries = [
+        {"image_id": 2, "category_id": 1, "bbox": [10, 20, 30, 60], "score": 0.9},
+        {"image_id": 1, "category_id": 1, "bbox": [11, 21, 31, 61], "score": 0.5},
+        {"image_id": 1, "category_id": 3, "bbox": [0, 0, 9, 9], "score": 0.5},  # a car
+    ]
+    (tmp_path / "det.json").write_text(json.dumps(entries))
+    expected: list[F64] = [np.array([[11, 21, 31, 61, 0.5]]), np.array([[10, 20, 30, 60, 0.9]])]
+    for name in ("det.txt", "det.json"):
+        found = load_detections(tmp_path / name)
+        assert found.scored and len(found.frames) == 2
+        for frame, boxes in zip(found.frames, expected, strict=True):
+            np.testing.assert_array_equal(frame, boxes)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("a.txt", "1,-1,10,20,30,60,1\n2,-1,10,20,thirty,60,1\n", "line 2 '2,-1,10,20,thirty,60,1'"),
+        ("a.txt", "0,-1,10,20,30,60,1\n", "line 1"),
+        ("a.txt", "1,-1,10,20,-30,60,1\n", "line 1"),
+        ("a.txt", "", "found none"),
+        ("a.json", '[{"image_id": 1, "bbox": [1, 2, 3]}]', "entry 1"),
+        ("a.json", '[{"image_id": 1,\n "bbox": [1, 2', "line 2"),
+        ("a.json", '[{"image_id": 1, "bbox": [1, 2, 3, ' + "9" * 400 + "]}]", "entry 1"),
+        ("a.json", "{}", "found an object"),
+    ],
+)
+def test_a_bad_file_is_refused_with_its_line(tmp_path: Path, name: str, text: str, says: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError) as error:
+        load_detections(tmp_path / name)
+    assert says in str(error.value) and "\n" not in str(error.value)

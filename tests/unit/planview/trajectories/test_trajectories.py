@@ -1,0 +1,304 @@
+"""Tables of tracks and their formats."""
+
+import json
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from planview.trajectories.file import TrajectoryFile
+from planview.trajectories.formats import FORMATS, load_file, load_tracks, load_truth, measured_rate, prepared
+from planview.trajectories.state import TrackState
+from planview.trajectories.table import (
+    IGNORED,
+    Trajectories,
+    TrajectoryCollector,
+    csv_blocks,
+    frame_period_s,
+    positions_table,
+    read_tracks,
+    read_truth,
+    write_header,
+    write_rows,
+)
+from planview.trajectories.text_formats import read_petrack, write_petrack
+
+
+def test_nothing_collected_is_an_empty_table() -> None:
+    empty = TrajectoryCollector().trajectories()
+    assert len(empty) == 0
+    assert (empty.box_px.shape, empty.velocity_mps.shape, empty.x_m.shape) == ((0, 4), (0, 2), (0,))
+
+
+def test_collected_tracks_are_those_of_a_round_trip_through_the_file(tmp_path: Path) -> None:
+    first = TrackState(9, "lost", 1 / 3, -0.00001, 0.25, 2 / 3, 1.71234, (10.05, -0.5, 20.25, 31.96))
+    second = TrackState(7, "tentative", 1.00005, 2.0)
+    path, collector = tmp_path / "tracks.csv", TrajectoryCollector()
+    with path.open("w") as file:
+        write_header(file)
+        for frame, tracks in ((3, [first, second]), (4, [second]), (5, [])):
+            write_rows(file, frame, frame / 7, tracks)
+            collector.add(frame, frame / 7, tracks)
+    read, collected = read_tracks(path), collector.trajectories()
+    for name in Trajectories.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(collected, name), getattr(read, name), strict=name != "state")
+    assert (read.frame[1], read.track_id[1], read.state[1]) == (3, 9, "lost")
+    assert (read.x_m[0], read.y_m[0]) == (1.0001, 2.0) and np.isnan(read.height_m[0]) and np.isnan(read.box_px[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("frame,id\n", "column 'x_m'"),
+        ("frame,id,x_m,y_m,height_m\n1,1,a,0,0\n", "number in 'x_m', line 2, found 'a'"),
+        ("frame,id,x_m,y_m,height_m\n1.5,1,0,0,0\n", "whole number in 'frame'"),
+        ("frame,id,x_m,y_m,height_m\n1,1,0,0,0\n1,1,0,0,0\n", "two for frame 1, id 1"),
+        ("frame,id,x_m,y_m,height_m\n1,1\n", "found fewer"),
+    ],
+)
+def test_bad_truth_is_refused_in_one_sentence(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "truth.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_truth(path)
+
+
+def timed(frame: list[int], times: list[float]) -> Trajectories:
+    ids = np.arange(1, len(frame) + 1)
+    return positions_table(np.array(frame), ids, np.zeros((len(frame), 2)), timestamp_s=np.array(times))
+
+
+def test_frame_period_is_the_median_over_gaps_the_mean_of_repeated_times_or_the_fallback():
+    frame = [0, 0, 1, 2, 12]
+    assert frame_period_s(timed(frame, [n / 25.0 for n in frame]), 1 / 30) == pytest.approx(0.04)
+    assert frame_period_s(timed([0, 1], [np.nan, np.nan]), 1 / 30) == 1 / 30
+    assert frame_period_s(timed([0, 1], [2.0, 2.0]), 1 / 30) == 1 / 30
+    assert frame_period_s(timed([0, 1, 2, 3], [0.0, 0.0, 0.0, 0.3]), 1 / 30) == pytest.approx(0.1)
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "table.csv"
+    path.write_bytes(text.encode())
+    return path
+
+
+def column(path: Path, name: str) -> list[float]:
+    return [value for block in csv_blocks(path, (), "test") for value in block.numbers(name, np.nan).tolist()]
+
+
+def test_exponents_blanks_quoted_cells_carriage_returns_and_a_byte_order_mark_are_read(tmp_path: Path) -> None:
+    path = written(tmp_path, "a,b\n1e3,2\n 1.5 ,2\n0.12345678901234567,2\n,2\n")
+    np.testing.assert_array_equal(column(path, "a"), [1000.0, 1.5, 0.12345678901234567, np.nan])
+    path = written(tmp_path, '\ufeffa,note,b\r\n1,"x, y\nz",2\r\n"3",,4\r\n')
+    assert (column(path, "a"), column(path, "b")) == ([1.0, 3.0], [2.0, 4.0])
+
+
+def test_blocks_continue_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("planview.trajectories.table.BLOCK_ROWS", 7)
+    path = written(tmp_path, "a,b\n" + "".join(f"{i},{i / 8}\n" for i in range(50)))
+    assert column(path, "b") == [i / 8 for i in range(50)]
+
+
+def test_bad_numbers_and_short_rows_are_named_with_their_line(tmp_path):
+    path = written(tmp_path, "a,b\n1,2\n\n3,many\n")
+    with pytest.raises(InputError, match="a number in 'b', line 4, found 'many'"):
+        column(path, "b")
+    with pytest.raises(InputError, match="expected 3 cells in line 3, found fewer"):
+        column(written(tmp_path, "a,b,c\n1,2,3\n4,5\n"), "c")
+
+
+def test_pets_rows_count_frames_from_zero_and_carry_boxes_and_metres_where_they_are_known(tmp_path: Path) -> None:
+    truth = load_truth(written(tmp_path, "2,5,10,20,30,40,1,1.5,-2.5,0\n1,5,11,20,30,40,1,1.4,-2.5,0\n"))
+    assert truth.frame.tolist() == [0, 1] and truth.box_px[1].tolist() == [10, 20, 30, 40]
+    assert (truth.x_m[1], truth.y_m[1]) == (1.5, -2.5)
+    assert np.isnan(load_truth(written(tmp_path, "1,5,11,20,30,40,1\n")).x_m).all()
+    unknown = load_truth(written(tmp_path, "1,1,10,20,30,40,1,-1,-1,-1\n1,2,50,20,30,40,1,-1,-1,0\n"))
+    assert np.isnan(unknown.x_m).tolist() == [True, False]
+
+
+def test_motchallenge_truth_has_visibility_instead_of_metres(tmp_path: Path) -> None:
+    truth = load_truth(written(tmp_path, MOT16_TRUTH))
+    assert (truth.frame.tolist(), truth.track_id.tolist()) == ([0, 0, 1], [1, 4, 1])
+    assert truth.visible.tolist() == [0.9, IGNORED, 0.25] and np.isnan(truth.x_m).all()
+
+
+def test_truth_with_confidence_zero_is_left_out_and_results_with_it_are_kept(tmp_path: Path) -> None:
+    path = written(tmp_path, "1,1,10,20,30,40,1,2.5,3.5,0\n1,2,50,20,30,40,0,4.5,5.5,0\n")
+    assert (load_truth(path).track_id.tolist(), load_tracks(path).track_id.tolist()) == ([1], [1, 2])
+
+
+@pytest.mark.parametrize("columns", ["1,2,0.5,0", "1,2.5,0.5", "0.5,2,0.5", "1,2,-0.5", "1,14,0.5"])
+def test_rows_that_are_not_flag_class_visibility_are_metres(tmp_path: Path, columns: str) -> None:
+    truth = load_truth(written(tmp_path, f"1,1,10,20,30,40,{columns}\n"))
+    assert [truth.x_m[0], truth.y_m[0]] == [float(value) for value in columns.split(",")[1:3]]
+
+
+def test_laboratory_rows_become_metres_and_seconds_and_our_own_are_told_by_their_header(tmp_path: Path) -> None:
+    tracks = load_tracks(written(tmp_path, "3 32 100 -50 175\n"))
+    assert (tracks.track_id[0], tracks.frame[0], tracks.timestamp_s[0]) == (3, 32, 2.0)
+    assert (tracks.x_m[0], tracks.y_m[0], tracks.height_m[0]) == (1.0, -0.5, 1.75)
+    assert load_truth(written(tmp_path, "frame,id,x_m,y_m,height_m\n0,1,2,3,1.8\n")).height_m[0] == 1.8
+
+
+MOT16_TRUTH = """1,1,10,20,30,40,1,1,0.9
+1,2,50,20,30,40,0,1,1
+1,3,90,20,30,40,1,3,1
+1,4,130,20,30,40,0,8,0.7
+2,1,11,20,30,40,1,1,0.25
+"""
+"""A pedestrian, a pedestrian not to be considered, a car, a distractor; then the pedestrian, partly hidden."""
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"", b"1,2,3\n", b"1,2,x,4,5,6\n", b"1,1,nan,2,3,4,1\n", b"1 2 3\n", b"1 2 3 4 5\n6 7\n", b"hello\n",
+        b"frame,id\n0,1\n", b"1,1,0,0,2,2\n1,1,3,3,2,2\n", b"1.5,1,0,0,2,2\n", b"\xff\xfe\x00\x01",
+    ],
+)  # fmt: skip
+def test_anything_else_is_refused_with_the_name_of_the_file(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "odd.txt").write_bytes(content)
+    with pytest.raises(InputError, match=r"odd\.txt: expected"):
+        load_truth(tmp_path / "odd.txt")
+
+
+AREA = "POLYGON ((-5 0, 5 0, 5 9, -5 9, -5 0))"
+
+
+def two_walkers(frames: int = 4, fps: float = 15.0) -> Trajectories:
+    """Persons 1 and 2 side by side, walking along y at 1.2 m/s; times rounded to 0.1 ms as in tracks.csv."""
+    frame = np.repeat(np.arange(frames), 2)
+    y = 1.0 + 1.2 * frame / fps
+    return positions_table(
+        frame,
+        np.tile([1, 2], frames),
+        np.column_stack([np.tile([-0.5, 0.5], frames), y]).round(4),
+        height_m=np.tile([1.75, 1.62], frames),
+        timestamp_s=(frame / fps).round(4),
+        box_px=np.column_stack([100.0 + frame, 50.0 + frame, 40.0 + 0 * frame, 120.0 + 0 * frame]),
+    )
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_is_told_by_its_content_and_gives_positions_within_a_millimetre(name, tmp_path):
+    table, path = two_walkers(), tmp_path / "anything"
+    FORMATS[name].write(path, prepared(TrajectoryFile(table), name, area=AREA))
+    again = load_tracks(path)
+    assert again.frame.tolist() == table.frame.tolist()
+    assert again.track_id.tolist() == table.track_id.tolist()
+    np.testing.assert_allclose(again.x_m, table.x_m, atol=1e-3)
+    np.testing.assert_allclose(again.y_m, table.y_m, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["pedpy", "ped-data-archive", "jupedsim", "parquet"])
+def test_frame_rate_and_walkable_area_survive_an_export(name, tmp_path):
+    FORMATS[name].write(tmp_path / "x", prepared(TrajectoryFile(two_walkers(100, 15.0)), name, area=AREA))
+    file = load_file(tmp_path / "x")
+    assert file.fps == 15.0 and (file.walkable_wkt == AREA or name == "pedpy")
+
+
+@pytest.mark.parametrize("name", ["parquet", "csv", "jsonl"])
+def test_formats_with_states_keep_every_column(name, tmp_path):
+    table = two_walkers()
+    table.state[3] = "lost"
+    table.height_m[3] = np.nan
+    FORMATS[name].write(tmp_path / "x", prepared(TrajectoryFile(table), name))
+    again = load_tracks(tmp_path / "x")
+    for column in Trajectories.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(again, column), getattr(table, column))
+
+
+def test_formats_without_states_hold_confirmed_rows_and_on_request_predicted_ones():
+    table = two_walkers()
+    table.state[:3] = ["tentative", "lost", "lost"]
+    assert len(prepared(TrajectoryFile(table), "pedpy").table) == 5
+    assert len(prepared(TrajectoryFile(table), "pedpy", lost=True).table) == 7
+
+
+def test_rate_is_that_of_the_median_frame_where_the_clock_jumps():
+    table = two_walkers(10, 20.0)
+    table.timestamp_s[8:] += 3600.0
+    assert measured_rate(table) == 20.0
+
+
+def test_petrack_text_in_centimetres_is_read_in_metres(tmp_path):
+    path = tmp_path / "cm.txt"
+    path.write_text("# framerate: 50 fps\n# id frame x/cm y/cm z/cm markerID\n7 3 -130.147 20 180 999\n")
+    file = read_petrack(path)
+    assert file.fps == 50.0 and (file.table.track_id[0], file.table.frame[0]) == (7, 3)
+    assert (file.table.x_m[0], file.table.y_m[0], file.table.height_m[0]) == pytest.approx((-1.30147, 0.2, 1.8))
+
+
+def test_petrack_text_is_written_in_centimetres_on_request(tmp_path):
+    write_petrack(tmp_path / "x.txt", TrajectoryFile(two_walkers(1), 15.0), unit="cm")
+    header, rows = (
+        "# framerate: 15 fps\n# id frame x/cm y/cm z/cm\n",
+        "1 0 -50.00 100.00 175.00\n2 0 50.00 100.00 162.00\n",
+    )
+    assert (tmp_path / "x.txt").read_text() == header + rows
+
+
+def test_motchallenge_rows_count_frames_from_one_and_have_world_columns(tmp_path):
+    FORMATS["motchallenge"].write(tmp_path / "x.txt", TrajectoryFile(two_walkers(1)))
+    assert (tmp_path / "x.txt").read_text().splitlines()[0] == ("1,1,100.0,50.0,40.0,120.0,1,-0.5000,1.0000,0.0000")
+
+
+def test_json_lines_that_are_cut_short_are_read_up_to_the_last_whole_frame(tmp_path):
+    FORMATS["jsonl"].write(tmp_path / "x", TrajectoryFile(two_walkers(3)))
+    text = (tmp_path / "x").read_text()
+    (tmp_path / "x").write_text(text[: text.rindex("people")])
+    assert load_tracks(tmp_path / "x").frame.tolist() == [0, 0, 1, 1]
+
+
+def _sqlite(path: Path, *statements: str) -> None:
+    with sqlite3.connect(path) as database:
+        for statement in statements:
+            database.execute(statement)
+
+
+def _endless_view(path: Path) -> None:
+    _sqlite(
+        path,
+        "CREATE TABLE metadata (key TEXT, value TEXT)",
+        "CREATE VIEW trajectory_data AS WITH RECURSIVE r(frame) AS (SELECT 1 UNION ALL SELECT frame + 1 FROM r) "
+        "SELECT frame, 1 AS id, 0.0 AS pos_x, 0.0 AS pos_y FROM r",
+    )
+
+
+def _claimed_rows(path: Path) -> None:
+    row = np.dtype([("id", "<i8"), ("frame", "<i8"), ("x", "<f8"), ("y", "<f8")])
+    with h5py.File(path, "w") as file:
+        file.create_dataset("trajectory", (2_000_000_000,), row, chunks=(1024,)).attrs["fps"] = 25.0
+
+
+BAD: dict[str, Callable[[Path], object]] = {
+    "no unit": lambda p: p.write_text("# framerate: 25 fps\n1 0 0.5 0.5 1.7\n"),
+    "rate of zero": lambda p: p.write_text("# framerate: 0 fps\n# id frame x/m y/m z/m\n1 0 0.5 0.5 1.7\n"),
+    "frame number of 30 digits": lambda p: p.write_text("# x/m\n1 " + "9" * 30 + " 0.5 0.5 1.7\n"),
+    "two rows of one frame and id": lambda p: p.write_text("# x/m\n1 0 0.5 0.5 1.7\n1 0 0.6 0.5 1.7\n"),
+    "another database": lambda p: _sqlite(p, "CREATE TABLE t (a)"),
+    "foreign values in a database": lambda p: _sqlite(
+        p, "CREATE TABLE trajectory_data (frame BLOB, id TEXT)", "INSERT INTO trajectory_data VALUES (x'ff', 'a')"
+    ),
+    "a view without end": _endless_view,
+    "rows claimed by a header": _claimed_rows,
+    "a cut HDF5 file": lambda p: p.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(20)),
+    "a cut Parquet file": lambda p: p.write_bytes(b"PAR1" + bytes(20)),
+    "no people in JSON": lambda p: p.write_text('{"frame": 1}\n'),
+    "infinity in JSON": lambda p: p.write_text('{"frame": Infinity, "people": []}\n'),
+    "deep JSON": lambda p: p.write_text('{"a":' * 100_000),
+    "an unknown state": lambda p: p.write_text(json.dumps({"frame": 1, "people": [{"id": 1, "state": "<b>"}]}) + "\n"),
+}
+
+
+@pytest.mark.parametrize("make", BAD.values(), ids=BAD.keys())
+def test_damaged_trajectories_are_refused_in_one_sentence(make, tmp_path):
+    path = tmp_path / "bad"
+    make(path)
+    with pytest.raises(InputError) as refused:
+        load_tracks(path)
+    assert str(refused.value).startswith(str(path)) and "\n" not in str(refused.value)
