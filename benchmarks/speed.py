@@ -329,7 +329,7 @@ def one_camera_beside_mog2(
         (N,) float64 processor times of ours and of MOG2 [ms], and confirmed people.
     """
     camera = GroundCamera(width_px, width_px * 3 // 4, 260.0 * width_px / 320, 3.5, math.radians(60))
-    follower = image_tracker(tracker, config, camera if tracker == "human-model" else None)
+    follower = image_tracker(tracker, config, camera)
     front_end = OneCamera(config.single_camera, camera.size, follower.foreground_columns)
     mog2 = cv2.createBackgroundSubtractorMOG2()
     rows: list[tuple[float, float, float]] = []

@@ -11,8 +11,9 @@ from rich.console import Console
 from toy_stereo import toy_rig
 
 from benchmarks.__main__ import main_benchmarks as main
-from benchmarks.speed import LIMITS, Clip, Speed, Yardstick, counted, one_core, print_speed
+from benchmarks.speed import LIMITS, Clip, Speed, Yardstick, counted, one_core, print_speed, walking_people
 from calib.errors import InputError
+from calib.ground_camera import GroundCamera
 
 
 def test_missing_recording_is_refused_by_name(tmp_path: Path) -> None:
@@ -59,3 +60,10 @@ def test_frames_with_four_people_count_where_there_are_enough() -> None:
     people = np.array([1] * 20 + [4] * 12)
     assert counted(people).sum() == 12
     assert counted(people[:25]).sum() == 25
+
+
+def test_painted_people_come_in_after_ten_frames() -> None:
+    frames = list(walking_people(GroundCamera(80, 60, 65.0, 3.5, 1.05), 2, 12))
+    changed = [int((np.abs(frames[i].astype(int) - frames[0]).max(axis=2) > 20).sum()) for i in (9, 10)]
+    assert changed[0] == 0
+    assert changed[1] > 50
