@@ -459,8 +459,11 @@ def print_views(scores: Sequence[ViewScore], console: Console) -> None:
         mine = [s for s in scores if s.tracker == tracker]
         strict, found, there = [s.strict for s in mine], sum(s.found for s in mine), sum(s.there for s in mine)
         mean, occupied = sum(strict) / len(strict), sum(s.occupancy for s in mine) / len(mine)
+        drawn = np.random.default_rng(0).choice(strict, (10_000, len(strict))).mean(axis=1)
+        low, high = np.quantile(drawn, (0.025, 0.975))
         console.print(
-            f"{tracker}: crossings strict {100 * mean:.1f} % on average, {100 * min(strict):.1f} % on the worst; "
+            f"{tracker}: crossings strict {100 * mean:.1f} % on average (95 % of sets drawn from these views again: "
+            f"{100 * low:.1f} to {100 * high:.1f}), {100 * min(strict):.1f} % on the worst; "
             f"{found} people counted, {there} were there; number of people in the middle of the view right in "
             f"{100 * occupied:.1f} % of the frames",
             highlight=False,

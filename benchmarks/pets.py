@@ -66,8 +66,8 @@ class PetsScores:
         floor: on the floor with a gate of 1 m, after the rigid motion between the two world frames; None for tracks
             without floor positions.
         errors: false tracks, losses and switches of the boxes.
-        others: MOTA and number of errors with other seeds of the ellipse-particle tracker, or other cameras of the
-            human-model tracker.
+        others: MOTA, IDF1 and number of errors with other seeds of the ellipse-particle tracker, or other cameras of
+            the human-model tracker.
     """
 
     tracker: SingleTracker
@@ -75,21 +75,29 @@ class PetsScores:
     boxes: Evaluation
     floor: Evaluation | None
     errors: TrackingErrors
-    others: tuple[tuple[float, int], ...] = ()
+    others: tuple[tuple[float, float, int], ...] = ()
 
     @property
     def mota(self) -> float:
         """MOTA of the boxes."""
         return math.nan if self.boxes.clear.mota is None else self.boxes.clear.mota
 
+    @property
+    def figures(self) -> tuple[float, float, int]:
+        """MOTA and IDF1 of the boxes, number of errors."""
+        return self.mota, self.boxes.identity.idf1 or 0.0, self.errors.total
+
     def spread(self) -> dict[str, Any] | None:
-        """Every MOTA and number of errors, and their spread; None for one alone."""
+        """Every MOTA, IDF1 and number of errors, and their spread; None for one alone."""
         if not self.others:
             return None
-        mota, errors = zip((self.mota, self.errors.total), *self.others, strict=True)
+        mota, idf1, errors = zip(self.figures, *self.others, strict=True)
         return {
             "mota": mota,
+            "idf1": idf1,
             "errors": errors,
+            "mota_mean": float(np.mean(mota)),
+            "idf1_mean": float(np.mean(idf1)),
             "mota_deviation": float(np.std(mota)),
             "mota_range": max(mota) - min(mota),
             "errors_mean": float(np.mean(errors)),
@@ -154,7 +162,7 @@ def score_pets(
                 path = Path(place) / f"camera{seed}.toml"
                 save_ground_camera(nearby_camera(load_ground_camera(camera), seed), path)
                 others.append(_score(tracker, folder, path, frames, 0))
-    return replace(first, others=tuple((s.mota, s.errors.total) for s in others))
+    return replace(first, others=tuple(s.figures for s in others))
 
 
 def nearby_camera(camera: GroundCamera, seed: int) -> GroundCamera:
@@ -264,8 +272,9 @@ def print_pets(scores: Sequence[PetsScores], console: Console) -> None:
         if s is not None:
             what = "cameras" if score.tracker == "human-model" else "seeds"
             text += (
-                f"; over {len(s['mota'])} {what} MOTA has a deviation of {s['mota_deviation']:.3f} and a range of "
-                f"{s['mota_range']:.3f}, and there are {s['errors_mean']:.1f} errors ({min(s['errors'])} to "
-                f"{max(s['errors'])})"
+                f"; over {len(s['mota'])} {what} MOTA is {s['mota_mean']:.3f} with a deviation of "
+                f"{s['mota_deviation']:.3f} and a range of {s['mota_range']:.3f}, IDF1 {s['idf1_mean']:.3f} "
+                f"({min(s['idf1']):.3f} to {max(s['idf1']):.3f}), and there are {s['errors_mean']:.1f} errors "
+                f"({min(s['errors'])} to {max(s['errors'])})"
             )
         console.print(f"{score.tracker}: {text}", highlight=False)

@@ -6,6 +6,7 @@ Both sides take turns, frame by frame, so that whatever else the machine does sl
 from __future__ import annotations
 
 import json
+import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,20 +24,24 @@ from rich.table import Table
 
 from benchmarks.options import JsonFlag, Progress
 from calib.errors import InputError, WorkError
+from calib.ground_camera import GroundCamera
 from calib.images import as_grey
+from calib.people.model import HumanModel
 from calib.rig import StereoRig
 from calib.types import F64, I64, U8, AnyArray, Bool
 from planview.engine.config import Config, load_config
-from planview.engine.engine import STAGES, FrameResult
+from planview.engine.engine import STAGES, FrameResult, StageClock
+from planview.engine.one_camera import OneCamera
+from planview.engine.open import ImageTrackerName, image_tracker
 from planview.engine.stereo import stereo_engine
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 from planview.synthetic.assets import DEMO, real_recordings
 from stereo.gating import SAMPLE
 from stereo.readers import open_recording
-from stereo.recording import StereoFrame
+from stereo.recording import StereoFrame, VideoFrame
 
-Part = Literal["engine", "foreground", "after-disparity", "full-resolution"]
+Part = Literal["engine", "foreground", "after-disparity", "full-resolution", "one-camera"]
 BLOCK_PX = 5
 """Side of the yardstick's matched block [px]."""
 SETTLED = 100
@@ -45,8 +50,15 @@ TURN = 4
 """Frames of the engine between two turns of OpenCV, which takes longer."""
 PEOPLE = 4
 """People in the frames that count."""
+PAINTED_FPS = 15.0
 ENOUGH = 10
 """Fewer frames with so many people are too few: then all frames with people count."""
+ONE_CAMERA: dict[str, tuple[ImageTrackerName, int, int]] = {
+    "human_model_five": ("human-model", 5, 320),
+    "human_model_eight": ("human-model", 8, 640),
+    "ellipse_particle_eight": ("ellipse-particle", 8, 480),
+}
+"""Tracker, people and columns of what is timed of one camera; 320x240 as in Zhang et al. 2008, section 5."""
 FULL_RESOLUTION = ("rectify.working_px=0", "analysis.width_px=1280")
 LIMITS = {
     "engine_to_yardstick_grey": 0.5,
@@ -56,6 +68,8 @@ LIMITS = {
     "after_disparity_to_sgbm": 0.3,
     "one_more_person": 0.04,
     "full_resolution": 0.35,
+    "human_model_five_to_mog2": 3.0,
+    "ellipse_particle_eight_to_mog2": 3.0,
 }
 """What each ratio must not exceed; those of the engine for four people at 640x480."""
 
@@ -195,8 +209,8 @@ def measure(
     Raises:
         InputError: no such recording.
     """
-    speed = Speed(details={"recording": str(recording or DEMO)})
-    if set(parts) - {"full-resolution"}:
+    speed, config = Speed(details={"recording": str(recording or DEMO)}), load_config(overrides=overrides)
+    if set(parts) - {"full-resolution", "one-camera"}:
         progress("opening the recording")
         clip = Clip(recording, SETTLED + n_frames, overrides=overrides)
         speed.details["image"] = "{}x{}".format(*clip.rig.left.size)
@@ -214,6 +228,13 @@ def measure(
         after_disparity_to_sgbm(Clip(recording, 0, width_px=320, frames=clip.frames), speed)
     if "full-resolution" in parts:
         full_resolution(speed, progress)
+    if "one-camera" in parts:
+        for name, (tracker, people, width) in ONE_CAMERA.items():
+            progress(f"{tracker}, {people} people, {width} columns, beside MOG2 on one core")
+            with one_core():
+                ours_ms, theirs_ms, found = one_camera_beside_mog2(tracker, people, width, n_frames, config)
+            speed.add(f"{name}_to_mog2", ours_ms / theirs_ms)
+            speed.details |= {f"{name}_ms": _median(ours_ms), f"{name}_found": _median(found)}
     return speed
 
 
@@ -299,6 +320,53 @@ def after_disparity_to_sgbm(clip: Clip, speed: Speed) -> None:
         speed.ratios["one_more_person"] = round(float(np.polyfit(counts, times, 1)[0] / np.median(after[chosen])), 4)
 
 
+def one_camera_beside_mog2(
+    tracker: ImageTrackerName, people: int, width_px: int, n_frames: int, config: Config
+) -> tuple[F64, F64, F64]:
+    """Foreground and tracker of one camera in turns with MOG2 on the same painted frames, after SETTLED.
+
+    Returns:
+        (N,) float64 processor times of ours and of MOG2 [ms], and confirmed people.
+    """
+    camera = GroundCamera(width_px, width_px * 3 // 4, 260.0 * width_px / 320, 3.5, math.radians(60))
+    follower = image_tracker(tracker, config, camera)
+    front_end = OneCamera(config.single_camera, camera.size, follower.foreground_columns)
+    mog2 = cv2.createBackgroundSubtractorMOG2()
+    rows: list[tuple[float, float, float]] = []
+    for i, image in enumerate(walking_people(camera, people, SETTLED + n_frames)):
+        start = time.process_time()
+        mog2.apply(image)
+        between = time.process_time()
+        result = front_end.track(VideoFrame(i, i / PAINTED_FPS, image), None, follower, StageClock())
+        rows.append((1e3 * (time.process_time() - between), 1e3 * (between - start), people_in(result)))
+    ours_ms, theirs_ms, found = np.array(rows[SETTLED:]).T
+    return ours_ms, theirs_ms, found
+
+
+def walking_people(camera: GroundCamera, people: int, n_frames: int) -> Iterator[U8]:
+    """(H, W, 3) uint8 frames of people of the model's shape who walk to and fro 3.5 to 7.5 m away, in one colour above
+    the hip and another below; nobody in the first 10."""
+    rng = np.random.default_rng(5)
+    width, height = camera.size
+    texture = cv2.GaussianBlur(rng.uniform(40, 215, (height, width, 3)), (7, 7), 2)
+    noise = rng.normal(0, 2.5, (4, height, width, 3))
+    clothes = rng.uniform(0, 255, (people, 2, 3))
+    far = np.linspace(7.5, 3.5, people)
+    reach = 0.55 * far
+    speed = rng.uniform(0.8, 1.4, people) * np.where(np.arange(people) % 2, 1, -1)
+    start = rng.uniform(-reach, reach)
+    rows = np.arange(height)[:, None]
+    for i in range(n_frames):
+        frame = texture + noise[i % 4]
+        x_m = abs((start + reach + speed * i / PAINTED_FPS) % (4 * reach) - 2 * reach) - reach
+        for k in range(people if i >= 10 else 0):
+            hull = np.round(HumanModel().hull(camera, x_m[k], far[k])).astype(np.int32)
+            body = cv2.fillPoly(np.zeros((height, width), np.uint8), [hull], 1) > 0
+            frame[body & (rows < hull[:, 1].mean())] = clothes[k, 0]
+            frame[body & (rows >= hull[:, 1].mean())] = clothes[k, 1]
+        yield np.clip(frame, 0, 255).astype(np.uint8)
+
+
 def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]]) -> SpeedTurns:
     """The engine over a clip's decoded frames, and after SETTLED of them the rivals on every TURN-th."""
     clip.engine.reset()
@@ -372,7 +440,7 @@ class SpeedOptions:
     """Medians over so many frames, after 100 in which the background is learned."""
     part: Annotated[Sequence[Part], Parameter(negative="", show_default=False)] = ()
     """Measure only this; repeat for more: engine, foreground, after-disparity (at 320x240), full-resolution (the real
-    overhead pair of the shared recordings). All by default."""
+    overhead pair of the shared recordings), one-camera (its trackers on painted people). All by default."""
     set_: Annotated[Sequence[str], Parameter(name="--set", negative="", show_default=False)] = ()
     """Set one parameter of the engine, like analysis.width_px=1280; repeat for more."""
     json_output: JsonFlag = False

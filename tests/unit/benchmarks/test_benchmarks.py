@@ -28,8 +28,9 @@ from benchmarks.calibration import Row, alignment_error
 from benchmarks.correction import head_error_m
 from benchmarks.foreground import pixel_counts
 from benchmarks.one_statistic import NOMINAL_HEIGHT_M, reduced
-from benchmarks.speed import LIMITS, Clip, Speed, Yardstick, counted, one_core, print_speed
+from benchmarks.speed import LIMITS, Clip, Speed, Yardstick, counted, one_core, print_speed, walking_people
 from calib.errors import InputError
+from calib.ground_camera import GroundCamera
 from calib.pose import SE3
 from calib.rig import Floor, world_from_plane
 from calib.world import RigEntry
@@ -190,3 +191,9 @@ def test_table_has_every_figure_with_its_interval_and_the_papers_count(capsys):
     text = capsys.readouterr().out
     assert "5, 0, 4, 0" in text and "[8.7, 11.6]" in text and "17" in text
     assert "height only: the paper's tracker without occupancy" in text and "…" not in text
+
+
+def test_painted_people_come_in_after_ten_frames() -> None:
+    frames = list(walking_people(GroundCamera(80, 60, 65.0, 3.5, 1.05), 2, 12))
+    before, after = ((np.abs(frames[i].astype(int) - frames[0]).max(axis=2) > 20).sum() for i in (9, 10))
+    assert before == 0 and after > 50

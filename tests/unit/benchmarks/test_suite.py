@@ -172,6 +172,7 @@ def test_spread_holds_the_scores_of_every_seed_in_order_and_one_seed_has_none(fo
     spread = scores.spread()
     assert scores.mota == 1.0
     np.testing.assert_allclose(spread["mota"], [1.0, 0.9, 0.8])
+    np.testing.assert_allclose(spread["idf1"], [1.0, 18 / 19, 16 / 18])
     assert spread["mota_range"] == pytest.approx(0.2)
     assert spread["mota_deviation"] == pytest.approx(0.1 * (2 / 3) ** 0.5)
 

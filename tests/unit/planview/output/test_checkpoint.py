@@ -179,6 +179,17 @@ def test_a_checkpoint_of_another_configuration_is_refused_and_the_first_differen
     assert difference(IDENTITY, IDENTITY | {"version": {"numpy": "9"}}) == "another version (numpy)"
 
 
+class FakeClock:
+    def __init__(self) -> None:
+        self.time_s = 100.0
+
+    def now_s(self) -> float:
+        return self.time_s
+
+    def sleep(self, seconds: float) -> None:
+        self.time_s += seconds
+
+
 def paced(clock: FakeClock) -> Pace:
     return Pace(clock.now_s, clock.sleep)
 
