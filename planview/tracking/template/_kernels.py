@@ -41,7 +41,6 @@ class Beliefs(NamedTuple):
     no_depth: float
     range_m: float
     unknown: float
-    alike: float
     surface_var: float
     colour: float
     body_m: float
@@ -223,16 +222,8 @@ def evaluate(
     cover: F32, front: F32, b: Beliefs, at: F32, through: F32, before: F32, rest: F32, count: I64,
 ) -> float:  # fmt: skip
     """Lam of all samples with one person at a pose among the others, less Lam without that person."""
-    legs, torso, head, factors, weight = 0.0, 0.0, 0.0, 0, 0.0
-    low, middle, high = 1.0, 1.0, 1.0
-    for i in range(n + 1):
-        if i == n or factors == ONE_LOG or samples[i, WEIGHT] != weight:
-            legs += weight * math.log(low)
-            torso += weight * math.log(middle)
-            head += weight * math.log(high)
-            if i == n:
-                break
-            low, middle, high, factors, weight = 1.0, 1.0, 1.0, 0, samples[i, WEIGHT]
+    total, product, factors, weight = 0.0, 1.0, 0, 0.0
+    for i in range(n):
         s = samples[i]
         kind = kinds[i]
         pi, range_m, z = _look(x, y, h, s[CX], s[CY], s[CZ], s[EX], s[EY], s[COS], s[SIN], angles[i], cover, front, b)
@@ -242,31 +233,19 @@ def evaluate(
             behind = 3 * math.sqrt(b.surface_var + (s[STD] * range_m * range_m) ** 2)
             if s[RANGE] < range_m - behind:
                 continue
-        part = _part(z)
-        colour = 1.0 - b.colour + b.colour * ratio[part, codes[i]] if kind == 1 else 1.0
+        colour = 1.0 - b.colour + b.colour * ratio[_part(z), codes[i]] if kind == 1 else 1.0
         like = _body_likelihood(kind, s[RANGE], range_m, s[STD], s[MATCHED], colour, b)
         j = 0
         while j < count[i] and at[i, j] < range_m:
             j += 1
         floor = b.unknown / b.range_m / (1.0 - b.unknown) if kind == 1 else TINY
         without = before[i, j] + through[i, j] * rest[i, j] + floor
-        factor = 1.0 + through[i, j] * pi * (like - rest[i, j]) / without
-        if part == 0:
-            low *= factor
-        elif part == 1:
-            middle *= factor
-        else:
-            high *= factor
+        if factors == ONE_LOG or s[WEIGHT] != weight:
+            total += weight * math.log(product)
+            product, factors, weight = 1.0, 0, s[WEIGHT]
+        product *= 1.0 + through[i, j] * pi * (like - rest[i, j]) / without
         factors += 1
-    return _shown(legs, b) + _shown(torso, b) + _shown(head, b)
-
-
-@njit(cache=True, nogil=True, fastmath=True, inline="always")
-def _shown(evidence: float, b: Beliefs) -> float:
-    """Evidence of a part of the body that may be of the background's colours as a whole and then does not show."""
-    if evidence > 30.0:
-        return evidence + math.log(1.0 - b.alike)
-    return math.log((1.0 - b.alike) * math.exp(evidence) + b.alike)
+    return total + weight * math.log(product)
 
 
 @njit(cache=True, nogil=True, fastmath=True)

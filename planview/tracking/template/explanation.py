@@ -35,7 +35,6 @@ def beliefs_of(p: TemplateParams, table: body.BodyTable) -> kernels.Beliefs:
         no_depth=p.no_depth,
         range_m=p.range_m,
         unknown=p.unknown,
-        alike=p.alike,
         surface_var=p.surface_std_m**2,
         colour=p.colour_weight,
         body_m=body.TORSO.height_m,

@@ -26,8 +26,6 @@ class TemplateParams(Params):
     """Depth over which wrong disparities spread [m]."""
     unknown: float = Field(0.02, gt=0, lt=0.5)
     """kappa, share of the pixels before which something unknown stands."""
-    alike: float = Field(0.005, ge=0, lt=1)
-    """Share of legs, torsos and heads that do not show: clothes or hair of the background's colours."""
     patch_m: float = Field(0.10, gt=0.01, le=1)
     """Errors of pixels nearer than this are one error [m]; one look per patch (Harville's unit of occupancy)."""
     surface_std_m: float = Field(0.10, gt=0.01, le=0.5)

@@ -1,6 +1,5 @@
 """The template tracker."""
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -130,8 +129,7 @@ def test_a_person_where_the_background_is_seen_is_unlikely():
     frame = explained(look_at(oblique_camera(), []))
     samples = frame.around(np.array(ADULT), 0.3)
     samples.layer(people_of(), np.zeros(0, np.int64))
-    found = samples.lam(np.array(ADULT), np.ones((3, 200), np.float32))
-    assert found == pytest.approx(3 * math.log(PARAMS.alike), abs=0.1)  # legs, torso and head, none of which shows
+    assert samples.lam(np.array(ADULT), np.ones((3, 200), np.float32)) < -50
 
 
 def test_a_hidden_person_costs_nothing():
