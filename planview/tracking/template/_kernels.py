@@ -307,13 +307,12 @@ def ascend(  # type: ignore[no-untyped-def]
         x, y, h, predicted, information, tall, tall_std, apart, samples, kinds, codes, angles, n, ratio, cover, front,
         b, at, through, before, rest, count,
     )  # fmt: skip
-    for other in (tall, min(high, h / TORSO_TO), max(low, h * TORSO_TO)):  # shoulders pass for a head
-        new, lam_new = _posterior(
-            x, y, other, predicted, information, tall, tall_std, apart, samples, kinds, codes, angles, n, ratio, cover,
-            front, b, at, through, before, rest, count,
-        )  # fmt: skip
-        if new > best:
-            best, lam, h = new, lam_new, other
+    upright, standing = _posterior(
+        x, y, tall, predicted, information, tall, tall_std, apart, samples, kinds, codes, angles, n, ratio, cover,
+        front, b, at, through, before, rest, count,
+    )  # fmt: skip
+    if upright > best:
+        best, lam, h = upright, standing, tall
     for step in steps:
         for _ in range(TURNS):
             farthest = 0.0
