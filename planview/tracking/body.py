@@ -35,7 +35,7 @@ PROFILE = (
     (0.97, 1.00, 0.06, 0.6),
 )
 """Legs, torso, the slope of the shoulders, neck, head and crown: from and to [of the height], half breadth [m] of a
-body of 1.76 m, depth over breadth. Hip, shoulder (0.818) and chin (0.870) after Drillis and Contini 1966, radii of torso
+body of 1.76 m, depth over breadth. Hip, shoulder (0.818), chin (0.870) after Drillis and Contini 1966, radii of torso
 and head after Zhang, the other breadths ours."""
 ARMS = ((0.0, 0.42, 0.27, 0.5), (0.42, 0.78, 0.31, 0.4))
 ARMS_SHARE = 0.35

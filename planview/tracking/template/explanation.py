@@ -68,7 +68,8 @@ class Owned(NamedTuple):
     def by(self, person: int, least: float) -> I64:
         """Flat indices of the pixels that a person owns with at least a responsibility."""
         at = self.of_people
-        return at[(self.owner.ravel()[at] == person) & (self.share.ravel()[at] > least)]
+        chosen: I64 = at[(self.owner.ravel()[at] == person) & (self.share.ravel()[at] > least)]
+        return chosen
 
 
 class People:
