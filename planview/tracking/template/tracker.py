@@ -108,11 +108,9 @@ class TemplateTracker:
                 if sweep and not len(others[i]):
                     continue
                 samples[i].layer(people, others[i])
-                k = self._people[i].kalman
-                near = sweep or k.c_xx + k.c_yy < STEPS_M[1] ** 2  # a prediction as sure as the small step
                 _, bent[i] = samples[i].ascend(
                     people.poses[i], predicted[i], information[i], people.tall[i], people.apart(others[i]),
-                    people.ratios[i], STEPS_M[1:] if near else STEPS_M,
+                    people.ratios[i], STEPS_M[sweep:],
                 )  # fmt: skip
         flooded = all((v.kind > 0).mean() > 0.5 for v in frame.views)
         for i, q in enumerate(self._people):
