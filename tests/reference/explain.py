@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
 from toy_people import seen_body
 
+from calib.types import F32, F64, I64, U8
 from planview.maps.pixels import SURFACE, SeenPixels
 from planview.tracking import body
 from planview.tracking.template.params import TemplateParams
@@ -57,3 +59,12 @@ def _of_background(kind: int, near: bool, p: TemplateParams, reach_m: float) -> 
     if kind == 2:
         return 0.5 * p.seen_on_background
     return 0.5 * share / (2 * reach_m if near else p.range_m)
+
+
+def lacking(owner: I64, lack: F32, colour: U8, seen: SeenPixels, scale: float) -> F64:
+    """(5, N) x, y, z, lack [patches] and colour code of every pixel of surface."""
+    row, col = np.nonzero(owner > -2)
+    far = seen.range_m[row, col].astype(np.float64)
+    xyz = seen.rays.centre_m + far[:, None] * seen.rays.direction[row, col]
+    patches = (far / seen.rays.stretch[row, col]) ** 2 * scale
+    return np.vstack([xyz.T, patches * lack[row, col], colour[row, col]])

@@ -290,8 +290,7 @@ class HumanModelTracker:
                 continue
             mine = (shares.owner == i) & (shares.share > 0.8)
             q.learn_colours(shares.height[mine], frame.code[mine])
-        of_people = np.flatnonzero(shares.owner >= 0)
-        owned = [Owned(shares.owner, shares.share, shares.height, shares.residual, of_people)]
+        owned = [Owned(shares.owner, shares.share, shares.height, shares.residual)]
         for a, b, odds in self._exchanges.update(self._people, owned, [shares.seen(frame)], dt):
             a.take_identity(b)
             self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)

@@ -56,20 +56,12 @@ class Owned(NamedTuple):
         share: (H, W) float32, the owner's responsibility.
         height: (H, W) float32, relative to the owner.
         lack: (H, W) float32, expected log-likelihood of a body's surface there less that of the explanation.
-        of_people: flat indices of the pixels that a person owns.
     """
 
     owner: I64
     share: F32
     height: F32
     lack: F32
-    of_people: I64
-
-    def by(self, person: int, least: float) -> I64:
-        """Flat indices of the pixels that a person owns with at least a responsibility."""
-        at = self.of_people
-        chosen: I64 = at[(self.owner.ravel()[at] == person) & (self.share.ravel()[at] > least)]
-        return chosen
 
 
 class People:
@@ -170,7 +162,7 @@ class Explanation:
                 v.rays.direction, v.rays.stretch, self.params.disparity_std_px / v.rays.disparity_metre, v.kind,
                 v.range_m, colour, self.table.cover, self.table.front, self.beliefs, owner, share, height, lack,
             )  # fmt: skip
-            out.append(Owned(owner, share, height, lack, np.flatnonzero(owner >= 0)))
+            out.append(Owned(owner, share, height, lack))
         return out
 
 

@@ -79,10 +79,10 @@ def owned_colours(k: int, owned: Sequence[Owned], views: Sequence[SeenPixels], p
     for o, v in zip(owned, views, strict=True):
         if v.colour is None:
             continue
-        mine = o.by(k, 0.3)
-        part = np.digitize(o.height.ravel()[mine], (LEGS_TO, TORSO_TO))
-        total += np.bincount(part * CODES + v.colour.ravel()[mine], minlength=PARTS * CODES).reshape(PARTS, CODES)
-        depth = v.range_m.ravel()[mine] / v.rays.stretch.ravel()[mine]
+        mine = (o.owner == k) & (o.share > 0.3)
+        part = np.digitize(o.height[mine], (LEGS_TO, TORSO_TO))
+        total += np.bincount(part * CODES + v.colour[mine], minlength=PARTS * CODES).reshape(PARTS, CODES)
+        depth = v.range_m[mine] / v.rays.stretch[mine]
         patches += float((depth * depth).sum()) * v.rays.pixel_sr / patch_m**2
     return total / max(total.sum(), 1.0), patches
 

@@ -193,9 +193,9 @@ class TemplateTracker:
             if q.share < 0.5 or near < body.REACH_M:
                 continue
             for o, v in zip(owned, frame.views, strict=True):
-                mine = o.by(i, 0.8)
+                mine = (o.owner == i) & (o.share > 0.8)
                 if v.colour is not None:
-                    q.learn_colours(o.height.ravel()[mine], v.colour.ravel()[mine])
+                    q.learn_colours(o.height[mine], v.colour[mine])
         for a, b, odds in self._exchanges.update(self._people, owned, frame.views, dt):
             a.take_identity(b)
             self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)

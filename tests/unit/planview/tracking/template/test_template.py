@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from reference.explain import log_likelihood
+from reference.explain import lacking, log_likelihood
 from toy_people import look_at, oblique_camera, observed
 
 from planview.maps.pixels import SURFACE, SeenPixels
@@ -123,6 +123,19 @@ def test_evidence_of_a_person_is_the_difference_of_two_likelihoods(other):
     # Arms reach as far in both: what lies near one of the two lies near the other.
     without, both = (log_likelihood(seen, people, PARAMS, [other]) for people in ([other], [other, far]))
     assert found == pytest.approx(both - without, rel=0.03)
+
+
+def test_points_that_lack_an_explanation_are_the_surface_of_the_view():
+    seen = look_at(oblique_camera(), [ADULT])
+    owned = explained(seen).share_out(people_of())[0]
+    found, scale = np.empty((5, seen.kind.size)), 3.0
+    n = kernels.lacking(
+        owned.owner, owned.lack, seen.kind, seen.range_m, seen.rays.direction, seen.rays.stretch, seen.rays.centre_m,
+        scale, found, 0,
+    )  # fmt: skip
+    expected = lacking(owned.owner, owned.lack, seen.kind, seen, scale)
+    assert n == expected.shape[1] > 100
+    np.testing.assert_allclose(found[:, :n], expected, rtol=1e-5)
 
 
 def test_a_person_where_the_background_is_seen_is_unlikely():
