@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import os
 import shutil
@@ -209,8 +210,14 @@ class RerunLog:
             except (RuntimeError, ValueError) as error:
                 before, size = size, self._parts[-1].stat().st_size
                 if size == before:
+                    self._abandon()
                     problem = f"{self._path}: cannot be written ({reason(error)}); earlier frames are kept"
                     raise WorkError(problem) from error
+
+    def _abandon(self) -> None:
+        """Keep the stream for ever: rerun may wait for its dead thread when a stream is collected, and at exit."""
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._stream))
+        rr.unregister_shutdown()
 
     def _check_room(self) -> None:
         free = shutil.disk_usage(self._path.parent).free
