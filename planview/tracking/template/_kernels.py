@@ -6,6 +6,7 @@ A sample is one analysis pixel near a person: its camera, ray, kind, range and w
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,8 @@ from calib.types import F32, F64, I64, U8
 
 CX, CY, CZ, EX, EY, COS, SIN, RANGE, WEIGHT, STD, MATCHED = range(11)
 SAMPLE_FIELDS = 11
+KIND, CODE, ANGLE = range(3)
+AT, THROUGH, BEFORE, REST = range(4)
 LAYERS = 4
 """Other people on one ray, the nearest first."""
 TINY = 1e-12
@@ -71,6 +74,32 @@ def _look(  # type: ignore[no-untyped-def]
     return cover[angle, iu, iw], at, (cz - sin * at) / h
 
 
+@njit(cache=True, nogil=True, fastmath=True)
+def _covered(
+    x: float, y: float, h: float, values: F32, n: int, cover: F32, b: Beliefs, scratch: F32, which: I64
+) -> int:  # fmt: skip
+    """The samples within a body's table: their number, and which; fills rows u, w and range at the centre [m].
+
+    One loop without branches in float32, which processors take eight at a time; three samples in five end here.
+    """
+    u, w, ahead = scratch[0], scratch[1], scratch[2]
+    cx, cy, cz, ex, ey = values[CX], values[CY], values[CZ], values[EX], values[EY]
+    cos, sin = values[COS], values[SIN]
+    per_m, w_min, zero = np.float32(b.body_m / h / b.cell_m), np.float32(b.w_min / b.cell_m), np.float32(0.0)
+    x_m, y_m, z_m = np.float32(x), np.float32(y), np.float32(0.5 * h)
+    for i in range(n):
+        dx, dy, dz = x_m - cx[i], y_m - cy[i], z_m - cz[i]
+        along = dx * ex[i] + dy * ey[i]
+        u[i] = abs(dy * ex[i] - dx * ey[i]) * per_m
+        w[i] = -(along * sin[i] + dz * cos[i]) * per_m - w_min
+        ahead[i] = along * cos[i] - dz * sin[i]
+    us, ws, m = np.float32(cover.shape[1]), np.float32(cover.shape[2]), 0
+    for i in range(n):
+        which[m] = i
+        m += (u[i] < us) & (w[i] >= zero) & (w[i] < ws)
+    return m
+
+
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
 def _body_likelihood(  # type: ignore[no-untyped-def]
     kind: int, seen: float, at: float, std: float, matched: float, colour: float, b: Beliefs
@@ -92,26 +121,36 @@ def _part(z: float) -> int:
 
 
 @njit(cache=True, nogil=True)
+def boxes(poses: F64, projection: F64, half: float, above: float, out: F64) -> None:
+    """Left, top, right, bottom (N, 4) [px] of boxes around bodies: ``half`` [m] to each side, ``above`` their heads."""
+    for a in range(len(poses)):
+        out[a, :2], out[a, 2:] = 1e4, -1e4
+        for corner in range(8):
+            x = poses[a, 0] + (half if corner & 1 else -half)
+            y = poses[a, 1] + (half if corner & 2 else -half)
+            z = poses[a, 2] + above if corner & 4 else 0.0
+            depth = projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
+            depth = max(depth, 0.15)
+            u = (projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3]) / depth
+            v = (projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3]) / depth
+            u, v = min(max(u, -1e4), 1e4), min(max(v, -1e4), 1e4)
+            out[a, 0], out[a, 1] = min(out[a, 0], u), min(out[a, 1], v)
+            out[a, 2], out[a, 3] = max(out[a, 2], u), max(out[a, 3], v)
+
+
+@njit(cache=True, nogil=True)
 def gather(
     pose: F64, reach_m: float, spacing_m: float, patch_m: float, centre: F64, direction: F32, stretch: F32,
     matched_m: F32, projection: F64, pixel_sr: float, kind: U8, range_m: F32, colour: U8, std_per_m2: float,
-    samples: F32, kinds: U8, codes: U8, angles: I64, n: int, b: Beliefs,
+    values: F32, marks: U8, n: int, beliefs: Sequence[Beliefs],
 ) -> int:  # fmt: skip
     """Append the samples of one camera within ``reach_m`` of a body; the number of samples then."""
+    b = beliefs[0]
     rows, cols = stretch.shape
-    x0, y0, x1, y1 = 1e9, 1e9, -1e9, -1e9
+    half, box = reach_m + 0.25, np.empty((1, 4))
+    boxes(pose.reshape(1, 3), projection, half, 0.1, box)
+    x0, y0, x1, y1 = box[0]
     away = math.sqrt((pose[0] - centre[0]) ** 2 + (pose[1] - centre[1]) ** 2)
-    half = reach_m + 0.25
-    for k in range(8):
-        x = pose[0] + (half if k & 1 else -half)
-        y = pose[1] + (half if k & 2 else -half)
-        z = pose[2] + 0.1 if k & 4 else 0.0
-        depth = projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
-        if depth < 0.15:
-            depth = 0.15
-        u = (projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3]) / depth
-        v = (projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3]) / depth
-        x0, x1, y0, y1 = min(x0, u), max(x1, u), min(y0, v), max(y1, v)
     if x1 < 0 or y1 < 0 or x0 > cols - 1 or y0 > rows - 1:
         return n
     c0, c1, r0, r1 = max(0, int(x0)), min(cols - 1, int(x1) + 1), max(0, int(y0)), min(rows - 1, int(y1) + 1)
@@ -126,7 +165,7 @@ def gather(
     weight = depth * depth * pixel_sr * step * step / (patch_m * patch_m)
     for r in range(r0 + (-r0) % step, r1 + 1, step):
         for c in range(c0 + (-c0) % step, c1 + 1, step):
-            if n >= len(samples):
+            if n >= len(marks[0]):
                 return n
             dx, dy, dz = direction[r, c, 0], direction[r, c, 1], direction[r, c, 2]
             cos = math.sqrt(dx * dx + dy * dy)
@@ -137,154 +176,153 @@ def gather(
             ahead = (pose[0] - centre[0]) * dx + (pose[1] - centre[1]) * dy + (0.5 * pose[2] - centre[2]) * dz
             if ahead < 0.15:
                 continue
-            s = samples[n]
-            s[CX], s[CY], s[CZ] = centre[0], centre[1], centre[2]
-            s[EX], s[EY], s[COS], s[SIN] = ex, ey, cos, -dz
-            s[RANGE] = range_m[r, c]
-            s[WEIGHT] = weight
-            s[MATCHED] = matched_m[r, c]
-            s[STD] = std_per_m2 / stretch[r, c]
-            kinds[n] = kind[r, c]
-            codes[n] = colour[r, c]
+            values[CX, n], values[CY, n], values[CZ, n] = centre[0], centre[1], centre[2]
+            values[EX, n], values[EY, n], values[COS, n], values[SIN, n] = ex, ey, cos, -dz
+            values[RANGE, n], values[WEIGHT, n], values[MATCHED, n] = range_m[r, c], weight, matched_m[r, c]
+            values[STD, n] = std_per_m2 / stretch[r, c]
             angle = int((math.atan2(-dz, cos) - b.angle_min) / b.angle_step + 0.5)
-            angles[n] = min(max(angle, 0), 24)
+            marks[KIND, n], marks[CODE, n], marks[ANGLE, n] = kind[r, c], colour[r, c], min(max(angle, 0), 24)
             n += 1
     return n
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def layer(
-    samples: F32, kinds: U8, codes: U8, angles: I64, n: int, poses: F64, sure: F64, ratios: F32, who: I64,
-    cover: F32, front: F32, b: Beliefs, at: F32, through: F32, before: F32, rest: F32, count: I64,
+    values: F32, marks: U8, n: int, poses: F64, sure: F64, ratios: F32, who: I64, cover: F32, front: F32,
+    beliefs: Sequence[Beliefs], layers: F32, count: I64, scratch: F32, which: I64,
 ) -> None:  # fmt: skip
     """The other people on every sample's ray, the nearest first, each covering as surely as it exists (``sure``).
 
-    Fills per sample: ``at`` (LAYERS) their ranges, ``through`` (LAYERS + 1) the share of the ray that passes the first
-    k of them, ``before`` the likelihood that these explain, ``rest`` what all behind them explains of what passes.
+    Fills ``layers`` (N, 4, LAYERS + 1): ranges, the share of the ray that passes the first k people, the likelihood
+    that these explain, and what all behind them explains of what passes; ``count`` (N,), how many they are.
     """
-    t = np.empty(LAYERS)
-    p = np.empty(LAYERS)
-    like = np.empty(LAYERS)
-    for i in range(n):
-        s = samples[i]
-        kind = kinds[i]
-        m = 0
-        near = False
-        for a in range(len(who)):
-            k = who[a]
-            h = poses[k, 2]
-            pi, range_m, z = _look(
-                poses[k, 0], poses[k, 1], h, s[CX], s[CY], s[CZ], s[EX], s[EY], s[COS], s[SIN], angles[i],
-                cover, front, b,
-            )  # fmt: skip
-            if kind == 1:
-                ox = s[CX] + s[EX] * s[COS] * s[RANGE] - poses[k, 0]
-                oy = s[CY] + s[EY] * s[COS] * s[RANGE] - poses[k, 1]
-                near = near or (sure[k] > 0.5 and ox * ox + oy * oy < b.reach_m * b.reach_m)
-            pi *= sure[k]
+    b = beliefs[0]
+    near = np.zeros(n, np.bool_)
+    count[:n] = 0
+    for a in range(len(who)):
+        k = who[a]
+        x, y, h = poses[k, 0], poses[k, 1], poses[k, 2]
+        if sure[k] > 0.5:
+            for i in range(n):
+                flat = values[COS, i] * values[RANGE, i]
+                ox, oy = values[CX, i] + values[EX, i] * flat - x, values[CY, i] + values[EY, i] * flat - y
+                near[i] |= ox * ox + oy * oy < b.reach_m * b.reach_m
+        for q in range(_covered(x, y, h, values, n, cover, b, scratch, which)):
+            i = which[q]
+            angle, iu, iw, kind, m = marks[ANGLE, i], int(scratch[0, i]), int(scratch[1, i]), marks[KIND, i], count[i]
+            pi = cover[angle, iu, iw] * sure[k]
             if pi < 0.01 or m >= LAYERS:
                 continue
-            std = s[STD]
-            hidden = kind == 0 and s[RANGE] > 0 and z < HIDDEN_MAX
-            if hidden and s[RANGE] < range_m - 3 * math.sqrt(b.surface_var + (std * range_m * range_m) ** 2):
+            range_m = scratch[2, i] - front[angle, iu, iw] * h / b.body_m
+            z = (values[CZ, i] - values[SIN, i] * range_m) / h
+            std, seen = values[STD, i], values[RANGE, i]
+            hidden = kind == 0 and seen > 0 and z < HIDDEN_MAX
+            if hidden and seen < range_m - 3 * math.sqrt(b.surface_var + (std * range_m * range_m) ** 2):
                 continue
-            colour = 1.0 - b.colour + b.colour * ratios[k, _part(z), codes[i]] if kind == 1 else 1.0
-            value = _body_likelihood(kind, s[RANGE], range_m, std, s[MATCHED], colour, b)
-            j = m
-            while j > 0 and t[j - 1] > range_m:
-                t[j], p[j], like[j] = t[j - 1], p[j - 1], like[j - 1]
+            colour = 1.0 - b.colour + b.colour * ratios[k, _part(z), marks[CODE, i]] if kind == 1 else 1.0
+            like = _body_likelihood(kind, seen, range_m, std, values[MATCHED, i], colour, b)
+            ray, j = layers[i], m
+            while j > 0 and ray[AT, j - 1] > range_m:
+                for row in (AT, THROUGH, BEFORE):
+                    ray[row, j] = ray[row, j - 1]
                 j -= 1
-            t[j], p[j], like[j] = range_m, pi, value
-            m += 1
+            ray[AT, j], ray[THROUGH, j], ray[BEFORE, j] = range_m, pi, like
+            count[i] = m + 1
+    for i in range(n):
+        kind = marks[KIND, i]
         if kind == 0:
             ground = 1.0 - b.background
         elif kind == 2:
-            ground = 0.5 * (b.near_people if near else b.background)
+            ground = 0.5 * b.background
         else:
-            ground = 0.5 * (b.near_people / (2 * b.reach_m) if near else b.background / b.range_m)
-        count[i] = m
-        through[i, 0] = 1.0
-        before[i, 0] = 0.0
-        for j in range(m):
-            at[i, j] = t[j]
-            before[i, j + 1] = before[i, j] + through[i, j] * p[j] * like[j]
-            through[i, j + 1] = through[i, j] * (1.0 - p[j])
-        value = ground
-        rest[i, m] = value
+            ground = 0.5 * (b.near_people / (2 * b.reach_m) if near[i] else b.background / b.range_m)
+        ray, m = layers[i], count[i]
+        ray[REST, m] = ground
         for j in range(m - 1, -1, -1):
-            value = p[j] * like[j] + (1.0 - p[j]) * value
-            rest[i, j] = value
+            ray[REST, j] = ray[THROUGH, j] * ray[BEFORE, j] + (1.0 - ray[THROUGH, j]) * ray[REST, j + 1]
+        passing, explained = 1.0, 0.0
+        for j in range(m):
+            pi, like = ray[THROUGH, j], ray[BEFORE, j]
+            ray[THROUGH, j], ray[BEFORE, j] = passing, explained
+            explained += passing * pi * like
+            passing *= 1.0 - pi
+        ray[THROUGH, m], ray[BEFORE, m] = passing, explained
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def evaluate(
-    x: float, y: float, h: float, samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32,
-    cover: F32, front: F32, b: Beliefs, at: F32, through: F32, before: F32, rest: F32, count: I64,
+    x: float, y: float, h: float, values: F32, marks: U8, n: int, ratio: F32, cover: F32, front: F32,
+    beliefs: Sequence[Beliefs], layers: F32, count: I64, scratch: F32, which: I64,
 ) -> float:  # fmt: skip
     """Lam of all samples with one person at a pose among the others, less Lam without that person."""
+    b = beliefs[0]
     total, product, factors, weight = 0.0, 1.0, 0, 0.0
-    for i in range(n):
-        s = samples[i]
-        kind = kinds[i]
-        pi, range_m, z = _look(x, y, h, s[CX], s[CY], s[CZ], s[EX], s[EY], s[COS], s[SIN], angles[i], cover, front, b)
+    floor_seen = b.unknown / b.range_m / (1.0 - b.unknown)
+    for q in range(_covered(x, y, h, values, n, cover, b, scratch, which)):
+        i = which[q]
+        angle, iu, iw, kind = marks[ANGLE, i], int(scratch[0, i]), int(scratch[1, i]), marks[KIND, i]
+        pi = cover[angle, iu, iw]
+        range_m = scratch[2, i] - front[angle, iu, iw] * h / b.body_m
+        z = (values[CZ, i] - values[SIN, i] * range_m) / h
         if pi < 0.005 or z < 0.0:
             continue
-        if kind == 0 and s[RANGE] > 0 and z < HIDDEN_MAX:
-            behind = 3 * math.sqrt(b.surface_var + (s[STD] * range_m * range_m) ** 2)
-            if s[RANGE] < range_m - behind:
+        std, seen = values[STD, i], values[RANGE, i]
+        if kind == 0 and seen > 0 and z < HIDDEN_MAX:
+            behind = 3 * math.sqrt(b.surface_var + (std * range_m * range_m) ** 2)
+            if seen < range_m - behind:
                 continue
-        colour = 1.0 - b.colour + b.colour * ratio[_part(z), codes[i]] if kind == 1 else 1.0
-        like = _body_likelihood(kind, s[RANGE], range_m, s[STD], s[MATCHED], colour, b)
-        j = 0
-        while j < count[i] and at[i, j] < range_m:
+        colour = 1.0 - b.colour + b.colour * ratio[_part(z), marks[CODE, i]] if kind == 1 else 1.0
+        like = _body_likelihood(kind, seen, range_m, std, values[MATCHED, i], colour, b)
+        ray, j = layers[i], 0
+        while j < count[i] and ray[AT, j] < range_m:
             j += 1
-        floor = b.unknown / b.range_m / (1.0 - b.unknown) if kind == 1 else TINY
-        without = before[i, j] + through[i, j] * rest[i, j] + floor
-        if factors == ONE_LOG or s[WEIGHT] != weight:
+        without = ray[BEFORE, j] + ray[THROUGH, j] * ray[REST, j] + (floor_seen if kind == 1 else TINY)
+        if factors == ONE_LOG or values[WEIGHT, i] != weight:
             total += weight * math.log(product)
-            product, factors, weight = 1.0, 0, s[WEIGHT]
-        product *= 1.0 + through[i, j] * pi * (like - rest[i, j]) / without
+            product, factors, weight = 1.0, 0, values[WEIGHT, i]
+        product *= 1.0 + ray[THROUGH, j] * pi * (like - ray[REST, j]) / without
         factors += 1
     return total + weight * math.log(product)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def believed(x: float, y: float, h: float, tall: float, tall_std: float, apart: F64, b: Beliefs) -> float:
+def believed(
+    x: float, y: float, h: float, tall: float, tall_std: float, poses: F64, sure: F64, who: I64,
+    beliefs: Sequence[Beliefs],
+) -> float:  # fmt: skip
     """Logarithm of what is believed of a pose: upright, seldom lower, and no body inside another.
 
-    ``tall``, ``tall_std``: what is known of the person's height when upright. Relative to standing so with nobody near.
+    ``tall``, ``tall_std``: what is known of the person's height when upright; ``who`` of ``poses`` are the others, as
+    ``sure`` to be there. Relative to standing so with nobody near.
     """
+    b = beliefs[0]
     off = (h - tall) / tall_std
     lower = b.low_share / (1.0 - b.low_share) * tall_std * math.sqrt(2 * math.pi) / tall
     value = math.log((math.exp(-0.5 * off * off) + lower) / (1.0 + lower))
-    for k in range(len(apart)):
-        gap = math.sqrt((x - apart[k, 0]) ** 2 + (y - apart[k, 1]) ** 2)
+    for a in range(len(who)):
+        k = who[a]
+        gap = math.sqrt((x - poses[k, 0]) ** 2 + (y - poses[k, 1]) ** 2)
         if gap < b.apart_m:
-            value -= 0.5 * apart[k, 2] * ((b.apart_m - gap) / 0.07) ** 2
+            value -= 0.5 * sure[k] * ((b.apart_m - gap) / 0.07) ** 2
     return value
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _posterior(  # type: ignore[no-untyped-def]
-    x: float, y: float, h: float, predicted: F64, information: F64, tall: float, tall_std: float, apart: F64,
-    samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32, cover: F32, front: F32, b: Beliefs,
-    at: F32, through: F32, before: F32, rest: F32, count: I64,
-):  # fmt: skip
+def _posterior(x: float, y: float, h: float, prior, pixels):  # type: ignore[no-untyped-def]
     """Lam - Mahalanobis / 2 plus what is believed of a pose; Lam alone."""
+    predicted, information, tall, tall_std, poses, sure, who, beliefs = prior
     ox, oy, oh = x - predicted[0], y - predicted[1], h - predicted[2]
     away = information[0] * ox * ox + 2 * information[1] * ox * oy + information[2] * oy * oy
     away += information[3] * oh * oh
-    lam = evaluate(
-        x, y, h, samples, kinds, codes, angles, n, ratio, cover, front, b, at, through, before, rest, count
-    )  # fmt: skip
-    return lam - 0.5 * away + believed(x, y, h, tall, tall_std, apart, b), lam
+    lam = evaluate(x, y, h, *pixels)
+    return lam - 0.5 * away + believed(x, y, h, tall, tall_std, poses, sure, who, beliefs), lam
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def ascend(  # type: ignore[no-untyped-def]
-    pose: F64, bent: F64, predicted: F64, information: F64, tall: float, tall_std: float, apart: F64, steps: F64,
-    low: float, high: float, samples: F32, kinds: U8, codes: U8, angles: I64, n: int, ratio: F32,
-    cover: F32, front: F32, b: Beliefs, at: F32, through: F32, before: F32, rest: F32, count: I64,
+    pose: F64, bent: F64, predicted: F64, information: F64, tall: float, tall_std: float, poses: F64, sure: F64,
+    who: I64, steps: F64, low: float, high: float, values: F32, marks: U8, n: int, ratio: F32, cover: F32, front: F32,
+    beliefs: Sequence[Beliefs], layers: F32, count: I64, scratch: F32, which: I64,
 ):  # fmt: skip
     """Ascent on Lam - Mahalanobis / 2 by parabolas along and across the first camera's ray and in height.
 
@@ -292,25 +330,21 @@ def ascend(  # type: ignore[no-untyped-def]
 
     Args:
         information: (4,) xx, xy, yy of the place's and of the height's inverse covariance.
-        apart: (K, 3) places of other bodies, which cannot be entered, and how surely they exist.
+        poses, sure, who: other bodies, which cannot be entered, and how surely they exist.
 
     Returns:
         Lam at the end plus what is believed of such a pose.
     """
     ax, ay = 1.0, 0.0
     if n > 0:
-        ax, ay = pose[0] - samples[0, CX], pose[1] - samples[0, CY]
+        ax, ay = pose[0] - values[CX, 0], pose[1] - values[CY, 0]
         norm = math.sqrt(ax * ax + ay * ay)
         ax, ay = (ax / norm, ay / norm) if norm > 1e-6 else (1.0, 0.0)
     x, y, h = pose[0], pose[1], pose[2]
-    best, lam = _posterior(
-        x, y, h, predicted, information, tall, tall_std, apart, samples, kinds, codes, angles, n, ratio, cover, front,
-        b, at, through, before, rest, count,
-    )  # fmt: skip
-    upright, standing = _posterior(
-        x, y, tall, predicted, information, tall, tall_std, apart, samples, kinds, codes, angles, n, ratio, cover,
-        front, b, at, through, before, rest, count,
-    )  # fmt: skip
+    prior = predicted, information, tall, tall_std, poses, sure, who, beliefs
+    pixels = values, marks, n, ratio, cover, front, beliefs, layers, count, scratch, which
+    best, lam = _posterior(x, y, h, prior, pixels)
+    upright, standing = _posterior(x, y, tall, prior, pixels)
     if upright > best:
         best, lam, h = upright, standing, tall
     for step in steps:
@@ -334,11 +368,7 @@ def ascend(  # type: ignore[no-untyped-def]
                             f = 2 * step if rise > 0 else -2 * step
                         if abs(f) < 0.1 * step:
                             break
-                    new, lam_new = _posterior(
-                        x + f * ux, y + f * uy, max(low, min(high, h + f * uh)), predicted, information, tall,
-                        tall_std, apart, samples, kinds, codes, angles, n, ratio, cover, front, b, at, through, before,
-                        rest, count,
-                    )  # fmt: skip
+                    new, lam_new = _posterior(x + f * ux, y + f * uy, max(low, min(high, h + f * uh)), prior, pixels)
                     if trial == 0:
                         up, bent[axis] = new, 2 * at_start - lam_new
                     elif trial == 1:
@@ -350,34 +380,35 @@ def ascend(  # type: ignore[no-untyped-def]
             if farthest < 0.5 * step:
                 break
     pose[0], pose[1], pose[2] = x, y, h
-    return lam + believed(x, y, h, tall, tall_std, apart, b)
+    return lam + believed(x, y, h, tall, tall_std, poses, sure, who, beliefs)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def visible(  # type: ignore[no-untyped-def]
-    pose: F64, samples: F32, kinds: U8, angles: I64, n: int, cover: F32, front: F32, b: Beliefs,
-    at: F32, through: F32, before: F32, rest: F32, count: I64,
+    pose: F64, values: F32, marks: U8, n: int, cover: F32, front: F32, beliefs: Sequence[Beliefs], layers: F32,
+    count: I64, scratch: F32, which: I64,
 ):  # fmt: skip
     """Patches of a body that it explains better than all else, and those in view."""
+    b = beliefs[0]
     mine = total = 0.0
-    for i in range(n):
-        s = samples[i]
-        pi, range_m, _ = _look(
-            pose[0], pose[1], pose[2], s[CX], s[CY], s[CZ], s[EX], s[EY], s[COS], s[SIN], angles[i], cover, front, b
-        )
+    for q in range(_covered(pose[0], pose[1], pose[2], values, n, cover, b, scratch, which)):
+        i = which[q]
+        angle, iu, iw, kind = marks[ANGLE, i], int(scratch[0, i]), int(scratch[1, i]), marks[KIND, i]
+        pi = cover[angle, iu, iw]
         if pi < 0.02:
             continue
-        total += pi * s[WEIGHT]
-        if kinds[i] == 0:
+        total += pi * values[WEIGHT, i]
+        if kind == 0:
             continue
-        like = _body_likelihood(kinds[i], s[RANGE], range_m, s[STD], s[MATCHED], 1.0, b)
-        j = 0
-        while j < count[i] and at[i, j] < range_m:
+        range_m = scratch[2, i] - front[angle, iu, iw] * pose[2] / b.body_m
+        like = _body_likelihood(kind, values[RANGE, i], range_m, values[STD, i], values[MATCHED, i], 1.0, b)
+        ray, j = layers[i], 0
+        while j < count[i] and ray[AT, j] < range_m:
             j += 1
-        own = through[i, j] * pi * like
-        floor = b.unknown / b.range_m if kinds[i] == 1 else 0.0
-        if own > before[i, j] + through[i, j] * (1 - pi) * rest[i, j] + floor:
-            mine += pi * s[WEIGHT]
+        own = ray[THROUGH, j] * pi * like
+        floor = b.unknown / b.range_m if kind == 1 else 0.0
+        if own > ray[BEFORE, j] + ray[THROUGH, j] * (1 - pi) * ray[REST, j] + floor:
+            mine += pi * values[WEIGHT, i]
     return mine, total
 
 
@@ -385,13 +416,14 @@ def visible(  # type: ignore[no-untyped-def]
 def share_out(
     poses: F64, sure: F64, ratios: F32, boxes: I64, centre: F64, direction: F32, stretch: F32, std_per_m2: float,
     kind: U8, range_m: F32, colour: U8,
-    cover: F32, front: F32, b: Beliefs, owner: I64, share: F32, height: F32, lack: F32,
+    cover: F32, front: F32, beliefs: Sequence[Beliefs], owner: I64, share: F32, height: F32, lack: F32,
 ) -> None:  # fmt: skip
     """Who owns each pixel of surface: -2 no surface, -1 nobody, else a person, with the responsibility.
 
     ``height``: of the owner's pixels, relative to the owner. ``lack``: how much better a body's surface there would
     explain the pixel, as an expected logarithm; about 0 for what is explained.
     """
+    b = beliefs[0]
     rows, cols = kind.shape
     t = np.empty(LAYERS)
     p = np.empty(LAYERS)

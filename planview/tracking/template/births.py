@@ -101,7 +101,7 @@ def _tried(frame: Explanation, people: People, points: F64, now_s: float) -> Per
     worth, pose, bent = -np.inf, start, np.zeros(3)
     for height in (body.HEIGHT_MEAN_M, top):
         moved = np.array([*place, height])
-        value, bends = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial.apart(others), trial.ratios[n])
+        value, bends = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial, others, trial.ratios[n])
         if value > worth:
             worth, pose, bent = value, moved, bends
     mine, total = samples.visible(pose)

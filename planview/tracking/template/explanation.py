@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -25,9 +25,9 @@ GAP_PX = 6
 """People whose boxes are nearer than this in an image are explained together [px]."""
 
 
-def beliefs_of(p: TemplateParams, table: body.BodyTable) -> kernels.Beliefs:
-    """The parameters as kernels take them."""
-    return kernels.Beliefs(
+def beliefs_of(p: TemplateParams, table: body.BodyTable) -> Sequence[kernels.Beliefs]:
+    """The parameters as kernels take them: an array of one record, which costs a call less than a tuple."""
+    beliefs = kernels.Beliefs(
         outliers=p.outliers,
         body=p.seen_on_body,
         background=p.seen_on_background,
@@ -46,6 +46,8 @@ def beliefs_of(p: TemplateParams, table: body.BodyTable) -> kernels.Beliefs:
         cell_m=table.cell_m,
         w_min=table.w_min_m,
     )
+    record = np.array([tuple(beliefs)], dtype=[(name, np.float64) for name in beliefs._fields])
+    return cast(Sequence[kernels.Beliefs], record)
 
 
 class Owned(NamedTuple):
@@ -116,20 +118,15 @@ class Explanation:
             samples.n = kernels.gather(
                 pose, reach_m, kernels.SPACING * self.params.patch_m, self.params.patch_m, r.centre_m, r.direction,
                 r.stretch, r.matched_m, r.projection, r.pixel_sr, v.kind, v.range_m, colour, std, samples.values,
-                samples.kinds, samples.codes, samples.angles, samples.n, self.beliefs,
+                samples.marks, samples.n, self.beliefs,
             )  # fmt: skip
         return samples
 
     def boxes(self, view: SeenPixels, poses: F64) -> I64:
         """(N, 4) int64 left, top, right, bottom of bodies in a view [px]."""
-        reach = np.array([(dx, dy, z) for dx in (-0.4, 0.4) for dy in (-0.4, 0.4) for z in (0.0, 1.05)])
-        points = np.repeat(poses[:, None, :2], 8, axis=1) + reach[None, :, :2]
-        z = reach[None, :, 2] * poses[:, 2:3]
-        image = np.concatenate([points, z[..., None], np.ones((len(poses), 8, 1))], axis=-1) @ view.rays.projection.T
-        depth = np.maximum(image[..., 2], 0.15)
-        u, v = image[..., 0] / depth, image[..., 1] / depth
-        boxes = np.stack([u.min(1), v.min(1), u.max(1), v.max(1)], axis=1)
-        return np.asarray(np.clip(boxes, -10_000, 10_000), dtype=np.int64)
+        boxes = np.empty((len(poses), 4))
+        kernels.boxes(poses, view.rays.projection, 0.4, 0.1, boxes)
+        return boxes.astype(np.int64)
 
     def touching(self, poses: F64) -> Bool:
         """(N, N) whether two people may be on one ray of a camera."""
@@ -170,18 +167,14 @@ class Samples:
     """The samples around one person and the layers of others on their rays."""
 
     def __init__(self, of: Explanation) -> None:
-        k = kernels.LAYERS
         self._of = of
-        self.values = np.empty((MAX_SAMPLES, kernels.SAMPLE_FIELDS), np.float32)
-        self.kinds = np.empty(MAX_SAMPLES, np.uint8)
-        self.codes = np.empty(MAX_SAMPLES, np.uint8)
-        self.angles = np.empty(MAX_SAMPLES, np.int64)
+        self.values = np.empty((kernels.SAMPLE_FIELDS, MAX_SAMPLES), np.float32)
+        self.marks = np.empty((3, MAX_SAMPLES), np.uint8)
         self.n = 0
         self._layers = (
-            np.empty((MAX_SAMPLES, k), np.float32),
-            np.empty((MAX_SAMPLES, k + 1), np.float32),
-            np.empty((MAX_SAMPLES, k + 1), np.float32),
-            np.empty((MAX_SAMPLES, k + 1), np.float32),
+            np.empty((MAX_SAMPLES, 4, kernels.LAYERS + 1), np.float32),
+            np.empty(MAX_SAMPLES, np.int64),
+            np.empty((3, MAX_SAMPLES), np.float32),
             np.empty(MAX_SAMPLES, np.int64),
         )
 
@@ -189,8 +182,8 @@ class Samples:
         """Take these people for the others on the rays."""
         t = self._of.table
         kernels.layer(
-            self.values, self.kinds, self.codes, self.angles, self.n, people.poses, people.sure, people.ratios,
-            others, t.cover, t.front, self._of.beliefs, *self._layers,
+            self.values, self.marks, self.n, people.poses, people.sure, people.ratios, others, t.cover, t.front,
+            self._of.beliefs, *self._layers,
         )  # fmt: skip
 
     def lam(self, pose: F64, ratio: F32) -> float:
@@ -198,18 +191,19 @@ class Samples:
         t, (x, y, h) = self._of.table, map(float, pose)
         return float(
             kernels.evaluate(
-                x, y, h, self.values, self.kinds, self.codes, self.angles, self.n, ratio, t.cover, t.front,
-                self._of.beliefs, *self._layers,
+                x, y, h, self.values, self.marks, self.n, ratio, t.cover, t.front, self._of.beliefs, *self._layers
             )
         )  # fmt: skip
 
     def ascend(
-        self, pose: F64, predicted: F64, information: F64, tall: F64, apart: F64, ratio: F32, steps: F64 = STEPS_M
-    ) -> tuple[float, F64]:
+        self, pose: F64, predicted: F64, information: F64, tall: F64, people: People, others: I64, ratio: F32,
+        steps: F64 = STEPS_M,
+    ) -> tuple[float, F64]:  # fmt: skip
         """Move a pose to where it explains best.
 
         Args:
             information: (4,) xx, xy, yy of the place's and of the height's inverse covariance.
+            others: of the people, whose bodies cannot be entered.
 
         Returns:
             Lam there plus what is believed of such a pose; (3,) how sharply Lam bends there along the ray, across it
@@ -217,29 +211,30 @@ class Samples:
         """
         t, bent = self._of.table, np.zeros(3)
         worth = kernels.ascend(
-            pose, bent, predicted, information, float(tall[0]), float(tall[1]), apart, steps, body.HEIGHT_MIN_M,
-            body.HEIGHT_MAX_M, self.values, self.kinds, self.codes, self.angles, self.n, ratio, t.cover, t.front,
+            pose, bent, predicted, information, float(tall[0]), float(tall[1]), people.poses, people.sure, others,
+            steps, body.HEIGHT_MIN_M, body.HEIGHT_MAX_M, self.values, self.marks, self.n, ratio, t.cover, t.front,
             self._of.beliefs, *self._layers,
         )  # fmt: skip
         return float(worth), bent
 
-    def believed(self, pose: F64, tall: F64, apart: F64) -> float:
+    def believed(self, pose: F64, tall: F64, people: People, others: I64) -> float:
         """What is believed of a pose before any pixel is seen."""
         x, y, h = map(float, pose)
-        return float(kernels.believed(x, y, h, float(tall[0]), float(tall[1]), apart, self._of.beliefs))
+        tall_m, std = map(float, tall)
+        return float(kernels.believed(x, y, h, tall_m, std, people.poses, people.sure, others, self._of.beliefs))
 
     def visible(self, pose: F64) -> tuple[float, float]:
         """Patches of a body that it explains better than all else, and those in view."""
         t = self._of.table
         mine, total = kernels.visible(
-            pose, self.values, self.kinds, self.angles, self.n, t.cover, t.front, self._of.beliefs, *self._layers
+            pose, self.values, self.marks, self.n, t.cover, t.front, self._of.beliefs, *self._layers
         )
         return float(mine), float(total)
 
     def noise(self, pose: F64, bent: F64) -> tuple[PositionNoise, float]:
         """Covariance of the place and information on the height [1/m^2], from how Lam bends."""
         ax, ay = (
-            (pose[0] - float(self.values[0, kernels.CX]), pose[1] - float(self.values[0, kernels.CY]))
+            (pose[0] - float(self.values[kernels.CX, 0]), pose[1] - float(self.values[kernels.CY, 0]))
             if self.n
             else (1.0, 0.0)
         )

@@ -44,6 +44,7 @@ class Person:
         walked_m: farthest from there [m].
         moved: log-odds of a person against a thing from moving by itself.
         colours: (PARTS, CODES) float32, sums of normalised histograms of legs, torso and head.
+        densities: (PARTS, CODES) float32 of colours, neighbours and anybody's prior taken in.
         looks: frames in which colours were learned.
         confirmed: has been reported, and is until the end.
         evidence: of the last frame: Lam with and without the person, and what is believed of the pose.
@@ -65,6 +66,7 @@ class Person:
     walked_m: float = 0.0
     moved: float = 0.0
     colours: F32 = field(default_factory=lambda: np.zeros((PARTS, CODES), np.float32))
+    densities: F32 = field(default_factory=lambda: np.full((PARTS, CODES), 1 / CODES, np.float32))
     looks: int = 0
     confirmed: bool = False
     evidence: float = 0.0
@@ -98,18 +100,19 @@ class Person:
 
     def learn_colours(self, heights: F64 | F32, codes: U8) -> None:
         """Add the colours of a frame's pixels that the person surely owns; ``heights`` are relative."""
-        parts = np.digitize(heights, (LEGS_TO, TORSO_TO))
-        seen = False
-        for part in range(PARTS):
-            counts = np.bincount(codes[parts == part], minlength=CODES).astype(np.float32)
-            if counts.sum() > 5:
-                self.colours[part] += counts / counts.sum()
-                seen = True
-        self.looks += seen
+        part = (heights >= LEGS_TO).astype(np.int64) + (heights >= TORSO_TO)
+        counts = np.bincount(part * CODES + codes, minlength=PARTS * CODES).reshape(PARTS, CODES).astype(np.float32)
+        pixels = counts.sum(axis=1, keepdims=True)
+        seen = pixels[:, 0] > 5
+        self.colours[seen] += counts[seen] / pixels[seen]
+        self.looks += bool(seen.any())
+        mass = self.colours @ SMOOTHING + PRIOR_LOOKS / CODES
+        self.densities = mass / mass.sum(axis=1, keepdims=True)
 
     def take_identity(self, other: Person) -> None:
         """Exchange with another all that belongs to who it is and not to where."""
-        for name in ("track_id", "colours", "looks", "tall_m", "tall_var", "origin_m", "walked_m", "moved"):
+        owned = "track_id", "colours", "densities", "looks", "tall_m", "tall_var", "origin_m", "walked_m", "moved"
+        for name in owned:
             mine = getattr(self, name)
             setattr(self, name, getattr(other, name))
             setattr(other, name, mine)
@@ -119,8 +122,7 @@ def colour_ratios(people: Sequence[Person]) -> F32:
     """(N, PARTS, CODES) float32: colours of each person over those of anybody."""
     if not people:
         return np.ones((0, PARTS, CODES), np.float32)
-    mass = np.stack([q.colours for q in people]) @ SMOOTHING + PRIOR_LOOKS / CODES
-    densities = mass / mass.sum(axis=2, keepdims=True)
+    densities = np.stack([q.densities for q in people])
     anybody = 0.5 * densities.mean(axis=0) + 0.5 / CODES
     return np.asarray(np.clip(densities / anybody, 1 / RATIO_MAX, RATIO_MAX), dtype=np.float32)
 

@@ -109,7 +109,7 @@ class TemplateTracker:
                     continue
                 samples[i].layer(people, others[i])
                 _, bent[i] = samples[i].ascend(
-                    people.poses[i], predicted[i], information[i], people.tall[i], people.apart(others[i]),
+                    people.poses[i], predicted[i], information[i], people.tall[i], people, others[i],
                     people.ratios[i], STEPS_M[sweep:],
                 )  # fmt: skip
         flooded = all((v.kind > 0).mean() > 0.5 for v in frame.views)
@@ -126,7 +126,7 @@ class TemplateTracker:
         """Evidence for a person, its visible share, and the place as far as the pixels tell it."""
         s, pose, ratio = samples[i], people.poses[i], people.ratios[i]
         s.layer(people, others)
-        q.evidence = s.lam(pose, ratio) + s.believed(pose, people.tall[i], people.apart(others))
+        q.evidence = s.lam(pose, ratio) + s.believed(pose, people.tall[i], people, others)
         rival = self._rival(i, people)
         if rival >= 0:
             q.evidence = min(q.evidence, self._beside(i, rival, samples[rival], people))
@@ -156,13 +156,13 @@ class TemplateTracker:
         rest = np.array([k for k in range(len(poses)) if k not in (i, j)], dtype=np.int64)
         loose = np.array([1.0, 0.0, 1.0, body.TORSO.torso_radius_m**2]) / body.TORSO.torso_radius_m**2
         s.layer(people, rest)
-        first, apart = s.lam(poses[i], ratios[i]), people.apart(rest)
+        first = s.lam(poses[i], ratios[i])
         starts = poses[j].copy(), np.array([*poses[i, :2], tall[j, 0]])
-        alone = max(s.ascend(start, poses[j], loose, tall[j], apart, ratios[j])[0] for start in starts)
+        alone = max(s.ascend(start, poses[j], loose, tall[j], people, rest, ratios[j])[0] for start in starts)
         s.layer(people, np.append(rest, i))
         both = first + s.lam(poses[j], ratios[j])
-        both += s.believed(poses[i], tall[i], people.apart(np.array([j])))
-        both += s.believed(poses[j], tall[j], people.apart(rest))
+        both += s.believed(poses[i], tall[i], people, np.array([j]))
+        both += s.believed(poses[j], tall[j], people, rest)
         return both - alone
 
     def _weigh(self, q: Person, dt: float, alone: bool) -> None:
@@ -188,14 +188,16 @@ class TemplateTracker:
 
     # -- who is who, who comes, who goes ----------------------------------------------------------------------------
     def _learn(self, frame: Explanation, owned: Sequence[Owned], dt: float) -> None:
+        surely = [o.share > 0.8 for o in owned]
+        owners = [o.owner[sure] for o, sure in zip(owned, surely, strict=True)]
+        heights = [o.height[sure] for o, sure in zip(owned, surely, strict=True)]
+        codes = [v.colour[sure] for v, sure in zip(frame.views, surely, strict=True) if v.colour is not None]
         for i, q in enumerate(self._people):
             near = min((math.dist(q.at_m, o.at_m) for o in self._people if o is not q), default=math.inf)
             if q.share < 0.5 or near < body.REACH_M:
                 continue
-            for o, v in zip(owned, frame.views, strict=True):
-                mine = (o.owner == i) & (o.share > 0.8)
-                if v.colour is not None:
-                    q.learn_colours(o.height[mine], v.colour[mine])
+            for owner, height, code in zip(owners, heights, codes, strict=True):
+                q.learn_colours(height[owner == i], code[owner == i])
         for a, b, odds in self._exchanges.update(self._people, owned, frame.views, dt):
             a.take_identity(b)
             self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)

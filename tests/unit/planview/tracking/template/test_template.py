@@ -117,7 +117,7 @@ def test_evidence_of_a_person_is_the_difference_of_two_likelihoods(other):
     seen = look_at(oblique_camera(), [far, other])
     every_pixel = TemplateParams(patch_m=0.011)
     dense = Explanation((seen,), every_pixel, body.body_table()).around(np.array(far), 0.4)
-    dense.values[: dense.n, kernels.WEIGHT] = 1.0
+    dense.values[kernels.WEIGHT, : dense.n] = 1.0
     dense.layer(people_of(far, other), np.array([1]))
     found = dense.lam(np.array(far), np.ones((3, 200), np.float32))
     # Arms reach as far in both: what lies near one of the two lies near the other.
@@ -160,14 +160,15 @@ def test_ascent_finds_a_person_from_a_walkers_error_of_prediction():
     samples = frame.around(start, 0.3)
     samples.layer(people_of(), np.zeros(0, np.int64))
     loose = np.array([1.0, 0.0, 1.0, 1.0])
-    samples.ascend(start, start.copy(), loose, TALL, np.zeros((0, 3)), np.ones((3, 200), np.float32))
+    samples.ascend(start, start.copy(), loose, TALL, people_of(), np.zeros(0, np.int64), np.ones((3, 200), np.float32))
     assert start == pytest.approx(ADULT, abs=0.05)
 
 
 def test_bodies_do_not_stand_in_each_other():
     samples = explained(look_at(oblique_camera(), [])).around(np.array(ADULT), 0.3)
-    beside = samples.believed(np.array(ADULT), TALL, np.array([[0.0, 3.5, 1.0]]))
-    within = samples.believed(np.array(ADULT), TALL, np.array([[0.0, 3.1, 1.0]]))
+    one = np.array([0])
+    beside = samples.believed(np.array(ADULT), TALL, people_of((0.0, 3.5, 1.7)), one)
+    within = samples.believed(np.array(ADULT), TALL, people_of((0.0, 3.1, 1.7)), one)
     assert beside == pytest.approx(0.0, abs=0.01) and within < -8
 
 
