@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -50,6 +51,13 @@ class PixelRays:
     def shape(self) -> tuple[int, int]:
         """(height, width) of the analysed image."""
         return self.stretch.shape[0], self.stretch.shape[1]
+
+    @cached_property
+    def level(self) -> F32:
+        """(H, W, 3) float32: horizontal unit vector below each ray, and the ray's depression [rad]."""
+        flat = np.hypot(self.direction[..., 0], self.direction[..., 1])[..., None]
+        along = np.where(flat > 1e-6, self.direction[..., :2] / np.maximum(flat, 1e-6), (1.0, 0.0))
+        return np.concatenate([along, np.arctan2(-self.direction[..., 2:], flat)], axis=-1).astype(np.float32)
 
     @staticmethod
     def of(geometry: RectifiedGeometry, world_SE3_left: SE3, shape: tuple[int, int], reduction: int) -> PixelRays:

@@ -140,7 +140,7 @@ def boxes(poses: F64, projection: F64, half: float, above: float, out: F64) -> N
 
 @njit(cache=True, nogil=True)
 def gather(
-    pose: F64, reach_m: float, spacing_m: float, patch_m: float, centre: F64, direction: F32, stretch: F32,
+    pose: F64, reach_m: float, spacing_m: float, patch_m: float, centre: F64, direction: F32, level: F32, stretch: F32,
     matched_m: F32, projection: F64, pixel_sr: float, kind: U8, range_m: F32, colour: U8, std_per_m2: float,
     values: F32, marks: U8, n: int, beliefs: Sequence[Beliefs],
 ) -> int:  # fmt: skip
@@ -167,21 +167,20 @@ def gather(
         for c in range(c0 + (-c0) % step, c1 + 1, step):
             if n >= len(marks[0]):
                 return n
-            dx, dy, dz = direction[r, c, 0], direction[r, c, 1], direction[r, c, 2]
-            cos = math.sqrt(dx * dx + dy * dy)
-            ex, ey = (dx / cos, dy / cos) if cos > 1e-6 else (1.0, 0.0)
+            ex, ey = level[r, c, 0], level[r, c, 1]
             across = (pose[1] - centre[1]) * ex - (pose[0] - centre[0]) * ey
             if abs(across) > half:
                 continue
+            dx, dy, dz = direction[r, c, 0], direction[r, c, 1], direction[r, c, 2]
             ahead = (pose[0] - centre[0]) * dx + (pose[1] - centre[1]) * dy + (0.5 * pose[2] - centre[2]) * dz
             if ahead < 0.15:
                 continue
             values[CX, n], values[CY, n], values[CZ, n] = centre[0], centre[1], centre[2]
-            values[EX, n], values[EY, n], values[COS, n], values[SIN, n] = ex, ey, cos, -dz
+            values[EX, n], values[EY, n], values[COS, n], values[SIN, n] = ex, ey, dx * ex + dy * ey, -dz
             values[RANGE, n], values[WEIGHT, n], values[MATCHED, n] = range_m[r, c], weight, matched_m[r, c]
             values[STD, n] = std_per_m2 / stretch[r, c]
-            angle = int((math.atan2(-dz, cos) - b.angle_min) / b.angle_step + 0.5)
-            marks[KIND, n], marks[CODE, n], marks[ANGLE, n] = kind[r, c], colour[r, c], min(max(angle, 0), 24)
+            angle = min(max(int((level[r, c, 2] - b.angle_min) / b.angle_step + 0.5), 0), 24)
+            marks[KIND, n], marks[CODE, n], marks[ANGLE, n] = kind[r, c], colour[r, c], angle
             n += 1
     return n
 
@@ -414,9 +413,9 @@ def visible(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath=True)
 def share_out(
-    poses: F64, sure: F64, ratios: F32, boxes: I64, centre: F64, direction: F32, stretch: F32, std_per_m2: float,
-    kind: U8, range_m: F32, colour: U8,
-    cover: F32, front: F32, beliefs: Sequence[Beliefs], owner: I64, share: F32, height: F32, lack: F32,
+    poses: F64, sure: F64, ratios: F32, boxes: I64, centre: F64, direction: F32, level: F32, stretch: F32,
+    std_per_m2: float, kind: U8, range_m: F32, colour: U8, cover: F32, front: F32, beliefs: Sequence[Beliefs],
+    owner: I64, share: F32, height: F32, lack: F32,
 ) -> None:  # fmt: skip
     """Who owns each pixel of surface: -2 no surface, -1 nobody, else a person, with the responsibility.
 
@@ -436,20 +435,17 @@ def share_out(
             if kind[r, c] != 1:
                 continue
             dx, dy, dz = direction[r, c, 0], direction[r, c, 1], direction[r, c, 2]
-            cos, ex, ey, angle, m, near = 0.0, 1.0, 0.0, -1, 0, False
+            ex, ey, m, near = level[r, c, 0], level[r, c, 1], 0, False
+            angle = min(max(int((level[r, c, 2] - b.angle_min) / b.angle_step + 0.5), 0), 24)
             for k in range(len(poses)):
                 ox = centre[0] + dx * range_m[r, c] - poses[k, 0]
                 oy = centre[1] + dy * range_m[r, c] - poses[k, 1]
                 near = near or (sure[k] > 0.5 and ox * ox + oy * oy < b.reach_m * b.reach_m)
                 if c < boxes[k, 0] or c > boxes[k, 2] or r < boxes[k, 1] or r > boxes[k, 3] or m >= LAYERS:
                     continue
-                if angle < 0:
-                    cos = math.sqrt(dx * dx + dy * dy)
-                    ex, ey = (dx / cos, dy / cos) if cos > 1e-6 else (1.0, 0.0)
-                    angle = min(max(int((math.atan2(-dz, cos) - b.angle_min) / b.angle_step + 0.5), 0), 24)
                 pi, at, z = _look(
-                    poses[k, 0], poses[k, 1], poses[k, 2], centre[0], centre[1], centre[2], ex, ey, cos, -dz, angle,
-                    cover, front, b,
+                    poses[k, 0], poses[k, 1], poses[k, 2], centre[0], centre[1], centre[2], ex, ey,
+                    dx * ex + dy * ey, -dz, angle, cover, front, b,
                 )  # fmt: skip
                 pi *= sure[k]
                 if pi < 0.01:

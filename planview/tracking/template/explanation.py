@@ -117,8 +117,8 @@ class Explanation:
             std = self.params.disparity_std_px / r.disparity_metre
             samples.n = kernels.gather(
                 pose, reach_m, kernels.SPACING * self.params.patch_m, self.params.patch_m, r.centre_m, r.direction,
-                r.stretch, r.matched_m, r.projection, r.pixel_sr, v.kind, v.range_m, colour, std, samples.values,
-                samples.marks, samples.n, self.beliefs,
+                r.level, r.stretch, r.matched_m, r.projection, r.pixel_sr, v.kind, v.range_m, colour, std,
+                samples.values, samples.marks, samples.n, self.beliefs,
             )  # fmt: skip
         return samples
 
@@ -151,13 +151,14 @@ class Explanation:
         """Who owns the pixels of each view."""
         out = []
         for v in self.views:
+            r = v.rays
             owner = np.empty(v.kind.shape, np.int64)
             share, height, lack = (np.zeros(v.kind.shape, np.float32) for _ in range(3))
             colour = v.colour if v.colour is not None else v.kind
             kernels.share_out(
-                people.poses, people.sure, people.ratios, self.boxes(v, people.poses), v.rays.centre_m,
-                v.rays.direction, v.rays.stretch, self.params.disparity_std_px / v.rays.disparity_metre, v.kind,
-                v.range_m, colour, self.table.cover, self.table.front, self.beliefs, owner, share, height, lack,
+                people.poses, people.sure, people.ratios, self.boxes(v, people.poses), r.centre_m, r.direction, r.level,
+                r.stretch, self.params.disparity_std_px / r.disparity_metre, v.kind, v.range_m, colour,
+                self.table.cover, self.table.front, self.beliefs, owner, share, height, lack,
             )  # fmt: skip
             out.append(Owned(owner, share, height, lack))
         return out

@@ -102,34 +102,36 @@ class TemplateTracker:
         samples = [frame.around(pose, body.TORSO.torso_radius_m + 0.1) for pose in predicted]
         information = [np.array([*q.kalman.information, 1 / q.height_var]) for q in self._people]
         others = [np.flatnonzero(touch[i] & (np.arange(len(touch)) != i)) for i in range(len(touch))]
-        bent = np.zeros((len(predicted), 3))
+        worth, bent = np.zeros(len(predicted)), np.zeros((len(predicted), 3))
         for sweep in range(2):
             for i in order:
                 if sweep and not len(others[i]):
                     continue
                 samples[i].layer(people, others[i])
-                _, bent[i] = samples[i].ascend(
+                worth[i], bent[i] = samples[i].ascend(
                     people.poses[i], predicted[i], information[i], people.tall[i], people, others[i],
                     people.ratios[i], STEPS_M[sweep:],
                 )  # fmt: skip
         flooded = all((v.kind > 0).mean() > 0.5 for v in frame.views)
         for i, q in enumerate(self._people):
-            self._measure(i, q, frame, samples, people, others[i], bent[i], dt)
+            q.evidence = float(worth[i])
+            if len(others[i]):
+                q.evidence = self._among(i, samples, people, others[i])
+            self._measure(q, frame, samples[i], people.poses[i], bent[i], dt)
             if not flooded:
                 self._weigh(q, dt, alone=len(others[i]) == 0)
             self._say(q, [self._people[k] for k in others[i]])
 
-    def _measure(
-        self, i: int, q: Person, frame: Explanation, samples: list[Samples], people: People, others: I64,
-        bent: F64, dt: float,
-    ) -> None:  # fmt: skip
-        """Evidence for a person, its visible share, and the place as far as the pixels tell it."""
+    def _among(self, i: int, samples: list[Samples], people: People, others: I64) -> float:
+        """Evidence for a person on whose rays others are, where all of them are now."""
         s, pose, ratio = samples[i], people.poses[i], people.ratios[i]
         s.layer(people, others)
-        q.evidence = s.lam(pose, ratio) + s.believed(pose, people.tall[i], people, others)
+        evidence = s.lam(pose, ratio) + s.believed(pose, people.tall[i], people, others)
         rival = self._rival(i, people)
-        if rival >= 0:
-            q.evidence = min(q.evidence, self._beside(i, rival, samples[rival], people))
+        return min(evidence, self._beside(i, rival, samples[rival], people)) if rival >= 0 else evidence
+
+    def _measure(self, q: Person, frame: Explanation, s: Samples, pose: F64, bent: F64, dt: float) -> None:
+        """The visible share of a person, and the place as far as the pixels tell it."""
         mine, total = s.visible(pose)
         q.inside = min(1.0, total / frame.whole_patches(pose))
         q.share = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * q.inside)
