@@ -106,7 +106,7 @@ class Explanation:
 
     def __init__(self, views: Sequence[SeenPixels], params: TemplateParams, table: body.BodyTable) -> None:
         self.views, self.params, self.table = views, params, table
-        self.beliefs = beliefs_of(params, table)
+        self.beliefs, self._areas = beliefs_of(params, table), table.cover.sum(axis=(1, 2)).tolist()
 
     def around(self, pose: F64, reach_m: float) -> Samples:
         """The samples within reach of a body, of all cameras."""
@@ -143,8 +143,8 @@ class Explanation:
             away = math.dist(pose[:2], v.rays.centre_m[:2])
             depression = math.atan2(v.rays.centre_m[2] - 0.5 * pose[2], away)
             angle = round((depression - self.table.angle_min_rad) / self.table.angle_step_rad)
-            cover = self.table.cover[min(max(angle, 0), len(self.table.cover) - 1)]
-            total += 2.0 * float(cover.sum()) * self.table.cell_m**2 * scale / self.params.patch_m**2
+            area = self._areas[min(max(angle, 0), len(self._areas) - 1)]
+            total += 2.0 * area * self.table.cell_m**2 * scale / self.params.patch_m**2
         return total / len(self.views)
 
     def share_out(self, people: People) -> list[Owned]:

@@ -127,8 +127,10 @@ def colour_ratios(people: Sequence[Person]) -> F32:
     return np.asarray(np.clip(densities / anybody, 1 / RATIO_MAX, RATIO_MAX), dtype=np.float32)
 
 
-def side_by_side(people: Sequence[Person]) -> People:
-    """What an explanation knows of these people."""
+def side_by_side(people: Sequence[Person], ratios: F32 | None = None) -> People:
+    """What an explanation knows of these people; their colours' ratios where they are known already."""
     poses = np.array([(*q.at_m, q.height_m) for q in people]).reshape(-1, 3)
     tall = np.array([q.upright for q in people]).reshape(-1, 2)
-    return People(poses, np.array([q.existence for q in people]), tall, colour_ratios(people))
+    return People(
+        poses, np.array([q.existence for q in people]), tall, colour_ratios(people) if ratios is None else ratios
+    )

@@ -15,7 +15,7 @@ from planview.tracking.template.drawing import draw
 from planview.tracking.template.explanation import STEPS_M, Explanation, Owned, People, Samples
 from planview.tracking.template.identity import Exchanges, continued
 from planview.tracking.template.params import TemplateParams
-from planview.tracking.template.person import Person, side_by_side
+from planview.tracking.template.person import Person, colour_ratios, side_by_side
 from planview.trajectories.state import State, TrackState
 
 LOG_ODDS_MAX = 8.0
@@ -70,9 +70,10 @@ class TemplateTracker:
         frame = Explanation(observation.views, self.params, body.body_table())
         for q in self._people:
             self._predict(q, dt)
+        ratios = colour_ratios(self._people)
         if self._people:
-            self._explain(frame, dt)
-        owned = frame.share_out(side_by_side(self._people))
+            self._explain(frame, side_by_side(self._people, ratios), dt)
+        owned = frame.share_out(side_by_side(self._people, ratios))
         self._owners = [o.owner.astype(np.int16) for o in owned]
         if self._coloured(frame):
             self._learn(frame, owned, dt)
@@ -92,9 +93,8 @@ class TemplateTracker:
         return self.params.colour_weight > 0 and all(v.colour is not None for v in frame.views)
 
     # -- explaining a frame ---------------------------------------------------------------------------------------
-    def _explain(self, frame: Explanation, dt: float) -> None:
+    def _explain(self, frame: Explanation, people: People, dt: float) -> None:
         """Coordinate ascent, nearest first; then what the frame says of each place and existence."""
-        people = side_by_side(self._people)
         predicted = people.poses.copy()
         touch = frame.touching(predicted)
         camera = frame.views[0].rays.centre_m
@@ -177,8 +177,8 @@ class TemplateTracker:
             away_s = p.leave_s if q.inside < INSIDE else p.stay_s
             stays = q.existence * math.exp(-dt / away_s)
             q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
-        q.log_odds += looks * float(np.clip(q.evidence, -p.evidence_max, p.evidence_max))
-        q.log_odds = float(np.clip(q.log_odds, -LOG_ODDS_MAX, LOG_ODDS_MAX))
+        q.log_odds += looks * max(-p.evidence_max, min(p.evidence_max, q.evidence))
+        q.log_odds = max(-LOG_ODDS_MAX, min(LOG_ODDS_MAX, q.log_odds))
         if q.share < p.visible_min:
             return
         q.learn_height(looks, p.low_share)
