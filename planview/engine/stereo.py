@@ -143,7 +143,9 @@ class RigStages:
         self._step = step = -(-geometry.width // config.analysis.width_px)
         self.maps = MapBuilder(geometry, pose, config.maps, step)
         shape = self.maps.shape
-        self.foreground = Foreground(config.foreground, shape, geometry.disparity_std_per_px2, step)
+        self.foreground = Foreground(
+            config.foreground, shape, geometry.disparity_std_per_px2, step, geometry.disparity_metre
+        )  # fmt: skip
         self.gated = setup.gated(config, shape, step) if matcher is None else None
         self.feedback = Feedback(config.feedback)
         self.background, self.rays = KeptBackground(), PixelRays.of(geometry, pose, shape, step)

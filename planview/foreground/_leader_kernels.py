@@ -34,7 +34,8 @@ class UpdateConstants(NamedTuple):
     """What is the same for all pixels of one update, all float32; colour in the exposure of the model."""
 
     beta: Real  # squared normalised distance of a match
-    beta_relaxed: Real  # the same for colour where depth agrees
+    beta_relaxed: Real  # the same for colour where depth alone says that it is the background
+    body_per_d2: Real  # by how much a body in front of a surface moves its disparity, over the disparity squared
     min_depth_fraction: Real  # fraction of observations with depth that makes depth reliable
     dark: Real  # luma below which chroma is noise
     clip: Real  # luma at which the sensor saturates
@@ -123,14 +124,21 @@ def colour_distance(g: Gaussian, o: Pixel, s: UpdateConstants) -> Real:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def match_kind(g: Gaussian, o: Pixel, s: UpdateConstants) -> Real:
-    """NO_MATCH, SAME or OTHER_LIGHT: depth overrules colour where both have it (Harville et al. 2001)."""
+    """NO_MATCH, SAME or OTHER_LIGHT: depth overrules colour where both have it (Harville et al. 2001).
+
+    It does so by its evidence, the likelihood of the disparity on the surface over that on a body before it: far away
+    the two look the same.
+    """
     dy, du, dv, dd = o.y - shown_luma(g, s), o.u - g.u, o.v - g.v, o.d - g.d
     chroma = chroma_counts(g, o, s)
     far = dy * dy / abs(g.var_y) + (du * du / g.var_u + dv * dv / g.var_v if chroma else ZERO)
     both = (o.d == o.d) & (g.depth_fraction >= s.min_depth_fraction)
     agree = both & (dd * dd < s.beta * g.var_d)
-    same = far < (s.beta_relaxed if agree else s.beta)
-    kind = SAME if same else (OTHER_LIGHT if agree & is_other_light(g, o, chroma, s.shadow_ratio, s) else NO_MATCH)
+    body = s.body_per_d2 * g.d * g.d
+    says = max(body * (body - (dd + dd)) / g.var_d, ZERO)  # twice the logarithm of the ratio
+    same = far < (min(s.beta + says, s.beta_relaxed) if agree else s.beta)
+    lit = agree & (says > s.beta) & is_other_light(g, o, chroma, s.shadow_ratio, s)
+    kind = SAME if same else (OTHER_LIGHT if lit else NO_MATCH)
     return NO_MATCH if both & (not agree) else kind
 
 

@@ -24,6 +24,8 @@ from planview.foreground._leader_kernels import (
 from planview.foreground.gain import Exposure, GainFollower
 from planview.foreground.params import FOREGROUND, SHADOW, ForegroundParams
 
+BODY_M = 0.5
+"""How far before the background people are at the least: a step from a wall [m]."""
 TURNS = 4
 """Turns in which pixels learn, at most."""
 TURN_S = 0.13
@@ -90,7 +92,12 @@ class Foreground:
     """
 
     def __init__(
-        self, params: ForegroundParams, shape: tuple[int, int], disparity_noise_per_px2: float = 0.0, reduction: int = 1
+        self,
+        params: ForegroundParams,
+        shape: tuple[int, int],
+        disparity_noise_per_px2: float = 0.0,
+        reduction: int = 1,
+        disparity_metre: float = 1e-3,
     ) -> None:
         """Start without a background.
 
@@ -98,6 +105,7 @@ class Foreground:
             shape: (height, width) of all images.
             disparity_noise_per_px2: growth of the smallest disparity deviation with squared disparity [1/px], as a
                 depth deviation that is the same at all depths has it; 0 for triangulated depth.
+            disparity_metre: disparity of one metre [px m]; by default so small that depth always tells bodies apart.
             reduction: images and disparities are every ``reduction``-th row and column of those matched.
         Raises:
             ValueError: an empty shape.
@@ -105,7 +113,7 @@ class Foreground:
         if min(shape) < 1:
             raise ValueError(f"expected a positive image size, got {shape}")
         self.params = params
-        self._noise_per_px2 = disparity_noise_per_px2
+        self._noise_per_px2, self._body_per_px2 = disparity_noise_per_px2, BODY_M / disparity_metre
         self.shape = shape
         self._reduction = reduction
         n = shape[0] * shape[1]
@@ -267,16 +275,19 @@ class Foreground:
     def _constants(self) -> UpdateConstants:
         gain, offset = self._gain.gain, self._gain.offset
         if self._known_constants is None or self._known_constants[:2] != (gain, offset):
-            values = _constants(self.params, gain, offset, self._noise_per_px2)
+            values = _constants(self.params, gain, offset, self._noise_per_px2, self._body_per_px2)
             self._known_constants = gain, offset, UpdateConstants._make(map(np.float32, values))
         return self._known_constants[2]
 
 
-def _constants(p: ForegroundParams, gain: float, offset: float, noise_per_px2: float) -> UpdateConstants:
+def _constants(
+    p: ForegroundParams, gain: float, offset: float, noise_per_px2: float, body_per_px2: float
+) -> UpdateConstants:
     """In the exposure of the model, whose luma the image shows with a gain and an offset."""
     return UpdateConstants(
         beta=p.beta,
         beta_relaxed=p.beta * p.depth_relaxation,
+        body_per_d2=body_per_px2,
         min_depth_fraction=p.min_depth_fraction,
         dark=(p.dark_level - offset) / gain,
         clip=(p.clip_level - offset) / gain,

@@ -133,8 +133,10 @@ def _match_kind(m: Mixtures, k: int, o: Pixels, s: UpdateConstants) -> np.ndarra
     far = far + np.where(chroma, du * du / m.var_u[k] + dv * dv / m.var_v[k], F32(0))
     both = ~np.isnan(o.d) & (m.depth_fraction[k] >= s.min_depth_fraction)
     agree = both & (dd * dd < s.beta * m.var_d[k])
-    same = far < np.where(agree, s.beta_relaxed, s.beta)
-    kind = np.where(same, 1, np.where(agree & _other_light(m, k, o, chroma, s.shadow_ratio, s), 2, 0))
+    body = s.body_per_d2 * m.d[k] * m.d[k]
+    says = np.maximum(body * (body - (dd + dd)) / m.var_d[k], F32(0))
+    same = far < np.where(agree, np.minimum(s.beta + says, s.beta_relaxed), s.beta)
+    kind = np.where(same, 1, np.where(agree & (says > s.beta) & _other_light(m, k, o, chroma, s.shadow_ratio, s), 2, 0))
     return np.where(both & ~agree, 0, kind)
 
 
