@@ -35,7 +35,7 @@ class UpdateConstants(NamedTuple):
 
     beta: Real  # squared normalised distance of a match
     beta_relaxed: Real  # the same for colour where depth alone says that it is the background
-    body_per_d2: Real  # by how much a body in front of a surface moves its disparity, over the disparity squared
+    body_over_metre: Real  # how far a body is before the background, over the disparity of a metre [1/px]
     min_depth_fraction: Real  # fraction of observations with depth that makes depth reliable
     dark: Real  # luma below which chroma is noise
     clip: Real  # luma at which the sensor saturates
@@ -56,6 +56,7 @@ class UpdateConstants(NamedTuple):
     background_weight: Real
     deepest_weight: Real
     shadow_ratio: Real
+    shadow_ratio_unsure: Real  # the same where depth says nothing
     colour_shadow_ratio: Real  # darkest shadow recognised by colour alone, 0: none
 
 
@@ -134,10 +135,13 @@ def match_kind(g: Gaussian, o: Pixel, s: UpdateConstants) -> Real:
     far = dy * dy / abs(g.var_y) + (du * du / g.var_u + dv * dv / g.var_v if chroma else ZERO)
     both = (o.d == o.d) & (g.depth_fraction >= s.min_depth_fraction)
     agree = both & (dd * dd < s.beta * g.var_d)
-    body = s.body_per_d2 * g.d * g.d
+    nearer = s.body_over_metre * g.d  # that distance over the background's
+    body = nearer * g.d / max(ONE - nearer, F(0.1))  # by which disparity a body is nearer
     says = max(body * (body - (dd + dd)) / g.var_d, ZERO)  # twice the logarithm of the ratio
     same = far < (min(s.beta + says, s.beta_relaxed) if agree else s.beta)
-    lit = agree & (says > s.beta) & is_other_light(g, o, chroma, s.shadow_ratio, s)
+    unsure = max(ONE - says / s.beta, ZERO)
+    darkest = s.shadow_ratio + unsure * (s.shadow_ratio_unsure - s.shadow_ratio)
+    lit = agree & is_other_light(g, o, chroma, darkest, s)
     kind = SAME if same else (OTHER_LIGHT if lit else NO_MATCH)
     return NO_MATCH if both & (not agree) else kind
 

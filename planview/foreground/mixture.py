@@ -113,7 +113,7 @@ class Foreground:
         if min(shape) < 1:
             raise ValueError(f"expected a positive image size, got {shape}")
         self.params = params
-        self._noise_per_px2, self._body_per_px2 = disparity_noise_per_px2, BODY_M / disparity_metre
+        self._noise_per_px2, self._body_over_metre = disparity_noise_per_px2, BODY_M / disparity_metre
         self.shape = shape
         self._reduction = reduction
         n = shape[0] * shape[1]
@@ -275,19 +275,19 @@ class Foreground:
     def _constants(self) -> UpdateConstants:
         gain, offset = self._gain.gain, self._gain.offset
         if self._known_constants is None or self._known_constants[:2] != (gain, offset):
-            values = _constants(self.params, gain, offset, self._noise_per_px2, self._body_per_px2)
+            values = _constants(self.params, gain, offset, self._noise_per_px2, self._body_over_metre)
             self._known_constants = gain, offset, UpdateConstants._make(map(np.float32, values))
         return self._known_constants[2]
 
 
 def _constants(
-    p: ForegroundParams, gain: float, offset: float, noise_per_px2: float, body_per_px2: float
+    p: ForegroundParams, gain: float, offset: float, noise_per_px2: float, body_over_metre: float
 ) -> UpdateConstants:
     """In the exposure of the model, whose luma the image shows with a gain and an offset."""
     return UpdateConstants(
         beta=p.beta,
         beta_relaxed=p.beta * p.depth_relaxation,
-        body_per_d2=body_per_px2,
+        body_over_metre=body_over_metre,
         min_depth_fraction=p.min_depth_fraction,
         dark=(p.dark_level - offset) / gain,
         clip=(p.clip_level - offset) / gain,
@@ -308,6 +308,7 @@ def _constants(
         background_weight=p.background_weight,
         deepest_weight=p.deepest_weight,
         shadow_ratio=p.shadow_ratio,
+        shadow_ratio_unsure=p.shadow_ratio**0.5,
         colour_shadow_ratio=p.shadow_ratio if p.remove_colour_shadows else 0.0,
     )
 

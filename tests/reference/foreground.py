@@ -133,10 +133,13 @@ def _match_kind(m: Mixtures, k: int, o: Pixels, s: UpdateConstants) -> np.ndarra
     far = far + np.where(chroma, du * du / m.var_u[k] + dv * dv / m.var_v[k], F32(0))
     both = ~np.isnan(o.d) & (m.depth_fraction[k] >= s.min_depth_fraction)
     agree = both & (dd * dd < s.beta * m.var_d[k])
-    body = s.body_per_d2 * m.d[k] * m.d[k]
+    nearer = s.body_over_metre * m.d[k]
+    body = nearer * m.d[k] / np.maximum(F32(1) - nearer, F32(0.1))
     says = np.maximum(body * (body - (dd + dd)) / m.var_d[k], F32(0))
     same = far < np.where(agree, np.minimum(s.beta + says, s.beta_relaxed), s.beta)
-    kind = np.where(same, 1, np.where(agree & (says > s.beta) & _other_light(m, k, o, chroma, s.shadow_ratio, s), 2, 0))
+    unsure = np.maximum(F32(1) - says / s.beta, F32(0))
+    darkest = s.shadow_ratio + unsure * (s.shadow_ratio_unsure - s.shadow_ratio)
+    kind = np.where(same, 1, np.where(agree & _other_light(m, k, o, chroma, darkest, s), 2, 0))
     return np.where(both & ~agree, 0, kind)
 
 

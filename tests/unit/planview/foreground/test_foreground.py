@@ -24,11 +24,11 @@ BLOB = np.s_[6:18, 10:22]
 class Scene:
     """A textured wall at disparity 10 with noise; things can be put in front of it."""
 
-    def __init__(self, colour: bool = True, fps: float = 10.0, **params: object) -> None:
+    def __init__(self, colour: bool = True, fps: float = 10.0, disparity_metre: float = 1e-3, **params: object) -> None:
         self.rng = np.random.default_rng(1)
         wall = self.rng.uniform(60, 180, (*SHAPE, 1)) + self.rng.uniform(-20, 20, (*SHAPE, 3))
         self.wall = wall if colour else wall[..., :1]
-        self.foreground = Foreground(ForegroundParams.model_validate(params), SHAPE)
+        self.foreground = Foreground(ForegroundParams.model_validate(params), SHAPE, disparity_metre=disparity_metre)
         self.step_s, self.time_s = 1 / fps, 0.0
 
     def frame(self, things=(), gain: float = 1.0, depth: bool = True, feedback=None, invalid: float = 0.1):
@@ -117,6 +117,14 @@ def test_shadow_and_light_where_depth_agrees_are_background(look, colour):
     scene = Scene(colour)
     scene.watch(3)
     assert share(scene.frame([(BLOB, look, 10.0)], invalid=0)) < 0.05
+
+
+@pytest.mark.parametrize(("wall_m", "look", "found"), [(4.0, 0.45, False), (15.0, 0.45, True), (15.0, 0.8, False)])
+def test_far_away_depth_does_not_excuse_the_colours_of_somebody_by_the_wall(wall_m, look, found):
+    scene = Scene(disparity_metre=10.0 * wall_m)
+    scene.watch(3.0)
+    mask = scene.frame([(BLOB, look, 10.0)])
+    assert share(mask) > 0.9 if found else share(mask) < 0.15
 
 
 def test_shadow_without_depth_is_removed_only_if_asked_for():
