@@ -19,7 +19,15 @@ from planview.checks.check import Check
 from planview.engine.config import Config, SingleCameraParams
 from planview.engine.engine import Engine, FrameResult, StageClock
 from planview.foreground.blobs import find_blobs
-from planview.foreground.ghosts import find_ghosts, find_still, find_uncovered, moved_lately
+from planview.foreground.ghosts import (
+    SEARCH_INTERVAL_S,
+    START_S,
+    STILL_S,
+    find_ghosts,
+    find_still,
+    find_uncovered,
+    moved_lately,
+)
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.maps.view import StereoView
@@ -137,18 +145,17 @@ class OneCamera:
 
     def _search_ghosts(self, now_s: float, grey: U8, mask: U8, motion: U8, feedback: U8 | None) -> None:
         """Where people of the first frames have left: from time to time, and in every frame while they set out."""
-        params = self.params.ghosts
-        starting = now_s - self._first_s <= params.start_s
-        if not starting and now_s - self._searched_s < params.interval_s - 5e-4:
+        starting = now_s - self._first_s <= START_S
+        if not starting and now_s - self._searched_s < SEARCH_INTERVAL_S - 5e-4:
             return
         self._searched_s = now_s
         background = self._foreground.background_luma()
         blobs = find_blobs(mask)
-        self._ghosts = find_ghosts(grey, background, blobs, motion, params)
+        self._ghosts = find_ghosts(grey, background, blobs, motion)
         if starting:
-            self._ghosts |= find_uncovered(grey, background, mask, params)
-            moved = moved_lately(motion, now_s - self._first_s, params.still_s, self._moved_s)
-            self._ghosts |= find_still(blobs, moved, params)
+            self._ghosts |= find_uncovered(grey, background, mask)
+            moved = moved_lately(motion, now_s - self._first_s, STILL_S, self._moved_s)
+            self._ghosts |= find_still(blobs, moved)
         if feedback is not None:
             np.copyto(self._ghosts, np.uint8(0), where=self._resized(feedback, cv2.INTER_NEAREST) == WALKER)
 

@@ -12,38 +12,32 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from pydantic import Field
 
-from calib.params import Params
 from calib.types import F32, I32, U8, Bool
 from planview.foreground import _ghost_kernels as kernels
 from planview.foreground.blobs import Blobs, find_blobs
 
-
-class GhostParams(Params):
-    """When foreground that does not move is a ghost; our choices."""
-
-    interval_s: float = Field(0.5, gt=0, le=10)
-    """Time between two searches for ghosts [s]."""
-    edge_ratio: float = Field(1.5, ge=1, le=10)
-    """Edges along a ghost's boundary are so many times stronger in the background than in the image. Edges of the
-    scene behind are in both and pull the ratio towards 1."""
-    edge_levels: float = Field(5.0, gt=0, le=100)
-    """Smallest mean step along that boundary in the background [levels of 255]: more than noise makes."""
-    area_px: int = Field(20, ge=1, le=100_000)
-    """Smallest area of a ghost [px]: smaller blobs have too short a boundary to compare."""
-    start_s: float = Field(6.0, ge=0, le=60)
-    """Time from the first frame in which people of that frame set out [s]: ghosts are then searched in every frame, and
-    told from people who overlap them. Twice the time in which the background settles."""
-    still_s: float = Field(0.7, gt=0, le=10)
-    """In that time, a blob that has not moved for so long is a ghost, unless a tracked person has walked there [s].
-    People who come in walk: what stays for this long, half a step, and has not walked is where a person was."""
-    motion: float = Field(0.02, ge=0, le=1)
-    """Largest moving share of a ghost's pixels, for noise. A passer-by merges with it into one blob, which is examined
-    again when the person has passed."""
+SEARCH_INTERVAL_S = 0.5
+"""Time between two searches for ghosts [s]."""
+EDGE_RATIO = 1.5
+"""Edges along a ghost's boundary are so many times stronger in the background than in the image. Edges of the
+scene behind are in both and pull the ratio towards 1."""
+EDGE_LEVELS = 5.0
+"""Smallest mean step along that boundary in the background [levels of 255]: more than noise makes."""
+GHOST_AREA_PX = 20
+"""Smallest area of a ghost [px]: smaller blobs have too short a boundary to compare."""
+START_S = 6.0
+"""Time from the first frame in which people of that frame set out [s]: ghosts are then searched in every frame, and
+told from people who overlap them. Twice the time in which the background settles."""
+STILL_S = 0.7
+"""In that time, a blob that has not moved for so long is a ghost, unless a tracked person has walked there [s].
+People who come in walk: what stays for this long, half a step, and has not walked is where a person was."""
+GHOST_MOTION = 0.02
+"""Largest moving share of a ghost's pixels, for noise. A passer-by merges with it into one blob, which is examined
+again when the person has passed."""
 
 
-def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8, params: GhostParams) -> U8:
+def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8) -> U8:
     """Blobs of the foreground whose outline is in the background and not in the image.
 
     Args:
@@ -57,8 +51,8 @@ def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8, params: Ghos
     length, (here, before) = np.zeros(len(blobs), np.int64), np.zeros((2, len(blobs)))
     kernels.compare_outlines(blobs.labels, _box_of(blobs), luma, background, length, here, before)
     here, before = here / np.maximum(1, length), before / np.maximum(1, length)
-    ghost = (before >= params.edge_levels) & (before >= params.edge_ratio * here)
-    return _painted(blobs, ghost & _still(blobs, motion, params))
+    ghost = (before >= EDGE_LEVELS) & (before >= EDGE_RATIO * here)
+    return _painted(blobs, ghost & _still(blobs, motion))
 
 
 def moved_lately(motion: U8, now_s: float, span_s: float, moved_s: F32) -> U8:
@@ -72,7 +66,7 @@ def moved_lately(motion: U8, now_s: float, span_s: float, moved_s: F32) -> U8:
     return moved
 
 
-def find_still(blobs: Blobs, moved: U8, params: GhostParams) -> U8:
+def find_still(blobs: Blobs, moved: U8) -> U8:
     """Blobs of the foreground that have not moved for a while.
 
     Args:
@@ -81,19 +75,19 @@ def find_still(blobs: Blobs, moved: U8, params: GhostParams) -> U8:
     Returns:
         (H, W) uint8, 255 in such blobs.
     """
-    return _painted(blobs, _still(blobs, moved, params))
+    return _painted(blobs, _still(blobs, moved))
 
 
-def _still(blobs: Blobs, motion: U8, params: GhostParams) -> Bool:
+def _still(blobs: Blobs, motion: U8) -> Bool:
     """(n,) whether each blob is large enough and hardly any of it moves; the background is none."""
     moving = np.zeros(len(blobs), np.int64)
     kernels.count_moving(blobs.labels, _box_of(blobs), motion, moving)
-    still = (moving / np.maximum(1, blobs.area_px) <= params.motion) & (blobs.area_px >= params.area_px)
+    still = (moving / np.maximum(1, blobs.area_px) <= GHOST_MOTION) & (blobs.area_px >= GHOST_AREA_PX)
     still[0] = False
     return np.asarray(still)
 
 
-def find_uncovered(luma: U8, background: U8, mask: U8, params: GhostParams) -> U8:
+def find_uncovered(luma: U8, background: U8, mask: U8) -> U8:
     """Foreground pixels that look like what is around their blob where the background does not.
 
     Each pixel is compared with the image at the nearest pixel outside the foreground. Texture of the scene is in both
@@ -117,10 +111,10 @@ def find_uncovered(luma: U8, background: U8, mask: U8, params: GhostParams) -> U
         return uncovered
     nearest, around = _around(luma, blobs)
     alike = np.zeros(blobs.shape, np.uint8)
-    kernels.compare_around(luma, background, inside, nearest, around, params.edge_ratio, params.edge_levels, alike)
+    kernels.compare_around(luma, background, inside, nearest, around, EDGE_RATIO, EDGE_LEVELS, alike)
     if alike.any():
         parts = find_blobs(np.asarray(cv2.morphologyEx(alike, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.uint8))
-        large = parts.area_px >= params.area_px
+        large = parts.area_px >= GHOST_AREA_PX
         large[0] = False
         uncovered[rows, cols] = _painted(parts, large)
     return uncovered

@@ -7,12 +7,12 @@ import numpy as np
 
 from calib.types import F32, U8, Bool
 from planview.foreground.blobs import Blobs, find_blobs
-from planview.foreground.ghosts import GhostParams
+from planview.foreground.ghosts import EDGE_LEVELS, EDGE_RATIO, GHOST_AREA_PX, GHOST_MOTION
 
 SQUARE: U8 = np.ones((3, 3), np.uint8)
 
 
-def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8, params: GhostParams) -> U8:
+def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8) -> U8:
     count, labels = len(blobs), blobs.labels
     mask = (labels > 0).astype(np.uint8)
     rim = (mask > 0) & (cv2.erode(mask, SQUARE) == 0)
@@ -20,31 +20,31 @@ def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8, params: Ghos
     length = np.maximum(1, np.bincount(which, minlength=count))
     inside = _edges(luma)[rim], _edges(background)[rim]
     here, before = (np.bincount(which, values, minlength=count) / length for values in inside)
-    ghost = (before >= params.edge_levels) & (before >= params.edge_ratio * here) & _still(blobs, motion, params)
+    ghost = (before >= EDGE_LEVELS) & (before >= EDGE_RATIO * here) & _still(blobs, motion)
     return np.where(ghost[labels], 255, 0).astype(np.uint8)
 
 
-def find_still(blobs: Blobs, moved: U8, params: GhostParams) -> U8:
-    return np.where(_still(blobs, moved, params)[blobs.labels], 255, 0).astype(np.uint8)
+def find_still(blobs: Blobs, moved: U8) -> U8:
+    return np.where(_still(blobs, moved)[blobs.labels], 255, 0).astype(np.uint8)
 
 
-def _still(blobs: Blobs, motion: U8, params: GhostParams) -> Bool:
+def _still(blobs: Blobs, motion: U8) -> Bool:
     moving = np.bincount(blobs.labels[motion > 0], minlength=len(blobs)) / np.maximum(1, blobs.area_px)
-    still = (moving <= params.motion) & (blobs.area_px >= params.area_px)
+    still = (moving <= GHOST_MOTION) & (blobs.area_px >= GHOST_AREA_PX)
     still[0] = False
     return still
 
 
-def find_uncovered(luma: U8, background: U8, mask: U8, params: GhostParams) -> U8:
+def find_uncovered(luma: U8, background: U8, mask: U8) -> U8:
     blobs = cv2.dilate(mask, SQUARE)
     if not mask.any() or blobs.all():
         return np.zeros_like(mask)
     around = _nearest_outside(cv2.blur(luma, (3, 3)).astype(np.float32), blobs)
     here, before = (_mean_difference(a, around, mask) for a in (luma, background))
-    alike = (mask > 0) & (before >= params.edge_ratio * here + params.edge_levels)
+    alike = (mask > 0) & (before >= EDGE_RATIO * here + EDGE_LEVELS)
     uncovered = cv2.morphologyEx(np.where(alike, np.uint8(255), np.uint8(0)), cv2.MORPH_OPEN, SQUARE)
     parts = find_blobs(uncovered)
-    uncovered[parts.area_px[parts.labels] < params.area_px] = 0
+    uncovered[parts.area_px[parts.labels] < GHOST_AREA_PX] = 0
     return uncovered
 
 

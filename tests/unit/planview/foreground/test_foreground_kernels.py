@@ -12,7 +12,7 @@ from planview.foreground import _mixture_kernels as kernels
 from planview.foreground._gain_kernels import fill_luma
 from planview.foreground._leader_kernels import BLOCK, N_FIELDS, N_LEAD, Rates, Y
 from planview.foreground.blobs import find_blobs
-from planview.foreground.ghosts import GhostParams, find_ghosts, find_still, find_uncovered, moved_lately
+from planview.foreground.ghosts import find_ghosts, find_still, find_uncovered, moved_lately
 from planview.foreground.mixture import TURNS, Foreground
 from planview.foreground.params import ForegroundParams
 
@@ -126,9 +126,6 @@ def test_rebase_brings_means_into_the_exposure_of_the_image():
     assert state.y[0] == pytest.approx(205) and state.var_y[0] == pytest.approx(4 * 64)
 
 
-PARAMS = GhostParams()
-
-
 @pytest.mark.parametrize("smooth", [False, True])
 def test_ghosts_are_those_of_whole_images(smooth: bool) -> None:
     rng, found = np.random.default_rng(4), np.zeros(3, np.int64)
@@ -144,9 +141,9 @@ def test_ghosts_are_those_of_whole_images(smooth: bool) -> None:
         blobs = find_blobs(mask)
         for k, (ours, numpys) in enumerate(
             (
-                (f(luma, background, blobs, motion, PARAMS) for f in (find_ghosts, ghost_reference.find_ghosts)),
-                (f(blobs, motion, PARAMS) for f in (find_still, ghost_reference.find_still)),
-                (f(luma, background, mask, PARAMS) for f in (find_uncovered, ghost_reference.find_uncovered)),
+                (f(luma, background, blobs, motion) for f in (find_ghosts, ghost_reference.find_ghosts)),
+                (f(blobs, motion) for f in (find_still, ghost_reference.find_still)),
+                (f(luma, background, mask) for f in (find_uncovered, ghost_reference.find_uncovered)),
             )
         ):
             np.testing.assert_array_equal(ours, numpys)
