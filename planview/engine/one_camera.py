@@ -39,6 +39,14 @@ OVERVIEW_HZ = 10.0
 to frame, and a minute of video takes two or three seconds, a third to two thirds of tracking it. Our choice."""
 
 
+MOTION_LEVEL = 10.0
+"""Change of luma, averaged over 3x3 pixels, between two frames that is motion (levels of 255). Our choice: 8-bit
+video has a noise of 3 to 4 levels, 1.3 in the average and 1.9 between two frames; five times that."""
+MOTION_INTERVAL_S = 0.12
+"""Time between the two frames compared [s]; at least one frame. Our choice: a hand at 0.2 m/s moves 2.4 cm in it,
+about a pixel, whatever the frame rate."""
+
+
 class OneCamera:
     """Separates the foreground and the motion of one camera, and lets a tracker follow people: a ``FrontEnd``.
 
@@ -181,14 +189,14 @@ class OneCamera:
         return known
 
     def _motion(self, now_s: float, grey: U8) -> U8:
-        """(H, W) uint8, 255 where the smoothed luma differs from that of motion_interval_s ago."""
+        """(H, W) uint8, 255 where the smoothed luma differs from that of MOTION_INTERVAL_S ago."""
         smooth = np.asarray(cv2.blur(grey, (3, 3)), dtype=np.uint8)
         # Half a millisecond of slack: time stamps are rounded.
-        while len(self._past) > 1 and self._past[1][0] <= now_s - self.params.motion_interval_s + 5e-4:
+        while len(self._past) > 1 and self._past[1][0] <= now_s - MOTION_INTERVAL_S + 5e-4:
             self._past.popleft()
         before = self._past[0][1] if self._past else smooth
         self._past.append((now_s, smooth))
-        _, motion = cv2.threshold(cv2.absdiff(smooth, before), self.params.motion_level, 255, cv2.THRESH_BINARY)
+        _, motion = cv2.threshold(cv2.absdiff(smooth, before), MOTION_LEVEL, 255, cv2.THRESH_BINARY)
         return np.asarray(motion, dtype=np.uint8)
 
 
