@@ -7,7 +7,7 @@ from reference import windows as reference
 
 from calib.floor.plane import Plane
 from stereo._kernels import split
-from stereo.depth import DepthFromDisparity, DepthParams, RectifiedGeometry, back_project, median_image
+from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, median_image
 from stereo.floor import align_plane
 from stereo.gating import TILE, Gate, MatchingParams, Window
 
@@ -23,7 +23,7 @@ def test_depth_is_focal_times_baseline_over_disparity_and_back():
 
 def test_depth_is_nan_without_disparity_and_its_deviation_grows_with_its_square():
     disparity = np.array([[np.nan, 0.0, -1.0, 3.9, 4.1]], np.float32)
-    depth = DepthFromDisparity(GEOMETRY, DepthParams(depth_max_m=10.0))(disparity)
+    depth = DepthFromDisparity(GEOMETRY, depth_max_m=10.0)(disparity)
     assert np.isnan(depth[0, :4]).all() and depth[0, 4] == pytest.approx(40 / 4.1)
     # d z = z^2 / (f b) d d: 4 / 40 * 0.25 and 16 / 40 * 0.25.
     np.testing.assert_allclose(GEOMETRY.depth_std_m(np.array([2.0, 4.0], np.float32)), [0.025, 0.1], rtol=1e-6)
