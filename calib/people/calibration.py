@@ -207,7 +207,6 @@ def calibrate_from_people(
     *,
     known: KnownValues | None = None,
     independent: int | None = None,
-    model: HumanModel | None = None,
     name: str = "samples",
     walked: Bool | None = None,
 ) -> HumanCalibration:
@@ -224,7 +223,6 @@ def calibrate_from_people(
         independent: so many of the samples are independent, as of few people observed often, found by outlines of
             foreground; None for all, marked by hand. The others repeat the same body height, gait and shadow, and are
             weighted down.
-        model: the person; by default the paper's 1.76 m, or the height known.
         name: of the samples' source, for messages.
         walked: (height, width), where something moved in the recording: more people are asked for there only.
     Raises:
@@ -236,7 +234,7 @@ def calibrate_from_people(
     if lens is not None and lens not in LENS_K_320:
         raise ValueError(f"expected a lens of {', '.join(LENS_K_320)}, got {lens!r}")
     known = known or KnownValues()
-    model = model or HumanModel()
+    model = HumanModel()  # the paper's 1.76 m, or the height known
     model = model.scaled(known.person_height_m or model.height_m)
     start = time.perf_counter()
     people = people_of(samples, model, independent)
