@@ -11,7 +11,6 @@ import numpy as np
 
 from calib.types import F32, U8
 from planview.foreground import _mixture_kernels as kernels
-from planview.foreground._gain_kernels import fill_luma
 from planview.foreground._leader_kernels import (
     BLOCK,
     DEPTH_FRACTION,
@@ -19,6 +18,7 @@ from planview.foreground._leader_kernels import (
     N_LEAD,
     D,
     UpdateConstants,
+    Y,
     find_changes,
 )
 from planview.foreground.gain import Exposure, GainFollower
@@ -230,9 +230,9 @@ class Foreground:
 
     def background_luma(self) -> U8:
         """(H, W) uint8 luma of the most common background, as the current exposure shows it; zeros before an update."""
-        luma = np.empty(self._mask.size, np.uint8)
-        fill_luma(self._lead, self._gain.gain, self._gain.offset, luma)
-        return luma.reshape(self.shape)
+        levels = self._lead[:, Y * BLOCK : (Y + 1) * BLOCK].reshape(-1)[: self._mask.size]
+        levels = levels * np.float32(self._gain.gain) + np.float32(self._gain.offset)
+        return np.rint(np.clip(levels, 0.0, 255.0)).astype(np.uint8).reshape(self.shape)
 
     def background_disparity(self) -> F32:
         """(H, W) float32 [px], of the most common background; NaN where it has no depth, and before an update."""

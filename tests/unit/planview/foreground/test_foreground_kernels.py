@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from reference import foreground as reference
 
 from planview.foreground import _mixture_kernels as kernels
-from planview.foreground._gain_kernels import fill_luma
-from planview.foreground._leader_kernels import BLOCK, N_FIELDS, N_LEAD, Rates, Y
+from planview.foreground._leader_kernels import BLOCK, N_FIELDS, N_LEAD, Rates
 from planview.foreground.ghosts import moved_lately
 from planview.foreground.mixture import TURNS, Foreground
 from planview.foreground.params import ForegroundParams
@@ -128,15 +127,3 @@ def test_motion_is_remembered_for_a_while() -> None:
     motion = np.array([[255, 0, 0]], np.uint8)
     np.testing.assert_array_equal(moved_lately(motion, 2.5, 1.0, moved_s), [[255, 0, 255]])
     np.testing.assert_array_equal(moved_s, [[2.5, 1.0, 2.0]])
-
-
-def test_background_is_rounded_to_even_levels() -> None:
-    levels = np.random.default_rng(3).uniform(-20, 280, 2 * BLOCK).astype(np.float32)
-    levels[:4] = 0.5, 1.5, 2.5, 254.5
-    lead = np.zeros((2, N_LEAD * BLOCK), np.float32)
-    lead[:, Y * BLOCK : (Y + 1) * BLOCK] = levels.reshape(2, BLOCK)
-    for gain, offset in ((1.0, 0.0), (1.3, -7.0)):
-        luma = np.empty(2 * BLOCK - 5, np.uint8)
-        fill_luma(lead, gain, offset, luma)
-        expected = np.clip(np.round(levels * np.float32(gain) + np.float32(offset)), 0, 255).astype(np.uint8)
-        np.testing.assert_array_equal(luma, expected[: luma.size])
