@@ -22,12 +22,9 @@ KNOWN_RANGE = 1.15
 """A value that was told is searched up to this factor from it; the deviation decides afterwards (our choice)."""
 
 
-COARSE_TILTS = 37
-"""Tilts tried at first over their range [1] (our choice: at most 5 degrees apart)."""
-COARSE_FOCALS = 20
-"""Focal lengths tried at first, in equal ratios [1] (our choice: at most 15 % apart)."""
-COARSE_HEIGHTS = 20
-"""Camera heights tried at first, in equal ratios [1] (our choice)."""
+COARSE = (20, 20, 37)
+"""Focal lengths and camera heights, in equal ratios (at most 15 % apart), and tilts (at most 5 degrees apart) tried at
+first (our choice)."""
 BEAM = 200
 """Best cells kept between steps; height and focal length trade off along a valley (our choice)."""
 STEPS = 14
@@ -131,13 +128,12 @@ class SearchProblem:
         return low, high
 
 
-def search(problem: SearchProblem) -> tuple[F64, F64]:
-    """The last (m, 3) candidates kept and their errors, best first."""
+def search(problem: SearchProblem) -> F64:
+    """The last (m, 3) candidates kept, best first."""
     low, high = problem.bounds()
-    counts = (COARSE_FOCALS, COARSE_HEIGHTS, COARSE_TILTS)
-    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
+    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, COARSE, strict=True)]
     candidates = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    step = (high - low) / (np.array(counts) - 1)
+    step = (high - low) / (np.array(COARSE) - 1)
     around = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     limit = INFEASIBLE
     for step_number in range(STEPS + 1):
@@ -148,7 +144,7 @@ def search(problem: SearchProblem) -> tuple[F64, F64]:
         step = step / 2
         candidates = np.unique((kept[:, None] + step * around).reshape(-1, 3), axis=0)
         candidates = np.clip(candidates, low, high)
-    return kept, errors[best]
+    return kept
 
 
 def _first_errors(problem: SearchProblem, candidates: F64, n_kept: int) -> F64:
@@ -234,12 +230,11 @@ def calibrate_from_people(
     if lens is not None and lens not in LENS_K_320:
         raise ValueError(f"expected a lens of {', '.join(LENS_K_320)}, got {lens!r}")
     known = known or KnownValues()
-    model = HumanModel()  # the paper's 1.76 m, or the height known
-    model = model.scaled(known.person_height_m or model.height_m)
+    model = HumanModel().scaled(known.person_height_m or HumanModel().height_m)
     start = time.perf_counter()
     people = people_of(samples, model, independent)
     tried = _tried([lens] if lens else list(LENS_K_320), size, people, model, known)
-    _refuse_unfit(tried[0], MAX_ERROR, name)
+    _refuse_unfit(tried[0], name)
     posterior = posterior_of([t.fit for t in tried], people, model)
     if independent is not None:
         posterior = with_outline_errors(posterior, people, model)
@@ -260,13 +255,13 @@ def calibrate_from_people(
     return _result(posterior, tried[0].problem, people, model, time.perf_counter() - start, walked)
 
 
-def _refuse_unfit(best: _Tried, max_error: float, name: str) -> None:
+def _refuse_unfit(best: _Tried, name: str) -> None:
     """Most samples must fit well; how badly the odd ones fit, which are weighted down, does not matter."""
     fits = best.fit.deviations <= ODD_FROM
     error = float(np.median(best.problem.each(best.fit.camera)[fits])) if fits.any() else math.inf
-    if error > max_error or fits.mean() < 0.5:
+    if error > MAX_ERROR or fits.mean() < 0.5:
         raise WorkError(
-            f"{name}: no camera fits the samples: error {error:.2f} (at most {max_error:g}), "
+            f"{name}: no camera fits the samples: error {error:.2f} (at most {MAX_ERROR:g}), "
             f"{1.0 - fits.mean():.0%} of the samples far off; "
             "are they standing people of one size in upright images of this size?"
         )
@@ -323,8 +318,7 @@ def _tried(
 
 def _fits(problem: SearchProblem, people: MarkedPeople) -> list[_Tried]:
     """The best fit of every way in which boxes may end, with people who vary as much as expected."""
-    candidates, _ = search(problem)
-    cameras = [problem.camera(candidate) for candidate in _distinct(candidates)]
+    cameras = [problem.camera(candidate) for candidate in _distinct(search(problem))]
     ends = (False,) if problem.boxes_only else (True,) if level_ends(people.rows) else (False, True)
     tried = []
     for level in ends:
