@@ -17,7 +17,6 @@ BENCHMARKS = {
     "counting": "Score counts and occupancy on rendered and real recordings.",
     "pets": "Score the single-camera trackers on PETS S2-L1 view 1.",
     "calibration": "Score board, floor and human calibration against known truth.",
-    "correction": "Score the correction of calibrations whose right camera has turned.",
     "foreground": "Share of wrong foreground pixels beside OpenCV, by condition.",
 }
 

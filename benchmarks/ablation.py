@@ -208,18 +208,14 @@ def run_trial(trial: Trial) -> Evaluation:
     return evaluate_tracks(tracks, trial.recording.truth())
 
 
-def ablation_rows(
-    scores: Mapping[Variant, Sequence[Evaluation]], seed: int = 0, resamples: int = RESAMPLES
-) -> list[AblationRow]:
+def ablation_rows(scores: Mapping[Variant, Sequence[Evaluation]]) -> list[AblationRow]:
     """One row per variant.
 
     Args:
         scores: of every variant, of the same recordings in the same order; with ``CONFIGURED``.
-        seed: of the bootstrap.
-        resamples: bootstrap samples of recordings.
     """
     n = len(scores[CONFIGURED])
-    samples = np.random.default_rng(seed).integers(0, n, (resamples, n))
+    samples = np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
     base = _counts(scores[CONFIGURED], lambda e: len(e.significant))
     # One length for all: the span that a variant's tracks cover differs from variant to variant.
     minutes = _counts(scores[CONFIGURED], lambda e: e.duration_s / 600)

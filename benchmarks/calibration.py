@@ -91,21 +91,18 @@ def random_rig(lens: str, rng: np.random.Generator) -> StereoRig:
     return StereoRig(camera(), camera(), SE3.from_rotvec(0.02 * rng.normal(size=3), shift), f"random {lens} rig")
 
 
-def board_views(
-    rig: StereoRig, board: Board, n: int, noise_px: float, rng: np.random.Generator, tilt_rad: float = 0.45
-) -> list[BoardView]:
+def board_views(rig: StereoRig, board: Board, n: int, noise_px: float, rng: np.random.Generator) -> list[BoardView]:
     """Pairs in which both images show the whole board, at places and tilts all over the left image.
 
     Args:
         noise_px: standard deviation of each corner coordinate.
-        tilt_rad: standard deviation of the board's tilts.
     """
     points, extent = board.points, float(board.points.max())
     near = 1.5 * extent * rig.left.fx / rig.left.width
     ids = np.arange(len(points))
     views: list[BoardView] = []
     while len(views) < n:
-        turn = SE3.from_rotvec(rng.normal(size=3) * [tilt_rad, tilt_rad, 0.3])
+        turn = SE3.from_rotvec(rng.normal(size=3) * [0.45, 0.45, 0.3])
         middle = rig.left.unproject([rng.uniform(0.12, 0.88, 2) * rig.left.size])[0] * rng.uniform(near, 2.5 * near)
         left_SE3_board = SE3(turn.rotation, middle - turn.rotation @ points.mean(axis=0))
         left = rig.left.project(left_SE3_board @ points)

@@ -22,7 +22,7 @@ from planview.engine.config import Config
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.metrics import clear_scores
 from planview.evaluation.result import Evaluation
-from planview.evaluation.sequence import Similarity, box_similarity, build_sequence
+from planview.evaluation.sequence import box_similarity, build_sequence
 from planview.output.script import run
 from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, rows_by_id
@@ -113,25 +113,21 @@ class PetsScores:
         }
 
 
-def tracking_errors(
-    truth: Trajectories, tracks: Trajectories, similarity: Similarity = box_similarity, gap_frames: int = GAP_FRAMES
-) -> TrackingErrors:
-    """Count false tracks, losses and switches.
+def tracking_errors(truth: Trajectories, tracks: Trajectories) -> TrackingErrors:
+    """Count false tracks, losses and switches of image boxes at IoU 0.5.
 
     Args:
         truth, tracks: sorted by frame, one row per frame and id; only confirmed rows of the tracks count.
-        similarity: image boxes at IoU 0.5, or ``floor_similarity(gate)``.
-        gap_frames: see ``TrackingErrors.losses``.
     """
     tracks = tracks.where(tracks.state == "confirmed")
-    scores = clear_scores(build_sequence(truth, tracks, similarity))
+    scores = clear_scores(build_sequence(truth, tracks, box_similarity))
     on_somebody, found = np.zeros(len(tracks), dtype=np.bool_), np.zeros(len(truth), dtype=np.bool_)
     found[scores.matches[:, 0]] = on_somebody[scores.matches[:, 1]] = True
     false_tracks = sum(bool(on_somebody[rows].mean() < 0.5) for _, rows in rows_by_id(tracks.track_id))
     losses = 0
     for _, rows in rows_by_id(truth.track_id):
         edges = np.flatnonzero(np.diff(np.concatenate([[True], found[rows], [True]]).astype(np.int8)))
-        losses += int(np.count_nonzero(np.diff(edges)[::2] > gap_frames))
+        losses += int(np.count_nonzero(np.diff(edges)[::2] > GAP_FRAMES))
     return TrackingErrors(false_tracks, losses, scores.switches)
 
 

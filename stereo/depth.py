@@ -9,9 +9,7 @@ from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field
 
-from calib.params import Params
 from calib.pose import SE3
 from calib.types import F32, F64, AnyArray
 
@@ -109,20 +107,16 @@ class RectifiedGeometry:
         return math.hypot(depth * depth * self.depth_std_per_m2, self.depth_std_min_m)
 
 
-class DepthParams(Params):
-    """Depth from disparity."""
-
-    depth_max_m: float = Field(default=30.0, gt=0.5, le=200.0)
-    """Farther points are left out [m]: their predicted deviation exceeds any room (our choice)."""
+DEPTH_MAX_M = 30.0
+"""Farther points are left out [m]: their predicted deviation exceeds any room (our choice)."""
 
 
 class DepthFromDisparity:
     """Depth image of a disparity image, in the rectified left camera."""
 
-    def __init__(self, geometry: RectifiedGeometry, params: DepthParams | None = None) -> None:
+    def __init__(self, geometry: RectifiedGeometry, depth_max_m: float = DEPTH_MAX_M) -> None:
         self.geometry = geometry
-        self.params = params or DepthParams()
-        self._disparity_min = geometry.disparity_at(self.params.depth_max_m)
+        self._disparity_min = geometry.disparity_at(depth_max_m)
 
     def __call__(self, disparity: F32) -> F32:
         """Depth along the optical axis.

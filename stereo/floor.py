@@ -10,7 +10,15 @@ from pydantic import Field
 
 from calib.errors import WorkError
 from calib.floor.find import find_floor
-from calib.floor.plane import MAD_TO_SIGMA, TUKEY_C, FloorParams, Plane, sandwich
+from calib.floor.plane import (
+    FLOOR_DISPARITY_STD_PX,
+    INLIER_SIGMAS,
+    MAD_TO_SIGMA,
+    TUKEY_C,
+    FloorParams,
+    Plane,
+    sandwich,
+)
 from calib.params import Params
 from calib.rig import Floor
 from calib.types import F32, F64, AnyArray
@@ -96,7 +104,7 @@ class FloorEstimator:
 
         def align(plane: Plane) -> Plane:
             left, right = (median_image([p.left_grey for p in pairs]), median_image([p.right_grey for p in pairs]))
-            return align_plane(plane, left, right, median_image(depths), geometry, params)
+            return align_plane(plane, left, right, median_image(depths), geometry)
 
         return floor_in(depths, geometry, params, _BLIND_PAIR, align)
 
@@ -106,9 +114,7 @@ class FloorEstimator:
         return self.floor(pairs, [self.depth(pair) for pair in pairs])
 
 
-def align_plane(
-    plane: Plane, left: AnyArray, right: AnyArray, depth: F32, geometry: RectifiedGeometry, params: FloorParams
-) -> Plane:
+def align_plane(plane: Plane, left: AnyArray, right: AnyArray, depth: F32, geometry: RectifiedGeometry) -> Plane:
     """The plane by which the right image, moved by the plane's disparities, looks like the left one.
 
     Semi-global matching smooths what stands on a floor into it: over the plane its disparities are off by a tenth of a
@@ -121,7 +127,6 @@ def align_plane(
         left, right: (H, W) grey, rectified, without people.
         depth: (H, W) float32 [m] of the left image, NaN where unknown: pixels off the plane are left out.
         geometry: of the images.
-        params: what counts as on the plane.
     Returns:
         The plane with its covariance; the guess where the images leave the plane's disparities less certain than the
         guess may be, as without texture.
@@ -133,7 +138,7 @@ def align_plane(
     basis = np.dstack([to_disparity * geometry.rays(np.dstack([u, v])), x * x, x * y, x * (x * x + y * y)])
     prior = np.diag([0.0] * 3 + [1.0 / (LEFT_BY_CALIBRATION * width) ** 2] * 3)
     window = 2 * round(width * ALIGN_WINDOW / 2) + 1
-    texture, gate_px = _without_light(left, window), params.inlier_sigmas * params.disparity_std_px
+    texture, gate_px = _without_light(left, window), INLIER_SIGMAS * FLOOR_DISPARITY_STD_PX
     with np.errstate(invalid="ignore", divide="ignore"):
         disparity = geometry.focal_u_px * geometry.baseline_m / depth
     found = np.append(plane.q, np.zeros(3))
@@ -194,7 +199,7 @@ def floor_in(
         raise WorkError(f"expected depth in at least {MIN_VALID:.0%} of the pixels, found {valid:.1%}: {blind}")
     sigma_z = None
     if geometry.depth_std_min_m > 0.0:
-        share = params.disparity_std_px / geometry.disparity_std_px  # what medians leave of a frame's noise
+        share = FLOOR_DISPARITY_STD_PX / geometry.disparity_std_px  # what medians leave of a frame's noise
         sigma_z = [np.float32(share) * geometry.depth_std_m(cloud[:, 2]) for cloud in clouds]
     return find_floor(
         clouds, focal_px=geometry.focal_u_px, baseline_m=geometry.baseline_m, sigma_z=sigma_z,

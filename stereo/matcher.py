@@ -141,6 +141,13 @@ def farthest_head_m(geometry: RectifiedGeometry, floor: Floor) -> float:
     return max(floor.height_m - 0.85, NEAREST_M) / level if level > LEVEL_MIN else math.inf
 
 
+SATURATED_LEVEL = 250
+"""Blocks entirely at or above this grey level hold no texture to match (our choice)."""
+TEXTURE_MIN = 6
+"""Smallest difference between the darkest and the brightest pixel around a match [grey levels]; below it there is
+nothing but sensor noise: a third of such disparities are off by more than a pixel (our choice)."""
+
+
 class SgbmParams(Params):
     """OpenCV's semi-global block matching (Hirschmueller 2008), in its fast three-way pass."""
 
@@ -156,11 +163,6 @@ class SgbmParams(Params):
     """Left-right check: largest difference of the two disparities [px]."""
     speckle_m: float = Field(default=0.10, ge=0.0, le=1.0)
     """Connected patches smaller than a square of this side at 4 m are dropped [m]: about half a head (our choice)."""
-    saturated_level: int = Field(default=250, ge=128, le=256)
-    """Blocks entirely at or above this grey level hold no texture to match (our choice); 256 switches it off."""
-    texture_min: int = Field(default=6, ge=0, le=255)
-    """Smallest difference between the darkest and the brightest pixel around a match [grey levels]; below it there is
-    nothing but sensor noise: a third of such disparities are off by more than a pixel (our choice)."""
 
 
 def speckle_px(geometry: RectifiedGeometry, params: SgbmParams) -> float:
@@ -286,8 +288,8 @@ class SgbmMatcher:
             self.step,
             STEP * searched.first_px,
             SUBPIXEL,
-            self.params.saturated_level,
-            self.params.texture_min,
+            SATURATED_LEVEL,
+            TEXTURE_MIN,
             disparity,
         )
         return disparity + self._lag_px

@@ -9,11 +9,9 @@ from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
-from pydantic import Field
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from calib.params import Params
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F32, F64, U8, AnyArray, Bool
@@ -94,15 +92,6 @@ class RigCorrection:
         return "relative " + "; ".join(part for part in parts if part)
 
 
-class MatchParams(Params):
-    """Matching corners of rectified pairs."""
-
-    features: int = Field(default=300, ge=20, le=5000)
-    """Corners tried in each frame (our choice)."""
-    search_px: int = Field(default=8, ge=1, le=256)
-    """Largest row offset looked for, each way [px]."""
-
-
 def measure_correction(
     pairs: Iterable[tuple[U8, U8]], geometry: RectifiedGeometry, disparity_max_px: float
 ) -> RigCorrection:
@@ -115,9 +104,11 @@ def measure_correction(
         pairs: left and right (H, W) uint8, rectified by the calibration as it is.
         disparity_max_px: largest disparity that can occur [px].
     """
-    params = MatchParams(search_px=math.ceil(_SEARCH * geometry.width))
+    search_px = math.ceil(_SEARCH * geometry.width)
     with ThreadPoolExecutor(THREADS) as pool:  # correlation releases Python's lock
-        found = list(pool.map(lambda pair: match_corners(pair[0], pair[1], disparity_max_px, params), pairs))
+        found = list(
+            pool.map(lambda pair: match_corners(pair[0], pair[1], disparity_max_px, search_px=search_px), pairs)
+        )
     return fit_correction(np.concatenate([np.empty((0, 4)), *found]), geometry)
 
 
@@ -209,21 +200,29 @@ def _cell_medians(matches: F64, side_px: float) -> F64:
 
 
 def match_corners(
-    left: U8, right: U8, disparity_max_px: float, params: MatchParams, disparity_min_px: float = -2.0
+    left: U8,
+    right: U8,
+    disparity_max_px: float,
+    disparity_min_px: float = -2.0,
+    *,
+    features: int = 300,
+    search_px: int = 8,
 ) -> F64:
     """Corners of the left image and where the right one shows them.
 
     Args:
         disparity_max_px, disparity_min_px: disparities to search [px]; negative ones show swapped images.
+        features: corners tried (our choice).
+        search_px: largest row offset looked for, each way.
     Returns:
         (N, 4) float64 [px]: u and v in the left image, u in the right image, v_right - v_left.
     """
-    corners = cv2.goodFeaturesToTrack(left, params.features, 0.01, 2.0 * _PATCH, mask=_matchable(left))
+    corners = cv2.goodFeaturesToTrack(left, features, 0.01, 2.0 * _PATCH, mask=_matchable(left))
     if corners is None:
         return np.empty((0, 4))
     points = np.asarray(corners, dtype=np.float32).reshape(-1, 2)
     span = math.floor(disparity_min_px), math.ceil(disparity_max_px)
-    guesses = np.array([_search(left, right, point, span, params) for point in points], dtype=np.float32)
+    guesses = np.array([_search(left, right, point, span, search_px) for point in points], dtype=np.float32)
     good = np.isfinite(guesses).all(axis=1)
     points, guesses = points[good], guesses[good]
     if len(points) == 0:
@@ -240,12 +239,12 @@ def _matchable(image: U8) -> U8:
     return np.asarray(cv2.erode(usable, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0), dtype=np.uint8)
 
 
-def _search(left: U8, right: U8, point: F32, span: tuple[int, int], params: MatchParams) -> tuple[float, float]:
+def _search(left: U8, right: U8, point: F32, span: tuple[int, int], search_px: int) -> tuple[float, float]:
     """Best place of a left patch in the right image, NaN when it is at the limit, poor or not unique."""
     nothing = (math.nan, math.nan)
     u, v = round(float(point[0])), round(float(point[1]))
     rows, cols = left.shape
-    top, bottom = max(0, v - _PATCH - params.search_px), min(rows, v + _PATCH + params.search_px + 1)
+    top, bottom = max(0, v - _PATCH - search_px), min(rows, v + _PATCH + search_px + 1)
     start, end = max(0, u - _PATCH - span[1]), min(cols, u + _PATCH + 1 - span[0])
     patch = left[v - _PATCH : v + _PATCH + 1, u - _PATCH : u + _PATCH + 1]
     strip = right[top:bottom, start:end]

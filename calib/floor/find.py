@@ -10,10 +10,33 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, WorkError
-from calib.floor.plane import Candidate, FloorParams, Plane, Rays, cells, choose_floor, fit_plane, judge, nothing_found
+from calib.floor.plane import (
+    CELLS_ACROSS,
+    FLOOR_DISPARITY_STD_PX,
+    INLIER_SIGMAS,
+    MIN_INLIER_FRACTION,
+    Candidate,
+    FloorParams,
+    Plane,
+    Rays,
+    cells,
+    choose_floor,
+    fit_plane,
+    judge,
+    nothing_found,
+)
 from calib.rig import Floor, world_from_plane
 from calib.types import F32, F64, I64, AnyArray, Bool
 
+N_CANDIDATES = 8
+"""Planes looked for; a room has a floor, three walls and some furniture (our choice)."""
+RANSAC_ITERATIONS = 2000
+"""Triples tried per candidate: one of 2000 hits a plane of 12 % of the remaining points with 97 % (our choice)."""
+FIT_POINTS = 400_000
+"""Points looked at over all frames, evenly thinned (our choice, for speed)."""
+EDGE_CELLS = 2.5
+"""Floor this close to something on it is left out of the last fits, in cells (our choice: 25 px at 640 px, what
+semi-global matching smooths over)."""
 MIN_POINTS = 1000
 """With fewer points than this nothing is said."""
 
@@ -51,75 +74,74 @@ def find_floor(
         ValueError: shapes do not fit.
     """
     params = params or FloorParams()
-    points = _points(clouds, sigma_z, params)
+    points = _points(clouds, sigma_z)
     if len(points) < MIN_POINTS:
         raise WorkError(f"no floor found: only {len(points)} points with valid depth in {len(clouds)} frames")
     if sigma_z is None:
         noise = 0.01 * float(np.median(points.inverse))
         if focal_px is not None and baseline_m is not None:
-            noise = params.disparity_std_px / (focal_px * baseline_m)
+            noise = FLOOR_DISPARITY_STD_PX / (focal_px * baseline_m)
         points = Rays(points.rays, points.inverse, np.full(len(points), noise))
     candidates = floor_candidates(points, params, np.empty((0, 3)) if moved is None else moved)
     best = choose_floor(candidates, params)
     if best is None:
-        raise WorkError(nothing_found(candidates, len(clouds), params))
+        raise WorkError(nothing_found(candidates, len(clouds)))
     if align is not None:
         best = replace(best, plane=align(best.plane))
-    return _floor(best, points, params)
+    return _floor(best, points)
 
 
 def floor_candidates(points: Rays, params: FloorParams, moved: F64) -> list[Candidate]:
     """Planes in the points, each judged, about the likeliest first; ``moved`` as in ``find_floor``."""
-    view, counts = cells(points, params.cells_across)
+    view, counts = cells(points)
     rest = view
     found: list[Candidate] = []
-    for _ in range(params.n_candidates):
-        if len(rest) < max(3, 0.5 * params.min_inlier_fraction * len(view)):
+    for _ in range(N_CANDIDATES):
+        if len(rest) < max(3, 0.5 * MIN_INLIER_FRACTION * len(view)):
             break
-        guess = _ransac(rest, params)
+        guess = _ransac(rest)
         off = np.abs(rest.residuals(guess))
-        if (off < params.inlier_sigmas).sum() < 0.5 * params.min_inlier_fraction * len(view):
+        if (off < INLIER_SIGMAS).sum() < 0.5 * MIN_INLIER_FRACTION * len(view):
             break
         # Planes cross: a third of the layer taken out leaves enough of a floor that this one cuts through.
-        rest = rest.where(off >= params.inlier_sigmas / 3)
-        rough = fit_plane(view, guess, params.inlier_sigmas)
+        rest = rest.where(off >= INLIER_SIGMAS / 3)
+        rough = fit_plane(view, guess)
         if rough is not None and not any(_same(rough, other.plane, view) for other in found):
-            plane, view_on, counts = _refined(rough, points, params)
+            plane, view_on, counts = _refined(rough, points)
             found.append(judge(plane, view_on, counts, points, moved, params))
     return found
 
 
-def _refined(plane: Plane, points: Rays, params: FloorParams) -> tuple[Plane, Rays, I64]:
+def _refined(plane: Plane, points: Rays) -> tuple[Plane, Rays, I64]:
     """Fit again to cells without the points that the plane shows to be of something else."""
-    gate = params.frame_noise * params.inlier_sigmas
-    view, counts = cells(points, params.cells_across, plane.q, gate)
+    view, counts = cells(points, plane.q)
     for _ in range(2):
-        inside = view.where(_away_from_edges(plane, view, params))
-        plane = fit_plane(inside, plane.q, params.inlier_sigmas) or plane
-        view, counts = cells(points, params.cells_across, plane.q, gate)
+        inside = view.where(_away_from_edges(plane, view))
+        plane = fit_plane(inside, plane.q) or plane
+        view, counts = cells(points, plane.q)
     return plane, view, counts
 
 
-def _away_from_edges(plane: Plane, view: Rays, params: FloorParams) -> Bool:
+def _away_from_edges(plane: Plane, view: Rays) -> Bool:
     """(N,) which cells have nothing but floor around them: matching smooths what meets the floor into it."""
     residuals = view.residuals(plane.q)
-    on, other = np.abs(residuals) < params.inlier_sigmas, residuals >= params.inlier_sigmas
+    on, other = np.abs(residuals) < INLIER_SIGMAS, residuals >= INLIER_SIGMAS
     if not other.any():
         return np.ones(len(view), dtype=np.bool_)
     across = view.rays[:, 0].max() - view.rays[:, 0].min()
     from scipy.spatial import cKDTree  # half a second, and only a floor that is looked for needs it
 
     distance, _ = cKDTree(view.rays[other, :2]).query(view.rays[:, :2])
-    free = np.asarray(distance > params.edge_cells * across / params.cells_across)
+    free = np.asarray(distance > EDGE_CELLS * across / CELLS_ACROSS)
     # A floor in small pieces is all edge: better fitted with them than not at all.
     return free if (on & free).sum() > 0.3 * on.sum() else np.ones(len(view), dtype=np.bool_)
 
 
-def _floor(best: Candidate, points: Rays, params: FloorParams) -> Floor:
+def _floor(best: Candidate, points: Rays) -> Floor:
     plane = best.plane
     pose = world_from_plane(plane.normal, plane.distance_m)
-    view, _ = cells(points, params.cells_across, plane.q, params.frame_noise * params.inlier_sigmas)
-    inliers = view.where(np.abs(view.residuals(plane.q)) < params.inlier_sigmas)
+    view, _ = cells(points, plane.q)
+    inliers = view.where(np.abs(view.residuals(plane.q)) < INLIER_SIGMAS)
     world = pose @ (inliers.rays / inliers.inverse[:, None])
     low, high = np.quantile(world[:, :2], (0.01, 0.99), axis=0)
     return Floor(
@@ -144,14 +166,14 @@ def _pose_covariance(plane: Plane) -> F64:
     return np.asarray(jacobian @ plane.covariance @ jacobian.T)
 
 
-def _points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None, params: FloorParams) -> Rays:
+def _points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None) -> Rays:
     """Valid points of all clouds, thinned evenly to what the fit looks at."""
     for cloud in clouds:
         if np.ndim(cloud) != 2 or np.shape(cloud)[1] != 3:
             raise ValueError(f"expected clouds of (N, 3) points, got {np.shape(cloud)}")
     if sigma_z is not None and [len(s) for s in sigma_z] != [len(c) for c in clouds]:
         raise ValueError("expected one depth deviation per point")
-    stride = max(1, math.ceil(sum(len(c) for c in clouds) / params.fit_points))
+    stride = max(1, math.ceil(sum(len(c) for c in clouds) / FIT_POINTS))
     parts = [
         # Another offset per frame, so that every pixel is looked at in some frame.
         _rays(np.asarray(c)[i % stride :: stride], None if sigma_z is None else sigma_z[i][i % stride :: stride])
@@ -170,7 +192,7 @@ def _rays(cloud: AnyArray, sigma_z: AnyArray | None) -> Rays:
     return Rays(np.stack([p[:, 0] / z, p[:, 1] / z, np.ones(len(p))], axis=1), 1.0 / z, sigma.astype(np.float64))
 
 
-def _ransac(points: Rays, params: FloorParams) -> F64:
+def _ransac(points: Rays) -> F64:
     """(3,) q of the likeliest plane, in (x/z, y/z, 1/z), where planes stay planes.
 
     A point counts by how near it is (MSAC, Torr and Zisserman 2000): a plane that cuts through a floor and what stands
@@ -183,12 +205,12 @@ def _ransac(points: Rays, params: FloorParams) -> F64:
     few = np.linspace(0, len(points) - 1, min(len(points), SCORED)).astype(np.int64)
     rays, inverse, sigma = points.rays[few], points.inverse[few], points.sigma[few]
     best, most = np.zeros(3), -1.0
-    for _ in range(-(-params.ransac_iterations // TRIPLES)):
+    for _ in range(-(-RANSAC_ITERATIONS // TRIPLES)):
         three = rng.integers(0, len(points), (TRIPLES, 3))
         corners = points.rays[three]
         sound = np.abs(np.linalg.det(corners)) > 1e-9
         planes = np.linalg.solve(corners[sound], points.inverse[three][sound][..., None])[..., 0]
-        off = (planes @ rays.T - inverse) / (params.inlier_sigmas * sigma)
+        off = (planes @ rays.T - inverse) / (INLIER_SIGMAS * sigma)
         held = np.maximum(1.0 - off * off, 0.0).sum(axis=1)
         if len(held) and held.max() > most:
             best, most = planes[int(np.argmax(held))], float(held.max())

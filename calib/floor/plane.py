@@ -17,16 +17,33 @@ from pydantic import Field
 from calib.params import Params
 from calib.types import F64, I64, Bool
 
+FLOOR_DISPARITY_STD_PX = 0.15
+"""Deviation of the background's disparity after medians [px]: what sub-pixel bias leaves (our choice)."""
+INLIER_SIGMAS = 3.0
+"""Points within this many deviations lie on a plane: 99.7 % of Gaussian noise (our choice)."""
+GATE = 3.0 * INLIER_SIGMAS
+"""The same in a single frame, whose disparity deviates three times as much as the medians (our choice: 0.45 px)."""
+MIN_INLIER_FRACTION = 0.05
+"""Least share of the valid depth a floor covers (our choice: less is a shelf or a step)."""
+BELOW_MARGIN_M = 0.25
+"""Points count as beneath a plane from here on [m]: lower than a seat, more than calibration warps (our choice)."""
+MAX_BLUR_FRACTION = 0.5
+"""Points just above the plane's layer of noise, in as thick a layer, against points on it: a flat surface ends
+sharply, a plane laid through clutter or a corner does not (our choice)."""
+MIN_SHARPNESS = 0.56
+"""Least share, of the points near a plane, within half that distance: 0.5 where points fill a volume, whose
+medians make a plane too; above 0.8 on a surface (our choice)."""
+PEOPLE_M = 2.4
+"""People reach no higher [m] (Harville 2002, section 4: H_max)."""
+MAX_HIGH_FRACTION = 0.25
+"""Share of what moves that may be higher: errors of matching (our choice)."""
+CELLS_ACROSS = 64
+"""Cells across the view whose medians are fitted (our choice: 10 px wide at 640 px)."""
+
 
 class FloorParams(Params):
     """What counts as a floor."""
 
-    disparity_std_px: float = Field(default=0.15, gt=0, le=5)
-    """Deviation of the background's disparity after medians [px]: what sub-pixel bias leaves (our choice)."""
-    frame_noise: float = Field(default=3.0, ge=1, le=20)
-    """Deviation of a single frame's disparity against that of the medians [1] (our choice: 0.45 px)."""
-    inlier_sigmas: float = Field(default=3.0, gt=0.5, le=10)
-    """Points within this many deviations lie on a plane: 99.7 % of Gaussian noise (our choice)."""
     min_height_m: float = Field(default=0.8, gt=0, le=100)
     """Lowest camera: below it people are taller than the view (our choice)."""
     max_height_m: float = Field(default=12.0, gt=0, le=100)
@@ -38,35 +55,10 @@ class FloorParams(Params):
     that hardly sees its floor (our choice)."""
     max_roll_deg: float = Field(default=30.0, gt=0, lt=90)
     """Cameras are mounted roughly upright (Zhang 2008, section 2, assumption 3: no significant roll)."""
-    min_inlier_fraction: float = Field(default=0.05, gt=0, le=1)
-    """Least share of the valid depth a floor covers (our choice: less is a shelf or a step)."""
-    below_margin_m: float = Field(default=0.25, ge=0, le=2)
-    """Points count as beneath a plane from here on [m]: lower than a seat, more than calibration warps (our choice)."""
     max_below_fraction: float = Field(default=0.2, gt=0, le=0.5)
     """Points beneath the plane, against points on and beneath it: nothing is seen below a floor but errors of
     matching; below a table top or a plane through clutter much is. A parallel plane beneath that holds this share
     is the floor instead (our choice)."""
-    max_blur_fraction: float = Field(default=0.5, gt=0, le=1)
-    """Points just above the plane's layer of noise, in as thick a layer, against points on it: a flat surface ends
-    sharply, a plane laid through clutter or a corner does not (our choice)."""
-    min_sharpness: float = Field(default=0.56, ge=0, le=1)
-    """Least share, of the points near a plane, within half that distance: 0.5 where points fill a volume, whose
-    medians make a plane too; above 0.8 on a surface (our choice)."""
-    people_m: float = Field(default=2.4, gt=0.5, le=5)
-    """People reach no higher [m] (Harville 2002, section 4: H_max)."""
-    max_high_fraction: float = Field(default=0.25, gt=0, le=1)
-    """Share of what moves that may be higher: errors of matching (our choice)."""
-    n_candidates: int = Field(default=8, ge=1, le=50)
-    """Planes looked for; a room has a floor, three walls and some furniture (our choice)."""
-    ransac_iterations: int = Field(default=2000, ge=10, le=100_000)
-    """Triples tried per candidate: one of 2000 hits a plane of 12 % of the remaining points with 97 % (our choice)."""
-    fit_points: int = Field(default=400_000, ge=1000, le=10_000_000)
-    """Points looked at over all frames, evenly thinned (our choice, for speed)."""
-    edge_cells: float = Field(default=2.5, ge=0, le=20)
-    """Floor this close to something on it is left out of the last fits, in cells (our choice: 25 px at 640 px, what
-    semi-global matching smooths over)."""
-    cells_across: int = Field(default=64, ge=8, le=512)
-    """Cells across the view whose medians are fitted (our choice: 10 px wide at 640 px)."""
 
 
 TUKEY_C = 3.0
@@ -140,7 +132,7 @@ class Plane:
         return float(np.arcsin(np.clip(self.normal[0], -1.0, 1.0)))
 
 
-def cells(points: Rays, columns: int, q: F64 | None = None, gate: float = np.inf) -> tuple[Rays, I64]:
+def cells(points: Rays, q: F64 | None = None) -> tuple[Rays, I64]:
     """Median inverse depth in square cells of the view, over all frames.
 
     The median forgets people who pass and most matching errors, and leaves so little noise that a wall can be told
@@ -149,25 +141,23 @@ def cells(points: Rays, columns: int, q: F64 | None = None, gate: float = np.inf
 
     Args:
         points: of any number of frames.
-        columns: cells across the width of the view.
         q: (3,) plane against which the medians are taken; a slope within a cell then does no harm.
-        gate: residuals from q that a point of the plane can have, in predicted deviations.
     Returns:
         One row per cell that holds at least a tenth of the mean count of points, and those counts.
     """
     low, high = np.quantile(points.rays[:, :2], (0.0005, 0.9995), axis=0)
     width, height = (float(v) for v in high - low)
-    step = max(width, height / MAX_ASPECT, 1e-9) / columns
+    step = max(width, height / MAX_ASPECT, 1e-9) / CELLS_ACROSS
     last = np.maximum(1, np.ceil((high - low) / step)).astype(np.int64) - 1
     place = np.clip(np.floor((points.rays[:, :2] - low) / step).astype(np.int64), 0, last)
-    index = np.asarray(place[:, 1] * columns + place[:, 0])
+    index = np.asarray(place[:, 1] * CELLS_ACROSS + place[:, 0])
     value = points.inverse if q is None else points.inverse - points.rays @ q
     n = int(index.max()) + 1
     counts = np.bincount(index, minlength=n)
     full = counts >= max(1.0, 0.1 * counts[counts > 0].mean())
     medians = _medians(index, value, n)
-    if q is not None and np.isfinite(gate):
-        near = np.abs(value) < gate * points.sigma
+    if q is not None:
+        near = np.abs(value) < GATE * points.sigma
         mostly = np.bincount(index[near], minlength=n) > 0.5 * counts
         medians = np.where(mostly, _medians(index[near], value[near], n), medians)
     safe = np.maximum(counts, 1)
@@ -189,20 +179,19 @@ def _medians(index: I64, value: F64, n: int) -> F64:
     return medians
 
 
-def fit_plane(points: Rays, q: F64, gate: float, iterations: int = 25) -> Plane | None:
+def fit_plane(points: Rays, q: F64) -> Plane | None:
     """Robust least squares from a first guess (iteratively reweighted, Tukey's biweight).
 
     Args:
         points: rays and inverse depths.
         q: (3,) first guess.
-        gate: residuals up to this many predicted deviations take part in the first step.
     Returns:
         The plane, or None when fewer than 3 points support it or they lie on one line.
     """
-    width = gate
+    width = INLIER_SIGMAS
     weights = np.zeros(len(points))
     scale = np.nan
-    for _ in range(iterations):
+    for _ in range(25):
         r = points.residuals(q)
         near = np.abs(r) < width
         if near.sum() < 3:
@@ -210,7 +199,7 @@ def fit_plane(points: Rays, q: F64, gate: float, iterations: int = 25) -> Plane 
         # Feet, furniture and walls are all nearer than the floor: only the far side shows the noise.
         far = r[near & (r <= 0)]
         scale = float(MAD_TO_SIGMA * np.median(-far)) if len(far) else 0.0
-        width = min(gate, max(TUKEY_C * scale, MIN_WIDTH))
+        width = min(INLIER_SIGMAS, max(TUKEY_C * scale, MIN_WIDTH))
         weights = np.where(np.abs(r) < width, (1.0 - (r / width) ** 2) ** 2, 0.0)
         solved = _solve(points, weights)
         if solved is None:
@@ -289,11 +278,10 @@ class Candidate:
     refused: str
 
 
-def _sharpness(plane: Plane, points: Rays, params: FloorParams) -> float:
+def _sharpness(plane: Plane, points: Rays) -> float:
     """How points crowd on a plane before any median: share of those near it that are within half that distance."""
-    gate = params.frame_noise * params.inlier_sigmas
     distance = np.abs(points.residuals(plane.q))
-    return float((distance < gate / 2).sum() / max((distance < gate).sum(), 1))
+    return float((distance < GATE / 2).sum() / max((distance < GATE).sum(), 1))
 
 
 def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, params: FloorParams) -> Candidate:
@@ -308,9 +296,9 @@ def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, param
     """
     residuals = view.residuals(plane.q)
     share = counts / counts.sum()
-    on = float(share[np.abs(residuals) < params.inlier_sigmas].sum())
-    below = float(share[_beneath(plane, view, params)].sum())
-    above = float(share[(residuals > params.inlier_sigmas) & (residuals < 2 * params.inlier_sigmas)].sum())
+    on = float(share[np.abs(residuals) < INLIER_SIGMAS].sum())
+    below = float(share[_beneath(plane, view)].sum())
+    above = float(share[(residuals > INLIER_SIGMAS) & (residuals < 2 * INLIER_SIGMAS)].sum())
     tilt, roll = math.degrees(plane.tilt_rad), math.degrees(plane.roll_rad)
     height = plane.distance_m
     refused = ""
@@ -318,33 +306,33 @@ def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, param
         refused = f"a wall or ceiling (tilt {tilt:.0f}, roll {roll:.0f} degrees)"
     elif not params.min_height_m <= height <= params.max_height_m:
         refused = f"{height:.2f} m from the camera (floors: {params.min_height_m:g}-{params.max_height_m:g} m)"
-    elif on < params.min_inlier_fraction:
-        refused = f"{on:.1%} of the depth lies on it (at least {params.min_inlier_fraction:.0%} needed)"
+    elif on < MIN_INLIER_FRACTION:
+        refused = f"{on:.1%} of the depth lies on it (at least {MIN_INLIER_FRACTION:.0%} needed)"
     elif below > params.max_below_fraction * (on + below):
         refused = f"{below:.0%} of the depth lies beneath it"
-    elif above > params.max_blur_fraction * on or _sharpness(plane, points, params) < params.min_sharpness:
+    elif above > MAX_BLUR_FRACTION * on or _sharpness(plane, points) < MIN_SHARPNESS:
         refused = "it only cuts through a surface that is not flat"
-    elif (high := _above_people(plane, moved, params)) > params.max_high_fraction:
+    elif (high := _above_people(plane, moved)) > MAX_HIGH_FRACTION:
         refused = f"{high:.0%} of what moves is higher than people above it"
-    near = np.maximum(1.0 - (residuals / params.inlier_sigmas) ** 2, 0.0)
+    near = np.maximum(1.0 - (residuals / INLIER_SIGMAS) ** 2, 0.0)
     return Candidate(plane, on, below, float(share @ near), refused)
 
 
-def _above_people(plane: Plane, moved: F64, params: FloorParams) -> float:
+def _above_people(plane: Plane, moved: F64) -> float:
     """Share of what moves that is higher above a plane than people are, 0 where hardly anything moves.
 
     A wall seen straight on looks like a floor from above, but people walk metres in front of it.
     """
     if len(moved) < MIN_MOVED:
         return 0.0
-    return float(np.mean(moved @ plane.normal + plane.distance_m > params.people_m))
+    return float(np.mean(moved @ plane.normal + plane.distance_m > PEOPLE_M))
 
 
-def _beneath(plane: Plane, view: Rays, params: FloorParams) -> Bool:
+def _beneath(plane: Plane, view: Rays) -> Bool:
     """(N,) whether points are further beneath the plane than noise and a warped calibration explain."""
     depth_m = np.where(view.inverse > 0, (view.rays @ plane.q) / np.maximum(view.inverse, 1e-6) - 1.0, 0.0)
-    far = depth_m * plane.distance_m > params.below_margin_m
-    return np.asarray(far & (view.residuals(plane.q) < -params.inlier_sigmas))
+    far = depth_m * plane.distance_m > BELOW_MARGIN_M
+    return np.asarray(far & (view.residuals(plane.q) < -INLIER_SIGMAS))
 
 
 def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candidate | None:
@@ -377,12 +365,12 @@ def _log_likelihood(c: Candidate) -> float:
     return math.log(c.closeness) - c.below_fraction / c.inlier_fraction - 0.5 * off * off
 
 
-def nothing_found(candidates: Sequence[Candidate], n_frames: int, params: FloorParams) -> str:
+def nothing_found(candidates: Sequence[Candidate], n_frames: int) -> str:
     """Why none of the planes is the floor, in a sentence."""
     if not candidates:
         return (
             f"no floor found in {n_frames} frames: no plane holds even "
-            f"{0.5 * params.min_inlier_fraction:.1%} of the valid depth"
+            f"{0.5 * MIN_INLIER_FRACTION:.1%} of the valid depth"
         )
     largest = "; ".join(
         f"plane with {c.inlier_fraction:.0%} of the depth: {c.refused}"

@@ -62,14 +62,12 @@ class Assessment:
         enough: whether the floor error is within its limit.
         floor_error_m: standard deviation of floor positions [m], the median over the region between the samples' feet,
             after the shift and turn of the floor that fit best (they move no person against another).
-        limit_m: largest floor error that is enough [m].
         next_sample: where one more person helps most; None where none does.
         sentence: all of this in plain words, beginning with "enough" or "not enough".
     """
 
     enough: bool
     floor_error_m: float
-    limit_m: float
     next_sample: NextSample | None
     sentence: str
 
@@ -108,10 +106,10 @@ def assess(
     found = advisor.next_sample(model, walked)
     if error <= limit:
         text = f"enough: floor positions are known to {error:.2f} m where people were marked"
-        return Assessment(True, error, limit, found, text)
+        return Assessment(True, error, found, text)
     shown = f"{error:.2f} m" if error < 100 else "more than 100 m"
     text = f"not enough: floor positions are known to {shown} only (at most {limit:.2g} m); "
-    return Assessment(False, error, limit, found, text + advisor.advice(found))
+    return Assessment(False, error, found, text + advisor.advice(found))
 
 
 class _FloorError:

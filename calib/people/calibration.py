@@ -8,11 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pydantic import Field
 
 from calib.errors import WorkError
 from calib.ground_camera import LENS_K_320, GroundCamera
-from calib.params import Params
 from calib.people._kernels import INFEASIBLE, candidate_errors
 from calib.people.assessment import Assessment, CameraDeviations, assess, camera_deviations
 from calib.people.model import HumanModel, KnownValues, people_of, prior_of, usual_focal_px
@@ -24,26 +22,20 @@ KNOWN_RANGE = 1.15
 """A value that was told is searched up to this factor from it; the deviation decides afterwards (our choice)."""
 
 
-class HumanCalibrationParams(Params):
-    """The search for a camera."""
-
-    coarse_tilts: int = Field(default=37, ge=5, le=361)
-    """Tilts tried at first over their range [1] (our choice: at most 5 degrees apart)."""
-    coarse_focals: int = Field(default=20, ge=3, le=200)
-    """Focal lengths tried at first, in equal ratios [1] (our choice: at most 15 % apart)."""
-    coarse_heights: int = Field(default=20, ge=3, le=200)
-    """Camera heights tried at first, in equal ratios [1] (our choice)."""
-    beam: int = Field(default=200, ge=1, le=1000)
-    """Best cells kept between steps; height and focal length trade off along a valley (our choice)."""
-    steps: int = Field(default=14, ge=1, le=30)
-    """Finer steps, each halving the cells [1]; 14 reach 0.001 degrees (our choice)."""
-    max_error: float = Field(default=0.25, gt=0)
-    """Largest plausible error of the samples that fit, their median [1]: beyond it they are not standing people in an
-    upright image (our choice)."""
-    max_height_std: float = Field(default=0.25, gt=0)
-    """Relative deviation of the height from which height and focal length count as inseparable (our choice)."""
-    max_distance_m: float = Field(default=60.0, gt=1, le=500)
-    """People are not sampled from farther away [m] (our choice: bounds the focal length)."""
+COARSE = (20, 20, 37)
+"""Focal lengths and camera heights, in equal ratios (at most 15 % apart), and tilts (at most 5 degrees apart) tried at
+first (our choice)."""
+BEAM = 200
+"""Best cells kept between steps; height and focal length trade off along a valley (our choice)."""
+STEPS = 14
+"""Finer steps, each halving the cells [1]; 14 reach 0.001 degrees (our choice)."""
+MAX_ERROR = 0.25
+"""Largest plausible error of the samples that fit, their median [1]: beyond it they are not standing people in an
+upright image (our choice)."""
+MAX_HEIGHT_STD = 0.25
+"""Relative deviation of the height from which height and focal length count as inseparable (our choice)."""
+MAX_DISTANCE_M = 60.0
+"""People are not sampled from farther away [m] (our choice: bounds the focal length)."""
 
 
 class SearchProblem:
@@ -103,7 +95,7 @@ class SearchProblem:
             candidate_errors(values, self.k, flat, marked, self.circles, self.model.height_m, np.inf, row)
         return out[:, 0]
 
-    def bounds(self, params: HumanCalibrationParams) -> tuple[F64, F64]:
+    def bounds(self) -> tuple[F64, F64]:
         """Lower and upper (log focal, log height, tilt) that the samples allow (section 3.3)."""
         box = self.marked[:, 2:4] - self.marked[:, :2]
         diagonal = np.hypot(box[:, 0], box[:, 1])
@@ -120,7 +112,7 @@ class SearchProblem:
         width = self.size[0]
         # 150 degrees of view at most; at least what shows the smallest sample at the largest distance.
         low_focal = 0.13 * width
-        high_focal = max(2.0 * low_focal, min(10.0 * width, params.max_distance_m * float(diagonal.min()) / size * 2))
+        high_focal = max(2.0 * low_focal, min(10.0 * width, MAX_DISTANCE_M * float(diagonal.min()) / size * 2))
         if self.boxes_only:
             usual = usual_focal_px(self.lens, width)
             low_focal, high_focal = max(low_focal, 0.5 * usual), 2.0 * usual
@@ -128,7 +120,7 @@ class SearchProblem:
         if focal is not None:
             low_focal, high_focal = focal / KNOWN_RANGE, focal * KNOWN_RANGE
         high_height = self.model.height_m + high_focal * size / float(diagonal.max())
-        low_height, high_height = self.model.height_m * 1.15, min(high_height, params.max_distance_m)
+        low_height, high_height = self.model.height_m * 1.15, min(high_height, MAX_DISTANCE_M)
         if self.known.height_m is not None:
             low_height, high_height = self.known.height_m / KNOWN_RANGE, self.known.height_m * KNOWN_RANGE
         low = np.array([math.log(low_focal), math.log(low_height), low_tilt])
@@ -136,24 +128,23 @@ class SearchProblem:
         return low, high
 
 
-def search(problem: SearchProblem, params: HumanCalibrationParams) -> tuple[F64, F64]:
-    """The last (m, 3) candidates kept and their errors, best first."""
-    low, high = problem.bounds(params)
-    counts = (params.coarse_focals, params.coarse_heights, params.coarse_tilts)
-    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
+def search(problem: SearchProblem) -> F64:
+    """The last (m, 3) candidates kept, best first."""
+    low, high = problem.bounds()
+    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, COARSE, strict=True)]
     candidates = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    step = (high - low) / (np.array(counts) - 1)
+    step = (high - low) / (np.array(COARSE) - 1)
     around = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     limit = INFEASIBLE
-    for step_number in range(params.steps + 1):
-        n_kept = max(params.beam >> step_number, 20)
+    for step_number in range(STEPS + 1):
+        n_kept = max(BEAM >> step_number, 20)
         errors = problem.errors(candidates, limit) if step_number else _first_errors(problem, candidates, n_kept)
         best = np.argsort(errors, kind="stable")[:n_kept]
         kept, limit = candidates[best], float(errors[best[-1]])
         step = step / 2
         candidates = np.unique((kept[:, None] + step * around).reshape(-1, 3), axis=0)
         candidates = np.clip(candidates, low, high)
-    return kept, errors[best]
+    return kept
 
 
 def _first_errors(problem: SearchProblem, candidates: F64, n_kept: int) -> F64:
@@ -212,8 +203,6 @@ def calibrate_from_people(
     *,
     known: KnownValues | None = None,
     independent: int | None = None,
-    model: HumanModel | None = None,
-    params: HumanCalibrationParams | None = None,
     name: str = "samples",
     walked: Bool | None = None,
 ) -> HumanCalibration:
@@ -230,8 +219,6 @@ def calibrate_from_people(
         independent: so many of the samples are independent, as of few people observed often, found by outlines of
             foreground; None for all, marked by hand. The others repeat the same body height, gait and shadow, and are
             weighted down.
-        model: the person; by default the paper's 1.76 m, or the height known.
-        params: of the search.
         name: of the samples' source, for messages.
         walked: (height, width), where something moved in the recording: more people are asked for there only.
     Raises:
@@ -242,13 +229,12 @@ def calibrate_from_people(
     check_samples(samples, size, name)
     if lens is not None and lens not in LENS_K_320:
         raise ValueError(f"expected a lens of {', '.join(LENS_K_320)}, got {lens!r}")
-    known, params = known or KnownValues(), params or HumanCalibrationParams()
-    model = model or HumanModel()
-    model = model.scaled(known.person_height_m or model.height_m)
+    known = known or KnownValues()
+    model = HumanModel().scaled(known.person_height_m or HumanModel().height_m)
     start = time.perf_counter()
     people = people_of(samples, model, independent)
-    tried = _tried([lens] if lens else list(LENS_K_320), size, people, model, known, params)
-    _refuse_unfit(tried[0], params.max_error, name)
+    tried = _tried([lens] if lens else list(LENS_K_320), size, people, model, known)
+    _refuse_unfit(tried[0], name)
     posterior = posterior_of([t.fit for t in tried], people, model)
     if independent is not None:
         posterior = with_outline_errors(posterior, people, model)
@@ -260,7 +246,7 @@ def calibrate_from_people(
             f"{name}: expected an upright image, found people who lean as in one turned by {roll_deg:.0f} degrees: "
             "blobs that are not one person each, or a camera to be turned"
         )
-    if not std.height <= params.max_height_std:
+    if not std.height <= MAX_HEIGHT_STD:
         raise WorkError(
             f"{name}: camera height and focal length cannot be told apart from these samples (height known to "
             f"{min(std.height, 10):.0%}): add people nearer to and farther from the camera, or give the focal length "
@@ -269,13 +255,13 @@ def calibrate_from_people(
     return _result(posterior, tried[0].problem, people, model, time.perf_counter() - start, walked)
 
 
-def _refuse_unfit(best: _Tried, max_error: float, name: str) -> None:
+def _refuse_unfit(best: _Tried, name: str) -> None:
     """Most samples must fit well; how badly the odd ones fit, which are weighted down, does not matter."""
     fits = best.fit.deviations <= ODD_FROM
     error = float(np.median(best.problem.each(best.fit.camera)[fits])) if fits.any() else math.inf
-    if error > max_error or fits.mean() < 0.5:
+    if error > MAX_ERROR or fits.mean() < 0.5:
         raise WorkError(
-            f"{name}: no camera fits the samples: error {error:.2f} (at most {max_error:g}), "
+            f"{name}: no camera fits the samples: error {error:.2f} (at most {MAX_ERROR:g}), "
             f"{1.0 - fits.mean():.0%} of the samples far off; "
             "are they standing people of one size in upright images of this size?"
         )
@@ -318,12 +304,11 @@ def _tried(
     people: MarkedPeople,
     model: HumanModel,
     known: KnownValues,
-    params: HumanCalibrationParams,
 ) -> list[_Tried]:
     """Fits of every lens and every reading of the samples, the likeliest first."""
     readings = (True,) if only_boxes(people.rows) else (False, True)
     problems = [SearchProblem(people.rows, size, lens, model, known, boxes) for lens in lenses for boxes in readings]
-    quick = [t for p in problems for t in _fits(p, people, params)]
+    quick = [t for p in problems for t in _fits(p, people)]
     # Fits whose log-evidence is lower by more are not refined further (our choice: one in 10^8).
     rival = max(t.fit.log_evidence for t in quick) - 20.0
     near = [t for t in quick if t.fit.log_evidence >= rival]
@@ -331,10 +316,9 @@ def _tried(
     return sorted(full, key=lambda t: -t.fit.log_evidence)
 
 
-def _fits(problem: SearchProblem, people: MarkedPeople, params: HumanCalibrationParams) -> list[_Tried]:
+def _fits(problem: SearchProblem, people: MarkedPeople) -> list[_Tried]:
     """The best fit of every way in which boxes may end, with people who vary as much as expected."""
-    candidates, _ = search(problem, params)
-    cameras = [problem.camera(candidate) for candidate in _distinct(candidates)]
+    cameras = [problem.camera(candidate) for candidate in _distinct(search(problem))]
     ends = (False,) if problem.boxes_only else (True,) if level_ends(people.rows) else (False, True)
     tried = []
     for level in ends:

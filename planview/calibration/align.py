@@ -24,41 +24,42 @@ from calib.world import RigEntry
 from planview.calibration.paths import TICK_S, RigRecord, WalkedPath, by_time, paths_of
 from planview.evaluation.align import floor_rotation
 
+PIECE_S = 6.0
+"""Length of the pieces of paths that are laid over each other [s]: a walk across a room."""
+PIECE_RMS_M = 0.20
+"""Pieces that fit worse are of different people [m]: twice the position error of a track."""
+MEET_M = 0.40
+"""Two positions nearer than this are of one person [m]: a torso's width."""
+HEIGHT_M = 0.15
+"""People whose heights differ by more are different [m]."""
+NEAR_M = 0.25
+"""The same once the motion is known [m]: farther ones are of people half hidden from one of the rigs."""
+NOISE_M = 0.03
+"""Differences of positions from which on they count linearly [m]."""
+SHARED_S = 8.0
+"""Shortest time that people must be seen by both rigs, added up [s]."""
+RIVAL = 0.8
+"""A quite different motion under which so large a share of the best one's people meet makes the result ambiguous:
+to and fro on one line is the same line turned by 180 degrees at another clock."""
+DISPARITY_STD_PX = 0.05
+"""Deviation of that from one camera to another [px]; it is a part of the deviations of x and y."""
+POSITION_STD_MAX_M = 0.10
+"""Largest deviation of the position that is accepted [m]."""
+HEADING_STD_MAX_DEG = 2.0
+"""Largest deviation of the heading that is accepted [deg]."""
+CLOCK_STD_MAX_S = 0.10
+"""Largest deviation of the clock that is accepted [s]."""
+
 
 class AlignParams(Params):
     """How two rigs are laid over each other; our choices."""
 
     clock_s: float = Field(10.0, ge=0.0, le=3600.0)
     """Largest difference of the times at which the two recordings begin [s]."""
-    piece_s: float = Field(6.0, gt=1.0, le=60.0)
-    """Length of the pieces of paths that are laid over each other [s]: a walk across a room."""
-    piece_rms_m: float = Field(0.20, gt=0.0, le=1.0)
-    """Pieces that fit worse are of different people [m]: twice the position error of a track."""
-    meet_m: float = Field(0.40, gt=0.0, le=2.0)
-    """Two positions nearer than this are of one person [m]: a torso's width."""
-    height_m: float = Field(0.15, gt=0.0, le=1.0)
-    """People whose heights differ by more are different [m]."""
-    near_m: float = Field(0.25, gt=0.0, le=2.0)
-    """The same once the motion is known [m]: farther ones are of people half hidden from one of the rigs."""
-    noise_m: float = Field(0.03, gt=0.0, le=1.0)
-    """Differences of positions from which on they count linearly [m]."""
-    shared_s: float = Field(8.0, ge=0.0)
-    """Shortest time that people must be seen by both rigs, added up [s]."""
-    rival: float = Field(0.8, gt=0.0, le=1.0)
-    """A quite different motion under which so large a share of the best one's people meet makes the result ambiguous:
-    to and fro on one line is the same line turned by 180 degrees at another clock."""
     disparity_px: float = Field(0.07, ge=-2.0, le=2.0)
     """What is missing in the disparities of people [px]: they are small against the window of the matching, which mixes
     them with what is behind, so that they are found 2 to 4 cm too far away on small images, and rigs that face each
     other would be found twice that apart. Measured against truth on a rendered recording of 320x240 (0.06 and 0.07)."""
-    disparity_std_px: float = Field(0.05, ge=0.0, le=2.0)
-    """Deviation of that from one camera to another [px]; it is a part of the deviations of x and y."""
-    position_std_max_m: float = Field(0.10, gt=0.0)
-    """Largest deviation of the position that is accepted [m]."""
-    heading_std_max_deg: float = Field(2.0, gt=0.0)
-    """Largest deviation of the heading that is accepted [deg]."""
-    clock_std_max_s: float = Field(0.10, gt=0.0)
-    """Largest deviation of the clock that is accepted [s]."""
 
 
 @dataclass(frozen=True)
@@ -107,34 +108,34 @@ def align_rigs(first: list[WalkedPath], second: list[WalkedPath], params: AlignP
     params = params or AlignParams()
     if not first or not second:
         raise WorkError("expected people who walk in both heads' views, found none in one of them")
-    scorer = _Scorer(first, second, params)
-    found = _hypotheses(first, second, params)
+    scorer = _Scorer(first, second)
+    found = _hypotheses(first, second, params.clock_s)
     if not found:
         raise WorkError(
-            f"expected people who walk for {params.piece_s:g} s where both heads see them, found no path that fits "
+            f"expected people who walk for {PIECE_S:g} s where both heads see them, found no path that fits "
             f"another within {params.clock_s:g} s of clock: the heads see different places, or people stood"
         )
     scores = np.array([scorer(hypothesis) for hypothesis in found])
     best = found[int(np.argmax(scores))]
-    for meet_m in [params.meet_m] * 4 + [params.near_m] * 4:
-        best = _refined(best, first, second, meet_m, params)
+    for meet_m in [MEET_M] * 4 + [NEAR_M] * 4:
+        best = _refined(best, first, second, meet_m, params.disparity_px)
     top = scorer(best)
     others = [score for other, score in zip(found, scores, strict=True) if _apart(best, other)]
     rival = max(others, default=0.0)
-    if rival > params.rival * max(top, float(scores.max())):
+    if rival > RIVAL * max(top, float(scores.max())):
         raise WorkError(
             "expected people who walk so that one position of the heads fits best, found another that fits "
             f"{rival:.0f} s of their paths where the best fits {top:.0f} s: "
             "let people walk around instead of to and fro on a line"
         )
-    if best.shared_s < params.shared_s:
+    if best.shared_s < SHARED_S:
         raise WorkError(
-            f"expected people in both heads' views for at least {params.shared_s:g} s, found {best.shared_s:.1f} s"
+            f"expected people in both heads' views for at least {SHARED_S:g} s, found {best.shared_s:.1f} s"
         )
     values = (
-        ("position", 100 * best.position_std_m, 100 * params.position_std_max_m, "cm"),
-        ("heading", math.degrees(best.heading_std_rad), params.heading_std_max_deg, "degrees"),
-        ("clock", 1000 * best.clock_std_s, 1000 * params.clock_std_max_s, "ms"),
+        ("position", 100 * best.position_std_m, 100 * POSITION_STD_MAX_M, "cm"),
+        ("heading", math.degrees(best.heading_std_rad), HEADING_STD_MAX_DEG, "degrees"),
+        ("clock", 1000 * best.clock_std_s, 1000 * CLOCK_STD_MAX_S, "ms"),
     )
     for name, std, limit, unit in values:
         if not std <= limit:
@@ -156,8 +157,8 @@ def _apart(one: RigAlignment, other: RigAlignment) -> bool:
 class _Scorer:
     """Seconds of the first rig's paths that meet the second's under a motion; nearer ones count more."""
 
-    def __init__(self, first: list[WalkedPath], second: list[WalkedPath], params: AlignParams) -> None:
-        self._first, self._second, self._params = by_time(first), by_time(second), params
+    def __init__(self, first: list[WalkedPath], second: list[WalkedPath]) -> None:
+        self._first, self._second = by_time(first), by_time(second)
 
     def __call__(self, motion: RigAlignment) -> float:
         (a, a_height, a_first), (b, b_height, b_first) = self._first, self._second
@@ -168,15 +169,15 @@ class _Scorer:
         ours, theirs = a[start:end], motion.apply(b[start - shift : end - shift])
         square = ((ours[:, :, None] - theirs[:, None]) ** 2).sum(axis=-1)
         taller = np.abs(a_height[start:end, :, None] - b_height[start - shift : end - shift, None])
-        square[np.isnan(square) | (taller > self._params.height_m)] = np.inf
+        square[np.isnan(square) | (taller > HEIGHT_M)] = np.inf
         nearest = square.min(axis=2)
-        return float(np.maximum(0.0, 1.0 - nearest / self._params.meet_m**2).sum() * TICK_S)
+        return float(np.maximum(0.0, 1.0 - nearest / MEET_M**2).sum() * TICK_S)
 
 
-def _hypotheses(first: list[WalkedPath], second: list[WalkedPath], params: AlignParams) -> list[RigAlignment]:
+def _hypotheses(first: list[WalkedPath], second: list[WalkedPath], clock_s: float) -> list[RigAlignment]:
     """Motions that lay a piece of one path over another at some clock, the best of each pair of paths first."""
-    length = max(4, round(params.piece_s / TICK_S))
-    widest = math.ceil(params.clock_s / TICK_S)
+    length = max(4, round(PIECE_S / TICK_S))
+    widest = math.ceil(clock_s / TICK_S)
     found: list[tuple[float, RigAlignment]] = []
     for path in first:
         for start in range(0, len(path.xy_m) - length + 1, length // 2):
@@ -186,16 +187,14 @@ def _hypotheses(first: list[WalkedPath], second: list[WalkedPath], params: Align
             if np.sqrt(np.linalg.eigvalsh(np.cov(piece.T))[-1]) < 0.5:
                 continue
             for other in second:
-                if not abs(path.height_m - other.height_m) > params.height_m:
-                    found += _fits(piece, path.first + start, other, widest, params)
+                if not abs(path.height_m - other.height_m) > HEIGHT_M:
+                    found += _fits(piece, path.first + start, other, widest)
     found.sort(key=lambda pair: pair[0])
     # Motions that are judged by all people.
     return [motion for _, motion in found[:400]]
 
 
-def _fits(
-    piece: F64, tick: int, other: WalkedPath, widest: int, params: AlignParams
-) -> list[tuple[float, RigAlignment]]:
+def _fits(piece: F64, tick: int, other: WalkedPath, widest: int) -> list[tuple[float, RigAlignment]]:
     """Rigid fits of all windows of another path to a piece; residual over extent, and motion, of the good ones."""
     n = len(piece)
     if len(other.xy_m) < n:
@@ -215,7 +214,7 @@ def _fits(
     rms, angle = np.sqrt(square / n), np.arctan2(cross, dot)
     # Of neighbouring clocks only the best fit counts.
     beside = np.concatenate([[np.inf], rms, [np.inf]])
-    best = np.flatnonzero((rms <= params.piece_rms_m) & (rms <= beside[:-2]) & (rms <= beside[2:]))
+    best = np.flatnonzero((rms <= PIECE_RMS_M) & (rms <= beside[:-2]) & (rms <= beside[2:]))
     motions = []
     for k in best:
         x, y = centre - floor_rotation(float(angle[k])) @ centres[k]
@@ -224,10 +223,10 @@ def _fits(
 
 
 def _refined(
-    motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath], meet_m: float, params: AlignParams
+    motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath], meet_m: float, disparity_px: float
 ) -> RigAlignment:
     """The motion and clock that fit all people best who meet under a motion."""
-    meetings = [m for m in _meetings(motion, first, second, meet_m, params.height_m) if len(m.ticks) >= 5]
+    meetings = [m for m in _meetings(motion, first, second, meet_m, HEIGHT_M) if len(m.ticks) >= 5]
     if not meetings:
         return motion
     met = np.concatenate([m.second.at(m.ticks - motion.clock_s / TICK_S) for m in meetings])
@@ -236,17 +235,17 @@ def _refined(
     def residual_m(v: F64, disparities_px: tuple[float, float]) -> F64:
         return np.concatenate([m.residual(v, disparities_px, pivot) for m in meetings])
 
-    here, std = params.disparity_px, params.disparity_std_px
+    here, std = disparity_px, DISPARITY_STD_PX
     start = np.array([motion.heading_rad, *motion.apply(pivot), motion.clock_s])
     result = least_squares(
-        lambda v: residual_m(v, (here, here)) / params.noise_m, start,
+        lambda v: residual_m(v, (here, here)) / NOISE_M, start,
         loss="soft_l1", x_scale=[0.05, 0.1, 0.1, 0.1], diff_step=1e-4,
     )  # fmt: skip
     left = residual_m(result.x, (here, here))
     off = [residual_m(result.x, pair) - left for pair in ((here + std, here), (here, here + std))]
     # (4, 4) of the values: of correlated noise, and of systematic errors of one deviation each (N, K) that are
     # not solved for (consider covariance).
-    jacobian = result.jac * params.noise_m
+    jacobian = result.jac * NOISE_M
     systematic_m = np.column_stack(off)
     sigma = max(float(np.median(np.abs(left)) / 0.6745), 1e-3)
     normal = jacobian.T @ jacobian + 1e-9 * np.eye(4)

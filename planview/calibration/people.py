@@ -60,10 +60,10 @@ def floor_around(camera: GroundCamera, samples: Sequence[HumanSample]) -> tuple[
     return x_min, y_min, x_max, y_max
 
 
-def crowd(camera: GroundCamera, model: HumanModel, columns: int = 6, rows: int = 4) -> F64:
+def crowd(camera: GroundCamera, model: HumanModel) -> F64:
     """(N, 2) floor positions [m] with feet on an even grid of pixels, where a whole person is in the image."""
-    u = (np.arange(columns) + 0.5) / columns * camera.width
-    v = (np.arange(rows) + 1.0) / rows * camera.height * 0.98
+    u = (np.arange(6) + 0.5) / 6 * camera.width
+    v = (np.arange(4) + 1.0) / 4 * camera.height * 0.98
     feet = camera.back_project(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
     feet = feet[np.isfinite(feet).all(axis=1) & (np.hypot(feet[:, 0], feet[:, 1]) < 60.0)]
     boxes = model.boxes(camera, feet)
@@ -105,9 +105,7 @@ class CollectedSamples:
     independent: int
 
 
-def collect_samples(
-    video: Video, count: int = 50, params: SingleCameraParams | None = None, done: Callable[[], None] = lambda: None
-) -> CollectedSamples:
+def collect_samples(video: Video, count: int = 50, done: Callable[[], None] = lambda: None) -> CollectedSamples:
     """Take samples of people who walk by, where each is whole and apart from the others.
 
     Every frame gives a sample per blob that touches neither the image's edge nor another blob. Blobs that walk are
@@ -122,7 +120,7 @@ def collect_samples(
     Raises:
         WorkError: fewer than 3 samples, or no size that most of the walkers have.
     """
-    camera = OneCamera(params or SingleCameraParams(), video.size)
+    camera = OneCamera(SingleCameraParams(), video.size)
     paths: list[_Path] = []
     for frame in video:
         observation = camera.observe(frame)

@@ -19,7 +19,7 @@ from stereo.matcher import DisparityRange
 from stereo.recording import RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
-from stereo.rig_correction import MatchParams, RigCorrection, match_corners
+from stereo.rig_correction import RigCorrection, match_corners
 
 
 class PairEvidence(NamedTuple):
@@ -130,7 +130,5 @@ def _matches(rectifier: Rectifier, spread: list[StereoFrame], searched: Disparit
     for frame in spread[:: max(1, len(spread) // 8)]:
         pair = rectifier(frame.left, frame.right)
         # Row offsets looked for in a pair that may be badly calibrated: a rig turned by 2 degrees still matches.
-        found.append(
-            match_corners(pair.left_grey, pair.right_grey, largest, MatchParams(search_px=24, features=200), -largest)
-        )
+        found.append(match_corners(pair.left_grey, pair.right_grey, largest, -largest, search_px=24, features=200))
     return np.concatenate(found)

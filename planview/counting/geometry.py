@@ -159,12 +159,11 @@ def inner_radius(polygon: F64) -> float:
     return max(0.0, float(Outline(polygon).depth(*np.meshgrid(x, y)).max()))
 
 
-def stereo_plane(rig_path: Path, world_path: Path | None = None) -> RulePlane:
-    """The plane of a rig: its calibration, and world.toml beside it unless given. Raises InputError: no rig or no
+def stereo_plane(rig_path: Path) -> RulePlane:
+    """The plane of a rig: its calibration, and world.toml beside it. Raises InputError: no rig or no
     world.toml there."""
     rig = load_rig(rig_path)
-    folder = rig_path if rig_path.is_dir() else rig_path.parent
-    world = world_path or folder / "world.toml"
+    world = (rig_path if rig_path.is_dir() else rig_path.parent) / "world.toml"
     if not world.is_file():
         raise InputError(f"{world}: expected the pose of the rig (planview calibrate floor writes it), found no file")
     rotation, params = rig.rectifying_rotations()[0], RectifyParams()

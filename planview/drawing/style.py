@@ -49,9 +49,9 @@ def as_hex(rgb: Rgb) -> str:
     return "#{:02x}{:02x}{:02x}".format(*rgb)
 
 
-def person_hex(track_id: int, state: State | Literal[""] = "confirmed") -> str:
-    """``person_rgb`` as "#rrggbb"."""
-    return as_hex(person_rgb(track_id, state))
+def person_hex(track_id: int) -> str:
+    """``person_rgb`` of a confirmed person as "#rrggbb"."""
+    return as_hex(person_rgb(track_id, "confirmed"))
 
 
 def disparity_colours(disparity: F32, smallest_px: float, largest_px: float) -> U8:

@@ -13,7 +13,6 @@ from calib.errors import InputError
 from calib.floor.plane import FloorParams
 from calib.io import MAX_DEPTH, load_toml, parse_toml
 from calib.params import Params, dotted, first_problem
-from planview.foreground.ghosts import GhostParams
 from planview.foreground.params import ForegroundParams
 from planview.maps.builder import MapParams
 from planview.tracking.detections import DetectionParams
@@ -42,13 +41,6 @@ class FeedbackParams(Params):
 
     enabled: bool = True
     """Give feedback at all."""
-    body_m: float = Field(0.6, gt=0.0, le=5.0)
-    """Foreground this near to a person's axis on the floor belongs to the person [m]: an arm's length."""
-    travelled_m: float = Field(0.5, ge=0.0, le=100.0)
-    """Only a track that has moved this far since its start is protected from being learned [m]: furniture that was
-    mistaken for a person does not walk, and must fade into the background."""
-    ground_m: float = Field(0.12, ge=0.0, le=2.0)
-    """Foreground lower than this and away from every person is floor under a new light [m]: a shoe's height."""
     spread_px: int = Field(5, ge=0, le=50)
     """A person's pixels are widened by so much for the next frame [px]."""
 
@@ -56,22 +48,12 @@ class FeedbackParams(Params):
 class SingleCameraParams(Params):
     """Foreground and motion of one camera (Zhang et al. 2008, section 2)."""
 
-    foreground: ForegroundParams = Field(
-        default=ForegroundParams.model_validate(
-            {"remove_colour_shadows": True, "shadow_ratio": 0.5, "luma_noise": 3.0, "chroma_noise": 1.8}
-        )
+    foreground: ForegroundParams = ForegroundParams.model_validate(
+        {"remove_colour_shadows": True, "shadow_ratio": 0.5, "luma_noise": 3.0, "chroma_noise": 1.8}
     )
     """The mixture model, here without depth: shadows are removed by their colour, at most twice as dark as the ground
     (as OpenCV's MOG2 has it), since dark clothes are like deeper shadows. The least noise is that of the sensor alone:
     where colours are all there is, clothes like the wall behind must be told from it, and noise above is learned."""
-    ghosts: GhostParams = GhostParams()
-    """Foreground without a person: where a person of the first frames, learned as background, has left."""
-    motion_level: float = Field(default=10.0, gt=0, le=255)
-    """Change of luma, averaged over 3x3 pixels, between two frames that is motion (levels of 255). Our choice: 8-bit
-    video has a noise of 3 to 4 levels, 1.3 in the average and 1.9 between two frames; five times that."""
-    motion_interval_s: float = Field(default=0.12, gt=0, le=2)
-    """Time between the two frames compared [s]; at least one frame. Our choice: a hand at 0.2 m/s moves 2.4 cm in it,
-    about a pixel, whatever the frame rate."""
 
 
 class RunParams(Params):

@@ -19,7 +19,15 @@ from planview.checks.check import Check
 from planview.engine.config import Config, SingleCameraParams
 from planview.engine.engine import Engine, FrameResult, StageClock
 from planview.foreground.blobs import find_blobs
-from planview.foreground.ghosts import find_ghosts, find_still, find_uncovered, moved_lately
+from planview.foreground.ghosts import (
+    SEARCH_INTERVAL_S,
+    START_S,
+    STILL_S,
+    find_ghosts,
+    find_still,
+    find_uncovered,
+    moved_lately,
+)
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.maps.view import StereoView
@@ -29,6 +37,14 @@ from stereo.recording import Video, VideoFrame
 OVERVIEW_HZ = 10.0
 """Frames per second of a recording that are looked at before it is tracked: walkers then overlap themselves from frame
 to frame, and a minute of video takes two or three seconds, a third to two thirds of tracking it. Our choice."""
+
+
+MOTION_LEVEL = 10.0
+"""Change of luma, averaged over 3x3 pixels, between two frames that is motion (levels of 255). Our choice: 8-bit
+video has a noise of 3 to 4 levels, 1.3 in the average and 1.9 between two frames; five times that."""
+MOTION_INTERVAL_S = 0.12
+"""Time between the two frames compared [s]; at least one frame. Our choice: a hand at 0.2 m/s moves 2.4 cm in it,
+about a pixel, whatever the frame rate."""
 
 
 class OneCamera:
@@ -137,18 +153,17 @@ class OneCamera:
 
     def _search_ghosts(self, now_s: float, grey: U8, mask: U8, motion: U8, feedback: U8 | None) -> None:
         """Where people of the first frames have left: from time to time, and in every frame while they set out."""
-        params = self.params.ghosts
-        starting = now_s - self._first_s <= params.start_s
-        if not starting and now_s - self._searched_s < params.interval_s - 5e-4:
+        starting = now_s - self._first_s <= START_S
+        if not starting and now_s - self._searched_s < SEARCH_INTERVAL_S - 5e-4:
             return
         self._searched_s = now_s
         background = self._foreground.background_luma()
         blobs = find_blobs(mask)
-        self._ghosts = find_ghosts(grey, background, blobs, motion, params)
+        self._ghosts = find_ghosts(grey, background, blobs, motion)
         if starting:
-            self._ghosts |= find_uncovered(grey, background, mask, params)
-            moved = moved_lately(motion, now_s - self._first_s, params.still_s, self._moved_s)
-            self._ghosts |= find_still(blobs, moved, params)
+            self._ghosts |= find_uncovered(grey, background, mask)
+            moved = moved_lately(motion, now_s - self._first_s, STILL_S, self._moved_s)
+            self._ghosts |= find_still(blobs, moved)
         if feedback is not None:
             np.copyto(self._ghosts, np.uint8(0), where=self._resized(feedback, cv2.INTER_NEAREST) == WALKER)
 
@@ -174,14 +189,14 @@ class OneCamera:
         return known
 
     def _motion(self, now_s: float, grey: U8) -> U8:
-        """(H, W) uint8, 255 where the smoothed luma differs from that of motion_interval_s ago."""
+        """(H, W) uint8, 255 where the smoothed luma differs from that of MOTION_INTERVAL_S ago."""
         smooth = np.asarray(cv2.blur(grey, (3, 3)), dtype=np.uint8)
         # Half a millisecond of slack: time stamps are rounded.
-        while len(self._past) > 1 and self._past[1][0] <= now_s - self.params.motion_interval_s + 5e-4:
+        while len(self._past) > 1 and self._past[1][0] <= now_s - MOTION_INTERVAL_S + 5e-4:
             self._past.popleft()
         before = self._past[0][1] if self._past else smooth
         self._past.append((now_s, smooth))
-        _, motion = cv2.threshold(cv2.absdiff(smooth, before), self.params.motion_level, 255, cv2.THRESH_BINARY)
+        _, motion = cv2.threshold(cv2.absdiff(smooth, before), MOTION_LEVEL, 255, cv2.THRESH_BINARY)
         return np.asarray(motion, dtype=np.uint8)
 
 

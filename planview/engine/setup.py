@@ -26,7 +26,7 @@ from stereo.matcher import BODY_LAG_PX, DisparityRange, Matcher, SgbmMatcher, di
 from stereo.recording import Recorded, RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
-from stereo.rig_correction import MatchParams, RigCorrection, match_corners
+from stereo.rig_correction import RigCorrection, match_corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ def set_up(recording: StereoRecording | RgbdRecording, config: Config) -> Setup:
     for frame in frames[:: -(-len(frames) // 4)]:
         pair = plain(frame.left, frame.right)
         # Rows are wide apart when the wrong calibration is taken to an image.
-        found.append(match_corners(pair.left_grey, pair.right_grey, largest, MatchParams(search_px=24), -largest))
+        found.append(match_corners(pair.left_grey, pair.right_grey, largest, -largest, search_px=24))
     matches = np.concatenate(found)
     refuse_foreign(recording.path, plain, matches)
     rectifier, correction = aligned_rectifier(recording.rig, frames, config.rectify)

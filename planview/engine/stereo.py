@@ -218,6 +218,15 @@ class RigStages:
         return parts if self.gated is None else parts | {"matching": self.gated.memory}
 
 
+OWN_M = 0.6
+"""Foreground this near to a person's axis on the floor belongs to the person [m]: an arm's length."""
+TRAVELLED_M = 0.5
+"""Only a track that has moved this far since its start is protected from being learned [m]: furniture that was
+mistaken for a person does not walk, and must fade into the background."""
+GROUND_M = 0.12
+"""Foreground lower than this and away from every person is floor under a new light [m]: a shoe's height."""
+
+
 class Feedback:
     """Feedback of the tracker to the foreground model (Harville 2002, ECCV: A Framework for High-Level Feedback).
 
@@ -253,12 +262,12 @@ class Feedback:
         x, y, z = points.xyz.T.astype(np.float64)
         near_any, near_walker = np.zeros(len(z), np.bool_), np.zeros(len(z), np.bool_)
         for track in tracks:
-            near = (x - track.x_m) ** 2 + (y - track.y_m) ** 2 < p.body_m**2
+            near = (x - track.x_m) ** 2 + (y - track.y_m) ** 2 < OWN_M**2
             near_any |= near
             if track.state == "confirmed" and track.track_id in self._walked:
                 near_walker |= near
         self.mask = mask = np.zeros(shape, np.uint8)
-        mask.reshape(-1)[points.pixels[(z < p.ground_m) & ~near_any]] = BACKGROUND
+        mask.reshape(-1)[points.pixels[(z < GROUND_M) & ~near_any]] = BACKGROUND
         persons = np.zeros(shape, np.uint8)
         persons.reshape(-1)[points.pixels[near_walker]] = 1
         left, top, width, height = cv2.boundingRect(persons)
@@ -276,7 +285,7 @@ class Feedback:
         self._origin = {i: xy for i, xy in self._origin.items() if i in alive}
         for track in tracks:
             x, y = self._origin.setdefault(track.track_id, (track.x_m, track.y_m))
-            if (track.x_m - x) ** 2 + (track.y_m - y) ** 2 >= self.params.travelled_m**2:
+            if (track.x_m - x) ** 2 + (track.y_m - y) ** 2 >= TRAVELLED_M**2:
                 self._walked.add(track.track_id)
 
 

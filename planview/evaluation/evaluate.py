@@ -18,11 +18,11 @@ from planview.evaluation.metrics import clear_scores
 from planview.evaluation.result import Evaluation, TruthRows
 from planview.evaluation.sequence import box_similarity, build_sequence, floor_similarity
 from planview.evaluation.significant import (
+    EVENT_S,
     PREDICTED,
     UNMATCHED,
     PersonHistory,
     PredictionHistory,
-    SignificantParams,
     TrackHistory,
     grouped_events,
     significant_errors,
@@ -47,8 +47,6 @@ class EvaluationParams(Params):
     """Lay the tracks over the truth with a rigid motion of the floor first (other world frame)."""
     fps: float = Field(30.0, gt=0, le=1000)
     """Frame rate where the tracks carry no timestamps [1/s]; only durations of significant errors need it."""
-    significant: SignificantParams = SignificantParams()
-    """From when on an error is significant."""
 
 
 def evaluate_tracks(
@@ -111,7 +109,7 @@ def evaluate_tracks(
     predictions = (
         _prediction_histories(predicted, people, followed, counted, clear.matches, params.gate_m) if on_floor else []
     )
-    significant = significant_errors(persons, histories, frame_s, params.significant, predictions)
+    significant = significant_errors(persons, histories, frame_s, predictions)
     heights = np.abs(followed.height_m[k] - counted.height_m[t])
     matched, away = np.zeros(len(counted), dtype=np.bool_), np.full(len(counted), np.nan)
     matched[t] = True
@@ -125,8 +123,8 @@ def evaluate_tracks(
         ignored_rows=int(ignored.sum()),
         height_error_m=heights[np.isfinite(heights)],
         significant=significant,
-        events=len(grouped_events(significant, params.significant.event_s / frame_s)),
-        strict_identity_changes=strict_identity_changes(persons, frame_s, params.significant),
+        events=len(grouped_events(significant, EVENT_S / frame_s)),
+        strict_identity_changes=strict_identity_changes(persons, frame_s),
         duration_s=n_frames * frame_s,
         alignment=alignment,
     )

@@ -13,9 +13,7 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
-from calib.params import Params
 from calib.types import I64, Bool
 
 ErrorKind = Literal["lost", "missed", "swapped", "false_track"]
@@ -24,33 +22,30 @@ PREDICTED = -2
 """Values of ``PersonHistory.track_id`` beside real ids."""
 
 
-class SignificantParams(Params):
-    """From when on an error is significant."""
-
-    lost_s: float = Field(1.0, gt=0, le=60)
-    """A person tracked before is lost when visible but held by no track for longer, at a stretch [s]. Our choice: at
-    walking pace a person covers more than the gate, so that a track resumed later is resumed by luck or by identity
-    logic."""
-    missed_s: float = Field(2.0, gt=0, le=60)
-    """A person visible for this long in a visit, and never tracked, is missed [s]. Our choice: people that only cut a
-    corner of the view are gone before a tracker that asks for consecutive detections (the paper's does) may confirm."""
-    false_track_s: float = Field(1.0, gt=0, le=60)
-    """A confirmed track that matches no person for this long in all, between matches of persist_s, tracks a non-person
-    [s]. Our choice: one second of doubt is what the real overhead recording is allowed, too."""
-    predicted_s: float = Field(1.0, gt=0, le=60)
-    """A lost track predicted beyond the gate from the person whom it followed for longer, at a stretch, is a false
-    track [s]: the paper reports predictions, too. Our choice, equal to false_track_s."""
-    persist_s: float = Field(0.5, gt=0, le=60)
-    """An identity held for less is a flicker between people that touch: it neither makes nor ends an error [s]. Our
-    choice: longer than two people need to pass within arm's length, shorter than any use made of an identity."""
-    gone_s: float = Field(4.0, gt=0, le=600)
-    """Not visible for longer ends a visit: afterwards a new id is right [s]. Harville 2002, section 4: people lost for
-    longer are gone."""
-    exchange_s: float = Field(4.0, gt=0, le=60)
-    """Two people taking each other's identities within this time are one swap [s]. Our choice, equal to gone_s."""
-    event_s: float = Field(2.0, gt=0, le=60)
-    """Errors that begin within this time of an event's first one, and concern its people or tracks, belong to it [s].
-    Our choice: one bad moment of people in contact costs several errors and is over by then."""
+LOST_S = 1.0
+"""A person tracked before is lost when visible but held by no track for longer, at a stretch [s]. Our choice: at
+walking pace a person covers more than the gate, so that a track resumed later is resumed by luck or by identity
+logic."""
+MISSED_S = 2.0
+"""A person visible for this long in a visit, and never tracked, is missed [s]. Our choice: people that only cut a
+corner of the view are gone before a tracker that asks for consecutive detections (the paper's does) may confirm."""
+FALSE_TRACK_S = 1.0
+"""A confirmed track that matches no person for this long in all, between matches of PERSIST_S, tracks a non-person
+[s]. Our choice: one second of doubt is what the real overhead recording is allowed, too."""
+PREDICTED_S = 1.0
+"""A lost track predicted beyond the gate from the person whom it followed for longer, at a stretch, is a false
+track [s]: the paper reports predictions, too. Our choice, equal to FALSE_TRACK_S."""
+PERSIST_S = 0.5
+"""An identity held for less is a flicker between people that touch: it neither makes nor ends an error [s]. Our
+choice: longer than two people need to pass within arm's length, shorter than any use made of an identity."""
+GONE_S = 4.0
+"""Not visible for longer ends a visit: afterwards a new id is right [s]. Harville 2002, section 4: people lost for
+longer are gone."""
+EXCHANGE_S = 4.0
+"""Two people taking each other's identities within this time are one swap [s]. Our choice, equal to GONE_S."""
+EVENT_S = 2.0
+"""Errors that begin within this time of an event's first one, and concern its people or tracks, belong to it [s].
+Our choice: one bad moment of people in contact costs several errors and is over by then."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +109,6 @@ def significant_errors(
     people: list[PersonHistory],
     tracks: list[TrackHistory],
     frame_s: float,
-    params: SignificantParams,
     predictions: Sequence[PredictionHistory] = (),
 ) -> list[SignificantError]:
     """All significant errors by frame.
@@ -125,12 +119,12 @@ def significant_errors(
         frame_s: time from frame to frame [s].
         predictions: one per track that was ever lost; a track is false once, for its confirmed or its predicted rows.
     """
-    visits = [visit for person in people for visit in split_visits(person, frame_s, params.gone_s)]
-    errors = [error for visit in visits for error in _visit_errors(visit, frame_s, params)]
-    errors += _identity_errors(visits, frame_s, params)
-    false = [error for track in tracks for error in _stray_errors(track, frame_s, params)]
+    visits = [visit for person in people for visit in split_visits(person, frame_s)]
+    errors = [error for visit in visits for error in _visit_errors(visit, frame_s)]
+    errors += _identity_errors(visits, frame_s)
+    false = [error for track in tracks for error in _stray_errors(track, frame_s)]
     known = {error.track_id for error in false}
-    false += [e for p in predictions if p.track_id not in known for e in _prediction_errors(p, frame_s, params)]
+    false += [e for p in predictions if p.track_id not in known for e in _prediction_errors(p, frame_s)]
     return sorted(errors + false, key=lambda e: (e.frame, e.kind, e.truth_id or 0, e.track_id or 0))
 
 
@@ -165,33 +159,33 @@ def poisson_upper(count: int, confidence: float = 0.95) -> float:
     return float(gammaincinv(count + 1, confidence))
 
 
-def split_visits(person: PersonHistory, frame_s: float, gone_s: float) -> list[PersonHistory]:
-    """The history cut where the person did not count for more than gone_s."""
-    cuts = np.flatnonzero(np.diff(person.frame) * frame_s > gone_s) + 1
+def split_visits(person: PersonHistory, frame_s: float) -> list[PersonHistory]:
+    """The history cut where the person did not count for more than GONE_S."""
+    cuts = np.flatnonzero(np.diff(person.frame) * frame_s > GONE_S) + 1
     frames, ids = np.split(person.frame, cuts), np.split(person.track_id, cuts)
     return [PersonHistory(person.truth_id, f, i) for f, i in zip(frames, ids, strict=True) if len(f)]
 
 
-def strict_identity_changes(people: list[PersonHistory], frame_s: float, params: SignificantParams) -> int:
+def strict_identity_changes(people: list[PersonHistory], frame_s: float) -> int:
     """Every change of a person's identity over the whole recording, however long the person was away.
 
-    Stricter than the paper's count: a new id after ``gone_s`` counts, and an exchange counts for both people.
-    Identities held for less than ``persist_s`` are left out; CLEAR's switches count these.
+    Stricter than the paper's count: a new id after ``GONE_S`` counts, and an exchange counts for both people.
+    Identities held for less than ``PERSIST_S`` are left out; CLEAR's switches count these.
     """
-    return sum(max(0, len(_persistent(person, params.persist_s / frame_s)) - 1) for person in people)
+    return sum(max(0, len(_persistent(person, PERSIST_S / frame_s)) - 1) for person in people)
 
 
-def _visit_errors(visit: PersonHistory, frame_s: float, params: SignificantParams) -> Iterator[SignificantError]:
+def _visit_errors(visit: PersonHistory, frame_s: float) -> Iterator[SignificantError]:
     tracked = visit.track_id != UNMATCHED
     matched_s = np.count_nonzero(tracked & (visit.track_id != PREDICTED)) * frame_s
-    if matched_s < min(params.persist_s, params.missed_s):
+    if matched_s < min(PERSIST_S, MISSED_S):
         visible_s = len(visit.frame) * frame_s
-        if visible_s >= params.missed_s:
+        if visible_s >= MISSED_S:
             extent = f"tracked for only {matched_s:.1f} s of it" if matched_s else "never tracked"
             note = f"visible for {visible_s:.1f} s and {extent}"
             yield SignificantError("missed", int(visit.frame[0]), visit.truth_id, None, visible_s, note)
         return
-    for start, stop in _losses(tracked, params.persist_s / frame_s, params.lost_s / frame_s):
+    for start, stop in _losses(tracked, PERSIST_S / frame_s, LOST_S / frame_s):
         alone_s = (stop - start) * frame_s
         before = visit.track_id[:start][visit.track_id[:start] > 0]
         track = int(before[-1]) if len(before) else None
@@ -231,10 +225,8 @@ class _Change:
     alone_s: float
 
 
-def _identity_errors(
-    visits: list[PersonHistory], frame_s: float, params: SignificantParams
-) -> Iterator[SignificantError]:
-    stretches = [(visit, _persistent(visit, params.persist_s / frame_s)) for visit in visits]
+def _identity_errors(visits: list[PersonHistory], frame_s: float) -> Iterator[SignificantError]:
+    stretches = [(visit, _persistent(visit, PERSIST_S / frame_s)) for visit in visits]
     first_held: dict[int, list[tuple[int, int]]] = {}
     for visit, held in stretches:
         for track, start, _ in held:
@@ -244,14 +236,14 @@ def _identity_errors(
     for change in sorted(changes, key=lambda c: c.frame):
         owners = {p for frame, p in first_held[change.new] if frame < change.frame and p != change.truth_id}
         if not owners:
-            if change.alone_s <= params.lost_s:  # longer is reported as lost already
+            if change.alone_s <= LOST_S:  # longer is reported as lost already
                 note = f"went on as a new track {change.new}"
                 yield SignificantError("lost", change.frame, change.truth_id, change.old, change.alone_s, note)
         elif not any(
             (
                 (change.old, change.new) == (other.new, other.old)
                 and change.truth_id != other.truth_id
-                and abs(change.frame - other.frame) <= params.exchange_s / frame_s
+                and abs(change.frame - other.frame) <= EXCHANGE_S / frame_s
             )
             for other in reported
         ):
@@ -285,27 +277,25 @@ def _changes(visit: PersonHistory, held: list[tuple[int, int, int]], frame_s: fl
         yield _Change(int(visit.frame[start]), visit.truth_id, old, new, alone * frame_s)
 
 
-def _stray_errors(track: TrackHistory, frame_s: float, params: SignificantParams) -> Iterator[SignificantError]:
-    """The part of a track with the most stray frames, where matches shorter than persist_s do not divide it."""
-    parts = runs(~_without_blips(~track.stray, params.persist_s / frame_s))
+def _stray_errors(track: TrackHistory, frame_s: float) -> Iterator[SignificantError]:
+    """The part of a track with the most stray frames, where matches shorter than PERSIST_S do not divide it."""
+    parts = runs(~_without_blips(~track.stray, PERSIST_S / frame_s))
     counted = [(int(np.count_nonzero(track.stray[start:stop])), start, stop) for start, stop in parts]
     n_stray, start, stop = max(counted, key=lambda part: part[0], default=(0, 0, 0))
     stray_s = n_stray * frame_s
-    if stray_s >= params.false_track_s:
+    if stray_s >= FALSE_TRACK_S:
         within = f" of {(stop - start) * frame_s:.1f} s" if n_stray < stop - start else ""
         note = f"on no person for {stray_s:.1f} s{within}"
         yield SignificantError("false_track", int(track.frame[start]), None, track.track_id, stray_s, note)
 
 
-def _prediction_errors(
-    predicted: PredictionHistory, frame_s: float, params: SignificantParams
-) -> Iterator[SignificantError]:
+def _prediction_errors(predicted: PredictionHistory, frame_s: float) -> Iterator[SignificantError]:
     """The longest stretch of frames in which a track is predicted where its person is not."""
     rows = np.flatnonzero(predicted.off)
     stretches = np.split(rows, np.flatnonzero(np.diff(predicted.frame[rows]) > 1) + 1)
     longest = max(stretches, key=len)
     off_s = len(longest) * frame_s
-    if off_s > params.predicted_s:
+    if off_s > PREDICTED_S:
         frame, person = int(predicted.frame[longest[0]]), int(predicted.truth_id[longest[0]])
         note = f"predicted away from person {person} for {off_s:.1f} s"
         yield SignificantError("false_track", frame, person, predicted.track_id, off_s, note)

@@ -28,8 +28,6 @@ TOLERANCE_MIN = 3.0
 """Smallest tolerance of the refinement [levels of 255]: rounding and compression."""
 OFFSET_PRIOR = 0.002
 """Weight of "the offset is 0" beside the pixels: decides where all pixels are alike."""
-WHOLE_FROM = np.float32(2**23)
-"""From here on single precision has whole numbers only."""
 PIXELS_MIN = 16
 """Smallest number of pixels for a fit."""
 ANY_LUMA = 0.1
@@ -51,19 +49,6 @@ def sample_lumas(lead: F32, image: U8, colour: bool, n_pixels: int, stride: int,
             luma[n] = 0.114 * image[3 * p] + 0.587 * image[3 * p + 1] + 0.299 * image[3 * p + 2]
         n += 1
     return n
-
-
-@njit(cache=True, nogil=True)
-def fill_luma(lead: F32, gain: float, offset: float, luma: U8) -> None:
-    """(N,) luma of the leading Gaussians in an exposure, rounded."""
-    gain32, offset32 = np.float32(gain), np.float32(offset)
-    for block in range(lead.shape[0]):
-        first = block * BLOCK
-        values, out = lead[block, Y * BLOCK : (Y + 1) * BLOCK], luma[first : first + BLOCK]
-        for i in range(np.uintp(len(out))):
-            level = min(max(values[i] * gain32 + offset32, np.float32(0.0)), np.float32(255.0))
-            # Rounds on vector registers, halves to even.
-            out[i] = np.uint8((level + WHOLE_FROM) - WHOLE_FROM)
 
 
 @njit(cache=True, nogil=True)

@@ -12,38 +12,34 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from pydantic import Field
 
-from calib.params import Params
-from calib.types import F32, I32, U8, Bool
-from planview.foreground import _ghost_kernels as kernels
+from calib.types import F32, U8, Bool
 from planview.foreground.blobs import Blobs, find_blobs
 
-
-class GhostParams(Params):
-    """When foreground that does not move is a ghost; our choices."""
-
-    interval_s: float = Field(0.5, gt=0, le=10)
-    """Time between two searches for ghosts [s]."""
-    edge_ratio: float = Field(1.5, ge=1, le=10)
-    """Edges along a ghost's boundary are so many times stronger in the background than in the image. Edges of the
-    scene behind are in both and pull the ratio towards 1."""
-    edge_levels: float = Field(5.0, gt=0, le=100)
-    """Smallest mean step along that boundary in the background [levels of 255]: more than noise makes."""
-    area_px: int = Field(20, ge=1, le=100_000)
-    """Smallest area of a ghost [px]: smaller blobs have too short a boundary to compare."""
-    start_s: float = Field(6.0, ge=0, le=60)
-    """Time from the first frame in which people of that frame set out [s]: ghosts are then searched in every frame, and
-    told from people who overlap them. Twice the time in which the background settles."""
-    still_s: float = Field(0.7, gt=0, le=10)
-    """In that time, a blob that has not moved for so long is a ghost, unless a tracked person has walked there [s].
-    People who come in walk: what stays for this long, half a step, and has not walked is where a person was."""
-    motion: float = Field(0.02, ge=0, le=1)
-    """Largest moving share of a ghost's pixels, for noise. A passer-by merges with it into one blob, which is examined
-    again when the person has passed."""
+SEARCH_INTERVAL_S = 0.5
+"""Time between two searches for ghosts [s]."""
+EDGE_RATIO = 1.5
+"""Edges along a ghost's boundary are so many times stronger in the background than in the image. Edges of the
+scene behind are in both and pull the ratio towards 1."""
+EDGE_LEVELS = 5.0
+"""Smallest mean step along that boundary in the background [levels of 255]: more than noise makes."""
+GHOST_AREA_PX = 20
+"""Smallest area of a ghost [px]: smaller blobs have too short a boundary to compare."""
+START_S = 6.0
+"""Time from the first frame in which people of that frame set out [s]: ghosts are then searched in every frame, and
+told from people who overlap them. Twice the time in which the background settles."""
+STILL_S = 0.7
+"""In that time, a blob that has not moved for so long is a ghost, unless a tracked person has walked there [s].
+People who come in walk: what stays for this long, half a step, and has not walked is where a person was."""
+GHOST_MOTION = 0.02
+"""Largest moving share of a ghost's pixels, for noise. A passer-by merges with it into one blob, which is examined
+again when the person has passed."""
 
 
-def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8, params: GhostParams) -> U8:
+_SQUARE: U8 = np.ones((3, 3), np.uint8)
+
+
+def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8) -> U8:
     """Blobs of the foreground whose outline is in the background and not in the image.
 
     Args:
@@ -54,11 +50,13 @@ def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8, params: Ghos
     Returns:
         (H, W) uint8, 255 in ghosts.
     """
-    length, (here, before) = np.zeros(len(blobs), np.int64), np.zeros((2, len(blobs)))
-    kernels.compare_outlines(blobs.labels, _box_of(blobs), luma, background, length, here, before)
-    here, before = here / np.maximum(1, length), before / np.maximum(1, length)
-    ghost = (before >= params.edge_levels) & (before >= params.edge_ratio * here)
-    return _painted(blobs, ghost & _still(blobs, motion, params))
+    mask = (blobs.labels > 0).astype(np.uint8)
+    rim = (mask > 0) & (cv2.erode(mask, _SQUARE) == 0)
+    which = blobs.labels[rim]
+    length = np.maximum(1, np.bincount(which, minlength=len(blobs)))
+    steps = (_steps(image)[rim] for image in (luma, background))
+    here, before = (np.bincount(which, values, minlength=len(blobs)) / length for values in steps)
+    return _painted(blobs, (before >= EDGE_LEVELS) & (before >= EDGE_RATIO * here) & _still(blobs, motion))
 
 
 def moved_lately(motion: U8, now_s: float, span_s: float, moved_s: F32) -> U8:
@@ -67,12 +65,11 @@ def moved_lately(motion: U8, now_s: float, span_s: float, moved_s: F32) -> U8:
     Args:
         moved_s: (H, W) times of the last motion [s], kept up to date.
     """
-    moved = np.empty_like(motion)
-    kernels.note_motion(motion, now_s, now_s - span_s, moved_s, moved)
-    return moved
+    moved_s[motion > 0] = now_s
+    return np.where(moved_s > np.float32(now_s - span_s), np.uint8(255), np.uint8(0))
 
 
-def find_still(blobs: Blobs, moved: U8, params: GhostParams) -> U8:
+def find_still(blobs: Blobs, moved: U8) -> U8:
     """Blobs of the foreground that have not moved for a while.
 
     Args:
@@ -81,23 +78,23 @@ def find_still(blobs: Blobs, moved: U8, params: GhostParams) -> U8:
     Returns:
         (H, W) uint8, 255 in such blobs.
     """
-    return _painted(blobs, _still(blobs, moved, params))
+    return _painted(blobs, _still(blobs, moved))
 
 
-def _still(blobs: Blobs, motion: U8, params: GhostParams) -> Bool:
+def _still(blobs: Blobs, motion: U8) -> Bool:
     """(n,) whether each blob is large enough and hardly any of it moves; the background is none."""
-    moving = np.zeros(len(blobs), np.int64)
-    kernels.count_moving(blobs.labels, _box_of(blobs), motion, moving)
-    still = (moving / np.maximum(1, blobs.area_px) <= params.motion) & (blobs.area_px >= params.area_px)
+    moving = np.bincount(blobs.labels[motion > 0], minlength=len(blobs)) / np.maximum(1, blobs.area_px)
+    still = (moving <= GHOST_MOTION) & (blobs.area_px >= GHOST_AREA_PX)
     still[0] = False
     return np.asarray(still)
 
 
-def find_uncovered(luma: U8, background: U8, mask: U8, params: GhostParams) -> U8:
+def find_uncovered(luma: U8, background: U8, mask: U8) -> U8:
     """Foreground pixels that look like what is around their blob where the background does not.
 
-    Each pixel is compared with the image at the nearest pixel outside the foreground. Texture of the scene is in both
-    differences and pulls their ratio towards 1.
+    Each pixel is compared with the image at the nearest pixel outside the foreground, by the mean difference over the
+    foreground within 5x5 pixels, which average noise and texture and are narrower than a limb of a person of 60 px (our
+    choice). Texture of the scene is in both differences and pulls their ratio towards 1.
 
     Args:
         luma: (H, W) uint8, the image.
@@ -112,40 +109,42 @@ def find_uncovered(luma: U8, background: U8, mask: U8, params: GhostParams) -> U
     rows, cols = slice(max(0, top - 2), top + height + 2), slice(max(0, left - 2), left + width + 2)
     inside, luma, background = (np.ascontiguousarray(a[rows, cols]) for a in (mask, luma, background))
     # Pixels at an outline are a mixture of both sides.
-    blobs = np.asarray(cv2.dilate(inside, np.ones((3, 3), np.uint8)), dtype=np.uint8)
+    blobs = np.asarray(cv2.dilate(inside, _SQUARE), dtype=np.uint8)
     if not width or blobs.all():
         return uncovered
-    nearest, around = _around(luma, blobs)
-    alike = np.zeros(blobs.shape, np.uint8)
-    kernels.compare_around(luma, background, inside, nearest, around, params.edge_ratio, params.edge_levels, alike)
+    around = _around(luma, blobs)
+    here, before = (_mean_difference(image, around, inside) for image in (luma, background))
+    alike = np.where((inside > 0) & (before >= EDGE_RATIO * here + EDGE_LEVELS), np.uint8(255), np.uint8(0))
     if alike.any():
-        parts = find_blobs(np.asarray(cv2.morphologyEx(alike, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.uint8))
-        large = parts.area_px >= params.area_px
+        parts = find_blobs(np.asarray(cv2.morphologyEx(alike, cv2.MORPH_OPEN, _SQUARE), np.uint8))
+        large = parts.area_px >= GHOST_AREA_PX
         large[0] = False
         uncovered[rows, cols] = _painted(parts, large)
     return uncovered
 
 
-def _around(luma: U8, mask: U8) -> tuple[I32, U8]:
-    """(H, W) int32 number of the nearest pixel where the mask is 0, and the smoothed luma of each by that number."""
+def _around(luma: U8, mask: U8) -> F32:
+    """(H, W) float32 smoothed luma of the nearest pixel where the mask is 0."""
     _, nearest = cv2.distanceTransformWithLabels(mask, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL)
-    around = np.zeros(mask.size + 1, np.uint8)
-    kernels.by_label(np.asarray(cv2.blur(luma, (3, 3)), np.uint8), mask, around)
-    return np.asarray(nearest, np.int32), around
+    outside = mask == 0
+    by_label = np.zeros(int(nearest.max()) + 1, np.float32)
+    by_label[nearest[outside]] = cv2.blur(luma, (3, 3))[outside]
+    return np.asarray(by_label[nearest])
+
+
+def _mean_difference(luma: U8, around: F32, mask: U8) -> F32:
+    """(H, W) float32 mean difference of luma to what is around, over the masked pixels of a window."""
+    inside = (mask > 0).astype(np.float32)
+    total, count = (cv2.blur(values, (5, 5)) for values in (np.abs(luma - around) * inside, inside))
+    return np.asarray(total / np.maximum(count, np.float32(1e-3)))
+
+
+def _steps(luma: U8) -> F32:
+    """(H, W) float32 step [levels] across each pixel, by the 3x3 Sobel operators, whose gain is 4."""
+    across, along = (cv2.Sobel(luma, cv2.CV_32F, dx, 1 - dx, ksize=3) for dx in (1, 0))
+    return np.asarray(cv2.magnitude(across, along) / np.float32(4.0))
 
 
 def _painted(blobs: Blobs, chosen: Bool) -> U8:
     """(H, W) uint8, 255 in the blobs that are chosen, (n,)."""
-    out = np.zeros(blobs.labels.shape, np.uint8)
-    if chosen.any():
-        kernels.paint_blobs(blobs.labels, _box_of(blobs), chosen, out)
-    return out
-
-
-def _box_of(blobs: Blobs) -> kernels.Box:
-    """What holds all blobs."""
-    if len(blobs) < 2:
-        return kernels.Box(0, 0, 0, 0)
-    low = blobs.box_px[1:, :2].min(axis=0)
-    high = (blobs.box_px[1:, :2] + blobs.box_px[1:, 2:]).max(axis=0)
-    return kernels.Box(int(low[0]), int(high[0]), int(low[1]), int(high[1]))
+    return np.where(chosen, np.uint8(255), np.uint8(0))[blobs.labels]

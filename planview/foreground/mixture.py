@@ -11,7 +11,6 @@ import numpy as np
 
 from calib.types import F32, U8
 from planview.foreground import _mixture_kernels as kernels
-from planview.foreground._gain_kernels import fill_luma
 from planview.foreground._leader_kernels import (
     BLOCK,
     DEPTH_FRACTION,
@@ -19,6 +18,7 @@ from planview.foreground._leader_kernels import (
     N_LEAD,
     D,
     UpdateConstants,
+    Y,
     find_changes,
 )
 from planview.foreground.gain import Exposure, GainFollower
@@ -26,6 +26,19 @@ from planview.foreground.params import FOREGROUND, SHADOW, ForegroundParams
 
 BODY_M = 0.5
 """How far before the background people are at the least: a step from a wall [m]."""
+DARK_LEVEL = 20.0
+"""Luma of the image (0-255) below which chroma is noise and only luma and depth are compared. Our choice: chroma
+quantised to 1 level is then worse than 5 % of the signal."""
+CLIP_LEVEL = 250.0
+"""Luma of the image (0-255) at which the sensor saturates: a brighter surface looks the same. Our choice: a little
+below 255, for compression noise."""
+DISPARITY_NOISE_PX = 0.25
+"""Smallest standard deviation of disparity [px]. Semi-global matching has sub-pixel errors of 0.1 to 0.3 px on
+texture and steps towards whole pixels (pixel locking); in disparity this is the same all over the image."""
+ACTIVITY_S = 1.0
+"""Time constant of the mean change of luma [s]. Our choice: about one fidget."""
+ACTIVITY_LEVEL = 5.0
+"""Mean |Y_t - Y_(t-1)| above which a pixel is active (levels of 255). Our choice: noise of 3 levels gives 3.4."""
 TURNS = 4
 """Turns in which pixels learn, at most."""
 TURN_S = 0.13
@@ -76,7 +89,7 @@ class UpdateSchedule:
         p = self._params
         start = dt / (age_s + dt) if 0 < age_s <= p.settle_s else 0.0
         weight, mean, fast = _rate(dt * p.learning_rate), _rate(dt * p.adaptation_rate), _rate(dt / p.settle_s)
-        return max(weight, start), max(mean, start), max(fast, start), _rate(dt / p.activity_s)
+        return max(weight, start), max(mean, start), max(fast, start), _rate(dt / ACTIVITY_S)
 
 
 def _rate(time_constants: float) -> float:
@@ -121,7 +134,7 @@ class Foreground:
         self._lead = np.zeros((n_blocks, N_LEAD * BLOCK), np.float32)
         self._rest = np.zeros(n * (params.gaussians - 1) * N_FIELDS, np.float32)
         self._mask = np.zeros(n, np.uint8)
-        self._gain = GainFollower(shape, params.clip_level, 3 * params.luma_noise)
+        self._gain = GainFollower(shape, CLIP_LEVEL, 3 * params.luma_noise)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="foreground")
         self.reset()
 
@@ -225,9 +238,9 @@ class Foreground:
 
     def background_luma(self) -> U8:
         """(H, W) uint8 luma of the most common background, as the current exposure shows it; zeros before an update."""
-        luma = np.empty(self._mask.size, np.uint8)
-        fill_luma(self._lead, self._gain.gain, self._gain.offset, luma)
-        return luma.reshape(self.shape)
+        levels = self._lead[:, Y * BLOCK : (Y + 1) * BLOCK].reshape(-1)[: self._mask.size]
+        levels = levels * np.float32(self._gain.gain) + np.float32(self._gain.offset)
+        return np.rint(np.clip(levels, 0.0, 255.0)).astype(np.uint8).reshape(self.shape)
 
     def background_disparity(self) -> F32:
         """(H, W) float32 [px], of the most common background; NaN where it has no depth, and before an update."""
@@ -289,21 +302,21 @@ def _constants(
         beta_relaxed=p.beta * p.depth_relaxation,
         body_over_metre=body_over_metre,
         min_depth_fraction=p.min_depth_fraction,
-        dark=(p.dark_level - offset) / gain,
-        clip=(p.clip_level - offset) / gain,
+        dark=(DARK_LEVEL - offset) / gain,
+        clip=(CLIP_LEVEL - offset) / gain,
         black=-offset / gain,
-        clip_image=p.clip_level,
+        clip_image=CLIP_LEVEL,
         gain=gain,
         offset=offset,
         floor_y=(p.luma_noise / gain) ** 2,
         floor_uv=(p.chroma_noise / gain) ** 2,
-        floor_d=p.disparity_noise_px**2,
+        floor_d=DISPARITY_NOISE_PX**2,
         init_y=(2 * p.luma_noise / gain) ** 2,
         init_uv=(2 * p.chroma_noise / gain) ** 2,
-        init_d=(2 * p.disparity_noise_px) ** 2,
+        init_d=(2 * DISPARITY_NOISE_PX) ** 2,
         floor_d_per_d4=noise_per_px2**2,
         init_d_per_d4=(2 * noise_per_px2) ** 2,
-        active=p.activity_level / gain,
+        active=ACTIVITY_LEVEL / gain,
         slow_active=1.0 / p.activity_slowdown,
         background_weight=p.background_weight,
         deepest_weight=p.deepest_weight,

@@ -28,20 +28,11 @@ class ForegroundParams(Params):
     """Factor on beta for colour where depth agrees. Harville 2001: about 4."""
     min_depth_fraction: float = Field(0.2, gt=0, le=1)
     """Fraction of a Gaussian's observations that must have depth for its depth to count. Harville 2001: 0.2."""
-    dark_level: float = Field(20.0, ge=0, le=128)
-    """Luma of the image (0-255) below which chroma is noise and only luma and depth are compared. Our choice: chroma
-    quantised to 1 level is then worse than 5 % of the signal."""
-    clip_level: float = Field(250.0, ge=128, le=255)
-    """Luma of the image (0-255) at which the sensor saturates: a brighter surface looks the same. Our choice: a little
-    below 255, for compression noise."""
     luma_noise: float = Field(4.0, gt=0, le=50)
     """Smallest standard deviation of luma (levels of 255). Our choice: 8-bit video of a lit room has 1-3 levels of
     noise, compression and mains flicker add as much."""
     chroma_noise: float = Field(2.5, gt=0, le=50)
     """Smallest standard deviation of U and V (levels of 255). Our choice: as luma_noise, times the 0.5 of U and V."""
-    disparity_noise_px: float = Field(0.25, gt=0, le=5)
-    """Smallest standard deviation of disparity [px]. Semi-global matching has sub-pixel errors of 0.1 to 0.3 px on
-    texture and steps towards whole pixels (pixel locking); in disparity this is the same all over the image."""
     learning_rate: float = Field(1.0 / 60.0, gt=0, le=1)
     """Rate of the weights [1/s]: something new becomes background after about -ln(1 - background_weight) over this.
     Our choice: a chair that was moved is furniture again after half a minute."""
@@ -50,10 +41,6 @@ class ForegroundParams(Params):
     settle_s: float = Field(3.0, gt=0, le=60)
     """Start during which every observation counts alike (rate 1/n), and the time constant at pixels that are known
     to be background or that were uncovered [s]. The recordings start with three empty seconds."""
-    activity_s: float = Field(1.0, gt=0, le=30)
-    """Time constant of the mean change of luma [s]. Our choice: about one fidget."""
-    activity_level: float = Field(5.0, gt=0, le=100)
-    """Mean |Y_t - Y_(t-1)| above which a pixel is active (levels of 255). Our choice: noise of 3 levels gives 3.4."""
     activity_slowdown: float = Field(5.0, ge=1, le=100)
     """Active pixels learn so many times slower. Harville 2001: about 5."""
     background_weight: float = Field(0.4, gt=0, lt=1)

@@ -50,9 +50,3 @@ def smoothing() -> F32:
 
     chroma = spread(CHROMA_CELLS, CHROMA_SPREAD)
     return np.kron(spread(LUMA_CELLS, LUMA_SPREAD), np.kron(chroma, chroma))
-
-
-def chromatic() -> F32:
-    """(CODES,) float32, 1 for codes of a colour and 0 for those of grey."""
-    codes, grey = np.arange(CODES) % CHROMA_CELLS**2, CHROMA_CELLS**2 // 2
-    return np.asarray(codes != grey, dtype=np.float32)

@@ -15,32 +15,26 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field
 from scipy.optimize import linear_sum_assignment
 
 from calib.errors import InputError
-from calib.params import Params
 from calib.types import F64, Bool
 from planview.tracking import body
 from planview.tracking.kalman import FloorKalman
 from planview.trajectories.table import Trajectories, concatenated, rows_by_id
 
-
-class RefineParams(Params):
-    """Offline refinement; values without a reference are our choice."""
-
-    position_std_m: float = Field(0.05, gt=0, le=1)
-    """Deviation of a position in the tracks [m]: about a cell of the plan-view map."""
-    acceleration_std_mps2: float = Field(2.0, gt=0, le=20)
-    """Random acceleration of the constant-velocity model [m/s^2], that of the template tracker."""
-    speed_std_mps: float = Field(1.0, gt=0, le=10)
-    """Deviation of the unknown velocity at the start of a track, and of the mean one of a walker out of sight [m/s]."""
-    height_std_m: float = Field(0.06, gt=0, le=1)
-    """Deviation of the median height of a track [m]: posture and depth noise."""
-    low_share: float = Field(0.1, gt=0, lt=1)
-    """Share of people who sit, bend, or are children; that of the template tracker."""
-    floor_m2: float = Field(20.0, gt=0.1, le=10000)
-    """Area of the floor over which strangers may appear [m^2]; that of the template tracker."""
+POSITION_STD_M = 0.05
+"""Deviation of a position in the tracks [m]: about a cell of the plan-view map."""
+ACCELERATION_STD_MPS2 = 2.0
+"""Random acceleration of the constant-velocity model [m/s^2], that of the template tracker."""
+SPEED_STD_MPS = 1.0
+"""Deviation of the unknown velocity at the start of a track, and of the mean one of a walker out of sight [m/s]."""
+HEIGHT_STD_M = 0.06
+"""Deviation of the median height of a track [m]: posture and depth noise."""
+LOW_SHARE = 0.1
+"""Share of people who sit, bend, or are children; that of the template tracker."""
+FLOOR_M2 = 20.0
+"""Area of the floor over which strangers may appear [m^2]; that of the template tracker."""
 
 
 CHANGE_COLUMNS = ("id", "first_frame", "last_frame", "kind", "reason", "value")
@@ -74,7 +68,7 @@ def changes_csv(changes: Iterable[Change]) -> str:
     return file.getvalue()
 
 
-def smoothed(times_s: F64, xy_m: F64, measured: Bool, params: RefineParams) -> tuple[F64, F64]:
+def smoothed(times_s: F64, xy_m: F64, measured: Bool) -> tuple[F64, F64]:
     """Positions and velocities from the measurements before and after (Rauch, Tung, Striebel 1965).
 
     Args:
@@ -84,7 +78,7 @@ def smoothed(times_s: F64, xy_m: F64, measured: Bool, params: RefineParams) -> t
     Returns:
         (N, 2) positions [m] and (N, 2) velocities [m/s].
     """
-    filtered, predicted = _forward(times_s, xy_m, measured, params)
+    filtered, predicted = _forward(times_s, xy_m, measured)
     states = np.array([[s.x_m, s.y_m, s.vx_mps, s.vy_mps] for s in filtered]).reshape(-1, 2, 2)
     for k in range(len(filtered) - 2, -1, -1):
         ahead = predicted[k + 1]
@@ -93,17 +87,15 @@ def smoothed(times_s: F64, xy_m: F64, measured: Bool, params: RefineParams) -> t
     return states[:, 0], states[:, 1]
 
 
-def _forward(
-    times_s: F64, xy_m: F64, measured: Bool, params: RefineParams
-) -> tuple[list[FloorKalman], list[FloorKalman]]:
+def _forward(times_s: F64, xy_m: F64, measured: Bool) -> tuple[list[FloorKalman], list[FloorKalman]]:
     """The filter after, and before, the measurement of every row."""
-    state = FloorKalman.at(float(xy_m[0, 0]), float(xy_m[0, 1]), params.position_std_m, params.speed_std_mps)
+    state = FloorKalman.at(float(xy_m[0, 0]), float(xy_m[0, 1]), POSITION_STD_M, SPEED_STD_MPS)
     filtered, predicted = [state], [state]
     for k in range(1, len(times_s)):
-        state = state.predicted(float(times_s[k] - times_s[k - 1]), params.acceleration_std_mps2)
+        state = state.predicted(float(times_s[k] - times_s[k - 1]), ACCELERATION_STD_MPS2)
         predicted.append(state)
         if measured[k]:
-            state = state.updated(float(xy_m[k, 0]), float(xy_m[k, 1]), params.position_std_m)
+            state = state.updated(float(xy_m[k, 0]), float(xy_m[k, 1]), POSITION_STD_M)
         filtered.append(state)
     return filtered, predicted
 
@@ -124,7 +116,7 @@ class Refined:
     changes: list[Change]
 
 
-def refine(tracks: Trajectories, params: RefineParams | None = None) -> Refined:
+def refine(tracks: Trajectories) -> Refined:
     """Refine the tracks of a finished recording.
 
     No row is added and no state changes: only ids of joined tracks and positions up to the last confirmed row of a
@@ -135,7 +127,6 @@ def refine(tracks: Trajectories, params: RefineParams | None = None) -> Refined:
     Raises:
         InputError: confirmed rows without floor positions.
     """
-    params = params or RefineParams()
     confirmed = tracks.where(tracks.state == "confirmed")
     if not np.isfinite(confirmed.x_m + confirmed.y_m).all():
         raise InputError("expected floor positions in all confirmed rows to refine them, found rows without")
@@ -148,10 +139,10 @@ def refine(tracks: Trajectories, params: RefineParams | None = None) -> Refined:
     own = {i: tracks.where(rows) for i, rows in rows_by_id(tracks.track_id)}
     known = [table for table in own.values() if (table.state == "confirmed").any()]
     known.sort(key=lambda table: int(table.frame[0]))
-    chains, changes = _joined(known, params)
+    chains, changes = _joined(known)
     parts = [table for table in own.values() if (table.state != "confirmed").all()]
     for chain in chains:
-        path, change = _smoothed_path(chain, params)
+        path, change = _smoothed_path(chain)
         parts.append(path)
         changes.append(change)
     refined = concatenated(parts) if parts else tracks
@@ -160,7 +151,7 @@ def refine(tracks: Trajectories, params: RefineParams | None = None) -> Refined:
     return Refined(refined, sorted(changes, key=lambda c: (c.first_frame, c.track_id, c.kind)))
 
 
-def _joined(tracks: Sequence[Trajectories], params: RefineParams) -> tuple[list[Trajectories], list[Change]]:
+def _joined(tracks: Sequence[Trajectories]) -> tuple[list[Trajectories], list[Change]]:
     """One table per person, under the first id: the joins whose log-odds sum to most, each above zero.
 
     A track needs no partner at either end: that is worth zero.
@@ -168,7 +159,7 @@ def _joined(tracks: Sequence[Trajectories], params: RefineParams) -> tuple[list[
     Args:
         tracks: each of one id, by rising first frame.
     """
-    odds = np.array([[_log_odds(a, b, params) for b in tracks] for a in tracks]).reshape(len(tracks), len(tracks))
+    odds = np.array([[_log_odds(a, b) for b in tracks] for a in tracks]).reshape(len(tracks), len(tracks))
     ends, starts = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
     former = {int(j): int(i) for i, j in zip(ends, starts, strict=True) if odds[i, j] > 0}
     chains: dict[int, list[Trajectories]] = {}
@@ -191,7 +182,7 @@ def _joined(tracks: Sequence[Trajectories], params: RefineParams) -> tuple[list[
     return [replace(p, track_id=np.full(len(p), i)) for p, i in zip(people, ids, strict=True)], changes
 
 
-def _log_odds(a: Trajectories, b: Trajectories, params: RefineParams) -> float:
+def _log_odds(a: Trajectories, b: Trajectories) -> float:
     """Of track b being the person of track a, who walked on out of sight, rather than a stranger: by place and height.
 
     Negative where b begins before the end of a, or out of a walker's reach. A height that is unknown decides nothing.
@@ -202,14 +193,14 @@ def _log_odds(a: Trajectories, b: Trajectories, params: RefineParams) -> float:
     reach_m = body.TORSO.torso_radius_m + body.SPEED_MAX_MPS * gone_s
     if b.frame[0] <= a.frame[end] or gone_s <= 0 or away_m > reach_m:
         return -1.0
-    spread_m = min(body.TORSO.torso_radius_m + params.speed_std_mps * gone_s, math.sqrt(params.floor_m2) / 2)
-    place = math.log(params.floor_m2 / (2 * math.pi * spread_m**2)) - 0.5 * (away_m / spread_m) ** 2
+    spread_m = min(body.TORSO.torso_radius_m + SPEED_STD_MPS * gone_s, math.sqrt(FLOOR_M2) / 2)
+    place = math.log(FLOOR_M2 / (2 * math.pi * spread_m**2)) - 0.5 * (away_m / spread_m) ** 2
     heights = [table.height_m[(table.state == "confirmed") & np.isfinite(table.height_m)] for table in (a, b)]
     if not len(heights[0]) or not len(heights[1]):
         return place
     tall_m, height_m = (float(np.median(own)) for own in heights)
-    mine = body.stature(height_m, tall_m, math.sqrt(2) * params.height_std_m, params.low_share)
-    stranger = body.stature(height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, params.low_share)
+    mine = body.stature(height_m, tall_m, math.sqrt(2) * HEIGHT_STD_M, LOW_SHARE)
+    stranger = body.stature(height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, LOW_SHARE)
     return place + math.log(mine / ((1 - body.THINGS) * stranger + body.THINGS / body.HEIGHT_MEAN_M))
 
 
@@ -217,14 +208,14 @@ def _measured(own: Trajectories) -> Bool:
     return np.asarray((own.state != "lost") & np.isfinite(own.x_m + own.y_m))
 
 
-def _smoothed_path(path: Trajectories, params: RefineParams) -> tuple[Trajectories, Change]:
+def _smoothed_path(path: Trajectories) -> tuple[Trajectories, Change]:
     """The rows of one person, smoothed from the first measured to the last confirmed one."""
     measured = _measured(path)
     first, last = int(np.flatnonzero(measured)[0]), int(np.flatnonzero(path.state == "confirmed")[-1])
     within, measured = slice(first, last + 1), measured[first : last + 1]
     before, velocity = np.column_stack([path.x_m, path.y_m]), path.velocity_mps.copy()
     after = before.copy()
-    after[within], velocity[within] = smoothed(path.timestamp_s[within], before[within], measured, params)
+    after[within], velocity[within] = smoothed(path.timestamp_s[within], before[within], measured)
     moved_m = np.hypot(*(after - before)[within][measured].T)
     change = Change(
         int(path.track_id[0]), int(path.frame[first]), int(path.frame[last]), "smooth",

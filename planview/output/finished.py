@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from calib.errors import InputError
 from calib.params import first_problem
 from planview.offline.edit import edited
-from planview.offline.refine import Refined, RefineParams, changes_csv, refine
+from planview.offline.refine import Refined, changes_csv, refine
 from planview.output.folder import RunInfo, finished_run, folder_lock, write_result, write_run_info
 from planview.output.report.page import write_report
 from planview.trajectories.table import Trajectories, read_tracks, write_table
@@ -132,7 +132,7 @@ def _rewrite(folder: Path, steps: list[EditStep]) -> EditedRun:
     return EditedRun(before, after, steps)
 
 
-def refine_run(folder: Path, params: RefineParams | None = None) -> tuple[Refined, RunInfo]:
+def refine_run(folder: Path) -> tuple[Refined, RunInfo]:
     """Write ``tracks.csv`` anew from ``tracks_online.csv``, and ``refinement.csv`` with the reason of every change.
 
     The first time the online tracks become ``tracks_online.csv``; every time is a refinement of these. ``run.json``
@@ -155,7 +155,7 @@ def refine_run(folder: Path, params: RefineParams | None = None) -> tuple[Refine
     source = online if info.refined else tracks
     found = read_tracks(source)
     try:
-        refined = refine(found, params)
+        refined = refine(found)
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
     if source is tracks:

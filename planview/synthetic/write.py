@@ -178,7 +178,6 @@ def write_rigs(
     scale: float = 1.0,
     frames: int | None = None,
     storage: Storage = "png",
-    done: Callable[[], None] = lambda: None,
 ) -> list[Written]:
     """Render every head into a folder of its name, and write the true ``rigs.toml`` beside them.
 
@@ -189,7 +188,7 @@ def write_rigs(
     for head in heads:
         renderer = head.renderer(scale)
         name = head.mount.name
-        written.append(write_recording(renderer, folder / name, frames=frames, storage=storage, done=done))
+        written.append(write_recording(renderer, folder / name, frames=frames, storage=storage))
         room_SE3_world = renderer.world_SE3_room.inverse()
         common_SE3_room = common_SE3_room or renderer.world_SE3_room
         world_SE3_left = renderer.world_SE3_left

@@ -34,6 +34,18 @@ RING = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0, 2 * np.pi, 8
 STEPS = 6
 
 
+NEW = 0.3
+"""Share of people among boxes that show nobody known."""
+ACCELERATION_MPS2 = 2.0
+"""Deviation of a walker's acceleration [m/s^2]."""
+SLOW_DOWN_S = 0.7
+"""Time in which an unseen person's speed decays [s]."""
+ERRORS_S = 0.25
+"""Time for which a detector's errors stay the same [s]."""
+LEAVE_S = 0.7
+"""Mean time that a person beyond the border stays [s]."""
+
+
 class DetectionParams(Params):
     """Tracking of another program's boxes; our choices where nothing else is said."""
 
@@ -41,20 +53,10 @@ class DetectionParams(Params):
     """Probability that a person in full view has a box."""
     false_per_m2: float = Field(0.01, gt=0, le=10)
     """False boxes per square metre of floor and frame: one in 100 square metres."""
-    new: float = Field(0.3, gt=0, lt=1)
-    """Share of people among boxes that show nobody known."""
     edge: float = Field(0.05, gt=0.001, le=1)
     """Deviation of a box's edges, as a share of its height."""
-    acceleration_mps2: float = Field(2.0, gt=0, le=20)
-    """Deviation of a walker's acceleration [m/s^2]."""
-    slow_down_s: float = Field(0.7, gt=0, le=60)
-    """Time in which an unseen person's speed decays [s]."""
-    errors_s: float = Field(0.25, gt=0, le=10)
-    """Time for which a detector's errors stay the same [s]."""
     stay_s: float = Field(10.0, gt=0.1, le=3600)
     """Mean time that a hidden person stays [s]."""
-    leave_s: float = Field(0.7, gt=0.01, le=60)
-    """Mean time that a person beyond the border stays [s]."""
     report: float = Field(0.98, gt=0.5, lt=1)
     """Probability of existence from which a person is confirmed."""
 
@@ -138,9 +140,9 @@ class DetectionTracker:
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track one frame, whose image gives the size of the view only."""
-        p, now_s = self.params, observation.timestamp_s
+        now_s = observation.timestamp_s
         dt_s = 0.0 if math.isnan(self._now_s) else max(now_s - self._now_s, 0.0)
-        looks = min(1.0, dt_s / p.errors_s) if not math.isnan(self._now_s) else 1.0
+        looks = min(1.0, dt_s / ERRORS_S) if not math.isnan(self._now_s) else 1.0
         self._now_s = now_s
         self._cycle.begin(now_s)
         size = (1e9, 1e9) if observation.image is None else observation.image.shape[1::-1]
@@ -152,8 +154,8 @@ class DetectionTracker:
         worth = np.clip(np.log(scores / (1 - scores)), -EVIDENCE_MAX, EVIDENCE_MAX) * self.detections.scored
         for q in self._people:
             if not q.who.observed:
-                q.kalman = q.kalman.slowed(dt_s, p.slow_down_s)
-            q.kalman = q.kalman.predicted(dt_s, p.acceleration_mps2)
+                q.kalman = q.kalman.slowed(dt_s, SLOW_DOWN_S)
+            q.kalman = q.kalman.predicted(dt_s, ACCELERATION_MPS2)
             self._move_box(q)
         gains = np.array([[self._gain(q, z, c) for z, c in zip(poses, covariances, strict=True)] for q in self._people])
         gains = gains.reshape(len(self._people), len(boxes)) + worth
@@ -268,7 +270,7 @@ class DetectionTracker:
         p = self.params
         hidden = max((self._covered(q.box, o.box) for o in self._people if o is not q), default=0.0)
         inside = self._covered(q.box, np.array([0.0, 0.0, *size]), anywhere=True)
-        away_s = p.leave_s if inside < SAME else p.stay_s
+        away_s = LEAVE_S if inside < SAME else p.stay_s
         stays = q.existence * math.exp(-dt_s / away_s)
         q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
         q.log_odds += looks * math.log(1 - p.found * (1 - hidden) * inside)
@@ -283,7 +285,7 @@ class DetectionTracker:
 
     def _meet(self, box: F64, pose: F64, covariance: F64, worth: float) -> None:
         kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), _floor_noise(covariance), body.SPEED_MAX_MPS / 2)
-        odds = math.log(self.params.new / (1 - self.params.new)) + worth
+        odds = math.log(NEW / (1 - NEW)) + worth
         who = self._cycle.spawn(f"a box that shows nobody known, {pose[2]:.2f} m tall", odds)
         height_m, height_var = float(pose[2]), float(covariance[2, 2])
         self._people.append(Detected(who, odds, kalman, height_m, height_var, box[:4].copy(), self._foot(kalman)))

@@ -22,13 +22,6 @@ class PositionNoise(NamedTuple):
         """With all deviations multiplied by a factor."""
         return PositionNoise(factor**2 * self.xx, factor**2 * self.xy, factor**2 * self.yy)
 
-    def stretched(self, along_x: float, along_y: float, std_m: float) -> PositionNoise:
-        """With another deviation [m] added along a direction of any length."""
-        variance = std_m**2 / max(along_x**2 + along_y**2, 1e-12)
-        return PositionNoise(
-            self.xx + variance * along_x**2, self.xy + variance * along_x * along_y, self.yy + variance * along_y**2
-        )
-
 
 class FloorKalman(NamedTuple):
     """Position and velocity of one person.

@@ -8,7 +8,6 @@ evidence is the tracker's own; when a state changes, what is written down about 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from planview.tracking.base import NO_TERMS, Decision, DecisionKind, ScoreTerms
@@ -75,14 +74,14 @@ class LifeCycle:
     def log(
         self, who: Existence, kind: DecisionKind, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS
     ) -> None:
-        """Write down a decision that changes no state ("matched", "recentred", "identity")."""
+        """Write down a decision that changes no state ("recentred")."""
         self._log.append(Decision(who.track_id, kind, reason, value, terms))
 
-    def spawn(self, reason: str, value: float = math.nan, kind: DecisionKind = "spawned") -> Existence:
+    def spawn(self, reason: str, value: float = math.nan) -> Existence:
         """A new tentative track, observed now."""
         who = Existence(self._next_id, self.now_s, self.now_s)
         self._next_id += 1
-        self.log(who, kind, reason, value)
+        self.log(who, "spawned", reason, value)
         return who
 
     def confirm(self, who: Existence, reason: str, value: float = math.nan) -> None:
@@ -105,21 +104,9 @@ class LifeCycle:
             self.log(who, "lost", reason, value, terms)
         who.observed = False
 
-    def prune(self, who: Existence, reason: str, value: float = math.nan, kind: DecisionKind = "pruned") -> None:
+    def prune(self, who: Existence, reason: str, value: float = math.nan) -> None:
         """The track ends; the tracker forgets it."""
-        self.log(who, kind, reason, value)
-
-    def reassign(self, places: Sequence[Existence], identities: Sequence[Existence], confidence: float) -> None:
-        """Mend identities: the track at ``places[i]`` is who ``identities[i]`` was; both hold the same tracks.
-
-        Ids, times of life and confirmation move; what is observed in this frame stays with the place.
-        """
-        old = [(who.track_id, who.spawned_s, who.confirmed) for who in identities]
-        before = [who.track_id for who in places]
-        for who, was, (track_id, spawned_s, confirmed) in zip(places, before, old, strict=True):
-            who.track_id, who.spawned_s, who.confirmed = track_id, spawned_s, confirmed
-            if track_id != was:
-                self.log(who, "identity", f"exchanged with {was}: appearance, confidence {confidence:.3f}", confidence)
+        self.log(who, "pruned", reason, value)
 
     def unobserved_s(self, who: Existence) -> float:
         """Time since the last observation [s]."""

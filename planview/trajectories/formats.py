@@ -100,15 +100,15 @@ def _load_text(path: Path, first: bytes, truth: bool, boxes: bool) -> Trajectory
     return TrajectoryFile(read_motchallenge(path, truth=truth) if "," in line else read_laboratory(path))
 
 
-def read_laboratory(path: Path, fps: float = 16.0) -> Trajectories:
-    """Head positions of laboratory experiments (Juelich) without comments: id, frame, x cm, y cm, z cm. Raises
-    InputError: a row of another length, or values that are not numbers."""
+def read_laboratory(path: Path) -> Trajectories:
+    """Head positions of laboratory experiments (Juelich, 16 frames per second) without comments: id, frame, x cm, y cm,
+    z cm. Raises InputError: a row of another length, or values that are not numbers."""
     table = read_numbers(path, None, "rows of id frame x_cm y_cm z_cm")
     if table.shape[1] != 5:
         raise InputError(f"{path}: expected 5 columns (id frame x_cm y_cm z_cm), found {table.shape[1]}")
     table = sorted_rows(path, table, frame=1, track_id=0)
     track_id, frame = table[:, :2].astype(np.int64).T
-    return positions_table(frame, track_id, table[:, 2:4] / 100, table[:, 4] / 100, timestamp_s=frame / fps)
+    return positions_table(frame, track_id, table[:, 2:4] / 100, table[:, 4] / 100, timestamp_s=frame / 16.0)
 
 
 def _is_number(text: str) -> bool:

@@ -30,7 +30,7 @@ from stereo.readers.base import (
 )
 from stereo.readers.images import Size, is_grey
 from stereo.readers.video import SUFFIXES, VideoFile, video_files
-from stereo.rig_correction import MatchParams, match_corners
+from stereo.rig_correction import match_corners
 
 NEARER = 0.8
 """Share of corners nearer than infinity of views in their right order; of swapped ones nearly none is (our choice)."""
@@ -192,17 +192,17 @@ def common(pictures: Iterable[U8], split: Callable[[U8], Halves]) -> Common:
     """Match corners between the two views of each picture."""
     corners, found = 0, [np.empty((0, 4))]
     # Rows of unrectified cameras may be 24 of 320 px apart.
-    search = MatchParams(features=150, search_px=24)
+    features, search_px = 150, 24
     for picture in pictures:
         first, second = (as_grey(view) for view in split(picture))
         height, width = first.shape
         scale = width / min(width, 320)
         size = round(width / scale), round(height / scale)
         a, b = (np.asarray(cv2.resize(v, size, interpolation=cv2.INTER_AREA), np.uint8) for v in (first, second))
-        points = cv2.goodFeaturesToTrack(a, search.features, 0.01, 14.0)
+        points = cv2.goodFeaturesToTrack(a, features, 0.01, 14.0)
         corners += 0 if points is None else len(points)
         reach = 0.3 * a.shape[1]  # largest disparity, each way (our choice)
-        matches = match_corners(a, b, reach, search, -reach)
+        matches = match_corners(a, b, reach, -reach, features=features, search_px=search_px)
         if len(matches):
             # Matches of one pair of cameras lie about on one row offset [px of 320] (our choice).
             near = np.abs(matches[:, 3] - np.median(matches[:, 3])) <= 4.0

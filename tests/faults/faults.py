@@ -129,7 +129,7 @@ VIDEO_FAULTS = (
 OPTION_FAULTS = (
     Fault("unknown setting", nothing, 2, "no_such", words=("--set", "maps.no_such=1")),
     Fault("setting out of range", nothing, 2, "cell_m", words=("--set", "maps.cell_m=1e-9")),
-    Fault("setting without end", nothing, 2, "ransac_iterations", words=("--set", "floor.ransac_iterations=1e9")),
+    Fault("setting without end", nothing, 2, "max_disparities", words=("--set", "range.max_disparities=1e9")),
     Fault("setting of 5000 digits", nothing, 2, "seed", words=("--set", "seed=" + "9" * 5000)),
     Fault("pipe for settings", lambda f: pipe(f / "p"), 2, "a pipe", words=("--config", "{}/p")),
     Fault("binary settings", replaced("c", bytes(range(256))), 2, "TOML", words=("--config", "{}/c")),

@@ -11,6 +11,7 @@ from toy_people import seen_body
 from calib.types import F32, F64, I64, U8
 from planview.maps.pixels import SURFACE, SeenPixels
 from planview.tracking import body
+from planview.tracking.template import explanation as given
 from planview.tracking.template.params import TemplateParams
 
 Poses = Sequence[tuple[float, float, float]]
@@ -33,32 +34,32 @@ def log_likelihood(seen: SeenPixels, people: Poses, p: TemplateParams, reaching:
             for at, cover in layers:
                 if cover < 0.01:
                     continue
-                value += passing * cover * _of_body(kind, z, at, std, p)
+                value += passing * cover * _of_body(kind, z, at, std)
                 passing *= 1.0 - cover
             value += passing * _of_background(kind, near, p, body.REACH_M)
             if kind == SURFACE:
-                value = (1 - p.unknown) * value + p.unknown / p.range_m
+                value = (1 - given.UNKNOWN) * value + given.UNKNOWN / given.RANGE_M
             total += math.log(value)
     return total
 
 
-def _of_body(kind: int, z: float, at: float, std: float, p: TemplateParams) -> float:
+def _of_body(kind: int, z: float, at: float, std: float) -> float:
     if kind == 0:
-        return 1.0 - p.seen_on_body
+        return 1.0 - given.SEEN_ON_BODY
     if kind == 2:
-        return p.seen_on_body * p.no_depth
-    var = p.surface_std_m**2 + (std * at * at) ** 2
+        return given.SEEN_ON_BODY * given.NO_DEPTH
+    var = given.SURFACE_STD_M**2 + (std * at * at) ** 2
     normal = math.exp(-0.5 * (z - at) ** 2 / var) / math.sqrt(2 * math.pi * var)
-    return p.seen_on_body * (1 - p.no_depth) * ((1 - p.outliers) * normal + p.outliers / p.range_m)
+    return given.SEEN_ON_BODY * (1 - given.NO_DEPTH) * ((1 - given.OUTLIERS) * normal + given.OUTLIERS / given.RANGE_M)
 
 
 def _of_background(kind: int, near: bool, p: TemplateParams, reach_m: float) -> float:
     if kind == 0:
-        return 1.0 - p.seen_on_background
-    share = p.seen_near_people if near else p.seen_on_background
+        return 1.0 - given.SEEN_ON_BACKGROUND
+    share = p.seen_near_people if near else given.SEEN_ON_BACKGROUND
     if kind == 2:
-        return 0.5 * p.seen_on_background
-    return 0.5 * share / (2 * reach_m if near else p.range_m)
+        return 0.5 * given.SEEN_ON_BACKGROUND
+    return 0.5 * share / (2 * reach_m if near else given.RANGE_M)
 
 
 def lacking(owner: I64, lack: F32, colour: U8, seen: SeenPixels, scale: float) -> F64:

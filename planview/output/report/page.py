@@ -229,16 +229,19 @@ def _camera_rows(info: RunInfo) -> list[Figure]:
     return rows
 
 
-def changed_settings(config: dict[str, JsonValue], base: dict[str, JsonValue] | None = None) -> list[Setting]:
-    """Parameters that differ from others, by default the defaults."""
+def changed_settings(config: dict[str, JsonValue]) -> list[Setting]:
+    """Parameters that differ from the defaults."""
     if not config:
         return []
     from planview.engine.config import Config  # takes 2 s and 80 MB
 
-    before = flat_settings(Config().model_dump(mode="json") if base is None else base)
+    before = flat_settings(Config().model_dump(mode="json"))
     after = flat_settings(config)
-    names = [name for name in {**after, **(before if base is not None else {})} if after.get(name) != before.get(name)]
-    return [(name, figure_text(after.get(name)), figure_text(before.get(name))) for name in names]
+    return [
+        (name, figure_text(value), figure_text(before.get(name)))
+        for name, value in after.items()
+        if value != before.get(name)
+    ]
 
 
 def flat_settings(config: dict[str, JsonValue], prefix: str = "") -> dict[str, JsonValue]:

@@ -120,13 +120,13 @@ def timelines(
     return Timelines(rows, true_rows, _ticks(span.start_s, span.duration_s), more)
 
 
-def held_by(tracks: Trajectories, truth: Trajectories, gate_m: float = 0.5) -> I64:
+def held_by(tracks: Trajectories, truth: Trajectories) -> I64:
     """(N,) id of the confirmed track matched to every row of the truth, UNHELD where there is none."""
     from planview.evaluation.metrics import clear_scores  # brings scipy
     from planview.evaluation.sequence import build_sequence, floor_similarity
 
     claimed = tracks.where((tracks.state == "confirmed") & np.isfinite(tracks.x_m))
-    matches = clear_scores(build_sequence(truth, claimed, floor_similarity(gate_m))).matches
+    matches = clear_scores(build_sequence(truth, claimed, floor_similarity(0.5))).matches
     holder = np.full(len(truth), UNHELD, dtype=np.int64)
     holder[matches[:, 0]] = claimed.track_id[matches[:, 1]]
     return holder

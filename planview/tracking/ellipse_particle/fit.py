@@ -13,16 +13,28 @@ import numpy as np
 
 from calib.types import F32, F64, U8
 from planview.tracking.ellipse_particle import _kernels as kernels
-from planview.tracking.ellipse_particle.params import EllipseFitParams
 from planview.tracking.ellipse_particle.size import Size
 
+SIZE_SPREAD = 0.12
+"""Deviation of the logarithm of an object's length and width from what is expected; at most three are measured. Our
+choice: the height of adults varies by 7 %, a walker's silhouette by about 10 % over a step."""
+BACKGROUND_WEIGHT = 0.4
+"""Cost of covering a background cell, against 1 gained per foreground cell. Our choice: less than 1, because a
+silhouette fills only two thirds of its ellipse and detection leaves holes in people, seldom people in holes."""
+MIN_GAIN = 0.2
+"""Smallest gain that an ellipse must add on its own, as a share of its area. Our choice: a silhouette that fills
+two thirds gains 0.53, so a person hidden by half is measured, and a bag or a shadow of a third of a person is not.
+"""
+CELL_DEVIATION = 0.7
+"""Deviation of a cell's residual, correlation of neighbouring cells included. Our choice: a residual of 0.35 per
+cell (holes, limbs), the same over patches of 2 x 2 cells: 0.35 sqrt(4)."""
 STEPS = 3
 """Steps of expectation-maximisation, which starts within a third of a width, and rounds of Levenberg-Marquardt."""
 SOFT_EDGE = 0.7
 """Width of an ellipse's logistic edge in the refinement [cells]. Our choice: a cell is covered within about two."""
 
 
-def fit_ellipses(mask: F32, size: Size, params: EllipseFitParams) -> F64:
+def fit_ellipses(mask: F32, size: Size) -> F64:
     """Fit one ellipse to each object in a foreground mask; their number is estimated.
 
     Args:
@@ -31,16 +43,15 @@ def fit_ellipses(mask: F32, size: Size, params: EllipseFitParams) -> F64:
     Returns:
         (N, 5) float64: x, y, half length, half width [cells], angle of the length axis from the +row direction [rad].
     """
-    weight, spread = params.background_weight, params.size_spread
-    match = kernels.Match(params.cell_deviation, weight, SOFT_EDGE, spread, size.lean, 3.0)
+    match = kernels.Match(CELL_DEVIATION, BACKGROUND_WEIGHT, SOFT_EDGE, SIZE_SPREAD, size.lean, 3.0)
     # Where directions are not known yet, a circle of the same area.
     round_off = 1.0 if size.upright else math.sqrt(size.aspect)
     half = round_off * size.half_lengths(np.arange(mask.shape[0], dtype=np.float64))
     aspect = size.aspect / round_off**2
     # 1. A greedy cover with ellipses of the expected size proposes objects.
-    score = mask - np.float32(params.background_weight) * (1 - mask)
+    score = mask - np.float32(BACKGROUND_WEIGHT) * (1 - mask)
     stride = max(1, round(0.4 * aspect * float(np.median(half))))
-    ellipses = kernels.cover(score, half, aspect, stride, params.min_gain / 2)
+    ellipses = kernels.cover(score, half, aspect, stride, MIN_GAIN / 2)
     if not len(ellipses):
         return np.asarray(ellipses)
     # 2. Expectation-maximisation of a mixture of ellipses moves them, with a prior on their covariance.
@@ -54,8 +65,8 @@ def fit_ellipses(mask: F32, size: Size, params: EllipseFitParams) -> F64:
     # 4. Who adds least to the others is dropped while that is too little: a split region keeps one.
     n_before = len(ellipses)
     while len(ellipses):
-        gains = own_gains(mask, ellipses, params.background_weight)
-        if gains.min() >= params.min_gain:
+        gains = own_gains(mask, ellipses, BACKGROUND_WEIGHT)
+        if gains.min() >= MIN_GAIN:
             break
         ellipses = np.delete(ellipses, int(np.argmin(gains)), axis=0)
     if 0 < len(ellipses) < n_before:

@@ -13,6 +13,13 @@ from planview.tracking.ellipse_particle.fit import law_of
 from planview.tracking.ellipse_particle.params import ParticleFilterParams
 from planview.tracking.ellipse_particle.size import Size
 
+ACCELERATION_MPS2 = 2.0
+"""Deviation of the acceleration in the constant-velocity model [m/s^2]: walkers stop and turn within a second."""
+SHAPE_SPREAD = 0.08
+"""Stationary deviation of ln length and ln width of an object's ellipse about the expected. Our choice."""
+OVERLAP_DEVIATION = 0.12
+"""Deviation of the area difference in equation (8), as a share of one object's area. Our choice: a measured
+ellipse moved by a fifth of its width."""
 JITTER_M = 0.03
 """Deviation of the position per frame beside the acceleration's [m]: an outline is not a rigid body. Our choice."""
 SHAPE_TIME_S = 1.0
@@ -43,7 +50,7 @@ class ParticleFilter:
         x, y, a, b, angle = ellipse
         half = float(size.half_lengths(y))
         mean = np.array([x, y, *velocity, math.log(a / half), math.log(b / (half * size.aspect)), angle])
-        shape = self._params.shape_spread / 2
+        shape = SHAPE_SPREAD / 2
         deviation = np.array([0.1 * b, 0.1 * b, speed, speed, shape, shape, size.lean / 2])
         self.particles[:, n] = mean + deviation * self._rng.standard_normal((self._params.particles, 7))
 
@@ -59,10 +66,10 @@ class ParticleFilter:
             cells_per_m: (N,) where each object is.
         """
         p, drawn = self.particles, self._rng.standard_normal(self.particles.shape, dtype=np.float32)
-        push = self._params.acceleration_mps2 * cells_per_m[:, None] * dt_s
+        push = ACCELERATION_MPS2 * cells_per_m[:, None] * dt_s
         pull = np.hypot(0.5 * push * dt_s, JITTER_M * cells_per_m[:, None])
         stays = math.exp(-dt_s / SHAPE_TIME_S)
-        spread = np.array([self._params.shape_spread, self._params.shape_spread, size.lean])
+        spread = np.array([SHAPE_SPREAD, SHAPE_SPREAD, size.lean])
         p[..., :VX] += p[..., VX:LN_A] * dt_s + pull * drawn[..., :VX]
         p[..., VX:LN_A] += push * drawn[..., VX:LN_A]
         p[..., LN_A:] = stays * p[..., LN_A:] + math.sqrt(1.0 - stays * stays) * spread * drawn[..., LN_A:]
@@ -87,7 +94,7 @@ class ParticleFilter:
         left, allowed = kernels.row_sums(measured & (1 - others)), kernels.row_sums(measured | others)
         kernels.overlaps(p, left, allowed, law_of(size), out)
         missed = out[:, 0].max() - out[:, 0]
-        log_likelihood = -0.5 * (missed**2 + out[:, 1] ** 2) / (self._params.overlap_deviation * area) ** 2
+        log_likelihood = -0.5 * (missed**2 + out[:, 1] ** 2) / (OVERLAP_DEVIATION * area) ** 2
         weights = np.exp(log_likelihood - log_likelihood.max())
         weights /= weights.sum()
         # The largest likelihood times transition density; alone it is as noisy as the sampling.

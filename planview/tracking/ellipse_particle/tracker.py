@@ -16,13 +16,25 @@ from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import WALKER
 from planview.tracking.base import Decision, Drawing, Observation, TrackerDebug
 from planview.tracking.ellipse_particle._kernels import VX, VY, Y
-from planview.tracking.ellipse_particle.fit import fit_ellipses, painted
+from planview.tracking.ellipse_particle.fit import BACKGROUND_WEIGHT, SIZE_SPREAD, fit_ellipses, painted
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.ellipse_particle.particles import ParticleFilter, ellipses_of
 from planview.tracking.ellipse_particle.size import ASPECT, BREADTH_M, Size, SizeLearner, size_of_camera
 from planview.tracking.lifecycle import Existence, LifeCycle
 from planview.trajectories.state import TrackState
 
+COLUMNS = 320
+"""Columns of foreground that are enough [px]. Our choice; it bounds the time per frame."""
+PERSON_CELLS = 28.0
+"""Cells of the grid, at least a pixel of foreground each, along a person in the middle row. Our choice: legs are a
+cell wide, and an ellipse takes the same time whatever the image."""
+LEARN_S = 60.0
+"""Time over which the size is learned [s]: the first minute of a recording, before it is tracked."""
+MIN_OVERLAP = 0.35
+"""Share of an object's ellipse that measurements must cover to count as measured; a measurement of which objects
+cover less than this share is uncovered. Our choice."""
+REACH_M = 1.5
+"""Farthest a lost object is found again from its prediction [m]. Harville 2002 uses 2 m from the last sight."""
 FLOODED = 0.5
 """Share of foreground above which a frame measures and teaches nothing (a light was switched, the camera moved)."""
 GAMMA_SHAPE = 4.0
@@ -62,7 +74,7 @@ class EllipseParticleTracker:
         self, params: EllipseParticleParams | None = None, camera: GroundCamera | None = None, seed: int = 0
     ) -> None:
         self._params, self._camera, self._seed = params or EllipseParticleParams(), camera, seed
-        self.foreground_columns: int | None = self._params.size.columns
+        self.foreground_columns: int | None = COLUMNS
         self._studied: tuple[Size, float] | None = None
         self.reset()
 
@@ -72,7 +84,7 @@ class EllipseParticleTracker:
         self._filter = ParticleFilter(self._params.filter, np.random.default_rng(self._seed))
         self._objects: list[Tracked] = []
         self._states: F64 = np.zeros((0, 7))
-        self._learner = SizeLearner(math.sqrt(2) * self._params.fit.size_spread)
+        self._learner = SizeLearner(math.sqrt(2) * SIZE_SPREAD)
         self._learned = self._studied
         self._first_s = self._time_s = math.nan
         self._image_size: tuple[int, int] | None = None
@@ -108,7 +120,7 @@ class EllipseParticleTracker:
         if self._given() is not None:
             return
         for observation in observations:
-            if observation.timestamp_s > self._params.size.learn_s:
+            if observation.timestamp_s > LEARN_S:
                 break
             self._foreground(observation)
         self._learn()
@@ -143,7 +155,7 @@ class EllipseParticleTracker:
 
         self._filter.predict(dt_s, size, cells_per_m(size, self._states[:, Y]))
         self._states = np.asarray(self._filter.particles.mean(axis=0))
-        self._measured = np.zeros((0, 5)) if flooded else fit_ellipses(self._mask, size, self._params.fit)
+        self._measured = np.zeros((0, 5)) if flooded else fit_ellipses(self._mask, size)
         measured = painted(self._measured, self._shape)
         self._weigh(np.asarray(measured.any(axis=0), dtype=np.uint8), size)
         self._observe(measured, moving, dt_s, size)
@@ -180,10 +192,10 @@ class EllipseParticleTracker:
         ellipses = ellipses_of(self._states, size)
         older = np.zeros(union.shape, np.bool_)
         for t, ellipse, inside in zip(self._objects, ellipses, painted(ellipses, union.shape) > 0, strict=True):
-            area = max(float(inside.sum()), p.min_overlap * math.pi * ellipse[2] * ellipse[3])
+            area = max(float(inside.sum()), MIN_OVERLAP * math.pi * ellipse[2] * ellipse[3])
             covered, own = float((inside & union).sum()) / area, float((inside & union & ~older).sum()) / area
             older |= inside
-            t.measured, t.own = covered >= p.min_overlap, own >= p.min_overlap
+            t.measured, t.own = covered >= MIN_OVERLAP, own >= MIN_OVERLAP
             if t.own:
                 t.waited_s = max(0.0, t.waited_s - 2 * dt_s)
             else:
@@ -198,7 +210,7 @@ class EllipseParticleTracker:
                 again = f"measurements cover {covered:.2f} of it where it was predicted"
                 self._cycle.observe(t.who, again if t.who.lost else "", covered)
             else:
-                few = f"measurements cover {covered:.2f} < {p.min_overlap:.2f} of it"
+                few = f"measurements cover {covered:.2f} < {MIN_OVERLAP:.2f} of it"
                 self._cycle.miss(t.who, "older objects have what is measured of it" if t.measured else few, covered)
 
     def _enter(self, measured: U8, size: Size) -> None:
@@ -209,12 +221,12 @@ class EllipseParticleTracker:
         p = self._params.existence
         ellipses = ellipses_of(self._states, size)
         known = np.array([t.measured for t in self._objects], np.bool_)
-        left = uncovered(measured, painted(ellipses[known], measured.shape[1:]), p.min_overlap)
+        left = uncovered(measured, painted(ellipses[known], measured.shape[1:]), MIN_OVERLAP)
         per_m = cells_per_m(size, self._measured[:, 1])
         if left.any() and len(self._objects):
             away = np.hypot(*(self._measured[None, :, :2] - self._states[:, None, : Y + 1]).transpose(2, 0, 1)) / per_m
             spread = np.hypot(*self._filter.particles[..., : Y + 1].std(axis=0).T)[:, None] / per_m
-            near = away <= np.minimum(p.reach_m, BREADTH_M + 3.0 * spread)
+            near = away <= np.minimum(REACH_M, BREADTH_M + 3.0 * spread)
             for n, m in sorted(np.argwhere(near).tolist(), key=lambda pair: float(away[tuple(pair)])):
                 t = self._objects[n]
                 if left[m] and not (t.measured and t.own):
@@ -244,7 +256,7 @@ class EllipseParticleTracker:
             gone = float(gammainc(GAMMA_SHAPE, GAMMA_SHAPE * t.waited_s / p.patience_s))
             if not t.who.confirmed:
                 gone = 1.0 / (1.0 + math.exp(min(t.log_odds, 500.0))) if t.waited_s > 0 else 0.0
-            if inside[n] < p.min_overlap:
+            if inside[n] < MIN_OVERLAP:
                 self._cycle.prune(t.who, "it has left the view")
             elif gone > p.probability:
                 self._cycle.prune(t.who, f"unmeasured for {t.waited_s:.1f} s, left with probability {gone:.2f}", gone)
@@ -298,7 +310,7 @@ class EllipseParticleTracker:
 
     def _foreground(self, observation: Observation) -> U8 | None:
         """(h, w) uint8 foreground of a frame; what looks like a shadow speaks neither for nor against a person."""
-        given, weight = observation.foreground, self._params.fit.background_weight
+        given, weight = observation.foreground, BACKGROUND_WEIGHT
         if given is None:
             return None
         if given.ndim != 2 or given.dtype != np.uint8:
@@ -330,7 +342,7 @@ class EllipseParticleTracker:
         """Rows and columns of the grid on which a person in the middle row is so many cells long as asked for."""
         assert self._image_size is not None
         height, width = self._image_size
-        cell_px = 2.0 * float(size.half_lengths(np.array(height / 2))) / self._params.size.cells
+        cell_px = 2.0 * float(size.half_lengths(np.array(height / 2))) / PERSON_CELLS
         n_cols = max(8, min(foreground.shape[1], round(width / cell_px)))
         return max(1, round(height * n_cols / width)), n_cols
 

@@ -15,6 +15,8 @@ from planview.tracking.template._kernels import lacking
 from planview.tracking.template.explanation import Explanation, Owned, People
 from planview.tracking.template.person import Person, side_by_side
 
+EVIDENCE_MAX = 6.0
+"""Largest evidence of one look for or against a person, as a log-odds."""
 CELL_M = 0.05
 BODY_CELLS = 9
 """Side of the box that is summed: a body's breadth [cells]."""
@@ -111,7 +113,7 @@ def _tried(frame: Explanation, people: People, points: F64, now_s: float) -> Per
     kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), noise, 1.0)
     person = Person(0, kalman, float(pose[2]), BORN_LOG_ODDS, now_s)
     person.height_var = 1.0 / (1.0 / person.height_var + up)
-    person.log_odds += min(worth, p.evidence_max) * 0.25
+    person.log_odds += min(worth, EVIDENCE_MAX) * 0.25
     person.born_s, person.born_m, person.origin_m = now_s, person.at_m, person.at_m
     person.evidence, person.share = worth, mine / max(total, 1e-6)
     if all(v.colour is not None for v in frame.views):

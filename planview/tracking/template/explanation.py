@@ -16,6 +16,20 @@ from planview.tracking.kalman import PositionNoise
 from planview.tracking.template import _kernels as kernels
 from planview.tracking.template.params import TemplateParams
 
+OUTLIERS = 0.08
+"""Share of a body's disparities that are wrong."""
+SEEN_ON_BODY = 0.93
+"""pF, share of a body's pixels that are foreground."""
+SEEN_ON_BACKGROUND = 0.03
+"""pB, share of the background's pixels that are foreground."""
+NO_DEPTH = 0.15
+"""Share of a body's foreground without disparity."""
+RANGE_M = 6.0
+"""Depth over which wrong disparities spread [m]."""
+UNKNOWN = 0.02
+"""kappa, share of the pixels before which something unknown stands."""
+SURFACE_STD_M = 0.10
+"""Deviation of a body's surface from its template [m]."""
 STEPS_M = np.array([0.12, 0.05])
 """Steps of the ascent: a walker's error of prediction, and half a patch [m]."""
 PLACE_STD_MIN_M = 0.02
@@ -28,14 +42,14 @@ GAP_PX = 6
 def beliefs_of(p: TemplateParams, table: body.BodyTable) -> Sequence[kernels.Beliefs]:
     """The parameters as kernels take them: an array of one record, which costs a call less than a tuple."""
     beliefs = kernels.Beliefs(
-        outliers=p.outliers,
-        body=p.seen_on_body,
-        background=p.seen_on_background,
+        outliers=OUTLIERS,
+        body=SEEN_ON_BODY,
+        background=SEEN_ON_BACKGROUND,
         near_people=p.seen_near_people,
-        no_depth=p.no_depth,
-        range_m=p.range_m,
-        unknown=p.unknown,
-        surface_var=p.surface_std_m**2,
+        no_depth=NO_DEPTH,
+        range_m=RANGE_M,
+        unknown=UNKNOWN,
+        surface_var=SURFACE_STD_M**2,
         colour=p.colour_weight,
         body_m=body.TORSO.height_m,
         reach_m=body.REACH_M,

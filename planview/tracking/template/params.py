@@ -12,44 +12,20 @@ class TemplateParams(Params):
 
     disparity_std_px: float = Field(0.35, gt=0, le=5)
     """Deviation of a disparity on a body [px of the matched image]: matching noise and its bias to whole pixels."""
-    outliers: float = Field(0.08, ge=0.001, le=0.5)
-    """Share of a body's disparities that are wrong."""
-    seen_on_body: float = Field(0.93, gt=0.5, lt=1)
-    """pF, share of a body's pixels that are foreground."""
-    seen_on_background: float = Field(0.03, gt=0, lt=0.5)
-    """pB, share of the background's pixels that are foreground."""
     seen_near_people: float = Field(0.3, gt=0, lt=1)
     """The same within an arm's reach of a person: arms and what is carried."""
-    no_depth: float = Field(0.15, gt=0, lt=1)
-    """Share of a body's foreground without disparity."""
-    range_m: float = Field(6.0, gt=0.5, le=100)
-    """Depth over which wrong disparities spread [m]."""
-    unknown: float = Field(0.02, gt=0, lt=0.5)
-    """kappa, share of the pixels before which something unknown stands."""
     patch_m: float = Field(0.10, gt=0.01, le=1)
     """Errors of pixels nearer than this are one error [m]; one look per patch (Harville's unit of occupancy)."""
-    surface_std_m: float = Field(0.10, gt=0.01, le=0.5)
-    """Deviation of a body's surface from its template [m]."""
-    acceleration_mps2: float = Field(2.0, gt=0, le=20)
-    """Deviation of a walker's acceleration [m/s^2]."""
-    slow_down_s: float = Field(0.7, gt=0, le=60)
-    """Time in which an unseen person's speed decays [s]."""
-    height_change_mps: float = Field(0.6, gt=0.001, le=5)
-    """Speed of a head that goes up and down: sitting down, bending [m/s]."""
     low_share: float = Field(0.1, gt=0, lt=1)
     """Share of people who sit, bend, or are children."""
     floor_m2: float = Field(20.0, gt=0.1, le=10000)
     """Area of the floor over which strangers may appear [m^2]."""
     errors_s: float = Field(0.25, gt=0, le=10)
     """tau, time for which errors of the foreground stay the same [s]."""
-    evidence_max: float = Field(6.0, gt=0.5, le=50)
-    """Largest evidence of one look for or against a person, as a log-odds."""
     birth_evidence: float = Field(8.0, gt=0, le=100)
     """Log-odds of a newcomer against nothing at which it is followed: the logarithm of 1 / prior density."""
     stay_s: float = Field(50.0, gt=0.1, le=3600)
     """Mean time that an unseen person stays inside the view [s]."""
-    leave_s: float = Field(0.7, gt=0.01, le=60)
-    """Mean time that a person beyond the border stays unknown and near [s]."""
     report: float = Field(0.9, gt=0.5, lt=1)
     """Probability of existence from which a person is confirmed."""
     visible_min: float = Field(0.08, gt=0, lt=1)

@@ -10,7 +10,7 @@ import numpy as np
 from calib.types import F64, I64
 from planview.tracking import body
 from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug
-from planview.tracking.template.births import Births
+from planview.tracking.template.births import EVIDENCE_MAX, Births
 from planview.tracking.template.drawing import draw
 from planview.tracking.template.explanation import STEPS_M, Explanation, Owned, People, Samples
 from planview.tracking.template.identity import Exchanges, continued
@@ -18,6 +18,14 @@ from planview.tracking.template.params import TemplateParams
 from planview.tracking.template.person import Person, colour_ratios, side_by_side
 from planview.trajectories.state import State, TrackState
 
+ACCELERATION_MPS2 = 2.0
+"""Deviation of a walker's acceleration [m/s^2]."""
+SLOW_DOWN_S = 0.7
+"""Time in which an unseen person's speed decays [s]."""
+HEIGHT_CHANGE_MPS = 0.6
+"""Speed of a head that goes up and down: sitting down, bending [m/s]."""
+LEAVE_S = 0.7
+"""Mean time that a person beyond the border stays unknown and near [s]."""
 LOG_ODDS_MAX = 8.0
 """Existence is never surer than this."""
 KNOWN_ODDS = 3.0
@@ -85,9 +93,9 @@ class TemplateTracker:
     def _predict(self, q: Person, dt: float) -> None:
         p = self.params
         if q.share < 2 * p.visible_min:
-            q.kalman = q.kalman.slowed(dt, p.slow_down_s)
-        q.kalman = q.kalman.predicted(dt, p.acceleration_mps2)
-        q.height_var += p.height_change_mps**2 * dt * min(dt, p.errors_s)
+            q.kalman = q.kalman.slowed(dt, SLOW_DOWN_S)
+        q.kalman = q.kalman.predicted(dt, ACCELERATION_MPS2)
+        q.height_var += HEIGHT_CHANGE_MPS**2 * dt * min(dt, p.errors_s)
 
     def _coloured(self, frame: Explanation) -> bool:
         return self.params.colour_weight > 0 and all(v.colour is not None for v in frame.views)
@@ -174,10 +182,10 @@ class TemplateTracker:
         """
         p, looks = self.params, min(1.0, dt / self.params.errors_s)
         if q.share < p.visible_min:
-            away_s = p.leave_s if q.inside < INSIDE else p.stay_s
+            away_s = LEAVE_S if q.inside < INSIDE else p.stay_s
             stays = q.existence * math.exp(-dt / away_s)
             q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
-        q.log_odds += looks * max(-p.evidence_max, min(p.evidence_max, q.evidence))
+        q.log_odds += looks * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, q.evidence))
         q.log_odds = max(-LOG_ODDS_MAX, min(LOG_ODDS_MAX, q.log_odds))
         if q.share < p.visible_min:
             return
@@ -186,7 +194,7 @@ class TemplateTracker:
         q.walked_m += farther
         if alone:
             step_m = math.sqrt(body.TORSO.torso_radius_m**2 + q.kalman.c_xx + q.kalman.c_yy)
-            q.moved = min(q.moved + farther / step_m, p.evidence_max)
+            q.moved = min(q.moved + farther / step_m, EVIDENCE_MAX)
 
     # -- who is who, who comes, who goes ----------------------------------------------------------------------------
     def _learn(self, frame: Explanation, owned: Sequence[Owned], dt: float) -> None:
@@ -208,7 +216,7 @@ class TemplateTracker:
         p = self.params
         keep = []
         for q in self._people:
-            beyond = q.inside < 0.15 and q.share < p.visible_min and self._now_s - q.seen_s > p.leave_s
+            beyond = q.inside < 0.15 and q.share < p.visible_min and self._now_s - q.seen_s > LEAVE_S
             if q.existence >= 0.05 and not beyond:
                 keep.append(q)
                 continue

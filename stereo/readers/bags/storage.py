@@ -36,13 +36,11 @@ class Topic:
 
     Attributes:
         name: e.g. "/stereo/left/image_raw".
-        schema: type of the messages, as the bag has it.
         kind: what they are to a recording.
         count: number of messages.
     """
 
     name: str
-    schema: str
     kind: Kind
     count: int
 
@@ -149,7 +147,7 @@ class RosBag:
                 _refuse_expanding(path)
             with self._reader(path) as reader:
                 self.topics = sorted_topics(
-                    [Topic(c.topic, c.msgtype, kind_of(c.msgtype), c.msgcount) for c in reader.connections]
+                    [Topic(c.topic, kind_of(c.msgtype), c.msgcount) for c in reader.connections]
                 )
             for file in sorted(path.glob("*.mcap")):  # the parts of a folder
                 with file.open("rb") as content:
@@ -275,7 +273,7 @@ class McapFile:
                 counts = summary.statistics.channel_message_counts
                 schemas = {0: "", **{key: schema.name for key, schema in summary.schemas.items()}}
                 named = [(c.topic, schemas[c.schema_id], counts.get(c.id, 0)) for c in summary.channels.values()]
-                self.topics = sorted_topics([Topic(name, of, kind_of(of), count) for name, of, count in named])
+                self.topics = sorted_topics([Topic(name, kind_of(of), count) for name, of, count in named])
         except Exception as error:  # libraries raise whatever a damaged file provokes
             raise InputError(
                 f"{path}: expected an MCAP file, found one that is damaged or was cut off ({error_text(error)}): "

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from rich.console import Console
-from toy_stereo import ToyWorld, toy_rig
+from toy_stereo import toy_rig
 
 from benchmarks.__main__ import main_benchmarks as main
 from benchmarks.ablation import (
@@ -25,19 +25,17 @@ from benchmarks.ablation import (
     print_ablation,
 )
 from benchmarks.calibration import Row, alignment_error
-from benchmarks.correction import head_error_m
 from benchmarks.foreground import pixel_counts
 from benchmarks.one_statistic import NOMINAL_HEIGHT_M, reduced
 from benchmarks.speed import LIMITS, Clip, Speed, Yardstick, counted, one_core, print_speed, walking_people
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.pose import SE3
-from calib.rig import Floor, world_from_plane
+from calib.rig import world_from_plane
 from calib.world import RigEntry
 from planview.engine.config import Config, load_config
 from planview.maps.builder import CameraViewpoint, FloorPoints, PlanViewMaps
 from planview.maps.grid import Grid
-from stereo.rectify import Rectifier
 
 
 def test_missing_recordings_and_too_few_frames_are_refused(tmp_path, capsys):
@@ -101,14 +99,6 @@ def test_counts_leave_out_pixels_of_moving_things():
     owner = np.array([[0, 0, 0, 0], [1, 1, 2, -1]], np.int32)
     found = np.array([[True, False, False, False], [True, False, True, True]])
     assert pixel_counts(found, owner).tolist() == [1, 3, 1, 4]
-
-
-def test_heads_are_where_they_are_by_the_true_rig_and_off_by_another() -> None:
-    true, floor = toy_rig(), Floor(ToyWorld().world_SE3_left)
-    assert head_error_m(true, floor, Rectifier(true), floor) == pytest.approx(0.0, abs=1e-9)
-    longer = toy_rig(baseline_m=0.132)  # a tenth more of baseline puts all a tenth farther away
-    assert 0.1 < head_error_m(true, floor, Rectifier(longer), floor) < 0.6
-    assert np.isfinite(head_error_m(true, floor, Rectifier(toy_rig(rotation_deg=(0.0, 0.0, 0.3))), floor))
 
 
 @pytest.fixture

@@ -111,7 +111,7 @@ class Listed:
     path = Path("bag")
 
     def __init__(self, *names: str) -> None:
-        self.topics = tuple(Topic(name, "", "info" if "info" in name else "image", 5) for name in names)
+        self.topics = tuple(Topic(name, "info" if "info" in name else "image", 5) for name in names)
 
 
 COLOUR_AND_DEPTH = ("/camera/color/image_raw", "/camera/depth/image_rect_raw")

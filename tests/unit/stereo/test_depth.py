@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from reference import windows as reference
 
-from calib.floor.plane import FloorParams, Plane
+from calib.floor.plane import Plane
 from stereo._kernels import split
-from stereo.depth import DepthFromDisparity, DepthParams, RectifiedGeometry, back_project, median_image
+from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, median_image
 from stereo.floor import align_plane
 from stereo.gating import TILE, Gate, MatchingParams, Window
 
@@ -23,7 +23,7 @@ def test_depth_is_focal_times_baseline_over_disparity_and_back():
 
 def test_depth_is_nan_without_disparity_and_its_deviation_grows_with_its_square():
     disparity = np.array([[np.nan, 0.0, -1.0, 3.9, 4.1]], np.float32)
-    depth = DepthFromDisparity(GEOMETRY, DepthParams(depth_max_m=10.0))(disparity)
+    depth = DepthFromDisparity(GEOMETRY, depth_max_m=10.0)(disparity)
     assert np.isnan(depth[0, :4]).all() and depth[0, 4] == pytest.approx(40 / 4.1)
     # d z = z^2 / (f b) d d: 4 / 40 * 0.25 and 16 / 40 * 0.25.
     np.testing.assert_allclose(GEOMETRY.depth_std_m(np.array([2.0, 4.0], np.float32)), [0.025, 0.1], rtol=1e-6)
@@ -80,7 +80,7 @@ def seen(true: Plane, contrast: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 def test_a_plane_is_aligned_to_a_tenth_of_a_degree_and_knows_it() -> None:
     true, guess = plane(60.0, 1.0, 2.5), plane(60.7, 0.7, 2.54)
-    aligned = align_plane(guess, *seen(true, 200.0), FLOOR_GEOMETRY, FloorParams())
+    aligned = align_plane(guess, *seen(true, 200.0), FLOOR_GEOMETRY)
     assert aligned.distance_m == pytest.approx(2.5, abs=0.01)
     assert np.degrees([aligned.tilt_rad, aligned.roll_rad]) == pytest.approx([60.0, 1.0], abs=0.1)
     assert 0 < np.sqrt(np.trace(aligned.covariance)) < 0.01
@@ -88,11 +88,11 @@ def test_a_plane_is_aligned_to_a_tenth_of_a_degree_and_knows_it() -> None:
 
 def test_without_texture_the_guess_stays_and_what_stands_on_the_plane_does_not_take_part():
     true, guess = plane(60.0, 1.0, 2.5), plane(60.7, 0.7, 2.54)
-    assert align_plane(guess, *seen(true, 0.0), FLOOR_GEOMETRY, FloorParams()) is guess
+    assert align_plane(guess, *seen(true, 0.0), FLOOR_GEOMETRY) is guess
     true, guess = plane(60.0, 1.0, 2.5), plane(60.3, 0.8, 2.52)
     left, right, depth = seen(true, 200.0)
     left[100:160, 140:200], depth[100:160, 140:200] = left[40:100, 140:200], 1.5
-    aligned = align_plane(guess, left, right, depth, FLOOR_GEOMETRY, FloorParams())
+    aligned = align_plane(guess, left, right, depth, FLOOR_GEOMETRY)
     assert np.degrees([aligned.tilt_rad, aligned.roll_rad]) == pytest.approx([60.0, 1.0], abs=0.1)
 
 

@@ -16,7 +16,7 @@ from stereo.gating import Window
 from stereo.readers.multi_rig import MultiRigRecording, RigRecording
 from stereo.recording import Skipped, StereoFrame, StereoRecording
 from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier, fold_radius, ideal_pinhole, source_pixels
-from stereo.rig_correction import MatchParams, match_corners
+from stereo.rig_correction import match_corners
 
 TURN = (0.5, -0.6, 0.8)
 BROWN = (-0.2, 0.05, 0.001, -0.001, 0.0)
@@ -26,7 +26,7 @@ RATIONAL = (-9.2, 65.3, -5e-05, 0.0005, -87.7, -9.29, 65.5, -87.8)
 def row_offsets(rig: StereoRig) -> np.ndarray:
     left, right = ToyWorld().pair(rig, walking(10))
     pair = Rectifier(rig)(left, right)
-    return match_corners(pair.left_grey, pair.right_grey, 45.0, MatchParams())[:, 3]
+    return match_corners(pair.left_grey, pair.right_grey, 45.0)[:, 3]
 
 
 def test_rectifying_an_ideal_pair_changes_neither_its_images_nor_its_geometry():

@@ -5,7 +5,7 @@ from toy_stereo import ToyWorld, toy_rig
 from calib.pose import SE3
 from calib.rig import StereoRig
 from stereo.depth import RectifiedGeometry
-from stereo.rig_correction import MatchParams, RigCorrection, fit_correction, match_corners, measure_correction
+from stereo.rig_correction import RigCorrection, fit_correction, match_corners, measure_correction
 
 GEOMETRY = RectifiedGeometry(640, 480, 500.0, 500.0, 319.5, 239.5, 0.12)
 
@@ -90,7 +90,7 @@ def test_sentence_names_what_was_corrected_and_what_was_kept() -> None:
 def test_matches_of_a_shifted_image_show_the_shift() -> None:
     left, _ = ToyWorld().pair(toy_rig())
     right = np.roll(left, (3, -20), axis=(0, 1))
-    matches = match_corners(left, right, 40.0, MatchParams())
+    matches = match_corners(left, right, 40.0)
     assert len(matches) > 60 and np.median(matches[:, 3]) == pytest.approx(3.0, abs=0.02)
     assert np.median(matches[:, 0] - matches[:, 2]) == pytest.approx(20.0, abs=0.02)
 

@@ -17,7 +17,6 @@ from planview.evaluation.significant import (
     PersonHistory,
     PredictionHistory,
     SignificantError,
-    SignificantParams,
     TrackHistory,
     grouped_events,
     poisson_upper,
@@ -226,7 +225,7 @@ def person(truth_id: int, *parts: tuple[int, int], start: int = 0) -> PersonHist
 
 
 def found(people: list[PersonHistory], tracks: list[TrackHistory] | None = None) -> list[SignificantError]:
-    return significant_errors(people, tracks or [], FRAME_S, SignificantParams())
+    return significant_errors(people, tracks or [], FRAME_S)
 
 
 def kinds(people: list[PersonHistory], tracks: list[TrackHistory] | None = None) -> list[tuple[str, int]]:
@@ -305,11 +304,10 @@ def test_note_of_an_error_says_what_happened(parts, expected):
 
 
 def test_strict_count_takes_a_new_id_after_coming_back_and_both_sides_of_a_swap() -> None:
-    params = SignificantParams()
     back = PersonHistory(1, np.concatenate([np.arange(30), 200 + np.arange(30)]), np.repeat([5, 6], 30))
     swap = [person(1, (5, 30), (6, 30)), person(2, (6, 31), (5, 29))]
     flicker = person(1, (5, 30), (6, 4), (5, 30))
-    assert [strict_identity_changes(p, FRAME_S, params) for p in ([back], swap, [flicker])] == [1, 2, 0]
+    assert [strict_identity_changes(p, FRAME_S) for p in ([back], swap, [flicker])] == [1, 2, 0]
 
 
 def test_track_on_no_person_for_a_second_is_false_once_and_for_less_no_error():
@@ -335,7 +333,7 @@ def predicted(n: int, off: slice, track_id: int = 5) -> PredictionHistory:
 
 
 def of_predictions(*predictions: PredictionHistory, tracks: list[TrackHistory] | None = None) -> list[SignificantError]:
-    return significant_errors([], tracks or [], FRAME_S, SignificantParams(), predictions)
+    return significant_errors([], tracks or [], FRAME_S, predictions)
 
 
 def test_prediction_off_its_person_for_over_a_second_is_a_false_track_and_now_and_then_no_error():
@@ -374,7 +372,7 @@ def test_upper_bound_of_a_poisson_count() -> None:
 
 def test_visits_split_at_long_gaps_only_and_runs_are_stretches():
     frames = np.array([0, 1, 41, 42, 83])
-    parts = split_visits(PersonHistory(1, frames, np.ones(5, dtype=np.int64)), FRAME_S, 4.0)
+    parts = split_visits(PersonHistory(1, frames, np.ones(5, dtype=np.int64)), FRAME_S)
     assert [part.frame.tolist() for part in parts] == [[0, 1, 41, 42], [83]]
     assert runs(np.array([True, False, True, True])) == [(0, 1), (2, 4)]
     assert runs(np.zeros(0, dtype=bool)) == []

@@ -12,7 +12,7 @@ from planview.engine.config import SingleCameraParams
 from planview.engine.one_camera import OneCamera
 from planview.foreground import _gain_kernels as kernels
 from planview.foreground.blobs import find_blobs
-from planview.foreground.ghosts import GhostParams, find_ghosts, find_still, find_uncovered
+from planview.foreground.ghosts import find_ghosts, find_still, find_uncovered
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, ForegroundParams
 from stereo.recording import VideoFrame
@@ -448,25 +448,25 @@ BESIDE = slice(20, 45), slice(55, 65)
     ids=["outline in the background", "outline in the image", "ghost beside a person", "no blob", "nothing else"],
 )
 def test_blob_with_its_outline_in_the_background_is_a_ghost(image, background, mask, expected):
-    np.testing.assert_array_equal(find_ghosts(image, background, find_blobs(mask), NOTHING, GhostParams()), expected)
+    np.testing.assert_array_equal(find_ghosts(image, background, find_blobs(mask), NOTHING), expected)
 
 
 def test_ghost_with_a_walker_in_front_waits_until_the_walker_has_passed():
     walker = slice(20, 45), slice(40, 50)
     image, mask = scene(walker), mask_of(BODY, walker)
-    assert not find_ghosts(image, scene(BODY), find_blobs(mask), mask_of(walker), GhostParams()).any()
+    assert not find_ghosts(image, scene(BODY), find_blobs(mask), mask_of(walker)).any()
 
 
 def test_place_that_a_person_leaves_is_told_from_the_person_and_another_in_the_blob_is_not_uncovered():
     person = slice(20, 45), slice(38, 48)  # two columns overlap BODY
-    uncovered = find_uncovered(scene(person), scene(BODY), mask_of(BODY, person), GhostParams())
+    uncovered = find_uncovered(scene(person), scene(BODY), mask_of(BODY, person))
     assert uncovered[25:40, 31:36].all() and not uncovered[:, 39:].any()
-    assert not find_uncovered(scene(BODY), scene(), mask_of(BODY), GhostParams()).any()
-    assert not find_uncovered(scene(), scene(BODY), FULL, GhostParams()).any()
+    assert not find_uncovered(scene(BODY), scene(), mask_of(BODY)).any()
+    assert not find_uncovered(scene(), scene(BODY), FULL).any()
 
 
 def test_still_blobs_are_those_in_which_nothing_has_moved():
-    still = find_still(find_blobs(mask_of(BODY, BESIDE)), mask_of(BESIDE), GhostParams())
+    still = find_still(find_blobs(mask_of(BODY, BESIDE)), mask_of(BESIDE))
     np.testing.assert_array_equal(still, mask_of(BODY))
 
 

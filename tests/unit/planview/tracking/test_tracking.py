@@ -9,12 +9,10 @@ import pytest
 
 from calib.errors import InputError
 from calib.types import F64
-from planview.tracking.appearance_model import Appearance
 from planview.tracking.base import Observation
 from planview.tracking.detections import DetectionParams, DetectionTracker
-from planview.tracking.identity import IdentityLayer, IdentityParams
 from planview.tracking.kalman import FloorKalman, PositionNoise
-from planview.tracking.lifecycle import Existence, LifeCycle
+from planview.tracking.lifecycle import LifeCycle
 from planview.trajectories.detections import Detections, load_detections
 from planview.trajectories.state import TrackState
 from tests.human_model_world import CAMERA
@@ -69,115 +67,6 @@ def test_the_place_that_a_search_found_is_that_of_the_posterior() -> None:
     assert found == pytest.approx(measured)
     fast = kalman.found_at(9.0, 2.0, noise, 0.5)
     assert np.hypot(fast.vx_mps, fast.vy_mps) == pytest.approx(0.5)
-
-
-RED = Appearance(np.array([[1.0, 0.0, 0.0]], np.float32), 1.70)
-BLUE = Appearance(np.array([[0.0, 0.0, 1.0]], np.float32), 1.70)
-GREY = Appearance(np.zeros((1, 3), np.float32), 1.70)
-
-
-def two_people(first: Appearance, second: Appearance, params: IdentityParams | None = None):
-    """A layer that knows two people, who are in contact at 1 s."""
-    layer = IdentityLayer(params or IdentityParams())
-    one, two = Existence(1, 0.0, 1.0, True), Existence(2, 0.0, 1.0, True)
-    for _ in range(10):
-        layer.learn(one, first)
-        layer.learn(two, second)
-    layer.contact(one, two, 1.0)
-    return layer, one, two
-
-
-def measure(layer: IdentityLayer, *looks: tuple[Existence, Appearance]) -> None:
-    for _ in range(5):
-        for who, appearance in looks:
-            layer.learn(who, appearance)
-
-
-TALL = Appearance(GREY.colours, 1.95)
-LATE_S = 1.0 + IdentityParams().doubt_s + 0.1
-
-
-@pytest.mark.parametrize(
-    ("known", "seen", "at_s", "exchanged"),
-    [
-        ((RED, BLUE), (BLUE, RED), 2.0, True),
-        ((RED, BLUE), (RED, BLUE), 2.0, False),
-        ((RED, RED), (RED, RED), 2.0, False),
-        ((RED, BLUE), (BLUE,), 2.0, True),
-        ((GREY, TALL), (TALL, GREY), 2.0, True),
-        ((RED, BLUE), (BLUE, RED), LATE_S, False),
-    ],
-    ids=["exchanged", "stayed", "same clothes", "one series is enough", "height without colour", "too old a contact"],
-)
-def test_two_people_who_took_each_others_place_are_exchanged(known, seen, at_s, exchanged):
-    layer, one, two = two_people(*known)
-    measure(layer, *zip((one, two), seen, strict=False))
-    found = layer.exchanges([one, two], at_s)
-    assert [(e.places, e.identities) for e in found] == [((one, two), (two, one))] * exchanged
-    assert all(e.confidence > 0.95 for e in found)
-    assert exchanged or known == (RED, RED) or not layer.in_doubt(one)
-    off, one, two = two_people(*known, IdentityParams(enabled=False))
-    measure(off, *zip((one, two), seen, strict=False))
-    assert off.exchanges([one, two], at_s) == []
-
-
-def test_a_contact_stays_in_doubt_until_everybody_has_been_measured() -> None:
-    layer, one, two = two_people(RED, BLUE)
-    measure(layer, (one, RED))
-    assert layer.exchanges([one, two], 2.0) == [] and layer.in_doubt(one) and layer.in_doubt(two)
-
-
-def test_a_newcomer_who_looks_like_an_absent_person_is_known() -> None:
-    layer, one, two = two_people(RED, BLUE)
-    newcomer = Existence(3, 5.0, 5.0)
-    measure(layer, (newcomer, BLUE))
-    assert layer.known_as(newcomer, [one, two]) == (two, pytest.approx(0.99, abs=0.01))
-    assert layer.known_as(newcomer, [one]) is None
-
-
-def test_a_track_on_another_person_takes_the_identity_of_the_one_that_was_lost() -> None:
-    layer, one, two = two_people(RED, BLUE)
-    two.observed = False
-    measure(layer, (one, BLUE))
-    (exchange,) = layer.exchanges([one, two], 2.0)
-    assert exchange.places == (one, two) and exchange.identities == (two, one)
-
-
-def test_three_people_who_moved_round_are_put_back_jointly() -> None:
-    looks = [Appearance(row[None].astype(np.float32)) for row in np.eye(3)]
-    layer = IdentityLayer(IdentityParams())
-    people = [Existence(i + 1, 0.0, 1.0, True) for i in range(3)]
-    for who, look in zip(people, looks, strict=True):
-        measure(layer, (who, look))
-    layer.contact(people[0], people[1], 1.0)
-    layer.contact(people[1], people[2], 1.0)
-    measure(layer, *zip(people, [looks[1], looks[2], looks[0]], strict=True))
-    (exchange,) = layer.exchanges(people, 2.0)
-    assert exchange.identities == (people[1], people[2], people[0])
-
-
-def test_only_people_who_are_tracked_stay_remembered() -> None:
-    layer, one, two = two_people(RED, BLUE)
-    layer.retain([one])
-    assert layer.remembered(one) is not None and layer.remembered(two) is None
-
-
-def test_unlikelihood_tells_the_same_person_from_another() -> None:
-    layer, one, _ = two_people(RED, BLUE)
-    assert layer.unlikelihood(one, RED) == pytest.approx(0.0, abs=1e-6)
-    # Nothing in common: a Hellinger distance of 1, in deviations of 0.12.
-    assert layer.unlikelihood(one, BLUE) == pytest.approx(1 / (2 * 0.12**2))
-
-
-def test_reassigned_identities_move_with_their_times_and_are_logged() -> None:
-    life = LifeCycle()
-    life.begin(0.0)
-    one, two = life.spawn("a"), life.spawn("b")
-    life.begin(3.0)
-    life.confirm(two, "tracked")
-    life.reassign([one, two], [two, one], 0.99)
-    assert (one.track_id, two.track_id) == (2, 1) and one.confirmed and not two.confirmed
-    assert [d.kind for d in life.decisions] == ["confirmed", "identity", "identity"]
 
 
 def test_life_cycle_tells_states_and_reasons() -> None:

@@ -12,14 +12,13 @@ from calib.ground_camera import GroundCamera
 from planview.tracking.ellipse_particle import _kernels as kernels
 from planview.tracking.ellipse_particle._kernels import ANGLE, LN_A, VX, Law, Match, X, Y
 from planview.tracking.ellipse_particle.fit import fit_ellipses, own_gains, painted
-from planview.tracking.ellipse_particle.params import EllipseFitParams, ParticleFilterParams
+from planview.tracking.ellipse_particle.params import ParticleFilterParams
 from planview.tracking.ellipse_particle.particles import ParticleFilter, ellipses_of
 from planview.tracking.ellipse_particle.size import Size, SizeLearner, log_density, size_of_camera
 from tests.reference import ellipses as reference
 
 FIT_SHAPE = (80, 120)
 FIT_SIZE = Size(12.0, 0.0, 1.0, 0.4)
-PARAMS = EllipseFitParams()
 
 
 def mask_of(*ellipses: tuple[float, ...]) -> np.ndarray:
@@ -32,7 +31,7 @@ def mask_of(*ellipses: tuple[float, ...]) -> np.ndarray:
     ids=["upright", "across, from above"],
 )
 def test_fit_finds_one_ellipse_where_it_was_painted(ellipse, size, within):
-    found = fit_ellipses(mask_of(ellipse), size, PARAMS)
+    found = fit_ellipses(mask_of(ellipse), size)
     assert len(found) == 1
     np.testing.assert_allclose(found[0], ellipse, atol=within)
 
@@ -40,13 +39,13 @@ def test_fit_finds_one_ellipse_where_it_was_painted(ellipse, size, within):
 def test_fit_keeps_one_ellipse_for_a_split_region():
     mask = mask_of((40.0, 35, 12, 4.8, 0.0))
     mask[33:37] = 0  # a pole crosses the person
-    found = fit_ellipses(mask, FIT_SIZE, PARAMS)
+    found = fit_ellipses(mask, FIT_SIZE)
     assert len(found) == 1
     np.testing.assert_allclose(found[0, :2], [40, 35], atol=1.0)
 
 
 def test_fit_explains_a_merged_region_by_two_ellipses():
-    found = fit_ellipses(mask_of((40.0, 35, 12, 4.8, 0.0), (46, 38, 12, 4.8, 0.0)), FIT_SIZE, PARAMS)
+    found = fit_ellipses(mask_of((40.0, 35, 12, 4.8, 0.0), (46, 38, 12, 4.8, 0.0)), FIT_SIZE)
     assert len(found) == 2
     np.testing.assert_allclose(np.sort(found[:, 0]), [40, 46], atol=1.5)
 
@@ -54,18 +53,18 @@ def test_fit_explains_a_merged_region_by_two_ellipses():
 def test_fit_keeps_the_full_size_of_an_object_whose_legs_are_hidden():
     mask = mask_of((40.0, 35, 12, 4.8, 0.0))
     mask[40:] = 0
-    found = fit_ellipses(mask, FIT_SIZE, PARAMS)
+    found = fit_ellipses(mask, FIT_SIZE)
     assert len(found) == 1 and found[0, 2] == pytest.approx(12, rel=0.2)
 
 
 def test_fit_ignores_specks_suitcases_and_empty_masks():
     for mask in (np.zeros(FIT_SHAPE, np.float32), mask_of((40.0, 35, 3, 2, 0.0)), mask_of((40.0, 43, 5, 3, 0.0))):
-        assert len(fit_ellipses(mask, FIT_SIZE, PARAMS)) == 0
+        assert len(fit_ellipses(mask, FIT_SIZE)) == 0
 
 
 def test_fit_follows_the_size_that_is_expected_in_a_row():
     size = Size(5.0, 0.2, 1.0, 0.4)  # half length 8 in row 15, 17 in row 60
-    found = fit_ellipses(mask_of((30.0, 15, 8, 3.2, 0.0), (80, 60, 17, 6.8, 0.0)), size, PARAMS)
+    found = fit_ellipses(mask_of((30.0, 15, 8, 3.2, 0.0), (80, 60, 17, 6.8, 0.0)), size)
     np.testing.assert_allclose(found[np.argsort(found[:, 1]), 2], [8, 17], rtol=0.1)
 
 
@@ -86,7 +85,7 @@ def test_gain_is_the_share_of_foreground_less_background_outside_the_others():
     st.booleans(),
 )
 def test_fit_of_any_mask_is_finite(mask, level, slope, aspect, upright):
-    found = fit_ellipses(mask, Size(level, slope, 1.0, aspect, upright), PARAMS)
+    found = fit_ellipses(mask, Size(level, slope, 1.0, aspect, upright))
     assert found.shape[1] == 5 and np.isfinite(found).all() and (found[:, 2:4] > 0).all()
 
 
