@@ -1,4 +1,4 @@
-"""How many cases a fuzz test tries: 200, or 10,000 with HYPOTHESIS_PROFILE=nightly."""
+"""How many texts hypothesis tries: 200, or 10,000 with HYPOTHESIS_PROFILE=nightly (see ``test_fuzz``)."""
 
 import os
 

@@ -137,7 +137,8 @@ class RerunLog:
             batcher_config=rr.ChunkBatcherConfig(flush_tick=10.0),
         )  # fmt: skip
         self._frames = 0
-        self._stream.save(str(self._parts[-1]), default_blueprint=blueprint(self._engine, self._bounds))
+        self._stream.save(str(self._parts[-1]))  # with a blueprint it would wait for ever on a disk without room for it
+        self._stream.send_blueprint(blueprint(self._engine, self._bounds), make_active=False)
         self._series = SeriesBlocks()
         self._scene = StaticScene(engine.stereo) if engine.stereo else None
         self._log_static()
