@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
-from calib.types import F32, F64, I64, U8, Bool
+from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.tracking import body
 from planview.tracking.base import Decision, DecisionKind, Drawing, Observation, TrackerDebug
@@ -80,6 +79,7 @@ class HumanModelTracker:
         self._next_id = 1
         self._now_s = math.nan
         self._exchanges = Exchanges(self._shared)
+        self._hulls: dict[tuple[float, float, float], F64 | None] = {}
         self._log: list[Decision] = []
         shape = self.camera.size[::-1]
         self._known: U8 = np.zeros(shape, np.uint8)
@@ -133,27 +133,28 @@ class HumanModelTracker:
             )
         dt = 0.0 if math.isnan(self._now_s) else max(0.0, observation.timestamp_s - self._now_s)
         self._now_s, self._log = observation.timestamp_s, []
+        self._hulls.clear()
         frame = MaskExplanation(self._view, observation)
         seen = frame.kind == kernels.SEEN
-        frame.kind[seen & (self._hides > 0)] = kernels.SHADOW
+        frame.kind |= seen & (self._hides > 0)  # SHADOW
         for q in self._people:
             if q.share < 2 * self.params.visible_min:
                 q.kalman = q.kalman.slowed(dt, self.params.slow_down_s)
             q.kalman = q.kalman.predicted(dt, self.params.acceleration_mps2)
             q.height_var += self.params.height_change_mps**2 * dt * min(dt, self.params.errors_s)
+        people = self._side_by_side()
         if self._people:
-            self._explain(frame, dt)
-        shares = frame.share_out(self._side_by_side())
+            self._explain(frame, people, dt)
+        shares = frame.share_out(self._side_by_side(people.ratios))
         self._judge(frame, shares, motion)
         self._learn_hiding(frame, seen, dt)
         if frame.coloured:
             self._learn(frame, shares, dt)
         self._watch(frame, shares, motion, dt)
         self._clean(dt)
-        people = self._side_by_side()
-        born, poses = births(self._places, frame, people, shares, self._now_s)
-        for q, pose, before in zip(self._people, poses, self._side_by_side().poses, strict=True):
-            if (pose != before).any():
+        born, poses = births(self._places, frame, self._side_by_side, shares, self._now_s)
+        for q, pose in zip(self._people, [] if poses is None else poses, strict=poses is not None):
+            if tuple(pose) != (*q.at_m, q.height_m):
                 # Go on where the model accounts for more.
                 q.kalman, q.height_m = q.kalman.moved_to(float(pose[0]), float(pose[1])), float(pose[2])
                 self._note(q, "recentred", f"accounts for more at {pose[0]:.2f}, {pose[1]:.2f} m", math.nan)
@@ -161,65 +162,54 @@ class HumanModelTracker:
         self._recognise(dt)
         return tuple(self._state(q) for q in self._people)
 
-    def _side_by_side(self, people: Sequence[Walker] | None = None) -> People:
-        """Everybody, or some."""
-        who = self._people if people is None else people
-        poses = np.array([(*q.at_m, q.height_m) for q in who]).reshape(-1, 3)
-        tall = np.array([q.upright for q in who]).reshape(-1, 2)
-        return People(poses, np.array([q.existence for q in who]), tall, colour_ratios(who))
+    def _side_by_side(self, ratios: F32 | None = None) -> People:
+        """Everybody; ``ratios`` where the colours are still the same."""
+        poses = np.array([(*q.at_m, q.height_m) for q in self._people]).reshape(-1, 3)
+        tall = np.array([q.upright for q in self._people]).reshape(-1, 2)
+        sure = np.array([q.existence for q in self._people])
+        return People(poses, sure, tall, colour_ratios(self._people) if ratios is None else ratios)
 
     # -- explaining a frame ---------------------------------------------------------------------------------------
-    def _explain(self, frame: MaskExplanation, dt: float) -> None:
+    def _explain(self, frame: MaskExplanation, people: People, dt: float) -> None:
         """Coordinate ascent, nearest first; then what the frame says of each place and existence."""
-        people = self._side_by_side()
         predicted, touch = people.poses.copy(), frame.touching(people.poses)
-        samples = [frame.around(pose, body.TORSO.torso_radius_m + 0.1) for pose in predicted]
-        information = [np.array([*q.kalman.information, 1 / q.height_var]) for q in self._people]
-        others = [np.flatnonzero(touch[i] & (np.arange(len(touch)) != i)) for i in range(len(touch))]
+        samples = frame.around(predicted, body.TORSO.torso_radius_m + 0.1)
+        information = np.array([(*q.kalman.information, 1 / q.height_var) for q in self._people])
+        np.fill_diagonal(touch, False)
+        others = [np.flatnonzero(row) for row in touch]
         for sweep in range(2):
             for i in np.argsort(people.away()):
                 if sweep and not len(others[i]):
                     continue
-                samples[i].layer(people, others[i], people.poses[i])
+                samples[i].layer(people, others[i], i)
                 samples[i].ascend(
-                    people.poses[i], predicted[i], information[i], people.tall[i], people.apart(others[i]),
-                    people.ratios[i], STEPS_M[2 * sweep :],
+                    people.poses[i], predicted[i], information[i], people.tall[i], STEPS_M[2 * sweep :]
                 )  # fmt: skip
-        flooded = (frame.kind == kernels.SURFACE).mean() > 0.5
+        flooded = np.count_nonzero(frame.kind == kernels.SURFACE) > 0.5 * frame.kind.size
         for i, q in enumerate(self._people):
-            self._measure(i, q, frame, samples, people, others[i])
+            samples[i].layer(people, others[i], i)
+            self._measure(q, samples[i], people.poses[i], people.tall[i])
         # Who is surer has the better standing, and who came first.
         ranks = sorted(range(len(self._people)), key=lambda k: (
             self._people[k].confirmed, self._people[k].log_odds, -self._people[k].track_id))  # fmt: skip
-        standing = np.argsort(ranks).astype(np.float64)
+        rivals = frame.rivals(people, np.argsort(ranks).astype(np.float64))
         for i, q in enumerate(self._people):
-            rival = frame.rival(i, people, standing) if q.share >= self.params.visible_min else -1
-            if rival >= 0:
-                pair = frame.beside(i, rival, people)
-                superfluous = self._people[rival] if pair.first else q
+            if rivals[i] >= 0 and q.share >= self.params.visible_min:
+                pair = frame.beside(i, int(rivals[i]), people)
+                superfluous = self._people[rivals[i]] if pair.first else q
                 superfluous.evidence = min(superfluous.evidence, pair.evidence)
         for q in () if flooded else self._people:
             self._weigh(q, dt)
 
-    def _measure(
-        self,
-        i: int,
-        q: Walker,
-        frame: MaskExplanation,
-        samples: list[OutlineSamples],
-        people: People,
-        others: I64,
-    ) -> None:
+    def _measure(self, q: Walker, s: OutlineSamples, pose: F64, tall: F64) -> None:
         """Evidence for a person, its visible share, and the place as far as the pixels tell it."""
-        s, pose, tall, ratio = samples[i], people.poses[i], people.tall[i], people.ratios[i]
-        s.layer(people, others, pose)
-        q.evidence = s.lam(pose, tall, ratio) + s.believed(pose, tall, people.apart(others))
+        q.evidence = s.evidence(pose, tall)
         mine, _, total = s.visible(pose, tall)
         q.inside = self._visibility(pose)
         q.share = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * q.inside)
         if q.share < self.params.visible_min:
             return
-        noise, up = s.noise(pose, tall, ratio)
+        noise, up = s.noise(pose, tall)
         x, y, h = pose
         q.kalman = q.kalman.found_at(x, y, noise, body.SPEED_MAX_MPS)
         q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up)
@@ -233,12 +223,14 @@ class HumanModelTracker:
             if q.confirmed and q.motion == "moving" and q.share >= p.visible_min and hull is not None:
                 core = hull.mean(axis=0) + CORE * (hull - hull.mean(axis=0))
                 cv2.fillConvexPoly(walkers, np.rint(core).astype(np.int32), 1)
-        looks = min(1.0, dt / p.errors_s)
+        left, top, width, height = cv2.boundingRect(walkers)
+        part = slice(top, top + height), slice(left, left + width)
+        inside, hides, looks = walkers[part] > 0, self._hides[part], min(1.0, dt / p.errors_s)
         hidden = math.log((1 - p.seen_on_background) / (1 - p.seen_on_body))
         shown = math.log(p.seen_on_background / p.seen_on_body)
-        self._hides[(walkers > 0) & seen] += looks * hidden
-        self._hides[(walkers > 0) & (frame.kind == kernels.SURFACE)] += looks * shown
-        np.clip(self._hides, 2 * HIDES, -HIDES, out=self._hides)
+        np.add(hides, looks * hidden, out=hides, where=inside & seen[part])
+        np.add(hides, looks * shown, out=hides, where=inside & (frame.kind[part] == kernels.SURFACE))
+        np.clip(hides, 2 * HIDES, -HIDES, out=hides)
 
     def _visibility(self, pose: F64) -> float:
         """The human visibility ratio of the model map."""
@@ -264,8 +256,9 @@ class HumanModelTracker:
     def _judge(self, frame: MaskExplanation, shares: Shares, motion: U8) -> None:
         """Match (equation 1) and the automata of everybody."""
         found = matches([self._hull(q.at_m, q.height_m) for q in self._people], frame.kind == kernels.SURFACE)
-        area = np.bincount(shares.owner.reshape(-1) + 2, minlength=len(self._people) + 2)[2:]
-        moving = np.bincount(shares.owner[motion > 0] + 2, minlength=len(self._people) + 2)[2:]
+        owner = shares.owner.reshape(-1)[shares.pixels]
+        area = np.bincount(owner, minlength=len(self._people))
+        moving = np.bincount(owner[motion.reshape(-1)[shares.pixels] > 0], minlength=len(self._people))
         for i, q in enumerate(self._people):
             q.match = found[i]
             before = q.posture, q.motion, q.stability
@@ -284,12 +277,13 @@ class HumanModelTracker:
 
     # -- who is who, who comes, who goes ----------------------------------------------------------------------------
     def _learn(self, frame: MaskExplanation, shares: Shares, dt: float) -> None:
-        touch = frame.touching(self._side_by_side().poses)
+        alone = frame.touching(np.array([(*q.at_m, q.height_m) for q in self._people]).reshape(-1, 3)).sum(axis=1) == 1
+        sure = shares.pixels[shares.share.reshape(-1)[shares.pixels] > 0.8]
+        owner = shares.owner.reshape(-1)[sure]
         for i, q in enumerate(self._people):
-            if q.share < 0.5 or touch[i].sum() > 1:
-                continue
-            mine = (shares.owner == i) & (shares.share > 0.8)
-            q.learn_colours(shares.height[mine], frame.code[mine])
+            if q.share >= 0.5 and alone[i]:
+                mine = sure[owner == i]
+                q.learn_colours(shares.height.reshape(-1)[mine], frame.code.reshape(-1)[mine])
         owned = [Owned(shares.owner, shares.share, shares.height, shares.residual)]
         for a, b, odds in self._exchanges.update(self._people, owned, [shares.seen(frame)], dt):
             a.take_identity(b)
@@ -297,19 +291,20 @@ class HumanModelTracker:
 
     def _watch(self, frame: MaskExplanation, shares: Shares, motion: U8, dt: float) -> None:
         """What the foreground model is told: people, and what has been still and unexplained for long."""
-        label = np.zeros(len(self._people) + 1, np.uint8)
+        labels = np.zeros(len(self._people), np.uint8)
         for i, q in enumerate(self._people):
             if q.confirmed:
-                label[i] = WALKER if q.walked_m > WALKER_M else PERSON
-        known, unexplained = label[shares.owner.clip(-1)], shares.owner == -1
-        known[unexplained & shares.near & label.any()] = PERSON
-        known[shares.owner == -2] = 0
-        left = (shares.owner != -2) & (known == 0)
-        n, labels, stats, _ = cv2.connectedComponentsWithStats(left.astype(np.uint8), connectivity=8)
-        lively = np.bincount(labels[motion > 0], minlength=n) > LIVELY * stats[:, cv2.CC_STAT_AREA]
-        self._still_s[~left | lively[labels]] = 0.0
-        self._still_s[left] += dt
-        known[self._still_s >= self.params.still_s] = BACKGROUND
+                labels[i] = WALKER if q.walked_m > WALKER_M else PERSON
+        known, left = np.empty((2, *motion.shape), np.uint8)
+        kernels.tell(
+            shares.owner.reshape(-1), shares.near.reshape(-1), labels, PERSON if labels.any() else 0,
+            known.reshape(-1), left.reshape(-1),
+        )  # fmt: skip
+        n, regions = cv2.connectedComponents(left, connectivity=8)
+        area, moving = np.zeros((2, n), np.int64)
+        kernels.tally(regions.reshape(-1), motion.reshape(-1), 1, area, moving)
+        kernels.stay(regions.reshape(-1), moving > LIVELY * area, dt, self._still_s.reshape(-1))
+        np.copyto(known, np.uint8(BACKGROUND), where=self._still_s >= self.params.still_s)
         self._known = known
 
     def _clean(self, dt: float) -> None:
@@ -372,7 +367,16 @@ class HumanModelTracker:
         self._log.append(Decision(q.track_id, kind, reason, value))
 
     def _hull(self, at_m: tuple[float, float], height_m: float) -> F64 | None:
-        """(K, 2) outline [px] of the model map, as large as a person of a height is; None where nobody is expected."""
+        """(K, 2) outline [px] of the model map, as large as a person of a height is; None where nobody is expected.
+
+        Kept for a frame, in which it is asked for three times.
+        """
+        key = (*at_m, height_m)
+        if key not in self._hulls:
+            self._hulls[key] = self._drawn(at_m, height_m)
+        return self._hulls[key]
+
+    def _drawn(self, at_m: tuple[float, float], height_m: float) -> F64 | None:
         foot = self.camera.project(np.array([*at_m, 0.0]))
         entry = int(self.model_map.entry_at(foot))
         if entry < 0:

@@ -10,7 +10,8 @@ from typing import Literal, NamedTuple
 import cv2
 import numpy as np
 
-from calib.types import F64, I64, U8
+from calib.types import F64, U8
+from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.template.person import Person
 
@@ -93,7 +94,9 @@ def matches(hulls: Sequence[F64 | None], surface: U8) -> list[ModelMatch]:
     """Matches of hulls (K, 2) [px] with a (H, W) mask of foreground; None where no hull can be drawn."""
     if not hulls:
         return []
-    _, labels, stats, _ = cv2.connectedComponentsWithStats((surface > 0).astype(np.uint8), connectivity=8)
+    # Statistics of all regions take eight times as long as the regions.
+    n, found = cv2.connectedComponents((surface > 0).view(np.uint8), connectivity=8)
+    labels = np.asarray(found, np.int32)
     cover = np.zeros(surface.shape, np.uint8)
     drawn: list[tuple[slice, slice, U8] | None] = []
     for hull in hulls:
@@ -109,21 +112,22 @@ def matches(hulls: Sequence[F64 | None], surface: U8) -> list[ModelMatch]:
         rows, cols = slice(low[1], high[1]), slice(low[0], high[0])
         cover[rows, cols] += part
         drawn[-1] = rows, cols, part
-    shared: I64 = np.bincount(labels[cover > 1], minlength=len(stats))
-    found = []
+    areas, shared = np.zeros((2, n), np.int64)
+    kernels.tally(labels.reshape(-1), cover.reshape(-1), 2, areas, shared)
+    scores = []
     for entry in drawn:
         if entry is None:
-            found.append(ModelMatch())
+            scores.append(ModelMatch())
             continue
         rows, cols, part = entry
-        inner = np.bincount(labels[rows, cols][part > 0], minlength=len(stats))[1:]
+        inner = np.bincount(labels[rows, cols][part > 0], minlength=n)[1:]
         touched = np.flatnonzero(inner > 0.1 * inner.sum()) + 1
-        blob = max(1, int(stats[touched, cv2.CC_STAT_AREA].sum()))
-        found.append(
+        blob = max(1, int(areas[touched].sum()))
+        scores.append(
             ModelMatch(
                 float(inner[touched - 1].sum()) / blob,
                 float(inner.sum()) / max(1, int(part.sum())),
                 float(shared[touched].sum()) / blob,
             )
         )
-    return found
+    return scores

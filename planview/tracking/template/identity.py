@@ -79,10 +79,12 @@ def owned_colours(k: int, owned: Sequence[Owned], views: Sequence[SeenPixels], p
     for o, v in zip(owned, views, strict=True):
         if v.colour is None:
             continue
-        mine = (o.owner == k) & (o.share > 0.3)
-        part = np.digitize(o.height[mine], (LEGS_TO, TORSO_TO))
-        total += np.bincount(part * CODES + v.colour[mine], minlength=PARTS * CODES).reshape(PARTS, CODES)
-        depth = v.range_m[mine] / v.rays.stretch[mine]
+        mine = np.flatnonzero(o.owner.reshape(-1) == k)
+        mine = mine[o.share.reshape(-1)[mine] > 0.3]
+        part = np.digitize(o.height.reshape(-1)[mine], (LEGS_TO, TORSO_TO))
+        codes = part * CODES + v.colour.reshape(-1)[mine]
+        total += np.bincount(codes, minlength=PARTS * CODES).reshape(PARTS, CODES)
+        depth = v.range_m.reshape(-1)[mine] / v.rays.stretch.reshape(-1)[mine]
         patches += float((depth * depth).sum()) * v.rays.pixel_sr / patch_m**2
     return total / max(total.sum(), 1.0), patches
 
