@@ -46,11 +46,12 @@ def gain(
     total = 0.0
     for row in range(0, kind.shape[0], step):
         # A row's weight is that of its ray nearest to the body.
-        rays = view.rays[row, ::step].astype(np.float64)
+        shift = (row // step % 2) * (step // 2)
+        rays = view.rays[row, shift::step].astype(np.float64)
         ray = rays[np.argmin(np.abs(pose[1] * rays[:, 0] - pose[0] * rays[:, 1]))]
         ahead = (pose[0] * ray[0] + pose[1] * ray[1]) * ray[2] - (0.5 * pose[2] - b.camera_m) * ray[3]
         patch_px = max(b.focal_px * p.patch_m * ray[4] / ahead, b.patch_px)
-        for col in range(0, kind.shape[1], step):
+        for col in range(shift, kind.shape[1], step):
             if mine[row, col] < 0.005 or kind[row, col] == 1:
                 continue
             what, near = int(kind[row, col]), any(_near(view, other, row, col) for other, _ in others)

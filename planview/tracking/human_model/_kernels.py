@@ -118,7 +118,9 @@ def gather(
     n = 0
     for r in range(r0 + (-r0) % step, r1 + 1, step):
         first, nearest, weight = n, half_m, 0.0
-        for c in range(c0 + (-c0) % step, c1 + 1, step):
+        # Every other row half a step aside: edges of bodies are upright.
+        shift = (r // step % 2) * (step // 2)
+        for c in range(c0 + (shift - c0) % step, c1 + 1, step):
             ray = rays[r, c]
             across = pose[1] * ray[0] - pose[0] * ray[1]
             ahead = (pose[0] * ray[0] + pose[1] * ray[1]) * ray[2] - dz * ray[3]
@@ -230,65 +232,68 @@ def believed(
 
 
 @njit(cache=True, nogil=True, fastmath=True)
+def _moved(x: float, y: float, h: float, way: int, f: float, tall: float, b: OutlineBeliefs):  # type: ignore[no-untyped-def]
+    """A pose moved by f along the camera's ray, across it, up, or up along the ray of the head; or the head's ray kept
+    and stood up or sat down."""
+    away = max(math.sqrt(x * x + y * y), 1e-3)
+    if way == 0:
+        # One step in the image, whatever the slope of the ray.
+        f *= min(math.sqrt(away * away + b.camera_m * b.camera_m) / b.camera_m, 4.0) / away
+        return x + f * x, y + f * y, h
+    if way == 1:
+        return x - f * y / away, y + f * x / away, h
+    nh = h + 0.5 * f
+    if way == 4:
+        nh = tall if f < 0.0 else b.sitting * tall
+    if way == 2 or b.camera_m - max(h, nh) < 0.3:
+        return x, y, nh
+    f = (b.camera_m - nh) / (b.camera_m - h)
+    return x * f, y * f, nh
+
+
+@njit(cache=True, nogil=True, fastmath=True)
 def ascend(
     pose: F64, predicted: F64, information: F64, tall: F64, poses: F64, sure: F64, others: I64, steps: F64, low: float,
     high: float, samples: F32, angles: U8, n: int, cover: F32, b: OutlineBeliefs,
 ) -> float:  # fmt: skip
-    """Pattern search on Lam - Mahalanobis / 2; moves ``pose``. Lam at the end plus what is believed of such a pose.
+    """Ascent of Lam - Mahalanobis / 2; moves ``pose``. Lam at the end plus what is believed of such a pose.
 
-    Moves go along and across the camera's ray, up and down, and along the ray of the head with the height that keeps
-    it; two of these stand up and sit down. ``information`` (4,): xx, xy, yy of the place's and of the height's inverse
-    covariance. ``others``: bodies that may be in the way.
+    One way after the other (``_moved``), a step to both sides and then to the vertex of the parabola through the three.
+    ``information`` (4,): xx, xy, yy of the place's and of the height's inverse covariance. ``others``: bodies that may
+    be in the way.
     """
     best, worth = -1e300, 0.0
     for step in steps:
-        came = -1
         for _ in range(4):
-            x, y, h = pose[0], pose[1], pose[2]
-            away = max(math.sqrt(x * x + y * y), 1e-3)
-            ax, ay = x / away, y / away
-            # One step in the image, whatever the slope of the ray.
-            slope = math.sqrt(away * away + b.camera_m * b.camera_m) / b.camera_m
-            far = step * min(slope, 4.0)
-            moved, back = False, came
-            for move in range(11):
-                if move == back:
-                    continue
-                nx, ny, nh = x, y, h
-                if move == 0:
-                    if best > -1e299:
+            moved = False
+            for way in range(5 if step == steps[0] else 4):
+                x, y, h = pose[0], pose[1], pose[2]
+                values = best, best, best
+                for trial in range(4):
+                    t = (0.0, -1.0, 1.0, 0.0)[trial]
+                    if trial == 0 and best > -1e299:
                         continue
-                elif move <= 2:
-                    f = far if move == 1 else -far
-                    nx, ny = x + f * ax, y + f * ay
-                elif move <= 4:
-                    f = step if move == 3 else -step
-                    nx, ny = x - f * ay, y + f * ax
-                elif move <= 6:
-                    nh = h + (0.5 * step if move == 5 else -0.5 * step)
-                else:
-                    if move <= 8:
-                        nh = h + (0.5 * step if move == 7 else -0.5 * step)
-                    elif step < steps[0]:
-                        continue
-                    else:
-                        nh = tall[0] if move == 9 else b.sitting * tall[0]
-                    if nh == h or b.camera_m - max(h, nh) < 0.3:
-                        continue
-                    f = (b.camera_m - nh) / (b.camera_m - h)
-                    nx, ny = x * f, y * f
-                if nh < low or nh > high:
-                    continue
-                ox, oy, oh = nx - predicted[0], ny - predicted[1], nh - predicted[2]
-                prior = -0.5 * (information[0] * ox * ox + 2 * information[1] * ox * oy + information[2] * oy * oy)
-                prior -= 0.5 * information[3] * oh * oh
-                mine = believed(nx, ny, nh, tall, poses, sure, others, b)
-                lam = evaluate(nx, ny, nh, tall[0], samples, angles, n, cover, b)
-                if lam + mine + prior > best + 1e-6:
-                    best, worth = lam + mine + prior, lam + mine
-                    pose[0], pose[1], pose[2] = nx, ny, nh
-                    # Moves 1 and 2, 3 and 4, 5 and 6, 7 and 8 undo each other.
-                    moved, came = True, move + 2 * (move % 2) - 1
+                    if trial == 3:
+                        here, before, after = values
+                        bend = 2.0 * here - before - after
+                        t = min(max(0.5 * (after - before) / bend, -2.0), 2.0) if bend > 1e-6 and way < 4 else 0.0
+                        if abs(t) < 0.1 or abs(abs(t) - 1.0) < 0.1:
+                            continue
+                    nx, ny, nh = _moved(x, y, h, way, t * step, tall[0], b) if trial > 0 else (x, y, h)
+                    value = -1e300
+                    if low <= nh <= high:
+                        ox, oy, oh = nx - predicted[0], ny - predicted[1], nh - predicted[2]
+                        value = information[0] * ox * ox + 2 * information[1] * ox * oy + information[2] * oy * oy
+                        value = -0.5 * (value + information[3] * oh * oh)
+                        mine = believed(nx, ny, nh, tall, poses, sure, others, b)
+                        mine += evaluate(nx, ny, nh, tall[0], samples, angles, n, cover, b)
+                        value += mine
+                        if value > best + 1e-6:
+                            best, worth = value, mine
+                            pose[0], pose[1], pose[2] = nx, ny, nh
+                            moved = moved or abs(t) > 0.5
+                    # Where nothing was to be tried here, all three are the best so far.
+                    values = (value, value, value) if trial == 0 else (values[0], values[2], value)
             if not moved:
                 break
     return worth

@@ -21,9 +21,9 @@ from planview.tracking.human_model.silhouette import silhouette
 from planview.tracking.kalman import PositionNoise
 from planview.tracking.template.explanation import People
 
-STEPS_M = np.array([0.12, 0.06, 0.03])
-"""Steps of the pattern search: a walker's error of prediction, down to half of a patch's blur [m]."""
-SPACING_M = 0.07
+STEPS_M = np.array([0.12, 0.06])
+"""Steps of the ascent: a walker's error of prediction, and the blur of a patch [m]."""
+SPACING_M = 0.1
 """Distance of samples on a body [m]."""
 PATCH_PX = 3.0
 """Errors of pixels nearer than this in the image are one error, however far away people are [px]."""

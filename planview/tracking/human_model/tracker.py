@@ -183,7 +183,7 @@ class HumanModelTracker:
                     continue
                 samples[i].layer(people, others[i], i)
                 samples[i].ascend(
-                    people.poses[i], predicted[i], information[i], people.tall[i], STEPS_M[2 * sweep :]
+                    people.poses[i], predicted[i], information[i], people.tall[i], STEPS_M[sweep:]
                 )  # fmt: skip
         flooded = np.count_nonzero(frame.kind == kernels.SURFACE) > 0.5 * frame.kind.size
         for i, q in enumerate(self._people):
