@@ -100,6 +100,32 @@ def _part(z: float):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
+def boxes(poses: F64, reach_m: float, lens: F64, found: I64) -> None:
+    """Fill (N, 4) left, top, right, bottom [px] of the corners of bodies' boxes, as ``GroundCamera.project`` has them.
+
+    ``lens``: focal length, K, the camera's height, sine and cosine of tilt and roll, the image's middle.
+    """
+    focal, k, camera_m, s, c, sin, cos, u, v = lens
+    for i in range(len(poses)):
+        left, top, right, bottom = 1e4, 1e4, -1e4, -1e4
+        for corner in range(8):
+            x = poses[i, 0] + (reach_m if corner & 1 else -reach_m)
+            y = poses[i, 1] + (reach_m if corner & 2 else -reach_m)
+            drop = camera_m - min(1.05 * poses[i, 2] if corner & 4 else 0.0, camera_m - 0.05)
+            depth = y * s + drop * c
+            px, py = focal * x / max(depth, 1e-6), focal * (drop * s - y * c) / max(depth, 1e-6)
+            r = math.sqrt(px * px + py * py)
+            if depth <= 1e-6 or 1.0 + 2.0 * k * r <= 0.0:
+                left, top, right, bottom = -1e4, -1e4, 1e4, 1e4
+                break
+            px, py = px * (1.0 + k * r), py * (1.0 + k * r)
+            col, row = cos * px - sin * py + u, sin * px + cos * py + v
+            left, top, right, bottom = min(left, col), min(top, row), max(right, col), max(bottom, row)
+        for side, at in enumerate((left, top, right, bottom)):
+            found[i, side] = int(min(max(at, -1e4), 1e4))
+
+
+@njit(cache=True, nogil=True)
 def gather(
     pose: F64, half_m: float, spacing_m: float, box: I64, rays: F32, angle: U8, kind: U8, code: U8, samples: F32,
     kinds: U8, codes: U8, angles: U8, b: OutlineBeliefs,
@@ -343,65 +369,60 @@ def visible(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath=True)
 def share_out(
-    only: int, poses: F64, sure: F64, tall: F64, ratios: F32, order: I64, boxes: I64, rays: F32, angle: U8, kind: U8,
-    code: U8, cover: F32, b: OutlineBeliefs, owner: I64, share: F32, height: F32, range_m: F32, residual: F32,
-    near: Bool, tiles: F64,
+    kind: int, pixels: I64, poses: F64, sure: F64, tall: F64, ratios: F32, order: I64, boxes: I64, rays: F32,
+    angle: U8, code: U8, cover: F32, b: OutlineBeliefs, owner: I64, share: F32, height: F32, range_m: F32,
+    residual: F32, near: Bool, tiles: F64,
 ) -> None:  # fmt: skip
     """Who owns each pixel of foreground: -2 no foreground, -1 nobody, else a person, with the responsibility.
 
-    ``only``: SURFACE, or SEEN for what the residual alone still lacks. ``height`` and ``range_m``: of the owner's
-    pixels, relative to the owner and along the ray. ``residual``: what one more person, behind all others, would gain
-    at each pixel. ``near``: whether a person may reach there. ``tiles``: sum of the gains in squares of ``TILE_PX``;
-    zeros before.
+    ``pixels`` are of one kind, SURFACE, or SEEN for what the residual alone still lacks. ``height`` and ``range_m``:
+    of the owner's pixels, relative to the owner and along the ray. ``residual``: what one more person, behind all
+    others, would gain at each pixel. ``near``: whether a person may reach there. ``tiles``: sum of the gains in squares
+    of ``TILE_PX``. Before, everything is as where there is no foreground.
     """
-    rows, cols = kind.shape
-    one_more = _likelihood(only, 1.0, 0.0, 1.0, b)
-    alone, beside = math.log(one_more / _ground(only, False, b)), math.log(one_more / _ground(only, True, b))
-    here = np.empty(len(order), np.int64)
+    cols = code.shape[1]
+    one_more = _likelihood(kind, 1.0, 0.0, 1.0, b)
+    alone, beside = math.log(one_more / _ground(kind, False, b)), math.log(one_more / _ground(kind, True, b))
+    here, n, last = np.empty(len(order), np.int64), 0, -1
     cells_u, cells_w = cover.shape[1:]
-    for r in range(rows):
-        n = 0
-        for a in range(len(order)):
-            if boxes[order[a], 1] <= r <= boxes[order[a], 3]:
-                here[n], n = order[a], n + 1
-        for c in range(cols):
-            what = kind[r, c]
-            if only == SURFACE:
-                owner[r, c], near[r, c] = -1 if what == SURFACE else -2, False
-            if what == SHADOW:
-                residual[r, c] = 0.0
-            if what != only:
+    for i in pixels:
+        r = i // cols
+        c = i - r * cols
+        if r != last:
+            n, last = 0, r
+            for a in range(len(order)):
+                if boxes[order[a], 1] <= r <= boxes[order[a], 3]:
+                    here[n], n = order[a], n + 1
+        ex, ey, cos, sin = rays[r, c, EX], rays[r, c, EY], rays[r, c, COS], rays[r, c, SIN]
+        through, explained, best, who, at_z, reached = 1.0, 0.0, 0.0, -1, 0.0, False
+        for a in range(n):
+            k = here[a]
+            if c < boxes[k, 0] or c > boxes[k, 2]:
                 continue
-            ex, ey, cos, sin = rays[r, c, EX], rays[r, c, EY], rays[r, c, COS], rays[r, c, SIN]
-            through, explained, best, who, at_z, reached = 1.0, 0.0, 0.0, -1, 0.0, False
-            for a in range(n):
-                k = here[a]
-                if c < boxes[k, 0] or c > boxes[k, 2]:
-                    continue
-                reached = reached or sure[k] > 0.5
-                h = poses[k, 2]
-                iu, iw, z = _look(poses[k, 0], poses[k, 1], h, ex, ey, cos, sin, cells_u, cells_w, b)
-                pi = sure[k] * cover[angle[r, c], iu, np.uint32(iw)] if iw >= 0 else 0.0
-                if pi < 0.01:
-                    continue
-                colour = 1.0 - b.colour + b.colour * ratios[k, _part(z), code[r, c]]
-                value = through * pi * _likelihood(what, z, _hidden(h, tall[k, 0], b), colour, b)
-                explained += value
-                through *= 1.0 - pi
-                if value > best:
-                    best, who, at_z = value, k, z
-            residual[r, c] = beside if reached else alone
-            if through < 1.0:
-                other = through * _ground(what, reached, b)
-                residual[r, c] = math.log((explained + through * one_more) / (explained + other))
-            if only == SEEN:
+            reached = reached or sure[k] > 0.5
+            h = poses[k, 2]
+            iu, iw, z = _look(poses[k, 0], poses[k, 1], h, ex, ey, cos, sin, cells_u, cells_w, b)
+            pi = sure[k] * cover[angle[r, c], iu, np.uint32(iw)] if iw >= 0 else 0.0
+            if pi < 0.01:
                 continue
-            near[r, c] = reached
-            tiles[r // TILE_PX, c // TILE_PX] += residual[r, c]
-            if through < 1.0 and best > other:
-                owner[r, c], share[r, c], height[r, c] = who, best / (explained + other), at_z
-                ahead = poses[who, 0] * ex + poses[who, 1] * ey
-                range_m[r, c] = ahead * cos - (0.5 * poses[who, 2] - b.camera_m) * sin
+            colour = 1.0 - b.colour + b.colour * ratios[k, _part(z), code[r, c]]
+            value = through * pi * _likelihood(kind, z, _hidden(h, tall[k, 0], b), colour, b)
+            explained += value
+            through *= 1.0 - pi
+            if value > best:
+                best, who, at_z = value, k, z
+        residual[r, c] = beside if reached else alone
+        if through < 1.0:
+            other = through * _ground(kind, reached, b)
+            residual[r, c] = math.log((explained + through * one_more) / (explained + other))
+        if kind == SEEN:
+            continue
+        near[r, c] = reached
+        tiles[r // TILE_PX, c // TILE_PX] += residual[r, c]
+        if through < 1.0 and best > other:
+            owner[r, c], share[r, c], height[r, c] = who, best / (explained + other), at_z
+            ahead = poses[who, 0] * ex + poses[who, 1] * ey
+            range_m[r, c] = ahead * cos - (0.5 * poses[who, 2] - b.camera_m) * sin
 
 
 @njit(cache=True, nogil=True)
@@ -437,25 +458,25 @@ def hull_scores(total: F64, bands: I32, places: I32, scores: F32) -> None:
 
 
 @njit(cache=True, nogil=True)
-def tell(owner: I64, near: Bool, labels: U8, anybody: int, known: U8, left: U8) -> None:
-    """What each pixel is known to be, a person's label or ``anybody`` within reach of one, and what is left over."""
-    for i in range(owner.size):
-        k = owner[i]
-        known[i] = labels[k] if k >= 0 else (anybody if k == -1 and near[i] else 0)
-        left[i] = k != -2 and known[i] == 0
+def tell(pixels: I64, owner: I64, near: Bool, labels: U8, anybody: int, known: U8, left: U8) -> None:
+    """What each pixel of foreground is known to be, a person's label or ``anybody`` within reach of one, and what is
+    left over; zeros before."""
+    for i in pixels:
+        known[i] = labels[owner[i]] if owner[i] >= 0 else (anybody if near[i] else 0)
+        left[i] = known[i] == 0
 
 
 @njit(cache=True, nogil=True)
-def tally(regions: I32, marks: U8, least: int, area: I64, marked: I64) -> None:
+def tally(pixels: I64, regions: I32, marks: U8, least: int, area: I64, marked: I64) -> None:
     """Pixels of each region, and those of them with a mark of ``least``; zeros before."""
-    for i in range(regions.size):
+    for i in pixels:
         area[regions[i]] += 1
         marked[regions[i]] += marks[i] >= least
 
 
 @njit(cache=True, nogil=True)
-def stay(regions: I32, lively: Bool, dt: float, still_s: F32) -> None:
-    """How long each pixel has belonged to a region, 0 the background, and has not been in a lively one [s]."""
-    for i in range(regions.size):
-        k = regions[i]
-        still_s[i] = 0.0 if k == 0 else dt + (0.0 if lively[k] else still_s[i])
+def stay(pixels: I64, regions: I32, lively: Bool, dt: float, before_s: F32, still_s: F32) -> None:
+    """How long each pixel has belonged to a region, 0 none, and has not been in a lively one [s]; zeros before."""
+    for i in pixels:
+        if regions[i] > 0:
+            still_s[i] = dt + (0.0 if lively[regions[i]] else before_s[i])

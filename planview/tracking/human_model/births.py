@@ -57,13 +57,13 @@ class FloorPlaces:
         patch_px = np.maximum(camera.focal_px * patch_m / depth, PATCH_PX)
         self.scale: F32 = (1.0 / patch_px**2).astype(np.float32)
 
-    def scores(self, shares: Shares, least: float) -> tuple[I32, F32]:
+    def scores(self, frame: MaskExplanation, shares: Shares, least: float) -> tuple[I32, F32]:
         """Places where one more person would gain at least so much, and what, about [log-odds of pixels]."""
         found = np.empty(len(self.scale), np.int32)
         n = kernels.promising(_integral(shares.tiles), self.bands, self.scale, least, found)
         scores = np.empty(n, np.float32)
         if n:
-            shares.fill(kernels.SEEN)
+            shares.fill(kernels.SEEN, np.flatnonzero(frame.kind == kernels.SEEN))
             kernels.hull_scores(_integral(shares.residual), self.bands, found[:n], scores)
         good = scores * self.scale[found[:n]] >= least
         return found[:n][good], scores[good]
@@ -92,7 +92,7 @@ def births(
 
     Tries one more person wherever the residual is strongest; ``people`` are asked for only if it is anywhere.
     """
-    found, scores = places.scores(shares, 0.5 * frame.view.params.birth_evidence)
+    found, scores = places.scores(frame, shares, 0.5 * frame.view.params.birth_evidence)
     if not len(found):
         return [], None
     known, born, boxes = people(), [], places.boxes[found]

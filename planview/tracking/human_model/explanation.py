@@ -43,10 +43,10 @@ class Shares:
 
     Attributes:
         pixels: (K,) int64, those that anybody owns.
-        fill: fills ``residual`` where it is called with SEEN: few frames need it there.
+        fill: fills ``residual`` when called with SEEN and those pixels: few frames need it there.
     """
 
-    fill: Callable[[int], None]
+    fill: Callable[[int, I64], None]
     pixels: I64
 
     def __init__(self, rows: int, cols: int) -> None:
@@ -84,6 +84,11 @@ class MaskView:
             np.array([0.0, 0.0, camera.height_m]), unit.astype(np.float32), stretch.astype(np.float32),
             np.zeros(stretch.shape, np.float32), np.zeros((3, 4)), 1.0 / camera.focal_px**2, 0.0, 1.0,
         )  # fmt: skip
+        tilt, roll = camera.tilt_rad, camera.roll_rad
+        self._lens = np.array([
+            camera.focal_px, camera.distortion_k, camera.height_m, math.sin(tilt), math.cos(tilt), math.sin(roll),
+            math.cos(roll), 0.5 * (camera.width - 1), 0.5 * (camera.height - 1),
+        ])  # fmt: skip
         p, t = params, self.table
         self.beliefs = kernels.OutlineBeliefs(
             body=p.seen_on_body,
@@ -108,13 +113,9 @@ class MaskView:
 
     def boxes(self, poses: F64, reach_m: float) -> I64:
         """(N, 4) int64 left, top, right, bottom of bodies and what is within a reach of them [px]."""
-        corners = np.array([(dx, dy, z) for dx in (-1.0, 1.0) for dy in (-1.0, 1.0) for z in (0.0, 1.05)])
-        points = np.empty((len(poses), 8, 3))
-        points[..., :2] = poses[:, None, :2] + reach_m * corners[:, :2]
-        points[..., 2] = np.minimum(corners[:, 2] * poses[:, 2:3], self.camera.height_m - 0.05)
-        image = self.camera.project(points)
-        low, high = np.where(np.isnan(image), -1e4, image).min(1), np.where(np.isnan(image), 1e4, image).max(1)
-        return np.asarray(np.clip(np.concatenate([low, high], axis=1), -1e4, 1e4), dtype=np.int64)
+        boxes = np.empty((len(poses), 4), np.int64)
+        kernels.boxes(poses, reach_m, self._lens, boxes)
+        return boxes
 
 
 class Pair(NamedTuple):
@@ -147,6 +148,7 @@ class MaskExplanation:
 
     Attributes:
         kind: (H, W) uint8 of the kernels' SEEN, SHADOW and SURFACE.
+        pixels: (K,) int64, those of SURFACE.
         code: (H, W) uint8 colour codes of the foreground.
         coloured: whether clothes tell people apart.
     """
@@ -157,11 +159,11 @@ class MaskExplanation:
         self.kind: U8 = kernels.SURFACE * (observation.foreground > 0).view(np.uint8)
         if observation.shadow is not None:
             np.maximum(self.kind, kernels.SHADOW * (observation.shadow > 0).view(np.uint8), out=self.kind)
+        self.pixels: I64 = np.flatnonzero(self.kind == kernels.SURFACE)
         self.code: U8 = np.zeros(self.kind.shape, np.uint8)
         self.coloured = image is not None and image.ndim == 3 and view.params.colour_weight > 0
         if image is not None and self.coloured:
-            pixels = np.flatnonzero(self.kind == kernels.SURFACE).astype(np.int32)
-            self.code.reshape(-1)[pixels] = colour_codes(image, pixels, Exposure())
+            self.code.reshape(-1)[self.pixels] = colour_codes(image, self.pixels.astype(np.int32), Exposure())
 
     def around(self, poses: F64, reach_m: float) -> list[OutlineSamples]:
         """The samples within reach of each of (N, 3) bodies."""
@@ -223,14 +225,14 @@ class MaskExplanation:
     def share_out(self, people: People) -> Shares:
         """Who owns each pixel of foreground."""
         v, s = self.view, self.view.shares
-        s.tiles[:] = 0.0
-        s.fill = lambda only: kernels.share_out(
-            only, people.poses, people.sure, people.tall, people.ratios, np.argsort(people.away()),
-            v.boxes(people.poses, NEAR_M), v.rays, v.angle, self.kind, self.code, v.table.cover, v.beliefs,
+        s.owner[:], s.near[:], s.residual[:], s.tiles[:] = -2, False, 0.0, 0.0
+        s.fill = lambda kind, pixels: kernels.share_out(
+            kind, pixels, people.poses, people.sure, people.tall, people.ratios, np.argsort(people.away()),
+            v.boxes(people.poses, NEAR_M), v.rays, v.angle, self.code, v.table.cover, v.beliefs,
             s.owner, s.share, s.height, s.range_m, s.residual, s.near, s.tiles,
         )  # fmt: skip
-        s.fill(kernels.SURFACE)
-        s.pixels = np.flatnonzero(s.owner.reshape(-1) >= 0)
+        s.fill(kernels.SURFACE, self.pixels)
+        s.pixels = self.pixels[s.owner.reshape(-1)[self.pixels] >= 0]
         return s
 
 

@@ -187,7 +187,8 @@ class HumanModelTracker:
                 )  # fmt: skip
         flooded = np.count_nonzero(frame.kind == kernels.SURFACE) > 0.5 * frame.kind.size
         for i, q in enumerate(self._people):
-            samples[i].layer(people, others[i], i)
+            if len(others[i]):
+                samples[i].layer(people, others[i], i)
             self._measure(q, samples[i], people.poses[i], people.tall[i])
         # Who is surer has the better standing, and who came first.
         ranks = sorted(range(len(self._people)), key=lambda k: (
@@ -295,16 +296,20 @@ class HumanModelTracker:
         for i, q in enumerate(self._people):
             if q.confirmed:
                 labels[i] = WALKER if q.walked_m > WALKER_M else PERSON
-        known, left = np.empty((2, *motion.shape), np.uint8)
+        known, left = np.zeros((2, *motion.shape), np.uint8)
         kernels.tell(
-            shares.owner.reshape(-1), shares.near.reshape(-1), labels, PERSON if labels.any() else 0,
+            frame.pixels, shares.owner.reshape(-1), shares.near.reshape(-1), labels, PERSON if labels.any() else 0,
             known.reshape(-1), left.reshape(-1),
         )  # fmt: skip
-        n, regions = cv2.connectedComponents(left, connectivity=8)
-        area, moving = np.zeros((2, n), np.int64)
-        kernels.tally(regions.reshape(-1), motion.reshape(-1), 1, area, moving)
-        kernels.stay(regions.reshape(-1), moving > LIVELY * area, dt, self._still_s.reshape(-1))
-        np.copyto(known, np.uint8(BACKGROUND), where=self._still_s >= self.params.still_s)
+        n, found = cv2.connectedComponents(left, connectivity=8)
+        regions, (area, moving) = found.reshape(-1), np.zeros((2, n), np.int64)
+        kernels.tally(frame.pixels, regions, motion.reshape(-1), 1, area, moving)
+        still_s = np.zeros_like(self._still_s)
+        kernels.stay(
+            frame.pixels, regions, moving > LIVELY * area, dt, self._still_s.reshape(-1), still_s.reshape(-1)
+        )  # fmt: skip
+        self._still_s = still_s
+        np.copyto(known, np.uint8(BACKGROUND), where=still_s >= self.params.still_s)
         self._known = known
 
     def _clean(self, dt: float) -> None:

@@ -113,7 +113,7 @@ def matches(hulls: Sequence[F64 | None], surface: U8) -> list[ModelMatch]:
         cover[rows, cols] += part
         drawn[-1] = rows, cols, part
     areas, shared = np.zeros((2, n), np.int64)
-    kernels.tally(labels.reshape(-1), cover.reshape(-1), 2, areas, shared)
+    kernels.tally(np.flatnonzero(surface), labels.reshape(-1), cover.reshape(-1), 2, areas, shared)
     scores = []
     for entry in drawn:
         if entry is None:

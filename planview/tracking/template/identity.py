@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from calib.types import F64
+from calib.types import F32, F64
 from planview.maps.colour import CODES
 from planview.maps.pixels import SeenPixels
 from planview.tracking import body
@@ -47,7 +47,7 @@ class Exchanges:
         p, alive = self._params, {q.track_id for q in people}
         self._evidence = {pair: v for pair, v in self._evidence.items() if alive.issuperset(pair)}
         decided: list[tuple[Person, Person, float]] = []
-        ratios = np.log(colour_ratios(people))
+        ratios: F32 | None = None
         colours: dict[int, tuple[F64, float]] = {}
         for i, a in enumerate(people):
             for j in range(i + 1, len(people)):
@@ -58,7 +58,7 @@ class Exchanges:
                 known = min(a.looks, b.looks) >= KNOWN_LOOKS and a.confirmed and b.confirmed
                 if pair not in self._evidence or not known:
                     continue
-                gain = 0.0
+                gain, ratios = 0.0, np.log(colour_ratios(people)) if ratios is None else ratios
                 for k, other in ((i, j), (j, i)):
                     if k not in colours:
                         colours[k] = owned_colours(k, owned, views, p.patch_m)
