@@ -417,7 +417,7 @@ def share_out(
             residual[r, c] = math.log((explained + through * one_more) / (explained + other))
         if kind == SEEN:
             continue
-        near[r, c] = reached
+        owner[r, c], near[r, c] = -1, reached
         tiles[r // TILE_PX, c // TILE_PX] += residual[r, c]
         if through < 1.0 and best > other:
             owner[r, c], share[r, c], height[r, c] = who, best / (explained + other), at_z
@@ -426,8 +426,8 @@ def share_out(
 
 
 @njit(cache=True, nogil=True)
-def promising(total: F64, bands: I32, scale: F32, least: float, found: I32) -> int:
-    """Fill the places whose hull may gain ``least``, and their number.
+def promising(total: F64, bands: I32, scale: F32, least: float, found: I32, wanted: Bool) -> int:
+    """Fill the places whose hull may gain ``least``, and the tiles in which these are; the number of places.
 
     ``total``: integral image of the tiles' gains; ``bands``, ``scale``: see ``hull_scores``.
     """
@@ -440,6 +440,7 @@ def promising(total: F64, bands: I32, scale: F32, least: float, found: I32) -> i
         empty = right <= left or down <= top
         if not empty and scale[i] * (total[r1, c1] - total[r0, c1] - total[r1, c0] + total[r0, c0]) >= least:
             found[n], n = i, n + 1
+            wanted[r0:r1, c0:c1] = True
     return n
 
 

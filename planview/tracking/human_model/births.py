@@ -60,10 +60,14 @@ class FloorPlaces:
     def scores(self, frame: MaskExplanation, shares: Shares, least: float) -> tuple[I32, F32]:
         """Places where one more person would gain at least so much, and what, about [log-odds of pixels]."""
         found = np.empty(len(self.scale), np.int32)
-        n = kernels.promising(_integral(shares.tiles), self.bands, self.scale, least, found)
+        wanted = np.zeros(shares.tiles.shape, np.bool_)
+        n = kernels.promising(_integral(shares.tiles), self.bands, self.scale, least, found, wanted)
         scores = np.empty(n, np.float32)
         if n:
-            shares.fill(kernels.SEEN, np.flatnonzero(frame.kind == kernels.SEEN))
+            near = wanted.repeat(kernels.TILE_PX, 0).repeat(kernels.TILE_PX, 1)[
+                : len(frame.kind), : frame.kind.shape[1]
+            ]
+            shares.fill(kernels.SEEN, np.flatnonzero((frame.kind == kernels.SEEN) & near))
             kernels.hull_scores(_integral(shares.residual), self.bands, found[:n], scores)
         good = scores * self.scale[found[:n]] >= least
         return found[:n][good], scores[good]
