@@ -64,10 +64,9 @@ class FloorPlaces:
         n = kernels.promising(_integral(shares.tiles), self.bands, self.scale, least, found, wanted)
         scores = np.empty(n, np.float32)
         if n:
-            near = wanted.repeat(kernels.TILE_PX, 0).repeat(kernels.TILE_PX, 1)[
-                : len(frame.kind), : frame.kind.shape[1]
-            ]
-            shares.fill(kernels.SEEN, np.flatnonzero((frame.kind == kernels.SEEN) & near))
+            (rows, cols), side = frame.kind.shape, kernels.TILE_PX
+            near = wanted.repeat(side, 0)[:rows].repeat(side, 1)[:, :cols]
+            shares.fill(kernels.SEEN, np.flatnonzero(near & (frame.kind == kernels.SEEN)))
             kernels.hull_scores(_integral(shares.residual), self.bands, found[:n], scores)
         good = scores * self.scale[found[:n]] >= least
         return found[:n][good], scores[good]

@@ -222,8 +222,8 @@ class HumanModelTracker:
         for q in self._people:
             hull = self._hull(q.at_m, q.height_m)
             if q.confirmed and q.motion == "moving" and q.share >= p.visible_min and hull is not None:
-                core = hull.mean(axis=0) + CORE * (hull - hull.mean(axis=0))
-                cv2.fillConvexPoly(walkers, np.rint(core).astype(np.int32), 1)
+                middle = hull.mean(axis=0)
+                cv2.fillConvexPoly(walkers, np.rint(middle + CORE * (hull - middle)).astype(np.int32), 1)
         left, top, width, height = cv2.boundingRect(walkers)
         part = slice(top, top + height), slice(left, left + width)
         inside, hides, looks = walkers[part] > 0, self._hides[part], min(1.0, dt / p.errors_s)
@@ -245,8 +245,8 @@ class HumanModelTracker:
         if q.share < p.visible_min:
             stays = q.existence * math.exp(-dt / p.stay_s)
             q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
-        q.log_odds += looks * float(np.clip(q.evidence, -p.evidence_max, p.evidence_max))
-        q.log_odds = float(np.clip(q.log_odds, -p.birth_evidence, p.birth_evidence))
+        q.log_odds += looks * min(max(q.evidence, -p.evidence_max), p.evidence_max)
+        q.log_odds = min(max(q.log_odds, -p.birth_evidence), p.birth_evidence)
         if q.share < p.visible_min:
             return
         q.learn_height(looks, p.sits)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -77,7 +78,7 @@ class Walker(Person):
         while len(trail) > 2 and trail[1].time_s <= now_s - p.window_s:
             trail.popleft()
         first, last = trail[0], trail[-1]
-        way = float(np.hypot(last.x_m - first.x_m, last.y_m - first.y_m))
+        way = math.hypot(last.x_m - first.x_m, last.y_m - first.y_m)
         walks = way > p.moving_mps * max(last.time_s - first.time_s, 0.5 * p.window_s)
         self.motion = "moving" if walks else ("stopped" if moving >= p.internal_motion else "stationary")
         change = last.visible - first.visible
@@ -103,13 +104,15 @@ def matches(hulls: Sequence[F64 | None], surface: U8) -> list[ModelMatch]:
         drawn.append(None)
         if hull is None or not np.isfinite(hull).all():
             continue
-        low = np.maximum(np.floor(hull.min(axis=0)).astype(int), 0)
-        high = np.minimum(np.ceil(hull.max(axis=0)).astype(int) + 1, surface.shape[::-1])
-        if (low >= high).any():
+        points = np.rint(hull).astype(np.int32)
+        left, top, width, height = cv2.boundingRect(points)
+        right, bottom = min(left + width, surface.shape[1]), min(top + height, surface.shape[0])
+        left, top = max(left, 0), max(top, 0)
+        if left >= right or top >= bottom:
             continue
-        part = np.zeros((high[1] - low[1], high[0] - low[0]), np.uint8)
-        cv2.fillConvexPoly(part, np.rint(hull - low).astype(np.int32), 1)
-        rows, cols = slice(low[1], high[1]), slice(low[0], high[0])
+        part = np.zeros((bottom - top, right - left), np.uint8)
+        cv2.fillConvexPoly(part, points - np.array([left, top], np.int32), 1)
+        rows, cols = slice(top, bottom), slice(left, right)
         cover[rows, cols] += part
         drawn[-1] = rows, cols, part
     areas, shared = np.zeros((2, n), np.int64)
@@ -120,13 +123,15 @@ def matches(hulls: Sequence[F64 | None], surface: U8) -> list[ModelMatch]:
             scores.append(ModelMatch())
             continue
         rows, cols, part = entry
-        inner = np.bincount(labels[rows, cols][part > 0], minlength=n)[1:]
-        touched = np.flatnonzero(inner > 0.1 * inner.sum()) + 1
+        on = labels[rows, cols][part > 0]
+        inner = np.bincount(on, minlength=n)[1:]
+        total = int(inner.sum())
+        touched = np.flatnonzero(inner > 0.1 * total) + 1
         blob = max(1, int(areas[touched].sum()))
         scores.append(
             ModelMatch(
                 float(inner[touched - 1].sum()) / blob,
-                float(inner.sum()) / max(1, int(part.sum())),
+                total / max(1, len(on)),
                 float(shared[touched].sum()) / blob,
             )
         )
