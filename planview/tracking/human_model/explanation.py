@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.silhouette import silhouette
 from planview.tracking.kalman import PositionNoise
-from planview.tracking.template.explanation import People
+from planview.tracking.template.explanation import Owned, People
 
 STEPS_M = np.array([0.12, 0.06])
 """Steps of the ascent: a walker's error of prediction, and the blur of a patch [m]."""
@@ -42,22 +43,28 @@ class Shares:
     """Who owns each pixel of a frame of some rows and columns, renewed in every frame; see ``_kernels.share_out``.
 
     Attributes:
-        pixels: (K,) int64, those that anybody owns.
+        owner, near: of this frame's foreground only.
+        pixels, owners: (K,) int64, those that anybody owns, and who.
         fill: fills ``residual`` when called with SEEN and those pixels: few frames need it there.
     """
 
     fill: Callable[[int, I64], None]
     pixels: I64
+    owners: I64
 
     def __init__(self, rows: int, cols: int) -> None:
-        self.owner: I64 = np.empty((rows, cols), np.int64)
+        self.owner: I64 = np.full((rows, cols), -2, np.int64)
         self.share, self.height, self.range_m, self.residual = np.empty((4, rows, cols), np.float32)
         self.near: Bool = np.empty((rows, cols), np.bool_)
         self.tiles: F64 = np.zeros((-(-rows // kernels.TILE_PX), -(-cols // kernels.TILE_PX)))
 
-    def seen(self, of: MaskExplanation) -> SeenPixels:
-        """The frame as if every pixel were as far away as its owner."""
-        return SeenPixels(of.view.seen_rays, of.kind, self.range_m, of.code if of.coloured else None)
+    def seen(self, of: MaskExplanation) -> tuple[Owned, SeenPixels]:
+        """The pixels that anybody owns, one after the other, as if they were as far away as their owners."""
+        rays, arrays = of.view.seen_rays, (self.share, self.height, self.residual, self.range_m)
+        share, height, lack, range_m = (a.reshape(-1)[self.pixels] for a in arrays)
+        kind, code = (a.reshape(-1)[self.pixels] for a in (of.kind, of.code))
+        rays = replace(rays, stretch=rays.stretch.reshape(-1)[self.pixels])
+        return Owned(self.owners, share, height, lack), SeenPixels(rays, kind, range_m, code if of.coloured else None)
 
 
 class MaskView:
@@ -172,8 +179,9 @@ class MaskExplanation:
 
     def touching(self, poses: F64) -> Bool:
         """(N, N) whether two people may be on one ray."""
-        low, high = np.split(self.view.boxes(poses, 0.4), 2, axis=1)
-        return np.asarray((low[:, None] <= high[None]).all(-1) & (low[None] <= high[:, None]).all(-1))
+        boxes = self.view.boxes(poses, 0.4)
+        before = (boxes[:, None, :2] <= boxes[:, 2:]).all(axis=2)
+        return np.asarray(before & before.T)
 
     def rivals(self, people: People, standing: F64) -> I64:
         """(N,) the person of better (N,) standing who may account for the foreground of each; -1 for none."""
@@ -225,14 +233,15 @@ class MaskExplanation:
     def share_out(self, people: People) -> Shares:
         """Who owns each pixel of foreground."""
         v, s = self.view, self.view.shares
-        s.owner[:], s.near[:], s.residual[:], s.tiles[:] = -2, False, 0.0, 0.0
+        s.residual[:], s.tiles[:] = 0.0, 0.0
         s.fill = lambda kind, pixels: kernels.share_out(
             kind, pixels, people.poses, people.sure, people.tall, people.ratios, np.argsort(people.away()),
             v.boxes(people.poses, NEAR_M), v.rays, v.angle, self.code, v.table.cover, v.beliefs,
             s.owner, s.share, s.height, s.range_m, s.residual, s.near, s.tiles,
         )  # fmt: skip
         s.fill(kernels.SURFACE, self.pixels)
-        s.pixels = self.pixels[s.owner.reshape(-1)[self.pixels] >= 0]
+        owner = s.owner.reshape(-1)[self.pixels]
+        s.pixels, s.owners = self.pixels[owner >= 0], owner[owner >= 0]
         return s
 
 

@@ -26,7 +26,7 @@ from planview.tracking.human_model.explanation import (
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker, matches
-from planview.tracking.template.explanation import Owned, People
+from planview.tracking.template.explanation import People
 from planview.tracking.template.identity import Exchanges, continued
 from planview.tracking.template.params import TemplateParams
 from planview.tracking.template.person import Person, colour_ratios
@@ -224,14 +224,12 @@ class HumanModelTracker:
             if q.confirmed and q.motion == "moving" and q.share >= p.visible_min and hull is not None:
                 middle = hull.mean(axis=0)
                 cv2.fillConvexPoly(walkers, np.rint(middle + CORE * (hull - middle)).astype(np.int32), 1)
-        left, top, width, height = cv2.boundingRect(walkers)
-        part = slice(top, top + height), slice(left, left + width)
-        inside, hides, looks = walkers[part] > 0, self._hides[part], min(1.0, dt / p.errors_s)
+        inside, looks = np.flatnonzero(walkers.view(np.bool_)), min(1.0, dt / p.errors_s)
         hidden = math.log((1 - p.seen_on_background) / (1 - p.seen_on_body))
         shown = math.log(p.seen_on_background / p.seen_on_body)
-        np.add(hides, looks * hidden, out=hides, where=inside & seen[part])
-        np.add(hides, looks * shown, out=hides, where=inside & (frame.kind[part] == kernels.SURFACE))
-        np.clip(hides, 2 * HIDES, -HIDES, out=hides)
+        more = seen.reshape(-1)[inside] * hidden + (frame.kind.reshape(-1)[inside] == kernels.SURFACE) * shown
+        hides = self._hides.reshape(-1)
+        hides[inside] = np.clip(hides[inside] + looks * more, 2 * HIDES, -HIDES)
 
     def _visibility(self, pose: F64) -> float:
         """The human visibility ratio of the model map."""
@@ -257,9 +255,8 @@ class HumanModelTracker:
     def _judge(self, frame: MaskExplanation, shares: Shares, motion: U8) -> None:
         """Match (equation 1) and the automata of everybody."""
         found = matches([self._hull(q.at_m, q.height_m) for q in self._people], frame.kind == kernels.SURFACE)
-        owner = shares.owner.reshape(-1)[shares.pixels]
-        area = np.bincount(owner, minlength=len(self._people))
-        moving = np.bincount(owner[motion.reshape(-1)[shares.pixels] > 0], minlength=len(self._people))
+        area = np.bincount(shares.owners, minlength=len(self._people))
+        moving = np.bincount(shares.owners[motion.reshape(-1)[shares.pixels] > 0], minlength=len(self._people))
         for i, q in enumerate(self._people):
             q.match = found[i]
             before = q.posture, q.motion, q.stability
@@ -279,14 +276,12 @@ class HumanModelTracker:
     # -- who is who, who comes, who goes ----------------------------------------------------------------------------
     def _learn(self, frame: MaskExplanation, shares: Shares, dt: float) -> None:
         alone = frame.touching(np.array([(*q.at_m, q.height_m) for q in self._people]).reshape(-1, 3)).sum(axis=1) == 1
-        sure = shares.pixels[shares.share.reshape(-1)[shares.pixels] > 0.8]
-        owner = shares.owner.reshape(-1)[sure]
+        owned, seen = shares.seen(frame)
         for i, q in enumerate(self._people):
             if q.share >= 0.5 and alone[i]:
-                mine = sure[owner == i]
-                q.learn_colours(shares.height.reshape(-1)[mine], frame.code.reshape(-1)[mine])
-        owned = [Owned(shares.owner, shares.share, shares.height, shares.residual)]
-        for a, b, odds in self._exchanges.update(self._people, owned, [shares.seen(frame)], dt):
+                mine = (owned.owner == i) & (owned.share > 0.8)
+                q.learn_colours(owned.height[mine], frame.code.reshape(-1)[shares.pixels[mine]])
+        for a, b, odds in self._exchanges.update(self._people, [owned], [seen], dt):
             a.take_identity(b)
             self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)
 

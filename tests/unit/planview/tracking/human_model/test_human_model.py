@@ -176,6 +176,33 @@ def test_evidence_is_that_of_the_plain_twin(pose, others):
     assert evidence(frame, pose, *others) == pytest.approx(expected, rel=2e-3, abs=1e-3)
 
 
+@pytest.mark.parametrize("lens", ["pinhole", "fisheye"])
+def test_boxes_hold_what_the_camera_projects_of_bodies_and_their_reach(lens):
+    camera = replace(CAMERA, lens=lens, roll_rad=0.05)
+    poses = np.array([(0.0, 6.0, 1.76), (-2.0, 3.0, 1.5), (1.0, 0.5, 1.9)])
+    corners = np.array([(dx, dy, z) for dx in (-0.4, 0.4) for dy in (-0.4, 0.4) for z in (0.0, 1.05)])
+    image = camera.project(
+        poses[:, None] * (1.0, 1.0, 0.0) + corners * np.where([True, True, False], 1.0, poses[:, None, 2:])
+    )
+    image = np.where(np.isnan(image).any(axis=(1, 2), keepdims=True), [[[-1e4, -1e4]] + [[1e4, 1e4]] * 7], image)
+    expected = np.concatenate([image.min(axis=1), image.max(axis=1)], axis=1).astype(np.int64)
+    assert MaskView(camera, PARAMS).boxes(poses, 0.4).tolist() == expected.tolist()
+
+
+def test_places_are_those_whose_hulls_gain_enough_and_none_is_ruled_out_before():
+    frame, places = frame_of((-1.0, 6.0, RED), (1.0, 6.0, BLUE)), FloorPlaces(MAP, PARAMS.birth_visible, PARAMS.patch_m)
+    known = people_at((-1.0, 6.0, 1.76))
+    shares = frame.share_out(known)
+    found, scores = places.scores(frame, shares, 4.0)
+    shares.fill(0, np.flatnonzero(frame.kind == 0))
+    plain = np.array([
+        sum(float(shares.residual[top:down, left:right].sum()) for left, top, right, down in bands)
+        for bands in places.bands
+    ])  # fmt: skip
+    assert len(found) and found.tolist() == np.flatnonzero(plain * places.scale >= 4.0).tolist()
+    assert scores == pytest.approx(plain[found], rel=1e-3)
+
+
 def test_person_is_likelier_where_it_stands_than_beside_and_unlikely_where_nothing_is_foreground():
     frame = frame_of((0.0, 6.0, RED))
     here = evidence(frame, (0.0, 6.0, 1.76))
