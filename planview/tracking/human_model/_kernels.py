@@ -456,28 +456,3 @@ def hull_scores(total: F64, bands: I32, places: I32, scores: F32) -> None:
             left, top, right, down = bands[i, k]
             if right > left and down > top:
                 scores[j] += total[down, right] - total[top, right] - total[down, left] + total[top, left]
-
-
-@njit(cache=True, nogil=True)
-def tell(pixels: I64, owner: I64, near: Bool, labels: U8, anybody: int, known: U8, left: U8) -> None:
-    """What each pixel of foreground is known to be, a person's label or ``anybody`` within reach of one, and what is
-    left over; zeros before."""
-    for i in pixels:
-        known[i] = labels[owner[i]] if owner[i] >= 0 else (anybody if near[i] else 0)
-        left[i] = known[i] == 0
-
-
-@njit(cache=True, nogil=True)
-def tally(pixels: I64, regions: I32, marks: U8, least: int, area: I64, marked: I64) -> None:
-    """Pixels of each region, and those of them with a mark of ``least``; zeros before."""
-    for i in pixels:
-        area[regions[i]] += 1
-        marked[regions[i]] += marks[i] >= least
-
-
-@njit(cache=True, nogil=True)
-def stay(pixels: I64, regions: I32, lively: Bool, dt: float, before_s: F32, still_s: F32) -> None:
-    """How long each pixel has belonged to a region, 0 none, and has not been in a lively one [s]; zeros before."""
-    for i in pixels:
-        if regions[i] > 0:
-            still_s[i] = dt + (0.0 if lively[regions[i]] else before_s[i])

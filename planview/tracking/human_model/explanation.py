@@ -98,25 +98,12 @@ class MaskView:
         ])  # fmt: skip
         p, t = params, self.table
         self.beliefs = kernels.OutlineBeliefs(
-            body=p.seen_on_body,
-            background=p.seen_on_background,
-            near_people=p.seen_near_people,
-            hidden=p.hidden,
-            hidden_sitting=p.hidden_sitting,
-            hidden_to=0.6,
-            sitting_from=0.5 * (1.0 + p.sitting),
-            colour=p.colour_weight,
-            sits=p.sits,
-            sitting=p.sitting,
-            reach_m=NEAR_M,
-            apart_m=body.APART_M,
-            camera_m=camera.height_m,
-            focal_px=camera.focal_px,
-            patch_m=p.patch_m,
-            patch_px=PATCH_PX,
-            body_cells=body.TORSO.height_m / t.cell_m,
-            w_first=t.w_min_m / t.cell_m,
-        )
+            body=p.seen_on_body, background=p.seen_on_background, near_people=p.seen_near_people, hidden=p.hidden,
+            hidden_sitting=p.hidden_sitting, hidden_to=0.6, sitting_from=0.5 * (1.0 + p.sitting),
+            colour=p.colour_weight, sits=p.sits, sitting=p.sitting, reach_m=NEAR_M, apart_m=body.APART_M,
+            camera_m=camera.height_m, focal_px=camera.focal_px, patch_m=p.patch_m, patch_px=PATCH_PX,
+            body_cells=body.TORSO.height_m / t.cell_m, w_first=t.w_min_m / t.cell_m,
+        )  # fmt: skip
 
     def boxes(self, poses: F64, reach_m: float) -> I64:
         """(N, 4) int64 left, top, right, bottom of bodies and what is within a reach of them [px]."""

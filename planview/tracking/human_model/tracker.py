@@ -287,25 +287,22 @@ class HumanModelTracker:
 
     def _watch(self, frame: MaskExplanation, shares: Shares, motion: U8, dt: float) -> None:
         """What the foreground model is told: people, and what has been still and unexplained for long."""
-        labels = np.zeros(len(self._people), np.uint8)
+        labels = np.zeros(len(self._people) + 1, np.uint8)
         for i, q in enumerate(self._people):
             if q.confirmed:
                 labels[i] = WALKER if q.walked_m > WALKER_M else PERSON
-        known, left = np.zeros((2, *motion.shape), np.uint8)
-        kernels.tell(
-            frame.pixels, shares.owner.reshape(-1), shares.near.reshape(-1), labels, PERSON if labels.any() else 0,
-            known.reshape(-1), left.reshape(-1),
-        )  # fmt: skip
-        n, found = cv2.connectedComponents(left, connectivity=8)
-        regions, (area, moving) = found.reshape(-1), np.zeros((2, n), np.int64)
-        kernels.tally(frame.pixels, regions, motion.reshape(-1), 1, area, moving)
-        still_s = np.zeros_like(self._still_s)
-        kernels.stay(
-            frame.pixels, regions, moving > LIVELY * area, dt, self._still_s.reshape(-1), still_s.reshape(-1)
-        )  # fmt: skip
-        self._still_s = still_s
-        np.copyto(known, np.uint8(BACKGROUND), where=still_s >= self.params.still_s)
-        self._known = known
+        owner, near = shares.owner.reshape(-1)[frame.pixels], shares.near.reshape(-1)[frame.pixels]
+        told, (known, left, still_s) = labels[owner], (np.zeros(motion.size, kind) for kind in ("u1", "u1", "f4"))
+        told[(owner == -1) & near & labels.any()] = PERSON
+        known[frame.pixels], rest = told, frame.pixels[told == 0]
+        left[rest] = 1
+        n, found = cv2.connectedComponents(left.reshape(motion.shape), connectivity=8)
+        regions = found.reshape(-1)[rest]
+        moving = np.bincount(regions[motion.reshape(-1)[rest] > 0], minlength=n)
+        lively = moving > LIVELY * np.bincount(regions, minlength=n)
+        still_s[rest] = dt + np.where(lively[regions], 0.0, self._still_s.reshape(-1)[rest])
+        known[rest[still_s[rest] >= self.params.still_s]] = BACKGROUND
+        self._known, self._still_s = known.reshape(motion.shape), still_s.reshape(motion.shape)
 
     def _clean(self, dt: float) -> None:
         """People without evidence or beyond the border end, and things that somebody moved."""

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 
 from calib.types import F64, U8
-from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.template.person import Person
 
@@ -96,8 +95,7 @@ def matches(hulls: Sequence[F64 | None], surface: U8) -> list[ModelMatch]:
     if not hulls:
         return []
     # Statistics of all regions take eight times as long as the regions.
-    n, found = cv2.connectedComponents((surface > 0).view(np.uint8), connectivity=8)
-    labels = np.asarray(found, np.int32)
+    n, labels = cv2.connectedComponents((surface > 0).view(np.uint8), connectivity=8)
     cover = np.zeros(surface.shape, np.uint8)
     drawn: list[tuple[slice, slice, U8] | None] = []
     for hull in hulls:
@@ -115,8 +113,9 @@ def matches(hulls: Sequence[F64 | None], surface: U8) -> list[ModelMatch]:
         rows, cols = slice(top, bottom), slice(left, right)
         cover[rows, cols] += part
         drawn[-1] = rows, cols, part
-    areas, shared = np.zeros((2, n), np.int64)
-    kernels.tally(np.flatnonzero(surface), labels.reshape(-1), cover.reshape(-1), 2, areas, shared)
+    pixels = np.flatnonzero(surface)
+    on = labels.reshape(-1)[pixels]
+    areas, shared = np.bincount(on, minlength=n), np.bincount(on[cover.reshape(-1)[pixels] > 1], minlength=n)
     scores = []
     for entry in drawn:
         if entry is None:
