@@ -93,12 +93,6 @@ def _hidden(h: float, tall: float, b: OutlineBeliefs):  # type: ignore[no-untype
     return b.hidden_sitting if h < b.sitting_from * tall else b.hidden
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def _part(z: float):  # type: ignore[no-untyped-def]
-    """Legs, torso or head."""
-    return 0 if z < LEGS_TO else (1 if z < TORSO_TO else 2)
-
-
 @njit(cache=True, nogil=True)
 def boxes(poses: F64, reach_m: float, lens: F64, found: I64) -> None:
     """Fill (N, 4) left, top, right, bottom [px] of the corners of bodies' boxes, as ``GroundCamera.project`` has them.
@@ -118,11 +112,10 @@ def boxes(poses: F64, reach_m: float, lens: F64, found: I64) -> None:
             if depth <= 1e-6 or 1.0 + 2.0 * k * r <= 0.0:
                 left, top, right, bottom = -1e4, -1e4, 1e4, 1e4
                 break
-            px, py = px * (1.0 + k * r), py * (1.0 + k * r)
-            col, row = cos * px - sin * py + u, sin * px + cos * py + v
+            col, row = (cos * px - sin * py) * (1.0 + k * r) + u, (sin * px + cos * py) * (1.0 + k * r) + v
             left, top, right, bottom = min(left, col), min(top, row), max(right, col), max(bottom, row)
-        for side, at in enumerate((left, top, right, bottom)):
-            found[i, side] = int(min(max(at, -1e4), 1e4))
+        found[i, 0], found[i, 1] = max(left, -1e4), max(top, -1e4)
+        found[i, 2], found[i, 3] = min(right, 1e4), min(bottom, 1e4)
 
 
 @njit(cache=True, nogil=True)
@@ -195,7 +188,7 @@ def layer(
             iu, iw, z = _look(x, y, h, ex, ey, cos, sin, cells_u, cells_w, b)
             pi = sure[k] * cover[angles[j], iu, np.uint32(iw)] if iw >= 0 else 0.0
             if pi > 0.01:
-                colour = 1.0 - b.colour + b.colour * ratios[k, _part(z), code]
+                colour = 1.0 - b.colour + b.colour * ratios[k, int(z >= LEGS_TO) + int(z >= TORSO_TO), code]
                 explained += through * pi * _likelihood(kind, z, _hidden(h, tall[k, 0], b), colour, b)
                 through *= 1.0 - pi
         if before == len(order):
@@ -305,7 +298,7 @@ def ascend(
                         t = min(max(0.5 * (after - before) / bend, -2.0), 2.0) if bend > 1e-6 and way < 4 else 0.0
                         if abs(t) < 0.1 or abs(abs(t) - 1.0) < 0.1:
                             continue
-                    nx, ny, nh = _moved(x, y, h, way, t * step, tall[0], b) if trial > 0 else (x, y, h)
+                    nx, ny, nh = _moved(x, y, h, way, t * step, tall[0], b)
                     value = -1e300
                     if low <= nh <= high:
                         ox, oy, oh = nx - predicted[0], ny - predicted[1], nh - predicted[2]
@@ -323,24 +316,6 @@ def ascend(
             if not moved:
                 break
     return worth
-
-
-@njit(cache=True, nogil=True, fastmath=True)
-def bends(
-    pose: F64, far: float, step: float, tall: float, samples: F32, angles: U8, n: int, cover: F32, b: OutlineBeliefs
-) -> tuple[float, float, float]:
-    """By how much Lam falls off to both sides: ``far`` along the ray, a step across it, and a step up and down."""
-    x, y, h = pose[0], pose[1], pose[2]
-    away = max(math.sqrt(x * x + y * y), 1e-6)
-    ax, ay = x / away, y / away
-    here = 2.0 * evaluate(x, y, h, tall, samples, angles, n, cover, b)
-    along = across = up = here
-    for side in (-1.0, 1.0):
-        f, d = side * far, side * step
-        along -= evaluate(x + f * ax, y + f * ay, h, tall, samples, angles, n, cover, b)
-        across -= evaluate(x - d * ay, y + d * ax, h, tall, samples, angles, n, cover, b)
-        up -= evaluate(x, y, h + d, tall, samples, angles, n, cover, b)
-    return along, across, up
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -373,12 +348,12 @@ def share_out(
     angle: U8, code: U8, cover: F32, b: OutlineBeliefs, owner: I64, share: F32, height: F32, range_m: F32,
     residual: F32, near: Bool, tiles: F64,
 ) -> None:  # fmt: skip
-    """Who owns each pixel of foreground: -2 no foreground, -1 nobody, else a person, with the responsibility.
+    """Who owns each pixel of foreground: -1 nobody, else a person, with the responsibility.
 
     ``pixels`` are of one kind, SURFACE, or SEEN for what the residual alone still lacks. ``height`` and ``range_m``:
     of the owner's pixels, relative to the owner and along the ray. ``residual``: what one more person, behind all
     others, would gain at each pixel. ``near``: whether a person may reach there. ``tiles``: sum of the gains in squares
-    of ``TILE_PX``. Before, everything is as where there is no foreground.
+    of ``TILE_PX``, zeros before.
     """
     cols = code.shape[1]
     one_more = _likelihood(kind, 1.0, 0.0, 1.0, b)
@@ -405,7 +380,7 @@ def share_out(
             pi = sure[k] * cover[angle[r, c], iu, np.uint32(iw)] if iw >= 0 else 0.0
             if pi < 0.01:
                 continue
-            colour = 1.0 - b.colour + b.colour * ratios[k, _part(z), code[r, c]]
+            colour = 1.0 - b.colour + b.colour * ratios[k, int(z >= LEGS_TO) + int(z >= TORSO_TO), code[r, c]]
             value = through * pi * _likelihood(kind, z, _hidden(h, tall[k, 0], b), colour, b)
             explained += value
             through *= 1.0 - pi

@@ -40,7 +40,7 @@ ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 
 
 class Shares:
-    """Who owns each pixel of a frame of some rows and columns, renewed in every frame; see ``_kernels.share_out``.
+    """Who owns each pixel of a frame of some rows and columns; see ``_kernels.share_out``.
 
     Attributes:
         owner, near: of this frame's foreground only.
@@ -53,8 +53,9 @@ class Shares:
     owners: I64
 
     def __init__(self, rows: int, cols: int) -> None:
-        self.owner: I64 = np.full((rows, cols), -2, np.int64)
-        self.share, self.height, self.range_m, self.residual = np.empty((4, rows, cols), np.float32)
+        self.owner: I64 = np.empty((rows, cols), np.int64)
+        self.share, self.height, self.range_m = np.empty((3, rows, cols), np.float32)
+        self.residual: F32 = np.zeros((rows, cols), np.float32)
         self.near: Bool = np.empty((rows, cols), np.bool_)
         self.tiles: F64 = np.zeros((-(-rows // kernels.TILE_PX), -(-cols // kernels.TILE_PX)))
 
@@ -72,7 +73,6 @@ class MaskView:
 
     def __init__(self, camera: GroundCamera, params: HumanModelParams) -> None:
         self.camera, self.params, self.table = camera, params, silhouette()
-        self.shares = Shares(camera.height, camera.width)
         rows, cols = np.mgrid[: camera.height, : camera.width]
         rays = camera.rays(np.stack([cols, rows], axis=-1)) / camera.focal_px
         length = np.linalg.norm(rays, axis=-1)
@@ -219,8 +219,7 @@ class MaskExplanation:
 
     def share_out(self, people: People) -> Shares:
         """Who owns each pixel of foreground."""
-        v, s = self.view, self.view.shares
-        s.residual[:], s.tiles[:] = 0.0, 0.0
+        v, s = self.view, Shares(*self.kind.shape)
         s.fill = lambda kind, pixels: kernels.share_out(
             kind, pixels, people.poses, people.sure, people.tall, people.ratios, np.argsort(people.away()),
             v.boxes(people.poses, NEAR_M), v.rays, v.angle, self.code, v.table.cover, v.beliefs,
@@ -288,12 +287,11 @@ class OutlineSamples:
 
     def noise(self, pose: F64, tall: F64) -> tuple[PositionNoise, float]:
         """Covariance of the place and information on the height [1/m^2], from the second differences of Lam."""
-        v, d, away = self._of.view, float(STEPS_M[1]), max(math.hypot(pose[0], pose[1]), 1e-6)
-        far = d * min(math.hypot(away, v.camera.height_m) / v.camera.height_m, 4.0)
-        along, across, up = kernels.bends(
-            pose, far, d, tall[0], self._values, self._angles, self._n, v.table.cover, v.beliefs
-        )  # fmt: skip
-        ax, ay = float(pose[0]) / away, float(pose[1]) / away
+        (x, y, _), d, camera_m = pose.tolist(), float(STEPS_M[1]), self._of.view.camera.height_m
+        away = max(math.hypot(x, y), 1e-6)
+        ax, ay, far = x / away, y / away, d * min(math.hypot(away, camera_m) / camera_m, 4.0)
+        ways, here = np.array([(far * ax, far * ay, 0.0), (-d * ay, d * ax, 0.0), (0.0, 0.0, d)]), self.lam(pose, tall)
+        along, across, up = (2.0 * here - self.lam(pose + way, tall) - self.lam(pose - way, tall) for way in ways)
         va, vc = (max(s * s / max(bent, 0.02), (s / 3) ** 2) for bent, s in ((along, far), (across, d)))
         place = PositionNoise(va * ax * ax + vc * ay * ay, (va - vc) * ax * ay, va * ay * ay + vc * ax * ax)
         return place, max(up, 0.0) / (d * d)

@@ -79,7 +79,6 @@ class HumanModelTracker:
         self._next_id = 1
         self._now_s = math.nan
         self._exchanges = Exchanges(self._shared)
-        self._hulls: dict[tuple[float, float, float], F64 | None] = {}
         self._log: list[Decision] = []
         shape = self.camera.size[::-1]
         self._known: U8 = np.zeros(shape, np.uint8)
@@ -133,7 +132,6 @@ class HumanModelTracker:
             )
         dt = 0.0 if math.isnan(self._now_s) else max(0.0, observation.timestamp_s - self._now_s)
         self._now_s, self._log = observation.timestamp_s, []
-        self._hulls.clear()
         frame = MaskExplanation(self._view, observation)
         seen = frame.kind == kernels.SEEN
         frame.kind |= seen & (self._hides > 0)  # SHADOW
@@ -146,8 +144,9 @@ class HumanModelTracker:
         if self._people:
             self._explain(frame, people, dt)
         shares = frame.share_out(self._side_by_side(people.ratios))
-        self._judge(frame, shares, motion)
-        self._learn_hiding(frame, seen, dt)
+        hulls = [self._hull(q.at_m, q.height_m) for q in self._people]
+        self._judge(frame, shares, motion, hulls)
+        self._learn_hiding(frame, seen, hulls, dt)
         if frame.coloured:
             self._learn(frame, shares, dt)
         self._watch(frame, shares, motion, dt)
@@ -216,11 +215,10 @@ class HumanModelTracker:
         q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up)
         q.seen_s = self._now_s
 
-    def _learn_hiding(self, frame: MaskExplanation, seen: Bool, dt: float) -> None:
+    def _learn_hiding(self, frame: MaskExplanation, seen: Bool, hulls: list[F64 | None], dt: float) -> None:
         """What hides people, from the bodies of those who walk: background where one is, or foreground."""
         p, walkers = self.params, np.zeros(seen.shape, np.uint8)
-        for q in self._people:
-            hull = self._hull(q.at_m, q.height_m)
+        for q, hull in zip(self._people, hulls, strict=True):
             if q.confirmed and q.motion == "moving" and q.share >= p.visible_min and hull is not None:
                 middle = hull.mean(axis=0)
                 cv2.fillConvexPoly(walkers, np.rint(middle + CORE * (hull - middle)).astype(np.int32), 1)
@@ -252,9 +250,9 @@ class HumanModelTracker:
         q.walked_m += farther
         q.moved += farther
 
-    def _judge(self, frame: MaskExplanation, shares: Shares, motion: U8) -> None:
+    def _judge(self, frame: MaskExplanation, shares: Shares, motion: U8, hulls: list[F64 | None]) -> None:
         """Match (equation 1) and the automata of everybody."""
-        found = matches([self._hull(q.at_m, q.height_m) for q in self._people], frame.kind == kernels.SURFACE)
+        found = matches(hulls, frame.kind == kernels.SURFACE)
         area = np.bincount(shares.owners, minlength=len(self._people))
         moving = np.bincount(shares.owners[motion.reshape(-1)[shares.pixels] > 0], minlength=len(self._people))
         for i, q in enumerate(self._people):
@@ -364,16 +362,7 @@ class HumanModelTracker:
         self._log.append(Decision(q.track_id, kind, reason, value))
 
     def _hull(self, at_m: tuple[float, float], height_m: float) -> F64 | None:
-        """(K, 2) outline [px] of the model map, as large as a person of a height is; None where nobody is expected.
-
-        Kept for a frame, in which it is asked for three times.
-        """
-        key = (*at_m, height_m)
-        if key not in self._hulls:
-            self._hulls[key] = self._drawn(at_m, height_m)
-        return self._hulls[key]
-
-    def _drawn(self, at_m: tuple[float, float], height_m: float) -> F64 | None:
+        """(K, 2) outline [px] of the model map, as large as a person of a height is; None where nobody is expected."""
         foot = self.camera.project(np.array([*at_m, 0.0]))
         entry = int(self.model_map.entry_at(foot))
         if entry < 0:
