@@ -15,9 +15,8 @@ from numba import njit
 from calib.types import F32, F64, I32, I64, U8, Bool
 
 EX, EY, COS, SIN, WEIGHT, THROUGH, BEFORE, REST, GAINS = range(9)
-SAMPLE_FIELDS = 14
-"""From ``GAINS`` on what a body that surely covers a sample changes of its likelihood, over that: legs and hip of who
-stands and of who sits, torso, head."""
+"""Fields of a sample. From ``GAINS`` on six: what a body that surely covers it changes of its likelihood, over that, of
+legs and hip of who stands and of who sits, torso and head."""
 SEEN, SHADOW, SURFACE = 0, 1, 2
 """Kinds of pixels: background, foreground that looks like a shadow and says nothing, foreground."""
 LEGS_TO, TORSO_TO = 0.45, 0.85

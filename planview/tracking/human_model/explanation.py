@@ -32,7 +32,6 @@ NEAR_M = 0.6
 """From the body's axis to hands and feet that the silhouette does not expect, and to shadows [m]."""
 RIVAL = 0.3
 """Share of the smaller of two boxes that they have in common when two people are rivals for the same foreground."""
-MAX_SAMPLES = 2000
 
 
 ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
@@ -236,8 +235,8 @@ class OutlineSamples:
 
     def __init__(self, of: MaskExplanation, pose: F64, half_m: float, box: I64) -> None:
         self._of, v = of, of.view
-        self._values = np.empty((MAX_SAMPLES, kernels.SAMPLE_FIELDS), np.float32)
-        self._kinds, self._codes, self._angles = np.empty((3, MAX_SAMPLES), np.uint8)
+        self._values = np.empty((2000, kernels.GAINS + 6), np.float32)
+        self._kinds, self._codes, self._angles = np.empty((3, len(self._values)), np.uint8)
         self._n = kernels.gather(
             pose, half_m, SPACING_M, box, v.rays, v.angle, of.kind, of.code, self._values, self._kinds, self._codes,
             self._angles, v.beliefs,
