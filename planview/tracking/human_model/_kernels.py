@@ -347,21 +347,21 @@ def share_out(
     angle: U8, code: U8, cover: F32, b: OutlineBeliefs, owner: I64, share: F32, height: F32, range_m: F32,
     residual: F32, near: Bool, tiles: F64,
 ) -> None:  # fmt: skip
-    """Who owns each pixel of foreground: -1 nobody, else a person, with the responsibility.
+    """Who owns each of (K,) pixels of foreground: -1 nobody, else a person, with the responsibility.
 
     ``pixels`` are of one kind, SURFACE, or SEEN for what the residual alone still lacks. ``height`` and ``range_m``:
-    of the owner's pixels, relative to the owner and along the ray. ``residual``: what one more person, behind all
-    others, would gain at each pixel. ``near``: whether a person may reach there. ``tiles``: sum of the gains in squares
-    of ``TILE_PX``, zeros before.
+    of the owner's pixels, relative to the owner and along the ray. ``near``: whether a person may reach there.
+    ``residual``: (H, W), what one more person, behind all others, would gain. ``tiles``: sum of the gains in squares of
+    ``TILE_PX``, zeros before.
     """
     cols = code.shape[1]
     one_more = _likelihood(kind, 1.0, 0.0, 1.0, b)
     alone, beside = math.log(one_more / _ground(kind, False, b)), math.log(one_more / _ground(kind, True, b))
     here, n, last = np.empty(len(order), np.int64), 0, -1
     cells_u, cells_w = cover.shape[1:]
-    for i in pixels:
-        r = i // cols
-        c = i - r * cols
+    for i in range(len(pixels)):
+        r = pixels[i] // cols
+        c = pixels[i] - r * cols
         if r != last:
             n, last = 0, r
             for a in range(len(order)):
@@ -391,12 +391,12 @@ def share_out(
             residual[r, c] = math.log((explained + through * one_more) / (explained + other))
         if kind == SEEN:
             continue
-        owner[r, c], near[r, c] = -1, reached
+        owner[i], near[i] = -1, reached
         tiles[r // TILE_PX, c // TILE_PX] += residual[r, c]
         if through < 1.0 and best > other:
-            owner[r, c], share[r, c], height[r, c] = who, best / (explained + other), at_z
+            owner[i], share[i], height[i] = who, best / (explained + other), at_z
             ahead = poses[who, 0] * ex + poses[who, 1] * ey
-            range_m[r, c] = ahead * cos - (0.5 * poses[who, 2] - b.camera_m) * sin
+            range_m[i] = ahead * cos - (0.5 * poses[who, 2] - b.camera_m) * sin
 
 
 @njit(cache=True, nogil=True)

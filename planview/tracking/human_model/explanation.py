@@ -39,32 +39,28 @@ ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 
 
 class Shares:
-    """Who owns each pixel of a frame of some rows and columns; see ``_kernels.share_out``.
+    """Who owns each pixel of a frame's foreground, one after the other; see ``_kernels.share_out``.
 
     Attributes:
-        owner, near: of this frame's foreground only.
-        pixels, owners: (K,) int64, those that anybody owns, and who.
         fill: fills ``residual`` when called with SEEN and those pixels: few frames need it there.
     """
 
     fill: Callable[[int, I64], None]
-    pixels: I64
-    owners: I64
 
-    def __init__(self, rows: int, cols: int) -> None:
-        self.owner: I64 = np.empty((rows, cols), np.int64)
-        self.share, self.height, self.range_m = np.empty((3, rows, cols), np.float32)
+    def __init__(self, of: MaskExplanation) -> None:
+        (rows, cols), n = of.kind.shape, len(of.pixels)
+        self.owner: I64 = np.empty(n, np.int64)
+        self.share, self.height, self.range_m = np.zeros((3, n), np.float32)
+        self.near: Bool = np.empty(n, np.bool_)
         self.residual: F32 = np.zeros((rows, cols), np.float32)
-        self.near: Bool = np.empty((rows, cols), np.bool_)
         self.tiles: F64 = np.zeros((-(-rows // kernels.TILE_PX), -(-cols // kernels.TILE_PX)))
 
     def seen(self, of: MaskExplanation) -> tuple[Owned, SeenPixels]:
-        """The pixels that anybody owns, one after the other, as if they were as far away as their owners."""
-        rays, arrays = of.view.seen_rays, (self.share, self.height, self.residual, self.range_m)
-        share, height, lack, range_m = (a.reshape(-1)[self.pixels] for a in arrays)
-        kind, code = (a.reshape(-1)[self.pixels] for a in (of.kind, of.code))
-        rays = replace(rays, stretch=rays.stretch.reshape(-1)[self.pixels])
-        return Owned(self.owners, share, height, lack), SeenPixels(rays, kind, range_m, code if of.coloured else None)
+        """The foreground, as if its pixels were as far away as their owners."""
+        rays, code = of.view.seen_rays, of.code.reshape(-1)[of.pixels] if of.coloured else None
+        rays = replace(rays, stretch=rays.stretch.reshape(-1)[of.pixels])
+        seen = SeenPixels(rays, of.kind.reshape(-1)[of.pixels], self.range_m, code)
+        return Owned(self.owner, self.share, self.height, self.share), seen
 
 
 class MaskView:
@@ -218,15 +214,13 @@ class MaskExplanation:
 
     def share_out(self, people: People) -> Shares:
         """Who owns each pixel of foreground."""
-        v, s = self.view, Shares(*self.kind.shape)
+        v, s = self.view, Shares(self)
         s.fill = lambda kind, pixels: kernels.share_out(
             kind, pixels, people.poses, people.sure, people.tall, people.ratios, np.argsort(people.away()),
             v.boxes(people.poses, NEAR_M), v.rays, v.angle, self.code, v.table.cover, v.beliefs,
             s.owner, s.share, s.height, s.range_m, s.residual, s.near, s.tiles,
         )  # fmt: skip
         s.fill(kernels.SURFACE, self.pixels)
-        owner = s.owner.reshape(-1)[self.pixels]
-        s.pixels, s.owners = self.pixels[owner >= 0], owner[owner >= 0]
         return s
 
 

@@ -253,8 +253,9 @@ class HumanModelTracker:
     def _judge(self, frame: MaskExplanation, shares: Shares, motion: U8, hulls: list[F64 | None]) -> None:
         """Match (equation 1) and the automata of everybody."""
         found = matches(hulls, frame.kind == kernels.SURFACE)
-        area = np.bincount(shares.owners, minlength=len(self._people))
-        moving = np.bincount(shares.owners[motion.reshape(-1)[shares.pixels] > 0], minlength=len(self._people))
+        owner, n = shares.owner + 1, len(self._people) + 1
+        area = np.bincount(owner, minlength=n)[1:]
+        moving = np.bincount(owner[motion.reshape(-1)[frame.pixels] > 0], minlength=n)[1:]
         for i, q in enumerate(self._people):
             q.match = found[i]
             before = q.posture, q.motion, q.stability
@@ -278,7 +279,7 @@ class HumanModelTracker:
         for i, q in enumerate(self._people):
             if q.share >= 0.5 and alone[i]:
                 mine = (owned.owner == i) & (owned.share > 0.8)
-                q.learn_colours(owned.height[mine], frame.code.reshape(-1)[shares.pixels[mine]])
+                q.learn_colours(owned.height[mine], frame.code.reshape(-1)[frame.pixels[mine]])
         for a, b, odds in self._exchanges.update(self._people, [owned], [seen], dt):
             a.take_identity(b)
             self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)
@@ -289,9 +290,11 @@ class HumanModelTracker:
         for i, q in enumerate(self._people):
             if q.confirmed:
                 labels[i] = WALKER if q.walked_m > WALKER_M else PERSON
-        owner, near = shares.owner.reshape(-1)[frame.pixels], shares.near.reshape(-1)[frame.pixels]
-        told, (known, left, still_s) = labels[owner], (np.zeros(motion.size, kind) for kind in ("u1", "u1", "f4"))
-        told[(owner == -1) & near & labels.any()] = PERSON
+        told, (known, left, still_s) = (
+            labels[shares.owner],
+            (np.zeros(motion.size, kind) for kind in ("u1", "u1", "f4")),
+        )
+        told[(shares.owner == -1) & shares.near & labels.any()] = PERSON
         known[frame.pixels], rest = told, frame.pixels[told == 0]
         left[rest] = 1
         n, found = cv2.connectedComponents(left.reshape(motion.shape), connectivity=8)
