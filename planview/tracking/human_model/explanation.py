@@ -24,7 +24,7 @@ from planview.tracking.template.explanation import Owned, People
 
 STEPS_M = np.array([0.12, 0.06])
 """Steps of the ascent: a walker's error of prediction, and the blur of a patch [m]."""
-SPACING_M = 0.07
+SPACING_M = 0.1
 """Distance of samples on a body [m]."""
 PATCH_PX = 3.0
 """Errors of pixels nearer than this in the image are one error, however far away people are [px]."""
@@ -60,7 +60,7 @@ class Shares:
         rays, code = of.view.seen_rays, of.code.reshape(-1)[of.pixels] if of.coloured else None
         rays = replace(rays, stretch=rays.stretch.reshape(-1)[of.pixels])
         seen = SeenPixels(rays, of.kind.reshape(-1)[of.pixels], self.range_m, code)
-        return Owned(self.owner, self.share, self.height, self.share), seen
+        return Owned(self.owner, self.share, self.height, self.residual.reshape(-1)[of.pixels]), seen
 
 
 class MaskView:

@@ -290,10 +290,8 @@ class HumanModelTracker:
         for i, q in enumerate(self._people):
             if q.confirmed:
                 labels[i] = WALKER if q.walked_m > WALKER_M else PERSON
-        told, (known, left, still_s) = (
-            labels[shares.owner],
-            (np.zeros(motion.size, kind) for kind in ("u1", "u1", "f4")),
-        )
+        told, still_s = labels[shares.owner], np.zeros(motion.size, np.float32)
+        known, left = np.zeros((2, motion.size), np.uint8)
         told[(shares.owner == -1) & shares.near & labels.any()] = PERSON
         known[frame.pixels], rest = told, frame.pixels[told == 0]
         left[rest] = 1
