@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from calib.types import F64, U8
+from planview.tracking.body import TORSO
 from planview.tracking.human_model.explanation import MaskView
 
 Pose = tuple[float, float, float]
@@ -18,7 +19,7 @@ def cover_of(view: MaskView, pose: Pose) -> tuple[F64, F64]:
     t, ray = view.table, view.rays.astype(np.float64)
     ex, ey, cos, sin = (ray[..., k] for k in range(4))
     dz = 0.5 * h - view.camera.height_m
-    along, scale = x * ex + y * ey, view.beliefs.body_m / h
+    along, scale = x * ex + y * ey, TORSO.height_m / h
     u = (np.abs(y * ex - x * ey) * scale / t.cell_m).astype(int)
     w = np.trunc((-(along * sin + dz * cos) * scale - t.w_min_m) / t.cell_m).astype(int)
     inside = (u < t.cover.shape[1]) & (w >= 0) & (w < t.cover.shape[2])
@@ -44,7 +45,13 @@ def gain(
     step = max(1, int(spacing_m * b.focal_px / away + 0.5))
     total = 0.0
     for row in range(0, kind.shape[0], step):
-        for col in range(0, kind.shape[1], step):
+        # A row's weight is that of its ray nearest to the body.
+        shift = (row // step % 2) * (step // 2)
+        rays = view.rays[row, shift::step].astype(np.float64)
+        ray = rays[np.argmin(np.abs(pose[1] * rays[:, 0] - pose[0] * rays[:, 1]))]
+        ahead = (pose[0] * ray[0] + pose[1] * ray[1]) * ray[2] - (0.5 * pose[2] - b.camera_m) * ray[3]
+        patch_px = max(b.focal_px * p.patch_m * ray[4] / ahead, b.patch_px)
+        for col in range(shift, kind.shape[1], step):
             if mine[row, col] < 0.005 or kind[row, col] == 1:
                 continue
             what, near = int(kind[row, col]), any(_near(view, other, row, col) for other, _ in others)
@@ -57,9 +64,6 @@ def gain(
                         explained += free * cover[row, col] * _of_body(what, height[row, col], hidden, b)
                         free *= 1.0 - cover[row, col]
                 value.append(explained + free * ground)
-            ray = view.rays[row, col].astype(np.float64)
-            ahead = (pose[0] * ray[0] + pose[1] * ray[1]) * ray[2] - (0.5 * pose[2] - b.camera_m) * ray[3]
-            patch_px = max(b.focal_px * p.patch_m * ray[4] / ahead, b.patch_px)
             total += (step / patch_px) ** 2 * math.log(value[1] / value[0])
     return total
 

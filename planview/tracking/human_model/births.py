@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -56,12 +57,23 @@ class FloorPlaces:
         patch_px = np.maximum(camera.focal_px * patch_m / depth, PATCH_PX)
         self.scale: F32 = (1.0 / patch_px**2).astype(np.float32)
 
-    def scores(self, residual: F32) -> F32:
-        """(N,) what one more person would gain at each place, about [log-odds of pixels]."""
-        scores = np.empty(len(self.scale), np.float32)
-        total = np.asarray(cv2.integral(residual, sdepth=cv2.CV_64F), dtype=np.float64)
-        kernels.hull_scores(total, self.bands, scores)
-        return scores
+    def scores(self, frame: MaskExplanation, shares: Shares, least: float) -> tuple[I32, F32]:
+        """Places where one more person would gain at least so much, and what, about [log-odds of pixels]."""
+        found = np.empty(len(self.scale), np.int32)
+        wanted = np.zeros(shares.tiles.shape, np.bool_)
+        n = kernels.promising(_integral(shares.tiles), self.bands, self.scale, least, found, wanted)
+        scores = np.empty(n, np.float32)
+        if n:
+            (rows, cols), side = frame.kind.shape, kernels.TILE_PX
+            near = wanted.repeat(side, 0)[:rows].repeat(side, 1)[:, :cols]
+            shares.fill(kernels.SEEN, np.flatnonzero(near & (frame.kind == kernels.SEEN)))
+            kernels.hull_scores(_integral(shares.residual), self.bands, found[:n], scores)
+        good = scores * self.scale[found[:n]] >= least
+        return found[:n][good], scores[good]
+
+
+def _integral(image: F32 | F64) -> F64:
+    return np.asarray(cv2.integral(image, sdepth=cv2.CV_64F), dtype=np.float64)
 
 
 def _bands(hull_px: F32) -> F64:
@@ -77,30 +89,28 @@ def _bands(hull_px: F32) -> F64:
 
 
 def births(
-    places: FloorPlaces, frame: MaskExplanation, people: People, shares: Shares, now_s: float
-) -> tuple[list[Walker], F64]:
+    places: FloorPlaces, frame: MaskExplanation, people: Callable[[], People], shares: Shares, now_s: float
+) -> tuple[list[Walker], F64 | None]:
     """People who are born in this frame, without ids, and (N, 3) poses of those known, who may be better elsewhere.
 
-    Tries one more person wherever the residual is strongest.
+    Tries one more person wherever the residual is strongest; ``people`` are asked for only if it is anywhere.
     """
-    p, n_known = frame.view.params, len(people.poses)
-    scores = places.scores(shares.residual)
-    scores[scores * places.scale < 0.5 * p.birth_evidence] = 0.0
-    born = []
+    found, scores = places.scores(frame, shares, 0.5 * frame.view.params.birth_evidence)
+    if not len(found):
+        return [], None
+    known, born, boxes = people(), [], places.boxes[found]
+    n_known, middle = len(known.poses), 0.5 * (boxes[:, :2] + boxes[:, 2:])
     for _ in range(MOST):
-        best = int(np.argmax(scores)) if len(scores) else -1
-        if best < 0 or scores[best] <= 0.0:
+        best = int(np.argmax(scores))
+        if scores[best] <= 0.0:
             break
-        place = places.floor_m[best].astype(np.float64)
-        left, top, right, bottom = places.boxes[best]
-        middle = 0.5 * (places.boxes[:, :2] + places.boxes[:, 2:])
-        own = np.abs(middle - (0.5 * (left + right), 0.5 * (top + bottom)))
-        scores[(own[:, 0] < 0.5 * (right - left)) & (own[:, 1] < 0.5 * (bottom - top))] = 0.0
-        found = _try(place, frame, people, now_s)
-        if found is not None:
-            born.append(found)
-            people = people.with_one(np.array([*found.at_m, found.height_m]))
-    return born, people.poses[:n_known]
+        size = boxes[best, 2:] - boxes[best, :2]
+        scores[(np.abs(middle - middle[best]) < 0.5 * size).all(axis=1)] = 0.0
+        newcomer = _try(places.floor_m[found[best]].astype(np.float64), frame, known, now_s)
+        if newcomer is not None:
+            born.append(newcomer)
+            known = known.with_one(np.array([*newcomer.at_m, newcomer.height_m]))
+    return born, known.poses[:n_known]
 
 
 def _try(place: F64, frame: MaskExplanation, known: People, now_s: float) -> Walker | None:
@@ -108,25 +118,25 @@ def _try(place: F64, frame: MaskExplanation, known: People, now_s: float) -> Wal
     p, start = frame.view.params, np.array([*place, body.HEIGHT_MEAN_M])
     people, n = known.with_one(start), len(known.poses)
     others = np.flatnonzero(frame.touching(people.poses)[n, :n])
-    samples = frame.around(start, PLACE_STD_M)
-    samples.layer(people, others, start)
+    (samples,) = frame.around(start[None], PLACE_STD_M)
+    samples.layer(people, others, n, start)
     pose, near = people.poses[n], 1.0 / PLACE_STD_M**2
     information = np.array([near, 0.0, near, 1.0 / body.HEIGHT_STD_M**2])
-    tall, ratio = people.tall[n], people.ratios[n]
-    evidence = samples.ascend(pose, start, information, tall, people.apart(others), ratio)
-    rival = frame.rival(n, people, np.append(np.ones(n), 0.0)) if evidence > 0.0 else -1
+    tall = people.tall[n]
+    evidence = samples.ascend(pose, start, information, tall)
+    rival = int(frame.rivals(people, np.append(np.ones(n), 0.0))[n]) if evidence > 0.0 else -1
     if rival >= 0:
         pair = frame.beside(n, rival, people, refit=True)
         strong, evidence = evidence >= p.birth_evidence, pair.evidence
         if evidence >= p.birth_evidence:
             known.poses[rival] = people.poses[rival]
-            samples.layer(people, others, pose)
+            samples.layer(people, others, n)
         elif strong and pair.gain > p.birth_evidence:
             known.poses[rival] = pair.alone
     mine, _, total = samples.visible(pose, tall)
     if evidence < p.birth_evidence or mine < 0.25 * total:
         return None
-    noise, up = samples.noise(pose, tall, ratio)
+    noise, up = samples.noise(pose, tall)
     kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), noise, SPEED_STD_MPS)
     person = Walker(0, kalman, float(pose[2]), BORN_LOG_ODDS, now_s)
     person.height_var = 1.0 / (1.0 / person.height_var + up)

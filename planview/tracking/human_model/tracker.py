@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
-from calib.types import F32, F64, I64, U8, Bool
+from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.tracking import body
 from planview.tracking.base import Decision, DecisionKind, Drawing, Observation, TrackerDebug
@@ -27,7 +26,7 @@ from planview.tracking.human_model.explanation import (
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker, matches
-from planview.tracking.template.explanation import Owned, People
+from planview.tracking.template.explanation import People
 from planview.tracking.template.identity import Exchanges, continued
 from planview.tracking.template.params import TemplateParams
 from planview.tracking.template.person import Person, colour_ratios
@@ -135,25 +134,26 @@ class HumanModelTracker:
         self._now_s, self._log = observation.timestamp_s, []
         frame = MaskExplanation(self._view, observation)
         seen = frame.kind == kernels.SEEN
-        frame.kind[seen & (self._hides > 0)] = kernels.SHADOW
+        frame.kind |= seen & (self._hides > 0)  # SHADOW
         for q in self._people:
             if q.share < 2 * self.params.visible_min:
                 q.kalman = q.kalman.slowed(dt, self.params.slow_down_s)
             q.kalman = q.kalman.predicted(dt, self.params.acceleration_mps2)
             q.height_var += self.params.height_change_mps**2 * dt * min(dt, self.params.errors_s)
+        people = self._side_by_side()
         if self._people:
-            self._explain(frame, dt)
-        shares = frame.share_out(self._side_by_side())
-        self._judge(frame, shares, motion)
-        self._learn_hiding(frame, seen, dt)
+            self._explain(frame, people, dt)
+        shares = frame.share_out(self._side_by_side(people.ratios))
+        hulls = [self._hull(q.at_m, q.height_m) for q in self._people]
+        self._judge(frame, shares, motion, hulls)
+        self._learn_hiding(frame, seen, hulls, dt)
         if frame.coloured:
             self._learn(frame, shares, dt)
         self._watch(frame, shares, motion, dt)
         self._clean(dt)
-        people = self._side_by_side()
-        born, poses = births(self._places, frame, people, shares, self._now_s)
-        for q, pose, before in zip(self._people, poses, self._side_by_side().poses, strict=True):
-            if (pose != before).any():
+        born, poses = births(self._places, frame, self._side_by_side, shares, self._now_s)
+        for q, pose in zip(self._people, [] if poses is None else poses, strict=poses is not None):
+            if tuple(pose) != (*q.at_m, q.height_m):
                 # Go on where the model accounts for more.
                 q.kalman, q.height_m = q.kalman.moved_to(float(pose[0]), float(pose[1])), float(pose[2])
                 self._note(q, "recentred", f"accounts for more at {pose[0]:.2f}, {pose[1]:.2f} m", math.nan)
@@ -161,84 +161,73 @@ class HumanModelTracker:
         self._recognise(dt)
         return tuple(self._state(q) for q in self._people)
 
-    def _side_by_side(self, people: Sequence[Walker] | None = None) -> People:
-        """Everybody, or some."""
-        who = self._people if people is None else people
-        poses = np.array([(*q.at_m, q.height_m) for q in who]).reshape(-1, 3)
-        tall = np.array([q.upright for q in who]).reshape(-1, 2)
-        return People(poses, np.array([q.existence for q in who]), tall, colour_ratios(who))
+    def _side_by_side(self, ratios: F32 | None = None) -> People:
+        """Everybody; ``ratios`` where the colours are still the same."""
+        poses = np.array([(*q.at_m, q.height_m) for q in self._people]).reshape(-1, 3)
+        tall = np.array([q.upright for q in self._people]).reshape(-1, 2)
+        sure = np.array([q.existence for q in self._people])
+        return People(poses, sure, tall, colour_ratios(self._people) if ratios is None else ratios)
 
     # -- explaining a frame ---------------------------------------------------------------------------------------
-    def _explain(self, frame: MaskExplanation, dt: float) -> None:
+    def _explain(self, frame: MaskExplanation, people: People, dt: float) -> None:
         """Coordinate ascent, nearest first; then what the frame says of each place and existence."""
-        people = self._side_by_side()
         predicted, touch = people.poses.copy(), frame.touching(people.poses)
-        samples = [frame.around(pose, body.TORSO.torso_radius_m + 0.1) for pose in predicted]
-        information = [np.array([*q.kalman.information, 1 / q.height_var]) for q in self._people]
-        others = [np.flatnonzero(touch[i] & (np.arange(len(touch)) != i)) for i in range(len(touch))]
+        samples = frame.around(predicted, body.TORSO.torso_radius_m + 0.1)
+        information = np.array([(*q.kalman.information, 1 / q.height_var) for q in self._people])
+        np.fill_diagonal(touch, False)
+        others = [np.flatnonzero(row) for row in touch]
         for sweep in range(2):
             for i in np.argsort(people.away()):
                 if sweep and not len(others[i]):
                     continue
-                samples[i].layer(people, others[i], people.poses[i])
+                samples[i].layer(people, others[i], i)
                 samples[i].ascend(
-                    people.poses[i], predicted[i], information[i], people.tall[i], people.apart(others[i]),
-                    people.ratios[i], STEPS_M[2 * sweep :],
+                    people.poses[i], predicted[i], information[i], people.tall[i], STEPS_M[sweep:]
                 )  # fmt: skip
-        flooded = (frame.kind == kernels.SURFACE).mean() > 0.5
+        flooded = np.count_nonzero(frame.kind == kernels.SURFACE) > 0.5 * frame.kind.size
         for i, q in enumerate(self._people):
-            self._measure(i, q, frame, samples, people, others[i])
+            if len(others[i]):
+                samples[i].layer(people, others[i], i)
+            self._measure(q, samples[i], people.poses[i], people.tall[i])
         # Who is surer has the better standing, and who came first.
         ranks = sorted(range(len(self._people)), key=lambda k: (
             self._people[k].confirmed, self._people[k].log_odds, -self._people[k].track_id))  # fmt: skip
-        standing = np.argsort(ranks).astype(np.float64)
+        rivals = frame.rivals(people, np.argsort(ranks).astype(np.float64))
         for i, q in enumerate(self._people):
-            rival = frame.rival(i, people, standing) if q.share >= self.params.visible_min else -1
-            if rival >= 0:
-                pair = frame.beside(i, rival, people)
-                superfluous = self._people[rival] if pair.first else q
+            if rivals[i] >= 0 and q.share >= self.params.visible_min:
+                pair = frame.beside(i, int(rivals[i]), people)
+                superfluous = self._people[rivals[i]] if pair.first else q
                 superfluous.evidence = min(superfluous.evidence, pair.evidence)
         for q in () if flooded else self._people:
             self._weigh(q, dt)
 
-    def _measure(
-        self,
-        i: int,
-        q: Walker,
-        frame: MaskExplanation,
-        samples: list[OutlineSamples],
-        people: People,
-        others: I64,
-    ) -> None:
+    def _measure(self, q: Walker, s: OutlineSamples, pose: F64, tall: F64) -> None:
         """Evidence for a person, its visible share, and the place as far as the pixels tell it."""
-        s, pose, tall, ratio = samples[i], people.poses[i], people.tall[i], people.ratios[i]
-        s.layer(people, others, pose)
-        q.evidence = s.lam(pose, tall, ratio) + s.believed(pose, tall, people.apart(others))
+        q.evidence = s.evidence(pose, tall)
         mine, _, total = s.visible(pose, tall)
         q.inside = self._visibility(pose)
         q.share = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * q.inside)
         if q.share < self.params.visible_min:
             return
-        noise, up = s.noise(pose, tall, ratio)
+        noise, up = s.noise(pose, tall)
         x, y, h = pose
         q.kalman = q.kalman.found_at(x, y, noise, body.SPEED_MAX_MPS)
         q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up)
         q.seen_s = self._now_s
 
-    def _learn_hiding(self, frame: MaskExplanation, seen: Bool, dt: float) -> None:
+    def _learn_hiding(self, frame: MaskExplanation, seen: Bool, hulls: list[F64 | None], dt: float) -> None:
         """What hides people, from the bodies of those who walk: background where one is, or foreground."""
         p, walkers = self.params, np.zeros(seen.shape, np.uint8)
-        for q in self._people:
-            hull = self._hull(q.at_m, q.height_m)
+        for q, hull in zip(self._people, hulls, strict=True):
             if q.confirmed and q.motion == "moving" and q.share >= p.visible_min and hull is not None:
-                core = hull.mean(axis=0) + CORE * (hull - hull.mean(axis=0))
-                cv2.fillConvexPoly(walkers, np.rint(core).astype(np.int32), 1)
-        looks = min(1.0, dt / p.errors_s)
+                middle = hull.mean(axis=0)
+                cv2.fillConvexPoly(walkers, np.rint(middle + CORE * (hull - middle)).astype(np.int32), 1)
+        inside, looks = np.flatnonzero(walkers.view(np.bool_)), min(1.0, dt / p.errors_s)
         hidden = math.log((1 - p.seen_on_background) / (1 - p.seen_on_body))
         shown = math.log(p.seen_on_background / p.seen_on_body)
-        self._hides[(walkers > 0) & seen] += looks * hidden
-        self._hides[(walkers > 0) & (frame.kind == kernels.SURFACE)] += looks * shown
-        np.clip(self._hides, 2 * HIDES, -HIDES, out=self._hides)
+        more = seen.reshape(-1)[inside] * hidden + (frame.kind.reshape(-1)[inside] == kernels.SURFACE) * shown
+        hides = self._hides.reshape(-1)
+        hides[inside] = np.clip(hides[inside] + looks * more, 2 * HIDES, -HIDES)
 
     def _visibility(self, pose: F64) -> float:
         """The human visibility ratio of the model map."""
@@ -252,8 +241,8 @@ class HumanModelTracker:
         if q.share < p.visible_min:
             stays = q.existence * math.exp(-dt / p.stay_s)
             q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
-        q.log_odds += looks * float(np.clip(q.evidence, -p.evidence_max, p.evidence_max))
-        q.log_odds = float(np.clip(q.log_odds, -p.birth_evidence, p.birth_evidence))
+        q.log_odds += looks * min(max(q.evidence, -p.evidence_max), p.evidence_max)
+        q.log_odds = min(max(q.log_odds, -p.birth_evidence), p.birth_evidence)
         if q.share < p.visible_min:
             return
         q.learn_height(looks, p.sits)
@@ -261,11 +250,12 @@ class HumanModelTracker:
         q.walked_m += farther
         q.moved += farther
 
-    def _judge(self, frame: MaskExplanation, shares: Shares, motion: U8) -> None:
+    def _judge(self, frame: MaskExplanation, shares: Shares, motion: U8, hulls: list[F64 | None]) -> None:
         """Match (equation 1) and the automata of everybody."""
-        found = matches([self._hull(q.at_m, q.height_m) for q in self._people], frame.kind == kernels.SURFACE)
-        area = np.bincount(shares.owner.reshape(-1) + 2, minlength=len(self._people) + 2)[2:]
-        moving = np.bincount(shares.owner[motion > 0] + 2, minlength=len(self._people) + 2)[2:]
+        found = matches(hulls, frame.kind == kernels.SURFACE)
+        owner, n = shares.owner + 1, len(self._people) + 1
+        area = np.bincount(owner, minlength=n)[1:]
+        moving = np.bincount(owner[motion.reshape(-1)[frame.pixels] > 0], minlength=n)[1:]
         for i, q in enumerate(self._people):
             q.match = found[i]
             before = q.posture, q.motion, q.stability
@@ -284,33 +274,34 @@ class HumanModelTracker:
 
     # -- who is who, who comes, who goes ----------------------------------------------------------------------------
     def _learn(self, frame: MaskExplanation, shares: Shares, dt: float) -> None:
-        touch = frame.touching(self._side_by_side().poses)
+        alone = frame.touching(np.array([(*q.at_m, q.height_m) for q in self._people]).reshape(-1, 3)).sum(axis=1) == 1
+        owned, seen = shares.seen(frame)
         for i, q in enumerate(self._people):
-            if q.share < 0.5 or touch[i].sum() > 1:
-                continue
-            mine = (shares.owner == i) & (shares.share > 0.8)
-            q.learn_colours(shares.height[mine], frame.code[mine])
-        owned = [Owned(shares.owner, shares.share, shares.height, shares.residual)]
-        for a, b, odds in self._exchanges.update(self._people, owned, [shares.seen(frame)], dt):
+            if q.share >= 0.5 and alone[i]:
+                mine = (owned.owner == i) & (owned.share > 0.8)
+                q.learn_colours(owned.height[mine], frame.code.reshape(-1)[frame.pixels[mine]])
+        for a, b, odds in self._exchanges.update(self._people, [owned], [seen], dt):
             a.take_identity(b)
             self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)
 
     def _watch(self, frame: MaskExplanation, shares: Shares, motion: U8, dt: float) -> None:
         """What the foreground model is told: people, and what has been still and unexplained for long."""
-        label = np.zeros(len(self._people) + 1, np.uint8)
+        labels = np.zeros(len(self._people) + 1, np.uint8)
         for i, q in enumerate(self._people):
             if q.confirmed:
-                label[i] = WALKER if q.walked_m > WALKER_M else PERSON
-        known, unexplained = label[shares.owner.clip(-1)], shares.owner == -1
-        known[unexplained & shares.near & label.any()] = PERSON
-        known[shares.owner == -2] = 0
-        left = (shares.owner != -2) & (known == 0)
-        n, labels, stats, _ = cv2.connectedComponentsWithStats(left.astype(np.uint8), connectivity=8)
-        lively = np.bincount(labels[motion > 0], minlength=n) > LIVELY * stats[:, cv2.CC_STAT_AREA]
-        self._still_s[~left | lively[labels]] = 0.0
-        self._still_s[left] += dt
-        known[self._still_s >= self.params.still_s] = BACKGROUND
-        self._known = known
+                labels[i] = WALKER if q.walked_m > WALKER_M else PERSON
+        told, still_s = labels[shares.owner], np.zeros(motion.size, np.float32)
+        known, left = np.zeros((2, motion.size), np.uint8)
+        told[(shares.owner == -1) & shares.near & labels.any()] = PERSON
+        known[frame.pixels], rest = told, frame.pixels[told == 0]
+        left[rest] = 1
+        n, found = cv2.connectedComponents(left.reshape(motion.shape), connectivity=8)
+        regions = found.reshape(-1)[rest]
+        moving = np.bincount(regions[motion.reshape(-1)[rest] > 0], minlength=n)
+        lively = moving > LIVELY * np.bincount(regions, minlength=n)
+        still_s[rest] = dt + np.where(lively[regions], 0.0, self._still_s.reshape(-1)[rest])
+        known[rest[still_s[rest] >= self.params.still_s]] = BACKGROUND
+        self._known, self._still_s = known.reshape(motion.shape), still_s.reshape(motion.shape)
 
     def _clean(self, dt: float) -> None:
         """People without evidence or beyond the border end, and things that somebody moved."""

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from calib.types import F64
+from calib.types import F32, F64
 from planview.maps.colour import CODES
 from planview.maps.pixels import SeenPixels
 from planview.tracking import body
@@ -47,7 +47,7 @@ class Exchanges:
         p, alive = self._params, {q.track_id for q in people}
         self._evidence = {pair: v for pair, v in self._evidence.items() if alive.issuperset(pair)}
         decided: list[tuple[Person, Person, float]] = []
-        ratios = np.log(colour_ratios(people))
+        ratios: F32 | None = None
         colours: dict[int, tuple[F64, float]] = {}
         for i, a in enumerate(people):
             for j in range(i + 1, len(people)):
@@ -58,7 +58,7 @@ class Exchanges:
                 known = min(a.looks, b.looks) >= KNOWN_LOOKS and a.confirmed and b.confirmed
                 if pair not in self._evidence or not known:
                     continue
-                gain = 0.0
+                gain, ratios = 0.0, np.log(colour_ratios(people)) if ratios is None else ratios
                 for k, other in ((i, j), (j, i)):
                     if k not in colours:
                         colours[k] = owned_colours(k, owned, views, p.patch_m)
@@ -79,10 +79,12 @@ def owned_colours(k: int, owned: Sequence[Owned], views: Sequence[SeenPixels], p
     for o, v in zip(owned, views, strict=True):
         if v.colour is None:
             continue
-        mine = (o.owner == k) & (o.share > 0.3)
-        part = np.digitize(o.height[mine], (LEGS_TO, TORSO_TO))
-        total += np.bincount(part * CODES + v.colour[mine], minlength=PARTS * CODES).reshape(PARTS, CODES)
-        depth = v.range_m[mine] / v.rays.stretch[mine]
+        mine = np.flatnonzero(o.owner.reshape(-1) == k)
+        mine = mine[o.share.reshape(-1)[mine] > 0.3]
+        part = np.digitize(o.height.reshape(-1)[mine], (LEGS_TO, TORSO_TO))
+        codes = part * CODES + v.colour.reshape(-1)[mine]
+        total += np.bincount(codes, minlength=PARTS * CODES).reshape(PARTS, CODES)
+        depth = v.range_m.reshape(-1)[mine] / v.rays.stretch.reshape(-1)[mine]
         patches += float((depth * depth).sum()) * v.rays.pixel_sr / patch_m**2
     return total / max(total.sum(), 1.0), patches
 
