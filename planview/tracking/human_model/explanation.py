@@ -24,7 +24,7 @@ from planview.tracking.template.explanation import Owned, People
 
 STEPS_M = np.array([0.12, 0.06])
 """Steps of the ascent: a walker's error of prediction, and the blur of a patch [m]."""
-SPACING_M = 0.1
+SPACING_M = 0.05
 """Distance of samples on a body [m]."""
 PATCH_PX = 3.0
 """Errors of pixels nearer than this in the image are one error, however far away people are [px]."""
