@@ -102,10 +102,6 @@ class People:
             np.concatenate([self.ratios, np.ones((1, kernels.PARTS, CODES), np.float32)]),
         )
 
-    def apart(self, others: I64) -> F64:
-        """(K, 3) float64: places of some, and how surely they exist."""
-        return np.column_stack([self.poses[others, :2], self.sure[others]]).reshape(-1, 3)
-
     def away(self) -> F64:
         """(N,) distances from below the camera [m]: who is nearer is in front."""
         return np.asarray(np.hypot(self.poses[:, 0], self.poses[:, 1]), dtype=np.float64)
