@@ -8,10 +8,10 @@ import math
 import numpy as np
 from numba import njit
 
-from calib.types import F32, F64, U8, AnyArray
+from calib.types import F32, F64, I64, U8, AnyArray
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def disparity_from_fixed(
     fixed: AnyArray,
     mask: U8,
@@ -94,13 +94,13 @@ MAX_NODES = 1024
 """Boxes that are tried at most; what is left then is not cut further."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _count(sums: AnyArray, top: int, left: int, bottom: int, right: int) -> int:
     """Marked tiles of a box, from the summed-area table."""
     return int(sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def tight(sums: AnyArray, top: int, left: int, bottom: int, right: int) -> tuple[int, int, int, int]:
     """The smallest box around the marked tiles of a box; empty when there is none."""
     while top < bottom and _count(sums, top, left, top + 1, right) == 0:
@@ -114,7 +114,7 @@ def tight(sums: AnyArray, top: int, left: int, bottom: int, right: int) -> tuple
     return top, left, bottom, right
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def cost(box: tuple[int, int, int, int], per_pixel: F64, tile: int, rows: float, columns: float, fixed: float) -> float:
     """Of matching a box: its pixels and a margin times the work per pixel, and what a window costs besides."""
     top, left, bottom, right = box
@@ -124,7 +124,7 @@ def cost(box: tuple[int, int, int, int], per_pixel: F64, tile: int, rows: float,
     return float(height * width * per_pixel[top, bottom - 1] + fixed)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def best_cut(  # type: ignore[no-untyped-def]
     sums: AnyArray, box: tuple[int, int, int, int], per_pixel: F64, tile: int, rows: float, columns: float, fixed: float
 ):
@@ -144,7 +144,12 @@ def best_cut(  # type: ignore[no-untyped-def]
     return one, other
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _keep(nodes: I64, k: int, box: tuple[int, int, int, int]) -> None:
+    nodes[k, 0], nodes[k, 1], nodes[k, 2], nodes[k, 3] = box
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def split(  # type: ignore[no-untyped-def]
     sums: AnyArray, per_pixel: F64, tile: int, rows: float, columns: float, fixed: float, out: AnyArray
 ):
@@ -157,8 +162,7 @@ def split(  # type: ignore[no-untyped-def]
     nodes = np.empty((MAX_NODES, 4), np.int64)
     part = np.zeros(MAX_NODES, np.int64)
     work = np.zeros(MAX_NODES)
-    first = tight(sums, 0, 0, sums.shape[0] - 1, sums.shape[1] - 1)
-    nodes[0] = np.array(first)
+    _keep(nodes, 0, tight(sums, 0, 0, sums.shape[0] - 1, sums.shape[1] - 1))
     n_nodes, k = 1, 0
     while k < n_nodes:
         box = (nodes[k, 0], nodes[k, 1], nodes[k, 2], nodes[k, 3])
@@ -167,7 +171,8 @@ def split(  # type: ignore[no-untyped-def]
         if _count(sums, box[0], box[1], box[2], box[3]) < area and n_nodes + 2 <= MAX_NODES:
             one, other = best_cut(sums, box, per_pixel, tile, rows, columns, fixed)
             part[k] = n_nodes
-            nodes[n_nodes], nodes[n_nodes + 1] = np.array(one), np.array(other)
+            _keep(nodes, n_nodes, one)
+            _keep(nodes, n_nodes + 1, other)
             n_nodes += 2
         k += 1
     for k in range(n_nodes - 1, -1, -1):
@@ -188,6 +193,6 @@ def split(  # type: ignore[no-untyped-def]
         elif n == len(out):
             return -1, work[0]
         else:
-            out[n] = nodes[k]
+            _keep(out, n, (nodes[k, 0], nodes[k, 1], nodes[k, 2], nodes[k, 3]))
             n += 1
     return n, work[0]

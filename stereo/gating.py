@@ -101,9 +101,9 @@ class Gate:
             for last in range(top, rows):
                 window = Window(0, top * self.tile_px, size[0], min(size[1], (last + 1) * self.tile_px))
                 per_sample[top, last] = searched(window) + SAMPLE_WORK
-        # Rows and columns that a window costs beside its own [samples].
-        margins = (2 * self.margin_px + STRIPE_ROWS) / reduction, 2 * self.margin_px / reduction
-        self._costs = per_sample, TILE, *margins, WINDOW_WORK / reduction**2
+        # Rows and columns that a window costs beside its own [samples]; rows between samples are not matched.
+        margin = 2 * self.margin_px / reduction
+        self._costs = per_sample, TILE, margin + STRIPE_ROWS, margin, WINDOW_WORK / reduction
         self._bands, self._work_of_whole = self._best_bands()
         self.reset()
 

@@ -177,19 +177,24 @@ def valid_mask(mask: U8, params: SgbmParams) -> U8:
     return np.asarray(cv2.erode(mask, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=255), dtype=np.uint8)
 
 
-def make_sgbm(geometry: RectifiedGeometry, params: SgbmParams, disparities: DisparityRange) -> cv2.StereoSGBM:
-    """OpenCV's matcher itself, with pixel sizes derived from the geometry."""
-    area = params.block_px * params.block_px
+def make_sgbm(
+    geometry: RectifiedGeometry, params: SgbmParams, disparities: DisparityRange, step: int = 1
+) -> cv2.StereoSGBM:
+    """OpenCV's matcher itself, with pixel sizes derived from the geometry, for every ``step``-th row."""
+    import os
+
+    block = params.block_px if step == 1 else int(os.environ.get("SQB", "5"))
+    area = block * block
     return cv2.StereoSGBM.create(
         minDisparity=disparities.first_px,
         numDisparities=disparities.count,
-        blockSize=params.block_px,
+        blockSize=block,
         P1=params.p1 * area,
         P2=max(params.p2, params.p1 + 1) * area,
         disp12MaxDiff=params.left_right_px,
         preFilterCap=31,
         uniquenessRatio=params.uniqueness_percent,
-        speckleWindowSize=round(speckle_px(geometry, params)),
+        speckleWindowSize=round(speckle_px(geometry, params) / step),
         speckleRange=1,
         mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )
@@ -236,7 +241,7 @@ class SgbmMatcher:
         self._mask, self._right_mask = left[::step, ::step], right[::step]
         self._made = local()
         # In which some texture must be found: about as far as SGBM's smoothness carries a match [px].
-        self._texture = np.ones((15, 15), np.uint8)
+        self._texture = np.ones((15 // step | 1, 15), np.uint8)
 
     def __call__(self, left_grey: U8, right_grey: U8) -> F32:
         """Match one rectified pair (see ``Matcher``).
@@ -255,11 +260,11 @@ class SgbmMatcher:
         """Match a window of a rectified pair; several threads may do so at once.
 
         Args:
-            left_grey: (h, w) uint8 of the window, whose corner is a sample.
-            right_grey: (h, w') uint8 of the window and of what ``right_of`` adds to it.
+            left_grey: (h, w) uint8, every ``step``-th row of the window, whose corner is a sample.
+            right_grey: (h, w') uint8, the same rows of the window and of what ``right_of`` adds to it.
             disparities: range to search.
         Returns:
-            (h / step, w / step), rounded up, float32 disparity [px]; NaN where there is none; less sure near the edges
+            (h, w / step), rounded up, float32 disparity [px]; NaN where there is none; less sure near the edges
             of the window, which end the paths.
         """
         return self._matched(left_grey, right_grey, window, disparities, disparities.first_px + disparities.count)
@@ -272,18 +277,18 @@ class SgbmMatcher:
         )
         made: dict[DisparityRange, cv2.StereoSGBM] = self._made.__dict__.setdefault("sgbm", {})
         if searched not in made:  # it keeps buffers, so that each thread has its own
-            made[searched] = make_sgbm(self.geometry, self.params, searched)
-        samples = slice(None, None, self.step)
-        fixed = made[searched].compute(*padded)[samples, pad :: self.step]
+            made[searched] = make_sgbm(self.geometry, self.params, searched, self.step)
+        columns = slice(None, None, self.step)
+        fixed = made[searched].compute(*padded)[:, pad :: self.step]
         disparity = np.empty(fixed.shape, dtype=np.float32)
         rows = slice(window.top // self.step, window.top // self.step + len(fixed))
-        columns = slice(window.left // self.step, window.left // self.step + fixed.shape[1])
+        seen = slice(window.left // self.step, window.left // self.step + fixed.shape[1])
         disparity_from_fixed(
             fixed,
-            self._mask[rows, columns],
+            self._mask[rows, seen],
             self._right_mask[rows],
-            np.asarray(cv2.erode(left, self._texture)[samples, samples], dtype=np.uint8),
-            np.asarray(cv2.dilate(left, self._texture)[samples, samples], dtype=np.uint8),
+            np.asarray(cv2.erode(left, self._texture)[:, columns], dtype=np.uint8),
+            np.asarray(cv2.dilate(left, self._texture)[:, columns], dtype=np.uint8),
             window.left,
             self.step,
             STEP * searched.first_px,

@@ -161,9 +161,10 @@ class Warp:
             return image
         return np.asarray(cv2.resize(image, self._reduced, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
-    def part(self, source: U8, window: Window) -> U8:
-        """(h, w) or (h, w, 3) uint8 of a window of the pinhole's image, from what ``source`` gave."""
-        whole, fraction = (table[window.slices] for table in self._maps)
+    def part(self, source: U8, window: Window, step: int = 1) -> U8:
+        """(h, w) or (h, w, 3) uint8 of every ``step``-th row of a window of the pinhole's image, from what ``source``
+        gave."""
+        whole, fraction = (table[window.slices][::step] for table in self._maps)
         return np.asarray(cv2.remap(source, whole, fraction, cv2.INTER_LINEAR), dtype=np.uint8)
 
     def samples(self, source: U8, step: int) -> U8:
@@ -235,13 +236,13 @@ class PartialPair:
         """(H, W[, 3]) uint8, the rectified left image."""
         return self.warps[0](self.recorded)
 
-    def left_grey(self, window: Window) -> U8:
-        """(h, w) uint8 of a window."""
-        return self.warps[0].part(self.sources[0], window)
+    def left_grey(self, window: Window, step: int = 1) -> U8:
+        """(h, w) uint8 of every ``step``-th row of a window."""
+        return self.warps[0].part(self.sources[0], window, step)
 
-    def right_grey(self, window: Window) -> U8:
-        """(h, w) uint8 of a window."""
-        return self.warps[1].part(self.sources[1], window)
+    def right_grey(self, window: Window, step: int = 1) -> U8:
+        """(h, w) uint8 of every ``step``-th row of a window."""
+        return self.warps[1].part(self.sources[1], window, step)
 
     def samples(self, step: int) -> tuple[U8, U8]:
         """Every ``step``-th row and column of both images, (h, w) uint8 grey."""

@@ -144,7 +144,7 @@ class GatedMatching:
         changed = foreground.changed(image, SAMPLE)
         if self.memory.background is not None:
             changed[alike(_samples_of(image), self.memory.background) > 0] = 0
-        before = solid(np.ascontiguousarray(self.memory.foreground[::SAMPLE, ::SAMPLE]), self._grain)
+        before = solid(_samples_of(self.memory.foreground), self._grain)
         return np.asarray(cv2.bitwise_or(solid(changed, self._grain), before), dtype=np.uint8)
 
     def learn(self, image: U8, foreground: U8, measured: U8, tracks: Sequence[TrackState]) -> None:
@@ -157,8 +157,8 @@ class GatedMatching:
         seen = _samples_of(image)
         if self.memory.background is None:
             self.memory.background = seen.copy()
-        known = (measured[::SAMPLE, ::SAMPLE] > 0) & (foreground[::SAMPLE, ::SAMPLE] == 0)
-        self.memory.background[known] = seen[known]
+        known = cv2.bitwise_and(_samples_of(measured), cv2.bitwise_not(_samples_of(foreground)))
+        cv2.copyTo(seen, known, self.memory.background)
         self.memory.foreground = foreground
         self.memory.boxes = tuple(
             track.box_px for track in tracks if track.state == "lost" and not math.isnan(track.box_px[0])
@@ -169,8 +169,8 @@ class GatedMatching:
         gate, step = self.memory.gate, self._matcher.step
         outer = window.grown(gate.margin_px, gate.size)
         searched = self._range_of(outer)
-        right = pair.right_grey(right_of(outer, searched))
-        found = self._matcher.part(pair.left_grey(outer), right, outer, searched)
+        right = pair.right_grey(right_of(outer, searched), step)
+        found = self._matcher.part(pair.left_grey(outer, step), right, outer, searched)
         inner = window.within(outer.left, outer.top)
         return found[samples(inner, step)]
 
@@ -201,4 +201,7 @@ def samples(window: Window, step: int) -> tuple[slice, slice]:
 
 def _samples_of(image: U8) -> U8:
     """Every SAMPLE-th row and column."""
-    return np.ascontiguousarray(image[::SAMPLE, ::SAMPLE])
+    height, width = image.shape[:2]
+    if height % SAMPLE or width % SAMPLE:
+        return np.ascontiguousarray(image[::SAMPLE, ::SAMPLE])
+    return np.asarray(cv2.resize(image, (width // SAMPLE, height // SAMPLE), interpolation=cv2.INTER_NEAREST), np.uint8)
