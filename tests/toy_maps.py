@@ -11,7 +11,7 @@ from calib.rig import Floor
 from planview.engine.config import Config
 from planview.foreground.gain import Exposure
 from planview.maps.builder import MapBuilder
-from planview.maps.pixels import PixelRays, seen_pixels, unmatched_pixels
+from planview.maps.pixels import KeptBackground, PixelRays, seen_pixels, unmatched_pixels
 from planview.maps.recording import MapsFrame
 from planview.maps.view import StereoView
 from planview.maps.writer import MapsWriter
@@ -31,7 +31,8 @@ def write_toy_maps(path: Path, n_frames: int = 40) -> Path:
     view = StereoView(GEOMETRY, floor, "found", "toy", 0.1, DisparityRange(0, 16), builder.grid, 1)
     writer = MapsWriter(path, view, config.model_dump_json(), 15.0)
     background = np.full(builder.shape, GEOMETRY.disparity_at(4.0), np.float32)
-    rng = np.random.default_rng(4)
+    kept, rng = KeptBackground(), np.random.default_rng(4)
+    kept.renew(background, rays, 0.0)
     for index in (i for i in range(n_frames) if i != 7):
         disparity, mask = background.copy(), np.zeros(builder.shape, np.uint8)
         left = 5 + index
@@ -41,7 +42,8 @@ def write_toy_maps(path: Path, n_frames: int = 40) -> Path:
         image = np.full((*builder.shape, 3), (40, 40, 160), np.uint8)
         points = builder.points(disparity, mask, image, Exposure())
         unmatched = unmatched_pixels(mask, points)
-        seen = seen_pixels(rays, points, unmatched, background, config.maps.height_min_m, renewed=index == 0)
+        renewed = background if index == 0 else None
+        seen = seen_pixels(rays, points, unmatched, kept.range_m, config.maps.height_min_m, renewed)
         writer.add(MapsFrame.of(index, index / 15.0, points, disparity, seen))
     writer.close([Skipped(7, "left: file is missing")])
     return path

@@ -101,12 +101,12 @@ class MapsReplay:
             )
         maps = replace(maps, points=replace(maps.points, colours=frame.colours))
         if frame.background is not None:
-            self._background.renew(frame.background, frame.timestamp_s)
+            self._background.renew(frame.background, self._rays, frame.timestamp_s)
         lowest_m = self._maps.params.height_min_m
-        seen = seen_pixels(self._rays, maps.points, frame.unmatched, self._background.disparity, lowest_m)
+        seen = seen_pixels(self._rays, maps.points, frame.unmatched, self._background.range_m, lowest_m)
         clock.record("maps")
         observation = Observation(frame.index, frame.timestamp_s, maps=maps, views=(seen,))
-        tracks = tuple(self._boxes(track) for track in tracker.update(observation))
+        tracks = self._boxes(tracker.update(observation))
         clock.record("track")
         return FrameResult(frame.index, frame.timestamp_s, tracks, tracker.decisions, observation, clock.stages_ms)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -95,7 +94,7 @@ class StereoFrontEnd:
         people = tracker.update(observation)
         for rig, seen in seeing:
             rig.feed_back(seen, people)
-        tracks = first.tracks if first else tuple(map(self.rigs[0].boxes, people))
+        tracks = first.tracks if first else self.rigs[0].boxes(people)
         clock.record("track")
         return FrameResult(frame.index, now_s, tracks, tracker.decisions, observation, clock.stages_ms, prepared)
 
@@ -194,15 +193,16 @@ class RigStages:
 
     def classify_pixels(self, frame: RigFrame, timestamp_s: float) -> SeenPixels:
         """What the camera saw at every analysis pixel."""
-        kept, renewed = self.background, self.foreground.settled and self.background.due(timestamp_s)
-        if renewed:
-            kept.renew(self.foreground.background_disparity(), timestamp_s)
+        kept, renewed = self.background, None
+        if self.foreground.settled and kept.due(timestamp_s):
+            renewed = self.foreground.background_disparity()
+            kept.renew(renewed, self.rays, timestamp_s)
         unmatched = unmatched_pixels(frame.foreground, frame.points)
-        return seen_pixels(self.rays, frame.points, unmatched, kept.disparity, self.maps.params.height_min_m, renewed)
+        return seen_pixels(self.rays, frame.points, unmatched, kept.range_m, self.maps.params.height_min_m, renewed)
 
     def feed_back(self, frame: RigFrame, tracks: Sequence[TrackState]) -> None:
         """Tell the next frame's foreground and matching where people are."""
-        frame.tracks = tuple(self.boxes(track) for track in tracks)
+        frame.tracks = self.boxes(tracks)
         self.feedback(frame.points, frame.tracks, self.maps.shape)
         if self.gated is not None and frame.measured is not None:
             self.gated.learn(frame.analysed, frame.foreground, frame.measured, frame.tracks)
@@ -259,10 +259,11 @@ class Feedback:
         if not p.enabled:
             return None
         self._remember(tracks)
-        x, y, z = points.xyz.T.astype(np.float64)
+        x, y, z = np.ascontiguousarray(points.xyz.T)
         near_any, near_walker = np.zeros(len(z), np.bool_), np.zeros(len(z), np.bool_)
         for track in tracks:
-            near = (x - track.x_m) ** 2 + (y - track.y_m) ** 2 < OWN_M**2
+            off_x, off_y = x - np.float32(track.x_m), y - np.float32(track.y_m)
+            near = off_x * off_x + off_y * off_y < OWN_M**2
             near_any |= near
             if track.state == "confirmed" and track.track_id in self._walked:
                 near_walker |= near
@@ -300,25 +301,25 @@ class BodyBoxes:
         self._projection = geometry.matrix @ world_SE3_left.inverse().matrix[:3]
         self._size = geometry.size
 
-    def __call__(self, track: TrackState) -> TrackState:
-        """The track with ``box_px`` in pixels of the rectified left image; unchanged where it is not in view."""
-        if math.isnan(track.x_m) or math.isnan(track.height_m):
-            return track
-        r = BODY_RADIUS_M
-        corners = [
-            (track.x_m + dx, track.y_m + dy, z, 1.0) for dx in (-r, r) for dy in (-r, r) for z in (0.0, track.height_m)
-        ]
-        u, v, depth = self._projection @ np.array(corners).T
-        # Corners of it nearer to the camera's plane than this are left out [m].
-        front = depth > 0.1
-        if not front.any():
-            return track
-        u, v = u[front] / depth[front], v[front] / depth[front]
-        left, right = max(-0.5, float(u.min())), min(self._size[0] - 0.5, float(u.max()))
-        top, bottom = max(-0.5, float(v.min())), min(self._size[1] - 0.5, float(v.max()))
-        if right <= left or bottom <= top:
-            return track
-        return replace(track, box_px=(left, top, right - left, bottom - top))
+    def __call__(self, tracks: Sequence[TrackState]) -> tuple[TrackState, ...]:
+        """The tracks with ``box_px`` in pixels of the rectified left image; unchanged where they are not in view."""
+        at, r = np.array([(t.x_m, t.y_m, t.height_m) for t in tracks]).reshape(-1, 1, 3), BODY_RADIUS_M
+        corners = np.array([(x, y, z) for x in (-r, r) for y in (-r, r) for z in (0.0, 1.0)])
+        xyz = np.concatenate([at[..., :2] + corners[:, :2], at[..., 2:] * corners[:, 2:]], axis=-1)
+        u, v, depth = np.moveaxis(xyz @ self._projection[:, :3].T + self._projection[:, 3], -1, 0)
+        # Corners of a body nearer to the camera's plane than this are left out [m].
+        front, (width, height) = depth > 0.1, self._size
+        with np.errstate(divide="ignore", invalid="ignore"):
+            (left, top), (right, bottom) = (
+                [least(np.where(front, part / depth, sign * np.inf), axis=1) for part in (u, v)]
+                for least, sign in ((np.min, 1), (np.max, -1))
+            )
+        left, top = np.maximum(left, -0.5), np.maximum(top, -0.5)
+        sides = np.minimum(right, width - 0.5) - left, np.minimum(bottom, height - 0.5) - top
+        return tuple(
+            replace(track, box_px=(x, y, w, h)) if w > 0 and h > 0 else track
+            for track, x, y, w, h in zip(tracks, *(part.tolist() for part in (left, top, *sides)), strict=True)
+        )
 
 
 def stereo_engine(

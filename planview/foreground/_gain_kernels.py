@@ -34,7 +34,7 @@ ANY_LUMA = 0.1
 """Share of the pixels that may have any luma, all alike: a wall all of one luma tells a little, too."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def sample_lumas(lead: F32, image: U8, colour: bool, n_pixels: int, stride: int, model: F32, luma: F32) -> int:
     """Background luma and image luma of every stride-th pixel, bounds and black left out. Returns their number."""
     n = 0
@@ -51,7 +51,7 @@ def sample_lumas(lead: F32, image: U8, colour: bool, n_pixels: int, stride: int,
     return n
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def fill_information(luma: F32, tolerance: float, information: F32) -> None:
     """What each pixel tells for a line that it lies on [nat]: the less, the more of the image has its luma by chance.
 
@@ -72,7 +72,7 @@ def fill_information(luma: F32, tolerance: float, information: F32) -> None:
         information[i] = of_level[int(luma[i])]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def weigh_inliers(
     model: F32, luma: F32, information: F32, gain: float, offset: float, clip: float, tolerance: float, step: int
 ) -> tuple[int, float]:
@@ -111,7 +111,7 @@ def consensus_line(
     return best
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def consensus_scale(model: F32, luma: F32, information: F32, clip: float, tolerance: float) -> float:
     """The smallest gain of a ladder whose inliers tell most, without offset: it works on clipped images, too."""
     best, most = 1.0, 0.0

@@ -95,13 +95,13 @@ class Gaussian(NamedTuple):
     var_d: Real
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def shown_luma(g: Gaussian, s: UpdateConstants) -> Real:
     """The mean luma as the camera can show it now."""
     return max(min(g.y, s.clip), s.black)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def chroma_counts(g: Gaussian, o: Pixel, s: UpdateConstants) -> Real:
     """Chroma is compared unless one side is dark or clipped (Harville, Gordon, Woodfill 2001: dark pixels)."""
     return (o.chroma > ZERO) & (min(shown_luma(g, s), o.y) > s.dark) & (g.var_y > ZERO)
@@ -146,7 +146,7 @@ def match_kind(g: Gaussian, o: Pixel, s: UpdateConstants) -> Real:
     return NO_MATCH if both & (not agree) else kind
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def fourth_power(d: Real) -> Real:
     """d^4: a deviation sigma_z of depth is sigma_z d^2 / (f b) in disparity, and its variance grows with d^4."""
     return (d * d) * (d * d)
@@ -194,7 +194,7 @@ def learned(g: Gaussian, o: Pixel, kind: Real, rate: Real, s: UpdateConstants) -
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def started(o: Pixel, s: UpdateConstants) -> Gaussian:
     """A new Gaussian at an observation."""
     has_depth = o.d == o.d
@@ -228,7 +228,7 @@ AT_MEASURED = np.uintp(MEASURED * BLOCK)
 ONE_STEP, TWO_STEPS, THREE = np.uintp(1), np.uintp(2), np.uintp(3)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def stage_grey(image: U8, n: int, s: UpdateConstants, obs: F32) -> None:
     """Luma of n grey pixels into the scratch block."""
     inv_gain = ONE / s.gain
@@ -239,7 +239,7 @@ def stage_grey(image: U8, n: int, s: UpdateConstants, obs: F32) -> None:
         obs[AT_CHROMA + i] = ZERO
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def stage_colour(image: U8, n: int, s: UpdateConstants, obs: F32) -> None:
     """Luma and chroma (BT.601, analogue scale) of n BGR pixels into the scratch block."""
     inv_gain = ONE / s.gain
@@ -256,7 +256,7 @@ def stage_colour(image: U8, n: int, s: UpdateConstants, obs: F32) -> None:
         obs[AT_CHROMA + i] = ZERO if clipped else ONE
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def stage(
     image: U8,
     disparity: F32,
@@ -295,7 +295,7 @@ def stage(
         obs[MEASURED * BLOCK : (MEASURED + 1) * BLOCK] = ONE
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def load(a: F32, base: int, stride: int) -> Gaussian:
     """A Gaussian whose numbers are ``stride`` apart."""
     return Gaussian(
@@ -311,7 +311,7 @@ def load(a: F32, base: int, stride: int) -> Gaussian:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def store(a: F32, base: int, stride: int, g: Gaussian) -> None:
     """Undo ``load``."""
     a[base + DEPTH_FRACTION * stride] = g.depth_fraction
@@ -325,7 +325,7 @@ def store(a: F32, base: int, stride: int, g: Gaussian) -> None:
     a[base + VAR_D * stride] = g.var_d
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def observed(obs: F32, i: int) -> Pixel:
     """Observation i of the scratch block."""
     return Pixel(
@@ -338,7 +338,7 @@ def observed(obs: F32, i: int) -> Pixel:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def any_measured(measured: U8, start: int, n: int) -> bool:
     """Whether disparity was looked for at one of n pixels."""
     here, total = measured[start : start + n], np.uint8(0)
@@ -356,7 +356,7 @@ def match_leaders(lead: F32, obs: F32, s: UpdateConstants) -> None:
         obs[UNMATCHED * BLOCK + i] = obs[MEASURED * BLOCK + i] if kind == NO_MATCH else ZERO
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def set_rates(lead: F32, obs: F32, s: UpdateConstants, rates: Rates) -> None:
     """How much each pixel of a block learns.
 
@@ -421,7 +421,7 @@ def learn_colours(lead: F32, obs: F32, s: UpdateConstants) -> None:
         lead[V * BLOCK + i], lead[VAR_V * BLOCK + i] = g.v, g.var_v
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def find_changes(lead: F32, image: U8, channels: int, step: int, s: UpdateConstants, out: U8) -> None:
     """255 at every ``step``-th row and column whose leading Gaussian does not match by colour, is not background yet,
     or whose luma keeps changing; 0 elsewhere.

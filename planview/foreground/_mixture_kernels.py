@@ -57,13 +57,13 @@ from planview.foreground._leader_kernels import (
 from planview.foreground.params import FOREGROUND, NEARER, SHADOW
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def outranks(weight: Real, var: Real, other_weight: Real, other_var: Real) -> bool:
     """Whether weight / sigma exceeds that of another Gaussian, without square roots."""
     return bool(weight * weight * abs(other_var) > other_weight * other_weight * abs(var))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def sort_rest(rest: F32, first: int, end: int) -> None:
     """Sort Gaussians by decreasing weight / luma deviation (insertion sort, stable)."""
     for start in range(first + N_FIELDS, end, N_FIELDS):
@@ -104,7 +104,7 @@ LEADER = KIND_NOW + 1
 OTHERS = LEADER + N_FIELDS
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def pick(source: F32, plane: int, places: U64, side: F32, target: int, taken: int) -> None:
     """Put the numbers of a block's plane that stand at some places beside those gathered so far."""
     values = source[plane * BLOCK : (plane + 1) * BLOCK]
@@ -113,7 +113,7 @@ def pick(source: F32, plane: int, places: U64, side: F32, target: int, taken: in
         picked[j] = values[places[j]]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def gather(lead: F32, obs: F32, places: U64, start: int, fast: Real, side: F32, chosen: U64, taken: int) -> None:
     """Put pixels of one block beside those gathered so far, which are ``taken``.
 
@@ -130,7 +130,7 @@ def gather(lead: F32, obs: F32, places: U64, start: int, fast: Real, side: F32, 
         pick(lead, f, places, side, LEADER + f, taken)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def gather_others(rest: F32, chosen: U64, taken: int, side: F32) -> None:
     """Add the other Gaussians of the gathered pixels."""
     size = len(side) // BLOCK - OTHERS
@@ -170,7 +170,7 @@ def test_other(side: F32, other: int, s: UpdateConstants) -> None:
         side[KIND_NOW * BLOCK + j] = match_kind(load(others, j, BLOCK), observed(side, j), s)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def keep_first(side: F32, other: int, s: UpdateConstants) -> None:
     """Where Gaussian ``other`` is the first one that matches it is FOUND.
 
@@ -201,7 +201,7 @@ def keep_first(side: F32, other: int, s: UpdateConstants) -> None:
         side[BEFORE * BLOCK + j] = before + share
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def keep_deepest(side: F32, other: int, s: UpdateConstants) -> None:
     """Take the mark of the deepest, in MASK, from pixels whose Gaussian ``other`` has depth, weight and is deeper."""
     gaussian = side[(LEADER + other * N_FIELDS) * BLOCK :]
@@ -215,7 +215,7 @@ def keep_deepest(side: F32, other: int, s: UpdateConstants) -> None:
         side[MASK * BLOCK + j] = ZERO if deeper else mark
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def find_deepest(side: F32, gaussians: int, s: UpdateConstants) -> None:
     """Add to the background set what is found and is the deepest Gaussian with depth and a weight above T_D."""
     for j in range(BLOCK):
@@ -241,7 +241,7 @@ def classify(side: F32, s: UpdateConstants) -> None:
         side[MASK * BLOCK + j] = ZERO if background else value
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def find_matches(side: F32, s: UpdateConstants) -> None:
     """Which of their other Gaussians the gathered pixels match, and what they are."""
     gaussians = (len(side) // BLOCK - LEADER) // N_FIELDS
@@ -281,7 +281,7 @@ def learn_rest(
     settle_order(lead, i, rest, first, end)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def learn_gathered(lead: F32, rest: F32, side: F32, chosen: U64, s: UpdateConstants) -> None:
     """Learn those of the gathered pixels that may learn."""
     size = len(side) // BLOCK - OTHERS
@@ -299,7 +299,7 @@ def learn_gathered(lead: F32, rest: F32, side: F32, chosen: U64, s: UpdateConsta
         learn_rest(leaders, i, rest, first, first + size, found, side, j, (rate_w, rate_m), s)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def settle(lead: F32, rest: F32, side: F32, chosen: U64, mask: U8, s: UpdateConstants) -> None:
     """Mask of the gathered pixels, and what they learn."""
     gather_others(rest, chosen, len(chosen), side)
@@ -309,7 +309,7 @@ def settle(lead: F32, rest: F32, side: F32, chosen: U64, mask: U8, s: UpdateCons
     learn_gathered(lead, rest, side, chosen, s)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def unmatched(obs: F32, n: int, places: U64) -> int:
     """Fill in which of a block's n pixels are UNMATCHED, and return their number."""
     m = 0
@@ -319,7 +319,7 @@ def unmatched(obs: F32, n: int, places: U64) -> int:
     return m
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def update_blocks(
     lead: F32,
     rest: F32,
@@ -372,7 +372,7 @@ def update_blocks(
     settle(lead, rest, side, chosen[:taken], mask, s)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def start_blocks(lead: F32, rest: F32, image: U8, disparity: F32, n_pixels: int, s: UpdateConstants) -> None:
     """First frame: every leader starts at the observation with all the weight, the rest without any."""
     obs = np.zeros(N_SCRATCH * BLOCK, np.float32)
@@ -392,7 +392,7 @@ def start_blocks(lead: F32, rest: F32, image: U8, disparity: F32, n_pixels: int,
             lead[block, LAST_Y * BLOCK + i] = o.y
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def rebase(lead: F32, rest: F32, gain: Real, offset: Real) -> None:
     """Bring all means, variances and lumas into the exposure of the image: luma = gain * luma + offset."""
     factor, shift = F(gain), F(offset)

@@ -10,7 +10,7 @@ from calib.types import F32, F64, I32, U8
 F = np.float32
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def back_project(  # type: ignore[no-untyped-def]
     disparity: F32, mask: U8, disparity_min: float, focal_baseline: float,
     intrinsics: F64, pose: F64, height_max_m: float,
@@ -50,7 +50,7 @@ def back_project(  # type: ignore[no-untyped-def]
     return n
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def accumulate(  # type: ignore[no-untyped-def]
     points: F32,
     weight: F32,
@@ -80,7 +80,7 @@ def accumulate(  # type: ignore[no-untyped-def]
         occupancy[row, col] += weight[i]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def encode_colours(  # type: ignore[no-untyped-def]
     image: U8, channels: int, pixels: I32, gain: float, offset: float,
     luma_cells: int, edges: F32, codes: U8,

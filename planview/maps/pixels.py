@@ -16,7 +16,8 @@ from stereo.depth import RectifiedGeometry
 
 BACKGROUND_SEEN, SURFACE, NO_DEPTH = 0, 1, 2
 """Kinds of pixels: the background is seen, foreground with depth, foreground without."""
-
+COLOURED = np.arange(256) % CHROMA_CELLS**2 != CHROMA_CELLS**2 // 2
+"""(256,) bool, by code: not grey."""
 
 RENEW_S = 30.0
 """Time after which moved furniture has become background (``ForegroundParams.learning_rate``) [s]."""
@@ -101,10 +102,10 @@ class SeenPixels:
 
 
 class KeptBackground:
-    """The background's disparity, looked at anew every RENEW_S: furniture that hides people seldom moves.
+    """How far the background is, looked at anew every RENEW_S: furniture that hides people seldom moves.
 
     Attributes:
-        disparity: (H, W) float32 [px], NaN where unknown; None before the first look.
+        range_m: (H, W) float32 along the rays [m], 0 where unknown; None before the first look.
     """
 
     def __init__(self) -> None:
@@ -112,21 +113,23 @@ class KeptBackground:
 
     def reset(self) -> None:
         """Forget the background."""
-        self.disparity: F32 | None = None
+        self.range_m: F32 | None = None
         self._looked_s = -math.inf
 
     def due(self, timestamp_s: float) -> bool:
         """Whether it is to be looked at again."""
         return timestamp_s - self._looked_s >= RENEW_S
 
-    def renew(self, disparity: F32, timestamp_s: float) -> None:
-        """Keep what the background looks like now."""
-        self.disparity, self._looked_s = disparity, timestamp_s
+    def renew(self, disparity: F32, rays: PixelRays, timestamp_s: float) -> None:
+        """Keep what the background looks like now: (H, W) float32 [px], NaN where unknown."""
+        self._looked_s, far = timestamp_s, np.zeros(rays.shape, np.float32)
+        np.divide(np.float32(rays.disparity_metre) * rays.stretch, disparity, out=far, where=disparity > 0)
+        self.range_m = far
 
 
 def seen_pixels(
-    rays: PixelRays, points: FloorPoints, unmatched: I32 | None, background: F32 | None, lowest_m: float,
-    renewed: bool = False,
+    rays: PixelRays, points: FloorPoints, unmatched: I32 | None, background_m: F32 | None, lowest_m: float,
+    renewed: F32 | None = None,
 ) -> SeenPixels:  # fmt: skip
     """Classify the pixels of one frame.
 
@@ -135,9 +138,9 @@ def seen_pixels(
     Args:
         points: foreground points of the frame; their pixels index an image of the rays' shape.
         unmatched: (K,) int32 pixels of foreground without depth; None where they are not known.
-        background: (H, W) float32 [px], the background's disparity; None or NaN where it is not known.
+        background_m: (H, W) float32, how far the background is along the rays [m]; None or 0 where it is not known.
         lowest_m: height from which people have surface [m].
-        renewed: the background is another from this frame on.
+        renewed: see ``SeenPixels``.
     """
     n = rays.stretch.size
     kind = np.zeros(n, np.uint8)
@@ -145,19 +148,17 @@ def seen_pixels(
         kind[unmatched] = NO_DEPTH
     kind[points.pixels] = np.where(points.xyz[:, 2] >= lowest_m, SURFACE, BACKGROUND_SEEN)
     range_m = np.zeros(n, np.float32)
-    if background is not None:
-        with np.errstate(invalid="ignore", divide="ignore"):
-            far = (np.float32(rays.disparity_metre) / background * rays.stretch).reshape(-1)
-            np.copyto(range_m, far, where=np.isfinite(far) & (far > 0) & (kind == BACKGROUND_SEEN))
+    if background_m is not None:
+        np.multiply(background_m.reshape(-1), kind == BACKGROUND_SEEN, out=range_m)
     range_m[points.pixels] = np.linalg.norm(points.xyz - rays.centre_m.astype(np.float32), axis=1)
     colour = None
-    if points.colours is not None and (points.colours % CHROMA_CELLS**2 != CHROMA_CELLS**2 // 2).any():
+    if points.colours is not None and COLOURED[points.colours].any():
         colour = np.zeros(n, np.uint8)
         colour[points.pixels] = points.colours
     shape = rays.shape
     return SeenPixels(
         rays, kind.reshape(shape), range_m.reshape(shape), None if colour is None else colour.reshape(shape),
-        background if renewed else None,
+        renewed,
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from toy_people import seen_body
 
-from calib.types import F32, F64, I64, U8
+from calib.types import F64
 from planview.maps.pixels import SURFACE, SeenPixels
 from planview.tracking import body
 from planview.tracking.template import explanation as given
@@ -62,10 +62,9 @@ def _of_background(kind: int, near: bool, p: TemplateParams, reach_m: float) -> 
     return 0.5 * share / (2 * reach_m if near else given.RANGE_M)
 
 
-def lacking(owner: I64, lack: F32, colour: U8, seen: SeenPixels, scale: float) -> F64:
-    """(5, N) x, y, z, lack [patches] and colour code of every pixel of surface."""
-    row, col = np.nonzero(owner > -2)
+def surface_points(seen: SeenPixels, per_patch: float) -> tuple[F64, F64]:
+    """(3, N) places of every pixel of surface and (N,) patches that they are."""
+    row, col = np.nonzero(seen.kind == SURFACE)
     far = seen.range_m[row, col].astype(np.float64)
     xyz = seen.rays.centre_m + far[:, None] * seen.rays.direction[row, col]
-    patches = (far / seen.rays.stretch[row, col]) ** 2 * scale
-    return np.vstack([xyz.T, patches * lack[row, col], colour[row, col]])
+    return xyz.T, (far / seen.rays.stretch[row, col]) ** 2 * per_patch

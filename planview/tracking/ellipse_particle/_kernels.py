@@ -49,13 +49,13 @@ class Match(NamedTuple):
     limit: float
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def half_length(law, y):  # type: ignore[no-untyped-def]
     """Half length expected of an ellipse centred in row y."""
     return max(law.least, law.level + law.slope * y)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def conic(a, b, angle):  # type: ignore[no-untyped-def]
     """(qxx, qxy, qyy) of qxx dx^2 + 2 qxy dx dy + qyy dy^2 = 1."""
     s = math.sin(angle)
@@ -65,7 +65,7 @@ def conic(a, b, angle):  # type: ignore[no-untyped-def]
     return s * s * ia + c * c * ib, s * c * (ia - ib), c * c * ia + s * s * ib
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def span(form, dy):  # type: ignore[no-untyped-def]
     """Offsets (lo, hi) from the centre column that a conic covers in the row dy below the centre; lo > hi for none."""
     qxx, qxy, qyy = form
@@ -76,7 +76,7 @@ def span(form, dy):  # type: ignore[no-untyped-def]
     return (-qxy * dy - root) / qxx, (-qxy * dy + root) / qxx
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def reach(a, b, angle):  # type: ignore[no-untyped-def]
     """How far an ellipse reaches along columns and rows."""
     s = math.sin(angle)
@@ -84,7 +84,7 @@ def reach(a, b, angle):  # type: ignore[no-untyped-def]
     return math.sqrt(a * a * s * s + b * b * c * c), math.sqrt(a * a * c * c + b * b * s * s)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def between(sums, lo, hi):  # type: ignore[no-untyped-def]
     """Integral of a row between the columns lo and hi (fractional, within the grid's edges), from its sums."""
     t0 = lo + 0.5
@@ -96,7 +96,7 @@ def between(sums, lo, hi):  # type: ignore[no-untyped-def]
     return sums[j1] + (t1 - j1) * (sums[j1 + 1] - sums[j1]) - low
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def row_sums(values: F32 | U8) -> F64:
     """(R, C + 1): sums of the columns left of each cell edge."""
     out = np.zeros((values.shape[0], values.shape[1] + 1))
@@ -106,7 +106,7 @@ def row_sums(values: F32 | U8) -> F64:
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def paint(ellipses: F64, masks: U8) -> None:
     """Set the cells whose centres lie in each of (N, 5) ellipses, in its own one of the masks (N, R, C)."""
     _, n_rows, n_cols = masks.shape
@@ -120,7 +120,7 @@ def paint(ellipses: F64, masks: U8) -> None:
                 masks[k, r, c] = 1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def cover(score: F32, half: F64, aspect: float, stride: int, accept: float) -> F64:
     """Greedy cover: place upright ellipses of the expected size where the sum of ``score`` inside is largest.
 
@@ -163,7 +163,7 @@ def cover(score: F32, half: F64, aspect: float, stride: int, accept: float) -> F
     return found[:n]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def gain_share(sums: F64, x: float, y: int, a: float, aspect: float) -> float:
     """Gain of an upright ellipse over its area in the grid, or half its area where less is inside; -1 for little.
 
@@ -184,7 +184,7 @@ def gain_share(sums: F64, x: float, y: int, a: float, aspect: float) -> float:
     return total / max(inside, 0.5 * math.pi * a * b)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def refine(mask: F32, ellipses: F64, law: Law, match: Match, sweeps: int) -> None:
     """Levenberg-Marquardt of the union of (N, 5) soft ellipses against the mask, one at a time; in place.
 
@@ -228,7 +228,7 @@ def refine(mask: F32, ellipses: F64, law: Law, match: Match, sweeps: int) -> Non
                 damping[k] = min(1e4, damping[k] * 10.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def free_of_others(ellipses: F64, k: int, soft: float, window: tuple[int, int, int, int], free: F64) -> None:
     """prod_j (1 - inside_j) over the other ellipses, in the rows r0 to r1 and columns c0 to c1 of the window."""
     r0, r1, c0, c1 = window
@@ -250,7 +250,7 @@ def free_of_others(ellipses: F64, k: int, soft: float, window: tuple[int, int, i
                 free[r - r0, c - c0] *= 1.0 - 1.0 / (1.0 + math.exp((rho - 1.0) * b / soft))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def normal_equations(
     mask: F32,
     ellipse: F64,
@@ -321,7 +321,7 @@ def normal_equations(
     return cost
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def overlaps(states: F64, left: F64, allowed: F64, law: Law, out: F64) -> None:
     """What the ellipse of each state covers of the cells that are left, and of the grid outside the allowed cells.
 

@@ -15,7 +15,7 @@ NEGLIGIBLE = 100.0
 """Squared deviations beyond which a Gaussian is below a double's resolution of 1: exp(-50)."""
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def differences(  # type: ignore[no-untyped-def]
     template_height: F32, template_occupancy: F32, height: F32, occupancy: F32, row: int, col: int, one_sided: float
 ):
@@ -45,7 +45,7 @@ def differences(  # type: ignore[no-untyped-def]
     return height_sum / used, occupancy_sum / used
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def search(  # type: ignore[no-untyped-def]
     template_height: F32, template_occupancy: F32, height: F32, occupancy: F32,
     row: float, col: float, reach: int, one_sided: float,

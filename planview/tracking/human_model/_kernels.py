@@ -51,7 +51,7 @@ class OutlineBeliefs(NamedTuple):
 
 
 # Numba counts references to arrays that a function is given, which takes longer than a look: only numbers are given.
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _look(  # type: ignore[no-untyped-def]
     x: float, y: float, h: float, ex: float, ey: float, cos: float, sin: float, cells_u: int, cells_w: int,
     b: OutlineBeliefs,
@@ -67,7 +67,7 @@ def _look(  # type: ignore[no-untyped-def]
     return iu, iw, (b.camera_m - sin * (along * cos - dz * sin)) * per_h
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _likelihood(kind: int, z: float, hidden: float, colour: float, b: OutlineBeliefs):  # type: ignore[no-untyped-def]
     """Of a pixel on a body; its lower part may be hidden by furniture."""
     if kind == SHADOW:
@@ -78,7 +78,7 @@ def _likelihood(kind: int, z: float, hidden: float, colour: float, b: OutlineBel
     return ((1.0 - o) * b.body + o * b.background) * colour
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _ground(kind: int, near: bool, b: OutlineBeliefs):  # type: ignore[no-untyped-def]
     """Likelihood of a pixel on which nobody is."""
     if kind == SHADOW:
@@ -86,13 +86,13 @@ def _ground(kind: int, near: bool, b: OutlineBeliefs):  # type: ignore[no-untype
     return 1.0 - b.background if kind == SEEN else (b.near_people if near else b.background)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _hidden(h: float, tall: float, b: OutlineBeliefs):  # type: ignore[no-untyped-def]
     """How probably furniture hides a lower pixel of a person as tall as this when standing."""
     return b.hidden_sitting if h < b.sitting_from * tall else b.hidden
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def boxes(poses: F64, reach_m: float, lens: F64, found: I64) -> None:
     """Fill (N, 4) left, top, right, bottom [px] of the corners of bodies' boxes, as ``GroundCamera.project`` has them.
 
@@ -117,7 +117,7 @@ def boxes(poses: F64, reach_m: float, lens: F64, found: I64) -> None:
         found[i, 2], found[i, 3] = min(right, 1e4), min(bottom, 1e4)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def gather(
     pose: F64, half_m: float, spacing_m: float, box: I64, rays: F32, angle: U8, kind: U8, code: U8, samples: F32,
     kinds: U8, codes: U8, angles: U8, b: OutlineBeliefs,
@@ -157,7 +157,7 @@ def gather(
     return n
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def layer(
     samples: F32, kinds: U8, codes: U8, angles: U8, n: int, poses: F64, sure: F64, tall: F64, ratios: F32,
     others: I64, i: int, pose: F64, cover: F32, b: OutlineBeliefs,
@@ -206,7 +206,7 @@ def layer(
         s[GAINS + 5] = change * (_likelihood(kind, b.hidden_to, 0.0, head, b) - rest)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def evaluate(
     x: float, y: float, h: float, tall: float, samples: F32, angles: U8, n: int, cover: F32, b: OutlineBeliefs
 ) -> float:
@@ -231,7 +231,7 @@ def evaluate(
     return total + weight * math.log(product)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def believed(
     x: float, y: float, h: float, tall: F64, poses: F64, sure: F64, others: I64, b: OutlineBeliefs
 ) -> float:  # fmt: skip
@@ -249,7 +249,7 @@ def believed(
     return value
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _moved(x: float, y: float, h: float, way: int, f: float, tall: float, b: OutlineBeliefs):  # type: ignore[no-untyped-def]
     """A pose moved by f along the camera's ray, across it, up, or up along the ray of the head; or the head's ray kept
     and stood up or sat down."""
@@ -269,7 +269,7 @@ def _moved(x: float, y: float, h: float, way: int, f: float, tall: float, b: Out
     return x * f, y * f, nh
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def ascend(
     pose: F64, predicted: F64, information: F64, tall: F64, poses: F64, sure: F64, others: I64, steps: F64, low: float,
     high: float, samples: F32, angles: U8, n: int, cover: F32, b: OutlineBeliefs,
@@ -317,7 +317,7 @@ def ascend(
     return worth
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def visible(  # type: ignore[no-untyped-def]
     pose: F64, tall: float, samples: F32, kinds: U8, angles: U8, n: int, cover: F32, b: OutlineBeliefs
 ):
@@ -341,7 +341,7 @@ def visible(  # type: ignore[no-untyped-def]
     return mine, seen, total
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def share_out(
     kind: int, pixels: I64, poses: F64, sure: F64, tall: F64, ratios: F32, order: I64, boxes: I64, rays: F32,
     angle: U8, code: U8, cover: F32, b: OutlineBeliefs, owner: I64, share: F32, height: F32, range_m: F32,
@@ -399,7 +399,7 @@ def share_out(
             range_m[i] = ahead * cos - (0.5 * poses[who, 2] - b.camera_m) * sin
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def promising(total: F64, bands: I32, scale: F32, least: float, found: I32, wanted: Bool) -> int:
     """Fill the places whose hull may gain ``least``, and the tiles in which these are; the number of places.
 
@@ -418,7 +418,7 @@ def promising(total: F64, bands: I32, scale: F32, least: float, found: I32, want
     return n
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def hull_scores(total: F64, bands: I32, places: I32, scores: F32) -> None:
     """What people at some places of the model map would gain: the residual's sum in the bands of their hulls.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +12,6 @@ from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, I64, U8, Bool
 from planview.foreground.gain import Exposure
 from planview.maps.colour import colour_codes
-from planview.maps.pixels import PixelRays, SeenPixels
 from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.human_model import _kernels as kernels
@@ -55,12 +53,12 @@ class Shares:
         self.residual: F32 = np.zeros((rows, cols), np.float32)
         self.tiles: F64 = np.zeros((-(-rows // kernels.TILE_PX), -(-cols // kernels.TILE_PX)))
 
-    def seen(self, of: MaskExplanation) -> tuple[Owned, SeenPixels]:
+    def owned(self, of: MaskExplanation) -> Owned:
         """The foreground, as if its pixels were as far away as their owners."""
-        rays, code = of.view.seen_rays, of.code.reshape(-1)[of.pixels] if of.coloured else None
-        rays = replace(rays, stretch=rays.stretch.reshape(-1)[of.pixels])
-        seen = SeenPixels(rays, of.kind.reshape(-1)[of.pixels], self.range_m, code)
-        return Owned(self.owner, self.share, self.height, self.residual.reshape(-1)[of.pixels]), seen
+        view, pixels = of.view, of.pixels
+        depth = self.range_m / view.rays.reshape(-1, view.rays.shape[-1])[pixels, 4]
+        patches = (depth / np.float32(view.camera.focal_px * view.params.patch_m)) ** 2
+        return Owned(pixels, of.code.reshape(-1)[pixels], self.owner, self.share, self.height, patches)
 
 
 class MaskView:
@@ -82,10 +80,6 @@ class MaskView:
         ).astype(np.float32)
         steps = (np.arctan2(-unit[..., 2], cos) - self.table.angle_min_rad) / self.table.angle_step_rad
         self.angle: U8 = np.clip(np.rint(np.nan_to_num(steps)), 0, len(self.table.cover) - 1).astype(np.uint8)
-        self.seen_rays = PixelRays(
-            np.array([0.0, 0.0, camera.height_m]), unit.astype(np.float32), stretch.astype(np.float32),
-            np.zeros(stretch.shape, np.float32), np.zeros((3, 4)), 1.0 / camera.focal_px**2, 0.0, 1.0,
-        )  # fmt: skip
         tilt, roll = camera.tilt_rad, camera.roll_rad
         self._lens = np.array([
             camera.focal_px, camera.distortion_k, camera.height_m, math.sin(tilt), math.cos(tilt), math.sin(roll),

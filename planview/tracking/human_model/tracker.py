@@ -29,7 +29,7 @@ from planview.tracking.human_model.walker import Walker, matches
 from planview.tracking.template.explanation import People
 from planview.tracking.template.identity import Exchanges, continued
 from planview.tracking.template.params import TemplateParams
-from planview.tracking.template.person import Person, colour_ratios
+from planview.tracking.template.person import Person, colour_counts, colour_ratios
 from planview.trajectories.state import State, TrackState
 
 WALKER_M = 2.0
@@ -275,12 +275,13 @@ class HumanModelTracker:
     # -- who is who, who comes, who goes ----------------------------------------------------------------------------
     def _learn(self, frame: MaskExplanation, shares: Shares, dt: float) -> None:
         alone = frame.touching(np.array([(*q.at_m, q.height_m) for q in self._people]).reshape(-1, 3)).sum(axis=1) == 1
-        owned, seen = shares.seen(frame)
-        for i, q in enumerate(self._people):
-            if q.share >= 0.5 and alone[i]:
-                mine = (owned.owner == i) & (owned.share > 0.8)
-                q.learn_colours(owned.height[mine], frame.code.reshape(-1)[frame.pixels[mine]])
-        for a, b, odds in self._exchanges.update(self._people, [owned], [seen], dt):
+        owned = shares.owned(frame)
+        surely = (owned.owner >= 0) & (owned.share > 0.8)
+        mine = owned.owner[surely], owned.height[surely], owned.colours[surely]
+        for q, seen, apart in zip(self._people, colour_counts(len(self._people), *mine), alone, strict=True):
+            if q.share >= 0.5 and apart:
+                q.learn_colours(seen)
+        for a, b, odds in self._exchanges.update(self._people, [owned] if frame.coloured else [], dt):
             a.take_identity(b)
             self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)
 

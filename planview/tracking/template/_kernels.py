@@ -57,7 +57,7 @@ class Beliefs(NamedTuple):
     w_min: float
 
 
-@njit(cache=True, nogil=True, fastmath=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
 def _look(  # type: ignore[no-untyped-def]
     x: float, y: float, h: float, cx: float, cy: float, cz: float, ex: float, ey: float, cos: float, sin: float,
     angle: int, cover: F32, front: F32, b: Beliefs,
@@ -74,7 +74,7 @@ def _look(  # type: ignore[no-untyped-def]
     return cover[angle, iu, iw], at, (cz - sin * at) / h
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _covered(
     x: float, y: float, h: float, values: F32, n: int, cover: F32, b: Beliefs, scratch: F32, which: I64
 ) -> int:  # fmt: skip
@@ -100,7 +100,7 @@ def _covered(
     return m
 
 
-@njit(cache=True, nogil=True, fastmath=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
 def _body_likelihood(  # type: ignore[no-untyped-def]
     kind: int, seen: float, at: float, std: float, matched: float, colour: float, b: Beliefs
 ):
@@ -115,12 +115,12 @@ def _body_likelihood(  # type: ignore[no-untyped-def]
     return b.body * (1.0 - b.no_depth) * ((1.0 - b.outliers) * normal + b.outliers / b.range_m) * colour
 
 
-@njit(cache=True, nogil=True, fastmath=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
 def _part(z: float) -> int:
     return 0 if z < LEGS_TO else (1 if z < TORSO_TO else 2)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def boxes(poses: F64, projection: F64, half: float, above: float, out: F64) -> None:
     """Left, top, right, bottom (N, 4) [px] of boxes around bodies: ``half`` [m] to each side, ``above`` their heads."""
     for a in range(len(poses)):
@@ -138,7 +138,7 @@ def boxes(poses: F64, projection: F64, half: float, above: float, out: F64) -> N
             out[a, 2], out[a, 3] = max(out[a, 2], u), max(out[a, 3], v)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def gather(
     pose: F64, reach_m: float, spacing_m: float, patch_m: float, centre: F64, direction: F32, level: F32, stretch: F32,
     matched_m: F32, projection: F64, pixel_sr: float, kind: U8, range_m: F32, colour: U8, std_per_m2: float,
@@ -185,7 +185,7 @@ def gather(
     return n
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def layer(
     values: F32, marks: U8, n: int, poses: F64, sure: F64, ratios: F32, who: I64, cover: F32, front: F32,
     beliefs: Sequence[Beliefs], layers: F32, count: I64, scratch: F32, which: I64,
@@ -248,7 +248,7 @@ def layer(
         ray[THROUGH, m], ray[BEFORE, m] = passing, explained
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def evaluate(
     x: float, y: float, h: float, values: F32, marks: U8, n: int, ratio: F32, cover: F32, front: F32,
     beliefs: Sequence[Beliefs], layers: F32, count: I64, scratch: F32, which: I64,
@@ -284,7 +284,7 @@ def evaluate(
     return total + weight * math.log(product)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def believed(
     x: float, y: float, h: float, tall: float, tall_std: float, poses: F64, sure: F64, who: I64,
     beliefs: Sequence[Beliefs],
@@ -306,7 +306,7 @@ def believed(
     return value
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _posterior(x: float, y: float, h: float, prior, pixels):  # type: ignore[no-untyped-def]
     """Lam - Mahalanobis / 2 plus what is believed of a pose; Lam alone."""
     predicted, information, tall, tall_std, poses, sure, who, beliefs = prior
@@ -317,7 +317,7 @@ def _posterior(x: float, y: float, h: float, prior, pixels):  # type: ignore[no-
     return lam - 0.5 * away + believed(x, y, h, tall, tall_std, poses, sure, who, beliefs), lam
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def ascend(  # type: ignore[no-untyped-def]
     pose: F64, bent: F64, predicted: F64, information: F64, tall: float, tall_std: float, poses: F64, sure: F64,
     who: I64, steps: F64, low: float, high: float, values: F32, marks: U8, n: int, ratio: F32, cover: F32, front: F32,
@@ -382,7 +382,7 @@ def ascend(  # type: ignore[no-untyped-def]
     return lam + believed(x, y, h, tall, tall_std, poses, sure, who, beliefs)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def visible(  # type: ignore[no-untyped-def]
     pose: F64, values: F32, marks: U8, n: int, cover: F32, front: F32, beliefs: Sequence[Beliefs], layers: F32,
     count: I64, scratch: F32, which: I64,
@@ -411,85 +411,72 @@ def visible(  # type: ignore[no-untyped-def]
     return mine, total
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def share_out(
     poses: F64, sure: F64, ratios: F32, boxes: I64, centre: F64, direction: F32, level: F32, stretch: F32,
-    std_per_m2: float, kind: U8, range_m: F32, colour: U8, cover: F32, front: F32, beliefs: Sequence[Beliefs],
-    owner: I64, share: F32, height: F32, lack: F32,
+    std_per_m2: float, per_patch: float, range_m: F32, cover: F32, front: F32, beliefs: Sequence[Beliefs],
+    pixels: I64, colour: U8, owner: I64, share: F32, height: F32, patches: F32, points: F32,
 ) -> None:  # fmt: skip
-    """Who owns each pixel of surface: -2 no surface, -1 nobody, else a person, with the responsibility.
+    """Who owns each pixel of surface, see ``Owned``; ``per_patch``: patches that a pixel is at unit depth.
 
-    ``height``: of the owner's pixels, relative to the owner. ``lack``: how much better a body's surface there would
-    explain the pixel, as an expected logarithm; about 0 for what is explained.
+    Fills ``points`` (5, M): x, y, z, how much better a body's surface there would explain the pixel, as an expected
+    logarithm times its patches, about 0 for what is explained; and its colour.
     """
     b = beliefs[0]
-    rows, cols = kind.shape
+    cols = range_m.shape[1]
     t = np.empty(LAYERS)
     p = np.empty(LAYERS)
     like = np.empty(LAYERS)
     zs = np.empty(LAYERS)
     ks = np.empty(LAYERS, np.int64)
-    for r in range(rows):
-        for c in range(cols):
-            owner[r, c], lack[r, c] = -2, 0.0
-            if kind[r, c] != 1:
+    for i in range(len(pixels)):
+        r, c = pixels[i] // cols, pixels[i] % cols
+        far, widened = range_m[r, c], stretch[r, c]
+        dx, dy, dz = direction[r, c, 0], direction[r, c, 1], direction[r, c, 2]
+        ex, ey, m, near = level[r, c, 0], level[r, c, 1], 0, False
+        x, y = centre[0] + dx * far, centre[1] + dy * far
+        points[0, i], points[1, i], points[2, i] = x, y, centre[2] + dz * far
+        patches[i] = (far / widened) ** 2 * per_patch
+        angle = min(max(int((level[r, c, 2] - b.angle_min) / b.angle_step + 0.5), 0), 24)
+        for k in range(len(poses)):
+            ox, oy = x - poses[k, 0], y - poses[k, 1]
+            near = near or (sure[k] > 0.5 and ox * ox + oy * oy < b.reach_m * b.reach_m)
+            if c < boxes[k, 0] or c > boxes[k, 2] or r < boxes[k, 1] or r > boxes[k, 3] or m >= LAYERS:
                 continue
-            dx, dy, dz = direction[r, c, 0], direction[r, c, 1], direction[r, c, 2]
-            ex, ey, m, near = level[r, c, 0], level[r, c, 1], 0, False
-            angle = min(max(int((level[r, c, 2] - b.angle_min) / b.angle_step + 0.5), 0), 24)
-            for k in range(len(poses)):
-                ox = centre[0] + dx * range_m[r, c] - poses[k, 0]
-                oy = centre[1] + dy * range_m[r, c] - poses[k, 1]
-                near = near or (sure[k] > 0.5 and ox * ox + oy * oy < b.reach_m * b.reach_m)
-                if c < boxes[k, 0] or c > boxes[k, 2] or r < boxes[k, 1] or r > boxes[k, 3] or m >= LAYERS:
-                    continue
-                pi, at, z = _look(
-                    poses[k, 0], poses[k, 1], poses[k, 2], centre[0], centre[1], centre[2], ex, ey,
-                    dx * ex + dy * ey, -dz, angle, cover, front, b,
-                )  # fmt: skip
-                pi *= sure[k]
-                if pi < 0.01:
-                    continue
-                ratio = 1.0 - b.colour + b.colour * ratios[k, _part(z), colour[r, c]]
-                value = _body_likelihood(1, range_m[r, c], at, std_per_m2 / stretch[r, c], 0.0, ratio, b)
-                j = m
-                while j > 0 and t[j - 1] > at:
-                    t[j], p[j], like[j], ks[j], zs[j] = t[j - 1], p[j - 1], like[j - 1], ks[j - 1], zs[j - 1]
-                    j -= 1
-                t[j], p[j], like[j], ks[j], zs[j] = at, pi, value, k, z
-                m += 1
-            passing, total, best, who, at_z = 1.0, 0.0, 0.0, -1, 0.0
-            for j in range(m):
-                value = passing * p[j] * like[j]
-                passing *= 1.0 - p[j]
-                total += value
-                if value > best:
-                    best, who, at_z = value, ks[j], zs[j]
-            other = passing * 0.5 * (b.near_people / (2 * b.reach_m) if near else b.background / b.range_m)
-            other += b.unknown / b.range_m
-            owner[r, c] = who if best > other else -1
-            share[r, c] = best / (total + other)
-            far = range_m[r, c]
-            surface = b.surface_var + (std_per_m2 / stretch[r, c] * far * far) ** 2
-            typical = b.body * (1.0 - b.no_depth) * (1.0 - b.outliers) / math.sqrt(2.0 * math.pi * math.e * surface)
-            lack[r, c] = math.log(typical / (total + other))
-            height[r, c] = at_z
+            pi, at, z = _look(
+                poses[k, 0], poses[k, 1], poses[k, 2], centre[0], centre[1], centre[2], ex, ey,
+                dx * ex + dy * ey, -dz, angle, cover, front, b,
+            )  # fmt: skip
+            pi *= sure[k]
+            if pi < 0.01:
+                continue
+            ratio = 1.0 - b.colour + b.colour * ratios[k, _part(z), colour[i]]
+            value = _body_likelihood(1, far, at, std_per_m2 / widened, 0.0, ratio, b)
+            j = m
+            while j > 0 and t[j - 1] > at:
+                t[j], p[j], like[j], ks[j], zs[j] = t[j - 1], p[j - 1], like[j - 1], ks[j - 1], zs[j - 1]
+                j -= 1
+            t[j], p[j], like[j], ks[j], zs[j] = at, pi, value, k, z
+            m += 1
+        passing, total, best, who, at_z = 1.0, 0.0, 0.0, -1, 0.0
+        for j in range(m):
+            value = passing * p[j] * like[j]
+            passing *= 1.0 - p[j]
+            total += value
+            if value > best:
+                best, who, at_z = value, ks[j], zs[j]
+        other = passing * 0.5 * (b.near_people / (2 * b.reach_m) if near else b.background / b.range_m)
+        other += b.unknown / b.range_m
+        owner[i] = who if best > other else -1
+        share[i], height[i] = best / (total + other), at_z
+        surface = b.surface_var + (std_per_m2 / widened * far * far) ** 2
+        typical = b.body * (1.0 - b.no_depth) * (1.0 - b.outliers) / math.sqrt(2.0 * math.pi * math.e * surface)
+        points[3, i], points[4, i] = patches[i] * math.log(typical / (total + other)), colour[i]
 
 
-@njit(cache=True, nogil=True)
-def lacking(
-    owner: I64, lack: F32, colour: U8, range_m: F32, direction: F32, stretch: F32, centre: F64, scale: float,
-    points: F64, n: int,
-) -> int:  # fmt: skip
-    """Append x, y, z, lack [patches] and colour code of every pixel of surface, as columns; their number then."""
-    rows, cols = owner.shape
-    for r in range(rows):
-        for c in range(cols):
-            if owner[r, c] > -2:
-                far = range_m[r, c]
-                for k in range(3):
-                    points[k, n] = centre[k] + far * direction[r, c, k]
-                points[3, n] = (far / stretch[r, c]) ** 2 * scale * lack[r, c]
-                points[4, n] = colour[r, c]
-                n += 1
-    return n
+@njit(cache=True, nogil=True, error_model="numpy")
+def map_lacking(points: F32, low_m: F64, cell_m: float, out: F32) -> None:
+    """Add what points lack of an explanation, as of ``share_out``, to the cells of a map of the floor."""
+    for i in range(points.shape[1]):
+        row, col = int((points[0, i] - low_m[0]) / cell_m), int((points[1, i] - low_m[1]) / cell_m)
+        out[row, col] += points[3, i]

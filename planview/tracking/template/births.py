@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from calib.types import F64
+from calib.types import F32, F64
 from planview.tracking import body
 from planview.tracking.kalman import FloorKalman
-from planview.tracking.template._kernels import lacking
-from planview.tracking.template.explanation import Explanation, Owned, People
-from planview.tracking.template.person import Person, side_by_side
+from planview.tracking.template._kernels import map_lacking
+from planview.tracking.template.explanation import Explanation, People
+from planview.tracking.template.person import Person, colour_counts, side_by_side
 
 EVIDENCE_MAX = 6.0
 """Largest evidence of one look for or against a person, as a log-odds."""
@@ -35,23 +35,23 @@ class Births:
     def __init__(self) -> None:
         self._refused: list[tuple[float, float, float]] = []
 
-    def find(self, frame: Explanation, known: Sequence[Person], owned: Sequence[Owned], now_s: float) -> list[Person]:
-        """People who are born in this frame, without ids.
+    def find(self, frame: Explanation, known: Sequence[Person], points: F32, now_s: float) -> list[Person]:
+        """People who are born in this frame, without ids; ``points`` as of ``Explanation.share_out``.
 
         A place at which nobody was found is tried again when the errors of the foreground have changed.
         """
         p = frame.params
         self._refused = [r for r in self._refused if now_s - r[2] < p.errors_s]
-        points = self._points(frame, owned)
         if float(np.maximum(points[3], 0.0).sum()) < p.birth_evidence:
             return []
-        low = points[:2].min(axis=1) - BODY_CELLS * CELL_M
-        rows, cols = ((points[:2] - low[:, None]) / CELL_M).astype(np.int64)
-        shape = int(rows.max()) + 2 * BODY_CELLS, int(cols.max()) + 2 * BODY_CELLS
+        low, high = (edge(points[:2], axis=1).astype(np.float64) for edge in (np.min, np.max))
+        low -= BODY_CELLS * CELL_M
+        shape = tuple(int(cells) + 2 * BODY_CELLS for cells in (high - low) / CELL_M)
         if shape[0] * shape[1] > MAP_CELLS_MAX:
             return []
-        lack = np.bincount(rows * shape[1] + cols, weights=points[3], minlength=shape[0] * shape[1])
-        box = np.asarray(cv2.boxFilter(lack.reshape(shape), -1, (BODY_CELLS, BODY_CELLS), normalize=False))
+        lack = np.zeros(shape, np.float32)
+        map_lacking(points, low, CELL_M, lack)
+        box = np.asarray(cv2.boxFilter(lack, -1, (BODY_CELLS, BODY_CELLS), normalize=False))
         born: list[Person] = []
         people: People | None = None
         for _ in range(MOST):
@@ -65,24 +65,13 @@ class Births:
                 continue
             people = people or side_by_side(known)
             near = np.abs(points[:2] - place[:, None]).max(axis=0) < reach * CELL_M
-            person = _tried(frame, people, points[:, near & (points[3] > 0)].T, now_s)
+            person = _tried(frame, people, points[:, near & (points[3] > 0)].T.astype(np.float64), now_s)
             if person is None:
                 self._refused.append((float(place[0]), float(place[1]), now_s))
                 continue
             born.append(person)
             people = people.with_one(np.array([*person.at_m, person.height_m]))
         return born
-
-    @staticmethod
-    def _points(frame: Explanation, owned: Sequence[Owned]) -> F64:
-        """(5, N) x, y, z, what each point lacks of an explanation [patches] and its colour code."""
-        points, n = np.empty((5, sum(o.owner.size for o in owned))), 0
-        for v, o in zip(frame.views, owned, strict=True):
-            colour, scale = v.colour if v.colour is not None else v.kind, v.rays.pixel_sr / frame.params.patch_m**2
-            n = lacking(
-                o.owner, o.lack, colour, v.range_m, v.rays.direction, v.rays.stretch, v.rays.centre_m, scale, points, n
-            )
-        return points[:, :n]
 
 
 def _tried(frame: Explanation, people: People, points: F64, now_s: float) -> Person | None:
@@ -95,12 +84,12 @@ def _tried(frame: Explanation, people: People, points: F64, now_s: float) -> Per
     place = place + out / max(float(np.hypot(*out)), radius) * 0.5 * radius
     top = float(np.clip(np.quantile(points[:, 2], 0.97), 0.9, body.HEIGHT_MAX_M))
     n = len(people.poses)
-    start = np.array([*place, body.HEIGHT_MEAN_M])
-    trial = people.with_one(start)
+    pose = np.array([*place, top])  # the ascent begins there, or at the mean height
+    trial = people.with_one(pose)
     others = np.flatnonzero(frame.touching(trial.poses)[n, :n])
-    samples = frame.around(start, radius + 0.15)
+    samples = frame.around(np.array([*place, body.HEIGHT_MEAN_M]), radius + 0.15)
     samples.layer(trial, others)
-    worth, pose, bent = -np.inf, start, np.zeros(3)
+    worth, bent = -np.inf, np.zeros(3)
     for height in (body.HEIGHT_MEAN_M, top):
         moved = np.array([*place, height])
         value, bends = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial, others, trial.ratios[n])
@@ -117,5 +106,6 @@ def _tried(frame: Explanation, people: People, points: F64, now_s: float) -> Per
     person.born_s, person.born_m, person.origin_m = now_s, person.at_m, person.at_m
     person.evidence, person.share = worth, mine / max(total, 1e-6)
     if all(v.colour is not None for v in frame.views):
-        person.learn_colours(points[:, 2] / person.height_m, points[:, 4].astype(np.uint8))
+        owner = np.zeros(len(points), np.int64)
+        person.learn_colours(colour_counts(1, owner, points[:, 2] / person.height_m, points[:, 4].astype(np.uint8))[0])
     return person

@@ -8,9 +8,9 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from calib.types import F32, F64, I64, Bool
+from calib.types import F32, F64, I64, U8, Bool
 from planview.maps.colour import CODES
-from planview.maps.pixels import SeenPixels
+from planview.maps.pixels import SURFACE, SeenPixels
 from planview.tracking import body
 from planview.tracking.kalman import PositionNoise
 from planview.tracking.template import _kernels as kernels
@@ -65,19 +65,23 @@ def beliefs_of(p: TemplateParams, table: body.BodyTable) -> Sequence[kernels.Bel
 
 
 class Owned(NamedTuple):
-    """Who owns the pixels of one camera.
+    """Who owns the M pixels of one camera that show a surface.
 
     Attributes:
-        owner: (H, W) int64, index of a person; -1 nobody, -2 no surface.
-        share: (H, W) float32, the owner's responsibility.
-        height: (H, W) float32, relative to the owner.
-        lack: (H, W) float32, expected log-likelihood of a body's surface there less that of the explanation.
+        pixels: (M,) int64, row * width + column.
+        colours: (M,) uint8 codes.
+        owner: (M,) int64, index of a person; -1 nobody.
+        share: (M,) float32, the owner's responsibility.
+        height: (M,) float32, relative to the owner.
+        patches: (M,) float32 that a pixel is.
     """
 
+    pixels: I64
+    colours: U8
     owner: I64
     share: F32
     height: F32
-    lack: F32
+    patches: F32
 
 
 class People:
@@ -157,21 +161,23 @@ class Explanation:
             total += 2.0 * area * self.table.cell_m**2 * scale / self.params.patch_m**2
         return total / len(self.views)
 
-    def share_out(self, people: People) -> list[Owned]:
-        """Who owns the pixels of each view."""
-        out = []
+    def share_out(self, people: People) -> tuple[list[Owned], F32]:
+        """Who owns the surface in each view; and of all its pixels (5, N) float32 x, y, z [m], the expected
+        log-likelihood of a body's surface there less that of the explanation [patches], and the colour code."""
+        every, lacking = [], []
         for v in self.views:
-            r = v.rays
-            owner = np.empty(v.kind.shape, np.int64)
-            share, height, lack = (np.zeros(v.kind.shape, np.float32) for _ in range(3))
-            colour = v.colour if v.colour is not None else v.kind
+            r, pixels = v.rays, np.flatnonzero(v.kind == SURFACE)
+            n, colour = len(pixels), v.colour if v.colour is not None else v.kind
+            owned = Owned(pixels, colour.reshape(-1)[pixels], np.empty(n, np.int64), *np.empty((3, n), np.float32))
+            points = np.empty((5, n), np.float32)
             kernels.share_out(
                 people.poses, people.sure, people.ratios, self.boxes(v, people.poses), r.centre_m, r.direction, r.level,
-                r.stretch, self.params.disparity_std_px / r.disparity_metre, v.kind, v.range_m, colour,
-                self.table.cover, self.table.front, self.beliefs, owner, share, height, lack,
+                r.stretch, self.params.disparity_std_px / r.disparity_metre, r.pixel_sr / self.params.patch_m**2,
+                v.range_m, self.table.cover, self.table.front, self.beliefs, *owned, points,
             )  # fmt: skip
-            out.append(Owned(owner, share, height, lack))
-        return out
+            every.append(owned)
+            lacking.append(points)
+        return every, np.concatenate(lacking, axis=1)
 
 
 class Samples:

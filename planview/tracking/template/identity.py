@@ -10,12 +10,11 @@ from scipy.optimize import linear_sum_assignment
 
 from calib.types import F32, F64
 from planview.maps.colour import CODES
-from planview.maps.pixels import SeenPixels
 from planview.tracking import body
-from planview.tracking.template._kernels import LEGS_TO, PARTS, TORSO_TO
+from planview.tracking.template._kernels import PARTS
 from planview.tracking.template.explanation import Owned
 from planview.tracking.template.params import TemplateParams
-from planview.tracking.template.person import KNOWN_LOOKS, Person, colour_ratios
+from planview.tracking.template.person import KNOWN_LOOKS, Person, colour_counts, colour_ratios
 
 CONTACT_M = 0.7
 """People nearer than this may be taken for each other [m]: a body, and an arm's movement."""
@@ -36,9 +35,7 @@ class Exchanges:
         self._params = params
         self._evidence: dict[tuple[int, int], float] = {}
 
-    def update(
-        self, people: Sequence[Person], owned: Sequence[Owned], views: Sequence[SeenPixels], dt: float
-    ) -> list[tuple[Person, Person, float]]:
+    def update(self, people: Sequence[Person], owned: Sequence[Owned], dt: float) -> list[tuple[Person, Person, float]]:
         """Pairs that must exchange their identities, with the log-odds.
 
         Args:
@@ -61,7 +58,7 @@ class Exchanges:
                 gain, ratios = 0.0, np.log(colour_ratios(people)) if ratios is None else ratios
                 for k, other in ((i, j), (j, i)):
                     if k not in colours:
-                        colours[k] = owned_colours(k, owned, views, p.patch_m)
+                        colours[k] = owned_colours(k, owned)
                     seen, patches = colours[k]
                     alike = float((seen * (ratios[other] - ratios[k])).sum())
                     gain += float(np.clip(alike, -PART_MAX, PART_MAX)) * min(PARTS, patches / 20.0)
@@ -73,19 +70,13 @@ class Exchanges:
         return decided
 
 
-def owned_colours(k: int, owned: Sequence[Owned], views: Sequence[SeenPixels], patch_m: float) -> tuple[F64, float]:
+def owned_colours(k: int, owned: Sequence[Owned]) -> tuple[F64, float]:
     """(PARTS, CODES) shares of the colours of a person's pixels, and how many patches they are."""
     total, patches = np.zeros((PARTS, CODES)), 0.0
-    for o, v in zip(owned, views, strict=True):
-        if v.colour is None:
-            continue
-        mine = np.flatnonzero(o.owner.reshape(-1) == k)
-        mine = mine[o.share.reshape(-1)[mine] > 0.3]
-        part = np.digitize(o.height.reshape(-1)[mine], (LEGS_TO, TORSO_TO))
-        codes = part * CODES + v.colour.reshape(-1)[mine]
-        total += np.bincount(codes, minlength=PARTS * CODES).reshape(PARTS, CODES)
-        depth = v.range_m.reshape(-1)[mine] / v.rays.stretch.reshape(-1)[mine]
-        patches += float((depth * depth).sum()) * v.rays.pixel_sr / patch_m**2
+    for o in owned:
+        mine = np.flatnonzero((o.owner == k) & (o.share > 0.3))
+        total += colour_counts(1, np.zeros_like(mine), o.height[mine], o.colours[mine])[0]
+        patches += float(o.patches[mine].sum())
     return total / max(total.sum(), 1.0), patches
 
 

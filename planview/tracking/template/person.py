@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib.types import F32, F64, U8
+from calib.types import F32, F64, I64, U8
 from planview.maps.colour import CODES, smoothing
 from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M
 from planview.tracking.kalman import FloorKalman
@@ -98,10 +98,8 @@ class Person:
         self.tall_m += gain * off
         self.tall_var *= 1 - gain
 
-    def learn_colours(self, heights: F64 | F32, codes: U8) -> None:
-        """Add the colours of a frame's pixels that the person surely owns; ``heights`` are relative."""
-        part = (heights >= LEGS_TO).astype(np.int64) + (heights >= TORSO_TO)
-        counts = np.bincount(part * CODES + codes, minlength=PARTS * CODES).reshape(PARTS, CODES).astype(np.float32)
+    def learn_colours(self, counts: F32) -> None:
+        """Add the (PARTS, CODES) colours of a frame's pixels that the person surely owns."""
         pixels = counts.sum(axis=1, keepdims=True)
         seen = pixels[:, 0] > 5
         self.colours[seen] += counts[seen] / pixels[seen]
@@ -116,6 +114,13 @@ class Person:
             mine = getattr(self, name)
             setattr(self, name, getattr(other, name))
             setattr(other, name, mine)
+
+
+def colour_counts(n: int, owner: I64, heights: F64 | F32, codes: U8) -> F32:
+    """(n, PARTS, CODES) float32: pixels by owner, part of the body and colour; ``heights`` are relative."""
+    part = (heights >= LEGS_TO).astype(np.int64) + (heights >= TORSO_TO)
+    counts = np.bincount((owner * PARTS + part) * CODES + codes, minlength=n * PARTS * CODES)
+    return counts.reshape(n, PARTS, CODES).astype(np.float32)
 
 
 def colour_ratios(people: Sequence[Person]) -> F32:

@@ -8,14 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib.types import F64, I64
+from planview.maps.colour import CODES
 from planview.tracking import body
 from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug
+from planview.tracking.template._kernels import PARTS
 from planview.tracking.template.births import EVIDENCE_MAX, Births
 from planview.tracking.template.drawing import draw
 from planview.tracking.template.explanation import STEPS_M, Explanation, Owned, People, Samples
 from planview.tracking.template.identity import Exchanges, continued
 from planview.tracking.template.params import TemplateParams
-from planview.tracking.template.person import Person, colour_ratios, side_by_side
+from planview.tracking.template.person import Person, colour_counts, colour_ratios, side_by_side
 from planview.trajectories.state import State, TrackState
 
 ACCELERATION_MPS2 = 2.0
@@ -54,7 +56,7 @@ class TemplateTracker:
         self._exchanges = Exchanges(self.params)
         self._births = Births()
         self._log: list[Decision] = []
-        self._owners: list[I64] = []
+        self._owned: list[tuple[tuple[int, ...], Owned]] = []
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
@@ -63,7 +65,7 @@ class TemplateTracker:
 
     def debug(self) -> TrackerDebug:
         """Who owns each pixel, and the people on the floor."""
-        return draw(self._people, self._owners)
+        return draw(self._people, self._owned)
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Follow everybody into the next frame.
@@ -81,12 +83,12 @@ class TemplateTracker:
         ratios = colour_ratios(self._people)
         if self._people:
             self._explain(frame, side_by_side(self._people, ratios), dt)
-        owned = frame.share_out(side_by_side(self._people, ratios))
-        self._owners = [o.owner.astype(np.int16) for o in owned]
+        owned, points = frame.share_out(side_by_side(self._people, ratios))
+        self._owned = [(v.kind.shape, o) for v, o in zip(observation.views, owned, strict=True)]
         if self._coloured(frame):
             self._learn(frame, owned, dt)
         self._forget_gone()
-        self._meet(self._births.find(frame, self._people, owned, self._now_s))
+        self._meet(self._births.find(frame, self._people, points, self._now_s))
         self._recognise()
         return tuple(self._state(q) for q in self._people)
 
@@ -120,7 +122,7 @@ class TemplateTracker:
                     people.poses[i], predicted[i], information[i], people.tall[i], people, others[i],
                     people.ratios[i], STEPS_M[sweep:],
                 )  # fmt: skip
-        flooded = all((v.kind > 0).mean() > 0.5 for v in frame.views)
+        flooded = all(np.count_nonzero(v.kind) > 0.5 * v.kind.size for v in frame.views)
         for i, q in enumerate(self._people):
             q.evidence = float(worth[i])
             if len(others[i]):
@@ -198,17 +200,15 @@ class TemplateTracker:
 
     # -- who is who, who comes, who goes ----------------------------------------------------------------------------
     def _learn(self, frame: Explanation, owned: Sequence[Owned], dt: float) -> None:
-        surely = [o.share > 0.8 for o in owned]
-        owners = [o.owner[sure] for o, sure in zip(owned, surely, strict=True)]
-        heights = [o.height[sure] for o, sure in zip(owned, surely, strict=True)]
-        codes = [v.colour[sure] for v, sure in zip(frame.views, surely, strict=True) if v.colour is not None]
-        for i, q in enumerate(self._people):
+        counts = np.zeros((len(self._people), PARTS, CODES), np.float32)
+        for o in owned:
+            sure = (o.share > 0.8) & (o.owner >= 0)
+            counts += colour_counts(len(self._people), o.owner[sure], o.height[sure], o.colours[sure])
+        for q, seen in zip(self._people, counts, strict=True):
             near = min((math.dist(q.at_m, o.at_m) for o in self._people if o is not q), default=math.inf)
-            if q.share < 0.5 or near < body.REACH_M:
-                continue
-            for owner, height, code in zip(owners, heights, codes, strict=True):
-                q.learn_colours(height[owner == i], code[owner == i])
-        for a, b, odds in self._exchanges.update(self._people, owned, frame.views, dt):
+            if q.share >= 0.5 and near >= body.REACH_M:
+                q.learn_colours(seen)
+        for a, b, odds in self._exchanges.update(self._people, owned, dt):
             a.take_identity(b)
             self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)
 

@@ -179,7 +179,7 @@ DOWN = SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 3.0]))
 
 def box(world_SE3_left: SE3, x_m: float, y_m: float, height_m: float) -> tuple[float, float, float, float]:
     track = TrackState(1, "confirmed", x_m, y_m, 0.0, 0.0, height_m)
-    return BodyBoxes(GEOMETRY, world_SE3_left)(track).box_px
+    return BodyBoxes(GEOMETRY, world_SE3_left)([track])[0].box_px
 
 
 @pytest.mark.parametrize(
@@ -201,7 +201,7 @@ def test_somebody_out_of_view_or_of_unknown_height_or_place_has_no_box() -> None
     for x_m, y_m in ((0.0, -5.0), (40.0, 5.0)):
         assert all(math.isnan(side) for side in box(LEVEL, x_m, y_m, 1.8))
     for track in (TrackState(1, "lost"), TrackState(1, "confirmed", 0.0, 4.0)):
-        assert BodyBoxes(GEOMETRY, LEVEL)(track) is track
+        assert BodyBoxes(GEOMETRY, LEVEL)([track])[0] is track
 
 
 def test_fleck_that_fills_less_than_half_of_a_head_is_no_change_and_a_disc_as_wide_keeps_its_middle() -> None:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from reference.explain import lacking, log_likelihood
+from reference.explain import log_likelihood, surface_points
 from toy_people import look_at, oblique_camera, observed
 
 from planview.maps.pixels import SURFACE, SeenPixels
@@ -125,17 +125,16 @@ def test_evidence_of_a_person_is_the_difference_of_two_likelihoods(other):
     assert found == pytest.approx(both - without, rel=0.03)
 
 
-def test_points_that_lack_an_explanation_are_the_surface_of_the_view():
+def test_the_surface_of_a_view_is_shared_out_and_lacks_an_explanation_where_nobody_owns_it():
     seen = look_at(oblique_camera(), [ADULT])
-    owned = explained(seen).share_out(people_of())[0]
-    found, scale = np.empty((5, seen.kind.size)), 3.0
-    n = kernels.lacking(
-        owned.owner, owned.lack, seen.kind, seen.range_m, seen.rays.direction, seen.rays.stretch, seen.rays.centre_m,
-        scale, found, 0,
-    )  # fmt: skip
-    expected = lacking(owned.owner, owned.lack, seen.kind, seen, scale)
-    assert n == expected.shape[1] > 100
-    np.testing.assert_allclose(found[:, :n], expected, rtol=1e-5)
+    ((owned,), points), (_, alone) = explained(seen).share_out(people_of(ADULT)), explained(seen).share_out(people_of())
+    xyz, patches = surface_points(seen, seen.rays.pixel_sr / PARAMS.patch_m**2)
+    np.testing.assert_array_equal(owned.pixels, np.flatnonzero(seen.kind == SURFACE))
+    np.testing.assert_allclose(points[:3], xyz, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(owned.patches, patches, rtol=1e-4)
+    assert (owned.owner == 0).mean() > 0.95 and (owned.share > 0.8).mean() > 0.9
+    per_patch = [float(lack[3].sum() / patches.sum()) for lack in (points, alone)]
+    assert abs(per_patch[0]) < 0.5 and per_patch[1] > 3.0
 
 
 def test_a_person_where_the_background_is_seen_is_unlikely():
