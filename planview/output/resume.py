@@ -203,7 +203,7 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
             if path.exists():
                 os.replace(path, folder / PREVIOUS)
     except OSError as error:
-        raise WorkError(f"{path}: cannot be written ({error.strerror})") from error
+        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
 
 
 def read_checkpoint(path: Path) -> Checkpoint:
