@@ -31,7 +31,7 @@ from planview.output.progress import FrameProgress, PlainConsole, compile_notice
 from planview.output.replay import difference_picture, difference_text, replay_run
 from planview.output.report.page import write_report
 from planview.output.results import read_results
-from planview.output.resume import checkpoint_of
+from planview.output.resume import checkpoint_of, remove_checkpoints
 from planview.output.run import RunLog, RunOptions, begin_run, run_identity
 from planview.output.run import run as run_engine
 from planview.output.scene import frames_or_none
@@ -120,10 +120,15 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
     check_folder(out, overwrite or options.resume, recording)
     console = PlainConsole(stderr=True)
     if options.resume and (info := finished_run(out)) is not None:
-        if not options.refine or info.refined:
-            console.print(f"{out}: the run is finished; nothing is left to resume")
-            return
-        _, info = refine_run(out)
+        with folder_lock(out):  # what a kill after the last frame left undone; the page comes last
+            remove_checkpoints(out)
+            if (out / "report.html").is_file() and (info.refined or not options.refine):
+                console.print(f"{out}: the run is finished; nothing is left to resume")
+                return
+            if info.refined or options.refine:
+                _, info = refine_run(out)
+            else:
+                write_report(out)
     else:
         with compile_notice(console):
             info = _opened_and_tracked(recording, out, options, settings, console)

@@ -31,6 +31,7 @@ from planview.maps.colour import CODES
 from planview.maps.grid import MAX_CELLS, Grid
 from planview.maps.pixels import NO_DEPTH, SeenPixels
 from planview.maps.view import StereoView
+from planview.trajectories.hdf5 import SIGNATURE, opened
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
 from stereo.recording import Skipped
@@ -40,8 +41,6 @@ VERSION = 2
 """Changes when an older reader would misunderstand the file; 1 has neither unmatched pixels nor backgrounds."""
 BLOCK_FRAMES = 32
 """Frames written and read at a time."""
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-"""First bytes of an HDF5 file (format specification, superblock)."""
 RANGES: dict[str, tuple[float, float]] = {
     "width": (1, 20_000), "height": (1, 20_000), "reduction": (1, 64), "first_px": (0, 20_000), "count": (1, 20_000),
     "focal_u_px": (1.0, 1e6), "focal_v_px": (1.0, 1e6), "cu_px": (-1e5, 1e5), "cv_px": (-1e5, 1e5),
@@ -99,10 +98,8 @@ class MapsRecording:
         Raises:
             InputError: no such file, not a plan-view recording, cut short, damaged, or of another version.
         """
-        import h5py  # a tenth of a second, and only these files need it
-
         self.path = path
-        with _reading(path), h5py.File(path, "r") as file:
+        with _reading(path), opened(path) as file:
             _check_version(path, file)
             self.view = _read_view(file)
             self.config = str(file.attrs["config"])
@@ -124,9 +121,7 @@ class MapsRecording:
         Raises:
             InputError: points that are damaged or outside the image.
         """
-        import h5py
-
-        with _reading(self.path), h5py.File(self.path, "r") as file:
+        with _reading(self.path), opened(self.path) as file:
             for first in range(0, self.n_frames, BLOCK_FRAMES):
                 yield from self._block(file, first, min(first + BLOCK_FRAMES, self.n_frames))
 
@@ -199,7 +194,7 @@ def is_maps(path: Path) -> bool:
     if path.suffix in (".h5", ".hdf5"):
         return True
     with path.open("rb") as file:
-        return file.read(len(_SIGNATURE)) == _SIGNATURE
+        return file.read(len(SIGNATURE)) == SIGNATURE
 
 
 def _check_version(path: Path, file: Any) -> None:

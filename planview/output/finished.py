@@ -136,7 +136,8 @@ def refine_run(folder: Path) -> tuple[Refined, RunInfo]:
     """Write ``tracks.csv`` anew from ``tracks_online.csv``, and ``refinement.csv`` with the reason of every change.
 
     The first time the online tracks become ``tracks_online.csv``; every time is a refinement of these. ``run.json``
-    says ``refined: true`` before tracks.csv changes, so that refined tracks never pass for online ones.
+    says ``refined: true`` before tracks.csv changes, so that refined tracks never pass for online ones. There is no
+    report.html until all is written: ``planview run --resume`` refines a folder without it again.
 
     Returns:
         The tracks with their changes, and run.json.
@@ -160,6 +161,7 @@ def refine_run(folder: Path) -> tuple[Refined, RunInfo]:
         raise InputError(f"{source}: {error}") from error
     if source is tracks:
         write_result(online, tracks.read_text(encoding="utf-8"))
+    (folder / "report.html").unlink(missing_ok=True)
     info = info.model_copy(update={"refined": True})
     write_run_info(info, folder / "run.json")
     write_result(folder / "refinement.csv", changes_csv(refined.changes))

@@ -203,7 +203,7 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
             if path.exists():
                 os.replace(path, folder / PREVIOUS)
     except OSError as error:
-        raise WorkError(f"{path}: cannot be written ({error.strerror})") from error
+        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
 
 
 def read_checkpoint(path: Path) -> Checkpoint:
@@ -244,7 +244,7 @@ def checkpoints_in(folder: Path) -> Iterator[Path]:
 
 def remove_checkpoints(folder: Path) -> None:
     """A finished run needs none, nor the parts of its maps between them."""
-    for path in [*checkpoints_in(folder), *folder.glob("maps-[0-9]*.h5")]:
+    for path in [*checkpoints_in(folder), folder / (LATEST + PART), *folder.glob("maps-[0-9]*.h5")]:
         path.unlink(missing_ok=True)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.types import F64, AnyArray
 from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many, replaced
+from planview.trajectories.hdf5 import opened
 from planview.trajectories.table import (
     NUMBER_COLUMNS,
     STATES,
@@ -42,7 +43,7 @@ def read_ped_data_archive(path: Path) -> TrajectoryFile:
     import h5py  # a tenth of a second, and only these files need it
 
     try:
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             trajectory = file.get("trajectory")
             if not isinstance(trajectory, h5py.Dataset):
                 raise InputError(

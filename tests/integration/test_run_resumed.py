@@ -19,7 +19,7 @@ from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import open_engine
 from planview.output.folder import read_run_info, rrd_parts
 from planview.output.maps_log import MapsLog
-from planview.output.resume import checkpoint_of, difference
+from planview.output.resume import LATEST, checkpoint_of, difference
 from planview.output.run import RunOptions, run, run_identity
 
 RULES = (
@@ -159,6 +159,27 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_is_begun_anew(
     assert say("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3", "--resume")[0] == 0
     assert (out / "tracks.csv").read_bytes() == tracks
     assert not (out / "maps.h5.part").exists()
+
+
+@pytest.mark.parametrize("refine", [[], ["--refine"]])
+def test_what_a_kill_after_the_last_frame_left_undone_is_done(
+    say: Say, copy: Path, tmp_path: Path, refine: list[str]
+) -> None:
+    out = tmp_path / "out"
+    words = ("run", copy, "--out", out, "--set", FEW, *refine)
+    assert say(*words)[0] == 0
+    whole = {file.name: file.read_bytes() for file in out.iterdir()}
+    (out / "report.html").unlink()
+    for name in (LATEST, LATEST + ".part"):
+        (out / name).write_bytes(b"half")
+    if refine:  # between run.json and the tracks
+        (out / "tracks.csv").write_bytes((out / "tracks_online.csv").read_bytes())
+        (out / "refinement.csv").unlink()
+    status, told = say(*words, "--resume")
+    assert status == 0 and "nothing is left" not in told
+    found = {file.name: file.read_bytes() for file in out.iterdir()}
+    assert found.keys() == whole.keys() and found["tracks.csv"] == whole["tracks.csv"]
+    assert "nothing is left to resume" in say(*words, "--resume")[1]
 
 
 def test_a_run_that_was_killed_before_it_was_refined_is_refined(say: Say, copy: Path, tmp_path: Path) -> None:

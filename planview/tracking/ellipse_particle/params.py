@@ -10,7 +10,7 @@ from calib.params import Params
 class EllipseSizeParams(Params):
     """How large people are in the image."""
 
-    person_height_px: float | None = Field(None, gt=0, le=20_000)
+    person_height_px: float | None = Field(None, ge=4, le=20_000)
     """Height of a person in the image [px], the same in all rows; None learns it, row by row."""
 
 

@@ -223,8 +223,8 @@ def evaluate(
         if pi < 0.005:
             continue
         part = (low if z < LEGS_TO else low + 1) if z < b.hidden_to else (4 if z < TORSO_TO else 5)
-        # Samples of a row have one weight.
-        if s[WEIGHT] != weight:
+        # Samples of a row have one weight, far away those of many rows: doubles hold the product of some 200.
+        if s[WEIGHT] != weight or not 1e-200 < product < 1e200:
             total += weight * math.log(product)
             product, weight = 1.0, s[WEIGHT]
         product *= 1.0 + pi * s[GAINS + part]

@@ -2,6 +2,7 @@
 
 import math
 import shutil
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -300,6 +301,16 @@ def test_table_that_no_run_wrote_is_refused(maps: Path, damage: Callable[[Any], 
         damage(file)
     with pytest.raises(InputError, match=rf"maps\.h5: .*{named}"):
         track(maps)
+
+
+@pytest.mark.parametrize("size", [0, 2**64 - 16, 2**62])
+def test_strings_that_the_library_would_read_without_end_are_refused(maps: Path, size: int) -> None:
+    data = bytearray(maps.read_bytes())
+    first = data.index(b"GCOL") + 16
+    data[first : first + 16] = struct.pack("<H6xQ", int(size > 0), size)
+    maps.write_bytes(data)
+    with pytest.raises(InputError, match=r"maps\.h5: .*a damaged heap of strings"):
+        MapsRecording(maps)
 
 
 REFERENCE = Exposure()

@@ -211,6 +211,12 @@ def test_person_is_likelier_where_it_stands_than_beside_and_unlikely_where_nothi
     assert evidence(frame_of(), (0.0, 6.0, 1.76)) < -10.0
 
 
+def test_evidence_of_many_samples_of_one_weight_is_a_number():
+    params = VIEW.params.model_copy(update={"patch_m": 0.0101, "seen_on_background": 1e-9})
+    frame = MaskExplanation(MaskView(CAMERA, params), World().observe(0, [(0.0, 6.0, RED)]))
+    assert 300.0 < evidence(frame, (0.0, 6.0, 1.76)) < 600.0
+
+
 def test_person_who_is_hidden_by_another_costs_nothing_and_gains_nothing():
     frame = frame_of((0.0, 5.0, RED))
     assert abs(evidence(frame, (0.0, 5.2, 1.6), (0.0, 5.0, 1.76))) < 0.2 * evidence(frame, (0.0, 5.0, 1.76))
