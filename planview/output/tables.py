@@ -138,7 +138,8 @@ def reading_decisions(path: Path) -> Iterator[csv.DictReader[str]]:
             columns = list(reader.fieldnames or ())
             missing = [name for name in ("frame", "timestamp_s", "id", "kind", "reason") if name not in columns]
             if missing:
-                raise InputError(f"{path}: expected decisions with the column {missing[0]!r}, found {columns}")
+                found = ",".join(columns)[:80]
+                raise InputError(f"{path}: expected decisions with the column {missing[0]!r}, found {found!r}")
             yield reader
     except (OSError, UnicodeDecodeError, csv.Error, ValueError, TypeError) as error:
         raise InputError(f"{path}: expected a table of decisions, found {reason(error)}") from error

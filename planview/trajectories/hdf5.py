@@ -39,7 +39,7 @@ def opened(path: Path) -> Iterator[Any]:
 
 def _refuse_endless(data: mmap.mmap, start: int) -> None:
     """Walk over a heap's objects as the library does; number 0 is what is free, header included."""
-    (size,) = struct.unpack_from("<Q", data, start + 8)
+    (size,) = struct.unpack("<Q", data[start + 8 : start + 16].ljust(8, b"\0"))  # a file may end in it
     end, place = min(start + size, len(data)), start + 16
     while place + 16 <= end:
         number, length = struct.unpack_from("<H6xQ", data, place)

@@ -313,6 +313,14 @@ def test_strings_that_the_library_would_read_without_end_are_refused(maps: Path,
         MapsRecording(maps)
 
 
+@pytest.mark.parametrize("left", [8, 12, 17, 24])
+def test_a_file_that_ends_in_a_heap_of_strings_is_refused(maps: Path, left: int) -> None:
+    data = maps.read_bytes()
+    maps.write_bytes(data[: data.index(b"GCOL") + left])
+    with pytest.raises(InputError, match=r"maps\.h5: "):
+        MapsRecording(maps)
+
+
 REFERENCE = Exposure()
 
 
