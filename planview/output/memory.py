@@ -219,6 +219,7 @@ class _Decoder:
             return (tuple if kind == "tuple" else frozenset)(self._all(content))
         if kind in ("array", "scalar"):
             array = self._array(*content)
+            array.flags.writeable |= isinstance(present, np.ndarray) and present.flags.writeable
             return array if kind == "array" else array[()]
         if kind == "record":
             return tuple.__new__(self._class(more[0], kind), self._all(content))
