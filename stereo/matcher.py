@@ -180,10 +180,11 @@ def valid_mask(mask: U8, params: SgbmParams) -> U8:
 def make_sgbm(
     geometry: RectifiedGeometry, params: SgbmParams, disparities: DisparityRange, step: int = 1
 ) -> cv2.StereoSGBM:
-    """OpenCV's matcher itself, with pixel sizes derived from the geometry, for every ``step``-th row."""
-    import os
+    """OpenCV's matcher itself, with pixel sizes derived from the geometry, for every ``step``-th row.
 
-    block = params.block_px if step == 1 else int(os.environ.get("SQB", "5"))
+    Blocks are then as high as in the whole image, as far as 3 rows of samples are not higher.
+    """
+    block = max(min(params.block_px, 3), params.block_px // step | 1)
     area = block * block
     return cv2.StereoSGBM.create(
         minDisparity=disparities.first_px,

@@ -84,12 +84,12 @@ def _tried(frame: Explanation, people: People, points: F64, now_s: float) -> Per
     place = place + out / max(float(np.hypot(*out)), radius) * 0.5 * radius
     top = float(np.clip(np.quantile(points[:, 2], 0.97), 0.9, body.HEIGHT_MAX_M))
     n = len(people.poses)
-    pose = np.array([*place, top])  # the ascent begins there, or at the mean height
-    trial = people.with_one(pose)
+    start = np.array([*place, body.HEIGHT_MEAN_M])
+    trial = people.with_one(start)
     others = np.flatnonzero(frame.touching(trial.poses)[n, :n])
-    samples = frame.around(np.array([*place, body.HEIGHT_MEAN_M]), radius + 0.15)
+    samples = frame.around(start, radius + 0.15)
     samples.layer(trial, others)
-    worth, bent = -np.inf, np.zeros(3)
+    worth, pose, bent = -np.inf, start, np.zeros(3)
     for height in (body.HEIGHT_MEAN_M, top):
         moved = np.array([*place, height])
         value, bends = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial, others, trial.ratios[n])
