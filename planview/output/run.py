@@ -147,12 +147,14 @@ def run(
                 finished = True
             finally:
                 info = job.end(finished)
-        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        except (InputError, WorkError, OSError):
+            raise
+        except Exception as error:
             if checkpoint is None:
                 raise
             raise WorkError(
-                f"{folder}: what went on from the checkpoint failed with {type(error).__name__} ({error}); --overwrite "
-                "begins anew"
+                f"{folder}: what went on from the checkpoint failed with {type(error).__name__} ({error}); "
+                "--set run.overwrite=true begins anew"
             ) from error
     return info
 
