@@ -84,13 +84,13 @@ def parse_toml(text: str) -> dict[str, Any]:
     """The tables of a TOML text. Raises ValueError: not TOML, longer than MAX_TOML, or keys or lists nested deeper than
     MAX_DEPTH."""
     if len(text) > MAX_TOML:
-        raise ValueError(f"expected TOML of up to {MAX_TOML} characters, found {len(text)}")
+        raise ValueError(f"one of {len(text)} characters (at most {MAX_TOML})")
     if max(part.count(".") for part in _PARTS.split(text)) > MAX_DEPTH or _depth(text) > MAX_DEPTH:
-        raise ValueError(f"expected keys and lists nested up to {MAX_DEPTH} deep, found deeper ones")
+        raise ValueError(f"keys or lists nested more than {MAX_DEPTH} deep")
     try:
         return tomllib.loads(text)
     except RecursionError as error:
-        raise ValueError("expected keys and lists nested less deeply") from error
+        raise ValueError("keys or lists nested too deep") from error
 
 
 def load_toml(path: Path, what: str) -> dict[str, Any]:

@@ -18,6 +18,8 @@ from planview.offline.edit import edited
 from planview.offline.refine import Refined, changes_csv, refine
 from planview.output.folder import RunInfo, finished_run, folder_lock, write_result, write_run_info
 from planview.output.report.page import write_report
+from planview.output.report.snapshots import read_decision_log
+from planview.output.results import read_results
 from planview.trajectories.table import Trajectories, read_tracks, write_table
 
 EDITS = "edits.json"
@@ -72,7 +74,7 @@ def undo_edits(folder: Path, steps: int) -> EditedRun:
     with _held(folder):
         done = read_steps(folder)
         if not 0 < steps <= len(done):
-            raise InputError(f"{folder}: expected from 1 to {len(done)} edits to undo, found {steps}")
+            raise InputError(f"{folder}: expected {max(steps, 1)} or more edits to take back, found {len(done)}")
         return _rewrite(folder, done[:-steps])
 
 
@@ -109,7 +111,14 @@ def refuse_edited(folder: Path) -> None:
 def _held(folder: Path) -> AbstractContextManager[str]:
     if not folder.is_dir() or finished_run(folder) is None:
         raise InputError(f"{folder}: expected the folder of a finished run, found none")
+    _refuse_unreadable(folder)
     return folder_lock(folder)
+
+
+def _refuse_unreadable(folder: Path) -> None:
+    """Refuse, before anything changes, what the page cannot be written from afterwards."""
+    tracks = read_results(folder).tracks
+    read_decision_log(folder / "decisions.csv", set(tracks.track_id.tolist()))
 
 
 def _rewrite(folder: Path, steps: list[EditStep]) -> EditedRun:
@@ -153,6 +162,7 @@ def refine_run(folder: Path) -> tuple[Refined, RunInfo]:
     tracks, online = folder / "tracks.csv", folder / "tracks_online.csv"
     if info.refined and not online.is_file():
         raise InputError(f"{online}: expected the online tracks of a refined run, found no file")
+    _refuse_unreadable(folder)
     source = online if info.refined else tracks
     found = read_tracks(source)
     try:

@@ -17,7 +17,7 @@ class EllipseSizeParams(Params):
 class ParticleFilterParams(Params):
     """The particle filter of sections III and IV."""
 
-    particles: int = Field(1000, ge=10, le=100_000)
+    particles: int = Field(1000, ge=10, le=20_000)
     """Hypotheses N_s of equation (9). Our choice."""
     speed_mps: float = Field(1.2, gt=0, le=20)
     """Deviation of each velocity component of a new object [m/s]: walking speed."""

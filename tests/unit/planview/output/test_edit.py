@@ -49,6 +49,16 @@ def test_an_edit_that_is_refused_changes_nothing(run: Path, say: Say) -> None:
     assert (run / "tracks.csv").read_bytes() == before and not (run / "edits.json").exists()
 
 
+@pytest.mark.parametrize("name", ["decisions.csv", "events.csv", "counts.json"])
+def test_what_the_page_cannot_be_made_of_is_refused_before_anything_changes(run: Path, name: str, say: Say) -> None:
+    (run / name).write_text("damaged\n")
+    before = {file.name: file.read_bytes() for file in run.iterdir()}
+    for words in (["--refine"], ["--delete", "2"], ["--undo-all"]):
+        status, told = say("edit", run, *words)
+        assert status == 2 and name in told
+        assert {file.name: file.read_bytes() for file in run.iterdir()} == before
+
+
 def test_edits_of_a_list_are_applied_in_its_order(run: Path, say: Say) -> None:
     (run / "mine.txt").write_text("rename 1 5  # the guide\n\nregion POLYGON ((0 0, 9 0, 9 0.95, 0 0.95, 0 0))\n")
     say("edit", run, "--list", run / "mine.txt")
