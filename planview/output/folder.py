@@ -308,7 +308,7 @@ def products_in(folder: Path) -> list[Path]:
 
 
 def rrd_parts(path: Path) -> list[Path]:
-    """A recording's files in their order: that of the run, and one for every time it was resumed."""
+    """A recording's files in their order: a long run has several, a resumed one too."""
     later = sorted(path.parent.glob(f"{path.stem}-[0-9]*.rrd"), key=lambda part: int(part.stem.rpartition("-")[2]))
     return [path, *later]
 

@@ -62,6 +62,13 @@ def return_unused_memory() -> None:
             ctypes.CDLL(None).malloc_trim(0)
 
 
+MISTAKES = (
+    ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError, RuntimeError, StopIteration, TypeError,
+    ValueError,
+)  # fmt: skip
+"""What code raises whose memory is not as it left it."""
+
+
 class Interrupts:
     """A signal that came, to be asked for where stopping loses nothing."""
 
@@ -147,9 +154,7 @@ def run(
                 finished = True
             finally:
                 info = job.end(finished)
-        except (InputError, WorkError, OSError):
-            raise
-        except Exception as error:
+        except MISTAKES as error:
             if checkpoint is None:
                 raise
             raise WorkError(

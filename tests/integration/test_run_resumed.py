@@ -192,10 +192,11 @@ def test_a_run_that_was_killed_before_it_was_refined_is_refined(say: Say, copy: 
 
 
 def test_a_run_that_was_stopped_twice_has_every_frame_once_in_its_rerun_recording(
-    engine: Engine, tmp_path: Path, rules: Path
+    engine: Engine, tmp_path: Path, rules: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from planview.output.rerun.log import RerunLog
 
+    monkeypatch.setattr("planview.output.rerun.log.PART_FRAMES", 10)
     options, checkpoint = options_with(rules), None
     for frame in (12, 24, None):
         at = checkpoint.written["logs"]["RerunLog"] if checkpoint else None
@@ -204,6 +205,7 @@ def test_a_run_that_was_stopped_twice_has_every_frame_once_in_its_rerun_recordin
             run(engine, tmp_path, options, logs, stop_at(frame), checkpoint)
         identity = run_identity(engine, options_with(rules), ["RerunLog"])
         checkpoint = checkpoint_of(tmp_path, identity, print) if frame else None
+    assert len(rrd_parts(tmp_path / "run.rrd")) > 3
     rerun = Path(sysconfig.get_path("scripts")) / "rerun"
     command = [rerun, "rrd", "print", "-v", "--entity", "/image/people", *rrd_parts(tmp_path / "run.rrd")]
     told = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ | {"CI": "1"}).stdout

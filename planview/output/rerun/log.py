@@ -99,18 +99,20 @@ def log_assessment(stream: rr.RecordingStream, folder: Path) -> None:
 
 BODY_M = 0.5
 """Width of the boxes around people [m]."""
+PART_FRAMES = 9000
+"""Frames of a file, ten minutes at 15 Hz (our choice): rerun remembers what it wrote until a file ends."""
 FREE_BYTES_MIN = 64 * 2**20
 """Free disk space for the next frames [bytes]: rerun writes in a thread of its own, which hangs on a full disk."""
 
 
 class RerunLog:
-    """Writes ``run.rrd``.
+    """Writes ``run.rrd``, of a long run ``run-2.rrd`` and so on: parts of one recording, which the viewer shows as one.
 
     Args:
         engine: whose frames will come.
         path: the file to write.
         position: of ``mark``, to go on from there; what was written after it is dropped. rerun cannot go on with a
-            file, so a resumed run writes one more, ``run-2.rrd``, of the same recording: the viewer shows them as one.
+            file, so a resumed run begins another one.
         every: images, clouds and maps of every n-th frame only; people, decisions and curves of all. It doubles when
             half of the room left of 2 GB is used, so that a run of any length is bounded.
     Raises:
@@ -127,21 +129,31 @@ class RerunLog:
         self._trails: dict[int, deque[tuple[float, float, float]]] = {}  # time [s], x and y [m]
         self._bounds: PlanBounds | None = None
         self._shown: set[str] = set()
-        self._coloured: set[int] = set()
-        # What a resumed run writes belongs to the same recording by its id; the viewer keeps a layout per application.
+        self._frames = 0
+        self._begin_part()
+
+    def _begin_part(self) -> None:
+        """Open the last file; what it shows without the others, floor, scene and curves, is in every one."""
+        # All belong to the same recording by its id; the viewer keeps a layout per application.
         application = "planview" if self._stereo else "planview-single"
-        # rerun keeps a line of its file's table of contents in memory for every chunk: few, long chunks, 10 s or 2 MB,
-        # keep the memory of a long run level. By itself it writes five a second of each path.
+        # Few, long chunks, 10 s or 2 MB: by itself rerun writes five a second of each path.
         self._stream = rr.RecordingStream(
-            application, recording_id=f"planview-{path.parent.name}",
+            application, recording_id=f"planview-{self._path.parent.name}",
             batcher_config=rr.ChunkBatcherConfig(flush_tick=10.0),
         )  # fmt: skip
-        self._frames = 0
         self._stream.save(str(self._parts[-1]))  # with a blueprint it would wait for ever on a disk without room for it
         self._stream.send_blueprint(blueprint(self._engine, self._bounds), make_active=False)
-        self._series = SeriesBlocks()
-        self._scene = StaticScene(engine.stereo) if engine.stereo else None
+        self._series, self._coloured = SeriesBlocks(), set[int]()
+        self._scene = StaticScene(self._stereo) if self._stereo else None
+        self._shown.discard("plan/floor")
         self._log_static()
+
+    def _end_part(self) -> None:
+        """All frames so far are complete in the files."""
+        self._series.flush(self._stream)
+        self._flush()
+        self._stream.disconnect()  # where rerun's thread could not write it would wait for ever
+        sync(self._parts[-1])
 
     def _thinned(self) -> int:
         """Of every so many frames the images are logged now."""
@@ -161,6 +173,10 @@ class RerunLog:
             WorkError: too little free disk space; the file is complete up to the frame before.
         """
         self._check_room()
+        if self._frames and self._frames % PART_FRAMES == 0:
+            self._end_part()
+            self._parts.append(part_of(self._path, len(self._parts) + 1))
+            self._begin_part()
         self._stream.set_time("frame", sequence=result.frame)
         self._stream.set_time("time", duration=result.timestamp_s)
         if self._scene is not None:
@@ -193,14 +209,11 @@ class RerunLog:
 
     def close(self) -> None:
         """See ``RunLog``."""
-        self._series.flush(self._stream)
         log_assessment(self._stream, self._path.parent)
         if self._bounds is not None:
             self._stream.log("plan/grid", metre_grid(self._bounds), static=True)
             self._stream.send_blueprint(blueprint(self._engine, self._bounds))
-        self._flush()
-        self._stream.disconnect()  # where rerun's thread could not write it would wait for ever
-        sync(self._parts[-1])
+        self._end_part()
 
     def _flush(self) -> None:
         """Wait for rerun's thread as long as the file grows; the thread may end without a word when it cannot write."""
@@ -345,6 +358,11 @@ class RerunLog:
         self._series.add(self._stream, result.frame, result.timestamp_s, values)
 
 
+def part_of(path: Path, number: int) -> Path:
+    """``run.rrd``, ``run-2.rrd``, ..."""
+    return path if number == 1 else path.with_name(f"{path.stem}-{number}.rrd")
+
+
 def kept_parts(path: Path, position: Mapping[str, int] | None) -> list[Path]:
     """The files up to a position, and the one to write; what lies beyond is cut off.
 
@@ -354,7 +372,7 @@ def kept_parts(path: Path, position: Mapping[str, int] | None) -> list[Path]:
     if position is None:
         return [path]
     n, size = position["parts"], position["size"]
-    kept = [path, *(path.with_name(f"{path.stem}-{part}.rrd") for part in range(2, n + 2))]
+    kept = [part_of(path, part) for part in range(1, n + 2)]
     for part in set(rrd_parts(path)) - set(kept[:n]):
         part.unlink(missing_ok=True)
     found = kept[n - 1].stat().st_size if all(part.is_file() for part in kept[:n]) else 0
