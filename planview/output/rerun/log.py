@@ -130,30 +130,23 @@ class RerunLog:
         self._bounds: PlanBounds | None = None
         self._shown: set[str] = set()
         self._frames = 0
+        # All files belong to the same recording by its id; the viewer keeps a layout per application. Few, long chunks,
+        # 10 s or 2 MB: by itself rerun writes five a second of each path. Another stream for every file would leave
+        # memory behind.
+        self._stream = rr.RecordingStream(
+            "planview" if self._stereo else "planview-single", recording_id=f"planview-{path.parent.name}",
+            batcher_config=rr.ChunkBatcherConfig(flush_tick=10.0),
+        )  # fmt: skip
         self._begin_part()
 
     def _begin_part(self) -> None:
         """Open the last file; what it shows without the others, floor, scene and curves, is in every one."""
-        # All belong to the same recording by its id; the viewer keeps a layout per application.
-        application = "planview" if self._stereo else "planview-single"
-        # Few, long chunks, 10 s or 2 MB: by itself rerun writes five a second of each path.
-        self._stream = rr.RecordingStream(
-            application, recording_id=f"planview-{self._path.parent.name}",
-            batcher_config=rr.ChunkBatcherConfig(flush_tick=10.0),
-        )  # fmt: skip
         self._stream.save(str(self._parts[-1]))  # with a blueprint it would wait for ever on a disk without room for it
         self._stream.send_blueprint(blueprint(self._engine, self._bounds), make_active=False)
         self._series, self._coloured = SeriesBlocks(), set[int]()
         self._scene = StaticScene(self._stereo) if self._stereo else None
         self._shown.discard("plan/floor")
         self._log_static()
-
-    def _end_part(self) -> None:
-        """All frames so far are complete in the files."""
-        self._series.flush(self._stream)
-        self._flush()
-        self._stream.disconnect()  # where rerun's thread could not write it would wait for ever
-        sync(self._parts[-1])
 
     def _thinned(self) -> int:
         """Of every so many frames the images are logged now."""
@@ -174,7 +167,7 @@ class RerunLog:
         """
         self._check_room()
         if self._frames and self._frames % PART_FRAMES == 0:
-            self._end_part()
+            self.mark()
             self._parts.append(part_of(self._path, len(self._parts) + 1))
             self._begin_part()
         self._stream.set_time("frame", sequence=result.frame)
@@ -213,7 +206,9 @@ class RerunLog:
         if self._bounds is not None:
             self._stream.log("plan/grid", metre_grid(self._bounds), static=True)
             self._stream.send_blueprint(blueprint(self._engine, self._bounds))
-        self._end_part()
+        self.mark()
+        self._stream.disconnect()  # where rerun's thread could not write it would wait for ever
+        sync(self._parts[-1])
 
     def _flush(self) -> None:
         """Wait for rerun's thread as long as the file grows; the thread may end without a word when it cannot write."""

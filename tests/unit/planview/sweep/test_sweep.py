@@ -191,19 +191,19 @@ def test_study_refuses_what_it_does_not_know_and_names_the_file(text: str, tmp_p
 @pytest.mark.parametrize(
     ("text", "found"),
     [
-        (f"seeds = {list(range(100_000))}", "found"),
+        (f"seeds = {list(range(100_000))}", "characters"),
         (f"seeds = {list(range(20_000))}\n[parameters]\n'a.b' = [1, 2, 3]", "60000 .3 configurations x 1 recordings"),
         ("method = 'random'\nsamples = 100_000", "100000"),
         ("[parameters]\n'a.b' = { min = 0.0, max = 1.0, step = 1e-6 }", "1000001"),
-        ("a" + ".b" * 60_000 + " = 1", "deeper ones"),
+        ("a" + ".b" * 60_000 + " = 1", "nested more than"),
     ],
     ids=["many seeds", "many runs", "many samples", "many steps", "deep key"],
 )
 def test_study_that_is_too_large_is_refused_at_once(text: str, found: str, tmp_path: Path) -> None:
-    path, begin = write(tmp_path, f'recordings = ["a"]\n{text}\n'), time.perf_counter()
+    path, begin = write(tmp_path, f'recordings = ["a"]\n{text}\n'), time.process_time()
     with pytest.raises(InputError, match=f"expected .* found .*{found}|less than or equal to 50000, found {found}"):
         load_study(path)
-    assert time.perf_counter() - begin < 1.0
+    assert time.process_time() - begin < 2.0
 
 
 def test_grid_has_all_combinations_the_last_parameter_fastest_and_ranges_by_their_steps() -> None:
