@@ -6,8 +6,8 @@ import ctypes
 import math
 import os
 import shutil
-from collections import deque
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +37,7 @@ from planview.output.rerun.shapes import (
     shown_floor,
     strips_of,
 )
-from planview.output.results import read_results
+from planview.output.results import RunResults, read_results
 from planview.trajectories.state import TrackState
 
 
@@ -66,18 +66,13 @@ class SeriesBlocks:
         self._rows, self._frames = {}, 0
 
 
-def log_assessment(stream: rr.RecordingStream, folder: Path) -> None:
+def log_assessment(stream: rr.RecordingStream, results: RunResults) -> None:
     """Log the truth of the recording and the errors against it, where there is one.
 
-    Args:
-        folder: of the run, its tables complete; nothing is logged where they cannot be read.
+    Raises:
+        InputError, WorkError: the tracks cannot be scored.
     """
-    try:
-        results = read_results(folder)
-        errors = errors_of(scores_of(results))
-    except (InputError, WorkError):
-        return
-    truth = results.truth
+    errors, truth = errors_of(scores_of(results)), results.truth
     if truth is not None and len(truth):
         # Points on the floor and at the heads, a row per frame.
         frames, starts, counts = np.unique(truth.frame, return_index=True, return_counts=True)
@@ -126,9 +121,11 @@ class RerunLog:
         self._check_room()
         self._stereo, self._asked_every = engine.stereo, every
         self._every = self._thinned()
-        self._trails: dict[int, deque[tuple[float, float, float]]] = {}  # time [s], x and y [m]
-        self._bounds: PlanBounds | None = None
         self._shown: set[str] = set()
+        self._static: dict[str, tuple[rr.AsComponents, ...]] = {}
+        self._series = SeriesBlocks()
+        # That of a resumed run is in its first file, made before people came.
+        self._scene = StaticScene(self._stereo) if self._stereo and position is None else None
         self._frames = 0
         # All files belong to the same recording by its id; the viewer keeps a layout per application. Few, long chunks,
         # 10 s or 2 MB: by itself rerun writes five a second of each path. Another stream for every file would leave
@@ -138,15 +135,19 @@ class RerunLog:
             batcher_config=rr.ChunkBatcherConfig(flush_tick=10.0),
         )  # fmt: skip
         self._begin_part()
+        self._keep_scene()
 
     def _begin_part(self) -> None:
         """Open the last file; what it shows without the others, floor, scene and curves, is in every one."""
         self._stream.save(str(self._parts[-1]))  # with a blueprint it would wait for ever on a disk without room for it
-        self._stream.send_blueprint(blueprint(self._engine, self._bounds), make_active=False)
-        self._series, self._coloured = SeriesBlocks(), set[int]()
-        self._scene = StaticScene(self._stereo) if self._stereo else None
-        self._shown.discard("plan/floor")
-        self._log_static()
+        self._stream.send_blueprint(blueprint(self._engine), make_active=False)
+        for path, shapes in self._static.items():
+            self._stream.log(path, *shapes, static=True)
+
+    def _keep(self, path: str, *shapes: rr.AsComponents) -> None:
+        """Log what holds for all frames, here and in the files to come."""
+        self._static[path] = shapes
+        self._stream.log(path, *shapes, static=True)
 
     def _thinned(self) -> int:
         """Of every so many frames the images are logged now."""
@@ -172,20 +173,12 @@ class RerunLog:
             self._begin_part()
         self._stream.set_time("frame", sequence=result.frame)
         self._stream.set_time("time", duration=result.timestamp_s)
-        if self._scene is not None:
-            self._scene.take(self._stream, result)
+        if self._scene is not None and (cloud := self._scene.take(result)) is not None:
+            self._keep("world/scene", cloud)
         if result.frame % self._every == 0:
             self._log_images(result)
         for rig in filter(None, result.rigs[1:]):
             self._log_boxes(f"{rig.name}/image", [t for t in rig.tracks if not math.isnan(t.box_px[0])])
-        for track in result.tracks:
-            trail = self._trails.setdefault(track.track_id, deque())
-            if not math.isnan(track.x_m):
-                trail.append((result.timestamp_s, track.x_m, track.y_m))
-            # Length of the trails behind people [s].
-            while trail and trail[0][0] < result.timestamp_s - 10.0:
-                trail.popleft()
-        self._trails = {track.track_id: self._trails[track.track_id] for track in result.tracks}
         self._log_boxes("image", [track for track in result.tracks if not math.isnan(track.box_px[0])])
         self._log_bodies([track for track in result.tracks if not math.isnan(track.x_m)])
         for decision in result.decisions:
@@ -202,10 +195,14 @@ class RerunLog:
 
     def close(self) -> None:
         """See ``RunLog``."""
-        log_assessment(self._stream, self._path.parent)
-        if self._bounds is not None:
-            self._stream.log("plan/grid", metre_grid(self._bounds), static=True)
-            self._stream.send_blueprint(blueprint(self._engine, self._bounds))
+        with suppress(InputError, WorkError):  # tables that cannot be read
+            results = read_results(self._path.parent)
+            xy = np.column_stack([results.tracks.x_m, results.tracks.y_m])[results.tracks.state == "confirmed"]
+            if np.isfinite(xy).any():
+                bounds = bounds_of(xy)
+                self._keep("plan/grid", metre_grid(bounds))
+                self._stream.send_blueprint(blueprint(self._engine, bounds))
+            log_assessment(self._stream, results)
         self.mark()
         self._stream.disconnect()  # where rerun's thread could not write it would wait for ever
         sync(self._parts[-1])
@@ -236,27 +233,24 @@ class RerunLog:
                 "the disk is full; earlier frames are kept"
             )
 
-    def _log_static(self) -> None:
-        self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    def _keep_scene(self) -> None:
+        """Axes, cameras and floor."""
+        self._keep("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         if self._stereo is None:
             return
-        self._log_camera("world/camera", self._stereo)
+        self._keep_camera("world/camera", self._stereo)
         for name, stereo in list(self._engine.views.items())[1:]:
-            self._log_camera(f"world/{name}", stereo)
-        grid = metre_grid(PlanBounds(*shown_floor(self._stereo)))
-        self._stream.log("world/floor", grid, static=True)
+            self._keep_camera(f"world/{name}", stereo)
+        self._keep("world/floor", metre_grid(PlanBounds(*shown_floor(self._stereo))))
 
-    def _log_camera(self, path: str, stereo: StereoView) -> None:
+    def _keep_camera(self, path: str, stereo: StereoView) -> None:
         pose, geometry = stereo.floor.world_SE3_left, stereo.geometry
-        self._stream.log(path, rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation), static=True)
-        self._stream.log(
-            path,
-            rr.Pinhole(
-                image_from_camera=geometry.matrix, resolution=geometry.size, camera_xyz=rr.ViewCoordinates.RDF,
-                image_plane_distance=0.4,
-            ),
-            static=True,
+        place = rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation)
+        lens = rr.Pinhole(
+            image_from_camera=geometry.matrix, resolution=geometry.size, camera_xyz=rr.ViewCoordinates.RDF,
+            image_plane_distance=0.4,
         )  # fmt: skip
+        self._keep(path, place, lens)
 
     def _log_images(self, result: FrameResult) -> None:
         """What takes room: images, cloud, maps and what the tracker looked at."""
@@ -267,7 +261,7 @@ class RerunLog:
             self._log_depth(self._stereo, result)
             self._log_maps(self._stereo, result)
         debug = self._engine.tracker.debug()
-        names = {"plan/floor"} & self._shown
+        names = set[str]()
         for drawing in debug.drawings:
             path = f"{'plan' if drawing.plane == 'floor' else 'image'}/{drawing.name}"
             names.add(path)
@@ -302,9 +296,8 @@ class RerunLog:
         maps = result.observation.maps
         if maps is None:
             return
-        if self._scene is not None and "plan/floor" not in self._shown and (image := result.image) is not None:
-            self._scene.log_floor(self._stream, image)
-            self._shown.add("plan/floor")
+        if self._scene is not None and "plan/floor" not in self._static and result.image is not None:
+            self._keep("plan/floor", self._scene.floor(result.image))
         density = maps.occupancy / maps.grid.cell_m**2
         self._stream.log("plan/height", map_image(maps.height, self._engine.config.maps.height_max_m, stereo))
         self._stream.log("plan/occupancy", map_image(density, 4.0, stereo))
@@ -325,31 +318,25 @@ class RerunLog:
         centres = [(track.x_m, track.y_m, height / 2) for track, height in zip(tracks, heights, strict=True)]
         sizes = [(BODY_M, BODY_M, height) for height in heights]
         self._stream.log("world/people", rr.Boxes3D(centers=centres, sizes=sizes, colors=colours, labels=labels))
-        trails = [np.array([(x, y, 0.02) for _, x, y in self._trails[track.track_id]]) for track in tracks]
-        path = "world/trails" if self._stereo else "plan/trails"
-        self._stream.log(path, rr.LineStrips3D(trails, colors=colours, radii=0.015))
         heads = [(track.x_m, track.y_m, 0.05) for track in tracks]
+        # The blueprint shows those of some seconds together.
+        self._stream.log(
+            "world/trails" if self._stereo else "plan/trails", rr.Points3D(heads, colors=colours, radii=0.03)
+        )
         self._stream.log("plan/people", rr.Points3D(heads, colors=colours, radii=0.05))
         ids = [str(track.track_id) for track in tracks]
         self._stream.log("plan/labels", rr.Points3D(label_places(tracks), colors=colours, labels=ids, radii=0.001))
-        confirmed = [(track.x_m, track.y_m) for track in tracks if track.state == "confirmed"]
-        if confirmed:
-            now, before = bounds_of(np.array(confirmed)), self._bounds
-            self._bounds = now if before is None else PlanBounds(
-                min(before.x_min_m, now.x_min_m), min(before.y_min_m, now.y_min_m),
-                max(before.x_max_m, now.x_max_m), max(before.y_max_m, now.y_max_m),
-            )  # fmt: skip
 
     def _log_series(self, result: FrameResult) -> None:
         values = {f"time_ms/{stage}": duration for stage, duration in result.stages_ms.items()}
         values["people/confirmed"] = float(sum(track.state == "confirmed" for track in result.tracks))
         for decision in result.decisions:
             if decision.kind == "matched" and not math.isnan(decision.value):
-                if decision.track_id not in self._coloured:  # the curve has the person's colour
-                    self._coloured.add(decision.track_id)
+                path = f"score/{decision.track_id}"
+                if path not in self._static:  # the curve has the person's colour
                     line = rr.SeriesLines(colors=[person_rgb(decision.track_id)], names=[str(decision.track_id)])
-                    self._stream.log(f"score/{decision.track_id}", line, static=True)
-                values[f"score/{decision.track_id}"] = decision.value
+                    self._keep(path, line)
+                values[path] = decision.value
         self._series.add(self._stream, result.frame, result.timestamp_s, values)
 
 

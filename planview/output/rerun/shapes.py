@@ -117,7 +117,7 @@ HEIGHT_SHOWN_M = (-0.5, 3.5)
 
 
 class StaticScene:
-    """Logs the scene without people: what the first frame shows, filled in where people stood once they have moved.
+    """The scene without people: what the first frame shows, filled in where people stood once they have moved.
 
     Args:
         stereo: the (first head's) pair above the floor.
@@ -130,18 +130,18 @@ class StaticScene:
         self._started_s = 0.0
         self.done = False
 
-    def take(self, stream: rr.RecordingStream, result: FrameResult) -> None:
-        """Take a frame; nothing is computed once the scene is known."""
+    def take(self, result: FrameResult) -> rr.Points3D | None:
+        """Take a frame: the cloud as it is known now; None where that is not news, and once the scene is known."""
         if self.done:
-            return
+            return None
         image, disparity = result.image, result.disparity
         if image is None or disparity is None:
-            return
+            return None
         if self._points is None:
             self._started_s = result.timestamp_s
         elif result.timestamp_s - self._started_s < 3.0:
             # From 3 s on the foreground knows who is no part of the scene, and what stood behind them is filled in.
-            return
+            return None
         else:
             self.done = True
         self._fill(image, disparity, result.observation.foreground)
@@ -151,8 +151,7 @@ class StaticScene:
             keep = np.flatnonzero((z > HEIGHT_SHOWN_M[0]) & (z < HEIGHT_SHOWN_M[1]) & self._near())
         # Points of the static scene.
         keep = keep[:: max(1, -(-len(keep) // 60_000))]
-        cloud = rr.Points3D(self._points[keep], colors=self._colours[keep], radii=0.012)  # [m]
-        stream.log("world/scene", cloud, static=True)
+        return rr.Points3D(self._points[keep], colors=self._colours[keep], radii=0.012)  # [m]
 
     def _fill(self, image: U8, disparity: F32, foreground: U8 | None) -> None:
         """Points of the background; where there is none now, those taken before."""
@@ -177,7 +176,7 @@ class StaticScene:
         across = (x > grid.x_min_m - 1) & (x < grid.x_max_m + 1)
         return np.asarray(across & (y > grid.y_min_m - 1) & (y < grid.y_max_m + 1))
 
-    def log_floor(self, stream: rr.RecordingStream, image: U8) -> None:
+    def floor(self, image: U8) -> rr.GridMap:
         """The image laid on the floor, under the maps."""
         grid = self._stereo.grid
         rows, cols = np.indices(grid.shape)
@@ -188,8 +187,7 @@ class StaticScene:
         # The image on the floor is darkened by this, so that the maps on it stand out.
         dimmed = np.asarray(shown * 0.55, dtype=np.uint8)
         visible = np.where(dimmed.any(axis=2), 255, 0).astype(np.uint8)
-        image_map = _grid_map(np.dstack([dimmed, visible]), self._stereo, UNDER)
-        stream.log("plan/floor", image_map, static=True)
+        return _grid_map(np.dstack([dimmed, visible]), self._stereo, UNDER)
 
 
 def metre_grid(bounds: PlanBounds) -> rr.LineStrips3D:
@@ -235,6 +233,12 @@ def _rgb(image: U8) -> U8:
     return np.ascontiguousarray(as_colour(image)[..., ::-1])
 
 
+_AGO = rrb.TimeRangeBoundary.cursor_relative
+_LAST_SECONDS = rrb.VisibleTimeRanges([
+    rrb.VisibleTimeRange("time", start=_AGO(seconds=-10.0), end=_AGO(seconds=0.0)),
+    rrb.VisibleTimeRange("frame", start=_AGO(seq=-150), end=_AGO(seq=0)),
+])  # fmt: skip
+"""Trails behind people: ten seconds, which are 150 frames at 15 Hz."""
 _MAP_LAYERS = [
     "plan/floor", "plan/grid", "plan/people", "plan/labels", "plan/search", "plan/template", "plan/ellipses",
     "plan/truth",
@@ -257,6 +261,7 @@ def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint
         image = rrb.Tabs(image, *others, active_tab=0)
     world = rrb.Spatial3DView(
         origin="world", name="3D", eye_controls=_eye(bounds, (0.0, -0.75, 0.55)), line_grid=False,
+        overrides={"world/trails": _LAST_SECONDS},
     )  # fmt: skip
     height, occupancy = (
         _plan_view(f"{name} from above", [f"plan/{name}", *_MAP_LAYERS], bounds) for name in ("height", "occupancy")
@@ -306,6 +311,7 @@ def _series(active_tab: int = 0) -> rrb.Tabs:
 def _plan_view(name: str, layers: list[str], bounds: PlanBounds) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin="plan", contents=layers, name=name, eye_controls=_eye(bounds, (0.0, -0.001, 0.9)), line_grid=False,
+        overrides={"plan/trails": _LAST_SECONDS},
     )  # fmt: skip
 
 
