@@ -62,13 +62,6 @@ def return_unused_memory() -> None:
             ctypes.CDLL(None).malloc_trim(0)
 
 
-MISTAKES = (
-    ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError, RuntimeError, StopIteration, TypeError,
-    ValueError,
-)  # fmt: skip
-"""What code raises whose memory is not as it left it."""
-
-
 class Interrupts:
     """A signal that came, to be asked for where stopping loses nothing."""
 
@@ -154,8 +147,8 @@ def run(
                 finished = True
             finally:
                 info = job.end(finished)
-        except MISTAKES as error:
-            if checkpoint is None:
+        except Exception as error:
+            if checkpoint is None or job.watched or isinstance(error, InputError | WorkError | OSError):
                 raise
             raise WorkError(
                 f"{folder}: what went on from the checkpoint failed with {type(error).__name__} ({error}); "
@@ -185,6 +178,8 @@ class _Run:
         self._info = _info_of(engine, options)
         self._identity: dict[str, Any] | None = None
         self._checks = RunChecks(engine, options.strict)
+        self.watched = False
+        """The caller's ``watch`` is at work: what it raises is the caller's."""
 
     def track(self, watch: Callable[[FrameResult], None] | None, checkpoint: Checkpoint | None) -> None:
         """All frames; files are closed whatever happens."""
@@ -213,7 +208,9 @@ class _Run:
                 for log in self._logs.values():
                     log.frame(result)
                 if watch:
+                    self.watched = True
                     watch(result)
+                    self.watched = False
                 self._checks.update(result)
                 now_s = time.monotonic()
                 if every_s and (now_s - marked_s >= every_s or interrupts.noted):
