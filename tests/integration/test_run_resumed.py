@@ -188,15 +188,15 @@ def test_a_run_that_was_killed_before_it_was_refined_is_refined(say: Say, copy: 
     assert "nothing is left to resume" in say("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")[1]
 
 
-def rows_of(recording: Path) -> dict[tuple[str, int], dict[str, object]]:
-    """What a recording shows at every frame but the time that it took."""
-    found: dict[tuple[str, int], dict[str, object]] = {}
+def rows_of(recording: Path) -> dict[tuple[str, int | None], dict[str, object]]:
+    """What a recording shows at every frame, and at all of them (None), but when it was made and the time it took."""
+    found: dict[tuple[str, int | None], dict[str, object]] = {}
     for part in rrd_parts(recording):
         for chunk in RrdReader(part).stream():
-            for row in [] if chunk.is_static else chunk.to_record_batch().to_pylist():
-                if not chunk.entity_path.startswith("/time_ms"):
+            if not chunk.entity_path.startswith(("/time_ms", "/__properties")):
+                for row in chunk.to_record_batch().to_pylist():
                     values = {name: value for name, value in row.items() if ":" in name and value is not None}
-                    found.setdefault((chunk.entity_path, row["frame"]), {}).update(values)
+                    found.setdefault((chunk.entity_path, row.get("frame")), {}).update(values)
     return found
 
 

@@ -138,7 +138,7 @@ class RerunLog:
         self._keep_scene()
 
     def _begin_part(self) -> None:
-        """Open the last file; what it shows without the others, floor, scene and curves, is in every one."""
+        """Open the last file, and repeat what has been kept, so that it can be seen without the others."""
         self._stream.save(str(self._parts[-1]))  # with a blueprint it would wait for ever on a disk without room for it
         self._stream.send_blueprint(blueprint(self._engine), make_active=False)
         for path, shapes in self._static.items():
