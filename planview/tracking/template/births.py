@@ -13,7 +13,7 @@ from planview.tracking import body
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.template._kernels import map_lacking
 from planview.tracking.template.explanation import Explanation, People
-from planview.tracking.template.person import Person, colour_counts, side_by_side
+from planview.tracking.template.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
 
 EVIDENCE_MAX = 6.0
 """Largest evidence of one look for or against a person, as a log-odds."""
@@ -23,8 +23,6 @@ BODY_CELLS = 9
 MOST = 6
 """Places that are tried in a frame."""
 MAP_CELLS_MAX = 4_000_000
-BORN_LOG_ODDS = -3.9
-"""Of a newcomer before its first look: one in fifty."""
 LOOSE = np.array([1.0, 0.0, 1.0, body.TORSO.torso_radius_m**2]) / body.TORSO.torso_radius_m**2
 """Inverse covariance of a place within a body's radius, and of a height within a metre [1/m^2]."""
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 
 from calib.types import F32, F64, I64, U8
@@ -26,6 +27,10 @@ KNOWN_LOOKS = 5
 """Frames from which on colours tell people apart."""
 RATIO_MAX = 20.0
 """Largest ratio of a person's colours to anybody's."""
+BORN_LOG_ODDS = -3.9
+"""Of a newcomer before its first look: one in fifty."""
+OUTLINE_PATCHES = 0.5
+"""Narrower strips of new surface are the outline's noise [patches]."""
 
 
 @dataclass(eq=False)
@@ -50,6 +55,10 @@ class Person:
         evidence: of the last frame: Lam with and without the person, and what is believed of the pose.
         share: visible share of the body in the last frame.
         inside: share of the body inside the image.
+        patches: of the body in view in the last frame.
+        proven: log-odds of existence from independent evidence, see ``count_evidence``.
+        counted: per view (H, W) uint8, 1 where a pixel has been evidence; empty before the first frame, and when
+            confirmed.
     """
 
     track_id: int
@@ -72,6 +81,9 @@ class Person:
     evidence: float = 0.0
     share: float = 1.0
     inside: float = 1.0
+    patches: float = 0.0
+    proven: float = BORN_LOG_ODDS
+    counted: list[U8] = field(default_factory=list)
 
     @property
     def at_m(self) -> tuple[float, float]:
@@ -87,6 +99,31 @@ class Person:
     def upright(self) -> tuple[float, float]:
         """Height when upright and its deviation in one frame [m]."""
         return self.tall_m, math.hypot(math.sqrt(self.tall_var), GAIT_M)
+
+    def count_evidence(self, owned: Sequence[tuple[tuple[int, ...], I64, F32]]) -> None:
+        """Add the evidence of pixels that have not been evidence before.
+
+        A wrong pixel that stays the same is one error, however often it is seen: a look is as independent of those
+        before it as the share of the body that is new. The first look found the person, and is spent by the search.
+
+        Args:
+            owned: per view the image's shape, (M,) the person's pixels and (M,) the patches that each is.
+        """
+        first, new_patches = not self.counted, 0.0
+        self.counted = self.counted or [np.zeros(shape, np.uint8) for shape, _, _ in owned]
+        for counted, (shape, pixels, patches) in zip(self.counted, owned, strict=True):
+            if len(pixels) == 0:
+                continue
+            per_pixel = float(patches.mean())
+            new: U8 = np.zeros(shape, np.uint8)
+            new.reshape(-1)[pixels] = 1
+            new[counted > 0] = 0
+            if not first:
+                side = max(1, round(OUTLINE_PATCHES / math.sqrt(per_pixel)))
+                new = np.asarray(cv2.morphologyEx(new, cv2.MORPH_OPEN, np.ones((side, side), np.uint8)), np.uint8)
+                new_patches += per_pixel * cv2.countNonZero(new)
+            counted |= new
+        self.proven += min(new_patches / max(self.patches, 1.0), 1.0) * max(self.evidence, 0.0)
 
     def learn_height(self, looks: float, low_share: float) -> None:
         """The present height tells the one when upright, as far as the person is upright now."""

@@ -32,6 +32,8 @@ LOG_ODDS_MAX = 8.0
 """Existence is never surer than this."""
 KNOWN_ODDS = 3.0
 """Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
+LOW_WALKERS = 0.03
+"""Share of low people who walk, which are children; the others sit or bend, and stay where they are."""
 INSIDE = 0.3
 """Share of a body in the image below which a person is at the border."""
 
@@ -85,6 +87,10 @@ class TemplateTracker:
             self._explain(frame, side_by_side(self._people, ratios), dt)
         owned, points = frame.share_out(side_by_side(self._people, ratios))
         self._owned = [(v.kind.shape, o) for v, o in zip(observation.views, owned, strict=True)]
+        for i, q in enumerate(self._people):
+            if not q.confirmed:
+                mine = [(shape, o.owner == i, o) for shape, o in self._owned]
+                q.count_evidence([(shape, o.pixels[own], o.patches[own]) for shape, own, o in mine])
         if self._coloured(frame):
             self._learn(frame, owned, dt)
         self._forget_gone()
@@ -144,7 +150,7 @@ class TemplateTracker:
         """The visible share of a person, and the place as far as the pixels tell it."""
         mine, total = s.visible(pose)
         q.inside = min(1.0, total / frame.whole_patches(pose))
-        q.share = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * q.inside)
+        q.share, q.patches = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * q.inside), total
         if q.share < self.params.visible_min:
             return
         noise, up = s.noise(pose, bent)
@@ -239,29 +245,31 @@ class TemplateTracker:
 
         Who somebody is is decided when the odds are, at the latest when the person is reported.
         """
+        report = math.log(self.params.report / (1 - self.params.report))
         new = [q for q in self._people if not q.confirmed]
         lost = [q for q in self._people if q.confirmed and q.share < self.params.visible_min]
         known = continued(new, lost + self._departed, self.params) if new else {}
         for i, b in enumerate(new):
             person = self._personhood(b)
-            sure = b.existence > self.params.report and person > math.log(self.params.report / (1 - self.params.report))
-            sure = sure and b.share >= self.params.visible_min
+            sure = min(b.log_odds, b.proven, person) > report and b.share >= self.params.visible_min
             q, odds = known.get(i, (None, 0.0))
             if q is not None and (sure or odds > KNOWN_ODDS):
                 self._note(q, "reacquired", f"log-odds {odds:.1f} after {b.born_s - q.seen_s:.1f} s", odds)
                 self._departed = [o for o in self._departed if o is not q]
                 self._people = [o for o in self._people if o is not q]
                 b.take_identity(q)
-                b.confirmed = True
+                b.confirmed, b.counted = True, []
             elif sure:
-                b.confirmed = True
+                b.confirmed, b.counted = True, []
                 reason = f"existence {b.existence:.2f}, log-odds of a person {person:.1f}"
                 self._note(b, "confirmed", reason, b.existence)
 
     def _personhood(self, q: Person) -> float:
         """Log-odds of a person against a thing, by height and own movement."""
-        stature = body.stature(q.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, self.params.low_share)
-        return q.moved + math.log((1 - body.THINGS) * stature / (body.THINGS / body.HEIGHT_MEAN_M))
+        low = self.params.low_share / body.HEIGHT_MEAN_M
+        upright = body.stature(q.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, self.params.low_share) - low
+        person = (upright + LOW_WALKERS * low) * math.exp(q.moved) + (1 - LOW_WALKERS) * low
+        return math.log((1 - body.THINGS) * person / (body.THINGS / body.HEIGHT_MEAN_M))
 
     def _say(self, q: Person, others: Sequence[Person]) -> None:
         """Why a person is where it is, and who may hide it."""

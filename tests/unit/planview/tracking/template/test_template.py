@@ -38,6 +38,22 @@ def test_nobody_is_found_in_an_empty_room_nor_in_a_low_box_that_stands():
         TemplateTracker().update(Observation(0, 0.0))
 
 
+def test_what_never_changes_is_one_look_and_no_person():
+    frames = follow(lambda t: [(0.0, 3.0, 1.75)] if t > 0.3 else [], 4.0)
+    assert frames[-1] and not any(confirmed(states) for states in frames)
+
+
+def test_who_stops_walking_stays_confirmed():
+    frames = follow(lambda t: [(min(-1.0 + 1.2 * t, 0.0), 3.0, 1.75)], 4.0)
+    assert len(confirmed(frames[-1])) == 1
+
+
+@pytest.mark.parametrize(("height_m", "people"), [(1.75, 1), (1.1, 0)])
+def test_what_moves_by_a_metre_is_a_person_when_tall_and_a_thing_when_low(height_m, people):
+    frames = follow(lambda t: [(min(-0.6 + 1.2 * t, 0.4), 3.0, height_m)], 3.0)
+    assert len(confirmed(frames[-1])) == people
+
+
 @pytest.mark.parametrize("fps", [3.0, 15.0, 60.0])
 def test_a_walker_is_one_person_at_any_frame_rate(fps):
     frames = follow(lambda t: [(-1.0 + 1.2 * t, 3.0, 1.75)], 1.6, fps)
@@ -58,8 +74,8 @@ def test_a_person_behind_another_is_lost_and_found_with_the_same_id():
     level = oblique_camera(height_m=1.7, tilt_deg=88.0)
     tracker, seen = TemplateTracker(), []
     for n in range(52):
-        hidden = (-1.8 + 0.06 * n, 4.0, 1.65)
-        seen.append(tracker.update(observed(n, n / 15, look_at(level, [(0.0, 2.0, 1.85), hidden], (30, 160)))))
+        front, hidden = (max(0.0, 0.72 - 0.06 * n), 2.0, 1.85), (-1.8 + 0.06 * n, 4.0, 1.65)
+        seen.append(tracker.update(observed(n, n / 15, look_at(level, [front, hidden], (30, 160)))))
     before, behind, after = ({s.track_id: s.state for s in seen[n]} for n in (16, 30, 48))
     assert list(before.values()) == ["confirmed", "confirmed"]
     assert sorted(behind.values()) == ["confirmed", "lost"] and after == before
