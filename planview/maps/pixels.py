@@ -53,6 +53,11 @@ class PixelRays:
         """(height, width) of the analysed image."""
         return self.stretch.shape[0], self.stretch.shape[1]
 
+    @property
+    def key(self) -> tuple[float, ...]:
+        """Tells cameras apart."""
+        return tuple(self.centre_m.tolist())
+
     @cached_property
     def level(self) -> F32:
         """(H, W, 3) float32: horizontal unit vector below each ray, and the ray's depression [rad]."""

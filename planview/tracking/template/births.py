@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import cv2
 import numpy as np
 
-from calib.types import F32, F64
+from calib.types import F32, F64, Bool
+from planview.maps.pixels import SURFACE
 from planview.tracking import body
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.template._kernels import map_lacking
-from planview.tracking.template.explanation import Explanation, People
+from planview.tracking.template.explanation import SURFACE_STD_M, Explanation, Owned, People
 from planview.tracking.template.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
 
 EVIDENCE_MAX = 6.0
@@ -23,6 +23,8 @@ BODY_CELLS = 9
 MOST = 6
 """Places that are tried in a frame."""
 MAP_CELLS_MAX = 4_000_000
+CHANGED = 3.0
+"""A surface is another one from so many deviations of its range on."""
 LOOSE = np.array([1.0, 0.0, 1.0, body.TORSO.torso_radius_m**2]) / body.TORSO.torso_radius_m**2
 """Inverse covariance of a place within a body's radius, and of a height within a metre [1/m^2]."""
 
@@ -31,15 +33,18 @@ class Births:
     """Tries one more person wherever the pixels lack enough of an explanation."""
 
     def __init__(self) -> None:
-        self._refused: list[tuple[float, float, float]] = []
+        self._tried_m: dict[tuple[float, ...], F32] = {}
 
-    def find(self, frame: Explanation, known: Sequence[Person], points: F32, now_s: float) -> list[Person]:
-        """People who are born in this frame, without ids; ``points`` as of ``Explanation.share_out``.
+    def find(
+        self, frame: Explanation, known: Sequence[Person], owned: Sequence[Owned], points: F32, now_s: float
+    ) -> list[Person]:
+        """People who are born in this frame, without ids; ``owned`` and ``points`` as of ``Explanation.share_out``.
 
-        A place at which nobody was found is tried again when the errors of the foreground have changed.
+        Pixels that have been tried count again when they have changed.
         """
         p = frame.params
-        self._refused = [r for r in self._refused if now_s - r[2] < p.errors_s]
+        fresh = np.flatnonzero(~self._unchanged(frame, owned))
+        points = points[:, fresh]
         if float(np.maximum(points[3], 0.0).sum()) < p.birth_evidence:
             return []
         low, high = (edge(points[:2], axis=1).astype(np.float64) for edge in (np.min, np.max))
@@ -52,6 +57,7 @@ class Births:
         box = np.asarray(cv2.boxFilter(lack, -1, (BODY_CELLS, BODY_CELLS), normalize=False))
         born: list[Person] = []
         people: People | None = None
+        tried = np.zeros(sum(len(o.pixels) for o in owned), np.bool_)
         for _ in range(MOST):
             row, col = divmod(int(np.argmax(box)), box.shape[1])
             if box[row, col] < p.birth_evidence:
@@ -59,17 +65,33 @@ class Births:
             place = low + (np.array([row, col]) + 0.5) * CELL_M
             reach = BODY_CELLS * 2 // 3
             box[max(0, row - reach) : row + reach + 1, max(0, col - reach) : col + reach + 1] = 0
-            if any(math.dist(place, r[:2]) < reach * CELL_M for r in self._refused):
-                continue
             people = people or side_by_side(known)
             near = np.abs(points[:2] - place[:, None]).max(axis=0) < reach * CELL_M
             person = _tried(frame, people, points[:, near & (points[3] > 0)].T.astype(np.float64), now_s)
+            tried[fresh[near]] = True
             if person is None:
-                self._refused.append((float(place[0]), float(place[1]), now_s))
                 continue
             born.append(person)
             people = people.with_one(np.array([*person.at_m, person.height_m]))
+        self._keep(frame, owned, tried)
         return born
+
+    def _unchanged(self, frame: Explanation, owned: Sequence[Owned]) -> Bool:
+        """(M,) over all views, whether the surface of a pixel has been tried at the range that it has now."""
+        same = []
+        for v, o in zip(frame.views, owned, strict=True):
+            tried_m = self._tried_m.get(v.rays.key, np.float32(0.0))
+            tried_m = self._tried_m[v.rays.key] = np.where(v.kind == SURFACE, tried_m, np.float32(0.0))
+            now_m, before_m = v.range_m.reshape(-1)[o.pixels], tried_m.reshape(-1)[o.pixels]
+            std_m = np.hypot(SURFACE_STD_M, frame.params.disparity_std_px / v.rays.disparity_metre * now_m**2)
+            same.append(np.abs(now_m - before_m) < CHANGED * std_m)
+        return np.concatenate(same)
+
+    def _keep(self, frame: Explanation, owned: Sequence[Owned], tried: Bool) -> None:
+        """Remember at what range pixels were tried."""
+        ends = np.cumsum([len(o.pixels) for o in owned])[:-1]
+        for v, o, mine in zip(frame.views, owned, np.split(tried, ends), strict=True):
+            self._tried_m[v.rays.key].reshape(-1)[o.pixels[mine]] = v.range_m.reshape(-1)[o.pixels[mine]]
 
 
 def _tried(frame: Explanation, people: People, points: F64, now_s: float) -> Person | None:

@@ -142,6 +142,15 @@ class Explanation:
         kernels.boxes(poses, view.rays.projection, 0.4, 0.1, boxes)
         return boxes.astype(np.int64)
 
+    def in_view(self, point_m: F64) -> bool:
+        """Whether a point (3,) of the world is inside of an image."""
+        for v in self.views:
+            u, w, depth = v.rays.projection @ np.append(point_m, 1.0)
+            rows, cols = v.kind.shape
+            if depth > 0 and 0 <= u <= (cols - 1) * depth and 0 <= w <= (rows - 1) * depth:
+                return True
+        return False
+
     def touching(self, poses: F64) -> Bool:
         """(N, N) whether two people may be on one ray of a camera."""
         touch = np.zeros((len(poses), len(poses)), np.bool_)

@@ -11,6 +11,7 @@ import numpy as np
 
 from calib.types import F32, F64, I64, U8
 from planview.maps.colour import CODES, smoothing
+from planview.maps.pixels import SeenPixels
 from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.template._kernels import LEGS_TO, PARTS, TORSO_TO
@@ -56,8 +57,9 @@ class Person:
         share: visible share of the body in the last frame.
         inside: share of the body inside the image.
         patches: of the body in view in the last frame.
+        head_in_view: whether the top of the head was inside of an image in the last frame.
         proven: log-odds of existence from independent evidence, see ``count_evidence``.
-        counted: per view (H, W) uint8, 1 where a pixel has been evidence; empty before the first frame, and when
+        counted: by camera (H, W) uint8, 1 where a pixel has been evidence; empty before the first frame, and when
             confirmed.
     """
 
@@ -82,8 +84,9 @@ class Person:
     share: float = 1.0
     inside: float = 1.0
     patches: float = 0.0
+    head_in_view: bool = False
     proven: float = BORN_LOG_ODDS
-    counted: list[U8] = field(default_factory=list)
+    counted: dict[tuple[float, ...], U8] = field(default_factory=dict)
 
     @property
     def at_m(self) -> tuple[float, float]:
@@ -100,22 +103,22 @@ class Person:
         """Height when upright and its deviation in one frame [m]."""
         return self.tall_m, math.hypot(math.sqrt(self.tall_var), GAIT_M)
 
-    def count_evidence(self, owned: Sequence[tuple[tuple[int, ...], I64, F32]]) -> None:
+    def count_evidence(self, owned: Sequence[tuple[SeenPixels, I64, F32]]) -> None:
         """Add the evidence of pixels that have not been evidence before.
 
         A wrong pixel that stays the same is one error, however often it is seen: a look is as independent of those
         before it as the share of the body that is new. The first look found the person, and is spent by the search.
 
         Args:
-            owned: per view the image's shape, (M,) the person's pixels and (M,) the patches that each is.
+            owned: views, (M,) the person's pixels in each and (M,) the patches that each is.
         """
         first, new_patches = not self.counted, 0.0
-        self.counted = self.counted or [np.zeros(shape, np.uint8) for shape, _, _ in owned]
-        for counted, (shape, pixels, patches) in zip(self.counted, owned, strict=True):
+        for view, pixels, patches in owned:
+            counted = self.counted.setdefault(view.rays.key, np.zeros(view.kind.shape, np.uint8))
             if len(pixels) == 0:
                 continue
             per_pixel = float(patches.mean())
-            new: U8 = np.zeros(shape, np.uint8)
+            new: U8 = np.zeros_like(counted)
             new.reshape(-1)[pixels] = 1
             new[counted > 0] = 0
             if not first:

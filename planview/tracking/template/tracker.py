@@ -32,7 +32,7 @@ LOG_ODDS_MAX = 8.0
 """Existence is never surer than this."""
 KNOWN_ODDS = 3.0
 """Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
-LOW_WALKERS = 0.03
+LOW_WALKERS = 0.01
 """Share of low people who walk, which are children; the others sit or bend, and stay where they are."""
 INSIDE = 0.3
 """Share of a body in the image below which a person is at the border."""
@@ -89,12 +89,12 @@ class TemplateTracker:
         self._owned = [(v.kind.shape, o) for v, o in zip(observation.views, owned, strict=True)]
         for i, q in enumerate(self._people):
             if not q.confirmed:
-                mine = [(shape, o.owner == i, o) for shape, o in self._owned]
-                q.count_evidence([(shape, o.pixels[own], o.patches[own]) for shape, own, o in mine])
+                mine = [(v, o, o.owner == i) for v, o in zip(observation.views, owned, strict=True)]
+                q.count_evidence([(v, o.pixels[own], o.patches[own]) for v, o, own in mine])
         if self._coloured(frame):
             self._learn(frame, owned, dt)
         self._forget_gone()
-        self._meet(self._births.find(frame, self._people, points, self._now_s))
+        self._meet(self._births.find(frame, self._people, owned, points, self._now_s))
         self._recognise()
         return tuple(self._state(q) for q in self._people)
 
@@ -151,6 +151,7 @@ class TemplateTracker:
         mine, total = s.visible(pose)
         q.inside = min(1.0, total / frame.whole_patches(pose))
         q.share, q.patches = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * q.inside), total
+        q.head_in_view = frame.in_view(pose)
         if q.share < self.params.visible_min:
             return
         noise, up = s.noise(pose, bent)
@@ -202,7 +203,7 @@ class TemplateTracker:
         q.walked_m += farther
         if alone:
             step_m = math.sqrt(body.TORSO.torso_radius_m**2 + q.kalman.c_xx + q.kalman.c_yy)
-            q.moved = min(q.moved + farther / step_m, EVIDENCE_MAX)
+            q.moved = min(q.moved + farther / step_m, LOG_ODDS_MAX)
 
     # -- who is who, who comes, who goes ----------------------------------------------------------------------------
     def _learn(self, frame: Explanation, owned: Sequence[Owned], dt: float) -> None:
@@ -258,14 +259,17 @@ class TemplateTracker:
                 self._departed = [o for o in self._departed if o is not q]
                 self._people = [o for o in self._people if o is not q]
                 b.take_identity(q)
-                b.confirmed, b.counted = True, []
+                b.confirmed, b.counted = True, {}
             elif sure:
-                b.confirmed, b.counted = True, []
+                b.confirmed, b.counted = True, {}
                 reason = f"existence {b.existence:.2f}, log-odds of a person {person:.1f}"
                 self._note(b, "confirmed", reason, b.existence)
 
     def _personhood(self, q: Person) -> float:
-        """Log-odds of a person against a thing, by height and own movement."""
+        """Log-odds of a person against a thing, by own movement, and by height as far as the head is in view: elsewhere
+        the height is what was believed before."""
+        if not q.head_in_view:
+            return q.moved + math.log((1 - body.THINGS) / body.THINGS)
         low = self.params.low_share / body.HEIGHT_MEAN_M
         upright = body.stature(q.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, self.params.low_share) - low
         person = (upright + LOW_WALKERS * low) * math.exp(q.moved) + (1 - LOW_WALKERS) * low

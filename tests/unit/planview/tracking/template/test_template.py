@@ -43,6 +43,14 @@ def test_what_never_changes_is_one_look_and_no_person():
     assert frames[-1] and not any(confirmed(states) for states in frames)
 
 
+def test_a_thing_is_tried_once_as_long_as_it_does_not_change():
+    tracker, spawned = TemplateTracker(), 0
+    for n in range(60):
+        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 0.8)] if n > 4 else [])))
+        spawned += sum(d.kind == "spawned" for d in tracker.decisions)
+    assert spawned <= 1
+
+
 def test_who_stops_walking_stays_confirmed():
     frames = follow(lambda t: [(min(-1.0 + 1.2 * t, 0.0), 3.0, 1.75)], 4.0)
     assert len(confirmed(frames[-1])) == 1
