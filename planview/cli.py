@@ -42,13 +42,6 @@ CALIBRATE = {
     "human": ("calibrate_pose", "Calibrate one camera from standing people."),
     "ui": ("calibrate", "Calibrate in the browser."),
 }
-FORMER = {
-    "inspect": "planview check --quick",
-    "doctor": "planview check",
-    "debug": "planview replay",
-    "refine": "planview edit --refine",
-}
-"""Names that commands had, and what they are called now."""
 
 
 def make_app(words: Sequence[str] = ()) -> App:
@@ -112,8 +105,6 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
     _stop_on_signals()
     try:
         _refuse_empty(words)
-        if make is None:
-            _refuse_former(words)
         (make or make_app)(words)(words, exit_on_error=False, print_error=False)
     except InputError as error:
         _fail(str(error), 2)
@@ -167,32 +158,6 @@ def _traceback_file(error: Exception) -> str:
     with tempfile.NamedTemporaryFile("w", prefix="planview-", suffix=".log", delete=False, encoding="utf-8") as file:
         file.writelines(format_exception(error))
     return file.name
-
-
-FORMER_OPTIONS = {
-    "--pace": "--set run.real_time=true",
-    "--checkpoint-every": "--set run.checkpoint_every_s=SECONDS",
-    "--rrd-every": "--set run.rrd_every=N",
-    "--person-height": "--set ellipse_particle.size.person_height_px=PIXELS",
-    "--fresh": "no option, since nothing is kept between runs",
-    "--frames": "--set run.frames=N",
-    "--overwrite": "--set run.overwrite=true",
-    "--debug": "no option, since decisions.csv is always written",
-    "--json": "no option, since run.json is always written",
-}
-"""Options that ``planview run`` had, and what takes their place."""
-
-
-def _refuse_former(words: Sequence[str]) -> None:
-    """A command or option that has another name now is answered with that name."""
-    from calib.errors import InputError
-
-    command = words[0] if words else ""
-    if command in FORMER:
-        raise InputError(f"{command}: expected its new name, {FORMER[command]}")
-    for word in words[1:] if command == "run" else ():
-        if (option := word.partition("=")[0]) in FORMER_OPTIONS:
-            raise InputError(f"{option}: expected {FORMER_OPTIONS[option]}")
 
 
 def _stop_on_signals() -> None:

@@ -1,34 +1,23 @@
-"""The project's size: no room outgrows ``budget.toml``, no tracker its numbers, and no class name means two things."""
+"""The project's size: no room grows beyond its budget, no tracker gains numbers, and no class name means two things."""
 
 import ast
-import tomllib
+import warnings
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tools.budget import BUDGET, ROOT, files_of, lines_of, rooms
+
 PACKAGES = ("calib", "stereo", "planview", "benchmarks")
-BUDGET: dict[str, Any] = tomllib.loads((ROOT / "budget.toml").read_text(encoding="utf-8"))
 
 
-def files_of(room: str) -> list[Path]:
-    """Of a room: all below its folder; of ``planview/*`` those beside the rooms."""
-    folder = ROOT / room.removesuffix("/*")
-    return sorted(folder.glob("*.py") if room.endswith("/*") else folder.rglob("*.py"))
-
-
-def rooms() -> list[str]:
-    """All rooms there are: the packages, and the folders of planview."""
-    inside = sorted(path.name for path in (ROOT / "planview").iterdir() if (path / "__init__.py").is_file())
-    return ["calib", "stereo", "benchmarks", "planview/*", *(f"planview/{name}" for name in inside)]
-
-
-def size_of(files: list[Path]) -> tuple[int, int]:
-    """Lines and files."""
-    return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files), len(files)
+def check(name: str, size: int, target: int, ceiling: int) -> None:
+    """Warn above the target; fail above the ceiling, where that is larger."""
+    assert size <= max(target, ceiling), f"{name}: {size}, budget.toml allows {max(target, ceiling)}: make it smaller"
+    if size > target:
+        warnings.warn(f"{name}: {size}, {size - target} above its target of {target}", stacklevel=2)
 
 
 def numbers_in(path: Path) -> int:
@@ -65,28 +54,35 @@ def classes() -> Iterator[tuple[str, str]]:
 
 
 def test_every_room_has_a_budget() -> None:
-    assert sorted(BUDGET["rooms"]) == sorted(rooms())
+    assert sorted(BUDGET["rooms"]) == sorted(["total", *rooms()])
 
 
-@pytest.mark.parametrize("room", rooms())
-def test_no_room_outgrows_its_budget(room: str) -> None:
-    lines, files = size_of(files_of(room))
-    allowed = BUDGET["rooms"].get(room, {"lines": 0, "files": 0})
-    assert lines <= allowed["lines"] and files <= allowed["files"], (
-        f"{room}: {lines} lines in {files} files, budget.toml allows {allowed['lines']} in {allowed['files']}: "
-        "make it smaller, or raise the budget and say in the commit why"
-    )
+@pytest.mark.parametrize("room", BUDGET["rooms"])
+def test_no_room_grows_beyond_its_budget(room: str) -> None:
+    check(room, lines_of(room), **BUDGET["rooms"][room])
 
 
-def test_the_project_is_no_larger_than_it_may_be() -> None:
-    lines, files = size_of([path for room in rooms() for path in files_of(room)])
-    assert lines <= BUDGET["total"]["lines"] and files <= BUDGET["total"]["files"], (lines, files)
+def test_the_project_has_no_more_files_than_it_may() -> None:
+    check("files", sum(len(files_of(room)) for room in rooms()), **BUDGET["files"])
 
 
-@pytest.mark.parametrize("tracker", sorted(BUDGET["numbers"]))
+@pytest.mark.parametrize("tracker", sorted(set(BUDGET["numbers"]) - {"target"}))
 def test_no_tracker_has_more_numbers_than_it_may(tracker: str) -> None:
     numbers = sum(map(numbers_in, files_of(f"planview/tracking/{tracker}")))
-    assert 0 < numbers <= BUDGET["numbers"][tracker], f"{tracker}: {numbers} parameters and named numbers"
+    assert numbers > 0
+    check(f"numbers of {tracker}", numbers, BUDGET["numbers"]["target"], BUDGET["numbers"][tracker])
+
+
+@pytest.mark.parametrize(("size", "warns"), [(9, 0), (10, 0), (15, 1)])
+def test_a_size_above_its_target_warns_up_to_its_ceiling(size: int, warns: int) -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        check("room", size, target=10, ceiling=15)
+    assert len(caught) == warns
+
+
+def test_a_size_above_its_ceiling_fails() -> None:
+    with pytest.raises(AssertionError, match="allows 15"):
+        check("room", 16, target=10, ceiling=15)
 
 
 def test_a_class_name_means_one_thing() -> None:

@@ -70,17 +70,6 @@ def test_errors_become_one_sentence_and_a_status(error, status, sentence, monkey
     assert status_of(["run"]) == status and capsys.readouterr().err == f"planview: {sentence}\n"
 
 
-@pytest.mark.parametrize(("name", "now"), cli.FORMER.items())
-def test_a_former_command_is_answered_with_its_new_name(name, now, capsys):
-    assert status_of([name, "x"]) == 2
-    assert capsys.readouterr().err == f"planview: {name}: expected its new name, {now}\n"
-
-
-def test_a_former_option_of_run_is_answered_with_what_takes_its_place(capsys):
-    assert status_of(["run", "x", "--pace", "--out", "y"]) == 2
-    assert "expected --set run.real_time=true" in capsys.readouterr().err
-
-
 def test_an_unexpected_error_becomes_one_sentence_that_names_a_file_with_the_traceback(monkeypatch, capsys, tmp_path):
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("a\nb")
