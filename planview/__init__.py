@@ -15,12 +15,16 @@ print(planview.evaluate(tracks, "data/synthetic/demo/truth.csv").to_json()["mota
 ``docs/api`` has every name, ``examples/`` programs that run.
 """
 
-from importlib import import_module
+from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    __version__: str
+
+    from calib.errors import InputError, WorkError
+    from calib.pose import SE3
     from planview.engine.config import Config, load_config
     from planview.engine.engine import Engine, FrameResult
     from planview.engine.one_camera import one_camera_engine
@@ -31,7 +35,7 @@ if TYPE_CHECKING:
     from planview.evaluation.result import Evaluation
     from planview.foreground.mixture import Foreground
     from planview.maps.builder import MapBuilder
-    from planview.output.script import run
+    from planview.output.script import count_tracks, load_rules, run
     from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
     from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
     from planview.tracking.harville import HarvilleTracker
@@ -39,11 +43,15 @@ if TYPE_CHECKING:
     from planview.tracking.template import TemplateTracker
     from planview.trajectories.state import TrackState
     from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks, read_truth
+    from stereo.depth import RectifiedGeometry
     from stereo.matcher import Matcher, SgbmMatcher
     from stereo.readers import OpenOptions, open_recording, open_video
     from stereo.rectify import Rectifier
 
 _HOMES = {
+    "calib.errors": ("InputError", "WorkError"),
+    "calib.pose": ("SE3",),
+    "stereo.depth": ("RectifiedGeometry",),
     "planview.evaluation.evaluate": ("EvaluationParams", "evaluate", "evaluate_tracks"),
     "planview.evaluation.result": ("Evaluation",),
     "planview.foreground.mixture": ("Foreground",),
@@ -54,7 +62,7 @@ _HOMES = {
     "planview.engine.open": ("open_engine",),
     "planview.engine.setup": ("set_up",),
     "planview.engine.stereo": ("stereo_engine",),
-    "planview.output.script": ("run",),
+    "planview.output.script": ("count_tracks", "load_rules", "run"),
     "planview.tracking.base": ("Decision", "Observation", "Tracker", "TrackerDebug"),
     "planview.tracking.ellipse_particle.tracker": ("EllipseParticleTracker",),
     "planview.tracking.human_model.tracker": ("HumanModelTracker",),
@@ -69,6 +77,7 @@ _HOMES = {
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
+    "SE3",
     "Config",
     "Decision",
     "EllipseParticleTracker",
@@ -79,10 +88,12 @@ __all__ = [
     "FrameResult",
     "HarvilleTracker",
     "HumanModelTracker",
+    "InputError",
     "MapBuilder",
     "Matcher",
     "Observation",
     "OpenOptions",
+    "RectifiedGeometry",
     "Rectifier",
     "SgbmMatcher",
     "TemplateTracker",
@@ -91,9 +102,13 @@ __all__ = [
     "TrackerDebug",
     "Trajectories",
     "TrajectoryCollector",
+    "WorkError",
+    "__version__",
+    "count_tracks",
     "evaluate",
     "evaluate_tracks",
     "load_config",
+    "load_rules",
     "one_camera_engine",
     "open_engine",
     "open_recording",
@@ -123,6 +138,8 @@ _refuse_hidden()
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return metadata.version("planview")
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(_MODULE_OF[name]), name)

@@ -20,7 +20,7 @@ from planview.output.progress import PlainConsole
 from planview.output.render import SceneComposer, VideoWriter, scene_pictures_of, write_still
 from planview.output.report.compare import write_comparison
 from planview.output.report.page import write_report
-from planview.output.results import read_results
+from planview.output.run_folder import RunFolder
 
 
 def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -> None:
@@ -99,8 +99,8 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
     console = PlainConsole(stderr=True, soft_wrap=True)
     from planview.output.scene import frames_or_none  # the engine's parts take half a second
 
-    results = read_results(folder, options.truth)
-    frames = frames_or_none(results.info, console.print)
+    results = RunFolder(folder, options.truth)
+    frames = frames_or_none(results, console.print)
     composer = SceneComposer(results, frames, options.trail, plan=not options.no_plan, truth=not options.no_truth)
     end = results.n_frames - 1
     if options.frame is not None:

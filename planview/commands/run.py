@@ -30,10 +30,10 @@ from planview.output.maps_log import MapsLog
 from planview.output.progress import FrameProgress, PlainConsole, compile_notice, summary
 from planview.output.replay import difference_picture, difference_text, replay_run
 from planview.output.report.page import write_report
-from planview.output.results import read_results
 from planview.output.resume import checkpoint_of, remove_checkpoints
 from planview.output.run import RunLog, RunOptions, begin_run, run_identity
 from planview.output.run import run as run_engine
+from planview.output.run_folder import RunFolder
 from planview.output.scene import frames_or_none
 from planview.output.totals import Pace
 from planview.synthetic.assets import DEMO
@@ -222,7 +222,7 @@ def replay(
     png
         Picture to write; replay-N.png in the folder when not given.
     """
-    results = read_results(folder)
+    results = RunFolder(folder)
     if results.info.tracker == "detections":
         raise InputError(f"{folder}: expected a run without --detections, whose file a run does not keep; run it again")
     if not 0 <= frame < results.n_frames:
@@ -234,7 +234,7 @@ def replay(
     console.print(f"tracked from {replayed.source}")
     for line in difference_text(results, replayed, frame):
         PlainConsole(soft_wrap=True, highlight=False).print(line)
-    frames = frames_or_none(results.info, console.print)
+    frames = frames_or_none(results, console.print)
     path = png or folder / f"replay-{frame}.png"
     write_image(path, difference_picture(results, replayed, frames, frame, ", ".join(set_) or "again"))
     console.print(str(path))

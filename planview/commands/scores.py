@@ -7,7 +7,7 @@ import json
 import os
 import stat
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +27,9 @@ from planview.counting.totals import Clock, count_tracks, count_truth
 from planview.evaluation.benchmark import benchmark
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
-from planview.output.folder import RunInfo, read_run_info, unfinished_beside
+from planview.output.folder import read_run_info, unfinished_beside
 from planview.output.progress import PlainConsole
-from planview.output.results import source_of
+from planview.output.run_folder import RunFolder
 from planview.trajectories.file import limited
 from planview.trajectories.formats import FilePair, file_pairs, load_file, load_tracks, load_truth, tracks_file
 
@@ -130,13 +130,13 @@ def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOption
 
 def _truth_of(tracks: Path) -> Path:
     """The truth of the recording that a run tracked."""
-    run = (tracks if tracks.is_dir() else tracks.parent) / "run.json"
-    if not run.is_file():
+    run = RunFolder.around(tracks)
+    if run is None:
         raise InputError(f"{tracks}: expected a file of truth after it, since no run.json tells its recording")
-    truth = source_of(read_run_info(run)) / "truth.csv"
-    if not truth.is_file():
-        raise InputError(f"{truth}: expected the truth of the run's recording, found none; name a file of truth")
-    return truth
+    if run.truth_file is None:
+        where = (run.recording or Path()) / "truth.csv"
+        raise InputError(f"{where}: expected the truth of the run's recording, found none; name a file of truth")
+    return run.truth_file
 
 
 def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None) -> Evaluation:
@@ -242,10 +242,11 @@ class CountOptions:
     """Polygon in well-known text [m], or a file with it: rows outside do not count."""
     ignore: str | None = None
     """Polygon in well-known text [m], or a file with it: rows inside do not count."""
-    fps: float = 30.0
-    """Frame rate where the tracks have no timestamps."""
+    fps: float | None = None
+    """Frame rate where the tracks have no timestamps. [default: that of the run, else 30]"""
     out: Path | None = None
-    """Folder for events.csv and counts.json; by default beside a file named tracks.csv, else nowhere."""
+    """Folder for events.csv and counts.json; by default beside a file named tracks.csv, where counts of an earlier call
+    or of the run are replaced, which is said; else nowhere."""
     json_output: JsonFlag = False
 
 
@@ -274,15 +275,16 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
     )
     path = tracks_file(tracks)
     found = limited(load_file(path), options.region, options.ignore).table
-    run = path.parent / "run.json"
-    info = read_run_info(run) if run.is_file() else None
-    clock = Clock(found, options.fps)
-    for told in (unfinished_beside(path), clock.jump()):
+    run, console = RunFolder.around(path), PlainConsole(stderr=True, soft_wrap=True)
+    clock = Clock(found, options.fps or (run and run.info.fps) or 30.0)
+    placed = load_rules(rules, _plane(options.camera, options.rig, run))
+    for told in (unfinished_beside(path), clock.jump(), placed.of_unknown_size):
         if told:
-            PlainConsole(stderr=True, soft_wrap=True).print(told)
-    rules_in_plane = load_rules(rules, _plane(options.camera, options.rig, info))
-    n_frames = info.frames_read + info.frames_skipped if info else 0
-    counts = count_tracks(found, rules_in_plane, params, clock=clock, n_frames=n_frames)
+            console.print(told)
+    n_frames = run.info.frames_read + run.info.frames_skipped if run else 0
+    counts = count_tracks(found, placed, params, clock=clock, n_frames=n_frames)
+    if run is not None:
+        counts = replace(counts, span=run.span)
     result = counts.to_json()
     if options.truth is not None:
         if not options.window > 0:
@@ -300,8 +302,9 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
         if mine and os.access(path.parent, os.W_OK):
             folder = path.parent
         else:
-            PlainConsole(stderr=True).print("no events.csv and counts.json written: --out names a folder for them")
+            console.print("no events.csv and counts.json written: --out names a folder for them")
     if folder is not None:
+        files = [file for file in (folder / "events.csv", folder / "counts.json") if file.exists()]
         try:
             folder.mkdir(parents=True, exist_ok=True)
             events = io.StringIO()
@@ -311,13 +314,15 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
             write_whole(folder / "counts.json", json.dumps(result, indent=2) + "\n")
         except OSError as error:
             raise WorkError(f"{folder}: could not write events.csv and counts.json: {reason(error)}") from error
+        if files:
+            console.print(f"replaced {' and '.join(map(str, files))}")
     if options.json_output:
         print(json.dumps(result, indent=2))
     else:
         print_counts(result, PlainConsole())
 
 
-def _plane(camera: Path | None, rig: Path | None, info: RunInfo | None) -> RulePlane:
+def _plane(camera: Path | None, rig: Path | None, run: RunFolder | None) -> RulePlane:
     if camera is not None and rig is not None:
         raise InputError("expected --camera or --rig, found both")
     if camera is not None:
@@ -328,7 +333,7 @@ def _plane(camera: Path | None, rig: Path | None, info: RunInfo | None) -> RuleP
         from planview.counting.geometry import stereo_plane
 
         return stereo_plane(rig)
-    return RulePlane(image_size=(info.rig.width, info.rig.height) if info and info.rig else None)
+    return run.rule_plane if run is not None else RulePlane()
 
 
 def _is_events(path: Path) -> bool:

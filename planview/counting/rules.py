@@ -139,6 +139,17 @@ class Rules:
     def names(self) -> list[str]:
         return [rule.name for rule in self.tripwires + self.zones] + [queue.name for queue in self.queues]
 
+    @property
+    def of_unknown_size(self) -> str:
+        """A sentence where lines in pixels may end at the image's border, whose place is not known; empty elsewhere."""
+        names = [wire.name for wire in self.tripwires if wire.plane == "image" and wire.counted is None]
+        if not names:
+            return ""
+        return (
+            f"{self.source}: the size of the images is not known, so the line {names[0]!r} ends where it is drawn: "
+            "people whose feet the border of the image cuts off do not cross it"
+        )
+
     def of_truth(self, zone_hysteresis_m: float) -> Rules:
         """The same places for true positions: no age to reach, zones with a hysteresis of their own."""
         wires = tuple(replace(wire, min_age_s=0.0) for wire in self.tripwires)
@@ -221,7 +232,7 @@ def _wire(rule: Tripwire, plane: RulePlane, source: str) -> Placed:
             f"at {given[0][0]}"
         )
     where, points = plane.place(points, in_pixels=given[0] is pixels, what=f"{source}: tripwire {rule.name!r}")
-    counted = plane.beyond_border(points) if where == "image" else None
+    counted = plane.beyond_border(points) if where == "image" and plane.image_size is not None else None
     return Placed(rule.name, where, points, rule.hysteresis_m, rule.min_age_s, rule.inward or "", counted)
 
 

@@ -57,6 +57,10 @@ class CameraInfo(InfoPart):
     height: int
     """Image size [px]."""
     focal_px: float | None = None
+    """Along a row; ``focal_v_px`` along a column."""
+    focal_v_px: float | None = None
+    center_px: tuple[float, float] | None = None
+    """Principal point; None for a single camera, whose is the middle of the image."""
     lens: str | None = None
     """Class of lens of a single camera (camera.toml); None for others."""
     baseline_m: float | None = None
@@ -101,6 +105,8 @@ def stereo_camera_info(view: StereoView) -> CameraInfo:
         width=geometry.width,
         height=geometry.height,
         focal_px=geometry.focal_u_px,
+        focal_v_px=geometry.focal_v_px,
+        center_px=(geometry.cu_px, geometry.cv_px),
         baseline_m=geometry.baseline_m if view.sensor is None else None,
         depth_sensor=view.sensor,
         calibration=view.calibration or None,

@@ -19,7 +19,7 @@ from planview.offline.refine import Refined, changes_csv, refine
 from planview.output.folder import RunInfo, finished_run, folder_lock, write_result, write_run_info
 from planview.output.report.page import write_report
 from planview.output.report.snapshots import read_decision_log
-from planview.output.results import read_results
+from planview.output.run_folder import RunFolder
 from planview.trajectories.table import Trajectories, read_tracks, write_table
 
 EDITS = "edits.json"
@@ -117,7 +117,8 @@ def _held(folder: Path) -> AbstractContextManager[str]:
 
 def _refuse_unreadable(folder: Path) -> None:
     """Refuse, before anything changes, what the page cannot be written from afterwards."""
-    tracks = read_results(folder).tracks
+    run = RunFolder(folder)
+    tracks, _, _, _ = run.tracks, run.events, run.counts, run.truth
     read_decision_log(folder / "decisions.csv", set(tracks.track_id.tolist()))
 
 

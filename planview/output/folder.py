@@ -64,6 +64,17 @@ class RunInfo(InfoPart):
 
     input: str = ""
     """The recording as given."""
+    recording: str = ""
+    """Its absolute path; empty for a camera that runs."""
+    size_px: tuple[int, int] | None = None
+    """(width, height) of the images in whose pixels the boxes of tracks.csv are; None in files of older versions."""
+    fps: float | None = None
+    """Nominal frames per second; None in files of older versions."""
+    start_s: float | None = None
+    end_s: float | None = None
+    """Beginning of the first frame and end of the last one, as tracks.csv has times [s]; None before the first."""
+    plane: Literal["", "floor", "image"] = ""
+    """Where people's places are known: on the floor in metres, or in the image alone."""
     tracker: str = ""
     """"template", "human-model" or "ellipse-particle"."""
     state: Literal["", "running", "interrupted", "finished"] = ""

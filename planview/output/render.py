@@ -17,7 +17,7 @@ from calib.types import U8
 from planview.counting.events import Event, inward_ways, way_words
 from planview.drawing.image import ImagePainter
 from planview.drawing.plan import PlanBounds, PlanPainter, Snapshot, snapshot_at
-from planview.output.results import RunResults
+from planview.output.run_folder import RunFolder
 
 if TYPE_CHECKING:
     from planview.output.scene import SceneFrames
@@ -79,7 +79,7 @@ class SceneComposer:
 
     def __init__(
         self,
-        results: RunResults,
+        results: RunFolder,
         frames: SceneFrames | None,
         trail_s: float = 4.0,
         *,

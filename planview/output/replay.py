@@ -21,10 +21,9 @@ from planview.engine.replay import FIXED_TABLES
 from planview.evaluation.metrics import clear_scores
 from planview.evaluation.sequence import build_sequence, floor_similarity
 from planview.maps.recording import is_maps
-from planview.output.folder import RunInfo
 from planview.output.render import SceneComposer
-from planview.output.results import RunResults, source_of
-from planview.output.scene import SceneFrames, ground_camera_of
+from planview.output.run_folder import RunFolder
+from planview.output.scene import SceneFrames
 from planview.output.tables import reading_decisions
 from planview.tracking.base import Decision
 from planview.trajectories.table import Trajectories, TrajectoryCollector
@@ -33,19 +32,19 @@ DECISIONS_MAX = 20
 TITLE_PX = 30
 
 
-def difference_text(results: RunResults, replayed: ReplayedRun, frame: int) -> list[str]:
+def difference_text(results: RunFolder, replayed: ReplayedRun, frame: int) -> list[str]:
     """Lines: when tracks begin to differ, people at the frame in both, and decisions that only one of them made."""
     before = _until(results.tracks, frame)
     after = _until(replayed.results.tracks, frame)
     differing = sorted({frame for frame, *_ in _rows(before) ^ _rows(after)})
     lines = [f"tracks differ from frame {differing[0]} on" if differing else "tracks are the same up to this frame"]
     lines += _people(before.where(before.frame == frame), after.where(after.frame == frame))
-    lines += _decisions(results.folder / "decisions.csv", replayed, frame)
+    lines += _decisions(results.path / "decisions.csv", replayed, frame)
     return lines
 
 
 def difference_picture(
-    results: RunResults, replayed: ReplayedRun, frames: SceneFrames | None, frame: int, title: str
+    results: RunFolder, replayed: ReplayedRun, frames: SceneFrames | None, frame: int, title: str
 ) -> U8:
     """(H, W, 3) uint8 BGR: the frame as it was tracked on top, as it is tracked now below."""
     image = next((image for _, image in frames.at([frame])), None) if frames is not None else None
@@ -124,13 +123,13 @@ class ReplayedRun:
         source: the recording that they were taken from.
     """
 
-    results: RunResults
+    results: RunFolder
     decisions: list[tuple[int, Decision]]
     source: Path
 
 
 def replay_run(
-    results: RunResults, config: Config, frame: int, watch: Callable[[FrameResult], None] | None = None
+    results: RunFolder, config: Config, frame: int, watch: Callable[[FrameResult], None] | None = None
 ) -> ReplayedRun:
     """Track up to a frame with other parameters.
 
@@ -144,9 +143,9 @@ def replay_run(
         InputError: no recording any more, or parameters that its maps exclude.
         WorkError: the recording ends before the frame.
     """
-    base = config_of(results.info.config, str(results.folder / "run.json"))
+    base = config_of(results.info.config, str(results.path / "run.json"))
     path = _source(results, base, config)
-    engine = _engine(path, results.info, config)
+    engine = _engine(path, results, config)
     collector, decisions, reached = TrajectoryCollector(), [], -1
     for result in engine:
         if result.frame <= frame:
@@ -159,24 +158,23 @@ def replay_run(
             break
     if reached < frame:
         raise WorkError(f"{path}: expected frame {frame}, found the end of the recording after frame {reached}")
-    return ReplayedRun(replace(results, tracks=collector.trajectories()), decisions, path)
+    return ReplayedRun(replace(results, other_tracks=collector.trajectories()), decisions, path)
 
 
-def _source(results: RunResults, base: Config, config: Config) -> Path:
+def _source(results: RunFolder, base: Config, config: Config) -> Path:
     """The run's maps.h5 where the changed parameters leave it valid, else its recording."""
-    maps = results.folder / "maps.h5"
+    maps = results.path / "maps.h5"
     fixed = all(getattr(base, table) == getattr(config, table) for table in (*FIXED_TABLES, "maps"))
     if maps.is_file() and fixed:
         return maps
-    path = Path(results.info.input) if is_maps(Path(results.info.input)) else source_of(results.info)
-    if not path.exists():
+    path = results.tracked if results.tracked is not None and is_maps(results.tracked) else results.recording
+    if path is None or not path.exists():
         raise InputError(f"{path}: expected the recording of the run, found nothing there")
     return path
 
 
-def _engine(path: Path, info: RunInfo, config: Config) -> Engine:
-    tracker = cast(TrackerName, info.tracker)
-    camera = ground_camera_of(info) if info.floor is not None and info.floor.world_SE3_left is None else None
+def _engine(path: Path, results: RunFolder, config: Config) -> Engine:
+    tracker, camera = cast(TrackerName, results.info.tracker), results.ground_camera
     if camera is None:
         return open_engine(path, tracker, config)
     with tempfile.TemporaryDirectory() as folder:

@@ -294,15 +294,17 @@ class _Run:
     def _information(self, state: str) -> RunInfo:
         skipped, totals, analytics = self._engine.recording.skipped, self._totals, self._options.analytics
         frame_s = 1 / self._engine.recording.fps
-        counts = None
+        span, counts = Span(totals.first_s, totals.last_s + frame_s, frame_s), None
         if analytics is not None and state != "running":
-            counts = Counts.of(analytics, totals.events, Span(totals.first_s, totals.last_s + frame_s, frame_s))
+            counts = Counts.of(analytics, totals.events, span)
         return self._info.model_copy(
             update={
                 "state": state,
                 "finished": state == "finished",
                 "elapsed_s": self._elapsed_s(),
                 "frames_read": totals.frames,
+                "start_s": span.start_s if totals.frames else None,
+                "end_s": span.end_s if totals.frames else None,
                 "notes": [*self._info.notes, *getattr(self._engine.tracker, "notes", ())],
                 "frames_skipped": len(skipped),
                 # run.json names at most so many skipped frames.
@@ -345,8 +347,13 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> di
 
 
 def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
+    path = engine.recording.path
     return RunInfo(
-        input=os.fspath(engine.recording.path),
+        input=os.fspath(path),
+        recording=os.fspath(path.resolve()) if path.exists() else "",
+        size_px=engine.size,
+        fps=engine.recording.fps,
+        plane="floor" if engine.camera is not None else "image",
         tracker=options.tracker,
         started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
         versions=library_versions(),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,15 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calib.errors import InputError, WorkError
-from calib.ground_camera import GroundCamera
 from calib.pose import SE3
 from calib.types import U8
 from planview.drawing.image import ImageCamera
 from planview.engine.config import Config, config_of
 from planview.engine.info import FloorInfo
 from planview.engine.setup import SceneCloud, scene_cloud, set_up
-from planview.output.folder import RunInfo, read_run_info
-from planview.output.results import source_of
+from planview.output.run_folder import RunFolder
 from stereo.depth import StereoFloorCamera
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
 from stereo.readers.base import AnyRecording
@@ -72,21 +69,21 @@ class SceneFrames:
                 yield SceneImage(moment.index, self._image_of(frame))
 
 
-def open_frames(info: RunInfo) -> SceneFrames:
+def open_frames(run: RunFolder) -> SceneFrames:
     """Open the recording of a run again.
 
     Raises:
         InputError: it is not there any more, comes from a camera that runs, or another version made the run.
     """
-    path = source_of(info)
-    if not info.input or not path.exists():
+    path, info = run.recording, run.info
+    if path is None or not path.exists():
         raise InputError(f"{path}: expected the recording of the run, found nothing there")
     config = config_of(info.config, "run.json")
     if is_multi_rig(path):
         rigs = open_rigs(path)
         return SceneFrames(rigs, *_of_recording(rigs.rigs[0].recording, info.floor, config))
     if info.rig is None or (info.rig.baseline_m is None and info.rig.depth_sensor is None):
-        return SceneFrames(open_video(path), ground_camera_of(info), lambda frame: frame.image)
+        return SceneFrames(open_video(path), run.ground_camera, lambda frame: frame.image)
     try:
         recording = open_any(path)
     except InputError:  # the calibration does not lie in the recording: that which the run was given
@@ -97,10 +94,10 @@ def open_frames(info: RunInfo) -> SceneFrames:
     return SceneFrames(recording, *_of_recording(recording, info.floor, config))
 
 
-def frames_or_none(info: RunInfo, say: Callable[[str], object]) -> SceneFrames | None:
+def frames_or_none(run: RunFolder, say: Callable[[str], object]) -> SceneFrames | None:
     """``open_frames``; None, and why in a sentence, where that cannot be."""
     try:
-        return open_frames(info)
+        return open_frames(run)
     except (InputError, WorkError) as error:
         say(f"the floor alone is drawn: {error}")
         return None
@@ -123,22 +120,6 @@ def _of_recording(
     return StereoFloorCamera(geometry, SE3(pose[:3, :3], pose[:3, 3])), image_of
 
 
-def ground_camera_of(info: RunInfo) -> GroundCamera | None:
-    """The camera of a run with one camera; None for one that is not calibrated.
-
-    Raises:
-        InputError: values out of their range.
-    """
-    rig, floor = info.rig, info.floor
-    if rig is None or floor is None or rig.focal_px is None:
-        return None
-    tilt, roll = math.radians(floor.tilt_deg), math.radians(floor.roll_deg)
-    try:
-        return GroundCamera(rig.width, rig.height, rig.focal_px, floor.height_m, tilt, rig.lens or "pinhole", roll)
-    except ValueError as error:
-        raise InputError(f"run.json: expected a camera above the floor: {error}") from error
-
-
 def scene_of(path: Path, options: OpenOptions | None = None) -> SceneCloud:
     """Points of what does not move, in the world frame of the run's tracks.
 
@@ -151,8 +132,8 @@ def scene_of(path: Path, options: OpenOptions | None = None) -> SceneCloud:
     """
     config, recording = Config(), path
     if (path / "run.json").is_file():
-        info = read_run_info(path / "run.json")
-        config, recording = config_of(info.config, str(path / "run.json")), source_of(info)
+        run = RunFolder(path)
+        config, recording = config_of(run.info.config, str(path / "run.json")), run.recording or path
     calibration = options.calibration if options else None
     if not recording.exists() or not (calibration or holds_pair(recording)):
         raise InputError(f"{recording}: expected a recording of a stereo pair or of images with depth, found none")

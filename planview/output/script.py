@@ -1,13 +1,19 @@
-"""A whole run in one call, for scripts and notebooks."""
+"""A whole run in one call, and counts of its tracks, for scripts and notebooks."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
 from numpy.typing import ArrayLike
 
+from planview.counting import rules as rules_files
+from planview.counting import totals
+from planview.counting.rules import AnalyticsParams, Rules
+from planview.counting.totals import Counts
 from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import AnyTracker, open_engine
@@ -17,6 +23,8 @@ from planview.output.folder import check_folder, prepare_folder
 from planview.output.report.page import write_report
 from planview.output.run import RunOptions
 from planview.output.run import run as run_engine
+from planview.output.run_folder import RunFolder
+from planview.trajectories.formats import load_tracks, tracks_file
 from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions
@@ -84,3 +92,42 @@ def run(
     if refined:
         refine_run(folder)
     return read_tracks(folder / "tracks.csv")
+
+
+def load_rules(path: Path | str, run: Path | str | None = None) -> Rules:
+    """Read rules.toml.
+
+    Args:
+        run: folder of the run whose tracks are counted: its camera relates pixels and metres, and its images have the
+            border at which lines in pixels end. Without it rules in pixels stay in the image.
+    Raises:
+        InputError: a file that is not what its name says, or a rule outside the view.
+    """
+    return rules_files.load_rules(Path(path), RunFolder(Path(run)).rule_plane if run is not None else None)
+
+
+def count_tracks(
+    tracks: Trajectories | Path | str, rules: Rules | Path | str, params: AnalyticsParams | None = None
+) -> Counts:
+    """Count line crossings, zones and queues in tracks, as ``planview count`` does.
+
+    Args:
+        tracks: folder of a run or its tracks.csv, which gives the counts of the run; another file that ``planview
+            export`` writes; or a table.
+        rules: rules.toml, or what ``load_rules`` read.
+        params: when a person counts; the defaults when None.
+    Raises:
+        InputError: a file that cannot be read, or tracks without a place in the plane of a rule.
+    """
+    run, table = None, tracks
+    if not isinstance(table, Trajectories):
+        path = tracks_file(Path(table))
+        run, table = RunFolder.around(path), load_tracks(path)
+    if not isinstance(rules, Rules):
+        rules = load_rules(rules, run.path if run is not None else None)
+    if told := rules.of_unknown_size:
+        warnings.warn(told, stacklevel=2)
+    if run is None:
+        return totals.count_tracks(table, rules, params)
+    counts = totals.count_tracks(table, rules, params, clock=totals.Clock(table, run.info.fps or 30.0))
+    return replace(counts, span=run.span)

@@ -15,7 +15,7 @@ from planview.output.folder import write_result
 from planview.output.report import plots
 from planview.output.report.page import Picture, errors_of, figure_text, flat_settings, picture, scores_of, words_of
 from planview.output.report.timelines import TimelineRow, timelines
-from planview.output.results import RunResults, read_results
+from planview.output.run_folder import RunFolder
 
 ERRORS_MAX = 100
 _HIGHER = ("mota", "idf1", "hota", "det_a", "ass_a", "mostly_tracked")
@@ -59,7 +59,7 @@ class RunRows(NamedTuple):
 
 class _ComparedRun(NamedTuple):
     name: str
-    results: RunResults
+    results: RunFolder
     scores: dict[str, Any]
     errors: list[SignificantError]
 
@@ -77,7 +77,7 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
     """
     runs = []
     for name, folder in zip(_names(folders), folders, strict=True):
-        results = read_results(folder, truth)
+        results = RunFolder(folder, truth)
         scores = scores_of(results)
         runs.append(_ComparedRun(name, results, scores, errors_of(scores)))
     errors = shared_errors([run.errors for run in runs], runs[0].results.clock.frame_s)

@@ -20,12 +20,12 @@ from planview.output.folder import RunInfo, write_result
 from planview.output.report import plots
 from planview.output.report.snapshots import ERRORS_MAX, read_decision_log, scene_pictures
 from planview.output.report.timelines import people_rows, timelines
-from planview.output.results import RunResults, read_object, read_results
+from planview.output.run_folder import RunFolder, read_object
 
 
-def scores_of(results: RunResults) -> dict[str, Any]:
+def scores_of(results: RunFolder) -> dict[str, Any]:
     """``evaluation.json`` of the folder, else the scores of the frames that were tracked; empty without truth."""
-    written = read_object(results.folder / "evaluation.json")
+    written = read_object(results.path / "evaluation.json")
     truth = results.truth
     # Longer runs are scored on request only (``planview evaluate``), since scoring takes longer than the page (our
     # choice).
@@ -54,7 +54,7 @@ def errors_of(evaluation: dict[str, Any]) -> list[SignificantError]:
 _ERRORS = TypeAdapter(list[SignificantError])
 
 
-_NOT_SHOWN = {"view_m", "world_SE3_left", "name", "at_m", "heads"}
+_NOT_SHOWN = {"view_m", "world_SE3_left", "name", "at_m", "heads", "center_px", "focal_v_px"}
 """Of camera and floor, what is drawn and not listed."""
 _UNITS = {"s": "s", "ms": "ms", "m": "m", "px": "px", "deg": "°", "mps": "m/s"}
 PEOPLE_MAX = 200
@@ -93,11 +93,11 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
         InputError: no tracks.csv, or a file that is not what its name says.
         WorkError: the page cannot be written.
     """
-    results = read_results(folder, truth)
+    results = RunFolder(folder, truth)
     evaluation = scores_of(results) if evaluation is None else evaluation
     info, errors = results.info, errors_of(evaluation)
     ids = np.unique(results.tracks.track_id[results.tracks.state == "confirmed"])
-    logs = read_decision_log(results.folder / "decisions.csv", set(ids[:PEOPLE_MAX].tolist()))
+    logs = read_decision_log(results.path / "decisions.csv", set(ids[:PEOPLE_MAX].tolist()))
     people = people_rows(results.tracks, results.clock, ids[:PEOPLE_MAX])
     page = page_of(
         "planview.output.report",
@@ -131,12 +131,12 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
     return path
 
 
-def run_name(results: RunResults) -> str:
+def run_name(results: RunFolder) -> str:
     """The recording's name, else the folder's."""
-    return Path(results.info.input).name or results.folder.resolve().name
+    return Path(results.info.input).name or results.path.resolve().name
 
 
-def _tiles(results: RunResults, evaluation: dict[str, Any], n_people: int) -> list[Figure]:
+def _tiles(results: RunFolder, evaluation: dict[str, Any], n_people: int) -> list[Figure]:
     info = results.info
     recorded_s = results.clock.span(results.n_frames).duration_s if results.n_frames else 0.0
     tiles = [("people", f"{n_people}"), ("seconds recorded", f"{recorded_s:.1f}")]
@@ -160,7 +160,7 @@ def _tiles(results: RunResults, evaluation: dict[str, Any], n_people: int) -> li
     return tiles
 
 
-def _pictures(results: RunResults) -> list[Picture]:
+def _pictures(results: RunFolder) -> list[Picture]:
     pictures = []
     places = plots.Places.of(results.tracks)
     if len(places.frame):

@@ -13,7 +13,7 @@ from calib.images import encode_image
 from calib.types import F64, I64, Bool
 from planview.drawing.plan import PlanPainter
 from planview.drawing.style import TRUTH, Labels, as_bgr, person_rgb
-from planview.output.results import RunResults
+from planview.output.run_folder import RunFolder
 from planview.trajectories.table import Trajectories
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ class Places(NamedTuple):
         return list(map(slice, [0, *first], [*starts, len(self.frame)]))
 
 
-def floor_plot(tracks: Places, run: RunResults, truth: Places | None = None) -> bytes:
+def floor_plot(tracks: Places, run: RunFolder, truth: Places | None = None) -> bytes:
     """Tracks on the floor with the cameras, what they view, and the rules.
 
     Args:
@@ -182,7 +182,7 @@ def floor_plot(tracks: Places, run: RunResults, truth: Places | None = None) -> 
     return encode_image(picture, ".png")
 
 
-def _painter(run: RunResults) -> PlanPainter:
+def _painter(run: RunFolder) -> PlanPainter:
     bounds = run.bounds()
     shape = (bounds.y_max_m - bounds.y_min_m) / (bounds.x_max_m - bounds.x_min_m)
     size = WIDTH_PX, int(np.clip(WIDTH_PX * shape, *HEIGHTS_PX))
@@ -219,7 +219,7 @@ def heat_map(xy_m: F64, frame_s: float) -> HeatMap:
     return HeatMap(frame_s * np.histogram2d(xy_m[:, 1], xy_m[:, 0], edges[::-1])[0], cell, corner)
 
 
-def heat_plot(xy_m: F64, run: RunResults) -> bytes:
+def heat_plot(xy_m: F64, run: RunFolder) -> bytes:
     """Where people spent their time, smoothed by a cell (arguments of ``heat_map``)."""
     painter, heat = _painter(run), heat_map(xy_m, run.clock.frame_s)
     seconds = cv2.GaussianBlur(heat.seconds, (0, 0), 0.7)

@@ -18,7 +18,7 @@ from planview.drawing.image import ImageCamera, ImagePainter
 from planview.drawing.plan import Snapshot, snapshot_at
 from planview.drawing.style import Labels
 from planview.evaluation.significant import SignificantError
-from planview.output.results import RunResults, source_of
+from planview.output.run_folder import RunFolder
 from planview.output.tables import reading_decisions
 from planview.tracking.base import ScoreTerms
 
@@ -112,19 +112,19 @@ class ScenePictures(NamedTuple):
     why_none: str = ""
 
 
-def scene_pictures(results: RunResults, errors: Sequence[SignificantError]) -> ScenePictures:
+def scene_pictures(results: RunFolder, errors: Sequence[SignificantError]) -> ScenePictures:
     """Pictures from the recording, opened again; a recording that is not there any more gives none."""
     if not len(results.tracks) or not results.has_run:
         return ScenePictures([], [], [])
-    path = source_of(results.info)
-    if not results.info.input or not path.exists():
+    path = results.recording
+    if path is None or not path.exists():
         why = f"No pictures of the scene: {path}: expected the recording of the run, found nothing there."
         return ScenePictures([], [], [], why)
     from planview.output.scene import open_frames
 
     groups = _overview(results), _strips(results, errors), _crossings(results)
     try:
-        frames = open_frames(results.info)
+        frames = open_frames(results)
         pictures = _paint(results, frames, [wanted for group in groups for wanted in group])
     except (InputError, WorkError) as error:
         return ScenePictures([], [], [], f"No pictures of the scene: {error}.")
@@ -133,7 +133,7 @@ def scene_pictures(results: RunResults, errors: Sequence[SignificantError]) -> S
     return ScenePictures(overview, strips, crossings)
 
 
-def busiest_frame(results: RunResults) -> int | None:
+def busiest_frame(results: RunFolder) -> int | None:
     """The frame in the middle of the longest stretch with the most confirmed people; None without people."""
     frames = results.tracks.frame[results.tracks.state == "confirmed"]
     if not len(frames):
@@ -145,7 +145,7 @@ def busiest_frame(results: RunResults) -> int | None:
     return int(longest[len(longest) // 2])
 
 
-def _overview(results: RunResults) -> list[_Wanted]:
+def _overview(results: RunFolder) -> list[_Wanted]:
     busiest = busiest_frame(results)
     if busiest is None:
         return []
@@ -158,7 +158,7 @@ def _overview(results: RunResults) -> list[_Wanted]:
     return sorted(titled, key=lambda w: w.title != "Busiest frame")
 
 
-def _strips(results: RunResults, errors: Sequence[SignificantError]) -> list[_Wanted]:
+def _strips(results: RunFolder, errors: Sequence[SignificantError]) -> list[_Wanted]:
     wanted, last = [], max(0, results.n_frames - 1)
     for error in errors[:ERRORS_MAX]:
         steps = [round(s / results.clock.frame_s) for s in STRIP_S]
@@ -169,7 +169,7 @@ def _strips(results: RunResults, errors: Sequence[SignificantError]) -> list[_Wa
     return wanted
 
 
-def _crossings(results: RunResults) -> list[_Wanted]:
+def _crossings(results: RunFolder) -> list[_Wanted]:
     events = [event for event in results.events if event.kind == "crossing"]
     spread = np.unique(np.linspace(0, len(events) - 1, min(len(events), ERRORS_MAX)).round().astype(int))
     wanted, inward = [], inward_ways(results.rule_counts)
@@ -180,11 +180,11 @@ def _crossings(results: RunResults) -> list[_Wanted]:
     return wanted
 
 
-def _when(results: RunResults, frame: int) -> str:
+def _when(results: RunFolder, frame: int) -> str:
     return f"frame {frame}, {float(results.clock.at(np.array([frame]))[0]):.1f} s"
 
 
-def _paint(results: RunResults, frames: SceneFrames, wanted: Sequence[_Wanted]) -> list[ScenePicture | None]:
+def _paint(results: RunFolder, frames: SceneFrames, wanted: Sequence[_Wanted]) -> list[ScenePicture | None]:
     """Read every frame once, in order; a picture whose frames cannot be read is None."""
     painter = ImagePainter(frames.camera, results.rules, results.bounds())
     tiles: dict[tuple[int, int], U8] = {}

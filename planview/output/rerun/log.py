@@ -37,7 +37,7 @@ from planview.output.rerun.shapes import (
     shown_floor,
     strips_of,
 )
-from planview.output.results import RunResults, read_results
+from planview.output.run_folder import RunFolder
 from planview.trajectories.state import TrackState
 
 
@@ -66,7 +66,7 @@ class SeriesBlocks:
         self._rows, self._frames = {}, 0
 
 
-def log_assessment(stream: rr.RecordingStream, results: RunResults) -> None:
+def log_assessment(stream: rr.RecordingStream, results: RunFolder) -> None:
     """Log the truth of the recording and the errors against it, where there is one.
 
     Raises:
@@ -196,7 +196,7 @@ class RerunLog:
     def close(self) -> None:
         """See ``RunLog``."""
         with suppress(InputError, WorkError):  # tables that cannot be read
-            results = read_results(self._path.parent)
+            results = RunFolder(self._path.parent)
             xy = np.column_stack([results.tracks.x_m, results.tracks.y_m])[results.tracks.state == "confirmed"]
             if np.isfinite(xy).any():
                 bounds = bounds_of(xy)

@@ -23,8 +23,8 @@ from planview.output.replay import difference_text, replay_run
 from planview.output.report.page import write_report
 from planview.output.rerun.log import kept_parts, rarer
 from planview.output.rerun.shapes import LABEL_APART_M, label_places, mosaic, outlines
-from planview.output.results import read_results
 from planview.output.run import RunOptions, run
+from planview.output.run_folder import RunFolder
 from planview.trajectories.state import TrackState
 
 TRACKER = "ellipse-particle"
@@ -47,7 +47,7 @@ def ellipses(street: Path, tmp_path: Path) -> Path:
 
 
 def test_run_repeated_with_its_own_parameters_has_the_same_tracks(ellipses):
-    results = read_results(ellipses)
+    results = RunFolder(ellipses)
     replayed = replay_run(results, load_config(None, (), None), 25)
     assert replayed.source == ellipses.parent / "street"
     assert difference_text(results, replayed, 25)[0] == "tracks are the same up to this frame"
@@ -67,7 +67,7 @@ def test_frame_beyond_the_run_is_refused_and_a_recording_that_is_gone_named(elli
     info = json.loads((ellipses / "run.json").read_text())
     (ellipses / "run.json").write_text(json.dumps({**info, "input": "gone"}))
     with pytest.raises(InputError, match="gone"):
-        replay_run(read_results(ellipses), Config(), 5)
+        replay_run(RunFolder(ellipses), Config(), 5)
 
 
 @pytest.mark.parametrize("damaged", [b"frame\n1\n", b"\xff", b"frame,timestamp_s,id,kind,reason\n,0,1,born,x\n"])

@@ -23,7 +23,7 @@ from planview.output.report.page import changed_settings, errors_of, scores_of, 
 from planview.output.report.plots import heat_map
 from planview.output.report.snapshots import busiest_frame, scene_pictures
 from planview.output.report.timelines import UNHELD, held_by, stretches, timelines
-from planview.output.results import read_results
+from planview.output.run_folder import RunFolder
 from planview.output.scene import open_frames
 from planview.output.tables import DECISION_COLUMNS
 from planview.trajectories.table import Trajectories, positions_table
@@ -200,13 +200,13 @@ def decoded(uri: str) -> U8:
 
 
 def test_pictures_are_of_the_frame_asked_for_and_the_busiest(street):
-    assert busiest_frame(read_results(street)) == 4
-    images = {frame: int(np.median(image)) for frame, image in open_frames(read_results(street).info).at([3, 7, 20])}
+    assert busiest_frame(RunFolder(street)) == 4
+    images = {frame: int(np.median(image)) for frame, image in open_frames(RunFolder(street)).at([3, 7, 20])}
     assert images == {3: 103, 7: 107, 20: 120}
 
 
 def test_scene_is_pictured_from_the_recording_opened_again(street: Path) -> None:
-    results = read_results(street)
+    results = RunFolder(street)
     errors = errors_of(scores_of(results))
     assert [(error.kind, error.frame) for error in errors] == [("lost", 10)]
     pictures = scene_pictures(results, errors)
@@ -219,7 +219,7 @@ def test_scene_is_pictured_from_the_recording_opened_again(street: Path) -> None
 def test_recording_that_is_gone_gives_a_sentence_instead_of_pictures(street: Path) -> None:
     info = json.loads((street / "run.json").read_text())
     (street / "run.json").write_text(json.dumps({**info, "input": "gone"}))
-    pictures = scene_pictures(read_results(street), [])
+    pictures = scene_pictures(RunFolder(street), [])
     assert pictures.overview == []
     assert "gone: expected the recording of the run, found nothing there" in pictures.why_none
 

@@ -1,0 +1,232 @@
+"""A run's folder, opened: its files, its camera, its recording and its tracks, read when they are used."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.ground_camera import GroundCamera
+from calib.io import reason
+from calib.pose import SE3
+from calib.types import F64
+from planview.counting.events import Event, read_events
+from planview.counting.geometry import RulePlane
+from planview.counting.totals import Clock, Span
+from planview.drawing.plan import PlanBounds, Rule, bounds_of, rules_of
+from planview.output.folder import RunInfo, read_run_info
+from planview.trajectories.formats import load_truth
+from planview.trajectories.table import Trajectories, read_tracks
+from stereo.depth import RectifiedGeometry, StereoFloorCamera
+
+
+@dataclass(frozen=True, eq=False)
+class RunFolder:
+    """What a run left in its folder; a part is read, or refused with InputError, when it is first used.
+
+    Args:
+        path: of the folder.
+        truth_path: file of the true people; ``truth.csv`` of the recording where not given.
+        other_tracks: in place of those of tracks.csv.
+    """
+
+    path: Path
+    truth_path: Path | None = None
+    other_tracks: Trajectories | None = None
+
+    @staticmethod
+    def around(path: Path) -> RunFolder | None:
+        """The run of a folder or of a file of its tracks; None for other tracks."""
+        folder = path if path.is_dir() else path.parent
+        named = path.is_dir() or path.name in ("tracks.csv", "tracks_online.csv", "tracks_before.csv")
+        return RunFolder(folder) if named and (folder / "run.json").is_file() else None
+
+    @property
+    def has_run(self) -> bool:
+        """Whether there is a run.json; ``info`` is empty without one."""
+        return (self.path / "run.json").is_file()
+
+    @cached_property
+    def info(self) -> RunInfo:
+        """run.json."""
+        return read_run_info(self.path / "run.json") if self.has_run else RunInfo()
+
+    @cached_property
+    def tracks(self) -> Trajectories:
+        """All rows of tracks.csv."""
+        return read_tracks(self.path / "tracks.csv") if self.other_tracks is None else self.other_tracks
+
+    @cached_property
+    def events(self) -> list[Event]:
+        """Of events.csv; none without it."""
+        file = self.path / "events.csv"
+        return read_events(file) if file.is_file() else []
+
+    @cached_property
+    def counts(self) -> dict[str, Any]:
+        """counts.json, else the counts of run.json."""
+        return read_object(self.path / "counts.json") or dict(self.info.counts)
+
+    @cached_property
+    def recording(self) -> Path | None:
+        """The recording with the images, as far as it is known: of maps.h5 that of the run that wrote it."""
+        info, path = self.info, None
+        # Plan-view recordings are followed so far back to the recording with the images.
+        for _ in range(5):
+            path = _recording_of(info)
+            beside = path.parent / "run.json" if path else None
+            if path is None or beside is None or not (path.is_file() and beside.is_file()):
+                break
+            from planview.maps.recording import is_maps  # brings HDF5
+
+            if not is_maps(path):
+                break
+            info = read_run_info(beside)
+        return path
+
+    @property
+    def tracked(self) -> Path | None:
+        """What the run read: its recording, or maps.h5 of an earlier run."""
+        return _recording_of(self.info)
+
+    @property
+    def truth_file(self) -> Path | None:
+        """The file of the true people; None where there is none."""
+        beside = self.recording / "truth.csv" if self.recording is not None else None
+        return self.truth_path or (beside if beside is not None and beside.is_file() else None)
+
+    @cached_property
+    def truth(self) -> Trajectories | None:
+        """The true people of the frames tracked; None where there is no truth."""
+        if self.truth_file is None:
+            return None
+        people = load_truth(self.truth_file)
+        return people.where(people.frame < self.n_frames)
+
+    @cached_property
+    def ground_camera(self) -> GroundCamera | None:
+        """The camera of a run with one camera; None for others and for one that is not calibrated."""
+        rig, floor = self.info.rig, self.info.floor
+        if rig is None or floor is None or rig.focal_px is None or floor.world_SE3_left is not None:
+            return None
+        tilt, roll = math.radians(floor.tilt_deg), math.radians(floor.roll_deg)
+        try:
+            return GroundCamera(rig.width, rig.height, rig.focal_px, floor.height_m, tilt, rig.lens or "pinhole", roll)
+        except ValueError as error:
+            raise InputError(f"{self.path / 'run.json'}: expected a camera above the floor: {error}") from error
+
+    @cached_property
+    def camera(self) -> GroundCamera | StereoFloorCamera | None:
+        """The camera in whose pixels the boxes are, above the floor; None where run.json does not hold it."""
+        rig, floor = self.info.rig, self.info.floor
+        if rig is None or floor is None or rig.center_px is None or floor.world_SE3_left is None:
+            return self.ground_camera
+        if rig.focal_px is None or rig.focal_v_px is None:
+            return None
+        try:
+            pose = SE3.from_matrix(floor.world_SE3_left)
+        except ValueError as error:
+            raise InputError(f"{self.path / 'run.json'}: expected the pose of the camera: {error}") from error
+        baseline_m = rig.baseline_m or 1.0  # pixels and places on the floor do not depend on it
+        geometry = RectifiedGeometry(
+            rig.width, rig.height, rig.focal_px, rig.focal_v_px, *rig.center_px, baseline_m=baseline_m
+        )
+        return StereoFloorCamera(geometry, pose)
+
+    @property
+    def size_px(self) -> tuple[int, int] | None:
+        """(width, height) of the images; None in files of older versions of runs without a calibration."""
+        rig = self.info.rig
+        return self.info.size_px or (None if rig is None else (rig.width, rig.height))
+
+    @property
+    def rule_plane(self) -> RulePlane:
+        """Where rules of these tracks are applied, as while they were tracked."""
+        return RulePlane(self.camera, self.size_px)
+
+    @cached_property
+    def clock(self) -> Clock:
+        """Frames to times."""
+        return Clock(self.tracks, self.info.fps or 30.0)  # 30 where tracks have no times either
+
+    @property
+    def n_frames(self) -> int:
+        """Frames of the run."""
+        last = int(self.tracks.frame.max()) + 1 if len(self.tracks) else 0
+        return max(last, self.info.frames_read + self.info.frames_skipped)
+
+    @property
+    def span(self) -> Span:
+        """The time that the frames of the run cover."""
+        info = self.info
+        if info.start_s is None or info.end_s is None or not info.fps:
+            return self.clock.span(self.n_frames)
+        return Span(info.start_s, info.end_s, 1 / info.fps)
+
+    @property
+    def on_floor(self) -> bool:
+        """Whether the floor is known: without a camera, people are in pixels alone."""
+        return self.info.floor is not None or bool(np.isfinite(self.tracks.x_m).any())
+
+    @property
+    def rules(self) -> list[Rule]:
+        """Tripwires and zones that can be drawn."""
+        return rules_of(self.rule_counts)
+
+    @property
+    def rule_counts(self) -> dict[str, Any]:
+        """Of every rule by name, its kind, points and totals."""
+        rules = self.counts.get("rules")
+        return rules if isinstance(rules, dict) else {}
+
+    @property
+    def cameras(self) -> list[tuple[tuple[float, float], F64]]:
+        """Place on the floor and outline of the view (N, 2) of every camera [m]."""
+        rig = self.info.rig
+        views = [] if rig is None else rig.heads or [rig]
+        return [(view.at_m, np.array(view.view_m, dtype=np.float64).reshape(-1, 2)) for view in views]
+
+    def bounds(self) -> PlanBounds:
+        """Where people were, the rules, and cameras that are not far from them."""
+        tracks, known = self.tracks, self.tracks.state != "tentative"
+        places = [
+            np.column_stack([tracks.x_m[known], tracks.y_m[known]]),
+            *(rule.points for rule in self.rules if rule.on_floor),
+        ]
+        bounds = bounds_of(*places)
+        size = max(bounds.x_max_m - bounds.x_min_m, bounds.y_max_m - bounds.y_min_m)
+        near = []
+        for (x, y), _ in self.cameras:
+            beyond = max(bounds.x_min_m - x, x - bounds.x_max_m, bounds.y_min_m - y, y - bounds.y_max_m)
+            # Cameras within this share of the size of the floor that people used are shown with it: a camera far from
+            # them would make everything small.
+            near += [np.array([(x, y)])] if beyond <= 0.6 * size else []
+        return bounds_of(*places, *near)
+
+
+def _recording_of(info: RunInfo) -> Path | None:
+    known = Path(info.recording)
+    return known if info.recording and known.exists() else Path(info.input) if info.input else None
+
+
+def read_object(path: Path) -> dict[str, Any]:
+    """A JSON object; an empty one where there is no file.
+
+    Raises:
+        InputError: something else.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: expected JSON, found {reason(error)}") from error
+    if not isinstance(value, dict):
+        raise InputError(f"{path}: expected a JSON object, found {type(value).__name__}")
+    return value
