@@ -103,7 +103,6 @@ __all__ = [
     "Trajectories",
     "TrajectoryCollector",
     "WorkError",
-    "__version__",
     "count_tracks",
     "evaluate",
     "evaluate_tracks",

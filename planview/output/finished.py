@@ -117,8 +117,7 @@ def _held(folder: Path) -> AbstractContextManager[str]:
 
 def _refuse_unreadable(folder: Path) -> None:
     """Refuse, before anything changes, what the page cannot be written from afterwards."""
-    run = RunFolder(folder)
-    tracks, _, _, _ = run.tracks, run.events, run.counts, run.truth
+    tracks = RunFolder(folder).read_all().tracks
     read_decision_log(folder / "decisions.csv", set(tracks.track_id.tolist()))
 
 

@@ -47,6 +47,11 @@ class RunFolder:
         named = path.is_dir() or path.name in ("tracks.csv", "tracks_online.csv", "tracks_before.csv")
         return RunFolder(folder) if named and (folder / "run.json").is_file() else None
 
+    def read_all(self) -> RunFolder:
+        """Itself; raises InputError for any part that cannot be read."""
+        _ = self.info, self.tracks, self.events, self.counts, self.truth
+        return self
+
     @property
     def has_run(self) -> bool:
         """Whether there is a run.json; ``info`` is empty without one."""

@@ -93,7 +93,7 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
         InputError: no tracks.csv, or a file that is not what its name says.
         WorkError: the page cannot be written.
     """
-    results = RunFolder(folder, truth)
+    results = RunFolder(folder, truth).read_all()
     evaluation = scores_of(results) if evaluation is None else evaluation
     info, errors = results.info, errors_of(evaluation)
     ids = np.unique(results.tracks.track_id[results.tracks.state == "confirmed"])

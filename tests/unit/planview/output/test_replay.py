@@ -65,7 +65,7 @@ def test_command_draws_both_and_says_what_differs(ellipses, tmp_path, capsys):
 def test_frame_beyond_the_run_is_refused_and_a_recording_that_is_gone_named(ellipses, refused):
     assert "from 0 to 29" in refused("replay", ellipses, "--frame", 99)
     info = json.loads((ellipses / "run.json").read_text())
-    (ellipses / "run.json").write_text(json.dumps({**info, "input": "gone"}))
+    (ellipses / "run.json").write_text(json.dumps({**info, "input": "gone", "recording": ""}))
     with pytest.raises(InputError, match="gone"):
         replay_run(RunFolder(ellipses), Config(), 5)
 
@@ -115,7 +115,7 @@ def test_still_shows_the_image_beside_the_floor(street, tmp_path):
 
 def test_floor_alone_is_drawn_when_the_recording_is_gone(street, tmp_path, capsys):
     info = json.loads((street / "run.json").read_text())
-    (street / "run.json").write_text(json.dumps({**info, "input": "gone"}))
+    (street / "run.json").write_text(json.dumps({**info, "input": "gone", "recording": ""}))
     render(street, "--frame", "4", "--png", tmp_path / "still.png")
     assert "the floor alone is drawn" in capsys.readouterr().err
     assert cv2.imread(str(tmp_path / "still.png")) is not None
