@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.options import JsonFlag, Progress
+from benchmarks.random_scenes.rooms import random_rigs
 from calib.board.detect import Board, BoardView
 from calib.board.solve import solve_board
 from calib.camera import Camera, LensModel
@@ -32,7 +33,6 @@ from planview.calibration.board import BoardRequest, calibrate_images
 from planview.calibration.paths import record_rig
 from planview.engine.config import Config
 from planview.synthetic.assets import SCENES, real_recordings
-from planview.synthetic.random_scenes.rooms import random_rigs
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import load_scene
 from planview.synthetic.write import write_rigs

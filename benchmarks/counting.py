@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.options import BenchOptions, Progress, Rendering, number, rendered, scene_files
+from benchmarks.random_scenes.rooms import random_conference
 from benchmarks.views import VIEWS, drawn_view, full_truth, rules_of
 from calib.errors import InputError
 from planview.counting.events import Direction, Event
@@ -29,7 +30,6 @@ from planview.engine.engine import Engine
 from planview.engine.open import open_engine
 from planview.output.script import run
 from planview.synthetic.assets import SCENES
-from planview.synthetic.random_scenes.rooms import random_conference
 from planview.synthetic.scene import Scene, load_scene
 from planview.trajectories.formats import read_laboratory
 from planview.trajectories.table import Trajectories, read_truth

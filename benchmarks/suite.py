@@ -19,6 +19,7 @@ from rich.console import Console
 
 from benchmarks.options import ChallengeOptions, Flag, Rendering, rendered
 from benchmarks.passes import PEER, Pass, provenance, run_pass, watched
+from benchmarks.random_scenes.suite import random_scene
 from benchmarks.scores import SceneScore, print_scores, scores_json
 from calib.errors import InputError, WorkError
 from calib.io import parse_toml, read_text, write_whole
@@ -29,7 +30,6 @@ from planview.output.finished import refine_run
 from planview.synthetic.camera import mount_pose, rectified_world, stereo_rig
 from planview.synthetic.motion import TURNS
 from planview.synthetic.people import Cast
-from planview.synthetic.random_scenes.suite import random_scene
 from planview.synthetic.scene import Scene
 from planview.synthetic.texture import Palette
 from planview.trajectories.table import Trajectories, read_tracks, read_truth

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from benchmarks.random_scenes.views import RandomView, random_view
 from calib.errors import InputError
 from calib.io import parse_toml, read_text
 from calib.params import first_problem
 from planview.synthetic.assets import SCENES
-from planview.synthetic.random_scenes.views import RandomView, random_view
 from planview.trajectories.table import Trajectories, read_truth
 
 VIEWS = SCENES / "views"

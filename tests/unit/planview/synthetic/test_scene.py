@@ -12,7 +12,6 @@ from planview.synthetic import assets
 from planview.synthetic._kernels import fractal_noise
 from planview.synthetic.motion import scripted_motion, step_length_m
 from planview.synthetic.people import Body, Cast, Pose, pose_at
-from planview.synthetic.random_scenes.rooms import random_rigs
 from planview.synthetic.render import SceneRenderer, SensorModel
 from planview.synthetic.scene import Furniture, ScenePerson, Sensor, load_scene, parse_scene
 from planview.synthetic.texture import Palette
@@ -200,12 +199,9 @@ def test_heads_record_the_same_person_on_their_own_clocks(scene: Path, tmp_path:
     np.testing.assert_allclose(in_common, np.column_stack([a.x_m, a.y_m])[3:], atol=2e-4)
 
 
-def test_heads_are_drawn_the_same_for_the_same_seed_and_record_what_a_single_rig_does(scene):
+def test_head_of_several_records_what_a_single_rig_does(scene):
     head = load_rig_scenes(scene)[0]
     assert (head.renderer().frame(4).left == SceneRenderer(head.scene).frame(4).left).all()
-    one, again, other = random_rigs(5), random_rigs(5), random_rigs(6)
-    assert [h.mount for h in one] == [h.mount for h in again] and one[0].scene == again[0].scene
-    assert one[0].scene != other[0].scene
 
 
 def test_synth_renders_heads_but_not_two_of_one_name(scene: Path, tmp_path: Path, json_of: JsonOf) -> None:

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.random_scenes import choreography as together
+from benchmarks.random_scenes import things
+from benchmarks.random_scenes.challenge import Challenge, Choreography, Kind, clothes, looks, random_light
+from benchmarks.random_scenes.choreography import Part
+from benchmarks.random_scenes.stage import NoPlaceError, Stage
 from calib.errors import WorkError
 from calib.types import F64
 from planview.synthetic.motion import Obstacles, scripted_motion, wander
-from planview.synthetic.random_scenes import choreography as together
-from planview.synthetic.random_scenes import things
-from planview.synthetic.random_scenes.challenge import Challenge, Choreography, Kind, clothes, looks, random_light
-from planview.synthetic.random_scenes.choreography import Part
-from planview.synthetic.random_scenes.stage import NoPlaceError, Stage
 from planview.synthetic.scene import Scene
 
 ATTEMPTS = 1000
@@ -100,7 +100,7 @@ def random_scene(table: Mapping[str, Any], seed: int, name: str) -> Scene:
     """The scene of a seed; the same table, seed and name give the same scene.
 
     Args:
-        table: a challenge (``planview.synthetic.random_scenes.challenge``) with ranges in it.
+        table: a challenge (``benchmarks.random_scenes.challenge``) with ranges in it.
         seed: any non-negative integer.
         name: of the scene; the same seed draws independently in every scene.
     Raises:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.random_scenes.challenge import Challenge
 from calib.types import F64, Bool
 from planview.synthetic.camera import View, camera_view, mount_pose, stereo_rig
 from planview.synthetic.motion import Obstacles
-from planview.synthetic.random_scenes.challenge import Challenge
 from planview.synthetic.scene import Furniture, Opening, Panel, Rig, Room, Surface
 
 _MOVES = [(i, j, float(np.hypot(i, j))) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.random_scenes.challenge import Choreography
+from benchmarks.random_scenes.stage import NoPlaceError, Stage
 from calib.types import F64
-from planview.synthetic.random_scenes.challenge import Choreography
-from planview.synthetic.random_scenes.stage import NoPlaceError, Stage
 from planview.synthetic.room import furniture_size
 from planview.synthetic.scene import Furniture
 

@@ -12,16 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from benchmarks.random_scenes.challenge import EXPOSURE_DELAY_S, Challenge, Phenomenon, automatic_exposure
+from benchmarks.random_scenes.rooms import random_conference, random_rigs
+from benchmarks.random_scenes.stage import FloorGrid
+from benchmarks.random_scenes.suite import random_scene, resolved
+from benchmarks.random_scenes.views import random_view
 from calib.errors import WorkError
 from planview.synthetic import assets
 from planview.synthetic.assets import SCENES
 from planview.synthetic.camera import ground_camera
 from planview.synthetic.people import Cast
-from planview.synthetic.random_scenes.challenge import EXPOSURE_DELAY_S, Challenge, Phenomenon, automatic_exposure
-from planview.synthetic.random_scenes.rooms import random_conference
-from planview.synthetic.random_scenes.stage import FloorGrid
-from planview.synthetic.random_scenes.suite import random_scene, resolved
-from planview.synthetic.random_scenes.views import random_view
 from planview.synthetic.texture import Palette
 
 FILES = sorted((SCENES / "suite").glob("*.toml"))
@@ -134,7 +134,7 @@ def test_similar_clothes_are_the_same_and_children_are_small():
 
 
 def test_ranges_that_ask_for_too_much_are_refused_in_one_sentence(monkeypatch):
-    monkeypatch.setattr("planview.synthetic.random_scenes.suite.ATTEMPTS", 2)
+    monkeypatch.setattr("benchmarks.random_scenes.suite.ATTEMPTS", 2)
     crowded = {"kind": "meet", "people": 12, "spacing_m": 1.5}
     with pytest.raises(WorkError, match="test, seed 1: no draw of 2 fits into its room"):
         random_scene(table_with(crowded), 1, "test")
@@ -209,3 +209,9 @@ def test_middle_of_a_standing_person_on_the_zone_is_in_the_image() -> None:
     corners = np.array(drawn.zone_m)
     u, v = ground_camera(drawn.scene.camera).project(np.column_stack([corners, np.full(len(corners), 0.8)])).T
     assert ((u >= 0) & (u < 320) & (v >= 0) & (v < 240)).all()
+
+
+def test_rigs_of_a_seed_are_always_the_same_and_of_another_seed_others() -> None:
+    one, again, other = random_rigs(5), random_rigs(5), random_rigs(6)
+    assert [h.mount for h in one] == [h.mount for h in again] and one[0].scene == again[0].scene
+    assert one[0].scene != other[0].scene

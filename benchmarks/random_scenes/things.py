@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from benchmarks.random_scenes.challenge import Choreography
+from benchmarks.random_scenes.choreography import Part, arriving, begin_s, fidget, unit
+from benchmarks.random_scenes.stage import NoPlaceError, Stage
 from calib.types import F64
 from planview.synthetic.people import PUSH_M
-from planview.synthetic.random_scenes.challenge import Choreography
-from planview.synthetic.random_scenes.choreography import Part, arriving, begin_s, fidget, unit
-from planview.synthetic.random_scenes.stage import NoPlaceError, Stage
 from planview.synthetic.scene import Surface
 
 PUT_M = 0.5

@@ -10,10 +10,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from benchmarks.random_scenes.challenge import Challenge, clothes, looks, random_light
 from calib.errors import WorkError
 from calib.types import F64
 from planview.synthetic.camera import ground_camera
-from planview.synthetic.random_scenes.challenge import Challenge, clothes, looks, random_light
 from planview.synthetic.scene import CameraMount, Pair, Scene
 from planview.synthetic.write import RigScene, rigs_of
 

@@ -15,10 +15,10 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
+from benchmarks.random_scenes.challenge import clothes, looks
+from benchmarks.random_scenes.suite import resolved
 from calib.params import Params
 from planview.synthetic.camera import ground_camera
-from planview.synthetic.random_scenes.challenge import clothes, looks
-from planview.synthetic.random_scenes.suite import resolved
 from planview.synthetic.scene import Capture, Pair, Scene
 
 BODY_M, DEPTH_M = 1.7, 0.45
