@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from cyclopts import Group, Parameter
 from rich.console import Console
 
@@ -30,6 +29,7 @@ from planview.output.maps_log import MapsLog
 from planview.output.progress import FrameProgress, PlainConsole, compile_notice, summary
 from planview.output.replay import difference_picture, difference_text, replay_run
 from planview.output.report.page import write_report
+from planview.output.report.snapshots import busiest_frame
 from planview.output.resume import checkpoint_of, remove_checkpoints
 from planview.output.run import RunLog, RunOptions, begin_run, run_identity
 from planview.output.run import run as run_engine
@@ -37,7 +37,6 @@ from planview.output.run_folder import RunFolder
 from planview.output.scene import frames_or_none
 from planview.output.totals import Pace
 from planview.synthetic.assets import DEMO
-from planview.trajectories.table import read_tracks
 from stereo.readers.open import is_multi_rig
 
 INPUT, TRACKING, OUTPUT = (Group(name, sort_key=place) for place, name in enumerate(("Input", "Tracking", "Output")))
@@ -260,10 +259,7 @@ def demo(
         )
     run(DEMO, out=out, options=TrackingOptions(rrd=True, set_=["run.overwrite=true"]))
     evaluate(out / "tracks.csv", DEMO / "truth.csv", options=EvaluateOptions(json_output=json_output))
-    tracks = read_tracks(out / "tracks.csv")
-    frames = tracks.frame[tracks.state == "confirmed"]
-    busiest = int(np.bincount(frames).argmax()) if len(frames) else 0
-    render(out, options=RenderOptions(frame=busiest, png=out / "scene.png"))
+    render(out, options=RenderOptions(frame=busiest_frame(RunFolder(out)) or 0, png=out / "scene.png"))
     PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(
         f"Next: open {out / 'report.html'}: pictures, plots and settings of this run\n"
         f"      planview view {out}: every frame, and why the tracker decided as it did\n"

@@ -17,8 +17,10 @@ from calib.io import read_text
 from planview.commands.options import Flag, JsonFlag, open_options
 from planview.output.finished import edit_run, read_steps, refine_run, undo_edits
 from planview.output.progress import PlainConsole
+from planview.output.run_folder import RunFolder
 from planview.trajectories.file import limited, region_of
 from planview.trajectories.formats import FORMATS, ExportName, load_file, prepared, tracks_file
+from planview.trajectories.table import frame_period_s, people_of
 from planview.trajectories.text_formats import stream_jsonl, write_petrack
 
 _Many = Annotated[Sequence[str], Parameter(negative="")]
@@ -100,14 +102,14 @@ def edit(out: Path, *, options: EditOptions | None = None) -> None:
         "steps": len(result.steps),
         "rows_before": len(result.before),
         "rows": len(result.after),
-        "people_before": len(set(result.before.track_id.tolist())),
-        "people": len(set(result.after.track_id.tolist())),
+        "people_before": result.people_before,
+        "people": result.people,
     }
     if options.json_output:
         print(json.dumps(figures))
         return
     PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(
-        f"{out / 'tracks.csv'}: {figures['people_before']} tracks became {figures['people']}, "
+        f"{out / 'tracks.csv'}: {figures['people_before']} people became {figures['people']}, "
         f"{figures['rows_before']} rows {figures['rows']} ({figures['steps']} calls of edit to undo)"
     )
 
@@ -215,7 +217,9 @@ def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions, console
         write_petrack(out, file, options.unit)
     else:
         FORMATS[to].write(out, file)
-    people = len(set(file.table.track_id.tolist()))
+    run = RunFolder.around(tracks)
+    frame_s = run.frame_s if run is not None else 1 / file.fps if file.fps else frame_period_s(found.table, 1 / 30)
+    people = len(people_of(found.table, frame_s))
     rate = f", {file.fps:g} frames per second" if file.fps else ""
     console.print(f"{out}: {len(file.table)} rows of {people} people{rate}")
 

@@ -16,6 +16,7 @@ from calib.params import Location, Params, dotted, first_problem
 from calib.types import F64
 from planview.counting.events import Direction
 from planview.counting.geometry import PlaneName, RulePlane, crossing_edges
+from planview.trajectories.table import PERSON_S
 
 Point = tuple[float, float]
 
@@ -30,9 +31,9 @@ class AnalyticsParams(Params):
     """How deep inside or outside a zone a person must be observed to enter or leave it [m]. Our choice: a little more
     than the position noise of a tracker. Smaller than for a line: a crossing counted wrongly stays counted, occupancy
     is right again with the next step, and a person walking along the outline is inside all the same."""
-    min_age_s: float = Field(0.5, ge=0, le=60)
-    """Younger tracks count nothing yet; what they did counts once they are older [s]. Our choice: flickers of
-    foreground are shorter, people crossing the view are observed for longer."""
+    min_age_s: float = Field(PERSON_S, ge=0, le=60)
+    """Who has been confirmed for less counts nothing yet; what they did before counts once they have [s]. By default
+    what makes a track a person everywhere (``people_of``)."""
     stitch_s: float = Field(2.0, ge=0, le=60)
     """A track that begins within this time of another one's end, where that one was heading, is the same person [s].
     Our choice: trackers re-attach by themselves over longer times (Harville 2002: 4 s), so this only bridges what they

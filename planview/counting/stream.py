@@ -48,15 +48,13 @@ class CountedPerson:
 
     Attributes:
         track_id: the last id.
-        start_s: time of the first sighting [s].
-        confirmed: whether any of the ids was confirmed.
+        confirmed_s: time at which one of the ids was first confirmed [s]; None before.
         present_s: time of the last row, predictions included [s].
         trail: the last sightings, newest last.
     """
 
     track_id: int
-    start_s: float
-    confirmed: bool = False
+    confirmed_s: float | None = None
     present_s: float = 0.0
     trail: deque[Sighting] = field(default_factory=deque)
 
@@ -108,10 +106,11 @@ class CountedPeople:
             if person is None:
                 person = self._stitched(timestamp_s, row, present)
             if person is None or person in present:
-                person = CountedPerson(row.track_id, timestamp_s)
+                person = CountedPerson(row.track_id)
             of_id[row.track_id] = person
             person.track_id, person.present_s = row.track_id, timestamp_s
-            person.confirmed |= row.confirmed
+            if row.confirmed and person.confirmed_s is None:
+                person.confirmed_s = timestamp_s
             person.observe(Sighting(timestamp_s, row.x_m, row.y_m))
             present[person] = PresentPerson(person, row)
         for row in rows:
@@ -221,8 +220,8 @@ class Analytics:
                         memory.events.append(Event(first, moment, rule.name, kind, person.track_id, way))
                     if state.stay is not None and before is None:
                         memory.stays.append((rule.name, state.stay))
-            if person.confirmed and (memory.events or memory.stays):
-                events += self._release(person, memory, timestamp_s)
+            if person.confirmed_s is not None and (memory.events or memory.stays):
+                events += self._release(person, memory, timestamp_s - person.confirmed_s)
             for rule, state in zip(self._rules, memory.states, strict=True):
                 if state.stay is not None and state.stay.counted:
                     self._inside[rule.name] += 1
@@ -230,10 +229,9 @@ class Analytics:
             self._memory.pop(person, None)
         return tuple(sorted(events, key=lambda e: e.timestamp_s))
 
-    def _release(self, person: CountedPerson, memory: _Memory, timestamp_s: float) -> list[Event]:
+    def _release(self, person: CountedPerson, memory: _Memory, age_s: float) -> list[Event]:
         """Events of a confirmed person old enough for their rules; stays become counted at the same time."""
-        age = timestamp_s - person.start_s
-        ready = {rule.name for rule in self._rules if age >= rule.min_age_s}
+        ready = {rule.name for rule in self._rules if age_s >= rule.min_age_s}
         for name, stay in memory.stays:
             if name in ready:
                 stay.counted = True

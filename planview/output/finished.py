@@ -20,7 +20,7 @@ from planview.output.folder import RunInfo, finished_run, folder_lock, write_res
 from planview.output.report.page import write_report
 from planview.output.report.snapshots import read_decision_log
 from planview.output.run_folder import RunFolder
-from planview.trajectories.table import Trajectories, read_tracks, write_table
+from planview.trajectories.table import Trajectories, people_of, read_tracks, write_table
 
 EDITS = "edits.json"
 TRACKS_BEFORE = "tracks_before.csv"
@@ -43,11 +43,13 @@ class _EditsFile(BaseModel):
 
 
 class EditedRun(NamedTuple):
-    """The tracks before and after, and the steps that lie between ``tracks_before.csv`` and now."""
+    """The tracks and the number of people before and after, and the steps since ``tracks_before.csv``."""
 
     before: Trajectories
     after: Trajectories
     steps: list[EditStep]
+    people_before: int
+    people: int
 
 
 def edit_run(folder: Path, lines: Sequence[str]) -> EditedRun:
@@ -124,7 +126,8 @@ def _refuse_unreadable(folder: Path) -> None:
 def _rewrite(folder: Path, steps: list[EditStep]) -> EditedRun:
     tracks, kept = folder / "tracks.csv", folder / TRACKS_BEFORE
     source = kept if kept.is_file() else tracks
-    original, before = read_tracks(source), read_tracks(tracks)
+    original, run = read_tracks(source), RunFolder(folder)
+    before = run.tracks
     after = edited(original, [line for step in steps for line in step.edits])
     if source is tracks:
         write_result(kept, tracks.read_text(encoding="utf-8"))
@@ -137,8 +140,10 @@ def _rewrite(folder: Path, steps: list[EditStep]) -> EditedRun:
         write_result(tracks, kept.read_text(encoding="utf-8"))
         for name in (EDITS, TRACKS_BEFORE):
             (folder / name).unlink()
+    people = len(people_of(after, run.frame_s))
+    write_run_info(run.info.model_copy(update={"people": people}), folder / "run.json")
     write_report(folder)
-    return EditedRun(before, after, steps)
+    return EditedRun(before, after, steps, len(run.people), people)
 
 
 def refine_run(folder: Path) -> tuple[Refined, RunInfo]:
@@ -172,7 +177,8 @@ def refine_run(folder: Path) -> tuple[Refined, RunInfo]:
     if source is tracks:
         write_result(online, tracks.read_text(encoding="utf-8"))
     (folder / "report.html").unlink(missing_ok=True)
-    info = info.model_copy(update={"refined": True})
+    people = people_of(refined.tracks, RunFolder(folder).frame_s)
+    info = info.model_copy(update={"refined": True, "people": len(people)})
     write_run_info(info, folder / "run.json")
     write_result(folder / "refinement.csv", changes_csv(refined.changes))
     text = io.StringIO()

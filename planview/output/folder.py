@@ -105,7 +105,7 @@ class RunInfo(InfoPart):
     pace: PaceInfo | None = None
     """Frames dropped and latency of a run in real time; None of others."""
     people: int = 0
-    """Ids that were ever confirmed."""
+    """Ids that were confirmed for at least half a second in all."""
     remark: str = ""
     """What a reader of the results should know, in one sentence: why there are none."""
     warnings: list[RunWarning] = Field(default_factory=list)

@@ -110,7 +110,7 @@ class SceneComposer:
         picture = np.hstack(panels)
         header: U8 = np.full((HEADER_PX, picture.shape[1], 3), _BACK, dtype=np.uint8)
         time_s = float(self._results.clock.at(np.array([frame]))[0])
-        people = sum(person.state == "confirmed" for person in snapshot.people)
+        people = np.count_nonzero(self._results.tracks.frame[self._results.of_people] == frame)
         text = f"frame {frame}   {time_s:.2f} s   {people} {'person' if people == 1 else 'people'}"
         if image is not None and not self._with_plan:  # which has room for what rules count
             text = "   ".join([text, *self._tally.lines(frame)])

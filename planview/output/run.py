@@ -37,6 +37,7 @@ from planview.output.resume import (
 )
 from planview.output.tables import FilePosition, RunTables
 from planview.output.totals import Pace, RunChecks, RunTotals
+from planview.trajectories.table import is_person
 
 
 class RunLog(Protocol):
@@ -311,7 +312,7 @@ class _Run:
                 "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:1000]],
                 "stages_ms": {stage: float(np.median(list(times))) for stage, times in totals.stages.items()},
                 "pace": self._options.pace and self._options.pace.info(),
-                "people": len(totals.people),
+                "people": int(is_person(np.array(list(totals.people.values()), dtype=np.int64), frame_s).sum()),
                 "remark": totals.remark(),
                 "warnings": self._checks.warnings(),
                 "counts": counts.to_json() if counts is not None else {},

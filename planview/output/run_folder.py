@@ -15,14 +15,14 @@ from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.io import reason
 from calib.pose import SE3
-from calib.types import F64
+from calib.types import F64, I64, Bool
 from planview.counting.events import Event, read_events
 from planview.counting.geometry import RulePlane
 from planview.counting.totals import Clock, Span
 from planview.drawing.plan import PlanBounds, Rule, bounds_of, rules_of
 from planview.output.folder import RunInfo, read_run_info
 from planview.trajectories.formats import load_truth
-from planview.trajectories.table import Trajectories, read_tracks
+from planview.trajectories.table import Trajectories, people_of, read_tracks
 from stereo.depth import RectifiedGeometry, StereoFloorCamera
 
 
@@ -165,6 +165,21 @@ class RunFolder:
         """Frames of the run."""
         last = int(self.tracks.frame.max()) + 1 if len(self.tracks) else 0
         return max(last, self.info.frames_read + self.info.frames_skipped)
+
+    @property
+    def frame_s(self) -> float:
+        """Time from frame to frame [s]."""
+        return 1 / self.info.fps if self.info.fps else self.clock.frame_s
+
+    @cached_property
+    def people(self) -> I64:
+        """Ids of the people, ascending (``people_of``)."""
+        return people_of(self.tracks, self.frame_s)
+
+    @cached_property
+    def of_people(self) -> Bool:
+        """(N,) whether a row of ``tracks`` is a confirmed one of a person."""
+        return np.asarray((self.tracks.state == "confirmed") & np.isin(self.tracks.track_id, self.people))
 
     @property
     def span(self) -> Span:

@@ -34,7 +34,7 @@ class RunTotals:
     Attributes:
         frames: read and tracked; last_frame: index of the last one, -1 before the first.
         tracks: rows.
-        people: ids that were ever confirmed.
+        people: in how many frames each id was confirmed.
         elapsed_s: time of the run up to its last checkpoint [s].
         jump: the last jump of the clock, in words.
         places: where people without metres were last looked at, by id: time [s], column and row [px].
@@ -44,7 +44,7 @@ class RunTotals:
     frames: int = 0
     last_frame: int = -1
     tracks: int = 0
-    people: set[int] = field(default_factory=set)
+    people: dict[int, int] = field(default_factory=dict)
     stages: dict[str, deque[float]] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
     first_s: float = 0.0
@@ -64,7 +64,9 @@ class RunTotals:
         self.frames += 1
         self.last_frame, self.last_s = result.frame, result.timestamp_s
         self.tracks += len(result.tracks)
-        self.people |= {track.track_id for track in result.tracks if track.state == "confirmed"}
+        for track in result.tracks:
+            if track.state == "confirmed":
+                self.people[track.track_id] = self.people.get(track.track_id, 0) + 1
         for stage, duration in result.stages_ms.items():
             self.stages.setdefault(stage, last_times()).append(duration)
         for track in result.tracks:

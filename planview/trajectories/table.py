@@ -34,6 +34,9 @@ TRACK_COLUMNS = (
 NUMBER_COLUMNS = tuple(name for name in TRACK_COLUMNS if name != "state")
 TRUTH_COLUMNS = ("frame", "id", "x_m", "y_m", "height_m")
 STATES = ("tentative", "confirmed", "lost")
+PERSON_S = 0.5
+"""A track is a person once it is confirmed for so long in all [s]. Our choice: flickers of foreground are shorter,
+people who cross the view are observed for longer."""
 IGNORED = -1.0
 """``visible`` of a truth row that never counts: a distractor of a benchmark."""
 
@@ -424,3 +427,18 @@ def frame_period_s(table: Trajectories, fallback_s: float) -> float:
         return fallback_s
     period = float(np.median(np.diff(times) / np.diff(frames)))
     return period if period > 0 else float((times[-1] - times[0]) / (frames[-1] - frames[0]))
+
+
+def is_person(confirmed_frames: I64, frame_s: float) -> Bool:
+    """(N,) whether tracks confirmed in so many frames are people."""
+    return np.asarray(confirmed_frames * frame_s >= PERSON_S - 1e-9)
+
+
+def people_of(tracks: Trajectories, frame_s: float) -> I64:
+    """(P,) ids of the people, ascending: those of tracks that are confirmed for at least PERSON_S in all.
+
+    Args:
+        frame_s: time from frame to frame [s].
+    """
+    ids, frames = np.unique(tracks.track_id[tracks.state == "confirmed"], return_counts=True)
+    return np.asarray(ids[is_person(frames, frame_s)])

@@ -96,7 +96,7 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
     results = RunFolder(folder, truth).read_all()
     evaluation = scores_of(results) if evaluation is None else evaluation
     info, errors = results.info, errors_of(evaluation)
-    ids = np.unique(results.tracks.track_id[results.tracks.state == "confirmed"])
+    ids = results.people
     logs = read_decision_log(results.path / "decisions.csv", set(ids[:PEOPLE_MAX].tolist()))
     people = people_rows(results.tracks, results.clock, ids[:PEOPLE_MAX])
     page = page_of(

@@ -134,8 +134,8 @@ def scene_pictures(results: RunFolder, errors: Sequence[SignificantError]) -> Sc
 
 
 def busiest_frame(results: RunFolder) -> int | None:
-    """The frame in the middle of the longest stretch with the most confirmed people; None without people."""
-    frames = results.tracks.frame[results.tracks.state == "confirmed"]
+    """The frame in the middle of the longest stretch with the most people; None without people."""
+    frames = results.tracks.frame[results.of_people]
     if not len(frames):
         return None
     found, counts = np.unique(frames, return_counts=True)
@@ -150,7 +150,7 @@ def _overview(results: RunFolder) -> list[_Wanted]:
     if busiest is None:
         return []
     wanted = [_Wanted("Busiest frame", "", (busiest,))]
-    peopled = np.unique(results.tracks.frame[results.tracks.state == "confirmed"])
+    peopled = np.unique(results.tracks.frame[results.of_people])
     for share in (np.arange(SPREAD) + 1) / (SPREAD + 1):
         frame = int(peopled[int(share * len(peopled))])
         wanted.append(_Wanted("", "", (frame,)))

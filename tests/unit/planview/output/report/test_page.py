@@ -200,7 +200,7 @@ def decoded(uri: str) -> U8:
 
 
 def test_pictures_are_of_the_frame_asked_for_and_the_busiest(street):
-    assert busiest_frame(RunFolder(street)) == 4
+    assert busiest_frame(RunFolder(street)) == 5, "the middle of who is there for a second; a flicker is nobody"
     images = {frame: int(np.median(image)) for frame, image in open_frames(RunFolder(street)).at([3, 7, 20])}
     assert images == {3: 103, 7: 107, 20: 120}
 
