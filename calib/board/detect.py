@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -12,9 +11,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from calib.errors import InputError
 from calib.images import as_grey
-from calib.io import parse_length
 from calib.types import F64, I64, U8
 
 MIN_SQUARE_M, MAX_SQUARE_M = 0.002, 0.5
@@ -23,7 +20,6 @@ MIN_CORNERS, MAX_CORNERS = 3, 60
 """Inner corners along a side."""
 MARKER_SHARES = (0.75, 0.7, 0.8, 0.6, 0.5)
 """Usual sides of a ChArUco marker as shares of its square, the most usual first."""
-_BARE_NUMBER = re.compile(r"\s*\d+([.,]\d*)?\s*")
 
 
 @dataclass(frozen=True)
@@ -69,58 +65,6 @@ class Board:
         """For messages."""
         kind = f"ChArUco ({self.dictionary})" if self.dictionary else "chessboard"
         return f"{kind} of {self.cols}x{self.rows} inner corners, {1000 * self.square_m:g} mm squares"
-
-
-def parse_square(text: str) -> float:
-    """Side of a square [m]. Raises InputError: a bare number, which could be millimetres as well as metres, or what is
-    no length at all."""
-    if _BARE_NUMBER.fullmatch(text):
-        raise InputError(
-            f"--square: expected the side of a square with its unit, found {text!r} without one: "
-            f"type --square {text.strip()}mm if these are millimetres"
-        )
-    return parse_length(text, "--square")
-
-
-def parse_board(text: str | None, square_m: float, marker: str | None, dictionary: str | None) -> Board | None:
-    """A board from what the user typed.
-
-    Args:
-        text: ``9x6`` (inner corners), ``charuco:8x6`` (squares), or None to find a chessboard's counts in the images.
-        square_m: side of a square [m].
-        marker: side of a ChArUco marker with its unit, None to try usual ones.
-        dictionary: e.g. ``DICT_4X4_50``; None to try all.
-    Returns:
-        The board; None when the counts are to be found. A ChArUco board with an empty dictionary or marker size 0 is
-        completed by ``complete_charuco``.
-    Raises:
-        InputError: text that describes no board.
-    """
-    if not MIN_SQUARE_M <= square_m <= MAX_SQUARE_M:
-        raise InputError(
-            f"--square: expected the side of one square, {1000 * MIN_SQUARE_M:g} mm to {100 * MAX_SQUARE_M:g} cm, "
-            f"found {1000 * square_m:g} mm"
-        )
-    if text is None:
-        if marker or dictionary:
-            raise InputError("--marker, --dictionary: expected --board charuco:COLSxROWS with them, found no --board")
-        return None
-    match = re.fullmatch(r"\s*(charuco)?[\s:]*(\d{1,3})\s*[xX×]\s*(\d{1,3})\s*", text)
-    if match is None:
-        raise InputError(f"--board: expected 9x6 (inner corners) or charuco:8x6 (squares), found {text!r}")
-    cols, rows = int(match[2]), int(match[3])
-    try:
-        if not match[1]:
-            return Board(cols, rows, square_m)
-        marker_m = parse_length(marker, "--marker") if marker else MARKER_SHARES[0] * square_m
-        names = dictionaries()
-        chosen = dictionary or next(iter(names))
-        chosen = chosen if chosen.startswith("DICT_") else f"DICT_{chosen}"
-        if chosen not in names:
-            raise InputError(f"--dictionary: expected one of {', '.join(names)}, found {dictionary!r}")
-        return Board(cols - 1, rows - 1, square_m, chosen, marker_m)
-    except ValueError as error:
-        raise InputError(f"--board: {error}") from error
 
 
 def dictionaries() -> dict[str, int]:

@@ -30,19 +30,11 @@ from calib.types import F64, Bool
 FOLDS = 5
 
 LENSES: tuple[Lens, ...] = (
-    Lens("no distortion", "brown", 4, frozenset()),
-    Lens("brown (k1 k2)", "brown", 4, frozenset({"k1", "k2"})),
-    Lens("brown (k1 k2 k3)", "brown", 5, frozenset({"k1", "k2", "k3"})),
     Lens("brown (k1 k2 p1 p2)", "brown", 4, frozenset({"k1", "k2", "p1", "p2"})),
-    Lens("brown (k1 k2 k3 p1 p2)", "brown", 5, frozenset({"k1", "k2", "k3", "p1", "p2"})),
     Lens("fisheye (k1-k4)", "fisheye", 4, frozenset({"k1", "k2", "k3", "k4"})),
-    Lens("rational (k1-k6)", "rational", 8, frozenset({"k1", "k2", "k3", "k4", "k5", "k6"})),
     Lens("rational (k1-k6 p1 p2)", "rational", 8, frozenset({"k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"})),
 )
-"""Simplest first. Tangential coefficients trade off against the principal point, so that they cost accuracy where
-the lens has none."""
-BASES: tuple[Lens, ...] = (LENSES[1], LENSES[5], LENSES[6])
-"""Lenses to start from, one of each model."""
+"""Simplest first, one of each model."""
 
 
 @dataclass(frozen=True)
@@ -118,9 +110,8 @@ def _fits(views: Sequence[BoardView], points: F64, size: tuple[int, int], lenses
 def best_base(
     views: Sequence[BoardView], points: F64, size: tuple[int, int], lenses: Sequence[Lens]
 ) -> tuple[Lens, RigFit]:
-    """The lens of ``BASES`` that fits best, to find outliers with; the simplest one within 5 % of the best. Raises
-    FitError: none fits."""
-    fits = _fits(views, points, size, [lens for lens in BASES if lens in lenses])
+    """The simplest lens that fits within 5 % of the best, to find outliers with. Raises FitError: none fits."""
+    fits = _fits(views, points, size, lenses)
     # A model with more freedom always fits a little better.
     limit = 1.05 * min(fit.rms_px for fit in fits.values())
     return next((lens, fit) for lens, fit in fits.items() if fit.rms_px <= limit)
@@ -251,7 +242,7 @@ def solve_board(
         views: corners per pair.
         board: the board they belong to.
         size: (width, height) of all images [px].
-        model: lens model; None chooses among all; which coefficients it gets is judged by views left out of the fit.
+        model: lens model; None chooses by the error of views left out of the fit.
         rejected: pairs that were refused before, to be named with those refused here.
         source: for messages and the rig.
     Raises:
@@ -357,6 +348,6 @@ def _checked_rig(fit: RigFit, std: dict[str, float], size: tuple[int, int], sour
     if not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:
         raise InputError(
             f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, found {rig.baseline_m:g} m: "
-            "is --square right?"
+            "is the size of a square right?"
         )
     return rig.check(source)

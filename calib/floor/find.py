@@ -341,27 +341,3 @@ def _normal(tilt: float, roll: float) -> F64:
     return np.array(
         [math.sin(roll), -math.sin(tilt) * math.cos(roll), -math.cos(tilt) * math.cos(roll)],
     )
-
-
-def parse_points(texts: Sequence[str]) -> tuple[F64, bool]:
-    """Points as typed: ``u,v`` in pixels of the rectified left image or ``x,y,z`` in metres.
-
-    Returns:
-        (N, 2) or (N, 3) float64, and whether they are pixels.
-    Raises:
-        InputError: not numbers, or of both kinds.
-    """
-    rows = []
-    for text in texts:
-        try:
-            row = [float(part) for part in text.replace(";", ",").split(",")]
-        except ValueError:
-            raise InputError(f"--points: expected u,v in pixels or x,y,z in metres, found {text!r}") from None
-        if len(row) not in (2, 3) or not all(math.isfinite(v) for v in row):
-            raise InputError(f"--points: expected u,v in pixels or x,y,z in metres, found {text!r}")
-        rows.append(row)
-    if len({len(row) for row in rows}) != 1:
-        raise InputError("--points: expected all points in pixels or all in metres, found both")
-    if len(rows) < 3:
-        raise InputError(f"--points: expected three or more, found {len(rows)}")
-    return np.array(rows), len(rows[0]) == 2

@@ -362,5 +362,5 @@ def check_inside(heads: Sequence[Path], folder: Path) -> None:
 def _inside(head: Path, folder: Path) -> str:
     relative = os.path.relpath(head.resolve(), folder.resolve())
     if relative.startswith("..") or relative == ".":
-        raise InputError(f"--out: expected rigs.toml in a folder above all heads, found {folder} for {head}")
+        raise InputError(f"expected rigs.toml in a folder above all heads, found {folder} for {head}")
     return relative

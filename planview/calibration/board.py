@@ -236,14 +236,14 @@ def _board(images: BoardImages, request: BoardRequest) -> Board:
         counts = find_counts(sample) or find_counts(_sample(images, 20))
         if counts is None:
             raise InputError(
-                f"{images.path}: expected images of a chessboard, found none in {len(sample)} of them "
-                "(give --board COLSxROWS inner corners, or --board charuco:COLSxROWS squares)"
+                f"{images.path}: expected images of a chessboard, found none in {len(sample)} of them: "
+                "say what board it is"
             )
         return Board(*counts, request.square_m)
     counts = larger_counts(sample, (request.board.cols, request.board.rows))
     if counts is not None:
         raise InputError(
-            f"{images.path}: expected a board of {request.board.cols}x{request.board.rows} inner corners (--board), "
+            f"{images.path}: expected a board of {request.board.cols}x{request.board.rows} inner corners, "
             f"found one of {counts[0]}x{counts[1]}"
         )
     return request.board

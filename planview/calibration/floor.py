@@ -68,10 +68,10 @@ class FloorDepths:
         for u, v in np.asarray(pixels, dtype=np.float64):
             row, col = round(v), round(u)
             if not (0 <= row < height and 0 <= col < width):
-                raise InputError(f"--points: expected pixels inside {width}x{height}, found ({u:g}, {v:g})")
+                raise InputError(f"expected pixels inside {width}x{height}, found ({u:g}, {v:g})")
             patch = background[max(0, row - 4) : row + 5, max(0, col - 4) : col + 5]
             if not np.isfinite(patch).any():
-                raise InputError(f"--points: expected pixels with depth, found none around ({u:g}, {v:g})")
+                raise InputError(f"expected pixels with depth, found none around ({u:g}, {v:g})")
             points.append(self.geometry.rays((u, v)) * float(np.nanmedian(patch)))
         return np.array(points)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import socket
 import sys
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from cyclopts import Parameter
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from calib.board.detect import parse_board, parse_square
+from calib.board.detect import MARKER_SHARES, MAX_SQUARE_M, MIN_SQUARE_M, Board, dictionaries
 from calib.board.solve import BoardCalibration
 from calib.errors import InputError, WorkError
 from calib.formats import calibration_files, load_rig, write_rig
@@ -141,6 +142,58 @@ class BoardOptions:
     model: Literal["auto", "brown", "rational", "fisheye"] = "auto"
     """Lens model; auto judges them on views left out of the fit."""
     json_: JsonFlag = False
+
+
+def parse_square(text: str) -> float:
+    """Side of a square [m]. Raises InputError: a bare number, which could be millimetres as well as metres, or what is
+    no length at all."""
+    if re.fullmatch(r"\s*\d+([.,]\d*)?\s*", text):
+        raise InputError(
+            f"--square: expected the side of a square with its unit, found {text!r} without one: "
+            f"type --square {text.strip()}mm if these are millimetres"
+        )
+    return parse_length(text, "--square")
+
+
+def parse_board(text: str | None, square_m: float, marker: str | None, dictionary: str | None) -> Board | None:
+    """A board from what the user typed.
+
+    Args:
+        text: ``9x6`` (inner corners), ``charuco:8x6`` (squares), or None to find a chessboard's counts in the images.
+        square_m: side of a square [m].
+        marker: side of a ChArUco marker with its unit, None to try usual ones.
+        dictionary: e.g. ``DICT_4X4_50``; None to try all.
+    Returns:
+        The board; None when the counts are to be found. A ChArUco board with an empty dictionary or marker size 0 is
+        completed by ``complete_charuco``.
+    Raises:
+        InputError: text that describes no board.
+    """
+    if not MIN_SQUARE_M <= square_m <= MAX_SQUARE_M:
+        raise InputError(
+            f"--square: expected the side of one square, {1000 * MIN_SQUARE_M:g} mm to {100 * MAX_SQUARE_M:g} cm, "
+            f"found {1000 * square_m:g} mm"
+        )
+    if text is None:
+        if marker or dictionary:
+            raise InputError("--marker, --dictionary: expected --board charuco:COLSxROWS with them, found no --board")
+        return None
+    match = re.fullmatch(r"\s*(charuco)?[\s:]*(\d{1,3})\s*[xX×]\s*(\d{1,3})\s*", text)
+    if match is None:
+        raise InputError(f"--board: expected 9x6 (inner corners) or charuco:8x6 (squares), found {text!r}")
+    cols, rows = int(match[2]), int(match[3])
+    try:
+        if not match[1]:
+            return Board(cols, rows, square_m)
+        marker_m = parse_length(marker, "--marker") if marker else MARKER_SHARES[0] * square_m
+        names = dictionaries()
+        chosen = dictionary or next(iter(names))
+        chosen = chosen if chosen.startswith("DICT_") else f"DICT_{chosen}"
+        if chosen not in names:
+            raise InputError(f"--dictionary: expected one of {', '.join(names)}, found {dictionary!r}")
+        return Board(cols - 1, rows - 1, square_m, chosen, marker_m)
+    except ValueError as error:
+        raise InputError(f"--board: {error}") from error
 
 
 def calibrate_board(images: Path, /, *, square: str, options: BoardOptions | None = None) -> None:

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from calib.errors import InputError
-from calib.floor.find import floor_from_points, parse_points
+from calib.floor.find import floor_from_points
 from calib.ground_camera import LENS_K_320, save_ground_camera
 from calib.images import as_colour, write_image
 from calib.io import parse_size, reason
@@ -25,7 +25,7 @@ from calib.people.model import KnownValues
 from calib.people.samples import HumanSample, check_samples, read_image_size, read_samples, write_samples
 from calib.pose import SE3
 from calib.rig import Floor
-from calib.types import U8
+from calib.types import F64, U8
 from calib.world import load_world, save_world
 from planview.calibration.floor import AXIS, GRID, FloorDepths, draw_grid, floor_from_tracks, view_floor
 from planview.calibration.people import COMPUTED, collect_samples, crowd, draw_person, draw_samples, floor_around
@@ -66,6 +66,30 @@ class FloorOptions:
     config: Path | None = None
     """TOML file with the parameters of a run: analysis.setup_frames and tables rectify, sgbm, range, floor."""
     json_output: JsonFlag = False
+
+
+def parse_points(texts: Sequence[str]) -> tuple[F64, bool]:
+    """Points as typed: ``u,v`` in pixels of the rectified left image or ``x,y,z`` in metres.
+
+    Returns:
+        (N, 2) or (N, 3) float64, and whether they are pixels.
+    Raises:
+        InputError: not numbers, or of both kinds.
+    """
+    rows = []
+    for text in texts:
+        try:
+            row = [float(part) for part in text.replace(";", ",").split(",")]
+        except ValueError:
+            raise InputError(f"--points: expected u,v in pixels or x,y,z in metres, found {text!r}") from None
+        if len(row) not in (2, 3) or not all(math.isfinite(v) for v in row):
+            raise InputError(f"--points: expected u,v in pixels or x,y,z in metres, found {text!r}")
+        rows.append(row)
+    if len({len(row) for row in rows}) != 1:
+        raise InputError("--points: expected all points in pixels or all in metres, found both")
+    if len(rows) < 3:
+        raise InputError(f"--points: expected three or more, found {len(rows)}")
+    return np.array(rows), len(rows[0]) == 2
 
 
 def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> None:

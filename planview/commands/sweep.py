@@ -12,10 +12,11 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from calib.errors import InputError, WorkError, printable
+from calib.io import parse_toml
 from planview.commands.options import JsonFlag
 from planview.output.progress import PlainConsole
 from planview.sweep.results import why_no_intervals
-from planview.sweep.study import FIGURES, RecordingEntry, Study, load_study, varied
+from planview.sweep.study import FIGURES, RecordingEntry, Space, Study, load_study
 from planview.sweep.sweep import StudyResults, run_study
 from planview.sweep.work import ClusterPool, ProcessPool
 
@@ -65,6 +66,8 @@ def sweep(
     options = options or SweepOptions()
     study, names, out = _study(sources, options)
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
+    if options.jobs < 1:
+        raise InputError(f"--jobs: expected at least 1, found {options.jobs}")
     here = ProcessPool(options.jobs) if options.cluster is None else None
     results = run_study(study, names, out, lambda: here or ClusterPool(options.cluster or ""), console)
     if options.json_output:
@@ -105,6 +108,35 @@ def _study(sources: Sequence[Path], options: SweepOptions) -> tuple[Study, list[
     ]
     config = study.config and study.config.absolute()
     return study.model_copy(update={"recordings": entries, "config": config}), names, out.absolute()
+
+
+def varied(options: Sequence[str]) -> tuple[dict[str, Space], list[int]]:
+    """``--vary`` options: values per parameter, and the seeds where the parameter is ``seed``.
+
+    Raises:
+        InputError: another text than ``table.key=value,value``, or a value that is there twice.
+    """
+    parameters: dict[str, Space] = {}
+    for text in options:
+        name, equals, values = text.partition("=")
+        listed = [_value(value) for value in values.split(",")]
+        if not equals or not values:
+            raise InputError(f"--vary: expected table.key=value,value, found {text!r}")
+        if len(set(map(repr, listed))) < len(listed) or name in parameters:
+            raise InputError(f"--vary: expected different settings for every run, found one twice in {text!r}")
+        parameters[name.strip()] = listed
+    seeds = parameters.pop("seed", [0])
+    assert isinstance(seeds, list)
+    if not all(isinstance(seed, int) and seed >= 0 for seed in seeds):
+        raise InputError(f"--vary: expected whole numbers from 0 for seed, found {seeds}")
+    return parameters, seeds
+
+
+def _value(text: str) -> Any:
+    try:
+        return parse_toml(f"value = {text}")["value"]
+    except ValueError:
+        return text.strip()
 
 
 def print_ranking(results: StudyResults, out: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from calib.errors import InputError
-from calib.io import load_toml, parse_toml
+from calib.io import load_toml
 from calib.params import Params, first_problem
 from planview.engine.open import TrackerName
 from planview.evaluation.result import Evaluation
@@ -247,35 +247,6 @@ def load_study(path: Path) -> Study:
         raise InputError(f"{path}: {first_problem(error)}") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-
-
-def varied(options: Sequence[str]) -> tuple[dict[str, Space], list[int]]:
-    """``--vary`` options: values per parameter, and the seeds where the parameter is ``seed``.
-
-    Raises:
-        InputError: another text than ``table.key=value,value``, or a value that is there twice.
-    """
-    parameters: dict[str, Space] = {}
-    for text in options:
-        name, equals, values = text.partition("=")
-        listed = [_value(value) for value in values.split(",")]
-        if not equals or not values:
-            raise InputError(f"--vary: expected table.key=value,value, found {text!r}")
-        if len(set(map(repr, listed))) < len(listed) or name in parameters:
-            raise InputError(f"--vary: expected different settings for every run, found one twice in {text!r}")
-        parameters[name.strip()] = listed
-    seeds = parameters.pop("seed", [0])
-    assert isinstance(seeds, list)
-    if not all(isinstance(seed, int) and seed >= 0 for seed in seeds):
-        raise InputError(f"--vary: expected whole numbers from 0 for seed, found {seeds}")
-    return parameters, seeds
-
-
-def _value(text: str) -> Any:
-    try:
-        return parse_toml(f"value = {text}")["value"]
-    except ValueError:
-        return text.strip()
 
 
 def _entry(item: Any, folder: Path) -> list[dict[str, Any]]:

@@ -43,9 +43,6 @@ class ProcessPool:
     """Processes of this machine (joblib's loky: fresh ones, since forked ones would share OpenCV's threads)."""
 
     def __init__(self, processes: int) -> None:
-        """Start nothing yet. Raises InputError: fewer than one process."""
-        if processes < 1:
-            raise InputError(f"--jobs: expected at least 1, found {processes}")
         self.at_once = processes
         self._executor: Any = None
 
@@ -83,14 +80,14 @@ class ClusterPool:
         try:
             from distributed import Client
         except ImportError as error:
-            raise InputError("--cluster: expected the package distributed; install planview[cluster]") from error
+            raise InputError("expected the package distributed; install planview[cluster]") from error
         try:
             self._client = Client(address, timeout=CONNECT_S)
             self._client.wait_for_workers(1, timeout=WORKERS_S)
         except TimeoutError as error:
-            raise InputError(f"--cluster: expected a worker at {address}, found none in {WORKERS_S:.0f} s") from error
+            raise InputError(f"expected a worker at {address}, found none in {WORKERS_S:.0f} s") from error
         except (OSError, ValueError) as error:
-            raise InputError(f"--cluster: expected a Dask scheduler at {address}, found none ({error})") from error
+            raise InputError(f"expected a Dask scheduler at {address}, found none ({error})") from error
         self._executor = self._client.get_executor(pure=False)
         self._with_workers_s = time.monotonic()
         self.at_once = PER_THREAD

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from calib.errors import InputError, WorkError
-from calib.floor.find import PeopleSeen, find_floor, floor_from_people, floor_from_points, parse_points
+from calib.floor.find import PeopleSeen, find_floor, floor_from_people, floor_from_points
 from calib.pose import SE3
 from calib.rig import Floor, world_from_plane
 from calib.types import F32, F64
@@ -175,12 +175,6 @@ def test_floor_from_three_points_is_their_plane() -> None:
 def test_floor_from_points_refuses_what_is_no_floor(points: list[list[float]], message: str) -> None:
     with pytest.raises(InputError, match=message):
         floor_from_points(points)
-
-
-def test_points_are_pixels_or_metres_but_not_both() -> None:
-    assert parse_points(["1,2", "3,4", "5,6"])[1] and not parse_points(["1,2,3", "3,4,5", "5,6,7"])[1]
-    with pytest.raises(InputError, match="found both"):
-        parse_points(["1,2", "3,4,5", "5,6"])
 
 
 def test_floor_from_people_refines_a_rough_guess_by_feet_and_heads() -> None:
