@@ -55,8 +55,8 @@ class EvaluateOptions:
     """Lay the tracks over the truth first by a rotation and a shift of the floor (another world frame)."""
     frames: str | None = None
     """First and last frame to score, e.g. 0:399."""
-    fps: float = 30.0
-    """Frame rate where the tracks have no timestamps."""
+    fps: float | None = None
+    """Frame rate where the tracks have no timestamps. [default: that of the run, else 30]"""
     benchmark: Flag = False
     """Also flux, density, position, trajectory and continuity, a number each (after arXiv 2108.11719)."""
     json_output: JsonFlag = False
@@ -93,7 +93,7 @@ def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOption
         match_on="boxes" if options.boxes else "floor",
         min_visible=options.min_visible,
         align=options.align,
-        fps=options.fps,
+        fps=options.fps or (run.info.fps if (run := RunFolder.around(tracks)) is not None else None) or 30.0,
     )
     span = None if options.frames is None else frame_span(options.frames)
     pairs = file_pairs(tracks, truth)
@@ -153,17 +153,23 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
             )
     if told := unfinished_beside(pair.tracks):
         console.print(told)
-    last = int(found.frame.max()) if len(found) else -1
-    beyond = int((true.frame > last).sum())
+    run = RunFolder.around(pair.tracks)
+    if run is not None:  # the frames that it read are scored, as its report does
+        run = RunFolder(run.path, pair.truth, found)
+        end, what = run.n_frames - 1, "are left out: the run ended there"
+    else:
+        end = int(found.frame.max(initial=-1))
+        what = f"count as misses; --frames 0:{max(end, 0)} leaves them out"
+    beyond = int((true.frame > end).sum())
     if span is None and beyond:
-        console.print(
-            f"{beyond} truth rows lie after the last track (frame {last}) and count as misses; "
-            f"--frames 0:{max(last, 0)} leaves them out"
-        )
+        console.print(f"{beyond} truth rows lie after the last {'frame' if run else 'track'} (frame {end}) and {what}")
     try:
-        return evaluate_tracks(found, true, params, span)
+        result = evaluate_tracks(found, true, params, span) if run is None else run.evaluated(params, span)
     except InputError as error:
         raise InputError(f"{pair.tracks} and {pair.truth}: {error}") from error
+    if result.uncovered:
+        console.print(f"{pair.truth}: {result.uncovered}")
+    return result
 
 
 def _refined(tracks: Path) -> bool | None:
@@ -192,8 +198,9 @@ def print_evaluation(result: Evaluation, console: Console, title: str, *, listed
         table.add_row(name, _figure(values[name]))
     console.print(table)
     console.print(
-        "switches count every change of a person's id, flickers between people in contact included; "
-        "strict_identity_changes those that last, of two people who take each other's ids twice",
+        "switches: every change of a person's id, including brief ones between people in contact; "
+        "strict_identity_changes: those that last, two for two people who take each other's ids, and ids that pass to "
+        "another person",
         highlight=False, soft_wrap=True,
     )  # fmt: skip
     table = Table("group", "truth rows", "matched [%]", "position error [m]", "deviation [m]")

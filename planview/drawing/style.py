@@ -18,7 +18,8 @@ GREY: Rgb = (150, 150, 150)
 """Of tentative people."""
 TRUTH: Rgb = (20, 20, 20)
 ERRORS: dict[str, Rgb] = {
-    "lost": (214, 39, 40), "missed": (255, 127, 14), "swapped": (148, 103, 189), "false_track": (23, 140, 160),
+    "lost": (214, 39, 40), "missed": (255, 127, 14), "swapped": (148, 103, 189), "transferred": (227, 119, 194),
+    "false_track": (23, 140, 160),
 }  # fmt: skip
 """Of the significant errors."""
 TRIPWIRE: Rgb = (176, 0, 32)

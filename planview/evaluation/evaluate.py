@@ -126,6 +126,8 @@ def evaluate_tracks(
         events=len(grouped_events(significant, EVENT_S / frame_s)),
         strict_identity_changes=strict_identity_changes(persons, frame_s),
         duration_s=n_frames * frame_s,
+        track_frames=len(np.unique(claimed.frame)),
+        covered_frames=len(np.intersect1d(claimed.frame, people.frame)),
         alignment=alignment,
     )
 

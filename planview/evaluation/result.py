@@ -85,7 +85,7 @@ def breakdown_json(rows: TruthRows) -> dict[str, list[dict[str, Any]]]:
     return {key: [scores(*group) for group in groups] for key, groups in members.items()}
 
 
-KINDS: tuple[ErrorKind, ...] = ("lost", "missed", "swapped", "false_track")
+KINDS: tuple[ErrorKind, ...] = ("lost", "missed", "swapped", "transferred", "false_track")
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +103,7 @@ class Evaluation:
         events: number of moments that they come from (``grouped_events``).
         strict_identity_changes: every persistent change of an identity, also after coming back.
         duration_s: time scored [s].
+        track_frames, covered_frames: frames with confirmed tracks, and those of them in which the truth has rows.
         alignment: the motion applied, if asked for.
     """
 
@@ -115,7 +116,19 @@ class Evaluation:
     events: int
     strict_identity_changes: int
     duration_s: float
+    track_frames: int
+    covered_frames: int
     alignment: FloorAlignment | None
+
+    @property
+    def uncovered(self) -> str:
+        """A sentence where the truth has no rows in most frames with tracks; empty elsewhere."""
+        if 2 * self.covered_frames >= self.track_frames:
+            return ""
+        return (
+            f"the truth covers {self.covered_frames} of {self.track_frames} frames with tracks: in the others "
+            "every track counts as false"
+        )
 
     @property
     def truth_rows(self) -> int:
@@ -174,6 +187,8 @@ class Evaluation:
             "track_rows": self.track_rows,
             "matches": len(self.clear.matches),
             "duration_s": self.duration_s,
+            "track_frames": self.track_frames,
+            "covered_frames": self.covered_frames,
             **breakdown_json(self.rows),
             "alignment": _alignment_json(self.alignment),
         }
@@ -195,6 +210,8 @@ def pooled(parts: Items[Evaluation]) -> Evaluation:
         events=sum(part.events for part in parts),
         strict_identity_changes=sum(part.strict_identity_changes for part in parts),
         duration_s=sum(part.duration_s for part in parts),
+        track_frames=sum(part.track_frames for part in parts),
+        covered_frames=sum(part.covered_frames for part in parts),
         alignment=None,
     )
 

@@ -1,4 +1,5 @@
-"""The four significant errors of Harville 2002, section 5: lost, missed, swapped, tracking a non-person.
+"""The four significant errors of Harville 2002, section 5 (lost, missed, swapped, tracking a non-person), and a fifth:
+an id that passes to another person.
 
 The paper names them without numbers. The durations here are our choice, argued at each parameter; all are on frames in
 which the person counts (visible enough), so that being hidden is no loss. ``grouped_events`` and ``poisson_upper`` say
@@ -16,7 +17,7 @@ import numpy as np
 
 from calib.types import I64, Bool
 
-ErrorKind = Literal["lost", "missed", "swapped", "false_track"]
+ErrorKind = Literal["lost", "missed", "swapped", "transferred", "false_track"]
 UNMATCHED = -1
 PREDICTED = -2
 """Values of ``PersonHistory.track_id`` beside real ids."""
@@ -122,6 +123,7 @@ def significant_errors(
     visits = [visit for person in people for visit in split_visits(person, frame_s)]
     errors = [error for visit in visits for error in _visit_errors(visit, frame_s)]
     errors += _identity_errors(visits, frame_s)
+    errors += _transfers(visits, frame_s)
     false = [error for track in tracks for error in _stray_errors(track, frame_s)]
     known = {error.track_id for error in false}
     false += [e for p in predictions if p.track_id not in known for e in _prediction_errors(p, frame_s)]
@@ -170,9 +172,11 @@ def strict_identity_changes(people: list[PersonHistory], frame_s: float) -> int:
     """Every change of a person's identity over the whole recording, however long the person was away.
 
     Stricter than the paper's count: a new id after ``GONE_S`` counts, and an exchange counts for both people.
-    Identities held for less than ``PERSIST_S`` are left out; CLEAR's switches count these.
+    A person whose first id was another person's before counts, too. Identities held for less than ``PERSIST_S`` are
+    left out; CLEAR's switches count these.
     """
-    return sum(max(0, len(_persistent(person, PERSIST_S / frame_s)) - 1) for person in people)
+    changes = sum(max(0, len(_persistent(person, PERSIST_S / frame_s)) - 1) for person in people)
+    return changes + sum(1 for _ in _transfers(people, frame_s))
 
 
 def _visit_errors(visit: PersonHistory, frame_s: float) -> Iterator[SignificantError]:
@@ -250,6 +254,20 @@ def _identity_errors(visits: list[PersonHistory], frame_s: float) -> Iterator[Si
             reported.append(change)
             note = f"took over track {change.new} of person {', '.join(map(str, sorted(owners)))}"
             yield SignificantError("swapped", change.frame, change.truth_id, change.new, None, note)
+
+
+def _transfers(visits: Sequence[PersonHistory], frame_s: float) -> Iterator[SignificantError]:
+    """Visits that begin with a track which only others held before: to whoever uses the id they are one person."""
+    stretches = [(visit, held) for visit in visits for held in _persistent(visit, PERSIST_S / frame_s)]
+    holders: dict[int, list[int]] = {}
+    begun: set[int] = set()
+    for visit, (track, start, _) in sorted(stretches, key=lambda s: int(s[0].frame[s[1][1]])):
+        before = holders.setdefault(track, [])
+        if before and visit.truth_id not in before and id(visit) not in begun:  # later in a visit it is a swap
+            note = f"began with track {track} of person {before[-1]}"
+            yield SignificantError("transferred", int(visit.frame[start]), visit.truth_id, track, None, note)
+        before.append(visit.truth_id)
+        begun.add(id(visit))
 
 
 def _persistent(visit: PersonHistory, min_frames: float) -> list[tuple[int, int, int]]:

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,10 @@ from planview.output.folder import RunInfo, read_run_info
 from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, people_of, read_tracks
 from stereo.depth import RectifiedGeometry, StereoFloorCamera
+
+if TYPE_CHECKING:
+    from planview.evaluation.evaluate import EvaluationParams
+    from planview.evaluation.result import Evaluation
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +169,24 @@ class RunFolder:
         """Frames of the run."""
         last = int(self.tracks.frame.max()) + 1 if len(self.tracks) else 0
         return max(last, self.info.frames_read + self.info.frames_skipped)
+
+    def evaluated(self, params: EvaluationParams | None = None, frames: tuple[int, int] | None = None) -> Evaluation:
+        """The scores of the tracks against the truth.
+
+        Args:
+            params: what counts as a match; the defaults, at the rate of the run, when None.
+            frames: first and last frame to score; all frames of the run when None.
+        Raises:
+            InputError: no truth, or rows without what the matching needs.
+            WorkError: alignment was asked for and is not possible.
+        """
+        from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks  # brings scipy
+
+        if self.truth is None:
+            where = (self.recording or Path()) / "truth.csv"
+            raise InputError(f"{where}: expected the truth of the run's recording, found none")
+        params = params or EvaluationParams(fps=self.info.fps or 30.0)
+        return evaluate_tracks(self.tracks, self.truth, params, frames or (0, max(0, self.n_frames - 1)))
 
     @property
     def frame_s(self) -> float:

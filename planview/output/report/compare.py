@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from pydantic import JsonValue
 
 from planview.drawing.style import page_of
+from planview.evaluation.result import KINDS
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import write_result
 from planview.output.report import plots
@@ -128,7 +129,7 @@ def _scores(runs: Sequence[_ComparedRun]) -> list[Line]:
         return []
     rows = [_line(words_of(n), [run.scores.get(n) for run in runs], max) for n in _HIGHER]
     rows += [_line(words_of(n), [run.scores.get(n) for run in runs], min) for n in _LOWER]
-    for kind in ("total", "lost", "missed", "swapped", "false_track"):
+    for kind in ("total", *KINDS):
         values = [(run.scores.get("significant_errors") or {}).get(kind) for run in runs]
         rows.append(_line(f"significant errors, {words_of(kind)}", values, min))
     return rows

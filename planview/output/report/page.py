@@ -31,10 +31,8 @@ def scores_of(results: RunFolder) -> dict[str, Any]:
     # choice).
     if written or truth is None or not results.has_run or len(results.tracks) + len(truth) > 60_000:
         return written
-    from planview.evaluation.evaluate import evaluate_tracks  # brings scipy
-
     try:
-        return evaluate_tracks(results.tracks, truth, None, (0, max(0, results.n_frames - 1))).to_json()
+        return results.evaluated().to_json()
     except (InputError, WorkError):
         return {}  # truth in another world, or without positions: the page does without
 

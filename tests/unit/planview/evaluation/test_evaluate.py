@@ -12,6 +12,10 @@ from calib.errors import InputError
 from planview.cli import main
 from planview.evaluation.benchmark import benchmark
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
+from planview.evaluation.result import KINDS
+from planview.output.folder import RunInfo, write_run_info
+from planview.output.report.page import scores_of
+from planview.output.run_folder import RunFolder
 from planview.trajectories.formats import load_truth
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import Trajectories, TrajectoryCollector, concatenated, positions_table
@@ -38,7 +42,7 @@ def test_evaluation_measures_position_and_height_of_matches():
     assert result["motp_m"] == result["position_error_mean_m"] == pytest.approx(0.1)
     assert result["position_error_std_m"] == pytest.approx(0.0, abs=1e-9)
     assert result["height_error_mean_m"] == pytest.approx(0.05)
-    assert result["significant_errors"] == {"total": 0, "lost": 0, "missed": 0, "swapped": 0, "false_track": 0}
+    assert result["significant_errors"] == dict.fromkeys(("total", *KINDS), 0)
 
 
 def test_rates_are_over_the_time_scored():
@@ -186,8 +190,24 @@ def test_evaluate_prints_one_json_object_with_the_agreed_keys(files, capsys):
     out, err = capsys.readouterr()
     result = json.loads(out)
     assert all(key in result for key in KEYS)
-    assert set(result["significant_errors"]) == {"total", "lost", "missed", "swapped", "false_track"}
+    assert set(result["significant_errors"]) == {"total", "lost", "missed", "swapped", "transferred", "false_track"}
     assert result["misses"] == 30 and "30 truth rows lie after the last track" in " ".join(err.split())
+
+
+def test_evaluate_scores_the_frames_of_the_run_as_its_report_does(files, capsys):
+    folder = files[0].parent
+    info = RunInfo(input=str(folder), finished=True, frames_read=75, fps=30.0)
+    write_run_info(info, folder / "run.json")
+    assert run(str(folder), "--json") == 0
+    result, told = json.loads(capsys.readouterr().out), scores_of(RunFolder(folder))
+    assert result["duration_s"] == pytest.approx(2.5, abs=0.01) and result["misses"] == 15
+    assert {key: result[key] for key in told} == told
+
+
+def test_truth_without_rows_in_most_frames_is_told(files, capsys):
+    write(files[1], "frame,id,x_m,y_m,height_m,visible", [f"{t},4,0.0,{0.03 * t:.2f},1.7,1" for t in range(20)])
+    assert run(str(files[0]), str(files[1])) == 0
+    assert "the truth covers 20 of 60 frames with tracks" in " ".join(capsys.readouterr().err.split())
 
 
 def test_truth_of_other_frames_is_refused_naming_both_files(files, refused):

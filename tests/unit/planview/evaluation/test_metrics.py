@@ -276,8 +276,15 @@ AWAY = np.concatenate([np.arange(30), 60 + np.arange(30)])
         ([PersonHistory(1, AWAY, np.repeat([5, 6], 30))], ("lost", 60, 1, 5)),
         ([person(1, (5, 30), (6, 30)), person(2, (6, 31), (5, 29))], ("swapped", 30, 1, 6)),
         ([person(1, (5, 30)), person(2, (6, 30), (5, 30))], ("swapped", 30, 2, 5)),
+        ([person(1, (5, 30)), person(2, (5, 30), start=35)], ("transferred", 35, 2, 5)),
     ],
-    ids=["alone for more than a second", "back with a new id", "exchanged", "took over another's track"],
+    ids=[
+        "alone for more than a second",
+        "back with a new id",
+        "exchanged",
+        "took over another's track",
+        "an id passes on",
+    ],
 )
 def test_error_has_its_frame_person_and_track(people, expected):
     (error,) = found(people)
@@ -308,6 +315,14 @@ def test_strict_count_takes_a_new_id_after_coming_back_and_both_sides_of_a_swap(
     swap = [person(1, (5, 30), (6, 30)), person(2, (6, 31), (5, 29))]
     flicker = person(1, (5, 30), (6, 4), (5, 30))
     assert [strict_identity_changes(p, FRAME_S) for p in ([back], swap, [flicker])] == [1, 2, 0]
+
+
+def test_id_that_passes_on_counts_once_and_not_when_its_person_comes_back() -> None:
+    passed = [person(1, (5, 30)), person(2, (5, 30), start=35)]
+    assert strict_identity_changes(passed, FRAME_S) == 1
+    back = person(1, (5, 30), start=100)
+    person_1 = PersonHistory(1, np.concatenate([passed[0].frame, back.frame]), np.full(60, 5))
+    assert kinds([person_1, person(2, (UNMATCHED, 10), start=35)]) == []
 
 
 def test_track_on_no_person_for_a_second_is_false_once_and_for_less_no_error():
