@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 import cv2
@@ -79,15 +79,21 @@ class VideoFile:
             capture.release()
 
     def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
-        """Only these frames, ascending; near ones are reached by reading on, since a seek decodes from a key frame."""
+        """Only these frames, ascending; near ones are reached by reading on, since a seek decodes from a key frame.
+
+        Some files (MPEG-1, uneven times) are read in order throughout: a seek lands on another frame there.
+        """
         capture = _open(self._path)
         position = 0
         try:
             for index in indices:
-                if index - position > 250:  # the usual distance of key frames
-                    if not capture.set(cv2.CAP_PROP_POS_FRAMES, index):
-                        return
-                    position = index
+                if index - position > 250 and self._seeks:  # the usual distance of key frames
+                    there = _open(self._path)
+                    if self._sought(there, index):
+                        capture.release()
+                        capture, position = there, index
+                    else:
+                        there.release()
                 while position < index and capture.grab():
                     position += 1
                 found, image = capture.read() if position == index else (False, None)
@@ -97,6 +103,28 @@ class VideoFile:
                 yield Decoded(index, self._time(capture, index), self._as_stored(image))
         finally:
             capture.release()
+
+    @cached_property
+    def _seeks(self) -> bool:
+        """Whether a seek gives the image and time that reading in order gives, at a frame near the beginning."""
+        ordered, sought = _open(self._path), _open(self._path)
+        try:
+            for _ in range(100):
+                ordered.grab()
+            (found, image), at = ordered.read(), ordered.get(cv2.CAP_PROP_POS_MSEC)
+            sought.set(cv2.CAP_PROP_POS_FRAMES, 100)
+            (again, other), then = sought.read(), sought.get(cv2.CAP_PROP_POS_MSEC)
+            return bool(found and again and at == then and np.array_equal(image, other))
+        finally:
+            ordered.release()
+            sought.release()
+
+    def _sought(self, capture: cv2.VideoCapture, index: int) -> bool:
+        """Seek so that the frame is read next; whether that succeeded, as far as the time of the one before tells."""
+        if not capture.set(cv2.CAP_PROP_POS_FRAMES, index - 1) or not capture.grab():
+            return False
+        late_s = self._time(capture, index - 1) - (index - 1) / self.fps
+        return abs(late_s) < 0.5 / self.fps
 
     def _time(self, capture: cv2.VideoCapture, index: int) -> float:
         seconds = (float(capture.get(cv2.CAP_PROP_POS_MSEC)) - self._start_ms) / 1000.0

@@ -175,11 +175,11 @@ def test_command_compares_variants_with_the_engine_as_configured(recording, tmp_
 
 def test_table_has_every_figure_with_its_interval_and_the_papers_count(capsys):
     some = Interval(0.104, 0.087, 0.116)
-    errors = {"total": 9, "lost": 5, "missed": 0, "swapped": 4, "false_track": 0}
+    errors = {"total": 9, "lost": 5, "missed": 0, "swapped": 4, "transferred": 0, "false_track": 0}
     rows = [AblationRow(v, errors, *[some] * 6) for v in (CONFIGURED, LADDER[1])]
     print_ablation(rows, Console(width=TABLE_WIDTH))
     text = capsys.readouterr().out
-    assert "5, 0, 4, 0" in text and "[8.7, 11.6]" in text and "17" in text
+    assert "5, 0, 4, 0, 0" in text and "[8.7, 11.6]" in text and "17" in text
     assert "height only: the paper's tracker without occupancy" in text and "…" not in text
 
 
