@@ -8,7 +8,7 @@ import shutil
 import time
 import traceback
 import uuid
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -35,8 +35,6 @@ WORKERS_S = 60.0
 """A cluster may be without workers for so long [s]."""
 PER_THREAD = 3
 """Jobs handed over per thread of a cluster: enough to keep it busy, and the scheduler's memory small."""
-DEATHS_MAX = 3
-"""A job during which the process died so often is given up."""
 
 
 class ProcessPool:
@@ -141,37 +139,42 @@ def guarded(function: Callable[..., Any], argument: object) -> tuple[Any, str]:
 
 
 def run_tasks(function: Callable[..., Any], arguments: Mapping[str, object], pool: Pool) -> Iterator[Done]:
-    """Call a function with each of the arguments, by key; each comes once, in the order in which they end."""
-    ready, running = deque(arguments), dict[Future[Any], str]()
-    deaths: Counter[str] = Counter()
-    while ready or running:
-        while ready and len(running) < pool.at_once:
+    """Call a function with each of the arguments, by key; each comes once, in the order in which they end.
+
+    When a process dies, the tasks that were running go on one at a time: the one that kills its process again fails.
+    """
+    ready, suspects, alone = deque(arguments), deque[str](), set[str]()
+    running = dict[Future[Any], str]()
+    while ready or suspects or running:
+        queue, at_once = (suspects, 1) if suspects else (ready, pool.at_once)
+        while queue and len(running) < at_once:
             try:
-                running[pool.submit(guarded, function, arguments[ready[0]])] = ready[0]
-                ready.popleft()
+                running[pool.submit(guarded, function, arguments[queue[0]])] = queue[0]
             except BrokenProcessPool:
                 if running:
                     break
                 pool.restart()
+                continue
+            key = queue.popleft()
+            if queue is suspects:
+                alone.add(key)
         ended, _ = wait(running, timeout=5.0, return_when=FIRST_COMPLETED)
         try:
             pool.check()
         except WorkError as error:
-            yield from (Done(key, error=str(error)) for key in (*running.values(), *ready))
+            yield from (Done(key, error=str(error)) for key in (*running.values(), *suspects, *ready))
             return
         for future in ended:
             key = running.pop(future)
             try:
                 value, text = future.result()
             except BrokenProcessPool:
-                # Killed, of this task or of another that ran beside it: try again, but not for ever.
-                deaths[key] += 1
                 if not running:
                     pool.restart()
-                if deaths[key] < DEATHS_MAX:
-                    ready.append(key)
+                if key not in alone:
+                    suspects.append(key)
                     continue
-                value, text = None, f"its process was killed {DEATHS_MAX} times"
+                value, text = None, "its process was killed"
             except (Exception, CancelledError) as failure:
                 value, text = None, f"the worker was lost ({type(failure).__name__})"
             yield Done(key, value, text)

@@ -20,7 +20,7 @@ from planview.output.resume import code_version, content_key
 from planview.sweep.jobs import files_beside
 from planview.sweep.results import JobResult, estimate, ranked, summary_csv, why_no_intervals
 from planview.sweep.study import Configuration, Range, grid, load_study, random_draws
-from planview.sweep.work import DEATHS_MAX, ClusterPool, ProcessPool, run_tasks
+from planview.sweep.work import ClusterPool, ProcessPool, run_tasks
 
 
 @pytest.fixture
@@ -293,11 +293,30 @@ def test_task_that_fails_stops_no_other_and_is_told_in_one_sentence() -> None:
     assert list(run_tasks(double, {}, InlinePool())) == []
 
 
-@pytest.mark.parametrize("deaths", [DEATHS_MAX - 1, 100])
-def test_task_whose_process_died_is_tried_again_and_given_up_in_the_end(deaths):
-    ended = {d.key: d.error for d in run_tasks(double, by_key((4, 5, 6)), DyingPool(deadly=5, deaths=deaths))}
-    assert (ended["4"], ended["6"]) == ("", "")
-    assert "killed" in ended["5"] if deaths == 100 else ended["5"] == ""
+def test_task_whose_process_died_once_is_tried_again() -> None:
+    ended = {d.key: d.error for d in run_tasks(double, by_key((4, 5, 6)), DyingPool(deadly=5, deaths=1))}
+    assert ended == {"4": "", "5": "", "6": ""}
+
+
+def test_task_that_kills_its_process_alone_is_given_up_and_reported_once() -> None:
+    pool = DyingPool(deadly=5, deaths=100)
+    ended = [(d.key, d.error) for d in run_tasks(double, by_key((4, 5, 6)), pool)]
+    assert sorted(ended) == [("4", ""), ("5", "its process was killed"), ("6", "")]
+    assert pool.deaths == 100 - 2
+
+
+def test_real_process_that_is_killed_again_and_again_takes_no_other_task_with_it() -> None:
+    def deadly(argument: object) -> object:
+        if argument == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return argument
+
+    pool = ProcessPool(2)
+    try:
+        ended = sorted((d.key, d.error) for d in run_tasks(deadly, by_key(range(4)), pool))
+    finally:
+        pool.close()
+    assert ended == [("0", ""), ("1", ""), ("2", "its process was killed"), ("3", "")]
 
 
 def test_all_that_is_left_fails_when_the_cluster_is_lost() -> None:
