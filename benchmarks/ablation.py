@@ -79,7 +79,7 @@ LADDER = (
     Variant("feedback off", ("feedback.enabled=false",), "people are not learned as background"),
     Variant("colour only foreground", ("foreground.depth=false",), "depth tells shadows and like colours apart"),
     Variant("refinement on", (), "online tracks; refined ones know the future", way="refined"),
-    Variant("naive engine", (), "everything after disparity: MOG2, blobs, Hungarian method, Kalman filter", way="peer"),
+    Variant("naive engine", (), "everything after disparity: MOG2, peaks, Hungarian method, Kalman filter", way="peer"),
 )  # fmt: skip
 """The paper's tracker and its halves, parts of the engine switched off alone, refinement, and the naive engine."""
 

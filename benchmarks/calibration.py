@@ -11,9 +11,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
-from benchmarks.options import JsonFlag, Progress
+from benchmarks.options import JsonFlag, Progress, show
 from benchmarks.random_scenes.rooms import random_rigs
 from calib.board.detect import Board, BoardView
 from calib.board.solve import solve_board
@@ -381,8 +380,5 @@ def show_rows(rows: Sequence[Row], json_output: bool) -> None:
         ]
         print(json.dumps({"ok": all(row.ok for row in rows), "rows": listed}))
         return
-    table = Table("measured", "value", "limit", "")
-    for row in rows:
-        limit = f"{row.limit:g} {row.unit}" if math.isfinite(row.limit) else ""
-        table.add_row(row.name, f"{row.value:.4g} {row.unit}", limit, "ok" if row.ok else "no")
-    Console().print(table)
+    show([{"measured": row.name, "value": row.value, "limit": row.limit if math.isfinite(row.limit) else None,
+           "unit": row.unit, "": "ok" if row.ok else "no"} for row in rows], Console())  # fmt: skip

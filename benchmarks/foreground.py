@@ -11,11 +11,9 @@ from typing import Annotated, Any
 import cv2
 import numpy as np
 from cyclopts import Parameter
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
-from benchmarks.options import BenchOptions, Progress, Rendering, rendered, scene_files
+from benchmarks.options import BenchOptions, Progress, Rendering, rendered, scene_files, show
 from benchmarks.views import VIEWS, drawn_view
 from calib.errors import InputError
 from calib.types import I32, I64, Bool
@@ -133,15 +131,12 @@ def foreground(*, options: ForegroundOptions | None = None) -> None:
     if o.json_output:
         print(json.dumps([asdict(score) for score in scores], indent=2))
         return
-    methods = list(dict.fromkeys(score.method for score in scores))
-    shown = Table("condition", *methods, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    methods, console, rows = dict.fromkeys(score.method for score in scores), Console(markup=False), []
     for condition in CONDITIONS:
-        texts = []
+        rows.append({"condition": condition})
         for method in methods:
             mine = [(s.wrong, s.missed, s.false) for s in scores if s.condition == condition and s.method == method]
             wrong, missed, false = 100 * np.mean(mine, axis=0)
-            texts.append(f"{wrong:.2f} ({missed:.0f}, {false:.2f})")
-        shown.add_row(condition, *texts)
-    console = Console(markup=False)
-    console.print(shown)
+            rows[-1][method] = f"{wrong:.2f} ({missed:.0f}, {false:.2f})"
+    show(rows, console)
     console.print("wrong pixels %; in brackets people's pixels missed %, and the room's that are foreground %")

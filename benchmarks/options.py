@@ -7,12 +7,15 @@ import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
 
 from calib.errors import InputError, WorkError
 from calib.io import reason
@@ -146,3 +149,14 @@ def new_folder(parent: Path, name: str) -> Path:
 def number(value: float | None, factor: float = 1.0, digits: int = 3, sign: str = "") -> str:
     """A figure of a table; "-" where there is none."""
     return "-" if value is None or value != value else f"{factor * value:{sign}.{digits}f}"
+
+
+def show(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
+    """Print rows of figures as a table: their keys head the columns, and "-" stands for a figure that is not known."""
+    table = Table(*(key.replace("_", " ") for key in rows[0]), box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for column in table.columns:
+        column.overflow, column.justify = "fold", "left" if column is table.columns[0] else "right"
+    for row in rows:
+        cells = ("-" if v is None or v != v else f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values())
+        table.add_row(*cells)
+    console.print(table)

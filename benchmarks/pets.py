@@ -13,9 +13,8 @@ from typing import Any, Literal
 import numpy as np
 from cyclopts import Parameter
 from rich.console import Console
-from rich.table import Table
 
-from benchmarks.options import JsonFlag, number
+from benchmarks.options import JsonFlag, show
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
 from planview.engine.config import Config
@@ -252,25 +251,14 @@ def pets(folder: Path, *, options: PetsOptions | None = None) -> None:
 
 
 def print_pets(scores: Sequence[PetsScores], console: Console) -> None:
-    """A row per tracker and protocol; tracking errors, and their spread, in a sentence."""
-    table = Table("tracker", "protocol", "truth rows", "MOTA", "IDF1", "HOTA", "switches", "misses", "false")
+    """A row per tracker and protocol; tracking errors, and their spread over seeds or cameras."""
+    names = ("truth_rows", "mota", "idf1", "hota", "switches", "misses", "false_positives")
+    results = [(s, *pair) for s in scores for pair in (("boxes, IoU 0.5", s.boxes), ("floor, 1 m", s.floor))]
+    show([{"tracker": s.tracker, "protocol": protocol, **{name: result.to_json()[name] for name in names}}
+          for s, protocol, result in results if result is not None], console)  # fmt: skip
+    errors = [{"tracker": s.tracker, **asdict(s.errors), "total": s.errors.total} for s in scores]
+    show(errors, console)
     for score in scores:
-        for name, result in (("boxes, IoU 0.5", score.boxes), ("floor, 1 m", score.floor)):
-            if result is not None:
-                row = result.to_json()
-                counts = [str(row[key]) for key in ("switches", "misses", "false_positives")]
-                figures = [number(row[key]) for key in ("mota", "idf1", "hota")]
-                table.add_row(score.tracker, name, str(row["truth_rows"]), *figures, *counts)
-    console.print(table)
-    for score in scores:
-        e, s = score.errors, score.spread()
-        text = f"{e.total} tracking errors ({e.false_tracks} false tracks, {e.losses} losses, {e.switches} switches)"
-        if s is not None:
-            what = "cameras" if score.tracker == "human-model" else "seeds"
-            text += (
-                f"; over {len(s['mota'])} {what} MOTA is {s['mota_mean']:.3f} with a deviation of "
-                f"{s['mota_deviation']:.3f} and a range of {s['mota_range']:.3f}, IDF1 {s['idf1_mean']:.3f} "
-                f"({min(s['idf1']):.3f} to {max(s['idf1']):.3f}), and there are {s['errors_mean']:.1f} errors "
-                f"({min(s['errors'])} to {max(s['errors'])})"
-            )
-        console.print(f"{score.tracker}: {text}", highlight=False)
+        if (spread := score.spread()) is not None:
+            means = {name: value for name, value in spread.items() if isinstance(value, float)}
+            show([{"tracker": score.tracker, "runs": len(spread["mota"]), **means}], console)

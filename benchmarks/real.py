@@ -12,9 +12,8 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 from rich.console import Console
-from rich.table import Table
 
-from benchmarks.options import JsonFlag, number
+from benchmarks.options import JsonFlag, show
 from benchmarks.passes import bench_engine
 from calib.errors import InputError
 from planview.engine.config import load_config
@@ -157,34 +156,14 @@ def real(*, options: RealOptions | None = None) -> None:
     if o.json_output:
         print(json.dumps({"scores": [score.to_json() for score in scores]}, indent=2))
     else:
-        # Columns of text that the table needs.
         print_real(scores, Console(markup=False, width=120))
 
 
 def print_real(scores: Sequence[RealScore], console: Console) -> None:
     """A row per recording and tracker."""
-    table = Table(
-        "recording",
-        "tracker",
-        "right\nnumber %",
-        "exact\n%",
-        "MOTA",
-        "IDF1",
-        "ids/\npeople",
-        "position\ncm",
-        "misses",
-        "false\npositives",
-    )
-    for column in table.columns[2:]:
-        column.justify = "right"
-    for s in scores:
-        e = s.evaluation.to_json()
-        table.add_row(
-            s.recording, s.tracker, number(s.count_accuracy, 100, 1), number(s.exact_count, 100, 1), number(e["mota"]),
-            number(e["idf1"]), f"{s.ids}/{s.people}", number(e["position_error_mean_m"], 100, 1), str(e["misses"]),
-            str(e["false_positives"]),
-        )  # fmt: skip
-    console.print(table)
-    console.print(
-        "right number: as many confirmed people as show, or some of the doubtful ones more; exact: as many as show"
-    )
+    names = ("mota", "idf1", "position_error_mean_m", "misses", "false_positives")
+    rows = [(s, s.to_json()) for s in scores]
+    show([{"recording": s.recording, "tracker": s.tracker, "right_number": s.count_accuracy, "exact": s.exact_count,
+           "ids / people": f"{s.ids}/{s.people}", **{name: row[name] for name in names}} for s, row in rows],
+         console)  # fmt: skip
+    console.print("right number: as many confirmed people as show, or some of the doubtful ones more")

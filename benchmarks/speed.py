@@ -20,9 +20,8 @@ import cv2
 import numpy as np
 from cyclopts import Parameter
 from rich.console import Console
-from rich.table import Table
 
-from benchmarks.options import JsonFlag, Progress
+from benchmarks.options import JsonFlag, Progress, show
 from calib.errors import InputError, WorkError
 from calib.ground_camera import GroundCamera
 from calib.images import as_grey
@@ -470,17 +469,11 @@ def speed(*, options: SpeedOptions | None = None) -> None:
 
 
 def print_speed(speed: Speed, console: Console) -> None:
-    """The times of the stages, and the ratios beside what they must keep."""
+    """The median times of the stages, and the ratios beside what they must keep."""
     if speed.stages_ms:
-        stages = Table("stage", "ms", title=f"{speed.details['recording']}, {speed.details.get('image', '')}: medians")
-        for name, value in speed.stages_ms.items():
-            stages.add_row(name, f"{value:.2f}")
-        console.print(stages)
-    table = Table("ratio", "median", "quartiles", "at most", title="ours / OpenCV, same frames, same run")
-    for name, value in speed.ratios.items():
-        spread = " to ".join(f"{quartile:.3f}" for quartile in speed.quartiles.get(name, ())) or "-"
-        table.add_row(name.replace("_", " "), f"{value:.3f}", spread, f"{LIMITS[name]:g}" if name in LIMITS else "-")
-    console.print(table)
-    for name, detail in speed.details.items():
-        if isinstance(detail, float):
-            console.print(f"{name.replace('_', ' ')}: {detail:g}", highlight=False)
+        show([{"stage": name, "ms": value} for name, value in speed.stages_ms.items()], console)
+    known, none = speed.quartiles, (None, None)
+    show([{"ours / OpenCV": name.replace("_", " "), "median": value, "from": known.get(name, none)[0],
+           "to": known.get(name, none)[1], "at_most": LIMITS.get(name)} for name, value in speed.ratios.items()],
+         console)  # fmt: skip
+    show([{"detail": name.replace("_", " "), "value": value} for name, value in speed.details.items()], console)

@@ -49,8 +49,8 @@ def test_tables_show_accuracy_and_occupancy_with_verdicts() -> None:
     table = table_of("pavement", scores)
     assert [row.ok for row in table.crossings] == [False] and len(table.occupancy) == 1
     output = io.StringIO()
-    print_counting(table, Console(file=output, width=100, markup=False))
-    assert "1+8" in output.getvalue() and "88.9" in output.getvalue() and "short" in output.getvalue()
+    print_counting(table, Console(file=output, width=120, markup=False))
+    assert "1+8" in output.getvalue() and "0.8889" in output.getvalue() and "short" in output.getvalue()
     assert table.to_json()["occupancy"][0]["right_percent"] == 90.0
 
 
