@@ -74,8 +74,15 @@ def at_least(name: str, value: float, limit: float, unit: str, note: str, *, nee
 
 
 def between(
-    name: str, value: float, limits: tuple[float, float], unit: str, note: str, *, needed: bool = False
+    name: str,
+    value: float,
+    limits: tuple[float, float],
+    unit: str,
+    note: str,
+    *,
+    needed: bool = False,
+    warns: bool = False,
 ) -> Check:
     """Passes inside the limits; a value that could not be measured fails only when it is needed."""
     inside = limits[0] <= value <= limits[1]
-    return Check(name, inside or (math.isnan(value) and not needed), value, unit, limits, "between", note)
+    return Check(name, inside or (math.isnan(value) and not needed), value, unit, limits, "between", note, warns)

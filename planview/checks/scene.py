@@ -19,15 +19,22 @@ from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, me
 TOLERANCE = 0.08
 """A known height must be met within this share: 5 cm of noise and shoes, and some error of the floor."""
 
+POSSIBLE_M, LIKELY_M = (0.4, 2.3), (1.4, 2.0)
+"""Heights of moving things that can be people, and of standing adults, whom a usual recording shows [m]."""
+
 
 def height_check(heights: F64, person_height_m: float | None = None) -> Check:
     """Measured (N,) heights [m] of people against the known one, or against what people can be."""
     # Cut by the image's edge or half hidden, people look smaller, never taller.
     value = float(np.percentile(heights, 75)) if len(heights) >= 3 else math.nan
     if person_height_m is None:
-        note = "of moving people; no known height was given"
         # Heights of moving things when no person's height is known: a pushed chair or box to a tall man in a hat.
-        return between("person height", value, (0.4, 2.3), "m", note)
+        if not math.isfinite(value) or not POSSIBLE_M[0] <= value <= POSSIBLE_M[1]:
+            return between("person height", value, POSSIBLE_M, "m", "of moving people; no known height was given")
+        causes = "a wrong focal length, baseline or unit of length in the calibration, or no standing adults"
+        inside = LIKELY_M[0] <= value <= LIKELY_M[1]
+        note = "of moving people; no known height was given" if inside else f"likely {causes}"
+        return between("person height", value, LIKELY_M, "m", note, warns=True)
     limits = (person_height_m * (1 - TOLERANCE), person_height_m * (1 + TOLERANCE))
     note = f"known to be {person_height_m:g} m" if math.isfinite(value) else "no person was found to measure"
     return between("person height", value, limits, "m", f"{note}: baseline and units", needed=True)

@@ -21,6 +21,7 @@ from planview.checks.camera import THUMBNAIL, Steadiness, Steady
 from planview.checks.check import at_least, at_most, between
 from planview.checks.examine import Diagnosis, examine, refuse_unless_ok
 from planview.checks.pair import light_checks
+from planview.checks.scene import height_check
 from planview.checks.timing import (
     BLOCKS_MAX,
     WINDOW,
@@ -338,6 +339,19 @@ def test_fault_of_the_calibration(rig, frames, expected, tmp_path, pairs):
 def test_fault_units_of_inches(tmp_path, pairs):
     folder = write_toy_recording(tmp_path / "r", RIG, pairs, claimed=claimed(scale=1 / 0.254))
     assert failed(folder) & {"floor share", "camera height", "person height"}
+
+
+@pytest.mark.parametrize(("median_m", "ok", "failed"), [(1.7, True, False), (1.05, False, False), (2.4, False, True)])
+def test_height_that_no_adults_have_is_a_warning_with_its_cause_and_an_impossible_one_fails(median_m, ok, failed):
+    check = height_check(np.full(30, median_m))
+    assert (check.ok, check.failed) == (ok, failed)
+    assert ("focal length, baseline or unit" in check.note) == (median_m == 1.05)
+
+
+def test_scale_that_makes_people_too_small_is_a_warning(tmp_path, pairs):
+    folder = write_toy_recording(tmp_path / "r", RIG, pairs, claimed=claimed(scale=0.7))
+    (check,) = [check for check in examine(folder).checks if check.name == "person height"]
+    assert check.value == pytest.approx(0.7 * 1.75, abs=0.08) and check.warns and not check.ok
 
 
 def test_fault_of_scale_against_a_known_height(tmp_path, pairs):
