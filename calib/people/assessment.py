@@ -21,7 +21,6 @@ from calib.people.model import (
     HumanModel,
 )
 from calib.people.refine import (
-    CameraPosterior,
     GroundCameraFit,
     Residuals,
     body_points,
@@ -78,31 +77,26 @@ def camera_deviations(fit: GroundCameraFit) -> CameraDeviations:
     return CameraDeviations(float(std[HEIGHT]), float(std[TILT]), float(std[FOCAL]), float(std[ROLL]))
 
 
-def assess(
-    posterior: CameraPosterior, people: MarkedPeople, model: HumanModel, walked: Bool | None = None
-) -> Assessment:
+def assess(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, walked: Bool | None = None) -> Assessment:
     """Expected floor error over the region that the samples cover, and what would lower it most.
 
     Args:
-        posterior: the camera and its alternatives.
+        fit: the camera and its covariance.
         people: the samples.
         model: the person.
         walked: (height, width) of the image, where something moved: people are asked for there only; None for anywhere.
     """
-    fit = posterior.fit
     # (m, 2) pixels: the feet and the middles between any two of them.
     feet = people.rows[:, 6:]
     first, second = np.triu_indices(len(feet))
     middles = 0.5 * (feet[first] + feet[second])
     region = np.asarray(middles[:: max(1, len(middles) // 1000)])
     floor = _FloorError(fit.camera, region)
-    error = floor.among(posterior)
+    error = floor.deviation_m(fit.covariance)
     # Floor positions must be known this well [m] (our choice: half the gate within which tracks are matched)...
     # ...and to this share of the region's size [1] (our choice: small rooms).
     limit = min(0.5, 0.1 * floor.size_m)
-    # What more would bring is computed linearly, and taken in proportion.
-    ratio = error / max(floor.linear(fit.covariance), 1e-9) if math.isfinite(error) else math.inf
-    advisor = _Advisor(fit, floor, ratio, limit)
+    advisor = _Advisor(fit, floor, limit)
     found = advisor.next_sample(model, walked)
     if error <= limit:
         text = f"enough: floor positions are known to {error:.2f} m where people were marked"
@@ -110,6 +104,10 @@ def assess(
     shown = f"{error:.2f} m" if error < 100 else "more than 100 m"
     text = f"not enough: floor positions are known to {shown} only (at most {limit:.2g} m); "
     return Assessment(False, error, found, text + advisor.advice(found))
+
+
+_TURNS_RAD = np.deg2rad([[-89.0, -44.0], [89.0, 44.0]])
+"""Lowest and highest tilt and roll that a ``GroundCamera`` has."""
 
 
 class _FloorError:
@@ -126,37 +124,29 @@ class _FloorError:
         rigid[:, 0, 0] = rigid[:, 1, 1] = 1.0
         rigid[:, 0, 2], rigid[:, 1, 2] = -centred[:, 1], centred[:, 0]
         self._rigid = np.linalg.qr(rigid.reshape(-1, 3))[0]
-        shared = np.zeros(N_SHARED)
-        shared[[FOCAL, HEIGHT]] = math.log(camera.focal_px), math.log(camera.height_m)
-        shared[[TILT, ROLL]] = camera.tilt_rad, camera.roll_rad
-        slopes, width = [], 1e-5
-        for k in range(N_CAMERA):
-            step = width * (np.arange(N_SHARED) == k)
-            ahead, behind = (shared_camera(shared + sign * step, camera) for sign in (1.0, -1.0))
-            slopes.append((ahead.back_project(self.pixels) - behind.back_project(self.pixels)) / (2 * width))
-        self._slope = self._without_motion(np.nan_to_num(np.stack(slopes, axis=-1)).reshape(-1, N_CAMERA))
+        self._camera, self._shared = camera, np.zeros(N_SHARED)
+        self._shared[[FOCAL, HEIGHT]] = math.log(camera.focal_px), math.log(camera.height_m)
+        self._shared[[TILT, ROLL]] = camera.tilt_rad, camera.roll_rad
 
-    def linear(self, covariance: F64) -> float:
-        """Median over the pixels of the deviation [m], for a covariance of the shared unknowns."""
+    def deviation_m(self, covariance: F64) -> float:
+        """Median over the pixels of the deviation [m], for a covariance of the shared unknowns.
+
+        Far places move more than in proportion, so that cameras away from the fit are tried: the points of the
+        unscented transform (Julier and Uhlmann 1997).
+        """
         if not np.isfinite(covariance).all() or not len(self.floor):
             return math.inf
-        return math.sqrt(float(np.median(self._variance(covariance))))
-
-    def among(self, posterior: CameraPosterior) -> float:
-        """Median over the pixels of the deviation [m] from the alternatives and their own covariances."""
-        if not np.isfinite(posterior.fit.covariance).all() or not len(self.floor):
-            return math.inf
+        squares, axes = np.linalg.eigh(covariance[:N_CAMERA, :N_CAMERA])
+        steps = np.zeros((N_CAMERA, N_SHARED))
+        steps[:, :N_CAMERA] = (axes * np.sqrt(N_CAMERA * np.maximum(squares, 0.0))).T
         total = np.zeros(len(self.floor))
-        for fit, weight in zip(posterior.alternatives, posterior.weights, strict=True):
-            off = np.nan_to_num(fit.camera.back_project(self.pixels) - self.floor)
-            apart = (self._without_motion(off.reshape(-1, 1)).reshape(-1, 2) ** 2).sum(axis=1)
-            total += weight * (apart + self._variance(fit.covariance))
-        return math.sqrt(float(np.median(total)))
-
-    def _variance(self, covariance: F64) -> F64:
-        camera = covariance[:N_CAMERA, :N_CAMERA]
-        variance = np.einsum("ik,kl,il->i", self._slope, camera, self._slope)
-        return np.asarray(variance.reshape(-1, 2).sum(axis=1))
+        for step in (*steps, *-steps):
+            shared = self._shared + step
+            shared[[TILT, ROLL]] = np.clip(shared[[TILT, ROLL]], *_TURNS_RAD)
+            moved = shared_camera(shared, self._camera).back_project(self.pixels)
+            off = np.nan_to_num(moved - self.floor).reshape(-1, 1)
+            total += (self._without_motion(off).reshape(-1, 2) ** 2).sum(axis=1)
+        return math.sqrt(float(np.median(total)) / len(steps) / 2)
 
     def _without_motion(self, field: F64) -> F64:
         return np.asarray(field - self._rigid @ (self._rigid.T @ field))
@@ -184,7 +174,6 @@ class _Advisor:
 
     fit: GroundCameraFit
     floor: _FloorError
-    ratio: float
     limit: float
     gain: F64 | None = None
 
@@ -239,7 +228,7 @@ class _Advisor:
 
     def _error_after(self, gain: F64) -> float:
         after: F64 = np.linalg.inv(np.linalg.inv(self.fit.covariance) + gain).astype(np.float64)
-        return self.ratio * self.floor.linear(after)
+        return self.floor.deviation_m(after)
 
 
 def _where(fit: GroundCameraFit, foot_px: tuple[float, float]) -> str:

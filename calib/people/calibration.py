@@ -14,7 +14,7 @@ from calib.ground_camera import LENS_K_320, GroundCamera
 from calib.people._kernels import INFEASIBLE, candidate_errors
 from calib.people.assessment import Assessment, CameraDeviations, assess, camera_deviations
 from calib.people.model import HumanModel, KnownValues, people_of, prior_of, usual_focal_px
-from calib.people.refine import CameraPosterior, GroundCameraFit, posterior_of, refine, with_outline_errors
+from calib.people.refine import GroundCameraFit, refine, with_focal_spread, with_outline_errors
 from calib.people.samples import HumanSample, MarkedPeople, check_samples, level_ends, only_boxes
 from calib.types import F64, Bool
 
@@ -233,13 +233,13 @@ def calibrate_from_people(
     model = HumanModel().scaled(known.person_height_m or HumanModel().height_m)
     start = time.perf_counter()
     people = people_of(samples, model, independent)
-    tried = _tried([lens] if lens else list(LENS_K_320), size, people, model, known)
-    _refuse_unfit(tried[0], name)
-    posterior = posterior_of([t.fit for t in tried], people, model)
+    best = _best([lens] if lens else list(LENS_K_320), size, people, model, known)
+    _refuse_unfit(best, name)
+    fit = with_focal_spread(best.fit, people, model)
     if independent is not None:
-        posterior = with_outline_errors(posterior, people, model)
-    std = camera_deviations(posterior.fit)
-    roll_deg = math.degrees(posterior.fit.camera.roll_rad)
+        fit = with_outline_errors(fit, people, model)
+    std = camera_deviations(fit)
+    roll_deg = math.degrees(fit.camera.roll_rad)
     # A larger roll is none of a camera, but of wrong samples (our choice: 3.5 deviations of the prior).
     if abs(roll_deg) > 7.0:
         raise WorkError(
@@ -252,7 +252,20 @@ def calibrate_from_people(
             f"{min(std.height, 10):.0%}): add people nearer to and farther from the camera, or give the focal length "
             "or the camera's height"
         )
-    return _result(posterior, tried[0].problem, people, model, time.perf_counter() - start, walked)
+    errors = best.problem.each(fit.camera)
+    return HumanCalibration(
+        camera=fit.camera,
+        model=model,
+        error=float(errors.mean()),
+        sample_errors=errors,
+        std=std,
+        assessment=assess(fit, people, model, walked),
+        odd=tuple(int(i) for i in np.flatnonzero(fit.deviations > ODD_FROM)),
+        girth=fit.girth,
+        stature=fit.stature,
+        boxes_only=fit.prior.boxes_only,
+        search_s=time.perf_counter() - start,
+    )
 
 
 def _refuse_unfit(best: _Tried, name: str) -> None:
@@ -267,45 +280,20 @@ def _refuse_unfit(best: _Tried, name: str) -> None:
         )
 
 
-def _result(
-    posterior: CameraPosterior,
-    problem: SearchProblem,
-    people: MarkedPeople,
-    model: HumanModel,
-    search_s: float,
-    walked: Bool | None,
-) -> HumanCalibration:
-    found = posterior.fit
-    errors = problem.each(found.camera)
-    return HumanCalibration(
-        camera=found.camera,
-        model=model,
-        error=float(errors.mean()),
-        sample_errors=errors,
-        std=camera_deviations(found),
-        assessment=assess(posterior, people, model, walked),
-        odd=tuple(int(i) for i in np.flatnonzero(found.deviations > ODD_FROM)),
-        girth=found.girth,
-        stature=found.stature,
-        boxes_only=found.prior.boxes_only,
-        search_s=search_s,
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class _Tried:
     problem: SearchProblem
     fit: GroundCameraFit
 
 
-def _tried(
+def _best(
     lenses: Sequence[str],
     size: tuple[int, int],
     people: MarkedPeople,
     model: HumanModel,
     known: KnownValues,
-) -> list[_Tried]:
-    """Fits of every lens and every reading of the samples, the likeliest first."""
+) -> _Tried:
+    """The likeliest of the fits of every lens and every reading of the samples."""
     readings = (True,) if only_boxes(people.rows) else (False, True)
     problems = [SearchProblem(people.rows, size, lens, model, known, boxes) for lens in lenses for boxes in readings]
     quick = [t for p in problems for t in _fits(p, people)]
@@ -313,7 +301,7 @@ def _tried(
     rival = max(t.fit.log_evidence for t in quick) - 20.0
     near = [t for t in quick if t.fit.log_evidence >= rival]
     full = [replace(t, fit=refine(t.fit.camera, people, model, t.fit.prior)) for t in near]
-    return sorted(full, key=lambda t: -t.fit.log_evidence)
+    return max(full, key=lambda t: t.fit.log_evidence)
 
 
 def _fits(problem: SearchProblem, people: MarkedPeople) -> list[_Tried]:

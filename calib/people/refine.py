@@ -1,4 +1,4 @@
-"""Generalised least squares on head, foot and box after the search, and several solutions as one camera; ours.
+"""Generalised least squares on head, foot and box after the search, and how far focal lengths spread; ours.
 
 The paper's error sums distances, and a box as a ratio of areas; its minimum scatters two to three times as much as
 least squares on the same pixels. People differ in height and lean; both move head, foot and box together, so that the
@@ -11,7 +11,7 @@ better known than it is: its distribution is skewed, and is followed over a row 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -289,54 +289,29 @@ OUTLINE_PX = 2.0
 """By so much the ends of outlines err alike [px] (our choice: as much as a hand errs at each)."""
 
 
-@dataclass(frozen=True, eq=False)
-class CameraPosterior:
-    """What is known of a camera.
-
-    Attributes:
-        fit: the camera at the mean focal length, with the covariance about it of all alternatives together.
-        alternatives: cameras that explain the samples too; with covariances of their own.
-        weights: (n,) their probabilities, which sum to 1.
-    """
-
-    fit: GroundCameraFit
-    alternatives: Sequence[GroundCameraFit]
-    weights: F64
-
-
-def posterior_of(fits: Sequence[GroundCameraFit], people: MarkedPeople, model: HumanModel) -> CameraPosterior:
-    """The posterior of several fits (lenses, readings of the samples), the best of them first."""
-    best = fits[0]
-    nodes = _profile(best, people, model)
-    others = list(fits[1:])
-    weights = np.array([*(n.log_evidence for n in nodes), *(o.log_evidence for o in others)])
-    weights = np.exp(weights - weights.max())
-    # The nodes share the probability of the best fit.
-    share = np.exp(np.array([best.log_evidence, *(o.log_evidence for o in others)]) - best.log_evidence)
-    share = np.minimum(share, 1.0) / np.minimum(share, 1.0).sum()
-    weights = np.append(share[0] * weights[: len(nodes)] / weights[: len(nodes)].sum(), share[1:])
-    every = [*nodes, *others]
-    # Cameras less probable are left out [1] (our choice).
-    kept = [i for i, fit in enumerate(every) if weights[i] >= 0.01 and np.isfinite(fit.covariance).all()]
-    if not kept:
-        return CameraPosterior(best, (best,), np.ones(1))
-    alternatives, weights = [every[i] for i in kept], weights[kept] / weights[kept].sum()
-    mean = best if len(alternatives) == 1 else _at_mean(best, alternatives, weights, people, model)
-    off = np.stack([shared_of(fit) - shared_of(mean) for fit in alternatives])
+def with_focal_spread(best: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
+    """The fit at the mean focal length, with the covariance about it of the best cameras at other focal lengths."""
+    nodes = [node for node in _profile(best, people, model) if np.isfinite(node.covariance).all()]
+    if len(nodes) < 2:
+        return best
+    evidences = np.array([node.log_evidence for node in nodes])
+    weights = np.exp(evidences - evidences.max())
+    weights /= weights.sum()
+    mean = _held(best, float(weights @ [math.log(node.camera.focal_px) for node in nodes]), people, model)
+    off = np.stack([shared_of(node) - shared_of(mean) for node in nodes])
     # Width and stature are not of interest beyond the best fit.
     off[:, N_CAMERA:] = 0.0
-    covariance = np.einsum("i,ijk->jk", weights, np.stack([f.covariance for f in alternatives]))
-    return CameraPosterior(replace(mean, covariance=covariance + (weights * off.T) @ off), alternatives, weights)
+    covariance = np.einsum("i,ijk->jk", weights, np.stack([node.covariance for node in nodes]))
+    return replace(mean, covariance=covariance + (weights * off.T) @ off)
 
 
-def with_outline_errors(posterior: CameraPosterior, people: MarkedPeople, model: HumanModel) -> CameraPosterior:
-    """The posterior of samples that are outlines of foreground, whose ends err alike.
+def with_outline_errors(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
+    """The fit to samples that are outlines of foreground, whose ends err alike.
 
     Shadows, blur and compression end all feet, or all heads, a little too high or too low; far people are smaller, so
     that this looks like another tilt and focal length, and no number of people averages it out. What the camera moves
     by when all of them are moved is added to its covariance.
     """
-    fit = posterior.fit
     still = shared_of(_refitted(fit, people, model))
     axis = people.rows[:, 6:] - people.rows[:, 4:6]
     along = axis / np.maximum(np.hypot(*axis.T), 1e-9)[:, None]
@@ -349,9 +324,7 @@ def with_outline_errors(posterior: CameraPosterior, people: MarkedPeople, model:
         moves.append(shared_of(_refitted(fit, replace(people, rows=rows), model)) - still)
     moved = np.stack(moves)
     moved[:, N_CAMERA:] = 0.0
-    more = moved.T @ moved
-    alternatives = [replace(other, covariance=other.covariance + more) for other in posterior.alternatives]
-    return replace(posterior, fit=replace(fit, covariance=fit.covariance + more), alternatives=alternatives)
+    return replace(fit, covariance=fit.covariance + moved.T @ moved)
 
 
 def _refitted(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
@@ -392,20 +365,3 @@ def _held(fit: GroundCameraFit, log_focal: float, people: MarkedPeople, model: H
     started = replace(fit.camera, focal_px=math.exp(log_focal))
     held = refine(started, people, model, replace(fit.prior, mean=mean, std=std), fit.variation)
     return replace(held, prior=fit.prior)
-
-
-def _at_mean(
-    best: GroundCameraFit,
-    alternatives: Sequence[GroundCameraFit],
-    weights: F64,
-    people: MarkedPeople,
-    model: HumanModel,
-) -> GroundCameraFit:
-    """The best fit at the mean focal length of the alternatives of its lens."""
-    alike = [
-        (math.log(f.camera.focal_px), w)
-        for f, w in zip(alternatives, weights, strict=True)
-        if f.camera.lens == best.camera.lens
-    ]
-    logs, shares = np.array(alike).T
-    return _held(best, float(logs @ shares / shares.sum()), people, model)
