@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import signal
 import sys
 import threading
@@ -42,6 +43,8 @@ CALIBRATE = {
     "human": ("calibrate_pose", "Calibrate one camera from standing people."),
     "ui": ("calibrate", "Calibrate in the browser."),
 }
+USAGE = {"evaluate": "TRACKS [TRUTH] [OPTIONS]", "report": "FOLDER [FOLDER ...] [OPTIONS]"}
+"""Of commands whose arguments the help could not name."""
 
 
 def make_app(words: Sequence[str] = ()) -> App:
@@ -82,10 +85,10 @@ def completion(shell: Literal["bash", "zsh", "fish"]) -> None:
 
 def _register(app: App, target: str, name: str, text: str, words: Sequence[str], group: Group | None = None) -> None:
     # With a help text the module is not imported for a listing, but its docstring (with the example) is not shown.
-    if name in words:
-        app.command(target, name=name, group=group)
-    else:
-        app.command(target, name=name, group=group, help=text)
+    shown = {} if name in words else {"help": text}
+    if name in USAGE:
+        shown["usage"] = f"Usage: planview {name} {USAGE[name]}"
+    app.command(target, name=name, group=group, **shown)
 
 
 def _version() -> str:
@@ -112,6 +115,10 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
         _fail(str(error), 1)
     except KeyboardInterrupt:
         _fail("interrupted", 130)
+    except BrokenPipeError:
+        # Whoever reads the output has enough of it; Python would complain again when it flushes at the end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(128 + signal.SIGPIPE) from None
     except OSError as error:
         # What no command expects: a folder that may not be read, a disk that went away.
         _fail(f"{error.filename}: {reason(error)}" if error.filename else reason(error), 1)

@@ -48,16 +48,16 @@ def open_options(calibration: Path | None = None, fps: float | None = None, topi
 
 
 def frame_span(text: str) -> tuple[int, int]:
-    """First and last frame of "FIRST:LAST".
+    """First and last frame of "FIRST:LAST", or of "N" for the first N frames.
 
     Raises:
         InputError: anything else.
     """
-    first, _, last = text.partition(":")
+    first, colon, last = text.partition(":")
     try:
-        span = int(first or 0), int(last)
+        span = (int(first or 0), int(last)) if colon else (0, int(text) - 1)
     except ValueError:
-        raise InputError(f"--frames: expected FIRST:LAST, e.g. 0:399, found {text!r}") from None
+        raise InputError(f"--frames: expected FIRST:LAST or N, e.g. 0:399 or 400, found {text!r}") from None
     if not 0 <= span[0] <= span[1]:
         raise InputError(f"--frames: expected FIRST:LAST with FIRST not after LAST, found {text!r}")
     return span

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sysconfig
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
@@ -57,14 +60,13 @@ def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -
 class RenderOptions:
     """What is drawn, and where it goes."""
 
-    video: Path | None = None
-    """Video to write: .webm or .mp4 (browsers play both), .avi or .mkv. [default: scene.webm in the folder]"""
+    out: Annotated[Path | None, Parameter(name=["--out", "--video", "--png"])] = None
+    """Video to write: .webm or .mp4 (browsers play both), .avi or .mkv; with --frame the picture. [default: scene.webm
+    or frame-N.png in the folder]"""
     frame: int | None = None
     """Draw this frame only, as a picture."""
-    png: Path | None = None
-    """Picture to write of --frame. [default: frame-N.png in the folder]"""
     frames: str | None = None
-    """First and last frame of the video, e.g. 100:300."""
+    """First and last frame of the video, e.g. 100:300, or 300 for the first 300."""
     every: int = 1
     """Draw every n-th frame; the video then runs faster."""
     trail: float = 4.0
@@ -82,9 +84,9 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
 
     The images are read from the recording again; where it is not there any more, the floor alone is drawn.
 
-    Example: planview render out --video out.webm
+    Example: planview render out --out out.webm
 
-    Example of a picture: planview render out --frame 120 --png still.png
+    Example of a picture: planview render out --frame 120 --out still.png
 
     Parameters
     ----------
@@ -94,8 +96,8 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
     options = options or RenderOptions()
     if options.every < 1 or not 0 <= options.trail <= 3600:
         raise InputError("--every, --trail: expected a number from 1 and a time of 0 to 3600 s, found others")
-    if options.png is not None and options.frame is None:
-        raise InputError("--png: expected --frame N with it, found none")
+    if options.frame is None and options.out is not None and options.out.suffix.lower() in (".png", ".jpg", ".jpeg"):
+        raise InputError(f"--out: expected --frame N with a picture, found none with {options.out}")
     console = PlainConsole(stderr=True, soft_wrap=True)
     from planview.output.scene import frames_or_none  # the engine's parts take half a second
 
@@ -104,13 +106,13 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
     composer = SceneComposer(results, frames, options.trail, plan=not options.no_plan, truth=not options.no_truth)
     end = results.n_frames - 1
     if options.frame is not None:
-        path = options.png or folder / f"frame-{options.frame}.png"
+        path = options.out or folder / f"frame-{options.frame}.png"
         if not 0 <= options.frame <= end:
             raise InputError(f"--frame: expected a frame from 0 to {end}, found {options.frame}")
         write_still(composer, frames, options.frame, path)
         console.print(str(path))
         return
-    path = options.video or folder / "scene.webm"
+    path = options.out or folder / "scene.webm"
     first, last = frame_span(options.frames) if options.frames else (0, end)
     known = results.tracks.frame
     if first > end or not len(known):
@@ -163,12 +165,23 @@ def view(folder: Path, *, port: int = 9876, web: Flag = False, web_port: int = 9
             f"open http://127.0.0.1:{web_port}/?url={data}   (Ctrl-C ends it)"
         )
     try:
-        status = subprocess.run([*command, *map(str, parts)], check=False, env=quiet_environment()).returncode
+        status = _viewed([*command, *map(str, parts)])
     except OSError as error:
         raise WorkError(f"the rerun viewer cannot be started ({reason(error)}); is rerun-sdk installed?") from error
     if status != 0:
         hint = "is the port free?" if web else "it needs a display and a graphics driver; --web needs none"
         raise WorkError(f"the rerun viewer ended with status {status} ({hint})")
+
+
+def _viewed(command: list[str]) -> int:
+    """Exit status of the viewer; whatever ends the wait, it and the processes that it started end, too."""
+    viewer = subprocess.Popen(command, env=quiet_environment(), start_new_session=True)
+    try:
+        return viewer.wait()
+    finally:
+        with suppress(OSError):
+            os.killpg(viewer.pid, signal.SIGTERM)
+        viewer.wait()
 
 
 def quiet_environment() -> dict[str, str]:

@@ -13,7 +13,7 @@ from rich.console import Console
 from calib.errors import InputError
 from calib.images import write_image
 from calib.io import load_toml
-from planview.commands.options import Flag, JsonFlag, open_options
+from planview.commands.options import Flag, JsonFlag, frame_span, open_options
 from planview.commands.results import RenderOptions, render
 from planview.commands.scores import EvaluateOptions, evaluate, print_counts
 from planview.counting.geometry import RulePlane
@@ -74,6 +74,10 @@ class TrackingOptions:
     """Also write run.rrd, to be looked at with planview view."""
     maps: Annotated[Flag, _Out, Parameter(name=["--maps", "--save-maps"])] = False
     """Also write maps.h5: foreground points of every frame as disparities and coarse colour codes, without images."""
+    frames: Annotated[str | None, _In] = None
+    """Track the first N frames only."""
+    overwrite: Annotated[Flag, _Out] = False
+    """Replace the results of an earlier run in the folder."""
     resume: Annotated[Flag, _Out] = False
     """Go on with the run that was interrupted or killed in this folder: the same results as without interruption."""
 
@@ -93,7 +97,7 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
     Example with a detector's boxes: planview run street.mp4 --detections det.txt --calibration camera.toml --out out
 
     Example in real time, with the latency of tracks printed: planview run my_recording --out out --set
-    run.real_time=true (run.frames=N stops early, run.overwrite=true replaces the results of an earlier run)
+    run.real_time=true
 
     Parameters
     ----------
@@ -106,10 +110,16 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
         Folder for the results; made if need be.
     """
     options = options or TrackingOptions()
-    settings = load_config(options.config, options.set_, base_config(recording))
+    given = list(options.set_) + ["run.overwrite=true"] * options.overwrite
+    if options.frames is not None:
+        first, last = frame_span(options.frames)
+        if first:
+            raise InputError(f"--frames: expected a run from frame 0 on, found {options.frames}")
+        given.append(f"run.frames={last + 1}")
+    settings = load_config(options.config, given, base_config(recording))
     overwrite = settings.run.overwrite
     if options.resume and overwrite:
-        raise InputError("expected --resume or run.overwrite, found both")
+        raise InputError("--resume and --overwrite cannot be combined")
     if options.resume and settings.run.real_time:
         raise InputError(
             "expected --resume or run.real_time, found both: a run in real time has no checkpoints to go on from"
@@ -201,7 +211,7 @@ def replay(
     *,
     frame: int,
     set_: Annotated[Sequence[str], Parameter(name="--set", negative="")] = (),
-    png: Path | None = None,
+    out: Annotated[Path | None, Parameter(name=["--out", "--png"])] = None,
 ) -> None:
     """Track a run again up to a frame with a parameter changed, and show both: a picture, and what differs in words.
 
@@ -218,7 +228,7 @@ def replay(
         The frame to look at.
     set_
         Parameter to change, as of planview run; may be given several times. Without one the run is repeated as it was.
-    png
+    out
         Picture to write; replay-N.png in the folder when not given.
     """
     results = RunFolder(folder)
@@ -234,7 +244,7 @@ def replay(
     for line in difference_text(results, replayed, frame):
         PlainConsole(soft_wrap=True, highlight=False).print(line)
     frames = frames_or_none(results, console.print)
-    path = png or folder / f"replay-{frame}.png"
+    path = out or folder / f"replay-{frame}.png"
     write_image(path, difference_picture(results, replayed, frames, frame, ", ".join(set_) or "again"))
     console.print(str(path))
 
@@ -257,9 +267,9 @@ def demo(
         raise InputError(
             f"{DEMO}: expected the demo clip, found nothing; install planview again, or run it from its repository"
         )
-    run(DEMO, out=out, options=TrackingOptions(rrd=True, set_=["run.overwrite=true"]))
+    run(DEMO, out=out, options=TrackingOptions(rrd=True, overwrite=True))
     evaluate(out / "tracks.csv", DEMO / "truth.csv", options=EvaluateOptions(json_output=json_output))
-    render(out, options=RenderOptions(frame=busiest_frame(RunFolder(out)) or 0, png=out / "scene.png"))
+    render(out, options=RenderOptions(frame=busiest_frame(RunFolder(out)) or 0, out=out / "scene.png"))
     PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(
         f"Next: open {out / 'report.html'}: pictures, plots and settings of this run\n"
         f"      planview view {out}: every frame, and why the tracker decided as it did\n"

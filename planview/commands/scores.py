@@ -54,7 +54,7 @@ class EvaluateOptions:
     align: Flag = False
     """Lay the tracks over the truth first by a rotation and a shift of the floor (another world frame)."""
     frames: str | None = None
-    """First and last frame to score, e.g. 0:399."""
+    """First and last frame to score, e.g. 0:399, or 400 for the first 400."""
     fps: float | None = None
     """Frame rate where the tracks have no timestamps. [default: that of the run, else 30]"""
     benchmark: Flag = False

@@ -287,13 +287,13 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
         names = ", ".join(path.name for path in found[:4])
         raise InputError(
             f"{folder}: holds {names}, which is no planview run's (there is no run.json); "
-            "choose another folder or add --set run.overwrite=true"
+            "choose another folder or add --overwrite"
         )
     try:
         held = _UNFINISHED if finished_run(folder) is None else "a finished run; choose another folder"
     except InputError:
         held = "a run of another version; choose another folder"
-    raise InputError(f"{folder}: holds {held} or add --set run.overwrite=true")
+    raise InputError(f"{folder}: holds {held} or add --overwrite")
 
 
 def prepare_folder(folder: Path, overwrite: bool) -> None:

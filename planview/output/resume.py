@@ -270,7 +270,7 @@ def checkpoint_of(folder: Path, identity: dict[str, Any], tell: Callable[[str], 
         if other:
             raise InputError(
                 f"{path}: expected a checkpoint of this run, found one of {other}; add "
-                "--set run.overwrite=true instead of --resume to begin anew"
+                "--overwrite instead of --resume begins again"
             )
         tables = checkpoint.written["tables"].items()
         changed = [name for name, at in tables if not holds(folder / name, FilePosition(*at))]
@@ -291,6 +291,4 @@ def _refuse_other_run(folder: Path, identity: dict[str, Any]) -> None:
     info = read_run_info(path) if path.is_file() else None
     config = {} if info is None else {name: table for name, table in info.config.items() if name != "run"}
     if info is None or config != identity["configuration"] or info.tracker != identity["settings"]["tracker"]:
-        raise InputError(
-            f"{folder}: expected the beginning of this run, found another; --set run.overwrite=true replaces it"
-        )
+        raise InputError(f"{folder}: expected the beginning of this run, found another; --overwrite replaces it")

@@ -153,7 +153,7 @@ def run(
                 raise
             raise WorkError(
                 f"{folder}: what went on from the checkpoint failed with {type(error).__name__} ({error}); "
-                "--set run.overwrite=true begins anew"
+                "overwriting it begins again"
             ) from error
     return info
 
@@ -237,8 +237,7 @@ class _Run:
                 decode(checkpoint.memory, self._memory())
             except ValueError as error:
                 raise InputError(
-                    f"{self._folder}: the checkpoint cannot be gone on from: {error}; "
-                    "--set run.overwrite=true begins anew"
+                    f"{self._folder}: the checkpoint cannot be gone on from: {error}; overwriting it begins again"
                 ) from error
         limit = self._options.max_frames
         if limit and self._totals.frames >= limit:

@@ -101,7 +101,7 @@ def test_overwriting_leaves_foreign_files_alone(say: Say, copy: Path, tmp_path: 
     out = tmp_path / "out"
     assert run_few(say, copy, out, "--set", "run.frames=2")[0] == 0
     (out / "notes.txt").write_text("mine")
-    assert run_few(say, copy, out, "--set", "run.frames=3", "--set", "run.overwrite=true")[0] == 0
+    assert run_few(say, copy, out, "--frames", "3", "--overwrite")[0] == 0
     assert (out / "notes.txt").read_text() == "mine" and read_run_info(out / "run.json").frames_read == 3
 
 

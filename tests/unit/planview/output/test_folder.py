@@ -57,9 +57,9 @@ def test_a_new_folder_is_made_with_its_parents_where_no_file_is_in_its_place(tmp
 @pytest.mark.parametrize(
     ("run_json", "sentence"),
     [
-        ('{"finished": true}', "holds a finished run; choose another folder or add --set run.overwrite=true"),
-        ('{"input": "x"}', "unfinished run; go on with --resume or add --set run.overwrite=true"),
-        ("{half", "run of another version; choose another folder or add --set run.overwrite=true"),
+        ('{"finished": true}', "holds a finished run; choose another folder or add --overwrite"),
+        ('{"input": "x"}', "unfinished run; go on with --resume or add --overwrite"),
+        ("{half", "run of another version; choose another folder or add --overwrite"),
         (None, r"holds tracks\.csv, which is no planview run's"),
     ],
 )

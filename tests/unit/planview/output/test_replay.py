@@ -3,6 +3,8 @@
 import json
 import math
 import subprocess
+import sys
+import time
 from pathlib import Path
 
 import cv2
@@ -54,7 +56,7 @@ def test_run_repeated_with_its_own_parameters_has_the_same_tracks(ellipses):
 
 
 def test_command_draws_both_and_says_what_differs(ellipses, tmp_path, capsys):
-    words = ["--frame", "25", "--set", "single_camera.foreground.gaussians=2", "--png", str(tmp_path / "both.png")]
+    words = ["--frame", "25", "--set", "single_camera.foreground.gaussians=2", "--out", str(tmp_path / "both.png")]
     with pytest.raises(SystemExit, match="0"):
         main(["replay", str(ellipses), *words])
     assert "tracks" in capsys.readouterr().out
@@ -82,7 +84,7 @@ def render(*words: object) -> None:
 
 
 def test_the_usual_video_plays_in_browsers_and_has_a_picture_per_frame_at_the_rate_of_the_run(street, tmp_path):
-    render(street, "--video", tmp_path / "new" / "scene.mp4", "--frames", "5:14")
+    render(street, "--out", tmp_path / "new" / "scene.mp4", "--frames", "5:14")
     capture = cv2.VideoCapture(str(tmp_path / "new" / "scene.mp4"))
     assert int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == b"VP90"  # which browsers play
     assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == 10
@@ -116,7 +118,7 @@ def test_still_shows_the_image_beside_the_floor(street, tmp_path):
 def test_floor_alone_is_drawn_when_the_recording_is_gone(street, tmp_path, capsys):
     info = json.loads((street / "run.json").read_text())
     (street / "run.json").write_text(json.dumps({**info, "input": "gone", "recording": ""}))
-    render(street, "--frame", "4", "--png", tmp_path / "still.png")
+    render(street, "--frame", "4", "--out", tmp_path / "still.png")
     assert "the floor alone is drawn" in capsys.readouterr().err
     assert cv2.imread(str(tmp_path / "still.png")) is not None
 
@@ -124,7 +126,7 @@ def test_floor_alone_is_drawn_when_the_recording_is_gone(street, tmp_path, capsy
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (["--frame", "30"], "--frame"), (["--png", "x.png"], "--frame"), (["--video", "x.txt"], "x.txt"),
+        (["--frame", "30"], "--frame"), (["--out", "x.png"], "--frame"), (["--video", "x.txt"], "x.txt"),
         (["--frames", "9:3"], "--frames"), (["--frames", "40:50"], "frames from 40"), (["--every", "0"], "--every"),
     ],
 )  # fmt: skip
@@ -158,15 +160,37 @@ def test_viewer_sends_no_statistics(monkeypatch):
 def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, capsys):
     called: list[list[str]] = []
 
-    def run(words: list[str], **_options: object) -> subprocess.CompletedProcess[bytes]:
+    def viewed(words: list[str]) -> int:
         called.append(words)
-        return subprocess.CompletedProcess(words, 0)
+        return 0
 
-    monkeypatch.setattr(command.subprocess, "run", run)
+    monkeypatch.setattr(command, "_viewed", viewed)
     (tmp_path / "run.rrd").write_bytes(b"")
     command.view(tmp_path, web=True, web_port=9191)
     assert called[0][1:3] == ["--bind", "127.0.0.1"] and "--serve-web" in called[0]
     assert "http://127.0.0.1:9191" in capsys.readouterr().err
+
+
+def test_viewer_and_what_it_started_end_with_the_command(tmp_path):
+    (tmp_path / "child.py").write_text(
+        "import os, pathlib, time\n"
+        "pathlib.Path(__file__).with_name('pid').write_text(str(os.getpid()))\n"
+        "time.sleep(60)\n"
+    )
+    child = f"import subprocess, sys; subprocess.run([sys.executable, {str(tmp_path / 'child.py')!r}])"
+    code = "import sys; from planview.commands.results import _viewed; from planview.cli import _stop_on_signals\n"
+    code += f"_stop_on_signals(); _viewed([sys.executable, '-c', {child!r}])"
+    command_line = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
+    until = time.monotonic() + 30
+    while not (tmp_path / "pid").is_file() or not (tmp_path / "pid").read_text():
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    started = int((tmp_path / "pid").read_text())
+    command_line.terminate()
+    command_line.wait(timeout=20)
+    while Path(f"/proc/{started}/status").is_file() and "Z (" not in Path(f"/proc/{started}/status").read_text():
+        assert time.monotonic() < until
+        time.sleep(0.05)
 
 
 def test_templates_and_foreground_are_drawn_in_pixels_of_one_image():
