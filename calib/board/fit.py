@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -140,7 +140,6 @@ def _features(view: BoardView, size: tuple[int, int]) -> F64:
 
 opencv: Any = cv2
 """Its type stubs know the argument types of one version only, and no empty camera matrix."""
-Coefficient = Literal["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"]
 _MAX_ITERATIONS = 100
 REFIT_ITERATIONS = 20
 """Enough for a fit that starts beside its optimum: with a few of the views left out."""
@@ -157,25 +156,19 @@ class Lens:
     Attributes:
         name: for messages.
         model: OpenCV's family.
-        count: number of coefficients kept, in OpenCV's order.
-        free: the coefficients that are fitted; the others stay zero.
+        count: number of coefficients, in OpenCV's order.
     """
 
     name: str
     model: LensModel
     count: int
-    free: frozenset[Coefficient]
 
     @property
     def flags(self) -> int:
         """OpenCV's calibration flags."""
         if self.model == "fisheye":
             return _fisheye_flag("CALIB_FIX_SKEW") | _fisheye_flag("CALIB_RECOMPUTE_EXTRINSIC")
-        flags = cv2.CALIB_RATIONAL_MODEL if self.model == "rational" else 0
-        flags |= 0 if "p1" in self.free else cv2.CALIB_ZERO_TANGENT_DIST
-        for name, flag in (("k1", cv2.CALIB_FIX_K1), ("k2", cv2.CALIB_FIX_K2), ("k3", cv2.CALIB_FIX_K3)):
-            flags |= 0 if name in self.free else flag
-        return flags
+        return cv2.CALIB_RATIONAL_MODEL if self.model == "rational" else cv2.CALIB_FIX_K3
 
     def camera(self, size: tuple[int, int], matrix: Any, coefficients: Any) -> Camera:
         """The camera of OpenCV's matrix and coefficients. Raises FitError: values that no camera has."""
