@@ -1,1 +1,1 @@
-"""Is this recording and its calibration to be trusted? One file per family of checks."""
+"""Sanity checks of recordings and calibrations, one file per family of checks."""

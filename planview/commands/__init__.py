@@ -1,1 +1,1 @@
-"""One module per command; cli.py loads each only when it is called."""
+"""The commands, one module per theme; cli.py loads each only when it is called."""
