@@ -24,7 +24,6 @@ from planview.counting.geometry import RulePlane
 from planview.counting.rules import AnalyticsParams, load_rules
 from planview.counting.scoring import score_counts, score_events
 from planview.counting.totals import Clock, count_tracks, count_truth
-from planview.evaluation.benchmark import benchmark
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
 from planview.output.folder import read_run_info, unfinished_beside
@@ -57,8 +56,6 @@ class EvaluateOptions:
     """First and last frame to score, e.g. 0:399, or 400 for the first 400."""
     fps: float | None = None
     """Frame rate where the tracks have no timestamps. [default: that of the run, else 30]"""
-    benchmark: Flag = False
-    """Also flux, density, position, trajectory and continuity, a number each (after arXiv 2108.11719)."""
     json_output: JsonFlag = False
 
 
@@ -72,8 +69,6 @@ def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOption
     Example of another truth: planview evaluate out/tracks.csv recording/truth.csv --json
 
     Example on PETS: planview evaluate out/tracks.csv gt.txt --gate 1 --align --frames 0:399
-
-    Example of the qualities of pedestrian tracking (flux, density, ...): planview evaluate out --benchmark
 
     Example on MOTChallenge: planview evaluate trackers/mine gt --boxes --fps 25
 
@@ -97,19 +92,11 @@ def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOption
     )
     span = None if options.frames is None else frame_span(options.frames)
     pairs = file_pairs(tracks, truth)
-    if options.benchmark and options.boxes:
-        raise InputError("expected --benchmark or --boxes, found both: its qualities are measured on the floor")
     results = {pair.name: _evaluate_pair(pair, params, span) for pair in pairs}
-    qualities: dict[str, dict[str, Any]] = {}
-    if options.benchmark:
-        for pair in pairs:
-            both = load_tracks(pair.tracks, boxes=params.align), load_truth(pair.truth)
-            qualities[pair.name] = {"benchmark": benchmark(*both, params, span).to_json()}
     together = pooled(list(results.values())) if len(results) > 1 else next(iter(results.values()))
     if options.json_output:
         each = {
             pair.name: {"tracks": str(pair.tracks), "refined": _refined(pair.tracks), **results[pair.name].to_json()}
-            | qualities.get(pair.name, {})
             for pair in pairs
         }
         found = next(iter(each.values())) if len(each) == 1 else {**together.to_json(), "recordings": each}
@@ -119,11 +106,6 @@ def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOption
     for pair in pairs:
         kind = {True: " (refined)", False: " (online)", None: ""}[_refined(pair.tracks)]
         print_evaluation(results[pair.name], console, f"{pair.tracks}{kind}")
-        if options.benchmark:
-            table = Table("quality", "value", title="benchmark (after arXiv 2108.11719)")
-            for name, value in qualities[pair.name]["benchmark"].items():
-                table.add_row(name, _figure(value))
-            console.print(table)
     if len(pairs) > 1:
         print_evaluation(together, console, f"{len(pairs)} recordings together", listed=False)
 

@@ -297,6 +297,7 @@ class _Run:
         span, counts = Span(totals.first_s, totals.last_s + frame_s, frame_s), None
         if analytics is not None and state != "running":
             counts = Counts.of(analytics, totals.events, span)
+        people = int(is_person(np.array(list(totals.people.values()), dtype=np.int64), frame_s).sum())
         return self._info.model_copy(
             update={
                 "state": state,
@@ -311,8 +312,8 @@ class _Run:
                 "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:1000]],
                 "stages_ms": {stage: float(np.median(list(times))) for stage, times in totals.stages.items()},
                 "pace": self._options.pace and self._options.pace.info(),
-                "people": int(is_person(np.array(list(totals.people.values()), dtype=np.int64), frame_s).sum()),
-                "remark": totals.remark(),
+                "people": people,
+                "remark": totals.remark(people),
                 "warnings": self._checks.warnings(),
                 "counts": counts.to_json() if counts is not None else {},
             }

@@ -18,7 +18,6 @@ from planview.counting.events import Event
 from planview.counting.totals import JUMP_S, jump_note
 from planview.engine.engine import AnyRecording, Engine, FrameResult
 from planview.output.folder import PaceInfo, RunWarning
-from planview.tracking.body import HEIGHT_MEAN_M, SPEED_MAX_MPS
 from stereo.recording import newest
 
 
@@ -37,8 +36,6 @@ class RunTotals:
         people: in how many frames each id was confirmed.
         elapsed_s: time of the run up to its last checkpoint [s].
         jump: the last jump of the clock, in words.
-        places: where people without metres were last looked at, by id: time [s], column and row [px].
-        moved_heights, moved_s: how far they have moved in the image, in heights of their boxes, and in what time [s].
     """
 
     frames: int = 0
@@ -51,9 +48,6 @@ class RunTotals:
     last_s: float = 0.0
     elapsed_s: float = 0.0
     jump: str = ""
-    places: dict[int, tuple[float, float, float]] = field(default_factory=dict)
-    moved_heights: float = 0.0
-    moved_s: float = 0.0
 
     def take(self, result: FrameResult) -> None:
         """Count one frame."""
@@ -69,25 +63,11 @@ class RunTotals:
                 self.people[track.track_id] = self.people.get(track.track_id, 0) + 1
         for stage, duration in result.stages_ms.items():
             self.stages.setdefault(stage, last_times()).append(duration)
-        for track in result.tracks:
-            if track.state == "confirmed" and math.isnan(track.x_m):
-                left, top, width, height = track.box_px
-                place = result.timestamp_s, left + width / 2, top + height / 2
-                before = self.places.setdefault(track.track_id, place)
-                if place[0] - before[0] >= 0.5:  # a box's jitter is small against half a second's walk
-                    self.moved_heights += math.dist(place[1:], before[1:]) / max(height, 1.0)
-                    self.moved_s += place[0] - before[0]
-                    self.places[track.track_id] = place
 
-    def remark(self) -> str:
-        """Why there are no people, that they do not walk as people do, or that the clock has jumped; or nothing."""
-        if self.people or not self.frames:
-            speed, fastest = self.moved_heights / max(self.moved_s, 1e-9), SPEED_MAX_MPS / HEIGHT_MEAN_M
-            doubt = (
-                f"they move {speed:.1f} of their heights a second, walkers seen from the side 0.8, at most "
-                f"{fastest:.1f}: other things than people, people seen from above, or a wrong size"
-            )
-            return "; ".join(filter(None, [self.jump, doubt if speed > fastest else ""]))
+    def remark(self, people: int) -> str:
+        """Why there are no people, or that the clock has jumped; or nothing."""
+        if people or not self.frames:
+            return self.jump
         if not self.tracks:
             return f"nothing of a person's size moved in {self.frames} frames"
         return "what moved was too short or too small to be believed (decisions.csv and --rrd show why)"

@@ -3,7 +3,6 @@
 import ctypes
 import io
 import json
-import math
 import os
 import subprocess
 import sys
@@ -36,7 +35,6 @@ from planview.output.maps_log import at_step
 from planview.output.progress import PlainConsole, compile_notice
 from planview.output.run import return_unused_memory
 from planview.output.tables import FrameFile
-from planview.output.totals import RunTotals
 from stereo.matcher import SampledDisparity
 
 
@@ -230,14 +228,3 @@ def test_freed_memory_is_returned_to_linux_and_left_alone_elsewhere_or_by_other_
     monkeypatch.setattr(ctypes, "CDLL", lambda name: asked.append(name) or object())
     return_unused_memory()
     assert asked == [None] * len(calls)
-
-
-@pytest.mark.parametrize(("px_per_s", "doubted"), [(80.0, False), (300.0, True)])
-def test_people_without_metres_who_move_faster_than_walkers_are_doubted(px_per_s, doubted):
-    totals, nan = RunTotals(), math.nan
-    for n in range(20):
-        box = (n * px_per_s / 10, 50.0, 40.0, 100.0)
-        track = SimpleNamespace(track_id=1, state="confirmed", x_m=nan, box_px=box)
-        totals.take(SimpleNamespace(frame=n, timestamp_s=n / 10, tracks=(track,), stages_ms={}))  # type: ignore[arg-type]
-    assert totals.remark().startswith("they move 3.0 of their heights a second") == doubted
-    assert bool(totals.remark()) == doubted
