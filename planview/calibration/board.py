@@ -237,7 +237,7 @@ def _board(images: BoardImages, request: BoardRequest) -> Board:
         if counts is None:
             raise InputError(
                 f"{images.path}: expected images of a chessboard, found none in {len(sample)} of them: "
-                "say what board it is"
+                "name its inner corners (COLSxROWS) or a ChArUco board's squares (charuco:COLSxROWS)"
             )
         return Board(*counts, request.square_m)
     counts = larger_counts(sample, (request.board.cols, request.board.rows))

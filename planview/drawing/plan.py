@@ -148,9 +148,8 @@ class PlanPainter:
                 cv2.polylines(picture, [self.px(rule.points)], not rule.is_line, as_bgr(colour), 2, cv2.LINE_AA)
                 labels.put(rule.name, self.px(rule.points[:1])[0].tolist(), colour)
         for at_m, _ in cameras:
-            cv2.drawMarker(
-                picture, self.px(np.array([at_m]))[0].tolist(), (60, 60, 60), cv2.MARKER_TRIANGLE_DOWN, 14, 2
-            )
+            mark = self.px(np.array([at_m]))[0].tolist()
+            cv2.drawMarker(picture, mark, (60, 60, 60), cv2.MARKER_TRIANGLE_DOWN, 14, 2)
         self.paper = picture
 
     def __call__(self, snapshot: Snapshot) -> U8:

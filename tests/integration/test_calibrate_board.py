@@ -57,7 +57,7 @@ def test_small_images_of_a_named_board_give_the_rig(kind: str, pairs: Path, tmp_
 def test_wrong_counts_are_refused(pairs: Path, tmp_path: Path, refused: Refused) -> None:
     folder = copy(pairs, tmp_path / "p", SIX)
     said = refused("calibrate", "board", folder, "--square", "25mm", "--board", "8x6", "--out", tmp_path / "r.toml")
-    assert "expected a board of 8x6 inner corners (--board), found one of 9x6" in said
+    assert "expected a board of 8x6 inner corners, found one of 9x6" in said
 
 
 def test_swapped_images_are_refused(pairs: Path, tmp_path: Path, refused: Refused) -> None:
