@@ -98,7 +98,7 @@ class StereoRig:
 
     def check(self, source: str) -> StereoRig:
         """Return self, or refuse a geometry that cannot be a stereo rig. Raises InputError: baseline out of range
-        (wrong units), cameras that look apart, or a right camera that lies to the left."""
+        (wrong units), cameras that look apart, or a right camera above, below, ahead of or to the left of the other."""
         if not MIN_BASELINE_M <= self.baseline_m <= MAX_BASELINE_M:
             raise InputError(
                 f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, "
@@ -116,7 +116,13 @@ class StereoRig:
                 f"{source}: expected cameras side by side, found T = {[round(float(v), 4) for v in t]} m: "
                 "one lies ahead of the other"
             )
-        if t[0] > 0 and abs(t[0]) > abs(t[1]):
+        if abs(t[1]) > abs(t[0]):
+            where = "below" if t[1] < 0 else "above"
+            raise InputError(
+                f"{source}: expected cameras side by side, found the right camera {abs(t[1]):.3f} m {where} the left "
+                "one: turn the images by 90 degrees and calibrate them so"
+            )
+        if t[0] > 0:
             raise InputError(
                 f"{source}: expected the right camera on the right (negative x translation), "
                 f"found T = {t[0]:+.4f} m: left and right are swapped"

@@ -227,9 +227,21 @@ def match_corners(
     points, guesses = points[good], guesses[good]
     if len(points) == 0:
         return np.empty((0, 4))
-    refined, kept = _refine(left, right, points, guesses)
+    refined, kept = _refine(left, _as_bright(left, right, points, guesses), points, guesses)
     u, v = points[kept].T.astype(np.float64)
     return np.column_stack([u, v, refined[kept, 0], refined[kept, 1] - v])
+
+
+def _as_bright(left: U8, right: U8, points: F32, guesses: F32) -> U8:
+    """The right image with the brightness and contrast that the left one has in matched patches: Lucas-Kanade compares
+    values, and each camera may expose for itself."""
+    side = 2 * _PATCH + 1
+    (mean, std), (other_mean, other_std) = (
+        np.median([cv2.meanStdDev(cv2.getRectSubPix(image, (side, side), at.tolist())) for at in places], axis=0)
+        for image, places in ((left, points), (right, guesses))
+    )
+    gain = float(std.item() / max(other_std.item(), 1.0))
+    return np.asarray(cv2.convertScaleAbs(right, alpha=gain, beta=mean.item() - gain * other_mean.item()), np.uint8)
 
 
 def _matchable(image: U8) -> U8:

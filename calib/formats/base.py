@@ -173,6 +173,8 @@ def camera(
     """
     if len(matrix) == 9:
         k = matrix.reshape(3, 3)
+        if np.abs(k[:2, 2]).max() < 1e-6 < np.abs(k[2, :2]).min():
+            raise ValueError(f"expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1] for {name}, found it transposed")
         if abs(k[2, 2] - 1.0) > 1e-6 or np.abs(k[[1, 2, 2], [0, 0, 1]]).max() > 1e-6:
             raise ValueError(f"expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1] for {name}, found {matrix.tolist()}")
         if abs(k[0, 1]) > 1e-3 * abs(k[0, 0]):
@@ -260,6 +262,7 @@ def parse_xml(text: str) -> ElementTree.Element:
 _HEADER = re.compile(r"\A%YAML[ :][0-9.]+[^\n]*\n", re.MULTILINE)
 MAX_CHARACTERS = 100_000
 """A calibration in YAML has a few thousand; the parser takes a second for so many."""
+_DOCUMENT_END = re.compile(r"^(?:---|\.\.\.)\s*$", re.MULTILINE)
 _OPENCV_TAG = re.compile(r"!!opencv-[a-z-]+")
 
 
@@ -286,7 +289,9 @@ def parse_yaml(text: str) -> Mapping[str, Any]:
     not YAML, or no mapping at the top."""
     if len(text) > MAX_CHARACTERS:
         raise ValueError(f"expected YAML of up to {MAX_CHARACTERS} characters, found {len(text)}")
-    plain = _OPENCV_TAG.sub("", _HEADER.sub("", text.lstrip()))
+    plain = _OPENCV_TAG.sub("", _HEADER.sub("", text.lstrip())).strip()
+    # Of several documents (ros2 topic echo prints one per message) the first.
+    plain = _DOCUMENT_END.split(plain.removeprefix("---"), maxsplit=1)[0]
     try:
         data = yaml.load(plain, _PlainLoader)
     except yaml.YAMLError as error:

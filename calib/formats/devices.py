@@ -65,6 +65,11 @@ def _sockets(data: Mapping[str, Any], cameras: Mapping[int, Any], choice: Choice
         pair = tuple(int(number(stereo.get(key, -1), key)) for key in ("leftCameraSocket", "rightCameraSocket"))
         if pair[0] != pair[1] and set(pair) <= set(cameras):
             return pair[0], pair[1]
+    if not {1, 2} <= set(cameras):
+        raise ValueError(
+            f"expected stereoRectificationData or cameras at the sockets 1 and 2, found sockets {sorted(cameras)} and "
+            "nothing that says which of them are left and right: name the two"
+        )
     return 1, 2
 
 
@@ -189,6 +194,8 @@ def _zed_camera(sections: Mapping[str, Mapping[str, str]], name: str, size: Size
     values = {**sections.get(f"{name.split('_')[0]}_DISTO", {}), **sections[name]}
     matrix = np.array([number(entry(values, key), f"{key} of {name}") for key in ("fx", "fy", "cx", "cy")])
     coefficients = np.array([number(values.get(key, 0.0), f"{key} of {name}") for key in _COEFFICIENTS])
+    if "k4" in values and not {"p1", "p2", "k5", "k6"} & set(values):  # k1 to k4 alone: Stereolabs' fisheye lens
+        return camera(size, matrix, coefficients[[0, 1, 4, 5]], "fisheye", name)
     return camera(size, matrix, coefficients if np.any(coefficients[5:]) else coefficients[:5], None, name)
 
 

@@ -17,6 +17,7 @@ from calib.formats.base import (
     Source,
     camera,
     entry,
+    number,
     numbers,
     parse_json,
     parse_xml,
@@ -32,12 +33,12 @@ from calib.types import F64
 
 _K1 = ("M1", "K1", "cameraMatrix1", "camera_matrix1", "CM1")
 _K2 = ("M2", "K2", "cameraMatrix2", "camera_matrix2", "CM2")
-_D1, _D2 = ("D1", "distCoeffs1", "dist_coeffs1"), ("D2", "distCoeffs2", "dist_coeffs2")
+_D1, _D2 = ("D1", "d1", "distCoeffs1", "dist_coeffs1"), ("D2", "d2", "distCoeffs2", "dist_coeffs2")
 _MATRIX = re.compile(rf"<({'|'.join(_K1)})[ >]|^\s*({'|'.join(_K1)})\s*:", re.MULTILINE)
-_TRANSLATION = re.compile(r"<T[ >]|^\s*T\s*:", re.MULTILINE)
+_TRANSLATION = re.compile(r"<[Tt][ >]|^\s*[Tt]\s*:", re.MULTILINE)
 _JSON_MATRIX = re.compile(rf'"({"|".join(_K1)})"\s*:')
 _T_UNITS_M = {"T_m": 1.0, "T_cm": 0.01, "T_mm": 0.001}
-_JSON_TRANSLATION = re.compile(rf'"({"|".join(("T", *_T_UNITS_M))})"\s*:')
+_JSON_TRANSLATION = re.compile(rf'"({"|".join(("T", "t", *_T_UNITS_M))})"\s*:')
 _P1, _P2 = ("P1", "P1_rect"), ("P2", "P2_rect")
 
 COMMON_SIZES: tuple[Size, ...] = (
@@ -73,12 +74,25 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
         )
         return StereoRig(left, right, right_SE3_zero @ left_SE3_zero.inverse(), f"{name} [rectified images]")
     model = _model(data)
+    lenses = [numbers(entry(data, *names), names[0], (0, 4, 5, 8, 12, 14)) for names in (_D1, _D2)]
+    if model is None and any(_is_column(entry(data, *names)) for names in (_D1, _D2)) and lenses[0].any():
+        raise ValueError(
+            "expected a lens model for a column of 4 coefficients, found none: add distortion_model: fisheye "
+            "(k1 k2 k3 k4 of cv2.fisheye) or distortion_model: plumb_bob (k1 k2 p1 p2)"
+        )
+    lens_model = "fisheye" if model == "fisheye" else None
     left, right = (
-        camera(size, k, numbers(entry(data, *names), names[0], (4, 5, 8, 12, 14)), model, names[0])
-        for k, names in zip(matrices, (_D1, _D2), strict=True)
+        camera(size, k, lens, lens_model, names[0]) for k, lens, names in zip(matrices, lenses, (_K1, _K2), strict=True)
     )
     pose = transform(numbers(entry(data, "R"), "R", 9), _translation(data, choice), "R")
     return StereoRig(left, right, pose, name)
+
+
+def _is_column(value: Any) -> bool:
+    """Whether 4 coefficients stand in a column, as cv2.fisheye and old versions of OpenCV's polynomial give them."""
+    if isinstance(value, Mapping):
+        return (value.get("rows"), value.get("cols")) == (4, 1)
+    return isinstance(value, list) and len(value) == 4 and all(isinstance(row, list) for row in value)
 
 
 def _translation(data: Mapping[str, Any], choice: Choice) -> F64:
@@ -86,7 +100,7 @@ def _translation(data: Mapping[str, Any], choice: Choice) -> F64:
     for key, unit_m in _T_UNITS_M.items():
         if key in data:
             return np.asarray(numbers(data[key], key, 3) * choice.unit(unit_m), dtype=np.float64)
-    return np.asarray(numbers(entry(data, "T"), "T", 3) * choice.unit(), dtype=np.float64)
+    return np.asarray(numbers(entry(data, "T", "t"), "T", 3) * choice.unit(), dtype=np.float64)
 
 
 def _parse(text: str) -> Mapping[str, Any]:
@@ -97,14 +111,18 @@ def _parse(text: str) -> Mapping[str, Any]:
     data: dict[str, Any] = {}
     for node in parse_xml(text):
         inner = node.find("data")
-        data[str(node.tag)] = (node.text if inner is None else inner.text) or ""
+        value = (node.text if inner is None else inner.text) or ""
+        shape = {key: int(number(node.findtext(key, "0"), key)) for key in ("rows", "cols")}
+        data[str(node.tag)] = value if inner is None else {**shape, "data": value}
     return data
 
 
 def _model(data: Mapping[str, Any]) -> LensModel | None:
-    """Four coefficients are Brown's unless the file names fisheye, for which OpenCV itself has no key."""
+    """What the file names, for which OpenCV itself has no key; a polynomial's terms are told by their number."""
     name = str(data.get("distortion_model", "")).strip().lower()
-    return "fisheye" if name in {"fisheye", "equidistant"} or str(data.get("fisheye", 0)).strip() == "1" else None
+    if name in {"fisheye", "equidistant", "kannala_brandt"} or str(data.get("fisheye", 0)).strip() == "1":
+        return "fisheye"
+    return "brown" if name else None
 
 
 def _size(data: Mapping[str, Any], choice: Choice, centres: Sequence[tuple[float, float]]) -> tuple[Size, str]:

@@ -17,6 +17,7 @@ from calib.camera import Camera, LensModel
 from calib.formats.base import (
     Choice,
     Format,
+    Size,
     Source,
     camera,
     entry,
@@ -47,7 +48,7 @@ _ROS_MODELS: dict[str, LensModel] = {
 
 
 def _ros_part(source: Source) -> str | None:
-    if not (_MATRIX.search(source.text) and _MODEL.search(source.text)) or "opencv-matrix" in source.text:
+    if not (_MATRIX.search(source.text) and _MODEL.search(source.text)):
         return None
     name = _NAME.search(source.text)
     return (side_of(name[1]) if name else None) or side_of(source.path.stem) or side_of(source.path.parent.name)
@@ -72,25 +73,56 @@ def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tupl
     Raises:
         ValueError: fields missing, of a camera that is not calibrated, or of an unknown lens.
     """
-    for key in ("binning_x", "binning_y"):
-        if number(data.get(key, 0), key) > 1:
-            raise ValueError(f"expected a calibration of the full image, found {key} {data[key]}")
-    size = (
-        whole(entry(data, "image_width", "width"), "image_width"),
-        whole(entry(data, "image_height", "height"), "image_height"),
-    )
+    size, k, projection = windowed(data)
     model = lens_of(data, _ROS_MODELS, name)
     counts = {"brown": (0, 4, 5, 8, 12, 14), "rational": (8, 12, 14), "fisheye": (4,)}[model]
     coefficients = numbers(entry(data, "distortion_coefficients", "D", "d"), "distortion_coefficients", counts)
     if model == "brown" and len(coefficients) > 5:
         model = "rational"  # some drivers call every polynomial plumb_bob
-    one = camera(size, numbers(entry(data, "camera_matrix", "K", "k"), "camera_matrix", 9), coefficients, model, name)
+    one = camera(size, k.ravel(), coefficients, model, name)
     rotation = numbers(entry(data, "rectification_matrix", "R", "r"), "rectification_matrix", 9)
-    projection = numbers(entry(data, "projection_matrix", "P", "p"), "projection_matrix", 12).reshape(3, 4)
     if abs(np.linalg.det(projection[:, :3])) < 1e-9:
         raise ValueError(f"expected a projection_matrix with focal lengths in {name}, found one that is singular")
     shift = np.asarray(np.linalg.solve(projection[:, :3], projection[:, 3]) * unit_m, dtype=np.float64)
     return one, transform(rotation, -shift, f"rectification_matrix of {name}")
+
+
+def windowed(data: Mapping[str, Any]) -> tuple[Size, F64, F64]:
+    """Size [px], K (3, 3) and P (3, 4) of the image that was sent: region of interest first, then binning.
+
+    K and P are of the sensor (sensor_msgs/CameraInfo); width and height may be the sensor's or the region's.
+
+    Raises:
+        ValueError: fields missing, or a region that is not inside the sensor.
+    """
+    size = (
+        whole(entry(data, "image_width", "width"), "image_width"),
+        whole(entry(data, "image_height", "height"), "image_height"),
+    )
+    k = numbers(entry(data, "camera_matrix", "K", "k"), "camera_matrix", 9).reshape(3, 3)
+    projection = numbers(entry(data, "projection_matrix", "P", "p"), "projection_matrix", 12).reshape(3, 4)
+    region = region_of(data)
+    if region is not None:
+        x, y, *own = region
+        if (own[0], own[1]) != size and (x + own[0] > size[0] or y + own[1] > size[1]):
+            raise ValueError(f"expected a region of interest inside {size[0]}x{size[1]}, found {region}")
+        size = own[0], own[1]
+        shift = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])
+        k, projection = shift @ k, shift @ projection
+    bins = [max(number(data.get(key, 0), key), 1.0) for key in ("binning_x", "binning_y")]
+    shrink = np.diag([1.0 / bins[0], 1.0 / bins[1], 1.0])
+    return (int(size[0] // bins[0]), int(size[1] // bins[1])), shrink @ k, shrink @ projection
+
+
+def region_of(data: Mapping[str, Any]) -> tuple[int, int, int, int] | None:
+    """Left, top, width, height [px] of the part of the sensor that the images show; None where they show all."""
+    roi = table(data.get("roi") or {}, "roi")
+    names = ("x_offset", "y_offset", "width", "height")
+    x, y, width, height = (int(number(roi.get(key, 0), f"roi {key}")) for key in names)
+    full = tuple(whole(entry(data, f"image_{key}", key), key) for key in ("width", "height"))
+    if x == y == 0 and (width, height) in ((0, 0), full):
+        return None
+    return x, y, width or full[0] - x, height or full[1] - y
 
 
 def _ros_texts(rig: StereoRig, path: Path) -> dict[Path, str]:

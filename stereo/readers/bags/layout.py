@@ -19,7 +19,7 @@ from calib.errors import InputError
 from calib.formats import load_rig, refuse_strange_camera
 from calib.formats.base import camera as camera_of
 from calib.formats.rgbd import load_rgbd
-from calib.formats.ros import camera_from
+from calib.formats.ros import camera_from, region_of, windowed
 from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
@@ -66,6 +66,11 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
         pose, source = found, source + " and tf_static"
     rig = StereoRig(left, right, pose, source)
     if not left.size == right.size == size:
+        if any(region_of(info.fields) for info in infos):
+            raise InputError(
+                f"{bag.path}: expected images of {size_text(left.size)}, the region of interest in camera_info, found "
+                f"{size_text(size)}"
+            )
         if left.size != right.size or size[0] * left.height != size[1] * left.width:
             raise InputError(
                 f"{bag.path}: expected camera_info for images of {size_text(size)}, found {size_text(left.size)}"
@@ -91,8 +96,7 @@ def _camera(bag: Bag, info: CameraMessage, rectified: bool) -> tuple[Camera, SE3
     """The camera of a camera_info, or of its rectified images by P, and rect_SE3_camera."""
     try:
         if rectified:
-            p = np.array(info.fields["P"], dtype=np.float64).reshape(3, 4)
-            size = info.fields["width"], info.fields["height"]
+            size, _, p = windowed(info.fields)
             camera = camera_of(size, p[:, :3].ravel(), np.empty(0), "brown", f"P of {info.topic}")
             pose = SE3(np.eye(3), np.asarray(-np.linalg.solve(p[:, :3], p[:, 3]), dtype=np.float64))
         else:

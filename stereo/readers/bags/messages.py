@@ -85,7 +85,11 @@ def camera_fields(message: Any) -> dict[str, Any]:
         key: np.asarray(field(message, key, key.lower()), dtype=np.float64).ravel().tolist() for key in "DKRP"
     }
     fields |= {key: int(field(message, key)) for key in ("width", "height")}
-    fields |= {key: int(getattr(message, key, 0) or 0) for key in ("binning_x", "binning_y")}
+    for key in ("binning_x", "binning_y"):
+        fields[key] = int(field(message, key)) if _has(message, key) else 0
+    if _has(message, "roi"):
+        roi = field(message, "roi")
+        fields["roi"] = {key: int(field(roi, key)) for key in ("x_offset", "y_offset", "width", "height")}
     return fields | {"distortion_model": str(field(message, "distortion_model"))}
 
 

@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from calib.camera import Camera
 from calib.errors import InputError
 from calib.formats import FORMATS, load_rig, write_rig
+from calib.formats.base import parse_yaml
+from calib.formats.ros import camera_from
 from calib.formats.tsai import load_tsai
 from calib.pose import SE3
 from calib.rig import MAX_BASELINE_M, MIN_BASELINE_M, StereoRig
@@ -413,3 +415,50 @@ def test_tsai_back_projection_inverts_projection(kappa: str, tmp_path: Path) -> 
 def test_tsai_file_with_a_bad_number_is_refused(field: str, value: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"view.xml: expected a Tsai camera"):
         load_tsai(write(tmp_path, **{field: value}))
+
+
+def test_zed_lens_with_k1_to_k4_alone_is_a_fisheye(tmp_path: Path) -> None:
+    camera = "fx=700\nfy=700\ncx=640\ncy=360\nk1=-0.04\nk2=0.03\nk3=-0.02\nk4=0.01\n"
+    (tmp_path / "SN1.conf").write_text(f"[LEFT_CAM_HD]\n{camera}[RIGHT_CAM_HD]\n{camera}[STEREO]\nBaseline=63\n")
+    rig = load_rig(tmp_path / "SN1.conf")
+    assert rig.left.model == "fisheye" and rig.left.distortion == (-0.04, 0.03, -0.02, 0.01)
+
+
+def test_camera_info_of_a_binned_region_of_interest() -> None:
+    fields = {
+        "width": 1280, "height": 960, "distortion_model": "plumb_bob", "D": [0.0] * 5, "R": np.eye(3).ravel().tolist(),
+        "K": [400, 0, 640, 0, 400, 480, 0, 0, 1], "P": [400, 0, 640, -40, 0, 400, 480, 0, 0, 0, 1, 0],
+        "roi": {"x_offset": 320, "y_offset": 240, "width": 640, "height": 480}, "binning_x": 2, "binning_y": 2,
+    }  # fmt: skip
+    camera, pose = camera_from(fields, "camera_info")
+    assert (camera.size, camera.fx, camera.cx, camera.cy) == ((320, 240), 200.0, 160.0, 120.0)
+    assert pose.translation.tolist() == pytest.approx([0.1, 0.0, 0.0])
+
+
+def test_first_of_several_yaml_documents_is_read() -> None:
+    assert parse_yaml("a: 1\n---\na: 2\n---\n") == {"a": 1}
+
+
+@pytest.mark.parametrize("ending", ["yml", "xml"])
+def test_column_of_four_coefficients_without_a_model_is_asked_about(tmp_path: Path, ending: str) -> None:
+    file = cv2.FileStorage(str(tmp_path / f"rig.{ending}"), cv2.FILE_STORAGE_WRITE)
+    lens = np.array([[-0.01], [0.05], [-0.05], [0.01]])
+    shift = np.array([[-0.1], [0.0], [0.0]])
+    for key, value in {
+        "M1": CAMERA.matrix,
+        "D1": lens,
+        "M2": CAMERA.matrix,
+        "D2": lens,
+        "R": np.eye(3),
+        "t": shift,
+    }.items():
+        file.write(key, value)
+    file.release()
+    with pytest.raises(InputError, match="distortion_model: fisheye"):
+        load_rig(tmp_path / f"rig.{ending}", (640, 480))
+
+
+@pytest.mark.parametrize(("y_m", "where"), [(-0.12, "below"), (0.12, "above")])
+def test_cameras_one_above_the_other_are_refused_by_name(y_m: float, where: str) -> None:
+    with pytest.raises(InputError, match=f"the right camera 0.120 m {where} the left one"):
+        StereoRig(CAMERA, CAMERA, SE3(np.eye(3), np.array([0.0, y_m, 0.0])), "test").check("rig")

@@ -118,3 +118,10 @@ def test_texture_in_one_place_justifies_no_correction() -> None:
     left[100:140, 100:140] = texture[100:140, 100:140]
     found = of_images(left, np.roll(left, (2, -10), axis=(0, 1)))
     assert not found.is_applied.any() and "too little texture" in str(found)
+
+
+@pytest.mark.parametrize("gain", [0.4, 0.65, 1.0])
+def test_corners_are_matched_in_a_darker_right_image(gain: float) -> None:
+    left, right = ToyWorld(seed=1).pair(toy_rig())
+    equal = len(match_corners(left, right, 40.0))
+    assert len(match_corners(left, (right * gain).astype(np.uint8), 40.0)) > 0.8 * equal > 20
