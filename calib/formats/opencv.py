@@ -80,7 +80,7 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
             "expected a lens model for a column of 4 coefficients, found none: add distortion_model: fisheye "
             "(k1 k2 k3 k4 of cv2.fisheye) or distortion_model: plumb_bob (k1 k2 p1 p2)"
         )
-    lens_model = "fisheye" if model == "fisheye" else None
+    lens_model: LensModel | None = "fisheye" if model == "fisheye" else None
     left, right = (
         camera(size, k, lens, lens_model, names[0]) for k, lens, names in zip(matrices, lenses, (_K1, _K2), strict=True)
     )
