@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from planview.engine.open import open_engine
     from planview.engine.setup import set_up
     from planview.engine.stereo import stereo_engine
-    from planview.evaluation.evaluate import EvaluationParams, evaluate, evaluate_tracks
+    from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
     from planview.evaluation.result import Evaluation
     from planview.foreground.mixture import Foreground
     from planview.maps.builder import MapBuilder
-    from planview.output.script import count_tracks, load_rules, run
+    from planview.output.script import count_tracks, evaluate, load_rules, run
     from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
     from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
     from planview.tracking.harville import HarvilleTracker
@@ -52,7 +52,7 @@ _HOMES = {
     "calib.errors": ("InputError", "WorkError"),
     "calib.pose": ("SE3",),
     "stereo.depth": ("RectifiedGeometry",),
-    "planview.evaluation.evaluate": ("EvaluationParams", "evaluate", "evaluate_tracks"),
+    "planview.evaluation.evaluate": ("EvaluationParams", "evaluate_tracks"),
     "planview.evaluation.result": ("Evaluation",),
     "planview.foreground.mixture": ("Foreground",),
     "planview.maps.builder": ("MapBuilder",),
@@ -62,7 +62,7 @@ _HOMES = {
     "planview.engine.open": ("open_engine",),
     "planview.engine.setup": ("set_up",),
     "planview.engine.stereo": ("stereo_engine",),
-    "planview.output.script": ("count_tracks", "load_rules", "run"),
+    "planview.output.script": ("count_tracks", "evaluate", "load_rules", "run"),
     "planview.tracking.base": ("Decision", "Observation", "Tracker", "TrackerDebug"),
     "planview.tracking.ellipse_particle.tracker": ("EllipseParticleTracker",),
     "planview.tracking.human_model.tracker": ("HumanModelTracker",),

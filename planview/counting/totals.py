@@ -133,6 +133,9 @@ class Counts:
         ordered = sorted(events, key=lambda e: e.timestamp_s)
         return Counts(analytics.rules, ordered, stays, analytics.people, span, analytics.params.interval_s)
 
+    def __repr__(self) -> str:
+        return f"Counts({len(self.people)} rules, {len(self.events)} events, {self.span.duration_s:.1f} s)"
+
     def to_json(self) -> dict[str, Any]:
         """The object of ``count --json`` and counts.json: ``rules`` by name, the totals per interval within."""
         rules: dict[str, Any] = {rule.name: self._wire(rule) | _place(rule) for rule in self.rules.tripwires}

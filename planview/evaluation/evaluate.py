@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -28,7 +27,6 @@ from planview.evaluation.significant import (
     significant_errors,
     strict_identity_changes,
 )
-from planview.trajectories.formats import load_tracks, load_truth, tracks_file, truth_file
 from planview.trajectories.table import Trajectories, frame_period_s, rows_by_id
 
 
@@ -187,27 +185,3 @@ def _checked(table: Trajectories, usable: Callable[[Trajectories], Bool], match_
         hint = "" if match_on == "boxes" or not _has_boxes(table).any() else "; --boxes matches image boxes"
         raise InputError(f"expected {what} with {need} to match on, found rows without them{hint}")
     return table.where(good)
-
-
-def evaluate(
-    tracks: Trajectories | Path | str,
-    truth: Trajectories | Path | str,
-    params: EvaluationParams | None = None,
-    frames: tuple[int, int] | None = None,
-) -> Evaluation:
-    """Score tracks against truth; ``to_json()`` of the result gives every figure by name.
-
-    Args:
-        tracks: a table, a file in any layout that ``planview evaluate`` reads, or the folder of a run.
-        truth: a table, a file, or the folder of a recording with its ``truth.csv``.
-        params: what counts as a match; the defaults when None.
-        frames: first and last frame to score, both included; all when None.
-    Raises:
-        InputError: a file that cannot be read, or rows without what the matching needs.
-        WorkError: alignment was asked for and is not possible.
-    """
-    if not isinstance(tracks, Trajectories):
-        tracks = load_tracks(tracks_file(Path(tracks)))
-    if not isinstance(truth, Trajectories):
-        truth = load_truth(truth_file(Path(truth)) or Path(truth))
-    return evaluate_tracks(tracks, truth, params, frames)

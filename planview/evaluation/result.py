@@ -120,6 +120,9 @@ class Evaluation:
     covered_frames: int
     alignment: FloorAlignment | None
 
+    def __repr__(self) -> str:
+        return f"Evaluation(MOTA {self.clear.mota}, {len(self.significant)} errors, {self.duration_s:.1f} s)"
+
     @property
     def uncovered(self) -> str:
         """A sentence where the truth has no rows in most frames with tracks; empty elsewhere."""

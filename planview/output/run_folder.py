@@ -170,6 +170,14 @@ class RunFolder:
         last = int(self.tracks.frame.max()) + 1 if len(self.tracks) else 0
         return max(last, self.info.frames_read + self.info.frames_skipped)
 
+    @property
+    def truth_of_recording(self) -> Trajectories:
+        """``truth``; raises InputError where there is none."""
+        if self.truth is None:
+            where = (self.recording or Path()) / "truth.csv"
+            raise InputError(f"{where}: expected the truth of the run's recording, found none")
+        return self.truth
+
     def evaluated(self, params: EvaluationParams | None = None, frames: tuple[int, int] | None = None) -> Evaluation:
         """The scores of the tracks against the truth.
 
@@ -182,11 +190,9 @@ class RunFolder:
         """
         from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks  # brings scipy
 
-        if self.truth is None:
-            where = (self.recording or Path()) / "truth.csv"
-            raise InputError(f"{where}: expected the truth of the run's recording, found none")
+        truth = self.truth_of_recording
         params = params or EvaluationParams(fps=self.info.fps or 30.0)
-        return evaluate_tracks(self.tracks, self.truth, params, frames or (0, max(0, self.n_frames - 1)))
+        return evaluate_tracks(self.tracks, truth, params, frames or (0, max(0, self.n_frames - 1)))
 
     @property
     def frame_s(self) -> float:

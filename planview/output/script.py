@@ -7,16 +7,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
+from calib.errors import InputError
 from planview.counting import rules as rules_files
 from planview.counting import totals
 from planview.counting.rules import AnalyticsParams, Rules
 from planview.counting.totals import Counts
-from planview.engine.config import Config
+from planview.engine.config import Config, config_of
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import AnyTracker, open_engine
+from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
+from planview.evaluation.result import Evaluation
 from planview.offline.refine import refine
 from planview.output.finished import refine_run
 from planview.output.folder import check_folder, prepare_folder
@@ -24,10 +28,13 @@ from planview.output.report.page import write_report
 from planview.output.run import RunOptions
 from planview.output.run import run as run_engine
 from planview.output.run_folder import RunFolder
-from planview.trajectories.formats import load_tracks, tracks_file
+from planview.trajectories.formats import load_tracks, load_truth, tracks_file, truth_file
 from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 def run(
@@ -36,7 +43,7 @@ def run(
     *,
     tracker: AnyTracker = "template",
     matcher: Matcher | None = None,
-    config: Config | None = None,
+    config: Config | dict[str, Any] | None = None,
     camera: Path | str | None = None,
     options: OpenOptions | None = None,
     detections: Path | str | Sequence[ArrayLike] | None = None,
@@ -52,7 +59,7 @@ def run(
         out: folder for tracks.csv, run.json and report.html as ``planview run`` writes them; None to write nothing.
         tracker: "template", "harville", "human-model", "ellipse-particle", or a tracker of your own.
         matcher: of stereo pairs; SGBM when None.
-        config: every parameter; the defaults when None.
+        config: every parameter, or a table per stage of those that differ; the defaults when None.
         camera: camera.toml of a single camera.
         options: how the recording is opened (calibration, rate, topics).
         detections: boxes of people from a detector, which are tracked in place of ``tracker`` (see ``open_engine``).
@@ -66,6 +73,8 @@ def run(
         InputError: a recording, calibration or camera that is missing or does not fit; results in the folder.
         WorkError: no floor is visible, or the folder cannot be written.
     """
+    if isinstance(config, dict):
+        config = config_of(config, "config")
     if out is not None:
         check_folder(Path(out), overwrite)
     if isinstance(source, Path | str):
@@ -94,6 +103,44 @@ def run(
     return read_tracks(folder / "tracks.csv")
 
 
+def _table(tracks: Trajectories | DataFrame) -> Trajectories:
+    return tracks if isinstance(tracks, Trajectories) else Trajectories.from_dataframe(tracks)
+
+
+def evaluate(
+    tracks: Trajectories | DataFrame | Path | str,
+    truth: Trajectories | DataFrame | Path | str | None = None,
+    params: EvaluationParams | None = None,
+    frames: tuple[int, int] | None = None,
+) -> Evaluation:
+    """Score tracks against truth; ``to_json()`` of the result gives every figure by name.
+
+    Args:
+        tracks: a table, a file in any layout that ``planview evaluate`` reads, or the folder of a run, of which the
+            frames that it read are scored.
+        truth: a table, a file, or the folder of a recording with its ``truth.csv``; that of the run's recording when
+            None.
+        params: what counts as a match; the defaults when None.
+        frames: first and last frame to score, both included; all when None.
+    Raises:
+        InputError: a file that cannot be read, or rows without what the matching needs.
+        WorkError: alignment was asked for and is not possible.
+    """
+    run = None
+    if isinstance(tracks, Path | str):
+        path = tracks_file(Path(tracks))
+        run, tracks = RunFolder.around(path), load_tracks(path)
+    if isinstance(truth, Path | str):
+        truth = load_truth(truth_file(Path(truth)) or Path(truth))
+    found = _table(tracks)
+    if run is None and truth is None:
+        raise InputError("expected a truth for tracks that are not those of a run's folder, found None")
+    if run is not None:
+        frames = frames or (0, max(0, RunFolder(run.path, other_tracks=found).n_frames - 1))
+        truth = run.truth_of_recording if truth is None else truth
+    return evaluate_tracks(found, _table(truth), params, frames)
+
+
 def load_rules(path: Path | str, run: Path | str | None = None) -> Rules:
     """Read rules.toml.
 
@@ -107,7 +154,7 @@ def load_rules(path: Path | str, run: Path | str | None = None) -> Rules:
 
 
 def count_tracks(
-    tracks: Trajectories | Path | str, rules: Rules | Path | str, params: AnalyticsParams | None = None
+    tracks: Trajectories | DataFrame | Path | str, rules: Rules | Path | str, params: AnalyticsParams | None = None
 ) -> Counts:
     """Count line crossings, zones and queues in tracks, as ``planview count`` does.
 
@@ -119,10 +166,11 @@ def count_tracks(
     Raises:
         InputError: a file that cannot be read, or tracks without a place in the plane of a rule.
     """
-    run, table = None, tracks
-    if not isinstance(table, Trajectories):
-        path = tracks_file(Path(table))
-        run, table = RunFolder.around(path), load_tracks(path)
+    run = None
+    if isinstance(tracks, Path | str):
+        path = tracks_file(Path(tracks))
+        run, tracks = RunFolder.around(path), load_tracks(path)
+    table = _table(tracks)
     if not isinstance(rules, Rules):
         rules = load_rules(rules, run.path if run is not None else None)
     if told := rules.of_unknown_size:

@@ -202,6 +202,29 @@ class Trajectories:
             return self
         return Trajectories(**{name: _picked(getattr(self, name), keep) for name in self.__dataclass_fields__})
 
+    def __repr__(self) -> str:
+        span = f", frames {self.frame.min()} to {self.frame.max()}" if len(self) else ""
+        return f"Trajectories({len(self)} rows of {len(np.unique(self.track_id))} ids{span})"
+
+    @staticmethod
+    def from_dataframe(frame: DataFrame) -> Trajectories:
+        """The rows of a pandas DataFrame with columns of ``tracks.csv``; ``frame``, ``id``, ``x_m`` and ``y_m`` must be
+        there, and rows are "confirmed" where no state is given. Raises InputError: a column missing, or values that are
+        not what it holds."""
+        missing = [name for name in ("frame", "id", "x_m", "y_m") if name not in frame.columns]
+        if missing:
+            raise InputError(f"expected tracks with the column {missing[0]!r}, found {list(map(str, frame.columns))}")
+        n = len(frame)
+        try:
+            known = {
+                name: np.asarray(frame[name], dtype=np.float64) for name in NUMBER_COLUMNS if name in frame.columns
+            }
+        except (TypeError, ValueError) as error:
+            raise InputError(f"expected numbers in the columns of tracks, found {reason(error)}") from error
+        states = frame["state"].to_numpy(dtype=np.str_) if "state" in frame.columns else np.full(n, "confirmed")
+        numbers = np.column_stack([known.get(name, np.full(n, np.nan)) for name in NUMBER_COLUMNS])
+        return numbers_table(numbers, states, Path("DataFrame"))
+
     def to_dataframe(self) -> DataFrame:
         """A pandas DataFrame with the columns of ``tracks.csv`` (``TRACK_COLUMNS``), a row per person and frame. Raises
         InputError: pandas is not installed."""

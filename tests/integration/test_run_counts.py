@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 from crossing_video import CAMERA, CrossingVideo
 from say import JsonOf, Say
@@ -94,3 +95,20 @@ def test_line_in_pixels_whose_image_size_is_not_known_is_told(tmp_path: Path, sa
     assert "the size of the images is not known" in " ".join(told.split())
     with pytest.warns(UserWarning, match="the size of the images is not known"):
         planview.count_tracks(tmp_path, tmp_path / "rules.toml")
+
+
+def test_python_takes_tables_of_pandas_and_prints_short(tmp_path: Path) -> None:
+    rows = [(i, i / 10, 1, i / 10 - 1, 2.0) for i in range(30)]
+    frame = pandas.DataFrame(rows, columns=["frame", "timestamp_s", "id", "x_m", "y_m"])
+    (tmp_path / "rules.toml").write_text('[[tripwire]]\nname = "door"\nfrom_m = [0, 0]\nto_m = [0, 4]\n')
+    counts = planview.count_tracks(frame, str(tmp_path / "rules.toml"))
+    assert counts.to_json()["rules"]["door"]["people"] == 1
+    scores = planview.evaluate(frame, frame)
+    assert scores.clear.mota == 1.0
+    assert all(len(repr(value)) <= 200 for value in (counts, scores, planview.Trajectories.from_dataframe(frame)))
+    with pytest.raises(planview.InputError, match="expected a truth"):
+        planview.evaluate(frame)
+    with pytest.raises(planview.InputError, match="the column 'x_m'"):
+        planview.evaluate(frame.drop(columns="x_m"), frame)
+    with pytest.raises(planview.InputError, match="config"):
+        planview.run(tmp_path, config={"maps": {"cell_m": -1}})
