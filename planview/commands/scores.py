@@ -30,7 +30,15 @@ from planview.output.folder import read_run_info, unfinished_beside
 from planview.output.progress import PlainConsole
 from planview.output.run_folder import RunFolder
 from planview.trajectories.file import limited
-from planview.trajectories.formats import FilePair, file_pairs, load_file, load_tracks, load_truth, tracks_file
+from planview.trajectories.formats import (
+    FilePair,
+    file_pairs,
+    load_file,
+    load_tracks,
+    load_truth,
+    sequence_rate,
+    tracks_file,
+)
 
 _FIGURES = (
     "mota", "idf1", "hota", "det_a", "ass_a", "switches", "switches_per_minute", "fragmentations", "mostly_tracked",
@@ -90,9 +98,10 @@ def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOption
         align=options.align,
         fps=options.fps or (run.info.fps if (run := RunFolder.around(tracks)) is not None else None) or 30.0,
     )
+    rated = options.fps is not None
     span = None if options.frames is None else frame_span(options.frames)
     pairs = file_pairs(tracks, truth)
-    results = {pair.name: _evaluate_pair(pair, params, span) for pair in pairs}
+    results = {pair.name: _evaluate_pair(pair, params, span, rated) for pair in pairs}
     together = pooled(list(results.values())) if len(results) > 1 else next(iter(results.values()))
     if options.json_output:
         each = {
@@ -121,12 +130,18 @@ def _truth_of(tracks: Path) -> Path:
     return run.truth_file
 
 
-def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None) -> Evaluation:
+def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None, rated: bool) -> Evaluation:
+    if not rated and (rate := sequence_rate(pair.truth)) is not None:
+        params = params.model_copy(update={"fps": rate})
     boxes = params.align or params.match_on == "boxes"
-    found, true = load_tracks(pair.tracks, boxes=boxes), load_truth(pair.truth)
+    files = load_file(pair.tracks, boxes=boxes), load_file(pair.truth, truth=True)
+    found, true = (file.table for file in files)
     if not boxes and not np.isfinite(found.x_m).any():
         found = load_tracks(pair.tracks)  # with boxes, where they have nothing else
     console = PlainConsole(stderr=True, soft_wrap=True)
+    for path, file in zip((pair.tracks, pair.truth), files, strict=True):
+        if file.note:
+            console.print(f"{path}: {file.note}")
     if len(found) and len(true):
         (first, last), (begin, end) = ((int(t.frame.min()), int(t.frame.max())) for t in (found, true))
         if begin > last or end < first:

@@ -105,7 +105,7 @@ def _boxes_for(video: Video, detections: Path | str | Sequence[ArrayLike]) -> De
             f"{boxes.source}: expected boxes of {video.path.name}, frames 1 to {video.n_frames}, found frame "
             f"{len(boxes.frames)}"
         )
-    return boxes
+    return boxes.within(video.size)
 
 
 def _map_tracker(tracker: AnyTracker, config: Config, path: Path) -> Tracker:

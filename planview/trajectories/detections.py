@@ -19,6 +19,8 @@ from calib.types import F64
 
 MAX_BYTES = 1 << 29
 FRAMES_MAX = 10_000_000
+OUTSIDE_MAX = 0.1
+"""Share of boxes whose centre may lie outside of the image: people at its border (our choice)."""
 PERSON = 1
 """Category of people in COCO."""
 
@@ -54,14 +56,38 @@ class Detections:
                 raise InputError(f"{source}: expected (N, 4) or (N, 5) boxes in frame {index}, found {array.shape}")
             if not np.isfinite(array).all() or (array[:, 2:4] <= 0).any():
                 raise InputError(f"{source}: expected finite boxes with an area in frame {index}, found others")
+            refuse_fractions(array, source)
             boxes.append(np.column_stack([array, np.ones(len(array))]) if array.shape[1] == 4 else array)
         scores = np.concatenate([frame[:, 4] for frame in boxes] or [np.empty(0)])
         scored = len(scores) > 0 and 0 <= scores.min() < scores.max() <= 1
         return Detections(tuple(boxes), bool(scored), source)
 
+    def within(self, size: tuple[int, int]) -> Detections:
+        """Self for images of (width, height) [px]. Raises InputError: boxes that are not of such images."""
+        boxes = np.concatenate([*self.frames, np.empty((0, 5))])
+        centres = boxes[:, :2] + boxes[:, 2:4] / 2
+        outside = ((centres < 0) | (centres > size)).any(axis=1)
+        if outside.sum() > OUTSIDE_MAX * len(boxes):
+            right, bottom = (boxes[:, :2] + boxes[:, 2:4]).max(axis=0)
+            raise InputError(
+                f"{self.source}: expected boxes inside images of {size[0]}x{size[1]}, found {outside.sum()} of "
+                f"{len(boxes)} outside, up to ({right:.0f}, {bottom:.0f})"
+            )
+        return self
+
     def at(self, frame: int) -> F64:
         """(N, 5) boxes of a frame."""
         return self.frames[frame] if 0 <= frame < len(self.frames) else np.empty((0, 5))
+
+
+def refuse_fractions(boxes: F64, source: str) -> None:
+    """Refuse (N, 4 or more) boxes of which none is larger than a pixel. Raises InputError: fractions of the image."""
+    sizes = boxes[(boxes[:, 2:4] > 0).all(axis=1), 2:4]  # unknown boxes are -1
+    if len(sizes) and (sizes <= 1.0).all():
+        raise InputError(
+            f"{source}: expected boxes in pixels, found none larger than a pixel, up to {sizes.max():g}: "
+            "fractions of the image"
+        )
 
 
 def load_detections(path: Path) -> Detections:
@@ -123,6 +149,9 @@ def _coco(path: Path, text: str) -> list[list[float]]:
         if category == PERSON:
             rows.append([float(frame), *box, score])
     first = min((row[0] for row in rows), default=0.0)
+    if listed and not rows:
+        found = sorted({str(entry["category_id"])[:20] for entry in listed})[:8]
+        raise InputError(f"{path}: expected boxes of category {PERSON} (people), found category {', '.join(found)}")
     return [[row[0] - min(first, 1.0), *row[1:]] for row in rows]
 
 

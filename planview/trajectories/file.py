@@ -33,11 +33,13 @@ class TrajectoryFile:
         fps: frames per second; None where the file does not say.
         walkable_wkt: the floor where people may walk, a polygon in well-known text [m]; None where the file does not
             say.
+        note: what was assumed about the file, in a sentence; empty when nothing was.
     """
 
     table: Trajectories
     fps: float | None = None
     walkable_wkt: str | None = None
+    note: str = ""
 
 
 def timed_by_rate(file: TrajectoryFile) -> TrajectoryFile:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -9,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import reason, require_file
+from calib.io import read_text, reason, require_file
 from planview.trajectories.binary_formats import (
     read_jupedsim,
     read_parquet,
@@ -18,7 +19,7 @@ from planview.trajectories.binary_formats import (
     write_parquet,
     write_ped_data_archive,
 )
-from planview.trajectories.file import TrajectoryFile, replaced, surrounding_area, timed_by_rate
+from planview.trajectories.file import TrajectoryFile, checked_rate, replaced, surrounding_area, timed_by_rate
 from planview.trajectories.table import (
     Trajectories,
     frame_period_s,
@@ -95,9 +96,15 @@ def _load_text(path: Path, first: bytes, truth: bool, boxes: bool) -> Trajectory
         return read_petrack(path)
     if line.startswith("{"):
         return read_jsonl(path)
+    if not line.strip() and not path.stat().st_size:
+        return read_motchallenge(path, truth=truth)
     if not line.strip() or not _is_number(line.replace(",", " ").split()[0]):
         return TrajectoryFile(read_truth(path) if truth else read_tracks(path, boxes=boxes))
-    return TrajectoryFile(read_motchallenge(path, truth=truth) if "," in line else read_laboratory(path))
+    return (
+        TrajectoryFile(read_laboratory(path))
+        if len(line.split()) < 6 and "," not in line
+        else read_motchallenge(path, truth=truth)
+    )
 
 
 def read_laboratory(path: Path) -> Trajectories:
@@ -196,6 +203,18 @@ class FilePair(NamedTuple):
 def tracks_file(path: Path) -> Path:
     """The file itself, or ``tracks.csv`` of the folder of a run."""
     return path / "tracks.csv" if path.is_dir() else path
+
+
+def sequence_rate(truth: Path) -> float | None:
+    """Frames per second in the seqinfo.ini of a MOTChallenge sequence, beside its truth or a folder above; None without
+    one. Raises InputError: no rate in it."""
+    for folder in (truth.parent, truth.parent.parent):
+        if (file := folder / "seqinfo.ini").is_file():
+            found = re.search(
+                r"^\s*frameRate\s*=\s*(.*?)\s*$", read_text(file, "seqinfo.ini"), re.MULTILINE | re.IGNORECASE
+            )
+            return checked_rate(file, found[1]) if found else None
+    return None
 
 
 def truth_file(folder: Path) -> Path | None:

@@ -238,7 +238,9 @@ def bits_of(*cameras: Sequence[Path | None]) -> int | None:
 
 def image_files(folder: Path) -> list[Path]:
     """The images of a folder, sorted by name with numbers in numeric order."""
-    return sorted((f for f in folder.iterdir() if f.suffix.lower() in SUFFIXES and f.is_file()), key=_natural)
+    return sorted(
+        (f for f in folder.iterdir() if f.suffix.lower() in SUFFIXES and f.name[0] != "." and f.is_file()), key=_natural
+    )
 
 
 def frame_number(file: Path) -> int | None:

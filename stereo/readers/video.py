@@ -137,7 +137,7 @@ class VideoFile:
 
 def video_files(folder: Path) -> list[Path]:
     """The videos of a folder, sorted by name."""
-    return sorted(f for f in folder.iterdir() if f.suffix.lower() in SUFFIXES and f.is_file())
+    return sorted(f for f in folder.iterdir() if f.suffix.lower() in SUFFIXES and f.name[0] != "." and f.is_file())
 
 
 def _open(path: Path) -> cv2.VideoCapture:

@@ -49,15 +49,19 @@ def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
                     f"--topics: expected image topics of {bag.path.name} ({_listed(there)}), found {name!r}"
                 )
         first, second = named
-        if is_depth(first) and not is_depth(second):
+        depths = _depths(bag, [topic for topic in there if topic.name in named])
+        if first in depths and second not in depths:
             first, second = second, first
-        return TopicChoice("rgbd" if is_depth(second) else "stereo", first, second)
+        return TopicChoice("rgbd" if second in depths else "stereo", first, second)
     if not there:
         raise InputError(f"{bag.path}: expected image topics of two cameras, found {_listed(bag.topics)}")
     by_base: dict[str, Topic] = {}  # each image once: raw before compressed
     for topic in sorted(there, key=lambda topic: topic.kind == "compressed"):
         by_base.setdefault(_base(topic.name), topic)
-    pairs = _stereo(list(by_base)) or _rgbd(list(by_base))
+    pairs = _stereo(list(by_base))
+    if not pairs:
+        depths = _depths(bag, list(by_base.values()))
+        pairs = _rgbd(list(by_base), {base for base, topic in by_base.items() if topic.name in depths})
     if not pairs and len(there) == 1:
         raise InputError(
             f"{bag.path}: expected image topics of two cameras, or an image and its depth, "
@@ -96,6 +100,22 @@ def is_depth(topic: str) -> bool:
     return _DEPTH.search(topic) is not None
 
 
+def _depths(bag: Bag, topics: Sequence[Topic]) -> set[str]:
+    """Names of the topics that hold depth by their name, or by the encoding of their first image where not all of the
+    topics have it (drivers of infrared pairs send 16UC1, too)."""
+    encoded = {topic.name for topic in topics if _is_encoded_depth(bag, topic)}
+    return {topic.name for topic in topics if is_depth(topic.name)} | (encoded if len(encoded) < len(topics) else set())
+
+
+def _is_encoded_depth(bag: Bag, topic: Topic) -> bool:
+    try:
+        message = next(iter(bag.messages(topic.name)))
+        found = image_message(message.decode(message.data), topic.kind == "compressed").encoding
+    except Exception:  # a damaged message says nothing; reading the topic reports it
+        return False
+    return found.upper() in ("16UC1", "32FC1") or "compressedDepth" in found
+
+
 def _stereo(bases: Sequence[str]) -> list[TopicChoice]:
     """Left and right topics whose names differ in the side alone, one pair for each rig."""
     images = [base for base in bases if not is_depth(base) and not _COLOUR.search(base.rsplit("/", 1)[0])]
@@ -108,10 +128,10 @@ def _stereo(bases: Sequence[str]) -> list[TopicChoice]:
     return [pairs[rest] for rest in _preferred(pairs)]
 
 
-def _rgbd(bases: Sequence[str]) -> list[TopicChoice]:
+def _rgbd(bases: Sequence[str], depth_bases: set[str]) -> list[TopicChoice]:
     """Images of colour, or whatever is not depth, with the depth topic of the same camera."""
-    depths = _preferred([base for base in bases if is_depth(base)])
-    images = [base for base in bases if not is_depth(base)]
+    depths = _preferred([base for base in bases if base in depth_bases])
+    images = [base for base in bases if base not in depth_bases]
     images = _preferred([base for base in images if _COLOUR.search(base)] or images)
     return [TopicChoice("rgbd", image, depth) for image in images for depth in depths]
 

@@ -16,7 +16,7 @@ from calib.errors import InputError
 from stereo.readers import OpenOptions, find_layout, open_recording
 from stereo.readers.bags import storage
 from stereo.readers.bags.messages import ImageMessage, stored_pixels
-from stereo.readers.bags.storage import Topic, kind_of
+from stereo.readers.bags.storage import Message, Topic, kind_of
 from stereo.readers.bags.topics import choose_topics, info_topic
 
 rosbag1 = pytest.importorskip("rosbags.rosbag1")
@@ -356,3 +356,28 @@ def test_foxglove_images_and_calibrations_are_a_recording(tmp_path: Path, encodi
     assert [int(f.right[0, 0]) for f in frames] == [0, 10, 20, 30]
     assert [f.timestamp_s for f in frames] == pytest.approx([0.0, 0.05, 0.1, 0.15])
     assert recording.rig.baseline_m == pytest.approx(0.1) and recording.rig.left.fx == 30.0
+
+
+class Sent(Listed):
+    """A bag of topics with one image each, of these encodings."""
+
+    def __init__(self, **encodings: str) -> None:
+        super().__init__(*(f"/oak/{name}/image_raw" for name in encodings))
+        self._encodings = {f"/oak/{name}/image_raw": encoding for name, encoding in encodings.items()}
+
+    def messages(self, topic, start_ns=None):
+        image = {"data": b"", "width": 1, "height": 1, "step": 2, "encoding": self._encodings[topic]}
+        yield Message(0, b"", lambda data: 0, lambda data: image)
+
+
+RGB, STEREO = "/oak/rgb/image_raw", "/oak/stereo/image_raw"
+
+
+@pytest.mark.parametrize("named", [(), (RGB, STEREO), (STEREO, RGB)])
+def test_16_bit_depth_is_known_by_its_encoding(named):
+    assert choose_topics(Sent(rgb="bgr8", stereo="16UC1"), named) == ("rgbd", RGB, STEREO)
+
+
+def test_pair_of_16_bit_cameras_is_no_depth():
+    left, right = "/oak/left/image_raw", "/oak/right/image_raw"
+    assert choose_topics(Sent(left="16UC1", right="16UC1"), (left, right)) == ("stereo", left, right)

@@ -10,8 +10,17 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
+from planview.trajectories.detections import Detections, load_detections
 from planview.trajectories.file import TrajectoryFile
-from planview.trajectories.formats import FORMATS, load_file, load_tracks, load_truth, measured_rate, prepared
+from planview.trajectories.formats import (
+    FORMATS,
+    load_file,
+    load_tracks,
+    load_truth,
+    measured_rate,
+    prepared,
+    sequence_rate,
+)
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import (
     IGNORED,
@@ -131,7 +140,7 @@ def test_truth_with_confidence_zero_is_left_out_and_results_with_it_are_kept(tmp
     assert (load_truth(path).track_id.tolist(), load_tracks(path).track_id.tolist()) == ([1], [1, 2])
 
 
-@pytest.mark.parametrize("columns", ["1,2,0.5,0", "1,2.5,0.5", "0.5,2,0.5", "1,2,-0.5", "1,14,0.5"])
+@pytest.mark.parametrize("columns", ["1,2,0.5,0", "1,2.5,0.5", "0.5,2,0.5", "1,2,-0.5"])
 def test_rows_that_are_not_flag_class_visibility_are_metres(tmp_path: Path, columns: str) -> None:
     truth = load_truth(written(tmp_path, f"1,1,10,20,30,40,{columns}\n"))
     assert [truth.x_m[0], truth.y_m[0]] == [float(value) for value in columns.split(",")[1:3]]
@@ -302,3 +311,60 @@ def test_damaged_trajectories_are_refused_in_one_sentence(make, tmp_path):
     with pytest.raises(InputError) as refused:
         load_tracks(path)
     assert str(refused.value).startswith(str(path)) and "\n" not in str(refused.value)
+
+
+def motchallenge(path: Path, *rows: str) -> Path:
+    path.write_text("".join(row + "\n" for row in rows))
+    return path
+
+
+@pytest.mark.parametrize("row", ["1,7,10,20,30,60,1,-1,-1,-1", "1 7 10 20 30 60 1 -1 -1 -1"])
+def test_motchallenge_rows_are_separated_by_commas_or_blanks(tmp_path: Path, row: str) -> None:
+    table = load_tracks(motchallenge(tmp_path / "a.txt", row))
+    assert table.frame.tolist() == [0] and table.box_px.tolist() == [[10, 20, 30, 60]]
+
+
+def test_motchallenge_frames_from_0_are_kept_with_a_note(tmp_path: Path) -> None:
+    file = load_file(motchallenge(tmp_path / "a.txt", "0,7,10,20,30,60", "1,7,10,20,30,60"))
+    assert file.table.frame.tolist() == [0, 1] and "from 0" in file.note
+
+
+def test_results_without_a_row_are_an_empty_table(tmp_path: Path) -> None:
+    assert len(load_tracks(motchallenge(tmp_path / "a.txt"))) == 0
+
+
+@pytest.mark.parametrize("end", ["1,2,1.0", "1,15,1.0", "1,0,1.0", "0,1,1.0", "0,-1,-1,-1"])
+def test_truth_of_which_no_row_counts_is_refused(tmp_path: Path, end: str) -> None:
+    with pytest.raises(InputError, match="truth rows that count"):
+        load_truth(motchallenge(tmp_path / "a.txt", f"1,7,10,20,30,60,{end}"))
+
+
+def test_class_columns_of_results_are_no_metres(tmp_path: Path) -> None:
+    table = load_tracks(motchallenge(tmp_path / "a.txt", "1,7,10,20,30,60,1,0,1.0"))
+    assert len(table) == 1 and np.isnan(table.x_m).all()
+
+
+def test_boxes_in_fractions_of_the_image_are_refused(tmp_path: Path) -> None:
+    path = motchallenge(tmp_path / "a.txt", "1,7,0.3,0.4,0.1,0.2,1")
+    for read in (load_tracks, load_detections):
+        with pytest.raises(InputError, match="fractions of the image"):
+            read(path)
+
+
+def test_boxes_outside_of_the_image_are_refused() -> None:
+    boxes = Detections.of([[[1200.0, 800.0, 150.0, 250.0]]])
+    assert boxes.within((1920, 1080)) is boxes
+    with pytest.raises(InputError, match="inside images of 400x400, found 1 of 1 outside"):
+        boxes.within((400, 400))
+
+
+def test_category_of_coco_results_without_people_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text('[{"image_id": 1, "category_id": 0, "bbox": [1, 2, 30, 60]}]')
+    with pytest.raises(InputError, match="found category 0"):
+        load_detections(tmp_path / "a.json")
+
+
+def test_rate_of_a_sequence_is_that_of_its_seqinfo(tmp_path: Path) -> None:
+    (tmp_path / "gt").mkdir()
+    (tmp_path / "seqinfo.ini").write_text("[Sequence]\nframeRate=10\n")
+    assert sequence_rate(tmp_path / "gt/gt.txt") == 10.0
