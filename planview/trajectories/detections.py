@@ -122,7 +122,11 @@ def _motchallenge(path: Path, text: str) -> list[list[float]]:
             values = []
         good = 6 <= len(values) <= 10 and all(map(math.isfinite, values))
         if not (good and values[0].is_integer() and 1 <= values[0] <= FRAMES_MAX and min(values[4:6]) > 0):
-            _refuse(path, f"line {number}", "frame (from 1),id,left,top,width,height,score", line)
+            empty = len(values) >= 6 and min(values[4:6]) <= 0
+            expected = (
+                "boxes with a width and height above 0" if empty else "frame (from 1),id,left,top,width,height,score"
+            )
+            _refuse(path, f"line {number}", expected, line)
         rows.append([values[0] - 1, *values[2:6], values[6] if len(values) > 6 else 1.0])
     return rows
 
