@@ -50,11 +50,13 @@ class FrameSource(ItemSource, Protocol):
         size: (width, height) [px].
         n_frames: frames announced; the iteration may end earlier.
         fps: nominal rate, NaN when the files hold none.
+        raw: pictures without a container, whose rate the decoder assumes.
     """
 
     size: Size
     n_frames: int
     fps: float
+    raw: bool
 
 
 def frames_of(source: ItemSource, indices: Sequence[int] | None) -> Generator[Decoded, None, None]:
@@ -198,11 +200,15 @@ def stereo_layout(
     return Layout("stereo", streams, n_frames, clock, said, unpaired, opened)
 
 
-def clock_of(folder: Path, options: OpenOptions, file_fps: float = math.nan) -> FrameClock:
+def clock_of(
+    folder: Path, options: OpenOptions, n_frames: int, file_fps: float = math.nan, raw: bool = False
+) -> FrameClock:
     """``--fps``, else timestamps.csv, else the files' own times, else an assumed rate.
 
     Args:
+        n_frames: frames announced, 0 when unknown.
         file_fps: rate that the files announce; NaN when they hold none.
+        raw: the files hold no times, so that their rate is the decoder's assumption.
     Raises:
         InputError: a timestamps.csv that cannot be read.
     """
@@ -211,11 +217,17 @@ def clock_of(folder: Path, options: OpenOptions, file_fps: float = math.nan) -> 
     file = folder / "timestamps.csv"
     if file.is_file():
         times, notes = load_timestamps(file)
-        return FrameClock(rate_of(times), times, notes)
-    if math.isfinite(file_fps):
+        known, fps = int(np.count_nonzero(np.isfinite(times[:n_frames]))), rate_of(times)
+        if known < n_frames:
+            notes += (
+                f"{file.name} has times of {known} of {n_frames} frames: {fps:g} per second are assumed elsewhere",
+            )
+        return FrameClock(fps, times, notes)
+    if math.isfinite(file_fps) and not raw:
         return FrameClock(file_fps)
-    note = f"no timestamps: {DEFAULT_FPS:g} frames per second are assumed (--fps gives another rate)"
-    return FrameClock(DEFAULT_FPS, None, (note,))
+    fps = file_fps if math.isfinite(file_fps) else DEFAULT_FPS
+    note = f"no timestamps: {fps:g} frames per second are assumed (--fps gives another rate)"
+    return FrameClock(fps, None, (note,), even=True)
 
 
 def clock_of_pairs(pairs: TimePairs, options: OpenOptions) -> FrameClock:

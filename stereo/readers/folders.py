@@ -59,7 +59,7 @@ def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions) -> Lay
     a, b = (ImageFiles(files, bits) for files in sides)
     left, right = (next(file for file in files if file) for files in sides)
     names = (left, right) if left.parent == right.parent else (left.parent, right.parent)
-    size, clock = same_size(a, b, *names), clock_of(path, options)
+    size, clock = same_size(a, b, *names), clock_of(path, options, len(pairs))
     streams = tuple(
         Stream(name, size, sum(file is not None for file in files), clock.times_s, pixel_text(source.is_grey, bits))
         for name, files, source in zip(("left", "right"), sides, (a, b), strict=True)

@@ -91,7 +91,7 @@ class ImageFiles:
         InputError: no file of the list can be decoded.
     """
 
-    fps = math.nan
+    fps, raw = math.nan, False
     _expected = "images, found none of {} that can be decoded"
 
     def __init__(self, files: Sequence[Path | None], bits: int | None = None) -> None:

@@ -59,7 +59,7 @@ class LiveSource:
     is_grey = False
 
     def __init__(self, address: Address) -> None:
-        self.address, self.fps = address, DEFAULT_FPS
+        self.address, self.fps, self.raw = address, DEFAULT_FPS, False
         # The first frames tell size and layout; cameras need some to adapt to the light.
         with closing(self._capture()) as frames:
             self.pictures = [np.asarray(f.image, dtype=np.uint8) for f in islice(frames, 3)]

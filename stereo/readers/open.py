@@ -21,7 +21,7 @@ from stereo.readers.rgbd import READER as RGBD_FOLDERS
 from stereo.readers.side_by_side import READER as SIDE_BY_SIDE
 from stereo.readers.video import READER as VIDEO_PAIR
 from stereo.readers.video import VideoFile, video_files
-from stereo.recording import Decoded, FrameClock, StereoRecording, Video
+from stereo.recording import Decoded, StereoRecording, Video
 
 _POINTER = re.compile(rb"\Aversion https://git-lfs\.github\.com/spec/v1\noid [^\n]+\nsize (\d+)")
 _NAMED = {
@@ -170,14 +170,14 @@ def open_video(path: Path, options: OpenOptions | None = None) -> Video:
         raise InputError(f"--calibration: expected a stereo pair or images with depth, found {path}: one camera")
     if path.is_file():
         source: FrameSource = VideoFile(path)
-        clock = FrameClock(options.fps or source.fps, even=options.fps is not None)
-        return Video(path, partial(_alone, source), source.size, source.n_frames, clock)
+        clock = clock_of(path, options, source.n_frames, source.fps, source.raw)
+        return Video(path, partial(_alone, source), source.size, source.n_frames, clock, clock.notes)
     files, videos = image_files(path), video_files(path)
     if not files and len(videos) != 1:
         raise InputError(f"{path}: expected images or one video, found {len(videos)} videos and no image")
     bits = bits_of(files)
     source = ImageFiles(files, bits) if files else VideoFile(videos[0])
-    clock = clock_of(path, options, source.fps)
+    clock = clock_of(path, options, source.n_frames, source.fps, source.raw)
     notes = (*clock.notes, *bits_note(bits))
     return Video(path, partial(_alone, source), source.size, source.n_frames, clock, notes)
 

@@ -190,9 +190,8 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     if sides is None:
         raise InputError(f"{path}: expected images and depth, found neither")
     timed = None if (path / "timestamps.csv").is_file() else _timed(*sides)
-    pairs, clock = timed or (pair_files(*sides), clock_of(path, options))
-    if options.fps is not None:
-        clock = clock_of(path, options)
+    pairs = timed[0] if timed else pair_files(*sides)
+    clock = timed[1] if timed and options.fps is None else clock_of(path, options, len(pairs))
     images, depths = ImageFiles([pair[0] for pair in pairs]), DepthFiles([pair[1] for pair in pairs])
     streams = (
         Stream("image", images.size, len(sides[0]), clock.times_s),

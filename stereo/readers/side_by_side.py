@@ -304,10 +304,11 @@ def packed_layout(
         found = load_rig(calibration, size)
         return rectified_rig(partial(load_rig, calibration, size, rectified=True), found)[0] if rectified else found
 
+    n_frames = 0 if live_waits is not None else source.n_frames
+    clock = clock_of(folder, options, n_frames, source.fps, source.raw)
     return stereo_layout(
-        path, partial(split_pairs, source, views), streams, 0 if live_waits is not None else source.n_frames,
-        clock_of(folder, options, source.fps), rig or own_rig, _notes(packing, order, assumed), folder=folder,
-        live_waits=live_waits,
+        path, partial(split_pairs, source, views), streams, n_frames, clock, rig or own_rig,
+        _notes(packing, order, assumed), folder=folder, live_waits=live_waits,
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.images import as_grey
-from calib.types import U8
+from calib.types import F64, U8
 from stereo.readers.base import (
     Layout,
     OpenOptions,
@@ -28,6 +28,8 @@ from stereo.readers.pairing import split_sides
 from stereo.recording import Decoded
 
 SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg"})
+_RAW = (b"\0\0\0\1", b"\0\0\1\x67", b"\xff\xd8\xff")
+"""First bytes of pictures without a container: H.264 and H.265, and JPEG one after the other."""
 
 
 class VideoFile:
@@ -40,6 +42,8 @@ class VideoFile:
     def __init__(self, path: Path) -> None:
         self._path = path
         capture = _open(path)
+        with path.open("rb") as file:
+            self.raw = file.read(4).startswith(_RAW)
         try:
             found, first = capture.read()
             self._start_ms = float(capture.get(cv2.CAP_PROP_POS_MSEC))
@@ -53,6 +57,8 @@ class VideoFile:
                 self.n_frames = count
         finally:
             capture.release()
+        if self.raw and not self.n_frames:
+            self.n_frames = len(_packets(path))
         if not found or first is None:
             raise InputError(f"{path}: expected a video, found no frame that can be decoded")
         self.size = first.shape[1], first.shape[0]
@@ -149,14 +155,26 @@ def _open(path: Path) -> cv2.VideoCapture:
     return capture
 
 
+def _packets(path: Path) -> F64:
+    """(n,) float64 [s], when the frames of a video are shown, as its container tells; nothing is decoded."""
+    capture, times = _open(path), []
+    try:
+        capture.set(cv2.CAP_PROP_FORMAT, -1)
+        while capture.grab():
+            times.append(float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0)
+    finally:
+        capture.release()
+    return np.sort(np.array(times))  # packets come in the order of decoding
+
+
 def _find(path: Path, options: OpenOptions) -> Layout:
     left, right = _sides(path) or (path, path)
     a, b = VideoFile(left), VideoFile(right)
     size = same_size(a, b, left, right)
     streams = tuple(Stream(name, size, source.n_frames) for name, source in (("left", a), ("right", b)))
     return stereo_layout(
-        path, partial(both, a, b), streams, max(a.n_frames, b.n_frames), clock_of(path, options, a.fps),
-        rig_in(path, options, size),
+        path, partial(both, a, b), streams, max(a.n_frames, b.n_frames),
+        clock_of(path, options, min(a.n_frames, b.n_frames), a.fps, a.raw), rig_in(path, options, size),
     )  # fmt: skip
 
 

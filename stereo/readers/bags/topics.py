@@ -227,7 +227,7 @@ class TopicFrames:
         InputError: none of a few images can be decoded.
     """
 
-    fps = np.nan
+    fps, raw = np.nan, False
     _expected = "images in {}, found none that can be decoded"
 
     def __init__(self, images: TopicImages, places: I64, sample: Sequence[AnyArray], bits: int | None = None) -> None:

@@ -216,6 +216,22 @@ def test_images_of_one_camera_without_times_say_which_rate_is_assumed(tmp_path: 
     assert video.notes == ["no timestamps: 30 frames per second are assumed (--fps gives another rate)"]
 
 
+def test_table_of_times_that_is_too_short_is_reported(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r")
+    n_frames = open_recording(folder).n_frames
+    (folder / "timestamps.csv").write_text("frame,timestamp_s\n0,0\n1,0.2\n")
+    note = f"timestamps.csv has times of 2 of {n_frames} frames: 5 per second are assumed elsewhere"
+    assert note in open_recording(folder).notes
+
+
+def test_rate_of_pictures_without_a_container_is_reported(tmp_path: Path) -> None:
+    coded = cv2.imencode(".jpg", np.full((48, 64), 90, np.uint8))[1].tobytes()
+    (tmp_path / "a.avi").write_bytes(7 * coded)
+    video = open_video(tmp_path / "a.avi")
+    assert video.n_frames == 7
+    assert video.notes == ["no timestamps: 25 frames per second are assumed (--fps gives another rate)"]
+
+
 def test_rate_of_the_caller_replaces_the_times_of_one_camera(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r") / "left"
     (folder / "timestamps.csv").write_text("frame,timestamp_s\n0,0\n1,7\n2,9\n")
