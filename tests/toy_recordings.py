@@ -52,10 +52,10 @@ def write_video(path: Path, count: int, width: int = 64, height: int = 48, colou
     write_frames(path, frames)
 
 
-def write_frames(path: Path, frames: Sequence[AnyArray] | AnyArray) -> None:
+def write_frames(path: Path, frames: Sequence[AnyArray] | AnyArray, code: str = "MJPG") -> None:
     """A video of (h, w) or (h, w, 3) uint8 frames at 10 Hz."""
     height, width = frames[0].shape[:2]
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (width, height))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), 10.0, (width, height))
     assert writer.isOpened()
     for frame in frames:
         writer.write(frame if frame.ndim == 3 else cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR))

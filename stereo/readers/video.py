@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.images import as_grey
-from calib.types import F64, U8
+from calib.types import F64, I64, U8
 from stereo.readers.base import (
     Layout,
     OpenOptions,
@@ -19,12 +20,14 @@ from stereo.readers.base import (
     Stream,
     both,
     clock_of,
+    clock_of_pairs,
     rig_in,
     same_size,
     stereo_layout,
 )
 from stereo.readers.images import is_grey
-from stereo.readers.pairing import split_sides
+from stereo.readers.pairing import TimePairs, pair_stamps, split_sides
+from stereo.readers.times import rate_of_times
 from stereo.recording import Decoded
 
 SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg"})
@@ -164,13 +167,61 @@ def _packets(path: Path) -> F64:
             times.append(float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0)
     finally:
         capture.release()
-    return np.sort(np.array(times))  # packets come in the order of decoding
+    own = np.sort(np.array(times, dtype=np.float64))  # packets come in the order of decoding
+    return np.asarray(own - own[:1], dtype=np.float64)
+
+
+def _by_time(left_s: F64, right_s: F64) -> TimePairs | None:
+    """The pairs of two videos by the times of their frames; None where pairs in order are right, or times tell nothing.
+
+    Times count where one video has frames that the other lost, as gaps of its own times confirm: times that only
+    waver, or a recorder that was stopped earlier, leave frames alone without gaps.
+    """
+    rates = rate_of_times(left_s), rate_of_times(right_s)
+    lost = sum(rate.dropped for rate in rates if rate)
+    if not lost or any((np.diff(own) <= 0).any() for own in (left_s, right_s)):
+        return None
+    pairs = pair_stamps((left_s * 1e9).astype(np.int64), (right_s * 1e9).astype(np.int64))
+    alone = ((pairs.left < 0) | (pairs.right < 0)) & (pairs.times_s <= min(left_s[-1], right_s[-1]))
+    return pairs if 0 < np.count_nonzero(alone) <= lost else None
+
+
+class _PlacedVideo:
+    """The frames of a video by the frames of a recording (an ``ItemSource``)."""
+
+    def __init__(self, video: VideoFile, places: I64) -> None:
+        """Args: places in the video by frame index, ascending; -1 where the camera lost the frame."""
+        self._video, self._places = video, places
+
+    def __iter__(self) -> Iterator[Decoded]:
+        return self._placed(range(len(self._places)), iter(self._video))
+
+    def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
+        """Only these frames."""
+        listed = list(indices)
+        return self._placed(listed, self._video.at(int(self._places[i]) for i in listed if self._places[i] >= 0))
+
+    def _placed(self, indices: Iterable[int], frames: Iterator[Decoded]) -> Iterator[Decoded]:
+        for index in indices:
+            place = self._places[index]
+            found = next((frame for frame in frames if frame.index == place), None) if place >= 0 else None
+            if place >= 0 and found is None:
+                return
+            yield replace(found, index=index) if found else Decoded(index, None, None, "lost by the recorder")
 
 
 def _find(path: Path, options: OpenOptions) -> Layout:
     left, right = _sides(path) or (path, path)
     a, b = VideoFile(left), VideoFile(right)
     size = same_size(a, b, left, right)
+    if not (path / "timestamps.csv").is_file() and not (a.raw or b.raw):
+        own = _packets(left), _packets(right)
+        if pairs := _by_time(*own):
+            timed = tuple(Stream(name, size, len(s), s) for name, s in zip(("left", "right"), own, strict=True))
+            return stereo_layout(
+                path, partial(both, _PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right)), timed, len(pairs.left),
+                clock_of_pairs(pairs, options), rig_in(path, options, size), unpaired=pairs.unpaired,
+            )  # fmt: skip
     streams = tuple(Stream(name, size, source.n_frames) for name, source in (("left", a), ("right", b)))
     return stereo_layout(
         path, partial(both, a, b), streams, max(a.n_frames, b.n_frames),

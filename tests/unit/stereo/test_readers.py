@@ -232,6 +232,36 @@ def test_rate_of_pictures_without_a_container_is_reported(tmp_path: Path) -> Non
     assert video.notes == ["no timestamps: 25 frames per second are assumed (--fps gives another rate)"]
 
 
+def video_with_times(path: Path, ticks: list[int]) -> None:
+    """A video of 10 Hz whose frames are taken at these ticks and as bright as 20 times the tick."""
+    write_frames(whole := path.with_name("whole.mp4"), [np.full((H, W), 20 * t, np.uint8) for t in range(10)], "mp4v")
+    packets = cv2.VideoCapture(str(whole))
+    packets.set(cv2.CAP_PROP_FORMAT, -1)
+    as_stored = [cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1, cv2.VIDEOWRITER_PROP_KEY_INTERVAL, 1]
+    code = cv2.VideoWriter.fourcc(*"mp4v")
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, 10.0, (W, H), as_stored)
+    for tick in range(10):
+        packet = packets.read()[1]
+        if tick in ticks:
+            writer.set(cv2.VIDEOWRITER_PROP_PTS, tick)
+            writer.write(packet)
+    writer.release()
+    whole.unlink()
+
+
+def test_videos_are_paired_by_time_where_one_lost_frames(tmp_path: Path) -> None:
+    save_rig(toy_rig((W, H), focal_px=60.0), tmp_path / "rig.toml")
+    for side, ticks in (("left", list(range(10))), ("right", [0, 1, 2, 3, 7, 8, 9])):
+        video_with_times(tmp_path / f"{side}.mkv", ticks)
+    recording = open_recording(tmp_path)
+    frames = list(recording)
+    assert [frame.timestamp_s for frame in frames] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.7, 0.8, 0.9])
+    assert all(abs(frame.left.mean() - frame.right.mean()) < 3.0 for frame in frames)
+    assert [skipped.index for skipped in recording.skipped] == [4, 5, 6]
+    assert any("3 of 10 frames without a mate" in note for note in recording.notes)
+    assert [frame.index for frame in recording.at([3, 5, 8])] == [3, 8]
+
+
 def test_rate_of_the_caller_replaces_the_times_of_one_camera(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r") / "left"
     (folder / "timestamps.csv").write_text("frame,timestamp_s\n0,0\n1,7\n2,9\n")
