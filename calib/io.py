@@ -42,6 +42,11 @@ _PARTS = re.compile(r"[=,\n]")
 _BRACKETS = re.compile(r"[\[\]{}]")
 
 
+def entries(folder: Path) -> list[Path]:
+    """What a folder holds, by name; without hidden files, which systems put beside those of people (``._*``)."""
+    return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+
+
 def reason(error: Exception) -> str:
     """Why a file cannot be read or written, in words that end "found ..." or "cannot be written (...)"."""
     text = REASONS.get(error.errno or 0) if isinstance(error, OSError) else None

@@ -15,7 +15,7 @@ from calib.formats.devices import DEPTHAI, ZED
 from calib.formats.opencv import FORMAT as OPENCV
 from calib.formats.ros import KALIBR, ROS
 from calib.formats.tsai import is_tsai
-from calib.io import MAX_BYTES, reason, size_text, write_whole
+from calib.io import MAX_BYTES, entries, reason, size_text, write_whole
 from calib.rig import StereoRig
 
 _SUFFIXES = {".toml", ".yml", ".yaml", ".xml", ".json", ".conf", ".txt", ".cfg", ".ini", ".calib", ""}
@@ -67,7 +67,7 @@ def _files(folder: Path) -> Iterator[Path]:
     for place in (folder, *(folder / name for name in _NESTED)):
         if not place.is_dir():
             continue
-        for path in sorted(place.iterdir()):
+        for path in entries(place):
             if path.suffix.lower() in _SUFFIXES and path.is_file() and path.stat().st_size <= MAX_BYTES:
                 yield path
 

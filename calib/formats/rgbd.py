@@ -20,7 +20,7 @@ from calib.camera import Camera, LensModel
 from calib.errors import InputError
 from calib.formats import refuse_strange_camera
 from calib.formats.base import Size, camera, number, numbers, parse_json, parse_yaml, read_source, transform, whole
-from calib.io import parse_toml, size_text
+from calib.io import entries, parse_toml, size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, DepthSensor, RgbdRig
 from calib.types import F64
@@ -80,7 +80,7 @@ def load_rgbd(path: Path, size: Size, depth_size: Size) -> RgbdRig:
 
 def find_rgbd(path: Path) -> tuple[Path, Mapping[str, Any]] | None:
     """The first file at a path that holds a camera, and its content; None without one."""
-    files = [path] if path.is_file() else sorted(f for f in path.iterdir() if f.suffix.lower() in PARSERS)
+    files = [path] if path.is_file() else [f for f in entries(path) if f.suffix.lower() in PARSERS]
     for file in files:
         if file.name.lower() in _OTHER_FILES or not file.is_file():
             continue

@@ -26,6 +26,7 @@ from calib.board.solve import BoardCalibration, RejectedView, solve_board
 from calib.camera import LensModel
 from calib.errors import InputError
 from calib.images import as_grey
+from calib.io import entries
 from calib.types import U8
 from stereo.readers.images import frame_number, image_files, read_image
 from stereo.readers.pairing import split_sides
@@ -126,7 +127,7 @@ def _pair(name: str, images: Sequence[U8 | None], which: str = "") -> BoardPair:
 
 def _in_folder(folder: Path) -> tuple[Sequence[Files], Sequence[Path]]:
     """Images, or videos; those of the two cameras are told apart by the names of their folders or their own."""
-    folders = [f for f in sorted(folder.iterdir()) if f.is_dir() and image_files(f)]
+    folders = [f for f in entries(folder) if f.is_dir() and image_files(f)]
     sided = split_sides([f.name for f in folders])
     if sided is not None:
         if len(sided.left) != 1 or len(sided.right) != 1:

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import read_text, reason, require_file
+from calib.io import entries, read_text, reason, require_file
 from planview.trajectories.binary_formats import (
     read_jupedsim,
     read_parquet,
@@ -249,7 +249,7 @@ def _by_name(folder: Path, inside: tuple[str, ...]) -> dict[str, Path]:
     if not folder.is_dir():
         raise InputError(f"{folder}: expected a folder, since the truth is one, found none")
     files: dict[str, Path] = {}
-    for entry in sorted(folder.iterdir()):
+    for entry in entries(folder):
         if entry.is_file() and entry.suffix in _TABLES:
             files[entry.stem] = entry
         elif entry.is_dir():

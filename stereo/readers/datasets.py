@@ -24,7 +24,7 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.formats.base import read_source
 from calib.formats.rgbd import find_rgbd, load_rgbd
-from calib.io import read_text
+from calib.io import entries, read_text
 from calib.rig import RgbdRig
 from calib.types import I64
 from stereo.readers.base import (
@@ -149,7 +149,7 @@ def _kitti_drives(path: Path) -> Iterator[Path]:
     if _pair_in(path, KITTI_PAIRS, "data"):
         yield path
         return
-    for folder in (f for f in sorted(path.iterdir()) if f.is_dir()):
+    for folder in (f for f in entries(path) if f.is_dir()):
         if _pair_in(folder, KITTI_PAIRS, "data"):
             yield folder
         elif folder.name.count("_") == 2:

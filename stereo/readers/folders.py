@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from calib.errors import InputError
 from calib.formats import load_rig
+from calib.io import entries
 from stereo.readers import images
 from stereo.readers.base import (
     Layout,
@@ -74,7 +75,7 @@ def _folders(path: Path) -> tuple[Path, Path] | None:
     left, right = path / "left", path / "right"
     if left.is_dir() and right.is_dir():
         return left, right
-    subfolders = sorted(f for f in path.iterdir() if f.is_dir())
+    subfolders = [f for f in entries(path) if f.is_dir()]
     sided = split_sides([f.name for f in subfolders])
     if sided is None or len(sided.left) != 1 or len(sided.right) != 1:
         return None

@@ -15,7 +15,7 @@ from PIL import Image
 
 from calib.errors import InputError
 from calib.images import as_colour, as_grey
-from calib.io import size_text
+from calib.io import entries, size_text
 from calib.types import F32, U8, AnyArray
 from stereo.recording import Decoded
 
@@ -238,9 +238,7 @@ def bits_of(*cameras: Sequence[Path | None]) -> int | None:
 
 def image_files(folder: Path) -> list[Path]:
     """The images of a folder, sorted by name with numbers in numeric order."""
-    return sorted(
-        (f for f in folder.iterdir() if f.suffix.lower() in SUFFIXES and f.name[0] != "." and f.is_file()), key=_natural
-    )
+    return sorted((f for f in entries(folder) if f.suffix.lower() in SUFFIXES and f.is_file()), key=_natural)
 
 
 def frame_number(file: Path) -> int | None:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.io import reason
+from calib.io import entries, reason
 from calib.world import RIGS_FILE, load_rigs
 from stereo.readers.bags.layout import READER as BAG
 from stereo.readers.base import AnyRecording, FrameSource, Layout, OpenOptions, Reader, clock_of, frames_of
@@ -109,7 +109,7 @@ def find_reader(path: Path) -> Reader:
     looked_for = "; ".join(reader.looks_for for reader in READERS)
     found = "another file" if path.is_file() else "neither a file nor a folder"
     if path.is_dir():
-        found = ", ".join(sorted(f.name for f in path.iterdir())[:6]) or "an empty folder"
+        found = ", ".join(f.name for f in entries(path)[:6]) or "an empty folder"
     raise InputError(f"{path}: expected a recording ({looked_for}), found {found}")
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from calib.camera import Camera
 from calib.errors import InputError
 from calib.formats.rgbd import load_rgbd
-from calib.io import size_text
+from calib.io import entries, size_text
 from calib.rig import DepthSensor, RgbdRig
 from calib.types import F32, F64
 from stereo.depth import median_image
@@ -169,7 +169,7 @@ def _sides(path: Path) -> tuple[list[Path], list[Path]] | None:
     """Images and depth at a path: in two folders, or side by side in one, told apart by their names."""
     if not path.is_dir():
         return None
-    folders = [f for f in path.iterdir() if f.is_dir()]
+    folders = [f for f in entries(path) if f.is_dir()]
     colour = [f for f in folders if _COLOUR.search(f.name) and not _DEPTH.search(f.name)]
     depth = [f for f in folders if _DEPTH.search(f.name)]
     if len(colour) == 1 and len(depth) == 1:

@@ -12,6 +12,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.images import as_grey
+from calib.io import entries
 from calib.types import F64, I64, U8
 from stereo.readers.base import (
     Layout,
@@ -30,7 +31,9 @@ from stereo.readers.pairing import TimePairs, pair_stamps, split_sides
 from stereo.readers.times import rate_of_times
 from stereo.recording import Decoded
 
-SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg"})
+SUFFIXES = frozenset(
+    {".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".h264", ".h265", ".mjpeg", ".mjpg"}
+)
 _RAW = (b"\0\0\0\1", b"\0\0\1\x67", b"\xff\xd8\xff")
 """First bytes of pictures without a container: H.264 and H.265, and JPEG one after the other."""
 
@@ -146,7 +149,7 @@ class VideoFile:
 
 def video_files(folder: Path) -> list[Path]:
     """The videos of a folder, sorted by name."""
-    return sorted(f for f in folder.iterdir() if f.suffix.lower() in SUFFIXES and f.name[0] != "." and f.is_file())
+    return [f for f in entries(folder) if f.suffix.lower() in SUFFIXES and f.is_file()]
 
 
 def _open(path: Path) -> cv2.VideoCapture:

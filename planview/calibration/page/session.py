@@ -15,6 +15,7 @@ import numpy as np
 from calib.errors import InputError, WorkError
 from calib.ground_camera import LENS_K_320
 from calib.images import as_grey, focal_share
+from calib.io import entries
 from calib.people.model import KnownValues
 from calib.people.samples import MIN_SAMPLES, HumanSample
 from calib.rig import Floor
@@ -369,7 +370,7 @@ class VideoPictures(Sequence[U8]):
 
 def known_of(path: Path, size: tuple[int, int]) -> KnownValues:
     """The focal length of the first photograph of a folder, where it says it."""
-    photographs = sorted(p for p in path.iterdir() if p.suffix.lower() in PHOTOGRAPHS) if path.is_dir() else []
+    photographs = [p for p in entries(path) if p.suffix.lower() in PHOTOGRAPHS] if path.is_dir() else []
     with suppress(InputError):
         if photographs:
             return KnownValues(focal_px=focal_share(photographs[0]) * math.hypot(*size))

@@ -20,7 +20,7 @@ from calib.formats import load_rig, refuse_strange_camera
 from calib.formats.base import camera as camera_of
 from calib.formats.rgbd import load_rgbd
 from calib.formats.ros import camera_from, region_of, windowed
-from calib.io import size_text
+from calib.io import entries, size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
 from stereo.readers.bags.messages import camera_fields, frame_id, transforms
@@ -260,7 +260,7 @@ def _bag_file(path: Path) -> Path | None:
         return None
     if b"rosbag2_bagfile_information" in _head(path / "metadata.yaml", 4096):
         return path
-    found = [file for file in sorted(path.iterdir()) if file.suffix in (".bag", ".mcap", ".db3") and _kind(file)]
+    found = [file for file in entries(path) if file.suffix in (".bag", ".mcap", ".db3") and _kind(file)]
     return found[0] if len(found) == 1 else None
 
 

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO, Literal, Protocol
 import yaml
 
 from calib.errors import InputError
-from calib.io import read_text
+from calib.io import entries, read_text
 from stereo.readers.bags.messages import stamp_ns
 
 Kind = Literal["image", "compressed", "info", "tf", "other"]
@@ -149,7 +149,9 @@ class RosBag:
                 self.topics = sorted_topics(
                     [Topic(c.topic, kind_of(c.msgtype), c.msgcount) for c in reader.connections]
                 )
-            for file in sorted(path.glob("*.mcap")):  # the parts of a folder
+            for file in (
+                f for f in (entries(path) if path.is_dir() else ()) if f.suffix == ".mcap"
+            ):  # the parts of a folder
                 with file.open("rb") as content:
                     summary = require("mcap.reader", path).SeekingReader(content).get_summary()
                     _check_chunks(content, summary.chunk_indexes if summary else ())

@@ -13,6 +13,7 @@ from toy_recordings import H, W, folder_recording, video_pair, write_frames, wri
 from toy_stereo import toy_rig
 
 from calib.errors import InputError
+from calib.io import entries
 from calib.rig import save_rig
 from stereo.readers import OpenOptions, find_layout, open_recording, open_video
 from stereo.readers.live import READER, Address, with_gaps
@@ -226,10 +227,20 @@ def test_table_of_times_that_is_too_short_is_reported(tmp_path: Path) -> None:
 
 def test_rate_of_pictures_without_a_container_is_reported(tmp_path: Path) -> None:
     coded = cv2.imencode(".jpg", np.full((48, 64), 90, np.uint8))[1].tobytes()
-    (tmp_path / "a.avi").write_bytes(7 * coded)
-    video = open_video(tmp_path / "a.avi")
+    (tmp_path / "a.mjpeg").write_bytes(7 * coded)
+    video = open_video(tmp_path)
     assert video.n_frames == 7
     assert video.notes == ["no timestamps: 25 frames per second are assumed (--fps gives another rate)"]
+
+
+def test_hidden_files_of_macos_are_passed_over(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r")
+    n_frames = open_recording(folder).n_frames
+    for name in ("._rig.toml", "left/._000000.png", "._left.mp4"):
+        (folder / name).write_bytes(b"\0\5\x16\7" + bytes(100))
+    (folder / "._left").mkdir()
+    assert open_recording(folder).n_frames == n_frames
+    assert [path.name for path in entries(folder)] == ["left", "rig.toml", "right"]
 
 
 def video_with_times(path: Path, ticks: list[int]) -> None:
