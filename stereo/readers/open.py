@@ -38,7 +38,15 @@ _ARCHIVES = frozenset({".zip", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".ra
 
 
 def _foreign_text(path: Path) -> str | None:
-    """What a file is that is known to be no recording, or none that can be read here, and the way out."""
+    """What is known to be no recording, or none that can be read here, and the way out."""
+    if path.is_dir():
+        bags = [file.name for file in entries(path) if file.suffix in (".bag", ".mcap", ".db3")]
+        if len(bags) < 2:
+            return None
+        way = "give one of them"
+        if not bags[0].endswith(".bag"):
+            way += ", or have ros2 bag reindex write the metadata.yaml where they are parts of one"
+        return f"{len(bags)} bags ({', '.join(bags[:4])}): {way}"
     if not path.is_file():
         return None
     try:

@@ -141,7 +141,8 @@ class RosBag:
     def __init__(self, path: Path, ros1: bool) -> None:
         self.path = path
         self._ros1 = ros1
-        self._reader = require("rosbags.rosbag1" if ros1 else "rosbags.rosbag2", path).Reader
+        reader = require("rosbags.rosbag1" if ros1 else "rosbags.rosbag2", path).Reader
+        self._reader = reader if ros1 else partial(_with_storage_by_name, reader)
         try:
             if not ros1:
                 _refuse_expanding(path)
@@ -172,6 +173,16 @@ class RosBag:
                 text = getattr(connection.msgdef, "data", connection.msgdef) if self._ros1 else ""
                 decode = partial(decode_ros, schema=connection.msgtype, ros1=self._ros1, definition=text)
                 yield Message(log_ns, unpack(data), stamp, decode)
+
+
+def _with_storage_by_name(make: Callable[[Path], Any], path: Path) -> Any:
+    """A reader of a ROS 2 bag that tells the storage by its files' names where the metadata leaves it empty."""
+    reader = make(path)
+    if path.is_dir():
+        plugins = reader.storage.STORAGE_PLUGINS
+        own = plugins["mcap" if any(".mcap" in file.name for file in entries(path)) else "sqlite3"]
+        reader.storage.STORAGE_PLUGINS = {**plugins, "": own, None: own}
+    return reader
 
 
 def _refuse_expanding(path: Path) -> None:

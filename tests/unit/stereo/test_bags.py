@@ -253,6 +253,23 @@ def test_metadata_with_a_time_of_text_is_refused(tmp_path):
         find_layout(path)
 
 
+@pytest.mark.parametrize("plugin", ["sqlite3", "mcap"])
+def test_bag_whose_metadata_names_no_storage_is_read(tmp_path, plugin):
+    path = stereo_bag(tmp_path / "a", False, plugin)
+    text = (path / "metadata.yaml").read_text()
+    (path / "metadata.yaml").write_text(re.sub("storage_identifier: .*", 'storage_identifier: ""', text))
+    assert len(list(open_recording(path))) == COUNT
+
+
+def test_parts_of_a_bag_without_metadata_are_named_with_the_way_out(tmp_path):
+    path = stereo_bag(tmp_path / "a", False)
+    (path / "metadata.yaml").unlink()
+    file = next(path.glob("*.db3"))
+    (path / "b.db3").write_bytes(file.read_bytes())
+    with pytest.raises(InputError, match=r"found 2 bags \(a.db3, b.db3\): give one of them, or have ros2 bag reindex"):
+        find_layout(path)
+
+
 def test_file_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path, monkeypatch):
     path = stereo_bag(tmp_path / "a", False)
     file = next(path.glob("*.db3"))
