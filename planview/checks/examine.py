@@ -243,6 +243,10 @@ def refuse_unless_ok(checks: list[Check], source: str) -> None:
 
 
 def sentence(check: Check) -> str:
-    """One clause on a check that failed."""
+    """One clause on a check beyond its limit."""
+    if check.limit is None:
+        return f"{check.name}: {check.note}"
+    if not math.isfinite(check.value):
+        return f"{check.name}: could not be measured ({check.note})"
     unit = f" {check.unit}" if check.unit else ""
     return f"{check.name}: expected {check.limit_text}{unit}, found {check.value:.3g} ({check.note})"

@@ -16,7 +16,7 @@ from rich.table import Table
 from calib.errors import InputError, WorkError
 from calib.io import parse_length
 from calib.rig import save_rig
-from planview.checks.examine import Diagnosis, examine, write_pictures
+from planview.checks.examine import Diagnosis, examine, sentence, write_pictures
 from planview.checks.recording import PairEvidence
 from planview.commands.options import Flag, JsonFlag, open_options
 from planview.engine.config import load_config
@@ -89,6 +89,8 @@ def check(
     if json_output:
         print(json.dumps(diagnosis.to_json(), allow_nan=False))
     else:
+        for line in verdict(diagnosis):
+            PlainConsole(soft_wrap=True).print(line, highlight=False)
         PlainConsole(markup=True).print(table(diagnosis))
     if out is not None and diagnosis.evidence is not None:
         for path in write_pictures(diagnosis.evidence, out):
@@ -96,10 +98,8 @@ def check(
     _correct(recording, diagnosis.evidence.pair if diagnosis.evidence else None, corrected_rig)
     failed = [check for check in diagnosis.checks if check.failed]
     if failed:
-        raise WorkError(
-            f"{recording}: {len(failed)} of {len(diagnosis.checks)} checks failed: "
-            + "; ".join(f"{c.name} ({c.note})" for c in failed)
-        )
+        names = ", ".join(check.name for check in failed)
+        raise WorkError(f"{recording}: {len(failed)} of {len(diagnosis.checks)} checks failed: {names}")
 
 
 def _correct(recording: Path, pair: PairEvidence | None, corrected_rig: Path | None) -> None:
@@ -121,9 +121,27 @@ def _correct(recording: Path, pair: PairEvidence | None, corrected_rig: Path | N
     PlainConsole(stderr=True).print(f"{pair.correction}: {said}", highlight=False)
 
 
+def verdict(diagnosis: Diagnosis) -> list[str]:
+    """Whether results can be trusted, then a sentence on each check beyond its limit, failures first."""
+    failed = [check for check in diagnosis.checks if check.failed]
+    warned = [check for check in diagnosis.checks if not check.ok and check.warns]
+    warnings = f"{len(warned)} warning{'s' * (len(warned) != 1)}" if warned else ""
+    if failed:
+        also = f" and {warnings}" if warned else ""
+        first = f"Results of this recording cannot be trusted: {len(failed)} of {len(diagnosis.checks)} checks failed"
+        return [
+            f"{first}{also}.",
+            *(f"failed: {sentence(c)}" for c in failed),
+            *(f"warning: {sentence(c)}" for c in warned),
+        ]
+    if warned:
+        return [f"Results can be used, with {warnings}.", *(f"warning: {sentence(c)}" for c in warned)]
+    return [f"Nothing is wrong: all {len(diagnosis.checks)} checks passed."]
+
+
 def table(diagnosis: Diagnosis) -> Table:
     """The checks as a table for people."""
-    result = Table(title="planview check: " + ("passed" if diagnosis.ok else "refused"))
+    result = Table()
     result.add_column("")
     result.add_column("check")
     result.add_column("value", justify="right")

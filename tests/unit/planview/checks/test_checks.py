@@ -18,7 +18,7 @@ from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64, U8
 from planview.checks.camera import THUMBNAIL, Steadiness, Steady
-from planview.checks.check import at_least, at_most, between
+from planview.checks.check import Check, at_least, at_most, between
 from planview.checks.examine import Diagnosis, examine, refuse_unless_ok
 from planview.checks.pair import light_checks
 from planview.checks.scene import height_check
@@ -35,7 +35,7 @@ from planview.checks.timing import (
     thumbnails,
 )
 from planview.cli import main
-from planview.commands.recordings import check
+from planview.commands.recordings import check, verdict
 from planview.evaluation.align import FloorAlignment, align_tracks, fit_rigid, moved
 from planview.trajectories.table import Trajectories, positions_table
 
@@ -426,6 +426,27 @@ def test_command_prints_json_and_refuses_with_status_one(tmp_path, pairs, capsys
     assert "left-right order" in printed.err
     names = {p.name for p in (tmp_path / "pictures").iterdir()}
     assert names == {"rows.png", "disparity.png", "floor.png", "exposure.png"}
+
+
+def test_the_verdict_comes_first_and_names_what_failed_before_what_is_a_warning():
+    warned = height_check(np.full(30, 1.05))
+    failed = Check("valid disparity", False, 0.2, "", 0.35, "at least", "share of the picture")
+    fine = Check("row offset", True, 0.1)
+    lines = verdict(Diagnosis((fine, warned, failed), None))
+    assert lines[0] == "Results of this recording cannot be trusted: 1 of 3 checks failed and 1 warning."
+    assert lines[1] == "failed: valid disparity: expected at least 0.35, found 0.2 (share of the picture)"
+    assert lines[2].startswith("warning: person height: expected 1.4 to 2 m, found 1.05 (likely a wrong focal length")
+    assert verdict(Diagnosis((fine, warned), None))[0] == "Results can be used, with 1 warning."
+    assert verdict(Diagnosis((fine,), None)) == ["Nothing is wrong: all 1 checks passed."]
+
+
+def test_command_prints_the_verdict_before_the_table(tmp_path, capsys):
+    (tmp_path / "left").mkdir()
+    with pytest.raises(WorkError, match="1 of 1 checks failed: calibration and layout"):
+        check(tmp_path)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("Results of this recording cannot be trusted: 1 of 1")
+    assert lines[1].startswith("failed: calibration and layout: ")
 
 
 def test_command_refuses_a_height_without_sense(refused, tmp_path):
