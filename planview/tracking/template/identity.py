@@ -18,8 +18,6 @@ from planview.tracking.template.person import KNOWN_LOOKS, Person, colour_counts
 
 CONTACT_M = 0.7
 """People nearer than this may be taken for each other [m]: a body, and an arm's movement."""
-NEW_HEIGHT_STD_M = 0.12
-"""Deviation of the height of somebody who comes into view, at first in part [m]."""
 KNOWN_AGAIN = 0.3
 """Log-odds from which a newcomer is somebody known before: where nothing tells, a stranger."""
 DECIDED = 6.0
@@ -96,7 +94,7 @@ def _log_odds(q: Person, b: Person, known: Sequence[Person], params: TemplatePar
         return -1.0
     spread = min(body.TORSO.torso_radius_m + gone_s, math.sqrt(params.floor_m2) / 2)
     place = math.log(params.floor_m2 / (2 * math.pi * spread**2)) - 0.5 * (away / spread) ** 2
-    error = max(math.sqrt(b.height_var), NEW_HEIGHT_STD_M)
+    error = max(math.sqrt(b.height_var), body.HEIGHT_STD_M)  # newcomers show in part at first
     mine = body.stature(b.height_m, q.tall_m, math.hypot(q.upright[1], error), params.low_share)
     stranger = body.stature(b.height_m, body.HEIGHT_MEAN_M, math.hypot(body.HEIGHT_STD_M, error), params.low_share)
     anything = (1 - body.THINGS) * stranger + body.THINGS / body.HEIGHT_MEAN_M
