@@ -239,9 +239,9 @@ _LAST_SECONDS = rrb.VisibleTimeRanges([
     rrb.VisibleTimeRange("frame", start=_AGO(seq=-150), end=_AGO(seq=0)),
 ])  # fmt: skip
 """Trails behind people: ten seconds, which are 150 frames at 15 Hz."""
-_MAP_LAYERS = [
-    "plan/floor", "plan/grid", "plan/people", "plan/labels", "plan/search", "plan/template", "plan/ellipses",
-    "plan/truth",
+MAP_LAYERS = [
+    "plan/floor", "plan/grid", "plan/people", "plan/labels", "plan/bodies", "plan/footprints", "plan/search",
+    "plan/template", "plan/ellipses", "plan/truth",
 ]  # fmt: skip
 
 
@@ -264,9 +264,13 @@ def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint
         overrides={"world/trails": _LAST_SECONDS},
     )  # fmt: skip
     height, occupancy = (
-        _plan_view(f"{name} from above", [f"plan/{name}", *_MAP_LAYERS], bounds) for name in ("height", "occupancy")
+        _plan_view(f"{name} from above", [f"plan/{name}", *MAP_LAYERS], bounds) for name in ("height", "occupancy")
     )
-    disparity = rrb.Spatial2DView(origin="disparity", name="disparity")
+    disparity = rrb.Tabs(
+        rrb.Spatial2DView(origin="disparity", name="disparity"),
+        rrb.Spatial2DView(origin="templates", name="owners of pixels, templates"),
+        active_tab=0,
+    )
     return rrb.Blueprint(
         rrb.Vertical(
             rrb.Horizontal(image, world),
@@ -285,7 +289,7 @@ def _single(engine: Engine, people: PlanBounds | None) -> rrb.Blueprint:
     right: list[rrb.View | rrb.Container] = []
     if engine.camera is not None:
         bounds = people or PlanBounds(-8.0, 0.0, 8.0, 16.0)
-        right.append(_plan_view("floor from above", ["plan/trails", *_MAP_LAYERS], bounds))
+        right.append(_plan_view("floor from above", ["plan/trails", *MAP_LAYERS], bounds))
     # Number of people, which every tracker of one camera gives; not all have match scores.
     right.append(_series(active_tab=2))
     return rrb.Blueprint(
