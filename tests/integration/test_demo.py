@@ -17,7 +17,7 @@ from planview.engine.config import Config
 from planview.engine.setup import set_up
 from planview.engine.stereo import stereo_engine
 from planview.evaluation.evaluate import evaluate_tracks
-from planview.output.folder import prepare_folder
+from planview.output.folder import prepare_folder, read_run_info
 from planview.synthetic.assets import DEMO
 from planview.trajectories.table import TrajectoryCollector, read_truth
 from stereo.readers import open_recording
@@ -36,6 +36,24 @@ def test_demo_tracks_its_clip_and_prints_the_metrics(recording, tmp_path, monkey
     metrics = json.loads(capsys.readouterr().out)
     assert metrics["significant_errors"]["total"] == 0 and metrics["position_error_mean_m"] < 0.15
     assert {"tracks.csv", "run.json", "run.rrd", "report.html", "decisions.csv"} <= {f.name for f in out.iterdir()}
+
+
+def test_readme_shows_what_the_demo_prints(json_of, tmp_path):
+    readme = (DEMO.parents[2] / "README.md").read_text("utf-8")
+    metrics = json_of("demo", "--out", tmp_path / "out")
+    run = read_run_info(tmp_path / "out" / "run.json")
+    assert run.floor is not None
+    assert f"people seen   {run.people}\n" in readme
+    assert (
+        f"camera        {run.floor.height_m:.2f} m above the floor, tilt {run.floor.tilt_deg:.1f} deg (found)" in readme
+    )
+    scores = (
+        f"mota {metrics['mota']:.3f}   idf1 {metrics['idf1']:.3f}   switches {metrics['switches']}   "
+        f"position error {metrics['position_error_mean_m']:.3f} m   "
+        f"height error {metrics['height_error_mean_m']:.3f} m   "
+        f"significant errors {metrics['significant_errors']['total']}"
+    )
+    assert scores in readme
 
 
 def test_demo_without_its_clip_and_view_without_a_rerun_recording_are_refused(refused, tmp_path, monkeypatch):
