@@ -45,6 +45,7 @@ def motchallenge_rows(path: Path) -> F64:
     Raises:
         InputError: a row of another length, values that are not numbers, or boxes that cannot be in pixels.
     """
+    first = ""
     with suppress(OSError, UnicodeDecodeError), path.open(encoding="utf-8-sig") as file:
         first = next((line for line in file if line.strip() and not line.startswith("#")), "")
     table = read_numbers(path, "," if "," in first else None, "rows of numbers (frame,id,left,top,width,height,...)")

@@ -41,7 +41,7 @@ def words(request, tmp_path, say) -> list[object]:
     save_ground_camera(CAMERA, tmp_path / "camera.toml")
     if kind == "camera":
         return [clip, "--tracker", "human-model", "--calibration", tmp_path / "camera.toml"]
-    rows = [f"{i + 1},-1,{4 * i - 10},40,16,50,1\n" for i in range(50)]
+    rows = [f"{i + 1},-1,{4 * i - 10},40,16,50,1\n" for i in range(40)]
     (tmp_path / "det.txt").write_text("".join(rows))
     return [clip, "--detections", tmp_path / "det.txt", "--calibration", tmp_path / "camera.toml"]
 
