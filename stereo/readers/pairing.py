@@ -20,7 +20,7 @@ from stereo.recording import DEFAULT_FPS
 _WORD = re.compile(r"left|right|(?<![a-z])[lr](?![a-z])", re.IGNORECASE)
 _NUMBERS = [
     re.compile(rf"(?<![a-z])({words})([_-]?)(\d{{1,2}})(?!\d)", re.IGNORECASE)
-    for words in ("cam|camera|view|infra|ir|c|eye|sensor|lens|device", "im|img|image|i")
+    for words in ("cam|camera|view|infra|infrared|ir|c|eye|sensor|lens|device", "im|img|image|i")
 ]
 """A number of what can only be a camera, and of what can be a frame too."""
 

@@ -23,7 +23,7 @@ from calib.formats.ros import camera_from, region_of, windowed
 from calib.io import entries, size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
-from stereo.readers.bags.messages import camera_fields, frame_id, transforms
+from stereo.readers.bags.messages import camera_fields, field, frame_id, transforms
 from stereo.readers.bags.storage import Bag, McapFile, RosBag, error_text
 from stereo.readers.bags.topics import TopicDepth, TopicFrames, TopicImages, choose_topics, info_topic
 from stereo.readers.base import (
@@ -53,17 +53,28 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
         InputError: no camera_info, one that is not calibrated, or no baseline.
     """
     first, second = infos = [info_of(bag, topic) for topic in topics]
-    rectified, source = all(is_rectified(topic) for topic in topics), f"camera_info of {bag.path.name}"
+    of_sdk = all(_SDK.fullmatch(topic) for topic in topics)
+    if of_sdk:  # K alone is set
+        first, second = infos = [info._replace(fields=_rectified_fields(info.fields)) for info in infos]
+    rectified, source = of_sdk or all(is_rectified(topic) for topic in topics), f"camera_info of {bag.path.name}"
     (left, rect_SE3_left), (right, rect_SE3_right) = (_camera(bag, info, rectified) for info in infos)
     pose = rect_SE3_right.inverse() @ rect_SE3_left
     if np.linalg.norm(pose.translation) == 0:
-        found = pose_between(static_poses(bag), second.frame, first.frame)
+        same, where = first.frame == second.frame, "/tf_static"
+        if of_sdk:
+            found, where = _sdk_pose(bag, topics), "tf/0 of the infrared cameras"
+        else:
+            found = None if same else pose_between(static_poses(bag), second.frame, first.frame)
         if found is None:
-            raise InputError(
-                f"{bag.path}: expected a baseline, found none in P and no transform from {first.frame} to "
-                f"{second.frame} in /tf_static: --calibration FILE gives one"
+            other = (
+                f"both camera_info in the frame {first.frame!r}"
+                if same
+                else (f"no transform from {first.frame} to {second.frame} in {where}")
             )
-        pose, source = found, source + " and tf_static"
+            raise InputError(
+                f"{bag.path}: expected a baseline, found none in P and {other}: --calibration FILE gives one"
+            )
+        pose, source = found, f"{source} and {where.lstrip('/')}"
     rig = StereoRig(left, right, pose, source)
     if not left.size == right.size == size:
         if any(region_of(info.fields) for info in infos):
@@ -77,6 +88,30 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
             )
         rig = replace(rig.scaled(*size), source=f"{source} (scaled from {size_text(left.size)})")
     return rig.check(f"{bag.path} (camera_info)")
+
+
+_SDK = re.compile(r"(/device_\d+/sensor_\d+/Infrared_[12])/image/data")
+"""Topics of infrared images in recordings of the RealSense SDK (librealsense, media/ros); the SDK rectifies them."""
+
+
+def _rectified_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """A camera_info of rectified images in which only K counts."""
+    projection = np.column_stack([np.reshape(np.asarray(fields["K"], dtype=np.float64), (3, 3)), np.zeros(3)])
+    return {**fields, "P": projection.ravel().tolist()}
+
+
+def _sdk_pose(bag: Bag, topics: tuple[str, str]) -> SE3 | None:
+    """right_SE3_left of the SDK's infrared cameras: the first is the left one, and both look the same way."""
+    places = []
+    for topic in topics:
+        match = _SDK.fullmatch(topic)
+        message = next(bag.messages(f"{match[1]}/tf/0"), None) if match else None
+        if message is None:
+            return None
+        place = field(message.decode(message.data), "translation")
+        places.append([float(field(place, axis)) for axis in "xyz"])
+    distance = float(np.linalg.norm(np.subtract(places[0], places[1])))
+    return SE3(np.eye(3), np.array([-distance, 0.0, 0.0])) if distance else None
 
 
 def is_rectified(topic: str) -> bool:

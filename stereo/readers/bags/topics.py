@@ -119,7 +119,10 @@ def _is_encoded_depth(bag: Bag, topic: Topic) -> bool:
 def _stereo(bases: Sequence[str]) -> list[TopicChoice]:
     """Left and right topics whose names differ in the side alone, one pair for each rig."""
     images = [base for base in bases if not is_depth(base) and not _COLOUR.search(base.rsplit("/", 1)[0])]
-    sided = split_sides(images)
+    parts = [image.split("/") for image in images]
+    # What all have in common tells no side, such as the numbers of a device and its sensor.
+    shared = sum(1 for _ in takewhile(lambda same: len(set(same)) == 1, zip(*parts, strict=False)))
+    sided = split_sides(["/".join(own[shared:]) for own in parts])
     if sided is None:
         return []
     rights = {sided.rest[i]: images[i] for i in sided.right}

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from toy_bags import COUNT, FOCAL, START_NS, STEP_NS, H, W, Writer, picture, stereo_bag
+from toy_bags import COUNT, FOCAL, START_NS, STEP_NS, H, W, Writer, changed, picture, stereo_bag
 
 from calib.errors import InputError
 from stereo.readers import OpenOptions, find_layout, open_recording
@@ -251,6 +251,35 @@ def test_metadata_with_a_time_of_text_is_refused(tmp_path):
     (path / "metadata.yaml").write_text(noon)
     with pytest.raises(InputError, match="expected a ROS 2 bag, found one that is damaged"):
         find_layout(path)
+
+
+def test_bag_of_the_realsense_sdk_has_its_baseline_from_the_places_of_its_cameras(tmp_path):
+    writer = Writer(tmp_path / "a.bag", True)
+    types = writer.store.types
+    for number, x in ((1, 0.0), (2, -0.055)):
+        camera = f"/device_0/sensor_0/Infrared_{number}"
+        no_turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+        place = types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](x, 0.0, 0.0), no_turn)
+        writer.write(f"{camera}/tf/0", START_NS, place)
+        info = changed(writer.info(START_NS, 0.0, "0"), {"p": np.zeros(12), "distortion_model": "Brown Conrady"})
+        writer.write(f"{camera}/info/camera_info", START_NS, info)
+        for i in range(COUNT):
+            log = START_NS + i * STEP_NS
+            writer.write(f"{camera}/image/data", log, writer.image(log, picture(10 * i)))
+    writer.close()
+    recording = open_recording(tmp_path / "a.bag")
+    assert len(list(recording)) == COUNT
+    assert recording.rig.baseline_m == pytest.approx(0.055) and recording.rig.left.fx == FOCAL
+
+
+def test_two_cameras_of_one_frame_are_named(tmp_path):
+    writer = Writer(tmp_path / "a.bag", True)
+    writer.pairs(range(COUNT))
+    for side in ("left", "right"):
+        writer.write(f"/{side}/camera_info", START_NS, writer.info(START_NS, 0.0, "infra1"))
+    writer.close()
+    with pytest.raises(InputError, match="found none in P and both camera_info in the frame 'infra1'"):
+        open_recording(tmp_path / "a.bag")
 
 
 @pytest.mark.parametrize("plugin", ["sqlite3", "mcap"])
