@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,16 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError
+from calib.formats import load_rig
+from calib.ground_camera import GroundCamera, load_ground_camera
 from calib.images import as_colour, as_grey, write_image
 from calib.types import F32, F64, U8
-from planview.checks.check import Check, at_least
+from planview.checks.camera import Steadiness
+from planview.checks.check import Check, at_least, between
 from planview.checks.pair import SATURATED_LEVEL, alignment_checks, image_checks, light_checks
-from planview.checks.recording import Evidence, gather
+from planview.checks.recording import Evidence, busiest, gather
 from planview.checks.scene import (
+    CAMERA_HEIGHTS_M,
     MIN_VALID,
     height_check,
     heights_above_floor,
@@ -26,14 +31,14 @@ from planview.checks.scene import (
     scene_checks,
     standing_things,
 )
-from planview.checks.timing import MotionWatch, Thumbnails, motion_checks, timing_checks
+from planview.checks.timing import MotionWatch, Thumbnails, frame_checks, motion_checks, timing_checks
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
 from planview.maps.view import StereoView
 from stereo.depth import DepthFromDisparity, back_project
-from stereo.floor import FloorSearch
+from stereo.floor import FloorSearch, setup_frames
 from stereo.matcher import SampledDisparity
-from stereo.readers import OpenOptions, open_any
-from stereo.recording import StereoRecording
+from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video
+from stereo.recording import StereoRecording, Video
 
 LINE_STEP_PX = 25
 FLOOR_BAND_M = 0.10
@@ -117,7 +122,7 @@ class Diagnosis:
 
     Attributes:
         checks: every question and its answer.
-        evidence: what they looked at; None when the recording could not even be opened.
+        evidence: what they looked at; None of one camera, and when the recording could not even be opened.
     """
 
     checks: tuple[Check, ...]
@@ -141,7 +146,7 @@ def examine(
     person_height_m: float | None = None,
     search: FloorSearch | None = None,
 ) -> Diagnosis:
-    """Examine a recording of a pair or of images with depth; of the latter the checks of a pair are skipped.
+    """Examine a recording; of images with depth the checks of a pair are skipped, of one camera those of depth, too.
 
     A recording that is there but is refused (its calibration or its layout) fails the check "calibration and layout"
     with the reason, and nothing else is asked.
@@ -152,12 +157,17 @@ def examine(
         person_height_m: height of the people in it, when known: checks baseline and units.
         search: how a run looks for the floor, with the defaults of a run when None.
     Raises:
-        InputError: there is nothing at that path.
+        InputError: there is nothing at that path, or people's height is known and one camera cannot measure it.
         WorkError: not one frame can be decoded.
     """
     if not path.exists():
         raise InputError(f"{path}: expected a recording (folder or video), found nothing there")
+    options = options or OpenOptions()
     try:
+        if video := _video_of_one(path, options):
+            if person_height_m is not None:
+                raise InputError(f"{path}: expected a pair or images with depth to measure people, found one camera")
+            return Diagnosis(tuple(_checks_of_one(*video, frames, search or FloorSearch())), None)
         recording = open_any(path, options)
     except InputError as error:
         return Diagnosis((Check("calibration and layout", False, 0.0, note=str(error)),), None)
@@ -180,6 +190,57 @@ def examine(
         height_check(person_heights(evidence), person_height_m),
     ]
     return Diagnosis(tuple(checks), evidence)
+
+
+def _video_of_one(path: Path, options: OpenOptions) -> tuple[Video, GroundCamera | None] | None:
+    """The video of one camera and its camera.toml where one is given; None of everything else.
+
+    Raises:
+        InputError: a camera.toml that is not of this video.
+    """
+    camera = None
+    if options.calibration is not None:
+        try:
+            camera = load_ground_camera(options.calibration)
+        except InputError:
+            return None
+    elif holds_pair(path):
+        return None
+    else:
+        with suppress(InputError):
+            find_layout(path, options)
+            return None  # two views in one video
+        with suppress(InputError):
+            load_rig(path if path.is_dir() else path.parent)
+            return None  # meant as a pair
+    try:
+        video = open_video(path, replace(options, calibration=None))
+    except InputError:
+        return None
+    if camera is not None and camera.size != video.size:
+        (w, h), (vw, vh) = camera.size, video.size
+        raise InputError(f"{options.calibration}: expected a camera for images of {vw}x{vh} px, found {w}x{h} px")
+    return video, camera
+
+
+def _checks_of_one(video: Video, camera: GroundCamera | None, frames: int, search: FloorSearch) -> list[Check]:
+    """What can be told of one camera: times, light, whether it stands still, and its calibration."""
+    spread = setup_frames(video, search.frames)
+    count = max(3, min(frames, video.n_frames))
+    images = [frame.image for frame in spread]
+    run = video.at(busiest(images, [frame.index for frame in spread], video.n_frames, count))
+    steadiness = Steadiness()
+    for frame in run:
+        steadiness.update(frame.index, frame.timestamp_s, as_grey(frame.image))
+    height = math.nan if camera is None else camera.height_m
+    note = "one camera, no calibration: places are in pixels" if camera is None else "one camera, calibrated"
+    return [
+        Check("calibration and layout", True, 1.0, note=note),
+        *frame_checks(video, spread, run, min(search.frames, video.n_frames) + count),
+        *light_checks(images),
+        *steadiness.checks(),
+        between("camera height", height, CAMERA_HEIGHTS_M, "m", "of the camera above the floor, by its calibration"),
+    ]
 
 
 STEP = 10

@@ -103,6 +103,10 @@ MAX_DEPTH = {2.0: 0.15, 4.0: 0.5, 8.0: math.inf}
 """Predicted depth deviation at a distance [m]: at 4 m half a metre is a person's width (our choice)."""
 
 
+CAMERA_HEIGHTS_M = (1.2, 10.0)
+"""Heights of a camera above the floor from which people are tracked [m]."""
+
+
 def scene_checks(evidence: Evidence) -> list[Check]:
     """Share of valid disparity, floor share, flatness and height, depth and cell error at 2, 4 and 8 m."""
     inside = evidence.rectifier.mask > 0
@@ -130,7 +134,7 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
         between(
             "camera height",
             floor.height_m if floor else math.nan,
-            (1.2, 10.0),
+            CAMERA_HEIGHTS_M,
             "m",
             "of the (left) camera above it",
         ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from calib.types import F64, U8, Bool
 from planview.checks.check import Check, at_least, at_most
 from planview.checks.recording import Evidence
+from stereo.recording import Recorded
 from stereo.rectify import Rectifier
 
 STEP_PX = 2
@@ -224,21 +225,8 @@ MAX_LAG = 0.5
 
 
 def timing_checks(evidence: Evidence) -> list[Check]:
-    """Usable frames, gaps in the timestamps; of a pair a frozen camera, and lag between the cameras."""
-    usable = (len(evidence.spread) + len(evidence.run)) / max(1, evidence.frames_asked)
-    times = evidence.recording.times_s
-    known = np.array([f.timestamp_s for f in evidence.run]) if times is None else times[np.isfinite(times)]
-    checks = [
-        at_least("usable frames", usable, MIN_USABLE, "", "share of the frames looked at that can be decoded"),
-        at_most(
-            "timestamp gap",
-            longest_step(known),
-            MAX_GAP,
-            "steps",
-            "longest step between frames over the usual one",
-            warns=True,
-        ),
-    ]
+    """Those of ``frame_checks``; of a pair a frozen camera, and lag between the cameras."""
+    checks = frame_checks(evidence.recording, evidence.spread, evidence.run, evidence.frames_asked)
     if not isinstance(evidence.rectifier, Rectifier):
         return checks
     watch = MotionWatch()
@@ -246,6 +234,18 @@ def timing_checks(evidence: Evidence) -> list[Check]:
         pair = evidence.rectifier(frame.left, frame.right)
         watch.update(thumbnails(pair.left_grey, pair.right_grey))
     return [*checks, *motion_checks(watch.findings())]
+
+
+def frame_checks(recording: Recorded[Any], spread: list[Any], run: list[Any], frames_asked: int) -> list[Check]:
+    """Usable frames and gaps in the timestamps of any recording (see ``Evidence``)."""
+    usable = (len(spread) + len(run)) / max(1, frames_asked)
+    times = recording.times_s
+    known = np.array([f.timestamp_s for f in run]) if times is None else times[np.isfinite(times)]
+    gap = "longest step between frames over the usual one"
+    return [
+        at_least("usable frames", usable, MIN_USABLE, "", "share of the frames looked at that can be decoded"),
+        at_most("timestamp gap", longest_step(known), MAX_GAP, "steps", gap, warns=True),
+    ]
 
 
 def motion_checks(found: MotionFindings) -> list[Check]:

@@ -56,7 +56,7 @@ def check(
         Say what it holds: layout, cameras, rates, gaps, calibration, and what is missing. The options below --fps do
         not concern this.
     calibration
-        Calibration file or folder, instead of the one beside the recording.
+        Calibration file or folder, instead of the one beside the recording; or camera.toml of a single camera.
     topics
         Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names.
     fps
@@ -92,7 +92,9 @@ def check(
         for line in verdict(diagnosis):
             PlainConsole(soft_wrap=True).print(line, highlight=False)
         PlainConsole(markup=True).print(table(diagnosis))
-    if out is not None and diagnosis.evidence is not None:
+    if out is not None and diagnosis.evidence is None:
+        PlainConsole(stderr=True).print(f"{out}: no pictures, which show a pair or depth", highlight=False)
+    elif out is not None and diagnosis.evidence is not None:
         for path in write_pictures(diagnosis.evidence, out):
             PlainConsole(stderr=True).print(f"wrote {path}", highlight=False)
     _correct(recording, diagnosis.evidence.pair if diagnosis.evidence else None, corrected_rig)

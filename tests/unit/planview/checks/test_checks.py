@@ -9,11 +9,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from toy_recordings import write_frames
 from toy_stereo import SIZE, ToyWorld, toy_rig, walking, write_toy_recording
 
 from calib.camera import Camera
 from calib.errors import InputError, WorkError
 from calib.formats import load_rig
+from calib.ground_camera import GroundCamera, save_ground_camera
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64, U8
@@ -38,6 +40,7 @@ from planview.cli import main
 from planview.commands.recordings import check, verdict
 from planview.evaluation.align import FloorAlignment, align_tracks, fit_rigid, moved
 from planview.trajectories.table import Trajectories, positions_table
+from stereo.readers import OpenOptions
 
 
 def scene(seed: int) -> U8:
@@ -459,6 +462,19 @@ def test_what_is_no_recording_is_refused_or_told(tmp_path):
     diagnosis = examine(tmp_path)
     assert isinstance(diagnosis, Diagnosis) and not diagnosis.ok and diagnosis.evidence is None
     assert "left/ and right/" in diagnosis.checks[0].note
+
+
+def test_of_one_camera_is_checked_what_one_camera_shows(tmp_path):
+    still, shaken, camera = tmp_path / "still.avi", tmp_path / "shaken.avi", tmp_path / "camera.toml"
+    write_frames(still, [window(SCENE)] * 12)
+    write_frames(shaken, [window(SCENE, 4 * i) for i in range(12)])
+    assert examine(still).ok and {"moving camera", "over-exposure"} <= {c.name for c in examine(still).checks}
+    assert failed(shaken) == {"moving camera"}
+    save_ground_camera(GroundCamera(160, 120, 100.0, 25.0, 0.5), camera)
+    found = examine(still, OpenOptions(camera)).checks
+    assert [c.name for c in found if not c.ok] == ["camera height"]
+    save_ground_camera(GroundCamera(320, 240, 100.0, 3.0, 0.5), camera)
+    assert "images of 160x120 px, found 320x240 px" in examine(still, OpenOptions(camera)).checks[0].note
 
 
 def test_a_picture_over_exposed_by_a_hair_is_a_warning_and_no_refusal():
