@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.camera import Camera
 from calib.errors import InputError
-from calib.formats.base import NATIVE, Choice, Format, Source, read_source
+from calib.formats.base import NATIVE, Choice, Format, Source, arrays_text, read_source
 from calib.formats.datasets import EUROC, KITTI, MIDDLEBURY
 from calib.formats.devices import DEPTHAI, ZED
 from calib.formats.opencv import FORMAT as OPENCV
@@ -104,7 +104,8 @@ def _in_folder(folder: Path) -> Found:
     if len(rigs) == 1:
         return rigs[0]
     if not rigs:
-        what = f"only half of a pair ({halves[0][2].path.name})" if halves else "none"
+        what = next(filter(None, map(arrays_text, entries(folder))), "none")
+        what = f"only half of a pair ({halves[0][2].path.name})" if halves else what
         raise InputError(f"{folder}: expected a stereo calibration in it, found {what}")
     names = ", ".join("+".join(s.path.name for s in sources) for _, sources in rigs[:4])
     raise InputError(f"{folder}: expected one calibration in it, found {len(rigs)} ({names}): name the file")

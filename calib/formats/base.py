@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 
 from calib.camera import Camera, LensModel
+from calib.errors import InputError
 from calib.io import MAX_DEPTH, read_text
 from calib.pose import SE3
 from calib.rig import StereoRig, parse_rig, rig_text
@@ -79,8 +80,21 @@ def whole_with(*patterns: str) -> Callable[[Source], str | None]:
     return lambda source: "whole" if all(one.search(source.text) for one in compiled) else None
 
 
+_ARRAYS = {".npz": "arrays of NumPy", ".npy": "an array of NumPy", ".mat": "arrays of MATLAB", ".pkl": "Python objects"}
+
+
+def arrays_text(path: Path) -> str | None:
+    """What a file of arrays is that no format reads, and the way out; None of another file."""
+    found = _ARRAYS.get(path.suffix.lower())
+    way = "write K1, D1, K2, D2, R, T and image_size as lists into a .json file, or save a rig.toml"
+    return found and f"{found} ({path.name}): {way}"
+
+
 def read_source(path: Path) -> Source:
     """Read a text file. Raises InputError: unreadable, too large, or not text."""
+    arrays = arrays_text(path) if path.is_file() else None
+    if arrays:
+        raise InputError(f"{path}: expected a calibration file as text, found {arrays}")
     return Source(path, read_text(path, "a calibration file"))
 
 

@@ -215,7 +215,8 @@ def refuse_foreign(path: Path, rectifier: Rectifier, matches: F64) -> None:
     if beyond > 0.5:
         raise WorkError(
             f"{path}: expected the left camera's images left and the right one's right, found {beyond:.0%} of "
-            "the matched corners beyond infinity: left and right are swapped, or the calibration is wrong"
+            "the matched corners beyond infinity: left and right are swapped, both cameras are upside down, or "
+            "the calibration is wrong"
         )
     rows_deg = math.degrees(float(np.median(np.abs(matches[:, 3]))) / rectifier.geometry.focal_v_px)
     # Largest median row offset of the corners as an angle: a camera that turned by more has lost its calibration (our
