@@ -112,13 +112,49 @@ def find_reader(path: Path) -> Reader:
             return reader
     if not path.exists():
         raise InputError(f"{path}: expected a recording (folder or file), found nothing there")
-    if foreign := _foreign_text(path):
+    if foreign := _foreign_text(path) or _nearly_text(path):
         raise InputError(f"{path}: expected a recording, found {foreign}")
     looked_for = "; ".join(reader.looks_for for reader in READERS)
     found = "another file" if path.is_file() else "neither a file nor a folder"
     if path.is_dir():
         found = ", ".join(f.name for f in entries(path)[:6]) or "an empty folder"
     raise InputError(f"{path}: expected a recording ({looked_for}), found {found}")
+
+
+def _nearly_text(path: Path) -> str | None:
+    """What a folder that nearly fits a layout holds, and what makes it fit; None of everything else."""
+    if not path.is_dir():
+        return None
+    videos, files = [f.name for f in video_files(path)], image_files(path)
+    folders = [f.name for f in entries(path) if f.is_dir() and image_files(f)]
+    if len(videos) == 2:
+        left, right = "left" + Path(videos[0]).suffix, "right" + Path(videos[1]).suffix
+        return (
+            f"two videos whose names do not tell left from right, {_listed(videos)}: rename that of the left camera "
+            f"{left}, the other {right}"
+        )
+    if videos:
+        return (
+            f"{len(videos)} videos, {_listed(videos)}: give one of them, as {path / videos[0]}, or a folder with two "
+            "of them named left and right"
+        )
+    if len(folders) == 2 and not any("depth" in name.lower() for name in folders):
+        return f"two folders of images, {_listed(folders)}: rename that of the left camera left, the other right"
+    if len(folders) == 1 and (side := folders[0].lower()) in ("left", "right"):
+        other = "right" if side == "left" else "left"
+        return f"images of the {side} camera alone: put those of the other into {path / other}"
+    if files and not folders:
+        return (
+            f"images whose names do not tell two cameras, {_listed([file.name for file in files])}: put those of each "
+            "camera into folders left and right; images of one camera need a tracker of one camera"
+        )
+    return None
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names, of many the first three."""
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return ", ".join(names[:3]) + more if more or len(names) < 2 else ", ".join(names[:-1]) + f" and {names[-1]}"
 
 
 def holds_pair(path: Path) -> bool:

@@ -15,7 +15,7 @@ from toy_stereo import toy_rig
 from calib.errors import InputError
 from calib.io import entries
 from calib.rig import save_rig
-from stereo.readers import OpenOptions, find_layout, open_recording, open_video
+from stereo.readers import OpenOptions, find_layout, find_reader, open_recording, open_video
 from stereo.readers.live import READER, Address, with_gaps
 from stereo.readers.pairing import even_sequence, pair_files
 from stereo.readers.times import load_timestamps
@@ -398,3 +398,25 @@ def test_frames_of_a_video_by_number_are_those_of_reading_in_order(tmp_path: Pat
     found = [(frame.index, frame.image) for frame in video.at([5, 299, 399])]
     shown = [sum(1 << bit for bit in range(10) if image[64, 16 * bit + 8].max() > 128) for _, image in found]
     assert shown == [index for index, _ in found] == [5, 299, 399]
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (
+            ("camA.avi", "camB.avi"),
+            "camA.avi and camB.avi: rename that of the left camera left.avi, the other right.avi",
+        ),
+        (("a.avi", "b.avi", "c.avi", "d.avi"), "4 videos, a.avi, b.avi, c.avi and 1 more: give one of them"),
+        (("one/0.png", "two/0.png"), "two folders of images, one and two: rename that of the left camera left"),
+        (("left/0.png",), "images of the left camera alone: put those of the other into"),
+        (("x.png", "y.png"), "x.png and y.png: put those of each camera into folders left and right"),
+    ],
+)
+def test_a_folder_that_nearly_fits_is_told_its_files_and_what_makes_it_fit(tmp_path, names, said):
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    with pytest.raises(InputError) as error:
+        find_reader(tmp_path)
+    assert said in str(error.value) and len(str(error.value)) < 300 + len(str(tmp_path))
