@@ -138,7 +138,9 @@ def verdict(diagnosis: Diagnosis) -> list[str]:
         ]
     if warned:
         return [f"Results can be used, with {warnings}.", *(f"warning: {sentence(c)}" for c in warned)]
-    return [f"Nothing is wrong: all {len(diagnosis.checks)} checks passed."]
+    unknown = [check.name for check in diagnosis.checks if not math.isfinite(check.value)]
+    also = f"; not measured: {', '.join(unknown)}" if unknown else ""
+    return [f"Nothing wrong was found: {len(diagnosis.checks) - len(unknown)} checks passed{also}."]
 
 
 def table(diagnosis: Diagnosis) -> Table:

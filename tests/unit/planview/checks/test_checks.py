@@ -440,7 +440,9 @@ def test_the_verdict_comes_first_and_names_what_failed_before_what_is_a_warning(
     assert lines[1] == "failed: valid disparity: expected at least 0.35, found 0.2 (share of the picture)"
     assert lines[2].startswith("warning: person height: expected 1.4 to 2 m, found 1.05 (likely a wrong focal length")
     assert verdict(Diagnosis((fine, warned), None))[0] == "Results can be used, with 1 warning."
-    assert verdict(Diagnosis((fine,), None)) == ["Nothing is wrong: all 1 checks passed."]
+    unknown = height_check(np.empty(0))
+    said = "Nothing wrong was found: 1 checks passed; not measured: person height."
+    assert verdict(Diagnosis((fine, unknown), None)) == [said]
 
 
 def test_command_prints_the_verdict_before_the_table(tmp_path, capsys):
