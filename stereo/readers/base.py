@@ -227,7 +227,7 @@ def clock_of(
         return FrameClock(file_fps)
     fps = file_fps if math.isfinite(file_fps) else DEFAULT_FPS
     note = f"no timestamps: {fps:g} frames per second are assumed (--fps gives another rate)"
-    return FrameClock(fps, None, (note,), even=True)
+    return FrameClock(fps, None, (note,), even=raw)
 
 
 def clock_of_pairs(pairs: TimePairs, options: OpenOptions) -> FrameClock:
