@@ -25,7 +25,7 @@ from planview.engine.config import Config, load_config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
 from planview.output.script import run
-from planview.tracking.harville import HarvilleTracker
+from planview.tracking.template import TemplateTracker
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
 RESAMPLES = 2000
@@ -42,10 +42,10 @@ class Variant:
 
     Attributes:
         name: of the row.
-        settings: overrides of the configuration like "template.colour_weight=0".
+        settings: overrides of the configuration like "joint.colour_weight=0".
         meaning: what the part that is switched off does.
         way: which tracks of the run are scored.
-        harville: the paper's tracker with these statistics; None for the template tracker.
+        template: the paper's tracker with these statistics; None for the joint tracker.
         paper: significant errors of Harville 2002, section 5, in about ten minutes; None where it has no such figure.
     """
 
@@ -54,7 +54,7 @@ class Variant:
     meaning: str = ""
     way: Way = "online"
     paper: int | None = None
-    harville: Statistic | None = None
+    template: Statistic | None = None
 
     @property
     def tracker_only(self) -> bool:
@@ -65,17 +65,17 @@ class Variant:
 CONFIGURED = Variant("as configured")
 """What every other variant is compared with."""
 LADDER = (
-    Variant("harville", (), "the paper's tracker on height and occupancy", paper=1, harville="both"),
+    Variant("template", (), "the paper's tracker on height and occupancy", paper=1, template="both"),
     Variant(
-        "height only", ("maps.occupancy_min=0", "harville.occupancy_weight=0", "harville.score_max=0.6"),
+        "height only", ("maps.occupancy_min=0", "template.occupancy_weight=0", "template.score_max=0.6"),
         "the paper's tracker without occupancy, which prunes heights, finds newcomers and is matched",
-        paper=17, harville="height",
+        paper=17, template="height",
     ),
     Variant(
-        "occupancy only", ("harville.height_weight=0", "harville.score_max=0.6"),
-        "the paper's tracker with every height the same", paper=25, harville="occupancy",
+        "occupancy only", ("template.height_weight=0", "template.score_max=0.6"),
+        "the paper's tracker with every height the same", paper=25, template="occupancy",
     ),
-    Variant("without colours", ("template.colour_weight=0",), "clothes tell people apart, in and after contact"),
+    Variant("without colours", ("joint.colour_weight=0",), "clothes tell people apart, in and after contact"),
     Variant("feedback off", ("feedback.enabled=false",), "people are not learned as background"),
     Variant("colour only foreground", ("foreground.depth=false",), "depth tells shadows and like colours apart"),
     Variant("refinement on", (), "online tracks; refined ones know the future", way="refined"),
@@ -194,12 +194,12 @@ def run_trial(trial: Trial) -> Evaluation:
         tracks = refined_tracks(run_pass(job))
     elif variant.way == "peer":
         tracks = read_tracks(run_pass(job) / PEER)
-    elif not variant.settings and variant.harville is None:
+    elif not variant.settings and variant.template is None:
         tracks = read_tracks(run_pass(job) / "tracks.csv")
     else:
         config = load_config(None, variant.settings, trial.config)
-        if variant.harville is not None:
-            paper = OneStatistic(HarvilleTracker(config.harville, config.maps.height_max_m), variant.harville)
+        if variant.template is not None:
+            paper = OneStatistic(TemplateTracker(config.template, config.maps.height_max_m), variant.template)
             tracks = run(run_pass(job) / "maps.h5", tracker=paper, config=config)
         elif variant.tracker_only:
             tracks = run(run_pass(job) / "maps.h5", config=config)

@@ -57,7 +57,7 @@ class AccuracyOptions(BenchOptions):
 
     scene: Annotated[Sequence[str], Parameter(negative="")] = ()
     """Only these scenes, by name."""
-    tracker: str = "template"
+    tracker: str = "joint"
     """Tracker that follows people: one of planview run, or peaks, the baseline of height peaks."""
     frames: int | None = None
     """Only the first frames of every scene."""

@@ -54,7 +54,7 @@ class Pass:
     recording: Path
     cache: Path
     config: Config
-    tracker: str = "template"
+    tracker: str = "joint"
     recorded: bool = False
 
     @property

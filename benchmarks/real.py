@@ -123,7 +123,7 @@ class RealOptions:
     """Folder with recordings; $PLANVIEW_TEST_DATA, else ../shared/data of the repository, by default."""
     recording: Annotated[Sequence[str], Parameter(negative="")] = ()
     """Only these recordings, by the names of their folders."""
-    tracker: Annotated[Sequence[str], Parameter(negative="")] = ("template",)
+    tracker: Annotated[Sequence[str], Parameter(negative="")] = ("joint",)
     """Trackers, as of planview run; the baseline of height peaks is always added."""
     set_: Annotated[Sequence[str], Parameter(name="--set", negative="", show_default=False)] = ()
     """One parameter of the engine."""

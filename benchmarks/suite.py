@@ -57,7 +57,7 @@ class SuiteJob:
     cache: Path
     out: Path | None
     config: Config
-    tracker: str = "template"
+    tracker: str = "joint"
     refine: bool = False
     peer: bool = False
 
@@ -130,7 +130,7 @@ def run_job(job: SuiteJob) -> dict[Way, SceneScore] | str:
     the engine refuses it."""
     recording, scene = suite_recording(job.path, job.seed, job.cache)
     # One pass serves all ways and the ablation.
-    recorded = job.peer or job.tracker == "template"
+    recorded = job.peer or job.tracker == "joint"
     try:
         kept = run_pass(Pass(recording, job.cache, job.config, job.tracker, recorded))
     except WorkError as error:
@@ -166,7 +166,7 @@ class SuiteOptions(ChallengeOptions):
 
     deal: Flag = False
     """Deal all scenes out to the seeds in turn, instead of drawing every scene with every seed."""
-    tracker: str = "template"
+    tracker: str = "joint"
     """Tracker that follows people: one of planview run, or peaks, the baseline of height peaks."""
     refine: Flag = False
     """Score the refined tracks, too."""

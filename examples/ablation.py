@@ -10,11 +10,11 @@ from typing import Literal
 
 import planview
 
-VARIANTS: dict[str, tuple[Literal["template", "harville"], tuple[str, ...]]] = {
-    "as configured": ("template", ()),
-    "without colours": ("template", ("template.colour_weight=0",)),
-    "feedback off": ("template", ("feedback.enabled=false",)),
-    "harville": ("harville", ()),
+VARIANTS: dict[str, tuple[Literal["joint", "template"], tuple[str, ...]]] = {
+    "as configured": ("joint", ()),
+    "without colours": ("joint", ("joint.colour_weight=0",)),
+    "feedback off": ("joint", ("feedback.enabled=false",)),
+    "template": ("template", ()),
 }
 
 

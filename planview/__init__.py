@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from planview.output.script import count_tracks, evaluate, load_rules, run
     from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
     from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
-    from planview.tracking.harville import HarvilleTracker
     from planview.tracking.human_model.tracker import HumanModelTracker
+    from planview.tracking.joint import JointTracker
     from planview.tracking.template import TemplateTracker
     from planview.trajectories.state import TrackState
     from planview.trajectories.table import Trajectories, TrajectoryCollector, read_tracks, read_truth
@@ -66,8 +66,8 @@ _HOMES = {
     "planview.tracking.base": ("Decision", "Observation", "Tracker", "TrackerDebug"),
     "planview.tracking.ellipse_particle.tracker": ("EllipseParticleTracker",),
     "planview.tracking.human_model.tracker": ("HumanModelTracker",),
-    "planview.tracking.harville": ("HarvilleTracker",),
     "planview.tracking.template": ("TemplateTracker",),
+    "planview.tracking.joint": ("JointTracker",),
     "planview.trajectories.state": ("TrackState",),
     "planview.trajectories.table": ("Trajectories", "TrajectoryCollector", "read_tracks", "read_truth"),
     "stereo.matcher": ("Matcher", "SgbmMatcher"),
@@ -86,9 +86,9 @@ __all__ = [
     "EvaluationParams",
     "Foreground",
     "FrameResult",
-    "HarvilleTracker",
     "HumanModelTracker",
     "InputError",
+    "JointTracker",
     "MapBuilder",
     "Matcher",
     "Observation",

@@ -1,4 +1,4 @@
-"""People as the body table sees them, in front of an empty floor, as pixels for the template tracker."""
+"""People as the body table sees them, in front of an empty floor, as pixels for the joint tracker."""
 
 from __future__ import annotations
 

@@ -57,8 +57,9 @@ class TrackingOptions:
     """Frames per second, in place of the recording's own times."""
     strict: Annotated[Flag, _In] = False
     """Refuse a recording that fails one of the cheap checks (exit status 2) instead of warning of it."""
-    tracker: Annotated[TrackerName, _How] = "template"
-    """Plan-view templates, or harville, the paper's (stereo); a human model, or ellipses and particles (one camera)."""
+    tracker: Annotated[TrackerName, _How] = "joint"
+    """joint (every pixel explained by people) or template (Harville's) for stereo and depth; human-model or
+    ellipse-particle for one camera."""
     detections: Annotated[Path | None, _How] = None
     """Boxes of people from a detector of your own (MOTChallenge det.txt or COCO results), tracked instead of what
     moves; one camera only."""
@@ -88,7 +89,7 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
     Example: planview run my_recording --out out --rrd
 
     Example of saving the plan-view maps and tracking them again: planview run my_recording --out out --maps, then
-    planview run out/maps.h5 --out again --tracker harville
+    planview run out/maps.h5 --out again --tracker template
 
     Example with one camera: planview run street.mp4 --tracker human-model --calibration camera.toml --out out
 
@@ -218,7 +219,7 @@ def replay(
     Tracking begins with the first frame, of the run's maps.h5 (planview run --maps) where the parameter does not
     concern what comes before the maps: that takes a tenth of the time.
 
-    Example: planview replay out --frame 310 --set template.patch_m=0.15
+    Example: planview replay out --frame 310 --set joint.patch_m=0.15
 
     Parameters
     ----------

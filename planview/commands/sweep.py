@@ -33,7 +33,7 @@ class SweepOptions:
     """Folder for results; a study file's own name without .toml by default. What an earlier study there has done with
     the same input, configuration and version is not repeated."""
     vary: Annotated[Sequence[str], Parameter(name="--vary")] = ()
-    """Without a study file: a parameter and its values, e.g. template.stay_s=0.35,0.40; may be given several times."""
+    """Without a study file: a parameter and its values, e.g. joint.stay_s=0.35,0.40; may be given several times."""
     config: Path | None = None
     """Without a study file: TOML file with parameters common to all runs."""
     jobs: int = 1
@@ -54,7 +54,7 @@ def sweep(
     Example: planview sweep STUDY.toml --jobs 4
 
     Example of STUDY.toml: recordings = ["hall/*"], seeds = [0, 1], objective = "mota", then [parameters] with
-    template.stay_s = [0.35, 0.4, 0.45] and feedback.enabled = [true, false]
+    joint.stay_s = [0.35, 0.4, 0.45] and feedback.enabled = [true, false]
 
     Example without a file: planview sweep rec1 rec2 --out sweeps --vary maps.cell_m=0.03,0.04 --vary seed=1,2
 

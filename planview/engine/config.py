@@ -17,9 +17,9 @@ from planview.foreground.params import ForegroundParams
 from planview.maps.builder import MapParams
 from planview.tracking.detections import DetectionParams
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
-from planview.tracking.harville import HarvilleParams
 from planview.tracking.human_model.params import HumanModelParams
-from planview.tracking.template.params import TemplateParams
+from planview.tracking.joint.params import JointParams
+from planview.tracking.template import TemplateParams
 from stereo.floor import SETUP_FRAMES
 from stereo.gating import MatchingParams
 from stereo.matcher import RangeParams, SgbmParams
@@ -86,8 +86,8 @@ class Config(Params):
     foreground: ForegroundParams = ForegroundParams()
     feedback: FeedbackParams = FeedbackParams()
     maps: MapParams = MapParams()
+    joint: JointParams = JointParams()
     template: TemplateParams = TemplateParams()
-    harville: HarvilleParams = HarvilleParams()
     single_camera: SingleCameraParams = SingleCameraParams()
     human_model: HumanModelParams = HumanModelParams()
     ellipse_particle: EllipseParticleParams = EllipseParticleParams()

@@ -20,7 +20,7 @@ from planview.engine.stereo import multi_rig_engine, stereo_engine
 from planview.maps.recording import MapsRecording, is_maps
 from planview.tracking.base import ImageTracker, Tracker
 from planview.tracking.detections import DetectionTracker
-from planview.tracking.harville import HarvilleTracker
+from planview.tracking.joint import JointTracker
 from planview.tracking.template import TemplateTracker
 from planview.trajectories.detections import Detections, load_detections
 from stereo.matcher import Matcher
@@ -29,15 +29,15 @@ from stereo.readers.multi_rig import open_rigs
 from stereo.readers.open import is_multi_rig
 from stereo.recording import Video
 
-TrackerName = Literal["template", "harville", "human-model", "ellipse-particle"]
-FloorTrackerName = Literal["template", "harville"]
+TrackerName = Literal["joint", "template", "human-model", "ellipse-particle"]
+FloorTrackerName = Literal["joint", "template"]
 ImageTrackerName = Literal["human-model", "ellipse-particle"]
 AnyTracker = TrackerName | Tracker
 
 
 def open_engine(
     path: Path | str,
-    tracker: AnyTracker = "template",
+    tracker: AnyTracker = "joint",
     config: Config | None = None,
     camera: Path | None = None,
     options: OpenOptions | None = None,
@@ -46,7 +46,7 @@ def open_engine(
 ) -> Engine:
     """Open a recording, or the plan-view maps of one, with the tracker asked for.
 
-    The template and harville trackers need a stereo recording, images with depth, or the maps of either; the
+    The joint and template trackers need a stereo recording, images with depth, or the maps of either; the
     human-model tracker a video and its ``camera.toml``; the ellipse-particle tracker a video.
 
     Args:
@@ -112,7 +112,7 @@ def _map_tracker(tracker: AnyTracker, config: Config, path: Path) -> Tracker:
     """A tracker of plan-view maps by its name, or one's own."""
     if tracker in get_args(ImageTrackerName):
         raise InputError(
-            f"{path}: expected a tracker of stereo recordings and plan-view maps (template, harville), found "
+            f"{path}: expected a tracker of stereo recordings and plan-view maps (joint, template), found "
             f"{tracker}, which tracks one camera without depth"
         )
     return floor_tracker(cast(FloorTrackerName, tracker), config) if isinstance(tracker, str) else tracker
@@ -136,9 +136,9 @@ def base_config(path: Path) -> Config:
 
 def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:
     """A tracker of plan-view maps with its parameters."""
-    if tracker == "template":
-        return TemplateTracker(config.template)
-    return HarvilleTracker(config.harville, config.maps.height_max_m)
+    if tracker == "joint":
+        return JointTracker(config.joint)
+    return TemplateTracker(config.template, config.maps.height_max_m)
 
 
 def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamera | None) -> ImageTracker:

@@ -25,7 +25,7 @@ from planview.maps.multi_rig import MultiRigMapBuilder
 from planview.maps.pixels import KeptBackground, PixelRays, SeenPixels, seen_pixels, unmatched_pixels
 from planview.maps.view import StereoView
 from planview.tracking.base import Observation, Tracker
-from planview.tracking.template import TemplateTracker
+from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import Matcher, SampledDisparity
@@ -332,7 +332,7 @@ def stereo_engine(
     """An engine for a recording of one pair, or of images with depth.
 
     Args:
-        tracker: the template tracker when None.
+        tracker: the joint tracker when None.
         matcher: of whole pairs; SGBM, gated as configured, when None.
         setup: of the recording; ``set_up`` finds it when None.
     Raises:
@@ -341,7 +341,7 @@ def stereo_engine(
     """
     config = config or Config()
     rig = _stages(recording, setup or set_up(recording, config), config, matcher)
-    return Engine(recording, StereoFrontEnd([rig], config), tracker or TemplateTracker(config.template), config)
+    return Engine(recording, StereoFrontEnd([rig], config), tracker or JointTracker(config.joint), config)
 
 
 def multi_rig_engine(recording: MultiRigRecording, config: Config, tracker: Tracker) -> Engine:

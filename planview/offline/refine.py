@@ -26,15 +26,15 @@ from planview.trajectories.table import Trajectories, concatenated, rows_by_id
 POSITION_STD_M = 0.05
 """Deviation of a position in the tracks [m]: about a cell of the plan-view map."""
 ACCELERATION_STD_MPS2 = 2.0
-"""Random acceleration of the constant-velocity model [m/s^2], that of the template tracker."""
+"""Random acceleration of the constant-velocity model [m/s^2], that of the joint tracker."""
 SPEED_STD_MPS = 1.0
 """Deviation of the unknown velocity at the start of a track, and of the mean one of a walker out of sight [m/s]."""
 HEIGHT_STD_M = 0.06
 """Deviation of the median height of a track [m]: posture and depth noise."""
 LOW_SHARE = 0.1
-"""Share of people who sit, bend, or are children; that of the template tracker."""
+"""Share of people who sit, bend, or are children; that of the joint tracker."""
 FLOOR_M2 = 20.0
-"""Area of the floor over which strangers may appear [m^2]; that of the template tracker."""
+"""Area of the floor over which strangers may appear [m^2]; that of the joint tracker."""
 
 
 CHANGE_COLUMNS = ("id", "first_frame", "last_frame", "kind", "reason", "value")

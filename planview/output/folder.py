@@ -76,7 +76,7 @@ class RunInfo(InfoPart):
     plane: Literal["", "floor", "image"] = ""
     """Where people's places are known: on the floor in metres, or in the image alone."""
     tracker: str = ""
-    """"template", "human-model" or "ellipse-particle"."""
+    """"joint", "human-model" or "ellipse-particle"."""
     state: Literal["", "running", "interrupted", "finished"] = ""
     """How the run stands: "running" while it runs, and after it was killed; "interrupted" when it was stopped or
     failed; empty in files of versions that did not say."""

@@ -107,7 +107,7 @@ class RunOptions:
         pace: plays the recording in real time, without checkpoints; None for as fast as it goes.
     """
 
-    tracker: str = "template"
+    tracker: str = "joint"
     analytics: Analytics | None = None
     max_frames: int = 0
     checkpoint_every_s: float = 0.0

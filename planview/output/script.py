@@ -41,7 +41,7 @@ def run(
     source: Engine | Path | str,
     out: Path | str | None = None,
     *,
-    tracker: AnyTracker = "template",
+    tracker: AnyTracker = "joint",
     matcher: Matcher | None = None,
     config: Config | dict[str, Any] | None = None,
     camera: Path | str | None = None,
@@ -57,7 +57,7 @@ def run(
     Args:
         source: a recording, or an engine, which brings tracker, matcher and configuration of its own.
         out: folder for tracks.csv, run.json and report.html as ``planview run`` writes them; None to write nothing.
-        tracker: "template", "harville", "human-model", "ellipse-particle", or a tracker of your own.
+        tracker: "joint", "template", "human-model", "ellipse-particle", or a tracker of your own.
         matcher: of stereo pairs; SGBM when None.
         config: every parameter, or a table per stage of those that differ; the defaults when None.
         camera: camera.toml of a single camera.

@@ -121,7 +121,7 @@ class Planner:
         entry, study, maps = recording.entry, self._study, None
         full, points = self._effective(configuration, seed, recording.base)
         single = is_maps(entry.path) or is_multi_rig(entry.path) or study.tracker == "human-model"
-        if study.maps and not single and (study.tracker == "template" or is_stereo(entry.path, entry.calibration)):
+        if study.maps and not single and (study.tracker == "joint" or is_stereo(entry.path, entry.calibration)):
             maps = self._run(entry, recording.key, points, "maps")
         source = RecordingEntry(path=maps.folder / MAPS_FILE) if maps else entry
         run = self._run(source, maps.key if maps else recording.key, full, "jobs")

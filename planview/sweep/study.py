@@ -113,7 +113,7 @@ Space = Choices | Range
 
 @dataclass(frozen=True)
 class Configuration:
-    """Values of the varied parameters, as texts like ``template.stay_s=0.4`` in the order of the study."""
+    """Values of the varied parameters, as texts like ``joint.stay_s=0.4`` in the order of the study."""
 
     settings: tuple[str, ...] = ()
 
@@ -186,7 +186,7 @@ class Study(Params):
     """Paths, patterns such as "hall/*", or tables with path, calibration, camera and truth."""
     config: Path | None = None
     """TOML file with parameters that all runs share."""
-    tracker: TrackerName = "template"
+    tracker: TrackerName = "joint"
     """The tracker of all runs."""
     frames: int = Field(0, ge=0)
     """Stop each run after so many frames; 0 for all."""
@@ -207,7 +207,7 @@ class Study(Params):
     reports: bool = False
     """Write report.html of every single run, too."""
     parameters: dict[str, Space] = Field(default_factory=dict)
-    """A list of values, or a table with min and max (and log, step), per parameter, e.g. "template.stay_s"."""
+    """A list of values, or a table with min and max (and log, step), per parameter, e.g. "joint.stay_s"."""
 
     @field_validator("seeds")
     @classmethod
@@ -263,7 +263,7 @@ def _entry(item: Any, folder: Path) -> list[dict[str, Any]]:
 
 
 def _flat(tables: Any, prefix: str = "") -> dict[str, Any]:
-    """Dotted names: TOML reads ``template.stay_s = [...]`` as a table in a table."""
+    """Dotted names: TOML reads ``joint.stay_s = [...]`` as a table in a table."""
     if not isinstance(tables, dict):
         raise InputError(f"expected a table of parameters, found {str(tables)[:80]!r}")
     flat: dict[str, Any] = {}

@@ -164,13 +164,13 @@ def simple() -> dict[str, tuple[Callable[[Path], object], bytes]]:
         written = {name: (Path(place) / name).read_bytes() for name in ("w", "c")}
     tripwire = '[[tripwire]]\nname = "a"\nfrom_m = [0.0, 1.0]\nto_m = [1.0, 1.0]\nhysteresis_m = 0.2\n'
     zone = '[[zone]]\nname = "z"\npolygon_m = [[0, 0], [4, 0], [4, 3]]\n[[queue]]\nname = "q"\nzone = "z"\n'
-    config = "seed = 3\n[maps]\ncell_m = 0.04\n[template]\nreport = 0.8\n[floor]\nmax_tilt_deg = 80.0\n"
+    config = "seed = 3\n[maps]\ncell_m = 0.04\n[joint]\nreport = 0.8\n[floor]\nmax_tilt_deg = 80.0\n"
     events = "frame,timestamp_s,rule,kind,id,direction\n3,0.2,a,crossing,1,left_to_right\n"
     run = (
         '{"input": "a", "finished": true, "frames_read": 3, "skipped": [{"index": 1, "why": "x"}], "config": {"a": 1}}'
     )
     coco = '[{"image_id": 1, "category_id": 1, "bbox": [9.5, 8, 30, 90], "score": 0.9}, {"image_id": 2, "bbox": [1, 2, 3, 4]}]'
-    study = 'recordings = ["."]\nseeds = [3, 4]\n[parameters]\nmaps.cell_m = [0.03, 0.04]\ntemplate.stay_s = {min = 1, max = 9, step = 2}\n'
+    study = 'recordings = ["."]\nseeds = [3, 4]\n[parameters]\nmaps.cell_m = [0.03, 0.04]\njoint.stay_s = {min = 1, max = 9, step = 2}\n'
     pose = "rotation = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]\ntranslation_m = [0.0, 0.0, 2.5]\n"
     rigs = f'[[head]]\nname = "a"\nfolder = "a"\nstart_s = 0.5\n[head.world_SE3_left]\n{pose}'
     decisions = "frame,timestamp_s,id,kind,value,reason\n3,0.2,1,matched,0.7,\n4,0.3,1,lost,0.1,left the view\n"

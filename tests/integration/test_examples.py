@@ -39,7 +39,7 @@ def test_own_tracker_finds_the_visitor(example: Any, capsys: pytest.CaptureFixtu
 def test_ablation_prints_a_row_for_each_variant(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
     example("ablation.py")["main"](frames=FRAMES)
     rows = capsys.readouterr().out.splitlines()
-    assert [row[:16].strip() for row in rows] == ["as configured", "without colours", "feedback off", "harville"]
+    assert [row[:16].strip() for row in rows] == ["as configured", "without colours", "feedback off", "template"]
 
 
 def test_sweep_prints_a_row_for_each_value(example: Any, capsys: pytest.CaptureFixture[str]) -> None:

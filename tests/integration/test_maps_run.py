@@ -14,7 +14,7 @@ from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info
 from planview.output.maps_log import MapsLog
 from planview.output.run import RunOptions, run
-from planview.tracking.template import TemplateTracker
+from planview.tracking.joint import JointTracker
 
 PRODUCTS = ("tracks.csv", "decisions.csv")
 
@@ -47,7 +47,7 @@ def test_maps_are_tracked_again_bit_for_bit(say, live, maps, tmp_path):
 def test_maps_built_from_the_recording_are_those_of_the_run(live, engine):
     recording = MapsRecording(live[0] / "maps.h5")
     config = recorded_config(recording)
-    again = list(replay_engine(recording, TemplateTracker(config.template), config))
+    again = list(replay_engine(recording, JointTracker(config.joint), config))
     assert len(again) == len(live[1]) == FRAMES
     for before, after in zip(live[1], again, strict=True):
         old, new = before.observation.maps, after.observation.maps
@@ -60,10 +60,10 @@ def test_maps_built_from_the_recording_are_those_of_the_run(live, engine):
 
 def test_another_tracker_follows_the_same_maps(say, maps, tmp_path):
     out = tmp_path / "out"
-    status, told = say("run", maps, "--out", out, "--tracker", "harville", "--set", "seed=3")
+    status, told = say("run", maps, "--out", out, "--tracker", "template", "--set", "seed=3")
     assert status == 0, told
     info = read_run_info(out / "run.json")
-    assert (info.tracker, info.config["seed"], info.frames_read) == ("harville", 3, FRAMES)
+    assert (info.tracker, info.config["seed"], info.frames_read) == ("template", 3, FRAMES)
 
 
 def test_the_command_saves_maps_without_any_image(say, copy, tmp_path):

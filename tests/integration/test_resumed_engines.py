@@ -21,7 +21,7 @@ from planview.tracking.ellipse_particle import EllipseParticleTracker
 from planview.tracking.human_model import HumanModelParams
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
 from planview.tracking.human_model.tracker import HumanModelTracker
-from planview.tracking.template import TemplateTracker
+from planview.tracking.joint import JointTracker
 
 PARAMS = HumanModelParams(map=HumanModelMapParams(min_height_px=12))
 MAP = build_model_map(CAMERA, params=PARAMS.map)
@@ -56,9 +56,7 @@ def moments(seed: int, first: int, last: int, count: int = 3) -> tuple[int, ...]
 
 def test_a_stereo_engine_resumes(engine: Engine) -> None:
     c, setup = engine.config, set_up(engine.recording, engine.config)
-    assert_resumes(
-        lambda: stereo_engine(engine.recording, c, TemplateTracker(c.template), setup=setup), moments(1, 8, 35)
-    )
+    assert_resumes(lambda: stereo_engine(engine.recording, c, JointTracker(c.joint), setup=setup), moments(1, 8, 35))
 
 
 def test_the_engine_of_two_rigs_resumes(engine: Engine, heads: Path) -> None:
@@ -72,7 +70,7 @@ def test_the_engine_of_recorded_maps_resumes(engine: Engine, tmp_path: Path) -> 
     log.close()
 
     def make() -> Engine:
-        return replay_engine(MapsRecording(tmp_path / "maps.h5"), TemplateTracker(engine.config.template))
+        return replay_engine(MapsRecording(tmp_path / "maps.h5"), JointTracker(engine.config.joint))
 
     assert_resumes(make, moments(2, 8, 35))
 

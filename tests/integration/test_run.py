@@ -116,6 +116,6 @@ def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Engine, tmp_path
 
 
 def test_a_folder_may_be_named_like_markup_whatever_the_tracker(say: Say, copy: Path, tmp_path: Path) -> None:
-    assert run_few(say, copy, tmp_path / "[/out]", "--tracker", "harville")[0] == 0
+    assert run_few(say, copy, tmp_path / "[/out]", "--tracker", "template")[0] == 0
     info = read_run_info(tmp_path / "[/out]" / "run.json")
-    assert (info.tracker, info.finished, info.frames_read) == ("harville", True, FRAMES)
+    assert (info.tracker, info.finished, info.frames_read) == ("template", True, FRAMES)

@@ -63,7 +63,7 @@ def test_study_tracks_maps_of_a_recording_that_it_records_once(
 ) -> None:
     (copy / "truth.csv").write_text(TRUTH)
     (tmp_path / "c.toml").write_text("[analysis]\nsetup_frames = 4\n")
-    text = 'recordings = ["copy"]\nconfig = "c.toml"\n[parameters]\ntemplate.stay_s = [0.35, {}]\n'
+    text = 'recordings = ["copy"]\nconfig = "c.toml"\n[parameters]\njoint.stay_s = [0.35, {}]\n'
     path, out = study(tmp_path, text.format(0.4)), tmp_path / "study"
     assert say("sweep", path)[0] == 0
     assert pool.submitted == 3
@@ -73,7 +73,7 @@ def test_study_tracks_maps_of_a_recording_that_it_records_once(
     study(tmp_path, text.format(0.45))
     assert say("sweep", path)[0] == 0
     assert pool.submitted == 4
-    assert [(r["template.stay_s"], r["state"], r["tracked_from"]) for r in rows(out)] == [
+    assert [(r["joint.stay_s"], r["state"], r["tracked_from"]) for r in rows(out)] == [
         ("0.35", "done", "maps"), ("0.45", "done", "maps"),
     ]  # fmt: skip
 
@@ -126,10 +126,10 @@ def test_bad_recordings_are_reported_at_the_end_and_the_others_are_done(
 def test_ranking_prints_whole_names_and_json_has_runs_and_intervals(
     say: Say, pool: InlinePool, halls: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = study(halls, 'recordings = ["a/maps.h5"]\n[parameters]\ntemplate.stay_s = [0.5]\n')
+    path = study(halls, 'recordings = ["a/maps.h5"]\n[parameters]\njoint.stay_s = [0.5]\n')
     with pytest.raises(SystemExit):
         main(["sweep", str(path)])
-    assert "1. template.stay_s=0.5\n" in capsys.readouterr().out
+    assert "1. joint.stay_s=0.5\n" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(["sweep", str(path), "--json"])
     found = json.loads(capsys.readouterr().out)
@@ -140,12 +140,12 @@ def test_ranking_prints_whole_names_and_json_has_runs_and_intervals(
 def test_page_is_one_file_that_shows_names_as_text(say: Say, pool: InlinePool, halls: Path) -> None:
     evil = halls / "<script>alert(1)"
     (halls / "a").rename(evil)
-    path = study(halls, 'recordings = ["<script>*/maps.h5", "b/maps.h5"]\n[parameters]\ntemplate.stay_s = [0.3, 0.4]\n')
+    path = study(halls, 'recordings = ["<script>*/maps.h5", "b/maps.h5"]\n[parameters]\njoint.stay_s = [0.3, 0.4]\n')
     assert say("sweep", path)[0] == 0
     page = (halls / "study" / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 3
     assert "<script" not in page and "http" not in page.replace("http-equiv", "")
-    assert "template.stay_s=0.3" in page
+    assert "joint.stay_s=0.3" in page
 
 
 @pytest.mark.parametrize("vary", ["maps.no_such=1,2", "maps.cell_m", "maps.cell_m=0.03,0.03", "seed=x", "seed=-1"])
@@ -158,7 +158,7 @@ def test_sweep_refuses_wrong_settings_before_it_runs(say: Say, copy: Path, tmp_p
 
 def test_random_study_tries_its_samples(say: Say, pool: InlinePool, halls: Path) -> None:
     text = 'recordings = ["a/maps.h5"]\nmethod = "random"\nsamples = 5\n[parameters]\n'
-    path = study(halls, text + "template.stay_s = { min = 0.3, max = 0.5 }\n")
+    path = study(halls, text + "joint.stay_s = { min = 0.3, max = 0.5 }\n")
     assert say("sweep", path)[0] == 0
     assert len(rows(halls / "study")) == 5
     assert say("sweep", path)[0] == 0

@@ -1,4 +1,4 @@
-"""Plain numpy twin of the template tracker's likelihood (``planview/tracking/template/_kernels.py``)."""
+"""Plain numpy twin of the joint tracker's likelihood (``planview/tracking/joint/_kernels.py``)."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from toy_people import seen_body
 from calib.types import F64
 from planview.maps.pixels import SURFACE, SeenPixels
 from planview.tracking import body
-from planview.tracking.template import explanation as given
-from planview.tracking.template.params import TemplateParams
+from planview.tracking.joint import explanation as given
+from planview.tracking.joint.params import JointParams
 
 Poses = Sequence[tuple[float, float, float]]
 
 
-def log_likelihood(seen: SeenPixels, people: Poses, p: TemplateParams, reaching: Poses) -> float:
+def log_likelihood(seen: SeenPixels, people: Poses, p: JointParams, reaching: Poses) -> float:
     """Sum of log L_p over all pixels, without weights and colours; ``people`` are certain, ``reaching`` have arms."""
     bodies = [seen_body(seen.rays, person) for person in people]
     camera = seen.rays.centre_m
@@ -53,7 +53,7 @@ def _of_body(kind: int, z: float, at: float, std: float) -> float:
     return given.SEEN_ON_BODY * (1 - given.NO_DEPTH) * ((1 - given.OUTLIERS) * normal + given.OUTLIERS / given.RANGE_M)
 
 
-def _of_background(kind: int, near: bool, p: TemplateParams, reach_m: float) -> float:
+def _of_background(kind: int, near: bool, p: JointParams, reach_m: float) -> float:
     if kind == 0:
         return 1.0 - given.SEEN_ON_BACKGROUND
     share = p.seen_near_people if near else given.SEEN_ON_BACKGROUND

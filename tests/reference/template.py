@@ -1,4 +1,4 @@
-"""Plain numpy twins of planview/tracking/harville/_kernels.py; they define what the compiled loops compute."""
+"""Plain numpy twins of planview/tracking/template/_kernels.py; they define what the compiled loops compute."""
 
 import math
 

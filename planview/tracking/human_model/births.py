@@ -14,8 +14,8 @@ from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model.explanation import PATCH_PX, MaskExplanation, Shares
 from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.walker import Walker
+from planview.tracking.joint.explanation import People
 from planview.tracking.kalman import FloorKalman
-from planview.tracking.template.explanation import People
 
 MOST = 4
 """Places that are tried in a frame."""

@@ -17,8 +17,8 @@ from planview.tracking.base import Observation
 from planview.tracking.human_model import _kernels as kernels
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.silhouette import silhouette
+from planview.tracking.joint.explanation import Owned, People
 from planview.tracking.kalman import PositionNoise
-from planview.tracking.template.explanation import Owned, People
 
 STEPS_M = np.array([0.12, 0.06])
 """Steps of the ascent: a walker's error of prediction, and the blur of a patch [m]."""

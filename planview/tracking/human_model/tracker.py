@@ -26,10 +26,10 @@ from planview.tracking.human_model.explanation import (
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker, matches
-from planview.tracking.template.explanation import People
-from planview.tracking.template.identity import Exchanges, continued
-from planview.tracking.template.params import TemplateParams
-from planview.tracking.template.person import Person, colour_counts, colour_ratios
+from planview.tracking.joint.explanation import People
+from planview.tracking.joint.identity import Exchanges, continued
+from planview.tracking.joint.params import JointParams
+from planview.tracking.joint.person import Person, colour_counts, colour_ratios
 from planview.trajectories.state import State, TrackState
 
 WALKER_M = 2.0
@@ -66,7 +66,7 @@ class HumanModelTracker:
         self.model_map = model_map or build_model_map(camera, self.model, params.map)
         self._view = MaskView(camera, params)
         self._places = FloorPlaces(self.model_map, params.birth_visible, params.patch_m)
-        self._shared = TemplateParams(
+        self._shared = JointParams(
             patch_m=params.patch_m, low_share=params.sits, floor_m2=self._places.floor_m2, errors_s=params.errors_s,
             colour_weight=params.colour_weight, remember_s=params.remember_s, lag_s=params.lag_s,
         )  # fmt: skip

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.types import F64, U8
 from planview.tracking.human_model.params import HumanModelParams
-from planview.tracking.template.person import Person
+from planview.tracking.joint.person import Person
 
 Motion = Literal["moving", "stopped", "stationary"]
 Stability = Literal["appearing", "disappearing", "occlusion", "stable"]

@@ -1,4 +1,4 @@
-"""Parameters of the plan-view tracker that explains every pixel by people."""
+"""Parameters of the tracker of Harville 2002, section 4."""
 
 from __future__ import annotations
 
@@ -8,31 +8,42 @@ from calib.params import Params
 
 
 class TemplateParams(Params):
-    """What is believed of sensors, bodies, walking and of who comes and goes; all values are physical."""
+    """The paper's thresholds; every term of equation (4) is divided by its natural unit, so that weights compare
+    influences. A weight of 0 leaves a term out: height alone and occupancy alone are two of the paper's variants, for
+    which score_max is halved, since nothing at all then scores 1."""
 
-    disparity_std_px: float = Field(0.35, gt=0, le=5)
-    """Deviation of a disparity on a body [px of the matched image]: matching noise and its bias to whole pixels."""
-    seen_near_people: float = Field(0.3, gt=0, lt=1)
-    """The same within an arm's reach of a person: arms and what is carried."""
-    patch_m: float = Field(0.10, gt=0.01, le=1)
-    """Errors of pixels nearer than this are one error [m]; one look per patch (Harville's unit of occupancy)."""
-    low_share: float = Field(0.1, gt=0, lt=1)
-    """Share of people who sit, bend, or are children."""
-    floor_m2: float = Field(20.0, gt=0.1, le=10000)
-    """Area of the floor over which strangers may appear [m^2]."""
-    errors_s: float = Field(0.25, gt=0, le=10)
-    """tau, time for which errors of the foreground stay the same [s]."""
-    birth_evidence: float = Field(8.0, gt=0, le=100)
-    """Log-odds of a newcomer against nothing at which it is followed: the logarithm of 1 / prior density."""
-    stay_s: float = Field(50.0, gt=0.1, le=3600)
-    """Mean time that an unseen person stays inside the view [s]."""
-    report: float = Field(0.9, gt=0.5, lt=1)
-    """Probability of existence from which a person is confirmed."""
-    visible_min: float = Field(0.08, gt=0, lt=1)
-    """Share of a body that must be visible for its place to be measured; a confirmed person with less is lost."""
-    colour_weight: float = Field(0.7, ge=0, lt=1)
-    """How far the colours of a person are believed; 0: clothes say nothing."""
-    remember_s: float = Field(60.0, ge=0, le=3600)
-    """Time for which a person who left is recognised [s]."""
-    lag_s: float = Field(1.5, gt=0, le=60)
-    """Time for which evidence of exchanged identities is kept [s]."""
+    height_weight: float = Field(1.0, ge=0.0)
+    """alpha, on the mean height difference in units of H_max / 3 (Harville 2002, section 4: all equal)."""
+    occupancy_weight: float = Field(1.0, ge=0.0)
+    """beta, on the mean occupancy difference in units of the template's own mean occupancy (as alpha)."""
+    distance_weight: float = Field(0.4, ge=0.0)
+    """gamma, on the distance to the prediction in units of W_avg (Harville 2002, section 4: less than the others)."""
+    separation_weight: float = Field(1.0, ge=0.0)
+    """epsilon, on the Gaussian around people already placed in this frame (as alpha)."""
+    score_max: float = Field(1.2, gt=0.0)
+    """theta_track (our choice; the paper gives no value). Nothing at all where a body is expected scores 2, half of the
+    body hidden about 1: half a body is still a match, less is not."""
+    width_m: float = Field(0.40, gt=0.1, le=1.0)
+    """W_avg, average torso width [m]; templates are 2 W_avg wide (Harville 2002, section 4: about 0.4)."""
+    acceleration_std_mps2: float = Field(2.0, gt=0.0, le=20.0)
+    """Random acceleration [m/s^2] (our choice): walkers start and stop within about 0.7 s at 1.4 m/s."""
+    template_s: float = Field(0.10, gt=0.0, le=60.0)
+    """Time constant of the templates [s] (Harville 2002, section 4: a relatively high gain)."""
+    recentre_filled: float = Field(0.12, ge=0.0, le=1.0)
+    """theta_HTcount, share of the template with height below which it has slipped. Harville 2002, section 4: around
+    0.3, of coarse, smeared depth; a fully visible body fills 0.4 of a template here, and 0.3 of that is the same."""
+    recentre_offset: float = Field(0.5, gt=0.0)
+    """theta_HTcentroid, offset of the centroid [W_avg] beyond which a template has slipped (Harville 2002, section 4:
+    around 0.5)."""
+    area_min_m2: float = Field(0.10, gt=0.0)
+    """Visible surface of a newcomer within a square of side W_avg [m^2] (the paper: high occupancy; our choice): a
+    head and shoulders."""
+    height_min_m: float = Field(1.2, ge=0.1, le=2.5)
+    """Smallest height of a newcomer [m] (the paper: some plausible minimum; our choice): chairs reach 1.1 m."""
+    confirm_s: float = Field(0.4, ge=0.0, le=60.0)
+    """How long a newcomer must be tracked without a miss before it is a person [s] (the paper: some minimum number of
+    consecutive frames; our choice)."""
+    lost_s: float = Field(4.0, ge=0.0, le=600.0)
+    """How long a lost person is looked for [s] (Harville 2002, section 4: e.g. 4)."""
+    reattach_m: float = Field(2.0, ge=0.0)
+    """How near to a lost person a newcomer is taken for that person [m] (Harville 2002, section 4: e.g. 2)."""

@@ -1,293 +1,315 @@
-"""People explained jointly: every pixel of surface and of seen background by the nearest person in front of it."""
+"""Tracking and adapting templates of plan-view statistics (Harville 2002, section 4).
+
+The paper's method and nothing else; where it leaves something open, the line says what was chosen.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from calib.types import F64, I64
-from planview.maps.colour import CODES
-from planview.tracking import body
-from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug
-from planview.tracking.template._kernels import PARTS
-from planview.tracking.template.births import EVIDENCE_MAX, Births
-from planview.tracking.template.drawing import draw
-from planview.tracking.template.explanation import STEPS_M, Explanation, Owned, People, Samples
-from planview.tracking.template.identity import Exchanges, continued
+from calib.types import F32
+from planview.maps.builder import PlanViewMaps
+from planview.tracking.base import NO_TERMS, Decision, Drawing, Observation, ScoreTerms, TrackerDebug
+from planview.tracking.kalman import FloorKalman
+from planview.tracking.lifecycle import Existence, LifeCycle
+from planview.tracking.template._kernels import search
 from planview.tracking.template.params import TemplateParams
-from planview.tracking.template.person import Person, colour_counts, colour_ratios, side_by_side
-from planview.trajectories.state import State, TrackState
+from planview.trajectories.state import TrackState
 
-ACCELERATION_MPS2 = 2.0
-"""Deviation of a walker's acceleration [m/s^2]."""
-SLOW_DOWN_S = 0.7
-"""Time in which an unseen person's speed decays [s]."""
-HEIGHT_CHANGE_MPS = 0.6
-"""Speed of a head that goes up and down: sitting down, bending [m/s]."""
-LEAVE_S = 0.7
-"""Mean time that a person beyond the border stays unknown and near [s]."""
-LOG_ODDS_MAX = 8.0
-"""Existence is never surer than this."""
-KNOWN_ODDS = 3.0
-"""Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
-LOW_WALKERS = 0.01
-"""Share of low people who walk, which are children; the others sit or bend, and stay where they are."""
-INSIDE = 0.3
-"""Share of a body in the image below which a person is at the border."""
+SEARCH_SIGMA = 3.0
+"""Half side of the search zone in deviations of the predicted position (the paper: from the Kalman uncertainty)."""
+SPEED_STD_MPS = 1.0
+"""Deviation of the unknown velocity of a newcomer [m/s]: walking pace."""
+
+Place = tuple[float, float]
+"""Floor position (x, y) [m]."""
+
+
+@dataclass(eq=False)
+class MapPerson:
+    """The paper's state <x, v, T_H, T_O> of a tracked person.
+
+    Attributes:
+        existence: id, state and times of life.
+        kalman: position and velocity on the floor.
+        template_height, template_occupancy: T_H [m] and T_O [m^2], (n, n) float32.
+        measured_m: where it was last found [m].
+        predicted_m: where it was expected in this frame [m].
+        reach_m: half side of the zone searched in this frame [m].
+        score: of the best match in this frame.
+    """
+
+    existence: Existence
+    kalman: FloorKalman
+    template_height: F32
+    template_occupancy: F32
+    measured_m: Place
+    predicted_m: Place
+    reach_m: float = 0.0
+    score: float = math.nan
+
+    @property
+    def at_m(self) -> Place:
+        """Filtered position, or the predicted one while nothing matches [m]."""
+        return self.kalman.x_m, self.kalman.y_m
+
+
+class FreeMaps:
+    """H_masked and O_sm without the people tracked so far in this frame.
+
+    Attributes:
+        maps: as observed.
+        n: side of a template, 2 W_avg, odd so that it has a central cell [cells].
+        height, occupancy: padded by half a template, so that one centred on grid cell (row, col) covers the padded
+            maps from (row, col) on.
+    """
+
+    def __init__(self, maps: PlanViewMaps, width_m: float) -> None:
+        self.maps = maps
+        half = max(1, round(width_m / maps.grid.cell_m))
+        self.n = 2 * half + 1
+        self.height: F32 = np.pad(maps.height, half)
+        self.occupancy: F32 = np.pad(maps.occupancy, half)
+
+    def window(self, at_m: Place) -> tuple[slice, slice]:
+        """Cells of the padded maps under a template at a place, of which the grid's nearest cell is the centre."""
+        grid = self.maps.grid
+        row, col = (round(i) for i in grid.index_of(*at_m))
+        row, col = min(max(row, 0), grid.n_rows - 1), min(max(col, 0), grid.n_cols - 1)
+        return slice(row, row + self.n), slice(col, col + self.n)
+
+    def clear(self, at_m: Place) -> None:
+        """Remove what lies under a template at a place."""
+        window = self.window(at_m)
+        self.height[window] = self.occupancy[window] = 0.0
+
+    def occupancy_peak(self, at_m: Place) -> Place | None:
+        """The largest occupancy within the square of side 2 W_avg around a place; None where there is none [m]."""
+        rows, cols = self.window(at_m)
+        part = self.occupancy[rows, cols]
+        row, col = divmod(int(np.argmax(part)), self.n)
+        half = self.n // 2
+        return self.maps.grid.centre_of(rows.start + row - half, cols.start + col - half) if part.max() > 0 else None
 
 
 class TemplateTracker:
-    """Follows people by the likelihood of all pixels given who stands where (``docs/method.md``).
+    """Tracks people by adaptive templates of height and occupancy.
 
-    Adaptive templates of Harville 2002, section 4, in the view of the camera; existence by the Bernoulli filter of Vo,
-    Vo and Pham 2010.
+    Each frame, for one person after the other, the most certain first: predict; find where the maps match the
+    templates best (eq. 4); update filter and templates; re-center; clear the maps there. Then look for newcomers in
+    what is left, who may be lost people, and forget who was lost for too long.
+
+    Args:
+        params: see TemplateParams.
+        height_max_m: H_max [m].
     """
 
-    def __init__(self, params: TemplateParams | None = None) -> None:
+    def __init__(self, params: TemplateParams | None = None, height_max_m: float = 2.4) -> None:
         self.params = params or TemplateParams()
+        self._height_max_m = height_max_m
+        self._life = LifeCycle()
         self.reset()
 
     def reset(self) -> None:
-        """Forget everybody."""
-        self._people: list[Person] = []
-        self._departed: list[Person] = []
-        self._next_id = 1
-        self._now_s = math.nan
-        self._exchanges = Exchanges(self.params)
-        self._births = Births()
-        self._log: list[Decision] = []
-        self._owned: list[tuple[tuple[int, ...], Owned]] = []
+        """Forget all people; ids start again at 1."""
+        self._people: list[MapPerson] = []
+        self._life.reset()
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
         """Decisions of the last update."""
-        return tuple(self._log)
-
-    def debug(self) -> TrackerDebug:
-        """Who owns each pixel, and the people on the floor."""
-        return draw(self._people, self._owned)
+        return self._life.decisions
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
-        """Follow everybody into the next frame.
+        """Track one frame.
 
+        Args:
+            observation: with maps.
         Raises:
-            ValueError: an observation without the pixels that the cameras saw.
+            ValueError: no maps, or time does not advance.
         """
-        if not observation.views:
-            raise ValueError("expected the pixels that the cameras saw (Observation.views), found none")
-        dt = 0.0 if math.isnan(self._now_s) else max(observation.timestamp_s - self._now_s, 0.0)
-        self._now_s, self._log = observation.timestamp_s, []
-        frame = Explanation(observation.views, self.params, body.body_table())
-        for q in self._people:
-            self._predict(q, dt)
-        ratios = colour_ratios(self._people)
-        if self._people:
-            self._explain(frame, side_by_side(self._people, ratios), dt)
-        owned, points = frame.share_out(side_by_side(self._people, ratios))
-        self._owned = [(v.kind.shape, o) for v, o in zip(observation.views, owned, strict=True)]
-        for i, q in enumerate(self._people):
-            if not q.confirmed:
-                mine = [(v, o, o.owner == i) for v, o in zip(observation.views, owned, strict=True)]
-                q.count_evidence([(v, o.pixels[own], o.patches[own]) for v, o, own in mine])
-        if self._coloured(frame):
-            self._learn(frame, owned, dt)
-        self._forget_gone()
-        self._meet(self._births.find(frame, self._people, owned, points, self._now_s))
-        self._recognise()
-        return tuple(self._state(q) for q in self._people)
+        maps, before_s = observation.maps, self._life.now_s
+        if maps is None:
+            raise ValueError("expected an observation with plan-view maps, got none (this tracker needs stereo)")
+        dt = observation.timestamp_s - before_s if self._people else 0.0
+        if dt < 0:
+            raise ValueError(f"expected time to advance, got {observation.timestamp_s} s after {before_s} s")
+        self._life.begin(observation.timestamp_s)
+        free = FreeMaps(maps, self.params.width_m)
 
-    def _predict(self, q: Person, dt: float) -> None:
-        p = self.params
-        if q.share < 2 * p.visible_min:
-            q.kalman = q.kalman.slowed(dt, SLOW_DOWN_S)
-        q.kalman = q.kalman.predicted(dt, ACCELERATION_MPS2)
-        q.height_var += HEIGHT_CHANGE_MPS**2 * dt * min(dt, p.errors_s)
-
-    def _coloured(self, frame: Explanation) -> bool:
-        return self.params.colour_weight > 0 and all(v.colour is not None for v in frame.views)
-
-    # -- explaining a frame ---------------------------------------------------------------------------------------
-    def _explain(self, frame: Explanation, people: People, dt: float) -> None:
-        """Coordinate ascent, nearest first; then what the frame says of each place and existence."""
-        predicted = people.poses.copy()
-        touch = frame.touching(predicted)
-        camera = frame.views[0].rays.centre_m
-        order = np.argsort(np.hypot(*(predicted[:, :2] - camera[:2]).T))
-        samples = [frame.around(pose, body.TORSO.torso_radius_m + 0.1) for pose in predicted]
-        information = [np.array([*q.kalman.information, 1 / q.height_var]) for q in self._people]
-        others = [np.flatnonzero(touch[i] & (np.arange(len(touch)) != i)) for i in range(len(touch))]
-        worth, bent = np.zeros(len(predicted)), np.zeros((len(predicted), 3))
-        for sweep in range(2):
-            for i in order:
-                if sweep and not len(others[i]):
-                    continue
-                samples[i].layer(people, others[i])
-                worth[i], bent[i] = samples[i].ascend(
-                    people.poses[i], predicted[i], information[i], people.tall[i], people, others[i],
-                    people.ratios[i], STEPS_M[sweep:],
-                )  # fmt: skip
-        flooded = all(np.count_nonzero(v.kind) > 0.5 * v.kind.size for v in frame.views)
-        for i, q in enumerate(self._people):
-            q.evidence = float(worth[i])
-            if len(others[i]):
-                q.evidence = self._among(i, samples, people, others[i])
-            self._measure(q, frame, samples[i], people.poses[i], bent[i], dt)
-            if not flooded:
-                self._weigh(q, dt, alone=len(others[i]) == 0)
-            self._say(q, [self._people[k] for k in others[i]])
-
-    def _among(self, i: int, samples: list[Samples], people: People, others: I64) -> float:
-        """Evidence for a person on whose rays others are, where all of them are now."""
-        s, pose, ratio = samples[i], people.poses[i], people.ratios[i]
-        s.layer(people, others)
-        evidence = s.lam(pose, ratio) + s.believed(pose, people.tall[i], people, others)
-        rival = self._rival(i, people)
-        return min(evidence, self._beside(i, rival, samples[rival], people)) if rival >= 0 else evidence
-
-    def _measure(self, q: Person, frame: Explanation, s: Samples, pose: F64, bent: F64, dt: float) -> None:
-        """The visible share of a person, and the place as far as the pixels tell it."""
-        mine, total = s.visible(pose)
-        q.inside = min(1.0, total / frame.whole_patches(pose))
-        q.share, q.patches = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * q.inside), total
-        q.head_in_view = frame.in_view(pose)
-        if q.share < self.params.visible_min:
-            return
-        noise, up = s.noise(pose, bent)
-        x, y, h = pose
-        q.kalman = q.kalman.found_at(x, y, noise, body.SPEED_MAX_MPS)
-        q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up * min(1.0, dt / self.params.errors_s))
-        q.seen_s = self._now_s
-
-    def _rival(self, i: int, people: People) -> int:
-        """The person of better standing in whose place this one is; -1 for none."""
-        gaps = np.hypot(*(people.poses[:, :2] - people.poses[i, :2]).T)
-        gaps[i] = np.inf
-        j = int(np.argmin(gaps))
-        a, b = self._people[i], self._people[j]
-        better = (b.confirmed, b.log_odds, -b.track_id) > (a.confirmed, a.log_odds, -a.track_id)
-        return j if gaps[j] < body.APART_M and better else -1
-
-    def _beside(self, i: int, j: int, s: Samples, people: People) -> float:
-        """Evidence for a person in another's place: both, against the other alone who may stand anywhere near."""
-        poses, tall, ratios = people.poses, people.tall, people.ratios
-        rest = np.array([k for k in range(len(poses)) if k not in (i, j)], dtype=np.int64)
-        loose = np.array([1.0, 0.0, 1.0, body.TORSO.torso_radius_m**2]) / body.TORSO.torso_radius_m**2
-        s.layer(people, rest)
-        first = s.lam(poses[i], ratios[i])
-        starts = poses[j].copy(), np.array([*poses[i, :2], tall[j, 0]])
-        alone = max(s.ascend(start, poses[j], loose, tall[j], people, rest, ratios[j])[0] for start in starts)
-        s.layer(people, np.append(rest, i))
-        both = first + s.lam(poses[j], ratios[j])
-        both += s.believed(poses[i], tall[i], people, np.array([j]))
-        both += s.believed(poses[j], tall[j], people, rest)
-        return both - alone
-
-    def _weigh(self, q: Person, dt: float, alone: bool) -> None:
-        """Existence: survival, then the evidence of this look; personhood: height and moving by itself.
-
-        What moves before, behind or beside a person may be its shadow, or be carried or pushed.
-        """
-        p, looks = self.params, min(1.0, dt / self.params.errors_s)
-        if q.share < p.visible_min:
-            away_s = LEAVE_S if q.inside < INSIDE else p.stay_s
-            stays = q.existence * math.exp(-dt / away_s)
-            q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
-        q.log_odds += looks * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, q.evidence))
-        q.log_odds = max(-LOG_ODDS_MAX, min(LOG_ODDS_MAX, q.log_odds))
-        if q.share < p.visible_min:
-            return
-        q.learn_height(looks, p.low_share)
-        farther = max(0.0, math.dist(q.origin_m, q.at_m) - q.walked_m)
-        q.walked_m += farther
-        if alone:
-            step_m = math.sqrt(body.TORSO.torso_radius_m**2 + q.kalman.c_xx + q.kalman.c_yy)
-            q.moved = min(q.moved + farther / step_m, LOG_ODDS_MAX)
-
-    # -- who is who, who comes, who goes ----------------------------------------------------------------------------
-    def _learn(self, frame: Explanation, owned: Sequence[Owned], dt: float) -> None:
-        counts = np.zeros((len(self._people), PARTS, CODES), np.float32)
-        for o in owned:
-            sure = (o.share > 0.8) & (o.owner >= 0)
-            counts += colour_counts(len(self._people), o.owner[sure], o.height[sure], o.colours[sure])
-        for q, seen in zip(self._people, counts, strict=True):
-            near = min((math.dist(q.at_m, o.at_m) for o in self._people if o is not q), default=math.inf)
-            if q.share >= 0.5 and near >= body.REACH_M:
-                q.learn_colours(seen)
-        for a, b, odds in self._exchanges.update(self._people, owned, dt):
-            a.take_identity(b)
-            self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)
-
-    def _forget_gone(self) -> None:
-        p = self.params
-        keep = []
-        for q in self._people:
-            beyond = q.inside < 0.15 and q.share < p.visible_min and self._now_s - q.seen_s > LEAVE_S
-            if q.existence >= 0.05 and not beyond:
-                keep.append(q)
+        for person in self._people:
+            person.kalman = person.kalman.predicted(dt, self.params.acceleration_std_mps2)
+            person.predicted_m = person.at_m
+        placed: list[Place] = []
+        for person in sorted(self._people, key=lambda q: (q.kalman.position_std_m, q.existence.track_id)):
+            found_m, terms = self._search(person, free, placed)
+            if found_m is None:
+                reason = f"nothing like the templates within {person.reach_m:.2f} m, score {person.score:.2f}"
+                self._life.miss(person.existence, reason, person.score, terms)
                 continue
-            self._note(q, "pruned", f"existence {q.existence:.2f}, evidence {q.evidence:.1f}", q.existence)
-            if q.confirmed:
-                self._departed.append(q)
-        self._people = keep
-        self._departed = [q for q in self._departed if self._now_s - q.seen_s <= p.remember_s]
+            self._life.observe(person.existence, f"score {person.score:.2f}", person.score, terms)
+            self._measure(person, found_m, free, dt)
+            self._recentre(person, free)
+            free.clear(person.measured_m)
+            placed.append(person.measured_m)
+        self._confirm_and_forget()
+        self._find_newcomers(free)
+        return tuple(_state(person, maps.grid.cell_m, self.params.width_m) for person in self._people)
 
-    def _meet(self, born: list[Person]) -> None:
-        """Follow newcomers, under ids of their own until it is known who they are."""
-        for b in born:
-            b.track_id = self._next_id
-            self._next_id += 1
-            self._people.append(b)
-            self._note(b, "spawned", f"evidence {b.evidence:.1f}, {b.height_m:.2f} m tall", b.evidence)
+    def _search(self, person: MapPerson, free: FreeMaps, placed: list[Place]) -> tuple[Place | None, ScoreTerms]:
+        """Where the match score M (eq. 4) is smallest around the prediction; None where it exceeds theta_track."""
+        p, grid = self.params, free.maps.grid
+        reach = max(1, math.ceil(SEARCH_SIGMA * person.kalman.position_std_m / grid.cell_m))
+        # The distance term alone is above theta_track farther away.
+        if p.distance_weight > 0:
+            reach = min(reach, math.ceil(p.score_max / p.distance_weight * p.width_m / grid.cell_m))
+        person.reach_m = reach * grid.cell_m
+        one_sided = self._height_max_m / 3
+        body = person.template_occupancy[person.template_height > 0]
+        if body.size == 0:  # an empty template is like any empty floor
+            person.score = math.inf
+            return None, NO_TERMS
+        typical = max(float(body.mean()), free.maps.occupancy_min, 1e-9)
+        others = np.array([grid.index_of(*place) for place in placed], dtype=np.float64).reshape(-1, 2)
+        best = np.empty(7)
+        search(
+            person.template_height, person.template_occupancy, free.height, free.occupancy,
+            *grid.index_of(*person.predicted_m), reach, one_sided,
+            p.height_weight / one_sided, p.occupancy_weight / typical, p.distance_weight * grid.cell_m / p.width_m,
+            # The paper's variance of W_avg has no unit of area; a deviation of W_avg / 2 was chosen.
+            p.separation_weight, p.width_m / 2 / grid.cell_m, others, best,
+        )  # fmt: skip
+        person.score, row, col, *terms = best.tolist()
+        return grid.centre_of(row, col) if person.score <= p.score_max else None, ScoreTerms(*terms)
 
-    def _recognise(self) -> None:
-        """Confirm newcomers, as the lost or departed whom they continue best or as strangers.
+    def _measure(self, person: MapPerson, found_m: Place, free: FreeMaps, dt: float) -> None:
+        """Update position, velocity and templates with what lies at the best match.
 
-        Who somebody is is decided when the odds are, at the latest when the person is reported.
+        The velocity is not measured apart: in the filter the change in position carries it.
         """
-        report = math.log(self.params.report / (1 - self.params.report))
-        new = [q for q in self._people if not q.confirmed]
-        lost = [q for q in self._people if q.confirmed and q.share < self.params.visible_min]
-        known = continued(new, lost + self._departed, self.params) if new else {}
-        for i, b in enumerate(new):
-            person = self._personhood(b)
-            sure = min(b.log_odds, b.proven, person) > report and b.share >= self.params.visible_min
-            q, odds = known.get(i, (None, 0.0))
-            if q is not None and (sure or odds > KNOWN_ODDS):
-                self._note(q, "reacquired", f"log-odds {odds:.1f} after {b.born_s - q.seen_s:.1f} s", odds)
-                self._departed = [o for o in self._departed if o is not q]
-                self._people = [o for o in self._people if o is not q]
-                b.take_identity(q)
-                b.confirmed, b.counted = True, {}
-            elif sure:
-                b.confirmed, b.counted = True, {}
-                reason = f"existence {b.existence:.2f}, log-odds of a person {person:.1f}"
-                self._note(b, "confirmed", reason, b.existence)
+        # The search measures whole cells.
+        person.kalman = person.kalman.updated(*found_m, free.maps.grid.cell_m)
+        person.measured_m = found_m
+        self._adapt(person, free, 1.0 - math.exp(-dt / self.params.template_s))
 
-    def _personhood(self, q: Person) -> float:
-        """Log-odds of a person against a thing, by own movement, and by height as far as the head is in view: elsewhere
-        the height is what was believed before."""
-        if not q.head_in_view:
-            return q.moved + math.log((1 - body.THINGS) / body.THINGS)
-        low = self.params.low_share / body.HEIGHT_MEAN_M
-        upright = body.stature(q.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, self.params.low_share) - low
-        person = (upright + LOW_WALKERS * low) * math.exp(q.moved) + (1 - LOW_WALKERS) * low
-        return math.log((1 - body.THINGS) * person / (body.THINGS / body.HEIGHT_MEAN_M))
+    def _adapt(self, person: MapPerson, free: FreeMaps, gain: float) -> None:
+        """Blend the maps into the templates; a gain of 1 extracts new ones."""
+        window = free.window(person.measured_m)
+        height, occupancy = free.height[window], free.occupancy[window]
+        t_height, t_occupancy = person.template_height, person.template_occupancy
+        t_occupancy += np.float32(gain) * (occupancy - t_occupancy)
+        # A height is blended with a height: none is not a height of zero. It goes with its occupancy, as in the maps.
+        both = (t_height > 0) & (height > 0)
+        blended = np.where(both, t_height + np.float32(gain) * (height - t_height), np.maximum(t_height, height))
+        t_height[:] = np.where(t_occupancy >= np.float32(free.maps.occupancy_min), blended, 0.0)
 
-    def _say(self, q: Person, others: Sequence[Person]) -> None:
-        """Why a person is where it is, and who may hide it."""
-        reason = f"evidence {q.evidence:.1f}, visible {q.share:.2f}, existence {q.existence:.3f}"
-        if others:
-            reason += ", beside " + ", ".join(str(o.track_id) for o in others)
-        self._note(q, "matched" if q.share >= self.params.visible_min else "lost", reason, q.evidence)
+    def _recentre(self, person: MapPerson, free: FreeMaps) -> None:
+        """Move a template that has slipped off its person to the occupancy maximum; velocity and covariance stay.
 
-    def _note(self, q: Person, kind: DecisionKind, reason: str, value: float) -> None:
-        self._log.append(Decision(q.track_id, kind, reason, value))
+        The paper does so after all people are tracked. Here it is done before the person is cleared, so that people
+        tracked earlier are no maximum to move to.
+        """
+        p, n = self.params, len(person.template_height)
+        rows, cols = np.nonzero(person.template_height)
+        filled = len(rows) / n**2
+        why = f"template {filled:.0%} filled" if filled < p.recentre_filled else ""
+        if not why and len(rows):
+            off_m = math.hypot(rows.mean() - n // 2, cols.mean() - n // 2) * free.maps.grid.cell_m
+            if off_m > p.recentre_offset * p.width_m:
+                why = f"centroid {off_m:.2f} m off"
+        peak = free.occupancy_peak(person.at_m) if why else None
+        if peak is None:
+            return
+        moved = math.dist(peak, person.at_m)
+        self._put(person, peak, person.kalman.moved_to(*peak), free)
+        self._life.log(person.existence, "recentred", f"by {moved:.2f} m: {why}", moved)
 
-    def _state(self, q: Person) -> TrackState:
-        visible: State = "confirmed" if q.share >= self.params.visible_min else "lost"
-        k = q.kalman
-        return TrackState(
-            q.track_id, visible if q.confirmed else "tentative", k.x_m, k.y_m, k.vx_mps, k.vy_mps, q.height_m
-        )
+    def _put(self, person: MapPerson, at_m: Place, kalman: FloorKalman, free: FreeMaps) -> None:
+        """Place a person, with new templates extracted there."""
+        person.measured_m, person.kalman = at_m, kalman
+        person.template_height[:] = person.template_occupancy[:] = 0.0
+        self._adapt(person, free, 1.0)
+
+    def _confirm_and_forget(self) -> None:
+        """A newcomer is a person after confirm_s without a miss, else noise; who is lost is kept for lost_s."""
+        keep = []
+        for person in self._people:
+            who = person.existence
+            age_s, gone_s = self._life.age_s(who), self._life.unobserved_s(who)
+            if who.observed and not who.confirmed and age_s >= self.params.confirm_s - 1e-9:
+                self._life.confirm(who, f"tracked for {age_s:.2f} s without a miss", age_s)
+            if not who.confirmed and not who.observed:
+                self._life.prune(who, "missed before it was confirmed")
+            elif who.lost and gone_s > self.params.lost_s:
+                self._life.prune(who, f"lost for {gone_s:.1f} s", gone_s)
+            else:
+                keep.append(person)
+        self._people = keep
+
+    def _find_newcomers(self, free: FreeMaps) -> None:
+        """Places of high occupancy and plausible height in what is left of the maps: lost people, or new ones."""
+        p, grid, n = self.params, free.maps.grid, free.n
+        half = n // 2
+        inner = slice(half, half + grid.n_rows), slice(half, half + grid.n_cols)
+        side = 2 * (half // 2) + 1  # W_avg
+        while True:
+            area = cv2.boxFilter(
+                free.occupancy[inner], -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT
+            )
+            tallest = cv2.dilate(free.height[inner], np.ones((side, side), np.uint8))
+            area[tallest < p.height_min_m] = 0.0
+            row, col = divmod(int(np.argmax(area)), grid.n_cols)
+            if area[row, col] < p.area_min_m2:
+                return
+            at_m = grid.centre_of(row, col)
+            kalman = FloorKalman.at(*at_m, grid.cell_m, SPEED_STD_MPS)
+            lost = [(_apart(q, at_m), q.existence.track_id, q) for q in self._people if q.existence.lost]
+            away, _, person = min(lost, default=(math.inf, 0, None))
+            if person is not None and away <= p.reattach_m:
+                gone_s = self._life.unobserved_s(person.existence)
+                self._life.observe(person.existence, f"found {away:.2f} m away after {gone_s:.1f} s", away)
+            else:
+                what = f"{tallest[row, col]:.2f} m tall, {area[row, col]:.2f} m2 visible"
+                blank = np.zeros((n, n), np.float32)
+                existence = self._life.spawn(what, float(area[row, col]))
+                person = MapPerson(existence, kalman, blank, blank.copy(), at_m, at_m)
+                self._people.append(person)
+            self._put(person, at_m, kalman, free)
+            free.clear(at_m)
+
+    def debug(self) -> TrackerDebug:
+        """Search zones, outlines of the templates with scores, and the templates themselves."""
+        searches, outlines, labels = [], [], []
+        tiles: dict[str, F32] = {}
+        for person in self._people:
+            name = person.existence.track_id
+            searches.append(_square(person.predicted_m, person.reach_m))
+            outlines.append(_square(person.at_m, self.params.width_m))
+            labels.append(f"{name}: {person.score:.2f}")
+            tiles[f"template/{name}/height"] = person.template_height.copy()
+            tiles[f"template/{name}/occupancy"] = person.template_occupancy.copy()
+        zones = Drawing("search", "floor", tuple(searches))
+        return TrackerDebug((zones, Drawing("template", "floor", tuple(outlines), tuple(labels))), dict(tiles))
+
+
+def _apart(person: MapPerson, at_m: Place) -> float:
+    """Distance of a place from a person's last predicted or measured location, whichever is nearer [m]."""
+    return min(math.dist(at_m, person.predicted_m), math.dist(at_m, person.measured_m))
+
+
+def _state(person: MapPerson, cell_m: float, width_m: float) -> TrackState:
+    """The template's centre; the head is the highest of T_H within a torso's width of it."""
+    half = len(person.template_height) // 2
+    near = slice(half - round(width_m / 2 / cell_m), half + round(width_m / 2 / cell_m) + 1)
+    height_m = float(person.template_height[near, near].max())
+    k, who = person.kalman, person.existence
+    return TrackState(who.track_id, who.state, k.x_m, k.y_m, k.vx_mps, k.vy_mps, height_m or math.nan)
+
+
+def _square(at_m: Place, half_m: float) -> F32:
+    corners = [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]
+    return np.array([(at_m[0] + half_m * i, at_m[1] + half_m * j) for i, j in corners], dtype=np.float32)

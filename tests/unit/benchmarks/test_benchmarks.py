@@ -121,7 +121,7 @@ def maps():
 @pytest.mark.parametrize("variant", LADDER, ids=lambda v: v.name)
 def test_variant_changes_the_configuration_by_known_parameters(variant):
     changed = load_config(None, variant.settings) != Config()
-    assert changed or variant.way != "online" or variant.harville
+    assert changed or variant.way != "online" or variant.template
 
 
 def test_variants_of_foreground_and_feedback_run_in_full_and_others_from_recorded_points():
@@ -159,7 +159,7 @@ def test_unknown_variants_and_recordings_without_truth_are_refused(tmp_path):
 
 def test_command_compares_variants_with_the_engine_as_configured(recording, tmp_path, capsys):
     cache, folder, _ = recording
-    variants = ["without colours", "harville", "naive engine"]
+    variants = ["without colours", "template", "naive engine"]
     out = tmp_path / "ablation.json"
     ablation(options=AblationOptions(recording=[folder], variant=variants, cache=cache, out=out))
     assert "naive engine" in capsys.readouterr().out

@@ -62,7 +62,7 @@ def test_pass_is_kept_and_gives_refined_and_peer_tracks_of_the_same_scene(challe
 
 
 def test_run_of_another_configuration_is_another_run(recording):
-    other = load_config(None, ["template.colour_weight=0"])
+    other = load_config(None, ["joint.colour_weight=0"])
     assert Pass(recording[1], recording[0], Config()).folder != Pass(recording[1], recording[0], other).folder
 
 
@@ -120,11 +120,11 @@ def table(*rows: tuple[int, int, float, float]) -> Trajectories:
 def test_doubtful_people_are_neither_asked_for_nor_wrong_and_only_judged_frames_count():
     truth = table((0, 1, 0.0, 1), (1, 1, 0.0, 1), (1, 2, 3.0, 0), (2, 1, 0.0, 1), (2, 2, 3.0, 0))
     tracks = table((0, 7, 0.0, 1), (1, 7, 0.1, 1), (2, 7, 0.1, 1), (2, 8, 3.0, 1), (3, 7, 0.0, 1))
-    score = score_real("room", "template", tracks, truth, np.arange(4))
+    score = score_real("room", "joint", tracks, truth, np.arange(4))
     # Right in frames 0 to 2, in the last of which the doubtful one is found; nobody is there in frame 3.
     assert (score.count_accuracy, score.exact_count) == (0.75, 0.5) and (score.ids, score.people) == (2, 1)
     assert (score.evaluation.clear.misses, score.evaluation.clear.false_positives) == (0, 1)
-    score = score_real("room", "template", table((0, 7, 0.0, 1), (5, 9, 3.0, 1)), table((0, 1, 0.0, 1)), np.array([0]))
+    score = score_real("room", "joint", table((0, 7, 0.0, 1), (5, 9, 3.0, 1)), table((0, 1, 0.0, 1)), np.array([0]))
     assert (score.frames, score.count_accuracy, score.ids) == (1, 1.0, 1)
 
 

@@ -93,8 +93,8 @@ def test_large_files_folders_and_absence_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("setting", "named"),
     [
-        ("template.patch_m=1e9", "patch_m"),
-        ("template.template_time_s=1e-30", "template_time_s"),
+        ("joint.patch_m=1e9", "patch_m"),
+        ("joint.template_time_s=1e-30", "template_time_s"),
         ("maps.distance_max_m=1e300", "distance_max_m"),
     ],
 )  # fmt: skip

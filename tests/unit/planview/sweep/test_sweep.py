@@ -161,10 +161,10 @@ def test_study_finds_recordings_by_path_pattern_and_table(tmp_path: Path) -> Non
 
 
 def test_study_takes_dotted_and_quoted_parameter_names(tmp_path):
-    text = 'recordings = ["a"]\nmethod = "random"\n[parameters]\ntemplate.stay_s = [0.3]\n'
+    text = 'recordings = ["a"]\nmethod = "random"\n[parameters]\njoint.stay_s = [0.3]\n'
     text += '"maps.cell_m" = { min = 0.02, max = 0.05 }\n'
     study = load_study(write(tmp_path, text))
-    assert study.parameters == {"template.stay_s": [0.3], "maps.cell_m": Range(min=0.02, max=0.05)}
+    assert study.parameters == {"joint.stay_s": [0.3], "maps.cell_m": Range(min=0.02, max=0.05)}
 
 
 @pytest.mark.parametrize(

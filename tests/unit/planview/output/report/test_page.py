@@ -39,7 +39,7 @@ def write_tracks(folder: Path, n: int = 30) -> None:
 
 def full_info() -> RunInfo:
     return RunInfo(
-        input="recordings/<script>alert(1)</script>", tracker="template", finished=True, elapsed_s=2.0,
+        input="recordings/<script>alert(1)</script>", tracker="joint", finished=True, elapsed_s=2.0,
         started_at="2026-01-02T03:04:05+00:00", versions={"planview": "0.1.0"},
         config={"seed": 0, "grid": {"cell_m": 0.03}}, frames_read=40, frames_skipped=1,
         skipped=[SkippedFrame(index=7, why="cannot be decoded")], stages_ms={"match": 12.5, "track": None},
@@ -122,8 +122,8 @@ def test_folder_without_tracks_is_refused_and_a_page_that_cannot_be_written_is_w
 def test_only_settings_that_differ_from_the_defaults_are_listed() -> None:
     config = Config().model_dump(mode="json")
     assert changed_settings(config) == []
-    config["template"]["stay_s"] = 0.7
-    assert [row[:2] for row in changed_settings(config)] == [("template.stay_s", "0.7")]
+    config["joint"]["stay_s"] = 0.7
+    assert [row[:2] for row in changed_settings(config)] == [("joint.stay_s", "0.7")]
 
 
 def test_decisions_of_a_person_say_why_and_how_well_they_matched(tmp_path: Path) -> None:
@@ -239,13 +239,13 @@ def test_comparison_shows_only_settings_that_differ_and_marks_the_best_figure(st
     other = tmp_path / "<other>"
     shutil.copytree(street, other)
     info = json.loads((street / "run.json").read_text())
-    info["config"]["template"]["stay_s"] = 0.7
+    info["config"]["joint"]["stay_s"] = 0.7
     info["stages_ms"] = {"match": 5.0}
     (street / "run.json").write_text(json.dumps(info))
     with pytest.raises(SystemExit, match="0"):
         main(["report", str(street), str(other), "--out", str(tmp_path / "compare.html")])
     page = (tmp_path / "compare.html").read_text()
-    assert "template.stay_s" in page and "template.errors_s" not in page
+    assert "joint.stay_s" in page and "joint.errors_s" not in page
     assert "&lt;other&gt;" in page and "<other>" not in page
     assert '<td class="n">5</td><td class="n">-</td>' in page
 

@@ -15,7 +15,7 @@ from planview.tracking.human_model.births import FloorPlaces, births
 from planview.tracking.human_model.explanation import SPACING_M, MaskExplanation, MaskView
 from planview.tracking.human_model.silhouette import silhouette
 from planview.tracking.human_model.walker import ModelMatch, matches
-from planview.tracking.template.explanation import People
+from planview.tracking.joint.explanation import People
 from tests.human_model_world import BLUE, CAMERA, FPS, MAP, PARAMS, RED, Drawn, World, confirmed, run
 from tests.reference import human_model as reference
 

@@ -1,208 +1,221 @@
-"""The template tracker."""
+"""Harville's tracker."""
 
-from collections.abc import Callable, Sequence
+import math
 
 import numpy as np
 import pytest
-from reference.explain import log_likelihood, surface_points
-from toy_people import look_at, oblique_camera, observed
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from planview.maps.pixels import SURFACE, SeenPixels
-from planview.tracking import body
+from planview.maps.builder import CameraViewpoint, FloorPoints, PlanViewMaps
+from planview.maps.grid import Grid
 from planview.tracking.base import Observation
-from planview.tracking.template import TemplateTracker
+from planview.tracking.template import TemplateParams, TemplateTracker
 from planview.tracking.template import _kernels as kernels
-from planview.tracking.template.explanation import Explanation, People
-from planview.tracking.template.params import TemplateParams
 from planview.trajectories.state import TrackState
+from tests.reference import template as reference
 
-CAMERA = oblique_camera()
-Scene = Callable[[float], Sequence[tuple[float, float, float]]]
+GRID = Grid(-3.0, -3.0, 0.1, 60, 60)
+VIEW = CameraViewpoint(np.array([0.0, 0.0, 4.0]), 0.002, np.eye(3, 4), (640, 480))
+NO_POINTS = FloorPoints(np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.int32))
+PACE_M = 0.1
+
+Block = tuple[float, float, float] | tuple[float, float, float, float]
+"""x, y, height [m], and surface of all cells together [m^2], 0.25 where it is left out."""
 
 
-def follow(scene: Scene, seconds: float, fps: float = 15.0, codes: Sequence[int] = ()) -> list[tuple[TrackState, ...]]:
+def observe(frame: int, people: list[Block], fps: float = 10.0) -> Observation:
+    """The centre cell of a block has 1.5 times the surface of the others, and is the head."""
+    height, occupancy = np.zeros(GRID.shape, np.float32), np.zeros(GRID.shape, np.float32)
+    for x, y, tall, *area in people:
+        row, col = (round(i) for i in GRID.index_of(x, y))
+        body = slice(max(0, row - 2), row + 3), slice(max(0, col - 2), col + 3)
+        height[body] = max(tall - 0.3, 0.1)
+        occupancy[body] += np.float32((area[0] if area else 0.25) / 25.5)
+        height[row, col] = tall
+        occupancy[row, col] *= 1.5
+    maps = PlanViewMaps(GRID, height, occupancy, height, occupancy, 0.002, NO_POINTS, VIEW)
+    return Observation(frame, frame / fps, maps=maps)
+
+
+def follow(tracker: TemplateTracker, frames: list[list[Block]], start: int = 0) -> list[tuple[TrackState, ...]]:
+    return [tracker.update(observe(start + i, people)) for i, people in enumerate(frames)]
+
+
+def walk(x_m: float, y_m: float, n: int, height_m: float = 1.75, step_m: float = PACE_M) -> list[list[Block]]:
+    """One person who takes n steps along x, on the centres of cells."""
+    return [[(x_m + i * step_m, y_m, height_m)] for i in range(n)]
+
+
+def kinds(tracker: TemplateTracker) -> list[str]:
+    return [decision.kind for decision in tracker.decisions]
+
+
+def test_newcomer_is_tentative_until_followed_for_a_while_and_dropped_at_the_first_miss():
+    results = follow(TemplateTracker(TemplateParams(confirm_s=0.4)), walk(-0.95, 0.05, 6))
+    assert [tracks[0].state for tracks in results] == ["tentative"] * 4 + ["confirmed"] * 2
     tracker = TemplateTracker()
-    times = np.arange(0.0, seconds, 1.0 / fps)
-    return [tracker.update(observed(n, float(t), look_at(CAMERA, scene(t), codes))) for n, t in enumerate(times)]
+    assert follow(tracker, [*walk(0.05, 0.05, 1), []])[-1] == () and kinds(tracker) == ["pruned"]
 
 
-def confirmed(states: Sequence[TrackState]) -> list[TrackState]:
-    return [s for s in states if s.state == "confirmed"]
+def test_chair_is_too_low_and_a_hand_has_too_little_surface_for_a_newcomer():
+    assert follow(TemplateTracker(), walk(0.05, 0.05, 10, height_m=1.1))[-1] == ()
+    assert follow(TemplateTracker(), [[(0.05, 0.05, 1.75, 0.04)]] * 10)[-1] == ()
 
 
-def test_nobody_is_found_in_an_empty_room_nor_in_a_low_box_that_stands():
-    assert not any(follow(lambda t: [], 1.0))
-    frames = follow(lambda t: [(0.0, 3.0, 0.8)] if t > 0.3 else [], 3.0)
-    assert not any(confirmed(states) for states in frames)
-    with pytest.raises(ValueError, match="pixels"):
-        TemplateTracker().update(Observation(0, 0.0))
+def test_position_height_and_velocity_are_those_of_the_walker():
+    (track,) = follow(TemplateTracker(), [[(0.05, 0.35, 1.8)]] * 10)[-1]
+    assert (track.x_m, track.y_m, track.height_m) == pytest.approx((0.05, 0.35, 1.8), abs=1e-3)
+    (track,) = follow(TemplateTracker(), walk(-1.95, 0.05, 25))[-1]
+    assert (track.x_m, track.vx_mps, track.vy_mps) == pytest.approx((0.45, 1.0, 0.0), abs=0.05)
 
 
-def test_what_never_changes_is_one_look_and_no_person():
-    frames = follow(lambda t: [(0.0, 3.0, 1.75)] if t > 0.3 else [], 4.0)
-    assert frames[-1] and not any(confirmed(states) for states in frames)
+def test_walkers_who_pass_each_other_keep_their_ids() -> None:
+    frames = [a + b for a, b in zip(walk(-1.45, -0.35, 30, 1.6), walk(1.45, 0.35, 30, 1.9, -PACE_M), strict=True)]
+    results = follow(TemplateTracker(), frames)
+    heights = [{track.track_id: round(track.height_m, 1) for track in results[i]} for i in (5, -1)]
+    assert heights[0] == heights[1] and sorted(heights[0].values()) == [1.6, 1.9]
 
 
-def test_a_thing_is_tried_once_as_long_as_it_does_not_change():
-    tracker, spawned = TemplateTracker(), 0
-    for n in range(60):
-        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 0.8)] if n > 4 else [])))
-        spawned += sum(d.kind == "spawned" for d in tracker.decisions)
-    assert spawned <= 1
+def test_data_of_a_found_person_is_cleared_and_no_newcomer() -> None:
+    results = follow(TemplateTracker(), walk(-0.95, 0.05, 20))
+    assert all(len(tracks) == 1 for tracks in results)
 
 
-def test_who_stops_walking_stays_confirmed():
-    frames = follow(lambda t: [(min(-1.0 + 1.2 * t, 0.0), 3.0, 1.75)], 4.0)
-    assert len(confirmed(frames[-1])) == 1
-
-
-@pytest.mark.parametrize(("height_m", "people"), [(1.75, 1), (1.1, 0)])
-def test_what_moves_by_a_metre_is_a_person_when_tall_and_a_thing_when_low(height_m, people):
-    frames = follow(lambda t: [(min(-0.6 + 1.2 * t, 0.4), 3.0, height_m)], 3.0)
-    assert len(confirmed(frames[-1])) == people
-
-
-@pytest.mark.parametrize("fps", [3.0, 15.0, 60.0])
-def test_a_walker_is_one_person_at_any_frame_rate(fps):
-    frames = follow(lambda t: [(-1.0 + 1.2 * t, 3.0, 1.75)], 1.6, fps)
-    last = confirmed(frames[-1])
-    assert len({s.track_id for states in frames for s in confirmed(states)}) == 1
-    t = (len(frames) - 1) / fps
-    assert (last[0].x_m, last[0].y_m, last[0].height_m) == pytest.approx((-1.0 + 1.2 * t, 3.0, 1.75), abs=0.08)
-
-
-def test_two_people_who_pass_keep_their_ids():
-    frames = follow(lambda t: [(-1.0 + t, 2.6, 1.8), (1.0 - t, 3.3, 1.65)], 2.0, codes=(30, 160))
-    first = {s.track_id: s.x_m for s in confirmed(frames[8])}
-    last = {s.track_id: s.x_m for s in confirmed(frames[-1])}
-    assert len(first) == 2 and set(first) == set(last) and all(first[i] * last[i] < 0 for i in first)
-
-
-def test_a_person_behind_another_is_lost_and_found_with_the_same_id():
-    level = oblique_camera(height_m=1.7, tilt_deg=88.0)
-    tracker, seen = TemplateTracker(), []
-    for n in range(52):
-        front, hidden = (max(0.0, 0.72 - 0.06 * n), 2.0, 1.85), (-1.8 + 0.06 * n, 4.0, 1.65)
-        seen.append(tracker.update(observed(n, n / 15, look_at(level, [front, hidden], (30, 160)))))
-    before, behind, after = ({s.track_id: s.state for s in seen[n]} for n in (16, 30, 48))
-    assert list(before.values()) == ["confirmed", "confirmed"]
-    assert sorted(behind.values()) == ["confirmed", "lost"] and after == before
-
-
-def test_who_enters_far_from_where_another_left_is_someone_else():
-    def scene(t: float) -> list[tuple[float, float, float]]:
-        if t < 1.0:
-            return [(-1.0 - 0.8 * t, 3.0, 1.7)]
-        return [(1.6 - 1.0 * (t - 1.8), 3.0, 1.7)] if t >= 1.8 else []
-
-    frames = follow(scene, 3.0)
-    assert len({s.track_id for states in frames for s in confirmed(states)}) == 2
-
-
-def test_light_that_floods_the_image_ends_nobody_and_a_reset_everybody():
+def test_lost_person_goes_on_as_predicted() -> None:
     tracker = TemplateTracker()
-    for n in range(20):
-        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
-    flood = look_at(CAMERA, [])
-    flood.kind[:] = SURFACE
-    assert 1 in {s.track_id for s in tracker.update(observed(20, 20 / 15, flood))}
+    seen = follow(tracker, walk(-0.95, 0.05, 10))[-1][0]
+    lost = follow(tracker, [[]] * 5, start=10)[-1][0]
+    assert lost.state == "lost" and lost.x_m == pytest.approx(seen.x_m + 0.5 * seen.vx_mps, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("y_m", "states", "decisions"),
+    [(1.85, {1: "confirmed"}, ["reacquired"]), (2.25, {1: "lost", 2: "tentative"}, ["spawned"])],
+)
+def test_newcomer_within_reach_of_a_lost_person_is_that_person_and_out_of_it_somebody_else(y_m, states, decisions):
+    tracker = TemplateTracker()
+    follow(tracker, [*walk(0.05, 0.05, 10, step_m=0.0), *[[]] * 5])
+    tracks = follow(tracker, [[(0.05, y_m, 1.75)]], start=15)[0]
+    assert {track.track_id: track.state for track in tracks} == states and kinds(tracker) == decisions
+
+
+def test_lost_person_is_forgotten_after_four_seconds() -> None:
+    tracker = TemplateTracker()
+    results = follow(tracker, [*walk(0.05, 0.05, 10, step_m=0.0), *[[]] * 41])
+    assert [len(tracks) for tracks in results[-2:]] == [1, 0] and kinds(tracker) == ["pruned"]
+
+
+def test_template_that_holds_little_of_its_person_is_recentred_on_the_occupancy_peak() -> None:
+    """A template of 81 cells with 25 filled counts as slipped: the peak is the head of a block a cell away."""
+    tracker = TemplateTracker(TemplateParams(recentre_filled=0.5))
+    follow(tracker, [[(0.05, 0.05, 1.75)]])
+    (track,) = tracker.update(observe(1, [(0.15, 0.05, 1.75)]))
+    assert (track.x_m, track.y_m) == pytest.approx((0.15, 0.05), abs=1e-9) and "recentred" in kinds(tracker)
+
+
+def test_recentring_leaves_the_velocity() -> None:
+    still, moved = TemplateTracker(TemplateParams(recentre_filled=0.0)), TemplateTracker()
+    for tracker in (still, moved):
+        follow(tracker, walk(-0.95, 0.05, 8))
+    moved.params = TemplateParams(recentre_filled=0.5)
+    one, other = (tracker.update(observe(8, [(-0.05, 0.05, 1.75)]))[0] for tracker in (still, moved))
+    assert "recentred" in kinds(moved) and one.x_m != other.x_m
+    assert (one.vx_mps, one.vy_mps) == (other.vx_mps, other.vy_mps)
+
+
+def test_templates_follow_who_sits_down() -> None:
+    heights = [*np.linspace(1.75, 1.25, 10).tolist(), *[1.25] * 10]
+    (track,) = follow(TemplateTracker(), [[(0.05, 0.05, height)] for height in heights])[-1]
+    assert track.height_m == pytest.approx(1.25, abs=0.01)
+
+
+def test_score_is_the_sum_of_its_terms() -> None:
+    tracker = TemplateTracker()
+    follow(tracker, walk(-0.95, 0.05, 3))
+    (matched,) = tracker.decisions
+    assert sum(matched.terms) == pytest.approx(matched.value)
+
+
+@pytest.mark.parametrize("without", ["height", "occupancy"])
+def test_weight_of_zero_leaves_a_statistic_out(without: str) -> None:
+    tracker = TemplateTracker(TemplateParams(**{f"{without}_weight": 0.0}))
+    follow(tracker, walk(-0.95, 0.05, 3))
+    assert getattr(tracker.decisions[0].terms, without) == 0.0
+
+
+def test_ids_start_again_after_reset() -> None:
+    tracker = TemplateTracker()
+    follow(tracker, walk(0.05, 0.05, 1))
     tracker.reset()
-    assert tracker.update(observed(0, 0.0, look_at(CAMERA, []))) == ()
+    assert follow(tracker, walk(0.55, 0.55, 1))[0][0].track_id == 1
 
 
-def test_every_frame_says_why_each_person_is_where_it_is_and_shows_the_owners_of_pixels():
+def test_debug_shows_search_zone_and_templates() -> None:
     tracker = TemplateTracker()
-    for n in range(10):
-        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
-    (reason,) = (d.reason for d in tracker.decisions if d.kind == "matched")
-    assert "evidence" in reason and "existence" in reason and "visible" in reason
-    owners = tracker.debug().tiles["owners/0"]
-    assert owners.shape == CAMERA.shape and (owners > 40).sum() > 300
+    follow(tracker, walk(0.05, 0.05, 3))
+    debug = tracker.debug()
+    assert [drawing.name for drawing in debug.drawings] == ["search", "template"]
+    assert {name: tile.shape for name, tile in debug.tiles.items()} == dict.fromkeys(
+        ("template/1/height", "template/1/occupancy"), (9, 9)
+    )
 
 
-PARAMS = TemplateParams()
-ADULT = (0.0, 3.0, 1.75)
-TALL = np.array([1.75, 0.12])
+def test_person_at_the_edge_of_the_floor_is_followed() -> None:
+    (track,) = follow(TemplateTracker(), [[(-2.95, 2.95, 1.75, 0.5)]] * 6)[-1]
+    assert track.state == "confirmed" and math.dist((track.x_m, track.y_m), (-2.95, 2.95)) < 0.3
 
 
-def people_of(*poses: tuple[float, float, float]) -> People:
-    n = len(poses)
-    ratios = np.ones((n, kernels.PARTS, 200), np.float32)
-    return People(np.array(poses).reshape(-1, 3), np.ones(n), np.tile(TALL, (n, 1)), ratios)
+def test_observation_without_maps_and_time_that_runs_backwards_are_refused():
+    with pytest.raises(ValueError, match="plan-view maps"):
+        TemplateTracker().update(Observation(0, 0.0))
+    tracker = TemplateTracker()
+    follow(tracker, walk(0.05, 0.05, 1), start=5)
+    with pytest.raises(ValueError, match="time to advance"):
+        tracker.update(observe(2, []))
 
 
-def explained(seen: SeenPixels) -> Explanation:
-    return Explanation((seen,), PARAMS, body.body_table())
+NOBODY = np.empty((0, 2))
 
 
-@pytest.mark.parametrize("other", [(0.3, 3.8, 1.6), (0.1, 5.4, 1.8)], ids=["in front", "behind"])
-def test_evidence_of_a_person_is_the_difference_of_two_likelihoods(other):
-    far = (0.0, 4.6, 1.75)
-    seen = look_at(oblique_camera(), [far, other])
-    every_pixel = TemplateParams(patch_m=0.011)
-    dense = Explanation((seen,), every_pixel, body.body_table()).around(np.array(far), 0.4)
-    dense.values[kernels.WEIGHT, : dense.n] = 1.0
-    dense.layer(people_of(far, other), np.array([1]))
-    found = dense.lam(np.array(far), np.ones((3, 200), np.float32))
-    # Arms reach as far in both: what lies near one of the two lies near the other.
-    without, both = (log_likelihood(seen, people, PARAMS, [other]) for people in ([other], [other, far]))
-    assert found == pytest.approx(both - without, rel=0.03)
+def sparse_map(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    return np.where(rng.random(shape) < 0.5, rng.uniform(0.1, 2.0, shape), 0.0).astype(np.float32)
 
 
-def test_the_surface_of_a_view_is_shared_out_and_lacks_an_explanation_where_nobody_owns_it():
-    seen = look_at(oblique_camera(), [ADULT])
-    ((owned,), points), (_, alone) = explained(seen).share_out(people_of(ADULT)), explained(seen).share_out(people_of())
-    xyz, patches = surface_points(seen, seen.rays.pixel_sr / PARAMS.patch_m**2)
-    np.testing.assert_array_equal(owned.pixels, np.flatnonzero(seen.kind == SURFACE))
-    np.testing.assert_allclose(points[:3], xyz, rtol=1e-4, atol=1e-4)
-    np.testing.assert_allclose(owned.patches, patches, rtol=1e-4)
-    assert (owned.owner == 0).mean() > 0.95 and (owned.share > 0.8).mean() > 0.9
-    per_patch = [float(lack[3].sum() / patches.sum()) for lack in (points, alone)]
-    assert abs(per_patch[0]) < 0.5 and per_patch[1] > 3.0
+def test_difference_counts_one_sided_cells_as_h_max_thirds() -> None:
+    template = np.array([[1.5, 0.0], [1.0, 0.0]], np.float32)
+    seen = np.array([[1.7, 0.9], [0.0, 0.0]], np.float32)
+    height, _ = kernels.differences(template, template, seen, seen, 0, 0, 0.8)
+    assert height == pytest.approx((0.2 + 0.8 + 0.8) / 3, abs=1e-6)
 
 
-def test_a_person_where_the_background_is_seen_is_unlikely():
-    frame = explained(look_at(oblique_camera(), []))
-    samples = frame.around(np.array(ADULT), 0.3)
-    samples.layer(people_of(), np.zeros(0, np.int64))
-    assert samples.lam(np.array(ADULT), np.ones((3, 200), np.float32)) < -50
+def test_search_finds_a_template_where_it_was_moved() -> None:
+    template = sparse_map(np.random.default_rng(1), (5, 5))
+    height = np.zeros((20, 20), np.float32)
+    height[8:13, 6:11] = template
+    result = np.empty(7)
+    kernels.search(template, template, height, height, 7.0, 7.0, 3, 0.8, 1.0, 1.0, 0.01, 1.0, 5.0, NOBODY, result)
+    assert tuple(result[1:3]) == (8, 6) and result[3] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_hidden_person_costs_nothing():
-    front = (0.0, 2.4, 1.85)
-    frame = explained(look_at(oblique_camera(tilt_deg=85.0), [front]))
-    behind = np.array([0.0, 3.1, 1.5])
-    samples = frame.around(behind, 0.3)
-    samples.layer(people_of(front), np.array([0]))
-    assert samples.lam(behind, np.ones((3, 200), np.float32)) > -3
+def test_search_prefers_of_two_equal_places_the_one_away_from_a_placed_person() -> None:
+    template = np.full((3, 3), 1.7, np.float32)
+    height = np.zeros((9, 20), np.float32)
+    height[3:6, 2:5] = height[3:6, 12:15] = template
+    result = np.empty(7)
+    placed = np.array([[3.0, 3.0]])
+    kernels.search(template, template, height, height, 3.0, 7.0, 6, 0.8, 1.0, 1.0, 0.0, 1.0, 2.0, placed, result)
+    assert tuple(result[1:3]) == (3, 12)
 
 
-def test_ascent_finds_a_person_from_a_walkers_error_of_prediction():
-    frame = explained(look_at(oblique_camera(), [ADULT]))
-    start = np.array([0.15, 2.85, 1.62])
-    samples = frame.around(start, 0.3)
-    samples.layer(people_of(), np.zeros(0, np.int64))
-    loose = np.array([1.0, 0.0, 1.0, 1.0])
-    samples.ascend(start, start.copy(), loose, TALL, people_of(), np.zeros(0, np.int64), np.ones((3, 200), np.float32))
-    assert start == pytest.approx(ADULT, abs=0.05)
-
-
-def test_bodies_do_not_stand_in_each_other():
-    samples = explained(look_at(oblique_camera(), [])).around(np.array(ADULT), 0.3)
-    one = np.array([0])
-    beside = samples.believed(np.array(ADULT), TALL, people_of((0.0, 3.5, 1.7)), one)
-    within = samples.believed(np.array(ADULT), TALL, people_of((0.0, 3.1, 1.7)), one)
-    assert beside == pytest.approx(0.0, abs=0.01) and within < -8
-
-
-def test_the_body_table_is_a_head_over_shoulders_over_legs():
-    table = body.body_table()
-    level = round(-table.angle_min_rad / table.angle_step_rad)
-
-    def width(rel: float) -> float:
-        w = int(((rel - 0.5) * body.TORSO.height_m - table.w_min_m) / table.cell_m)
-        return 2 * float(table.cover[level, :, w].sum()) * table.cell_m
-
-    assert width(0.92) == pytest.approx(0.18, abs=0.03) and 0.42 < width(0.65) < 0.52
-    assert 0.26 < width(0.2) < 0.35  # legs, and the stride that is now and then beside them
-    assert width(1.1) < 0.02
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_search_equals_its_reference(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    template, height, occupancy = (sparse_map(rng, s) for s in ((5, 5), (24, 20), (24, 20)))
+    others = rng.uniform(0, 15, (2, 2))
+    args = template, template, height, occupancy, rng.uniform(-2, 22), rng.uniform(-2, 18), 3
+    ours, theirs = np.empty(7), np.empty(7)
+    kernels.search(*args, 0.8, 1.2, 0.9, 0.05, 1.0, 4.0, others, ours)
+    reference.search(*args, 0.8, 1.2, 0.9, 0.05, 1.0, 4.0, others, theirs)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=1e-5)

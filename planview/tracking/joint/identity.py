@@ -11,10 +11,10 @@ from scipy.optimize import linear_sum_assignment
 from calib.types import F32, F64
 from planview.maps.colour import CODES
 from planview.tracking import body
-from planview.tracking.template._kernels import PARTS
-from planview.tracking.template.explanation import Owned
-from planview.tracking.template.params import TemplateParams
-from planview.tracking.template.person import KNOWN_LOOKS, Person, colour_counts, colour_ratios
+from planview.tracking.joint._kernels import PARTS
+from planview.tracking.joint.explanation import Owned
+from planview.tracking.joint.params import JointParams
+from planview.tracking.joint.person import KNOWN_LOOKS, Person, colour_counts, colour_ratios
 
 CONTACT_M = 0.7
 """People nearer than this may be taken for each other [m]: a body, and an arm's movement."""
@@ -29,7 +29,7 @@ PART_MAX = 2.0
 class Exchanges:
     """Evidence, forgotten with ``lag_s``, that two people who were in contact have each other's place."""
 
-    def __init__(self, params: TemplateParams) -> None:
+    def __init__(self, params: JointParams) -> None:
         self._params = params
         self._evidence: dict[tuple[int, int], float] = {}
 
@@ -78,16 +78,14 @@ def owned_colours(k: int, owned: Sequence[Owned]) -> tuple[F64, float]:
     return total / max(total.sum(), 1.0), patches
 
 
-def continued(
-    born: Sequence[Person], known: Sequence[Person], params: TemplateParams
-) -> dict[int, tuple[Person, float]]:
+def continued(born: Sequence[Person], known: Sequence[Person], params: JointParams) -> dict[int, tuple[Person, float]]:
     """Newcomers, by index, who are people known before, with the log-odds: the best joint assignment."""
     odds = np.array([[_log_odds(q, b, known, params) for q in known] for b in born]).reshape(len(born), -1)
     rows, cols = linear_sum_assignment(np.maximum(odds, KNOWN_AGAIN), maximize=True)
     return {int(i): (known[j], float(odds[i, j])) for i, j in zip(rows, cols, strict=True) if odds[i, j] > KNOWN_AGAIN}
 
 
-def _log_odds(q: Person, b: Person, known: Sequence[Person], params: TemplateParams) -> float:
+def _log_odds(q: Person, b: Person, known: Sequence[Person], params: JointParams) -> float:
     """Of a newcomer being a person known before rather than a stranger: by place, height and colours."""
     gone_s, away = b.born_s - q.seen_s, math.dist(q.at_m, b.born_m)
     if away > body.TORSO.torso_radius_m + body.SPEED_MAX_MPS * gone_s or gone_s <= 0:

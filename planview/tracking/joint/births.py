@@ -10,10 +10,10 @@ import numpy as np
 from calib.types import F32, F64, Bool
 from planview.maps.pixels import SURFACE
 from planview.tracking import body
+from planview.tracking.joint._kernels import map_lacking
+from planview.tracking.joint.explanation import SURFACE_STD_M, Explanation, Owned, People
+from planview.tracking.joint.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
 from planview.tracking.kalman import FloorKalman
-from planview.tracking.template._kernels import map_lacking
-from planview.tracking.template.explanation import SURFACE_STD_M, Explanation, Owned, People
-from planview.tracking.template.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
 
 EVIDENCE_MAX = 6.0
 """Largest evidence of one look for or against a person, as a log-odds."""

@@ -1,4 +1,4 @@
-"""What the last update of the template tracker looked at."""
+"""What the last update of the joint tracker looked at."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from calib.types import F32, U8
 from planview.tracking.base import Drawing, TrackerDebug
 from planview.tracking.body import TORSO
-from planview.tracking.template.explanation import Owned
-from planview.tracking.template.person import Person
+from planview.tracking.joint.explanation import Owned
+from planview.tracking.joint.person import Person
 
 CIRCLE = np.linspace(0.0, 2.0 * math.pi, 25)
 

@@ -13,9 +13,9 @@ from calib.types import F32, F64, I64, U8
 from planview.maps.colour import CODES, smoothing
 from planview.maps.pixels import SeenPixels
 from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M
+from planview.tracking.joint._kernels import LEGS_TO, PARTS, TORSO_TO
+from planview.tracking.joint.explanation import People
 from planview.tracking.kalman import FloorKalman
-from planview.tracking.template._kernels import LEGS_TO, PARTS, TORSO_TO
-from planview.tracking.template.explanation import People
 
 SMOOTHING = smoothing()
 GAIT_M = 0.03

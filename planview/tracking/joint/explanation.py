@@ -12,9 +12,9 @@ from calib.types import F32, F64, I64, U8, Bool
 from planview.maps.colour import CODES
 from planview.maps.pixels import SURFACE, SeenPixels
 from planview.tracking import body
+from planview.tracking.joint import _kernels as kernels
+from planview.tracking.joint.params import JointParams
 from planview.tracking.kalman import PositionNoise
-from planview.tracking.template import _kernels as kernels
-from planview.tracking.template.params import TemplateParams
 
 OUTLIERS = 0.08
 """Share of a body's disparities that are wrong."""
@@ -39,7 +39,7 @@ GAP_PX = 6
 """People whose boxes are nearer than this in an image are explained together [px]."""
 
 
-def beliefs_of(p: TemplateParams, table: body.BodyTable) -> Sequence[kernels.Beliefs]:
+def beliefs_of(p: JointParams, table: body.BodyTable) -> Sequence[kernels.Beliefs]:
     """The parameters as kernels take them: an array of one record, which costs a call less than a tuple."""
     beliefs = kernels.Beliefs(
         outliers=OUTLIERS,
@@ -118,7 +118,7 @@ class Explanation:
         views: what the cameras saw.
     """
 
-    def __init__(self, views: Sequence[SeenPixels], params: TemplateParams, table: body.BodyTable) -> None:
+    def __init__(self, views: Sequence[SeenPixels], params: JointParams, table: body.BodyTable) -> None:
         self.views, self.params, self.table = views, params, table
         self.beliefs, self._areas = beliefs_of(params, table), table.cover.sum(axis=(1, 2)).tolist()
 

@@ -1,0 +1,208 @@
+"""The joint tracker."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+from reference.explain import log_likelihood, surface_points
+from toy_people import look_at, oblique_camera, observed
+
+from planview.maps.pixels import SURFACE, SeenPixels
+from planview.tracking import body
+from planview.tracking.base import Observation
+from planview.tracking.joint import JointTracker
+from planview.tracking.joint import _kernels as kernels
+from planview.tracking.joint.explanation import Explanation, People
+from planview.tracking.joint.params import JointParams
+from planview.trajectories.state import TrackState
+
+CAMERA = oblique_camera()
+Scene = Callable[[float], Sequence[tuple[float, float, float]]]
+
+
+def follow(scene: Scene, seconds: float, fps: float = 15.0, codes: Sequence[int] = ()) -> list[tuple[TrackState, ...]]:
+    tracker = JointTracker()
+    times = np.arange(0.0, seconds, 1.0 / fps)
+    return [tracker.update(observed(n, float(t), look_at(CAMERA, scene(t), codes))) for n, t in enumerate(times)]
+
+
+def confirmed(states: Sequence[TrackState]) -> list[TrackState]:
+    return [s for s in states if s.state == "confirmed"]
+
+
+def test_nobody_is_found_in_an_empty_room_nor_in_a_low_box_that_stands():
+    assert not any(follow(lambda t: [], 1.0))
+    frames = follow(lambda t: [(0.0, 3.0, 0.8)] if t > 0.3 else [], 3.0)
+    assert not any(confirmed(states) for states in frames)
+    with pytest.raises(ValueError, match="pixels"):
+        JointTracker().update(Observation(0, 0.0))
+
+
+def test_what_never_changes_is_one_look_and_no_person():
+    frames = follow(lambda t: [(0.0, 3.0, 1.75)] if t > 0.3 else [], 4.0)
+    assert frames[-1] and not any(confirmed(states) for states in frames)
+
+
+def test_a_thing_is_tried_once_as_long_as_it_does_not_change():
+    tracker, spawned = JointTracker(), 0
+    for n in range(60):
+        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 0.8)] if n > 4 else [])))
+        spawned += sum(d.kind == "spawned" for d in tracker.decisions)
+    assert spawned <= 1
+
+
+def test_who_stops_walking_stays_confirmed():
+    frames = follow(lambda t: [(min(-1.0 + 1.2 * t, 0.0), 3.0, 1.75)], 4.0)
+    assert len(confirmed(frames[-1])) == 1
+
+
+@pytest.mark.parametrize(("height_m", "people"), [(1.75, 1), (1.1, 0)])
+def test_what_moves_by_a_metre_is_a_person_when_tall_and_a_thing_when_low(height_m, people):
+    frames = follow(lambda t: [(min(-0.6 + 1.2 * t, 0.4), 3.0, height_m)], 3.0)
+    assert len(confirmed(frames[-1])) == people
+
+
+@pytest.mark.parametrize("fps", [3.0, 15.0, 60.0])
+def test_a_walker_is_one_person_at_any_frame_rate(fps):
+    frames = follow(lambda t: [(-1.0 + 1.2 * t, 3.0, 1.75)], 1.6, fps)
+    last = confirmed(frames[-1])
+    assert len({s.track_id for states in frames for s in confirmed(states)}) == 1
+    t = (len(frames) - 1) / fps
+    assert (last[0].x_m, last[0].y_m, last[0].height_m) == pytest.approx((-1.0 + 1.2 * t, 3.0, 1.75), abs=0.08)
+
+
+def test_two_people_who_pass_keep_their_ids():
+    frames = follow(lambda t: [(-1.0 + t, 2.6, 1.8), (1.0 - t, 3.3, 1.65)], 2.0, codes=(30, 160))
+    first = {s.track_id: s.x_m for s in confirmed(frames[8])}
+    last = {s.track_id: s.x_m for s in confirmed(frames[-1])}
+    assert len(first) == 2 and set(first) == set(last) and all(first[i] * last[i] < 0 for i in first)
+
+
+def test_a_person_behind_another_is_lost_and_found_with_the_same_id():
+    level = oblique_camera(height_m=1.7, tilt_deg=88.0)
+    tracker, seen = JointTracker(), []
+    for n in range(52):
+        front, hidden = (max(0.0, 0.72 - 0.06 * n), 2.0, 1.85), (-1.8 + 0.06 * n, 4.0, 1.65)
+        seen.append(tracker.update(observed(n, n / 15, look_at(level, [front, hidden], (30, 160)))))
+    before, behind, after = ({s.track_id: s.state for s in seen[n]} for n in (16, 30, 48))
+    assert list(before.values()) == ["confirmed", "confirmed"]
+    assert sorted(behind.values()) == ["confirmed", "lost"] and after == before
+
+
+def test_who_enters_far_from_where_another_left_is_someone_else():
+    def scene(t: float) -> list[tuple[float, float, float]]:
+        if t < 1.0:
+            return [(-1.0 - 0.8 * t, 3.0, 1.7)]
+        return [(1.6 - 1.0 * (t - 1.8), 3.0, 1.7)] if t >= 1.8 else []
+
+    frames = follow(scene, 3.0)
+    assert len({s.track_id for states in frames for s in confirmed(states)}) == 2
+
+
+def test_light_that_floods_the_image_ends_nobody_and_a_reset_everybody():
+    tracker = JointTracker()
+    for n in range(20):
+        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
+    flood = look_at(CAMERA, [])
+    flood.kind[:] = SURFACE
+    assert 1 in {s.track_id for s in tracker.update(observed(20, 20 / 15, flood))}
+    tracker.reset()
+    assert tracker.update(observed(0, 0.0, look_at(CAMERA, []))) == ()
+
+
+def test_every_frame_says_why_each_person_is_where_it_is_and_shows_the_owners_of_pixels():
+    tracker = JointTracker()
+    for n in range(10):
+        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
+    (reason,) = (d.reason for d in tracker.decisions if d.kind == "matched")
+    assert "evidence" in reason and "existence" in reason and "visible" in reason
+    owners = tracker.debug().tiles["owners/0"]
+    assert owners.shape == CAMERA.shape and (owners > 40).sum() > 300
+
+
+PARAMS = JointParams()
+ADULT = (0.0, 3.0, 1.75)
+TALL = np.array([1.75, 0.12])
+
+
+def people_of(*poses: tuple[float, float, float]) -> People:
+    n = len(poses)
+    ratios = np.ones((n, kernels.PARTS, 200), np.float32)
+    return People(np.array(poses).reshape(-1, 3), np.ones(n), np.tile(TALL, (n, 1)), ratios)
+
+
+def explained(seen: SeenPixels) -> Explanation:
+    return Explanation((seen,), PARAMS, body.body_table())
+
+
+@pytest.mark.parametrize("other", [(0.3, 3.8, 1.6), (0.1, 5.4, 1.8)], ids=["in front", "behind"])
+def test_evidence_of_a_person_is_the_difference_of_two_likelihoods(other):
+    far = (0.0, 4.6, 1.75)
+    seen = look_at(oblique_camera(), [far, other])
+    every_pixel = JointParams(patch_m=0.011)
+    dense = Explanation((seen,), every_pixel, body.body_table()).around(np.array(far), 0.4)
+    dense.values[kernels.WEIGHT, : dense.n] = 1.0
+    dense.layer(people_of(far, other), np.array([1]))
+    found = dense.lam(np.array(far), np.ones((3, 200), np.float32))
+    # Arms reach as far in both: what lies near one of the two lies near the other.
+    without, both = (log_likelihood(seen, people, PARAMS, [other]) for people in ([other], [other, far]))
+    assert found == pytest.approx(both - without, rel=0.03)
+
+
+def test_the_surface_of_a_view_is_shared_out_and_lacks_an_explanation_where_nobody_owns_it():
+    seen = look_at(oblique_camera(), [ADULT])
+    ((owned,), points), (_, alone) = explained(seen).share_out(people_of(ADULT)), explained(seen).share_out(people_of())
+    xyz, patches = surface_points(seen, seen.rays.pixel_sr / PARAMS.patch_m**2)
+    np.testing.assert_array_equal(owned.pixels, np.flatnonzero(seen.kind == SURFACE))
+    np.testing.assert_allclose(points[:3], xyz, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(owned.patches, patches, rtol=1e-4)
+    assert (owned.owner == 0).mean() > 0.95 and (owned.share > 0.8).mean() > 0.9
+    per_patch = [float(lack[3].sum() / patches.sum()) for lack in (points, alone)]
+    assert abs(per_patch[0]) < 0.5 and per_patch[1] > 3.0
+
+
+def test_a_person_where_the_background_is_seen_is_unlikely():
+    frame = explained(look_at(oblique_camera(), []))
+    samples = frame.around(np.array(ADULT), 0.3)
+    samples.layer(people_of(), np.zeros(0, np.int64))
+    assert samples.lam(np.array(ADULT), np.ones((3, 200), np.float32)) < -50
+
+
+def test_a_hidden_person_costs_nothing():
+    front = (0.0, 2.4, 1.85)
+    frame = explained(look_at(oblique_camera(tilt_deg=85.0), [front]))
+    behind = np.array([0.0, 3.1, 1.5])
+    samples = frame.around(behind, 0.3)
+    samples.layer(people_of(front), np.array([0]))
+    assert samples.lam(behind, np.ones((3, 200), np.float32)) > -3
+
+
+def test_ascent_finds_a_person_from_a_walkers_error_of_prediction():
+    frame = explained(look_at(oblique_camera(), [ADULT]))
+    start = np.array([0.15, 2.85, 1.62])
+    samples = frame.around(start, 0.3)
+    samples.layer(people_of(), np.zeros(0, np.int64))
+    loose = np.array([1.0, 0.0, 1.0, 1.0])
+    samples.ascend(start, start.copy(), loose, TALL, people_of(), np.zeros(0, np.int64), np.ones((3, 200), np.float32))
+    assert start == pytest.approx(ADULT, abs=0.05)
+
+
+def test_bodies_do_not_stand_in_each_other():
+    samples = explained(look_at(oblique_camera(), [])).around(np.array(ADULT), 0.3)
+    one = np.array([0])
+    beside = samples.believed(np.array(ADULT), TALL, people_of((0.0, 3.5, 1.7)), one)
+    within = samples.believed(np.array(ADULT), TALL, people_of((0.0, 3.1, 1.7)), one)
+    assert beside == pytest.approx(0.0, abs=0.01) and within < -8
+
+
+def test_the_body_table_is_a_head_over_shoulders_over_legs():
+    table = body.body_table()
+    level = round(-table.angle_min_rad / table.angle_step_rad)
+
+    def width(rel: float) -> float:
+        w = int(((rel - 0.5) * body.TORSO.height_m - table.w_min_m) / table.cell_m)
+        return 2 * float(table.cover[level, :, w].sum()) * table.cell_m
+
+    assert width(0.92) == pytest.approx(0.18, abs=0.03) and 0.42 < width(0.65) < 0.52
+    assert 0.26 < width(0.2) < 0.35  # legs, and the stride that is now and then beside them
+    assert width(1.1) < 0.02
