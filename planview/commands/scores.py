@@ -37,8 +37,10 @@ from planview.trajectories.formats import (
     load_tracks,
     load_truth,
     sequence_rate,
+    sequence_size,
     tracks_file,
 )
+from planview.trajectories.motchallenge import refuse_outside
 
 _FIGURES = (
     "mota", "idf1", "hota", "det_a", "ass_a", "switches", "switches_per_minute", "fragmentations", "mostly_tracked",
@@ -151,6 +153,10 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
     if told := unfinished_beside(pair.tracks):
         console.print(told)
     run = RunFolder.around(pair.tracks)
+    size = sequence_size(pair.truth) if run is None else run.size_px
+    if params.match_on == "boxes" and size is not None:
+        for path, table in ((pair.tracks, found), (pair.truth, true)):
+            refuse_outside(table.box_px, size, str(path))
     if run is not None:  # the frames that it read are scored, as its report does
         run = RunFolder(run.path, pair.truth, found)
         end, what = run.n_frames - 1, "are left out: the run ended there"

@@ -20,6 +20,7 @@ from planview.trajectories.binary_formats import (
     write_ped_data_archive,
 )
 from planview.trajectories.file import TrajectoryFile, checked_rate, replaced, surrounding_area, timed_by_rate
+from planview.trajectories.motchallenge import read_motchallenge, write_motchallenge
 from planview.trajectories.table import (
     Trajectories,
     frame_period_s,
@@ -32,10 +33,8 @@ from planview.trajectories.table import (
 )
 from planview.trajectories.text_formats import (
     read_jsonl,
-    read_motchallenge,
     read_petrack,
     write_jsonl,
-    write_motchallenge,
     write_petrack,
 )
 
@@ -208,13 +207,24 @@ def tracks_file(path: Path) -> Path:
 def sequence_rate(truth: Path) -> float | None:
     """Frames per second in the seqinfo.ini of a MOTChallenge sequence, beside its truth or a folder above; None without
     one. Raises InputError: no rate in it."""
+    file, found = _seqinfo(truth, "frameRate")
+    return checked_rate(file, found) if found else None
+
+
+def sequence_size(truth: Path) -> tuple[int, int] | None:
+    """(width, height) of the images [px] in the seqinfo.ini of a sequence; None where it does not give them."""
+    (_, width), (_, height) = _seqinfo(truth, "imWidth"), _seqinfo(truth, "imHeight")
+    return (int(width), int(height)) if width.isdecimal() and height.isdecimal() else None
+
+
+def _seqinfo(truth: Path, key: str) -> tuple[Path, str]:
+    """The seqinfo.ini of a truth, and its value of a key; empty without one."""
     for folder in (truth.parent, truth.parent.parent):
         if (file := folder / "seqinfo.ini").is_file():
-            found = re.search(
-                r"^\s*frameRate\s*=\s*(.*?)\s*$", read_text(file, "seqinfo.ini"), re.MULTILINE | re.IGNORECASE
-            )
-            return checked_rate(file, found[1]) if found else None
-    return None
+            text = read_text(file, "seqinfo.ini")
+            found = re.search(rf"^\s*{key}\s*=\s*(.*?)\s*$", text, re.MULTILINE | re.IGNORECASE)
+            return file, found[1] if found else ""
+    return truth, ""
 
 
 def truth_file(folder: Path) -> Path | None:

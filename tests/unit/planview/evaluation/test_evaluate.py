@@ -243,6 +243,14 @@ def test_evaluate_names_the_recording_without_tracks(tmp_path, refused):
     assert "expected tracks for 'a'" in refused("evaluate", tmp_path / "mine", tmp_path / "gt", "--boxes")
 
 
+def test_evaluate_refuses_boxes_outside_of_the_sequences_images(tmp_path, refused):
+    (tmp_path / "seqinfo.ini").write_text("[Sequence]\nimWidth=100\nimHeight=80\n")
+    for name, rows in (("gt.txt", MOT16_ROWS), ("mine.txt", "1,1,500,20,30,40\n")):
+        (tmp_path / name).write_text(rows)
+    sentence = refused("evaluate", tmp_path / "mine.txt", tmp_path / "gt.txt", "--boxes")
+    assert "expected boxes inside images of 100x80, found 1 of 1 outside" in sentence
+
+
 def test_motchallenge_distractor_is_neither_person_nor_error(tmp_path):
     path = tmp_path / "gt.txt"
     path.write_text(MOT16_ROWS + "".join(f"{t},9,300,20,30,40,0,8,1\n" for t in range(1, 6)))

@@ -20,7 +20,9 @@ from planview.trajectories.formats import (
     measured_rate,
     prepared,
     sequence_rate,
+    sequence_size,
 )
+from planview.trajectories.motchallenge import motchallenge_rows
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import (
     IGNORED,
@@ -358,6 +360,26 @@ def test_boxes_outside_of_the_image_are_refused() -> None:
         boxes.within((400, 400))
 
 
+def test_rows_of_a_detector_may_be_shorter_than_others(tmp_path: Path) -> None:
+    rows = motchallenge_rows(motchallenge(tmp_path / "a.txt", "1 7 10 20 30 60", "2,7,10,20,30,60,0.5"))
+    assert rows.shape == (2, 7) and np.isnan(rows[0, 6]) and rows[1, 6] == 0.5
+
+
+def test_a_bad_row_of_motchallenge_is_named_by_its_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="found in line 2 '1,7,10,20,wide,60'"):
+        load_tracks(motchallenge(tmp_path / "a.txt", "1,7,10,20,30,60", "1,7,10,20,wide,60"))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("a.txt", "1,-1,10,20,0,60,1\n"), ("a.json", '[{"image_id": 1, "category_id": 1, "bbox": [1, 2, 0, 60]}]')],
+)
+def test_a_box_of_width_0_is_refused_for_its_width(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match="expected boxes with a width and height above 0, found in"):
+        load_detections(tmp_path / name)
+
+
 def test_category_of_coco_results_without_people_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text('[{"image_id": 1, "category_id": 0, "bbox": [1, 2, 30, 60]}]')
     with pytest.raises(InputError, match="found category 0"):
@@ -368,3 +390,9 @@ def test_rate_of_a_sequence_is_that_of_its_seqinfo(tmp_path: Path) -> None:
     (tmp_path / "gt").mkdir()
     (tmp_path / "seqinfo.ini").write_text("[Sequence]\nframeRate=10\n")
     assert sequence_rate(tmp_path / "gt/gt.txt") == 10.0
+
+
+def test_image_size_of_a_sequence_is_that_of_its_seqinfo(tmp_path: Path) -> None:
+    (tmp_path / "gt").mkdir()
+    (tmp_path / "seqinfo.ini").write_text("[Sequence]\nimWidth=640\nimHeight=480\n")
+    assert sequence_size(tmp_path / "gt/gt.txt") == (640, 480)

@@ -1,0 +1,171 @@
+"""Boxes of people in images, as rows of MOTChallenge and PETS."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from pathlib import Path
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.io import reason, require_file
+from calib.types import F64, Bool
+from planview.trajectories.file import TrajectoryFile, replaced
+from planview.trajectories.table import IGNORED, Trajectories, positions_table, sorted_rows
+
+FRAMES_MAX = 10_000_000
+COLUMNS = "frame (from 1),id,left,top,width,height"
+OUTSIDE_MAX = 0.1
+"""Share of boxes whose centre may lie outside of the image: people at its border (our choice)."""
+
+
+def motchallenge_rows(path: Path, *, of_detector: bool = False) -> F64:
+    """(N, 6 to 10) rows of frame, id, left, top, width, height [px] and more, separated by commas or blanks; NaN where
+    a row is shorter than others, (0, 6) of an empty file.
+
+    Args:
+        of_detector: every row is a box that was found, so that frames count from 1 and no box is unknown.
+    Raises:
+        InputError: unreadable, a row of another length, values that are not numbers, or boxes that cannot be in pixels.
+    """
+    require_file(path, "rows of numbers")
+    rows, longest = array("d"), 6
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            for number, line in enumerate(file, 1):
+                if line.strip() and not line.startswith("#"):
+                    values = _row(path, number, line, of_detector)
+                    longest = max(longest, len(values))
+                    rows.extend(values + [math.nan] * (10 - len(values)))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected rows of {COLUMNS},..., found {reason(error)}") from error
+    table = np.frombuffer(rows, dtype=np.float64).reshape(-1, 10)[:, :longest]
+    refuse_fractions(table[:, 2:6], str(path))
+    return table
+
+
+def _row(path: Path, number: int, line: str, of_detector: bool) -> list[float]:
+    try:
+        values = [float(cell) for cell in line.replace(",", " ").split()]
+    except ValueError:
+        values = []
+    good = 6 <= len(values) <= 10 and all(map(math.isfinite, values[:6]))
+    expected = f"6 to 10 numbers, {COLUMNS},..."
+    if good and of_detector:
+        good = values[0].is_integer() and 1 <= values[0] <= FRAMES_MAX
+        if good and min(values[4:6]) <= 0:
+            good, expected = False, "boxes with a width and height above 0"
+    if not good:
+        raise InputError(f"{path}: expected {expected}, found in line {number} {line.strip()[:80]!r}")
+    return values
+
+
+def refuse_fractions(boxes: F64, source: str) -> None:
+    """Refuse (N, 4) boxes of which none is larger than a pixel. Raises InputError: fractions of the image."""
+    sizes = boxes[(boxes[:, 2:] > 0).all(axis=1), 2:]  # unknown boxes are -1
+    if len(sizes) and (sizes <= 1.0).all():
+        raise InputError(
+            f"{source}: expected boxes in pixels, found none larger than a pixel, up to {sizes.max():g}: "
+            "fractions of the image"
+        )
+
+
+def refuse_outside(boxes: F64, size: tuple[int, int], source: str) -> None:
+    """Refuse (N, 4) boxes that are not of images of (width, height) [px]. Raises InputError: too many lie outside."""
+    boxes = boxes[(boxes[:, 2:] > 0).all(axis=1)]  # unknown ones are NaN or -1
+    centres = boxes[:, :2] + boxes[:, 2:] / 2
+    outside = int(((centres < 0) | (centres > size)).any(axis=1).sum())
+    if outside > OUTSIDE_MAX * len(boxes):
+        right, bottom = (boxes[:, :2] + boxes[:, 2:]).max(axis=0)
+        raise InputError(
+            f"{source}: expected boxes inside images of {size[0]}x{size[1]}, found {outside} of {len(boxes)} outside, "
+            f"up to ({right:.0f}, {bottom:.0f})"
+        )
+
+
+def read_motchallenge(path: Path, *, truth: bool) -> TrajectoryFile:
+    """Rows of frame (from 1; from 0 where there is a 0), id, left, top, width, height and, where present, three or four
+    more columns.
+
+    Nine columns whose values are a flag (0 or 1), a whole number and a visibility (0 to 1) in every row are the ground
+    truth of MOT16 and later: distractors get the visibility IGNORED, other classes than 1 and flag 0 are left out of
+    truth, and of results where class 1 is among them.
+    Otherwise the columns are confidence, X, Y (and Z) as in MOT15 results and ground truth and in PETS: X and Y are
+    metres on the floor, unknown where all are -1, and ground truth with the confidence 0 is left out.
+
+    Args:
+        truth: the file is ground truth; every row of results counts, whatever its confidence.
+    Raises:
+        InputError: a row of another length, values that are not numbers, or truth of which no row counts.
+    """
+    table = motchallenge_rows(path)
+    if truth and not len(table):
+        raise InputError(f"{path}: expected rows of truth, found none")
+    table = sorted_rows(path, table, frame=0, track_id=1)
+    note = "frames count from 0, since there is a frame 0" if len(table) and table[0, 0] == 0 else ""
+    if _has_classes(table):
+        # Person on a vehicle, static person, distractor, reflection: tracks on them are no errors (Milan et
+        # al. 2016, MOT16, section 3.2); all other classes and rows with flag 0 are left out.
+        distractor = np.isin(table[:, 7], (2, 7, 8, 12))
+        person = (table[:, 7] == 1) & (table[:, 6] == 1)
+        if truth and not person.any():
+            found = f"classes {', '.join(f'{kind:g}' for kind in np.unique(table[:, 7])[:8])}"
+            flags = ", ".join(f"{flag:g}" for flag in np.unique(table[:, 6]))
+            raise InputError(
+                f"{path}: expected truth rows that count (flag 1, class 1: person), found {found}, flags {flags}"
+            )
+        counted = distractor | person if person.any() else np.ones(len(table), dtype=np.bool_)
+        visible = np.where(distractor, IGNORED, table[:, 8])
+        no_floor = np.full((int(counted.sum()), 2), np.nan)
+        return TrajectoryFile(_positions(table[counted], no_floor, visible[counted], bool(note)), note=note)
+    if truth and table.shape[1] > 6:
+        table = table[table[:, 6] != 0]
+        if not len(table):
+            raise InputError(f"{path}: expected truth rows that count, found the confidence 0 in all of them")
+    return TrajectoryFile(_positions(table, _floor(table), from_zero=bool(note)), note=note)
+
+
+def write_motchallenge(path: Path, file: TrajectoryFile) -> None:
+    """Write rows of frame (from 1), id, box, confidence 1 and world X, Y, Z [m] with Z 0 on the floor.
+
+    An unknown box or position is -1 throughout. Heights and times have no column.
+
+    Raises:
+        WorkError: the file cannot be written.
+    """
+    table = file.table
+    world = np.column_stack([table.x_m, table.y_m, np.zeros(len(table))])
+    columns = [table.frame + 1, table.track_id, _or_minus_one(table.box_px), np.ones(len(table)), _or_minus_one(world)]
+    rows = np.column_stack(columns)
+    formats = ["%d", "%d", *["%.1f"] * 4, "%d", *["%.4f"] * 3]
+    with replaced(path) as part:
+        np.savetxt(part, rows, formats, delimiter=",")
+
+
+def _or_minus_one(values: F64) -> F64:
+    """The rows of an (N, M) array, -1 throughout where a value is unknown."""
+    known = np.isfinite(values).all(axis=1, keepdims=True)
+    return np.where(known, values, -1.0)
+
+
+def _has_classes(table: F64) -> Bool | bool:
+    """Columns 7 to 9 are flag, class and visibility; X and Y in metres are not integers and fractions throughout."""
+    if table.shape[1] != 9 or not len(table):
+        return False
+    flag, kind, visible = table[:, 6:9].T
+    classes = (kind == np.floor(kind)) & (kind >= 0)
+    return bool((np.isin(flag, (0, 1)) & classes & (visible >= 0) & (visible <= 1)).all())
+
+
+def _floor(table: F64) -> F64:
+    """(N, 2) floor positions [m]; NaN where the columns are missing or -1."""
+    if table.shape[1] < 9:
+        return np.full((len(table), 2), np.nan)
+    unknown = (table[:, 7:] == -1).all(axis=1)
+    return np.where(unknown[:, None], np.nan, table[:, 7:9])
+
+
+def _positions(table: F64, floor_m: F64, visible: F64 | None = None, from_zero: bool = False) -> Trajectories:
+    frame, track_id = table[:, :2].astype(np.int64).T
+    return positions_table(frame - (not from_zero), track_id, floor_m, box_px=table[:, 2:6], visible=visible)
