@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
 from calib.errors import InputError, WorkError
+from calib.ground_camera import load_ground_camera
 from calib.io import reason, require_file, write_whole
 from planview.commands.options import Flag, JsonFlag, checked, frame_span
 from planview.counting.events import read_events, write_event_header, write_event_rows
-from planview.counting.geometry import RulePlane
+from planview.counting.geometry import RulePlane, stereo_plane
 from planview.counting.rules import AnalyticsParams, load_rules
 from planview.counting.scoring import score_counts, score_events
 from planview.counting.totals import Clock, count_tracks, count_truth
@@ -34,7 +34,6 @@ from planview.trajectories.formats import (
     FilePair,
     file_pairs,
     load_file,
-    load_tracks,
     load_truth,
     sequence_rate,
     sequence_size,
@@ -135,11 +134,8 @@ def _truth_of(tracks: Path) -> Path:
 def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, int] | None, rated: bool) -> Evaluation:
     if not rated and (rate := sequence_rate(pair.truth)) is not None:
         params = params.model_copy(update={"fps": rate})
-    boxes = params.align or params.match_on == "boxes"
-    files = load_file(pair.tracks, boxes=boxes), load_file(pair.truth, truth=True)
+    files = load_file(pair.tracks), load_file(pair.truth, truth=True)
     found, true = (file.table for file in files)
-    if not boxes and not np.isfinite(found.x_m).any():
-        found = load_tracks(pair.tracks)  # with boxes, where they have nothing else
     console = PlainConsole(stderr=True, soft_wrap=True)
     for path, file in zip((pair.tracks, pair.truth), files, strict=True):
         if file.note:
@@ -336,12 +332,8 @@ def _plane(camera: Path | None, rig: Path | None, run: RunFolder | None) -> Rule
     if camera is not None and rig is not None:
         raise InputError("expected --camera or --rig, found both")
     if camera is not None:
-        from calib.ground_camera import load_ground_camera
-
         return RulePlane(load_ground_camera(camera))
     if rig is not None:
-        from planview.counting.geometry import stereo_plane
-
         return stereo_plane(rig)
     return run.rule_plane if run is not None else RulePlane()
 

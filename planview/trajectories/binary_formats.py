@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import sqlite3
 from contextlib import closing
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -165,8 +166,8 @@ def _positions(path: Path, database: sqlite3.Connection) -> F64:
 
 
 def write_parquet(path: Path, file: TrajectoryFile) -> None:
-    """Write all rows. Raises InputError: pandas or pyarrow is not installed. WorkError: the file cannot be written."""
-    _pandas()
+    """Write all rows. Raises InputError: pyarrow is not installed. WorkError: the file cannot be written."""
+    _require_pyarrow()
     # attrs holds fps and walkable_wkt.
     frame = file.table.to_dataframe()
     frame.attrs.update(fps=file.fps, walkable_wkt=file.walkable_wkt)
@@ -175,9 +176,10 @@ def write_parquet(path: Path, file: TrajectoryFile) -> None:
 
 
 def read_parquet(path: Path) -> TrajectoryFile:
-    """Read a table; a column that is missing is unknown. Raises InputError: pandas or pyarrow is not installed, not a
+    """Read a table; a column that is missing is unknown. Raises InputError: pyarrow is not installed, not a
     Parquet file, one of the columns frame, id, x_m, y_m is missing, or values of another kind."""
-    pandas = _pandas()
+    _require_pyarrow()
+    import pandas
     from pyarrow import ArrowException
     from pyarrow.parquet import ParquetFile
 
@@ -207,10 +209,6 @@ def read_parquet(path: Path) -> TrajectoryFile:
         raise InputError(f"{path}: expected trajectories in Parquet, found {' '.join(str(error).split())}") from error
 
 
-def _pandas() -> Any:
-    try:
-        import pandas
-        import pyarrow  # noqa: F401
-    except ImportError as error:
-        raise InputError("expected the packages pandas and pyarrow; install planview[table]") from error
-    return pandas
+def _require_pyarrow() -> None:
+    if find_spec("pyarrow") is None:
+        raise InputError("expected the package pyarrow; install planview[table]")

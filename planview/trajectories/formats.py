@@ -53,18 +53,12 @@ def load_truth(path: Path) -> Trajectories:
     return load_file(path, truth=True).table
 
 
-def load_tracks(path: Path, *, boxes: bool = True) -> Trajectories:
-    """Tracks in any layout of ``load_file``.
-
-    Args:
-        boxes: boxes and velocities are needed; long files in our layout are read in half the time without.
-    Raises:
-        InputError: unreadable or none of these.
-    """
-    return load_file(path, boxes=boxes).table
+def load_tracks(path: Path) -> Trajectories:
+    """Tracks in any layout of ``load_file``. Raises InputError: unreadable or none of these."""
+    return load_file(path).table
 
 
-def load_file(path: Path, *, truth: bool = False, boxes: bool = True) -> TrajectoryFile:
+def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
     """Trajectories of any layout: our own, MOTChallenge and PETS, PeTrack and PedPy, laboratory rows without comments,
     Ped Data Archive, JuPedSim, Parquet, JSON lines.
 
@@ -72,7 +66,6 @@ def load_file(path: Path, *, truth: bool = False, boxes: bool = True) -> Traject
 
     Args:
         truth: the file is ground truth.
-        boxes: see ``load_tracks``.
     Raises:
         InputError: unreadable or none of these.
     """
@@ -83,10 +76,10 @@ def load_file(path: Path, *, truth: bool = False, boxes: bool = True) -> Traject
     except OSError as error:
         raise InputError(f"{path}: expected trajectories, found {reason(error)}") from error
     binary = next((reader for magic, reader in BINARY.items() if start.startswith(magic)), None)
-    return timed_by_rate(binary(path) if binary else _load_text(path, start.split(b"\n")[0], truth, boxes))
+    return timed_by_rate(binary(path) if binary else _load_text(path, start.split(b"\n")[0], truth))
 
 
-def _load_text(path: Path, first: bytes, truth: bool, boxes: bool) -> TrajectoryFile:
+def _load_text(path: Path, first: bytes, truth: bool) -> TrajectoryFile:
     try:
         line = first.removeprefix(_BYTE_ORDER_MARK).decode("utf-8", "ignore" if len(first) == _FIRST_LINE else "strict")
     except UnicodeDecodeError as error:
@@ -98,7 +91,7 @@ def _load_text(path: Path, first: bytes, truth: bool, boxes: bool) -> Trajectory
     if not line.strip() and not path.stat().st_size:
         return read_motchallenge(path, truth=truth)
     if not line.strip() or not _is_number(line.replace(",", " ").split()[0]):
-        return TrajectoryFile(read_truth(path) if truth else read_tracks(path, boxes=boxes))
+        return TrajectoryFile(read_truth(path) if truth else read_tracks(path))
     return (
         TrajectoryFile(read_laboratory(path))
         if len(line.split()) < 6 and "," not in line

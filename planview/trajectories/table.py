@@ -6,9 +6,7 @@ import csv
 import math
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import islice
-from operator import itemgetter
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
@@ -25,8 +23,6 @@ if TYPE_CHECKING:
 KEY_MAX = 2**53
 """Largest frame number or id that a float64 holds exactly."""
 WordColumn = np.ndarray[tuple[int], np.dtype[np.str_]]
-BLOCK_ROWS = 5_000
-"""Rows in memory as text at a time: more take longer, since their cells leave the processor's cache (our choice)."""
 TRACK_COLUMNS = (
     "frame", "timestamp_s", "id", "x_m", "y_m", "vx_mps", "vy_mps", "height_m", "state",
     "left_px", "top_px", "width_px", "height_px",
@@ -78,95 +74,78 @@ def require_unique(path: Path, frame: F64 | I64, track_id: F64 | I64) -> None:
         )
 
 
-def csv_blocks(path: Path, required: Sequence[str], what: str) -> Iterator[CsvColumns]:
-    """The rows of a file in blocks, at least one.
+def read_columns(path: Path, required: Sequence[str], what: str, numbers: Sequence[str]) -> dict[str, AnyArray]:
+    """Columns of a CSV file: ``numbers`` as (N,) float64, and "state" as (N,) words. An empty cell, and every one of a
+    column that is missing, is NaN, or "confirmed".
 
     Args:
         required: columns that the header must name.
         what: the file should be, for messages.
     Raises:
-        InputError: unreadable, not UTF-8, or a column missing.
+        InputError: unreadable, a column missing, or a cell that is not what its column holds, with its line.
     """
+    import pandas  # half a second
+
     require_file(path, f"a {what} file")
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            names = next(csv.reader(file), [])
+        missing = [name for name in required if name not in names]
+        if missing:
+            raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
+        used = {*numbers, "state", names[-1]} & set(names)
+        kinds = {name: np.float64 if name in numbers else "str" for name in used}
+        frame = pandas.read_csv(
+            path, usecols=list(used), dtype=kinds, index_col=False, keep_default_na=False, na_values=["", " "],
+            skipinitialspace=True, float_precision="round_trip", encoding="utf-8-sig",
+        )  # fmt: skip
+    except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
+        found = reason(error)
+        raise _first_fault(path, numbers) or InputError(f"{path}: expected a {what} file, found {found}") from error
+    columns = {name: frame[name].to_numpy() if name in names else np.full(len(frame), np.nan) for name in numbers}
+    state = frame["state"].fillna("confirmed") if "state" in names else np.full(len(frame), "confirmed")
+    columns["state"] = np.asarray(state, dtype="<U9")
+    keys = np.concatenate([columns[name] for name in _KEYS if name in columns] or [np.empty(0)])
+    strange = set(np.unique(columns["state"])) - set(STATES) or (~(np.abs(keys) < 2.0**63) | (keys % 1 != 0)).any()
+    # A row that is cut short lacks its last cell at least.
+    if (strange or frame[names[-1]].isna().any()) and (fault := _first_fault(path, numbers if strange else ())):
+        raise fault
+    return columns
+
+
+_KEYS = ("frame", "id")
+
+
+def _first_fault(path: Path, numbers: Sequence[str]) -> InputError | None:
+    """The first row of a CSV file that is cut short, or its first cell that is not what its column holds; without
+    names of columns of numbers, cells are not looked at."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)
             names = next(reader, [])
-            missing = [name for name in required if name not in names]
-            if missing:
-                raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
-            filled = ((reader.line_num, row) for row in reader if row)
-            yield CsvColumns(path, names, list(islice(filled, BLOCK_ROWS)))
-            while block := list(islice(filled, BLOCK_ROWS)):
-                yield CsvColumns(path, names, block)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: expected a {what} file, found {reason(error)}") from error
+            for row in filter(None, reader):
+                if len(row) < len(names):
+                    found = f"expected {len(names)} cells in line {reader.line_num}, found fewer"
+                    return InputError(f"{path}: {found}")
+                for name, cell in zip(names, row, strict=False) if numbers else ():
+                    if expected := _expected(name, cell, name in numbers):
+                        return InputError(f"{path}: expected {expected}, line {reader.line_num}, found {cell!r}")
+    except (OSError, UnicodeDecodeError, csv.Error):
+        pass
+    return None
 
 
-class CsvColumns:
-    """Rows of a CSV file by column, converted on request with errors that name file, line and column.
-
-    Args:
-        names: of the columns.
-        rows: numbers of lines, and cells.
-    """
-
-    def __init__(self, path: Path, names: Sequence[str], rows: Sequence[tuple[int, list[str]]]) -> None:
-        self._path = path
-        self._lines, self._rows = [line for line, _ in rows], [row for _, row in rows]
-        self._column = {name: i for i, name in enumerate(names)}
-
-    def numbers(self, name: str, default: float) -> F64:
-        """(N,) values; ``default`` where the cell is empty, and throughout (read-only) where the column is missing."""
-        if name not in self._column:
-            return np.broadcast_to(np.float64(default), len(self._rows))
-        cells = self._cells(name)
-        try:
-            known = [cell or str(default) for cell in cells] if "" in cells else cells
-            return np.fromiter(map(float, known), dtype=np.float64, count=len(cells))
-        except ValueError:
-            return np.array([self._number(name, row, default) for row in range(len(cells))], dtype=np.float64)
-
-    def integers(self, name: str) -> I64:
-        """(N,) int64; an empty cell is refused."""
-        values = self.numbers(name, np.nan)
-        with np.errstate(invalid="ignore"):
-            bad = np.flatnonzero(~(np.abs(values) < 2.0**63) | (values != np.floor(values)))
-        if len(bad):
-            raise self._refused(f"a whole number in {name!r}", name, int(bad[0]))
-        return values.astype(np.int64)
-
-    def words(self, name: str, allowed: Sequence[str], default: str) -> WordColumn:
-        """(N,) words of a closed list; ``default`` where the cell is empty or the column missing."""
-        kind = f"<U{max(map(len, allowed))}"
-        if name not in self._column:
-            return np.broadcast_to(np.array(default, dtype=kind), len(self._rows))
-        cells = self._cells(name)
-        foreign = set(cells) - {"", *allowed}
-        if foreign:
-            first = next(row for row, cell in enumerate(cells) if cell in foreign)
-            raise self._refused(f"a {name} of {', '.join(allowed)}", name, first)
-        return np.array([cell or default for cell in cells], dtype=kind)
-
-    def _cells(self, name: str) -> list[str]:
-        column = self._column[name]
-        try:
-            return list(map(itemgetter(column), self._rows))
-        except IndexError:
-            line = next(line for line, row in zip(self._lines, self._rows, strict=True) if len(row) <= column)
-            n = len(self._column)
-            raise InputError(f"{self._path}: expected {n} cells in line {line}, found fewer") from None
-
-    def _number(self, name: str, row: int, default: float) -> float:
-        text = self._rows[row][self._column[name]]
-        try:
-            return float(text) if text.strip() else default
-        except ValueError:
-            raise self._refused(f"a number in {name!r}", name, row) from None
-
-    def _refused(self, expected: str, name: str, row: int) -> InputError:
-        found = self._rows[row][self._column[name]]
-        return InputError(f"{self._path}: expected {expected}, line {self._lines[row]}, found {found!r}")
+def _expected(name: str, cell: str, is_number: bool) -> str:
+    """What a cell should be; empty where it is."""
+    if name == "state":
+        return "" if cell.strip() in ("", *STATES) else f"a state of {', '.join(STATES)}"
+    if not is_number:
+        return ""
+    try:
+        value = float(cell) if cell.strip() else math.nan
+    except ValueError:
+        return f"a number in {name!r}"
+    return f"a whole number in {name!r}" if name in _KEYS and not (abs(value) < 2**63 and value % 1 == 0) else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +179,7 @@ class Trajectories:
         """The rows where a (N,) mask is true, or those of (M,) indices in that order; itself where all are kept."""
         if keep.dtype == np.bool_ and keep.all():
             return self
-        return Trajectories(**{name: _picked(getattr(self, name), keep) for name in self.__dataclass_fields__})
+        return Trajectories(**{name: getattr(self, name)[keep] for name in self.__dataclass_fields__})
 
     def __repr__(self) -> str:
         span = f", frames {self.frame.min()} to {self.frame.max()}" if len(self) else ""
@@ -226,26 +205,15 @@ class Trajectories:
         return numbers_table(numbers, states, Path("DataFrame"))
 
     def to_dataframe(self) -> DataFrame:
-        """A pandas DataFrame with the columns of ``tracks.csv`` (``TRACK_COLUMNS``), a row per person and frame. Raises
-        InputError: pandas is not installed."""
-        try:
-            import pandas
-        except ImportError as error:
-            raise InputError("expected the package pandas; install planview[table]") from error
+        """A pandas DataFrame with the columns of ``tracks.csv`` (``TRACK_COLUMNS``), a row per person and frame."""
+        import pandas
+
         states = pandas.Series(self.state, dtype="str")
         box, velocity = self.box_px.T, self.velocity_mps.T
         place = self.x_m, self.y_m, *velocity, self.height_m
         columns = (self.frame, self.timestamp_s, self.track_id, *place, states, *box)
         frame: DataFrame = pandas.DataFrame(dict(zip(TRACK_COLUMNS, columns, strict=True)))
         return frame
-
-
-def _picked(column: AnyArray, keep: Bool | I64) -> AnyArray:
-    """Some rows of a column; one that repeats a single value goes on taking no memory."""
-    if column.strides[0] or not len(column):
-        return column[keep]
-    n = int(np.count_nonzero(keep)) if keep.dtype == np.bool_ else len(keep)
-    return np.broadcast_to(column[0], (n, *column.shape[1:]))
 
 
 def positions_table(
@@ -370,15 +338,10 @@ class TrajectoryCollector:
         return numbers_table(np.array(numbers, dtype=np.float64).reshape(-1, len(NUMBER_COLUMNS)), states)
 
 
-def read_tracks(path: Path, *, boxes: bool = True) -> Trajectories:
-    """Read ``tracks.csv``.
-
-    Args:
-        boxes: also read boxes and velocities, which are half of the file; else they are unknown.
-    Raises:
-        InputError: unreadable, columns missing, or a value that is not what its column holds.
-    """
-    return _read(path, ("frame", "timestamp_s", "id", "x_m", "y_m", "state"), "tracks", boxes)
+def read_tracks(path: Path) -> Trajectories:
+    """Read ``tracks.csv``. Raises InputError: unreadable, columns missing, or a value that is not what its column
+    holds."""
+    return _read(path, ("frame", "timestamp_s", "id", "x_m", "y_m", "state"), "tracks")
 
 
 def read_truth(path: Path) -> Trajectories:
@@ -395,47 +358,13 @@ def _rounded(value: float, digits: int) -> float:
     return float(_cell(value, digits) or "nan")
 
 
-def _read(path: Path, required: tuple[str, ...], what: str, boxes: bool = True) -> Trajectories:
-    parts = [_block_columns(block, boxes) for block in csv_blocks(path, required, what)]
-    # One column after the other, so that the rows are in memory once.
-    table = _sorted(Trajectories(**{name: _stacked([part.pop(name) for part in parts]) for name in list(parts[0])}))
+def _read(path: Path, required: tuple[str, ...], what: str) -> Trajectories:
+    columns = read_columns(path, required, what, (*NUMBER_COLUMNS, "visible"))
+    visible, state = columns.pop("visible"), columns.pop("state")
+    table = numbers_table(np.column_stack([columns[name] for name in NUMBER_COLUMNS]), state)
+    table = _sorted(replace(table, visible=np.where(np.isnan(visible), 1.0, visible)))
     require_unique(path, table.frame, table.track_id)
     return table
-
-
-def _block_columns(columns: CsvColumns, boxes: bool) -> dict[str, AnyArray]:
-    """The columns of ``Trajectories`` by name."""
-    number = columns.numbers
-    moving = ("left_px", "top_px", "width_px", "height_px"), ("vx_mps", "vy_mps")
-    unread = number("", np.nan)
-    box_px, velocity_mps = ([number(name, np.nan) if boxes else unread for name in names] for names in moving)
-    return {
-        "frame": columns.integers("frame"),
-        "track_id": columns.integers("id"),
-        "timestamp_s": number("timestamp_s", np.nan),
-        "x_m": number("x_m", np.nan),
-        "y_m": number("y_m", np.nan),
-        "height_m": number("height_m", np.nan),
-        "state": columns.words("state", STATES, "confirmed"),
-        "visible": number("visible", 1.0),
-        "box_px": _beside(box_px),
-        "velocity_mps": _beside(velocity_mps),
-    }
-
-
-def _beside(columns: Sequence[F64]) -> F64:
-    """(N, M) of M columns; where each repeats the same value it goes on taking no memory."""
-    if len(columns[0]) and not any(column.strides[0] for column in columns):
-        return np.broadcast_to(columns[0][:1, None], (len(columns[0]), len(columns)))
-    return np.column_stack(columns)
-
-
-def _stacked(blocks: Sequence[AnyArray]) -> AnyArray:
-    """Blocks of a column one after the other."""
-    filled = [block for block in blocks if len(block)]
-    if filled and not any(block.strides[0] for block in filled):
-        return np.broadcast_to(filled[0][:1], (sum(map(len, filled)), *filled[0].shape[1:]))
-    return np.concatenate(blocks)
 
 
 def frame_period_s(table: Trajectories, fallback_s: float) -> float:

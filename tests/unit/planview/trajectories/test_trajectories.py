@@ -28,9 +28,9 @@ from planview.trajectories.table import (
     IGNORED,
     Trajectories,
     TrajectoryCollector,
-    csv_blocks,
     frame_period_s,
     positions_table,
+    read_columns,
     read_tracks,
     read_truth,
     write_header,
@@ -98,7 +98,7 @@ def written(tmp_path: Path, text: str) -> Path:
 
 
 def column(path: Path, name: str) -> list[float]:
-    return [value for block in csv_blocks(path, (), "test") for value in block.numbers(name, np.nan).tolist()]
+    return list(read_columns(path, (), "test", (name,))[name].tolist())
 
 
 def test_exponents_blanks_quoted_cells_carriage_returns_and_a_byte_order_mark_are_read(tmp_path: Path) -> None:
@@ -106,12 +106,6 @@ def test_exponents_blanks_quoted_cells_carriage_returns_and_a_byte_order_mark_ar
     np.testing.assert_array_equal(column(path, "a"), [1000.0, 1.5, 0.12345678901234567, np.nan])
     path = written(tmp_path, '\ufeffa,note,b\r\n1,"x, y\nz",2\r\n"3",,4\r\n')
     assert (column(path, "a"), column(path, "b")) == ([1.0, 3.0], [2.0, 4.0])
-
-
-def test_blocks_continue_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("planview.trajectories.table.BLOCK_ROWS", 7)
-    path = written(tmp_path, "a,b\n" + "".join(f"{i},{i / 8}\n" for i in range(50)))
-    assert column(path, "b") == [i / 8 for i in range(50)]
 
 
 def test_bad_numbers_and_short_rows_are_named_with_their_line(tmp_path):
