@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test check docs wheel-check lock clean setup
+.PHONY: demo test test-all check docs wheel-check lock clean setup
 
 setup: $(STAMP)
 
@@ -19,7 +19,10 @@ demo: setup
 	$(BIN)/planview demo
 
 test: setup
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 -m "not slow"
+
+test-all: test
+	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest -n 2 -m "slow or fuzz"
 
 check: setup
 	$(BIN)/ruff check .

@@ -15,6 +15,7 @@ from calib.world import save_world
 from planview.output.folder import read_run_info
 from planview.trajectories.table import read_tracks
 
+pytestmark = pytest.mark.slow
 FEW = ("--set", "analysis.setup_frames=4")
 NOTES = "notes of another program"
 

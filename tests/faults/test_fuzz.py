@@ -1,8 +1,8 @@
 # ruff: noqa: E501
 """Whatever a file holds, its parser reads it or refuses it in a sentence, and raises nothing else.
 
-``HYPOTHESIS_PROFILE=nightly`` tries 10,000 cases of every parser, others each time, instead of some. What fails names its
-seed. Hypothesis took three quarters of the time, and a seed has nothing to shrink.
+``HYPOTHESIS_PROFILE=nightly`` tries 10,000 cases of every parser, different ones each time (see ``conftest``). A failure
+names its seed.
 """
 
 import os
@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faults.damaged_recordings import CASES, attempt
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_stereo import toy_rig
 
@@ -47,6 +47,7 @@ from stereo.readers.times import load_timestamps
 ROOT = Path(__file__).resolve().parents[2]
 SIZE = (320, 240)
 NIGHTLY = os.environ.get("HYPOTHESIS_PROFILE") == "nightly"
+COUNT = settings.default.max_examples
 FIRST = random.randrange(2**32) if NIGHTLY else 0
 """Seed of the first case."""
 EXTREMES = (
@@ -58,9 +59,12 @@ EXTREMES = (
 """What stands instead of parts of a good file: extremes of numbers, marks of the formats, bytes that are no text."""
 
 
-def try_all(case: Callable[[int], None], count: int = 200) -> None:
-    """So many cases of a parser; 10,000 at night."""
-    for seed in range(FIRST, FIRST + (10_000 if NIGHTLY else count)):
+pytestmark = pytest.mark.fuzz
+
+
+def try_all(case: Callable[[int], None], count: int = COUNT) -> None:
+    """So many cases of a parser."""
+    for seed in range(FIRST, FIRST + count):
         try:
             case(seed)
         except BaseException as error:
@@ -236,7 +240,7 @@ def test_damaged_recording_is_read_or_refused(kind: str) -> None:
     case(2398122040)  # a checkpoint with an array that cannot be written
     case(3369830810)  # a checkpoint whose memory has a list cut short
     case(4211727338)  # a checkpoint with words in the place of numbers
-    try_all(case, 50)  # they open recordings and go on with runs
+    try_all(case, COUNT if NIGHTLY else COUNT // 4)  # they open recordings and resume runs
 
 
 def test_maps_that_are_damaged_are_refused(folder: Path) -> None:

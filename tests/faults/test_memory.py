@@ -23,6 +23,7 @@ from planview.output.run import RunLog, RunOptions, return_unused_memory, run
 from stereo.readers import open_recording
 from stereo.recording import StereoFrame, StereoRecording
 
+pytestmark = pytest.mark.slow
 FRAMES, GROWTH = (54_000, 0.01) if os.environ.get("HYPOTHESIS_PROFILE") == "nightly" else (900, 0.03)
 """A minute leaves what the libraries keep of their first seconds, a hundredth of the whole, in the difference."""
 LAP = 45

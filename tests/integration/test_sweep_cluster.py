@@ -18,6 +18,7 @@ import pytest
 from planview.output.maps_log import MapsLog
 from planview.output.run import run
 
+pytestmark = pytest.mark.slow
 REPOSITORY = Path(__file__).resolve().parents[2]
 JOBS = 8
 
