@@ -157,18 +157,20 @@ class Lens:
         name: for messages.
         model: OpenCV's family.
         count: number of coefficients, in OpenCV's order.
+        fixed: OpenCV's flags of coefficients that stay zero.
     """
 
     name: str
     model: LensModel
     count: int
+    fixed: int = 0
 
     @property
     def flags(self) -> int:
         """OpenCV's calibration flags."""
         if self.model == "fisheye":
             return _fisheye_flag("CALIB_FIX_SKEW") | _fisheye_flag("CALIB_RECOMPUTE_EXTRINSIC")
-        return cv2.CALIB_RATIONAL_MODEL if self.model == "rational" else cv2.CALIB_FIX_K3
+        return cv2.CALIB_RATIONAL_MODEL if self.model == "rational" else cv2.CALIB_FIX_K3 | self.fixed
 
     def camera(self, size: tuple[int, int], matrix: Any, coefficients: Any) -> Camera:
         """The camera of OpenCV's matrix and coefficients. Raises FitError: values that no camera has."""

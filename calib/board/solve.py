@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from calib.board.detect import SIDES, Board, BoardView, Side
@@ -30,11 +31,14 @@ from calib.types import F64, Bool
 FOLDS = 5
 
 LENSES: tuple[Lens, ...] = (
+    Lens("no distortion", "brown", 4, cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_ZERO_TANGENT_DIST),
+    Lens("brown (k1 k2)", "brown", 4, cv2.CALIB_ZERO_TANGENT_DIST),
     Lens("brown (k1 k2 p1 p2)", "brown", 4),
     Lens("fisheye (k1-k4)", "fisheye", 4),
     Lens("rational (k1-k6 p1 p2)", "rational", 8),
 )
-"""Simplest first, one of each model."""
+"""Simplest first. A coefficient that the lens does not have costs accuracy: p1 and p2 trade off against the principal
+point, and that against the rotation between the cameras (0.02 degrees become 0.1 with 12 views)."""
 
 
 @dataclass(frozen=True)
@@ -127,12 +131,14 @@ def _held_out(views: Sequence[BoardView], points: F64, full: RigFit, lens: Lens,
 
 
 def choose_lens(tried: Sequence[LensChoice]) -> LensChoice:
-    """The simplest lens that is no worse than the best by more than one standard error (Breiman's rule).
+    """The simplest lens that is no worse than the best by more than one standard error (Breiman's rule) or 0.5 %.
 
     One that turns back inside the image gives way to another that is worse by no more than 3 % (our choice).
     """
     best = min(one.held_out_px for one in tried)
-    near = [one for one in tried if one.held_out_px - best <= one.std_error_px]
+    # A standard error from five folds is at times too small by chance (our choice; 0.0005 of tangential distortion
+    # makes 1 %).
+    near = [one for one in tried if one.held_out_px - best <= max(one.std_error_px, 0.005 * best)]
     whole = [one for one in near if not one.folds_back]
     whole = whole or [one for one in tried if not one.folds_back and one.held_out_px <= 1.03 * best]
     return (whole or near)[0]

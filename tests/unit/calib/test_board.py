@@ -167,6 +167,12 @@ def test_rig_without_distortion_gets_nearly_none() -> None:
     assert calibration_errors(truth, found.rig)[0] < 0.3 and np.abs(found.rig.left.coefficients[2:]).max() < 1e-3
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_rotation_of_a_rig_without_distortion_is_exact_to_three_hundredths_of_a_degree(seed: int) -> None:
+    truth, views = views_of("plain", 12, seed=seed)
+    assert calibration_errors(truth, solve_board(views, BOARD, SIZE).rig)[2] < 0.03
+
+
 def test_wrong_corners_in_a_view_are_named_and_left_out() -> None:
     truth, views = views_of(n=12)
     views[4] = replace(views[4], right=views[4].right + np.array([6.0, -4.0]))
@@ -227,7 +233,7 @@ def test_nonsense_square_size_is_refused() -> None:
 
 def test_errors_per_view_are_those_that_opencv_reports() -> None:
     truth, views = views_of("brown", 6)
-    fit = fit_rig(views, BOARD.points, (truth.left, truth.right), LENSES[0])
+    fit = fit_rig(views, BOARD.points, (truth.left, truth.right), LENSES[2])
     one = np.float32
     points = [BOARD.points.astype(one)] * 6
     left, right = ([view.image_points(side).astype(one) for view in views] for side in ("left", "right"))  # type: ignore[arg-type]
