@@ -189,6 +189,7 @@ def _refuse_empty(words: Sequence[str]) -> None:
 
 def _fail(message: str, status: int) -> None:
     from calib.errors import printable
+    from planview.commands.options import typed
 
-    print(f"planview: {printable(message)}", file=sys.stderr)
+    print(f"planview: {printable(typed(message))}", file=sys.stderr)
     raise SystemExit(status)

@@ -8,13 +8,14 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from calib.errors import InputError
 from calib.images import as_colour
 from calib.pose import SE3
 from calib.rig import DepthSensor, RgbdRig, StereoRig
@@ -27,6 +28,37 @@ DEFAULT_FPS = 30.0
 """Assumed for images without times."""
 KEPT = 2
 """Frames of a live camera kept while the last one is tracked."""
+
+
+@dataclass
+class OpenOptions:
+    """What the caller supplies about a recording.
+
+    Attributes:
+        calibration: calibration file or folder; found in the recording when None.
+        fps: frames per second, in place of the recording's own times; None takes those.
+        topics: names of the left and the right (or the image's and the depth's) topic of a bag; empty: chosen.
+        right: video or folder of the right camera, where the recording is that of the left one alone.
+    """
+
+    calibration: Path | None = None
+    fps: float | None = None
+    topics: tuple[str, ...] = ()
+    right: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Paths may be given as text."""
+        self.calibration, self.right = (None if path is None else Path(path) for path in (self.calibration, self.right))
+        if self.fps is not None and not 0.01 <= self.fps <= 10_000:
+            raise InputError(f"fps=: expected 0.01 to 10000 frames per second, found {self.fps:g}")
+        if self.topics and (len(self.topics) != 2 or not all(self.topics) or self.topics[0] == self.topics[1]):
+            found = ",".join(self.topics)
+            raise InputError(f"topics=: expected two topics, LEFT,RIGHT or IMAGE,DEPTH, found {found!r}")
+
+    def resolved(self) -> OpenOptions:
+        """With absolute paths."""
+        calibration, right = (path and path.resolve() for path in (self.calibration, self.right))
+        return replace(self, calibration=calibration, right=right)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,8 +239,10 @@ class Recorded(ABC, Generic[Frame]):
         fps, times_s: see ``FrameClock``.
         notes: what the reader assumed, repaired or missed, a sentence each.
         skipped: frames passed over so far while iterating.
+        options: what it was opened with.
     """
 
+    options = OpenOptions()
     sides: tuple[str, ...]
     """Before the reasons why a camera has no image."""
 

@@ -204,7 +204,7 @@ def _video_of_one(path: Path, options: OpenOptions) -> tuple[Video, GroundCamera
             camera = load_ground_camera(options.calibration)
         except InputError:
             return None
-    elif holds_pair(path):
+    elif holds_pair(path, options):
         return None
     else:
         with suppress(InputError):

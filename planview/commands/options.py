@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -15,6 +16,19 @@ from stereo.readers import OpenOptions
 Flag = Annotated[bool, Parameter(negative="")]
 """A switch that is off unless it is given; there is no --no-... of it."""
 JsonFlag = Annotated[bool, Parameter(name="--json", negative="", help="Print one JSON object to standard output.")]
+
+_OPTIONS = {"camera": "calibration", "refined": "refine"}
+"""Options that are not called as the arguments of the Python functions are."""
+
+
+def typed(sentence: str) -> str:
+    """A sentence whose arguments of Python functions, ``fps=`` or ``tracker='harville'``, are options to type."""
+
+    def option(match: re.Match[str]) -> str:
+        return f"--{_OPTIONS.get(match[1], match[1]).replace('_', '-')}" + (f" {match[2]}" if match[2] else "")
+
+    return re.sub(r"\b([a-z][a-z_]*)=(?:'([^']*)'|(?=[\s:;,.)]|$))", option, sentence)
+
 
 _Table = TypeVar("_Table", bound=Params)
 
@@ -31,20 +45,12 @@ def checked(table: type[_Table], **values: Any) -> _Table:
         raise InputError(first_problem(error)) from error
 
 
-def open_options(calibration: Path | None = None, fps: float | None = None, topics: str | None = None) -> OpenOptions:
-    """Options of the command line as a reader takes them.
-
-    Args:
-        topics: two names with a comma between them.
-    Raises:
-        InputError: not two topics, or a rate that no camera has.
-    """
-    if fps is not None and not 0.01 <= fps <= 10_000:
-        raise InputError(f"--fps: expected 0.01 to 10000 frames per second, found {fps:g}")
-    names = tuple(name.strip() for name in topics.split(",")) if topics is not None else ()
-    if topics is not None and (len(names) != 2 or not all(names) or names[0] == names[1]):
-        raise InputError(f"--topics: expected two topics, LEFT,RIGHT or IMAGE,DEPTH, found {topics!r}")
-    return OpenOptions(calibration, fps, names)
+def open_options(
+    calibration: Path | None = None, fps: float | None = None, topics: str | None = None, right: Path | None = None
+) -> OpenOptions:
+    """Options of the command line as a reader takes them; topics are two names with a comma between them."""
+    names = () if topics is None else tuple(name.strip() for name in topics.split(","))
+    return OpenOptions(calibration, fps, names, right)
 
 
 def frame_span(text: str) -> tuple[int, int]:

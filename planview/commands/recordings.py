@@ -5,31 +5,33 @@ from __future__ import annotations
 import json
 import math
 import shlex
-from dataclasses import replace
+from dataclasses import asdict, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from calib.errors import InputError, WorkError
 from calib.io import parse_length
 from calib.rig import save_rig
 from planview.checks.examine import Diagnosis, examine, sentence, write_pictures
 from planview.checks.recording import PairEvidence
-from planview.commands.options import Flag, JsonFlag, open_options
+from planview.commands.options import Flag, JsonFlag, open_options, typed
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search
 from planview.output.progress import PlainConsole
 from stereo.readers import find_layout
 from stereo.readers.base import Layout, Reader, Stream
-from stereo.readers.times import rate_of_times
+from stereo.readers.times import Rate, rate_of_times
 from stereo.recording import StereoRecording
 
 
 def check(
     recording: Path,
+    right: Path | None = None,
     *,
     quick: Flag = False,
     calibration: Path | None = None,
@@ -51,7 +53,9 @@ def check(
     Parameters
     ----------
     recording
-        Folder, video, bag or address of a recording.
+        Folder, video, bag or address of a recording; or the left one of two videos or folders of images.
+    right
+        The right one.
     quick
         Say what it holds: layout, cameras, rates, gaps, calibration, and what is missing. The options below --fps do
         not concern this.
@@ -72,7 +76,7 @@ def check(
     config
         TOML file with the parameters of the run to come: analysis.setup_frames and tables rectify, sgbm, range, floor.
     """
-    opening = open_options(calibration, fps, topics)
+    opening = open_options(calibration, fps, topics, right)
     if quick:
         reader, layout = find_layout(recording, opening)
         found = _found(recording, reader, layout)
@@ -90,13 +94,12 @@ def check(
         print(json.dumps(diagnosis.to_json(), allow_nan=False))
     else:
         for line in verdict(diagnosis):
-            PlainConsole(soft_wrap=True).print(line, highlight=False)
+            PlainConsole(soft_wrap=True).print(typed(line), highlight=False)
         PlainConsole(markup=True).print(table(diagnosis))
-    if out is not None and diagnosis.evidence is None:
-        PlainConsole(stderr=True).print(f"{out}: no pictures, which show a pair or depth", highlight=False)
-    elif out is not None and diagnosis.evidence is not None:
-        for path in write_pictures(diagnosis.evidence, out):
-            PlainConsole(stderr=True).print(f"wrote {path}", highlight=False)
+    if out is not None:
+        written = write_pictures(diagnosis.evidence, out) if diagnosis.evidence else []
+        for line in [f"wrote {path}" for path in written] or [f"{out}: no pictures, which show a pair or depth"]:
+            PlainConsole(stderr=True).print(line, highlight=False)
     _correct(recording, diagnosis.evidence.pair if diagnosis.evidence else None, corrected_rig)
     failed = [check for check in diagnosis.checks if check.failed]
     if failed:
@@ -128,16 +131,13 @@ def verdict(diagnosis: Diagnosis) -> list[str]:
     failed = [check for check in diagnosis.checks if check.failed]
     warned = [check for check in diagnosis.checks if not check.ok and check.warns]
     warnings = f"{len(warned)} warning{'s' * (len(warned) != 1)}" if warned else ""
+    lines = [*(f"failed: {sentence(c)}" for c in failed), *(f"warning: {sentence(c)}" for c in warned)]
     if failed:
         also = f" and {warnings}" if warned else ""
         first = f"Results of this recording cannot be trusted: {len(failed)} of {len(diagnosis.checks)} checks failed"
-        return [
-            f"{first}{also}.",
-            *(f"failed: {sentence(c)}" for c in failed),
-            *(f"warning: {sentence(c)}" for c in warned),
-        ]
+        return [f"{first}{also}.", *lines]
     if warned:
-        return [f"Results can be used, with {warnings}.", *(f"warning: {sentence(c)}" for c in warned)]
+        return [f"Results can be used, with {warnings}.", *lines]
     unknown = [check.name for check in diagnosis.checks if not math.isfinite(check.value)]
     also = f"; not measured: {', '.join(unknown)}" if unknown else ""
     return [f"Nothing wrong was found: {len(diagnosis.checks) - len(unknown)} checks passed{also}."]
@@ -145,16 +145,12 @@ def verdict(diagnosis: Diagnosis) -> list[str]:
 
 def table(diagnosis: Diagnosis) -> Table:
     """The checks as a table for people."""
-    result = Table()
-    result.add_column("")
-    result.add_column("check")
-    result.add_column("value", justify="right")
-    result.add_column("limit", justify="right")
-    result.add_column("meaning")
+    right = partial(Column, justify="right")
+    result = Table("", "check", right("value"), right("limit"), "meaning")
     for check in diagnosis.checks:
         mark = "[green]ok[/]" if check.ok else "[yellow]warning[/]" if check.warns else "[bold red]NO[/]"
         value = f"{check.value:.3g} {check.unit}".strip() if math.isfinite(check.value) else "-"
-        result.add_row(mark, check.name, value, check.limit_text, check.note)
+        result.add_row(mark, check.name, value, check.limit_text, typed(check.note))
     return result
 
 
@@ -172,8 +168,7 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
     try:
         opened = layout.open()
     except InputError as error:
-        text = str(error)
-        missing = [text if "--calibration" in text else f"{text} (--calibration FILE gives one)"]
+        missing = [typed(f"{error} (calibration= gives one)" if "calibration=" not in str(error) else str(error))]
     fps = layout.fps if opened is None else opened.fps  # estimated, where the images have no times
     cameras = [_camera(stream, fps) for stream in layout.streams]
     durations = [camera["duration_s"] for camera in cameras if camera["duration_s"] is not None]
@@ -210,18 +205,9 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
 
 def _camera(stream: Stream, nominal_fps: float) -> dict[str, Any]:
     rate = None if stream.times_s is None else rate_of_times(stream.times_s)
-    return {
-        "name": stream.name,
-        "size": list(stream.size),
-        "frames": stream.n_frames,
-        "pixels": stream.pixels,
-        "fps": rate.fps if rate else nominal_fps,
-        "jitter_ms": rate.jitter_ms if rate else None,
-        "duration_s": rate.duration_s if rate else None,
-        "gaps": rate.gaps if rate else None,
-        "dropped": rate.dropped if rate else None,
-        "longest_gap_s": rate.longest_gap_s if rate else None,
-    }
+    known = asdict(rate) if rate else dict.fromkeys(field.name for field in fields(Rate)) | {"fps": nominal_fps}
+    size = list(stream.size)
+    return {"name": stream.name, "size": size, "frames": stream.n_frames, "pixels": stream.pixels, **known}
 
 
 def _show(found: dict[str, Any], console: Console, name: str) -> None:

@@ -83,10 +83,18 @@ class TrackingOptions:
     """Go on with the run that was interrupted or killed in this folder: the same results as without interruption."""
 
 
-def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions | None = None) -> None:
+def run(
+    recording: Path,
+    right: Path | None = None,
+    *,
+    out: Annotated[Path, _Out],
+    options: TrackingOptions | None = None,
+) -> None:
     """Track people in a recording: tracks.csv, run.json and report.html in a folder.
 
     Example: planview run my_recording --out out --rrd
+
+    Example of two videos, or two folders of images: planview run left.mp4 right.mp4 --calibration rig.toml --out out
 
     Example of saving the plan-view maps and tracking them again: planview run my_recording --out out --maps, then
     planview run out/maps.h5 --out again --tracker template
@@ -104,9 +112,12 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
     ----------
     recording
         Folder with left/ and right/ images or videos (or one side-by-side video) and a calibration; or one video;
-        or maps.h5 of an earlier run. Maps are tracked with the parameters that made them, changed by --config and
-        --set: with the same tracker and parameters the tracks are the same, with others they are an approximation,
-        since the earlier tracker's feedback to the foreground stays in the maps.
+        or the left one of two videos or folders of images; or maps.h5 of an earlier run. Maps are tracked with the
+        parameters that made them, changed by --config and --set: with the same tracker and parameters the tracks are
+        the same, with others they are an approximation, since the earlier tracker's feedback to the foreground stays
+        in the maps.
+    right
+        The right one of two videos or folders of images.
     out
         Folder for the results; made if need be.
     """
@@ -119,14 +130,11 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
         given.append(f"run.frames={last + 1}")
     settings = load_config(options.config, given, base_config(recording))
     overwrite = settings.run.overwrite
-    if options.resume and overwrite:
-        raise InputError("--resume and --overwrite cannot be combined")
     if options.resume and settings.run.real_time:
-        raise InputError(
-            "expected --resume or run.real_time, found both: a run in real time has no checkpoints to go on from"
-        )
-    if options.resume and options.detections:
-        raise InputError("expected --resume or --detections, found both: boxes are tracked again in seconds")
+        raise InputError("--resume and run.real_time cannot be combined: a run in real time has no checkpoints")
+    for name, is_given in (("--overwrite", overwrite), ("--detections", bool(options.detections))):
+        if options.resume and is_given:
+            raise InputError(f"--resume and {name} cannot be combined")
     check_folder(out, overwrite or options.resume, recording)
     console = PlainConsole(stderr=True)
     if options.resume and (info := finished_run(out)) is not None:
@@ -141,17 +149,17 @@ def run(recording: Path, *, out: Annotated[Path, _Out], options: TrackingOptions
                 write_report(out)
     else:
         with compile_notice(console):
-            info = _opened_and_tracked(recording, out, options, settings, console)
+            info = _opened_and_tracked(recording, right, out, options, settings, console)
     summary(console, info, out)
     if info.counts:
         print_counts(info.counts, console)
 
 
 def _opened_and_tracked(
-    recording: Path, out: Path, options: TrackingOptions, settings: Config, console: Console
+    recording: Path, right: Path | None, out: Path, options: TrackingOptions, settings: Config, console: Console
 ) -> RunInfo:
     camera = options.calibration if options.calibration and _is_of_one_camera(options.calibration, options) else None
-    source = open_options(None if camera else options.calibration, options.fps, options.topics)
+    source = open_options(None if camera else options.calibration, options.fps, options.topics, right)
     with console.status("opening the recording, aligning rows, finding the floor"):
         engine = open_engine(recording, options.tracker, settings, camera, source, detections=options.detections)
     if options.maps and (engine.stereo is None or is_maps(recording)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 from numpy.typing import ArrayLike
 from pydantic import ValidationError
@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera
 from calib.params import first_problem
-from planview.engine.config import Config, RunParams
+from planview.engine.config import Config, RunParams, config_of
 from planview.engine.engine import Engine
 from planview.engine.one_camera import one_camera_engine
 from planview.engine.replay import recorded_config, replay_engine
@@ -38,8 +38,8 @@ AnyTracker = TrackerName | Tracker
 def open_engine(
     path: Path | str,
     tracker: AnyTracker = "joint",
-    config: Config | None = None,
-    camera: Path | None = None,
+    config: Config | dict[str, Any] | None = None,
+    camera: Path | str | None = None,
     options: OpenOptions | None = None,
     matcher: Matcher | None = None,
     detections: Path | str | Sequence[ArrayLike] | None = None,
@@ -56,16 +56,18 @@ def open_engine(
         matcher: of stereo pairs; SGBM when None.
         detections: boxes of people that another program found in a video, which are tracked in place of ``tracker``: a
             file (see ``load_detections``), or per frame (N, 4) left, top, width, height [px] or (N, 5) with a score.
-        config: the defaults when None; of plan-view maps the parameters that made them (see ``base_config``).
+        config: every parameter, or tables of those that differ; the defaults, or those that made the maps, when None.
     Raises:
         InputError: a recording, camera or calibration that is missing or does not fit.
         WorkError: no floor is visible.
     """
-    path = Path(path)
+    path, camera = Path(path), None if camera is None else Path(camera)
+    config = config_of(config, "config") if isinstance(config, dict) else config
     if isinstance(tracker, str) and tracker not in get_args(TrackerName):
-        raise InputError(f"--tracker: expected one of {', '.join(get_args(TrackerName))}, found {tracker!r}")
+        raise InputError(f"tracker=: expected one of {', '.join(get_args(TrackerName))}, found {tracker!r}")
     options = options or OpenOptions()
-    if matcher is not None and (is_maps(path) or is_multi_rig(path) or not is_stereo(path, options.calibration)):
+    stereo = is_stereo(path, options.calibration or options.right)
+    if matcher is not None and (is_maps(path) or is_multi_rig(path) or not stereo):
         raise InputError(f"{path}: expected a recording of one stereo pair for a matcher of your own")
     foreign = camera or options.calibration
     if is_maps(path):
@@ -75,16 +77,14 @@ def open_engine(
         config = config or recorded_config(recording)
         return replay_engine(recording, _map_tracker(tracker, config, path), config)
     config = config or Config()
-    if detections is not None and holds_pair(path):
-        raise InputError(f"{path}: expected a video of one camera for --detections, found a stereo recording")
+    if detections is not None and holds_pair(path, options):
+        raise InputError(f"{path}: expected a video of one camera for detections=, found a stereo recording")
     if is_multi_rig(path):
         if foreign is not None:
             raise InputError(f"{foreign}: expected the calibration of every head in its own folder")
         return multi_rig_engine(open_rigs(path), config, _map_tracker(tracker, config, path))
-    takes_images = (
-        detections is not None or tracker in get_args(ImageTrackerName) or hasattr(tracker, "foreground_columns")
-    )
-    if not takes_images or is_stereo(path, options.calibration):
+    of_images = tracker in get_args(ImageTrackerName) or hasattr(tracker, "foreground_columns")
+    if stereo or not (of_images or detections is not None):
         return stereo_engine(open_any(path, options), config, _map_tracker(tracker, config, path), matcher)
     video = open_video(path, options)
     ground_camera = load_ground_camera(camera) if camera else None
@@ -118,9 +118,9 @@ def _map_tracker(tracker: AnyTracker, config: Config, path: Path) -> Tracker:
     return floor_tracker(cast(FloorTrackerName, tracker), config) if isinstance(tracker, str) else tracker
 
 
-def is_stereo(path: Path, calibration: Path | None = None) -> bool:
-    """Whether a path holds a pair of cameras, or images with depth, rather than one camera."""
-    return calibration is not None or holds_pair(path)
+def is_stereo(path: Path, given: Path | None = None) -> bool:
+    """Whether a path holds two cameras or images with depth, as a given calibration or right camera shows, too."""
+    return given is not None or holds_pair(path)
 
 
 def base_config(path: Path) -> Config:
@@ -136,9 +136,8 @@ def base_config(path: Path) -> Config:
 
 def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:
     """A tracker of plan-view maps with its parameters."""
-    if tracker == "joint":
-        return JointTracker(config.joint)
-    return TemplateTracker(config.template, config.maps.height_max_m)
+    template = TemplateTracker(config.template, config.maps.height_max_m)
+    return JointTracker(config.joint) if tracker == "joint" else template
 
 
 def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamera | None) -> ImageTracker:
@@ -152,7 +151,7 @@ def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamer
 
         return EllipseParticleTracker(config.ellipse_particle, camera, config.seed)
     if camera is None:
-        raise InputError("--calibration: the human-model tracker needs a camera.toml (see planview calibrate human)")
+        raise InputError("camera=: the human-model tracker needs a camera.toml (planview calibrate human writes it)")
     from planview.tracking.human_model.tracker import HumanModelTracker
 
     try:

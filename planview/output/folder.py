@@ -21,6 +21,7 @@ from calib.errors import InputError, WorkError
 from calib.io import PART, reason, write_whole
 from calib.params import first_problem
 from planview.engine.info import CameraInfo, FloorInfo, InfoPart
+from stereo.recording import OpenOptions
 
 
 class SkippedFrame(InfoPart):
@@ -66,6 +67,7 @@ class RunInfo(InfoPart):
     """The recording as given."""
     recording: str = ""
     """Its absolute path; empty for a camera that runs."""
+    opened: OpenOptions = OpenOptions()
     size_px: tuple[int, int] | None = None
     """(width, height) of the images in whose pixels the boxes of tracks.csv are; None in files of older versions."""
     fps: float | None = None

@@ -175,9 +175,10 @@ def _source(results: RunFolder, base: Config, config: Config) -> Path:
 
 def _engine(path: Path, results: RunFolder, config: Config) -> Engine:
     tracker, camera = cast(TrackerName, results.info.tracker), results.ground_camera
+    options = None if is_maps(path) else results.options
     if camera is None:
-        return open_engine(path, tracker, config)
+        return open_engine(path, tracker, config, options=options)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "camera.toml"
         save_ground_camera(camera, file)
-        return open_engine(path, tracker, config, file)
+        return open_engine(path, tracker, config, file, options)

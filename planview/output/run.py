@@ -38,6 +38,7 @@ from planview.output.resume import (
 from planview.output.tables import FilePosition, RunTables
 from planview.output.totals import Pace, RunChecks, RunTotals
 from planview.trajectories.table import is_person
+from stereo.recording import OpenOptions
 
 
 class RunLog(Protocol):
@@ -330,11 +331,12 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> di
     rules = counts and {"rules": replace(counts.rules, source=""), "params": counts.params}
     camera, floor = engine.camera_info(), engine.floor_info()
     named = {"calibration": True, "heads": {"__all__": {"calibration"}}}
+    right = getattr(recording, "options", OpenOptions()).right
     return {
         "version": library_versions() | {"planview": code_version()},
         "configuration": engine.config.model_dump(mode="json", exclude={"run"}),
         "recording": {
-            "images": content_key(recording.path, texts=False) if recording.path.exists() else "",
+            "images": [content_key(path, texts=False) for path in (recording.path, right) if path and path.exists()],
             "calibration": calibration_key(recording),
             "frames": recording.n_frames,
             "fps": recording.fps,
@@ -352,6 +354,7 @@ def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
     return RunInfo(
         input=os.fspath(path),
         recording=os.fspath(path.resolve()) if path.exists() else "",
+        opened=getattr(engine.recording, "options", OpenOptions()).resolved(),
         size_px=engine.size,
         fps=engine.recording.fps,
         plane="floor" if engine.camera is not None else "image",

@@ -24,6 +24,7 @@ from planview.output.folder import RunInfo, read_run_info
 from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, people_of, read_tracks
 from stereo.depth import RectifiedGeometry, StereoFloorCamera
+from stereo.recording import OpenOptions
 
 if TYPE_CHECKING:
     from planview.evaluation.evaluate import EvaluationParams
@@ -83,21 +84,25 @@ class RunFolder:
         return read_object(self.path / "counts.json") or dict(self.info.counts)
 
     @cached_property
-    def recording(self) -> Path | None:
-        """The recording with the images, as far as it is known: of maps.h5 that of the run that wrote it."""
-        info, path = self.info, None
-        # Plan-view recordings are followed so far back to the recording with the images.
-        for _ in range(5):
+    def _source(self) -> RunInfo:
+        """run.json of the run that read the images: of maps.h5 that of the run that wrote it."""
+        info = self.info
+        for _ in range(5):  # maps of maps
             path = _recording_of(info)
-            beside = path.parent / "run.json" if path else None
-            if path is None or beside is None or not (path.is_file() and beside.is_file()):
+            if path is None or path.suffix != ".h5" or not (path.parent / "run.json").is_file():
                 break
-            from planview.maps.recording import is_maps  # brings HDF5
+            info = read_run_info(path.parent / "run.json")
+        return info
 
-            if not is_maps(path):
-                break
-            info = read_run_info(beside)
-        return path
+    @property
+    def recording(self) -> Path | None:
+        """The recording with the images, as far as it is known."""
+        return _recording_of(self._source)
+
+    @property
+    def options(self) -> OpenOptions:
+        """What the recording is opened with again."""
+        return self._source.opened
 
     @property
     def tracked(self) -> Path | None:

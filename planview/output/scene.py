@@ -83,14 +83,8 @@ def open_frames(run: RunFolder) -> SceneFrames:
         rigs = open_rigs(path)
         return SceneFrames(rigs, *_of_recording(rigs.rigs[0].recording, info.floor, config))
     if info.rig is None or (info.rig.baseline_m is None and info.rig.depth_sensor is None):
-        return SceneFrames(open_video(path), run.ground_camera, lambda frame: frame.image)
-    try:
-        recording = open_any(path)
-    except InputError:  # the calibration does not lie in the recording: that which the run was given
-        calibration = info.rig.calibration
-        if calibration is None or not Path(calibration).exists():
-            raise
-        recording = open_any(path, OpenOptions(Path(calibration)))
+        return SceneFrames(open_video(path, run.options), run.ground_camera, lambda frame: frame.image)
+    recording = open_any(path, run.options)
     return SceneFrames(recording, *_of_recording(recording, info.floor, config))
 
 
@@ -130,12 +124,12 @@ def scene_of(path: Path, options: OpenOptions | None = None) -> SceneCloud:
         InputError: no recording of a pair or of images with depth.
         WorkError: no floor is visible.
     """
-    config, recording = Config(), path
+    config, recording, options = Config(), path, options or OpenOptions()
     if (path / "run.json").is_file():
         run = RunFolder(path)
         config, recording = config_of(run.info.config, str(path / "run.json")), run.recording or path
-    calibration = options.calibration if options else None
-    if not recording.exists() or not (calibration or holds_pair(recording)):
+        options = options if options.calibration else run.options
+    if not recording.exists() or not (options.calibration or holds_pair(recording, options)):
         raise InputError(f"{recording}: expected a recording of a stereo pair or of images with depth, found none")
     opened = open_any(recording, options)
     return scene_cloud(opened, set_up(opened, config), config)

@@ -16,7 +16,7 @@ from planview.counting import rules as rules_files
 from planview.counting import totals
 from planview.counting.rules import AnalyticsParams, Rules
 from planview.counting.totals import Counts
-from planview.engine.config import Config, config_of
+from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import AnyTracker, open_engine
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
@@ -73,17 +73,12 @@ def run(
         InputError: a recording, calibration or camera that is missing or does not fit; results in the folder.
         WorkError: no floor is visible, or the folder cannot be written.
     """
-    if isinstance(config, dict):
-        config = config_of(config, "config")
     if out is not None:
         check_folder(Path(out), overwrite)
     if isinstance(source, Path | str):
-        path = Path(source)
-        placed = None if camera is None else Path(camera)
-        engine = open_engine(path, tracker, config, placed, options, matcher, detections)
-        name = (
-            "detections" if detections is not None else tracker if isinstance(tracker, str) else type(tracker).__name__
-        )
+        engine = open_engine(source, tracker, config, camera, options, matcher, detections)
+        name = tracker if isinstance(tracker, str) else type(tracker).__name__
+        name = name if detections is None else "detections"
     else:
         engine, name = source, type(source.tracker).__name__
     if out is None:

@@ -20,13 +20,14 @@ from calib.types import F64, I64, U8
 from calib.world import load_world
 from stereo.readers.images import ImageFiles, Size, bits_note, bits_of
 from stereo.readers.pairing import TimePairs, pair_stamps
-from stereo.readers.times import load_timestamps
+from stereo.readers.times import load_timestamps, rate_of_times
 from stereo.recording import (
     DEFAULT_FPS,
     Decoded,
     DecodedPair,
     FrameClock,
     LiveRecording,
+    OpenOptions,
     PairsOf,
     RgbdRecording,
     StereoRecording,
@@ -85,21 +86,6 @@ def split_pairs(
 
 AnyRecording = StereoRecording | RgbdRecording
 """What a layout opens to."""
-
-
-@dataclass(frozen=True)
-class OpenOptions:
-    """What the caller supplies about a recording.
-
-    Attributes:
-        calibration: calibration file or folder; found in the recording when None.
-        fps: frames per second, in place of the recording's own times; None takes those.
-        topics: names of the left and the right (or the image's and the depth's) topic of a bag; empty: chosen.
-    """
-
-    calibration: Path | None = None
-    fps: float | None = None
-    topics: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +212,7 @@ def clock_of(
     if math.isfinite(file_fps) and not raw:
         return FrameClock(file_fps)
     fps = file_fps if math.isfinite(file_fps) else DEFAULT_FPS
-    note = f"no timestamps: {fps:g} frames per second are assumed (--fps gives another rate)"
+    note = f"no timestamps: {fps:g} frames per second are assumed; fps gives another rate"
     return FrameClock(fps, None, (note,), even=raw)
 
 
@@ -239,9 +225,8 @@ def clock_of_pairs(pairs: TimePairs, options: OpenOptions) -> FrameClock:
 
 def rate_of(times_s: F64) -> float:
     """Nominal frames per second of a table of times, ``DEFAULT_FPS`` when it holds fewer than two."""
-    steps = np.diff(times_s)
-    steps = steps[np.isfinite(steps)]
-    return float(1.0 / np.median(steps)) if steps.size else DEFAULT_FPS
+    rate = rate_of_times(times_s)
+    return rate.fps if rate else DEFAULT_FPS
 
 
 def rig_in(folder: Path, options: OpenOptions, size: Size) -> Callable[[], StereoRig]:
@@ -274,7 +259,6 @@ class TimedFiles(NamedTuple):
     """One camera.
 
     Attributes:
-        folder: for messages.
         files: in the order of the recording.
         ns: (n,) int64 [ns], when each was taken.
     """
@@ -291,11 +275,13 @@ def timed_layout(
     options: OpenOptions,
     rig: Callable[[Size], StereoRig],
     notes: Sequence[str] = (),
+    folder: Path | None = None,
 ) -> Layout:
     """Pair the images by their times.
 
     Args:
         rig: reads the calibration for images of a size.
+        folder: where world.toml lies; the path when None.
     Raises:
         InputError: no image of a camera can be decoded, sizes differ, or nothing pairs.
     """
@@ -316,7 +302,7 @@ def timed_layout(
     )
     return stereo_layout(
         path, partial(both, a, b), streams, len(pairs.left), clock_of_pairs(pairs, options), partial(rig, size),
-        (*notes, *bits_note(bits)), unpaired=pairs.unpaired,
+        (*notes, *bits_note(bits)), unpaired=pairs.unpaired, folder=folder,
     )  # fmt: skip
 
 

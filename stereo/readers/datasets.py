@@ -7,12 +7,10 @@ images.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from functools import partial
-from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -29,7 +27,6 @@ from calib.rig import RgbdRig
 from calib.types import I64
 from stereo.readers.base import (
     Layout,
-    OpenOptions,
     Reader,
     Stream,
     TimedFiles,
@@ -42,7 +39,7 @@ from stereo.readers.images import DepthFiles, ImageFiles, frame_number, image_fi
 from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
 from stereo.readers.rgbd import rgbd_layout
 from stereo.readers.times import MAX_BYTES, NS, read_stamps, stamp_list
-from stereo.recording import FrameClock
+from stereo.recording import FrameClock, OpenOptions
 
 
 def _euroc_root(path: Path) -> Path:
@@ -65,11 +62,8 @@ def _euroc_find(path: Path, options: OpenOptions) -> Layout:
 def _euroc_camera(folder: Path) -> TimedFiles:
     data, listed = folder / "data", folder / "data.csv"
     if listed.is_file():
-        lines = csv.reader(StringIO(read_text(listed, "rows of timestamp,filename", MAX_BYTES), newline=""))
-        try:
-            rows = [row for row in lines if row and row[0].strip() and not row[0].lstrip().startswith("#")]
-        except csv.Error as error:
-            raise InputError(f"{listed}: expected rows of timestamp,filename, found {error}") from error
+        lines = read_text(listed, "rows of timestamp,filename", MAX_BYTES).splitlines()
+        rows = [line.split(",") for line in lines if line.strip() and not line.lstrip().startswith("#")]
         if short := [row for row in rows if len(row) < 2]:
             raise InputError(f"{listed}: expected rows of timestamp,filename, found {short[0][0][:60]!r}")
         texts, files = [row[0] for row in rows], [data / Path(row[1].strip()).name for row in rows]

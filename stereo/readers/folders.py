@@ -13,7 +13,6 @@ from calib.io import entries
 from stereo.readers import images
 from stereo.readers.base import (
     Layout,
-    OpenOptions,
     Reader,
     Stream,
     TimedFiles,
@@ -28,6 +27,7 @@ from stereo.readers.base import (
 from stereo.readers.images import ImageFiles, bits_note, bits_of, frame_number, image_files
 from stereo.readers.pairing import Pair, pair_files, split_sides
 from stereo.readers.times import read_stamps, stamp_list, stamps_in_names
+from stereo.recording import OpenOptions
 
 
 class _Sides(NamedTuple):
@@ -40,34 +40,47 @@ class _Sides(NamedTuple):
 
 def _find(path: Path, options: OpenOptions) -> Layout:
     folders = _folders(path)
-    if folders is None:
-        sides = _flat(path) or _Sides((path, path), ([], []))
-    else:
-        sides = _Sides(folders, (image_files(folders[0]), image_files(folders[1])))
-        for folder, found in zip(folders, sides.files, strict=True):
-            if not found:
-                raise InputError(f"{folder}: expected images ({', '.join(sorted(images.SUFFIXES))}), found none")
-    timed = _timed(path, sides)
+    if folders is not None:
+        return folder_pair(path, *folders, path, options)
+    return _sides_layout(path, _flat(path) or _Sides((path, path), ([], [])), path, options)
+
+
+def folder_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenOptions) -> Layout:
+    """Images in two folders.
+
+    Args:
+        path: of the recording.
+        folder: where calibration, times and world.toml lie.
+    """
+    sides = _Sides((left, right), (image_files(left), image_files(right)))
+    for side, found in zip(sides.folders, sides.files, strict=True):
+        if not found:
+            raise InputError(f"{side}: expected images ({', '.join(sorted(images.SUFFIXES))}), found none")
+    return _sides_layout(path, sides, folder, options)
+
+
+def _sides_layout(path: Path, sides: _Sides, folder: Path, options: OpenOptions) -> Layout:
+    timed = _timed(folder, sides)
     if timed is not None:
-        return timed_layout(path, *timed, options, partial(load_rig, options.calibration or path))
-    return files_layout(path, pair_files(*sides.files, sides.number), options)
+        return timed_layout(path, *timed, options, partial(load_rig, options.calibration or folder), folder=folder)
+    return files_layout(path, pair_files(*sides.files, sides.number), options, folder)
 
 
-def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions) -> Layout:
+def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions, folder: Path | None = None) -> Layout:
     """Images that pair by their names, at the times of the folder's timestamps.csv."""
-    sides = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+    folder, sides = folder or path, ([pair[0] for pair in pairs], [pair[1] for pair in pairs])
     bits = bits_of(*sides)
     a, b = (ImageFiles(files, bits) for files in sides)
     left, right = (next(file for file in files if file) for files in sides)
     names = (left, right) if left.parent == right.parent else (left.parent, right.parent)
-    size, clock = same_size(a, b, *names), clock_of(path, options, len(pairs))
+    size, clock = same_size(a, b, *names), clock_of(folder, options, len(pairs))
     streams = tuple(
         Stream(name, size, sum(file is not None for file in files), clock.times_s, pixel_text(source.is_grey, bits))
         for name, files, source in zip(("left", "right"), sides, (a, b), strict=True)
     )
     return stereo_layout(
-        path, partial(both, a, b), streams, len(pairs), clock, rig_in(path, options, size), bits_note(bits),
-        unpaired=sum(None in pair for pair in pairs),
+        path, partial(both, a, b), streams, len(pairs), clock, rig_in(folder, options, size), bits_note(bits),
+        unpaired=sum(None in pair for pair in pairs), folder=folder,
     )  # fmt: skip
 
 

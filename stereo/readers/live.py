@@ -9,7 +9,6 @@ from contextlib import closing
 from functools import partial
 from itertools import count, islice
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,96 +17,74 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.images import as_grey
 from calib.rig import StereoRig
-from stereo.readers.base import Layout, OpenOptions, Reader, Stream, pixel_text, same_size, stereo_layout
+from stereo.readers.base import Layout, Reader, Stream, pixel_text, same_size, stereo_layout
 from stereo.readers.images import is_grey
 from stereo.readers.side_by_side import packed_layout
-from stereo.recording import DEFAULT_FPS, Decoded, DecodedPair, FrameClock, newest
+from stereo.recording import DEFAULT_FPS, Decoded, DecodedPair, FrameClock, OpenOptions, newest
 
-_ADDRESS = re.compile(r"(rtsps?|https?|rtmps?|udp|tcp|srt):/+", re.IGNORECASE)
-_DEVICE = re.compile(r"\d{1,3}")
-_PASSWORD = re.compile(r"(?<=://)[^/@]*@")
-
-
-class Address(NamedTuple):
-    """A device's number or a stream's address.
-
-    Attributes:
-        drops: frames that come while the last ones are tracked are dropped; a file served over HTTP waits instead.
-    """
-
-    opens: int | str
-    drops: bool
-
-    @property
-    def text(self) -> str:
-        """For messages and results: without name and password."""
-        return _PASSWORD.sub("", str(self.opens))
+_CAMERA = re.compile(r"\d{1,3}|(?:rtsps?|https?|rtmps?|udp|tcp|srt):/.*", re.IGNORECASE)
 
 
 class LiveSource:
-    """Images of a camera from now on (a ``FrameSource`` whose end is not known).
+    """Images of a device or an address from now on (a ``FrameSource`` whose end is not known).
 
-    Their times are the stream's own while these increase, else the machine's clock.
+    Their times are the stream's own while these increase, else the machine's clock. Frames that come while earlier
+    ones are tracked are dropped; a file that is served over HTTP waits.
 
-    Attributes:
-        pictures: the first ones.
     Raises:
         InputError: nothing answers there, or it gives no image.
     """
 
-    n_frames = 0
-    is_grey = False
+    n_frames, fps, raw, is_grey = 0, DEFAULT_FPS, False, False
 
-    def __init__(self, address: Address) -> None:
-        self.address, self.fps, self.raw = address, DEFAULT_FPS, False
-        # The first frames tell size and layout; cameras need some to adapt to the light.
-        with closing(self._capture()) as frames:
+    def __init__(self, address: str) -> None:
+        self._address = address
+        self.name = without_password(address)
+        self.waits = address.lower().startswith("http")
+        with closing(self._capture()) as frames:  # cameras need some frames to adapt to the light
             self.pictures = [np.asarray(f.image, dtype=np.uint8) for f in islice(frames, 3)]
         if not self.pictures:
-            raise InputError(f"{address.text}: expected a camera or a stream of images, found none")
+            raise InputError(f"{self.name}: expected a camera or a stream of images, found none")
         self.size = self.pictures[-1].shape[1], self.pictures[-1].shape[0]
         self.is_grey = is_grey(self.pictures[-1])
 
     def __iter__(self) -> Iterator[Decoded]:
-        return with_gaps(newest(self._capture())) if self.address.drops else self._capture()
+        return self._capture() if self.waits else with_gaps(newest(self._capture()))
 
     def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
         """These of the frames that come from now on."""
         wanted = set(indices)
         with closing(self._capture()) as frames:
-            for frame in frames:
-                if frame.index in wanted:
-                    yield frame
-                if not wanted or frame.index >= max(wanted):
-                    return
+            yield from (f for f in islice(frames, max(wanted, default=-1) + 1) if f.index in wanted)
 
     def _capture(self) -> Generator[Decoded, None, None]:
-        if isinstance(self.address.opens, int):
-            capture = cv2.VideoCapture(self.address.opens)
-        else:
-            # An address that does not answer, or a stream without a frame, is given up after 10 s (our choice).
-            limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 10_000, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 10_000]
-            capture = cv2.VideoCapture(self.address.opens, cv2.CAP_FFMPEG, limits)
+        # An address that does not answer, or a stream without a frame, is given up after 10 s (our choice).
+        limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 10_000, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 10_000]
+        opens = [int(self._address)] if self._address.isdecimal() else [self._address, cv2.CAP_FFMPEG, limits]
+        capture = cv2.VideoCapture(*opens)
         try:
             if not capture.isOpened():
-                raise InputError(f"{self.address.text}: expected a camera or a stream, found nothing that answers")
+                raise InputError(f"{self.name}: expected a camera or a stream, found nothing that answers")
             rate = capture.get(cv2.CAP_PROP_FPS)
-            self.fps = float(rate) if np.isfinite(rate) and 0 < rate <= 1000 else DEFAULT_FPS
-            start_s = zero_s = last_s = 0.0
-            own = True
+            self.fps = float(rate) if 0 < rate <= 1000 else DEFAULT_FPS
+            start_s, first_s, last_s = time.monotonic(), 0.0, -1.0
             for index in count():
                 found, image = capture.read()
                 if not found or image is None:
                     return
-                now_s, stream_s = time.monotonic(), capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
-                if index == 0:
-                    start_s, zero_s, last_s = now_s, stream_s, -1.0
-                own = own and stream_s - zero_s > last_s
-                last_s = stream_s - zero_s if own else max(now_s - start_s, last_s + 1e-3)
+                own_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
+                first_s = own_s if index == 0 else first_s
+                own_s -= first_s
+                last_s = own_s if own_s > last_s else max(time.monotonic() - start_s, last_s + 1e-3)
                 pixels = np.asarray(image, dtype=np.uint8)
                 yield Decoded(index, last_s, as_grey(pixels) if self.is_grey else pixels)
         finally:
             capture.release()
+
+
+def without_password(address: str) -> str:
+    """An address as messages and results show it."""
+    return re.sub(r"(?<=://)[^/@]*@", "", address)
 
 
 def with_gaps(frames: Generator[Decoded, None, None]) -> Generator[Decoded, None, None]:
@@ -122,21 +99,18 @@ def with_gaps(frames: Generator[Decoded, None, None]) -> Generator[Decoded, None
 
 
 def _find(path: Path, options: OpenOptions) -> Layout:
-    addresses, calibration = _addresses(path), options.calibration
-    if len(addresses) > 2:
-        raise InputError(f"{path}: expected one or two cameras, found {len(addresses)}")
-    named = Path(",".join(address.text for address in addresses))
-    waits = not any(address.drops for address in addresses)
-    folder = Path("no-calibration")  # where world.toml lies: beside the calibration
-    if calibration is not None:
-        folder = calibration if calibration.is_dir() else calibration.parent
-    sources = tuple(LiveSource(address) for address in addresses)
+    sources = [LiveSource(address) for address in addresses(path)]
+    if len(sources) > 2:
+        raise InputError(f"{path}: expected one or two cameras, found {len(sources)}")
+    named, calibration = Path(",".join(source.name for source in sources)), options.calibration
+    waits = all(source.waits for source in sources)
+    # world.toml lies next to the calibration.
+    folder = Path("no-calibration") if calibration is None else calibration
+    folder = folder.parent if folder.is_file() else folder
 
     def rig() -> StereoRig:
         if calibration is None:
-            raise InputError(
-                f"{named}: expected the calibration of the cameras, found none: --calibration FILE gives it"
-            )
+            raise InputError(f"{named}: expected the calibration of the cameras, found none: calibration= gives it")
         return load_rig(calibration, sources[0].size)
 
     if len(sources) == 1:
@@ -144,7 +118,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
             named, named, folder, sources[0], sources[0].pictures, options,
             rig=None if calibration else rig, live_waits=waits,
         )  # fmt: skip
-    size = same_size(sources[0], sources[1], addresses[0].text, addresses[1].text)
+    size = same_size(sources[0], sources[1], sources[0].name, sources[1].name)
     streams = tuple(
         Stream(name, size, 0, None, pixel_text(source.is_grey, None))
         for name, source in zip(("left", "right"), sources, strict=True)
@@ -162,21 +136,17 @@ def _together(sources: Sequence[LiveSource], indices: Sequence[int] | None) -> G
         yield left, Decoded(left.index, right.timestamp_s, right.image, right.why)
 
 
-def _addresses(path: Path) -> list[Address]:
-    """Addresses of the cameras; a path leaves one slash of an address's two."""
+def addresses(path: Path) -> list[str]:
+    """Numbers and addresses of cameras with commas between them, of whose two slashes a path leaves one; none of
+    anything else."""
     parts = re.split(r",(?=\d|\w+:/)", str(path))
-    if all(_DEVICE.fullmatch(part) for part in parts):
-        return [Address(int(part), True) for part in parts]
-    if not all(_ADDRESS.match(part) for part in parts):
-        return []
-    addresses = [_ADDRESS.sub(lambda match: f"{match[1]}://", part, count=1) for part in parts]
-    return [Address(address, not address.lower().startswith("http")) for address in addresses]
+    return [re.sub(":/+", "://", part, count=1) for part in parts] if all(map(_CAMERA.fullmatch, parts)) else []
 
 
 READER = Reader(
     "live",
     "live cameras",
     "a camera's number or an address (rtsp://, http://)",
-    lambda path: not path.exists() and bool(_addresses(path)),
+    lambda path: not path.exists() and bool(addresses(path)),
     _find,
 )

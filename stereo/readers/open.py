@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Generator, Sequence
 from contextlib import closing
@@ -12,16 +13,17 @@ from calib.errors import InputError
 from calib.io import entries, reason
 from calib.world import RIGS_FILE, load_rigs
 from stereo.readers.bags.layout import READER as BAG
-from stereo.readers.base import AnyRecording, FrameSource, Layout, OpenOptions, Reader, clock_of, frames_of
+from stereo.readers.base import AnyRecording, FrameSource, Layout, Reader, clock_of, frames_of
 from stereo.readers.datasets import EUROC, KITTI, KITTI_SEQUENCE, MIDDLEBURY, TUM_RGBD
 from stereo.readers.folders import READER as FOLDERS
+from stereo.readers.folders import folder_pair
 from stereo.readers.images import ImageFiles, bits_note, bits_of, image_files
 from stereo.readers.live import READER as LIVE
 from stereo.readers.rgbd import READER as RGBD_FOLDERS
 from stereo.readers.side_by_side import READER as SIDE_BY_SIDE
 from stereo.readers.video import READER as VIDEO_PAIR
-from stereo.readers.video import VideoFile, video_files
-from stereo.recording import Decoded, StereoRecording, Video
+from stereo.readers.video import VideoFile, video_files, video_pair
+from stereo.recording import Decoded, OpenOptions, StereoRecording, Video
 
 _POINTER = re.compile(rb"\Aversion https://git-lfs\.github\.com/spec/v1\noid [^\n]+\nsize (\d+)")
 _NAMED = {
@@ -157,30 +159,55 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:3]) + more if more or len(names) < 2 else ", ".join(names[:-1]) + f" and {names[-1]}"
 
 
-def holds_pair(path: Path) -> bool:
+def _two_paths(left: Path, options: OpenOptions) -> Layout:
+    """The recordings of a left and a right camera, two videos or two folders of images, as one."""
+    paths = left, options.right or left
+    for path in paths:
+        if not path.exists():
+            raise InputError(f"{path}: expected a video or a folder of images of one camera, found nothing there")
+    folder = Path(os.path.commonpath([path.resolve().parent for path in paths]))
+    if all(map(image_files, filter(Path.is_dir, paths))) and all(map(Path.is_dir, paths)):
+        return folder_pair(left, *paths, folder, options)
+    videos = [video_files(path) if path.is_dir() else [path] for path in paths]
+    if [len(found) for found in videos] != [1, 1]:
+        raise InputError(f"{left} and {paths[1]}: expected two videos or two folders of images, found others")
+    return video_pair(left, videos[0][0], videos[1][0], folder, options)
+
+
+TWO_PATHS = Reader(
+    "two-paths", "two recordings of one camera each", "a left and a right recording", lambda path: False, _two_paths
+)
+
+
+def holds_pair(path: Path, options: OpenOptions | None = None) -> bool:
     """Whether a path holds images of two cameras, or images with depth; one video counts as one camera's."""
+    if options is not None and options.right is not None:
+        return True
     reader = next((reader for reader in READERS if reader.fits(path)), None)
     return reader is not None and reader.key not in ("side-by-side", "live")
 
 
-def find_layout(path: Path, options: OpenOptions | None = None) -> tuple[Reader, Layout]:
+def find_layout(path: Path | str, options: OpenOptions | None = None) -> tuple[Reader, Layout]:
     """What is at a path; no calibration is needed yet.
 
     Raises:
         InputError: no recording there, unreadable, or sides that differ in size.
     """
-    reader, options = find_reader(path), options or OpenOptions()
+    path, options = Path(path), options or OpenOptions()
+    reader = TWO_PATHS if options.right is not None else find_reader(path)
     if options.topics and reader is not BAG:
-        raise InputError(f"--topics: expected a bag, found {path}: {reader.name}")
+        raise InputError(f"topics=: expected a bag, found {path}: {reader.name}")
     return reader, reader.find(path, options)
 
 
-def open_any(path: Path, options: OpenOptions | None = None) -> AnyRecording:
+def open_any(path: Path | str, options: OpenOptions | None = None) -> AnyRecording:
     """Open a recording of any kind, with its calibration (same errors as ``open_recording``)."""
-    return find_layout(path, options)[1].open()
+    recording = find_layout(path, options)[1].open()
+    recording.options = options or OpenOptions()
+    return recording
 
 
-def open_recording(path: Path, options: OpenOptions | None = None) -> StereoRecording:
+def open_recording(path: Path | str, options: OpenOptions | None = None) -> StereoRecording:
     """Open a recorded stereo pair; nothing is decoded but the first frame of each side.
 
     Videos of different lengths are cut to the shorter one and the missing frames are reported in ``skipped``: a video
@@ -197,7 +224,7 @@ def open_recording(path: Path, options: OpenOptions | None = None) -> StereoReco
     return recording
 
 
-def open_video(path: Path, options: OpenOptions | None = None) -> Video:
+def open_video(path: Path | str, options: OpenOptions | None = None) -> Video:
     """Open a single-camera recording: a video file, or a folder of images (and timestamps.csv).
 
     Args:
@@ -205,25 +232,23 @@ def open_video(path: Path, options: OpenOptions | None = None) -> Video:
     Raises:
         InputError: nothing there, not a video or images, or options that only recordings with depth have.
     """
-    options = options or OpenOptions()
+    path, options = Path(path), options or OpenOptions()
     if not path.exists():
         raise InputError(f"{path}: expected a video or a folder of images, found nothing there")
     if options.topics:
-        raise InputError(f"--topics: expected a bag, found {path}: one camera")
+        raise InputError(f"topics=: expected a bag, found {path}: one camera")
     if options.calibration is not None:
-        raise InputError(f"--calibration: expected a stereo pair or images with depth, found {path}: one camera")
-    if path.is_file():
-        source: FrameSource = VideoFile(path)
-        clock = clock_of(path, options, source.n_frames, source.fps, source.raw)
-        return Video(path, partial(_alone, source), source.size, source.n_frames, clock, clock.notes)
-    files, videos = image_files(path), video_files(path)
+        raise InputError(f"calibration=: expected a stereo pair or images with depth, found {path}: one camera")
+    files, videos = ([], [path]) if path.is_file() else (image_files(path), video_files(path))
     if not files and len(videos) != 1:
         raise InputError(f"{path}: expected images or one video, found {len(videos)} videos and no image")
     bits = bits_of(files)
-    source = ImageFiles(files, bits) if files else VideoFile(videos[0])
+    source: FrameSource = ImageFiles(files, bits) if files else VideoFile(videos[0])
     clock = clock_of(path, options, source.n_frames, source.fps, source.raw)
     notes = (*clock.notes, *bits_note(bits))
-    return Video(path, partial(_alone, source), source.size, source.n_frames, clock, notes)
+    video = Video(path, partial(_alone, source), source.size, source.n_frames, clock, notes)
+    video.options = options
+    return video
 
 
 def _alone(source: FrameSource, indices: Sequence[int] | None) -> Generator[tuple[Decoded], None, None]:

@@ -23,7 +23,6 @@ from stereo.readers.base import (
     FrameSource,
     ItemSource,
     Layout,
-    OpenOptions,
     Reader,
     Stream,
     both,
@@ -34,7 +33,7 @@ from stereo.readers.base import (
 from stereo.readers.images import DepthFiles, ImageFiles, Size, image_files, read_depth
 from stereo.readers.pairing import Pair, depth_note, nearest_mates, pair_files
 from stereo.readers.times import stamps_in_names
-from stereo.recording import DEFAULT_FPS, FrameClock, RgbdFrame, RgbdRecording
+from stereo.recording import DEFAULT_FPS, FrameClock, OpenOptions, RgbdFrame, RgbdRecording
 
 MIN_PAIRS = 4
 """With movement in fewer of them nothing is said (our choice)."""
@@ -154,7 +153,7 @@ def rgbd_layout(
             recording.clock = FrameClock(round(rate, 1) if slow and rate else DEFAULT_FPS)
             why = ", at which what moves is as fast as a walker" if slow else ""
             recording.notes.append(
-                f"no timestamps: {recording.fps:g} frames per second are assumed{why} (--fps gives another rate)"
+                f"no timestamps: {recording.fps:g} frames per second are assumed{why}; fps gives another rate"
             )
         return recording
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -20,7 +20,6 @@ from calib.types import F64, U8
 from stereo.readers.base import (
     FrameSource,
     Layout,
-    OpenOptions,
     Reader,
     Stream,
     clock_of,
@@ -30,6 +29,7 @@ from stereo.readers.base import (
 )
 from stereo.readers.images import Size, is_grey
 from stereo.readers.video import SUFFIXES, VideoFile, video_files
+from stereo.recording import OpenOptions
 from stereo.rig_correction import match_corners
 
 NEARER = 0.8
@@ -38,23 +38,20 @@ ROWS_PX = 1.5
 """Median row offset [px of 640] up to which rows count as aligned (our choice; a worn factory calibration has 0.6)."""
 
 
-@dataclass(frozen=True)
-class Order:
-    """What the corners say.
+class Order(NamedTuple):
+    """What the corners show.
 
     Attributes:
         swapped: the first view is the right camera's.
         rectified: the views are rectified already.
         nearer: share of corners nearer than infinity, in this order.
         rows_px: median row offset [px of 640].
-        matches: corners compared.
     """
 
     swapped: bool
     rectified: bool
     nearer: float
     rows_px: float
-    matches: int
 
 
 def tell_order(matches: F64, rig: StereoRig, rectified: StereoRig) -> Order | None:
@@ -65,22 +62,16 @@ def tell_order(matches: F64, rig: StereoRig, rectified: StereoRig) -> Order | No
         rig: of the views as the cameras took them.
         rectified: of the views when they are rectified.
     Returns:
-        None when there are too few corners, or none of the four cases explains them better than the first.
+        The most usual one that fits; None when there are too few corners (our choice), or none fits.
     """
-    if len(matches) < 40:  # too few to tell by (our choice)
+    if len(matches) < 40:
         return None
-    cases = [
+    cases = (
         _case(matches, one, swapped, is_rectified)
         for is_rectified, one in ((False, rig), (True, rectified))
         for swapped in (False, True)
-    ]
-    usual = cases[0]
-    if usual.nearer >= NEARER and usual.rows_px <= ROWS_PX:
-        return usual
-    good = [case for case in cases if case.nearer >= NEARER and case.rows_px <= ROWS_PX]
-    # Rows of rectified images agree so much better without rectifying them again (our choice).
-    better = [case for case in good if case.rows_px <= usual.rows_px / 3.0]
-    return min(better or good, key=lambda case: (case.rectified, case.swapped), default=None)
+    )
+    return next((case for case in cases if case.nearer >= NEARER and case.rows_px <= ROWS_PX), None)
 
 
 def rectified_rig(load: Callable[[], StereoRig], rig: StereoRig) -> tuple[StereoRig, str]:
@@ -91,7 +82,7 @@ def rectified_rig(load: Callable[[], StereoRig], rig: StereoRig) -> tuple[Stereo
     Returns:
         The rig, and what was assumed; empty when the file says it.
     """
-    held = load()
+    held = rig if is_ideal(rig) else load()
     if is_ideal(held):
         return held, ""
     pose, size = rig.right_SE3_left, rig.left.size
@@ -114,27 +105,24 @@ def is_ideal(rig: StereoRig) -> bool:
 
 
 def _case(matches: F64, rig: StereoRig, swapped: bool, rectified: bool) -> Order:
-    first, second = matches[:, :2], matches[:, 2:]
-    left, right = (second, first) if swapped else (first, second)
-    left_rotation, right_rotation = rig.rectifying_rotations()
+    pixels = (matches[:, 2:], matches[:, :2]) if swapped else (matches[:, :2], matches[:, 2:])
     rays = [
-        camera.unproject(pixels) @ rotation.T
-        for camera, pixels, rotation in ((rig.left, left, left_rotation), (rig.right, right, right_rotation))
+        camera.unproject(own) @ rotation.T
+        for camera, own, rotation in zip((rig.left, rig.right), pixels, rig.rectifying_rotations(), strict=True)
     ]
-    a, b = (r[:, :2] / r[:, 2:] for r in rays)
-    known = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+    across, down = (
+        (rays[0][:, :2] / rays[0][:, 2:] - rays[1][:, :2] / rays[1][:, 2:]).T * rig.left.fx * 640.0 / rig.left.width
+    )
+    known = np.isfinite(across) & np.isfinite(down)
     if not known.any():
-        return Order(swapped, rectified, 0.0, np.inf, 0)
-    scale = rig.left.fx * 640.0 / rig.left.width
-    across, down = ((a - b)[known] * scale).T
-    return Order(swapped, rectified, float(np.mean(across > -0.5)), float(np.median(np.abs(down))), int(known.sum()))
+        return Order(swapped, rectified, 0.0, np.inf)
+    return Order(swapped, rectified, float(np.mean(across[known] > -0.5)), float(np.median(np.abs(down[known]))))
 
 
 Halves = tuple[U8, U8]
 
 
-@dataclass(frozen=True)
-class Packing:
+class Packing(NamedTuple):
     """Where the two views lie in a picture.
 
     Attributes:
@@ -164,15 +152,8 @@ class Packing:
         first, second = (np.asarray(cv2.resize(part, (width, height)), dtype=np.uint8) for part in parts)
         return first, second
 
-    @property
-    def text(self) -> str:
-        """For people."""
-        kind = "one above the other" if self.stacked else "side by side"
-        return kind + (", squeezed to half" if self.squeezed else "")
 
-
-@dataclass(frozen=True, eq=False)
-class Common:
+class Common(NamedTuple):
     """What the two views of some pictures have in common.
 
     Attributes:
@@ -320,11 +301,9 @@ def sampled(source: FrameSource) -> list[U8]:
 
 
 def _order(calibration: Path, size: Size, shared: Common) -> tuple[Order | None, str]:
-    """What the corners say, and what was assumed of rectified images; nothing without a calibration."""
+    """What the corners show, and what was assumed of rectified images; nothing without a calibration."""
     try:
         rig = load_rig(calibration, size)
-        if is_ideal(rig):
-            return tell_order(shared.matches, rig, rig), ""
         rectified, assumed = rectified_rig(partial(load_rig, calibration, size, rectified=True), rig)
     except InputError:
         return None, ""
@@ -333,13 +312,12 @@ def _order(calibration: Path, size: Size, shared: Common) -> tuple[Order | None,
 
 def _notes(packing: Packing, order: Order | None, assumed: str) -> list[str]:
     notes = []
-    if packing.stacked or packing.squeezed:
-        notes.append(f"the views lie {packing.text}")
+    if packing != (False, False):
+        kind = "one above the other" if packing.stacked else "side by side"
+        notes.append(f"the views lie {kind}{', squeezed to half' if packing.squeezed else ''}")
     if order and order.swapped:
-        notes.append(
-            f"the right camera's view comes first: left and right are exchanged ({order.nearer:.0%} of {order.matches} "
-            "matched corners are then nearer than infinity)"
-        )
+        near = f"{order.nearer:.0%} of the matched corners are then nearer than infinity"
+        notes.append(f"the right camera's view comes first: left and right are exchanged ({near})")
     if order and order.rectified:
         notes.append("the images are rectified already" + (f"; {assumed}" if assumed else ""))
     return notes
@@ -357,7 +335,7 @@ def _no_pair(size: Size, pictures: Sequence[U8], shared: Common) -> str:
             )
     return (
         f"{expected} one picture of {width}x{height}: a stereo recording needs both cameras; "
-        "one camera is tracked with --tracker ellipse-particle, or --tracker human-model --calibration camera.toml"
+        "one camera is tracked with tracker='ellipse-particle', or tracker='human-model' and camera='camera.toml'"
     )
 
 

@@ -16,7 +16,6 @@ from calib.io import entries
 from calib.types import F64, I64, U8
 from stereo.readers.base import (
     Layout,
-    OpenOptions,
     Reader,
     Stream,
     both,
@@ -29,7 +28,7 @@ from stereo.readers.base import (
 from stereo.readers.images import is_grey
 from stereo.readers.pairing import TimePairs, pair_stamps, split_sides
 from stereo.readers.times import rate_of_times
-from stereo.recording import Decoded
+from stereo.recording import Decoded, OpenOptions
 
 SUFFIXES = frozenset(
     {".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".h264", ".h265", ".mjpeg", ".mjpg"}
@@ -213,23 +212,27 @@ class _PlacedVideo:
             yield replace(found, index=index) if found else Decoded(index, None, None, "lost by the recorder")
 
 
-def _find(path: Path, options: OpenOptions) -> Layout:
-    left, right = _sides(path) or (path, path)
+def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenOptions) -> Layout:
+    """Two videos, paired by their times where a container tells of lost frames, else in order.
+
+    Args:
+        path: of the recording.
+        folder: where calibration, times and world.toml lie.
+    """
     a, b = VideoFile(left), VideoFile(right)
     size = same_size(a, b, left, right)
-    if not (path / "timestamps.csv").is_file() and not (a.raw or b.raw):
+    rig = rig_in(folder, options, size)
+    if not (folder / "timestamps.csv").is_file() and not (a.raw or b.raw):
         own = _packets(left), _packets(right)
         if pairs := _by_time(*own):
             timed = tuple(Stream(name, size, len(s), s) for name, s in zip(("left", "right"), own, strict=True))
             return stereo_layout(
                 path, partial(both, _PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right)), timed, len(pairs.left),
-                clock_of_pairs(pairs, options), rig_in(path, options, size), unpaired=pairs.unpaired,
+                clock_of_pairs(pairs, options), rig, unpaired=pairs.unpaired, folder=folder,
             )  # fmt: skip
     streams = tuple(Stream(name, size, source.n_frames) for name, source in (("left", a), ("right", b)))
-    return stereo_layout(
-        path, partial(both, a, b), streams, max(a.n_frames, b.n_frames),
-        clock_of(path, options, min(a.n_frames, b.n_frames), a.fps, a.raw), rig_in(path, options, size),
-    )  # fmt: skip
+    clock = clock_of(folder, options, min(a.n_frames, b.n_frames), a.fps, a.raw)
+    return stereo_layout(path, partial(both, a, b), streams, max(a.n_frames, b.n_frames), clock, rig, folder=folder)
 
 
 def _sides(folder: Path) -> tuple[Path, Path] | None:
@@ -248,5 +251,5 @@ READER = Reader(
     "a pair of videos",
     "two videos named left.* and right.* or alike",
     lambda path: path.is_dir() and _sides(path) is not None,
-    _find,
+    lambda path, options: video_pair(path, *(_sides(path) or (path, path)), path, options),
 )

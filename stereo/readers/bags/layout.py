@@ -28,7 +28,6 @@ from stereo.readers.bags.storage import Bag, McapFile, RosBag, error_text
 from stereo.readers.bags.topics import TopicDepth, TopicFrames, TopicImages, choose_topics, info_topic
 from stereo.readers.base import (
     Layout,
-    OpenOptions,
     Reader,
     Stream,
     both,
@@ -42,6 +41,7 @@ from stereo.readers.base import (
 from stereo.readers.images import Size, bits_note, true_bits
 from stereo.readers.pairing import depth_note, nearest_mates, pair_stamps
 from stereo.readers.rgbd import rgbd_layout
+from stereo.recording import OpenOptions
 
 
 def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
@@ -71,9 +71,7 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
                 if same
                 else (f"no transform from {first.frame} to {second.frame} in {where}")
             )
-            raise InputError(
-                f"{bag.path}: expected a baseline, found none in P and {other}: --calibration FILE gives one"
-            )
+            raise InputError(f"{bag.path}: expected a baseline, found none in P and {other}: calibration= gives one")
         pose, source = found, f"{source} and {where.lstrip('/')}"
     rig = StereoRig(left, right, pose, source)
     if not left.size == right.size == size:
@@ -138,7 +136,7 @@ def _camera(bag: Bag, info: CameraMessage, rectified: bool) -> tuple[Camera, SE3
             camera, pose = camera_from(info.fields, info.topic)
         refuse_strange_camera(camera, info.topic)
     except ValueError as error:
-        raise InputError(f"{bag.path}: {error}: --calibration FILE gives another") from error
+        raise InputError(f"{bag.path}: {error}: calibration= gives another") from error
     return camera, pose
 
 
@@ -155,15 +153,15 @@ def info_of(bag: Bag, topic: str) -> CameraMessage:
         fields, frame = (camera_fields(decoded), frame_id(decoded)) if message else ({}, "")
     except Exception as error:  # libraries raise whatever a damaged file provokes
         raise InputError(
-            f"{bag.path}: expected a camera_info in {name}, found {error_text(error)}: --calibration FILE gives one"
+            f"{bag.path}: expected a camera_info in {name}, found {error_text(error)}: calibration= gives one"
         ) from error
     if name is None or message is None:
         raise InputError(
-            f"{bag.path}: expected a camera_info of {topic} in the bag, found none: --calibration FILE gives one"
+            f"{bag.path}: expected a camera_info of {topic} in the bag, found none: calibration= gives one"
         )
     if not any(fields["K"]):
         raise InputError(
-            f"{bag.path}: expected a calibrated camera in {name}, found K of zeros: --calibration FILE gives one"
+            f"{bag.path}: expected a calibrated camera in {name}, found K of zeros: calibration= gives one"
         )
     return CameraMessage(name, fields, frame.lstrip("/"))
 
@@ -208,7 +206,7 @@ def _is_registered(bag: Bag, names: tuple[str, str]) -> tuple[bool, tuple[str, .
     if frames[0] == frames[1] or pose_between(static_poses(bag), *frames) is not None:
         return False, ()
     note = f"no transform from {frames[1]} to {frames[0]} in /tf_static: both are taken to be in one place"
-    return False, (f"{note} (--calibration FILE says otherwise)",)
+    return False, (f"{note} (a calibration says otherwise)",)
 
 
 def _rgbd_rig(bag: Bag, names: tuple[str, str], sizes: tuple[Size, Size], registered: bool) -> RgbdRig:

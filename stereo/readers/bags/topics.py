@@ -46,7 +46,7 @@ def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
         for name in named:
             if name not in [topic.name for topic in there]:
                 raise InputError(
-                    f"--topics: expected image topics of {bag.path.name} ({_listed(there)}), found {name!r}"
+                    f"topics=: expected image topics of {bag.path.name} ({_listed(there)}), found {name!r}"
                 )
         first, second = named
         depths = _depths(bag, [topic for topic in there if topic.name in named])
@@ -71,7 +71,7 @@ def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
         what = f"{len(pairs)} pairs" if pairs else "no clear pair"
         raise InputError(
             f"{bag.path}: expected one pair of image topics, found {what} among {_listed(there)}: "
-            "--topics LEFT,RIGHT or IMAGE,DEPTH names them"
+            "topics= names the two, left and right, or image and depth"
         )
     kind, first, second = pairs[0]
     return TopicChoice(kind, by_base[first].name, by_base[second].name)

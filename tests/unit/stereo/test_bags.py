@@ -74,7 +74,7 @@ def test_sample_of_a_bag_gives_frames_spread_over_it(tmp_path):
 
 def test_bags_without_calibration_or_baseline_ask_for_one(tmp_path):
     _, layout = find_layout(stereo_bag(tmp_path / "a.bag", infos=False))
-    with pytest.raises(InputError, match=r"camera_info of /stereo/left/image_raw .*--calibration"):
+    with pytest.raises(InputError, match=r"camera_info of /stereo/left/image_raw .*calibration="):
         layout.open()
     with pytest.raises(InputError, match="no transform from left_optical to right_optical"):
         open_recording(stereo_bag(tmp_path / "a", False, baseline_m=0.0))
@@ -98,10 +98,10 @@ def test_truncated_bag_is_refused_with_the_way_out(tmp_path):
 
 
 def test_topics_that_are_not_in_the_bag_are_refused_and_two_rigs_asked_for(tmp_path):
-    with pytest.raises(InputError, match=r"--topics: .*/stereo/left/image_raw.*found '/x'"):
+    with pytest.raises(InputError, match=r"topics=: .*/stereo/left/image_raw.*found '/x'"):
         find_layout(stereo_bag(tmp_path / "a.bag"), OpenOptions(topics=("/stereo/left/image_raw", "/x")))
     bag = Listed("/a/left/image_raw", "/a/right/image_raw", "/b/left/image_raw", "/b/right/image_raw")
-    with pytest.raises(InputError, match=r"2 pairs among /a/left.*--topics"):
+    with pytest.raises(InputError, match=r"2 pairs among /a/left.*topics="):
         choose_topics(bag, ())  # type: ignore[arg-type]
 
 
@@ -174,7 +174,7 @@ def test_damaged_camera_info_is_refused_in_one_sentence(tmp_path, damage):
         connection = writer.bag.add_connection(f"/{side}/camera_info", info.__msgtype__, typestore=writer.store)
         writer.bag.write(connection, START_NS, damage(writer.store.serialize_cdr(info, info.__msgtype__)))
     writer.close()
-    with pytest.raises(InputError, match=r"expected a camera_info in /left/camera_info, found .*--calibration FILE"):
+    with pytest.raises(InputError, match=r"expected a camera_info in /left/camera_info, found .*calibration="):
         open_recording(tmp_path / "a")
 
 

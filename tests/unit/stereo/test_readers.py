@@ -16,7 +16,7 @@ from calib.errors import InputError
 from calib.io import entries
 from calib.rig import save_rig
 from stereo.readers import OpenOptions, find_layout, find_reader, open_recording, open_video
-from stereo.readers.live import READER, Address, with_gaps
+from stereo.readers.live import READER, with_gaps, without_password
 from stereo.readers.pairing import even_sequence, pair_files
 from stereo.readers.times import load_timestamps
 from stereo.readers.video import VideoFile
@@ -214,7 +214,7 @@ def test_images_of_one_camera_without_times_say_which_rate_is_assumed(tmp_path: 
     folder = folder_recording(tmp_path / "r") / "left"
     video = open_video(folder)
     assert video.fps == 30.0
-    assert video.notes == ["no timestamps: 30 frames per second are assumed (--fps gives another rate)"]
+    assert video.notes == ["no timestamps: 30 frames per second are assumed; fps gives another rate"]
 
 
 def test_table_of_times_that_is_too_short_is_reported(tmp_path: Path) -> None:
@@ -230,7 +230,7 @@ def test_rate_of_pictures_without_a_container_is_reported(tmp_path: Path) -> Non
     (tmp_path / "a.mjpeg").write_bytes(7 * coded)
     video = open_video(tmp_path)
     assert video.n_frames == 7
-    assert video.notes == ["no timestamps: 25 frames per second are assumed (--fps gives another rate)"]
+    assert video.notes == ["no timestamps: 25 frames per second are assumed; fps gives another rate"]
 
 
 def test_hidden_files_of_macos_are_passed_over(tmp_path: Path) -> None:
@@ -284,8 +284,8 @@ def test_rate_of_the_caller_replaces_the_times_of_one_camera(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (OpenOptions(topics=("/a", "/b")), "--topics: expected a bag, found .*: one camera"),
-        (OpenOptions(Path("rig.toml")), "--calibration: expected a stereo pair or images with depth, found"),
+        (OpenOptions(topics=("/a", "/b")), "topics=: expected a bag, found .*: one camera"),
+        (OpenOptions(Path("rig.toml")), "calibration=: expected a stereo pair or images with depth, found"),
     ],
 )
 def test_options_that_one_camera_does_not_take_are_refused(tmp_path: Path, options: OpenOptions, message: str) -> None:
@@ -294,7 +294,7 @@ def test_options_that_one_camera_does_not_take_are_refused(tmp_path: Path, optio
 
 
 def test_topics_of_a_recording_that_is_no_bag_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"--topics: expected a bag, found .*images of two cameras"):
+    with pytest.raises(InputError, match=r"topics=: expected a bag, found .*images of two cameras"):
         open_recording(folder_recording(tmp_path / "r"), OpenOptions(topics=("/a", "/b")))
 
 
@@ -352,7 +352,7 @@ def test_two_streams_are_paired_as_they_come(served: str, tmp_path: Path) -> Non
 
 def test_live_camera_without_calibration_asks_for_one_and_an_address_without_answer_is_refused(served):
     _, layout = find_layout(Path(f"{served}/both.avi"))
-    with pytest.raises(InputError, match="--calibration FILE"):
+    with pytest.raises(InputError, match="calibration= gives it"):
         layout.open()
     with pytest.raises(InputError, match=r"http://127\.0\.0\.1:9/x: .*nothing that answers"):
         find_layout(Path("http://127.0.0.1:9/x"))
@@ -362,7 +362,7 @@ def test_live_reader_takes_devices_and_addresses_only_and_shows_no_password(tmp_
     fitting = ("0", "0,1", "rtsp://a/b", "http://a/b,http://a/c")
     assert [READER.fits(Path(text)) for text in fitting] == [True] * 4
     assert not READER.fits(tmp_path / "0") and not READER.fits(Path("ftp://a/b"))
-    assert Address("rtsp://me:secret@10.0.0.1/a", True).text == "rtsp://10.0.0.1/a"
+    assert without_password("rtsp://me:secret@10.0.0.1/a") == "rtsp://10.0.0.1/a"
 
 
 def test_newest_frames_are_kept_and_lost_ones_counted() -> None:

@@ -244,7 +244,7 @@ def test_inspect_tells_sizes_rates_calibration_and_unpaired_frames(tmp_path, cap
 
 def test_inspect_names_the_option_that_supplies_what_is_missing_and_shows_people_a_table(tmp_path, capsys):
     found = inspected(recording(tmp_path), capsys)
-    assert found["calibration"] is None and "--calibration FILE" in str(found["missing"])
+    assert found["calibration"] is None and "--calibration gives one" in str(found["missing"])
     check(tmp_path, quick=True)
     shown = capsys.readouterr().out
     assert "32x24" in shown and "1 without a mate" in shown
@@ -267,4 +267,4 @@ def test_a_video_of_one_camera_names_its_trackers(tmp_path, words, monkeypatch, 
     with pytest.raises(SystemExit):
         main([words[0], "street.avi", *words[1:]])
     told = " ".join(capsys.readouterr().err.split())
-    assert "--tracker ellipse-particle, or --tracker human-model --calibration camera.toml" in told
+    assert "--tracker ellipse-particle, or --tracker human-model and --calibration camera.toml" in told

@@ -280,4 +280,4 @@ def test_run_in_real_time_keeps_its_pace_in_run_json_and_writes_no_checkpoint(st
 
 def test_run_in_real_time_cannot_be_resumed(street: Path, tmp_path: Path, refused: Refused) -> None:
     told = refused("run", tmp_path / "street", "--out", tmp_path / "paced", "--set", "run.real_time=true", "--resume")
-    assert "expected --resume or run.real_time, found both" in told
+    assert "--resume and run.real_time cannot be combined" in told
