@@ -85,6 +85,7 @@ def breakdown_json(rows: TruthRows) -> dict[str, list[dict[str, Any]]]:
     return {key: [scores(*group) for group in groups] for key, groups in members.items()}
 
 
+_CLEAR = ("fragmentations", "mostly_tracked", "mostly_lost", "misses", "false_positives")
 KINDS: tuple[ErrorKind, ...] = ("lost", "missed", "swapped", "transferred", "false_track")
 
 
@@ -169,11 +170,7 @@ class Evaluation:
             "ass_a": self.hota.assa,
             "switches": self.clear.switches,
             "switches_per_minute": self._per(60.0, self.clear.switches),
-            "fragmentations": self.clear.fragmentations,
-            "mostly_tracked": self.clear.mostly_tracked,
-            "mostly_lost": self.clear.mostly_lost,
-            "misses": self.clear.misses,
-            "false_positives": self.clear.false_positives,
+            **{name: getattr(self.clear, name) for name in _CLEAR},
             "position_error_mean_m": _mean(self.position_error_m),
             "position_error_std_m": float(self.position_error_m.std()) if len(self.position_error_m) else None,
             "height_error_mean_m": _mean(self.height_error_m),
@@ -200,6 +197,9 @@ class Evaluation:
         return count * seconds / self.duration_s if self.duration_s > 0 else None
 
 
+_SUMS = ("ignored_rows", "events", "strict_identity_changes", "duration_s", "track_frames", "covered_frames")
+
+
 def pooled(parts: Items[Evaluation]) -> Evaluation:
     """Several recordings scored as one: counts and rows add up, people and tracks of different ones never match."""
     sequence = Sequence.joined([part.sequence for part in parts])
@@ -207,14 +207,9 @@ def pooled(parts: Items[Evaluation]) -> Evaluation:
         sequence=sequence,
         clear=clear_scores(sequence),
         rows=TruthRows.joined([part.rows for part in parts]),
-        ignored_rows=sum(part.ignored_rows for part in parts),
         height_error_m=np.concatenate([part.height_error_m for part in parts]),
         significant=[error for part in parts for error in part.significant],
-        events=sum(part.events for part in parts),
-        strict_identity_changes=sum(part.strict_identity_changes for part in parts),
-        duration_s=sum(part.duration_s for part in parts),
-        track_frames=sum(part.track_frames for part in parts),
-        covered_frames=sum(part.covered_frames for part in parts),
+        **{name: sum(getattr(part, name) for part in parts) for name in _SUMS},
         alignment=None,
     )
 
@@ -226,10 +221,5 @@ def _mean(values: F64) -> float | None:
 def _alignment_json(alignment: FloorAlignment | None) -> dict[str, float] | None:
     if alignment is None:
         return None
-    return {
-        "rotation_deg": math.degrees(alignment.rotation_rad),
-        "x_m": alignment.x_m,
-        "y_m": alignment.y_m,
-        "rms_m": alignment.rms_m,
-        "pairs": alignment.pairs,
-    }
+    values = asdict(alignment)
+    return {"rotation_deg": math.degrees(values.pop("rotation_rad")), **values}

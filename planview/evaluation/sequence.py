@@ -58,11 +58,9 @@ class Sequence:
     @staticmethod
     def joined(parts: Items[Sequence]) -> Sequence:
         """All rows of all parts, with people, tracks and frames of their own for each."""
-        people, tracks, frames = (
-            np.cumsum([0, *(getattr(part, n) for part in parts)]).tolist() for n in ("n_truth", "n_tracks", "n_frames")
-        )
-        truth_rows, track_rows = (
-            np.cumsum([0, *(getattr(part, n) for part in parts)]).tolist() for n in ("truth_rows", "track_rows")
+        counts = ("n_truth", "n_tracks", "n_frames", "truth_rows", "track_rows")
+        people, tracks, frames, truth_rows, track_rows = (
+            np.cumsum([0, *(getattr(part, n) for part in parts)]).tolist() for n in counts
         )
         offsets = {
             "truth": people, "tracks": tracks, "truth_frame": frames, "track_frame": frames,
@@ -114,18 +112,8 @@ def build_sequence(truth: Trajectories, tracks: Trajectories, similarity: Simila
         near = values > 0
         parts.append((t[near], k[near], values[near]))
     t, k, values = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Sequence(
-        truth_index,
-        track_index,
-        np.searchsorted(frames, truth.frame),
-        np.searchsorted(frames, tracks.frame),
-        t,
-        k,
-        values,
-        len(people),
-        len(ids),
-        len(frames),
-    )
+    rows = truth_index, track_index, np.searchsorted(frames, truth.frame), np.searchsorted(frames, tracks.frame)
+    return Sequence(*rows, t, k, values, len(people), len(ids), len(frames))
 
 
 def _pairs_in_frames(truth_frame: I64, track_frame: I64) -> Iterator[tuple[I64, I64]]:

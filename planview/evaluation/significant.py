@@ -2,8 +2,8 @@
 an id that passes to another person.
 
 The paper names them without numbers. The durations here are our choice, argued at each parameter; all are on frames in
-which the person counts (visible enough), so that being hidden is no loss. ``grouped_events`` and ``poisson_upper`` say
-what so few errors are worth.
+which the person counts (visible enough), so that being hidden is no loss. ``grouped_events`` and
+``poisson_upper`` give confidence limits of small counts.
 """
 
 from __future__ import annotations
@@ -61,10 +61,15 @@ class SignificantError:
     note: str
 
     @property
-    def who(self) -> str:
+    def concerns(self) -> tuple[str, ...]:
         """Person and track, as far as there are any."""
         named = (("person", self.truth_id), ("track", self.track_id))
-        return ", ".join(f"{what} {number}" for what, number in named if number is not None)
+        return tuple(f"{what} {number}" for what, number in named if number is not None)
+
+    @property
+    def who(self) -> str:
+        """Person and track in words."""
+        return ", ".join(self.concerns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,17 +145,12 @@ def grouped_events(errors: Sequence[SignificantError], within_frames: float) -> 
     events: list[list[SignificantError]] = []
     for error in errors:
         for event in reversed(events):
-            if error.frame - event[0].frame <= within_frames and any(_concerns(e) & _concerns(error) for e in event):
+            if error.frame - event[0].frame <= within_frames and any({*e.concerns} & {*error.concerns} for e in event):
                 event.append(error)
                 break
         else:
             events.append([error])
     return events
-
-
-def _concerns(error: SignificantError) -> set[tuple[str, int]]:
-    named = (("person", error.truth_id), ("track", error.track_id))
-    return {(kind, number) for kind, number in named if number is not None}
 
 
 def poisson_upper(count: int, confidence: float = 0.95) -> float:
@@ -244,11 +244,9 @@ def _identity_errors(visits: list[PersonHistory], frame_s: float) -> Iterator[Si
                 note = f"went on as a new track {change.new}"
                 yield SignificantError("lost", change.frame, change.truth_id, change.old, change.alone_s, note)
         elif not any(
-            (
-                (change.old, change.new) == (other.new, other.old)
-                and change.truth_id != other.truth_id
-                and abs(change.frame - other.frame) <= EXCHANGE_S / frame_s
-            )
+            (change.old, change.new) == (other.new, other.old)
+            and change.truth_id != other.truth_id
+            and abs(change.frame - other.frame) <= EXCHANGE_S / frame_s
             for other in reported
         ):
             reported.append(change)
@@ -325,8 +323,6 @@ def runs(mask: Bool) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def _equal_runs(values: I64) -> list[tuple[int, int]]:
-    cuts = (
-        np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [len(values)]]) if len(values) else np.zeros(1, int)
-    )
-    return [(int(a), int(b)) for a, b in pairwise(cuts)]
+def _equal_runs(ids: I64) -> list[tuple[int, int]]:
+    """(start, stop) of every stretch of one id, all above 0."""
+    return list(pairwise(np.flatnonzero(np.diff(ids, prepend=0, append=0)).tolist()))

@@ -24,7 +24,7 @@ from calib.io import entries, size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
 from stereo.readers.bags.messages import camera_fields, field, frame_id, transforms
-from stereo.readers.bags.storage import Bag, McapFile, RosBag, error_text
+from stereo.readers.bags.storage import Bag, error_text, open_bag
 from stereo.readers.bags.topics import TopicDepth, TopicFrames, TopicImages, choose_topics, info_topic
 from stereo.readers.base import (
     Layout,
@@ -230,7 +230,8 @@ _MAGIC = {b"#ROSBAG V2.0": "ros1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0
 
 
 def _find(path: Path, options: OpenOptions) -> Layout:
-    bag = _open(path)
+    file = _bag_file(path) or path
+    bag = open_bag(file, "" if file.is_dir() else _kind(file) or "")
     choice = choose_topics(bag, options.topics)
     named = {topic.name: topic for topic in bag.topics}
     names = choice.first, choice.second
@@ -277,12 +278,6 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         path, partial(both, a, b), streams, len(pairs.left), clock, stereo_rig, said, unpaired=pairs.unpaired,
         folder=path if path.is_dir() else path.parent,
     )  # fmt: skip
-
-
-def _open(path: Path) -> Bag:
-    file = _bag_file(path) or path
-    kind = None if file.is_dir() else _kind(file)
-    return McapFile(file) if kind == "mcap" else RosBag(file, ros1=kind == "ros1")
 
 
 def _bag_file(path: Path) -> Path | None:

@@ -7,18 +7,15 @@ import json
 import re
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from importlib import import_module
-from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO, Literal, Protocol
 
-import yaml
-
 from calib.errors import InputError
-from calib.io import entries, read_text
+from calib.io import entries
 from stereo.readers.bags.messages import stamp_ns
 
 Kind = Literal["image", "compressed", "info", "tf", "other"]
@@ -129,120 +126,106 @@ MAX_UNPACKED_BYTES = 1 << 28
 """Chunks and messages that unpack to more are damage, or made to fill the memory (recorders write some megabytes)."""
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _TOO_LARGE = f"compressed data of more than {MAX_UNPACKED_BYTES >> 20} MB"
+STORAGES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
+
+
+def open_bag(path: Path, kind: str) -> Bag:
+    """Open a file, or a ROS 2 folder by its files: what its metadata.yaml holds is in them, too.
+
+    Args:
+        kind: "ros1", "sqlite" or "mcap" of a file; empty for a folder.
+    Raises:
+        InputError: damaged, cut off, or of a kind that cannot be read.
+    """
+    what, repair = {
+        "ros1": ("a ROS 1 bag", "rosbag reindex"), "mcap": ("an MCAP file", "mcap recover"),
+    }.get(kind, ("a ROS 2 bag", "ros2 bag reindex"))  # fmt: skip
+    try:
+        files = [path] if kind else [file for file in entries(path) if file.name.endswith(STORAGES)]
+        if not files:
+            raise ValueError("no .db3 or .mcap file in it")
+        unpacked = TemporaryDirectory()
+        files = [_unpacked_file(file, Path(unpacked.name)) if file.suffix == ".zstd" else file for file in files]
+        bag = McapFiles(path, files) if files[0].suffix == ".mcap" or kind == "mcap" else RosBag(path, files, kind)
+        bag.kept = unpacked
+        return bag
+    except Exception as error:  # libraries raise whatever a damaged file provokes
+        if isinstance(error, InputError):
+            raise
+        found = error_text(error).rstrip(".")
+        raise InputError(
+            f"{path}: expected {what}, found one that is damaged or was cut off ({found}): {repair} may repair it"
+        ) from error
+
+
+def _unpacked_file(file: Path, folder: Path) -> Path:
+    """A compressed file, unpacked into a folder. Raises ValueError: it unpacks to a hundred times its size."""
+    left = 100 * file.stat().st_size + MAX_UNPACKED_BYTES
+    with file.open("rb") as content, (folder / file.stem).open("wb") as out:
+        zstd = import_module("zstandard").ZstdDecompressor()
+        with zstd.stream_reader(content, read_across_frames=True) as unpacked:
+            while part := unpacked.read(1 << 20):
+                left -= len(part)
+                if left < 0:
+                    raise ValueError("compressed data of more than a hundred times its size")
+                out.write(part)
+    return folder / file.stem
 
 
 class RosBag:
-    """A bag that rosbags reads (a ``Bag``).
+    """A ROS 1 bag, or the SQLite files of a ROS 2 bag one after the other, through rosbags (a ``Bag``)."""
 
-    Raises:
-        InputError: damaged, cut off, or of a kind that rosbags does not read.
-    """
+    kept: object = None
 
-    def __init__(self, path: Path, ros1: bool) -> None:
-        self.path = path
-        self._ros1 = ros1
-        reader = require("rosbags.rosbag1" if ros1 else "rosbags.rosbag2", path).Reader
-        self._reader = reader if ros1 else partial(_with_storage_by_name, reader)
-        try:
-            if not ros1:
-                _refuse_expanding(path)
-            with self._reader(path) as reader:
-                self.topics = sorted_topics(
-                    [Topic(c.topic, kind_of(c.msgtype), c.msgcount) for c in reader.connections]
+    def __init__(self, path: Path, files: Sequence[Path], kind: str) -> None:
+        self.path, self._files, self._ros1 = path, files, kind == "ros1"
+        self._reader = require("rosbags.rosbag1" if self._ros1 else "rosbags.rosbag2", path).Reader
+        topics = []
+        for file in files:
+            with self._reader(file) as reader:
+                topics += [Topic(c.topic, kind_of(c.msgtype), c.msgcount) for c in reader.connections]
+                _refuse_expanding_chunks(
+                    file, [(c.datapos, c.datasize) for c in getattr(reader, "chunks", {}).values()]
                 )
-            for file in (
-                f for f in (entries(path) if path.is_dir() else ()) if f.suffix == ".mcap"
-            ):  # the parts of a folder
-                with file.open("rb") as content:
-                    summary = require("mcap.reader", path).SeekingReader(content).get_summary()
-                    _check_chunks(content, summary.chunk_indexes if summary else ())
-        except Exception as error:  # libraries raise whatever a damaged file provokes
-            what, repair = ("a ROS 1 bag", "rosbag reindex") if ros1 else ("a ROS 2 bag", "ros2 bag reindex")
-            found = error_text(error).rstrip(".")
-            raise InputError(
-                f"{path}: expected {what}, found one that is damaged or was cut off ({found}): {repair} may mend it"
-            ) from error
+        self.topics = sorted_topics(topics)
 
     def messages(self, topic: str, start_ns: int | None = None) -> Iterator[Message]:
         """See ``Bag``."""
         stamp = ros1_stamp if self._ros1 else cdr_stamp
-        with self._reader(self.path) as reader:
-            unpack = _bound_chunks(reader) if self._ros1 else _take_message_compression(reader)
-            connections = [c for c in reader.connections if c.topic == topic]
-            for connection, log_ns, data in reader.messages(connections, start=start_ns):
-                text = getattr(connection.msgdef, "data", connection.msgdef) if self._ros1 else ""
-                decode = partial(decode_ros, schema=connection.msgtype, ros1=self._ros1, definition=text)
-                yield Message(log_ns, unpack(data), stamp, decode)
+        for file in self._files:
+            with self._reader(file) as reader:
+                connections = [c for c in reader.connections if c.topic == topic]
+                for connection, log_ns, data in reader.messages(connections, start=start_ns) if connections else ():
+                    text = getattr(connection.msgdef, "data", connection.msgdef) if self._ros1 else ""
+                    decode = partial(decode_ros, schema=connection.msgtype, ros1=self._ros1, definition=text)
+                    yield Message(log_ns, _unpacked_message(data), stamp, decode)
 
 
-def _with_storage_by_name(make: Callable[[Path], Any], path: Path) -> Any:
-    """A reader of a ROS 2 bag that tells the storage by its files' names where the metadata leaves it empty."""
-    reader = make(path)
-    if path.is_dir():
-        plugins = reader.storage.STORAGE_PLUGINS
-        own = plugins["mcap" if any(".mcap" in file.name for file in entries(path)) else "sqlite3"]
-        reader.storage.STORAGE_PLUGINS = {**plugins, "": own, None: own}
-    return reader
-
-
-def _refuse_expanding(path: Path) -> None:
-    """Refuse a folder whose metadata or compressed files stand for more than they hold.
-
-    Raises:
-        ValueError: references in the metadata, which can nest without end, or files that unpack to a hundred times
-            their size.
-    """
-    metadata = read_text(path / "metadata.yaml", "the metadata of a bag") if path.is_dir() else ""
-    for token in yaml.scan(metadata, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
-        text = token.value if isinstance(token, yaml.ScalarToken) else ""  # profiles are YAML in YAML
-        if isinstance(token, yaml.AliasToken) or re.search(r"\*\w|<<", text):
-            raise ValueError("references in its metadata")
-    for file in path.iterdir() if path.is_dir() else ():
-        with file.open("rb") if file.is_file() else nullcontext(BytesIO()) as content:
-            if content.read(4) != _ZSTD:
+def _refuse_expanding_chunks(file: Path, places: Sequence[tuple[int, int]]) -> None:
+    """Refuse a ROS 1 bag with a chunk of more than ``MAX_UNPACKED_BYTES``, given places and sizes of chunks."""
+    with file.open("rb") as content:
+        for place, size in places:
+            content.seek(place)
+            data = content.read(size)
+            if data.startswith(b"BZh"):
+                stream = bz2.BZ2Decompressor()
+            elif data.startswith(b"\x04\x22\x4d\x18"):
+                stream = import_module("lz4.frame").LZ4FrameDecompressor()
+            else:
                 continue
-            content.seek(0)
-            left = 100 * file.stat().st_size + MAX_UNPACKED_BYTES
-            library = import_module("zstandard")
-            with library.ZstdDecompressor().stream_reader(content, read_across_frames=True) as unpacked:
-                while part := len(unpacked.read(1 << 20)):
-                    left -= part
-                    if left < 0:
-                        raise ValueError("compressed data of more than a hundred times its size")
+            stream.decompress(data, MAX_UNPACKED_BYTES)
+            if not stream.eof:
+                raise ValueError(_TOO_LARGE)
 
 
-def _bound_chunks(reader: Any) -> Callable[[bytes], bytes]:
-    """Have a reader of a ROS 1 bag unpack no more of a chunk than ``MAX_UNPACKED_BYTES``; messages stay as they are."""
-    lz4 = import_module("lz4.frame")
-
-    def unpack(make: Callable[[], Any], data: bytes) -> bytes:
-        stream = make()
-        unpacked: bytes = stream.decompress(data, MAX_UNPACKED_BYTES)
-        if not stream.eof:
-            raise ValueError(_TOO_LARGE)
-        return unpacked
-
-    for place, chunk in reader.chunks.items():
-        for whole, make in ((bz2.decompress, bz2.BZ2Decompressor), (lz4.decompress, lz4.LZ4FrameDecompressor)):
-            if chunk.decompressor is whole:
-                reader.chunks[place] = chunk._replace(decompressor=partial(unpack, make))
-    return bytes
-
-
-def _take_message_compression(reader: Any) -> Callable[[bytes], bytes]:
-    """Have a reader of a ROS 2 bag give compressed messages as they are; gives what unpacks them."""
-    storage = getattr(reader, "storage", reader)
-    if getattr(storage.metadata, "compression_mode", None) != "message":
-        return bytes
-    storage.metadata = storage.metadata._replace(compression_mode=None)
+def _unpacked_message(data: bytes) -> bytes:
+    """A message as it was sent; some ROS 2 bags compress them one by one, and none begins like compressed data."""
+    if not data.startswith(_ZSTD):
+        return data
     zstandard = import_module("zstandard")
-
-    def unpack(data: bytes) -> bytes:
-        if zstandard.frame_content_size(data) > MAX_UNPACKED_BYTES:
-            raise ValueError(_TOO_LARGE)
-        return bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=MAX_UNPACKED_BYTES))
-
-    return unpack
+    if zstandard.frame_content_size(data) > MAX_UNPACKED_BYTES:
+        raise ValueError(_TOO_LARGE)
+    return bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=MAX_UNPACKED_BYTES))
 
 
 def decode_ros(data: bytes, schema: str, ros1: bool, definition: str = "") -> Any:
@@ -267,40 +250,36 @@ def _store(ros1: bool) -> Any:
     return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
 
 
-class McapFile:
-    """An MCAP file (a ``Bag``).
+class McapFiles:
+    """MCAP files one after the other (a ``Bag``)."""
 
-    Raises:
-        InputError: damaged or cut off.
-    """
+    kept: object = None
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, files: Sequence[Path]) -> None:
+        self.path, self._files = path, files
         self._library = require("mcap.reader", path)
-        try:
-            with path.open("rb") as file:
+        topics = []
+        for name in files:
+            with name.open("rb") as file:
                 summary = self._reader(file).get_summary()
                 if summary is None or summary.statistics is None:
                     raise ValueError("it has no summary section")
                 _check_chunks(file, summary.chunk_indexes)
                 counts = summary.statistics.channel_message_counts
                 schemas = {0: "", **{key: schema.name for key, schema in summary.schemas.items()}}
-                named = [(c.topic, schemas[c.schema_id], counts.get(c.id, 0)) for c in summary.channels.values()]
-                self.topics = sorted_topics([Topic(name, kind_of(of), count) for name, of, count in named])
-        except Exception as error:  # libraries raise whatever a damaged file provokes
-            raise InputError(
-                f"{path}: expected an MCAP file, found one that is damaged or was cut off ({error_text(error)}): "
-                "mcap recover may mend it"
-            ) from error
+                channels = summary.channels.values()
+                topics += [Topic(c.topic, kind_of(schemas[c.schema_id]), counts.get(c.id, 0)) for c in channels]
+        self.topics = sorted_topics(topics)
 
     def messages(self, topic: str, start_ns: int | None = None) -> Iterator[Message]:
         """See ``Bag``."""
-        with self.path.open("rb") as file:
-            codecs: dict[int, tuple[Callable[[bytes], int], Callable[[bytes], Any]]] = {}
-            for schema, channel, message in self._reader(file).iter_messages([topic], starting_at=start_ns):
-                if channel.id not in codecs:
-                    codecs[channel.id] = _codec(channel.message_encoding, schema, self.path)
-                yield Message(message.log_time, message.data, *codecs[channel.id])
+        for name in self._files:
+            with name.open("rb") as file:
+                codecs: dict[int, tuple[Callable[[bytes], int], Callable[[bytes], Any]]] = {}
+                for schema, channel, message in self._reader(file).iter_messages([topic], starting_at=start_ns):
+                    if channel.id not in codecs:
+                        codecs[channel.id] = _codec(channel.message_encoding, schema, self.path)
+                    yield Message(message.log_time, _unpacked_message(message.data), *codecs[channel.id])
 
     def _reader(self, file: Any) -> Any:
         # Larger records are damage (recorders write chunks of some megabytes).
