@@ -9,15 +9,15 @@ from cyclopts import App
 from planview.cli import main
 
 BENCHMARKS = {
-    "suite": "Render challenges drawn from a seed, track and score them.",
+    "suite": "Render random challenges of a seed, track and score them.",
     "ablation": "Switch parts of the engine off and compare the variants.",
-    "real": "Score every real recording with truth, beside the baseline of height peaks.",
+    "real": "Score every real recording with truth, and the baseline of height peaks.",
     "speed": "Time the engine side by side with plain OpenCV.",
     "accuracy": "Render every committed scene, track it and score it.",
     "counting": "Score counts and occupancy on rendered and real recordings.",
     "pets": "Score the single-camera trackers on PETS S2-L1 view 1.",
     "calibration": "Score board, floor and human calibration against known truth.",
-    "foreground": "Share of wrong foreground pixels beside OpenCV, by condition.",
+    "foreground": "Share of wrong foreground pixels, and OpenCV's, by condition.",
 }
 
 

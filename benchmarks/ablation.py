@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import json
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from cyclopts import Parameter
-from rich.console import Console
-from rich.table import Table
 
 from benchmarks.one_statistic import OneStatistic, Statistic
-from benchmarks.options import ChallengeOptions, number
+from benchmarks.options import ChallengeOptions, json_text, show
 from benchmarks.passes import PEER, Pass, provenance, run_pass, watched
-from benchmarks.suite import Way, chosen_files, drawn_scene, judged_truth, refined_tracks, suite_recording
+from benchmarks.suite import Way, chosen_files, judged_truth, refined_tracks, scene_of_seed, suite_recording
 from calib.errors import InputError
 from calib.io import write_whole
 from calib.types import F64, I64
@@ -32,8 +30,6 @@ RESAMPLES = 2000
 """Bootstrap samples: the ends of a 95 % interval then rest on 50 samples each."""
 DECIDES_POINTS = ("foreground", "feedback")
 """Tables whose parameters decide which foreground points there are: recorded ones do not serve."""
-TABLE_WIDTH = 144
-"""Columns of text that the table needs."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +125,7 @@ class AblationRecording:
     def truth(self) -> Trajectories:
         """The truth of the recording, of a challenge as the suite judges it."""
         truth = read_truth(self.folder() / "truth.csv")
-        return truth if self.seed is None else judged_truth(truth, drawn_scene(self.path, self.seed))
+        return truth if self.seed is None else judged_truth(truth, scene_of_seed(self.path, self.seed))
 
 
 @dataclass(frozen=True)
@@ -139,46 +135,6 @@ class Trial:
     recording: AblationRecording
     variant: Variant
     config: Config
-
-
-class Interval(NamedTuple):
-    """A figure of all recordings together, with its 95 % bootstrap interval; NaN where there is none."""
-
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
-class AblationRow:
-    """One variant over all recordings.
-
-    Attributes:
-        significant: significant errors by kind and in total.
-        per_10_min: significant errors in ten minutes.
-        change_per_10_min: the same less that of the engine as configured, on the same recordings.
-        strict_per_10_min: strict identity changes in ten minutes.
-        misses, false_positives: share of truth rows.
-        position_error_m: mean over matches [m].
-    """
-
-    variant: Variant
-    significant: dict[str, int]
-    per_10_min: Interval
-    change_per_10_min: Interval
-    strict_per_10_min: Interval
-    misses: Interval
-    false_positives: Interval
-    position_error_m: Interval
-
-    def to_json(self) -> dict[str, Any]:
-        v = self.variant
-        figures = {name: value for name, value in vars(self).items() if isinstance(value, Interval)}
-        return {
-            "variant": v.name, "settings": v.settings, "meaning": v.meaning,
-            "paper_significant_errors": v.paper, "significant_errors": self.significant,
-            **{name: [None if np.isnan(x) else x for x in value] for name, value in figures.items()},
-        }  # fmt: skip
 
 
 def run_trial(trial: Trial) -> Evaluation:
@@ -208,8 +164,8 @@ def run_trial(trial: Trial) -> Evaluation:
     return evaluate_tracks(tracks, trial.recording.truth())
 
 
-def ablation_rows(scores: Mapping[Variant, Sequence[Evaluation]]) -> list[AblationRow]:
-    """One row per variant.
+def ablation_rows(scores: Mapping[Variant, Sequence[Evaluation]]) -> list[dict[str, Any]]:
+    """One row per variant: counts of significant errors, and figures with intervals.
 
     Args:
         scores: of every variant, of the same recordings in the same order; with ``CONFIGURED``.
@@ -218,33 +174,33 @@ def ablation_rows(scores: Mapping[Variant, Sequence[Evaluation]]) -> list[Ablati
     samples = np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
     base = _counts(scores[CONFIGURED], lambda e: len(e.significant))
     # One length for all: the span that a variant's tracks cover differs from variant to variant.
-    minutes = _counts(scores[CONFIGURED], lambda e: e.duration_s / 600)
-    return [_row(variant, parts, base, minutes, samples) for variant, parts in scores.items()]
-
-
-def _row(variant: Variant, parts: Sequence[Evaluation], base: F64, minutes: F64, samples: I64) -> AblationRow:
-    rows = _counts(parts, lambda e: e.truth_rows)
-    errors = _counts(parts, lambda e: len(e.significant))
-    kinds = Counter(error.kind for error in pooled(parts).significant)
-    distances = _counts(parts, lambda e: float(e.position_error_m.sum()))
-    return AblationRow(
-        variant,
-        {"total": int(errors.sum()), **{kind: kinds[kind] for kind in KINDS}},
-        bootstrap(errors, minutes, samples),
-        bootstrap(errors - base, minutes, samples),
-        bootstrap(_counts(parts, lambda e: e.strict_identity_changes), minutes, samples),
-        bootstrap(_counts(parts, lambda e: e.clear.misses), rows, samples),
-        bootstrap(_counts(parts, lambda e: e.clear.false_positives), rows, samples),
-        bootstrap(distances, _counts(parts, lambda e: len(e.position_error_m)), samples),
-    )
+    tens = _counts(scores[CONFIGURED], lambda e: e.duration_s / 600)
+    rows: list[dict[str, Any]] = []
+    for variant, parts in scores.items():
+        truth = _counts(parts, lambda e: e.truth_rows)
+        errors = _counts(parts, lambda e: len(e.significant))
+        kinds = Counter(error.kind for error in pooled(parts).significant)
+        distances = _counts(parts, lambda e: float(e.position_error_m.sum()))
+        figures = {
+            "significant_per_10_min": (errors, tens),
+            "change_per_10_min": (errors - base, tens),
+            "identity_changes_per_10_min": (_counts(parts, lambda e: e.strict_identity_changes), tens),
+            "misses": (_counts(parts, lambda e: e.clear.misses), truth),
+            "false_positives": (_counts(parts, lambda e: e.clear.false_positives), truth),
+            "position_error_m": (distances, _counts(parts, lambda e: len(e.position_error_m))),
+        }
+        intervals = {name: bootstrap(*sums, samples) for name, sums in figures.items()}
+        rows.append({"variant": variant.name, **{str(kind): kinds[kind] for kind in KINDS}, "paper": variant.paper})
+        rows[-1] |= intervals
+    return rows
 
 
 def _counts(parts: Sequence[Evaluation], of: Callable[[Evaluation], float]) -> F64:
     return np.array([of(part) for part in parts], dtype=np.float64)
 
 
-def bootstrap(numerator: F64, denominator: F64, samples: I64) -> Interval:
-    """The ratio of two sums over recordings, and its 95 % percentile interval.
+def bootstrap(numerator: F64, denominator: F64, samples: I64) -> tuple[float, float, float]:
+    """The ratio of two sums over recordings, and its 95 % percentile interval; NaN where there is none.
 
     Args:
         numerator, denominator: (R,) of every recording.
@@ -255,9 +211,9 @@ def bootstrap(numerator: F64, denominator: F64, samples: I64) -> Interval:
         drawn = numerator[samples].sum(axis=1) / denominator[samples].sum(axis=1)
     drawn = drawn[np.isfinite(drawn)]
     if not len(drawn):
-        return Interval(value, float("nan"), float("nan"))
+        return value, math.nan, math.nan
     low, high = np.percentile(drawn, (2.5, 97.5))
-    return Interval(value, float(low), float(high))
+    return value, float(low), float(high)
 
 
 @Parameter(name="*")
@@ -295,46 +251,19 @@ def ablation(*, options: AblationOptions | None = None) -> None:
             for s in dict.fromkeys(o.seed or [1])
             for path in chosen_files(files, s, o.minutes)
         ]
-    console, done = Console(stderr=True, markup=False), dict[Trial, Evaluation]()
+    done: dict[Trial, Evaluation] = {}
     # The engine as configured first, since others need its points.
     for some in (variants[:1], variants[1:]):
-        done |= watched(run_trial, [Trial(r, v, base) for v in some for r in recordings], o.jobs, console)
+        done |= watched(run_trial, [Trial(r, v, base) for v in some for r in recordings], o.jobs)
     rows = ablation_rows({v: [done[Trial(r, v, base)] for r in recordings] for v in variants})
-    names = {"recordings": [r.name for r in recordings], **provenance()}
-    text = json.dumps(names | {"variants": [row.to_json() for row in rows]}, indent=2) + "\n"
+    text = json_text({"recordings": [r.name for r in recordings], **provenance(), "variants": rows})
     if o.out is not None:
         o.out.parent.mkdir(parents=True, exist_ok=True)
         write_whole(o.out, text)
     if o.json_output:
         print(text, end="")
-    else:
-        print_ablation(rows, Console(markup=False, width=TABLE_WIDTH))
-
-
-def print_ablation(rows: Sequence[AblationRow], console: Console) -> None:
-    """A row per variant, below every figure its interval; then what each variant switches off."""
-    table = Table(
-        "variant", "lost, missed,\nswapped, false", "significant\nper 10 min", "change", "paper",
-        "identity\nper 10 min", "misses\n%", "false\npositives %", "position\ncm",
-    )  # fmt: skip
-    for column in table.columns:
-        column.no_wrap = True
-    for row in rows:
-        v = row.variant
-        table.add_row(
-            v.name, ", ".join(str(row.significant[kind]) for kind in KINDS), _figure(row.per_10_min),
-            "" if v == CONFIGURED else _figure(row.change_per_10_min), "" if v.paper is None else str(v.paper),
-            _figure(row.strict_per_10_min), _figure(row.misses, 100), _figure(row.false_positives, 100),
-            _figure(row.position_error_m, 100),
-        )  # fmt: skip
-    console.print(table)
-    for row in rows:
-        if row.variant.meaning:
-            console.print(f"{row.variant.name}: {row.variant.meaning}", highlight=False)
-
-
-def _figure(value: Interval, factor: float = 1.0) -> str:
-    if np.isnan(value.value):
-        return "-"
-    middle, low, high = (number(x, factor, 1) for x in value)
-    return f"{middle}\n[{low}, {high}]"
+        return
+    show(rows)
+    for variant in variants:
+        if variant.meaning:
+            print(f"{variant.name}: {variant.meaning}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import tempfile
 from collections.abc import Callable, Sequence
@@ -10,9 +9,8 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-from rich.console import Console
 
-from benchmarks.options import JsonFlag, Progress, show
+from benchmarks.options import JsonFlag, progress, report
 from benchmarks.random_scenes.rooms import random_rigs
 from calib.board.detect import Board, BoardView
 from calib.board.solve import solve_board
@@ -124,7 +122,7 @@ def calibration_errors(truth: StereoRig, found: StereoRig) -> tuple[float, float
     return 100 * focal, 100 * baseline, math.degrees(float(np.linalg.norm(turn)))
 
 
-def board_rows(progress: Progress) -> list[Row]:
+def board_rows() -> list[Row]:
     """Worst errors over the random rigs of every lens; and OpenCV's pairs where they are at hand."""
     rows, board = [], Board(9, 6, 0.03)
     n_rigs = 3
@@ -158,7 +156,7 @@ def board_rows(progress: Progress) -> list[Row]:
     return rows
 
 
-def floor_rows(progress: Progress) -> list[Row]:
+def floor_rows() -> list[Row]:
     """The committed lobby rendered from cameras at several tilts, and the real overhead pair where it is at hand."""
     rows = []
     for tilt_deg in (0, 15, 30, 45, 60, 75):
@@ -210,7 +208,7 @@ def _floor_found(rig: StereoRig, frames: list[StereoFrame]) -> Floor:
     return FloorEstimator(rectifier)(frames)
 
 
-def human_rows(progress: Progress) -> list[Row]:
+def human_rows() -> list[Row]:
     """Errors over seeds for several cameras, with noise on every point and edge; then PETS, where it is at hand."""
     rows = []
     for name, truth in CAMERAS.items():
@@ -317,7 +315,7 @@ def _aligned_error(ours: F64, truth: F64) -> float:
     return float(np.median(errors))
 
 
-def rig_rows(progress: Progress) -> list[Row]:
+def rig_rows() -> list[Row]:
     """Two rigs in one room, drawn from seeds, whose clocks begin apart: aligned by the people whom both track."""
     rows = []
     for seed in (101, 102, 103):
@@ -348,7 +346,7 @@ def alignment_error(found: Sequence[RigEntry], true: Sequence[RigEntry]) -> tupl
     return 100 * float(np.hypot(*(place - true_place))), abs(math.degrees(heading)), 1000 * abs(clock_s)
 
 
-FAMILIES: dict[Family, Callable[[Progress], list[Row]]] = {
+FAMILIES: dict[Family, Callable[[], list[Row]]] = {
     "board": board_rows, "floor": floor_rows, "human": human_rows, "rigs": rig_rows,
 }  # fmt: skip
 
@@ -365,20 +363,5 @@ def calibration(*, only: Family | None = None, json_output: JsonFlag = False) ->
     json_output
         Print one JSON object on stdout.
     """
-    with Console(stderr=True, markup=False).status("...") as status:
-        rows = [row for name, measure in FAMILIES.items() if only in (None, name) for row in measure(status.update)]
-    show_rows(rows, json_output)
-
-
-def show_rows(rows: Sequence[Row], json_output: bool) -> None:
-    """Print figures as a table, or as one JSON object on stdout."""
-    if json_output:
-        listed = [
-            {key: value if value == value and value != math.inf else None for key, value in row._asdict().items()}
-            | {"ok": row.ok}
-            for row in rows
-        ]
-        print(json.dumps({"ok": all(row.ok for row in rows), "rows": listed}))
-        return
-    show([{"measured": row.name, "value": row.value, "limit": row.limit if math.isfinite(row.limit) else None,
-           "unit": row.unit, "": "ok" if row.ok else "no"} for row in rows], Console())  # fmt: skip
+    rows = [row for name, measure in FAMILIES.items() if only in (None, name) for row in measure()]
+    report(json_output, rows=[{**row._asdict(), "ok": row.ok} for row in rows])

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from cyclopts import Parameter
-from rich.console import Console
 
-from benchmarks.options import BenchOptions, Progress, Rendering, rendered, scene_files, show
+from benchmarks.options import BenchOptions, Rendering, progress, rendered, report, scene_files
 from benchmarks.random_scenes.rooms import random_conference
-from benchmarks.views import VIEWS, drawn_view, full_truth, rules_of
+from benchmarks.views import VIEWS, full_truth, rules_of, view_of_seed
 from calib.errors import InputError
 from planview.counting.events import Direction, Event
 from planview.counting.geometry import RulePlane
 from planview.counting.rules import Rules, load_rules, parse_rules
-from planview.counting.scoring import CountScores, CrossingScores, OccupancyGroup, score_counts, score_events
+from planview.counting.scoring import CountScores, CrossingScores, score_counts, score_events
 from planview.counting.totals import Clock, Counts, count_tracks, count_truth
 from planview.engine.config import Config
 from planview.engine.engine import Engine
@@ -44,115 +41,24 @@ ACCURACY_MIN = 0.97
 RIGHT_MIN_PERCENT = {"0": 98.0, "1-2": 98.0, "3-5": 98.0, "6-9": 96.0, "10+": 88.0}
 ROOM_RIGHT_MIN_PERCENT = {"0": 98.0, "1-2": 98.0, "3-5": 97.0, "6-9": 95.0, "10+": 88.0}
 PAPER_RIGHT_PERCENT = {"0": 96.6, "1-2": 97.4, "3-5": 99.1, "6-9": 95.2, "10+": 85.2}
-"""Time with the right occupancy by true number: the aim, that of drawn rooms, and table 4 of Zhang et al. 2008."""
+"""Time with the right occupancy by true number: the aim, that of random rooms, and table 4 of Zhang et al. 2008."""
 TRAJECTORIES = ("uo-050-180-180.txt", "boa-300-frei.txt")
 SingleTracker = Literal["human-model", "ellipse-particle"]
-
-
-@dataclass(frozen=True)
-class CrossingRow:
-    """A tripwire of a recording beside its truth."""
-
-    recording: str
-    rule: str
-    scores: CrossingScores
-
-    @property
-    def ok(self) -> bool:
-        return self.scores.accuracy is None or self.scores.accuracy >= ACCURACY_MIN
-
-
-@dataclass(frozen=True)
-class OccupancyRow:
-    """A zone of a recording, for one range of true numbers of people."""
-
-    recording: str
-    rule: str
-    group: OccupancyGroup
-    min_percent: float
-
-    @property
-    def ok(self) -> bool:
-        return self.group.right_percent is None or self.group.right_percent >= self.min_percent
-
-
-@dataclass(frozen=True)
-class FrameCounts:
-    """How often the number of people was wrong.
-
-    Attributes:
-        recording: name.
-        frames: how many were compared.
-        wrong: frames with another number of confirmed tracks than people who show.
-        too_few: those of them with fewer tracks.
-    """
-
-    recording: str
-    frames: int
-    wrong: int
-    too_few: int
-
-    @property
-    def error(self) -> float:
-        """Share of frames with the wrong number (the counting error of del-Blanco et al. 2012, table I)."""
-        return self.wrong / self.frames if self.frames else 0.0
+Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class CountingTable:
-    """Everything that was scored."""
+    """Rows of what was scored: tripwires, zones by their true number of people, and numbers of people in a frame."""
 
-    crossings: tuple[CrossingRow, ...] = ()
-    occupancy: tuple[OccupancyRow, ...] = ()
-    views: tuple[FrameCounts, ...] = ()
+    crossings: list[Row] = field(default_factory=list)
+    occupancy: list[Row] = field(default_factory=list)
+    frames: list[Row] = field(default_factory=list)
 
     def __add__(self, other: CountingTable) -> CountingTable:
         return CountingTable(
-            self.crossings + other.crossings, self.occupancy + other.occupancy, self.views + other.views
+            self.crossings + other.crossings, self.occupancy + other.occupancy, self.frames + other.frames
         )
-
-    def to_json(self) -> dict[str, Any]:
-        def named(row: CrossingRow | OccupancyRow) -> dict[str, Any]:
-            return {"recording": row.recording, "rule": row.rule, "ok": row.ok}
-
-        return {
-            "crossings": [named(r) | asdict(r.scores) for r in self.crossings],
-            "occupancy": [named(r) | asdict(r.group) for r in self.occupancy],
-            "views": [{"error": v.error, **asdict(v)} for v in self.views],
-        }
-
-
-@dataclass(frozen=True)
-class ViewScore:
-    """One tracker on one drawn view.
-
-    Attributes:
-        view, seed: which recording.
-        crossings: of the line through the middle.
-        found, there: people with a confirmed track, people who showed.
-        wrong_frames: share of frames with another number of people than show.
-        occupancy: share of frames with the true number of people in the middle of the view.
-    """
-
-    view: str
-    seed: int
-    tracker: SingleTracker
-    crossings: CrossingScores
-    found: int
-    there: int
-    wrong_frames: float
-    occupancy: float
-
-    @property
-    def strict(self) -> float:
-        """Strict accuracy of the crossings; 1 where no person crosses and none is counted, 0 where only that is so."""
-        c = self.crossings
-        if c.strict_accuracy is not None:
-            return c.strict_accuracy
-        return float(c.found_left_to_right + c.found_right_to_left == 0)
-
-    def to_json(self) -> dict[str, Any]:
-        return {"strict": self.strict, **asdict(self)}
 
 
 def table_of(
@@ -160,26 +66,56 @@ def table_of(
 ) -> CountingTable:
     """The rows of one recording's scores; ranges that never occur are left out."""
     return CountingTable(
-        tuple(CrossingRow(recording, rule, score) for rule, score in scores.crossings.items()),
-        tuple(
-            OccupancyRow(recording, rule, group, right_min_percent[group.people])
+        [
+            {
+                "recording": recording, "rule": rule, **directions(s), "accuracy": s.accuracy,
+                "limit": ACCURACY_MIN, "strict": s.strict_accuracy, "precision": s.precision, "recall": s.recall,
+                "wrong_direction": s.wrong_direction, "late_s": s.timing_mean_s,
+                "ok": s.accuracy is None or s.accuracy >= ACCURACY_MIN,
+            }
+            for rule, s in scores.crossings.items()
+        ],
+        [
+            _occupancy_row(recording, rule, asdict(group), right_min_percent)
             for rule, groups in scores.occupancy.items()
             for group in groups
             if group.frames
-        ),
-    )
+        ],
+    )  # fmt: skip
 
 
-def count_frames(recording: str, tracks: Trajectories, truth: Trajectories, n_frames: int) -> FrameCounts:
+def _occupancy_row(recording: str, rule: str, group: Row, right_min_percent: Mapping[str, float]) -> Row:
+    limit, right = right_min_percent[group["people"]], group["right_percent"]
+    named = {"recording": recording, "rule": rule, **group}
+    return named | {
+        "limit": limit,
+        "paper": PAPER_RIGHT_PERCENT[group["people"]],
+        "ok": right is None or right >= limit,
+    }
+
+
+def directions(scores: CrossingScores) -> Row:
+    """True and found numbers, left to right and right to left."""
+    return {
+        "true": f"{scores.true_left_to_right}+{scores.true_right_to_left}",
+        "found": f"{scores.found_left_to_right}+{scores.found_right_to_left}",
+    }
+
+
+def count_frames(tracks: Trajectories, truth: Trajectories, n_frames: int) -> Row:
     """Compare the number of confirmed tracks with that of people who show, in frames 0 to n_frames - 1.
 
     Args:
         truth: with ``visible``; people without it count as seen.
+    Returns:
+        frames, those with a wrong number, those with fewer tracks, and the share of wrong ones (the counting error of
+        del-Blanco et al. 2012, table I).
     """
     shown = truth.frame[~(truth.visible < VISIBLE_MIN)]
     confirmed = tracks.frame[tracks.state == "confirmed"]
     found, true = (np.bincount(f[f < n_frames], minlength=n_frames) for f in (confirmed, shown))
-    return FrameCounts(recording, n_frames, int((found != true).sum()), int((found < true).sum()))
+    wrong, too_few = int((found != true).sum()), int((found < true).sum())
+    return {"frames": n_frames, "wrong": wrong, "too_few": too_few, "error": wrong / max(1, n_frames)}
 
 
 @dataclass(frozen=True)
@@ -189,18 +125,16 @@ class Scorer:
     Attributes:
         rendering: options of it; fewer frames than a scene has are scored alone.
         out: gets a folder with each run.
-        progress: takes messages.
     """
 
     rendering: Rendering
     out: Path
     config: Config
-    progress: Progress
     tracker: SingleTracker = "human-model"
 
     def track(self, recording: Path, camera: Path | None, name: str) -> tuple[Engine, Trajectories]:
         """Track the recording of a single camera into a folder."""
-        self.progress(f"tracking {name} with {self.tracker}")
+        progress(f"tracking {name} with {self.tracker}")
         engine = open_engine(recording, self.tracker, self.config, camera)
         if engine.stereo is not None:
             raise InputError(f"{recording}: expected the recording of a single camera, found a stereo pair")
@@ -215,14 +149,20 @@ class Scorer:
             rules_on: makes what is counted, on the floor of the camera.
             right_min_percent: what each range of true numbers must reach.
         """
-        recording = rendered(scene, name, self.rendering, self.progress)
+        recording = rendered(scene, name, self.rendering)
         engine, tracks = self.track(recording, recording / "camera.toml", name)
         rules, truth = rules_on(RulePlane(engine.camera)), read_truth(recording / "truth.csv")
-        clock, n_frames = Clock(tracks, engine.recording.fps), self.rendering.frames or engine.recording.n_frames
-        found = count_tracks(tracks, rules, clock=clock, n_frames=n_frames)
+        n_frames = self.rendering.frames or engine.recording.n_frames
+        scores = self.score_rules(rules, tracks, truth, engine.recording.fps, n_frames)
+        counts = {"recording": name, **count_frames(tracks, truth, n_frames)}
+        return table_of(name, scores, right_min_percent) + CountingTable(frames=[counts])
+
+    @staticmethod
+    def score_rules(rules: Rules, tracks: Trajectories, truth: Trajectories, fps: float, n_frames: int) -> CountScores:
+        """Counts of tracks by rules against those of the truth."""
+        clock = Clock(tracks, fps)
         true = count_truth(truth, rules, clock, n_frames=n_frames)
-        counts = CountingTable(views=(count_frames(name, tracks, truth, n_frames),))
-        return table_of(name, score_counts(true, found, WINDOW_S), right_min_percent) + counts
+        return score_counts(true, count_tracks(tracks, rules, clock=clock, n_frames=n_frames), WINDOW_S)
 
 
 def score_scene(rules: Path, scorer: Scorer) -> CountingTable:
@@ -233,32 +173,29 @@ def score_scene(rules: Path, scorer: Scorer) -> CountingTable:
 
 
 def score_room(seed: int, scorer: Scorer) -> CountingTable:
-    """Score the number of people in the drawn conference room of a seed."""
-    drawn, name = random_conference(seed), f"conference-{seed}"
-    zone = {"name": "room", "polygon_m": [list(corner) for corner in drawn.zone_m]}
+    """Score the number of people in the random conference room of a seed."""
+    room, name = random_conference(seed), f"conference-{seed}"
+    zone = {"name": "room", "polygon_m": [list(corner) for corner in room.zone_m]}
     return scorer.score(
-        drawn.scene, name, lambda plane: parse_rules({"zone": [zone]}, plane, name), ROOM_RIGHT_MIN_PERCENT
+        room.scene, name, lambda plane: parse_rules({"zone": [zone]}, plane, name), ROOM_RIGHT_MIN_PERCENT
     )
 
 
 def all_rooms(tables: Sequence[CountingTable]) -> CountingTable:
     """The rows of every room, and after several rooms one row for each range with the frames of all of them."""
     together = sum(tables, CountingTable())
-    if len(tables) < 2:
-        return together
     rows = []
-    for people, least in ROOM_RIGHT_MIN_PERCENT.items():
-        groups = [row.group for row in together.occupancy if row.group.people == people and row.group.frames]
+    for people in ROOM_RIGHT_MIN_PERCENT if len(tables) > 1 else ():
+        groups = [row for row in together.occupancy if row["people"] == people and row["frames"]]
         if groups:
-            frames = [g.frames for g in groups]
-            right, mean, absolute = (
-                float(np.average([getattr(g, name) for g in groups], weights=frames))
+            frames = [g["frames"] for g in groups]
+            means = {
+                name: float(np.average([g[name] for g in groups], weights=frames))
                 for name in ("right_percent", "mean_difference", "mean_absolute_difference")
-            )
-            rows.append(
-                OccupancyRow("all rooms", "room", OccupancyGroup(people, sum(frames), right, mean, absolute), least)
-            )
-    return together + CountingTable(occupancy=tuple(rows))
+            }
+            group = {"people": people, "frames": sum(frames), **means}
+            rows.append(_occupancy_row("all rooms", "room", group, ROOM_RIGHT_MIN_PERCENT))
+    return together + CountingTable(occupancy=rows)
 
 
 def score_trajectories(data: Path) -> CountingTable:
@@ -330,33 +267,52 @@ def score_pavement(clip: Path, scorer: Scorer, camera: Path | None) -> CountingT
     return table_of("pavement", score_events(pavement_truth(), count_tracks(tracks, rules), WINDOW_S))
 
 
-def score_view(path: Path, seed: int, scorer: Scorer) -> ViewScore:
+def score_view(path: Path, seed: int, scorer: Scorer) -> Row:
     """Render a view of a seed unless the cache has it, track it, and count at its line.
 
     Ellipses are tracked and counted in the image without a camera; the human model on the floor with the true one.
     """
-    view = drawn_view(path, seed)
-    recording = rendered(view.scene, f"view-{path.stem}-{seed}", scorer.rendering, scorer.progress)
+    view = view_of_seed(path, seed)
+    recording = rendered(view.scene, f"view-{path.stem}-{seed}", scorer.rendering)
     camera = recording / "camera.toml" if scorer.tracker == "human-model" else None
     engine, tracks = scorer.track(recording, camera, f"{path.stem}-{seed}-{scorer.tracker}")
     truth = full_truth(recording / "truth.csv")
     size = view.scene.mount.width, view.scene.mount.height
     rules = parse_rules(rules_of(view, size), RulePlane(engine.camera, size), "line")
-    clock, n = Clock(tracks, view.scene.fps), scorer.rendering.frames or view.scene.n_frames
-    true = count_truth(truth, rules, clock, n_frames=n)
-    scores = score_counts(true, count_tracks(tracks, rules, clock=clock, n_frames=n), WINDOW_S)
-    middle = scores.occupancy["middle"]
+    n = scorer.rendering.frames or view.scene.n_frames
+    scores = scorer.score_rules(rules, tracks, truth, view.scene.fps, n)
+    line, middle = scores.crossings["line"], scores.occupancy["middle"]
     right = sum(g.frames * (g.right_percent or 0.0) for g in middle) / 100
-    return ViewScore(
-        path.stem,
-        seed,
-        scorer.tracker,
-        scores.crossings["line"],
-        found=len(np.unique(tracks.track_id[tracks.state == "confirmed"])),
-        there=len(np.unique(truth.track_id[truth.visible >= VISIBLE_MIN])),
-        wrong_frames=count_frames(path.stem, tracks, truth, n).error,
-        occupancy=right / max(1, sum(g.frames for g in middle)),
-    )
+    return {
+        "view": path.stem, "seed": seed, "tracker": scorer.tracker, **directions(line), "strict": strict_accuracy(line),
+        "people": len(np.unique(tracks.track_id[tracks.state == "confirmed"])),
+        "there": len(np.unique(truth.track_id[truth.visible >= VISIBLE_MIN])),
+        "wrong_frames": count_frames(tracks, truth, n)["error"],
+        "occupancy": right / max(1, sum(g.frames for g in middle)),
+    }  # fmt: skip
+
+
+def strict_accuracy(scores: CrossingScores) -> float:
+    """Strict accuracy of the crossings; 1 where no person crosses and none is counted, 0 where only that is so."""
+    if scores.strict_accuracy is not None:
+        return scores.strict_accuracy
+    return float(scores.found_left_to_right + scores.found_right_to_left == 0)
+
+
+def view_means(views: Sequence[Row]) -> list[Row]:
+    """Each tracker's mean, with the interval that holds 95 % of the means of views resampled from these."""
+    means = []
+    for tracker in dict.fromkeys(row["tracker"] for row in views):
+        mine = [row for row in views if row["tracker"] == tracker]
+        strict = np.array([row["strict"] for row in mine])
+        resampled = np.random.default_rng(0).choice(strict, (10_000, len(strict))).mean(axis=1)
+        low, high = map(float, np.quantile(resampled, (0.025, 0.975)))
+        means.append({
+            "tracker": tracker, "strict_mean": (float(strict.mean()), low, high),
+            "strict_worst": float(strict.min()), "people": sum(row["people"] for row in mine),
+            "there": sum(row["there"] for row in mine), "occupancy": float(np.mean([row["occupancy"] for row in mine])),
+        })  # fmt: skip
+    return means
 
 
 @Parameter(name="*")
@@ -377,11 +333,10 @@ class CountingOptions(BenchOptions):
     scenes: Path = SINGLE
     """Folder with scenes and their rules."""
     seeds: Annotated[Sequence[int], Parameter(negative="", show_default=False)] = ()
-    """Seeds of the drawn views of data/synthetic/views (--scene names some of these then), with both trackers. Seeds 0
-    to 9 are worked on, others judge."""
+    """Seeds of the random views of data/synthetic/views (--scene names some of these then), with both trackers. The
+    engine was tuned on seeds 0 to 9."""
     rooms: Annotated[Sequence[int], Parameter(negative="", show_default=False)] = ()
-    """Seeds of drawn conference rooms: another camera, other clothes and seats each. Seeds 0 to 9 are worked on, others
-    judge."""
+    """Seeds of random conference rooms: another camera, other clothes and seats each; 0 to 9 were tuned on."""
     out: Path | None = None
     """Folder that keeps the runs; a temporary one by default."""
 
@@ -393,9 +348,9 @@ def counting(*, options: CountingOptions | None = None) -> None:
 
     Example of wrong numbers of people: python -m benchmarks counting --scene station --tracker ellipse-particle
 
-    Example with drawn views of seeds never looked at: python -m benchmarks counting --seeds 501 --seeds 502
+    Example with random views: python -m benchmarks counting --seeds 501 --seeds 502
 
-    Example with drawn conference rooms: python -m benchmarks counting --rooms 501 --rooms 502
+    Example with random conference rooms: python -m benchmarks counting --rooms 501 --rooms 502
 
     Example with the real recordings: python -m benchmarks counting --data ../shared/data --pavement-camera camera.toml
     """
@@ -405,8 +360,9 @@ def counting(*, options: CountingOptions | None = None) -> None:
     for name, seeds in (("--seeds", o.seeds), ("--rooms", o.rooms)):
         if any(seed < 0 for seed in seeds):
             raise InputError(f"{name}: expected numbers from 0, found {min(seeds)}")
-    console = Console(markup=False)
-    with _scoring(o) as scorer:
+    with tempfile.TemporaryDirectory() as temporary:
+        rendering = Rendering(o.cache_folder, frames=o.frames)
+        scorer = Scorer(rendering, o.out or Path(temporary), o.settings(), o.tracker)
         if o.seeds:
             views = [
                 score_view(path, seed, replace(scorer, tracker=tracker))
@@ -414,7 +370,9 @@ def counting(*, options: CountingOptions | None = None) -> None:
                 for path in scene_files(o.scene, VIEWS)
                 for tracker in get_args(SingleTracker)
             ]
-        elif o.rooms:
+            report(o.json_output, views=views, means=view_means(views))
+            return
+        if o.rooms:
             table = all_rooms([score_room(seed, scorer) for seed in o.rooms])
         else:
             table = sum((score_scene(path, scorer) for path in scene_files(o.scene, o.scenes, RULES)), CountingTable())
@@ -422,60 +380,4 @@ def counting(*, options: CountingOptions | None = None) -> None:
                 table += score_trajectories(o.data / "trajectories")
                 who = scorer if o.pavement_camera is not None else replace(scorer, tracker="ellipse-particle")
                 table += score_pavement(o.data / "overhead-counting" / "pavement.mp4", who, o.pavement_camera)
-    if o.json_output:
-        print(json.dumps([v.to_json() for v in views] if o.seeds else table.to_json(), indent=2))
-    elif o.seeds:
-        print_views(views, console)
-    else:
-        print_counting(table, console)
-
-
-@contextmanager
-def _scoring(o: CountingOptions) -> Iterator[Scorer]:
-    """With a line of progress, and a temporary folder for runs that are not kept."""
-    rendering = Rendering(o.cache_folder, frames=o.frames)
-    with tempfile.TemporaryDirectory() as temporary, Console(stderr=True, markup=False).status("...") as status:
-        yield Scorer(rendering, o.out or Path(temporary), o.settings(), status.update, o.tracker)
-
-
-def print_views(scores: Sequence[ViewScore], console: Console) -> None:
-    """A row per view and tracker, and each tracker's mean with 95 % of the sets drawn from these views again."""
-    show([{"view": f"{s.view} {s.seed}", "tracker": s.tracker, **_crossings(s.crossings), "strict": s.strict,
-           "people": s.found, "there": s.there, "wrong_frames": s.wrong_frames, "occupancy": s.occupancy}
-          for s in scores], console)  # fmt: skip
-    means = []
-    for tracker in dict.fromkeys(s.tracker for s in scores):
-        mine = [s for s in scores if s.tracker == tracker]
-        strict = np.array([s.strict for s in mine])
-        drawn = np.random.default_rng(0).choice(strict, (10_000, len(strict))).mean(axis=1)
-        low, high = map(float, np.quantile(drawn, (0.025, 0.975)))
-        means.append({
-            "tracker": tracker, "strict_mean": float(strict.mean()), "from": low, "to": high,
-            "strict_worst": float(strict.min()), "people": sum(s.found for s in mine),
-            "there": sum(s.there for s in mine), "occupancy": float(np.mean([s.occupancy for s in mine])),
-        })  # fmt: skip
-    show(means, console)
-
-
-def print_counting(table: CountingTable, console: Console) -> None:
-    """Crossings as in table 3 and occupancy as in table 4 of the paper, beside what they must be."""
-    if table.crossings:
-        rows = [(row, row.scores) for row in table.crossings]
-        show([{"view: line": f"{row.recording}: {row.rule}", **_crossings(s), "accuracy": s.accuracy,
-               "to_reach": ACCURACY_MIN, "strict": s.strict_accuracy, "precision": s.precision, "recall": s.recall,
-               "turned": s.wrong_direction, "late_s": s.timing_mean_s, "": "ok" if row.ok else "short"}
-              for row, s in rows], console)  # fmt: skip
-    if table.occupancy:
-        show([{"view: zone": f"{row.recording}: {row.rule}", **asdict(row.group), "to_reach": row.min_percent,
-               "paper": PAPER_RIGHT_PERCENT[row.group.people], "": "ok" if row.ok else "short"}
-              for row in table.occupancy], console)  # fmt: skip
-    if table.views:
-        show([{**asdict(view), "error": view.error} for view in table.views], console)
-
-
-def _crossings(scores: CrossingScores) -> dict[str, str]:
-    """True and found numbers, left to right and right to left."""
-    return {
-        "true": f"{scores.true_left_to_right}+{scores.true_right_to_left}",
-        "found": f"{scores.found_left_to_right}+{scores.found_right_to_left}",
-    }
+    report(o.json_output, **vars(table))

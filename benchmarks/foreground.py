@@ -1,20 +1,18 @@
-"""Foreground of one camera beside OpenCV's MOG2 and KNN, on drawn views with exact masks."""
+"""Foreground of one camera beside OpenCV's MOG2 and KNN, on random views with exact masks."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import cv2
 import numpy as np
 from cyclopts import Parameter
-from rich.console import Console
 
-from benchmarks.options import BenchOptions, Progress, Rendering, rendered, scene_files, show
-from benchmarks.views import VIEWS, drawn_view
+from benchmarks.options import BenchOptions, Rendering, progress, rendered, report, scene_files
+from benchmarks.views import VIEWS, view_of_seed
 from calib.errors import InputError
 from calib.types import I32, I64, Bool
 from planview.engine.config import Config
@@ -22,7 +20,7 @@ from planview.engine.open import open_engine
 from planview.synthetic.render import SceneRenderer
 
 CONDITIONS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
-    "as drawn": {},
+    "as is": {},
     "dark, noisy": {"light": {"brightness": 0.02, "full_well_e": 800.0}},
     "motion blur": {"capture": {"shutter_s": 0.08}},
     "automatic exposure, white balance": {"capture": {"auto_exposure": 0.9, "auto_white_balance": 0.6}},
@@ -32,26 +30,7 @@ CONDITIONS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     "thing moved": {"room": {"moved": True}},
     "clothes like the wall": {"room": {"grey_clothes": 1.0}},
 }
-"""What takes the place of the values that a seed has drawn, by condition."""
-
-
-@dataclass(frozen=True)
-class ForegroundScore:
-    """One method on one condition; shares pooled over frames.
-
-    Attributes:
-        wrong: share of all pixels that are wrong.
-        missed: share of people's pixels that are not foreground.
-        false: share of the room's pixels that are.
-    """
-
-    view: str
-    seed: int
-    condition: str
-    method: str
-    wrong: float
-    missed: float
-    false: float
+"""Values that replace those of the seed, by condition."""
 
 
 def pixel_counts(found: Bool, owner: I32) -> I64:
@@ -62,14 +41,15 @@ def pixel_counts(found: Bool, owner: I32) -> I64:
 
 
 def score_foreground(
-    path: Path, seed: int, condition: str, rendering: Rendering, config: Config, progress: Progress
-) -> list[ForegroundScore]:
-    """The engine's own foreground (with the ellipse-particle tracker's feedback), MOG2 and KNN on one condition.
+    path: Path, seed: int, condition: str, rendering: Rendering, config: Config
+) -> dict[str, dict[str, Any]]:
+    """Rows by method: the engine's own foreground (with the ellipse-particle tracker's feedback), MOG2 and KNN on one
+    condition.
 
     OpenCV's own have their defaults, a median of 3x3 pixels as the engine's has, and shadows removed.
     """
-    view, name = drawn_view(path, seed, CONDITIONS[condition]), path.stem
-    recording = rendered(view.scene, f"view-{name}-{seed}", rendering, progress)
+    view, name = view_of_seed(path, seed, CONDITIONS[condition]), path.stem
+    recording = rendered(view.scene, f"view-{name}-{seed}", rendering)
     progress(f"{name} of seed {seed}, {condition}")
     engine = open_engine(recording, "ellipse-particle", config)
     others = {"MOG2": cv2.createBackgroundSubtractorMOG2(), "KNN": cv2.createBackgroundSubtractorKNN()}
@@ -85,23 +65,31 @@ def score_foreground(
             owner = renderer.owner(result.frame)
             for method, mask in found.items():
                 counts[method] += pixel_counts(np.asarray(mask == 255), owner)
-    scores = []
-    for method, count in counts.items():
-        missed, people, false, room = map(int, count)
-        shares = (missed + false) / max(1, people + room), missed / max(1, people), false / max(1, room)
-        scores.append(ForegroundScore(name, seed, condition, method, *shares))
-    return scores
+    return {method: shares(count) for method, count in counts.items()}
+
+
+def shares(counts: I64) -> dict[str, Any]:
+    """Wrong pixels, people's pixels missed, and the room's that are foreground [%], from (4,) ``pixel_counts``."""
+    missed, people, false, room = map(int, counts)
+    return {
+        "wrong": 100 * (missed + false) / max(1, people + room),
+        "missed": 100 * missed / max(1, people),
+        "false": 100 * false / max(1, room),
+    }
+
+
+FIGURES = ("wrong", "missed", "false")
 
 
 @Parameter(name="*")
 @dataclass(frozen=True)
 class ForegroundOptions(BenchOptions):
-    """Which views are drawn, and how much of them."""
+    """Which views are rendered, and how much of them."""
 
     scene: Annotated[Sequence[str], Parameter(negative="")] = ("lobby",)
     """Views of data/synthetic/views, by name."""
     seeds: Annotated[Sequence[int], Parameter(negative="")] = (0,)
-    """Seeds of the views. Seeds 0 to 9 are worked on, others judge."""
+    """Seeds of the views; the engine was tuned on seeds 0 to 9."""
     frames: int = 150
     """Only the first frames of every view."""
 
@@ -109,8 +97,8 @@ class ForegroundOptions(BenchOptions):
 def foreground(*, options: ForegroundOptions | None = None) -> None:
     """Share of wrong pixels of one camera's foreground beside OpenCV's MOG2 and KNN, by condition, with exact masks.
 
-    Each view is drawn once per condition (dark, blurred, compressed, a polished floor...); the first three seconds do
-    not count.
+    Each view is rendered once per condition (dark, blurred, compressed, a polished floor...); the first three seconds
+    do not count.
 
     Example: python -m benchmarks foreground --scene lobby --seeds 0
     """
@@ -120,23 +108,18 @@ def foreground(*, options: ForegroundOptions | None = None) -> None:
     if not o.seeds or min(o.seeds) < 0:
         raise InputError("--seeds: expected numbers from 0")
     settings, rendering = o.settings(), Rendering(o.cache_folder, frames=o.frames)
-    with Console(stderr=True, markup=False).status("...") as status:
-        scores = [
-            score
-            for seed in o.seeds
-            for path in scene_files(o.scene, VIEWS)
-            for condition in CONDITIONS
-            for score in score_foreground(path, seed, condition, rendering, settings, status.update)
-        ]
-    if o.json_output:
-        print(json.dumps([asdict(score) for score in scores], indent=2))
-        return
-    methods, console, rows = dict.fromkeys(score.method for score in scores), Console(markup=False), []
+    rows = []
+    for seed in o.seeds:
+        for path in scene_files(o.scene, VIEWS):
+            for condition in CONDITIONS:
+                found = score_foreground(path, seed, condition, rendering, settings)
+                named = {"view": path.stem, "seed": seed, "condition": condition}
+                rows += [{**named, "method": method, **figures} for method, figures in found.items()]
+    means = []
     for condition in CONDITIONS:
-        rows.append({"condition": condition})
-        for method in methods:
-            mine = [(s.wrong, s.missed, s.false) for s in scores if s.condition == condition and s.method == method]
-            wrong, missed, false = 100 * np.mean(mine, axis=0)
-            rows[-1][method] = f"{wrong:.2f} ({missed:.0f}, {false:.2f})"
-    show(rows, console)
-    console.print("wrong pixels %; in brackets people's pixels missed %, and the room's that are foreground %")
+        mine = [row for row in rows if row["condition"] == condition]
+        for method in dict.fromkeys(row["method"] for row in mine):
+            figures = {key: float(np.mean([row[key] for row in mine if row["method"] == method])) for key in FIGURES}
+            means.append({"condition": condition, "method": method, **figures})
+    report(o.json_output, **({"scores": rows} if o.json_output else {}), means=means)
+    progress("wrong pixels %; people's pixels missed %; the room's that are foreground %")

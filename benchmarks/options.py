@@ -4,18 +4,18 @@
 # subclass, which does not know these names.
 
 import hashlib
+import json
+import math
 import os
 import shutil
+import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
 
 from calib.errors import InputError, WorkError
 from calib.io import reason
@@ -27,8 +27,6 @@ from planview.synthetic.write import write_recording
 
 SUITE = SCENES / "suite"
 """The committed challenges."""
-Progress = Callable[[str], None]
-"""Takes a message that says what is being done."""
 Flag = Annotated[bool, Parameter(negative="")]
 """A switch that is off without its option."""
 JsonFlag = Annotated[bool, Parameter(name="--json", negative="")]
@@ -68,18 +66,18 @@ class BenchOptions:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class ChallengeOptions(BenchOptions):
-    """Which challenges are drawn."""
+    """Which challenges are rendered."""
 
     seed: Annotated[Sequence[int], Parameter(negative="")] = ()
-    """Seeds to draw: of the suite a new one from the clock by default, so that no work was done on it; of the ablation
-    1, and none where --recording is given."""
+    """Seeds of the challenges. Default: of the suite a new one from the clock, on which nothing was tuned; of the
+    ablation 1, and none where --recording is given."""
     minutes: float = 10.0
     """Length of the challenges of each seed together [min]; the seed decides which. The whole suite is longer than ten
     minutes."""
     scene: Annotated[Sequence[str], Parameter(negative="")] = ()
     """Only these challenges, by name."""
     jobs: int = 1
-    """Recordings worked on at the same time, each in a process of its own."""
+    """Recordings processed at the same time, each in a process of its own."""
     scenes: Path = SUITE
     """Folder with challenges."""
 
@@ -111,7 +109,7 @@ def scene_files(names: Sequence[str] = (), folder: Path = SCENES, ending: str = 
     return [known[name] for name in names or known]
 
 
-def rendered(scene: Scene, name: str, options: Rendering, progress: Progress) -> Path:
+def rendered(scene: Scene, name: str, options: Rendering) -> Path:
     """The recording of a scene, rendered unless the cache has it.
 
     The key is a hash of everything in the scene, the renderer's version and the size; a recording appears in the cache
@@ -146,17 +144,50 @@ def new_folder(parent: Path, name: str) -> Path:
         raise WorkError(f"{parent}: the cache cannot be written: {reason(error)}") from error
 
 
-def number(value: float | None, factor: float = 1.0, digits: int = 3, sign: str = "") -> str:
-    """A figure of a table; "-" where there is none."""
-    return "-" if value is None or value != value else f"{factor * value:{sign}.{digits}f}"
+def show(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Print rows of figures as a table, however wide: their keys head the columns, "-" stands for an unknown figure."""
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    lines = [[key.replace("_", " ") for key in keys], *([_cell(row.get(key)) for key in keys] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        first, *others = (
+            f"{cell:{'>' if k else ''}{width}}" for k, (cell, width) in enumerate(zip(line, widths, strict=True))
+        )
+        print(first, *others, sep="  ")
+    print()
 
 
-def show(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
-    """Print rows of figures as a table: their keys head the columns, and "-" stands for a figure that is not known."""
-    table = Table(*(key.replace("_", " ") for key in rows[0]), box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for column in table.columns:
-        column.overflow, column.justify = "fold", "left" if column is table.columns[0] else "right"
-    for row in rows:
-        cells = ("-" if v is None or v != v else f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values())
-        table.add_row(*cells)
-    console.print(table)
+def _cell(value: object) -> str:
+    if isinstance(value, tuple):  # an interval
+        return f"{_cell(value[0])} [{_cell(value[1])}, {_cell(value[2])}]"
+    if value is None or value != value:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def report(json_output: bool, **tables: Sequence[Mapping[str, Any]]) -> None:
+    """Print tables of rows, or one JSON object of them by their names."""
+    if json_output:
+        print(json_text(tables), end="")
+        return
+    for rows in tables.values():
+        if rows:
+            show(rows)
+
+
+def json_text(value: object) -> str:
+    """As JSON; numbers that are not finite are null."""
+
+    def known(item: Any) -> Any:
+        if isinstance(item, Mapping):
+            return {key: known(inner) for key, inner in item.items()}
+        if isinstance(item, list | tuple):
+            return [known(inner) for inner in item]
+        return None if isinstance(item, float) and not math.isfinite(item) else item
+
+    return json.dumps(known(value), indent=2) + "\n"
+
+
+def progress(message: str) -> None:
+    """Say on stderr what is being done."""
+    print(message, file=sys.stderr, flush=True)

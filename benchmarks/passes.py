@@ -14,12 +14,10 @@ from typing import Any, TypeVar, cast
 
 import cv2
 from joblib import Parallel, delayed, parallel_config
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 import planview
 from benchmarks import peaks, peer
-from benchmarks.options import new_folder
+from benchmarks.options import new_folder, progress
 from benchmarks.peaks import PeakTracker
 from benchmarks.peer import PeerLog
 from planview.engine.config import Config
@@ -92,17 +90,15 @@ def run_pass(job: Pass) -> Path:
     return job.folder
 
 
-def watched(
-    work: Callable[[Job], Result], jobs: Sequence[Job], at_once: int, console: Console
-) -> Iterator[tuple[Job, Result]]:
-    """Every job with its result in the order in which they are done, in so many processes of one thread each, with a
-    bar while it lasts."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as progress, parallel_config("loky", inner_max_num_threads=1):
+def watched(work: Callable[[Job], Result], jobs: Sequence[Job], at_once: int) -> Iterator[tuple[Job, Result]]:
+    """Every job with its result in the order in which they are done, in ``at_once`` processes of one thread each."""
+    with parallel_config("loky", inner_max_num_threads=1):
         # Processes are spawned, not forked: open3d and numba hold threads.
         alone = Parallel(n_jobs=at_once, return_as="generator_unordered")
         done = alone(delayed(_alone)(work, job) for job in jobs) if at_once > 1 else ((j, work(j)) for j in jobs)
-        yield from progress.track(done, len(jobs), description="rendering and tracking")
+        for n, (job, result) in enumerate(done, 1):
+            progress(f"{n} of {len(jobs)} recordings rendered and tracked")
+            yield job, result
 
 
 def _alone(work: Callable[[Job], Result], job: Job) -> tuple[Job, Result]:

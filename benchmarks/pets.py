@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,9 +10,8 @@ from typing import Any, Literal
 
 import numpy as np
 from cyclopts import Parameter
-from rich.console import Console
 
-from benchmarks.options import JsonFlag, show
+from benchmarks.options import JsonFlag, progress, report
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
 from planview.engine.config import Config
@@ -86,29 +83,16 @@ class PetsScores:
         """MOTA and IDF1 of the boxes, number of errors."""
         return self.mota, self.boxes.identity.idf1 or 0.0, self.errors.total
 
-    def spread(self) -> dict[str, Any] | None:
-        """Every MOTA, IDF1 and number of errors, and their spread; None for one alone."""
-        if not self.others:
-            return None
-        mota, idf1, errors = zip(self.figures, *self.others, strict=True)
+    def spread(self) -> dict[str, Any]:
+        """Mean, deviation and range of the figures over all runs."""
+        mota, idf1, errors = (np.array(values) for values in zip(self.figures, *self.others, strict=True))
         return {
-            "mota": mota,
-            "idf1": idf1,
-            "errors": errors,
-            "mota_mean": float(np.mean(mota)),
-            "idf1_mean": float(np.mean(idf1)),
-            "mota_deviation": float(np.std(mota)),
-            "mota_range": max(mota) - min(mota),
-            "errors_mean": float(np.mean(errors)),
-        }
-
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "frames": self.frames,
-            "boxes": self.boxes.to_json(),
-            "floor": self.floor.to_json() if self.floor is not None else None,
-            "tracking_errors": {**asdict(self.errors), "total": self.errors.total},
-            "spread": self.spread(),
+            "runs": len(mota),
+            "mota_mean": float(mota.mean()),
+            "idf1_mean": float(idf1.mean()),
+            "mota_deviation": float(mota.std()),
+            "mota_range": float(np.ptp(mota)),
+            "errors_mean": float(errors.mean()),
         }
 
 
@@ -237,28 +221,26 @@ def pets(folder: Path, *, options: PetsOptions | None = None) -> None:
         raise InputError(f"--cameras: expected 1 to 100, found {o.cameras}")
     if o.camera is None and o.tracker != "ellipse-particle":
         raise InputError("--camera: the human-model tracker needs a camera.toml (see planview calibrate human)")
-    console = Console(stderr=True)
     scores = []
-    with console.status(f"tracking {folder}"):
-        if o.tracker != "ellipse-particle":
-            scores.append(score_pets("human-model", folder, o.camera, o.frames, cameras=o.cameras))
-        if o.tracker != "human-model":
-            scores.append(score_pets("ellipse-particle", folder, o.camera, o.frames, seeds=o.seeds))
-    if o.json_output:
-        print(json.dumps({s.tracker: s.to_json() for s in scores}))
-    else:
-        print_pets(scores, Console(markup=False))
+    progress(f"tracking {folder}")
+    if o.tracker != "ellipse-particle":
+        scores.append(score_pets("human-model", folder, o.camera, o.frames, cameras=o.cameras))
+    if o.tracker != "human-model":
+        scores.append(score_pets("ellipse-particle", folder, o.camera, o.frames, seeds=o.seeds))
+    report(o.json_output, scores=[row for s in scores for row in score_rows(s, whole=o.json_output)],
+           errors=[{"tracker": s.tracker, **asdict(s.errors), "total": s.errors.total} for s in scores],
+           spread=[{"tracker": s.tracker, **s.spread()} for s in scores if s.others])  # fmt: skip
 
 
-def print_pets(scores: Sequence[PetsScores], console: Console) -> None:
-    """A row per tracker and protocol; tracking errors, and their spread over seeds or cameras."""
-    names = ("truth_rows", "mota", "idf1", "hota", "switches", "misses", "false_positives")
-    results = [(s, *pair) for s in scores for pair in (("boxes, IoU 0.5", s.boxes), ("floor, 1 m", s.floor))]
-    show([{"tracker": s.tracker, "protocol": protocol, **{name: result.to_json()[name] for name in names}}
-          for s, protocol, result in results if result is not None], console)  # fmt: skip
-    errors = [{"tracker": s.tracker, **asdict(s.errors), "total": s.errors.total} for s in scores]
-    show(errors, console)
-    for score in scores:
-        if (spread := score.spread()) is not None:
-            means = {name: value for name, value in spread.items() if isinstance(value, float)}
-            show([{"tracker": score.tracker, "runs": len(spread["mota"]), **means}], console)
+def score_rows(scores: PetsScores, whole: bool) -> list[dict[str, Any]]:
+    """A row per protocol, with every figure or the most important ones."""
+    rows = []
+    for protocol, result in (("boxes, IoU 0.5", scores.boxes), ("floor, 1 m", scores.floor)):
+        if result is not None:
+            figures = result.to_json()
+            names = (
+                figures if whole else ("truth_rows", "mota", "idf1", "hota", "switches", "misses", "false_positives")
+            )
+            named = {"tracker": scores.tracker, "protocol": protocol, "tracked_frames": scores.frames}
+            rows.append(named | {name: figures[name] for name in names})
+    return rows

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
-from rich.console import Console
 
-from benchmarks.options import JsonFlag, show
+from benchmarks.options import JsonFlag, progress, report
 from benchmarks.passes import bench_engine
 from calib.errors import InputError
+from calib.types import I64
 from planview.engine.config import load_config
 from planview.engine.open import base_config
 from planview.evaluation.evaluate import evaluate_tracks
@@ -25,7 +24,7 @@ from planview.synthetic.assets import real_recordings
 from planview.trajectories.table import Trajectories, positions_table, read_truth
 
 BASELINE = "peaks"
-"""The row to beat, which is printed beside every tracker."""
+"""The tracker to beat, which is always scored too."""
 WALKER_PATH = "walker_path_from_depth.csv"
 WALKER_VISIBLE_FRAMES, BESIDE_WALKER_M = 30, 0.3
 """The walker's path comes without ids: later the walker stands cut by the image's border, and so does a second person
@@ -38,24 +37,18 @@ class RealScore:
 
     Attributes:
         frames: that are judged.
-        count_accuracy: share of frames with the right number of confirmed people: at least those who show, and at most
+        right_number: share of frames with the right number of confirmed people: at least those who show, and at most
             those and the doubtful ones (``visible`` 0 in the truth), whom nobody need find.
-        exact_count: share of frames with exactly the number of those who show.
+        exact: share of frames with exactly the number of those who show.
         ids, people: confirmed ids, and people who show at any time.
     """
 
-    recording: str
-    tracker: str
     frames: int
-    count_accuracy: float
-    exact_count: float
+    right_number: float
+    exact: float
     ids: int
     people: int
     evaluation: Evaluation
-
-    def to_json(self) -> dict[str, Any]:
-        of_counts = {name: value for name, value in vars(self).items() if name != "evaluation"}
-        return of_counts | self.evaluation.to_json()
 
 
 def recordings_with_truth(data: Path, names: Sequence[str] = ()) -> list[Path]:
@@ -89,9 +82,7 @@ def truth_of(folder: Path) -> Trajectories:
     return positions_table(frame[order], ids[order], rows[order, 1:3], rows[order, 3], visible=visible[order])
 
 
-def score_real(
-    recording: str, tracker: str, tracks: Trajectories, truth: Trajectories, frames: np.ndarray
-) -> RealScore:
+def score_real(tracks: Trajectories, truth: Trajectories, frames: I64) -> RealScore:
     """Score tracks of a recording.
 
     Args:
@@ -103,8 +94,6 @@ def score_real(
     n = int(frames.max()) + 1
     found, least, most = (np.bincount(t.frame, minlength=n)[frames] for t in (confirmed, shown, truth))
     return RealScore(
-        recording,
-        tracker,
         len(frames),
         float(((found >= least) & (found <= most)).mean()),
         float((found == least).mean()),
@@ -140,30 +129,23 @@ def real(*, options: RealOptions | None = None) -> None:
     Example: python -m benchmarks real --data ../shared/data --recording rgbd-six-people
     """
     o = options or RealOptions()
-    folders = recordings_with_truth(o.data or real_recordings(), o.recording)
-    scores = []
-    with Console(stderr=True, markup=False).status("...") as status:
-        for folder in folders:
-            truth = truth_of(folder)
-            for tracker in dict.fromkeys((*o.tracker, BASELINE)):
-                status.update(f"{folder.name}: {tracker}")
-                engine = bench_engine(folder, tracker, load_config(None, o.set_, base_config(folder)))
-                tracks = run(engine)
-                judged = np.unique(truth.frame)
-                if (folder / "truth.csv").is_file():  # frames without a row are empty
-                    judged = np.arange(max(engine.recording.n_frames, int(judged.max()) + 1))
-                scores.append(score_real(folder.name, tracker, tracks, truth, judged))
-    if o.json_output:
-        print(json.dumps({"scores": [score.to_json() for score in scores]}, indent=2))
-    else:
-        print_real(scores, Console(markup=False, width=120))
-
-
-def print_real(scores: Sequence[RealScore], console: Console) -> None:
-    """A row per recording and tracker."""
-    names = ("mota", "idf1", "position_error_mean_m", "misses", "false_positives")
-    rows = [(s, s.to_json()) for s in scores]
-    show([{"recording": s.recording, "tracker": s.tracker, "right_number": s.count_accuracy, "exact": s.exact_count,
-           "ids / people": f"{s.ids}/{s.people}", **{name: row[name] for name in names}} for s, row in rows],
-         console)  # fmt: skip
-    console.print("right number: as many confirmed people as show, or some of the doubtful ones more")
+    rows = []
+    for folder in recordings_with_truth(o.data or real_recordings(), o.recording):
+        truth = truth_of(folder)
+        for tracker in dict.fromkeys((*o.tracker, BASELINE)):
+            progress(f"{folder.name}: {tracker}")
+            engine = bench_engine(folder, tracker, load_config(None, o.set_, base_config(folder)))
+            tracks = run(engine)
+            judged = np.unique(truth.frame)
+            if (folder / "truth.csv").is_file():  # frames without a row are empty
+                judged = np.arange(max(engine.recording.n_frames, int(judged.max()) + 1))
+            score = score_real(tracks, truth, judged)
+            figures = score.evaluation.to_json()
+            names = figures if o.json_output else ("mota", "idf1", "position_error_mean_m", "misses", "false_positives")
+            counts = {
+                "recording": folder.name, "tracker": tracker, "right_number": score.right_number, "exact": score.exact,
+                "ids": score.ids, "people": score.people,
+            }  # fmt: skip
+            rows.append(counts | {name: figures[name] for name in names})
+    report(o.json_output, scores=rows)
+    progress("right number: as many confirmed people as show, or some of the doubtful ones more")

@@ -5,23 +5,21 @@ Both sides take turns, frame by frame, so that whatever else the machine does sl
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import cv2
 import numpy as np
 from cyclopts import Parameter
-from rich.console import Console
 
-from benchmarks.options import JsonFlag, Progress, show
+from benchmarks.options import JsonFlag, progress, report
 from calib.errors import InputError, WorkError
 from calib.ground_camera import GroundCamera
 from calib.images import as_grey
@@ -149,35 +147,42 @@ class Clip:
 
 @dataclass
 class Speed:
-    """Figures of ``python -m benchmarks speed``.
+    """Figures of ``python -m benchmarks speed``, as rows.
 
     Attributes:
-        stages_ms: median time per stage of the frames that count, on one core.
-        ratios: ours over OpenCV's, by name: medians.
-        quartiles: of those ratios that are measured frame by frame.
+        stages: median time per stage of the frames that count, on one core [ms].
+        ratios: ours over OpenCV's.
         details: the times behind the ratios [ms] and what was measured on.
     """
 
-    stages_ms: dict[str, float] = field(default_factory=dict)
-    ratios: dict[str, float] = field(default_factory=dict)
-    quartiles: dict[str, tuple[float, float]] = field(default_factory=dict)
-    details: dict[str, float | str] = field(default_factory=dict)
+    stages: list[dict[str, Any]] = field(default_factory=list)
+    ratios: list[dict[str, Any]] = field(default_factory=list)
+    details: list[dict[str, Any]] = field(default_factory=list)
 
-    def add(self, name: str, values: F64) -> None:
-        """A ratio, measured frame by frame."""
-        low, median, high = (round(float(q), 4) for q in np.quantile(values, (0.25, 0.5, 0.75)))
-        self.ratios[name], self.quartiles[name] = median, (low, high)
+    def add(self, name: str, ratios: F64) -> None:
+        """Median and quartiles of a ratio, measured frame by frame."""
+        low, middle, high = np.percentile(ratios, (25, 50, 75))
+        self.add_ratio(name, float(middle), float(low), float(high))
+
+    def add_ratio(self, name: str, median: float, low: float = math.nan, high: float = math.nan) -> None:
+        self.ratios.append(
+            {"ours / OpenCV": name, "median": median, "from": low, "to": high, "limit": LIMITS.get(name)}
+        )
+
+    def detail(self, name: str, value: str | float | Sequence[float] | F64) -> None:
+        """A figure, of several their median."""
+        self.details.append({"detail": name, "value": value if isinstance(value, str) else float(np.median(value))})
 
 
 class SpeedTurns(NamedTuple):
-    """What was timed: frames of the engine, and after every TURN of them one of each rival.
+    """One engine and its rivals over the timed frames of a clip.
 
     Attributes:
-        engine_ms: (N,) float64, time of each frame.
-        people: (N,) int64 people in view.
-        rivals_ms: by name (N,) float64, the turn beside each frame.
-        stages_ms: of each frame.
-        matched: (N,) float64, share of the pixels that were matched.
+        engine_ms: (N,) time of the engine.
+        people: (N,) confirmed people.
+        rivals_ms: (N,) of each rival, the latest of its turns.
+        stages_ms: the engine's stages of every frame.
+        matched: (N,) share of the image that was matched.
     """
 
     engine_ms: F64
@@ -191,49 +196,44 @@ class SpeedTurns(NamedTuple):
         return np.asarray((self.engine_ms / self.rivals_ms[name])[counted(self.people)], dtype=np.float64)
 
 
-def measure(
-    recording: Path | None,
-    n_frames: int,
-    progress: Progress = lambda _: None,
-    parts: Sequence[Part] = get_args(Part),
-    overrides: Sequence[str] = (),
-) -> Speed:
+def measure(recording: Path | None, n_frames: int, parts: Sequence[Part], overrides: Sequence[str] = ()) -> Speed:
     """Measure on one recording.
 
     Args:
         recording: the committed clip when None.
         n_frames: medians over so many frames, after SETTLED.
-        progress: told what is being measured.
         overrides: parameters of the engine, as of ``--set``.
     Raises:
         InputError: no such recording.
     """
-    speed, config = Speed(details={"recording": str(recording or DEMO)}), load_config(overrides=overrides)
+    speed, config = Speed(), load_config(overrides=overrides)
+    speed.detail("recording", str(recording or DEMO))
     if set(parts) - {"full-resolution", "one-camera"}:
         progress("opening the recording")
         clip = Clip(recording, SETTLED + n_frames, overrides=overrides)
-        speed.details["image"] = "{}x{}".format(*clip.rig.left.size)
+        speed.detail("image", "{}x{}".format(*clip.rig.left.size))
     if "engine" in parts:
         for one, suffix in ((True, ""), (False, "_all_cores")):
-            progress(f"whole engine beside remap and SGBM on {'one core' if one else 'all cores'}")
+            progress(f"whole engine and remap with SGBM on {'one core' if one else 'all cores'}")
             with one_core() if one else nullcontext():
                 turns = take_turns(clip, {name: Yardstick(clip.rig, name == "grey") for name in ("grey", "colour")})
             _add_engine(turns, suffix, speed)
     if "foreground" in parts:
-        progress("foreground beside MOG2")
+        progress("foreground and MOG2")
         foreground_to_mog2(clip, speed)
     if "after-disparity" in parts:
-        progress("everything after disparity at 320x240 beside SGBM")
+        progress("everything after disparity at 320x240, and SGBM")
         after_disparity_to_sgbm(Clip(recording, 0, width_px=320, frames=clip.frames), speed)
     if "full-resolution" in parts:
-        full_resolution(speed, progress)
+        full_resolution(speed)
     if "one-camera" in parts:
         for name, (tracker, people, width) in ONE_CAMERA.items():
-            progress(f"{tracker}, {people} people, {width} columns, beside MOG2 on one core")
+            progress(f"{tracker}, {people} people, {width} columns, and MOG2 on one core")
             with one_core():
                 ours_ms, theirs_ms, found = one_camera_beside_mog2(tracker, people, width, n_frames, config)
             speed.add(f"{name}_to_mog2", ours_ms / theirs_ms)
-            speed.details |= {f"{name}_ms": _median(ours_ms), f"{name}_found": _median(found)}
+            speed.detail(f"{name}_ms", ours_ms)
+            speed.detail(f"{name}_found", found)
     return speed
 
 
@@ -242,19 +242,20 @@ def _add_engine(turns: SpeedTurns, suffix: str, speed: Speed) -> None:
     chosen = counted(turns.people)
     for name, rival_ms in turns.rivals_ms.items():
         speed.add(f"engine_to_yardstick_{name}{suffix}", turns.ratios(name))
-        speed.details[f"yardstick_{name}_ms{suffix}"] = _median(rival_ms)
-    speed.details[f"engine_ms{suffix}"] = _median(turns.engine_ms[chosen])
+        speed.detail(f"yardstick_{name}_ms{suffix}", rival_ms)
+    speed.detail(f"engine_ms{suffix}", turns.engine_ms[chosen])
     if suffix:
         return
     stages = [stages for stages, counts in zip(turns.stages_ms, chosen, strict=True) if counts]
-    speed.stages_ms = {name: _median([s[name] for s in stages]) for name in STAGES if name in stages[0]}
-    speed.stages_ms["total"] = _median(turns.engine_ms[chosen])
-    speed.details |= {"matched_share": _median(turns.matched[chosen]), "frames_counted": float(chosen.sum())}
+    names = [name for name in STAGES if name in stages[0]]
+    speed.stages = [{"stage": name, "ms": float(np.median([s[name] for s in stages]))} for name in names]
+    speed.detail("matched_share", turns.matched[chosen])
+    speed.detail("frames_counted", float(chosen.sum()))
     for count in np.unique(turns.people):
-        speed.details[f"engine_ms_{count}_people"] = _median(turns.engine_ms[turns.people == count])
+        speed.detail(f"engine_ms_{count}_people", turns.engine_ms[turns.people == count])
 
 
-def full_resolution(speed: Speed, progress: Progress) -> None:
+def full_resolution(speed: Speed) -> None:
     """Engine over the yardstick in grey on one core on the real overhead pair, at half and at full resolution."""
     recording = real_recordings() / "overhead-stereo"
     if not recording.is_dir():
@@ -290,7 +291,8 @@ def foreground_to_mog2(clip: Clip, speed: Speed) -> None:
         spent = seconds(ours.changed, image, SAMPLE) if measured is not None else 0.0
         times.append((theirs, spent + seconds(ours.update, image, disparity, now, None, measured)))
     theirs_ms, ours_ms = 1e3 * np.array(times[len(times) // 3 :]).T
-    speed.details |= {"mog2_ms": _median(theirs_ms), "foreground_ms": _median(ours_ms)}
+    speed.detail("mog2_ms", theirs_ms)
+    speed.detail("foreground_ms", ours_ms)
     speed.add("foreground_to_mog2", ours_ms / theirs_ms)
 
 
@@ -310,13 +312,14 @@ def after_disparity_to_sgbm(clip: Clip, speed: Speed) -> None:
     start = min(SETTLED, len(people) // 2)
     n, after, match = (np.array(values[start:]) for values in (people, spent, sgbm))
     chosen = counted(n)
-    speed.details |= {"sgbm_320_ms": _median(1e3 * match), "after_disparity_ms": _median(1e3 * after[chosen])}
-    speed.details["tracker_320_ms"] = _median(np.array(track[start:])[chosen])
+    speed.detail("sgbm_320_ms", 1e3 * match)
+    speed.detail("after_disparity_ms", 1e3 * after[chosen])
+    speed.detail("tracker_320_ms", np.array(track[start:])[chosen])
     speed.add("after_disparity_to_sgbm", after[chosen] / match[chosen])
     medians = [(k, float(np.median(after[n == k]))) for k in np.unique(n) if (n == k).sum() >= ENOUGH]
     if len(medians) > 1:
         counts, times = np.array(medians).T
-        speed.ratios["one_more_person"] = round(float(np.polyfit(counts, times, 1)[0] / np.median(after[chosen])), 4)
+        speed.add_ratio("one_more_person", float(np.polyfit(counts, times, 1)[0] / np.median(after[chosen])))
 
 
 def one_camera_beside_mog2(
@@ -424,10 +427,6 @@ def one_core() -> Iterator[None]:
             os.sched_setaffinity(0, cores)
 
 
-def _median(values: Sequence[float] | F64) -> float:
-    return round(float(np.median(values)), 3)
-
-
 @Parameter(name="*")
 @dataclass(frozen=True)
 class SpeedOptions:
@@ -460,20 +459,5 @@ def speed(*, options: SpeedOptions | None = None) -> None:
     o = options or SpeedOptions()
     if o.frames < 10:
         raise InputError(f"--frames: expected at least 10, found {o.frames}")
-    console = Console(stderr=True, markup=False, highlight=False)
-    found = measure(o.recording, o.frames, console.print, o.part or get_args(Part), o.set_)
-    if o.json_output:
-        print(json.dumps(asdict(found), indent=2))
-    else:
-        print_speed(found, Console(markup=False))
-
-
-def print_speed(speed: Speed, console: Console) -> None:
-    """The median times of the stages, and the ratios beside what they must keep."""
-    if speed.stages_ms:
-        show([{"stage": name, "ms": value} for name, value in speed.stages_ms.items()], console)
-    known, none = speed.quartiles, (None, None)
-    show([{"ours / OpenCV": name.replace("_", " "), "median": value, "from": known.get(name, none)[0],
-           "to": known.get(name, none)[1], "at_most": LIMITS.get(name)} for name, value in speed.ratios.items()],
-         console)  # fmt: skip
-    show([{"detail": name.replace("_", " "), "value": value} for name, value in speed.details.items()], console)
+    found = measure(o.recording, o.frames, o.part or get_args(Part), o.set_)
+    report(o.json_output, **vars(found))

@@ -1,8 +1,7 @@
-"""The challenge suite: scenes drawn from a seed, rendered once, tracked and scored."""
+"""The challenge suite: random scenes of a seed, rendered once, tracked and scored."""
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import tempfile
@@ -15,9 +14,8 @@ from typing import Any, Literal
 import numpy as np
 from cyclopts import Parameter
 from pydantic import ValidationError
-from rich.console import Console
 
-from benchmarks.options import ChallengeOptions, Flag, Rendering, rendered
+from benchmarks.options import ChallengeOptions, Flag, Rendering, json_text, progress, rendered
 from benchmarks.passes import PEER, Pass, provenance, run_pass, watched
 from benchmarks.random_scenes.suite import random_scene
 from benchmarks.scores import SceneScore, print_scores, scores_json
@@ -39,7 +37,7 @@ Way = Literal["online", "refined", "peer"]
 TURNING = 0.02
 """A cartwheel is turned from this share of a turn on: before, the head is still above the hips."""
 JUDGING_SEED = 100
-"""Seeds below are worked on; seeds from here on judge, each once."""
+"""The engine is tuned on seeds below; seeds from here on judge it, each once."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ def load_challenge(path: Path) -> dict[str, Any]:
     return parse_toml(read_text(path, "a challenge scene in TOML"))
 
 
-def drawn_scene(path: Path, seed: int) -> Scene:
+def scene_of_seed(path: Path, seed: int) -> Scene:
     """The scene of a challenge file for a seed.
 
     Raises:
@@ -106,8 +104,8 @@ def dealt_files(files: Sequence[Path], seeds: Sequence[int]) -> list[tuple[int, 
 
 def suite_recording(path: Path, seed: int, cache: Path) -> tuple[Path, Scene]:
     """The recording of a seed, from the cache when it is there."""
-    scene = drawn_scene(path, seed)
-    return rendered(scene, f"suite-{path.stem}-{seed}", Rendering(cache), lambda _: None), scene
+    scene = scene_of_seed(path, seed)
+    return rendered(scene, f"suite-{path.stem}-{seed}", Rendering(cache)), scene
 
 
 def judged_truth(truth: Trajectories, scene: Scene) -> Trajectories:
@@ -165,7 +163,7 @@ class SuiteOptions(ChallengeOptions):
     """How challenges are tracked."""
 
     deal: Flag = False
-    """Deal all scenes out to the seeds in turn, instead of drawing every scene with every seed."""
+    """Deal all scenes out to the seeds in turn, instead of rendering every scene with every seed."""
     tracker: str = "joint"
     """Tracker that follows people: one of planview run, or peaks, the baseline of height peaks."""
     refine: Flag = False
@@ -177,41 +175,41 @@ class SuiteOptions(ChallengeOptions):
 
 
 def suite(*, options: SuiteOptions | None = None) -> None:
-    """Render challenges that a seed draws, track them and score them.
+    """Render the challenges of a seed, track them and score them.
 
     Every seed is another recording of every scene: other rooms, rigs, lenses, light, people, clothes and ways. Seeds 0
-    to 99 are for working on the engine; seeds from 100 on are for judging it, each once.
+    to 99 are for tuning the engine; seeds from 100 on are for judging it, each once.
 
-    Rendered recordings, and runs of the present code over them, are kept in the cache: what was interrupted goes on
-    where it was.
+    Rendered recordings, and runs of the present code over them, are kept in the cache: an interrupted
+    suite resumes.
 
     Example: python -m benchmarks suite --seed 1 --minutes 3 --jobs 2 --refine --peer
     """
     o = options or SuiteOptions()
     files = o.files()
-    console = Console(stderr=True, markup=False)
-    # A judging seed from the clock has most likely never been drawn.
+    # A judging seed from the clock has most likely never been rendered.
     new = JUDGING_SEED + (time.time_ns() // 1_000_000 ^ os.getpid()) % 1_000_000_000
     seeds = list(dict.fromkeys(o.seed)) or [new]
-    console.print("seeds: " + ", ".join(f"{s} ({'judging' if s >= JUDGING_SEED else 'worked on'})" for s in seeds))
+    progress("seeds: " + ", ".join(f"{s}{' (tuned on)' if s < JUDGING_SEED else ''}" for s in seeds))
     settings = o.settings()
-    drawn = [(s, path) for s in seeds for path in chosen_files(files, s, o.minutes)]
-    chosen = dealt_files(files, seeds) if o.deal else drawn
+    chosen = [(s, path) for s in seeds for path in chosen_files(files, s, o.minutes)]
+    if o.deal:
+        chosen = dealt_files(files, seeds)
     work, left_out = [], []
 
     def leave_out(sentence: str) -> None:
         left_out.append(sentence)
-        console.print(f"left out: {sentence}", style="yellow")
+        progress(f"left out: {sentence}")
 
     for seed, path in chosen:
         try:
-            drawn_scene(path, seed)
+            scene_of_seed(path, seed)
         except WorkError as error:
             leave_out(str(error))
             continue
         work.append(SuiteJob(path, seed, o.cache_folder, o.out, settings, o.tracker, o.refine, o.peer))
     done: dict[tuple[int, Path], dict[Way, SceneScore]] = {}
-    for job, by_way in watched(run_job, work, o.jobs, console):
+    for job, by_way in watched(run_job, work, o.jobs):
         if isinstance(by_way, str):
             leave_out(by_way)
         else:
@@ -224,9 +222,9 @@ def suite(*, options: SuiteOptions | None = None) -> None:
     result |= {way: scores_json(scores) for way, scores in ways.items()}
     if o.out is not None:
         o.out.mkdir(parents=True, exist_ok=True)
-        write_whole(o.out / "suite.json", json.dumps(result, indent=2) + "\n")
+        write_whole(o.out / "suite.json", json_text(result))
     if o.json_output:
-        print(json.dumps(result, indent=2))
+        print(json_text(result), end="")
         return
     for way, scores in ways.items():
-        print_scores(f"scene, {way}", scores, Console(markup=False))
+        print_scores(f"scene, {way}", scores)

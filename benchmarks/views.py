@@ -1,4 +1,4 @@
-"""Drawn views of one camera (``data/synthetic/views``): scenes of a seed, what to count in them, and their truth."""
+"""Random views of one camera (``data/synthetic/views``): scenes of a seed, what to count in them, and their truth."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ VIEWS = SCENES / "views"
 FULL_BOX = ("full_left_px", "full_top_px", "full_width_px", "full_height_px")
 
 
-def drawn_view(path: Path, seed: int, changes: Mapping[str, Mapping[str, Any]] | None = None) -> RandomView:
+def view_of_seed(path: Path, seed: int, changes: Mapping[str, Mapping[str, Any]] | None = None) -> RandomView:
     """The view of a table and a seed, with some values changed (see ``random_view``). Raises InputError: unreadable, or
     a value out of its range."""
     try:

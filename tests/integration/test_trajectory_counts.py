@@ -50,5 +50,5 @@ def test_bench_scores_full_marks_on_trajectories(shared_data):
     if not (shared_data / "trajectories").is_dir():
         pytest.skip("the trajectories are not here")
     table = score_trajectories(shared_data / "trajectories")
-    totals = [(r.scores.true_left_to_right, r.scores.true_right_to_left, r.scores.matched) for r in table.crossings]
-    assert totals == [(61, 0, 61), (61, 0, 61), (25, 25, 50), (25, 25, 50)]
+    assert [row["true"] for row in table.crossings] == ["61+0", "61+0", "25+25", "25+25"]
+    assert all(row["strict"] == 1.0 for row in table.crossings)

@@ -1,6 +1,5 @@
 """The smaller benchmarks."""
 
-import io
 import json
 import math
 import os
@@ -8,26 +7,22 @@ import os
 import cv2
 import numpy as np
 import pytest
-from rich.console import Console
 from toy_stereo import toy_rig
 
 from benchmarks.__main__ import main_benchmarks as main
 from benchmarks.ablation import (
     CONFIGURED,
     LADDER,
-    TABLE_WIDTH,
     AblationOptions,
-    AblationRow,
-    Interval,
     ablation,
     bootstrap,
     chosen_variants,
-    print_ablation,
 )
 from benchmarks.calibration import Row, alignment_error
 from benchmarks.foreground import pixel_counts
 from benchmarks.one_statistic import NOMINAL_HEIGHT_M, reduced
-from benchmarks.speed import LIMITS, Clip, Speed, Yardstick, counted, one_core, print_speed, walking_people
+from benchmarks.options import report
+from benchmarks.speed import LIMITS, Clip, Speed, Yardstick, counted, one_core, walking_people
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.pose import SE3
@@ -46,14 +41,24 @@ def test_missing_recordings_and_too_few_frames_are_refused(tmp_path, capsys):
     assert "--frames" in capsys.readouterr().err
 
 
-def test_ratios_are_printed_beside_their_limits() -> None:
-    speed = Speed({"match": 12.5}, details={"recording": "clip", "image": "640x480"})
+def test_table_shows_long_names_intervals_and_unknown_figures(capsys: pytest.CaptureFixture[str]) -> None:
+    name = "a recording with a name " * 10
+    report(False, rows=[{"recording": name, "share": 0.12345}, {"recording": "b", "share": (0.5, 0.25, 0.75), "n": 3}])
+    head, first, second, _ = capsys.readouterr().out.splitlines()
+    assert head.split() == ["recording", "share", "n"]
+    assert first.startswith(name) and first.split()[-2:] == ["0.1235", "-"]
+    assert second.split() == ["b", "0.5", "[0.25,", "0.75]", "3"]
+
+
+def test_json_has_null_for_unknown_figures(capsys: pytest.CaptureFixture[str]) -> None:
+    report(True, rows=[{"a": math.nan, "b": (1.0, math.inf, 2.0)}])
+    assert json.loads(capsys.readouterr().out) == {"rows": [{"a": None, "b": [1.0, None, 2.0]}]}
+
+
+def test_ratio_has_median_and_quartiles() -> None:
+    speed = Speed()
     speed.add("foreground_to_mog2", np.array([0.55, 0.65, 0.75, 0.85, 0.95]))
-    out = io.StringIO()
-    print_speed(speed, Console(file=out, width=100))
-    line = next(line for line in out.getvalue().splitlines() if "foreground to mog2" in line)
-    assert line.split()[-4:] == ["0.75", "0.65", "0.85", f"{LIMITS['foreground_to_mog2']:g}"]
-    assert "12.5" in out.getvalue()
+    assert list(speed.ratios[0].values())[1:] == [0.75, 0.65, 0.85, LIMITS["foreground_to_mog2"]]
 
 
 def test_one_core_is_given_back():
@@ -171,16 +176,6 @@ def test_command_compares_variants_with_the_engine_as_configured(recording, tmp_
     # One person alone: colours hardly decide where.
     as_configured, without_colours = (row["position_error_m"][0] for row in result["variants"][:2])
     assert without_colours == pytest.approx(as_configured, abs=0.02)
-
-
-def test_table_has_every_figure_with_its_interval_and_the_papers_count(capsys):
-    some = Interval(0.104, 0.087, 0.116)
-    errors = {"total": 9, "lost": 5, "missed": 0, "swapped": 4, "transferred": 0, "false_track": 0}
-    rows = [AblationRow(v, errors, *[some] * 6) for v in (CONFIGURED, LADDER[1])]
-    print_ablation(rows, Console(width=TABLE_WIDTH))
-    text = capsys.readouterr().out
-    assert "5, 0, 4, 0, 0" in text and "[8.7, 11.6]" in text and "17" in text
-    assert "height only: the paper's tracker without occupancy" in text and "…" not in text
 
 
 def test_painted_people_come_in_after_ten_frames() -> None:

@@ -12,21 +12,20 @@ from benchmarks.options import SUITE
 from benchmarks.passes import Pass
 from benchmarks.pets import nearby_camera, score_pets
 from benchmarks.real import WALKER_PATH, recordings_with_truth, score_real, truth_of
-from benchmarks.scores import totals
+from benchmarks.scores import together
 from benchmarks.suite import (
     SuiteJob,
     SuiteOptions,
     chosen_files,
     dealt_files,
-    drawn_scene,
     judged_truth,
     run_job,
+    scene_of_seed,
     suite,
 )
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from planview.engine.config import Config, load_config
-from planview.evaluation.significant import poisson_upper
 from planview.trajectories.table import Trajectories, positions_table, read_tracks
 
 
@@ -44,12 +43,9 @@ def test_job_scores_its_scene_and_totals_count_per_ten_minutes(challenge, record
     result = run_job(job)["online"]
     assert (result.name, result.seed, result.duration_s) == ("tiny", 3, 8.0)
     assert (tmp_path / "tiny-3" / "tracks.csv").is_file()
-    whole = totals([result, result])
-    assert whole.minutes == pytest.approx(16 / 60)
+    whole = together([result, result])
+    assert whole.duration_s == 16.0
     assert whole.truth_rows == 2 * result.evaluation.truth_rows > 0
-    n = whole.significant["total"]
-    assert whole.significant_per_10_min == pytest.approx((37.5 * n, 37.5 * poisson_upper(n)))
-    assert whole.strict >= n - whole.significant["swapped"]
     assert whole.to_json()["events_per_10_min"] == 37.5 * whole.events
 
 
@@ -70,11 +66,11 @@ def test_challenge_with_a_value_out_of_range_is_refused_naming_file_and_key(chal
     path = tmp_path / "dark.toml"
     path.write_text(challenge.read_text().replace("lens_deg = 70", "lens_deg = 170"))
     with pytest.raises(InputError, match=r"dark\.toml: camera\.lens_deg: .* found 170"):
-        drawn_scene(path, 1)
+        scene_of_seed(path, 1)
 
 
 def test_heads_of_a_cartwheel_are_judged_at_the_hips_which_go_straight():
-    scene = drawn_scene(SUITE / "cartwheel.toml", 1)
+    scene = scene_of_seed(SUITE / "cartwheel.toml", 1)
     person = next(i for i, p in enumerate(scene.people, 1) if any(step.cartwheel for step in p.steps))
     frames = np.arange(scene.n_frames)
     heads = positions_table(frames, np.full(len(frames), person), np.full((len(frames), 2), 99.0))
@@ -97,16 +93,15 @@ def test_command_reports_scenes_and_seeds_as_json(challenge, recording, tmp_path
     options = SuiteOptions(seed=[3], scenes=challenge.parent, cache=recording[0], out=tmp_path, json_output=True)
     suite(options=options)
     captured = capsys.readouterr()
-    assert "seeds: 3 (worked on)" in captured.err
+    assert "seeds: 3 (tuned on)" in captured.err
     result = json.loads(captured.out)
     (scene,) = result["online"]["scenes"]
     assert (scene["scene"], scene["seed"]) == ("tiny", 3)
     assert result["seeds"] == [3] and result["commit"] and result["date"]
-    assert json.loads((tmp_path / "suite.json").read_text())["online"]["totals"]["minutes"] == pytest.approx(8 / 60)
+    assert json.loads((tmp_path / "suite.json").read_text())["online"]["totals"]["duration_s"] == 8.0
 
 
-def test_totals_of_nothing_are_unknown_and_minutes_must_be_positive():
-    assert np.isnan(totals([]).mota)
+def test_minutes_must_be_positive():
     with pytest.raises(InputError, match="--minutes above 0"):
         suite(options=SuiteOptions(minutes=0))
 
@@ -120,12 +115,12 @@ def table(*rows: tuple[int, int, float, float]) -> Trajectories:
 def test_doubtful_people_are_neither_asked_for_nor_wrong_and_only_judged_frames_count():
     truth = table((0, 1, 0.0, 1), (1, 1, 0.0, 1), (1, 2, 3.0, 0), (2, 1, 0.0, 1), (2, 2, 3.0, 0))
     tracks = table((0, 7, 0.0, 1), (1, 7, 0.1, 1), (2, 7, 0.1, 1), (2, 8, 3.0, 1), (3, 7, 0.0, 1))
-    score = score_real("room", "joint", tracks, truth, np.arange(4))
+    score = score_real(tracks, truth, np.arange(4))
     # Right in frames 0 to 2, in the last of which the doubtful one is found; nobody is there in frame 3.
-    assert (score.count_accuracy, score.exact_count) == (0.75, 0.5) and (score.ids, score.people) == (2, 1)
+    assert (score.right_number, score.exact) == (0.75, 0.5) and (score.ids, score.people) == (2, 1)
     assert (score.evaluation.clear.misses, score.evaluation.clear.false_positives) == (0, 1)
-    score = score_real("room", "joint", table((0, 7, 0.0, 1), (5, 9, 3.0, 1)), table((0, 1, 0.0, 1)), np.array([0]))
-    assert (score.frames, score.count_accuracy, score.ids) == (1, 1.0, 1)
+    score = score_real(table((0, 7, 0.0, 1), (5, 9, 3.0, 1)), table((0, 1, 0.0, 1)), np.array([0]))
+    assert (score.frames, score.right_number, score.ids) == (1, 1.0, 1)
 
 
 def test_walkers_path_has_a_second_person_to_the_right_once_both_stand(tmp_path: Path) -> None:
@@ -167,12 +162,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_spread_holds_the_scores_of_every_seed_in_order_and_one_seed_has_none(folder):
     scores = score_pets("ellipse-particle", folder, None)
-    assert scores.spread() is None and (scores.boxes.clear.mota, scores.errors.total) == (1.0, 0)
+    assert not scores.others and (scores.boxes.clear.mota, scores.errors.total) == (1.0, 0)
     scores = score_pets("ellipse-particle", folder, None, seeds=3)
     spread = scores.spread()
     assert scores.mota == 1.0
-    np.testing.assert_allclose(spread["mota"], [1.0, 0.9, 0.8])
-    np.testing.assert_allclose(spread["idf1"], [1.0, 18 / 19, 16 / 18])
+    np.testing.assert_allclose(scores.others, [(0.9, 18 / 19, 0), (0.8, 16 / 18, 0)])
     assert spread["mota_range"] == pytest.approx(0.2)
     assert spread["mota_deviation"] == pytest.approx(0.1 * (2 / 3) ** 0.5)
 
