@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -41,13 +41,11 @@ def implausible(scene: Scene, stage: Stage) -> str:
     furniture = {f.name: f for f in scene.furniture if f.name}
     scripted = [scripted_motion(p, furniture, scene.duration_s) for p in scene.people]
     times = np.arange(0.0, scene.duration_s, 0.1)
-    walks = any(p.wander for p in scene.people)
-    places = [m.places(times) for m in scripted]
-    reason = _gaps(places, scene, wandering=walks)
-    if walks and not reason:
-        places = [m.places(times) for m in wander(scene, scripted)]
-        reason = _gaps(places, scene, wandering=False)
-    if reason:
+    fixed = [m.places(times) for m, person in zip(scripted, scene.people, strict=True) if not person.wander]
+    if reason := too_near(fixed):  # before the slow part: those who wander give way to these
+        return reason
+    places = [m.places(times) for m in wander(scene, scripted)]
+    if reason := too_near(places):
         return reason
     # Things are put down and taken within the recording.
     for i, (person, motion) in enumerate(zip(scene.people, scripted, strict=True)):
@@ -84,15 +82,12 @@ def implausible(scene: Scene, stage: Stage) -> str:
     return "" if n >= 3 else f"people hide each other {n} times only"
 
 
-def _gaps(places: list[F64], scene: Scene, *, wandering: bool) -> str:
-    for i in range(len(places)):
-        for j in range(i):
-            if wandering and (scene.people[i].wander or scene.people[j].wander):
-                continue
-            gap = np.linalg.norm(places[i] - places[j], axis=1)
-            # Smallest distance between two body axes: shoulders turned, touching.
-            if (gap < 0.38).any():
-                return f"people {j + 1} and {i + 1} walk through each other"
+def too_near(places: Sequence[F64]) -> str:
+    """Which people walk through each other, by their places (N, 2) at the same times; empty when none do."""
+    for i, j in itertools.combinations(range(len(places)), 2):
+        # Smallest distance between two body axes: shoulders turned, touching [m].
+        if (np.linalg.norm(places[i] - places[j], axis=1) < 0.38).any():
+            return f"people {i + 1} and {j + 1} walk through each other"
     return ""
 
 
