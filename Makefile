@@ -2,6 +2,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+KERNELS := out/.kernels
 
 .PHONY: demo test test-all check docs wheel-check lock clean setup
 
@@ -18,7 +19,12 @@ $(STAMP): pyproject.toml requirements.lock tools/system_libraries.sh
 demo: setup
 	$(BIN)/planview demo
 
-test: setup
+# Compiled once, before the tests' two workers start, and kept beside the sources.
+$(KERNELS): $(STAMP) $(shell grep -rl --include=*.py njit calib stereo planview)
+	$(BIN)/python tests/compile_kernels.py
+	mkdir -p out && touch $@
+
+test: setup $(KERNELS)
 	$(BIN)/python -m pytest -n 2 -m "not slow"
 
 test-all: test

@@ -38,6 +38,7 @@ def test_demo_tracks_its_clip_and_prints_the_metrics(recording, tmp_path, monkey
     assert {"tracks.csv", "run.json", "run.rrd", "report.html", "decisions.csv"} <= {f.name for f in out.iterdir()}
 
 
+@pytest.mark.slow
 def test_readme_shows_what_the_demo_prints(json_of, tmp_path):
     readme = (DEMO.parents[2] / "README.md").read_text("utf-8")
     metrics = json_of("demo", "--out", tmp_path / "out")
@@ -78,6 +79,7 @@ class EverySecondFrame:
         return getattr(self._recording, name)
 
 
+@pytest.mark.slow
 def test_demo_clip_at_half_its_frame_rate_is_tracked_without_a_significant_error() -> None:
     recording, config, tracks = open_recording(DEMO), Config(), TrajectoryCollector()
     for result in stereo_engine(EverySecondFrame(recording), config, setup=set_up(recording, config)):
@@ -92,10 +94,12 @@ def failures(folder: Path) -> dict[str, float]:
     return {check.name: check.value for check in examine(folder).checks if not check.ok}
 
 
+@pytest.mark.slow
 def test_check_passes_the_committed_clip() -> None:
     assert failures(DEMO) == {}
 
 
+@pytest.mark.slow
 def test_check_passes_the_real_overhead_pair(shared_data: Path) -> None:
     diagnosis = examine(shared_data / "overhead-stereo")
     values = {check.name: check.value for check in diagnosis.checks}

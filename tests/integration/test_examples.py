@@ -36,6 +36,7 @@ def test_own_tracker_finds_the_visitor(example: Any, capsys: pytest.CaptureFixtu
     assert "switches 0" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_ablation_prints_a_row_for_each_variant(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
     example("ablation.py")["main"](frames=FRAMES)
     rows = capsys.readouterr().out.splitlines()

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 
+import pytest
+
 import planview
 from calib.ground_camera import save_ground_camera
 from calib.people.calibration import calibrate_from_people
@@ -85,6 +87,7 @@ def test_demo() -> None:
     assert 115 <= sum(len(people) for people in tracks) <= 150
 
 
+@pytest.mark.slow
 def test_two_rigs_that_see_the_same(tmp_path: Path) -> None:
     floor = planview.set_up(planview.open_recording(DEMO), planview.Config()).floor
     entries = []

@@ -12,6 +12,7 @@ MIDDLE_CROSSED_AT = (67, 242)
 """Frames near which a walker's head crosses the middle of the image (README of the data)."""
 
 
+@pytest.mark.slow
 def test_two_walkers_are_followed_through_the_middle_as_they_went(shared_data: Path) -> None:
     engine = open_engine(shared_data / "overhead-stereo")
     geometry, pose = engine.stereo.geometry, engine.stereo.floor.world_SE3_left

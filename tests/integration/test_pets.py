@@ -49,6 +49,7 @@ def test_turned_and_shifted_world_is_aligned_on_the_floor(truth: Trajectories) -
 FRAMES = 200
 
 
+@pytest.mark.slow
 def test_pets_view_1_is_tracked_without_calibration(shared_data: Path, tmp_path: Path) -> None:
     folder = shared_data / "pets09-s2l1-view001"
     path = tmp_path / "tracks.csv"
@@ -84,6 +85,7 @@ def camera(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_pets_boxes_reach_what_is_asked(shared_data: Path, camera: Path) -> None:
     scores = score_pets("human-model", shared_data / "pets09-s2l1-view001", camera)
     assert scores.frames == 400 and scores.boxes.truth_rows == 2396 and scores.boxes.clear.mota >= 0.80

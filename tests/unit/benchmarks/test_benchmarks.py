@@ -162,6 +162,7 @@ def test_unknown_variants_and_recordings_without_truth_are_refused(tmp_path):
         ablation(options=AblationOptions(recording=[tmp_path], cache=tmp_path))
 
 
+@pytest.mark.slow
 def test_command_compares_variants_with_the_engine_as_configured(recording, tmp_path, capsys):
     cache, folder, _ = recording
     variants = ["without colours", "template", "naive engine"]

@@ -80,6 +80,7 @@ def test_every_seed_draws_a_scene_in_which_people_keep_apart(seed):
             assert not (np.linalg.norm(one - other, axis=1) < 0.38).any()
 
 
+@pytest.mark.slow
 def test_tightest_scenes_are_drawn():
     table = tomllib.loads((SCENES / "suite" / "overhead.toml").read_text())
     assert len(random_scene(table, 9002, "overhead").people) == 4  # the first 60 attempts fail

@@ -225,6 +225,7 @@ def test_random_draws_are_the_same_for_a_seed_lie_in_their_ranges_and_stop_where
     assert len(random_draws({"a.c": ["p", "q"]}, 10, seed=0)) == 2
 
 
+@pytest.mark.slow
 def test_processes_are_replaced_when_one_is_killed_and_its_task_is_tried_again(tmp_path: Path) -> None:
     killed = tmp_path / "killed"
 
@@ -305,6 +306,7 @@ def test_task_that_kills_its_process_alone_is_given_up_and_reported_once() -> No
     assert pool.deaths == 100 - 2
 
 
+@pytest.mark.slow
 def test_real_process_that_is_killed_again_and_again_takes_no_other_task_with_it() -> None:
     def deadly(argument: object) -> object:
         if argument == 2:
