@@ -7,9 +7,7 @@ from concurrent.futures import Future
 class InlinePool:
     """A ``planview.sweep.work.Pool``; ``submitted`` counts the jobs."""
 
-    def __init__(self, at_once: int = 1) -> None:
-        self.at_once = at_once
-        self.submitted = self.restarts = 0
+    submitted = 0
 
     def submit(self, function: Callable[..., object], *arguments: object) -> Future[object]:
         self.submitted += 1
@@ -19,9 +17,6 @@ class InlinePool:
         except BaseException as error:
             future.set_exception(error)
         return future
-
-    def restart(self) -> None:
-        self.restarts += 1
 
     def check(self) -> None: ...
 

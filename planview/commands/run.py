@@ -24,7 +24,7 @@ from planview.engine.engine import Engine
 from planview.engine.open import TrackerName, base_config, open_engine
 from planview.maps.recording import is_maps
 from planview.output.finished import refine_run
-from planview.output.folder import RunInfo, check_folder, finished_run, folder_lock
+from planview.output.folder import HoldsResultsError, RunInfo, check_folder, finished_run, folder_lock
 from planview.output.maps_log import MapsLog
 from planview.output.progress import FrameProgress, PlainConsole, compile_notice, summary
 from planview.output.replay import difference_picture, difference_text, replay_run
@@ -121,7 +121,15 @@ def run(
     out
         Folder for the results; made if need be.
     """
-    options = options or TrackingOptions()
+    try:
+        _run(recording, right, out, options or TrackingOptions())
+    except HoldsResultsError as error:
+        way = f"choose another folder, or add {'--resume or ' * error.resumable}--overwrite"
+        again = "--overwrite instead of --resume starts again"
+        raise InputError(f"{error}; {again if options and options.resume else way}") from error
+
+
+def _run(recording: Path, right: Path | None, out: Path, options: TrackingOptions) -> None:
     given = list(options.set_) + ["run.overwrite=true"] * options.overwrite
     if options.frames is not None:
         first, last = frame_span(options.frames)

@@ -26,7 +26,7 @@ from planview.counting.scoring import score_counts, score_events
 from planview.counting.totals import Clock, count_tracks, count_truth
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
-from planview.output.folder import read_run_info, unfinished_beside
+from planview.output.folder import read_run_info, unfinished_note
 from planview.output.progress import PlainConsole
 from planview.output.run_folder import RunFolder
 from planview.trajectories.file import limited
@@ -146,8 +146,8 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
             raise InputError(
                 f"{pair.truth}: expected truth of the frames {first} to {last} of {pair.tracks}, found {begin} to {end}"
             )
-    if told := unfinished_beside(pair.tracks):
-        console.print(told)
+    if note := unfinished_note(pair.tracks):
+        console.print(f"{note} (planview run --resume finishes it)")
     run = RunFolder.around(pair.tracks)
     size = sequence_size(pair.truth) if run is None else run.size_px
     if params.match_on == "boxes" and size is not None:
@@ -284,9 +284,11 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
     run, console = RunFolder.around(path), PlainConsole(stderr=True, soft_wrap=True)
     clock = Clock(found, options.fps or (run and run.info.fps) or 30.0)
     placed = load_rules(rules, _plane(options.camera, options.rig, run))
-    for told in (unfinished_beside(path), clock.jump(), placed.of_unknown_size):
-        if told:
-            console.print(told)
+    if note := unfinished_note(path):
+        console.print(f"{note} (planview run --resume finishes it)")
+    for note in (clock.jump(), placed.of_unknown_size):
+        if note:
+            console.print(note)
     n_frames = run.info.frames_read + run.info.frames_skipped if run else 0
     counts = count_tracks(found, placed, params, clock=clock, n_frames=n_frames)
     if run is not None:

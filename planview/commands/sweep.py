@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -68,15 +68,16 @@ def sweep(
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     if options.jobs < 1:
         raise InputError(f"--jobs: expected at least 1, found {options.jobs}")
-    here = ProcessPool(options.jobs) if options.cluster is None else None
-    results = run_study(study, names, out, lambda: here or ClusterPool(options.cluster or ""), console)
+    address = options.cluster
+    open_pool = partial(ClusterPool, address) if address is not None else partial(ProcessPool, options.jobs)
+    results = run_study(study, names, out, open_pool, console)
     if options.json_output:
         print(json.dumps(_json(results, out)))
     else:
         print_ranking(results, out)
     failed = results.failed
     for run in failed[:FAILED_MAX]:
-        console.print(printable(f"failed: {run.recording}, {run.configuration.label}, seed {run.seed}: {run.error}"))
+        console.print(f"failed: {run.recording}, {run.configuration.label}, seed {run.seed}: {run.error}")
     if len(failed) > FAILED_MAX:
         console.print(f"and {len(failed) - FAILED_MAX} more, in summary.csv")
     if failed:
@@ -103,19 +104,13 @@ def _study(sources: Sequence[Path], options: SweepOptions) -> tuple[Study, list[
     if twice:
         raise InputError(f"expected every recording once, found {twice[0]} twice")
     # Workers may have another current folder.
-    entries = [
-        RecordingEntry(**{name: value and value.absolute() for name, value in entry}) for entry in study.recordings
-    ]
+    entries = [entry.model_copy(update={n: p and p.absolute() for n, p in entry}) for entry in study.recordings]
     config = study.config and study.config.absolute()
     return study.model_copy(update={"recordings": entries, "config": config}), names, out.absolute()
 
 
 def varied(options: Sequence[str]) -> tuple[dict[str, Space], list[int]]:
-    """``--vary`` options: values per parameter, and the seeds where the parameter is ``seed``.
-
-    Raises:
-        InputError: another text than ``table.key=value,value``, or a value that is there twice.
-    """
+    """``--vary`` options: values per parameter, and the seeds where the parameter is ``seed``."""
     parameters: dict[str, Space] = {}
     for text in options:
         name, equals, values = text.partition("=")
@@ -126,8 +121,7 @@ def varied(options: Sequence[str]) -> tuple[dict[str, Space], list[int]]:
             raise InputError(f"--vary: expected different settings for every run, found one twice in {text!r}")
         parameters[name.strip()] = listed
     seeds = parameters.pop("seed", [0])
-    assert isinstance(seeds, list)
-    if not all(isinstance(seed, int) and seed >= 0 for seed in seeds):
+    if not isinstance(seeds, list) or not all(isinstance(seed, int) and seed >= 0 for seed in seeds):
         raise InputError(f"--vary: expected whole numbers from 0 for seed, found {seeds}")
     return parameters, seeds
 
@@ -142,9 +136,9 @@ def _value(text: str) -> Any:
 def print_ranking(results: StudyResults, out: Path) -> None:
     """Configurations with their whole names, best first."""
     objective = results.study.objective
+    known = [objective, *(name for name in FIGURES if name != objective)]
     for place, row in enumerate(results.ranking, 1):
         print(f"{place}. {printable(row.configuration.label)}")
-        known = [objective, *(name for name in FIGURES if name != objective)]
         figures = [f"{FIGURES[n].label} {row.figures[n].text(FIGURES[n].digits)}" for n in known if n in row.figures]
         print("   " + ", ".join([*figures, f"{row.runs} runs" + (f", {row.failed} failed" if row.failed else "")]))
     if results.ranking and (why := why_no_intervals(results.runs)):
@@ -157,14 +151,7 @@ def _json(results: StudyResults, out: Path) -> dict[str, Any]:
         "out": str(out),
         "objective": results.study.objective,
         "runs": [run.to_json() for run in results.runs],
-        "ranking": [
-            {"settings": list(row.configuration.settings), "runs": row.runs, "failed": row.failed}
-            | {
-                name: {key: None if math.isnan(number) else number for key, number in vars(figure).items()}
-                for name, figure in row.figures.items()
-            }
-            for row in results.ranking
-        ],
+        "ranking": [row.to_json() for row in results.ranking],
         "no_intervals": why_no_intervals(results.runs) or None,
         "failed": len(results.failed),
     }

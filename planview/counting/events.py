@@ -18,8 +18,8 @@ EVENT_COLUMNS = ("frame", "timestamp_s", "rule", "kind", "id", "direction")
 
 
 def way_words(direction: str, inward: object) -> str:
-    """A crossing in words: "in" or "out" where the rule says which way is in, else seen along the line, from its first
-    point to its second."""
+    """A crossing in words: "in" or "out" where the rule defines it, else as seen from the line's first point to its
+    second."""
     if inward:
         return "in" if direction == inward else "out"
     return "to its right" if direction == "left_to_right" else "to its left"
@@ -32,23 +32,17 @@ def inward_ways(rules: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Event:
-    """A row of events.csv.
-
-    Attributes:
-        frame: first frame at or after the moment.
-        timestamp_s: the moment, interpolated between frames [s].
-        rule: name of the tripwire or zone.
-        kind: "crossing" of a tripwire, "entry" or "exit" of a zone.
-        track_id: the track that did it.
-        direction: of a crossing, looking along the line from its first to its second point; empty for zones.
-    """
+    """A row of events.csv: a crossing of a tripwire, or an entry to or exit from a zone."""
 
     frame: int
+    """First frame at or after the moment."""
     timestamp_s: float
+    """The moment, interpolated between frames [s]."""
     rule: str
     kind: EventKind
     track_id: int
     direction: Direction = ""
+    """Of a crossing, looking along the line from its first to its second point; empty for zones."""
 
 
 def write_event_header(file: IO[str]) -> None:

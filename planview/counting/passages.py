@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.types import F64, I64, Bool
 from planview.counting.events import Direction, EventKind
-from planview.counting.geometry import Outline, PlaneName, inner_radius
+from planview.counting.geometry import Outline, PlaneName
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import Trajectories
 
@@ -26,21 +26,16 @@ class InPlane(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TrackPlaces:
-    """Rows of tracks, (N,) each.
-
-    Attributes:
-        track_id: int64.
-        confirmed: whether the state is confirmed.
-        observed: whether the row has a place and is more than a prediction.
-        floor_m: (N, 2) position [m].
-        box_px: (N, 4) left, top, width, height.
-    """
+    """Rows of tracks, (N,) each."""
 
     track_id: I64
     confirmed: Bool
     observed: Bool
+    """Whether the row has a place and is more than a prediction."""
     floor_m: F64
+    """(N, 2) position [m]."""
     box_px: F64
+    """(N, 4) left, top, width, height."""
 
     @staticmethod
     def of_states(tracks: Sequence[TrackState]) -> TrackPlaces:
@@ -80,12 +75,8 @@ def _places(track_id: I64, state: np.ndarray[tuple[int], np.dtype[np.str_]], flo
 
 
 class Sight(NamedTuple):
-    """A sighting relative to a rule.
-
-    Attributes:
-        inside_m: left of a line, or inside a zone [m]; negative on the other side.
-        along: place along a line, 0 at its first and 1 at its second point.
-    """
+    """A sighting relative to a rule: its distance left of a line or inside a zone, negative on the other side, and its
+    place along a line, 0 at its first and 1 at its second point."""
 
     frame: int
     timestamp_s: float
@@ -112,21 +103,22 @@ class Passage(NamedTuple):
     direction: Direction = ""
 
 
-class Wire:
-    """A tripwire in its plane.
+JUMP_M, JUMP_MPS = 1.0, 8.0
+"""A step over a line that is longer [m] and faster [m/s] is a correction by the tracker and not a movement (our choice:
+ten times the noise of a good tracker, and a sprint)."""
+UNDO_S = 2.0
+"""A jump back over the line within this time of a crossing waits as long before it counts [s] (our choice)."""
 
-    Args:
-        points: (2, 2) first and second point.
-        plane: "floor", or "image" whose y axis points down, so that left and right change places.
-        hysteresis_m: distance that decides a side [m].
-    """
+
+class Wire:
+    """A tripwire of (2, 2) points; on its sides, a person counts from ``hysteresis_m`` away."""
 
     def __init__(self, name: str, points: F64, plane: PlaneName, hysteresis_m: float, min_age_s: float) -> None:
         self.name, self.plane, self.hysteresis_m, self.min_age_s = name, plane, hysteresis_m, min_age_s
         self._start: list[float] = points[0].tolist()
         self._length = float(np.hypot(*(points[1] - points[0])))
         self._ahead: list[float] = ((points[1] - points[0]) / self._length).tolist()
-        self._left_sign = 1.0 if plane == "floor" else -1.0
+        self._left_sign = 1.0 if plane == "floor" else -1.0  # y points down in images
 
     def locate(self, places: TrackPlaces) -> tuple[F64, F64]:
         """(N,) distance left of the line [m], and place along it from 0 to 1; NaN when not known in this plane."""
@@ -137,86 +129,84 @@ class Wire:
         return left / unit, np.where(np.isfinite(x + y + unit), ahead / self._length, np.nan)
 
 
+class WireStep(NamedTuple):
+    """A step through a wire: the first frame at or after it, its moment, and whether it was too fast for a person."""
+
+    frame: int
+    timestamp_s: float
+    is_jump: bool
+
+
 class WireState:
-    """One person at one wire: the side last decided, and the way taken since."""
+    """One person at one wire.
+
+    The side changes where the person is observed far enough on the other one. That is a crossing if the steps since
+    then went through the wire, and not around its end. A crossing in a jump waits: it counts when the person stays, and
+    is dropped when the person comes back through the wire, since the jump was an error of measurement then.
+    """
 
     stay: Stay | None = None  # nobody stays on a line
 
     def __init__(self, wire: Wire) -> None:
         self._wire = wire
-        self._side = 0  # 1 left, -1 right, 0 not decided: not yet observed far enough from the line
         self._last: Sight | None = None
-        self._net = 0  # passages through the wire since the side was decided, 1 to the left, -1 to the right
-        self._passed: tuple[int, float] = (0, 0.0)
-        self._jumped = False  # whether the last passage was too fast for a person
-        self._put_back = 0  # side from which a jump took the person; reaching it again is no crossing
+        self._side = 0  # 1 left, -1 right, 0 not yet observed far enough from the line
+        self._net = 0  # steps through the wire since then, 1 to the left, -1 to the right
+        self._step = WireStep(0, 0.0, False)  # the last of them
         self._crossed_s = -math.inf
-        self._waiting: Passage | None = None  # in a jump: counts once the person has stayed
+        self._waiting: tuple[Passage, float] | None = None  # a crossing in a jump, and how long it waits [s]
 
     def update(self, frame: int, timestamp_s: float, side_m: float, along: float) -> Passage | None:
-        """The crossing that is certain now, the person far enough on the other side; dated to when the line was passed.
-
-        Going round the end of the line passes its extension, which does not count; turning back within the hysteresis
-        is no crossing. A person put back over the line in a jump crosses it again without counting again, and who is
-        back from a jump before ``min_age_s`` has not crossed at all.
-        """
+        """The crossing that is certain now; dated to when the line was passed."""
         if not math.isfinite(along):
             return None
-        now = Sight(frame, timestamp_s, side_m, along)
-        last = self._last
-        # Beyond its ends the line's extension is passed, which does not count.
-        passes = last is not None and (last.inside_m >= 0) != (side_m >= 0)
-        if last is not None and passes and 0.0 <= last.along + last.share_to(now) * (along - last.along) <= 1.0:
-            self._net += 1 if side_m >= 0 else -1
-            step_m = abs(side_m - last.inside_m)
-            # A step over a line that is faster [m/s] and longer [m] is a correction by the tracker and not
-            # a movement (our choice: a sprint, and ten times the noise of a good tracker).
-            self._jumped = step_m > 1.0 and step_m > 8.0 * (timestamp_s - last.timestamp_s)
-            self._passed = last.passed(now)
-        self._last = now
-        crossing = self._decide(side_m)
+        self._follow(Sight(frame, timestamp_s, side_m, along))
+        crossing = self._changed_side(side_m)
         if crossing is not None and self._waiting is not None:
-            crossing = self._waiting = None  # back already: the jump was an error of measurement
-        elif crossing is not None and self._jumped:
-            crossing, self._waiting = None, crossing
-        if self._waiting is not None and timestamp_s - self._waiting.timestamp_s >= self._wire.min_age_s:
-            crossing, self._waiting = self._waiting, None
+            crossing = self._waiting = None
+        elif crossing is not None and self._step.is_jump:
+            # A jump soon after a crossing is likely to be its undoing.
+            soon = crossing.timestamp_s - self._crossed_s <= UNDO_S
+            self._waiting, crossing = (crossing, UNDO_S if soon else self._wire.min_age_s), None
+        if self._waiting is not None and timestamp_s - self._waiting[0].timestamp_s >= self._waiting[1]:
+            crossing, self._waiting = self._waiting[0], None
         if crossing is not None:
             self._crossed_s = crossing.timestamp_s
         return crossing
 
-    def _decide(self, side_m: float) -> Passage | None:
-        """The passage that took the person to this side, once far enough on it."""
+    def _follow(self, now: Sight) -> None:
+        """Note a step through the wire; beyond its ends its extension is passed, which does not count."""
+        last, self._last = self._last, now
+        if last is None or (last.inside_m >= 0) == (now.inside_m >= 0):
+            return
+        if 0.0 <= last.along + last.share_to(now) * (now.along - last.along) <= 1.0:
+            self._net += 1 if now.inside_m >= 0 else -1
+            step_m, step_s = abs(now.inside_m - last.inside_m), now.timestamp_s - last.timestamp_s
+            self._step = WireStep(*last.passed(now), step_m > JUMP_M and step_m > JUMP_MPS * step_s)
+
+    def _changed_side(self, side_m: float) -> Passage | None:
+        """The passage that took the person to the other side, once far enough on it."""
         if abs(side_m) < self._wire.hysteresis_m:
             return None
         side = 1 if side_m >= 0 else -1
-        before, net = self._side, self._net
+        has_crossed = self._side == -side and self._net * side > 0
         self._side, self._net = side, 0
-        if before in (0, side) or net * side <= 0:
-            return None
-        # A jump back within this time of a crossing undoes it [s]; a jump at another time stands for a
-        # crossing once the person has stayed beyond the line for as long as a new track must last. Our choice.
-        back = self._jumped and self._passed[1] - self._crossed_s <= 2.0
-        again, self._put_back = self._put_back == side, before if back else 0
         way: Direction = "right_to_left" if side > 0 else "left_to_right"
-        return None if again or back else Passage(*self._passed, "crossing", way)
+        return Passage(self._step.frame, self._step.timestamp_s, "crossing", way) if has_crossed else None
 
 
 @dataclass(eq=False)
 class Stay:
-    """One person inside, from ``start_s`` until ``end_s`` (the last observation so far).
-
-    Attributes:
-        entered: came in over the outline; false for a track that began inside.
-        left: went out over the outline; false for a track that ended inside, or is still there.
-        counted: the person is confirmed and old enough.
-    """
+    """One person inside, until the last observation so far."""
 
     start_s: float
     end_s: float
     entered: bool
+    """Came in over the outline; false for a track that began inside."""
     left: bool = False
+    """Went out over the outline; false for a track that ended inside, or is still there."""
     counted: bool = False
+    """The person is confirmed and old enough."""
 
     @property
     def dwell_s(self) -> float:
@@ -224,20 +214,14 @@ class Stay:
 
 
 class Area:
-    """A zone in its plane.
-
-    Args:
-        points: (N, 2) corners.
-        hysteresis_m: depth that decides inside and outside [m].
-    """
+    """A zone of (N, 2) corners; a person is inside or outside from ``hysteresis_m`` beyond the outline."""
 
     def __init__(self, name: str, points: F64, plane: PlaneName, hysteresis_m: float, min_age_s: float) -> None:
         self.name, self.plane, self.min_age_s = name, plane, min_age_s
         self._outline = Outline(points)
         self._hysteresis_m = hysteresis_m
-        # Largest part of a zone's inner radius that hysteresis may take: people in the middle of a narrow zone
-        # are inside.
-        self._margin_limit = 0.25 * inner_radius(points)
+        # People in the middle of a narrow zone are inside.
+        self._margin_limit = 0.25 * self._outline.inner_radius()
 
     def locate(self, places: TrackPlaces) -> tuple[F64, F64]:
         """(N,) depth inside (negative outside) and the margin that decides [m]; NaN when not known in this plane."""

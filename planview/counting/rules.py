@@ -15,7 +15,7 @@ from calib.io import load_toml
 from calib.params import Location, Params, dotted, first_problem
 from calib.types import F64
 from planview.counting.events import Direction
-from planview.counting.geometry import PlaneName, RulePlane, crossing_edges
+from planview.counting.geometry import PlaneName, RulePlane, problem_of
 from planview.trajectories.table import PERSON_S
 
 Point = tuple[float, float]
@@ -111,12 +111,8 @@ class _File(BaseModel):
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A line (2, 2) or polygon (N, 2) in the plane in which it is applied; own parameters are None where not given.
-
-    Attributes:
-        points: as they were given.
-        counted: (2, 2) the line on beyond the image's border (see ``RulePlane.beyond_border``); None for the points.
-    """
+    """A line (2, 2) or polygon (N, 2) in the plane in which it is applied; ``counted``: the line beyond the border of
+    the image (``RulePlane.beyond_border``), where it differs."""
 
     name: str
     plane: PlaneName
@@ -159,11 +155,8 @@ class Rules:
 
 
 def load_rules(path: Path, plane: RulePlane | None = None) -> Rules:
-    """Read ``rules.toml``.
+    """Read ``rules.toml``; pixels stay pixels without a camera in ``plane``.
 
-    Args:
-        path: the file.
-        plane: what is known about the camera; pixels stay pixels without one.
     Raises:
         InputError: unreadable, empty, a key or value that does not belong, duplicate names, a line of zero length or
             outside the view, a polygon that crosses itself or has no area, a queue of an unknown zone.
@@ -247,14 +240,9 @@ def _zone_points(rule: Zone, plane: RulePlane, source: str) -> tuple[PlaneName, 
         points = points[:-1]
     if len(points) < 3:
         raise InputError(f"{source}: expected at least 3 points in zone {rule.name!r}, found {len(points)}")
-    crossing = crossing_edges(points)
-    if crossing is not None:
+    problem = problem_of(points)
+    if problem:
         raise InputError(
-            f"{source}: expected a polygon that does not cross itself in zone {rule.name!r}, "
-            f"found edges {crossing[0] + 1} and {crossing[1] + 1} crossing"
+            f"{source}: expected a polygon that does not cross itself in zone {rule.name!r}, found {problem}"
         )
-    x, y = points.T
-    area = 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
-    if area < 1e-6:
-        raise InputError(f"{source}: expected a polygon with an area in zone {rule.name!r}, found points on a line")
     return plane.place(points, in_pixels=rule.polygon_px is not None, what=f"{source}: zone {rule.name!r}")

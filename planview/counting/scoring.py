@@ -16,15 +16,13 @@ from planview.evaluation.result import PEOPLE_GROUPS
 
 @dataclass(frozen=True)
 class CrossingScores:
-    """Crossings of one tripwire matched to true ones.
+    """Crossings of one tripwire matched to true ones; None where there are none.
 
     Attributes:
-        true_left_to_right, true_right_to_left, found_left_to_right, found_right_to_left: totals per direction.
         matched: found and true within the time window and in the same direction.
         wrong_direction: pairs within the window that are left, of opposite directions.
-        accuracy: 1 - |found - true| / true, as in table 3 of Zhang et al. 2008; None without true crossings.
+        accuracy: 1 - |found - true| / true, as in table 3 of Zhang et al. 2008.
         strict_accuracy: 1 - (missed + extra) / true per direction, where opposite errors add up; not below 0.
-        precision, recall: matched over found and over true; None where there are none.
         timing_mean_s, timing_std_s: found minus true time of matches.
     """
 

@@ -18,13 +18,7 @@ from planview.trajectories.state import TrackState
 
 
 class TrackRow(NamedTuple):
-    """One track in one frame.
-
-    Attributes:
-        observed: whether it has a place and is more than a prediction.
-        x_m, y_m: the place in metres.
-        at_rules: two numbers per rule, as ``Wire.locate`` and ``Area.locate`` give them.
-    """
+    """One track in one frame; ``at_rules``: two numbers per rule, as ``Wire.locate`` and ``Area.locate`` give them."""
 
     track_id: int
     confirmed: bool
@@ -35,7 +29,7 @@ class TrackRow(NamedTuple):
 
 
 class Sighting(NamedTuple):
-    """When and where a person was observed [s], [m]."""
+    """When and where a person was observed."""
 
     timestamp_s: float
     x_m: float
@@ -44,19 +38,16 @@ class Sighting(NamedTuple):
 
 @dataclass(eq=False)
 class CountedPerson:
-    """One or more track ids that are the same person.
-
-    Attributes:
-        track_id: the last id.
-        confirmed_s: time at which one of the ids was first confirmed [s]; None before.
-        present_s: time of the last row, predictions included [s].
-        trail: the last sightings, newest last.
-    """
+    """One or more track ids that are the same person."""
 
     track_id: int
+    """The last id."""
     confirmed_s: float | None = None
+    """Time at which one of the ids was first confirmed [s]."""
     present_s: float = 0.0
+    """Time of the last row, predictions included [s]."""
     trail: deque[Sighting] = field(default_factory=deque)
+    """The last sightings, newest last."""
 
     def observe(self, sighting: Sighting) -> None:
         trail, moment = self.trail, sighting.timestamp_s
@@ -87,11 +78,7 @@ class CountedPeople:
         self._of_id: dict[int, CountedPerson] = {}
 
     def update(self, timestamp_s: float, rows: Sequence[TrackRow]) -> tuple[list[PresentPerson], list[CountedPerson]]:
-        """Take one frame's rows.
-
-        Returns:
-            The people of this frame, and those gone for good.
-        """
+        """The people of the next frame, and those gone for good."""
         present: dict[CountedPerson, PresentPerson] = {}
         of_id = self._of_id
 
@@ -154,10 +141,6 @@ class Analytics:
 
     Call ``update`` once per frame, in order; afterwards ``stays`` and the events returned hold everything
     (``planview.counting.totals``). ``people`` has each person once per rule and visit, however often it is crossed.
-
-    Args:
-        rules: what to count.
-        params: when a person counts.
     """
 
     def __init__(self, rules: Rules, params: AnalyticsParams | None = None) -> None:

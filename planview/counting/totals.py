@@ -59,23 +59,16 @@ class Span:
 
     @property
     def n_frames(self) -> int:
-        """Number of frames at the nominal rate."""
         return max(1, round(self.duration_s / self.frame_s))
 
     def frame_times(self) -> F64:
-        """Times of all frames."""
         return self.start_s + self.frame_s * np.arange(self.n_frames, dtype=np.float64)
-
-    def first_frames(self, times_s: F64) -> F64:
-        """(N,) number of the first frame at or after each time, ``n_frames`` beyond the end."""
-        return np.clip(np.ceil((times_s - self.start_s) / self.frame_s - 1e-9), 0, self.n_frames)
 
 
 class Clock:
-    """Frame to time: as the rows say, straight in between and beyond.
+    """Frame to time, interpolated between the rows with times and extrapolated beyond them.
 
     Args:
-        tracks: rows with timestamps, or without any.
         fps: frame rate where fewer than two frames have a timestamp [1/s].
     """
 
@@ -109,22 +102,17 @@ class Clock:
 
 @dataclass(frozen=True, eq=False)
 class Counts:
-    """All events and stays of a run, with the rules that made them.
-
-    Attributes:
-        events: by time.
-        stays: of every zone, by their beginning.
-        people: of every tripwire and zone, each person once per visit.
-        span: the time that the recording covers.
-        interval_s: length of the intervals of the totals [s].
-    """
+    """All events and stays of a run, by time, with the rules that made them."""
 
     rules: Rules
     events: Sequence[Event]
     stays: dict[str, list[Stay]]
+    """Of every zone."""
     people: dict[str, int]
+    """Of every tripwire and zone, each person once per visit."""
     span: Span
     interval_s: float
+    """Length of the intervals of the totals [s]."""
 
     @staticmethod
     def of(analytics: Analytics, events: Sequence[Event], span: Span) -> Counts:
@@ -209,32 +197,42 @@ class Counts:
 
     def _changes(self, stays: Sequence[Stay]) -> list[tuple[float, int]]:
         """(time, people from then on) at the beginning and at every change."""
-        ends = [_end(stay, self.span.frame_s) for stay in stays]
-        times = np.unique([self.span.start_s, *(stay.start_s for stay in stays), *ends])
+        starts, ends = _times(stays, self.span.frame_s)
+        times = np.unique([self.span.start_s, *starts, *ends])
         numbers = occupancy_at(stays, times, self.span.frame_s)
         return [(round(float(t), 4), int(n)) for t, n in zip(times, numbers, strict=True)]
 
     def _intervals(self, events: Sequence[Event]) -> list[tuple[float, list[Event]]]:
         starts = self.span.interval_starts(self.interval_s, [event.timestamp_s for event in events])
         groups: list[list[Event]] = [[] for _ in starts]
-        indices = np.searchsorted(starts, [event.timestamp_s for event in events], side="right") - 1
-        for event, index in zip(events, np.clip(indices, 0, None), strict=True):
-            groups[index].append(event)
-        return [(float(start), group) for start, group in zip(starts, groups, strict=True)]
+        for event in events:
+            place = int(np.searchsorted(starts, event.timestamp_s, side="right")) - 1
+            groups[max(0, place)].append(event)
+        return list(zip(starts.tolist(), groups, strict=True))
 
     def _mean_within(self, stays: Sequence[Stay], start_s: float) -> float:
         """Mean number of people over the interval from start_s (over the recorded part of the last)."""
+        starts, ends = _times(stays, self.span.frame_s)
         end_s = min(start_s + self.interval_s, self.span.end_s)
-        inside = sum(max(0.0, min(_end(stay, self.span.frame_s), end_s) - max(stay.start_s, start_s)) for stay in stays)
-        return inside / (end_s - start_s) if end_s > start_s else 0.0
+        inside_s = np.maximum(0.0, np.minimum(ends, end_s) - np.maximum(starts, start_s)).sum()
+        return float(inside_s) / (end_s - start_s) if end_s > start_s else 0.0
+
+
+def _times(stays: Sequence[Stay], frame_s: float) -> tuple[F64, F64]:
+    """(N,) begins and ends [s]; a stay whose end was not observed lasts to the end of its frame."""
+    ends = [stay.end_s if stay.left else stay.end_s + frame_s for stay in stays]
+    return np.array([stay.start_s for stay in stays], dtype=np.float64), np.array(ends, dtype=np.float64)
+
+
+SLACK_S = 1e-6
+"""Timestamps in files have four decimals."""
 
 
 def occupancy_at(stays: Sequence[Stay], times_s: F64, frame_s: float) -> I64:
-    """(N,) number of stays under way at times [s]; a stay whose end was not observed lasts to the end of its frame."""
-    starts = np.sort([stay.start_s for stay in stays])
-    ends = np.sort([_end(stay, frame_s) for stay in stays])
-    slack = 1e-6  # timestamps in files have four decimals
-    return np.searchsorted(starts, times_s + slack, side="right") - np.searchsorted(ends, times_s + slack, side="right")
+    """(N,) number of stays under way at times [s]."""
+    starts, ends = (np.sort(times) for times in _times(stays, frame_s))
+    begun = np.searchsorted(starts, times_s + SLACK_S, side="right")
+    return begun - np.searchsorted(ends, times_s + SLACK_S, side="right")
 
 
 class OverFrames(NamedTuple):
@@ -251,15 +249,10 @@ def over_frames(stays: Sequence[Stay], span: Span) -> OverFrames:
     """
     if not stays:
         return OverFrames(0, 0.0)
-    slack = 1e-6  # as in occupancy_at
-    first = span.first_frames(np.array([stay.start_s for stay in stays]) - slack)
-    last = span.first_frames(np.array([_end(stay, span.frame_s) for stay in stays]) - slack)
+    times = np.stack(_times(stays, span.frame_s)) - SLACK_S
+    first, last = np.clip(np.ceil((times - span.start_s) / span.frame_s - 1e-9), 0, span.n_frames)
     at = np.minimum(first, span.n_frames - 1) * span.frame_s + span.start_s
     return OverFrames(int(occupancy_at(stays, at, span.frame_s).max()), float((last - first).sum()) / span.n_frames)
-
-
-def _end(stay: Stay, frame_s: float) -> float:
-    return stay.end_s if stay.left else stay.end_s + frame_s
 
 
 def _place(rule: Placed) -> dict[str, Any]:
@@ -289,7 +282,6 @@ def count_tracks(
     """Apply rules to tracks.
 
     Args:
-        tracks: as read from a file.
         clock: time of the frames; that of the tracks (30 frames per second without timestamps) by default.
         n_frames: length of the recording where known; otherwise it ends with the last row.
     Raises:
@@ -298,7 +290,7 @@ def count_tracks(
     for rule in (*rules.tripwires, *rules.zones):
         places = tracks.box_px.sum(axis=1) if rule.plane == "image" else tracks.x_m + tracks.y_m
         if len(tracks) and not np.isfinite(places).any():
-            need = "boxes (or --camera)" if rule.plane == "image" else "floor positions"
+            need = "boxes, or with a camera," if rule.plane == "image" else "floor positions"
             raise InputError(
                 f"{rules.source}: expected tracks with {need} for rule {rule.name!r}, found none in any row"
             )
@@ -323,11 +315,8 @@ def count_truth(
     """The true counts: the same rules on true positions, without a minimum age and without stitching of ids.
 
     A crossing means the same for truth: a person that steps back within the hysteresis has not crossed, which is also
-    how crossings are counted by hand. The outline of a zone is taken as it is, but for sway.
-
-    Args:
-        clock: that of the tracks, since truth carries no times.
-        params: those of the tracks.
+    how crossings are counted by hand. The outline of a zone is taken as it is, but for sway. Clock and parameters are
+    those of the tracks.
     """
     params = (params or AnalyticsParams()).model_copy(update={"stitch_s": 0.0})
     # For true occupancy: a head sways by as much when a person stands on the outline [m]; our choice.

@@ -32,32 +32,19 @@ class GridLine(NamedTuple):
 def grid_lines(
     project: Project, extent_m: tuple[float, float, float, float], size: tuple[int, int], step_m: float = 1.0
 ) -> list[GridLine]:
-    """Lines of a floor grid as seen.
-
-    Args:
-        extent_m: (x_min, y_min, x_max, y_max) of the floor to cover.
-        size: (width, height) of the image [px].
-        step_m: between lines.
-    """
-    x_min, y_min = math.floor(extent_m[0]), math.floor(extent_m[1])
-    x_max, y_max = math.ceil(extent_m[2]), math.ceil(extent_m[3])
+    """Lines of a grid over (x_min, y_min, x_max, y_max) of the floor in an image of (width, height) pixels."""
+    low, high = np.floor(extent_m[:2]), np.ceil(extent_m[2:])
     lines = []
-    for x in np.arange(x_min, x_max + 1e-9, step_m).tolist():
-        ends = np.array([(x, y_min), (x, y_max)], dtype=np.float64)
-        lines += [GridLine(x, part) for part in visible_parts(project, ends, size)]
-    for y in np.arange(y_min, y_max + 1e-9, step_m).tolist():
-        ends = np.array([(x_min, y), (x_max, y)], dtype=np.float64)
-        lines += [GridLine(y, part) for part in visible_parts(project, ends, size)]
+    for axis in (0, 1):
+        for at in np.arange(low[axis], high[axis] + 1e-9, step_m).tolist():
+            ends = np.stack([low, high])
+            ends[:, axis] = at
+            lines += [GridLine(at, part) for part in visible_parts(project, ends, size)]
     return lines
 
 
 def visible_parts(project: Project, places_m: F64, size: tuple[int, int]) -> list[F64]:
-    """A line on the floor in pixels, in parts of at least two points near the image.
-
-    Args:
-        places_m: (N, 2) corners of the line [m]; those that are not known are passed over.
-        size: (width, height) of the image [px].
-    """
+    """A line through (N, 2) places on the floor [m], in pixels, in parts of at least two points near the image."""
     known = places_m[np.isfinite(places_m).all(axis=1)]
     if len(known) < 2:
         return []
@@ -77,20 +64,13 @@ def visible_parts(project: Project, places_m: F64, size: tuple[int, int]) -> lis
 
 GRID_STRENGTH = 0.4
 """Share of the grid's colour in the picture."""
-
-
 ImageCamera = GroundCamera | StereoFloorCamera
 """A camera above the floor."""
 
 
 class ImagePainter:
-    """Draws snapshots into the images of one camera.
-
-    Args:
-        camera: above the floor; None for one that is not calibrated: boxes only.
-        rules: tripwires and zones.
-        bounds: of the metre grid on the floor; None for no grid.
-    """
+    """Draws snapshots into the images of one camera; boxes only for None, one that is not calibrated. ``bounds``: of
+    the metre grid on the floor."""
 
     def __init__(
         self, camera: ImageCamera | None, rules: Sequence[Rule] = (), bounds: PlanBounds | None = None
@@ -99,17 +79,18 @@ class ImagePainter:
         self._grid = _grid(camera, bounds) if camera is not None and bounds is not None else []
 
     def __call__(self, image: U8, snapshot: Snapshot) -> U8:
-        """(h, w, 3) uint8 BGR: the image, enlarged where it is small, with everything drawn on it.
-
-        Args:
-            image: (H, W[, 3]) uint8 BGR.
-        """
+        """(h, w, 3) uint8 BGR: the (H, W[, 3]) uint8 image, enlarged where it is small, with everything on it."""
         # Smaller images are enlarged to this width, so that labels are legible.
         scale = max(1, math.ceil(640 / image.shape[1]))
         size = image.shape[1] * scale, image.shape[0] * scale
         picture = as_colour(np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)).copy()
         labels = Labels(picture, max(1.0, picture.shape[1] / 1000))
-        self._paint_floor(picture, scale)
+        if self._grid:
+            over = picture.copy()
+            for coordinate, line in self._grid:
+                width = 2 if coordinate % 5 == 0 else 1
+                cv2.polylines(over, [_pixels(line, scale)], False, (255, 255, 255), width, cv2.LINE_AA)
+            cv2.addWeighted(over, GRID_STRENGTH, picture, 1 - GRID_STRENGTH, 0, dst=picture)
         for rule in self._rules:
             points = rule.points if rule.is_line else np.vstack([rule.points, rule.points[:1]])
             for line in self._visible(points) if rule.on_floor else [points]:
@@ -118,43 +99,25 @@ class ImagePainter:
             first = next(iter(self._visible(points) if rule.on_floor else [points]), None)
             if first is not None:
                 labels.put(rule.name, first[0] * scale, TRIPWIRE if rule.is_line else ZONE)
-        for person in snapshot.people:
-            self._paint_trail(picture, snapshot.trails.get(person.track_id), person, scale)
+        known = [person for person in snapshot.people if person.state != "tentative"]
+        for person in known:
+            for line in self._visible(snapshot.trails.get(person.track_id, np.empty((0, 2)))):
+                colour = as_bgr(person_rgb(person.track_id))
+                cv2.polylines(picture, [_pixels(line, scale)], False, colour, 2, cv2.LINE_AA)
         for person in sorted(snapshot.people, key=lambda p: p.state == "confirmed"):
             _paint_box(picture, person, scale)
-        for person in snapshot.people:
-            self._label(labels, person, scale)
+        for person in known:
+            if (place := self._place(person)) is not None:
+                text = f"{person.track_id} lost" if person.state == "lost" else f"{person.track_id}"
+                labels.put(text, place * scale, person_rgb(person.track_id, person.state))
         for person in snapshot.truth:
             self._paint_truth(picture, person, scale)
         return picture
-
-    def _paint_floor(self, picture: U8, scale: int) -> None:
-        if not self._grid:
-            return
-        over = picture.copy()
-        for coordinate, line in self._grid:
-            strong = coordinate % 5 == 0
-            cv2.polylines(over, [_pixels(line, scale)], False, (255, 255, 255), 2 if strong else 1, cv2.LINE_AA)
-        cv2.addWeighted(over, GRID_STRENGTH, picture, 1 - GRID_STRENGTH, 0, dst=picture)
 
     def _visible(self, points_m: F64) -> list[F64]:
         """Parts of a line on the floor that the camera shows, in pixels."""
         camera = self._camera
         return visible_parts(camera.project, points_m, camera.size) if camera is not None else []
-
-    def _paint_trail(self, picture: U8, trail_m: F64 | None, person: TrackState, scale: int) -> None:
-        if trail_m is None or person.state == "tentative":
-            return
-        for line in self._visible(trail_m):
-            cv2.polylines(picture, [_pixels(line, scale)], False, as_bgr(person_rgb(person.track_id)), 2, cv2.LINE_AA)
-
-    def _label(self, labels: Labels, person: TrackState, scale: int) -> None:
-        if person.state == "tentative":
-            return
-        place = self._place(person)
-        if place is not None:
-            lost = " lost" if person.state == "lost" else ""
-            labels.put(f"{person.track_id}{lost}", place * scale, person_rgb(person.track_id, person.state))
 
     def _place(self, person: TrackState) -> F64 | None:
         """Where a person's label stands: over the box, else at the feet [px]; None outside of the image."""

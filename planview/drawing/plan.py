@@ -28,15 +28,8 @@ class Rule:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """People at one frame.
-
-    Attributes:
-        frame: of the recording.
-        time_s: of the frame [s]; NaN where unknown.
-        people: in the frame.
-        trails: by id, (N, 2) places on the floor of the last seconds [m], the newest last.
-        truth: the true people of the frame.
-    """
+    """People at one frame, its time (NaN where unknown), (N, 2) places of the last seconds by id [m], the newest last,
+    and the true people."""
 
     frame: int
     time_s: float
@@ -46,11 +39,7 @@ class Snapshot:
 
 
 def snapshot_at(tracks: Trajectories, frame: int, trail_frames: int = 0, truth: Trajectories | None = None) -> Snapshot:
-    """A frame of tables that are sorted by frame; only the rows of the trail are looked at.
-
-    Args:
-        trail_frames: length of the trails [frames].
-    """
+    """A frame of tables that are sorted by frame, with trails of ``trail_frames``."""
     first, start, stop = np.searchsorted(tracks.frame, [frame - trail_frames, frame, frame + 1]).tolist()
     people = row_states(tracks, slice(start, stop))
     ids = tracks.track_id[first:stop]
@@ -101,13 +90,10 @@ def bounds_of(*places_m: F64) -> PlanBounds:
 
 
 class PlanPainter:
-    """Draws snapshots on the floor.
+    """Draws snapshots on the floor, fitted into pictures of (width, height) pixels.
 
     Args:
-        bounds: of the floor.
-        size: (width, height) of the pictures [px]; the floor is fitted into them.
         cameras: place on the floor (x, y) [m] and outline of the view (N, 2) [m] of every camera.
-        rules: tripwires and zones.
     Attributes:
         paper: (H, W, 3) uint8 BGR, the floor without people.
         scale: [px/m].

@@ -70,12 +70,7 @@ _PAD_PX = 3
 
 
 class Labels:
-    """Puts labels into a picture, each where no earlier one is.
-
-    Args:
-        picture: (H, W, 3) uint8 BGR, drawn into.
-        size: of the text, 1 for 11 px high capitals.
-    """
+    """Puts labels into an (H, W, 3) uint8 BGR picture, each where no earlier one is; size 1 is 11 px high capitals."""
 
     def __init__(self, picture: U8, size: float = 1.0) -> None:
         self._picture, self._size = picture, 0.45 * size
@@ -123,11 +118,7 @@ class Entry(NamedTuple):
 
 
 def with_legend(picture: U8, entries: Sequence[Entry]) -> U8:
-    """(h, W, 3) uint8 BGR: the picture, and below it squares of colour with their meaning.
-
-    Args:
-        picture: (H, W[, 3]) uint8 BGR.
-    """
+    """(h, W, 3) uint8 BGR: the (H, W[, 3]) picture, and below it squares of colour with their meaning."""
     strip, x = _strip(picture), 8
     for colour, text in entries:
         width = _width(text)
@@ -141,12 +132,7 @@ def with_legend(picture: U8, entries: Sequence[Entry]) -> U8:
 
 
 def with_colour_bar(picture: U8, colormap: int, low: str, high: str, entries: Sequence[Entry] = ()) -> U8:
-    """The picture, and below it the scale of its colours, then other colours' meaning.
-
-    Args:
-        colormap: of OpenCV.
-        low, high: the ends of the scale in words.
-    """
+    """The picture, and below it the scale of OpenCV's colormap with its ends in words, then other colours' meaning."""
     strip = _strip(picture)
     start = 14 + _width(low)
     stop = max(start + 40, min(strip.shape[1] - 14 - _width(high), start + 256))
@@ -168,12 +154,7 @@ def _width(text: str) -> int:
 
 
 def page_of(package: str, template: str, **values: Any) -> str:
-    """A template filled in; everything is escaped, and a name that is missing is an error.
-
-    Args:
-        package: the room that holds the template, e.g. "planview.output.report".
-        template: its file name; it may include style.css.j2.
-    """
+    """A template of a package, which may include style.css.j2, filled in; everything is escaped."""
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
     loader = ChoiceLoader([PackageLoader(package, "."), PackageLoader("planview.drawing", ".")])

@@ -55,12 +55,11 @@ class EditedRun(NamedTuple):
 def edit_run(folder: Path, lines: Sequence[str]) -> EditedRun:
     """Apply edits to ``tracks.csv``; the tracks without any edit are kept in ``tracks_before.csv``.
 
-    All edits so far are applied anew to these, so that the tracks are always those that ``edits.json`` says. Whatever
-    is refused changes nothing.
+    All edits so far are applied to these again, so that the tracks always follow from ``edits.json``. An edit that is
+    refused changes nothing.
 
     Raises:
         InputError: no finished run in the folder, another process writes there, or an edit that cannot be applied.
-        WorkError: a file cannot be written.
     """
     step = EditStep(at=datetime.now(UTC).isoformat(timespec="seconds"), edits=list(lines))
     with _held(folder):
@@ -68,24 +67,17 @@ def edit_run(folder: Path, lines: Sequence[str]) -> EditedRun:
 
 
 def undo_edits(folder: Path, steps: int) -> EditedRun:
-    """Take the last so many calls back; without any left, ``tracks.csv`` is what it was, byte for byte.
-
-    Raises:
-        InputError: as ``edit_run``, or fewer steps than that.
-    """
+    """Undo the last calls; without any left, ``tracks.csv`` is what it was, byte for byte. Raises InputError: as
+    ``edit_run``, or fewer calls than that."""
     with _held(folder):
         done = read_steps(folder)
         if not 0 < steps <= len(done):
-            raise InputError(f"{folder}: expected {max(steps, 1)} or more edits to take back, found {len(done)}")
+            raise InputError(f"{folder}: expected at least {max(steps, 1)} edits to undo, found {len(done)}")
         return _rewrite(folder, done[:-steps])
 
 
 def read_steps(folder: Path) -> list[EditStep]:
-    """The edits of a folder, oldest first; none where there are none.
-
-    Raises:
-        InputError: an edits.json that is not what its name says, or without the tracks that it refers to.
-    """
+    """The edits of a folder, oldest first. Raises InputError: edits.json cannot be read, or its tracks are missing."""
     path = folder / EDITS
     if not path.is_file():
         return []
@@ -98,16 +90,6 @@ def read_steps(folder: Path) -> list[EditStep]:
     if steps and not (folder / TRACKS_BEFORE).is_file():
         raise InputError(f"{folder / TRACKS_BEFORE}: expected the tracks before the edits, found no file")
     return steps
-
-
-def refuse_edited(folder: Path) -> None:
-    """Refuse to make tracks anew over edits.
-
-    Raises:
-        InputError: the folder holds edits.
-    """
-    if read_steps(folder):
-        raise InputError(f"{folder}: its tracks were edited; planview edit --undo-all takes the edits back first")
 
 
 def _held(folder: Path) -> AbstractContextManager[str]:
@@ -147,23 +129,21 @@ def _rewrite(folder: Path, steps: list[EditStep]) -> EditedRun:
 
 
 def refine_run(folder: Path) -> tuple[Refined, RunInfo]:
-    """Write ``tracks.csv`` anew from ``tracks_online.csv``, and ``refinement.csv`` with the reason of every change.
+    """Write ``tracks.csv`` again from ``tracks_online.csv``, and ``refinement.csv`` with the reason of every change.
 
     The first time the online tracks become ``tracks_online.csv``; every time is a refinement of these. ``run.json``
-    says ``refined: true`` before tracks.csv changes, so that refined tracks never pass for online ones. There is no
-    report.html until all is written: ``planview run --resume`` refines a folder without it again.
+    has ``refined: true`` before tracks.csv changes, so that refined tracks never pass for online ones. report.html is
+    written last: a folder without it is refined again when its run is resumed.
 
-    Returns:
-        The tracks with their changes, and run.json.
     Raises:
         InputError: no finished run in the folder, an edited one, a refined one without its online tracks, or tracks
             without floor positions.
-        WorkError: a file cannot be written.
     """
     info = finished_run(folder) if folder.is_dir() else None
     if info is None:
         raise InputError(f"{folder}: expected the folder of a finished run, found none")
-    refuse_edited(folder)
+    if read_steps(folder):
+        raise InputError(f"{folder}: its tracks were edited; undo the edits first")
     tracks, online = folder / "tracks.csv", folder / "tracks_online.csv"
     if info.refined and not online.is_file():
         raise InputError(f"{online}: expected the online tracks of a refined run, found no file")

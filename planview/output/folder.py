@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import json
 import os
 import socket
-from collections import defaultdict
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import Literal
+from typing import IO, Literal
 
 from pydantic import Field, JsonValue, ValidationError
 
@@ -22,6 +21,14 @@ from calib.io import PART, reason, write_whole
 from calib.params import first_problem
 from planview.engine.info import CameraInfo, FloorInfo, InfoPart
 from stereo.recording import OpenOptions
+
+
+class HoldsResultsError(InputError):
+    """Results in a folder are in the way of a run; ``resumable``: they are those of an interrupted run."""
+
+    def __init__(self, message: str, resumable: bool = False) -> None:
+        super().__init__(message)
+        self.resumable = resumable
 
 
 class SkippedFrame(InfoPart):
@@ -47,7 +54,7 @@ class RunWarning(InfoPart):
 class PaceInfo(InfoPart):
     """How a run in real time kept up (``run.real_time``).
 
-    Latency is the time from the moment that a frame's timestamp says to its tracks in tracks.csv.
+    Latency is the time from a frame's timestamp to its tracks in tracks.csv.
     """
 
     frames_dropped: int = 0
@@ -80,8 +87,7 @@ class RunInfo(InfoPart):
     tracker: str = ""
     """"joint", "human-model" or "ellipse-particle"."""
     state: Literal["", "running", "interrupted", "finished"] = ""
-    """How the run stands: "running" while it runs, and after it was killed; "interrupted" when it was stopped or
-    failed; empty in files of versions that did not say."""
+    """"running" while it runs, and after it was killed; "interrupted" when it was stopped or failed."""
     finished: bool = False
     """The run came to its end; false while it runs and when it was interrupted."""
     started_at: str = ""
@@ -98,7 +104,7 @@ class RunInfo(InfoPart):
     skipped: list[SkippedFrame] = Field(default_factory=list)
     """The skipped frames (the first 1000) and why."""
     notes: list[str] = Field(default_factory=list)
-    """What the reader of the recording assumed, mended or missed, and the size of people that a tracker learned, a
+    """What the reader of the recording assumed, repaired or missed, and the size of people that a tracker learned, a
     sentence each."""
     rig: CameraInfo | None = None
     floor: FloorInfo | None = None
@@ -117,38 +123,37 @@ class RunInfo(InfoPart):
 
 
 def write_run_info(info: RunInfo, path: Path) -> None:
-    """Write run.json in one step, so that a half-written file is never seen.
-
-    Raises:
-        WorkError: the disk is full or the file cannot be written; an earlier run.json is kept.
-    """
+    """Write run.json (see ``write_result``)."""
     write_result(path, info.model_dump_json(indent=2) + "\n")
 
 
 def write_result(path: Path, text: str) -> None:
-    """Replace a file of results in one step (same errors as ``write_run_info``)."""
-    try:
+    """Replace a file of results in one step. Raises WorkError: it cannot be written; what was there is kept."""
+    with writing(path):
         write_whole(path, text)
+
+
+@contextmanager
+def writing(path: Path, kept: str = "") -> Iterator[None]:
+    """Raise WorkError, with the reason and what is kept, where a file or folder cannot be written."""
+    try:
+        yield
     except OSError as error:
-        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
+        raise WorkError(f"{path}: cannot be written ({reason(error)}){kept}") from error
 
 
-def unfinished_beside(tracks: Path) -> str:
+def unfinished_note(tracks: Path) -> str:
     """A sentence where tracks are of a run that has not finished; empty elsewhere (errors of ``read_run_info``)."""
     path = tracks.parent / "run.json"
     info = read_run_info(path) if tracks.name == "tracks.csv" and path.is_file() else None
     if info is None or info.finished or not info.started_at:
         return ""
     how = "is still running or was killed" if info.state == "running" else "was interrupted"
-    return f"{tracks}: the run {how}: what follows is of the frames tracked until then (planview run --resume goes on)"
+    return f"{tracks}: the run {how}: only the frames tracked so far are used"
 
 
 def read_run_info(path: Path) -> RunInfo:
-    """Read run.json.
-
-    Raises:
-        InputError: unreadable, or a value of another kind.
-    """
+    """Read run.json. Raises InputError: unreadable, or a value of another kind."""
     try:
         return RunInfo.model_validate_json(path.read_text(encoding="utf-8"))
     except ValidationError as error:
@@ -166,9 +171,8 @@ _held: set[Path] = set()
 def folder_lock(folder: Path) -> Iterator[str]:
     """Hold a folder, made if need be, until the block ends.
 
-    The system's lock on ``run.lock`` ends with its process, so that a lock that a killed process left is known for
-    what it is; the process and host written in the file are for people, and tell a lock of another machine, where the
-    system's lock does not reach.
+    The system's lock on ``run.lock`` ends with its process. The text of the file names the process and its host: the
+    system's lock may not reach other hosts.
 
     Yields:
         A sentence about the stale lock that was taken over, empty when there was none.
@@ -180,75 +184,60 @@ def folder_lock(folder: Path) -> Iterator[str]:
     if place in _held:
         yield ""
         return
-    try:
+    with writing(folder):
         place.mkdir(parents=True, exist_ok=True)
-        descriptor, told = _taken(place / LOCK_NAME)
-    except OSError as error:
-        raise WorkError(f"{folder}: cannot be written ({reason(error)})") from error
-    _held.add(place)
-    try:
-        yield told
-    finally:
-        _held.discard(place)
-        with suppress(OSError):
-            (place / LOCK_NAME).unlink()
-        os.close(descriptor)
+        file, before = _taken(place / LOCK_NAME)
+    with file:
+        _held.add(place)
+        try:
+            yield f"{place}: {before} left its lock without finishing; taken over" if before else ""
+        finally:
+            _held.discard(place)
+            with suppress(OSError):
+                (place / LOCK_NAME).unlink()
 
 
 def check_unlocked(folder: Path) -> None:
     """Refuse a folder that another process holds; a stale lock is left as it is (same errors as ``folder_lock``)."""
     path = folder.resolve() / LOCK_NAME
-    if path.parent in _held or not path.exists():
-        return
-    os.close(_locked(path, os.O_RDONLY)[0])
+    if path.parent not in _held and path.exists():
+        with path.open(encoding="utf-8", errors="replace") as file:
+            _lock(file, path)
 
 
-def _taken(path: Path) -> tuple[int, str]:
-    """The descriptor of the file, locked and written, and a sentence about whose it was."""
+def _taken(path: Path) -> tuple[IO[str], str]:
+    """The lock file, locked and with our name in it, and the name that was in it."""
     while True:
-        descriptor, message = _locked(path, os.O_RDWR | os.O_CREAT)
+        file = path.open("a+", encoding="utf-8", errors="replace")
         try:
-            with suppress(FileNotFoundError):  # its owner removed the file between our opening and locking it
-                if os.path.samestat(os.fstat(descriptor), path.stat()):
-                    since = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
-                    owner = {"pid": os.getpid(), "host": socket.gethostname(), "since": since}
-                    os.ftruncate(descriptor, 0)
-                    os.pwrite(descriptor, json.dumps(owner).encode() + b"\n", 0)
-                    return descriptor, message
+            before = _lock(file, path)
+            with suppress(FileNotFoundError):  # its owner removed it between our opening and locking it
+                if os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                    now = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
+                    file.truncate(0)
+                    file.write(f"process {os.getpid()} on {socket.gethostname()} (since {now})\n")
+                    file.flush()
+                    return file, before
         except BaseException:
-            os.close(descriptor)
+            file.close()
             raise
-        os.close(descriptor)
+        file.close()
 
 
-def _locked(path: Path, flags: int) -> tuple[int, str]:
-    """The descriptor of the file, locked, and a sentence about the stale lock that it was, if any."""
-    descriptor = os.open(path, flags, 0o644)
+def _lock(file: IO[str], path: Path) -> str:
+    """The name in a lock file, which is locked now."""
+    file.seek(0)
+    owner = file.read(1000).strip()
     try:
-        try:
-            owner = json.loads(os.pread(descriptor, 4096, 0) or b"{}")
-        except ValueError:
-            owner = {}
-        is_known = isinstance(owner, dict) and bool(owner)
-        who = (
-            "process {pid} on {host} (since {since})".format_map(defaultdict(str, owner))
-            if is_known
-            else "another process"
-        )
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            if error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP):
-                raise WorkError(f"{path}: the file system cannot lock files ({reason(error)})") from error
-            raise InputError(
-                f"{path.parent}: {who} is writing into it; wait for it or choose another folder"
-            ) from error
-        if is_known and owner.get("host") != socket.gethostname():
-            raise InputError(f"{path.parent}: {who} is writing into it; if it is not running any more, delete {path}")
-        return descriptor, f"{path.parent}: {who} left its lock without finishing; taken over" if is_known else ""
-    except BaseException:
-        os.close(descriptor)
-        raise
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        who = owner or "another process"
+        raise InputError(f"{path.parent}: {who} is writing into it; wait for it or choose another folder") from error
+    except OSError as error:
+        raise WorkError(f"{path}: the file system cannot lock files ({reason(error)})") from error
+    if owner and f" on {socket.gethostname()} " not in owner:
+        raise InputError(f"{path.parent}: {owner} is writing into it; if it is not running any more, delete {path}")
+    return owner
 
 
 _NAMES = (
@@ -257,23 +246,25 @@ _NAMES = (
     "run.json", "run.rrd", "run-[0-9]*.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html", "scene.png",
     "checkpoint.npz", "checkpoint.previous.npz",
 )  # fmt: skip
-_UNFINISHED = "an unfinished run; go on with --resume"
 PRODUCTS = (*_NAMES, *(name + PART for name in _NAMES))
 """Names and patterns of everything that a run may leave in its folder."""
 
 
 def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -> None:
-    """Whether results may go to a folder; to be asked before any work is done.
+    """Check that results can go to a folder, before any work is done.
 
     Args:
         recording: the input, which must not be among the files that are replaced.
 
     Raises:
-        InputError: another process writes into the folder, it holds results and ``overwrite`` is not set, it holds the
-            input, it is a file, or what is named as a file of a run in it is none (a pipe could wait for ever).
+        HoldsResultsError: it holds results and ``overwrite`` is not set.
+        InputError: another process writes into the folder, it holds the input, it is a file, or what is named as a file
+            of a run in it is none (a pipe could wait for ever).
+        WorkError: files cannot be written there.
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder for the results, found a file")
+    _try_to_write(folder)
     is_product = recording is not None and any(fnmatch(recording.name, pattern) for pattern in PRODUCTS)
     if recording is not None and is_product and recording.resolve().parent == folder.resolve():
         raise InputError(f"{folder}: expected another folder than that of the input, found {recording} in it")
@@ -287,32 +278,33 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
     # Results of any kind are worth keeping: of a run, finished or not, and of others who use the same names.
     if folder / "run.json" not in found:
         names = ", ".join(path.name for path in found[:4])
-        raise InputError(
-            f"{folder}: holds {names}, which is no planview run's (there is no run.json); "
-            "choose another folder or add --overwrite"
-        )
+        raise HoldsResultsError(f"{folder}: contains {names} but no run.json, so it was not written by planview")
     try:
-        held = _UNFINISHED if finished_run(folder) is None else "a finished run; choose another folder"
+        resumable = finished_run(folder) is None
     except InputError:
-        held = "a run of another version; choose another folder"
-    raise InputError(f"{folder}: holds {held} or add --overwrite")
+        raise HoldsResultsError(f"{folder}: contains a run of another version of planview") from None
+    held = "an unfinished run" if resumable else "a finished run"
+    raise HoldsResultsError(f"{folder}: contains {held}", resumable)
+
+
+def _try_to_write(folder: Path) -> None:
+    """Make a file without a name where the folder is or will be."""
+    try:
+        place = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        why = "files cannot be created there" if error.errno == errno.ENOENT else reason(error)
+        raise WorkError(f"{folder}: cannot be written ({why})") from error
 
 
 def prepare_folder(folder: Path, overwrite: bool) -> None:
-    """Make an empty place for a run; files that are not named as a run's are never touched.
-
-    Raises:
-        InputError: as ``check_folder``.
-        WorkError: it cannot be made.
-    """
+    """Make an empty place for a run; files that are not named as a run's are never touched (errors of
+    ``check_folder``)."""
     check_folder(folder, overwrite)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with folder_lock(folder):
-            for path in products_in(folder):
-                path.unlink(missing_ok=True)
-    except OSError as error:
-        raise WorkError(f"{folder}: cannot be written ({reason(error)})") from error
+    with writing(folder), folder_lock(folder):
+        for path in products_in(folder):
+            path.unlink(missing_ok=True)
 
 
 def products_in(folder: Path) -> list[Path]:
@@ -327,11 +319,7 @@ def rrd_parts(path: Path) -> list[Path]:
 
 
 def finished_run(folder: Path) -> RunInfo | None:
-    """The run.json of a folder that holds a finished run, else None.
-
-    Raises:
-        InputError: there is a run.json that cannot be read.
-    """
+    """The run.json of a finished run, else None. Raises InputError: a run.json that cannot be read."""
     path = folder / "run.json"
     if not path.is_file():
         return None

@@ -17,48 +17,39 @@ from stereo.matcher import SampledDisparity
 
 
 class MapsLog:
-    """Writes the foreground points of every frame (see ``planview.maps.recording``).
+    """Writes the foreground points of every frame: a ``RunLog``.
 
     HDF5 cannot be read after a kill. So every ``mark`` ends a file of its own (``maps-1.h5``, ...); they become one
     when the log is closed.
 
     Args:
-        engine: whose frames will come.
-        path: the file to write.
-        position: of ``mark``, to go on from there; what was written after it is dropped.
+        position: of ``mark``, to resume from; what was written after it is dropped.
     Raises:
-        InputError: an engine without disparity, or what was written up to the position is not there any more.
+        InputError: an engine without disparity, or the files up to the position are missing.
         WorkError: the file cannot be written.
     """
 
     def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None) -> None:
         if engine.stereo is None:
-            raise InputError("--maps: expected a stereo pair or images with depth, found a single camera")
+            raise InputError("expected a stereo pair or images with depth, found a camera without depth")
         self._engine, self._step, self._path = engine, engine.stereo.reduction, path
         self._parts = 0 if position is None else self._kept_parts(position["parts"])
         self._writer: MapsWriter | None = self._new_writer(self._open_path)
 
     def frame(self, result: FrameResult) -> None:
-        """Add a frame.
-
-        Raises:
-            WorkError: the disk is full.
-        """
         maps, sampled = result.observation.maps, result.sampled
         if maps is None or sampled is None:
-            raise InputError("--maps: expected a recording with images, found recorded maps")
+            raise InputError("expected a recording with images, found recorded maps")
         reduced = np.ascontiguousarray(at_step(sampled, self._step))
         self._writer = self._writer or self._new_writer(self._open_path)
         seen = result.observation.views[0]
         self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, maps.points, reduced, seen))
 
     def mark(self) -> dict[str, int]:
-        """See ``RunLog``."""
         self._end_part()
         return {"parts": self._parts}
 
     def close(self) -> None:
-        """See ``RunLog``."""
         if self._parts == 0 and self._writer is not None:
             writer, self._writer = self._writer, None
             writer.close(self._engine.recording.skipped)

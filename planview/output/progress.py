@@ -51,15 +51,15 @@ def compile_notice(console: Console) -> Iterator[None]:
         def on_start(self, event: Event) -> None:
             """A kernel that no cache holds is about to be compiled."""
             if not self.last_s:
-                self.say("compiling kernels, once per installation: about a minute")
+                self.show("compiling kernels, once per installation: about a minute")
 
         def on_end(self, event: Event) -> None:
             """It is compiled."""
             self.kernels += 1
             if time.monotonic() - self.last_s > EVERY_S:
-                self.say(f"compiling kernels: {self.kernels} so far")
+                self.show(f"compiling kernels: {self.kernels} so far")
 
-        def say(self, text: str) -> None:
+        def show(self, text: str) -> None:
             console.print(text, highlight=False)
             self.last_s = time.monotonic()
 
@@ -108,7 +108,7 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
             "camera", f"{floor.height_m:.2f} m above the floor, tilt {floor.tilt_deg:.1f} deg ({floor.source})"
         )
     stages = ", ".join(f"{name} {ms:.1f}" for name, ms in info.stages_ms.items() if ms is not None)
-    table.add_row("ms per stage", f"{stages} (medians; reading runs beside the others)")
+    table.add_row("ms per stage", f"{stages} (median; reading overlaps the other stages)")
     if info.pace and info.pace.latency_median_ms is not None:
         pace = info.pace
         table.add_row("dropped", f"{pace.frames_dropped} frames that were due while earlier ones were tracked")

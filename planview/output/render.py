@@ -12,11 +12,12 @@ import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.images import write_image
-from calib.io import PART, reason
+from calib.io import PART
 from calib.types import U8
 from planview.counting.events import Event, inward_ways, way_words
 from planview.drawing.image import ImagePainter
 from planview.drawing.plan import PlanBounds, PlanPainter, Snapshot, snapshot_at
+from planview.output.folder import writing
 from planview.output.run_folder import RunFolder
 
 if TYPE_CHECKING:
@@ -29,12 +30,7 @@ _INK, _BACK, _FONT = (40, 40, 40), (255, 255, 255), cv2.FONT_HERSHEY_SIMPLEX
 
 
 class Tally:
-    """What rules have counted up to a frame.
-
-    Args:
-        events: of the run.
-        inward: direction that is in, by rule, where one is.
-    """
+    """What rules have counted up to a frame; ``inward``: the direction that is in, by rule, where there is one."""
 
     def __init__(self, events: Sequence[Event], inward: Mapping[str, str] | None = None) -> None:
         self._inward = inward or {}
@@ -65,16 +61,11 @@ class Tally:
 
 
 class SceneComposer:
-    """Draws frames of a run.
+    """Draws frames of a run: the image with people, and the floor from above.
 
     Args:
-        frames: of the recording; None where it is not there: the floor alone.
-        trail_s: length of the trails [s].
-        plan: show the floor from above beside the image.
-        truth: mark the true people.
+        frames: of the recording; None for the floor alone.
         bounds: of the floor that is shown; where people were when None.
-    Attributes:
-        has_image: whether frames need an image.
     """
 
     def __init__(
@@ -87,7 +78,7 @@ class SceneComposer:
         truth: bool = True,
         bounds: PlanBounds | None = None,
     ) -> None:
-        self._results, self.has_image = results, frames is not None
+        self._results = results
         self._bounds = bounds or results.bounds()
         self._trail = round(trail_s / results.clock.frame_s)
         self._truth = results.truth if truth else None
@@ -97,11 +88,7 @@ class SceneComposer:
         self._plan: PlanPainter | None = None
 
     def __call__(self, frame: int, image: U8 | None) -> U8:
-        """(H, W, 3) uint8 BGR with even H and W, the same for all frames of images of one size.
-
-        Args:
-            image: (h, w[, 3]) uint8 BGR of the frame; None where it cannot be read.
-        """
+        """(H, W, 3) uint8 BGR with even H and W; ``image``: (h, w[, 3]) uint8 BGR, None where it cannot be read."""
         snapshot = snapshot_at(self._results.tracks, frame, self._trail, self._truth)
         panels = [] if image is None else [self._image(image, snapshot)]
         if self._with_plan or image is None:
@@ -138,11 +125,9 @@ CODECS = {".mp4": "vp09", ".webm": "VP80", ".avi": "MJPG", ".mkv": "VP80"}
 class VideoWriter:
     """Writes pictures of one size into a video, which is at its place when all are written.
 
-    Args:
-        path: its ending gives the format.
-        fps: pictures per second.
     Raises:
-        InputError: no ending of a video.
+        InputError: the path does not end like a video.
+        WorkError: it cannot be written, in the methods.
     """
 
     def __init__(self, path: Path, fps: float) -> None:
@@ -154,39 +139,26 @@ class VideoWriter:
         self.count = 0
 
     def add(self, picture: U8) -> None:
-        """Append a picture.
-
-        Raises:
-            WorkError: the video cannot be written.
-        """
         if self._writer is None:
             self._writer = self._open((picture.shape[1], picture.shape[0]))
         self._writer.write(picture)
         self.count += 1
 
     def close(self, *, complete: bool) -> None:
-        """End the video; an incomplete one is removed.
-
-        Raises:
-            WorkError: it cannot be moved to its place.
-        """
+        """End the video; an incomplete one is removed."""
         if self._writer is None:
             return
         self._writer.release()
-        try:
+        with writing(self._path):
             if complete:
                 self._part.replace(self._path)
             else:
                 self._part.unlink(missing_ok=True)
-        except OSError as error:
-            raise WorkError(f"{self._path}: cannot be written ({reason(error)})") from error
 
     def _open(self, size: tuple[int, int]) -> cv2.VideoWriter:
         codec = cv2.VideoWriter.fourcc(*CODECS[self._path.suffix.lower()])
-        try:
+        with writing(self._path):
             self._path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise WorkError(f"{self._path.parent}: cannot be made ({reason(error)})") from error
         writer = cv2.VideoWriter(str(self._part), codec, self._fps, size)
         if not writer.isOpened():
             raise WorkError(f"{self._path}: the video cannot be written")
@@ -211,15 +183,8 @@ def scene_pictures_of(
 
 
 def write_still(composer: SceneComposer, frames: SceneFrames | None, frame: int, path: Path) -> None:
-    """Write a picture of one frame; the floor alone where its image cannot be read.
-
-    Raises:
-        InputError: no picture's name.
-        WorkError: it cannot be written.
-    """
+    """Write a picture of one frame; the floor alone where its image cannot be read."""
     image = next((image for _, image in frames.at([frame])), None) if frames is not None else None
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_image(path, composer(frame, image))
-    except OSError as error:
-        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error

@@ -1,4 +1,4 @@
-"""``planview replay``: a recording tracked again up to a frame, and how the tracks differ."""
+"""A recording tracked again up to a frame, and how the tracks differ."""
 
 from __future__ import annotations
 
@@ -115,13 +115,8 @@ def _decisions(path: Path, replayed: ReplayedRun, last: int) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class ReplayedRun:
-    """The same frames tracked again.
-
-    Attributes:
-        results: the run's, with the tracks of the frames tracked again.
-        decisions: (frame, decision) of those frames, matches left out.
-        source: the recording that they were taken from.
-    """
+    """The run's folder with the tracks of the frames tracked again, their (frame, decision) without matches, and the
+    recording that they were read from."""
 
     results: RunFolder
     decisions: list[tuple[int, Decision]]
@@ -131,14 +126,9 @@ class ReplayedRun:
 def replay_run(
     results: RunFolder, config: Config, frame: int, watch: Callable[[FrameResult], None] | None = None
 ) -> ReplayedRun:
-    """Track up to a frame with other parameters.
+    """Track up to a frame with other parameters: the plan-view recording of the run where they leave it valid, else the
+    recording.
 
-    From the first frame: of the plan-view recording where the run left one and the parameters do not concern what comes
-    before it, else of the recording.
-
-    Args:
-        frame: the last one.
-        watch: called after every frame.
     Raises:
         InputError: no recording any more, or parameters that its maps exclude.
         WorkError: the recording ends before the frame.

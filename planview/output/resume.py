@@ -1,4 +1,4 @@
-"""``planview run --resume``: checkpoint files, and from where an interrupted run goes on."""
+"""Checkpoint files, and where an interrupted run resumes."""
 
 from __future__ import annotations
 
@@ -23,12 +23,11 @@ import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
 import planview
-from calib.errors import InputError, WorkError
+from calib.errors import InputError
 from calib.io import PART, reason, whole_file
 from calib.params import first_problem
-from calib.types import U8
-from planview.output.folder import LOCK_NAME, PRODUCTS, products_in, read_run_info
-from planview.output.memory import Encoded
+from planview.output.folder import LOCK_NAME, PRODUCTS, HoldsResultsError, products_in, read_run_info, writing
+from planview.output.state import SavedState
 from planview.output.tables import FilePosition, holds
 
 
@@ -80,11 +79,11 @@ _TEXTS = frozenset((
 
 
 def content_key(path: Path, *, texts: bool = True) -> str:
-    """Of a recording's file or folder: names, sizes and sampled content, not its place or times.
+    """Digest of a recording's file or folder: names, sizes and sampled content, without truth, hidden files, and
+    results of runs and studies.
 
-    Truth, hidden files and results of runs and studies are left out: they do not change what is tracked. Of a large
-    file 16 blocks count, of a folder's images at most 64: a change that keeps every size and lies between all samples
-    is not noticed.
+    Of a large file 16 blocks count, of a folder's images at most 64: a change that keeps every size and lies between
+    all samples is not noticed.
 
     Args:
         texts: with calibrations, times and other files of text in a folder.
@@ -100,16 +99,9 @@ def content_key(path: Path, *, texts: bool = True) -> str:
         files = [file for file in files if texts or file.suffix.lower() not in _TEXTS]
         images = [file for file in files if file.suffix.lower() in _IMAGES]
         sampled = set(files) - set(images) | set(images[:: -(-len(images) // 64) or 1])
-        return key_of(
-            [
-                [
-                    os.fsencode(file.relative_to(path)).hex(),
-                    file.stat().st_size,
-                    _sampled(file) if file in sampled else "",
-                ]
-                for file in files
-            ]
-        )
+        names = [os.fsencode(file.relative_to(path)).hex() for file in files]
+        contents = [(file.stat().st_size, _sampled(file) if file in sampled else "") for file in files]
+        return key_of([[name, *content] for name, content in zip(names, contents, strict=True)])
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({reason(error)})") from error
 
@@ -143,7 +135,7 @@ def _sampled(path: Path, whole_bytes: int = 256 * 1024, block_bytes: int = 64 * 
 
 LATEST, PREVIOUS = "checkpoint.npz", "checkpoint.previous.npz"
 DIGEST_BYTES = 32
-"""After the archive its digest, so that nothing is taken from a file that was changed."""
+"""After the archive its digest, so that a changed file is noticed."""
 
 
 _Size = Annotated[int, Field(ge=0, lt=2**63)]
@@ -157,9 +149,9 @@ class _Written(BaseModel, strict=True):
 
 
 class _Document(BaseModel, strict=True):
-    """What a checkpoint holds besides memory."""
+    """What a checkpoint holds besides arrays."""
 
-    format: Literal[2]
+    format: Literal[3]
     """Changes when an older reader would misunderstand the file."""
     identity: dict[str, dict[str, Any]]
     written: _Written
@@ -168,65 +160,43 @@ class _Document(BaseModel, strict=True):
 
 
 class Checkpoint(NamedTuple):
-    """What a checkpoint file holds.
-
-    Attributes:
-        identity: of the run, which a run that goes on must share (``planview.output.resume``).
-        written: position in every output file, by name.
-        memory: of the engine, the counts and the progress.
-    """
+    """The identity that the resumed run must share, the position in every output file, and the state of the engine, the
+    counts and the totals."""
 
     identity: dict[str, Any]
     written: dict[str, Any]
-    memory: Encoded
+    state: SavedState
 
 
 def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
-    """Write the latest checkpoint; the one before becomes the previous one.
-
-    Raises:
-        WorkError: the disk is full or the file cannot be written; earlier checkpoints are kept.
-    """
-    document = {
-        "format": 2, "identity": checkpoint.identity, "written": checkpoint.written,
-        "roots": checkpoint.memory.roots, "nodes": checkpoint.memory.nodes,
-    }  # fmt: skip
-    text = np.frombuffer(json.dumps(document).encode(), dtype=np.uint8)
-    blocks: dict[str, Any] = {f"block{n}": block for n, block in enumerate(checkpoint.memory.blocks)}
-    path = folder / LATEST
-    archive = io.BytesIO()
-    np.savez(archive, document=text, **blocks)
+    """Write the latest checkpoint; the one before becomes the previous one. Raises WorkError: it cannot be written, and
+    earlier ones are kept."""
+    (identity, written, state), path, archive = checkpoint, folder / LATEST, io.BytesIO()
+    document = {"format": 3, "identity": identity, "written": written, "roots": state.roots, "nodes": state.nodes}
+    arrays: dict[str, Any] = {f"array{n}": array for n, array in enumerate(state.arrays)}
+    np.savez(archive, document=np.frombuffer(json.dumps(document).encode(), dtype=np.uint8), **arrays)
     data = archive.getvalue()
-    try:
-        with whole_file(path) as part:
-            part.write_bytes(data + _digest(data))
-            if path.exists():
-                os.replace(path, folder / PREVIOUS)
-    except OSError as error:
-        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
+    with writing(path), whole_file(path) as part:
+        part.write_bytes(data + _digest(data))
+        if path.exists():
+            os.replace(path, folder / PREVIOUS)
 
 
 def read_checkpoint(path: Path) -> Checkpoint:
-    """Read a checkpoint.
-
-    Raises:
-        ValueError: damaged, cut short, or of another format.
-    """
+    """Read a checkpoint. Raises ValueError: damaged, cut short, or of another format."""
     try:
-        data = path.read_bytes()
-        data, digest = data[:-DIGEST_BYTES], data[-DIGEST_BYTES:]
-        if _digest(data) != digest:
+        content = path.read_bytes()
+        data = content[:-DIGEST_BYTES]
+        if _digest(data) != content[-DIGEST_BYTES:]:
             raise ValueError("not as it was written")
-        with zipfile.ZipFile(
-            io.BytesIO(data)
-        ) as archive:  # blocks are stored as they are: none is larger than the file
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:  # arrays are stored as they are: none is larger than it
             if sum(info.file_size for info in archive.infolist()) > len(data):
-                raise ValueError("blocks larger than the file")
+                raise ValueError("arrays larger than the file")
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             document = _Document.model_validate_json(file["document"].tobytes())
-            blocks: list[U8] = [file[f"block{n}"] for n in range(len(file.files) - 1)]
-        memory = Encoded(document.roots, document.nodes, blocks)
-        return Checkpoint(document.identity, document.written.model_dump(), memory)
+            arrays = [file[f"array{n}"] for n in range(len(file.files) - 1)]
+        state = SavedState(document.roots, document.nodes, arrays)
+        return Checkpoint(document.identity, document.written.model_dump(), state)
     except ValidationError as error:
         raise ValueError(first_problem(error)) from error
     except (OSError, KeyError, TypeError, AttributeError, EOFError, RecursionError, zipfile.BadZipFile) as error:
@@ -248,38 +218,35 @@ def remove_checkpoints(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def checkpoint_of(folder: Path, identity: dict[str, Any], tell: Callable[[str], None]) -> Checkpoint | None:
-    """The last checkpoint in a folder that can be gone on from; None where a run begins anew.
+def checkpoint_of(folder: Path, identity: dict[str, Any], warn: Callable[[str], None]) -> Checkpoint | None:
+    """The last usable checkpoint in a folder; None where the run starts from the first frame.
 
-    A damaged checkpoint, or one whose tables were changed, gives way to the one before it. A run that was interrupted
-    before its first checkpoint begins anew.
+    A damaged checkpoint, or one whose tables were changed, is replaced by the one before it. A run that was interrupted
+    before its first checkpoint starts again.
 
     Args:
-        identity: of the run that is to go on.
-        tell: takes sentences about what could not be used.
+        identity: of the run to resume.
+        warn: takes sentences about what could not be used.
     Raises:
-        InputError: the checkpoint is another run's, or the folder holds results of another run.
+        HoldsResultsError: the checkpoint, or what is in the folder, is of another run.
     """
     for path in checkpoints_in(folder):
         try:
             checkpoint = read_checkpoint(path)
         except ValueError as error:
-            tell(f"{path}: the checkpoint is damaged ({error}); the one before is tried")
+            warn(f"{path}: the checkpoint is damaged ({error}); using the one before")
             continue
         other = difference(checkpoint.identity, identity)
         if other:
-            raise InputError(
-                f"{path}: expected a checkpoint of this run, found one of {other}; add "
-                "--overwrite instead of --resume begins again"
-            )
+            raise HoldsResultsError(f"{path}: expected a checkpoint of this run, found one of {other}")
         tables = checkpoint.written["tables"].items()
         changed = [name for name, at in tables if not holds(folder / name, FilePosition(*at))]
         if not changed:
             return checkpoint
-        tell(f"{folder / changed[0]}: changed since {path.name} was written; the checkpoint before is tried")
+        warn(f"{folder / changed[0]}: changed since {path.name} was written; using the checkpoint before")
     _refuse_other_run(folder, identity)
     if products_in(folder):
-        tell(f"{folder}: holds no checkpoint to go on from; the run begins anew")
+        warn(f"{folder}: no checkpoint to resume from; the run starts again")
     return None
 
 
@@ -291,4 +258,4 @@ def _refuse_other_run(folder: Path, identity: dict[str, Any]) -> None:
     info = read_run_info(path) if path.is_file() else None
     config = {} if info is None else {name: table for name, table in info.config.items() if name != "run"}
     if info is None or config != identity["configuration"] or info.tracker != identity["settings"]["tracker"]:
-        raise InputError(f"{folder}: expected the beginning of this run, found another; --overwrite replaces it")
+        raise HoldsResultsError(f"{folder}: expected the beginning of this run, found another run")

@@ -1,4 +1,4 @@
-"""``planview run``: an engine over a recording, results to a folder."""
+"""An engine run over a recording, results written to a folder."""
 
 from __future__ import annotations
 
@@ -24,8 +24,15 @@ from calib.errors import InputError, WorkError
 from planview.counting.stream import Analytics
 from planview.counting.totals import Counts, Span
 from planview.engine.engine import Engine, FrameResult
-from planview.output.folder import RunInfo, SkippedFrame, folder_lock, prepare_folder, write_result, write_run_info
-from planview.output.memory import decode, encode
+from planview.output.folder import (
+    HoldsResultsError,
+    RunInfo,
+    SkippedFrame,
+    folder_lock,
+    prepare_folder,
+    write_result,
+    write_run_info,
+)
 from planview.output.resume import (
     Checkpoint,
     calibration_key,
@@ -35,6 +42,7 @@ from planview.output.resume import (
     remove_checkpoints,
     write_checkpoint,
 )
+from planview.output.state import decode, encode
 from planview.output.tables import FilePosition, RunTables
 from planview.output.totals import Pace, RunChecks, RunTotals
 from planview.trajectories.table import is_person
@@ -54,11 +62,7 @@ class RunLog(Protocol):
 
 
 def return_unused_memory() -> None:
-    """Let the C library return to the system what was freed but is kept for later.
-
-    Buffers of many sizes, made and freed by several threads, leave holes that glibc does not return by itself: the
-    resident memory of an hour grew by a fiftieth though no object was kept. Elsewhere nothing is done.
-    """
+    """Let glibc return freed memory to the system: from fragmentation, resident memory grows by 2 % per hour."""
     if sys.platform == "linux":
         with suppress(OSError, AttributeError):  # a C library without it
             ctypes.CDLL(None).malloc_trim(0)
@@ -78,11 +82,8 @@ class Interrupts:
 
 @contextmanager
 def noted_interrupts() -> Iterator[Interrupts]:
-    """Note SIGINT, SIGTERM and SIGHUP until the block ends.
-
-    Signals that the process was started to ignore (``nohup``) stay ignored; outside of the main thread, where Python
-    takes no signals, nothing is changed.
-    """
+    """Note SIGINT, SIGTERM and SIGHUP until the block ends; those that are ignored (``nohup``) stay ignored, and
+    outside of the main thread Python takes no signals."""
     found, before = Interrupts(), {}
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -126,18 +127,18 @@ def run(
 ) -> RunInfo:
     """Track a recording and write the output folder.
 
-    The folder must be empty of results (``planview.output.folder.prepare_folder``). When the run is interrupted or
-    fails, ``run.json`` says ``finished: false`` and every file is valid up to the last finished frame.
+    The folder must be empty of results (``prepare_folder``). When the run is interrupted or fails, ``run.json`` has
+    ``finished: false`` and every file is valid up to the last finished frame.
 
     Args:
         engine: from ``open_engine``, or composed by hand.
         logs: take every frame, one of each class; closed at the end, whatever happens.
         watch: called after every frame, e.g. to show progress.
-        checkpoint: to go on from (``planview.output.resume.checkpoint_of``), with logs made for its positions.
+        checkpoint: to resume from (``checkpoint_of``), with logs made for its positions.
     Raises:
-        InputError: another process writes into the folder; or ``options.strict``, and the recording fails a check: what
-            was tracked until then is kept.
-        WorkError: the disk is full, no frame can be used, or the memory of a checkpoint is none that a run can have.
+        InputError: another process writes into the folder; or the recording fails a check (``strict``), and what was
+            tracked until then is kept.
+        WorkError: the disk is full, no frame can be used, or the checkpoint's state is corrupt.
         KeyboardInterrupt: Ctrl-C, SIGTERM or SIGHUP came; raised after the frame under way, with all files closed.
     """
     job = _Run(engine, folder, options or RunOptions(), logs)
@@ -153,26 +154,19 @@ def run(
             if checkpoint is None or job.watched or isinstance(error, InputError | WorkError | OSError):
                 raise
             raise WorkError(
-                f"{folder}: what went on from the checkpoint failed with {type(error).__name__} ({error}); "
-                "overwriting it begins again"
+                f"{folder}: the resumed run failed with {type(error).__name__} ({error}); start it again"
             ) from error
     return info
 
 
 def begin_run(engine: Engine, folder: Path, options: RunOptions, *, overwrite: bool) -> None:
-    """Make an empty folder for a run and say in its ``run.json`` whose it is, before anything else is written.
-
-    Raises:
-        InputError: results of another run, unless they are to be replaced.
-        WorkError: it cannot be written.
-    """
+    """Make an empty folder for a run, with a ``run.json`` before anything else is written (errors of
+    ``prepare_folder``)."""
     prepare_folder(folder, overwrite)
     write_run_info(_info_of(engine, options).model_copy(update={"state": "running"}), folder / "run.json")
 
 
 class _Run:
-    """One run: its parts, and the steps that ``run`` puts in order."""
-
     def __init__(self, engine: Engine, folder: Path, options: RunOptions, logs: Sequence[RunLog]) -> None:
         self._engine, self._folder, self._options = engine, folder, options
         self._logs = {type(log).__name__: log for log in logs}
@@ -181,10 +175,9 @@ class _Run:
         self._identity: dict[str, Any] | None = None
         self._checks = RunChecks(engine, options.strict)
         self.watched = False
-        """The caller's ``watch`` is at work: what it raises is the caller's."""
+        """The caller's ``watch`` is called: what it raises is the caller's."""
 
     def track(self, watch: Callable[[FrameResult], None] | None, checkpoint: Checkpoint | None) -> None:
-        """All frames; files are closed whatever happens."""
         options = self._options
         with ExitStack() as stack:
             for log in self._logs.values():
@@ -231,15 +224,12 @@ class _Run:
         self._checks.refuse()
 
     def _frames(self, checkpoint: Checkpoint | None) -> Iterator[FrameResult]:
-        """Results from the first frame, or from the one after the checkpoint, as many as asked for."""
         self._engine.reset()
         if checkpoint is not None:
             try:
-                decode(checkpoint.memory, self._memory())
+                decode(checkpoint.state, self._state())
             except ValueError as error:
-                raise InputError(
-                    f"{self._folder}: the checkpoint cannot be gone on from: {error}; overwriting it begins again"
-                ) from error
+                raise HoldsResultsError(f"{self._folder}: cannot resume from this checkpoint: {error}") from error
         limit = self._options.max_frames
         if limit and self._totals.frames >= limit:
             return
@@ -249,21 +239,18 @@ class _Run:
             if self._totals.frames == limit:
                 return
 
-    def _memory(self) -> dict[str, object]:
-        memory = {"totals": self._totals, **self._engine.memory()}
-        return memory | ({"analytics": self._options.analytics} if self._options.analytics else {})
+    def _state(self) -> dict[str, object]:
+        state = {"totals": self._totals, **self._engine.memory()}
+        return state | ({"analytics": self._options.analytics} if self._options.analytics else {})
 
     def _mark(self, tables: RunTables) -> bool:
-        """Write a checkpoint: first all that it refers to, then the checkpoint, then run.json.
-
-        Returns:
-            False when the engine holds what a checkpoint cannot (a tracker from elsewhere): the run goes on without.
-        """
+        """Write all that a checkpoint refers to, the checkpoint, then run.json; False when the engine holds what a
+        checkpoint cannot (a tracker from elsewhere)."""
         written = {"tables": tables.mark(), "logs": {name: log.mark() for name, log in self._logs.items()}}
         before_s = self._totals.elapsed_s
         self._totals.elapsed_s = self._elapsed_s()
         try:
-            memory = encode(self._memory())
+            state = encode(self._state())
         except TypeError as error:
             warnings.warn(f"this run writes no checkpoints: {error}", stacklevel=2)
             return False
@@ -271,7 +258,7 @@ class _Run:
             self._totals.elapsed_s = before_s
         if self._identity is None:
             self._identity = run_identity(self._engine, self._options, list(self._logs))
-        write_checkpoint(self._folder, Checkpoint(self._identity, written, memory))
+        write_checkpoint(self._folder, Checkpoint(self._identity, written, state))
         write_run_info(self._information("running"), self._folder / "run.json")
         return True
 
@@ -279,7 +266,7 @@ class _Run:
         return self._totals.elapsed_s + time.monotonic() - self._started
 
     def end(self, finished: bool) -> RunInfo:
-        """The last words. A run that failed may have no room for them: run.json then stays as it was, unfinished."""
+        """Write the end; where a run that failed has no room for it, run.json stays as it was, unfinished."""
         info = self._information("finished" if finished else "interrupted")
         try:
             if info.counts:
@@ -322,11 +309,7 @@ class _Run:
 
 
 def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> dict[str, Any]:
-    """What a run that goes on must share with the one that was interrupted: all that decides its tracks, as JSON.
-
-    Args:
-        logs: names of their classes.
-    """
+    """All that decides the tracks of a run, as JSON; ``logs``: names of their classes."""
     counts, recording = options.analytics, engine.recording
     rules = counts and {"rules": replace(counts.rules, source=""), "params": counts.params}
     camera, floor = engine.camera_info(), engine.floor_info()

@@ -112,8 +112,8 @@ class RunFolder:
     @property
     def truth_file(self) -> Path | None:
         """The file of the true people; None where there is none."""
-        beside = self.recording / "truth.csv" if self.recording is not None else None
-        return self.truth_path or (beside if beside is not None and beside.is_file() else None)
+        found = self.recording / "truth.csv" if self.recording is not None else None
+        return self.truth_path or (found if found is not None and found.is_file() else None)
 
     @cached_property
     def truth(self) -> Trajectories | None:
@@ -184,15 +184,8 @@ class RunFolder:
         return self.truth
 
     def evaluated(self, params: EvaluationParams | None = None, frames: tuple[int, int] | None = None) -> Evaluation:
-        """The scores of the tracks against the truth.
-
-        Args:
-            params: what counts as a match; the defaults, at the rate of the run, when None.
-            frames: first and last frame to score; all frames of the run when None.
-        Raises:
-            InputError: no truth, or rows without what the matching needs.
-            WorkError: alignment was asked for and is not possible.
-        """
+        """The scores of the tracks, by default at the rate of the run and in all its frames (see ``evaluate_tracks``).
+        Raises InputError: no truth."""
         from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks  # brings scipy
 
         truth = self.truth_of_recording
@@ -229,7 +222,7 @@ class RunFolder:
 
     @property
     def rules(self) -> list[Rule]:
-        """Tripwires and zones that can be drawn."""
+        """Tripwires and zones with known points."""
         return rules_of(self.rule_counts)
 
     @property
@@ -269,11 +262,7 @@ def _recording_of(info: RunInfo) -> Path | None:
 
 
 def read_object(path: Path) -> dict[str, Any]:
-    """A JSON object; an empty one where there is no file.
-
-    Raises:
-        InputError: something else.
-    """
+    """A JSON object; an empty one where there is no file. Raises InputError: something else."""
     if not path.is_file():
         return {}
     try:

@@ -36,13 +36,7 @@ class SceneImage(NamedTuple):
 
 
 class SceneFrames:
-    """Images of a recording; of several rigs those of the first, read from their beginning.
-
-    Args:
-        image_of: makes the image of a frame.
-    Attributes:
-        camera: of the images above the floor; None where it is not calibrated.
-    """
+    """Images of a recording, of several rigs those of the first; ``camera`` is None where it is not calibrated."""
 
     def __init__(self, recording: Any, camera: ImageCamera | None, image_of: Callable[[Any], U8]) -> None:
         self.camera = camera
@@ -70,11 +64,7 @@ class SceneFrames:
 
 
 def open_frames(run: RunFolder) -> SceneFrames:
-    """Open the recording of a run again.
-
-    Raises:
-        InputError: it is not there any more, comes from a camera that runs, or another version made the run.
-    """
+    """Open the recording of a run again. Raises InputError: it is missing, or another version made the run."""
     path, info = run.recording, run.info
     if path is None or not path.exists():
         raise InputError(f"{path}: expected the recording of the run, found nothing there")
@@ -88,12 +78,12 @@ def open_frames(run: RunFolder) -> SceneFrames:
     return SceneFrames(recording, *_of_recording(recording, info.floor, config))
 
 
-def frames_or_none(run: RunFolder, say: Callable[[str], object]) -> SceneFrames | None:
-    """``open_frames``; None, and why in a sentence, where that cannot be."""
+def frames_or_none(run: RunFolder, warn: Callable[[str], object]) -> SceneFrames | None:
+    """``open_frames``, or None and a warning."""
     try:
         return open_frames(run)
     except (InputError, WorkError) as error:
-        say(f"the floor alone is drawn: {error}")
+        warn(f"no images, only the floor: {error}")
         return None
 
 
@@ -115,11 +105,8 @@ def _of_recording(
 
 
 def scene_of(path: Path, options: OpenOptions | None = None) -> SceneCloud:
-    """Points of what does not move, in the world frame of the run's tracks.
+    """Points of what does not move, in the world frame of the tracks, of a run's folder or a recording of one rig.
 
-    Args:
-        path: folder of a run, whose recording and configuration are taken, or a recording of one rig.
-        options: how the recording is opened.
     Raises:
         InputError: no recording of a pair or of images with depth.
         WorkError: no floor is visible.

@@ -23,7 +23,7 @@ from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import Evaluation
 from planview.offline.refine import refine
 from planview.output.finished import refine_run
-from planview.output.folder import check_folder, prepare_folder
+from planview.output.folder import HoldsResultsError, check_folder, prepare_folder
 from planview.output.report.page import write_report
 from planview.output.run import RunOptions
 from planview.output.run import run as run_engine
@@ -59,22 +59,23 @@ def run(
         out: folder for tracks.csv, run.json and report.html as ``planview run`` writes them; None to write nothing.
         tracker: "joint", "template", "human-model", "ellipse-particle", or a tracker of your own.
         matcher: of stereo pairs; SGBM when None.
-        config: every parameter, or a table per stage of those that differ; the defaults when None.
+        config: every parameter, or a table per stage of those that differ.
         camera: camera.toml of a single camera.
         options: how the recording is opened (calibration, rate, topics).
-        detections: boxes of people from a detector, which are tracked in place of ``tracker`` (see ``open_engine``).
-        frames: stop after so many; 0 for all.
+        detections: boxes of people from a detector, which are tracked in place of ``tracker``.
+        frames: stop after this many; 0 for all.
         refined: refine the tracks afterwards, knowing the whole recording.
         overwrite: replace results that are in the folder.
         watch: called after every frame.
-    Returns:
-        The rows of tracks.csv.
     Raises:
         InputError: a recording, calibration or camera that is missing or does not fit; results in the folder.
         WorkError: no floor is visible, or the folder cannot be written.
     """
     if out is not None:
-        check_folder(Path(out), overwrite)
+        try:
+            check_folder(Path(out), overwrite)
+        except HoldsResultsError as error:
+            raise InputError(f"{error}; choose another folder or pass overwrite=True") from error
     if isinstance(source, Path | str):
         engine = open_engine(source, tracker, config, camera, options, matcher, detections)
         name = tracker if isinstance(tracker, str) else type(tracker).__name__
@@ -143,7 +144,7 @@ def load_rules(path: Path | str, run: Path | str | None = None) -> Rules:
         run: folder of the run whose tracks are counted: its camera relates pixels and metres, and its images have the
             border at which lines in pixels end. Without it rules in pixels stay in the image.
     Raises:
-        InputError: a file that is not what its name says, or a rule outside the view.
+        InputError: a file that cannot be read, or a rule outside the view.
     """
     return rules_files.load_rules(Path(path), RunFolder(Path(run)).rule_plane if run is not None else None)
 
@@ -168,8 +169,8 @@ def count_tracks(
     table = _table(tracks)
     if not isinstance(rules, Rules):
         rules = load_rules(rules, run.path if run is not None else None)
-    if told := rules.of_unknown_size:
-        warnings.warn(told, stacklevel=2)
+    if note := rules.of_unknown_size:
+        warnings.warn(note, stacklevel=2)
     if run is None:
         return totals.count_tracks(table, rules, params)
     counts = totals.count_tracks(table, rules, params, clock=totals.Clock(table, run.info.fps or 30.0))

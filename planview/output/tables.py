@@ -16,6 +16,7 @@ from calib.errors import InputError, WorkError
 from calib.io import reason
 from planview.counting.events import Event, write_event_header, write_event_rows
 from planview.engine.engine import FrameResult
+from planview.output.folder import writing
 from planview.tracking.base import ScoreTerms
 from planview.trajectories.table import write_header, write_rows
 
@@ -39,83 +40,60 @@ def holds(path: Path, position: FilePosition) -> bool:
     return left == 0 and checksum == position.checksum
 
 
-class FrameFile:
-    """A text file that grows by whole frames.
+KEPT = "; earlier frames are kept"
 
-    A frame is written in one piece and pushed to the system; when that fails half-way (a full disk), what was written
-    of it is cut off again.
+
+class FrameFile:
+    """A text file that grows by whole frames: one that is written in part (a full disk) is cut off again.
 
     Args:
         write_header: of a new file.
-        position: of ``mark``, to go on from; what was written after it is dropped.
+        position: of ``mark``, to resume from; what was written after it is dropped.
     Raises:
         InputError: the file does not hold what was written up to the position.
-        WorkError: the disk is full or the file cannot be written.
+        WorkError: the file cannot be written, here and in the methods.
     """
 
     def __init__(
         self, path: Path, write_header: Callable[[IO[str]], object], position: FilePosition | None = None
     ) -> None:
-        self.path = path
-        if position is not None:
-            self._guarded(lambda: self._reopen(position))
-            return
-        self._guarded(self._open)
-        try:
-            self.add(write_header)
-        except WorkError:
-            self.close()
-            raise
+        self.path, self._position = path, position or FilePosition(0, 0)
+        if position is not None and not holds(path, position):
+            raise InputError(f"{path}: expected the rows written before the checkpoint, found others")
+        with writing(path):
+            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT, 0o644)
+            self._cut()
+        if position is None:
+            try:
+                self.add(write_header)
+            except WorkError:
+                self.close()
+                raise
 
-    def _open(self) -> None:
-        self._descriptor = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
-        self._position = FilePosition(0, 0)
-
-    def _reopen(self, position: FilePosition) -> None:
-        if not holds(self.path, position):
-            raise InputError(f"{self.path}: expected the rows written before the checkpoint, found others")
-        self._descriptor = os.open(self.path, os.O_WRONLY)
-        self._position = position
-        os.ftruncate(self._descriptor, position.size)
-        os.lseek(self._descriptor, position.size, os.SEEK_SET)
+    def _cut(self) -> None:
+        os.ftruncate(self._descriptor, self._position.size)
+        os.lseek(self._descriptor, self._position.size, os.SEEK_SET)
 
     def mark(self) -> FilePosition:
-        """Bring everything to the disk; where the file ends.
-
-        Raises:
-            WorkError: the disk is full.
-        """
-        self._guarded(lambda: os.fsync(self._descriptor))
+        """Bring everything to the disk; where the file ends."""
+        with writing(self.path, KEPT):
+            os.fsync(self._descriptor)
         return self._position
 
     def add(self, write: Callable[[IO[str]], object]) -> None:
-        """Append what ``write`` writes.
-
-        Raises:
-            WorkError: the disk is full or the file cannot be written; the file ends with the last whole frame.
-        """
+        """Append what ``write`` writes."""
         text = io.StringIO()
         write(text)
         data = text.getvalue().encode()
-        if data:
-            self._guarded(lambda: self._append(data))
-
-    def _append(self, data: bytes) -> None:
-        try:
-            written = 0
-            while written < len(data):
-                written += os.write(self._descriptor, data[written:])
-        except BaseException:
-            os.ftruncate(self._descriptor, self._position.size)
-            os.lseek(self._descriptor, self._position.size, os.SEEK_SET)
-            raise
+        with writing(self.path, KEPT):
+            try:
+                left = data
+                while left:
+                    left = left[os.write(self._descriptor, left) :]
+            except BaseException:
+                self._cut()
+                raise
         self._position = FilePosition(self._position.size + len(data), zlib.crc32(data, self._position.checksum))
-
-    def _guarded(self, action: Callable[[], None]) -> None:
-        try:
-            action()
-        except OSError as error:
-            raise WorkError(f"{self.path}: cannot be written ({reason(error)}); earlier frames are kept") from error
 
     def close(self) -> None:
         os.close(self._descriptor)
@@ -127,11 +105,7 @@ DECISION_COLUMNS = ("frame", "timestamp_s", "id", "kind", "reason", "value", *Sc
 
 @contextmanager
 def reading_decisions(path: Path) -> Iterator[csv.DictReader[str]]:
-    """The rows of decisions.csv, to be taken apart in the block.
-
-    Raises:
-        InputError: unreadable, columns missing, or the block met a value that is no number.
-    """
+    """The rows of decisions.csv. Raises InputError: unreadable, columns missing, or in the block a bad number."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
@@ -146,12 +120,7 @@ def reading_decisions(path: Path) -> Iterator[csv.DictReader[str]]:
 
 
 class RunTables:
-    """Writes the rows of every frame.
-
-    Args:
-        events: whether there are rules, whose events are written.
-        positions: by file name, to go on from; what was written after them is dropped.
-    """
+    """The tables of a run; ``events``: with those of rules; ``positions``: by file name, to resume from."""
 
     def __init__(self, folder: Path, events: bool, positions: Mapping[str, FilePosition] | None = None) -> None:
         self._files: dict[str, FrameFile] = {}
@@ -164,7 +133,6 @@ class RunTables:
             self._files[name] = FrameFile(folder / name, header, positions[name] if positions else None)
 
     def add(self, result: FrameResult, events: Sequence[Event]) -> None:
-        """Append one frame's rows."""
         frame, moment = result.frame, result.timestamp_s
         self._files["tracks.csv"].add(lambda file: write_rows(file, frame, moment, result.tracks))
         if "events.csv" in self._files:
@@ -177,10 +145,8 @@ class RunTables:
         self._files["decisions.csv"].add(lambda file: csv.writer(file, lineterminator="\n").writerows(rows))
 
     def mark(self) -> dict[str, FilePosition]:
-        """Bring all rows to the disk; where every file ends."""
         return {name: file.mark() for name, file in self._files.items()}
 
     def close(self) -> None:
-        """Close all files."""
         for file in self._files.values():
             file.close()

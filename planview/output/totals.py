@@ -28,29 +28,24 @@ def last_times() -> deque[float]:
 
 @dataclass
 class RunTotals:
-    """What a run has counted so far.
-
-    Attributes:
-        frames: read and tracked; last_frame: index of the last one, -1 before the first.
-        tracks: rows.
-        people: in how many frames each id was confirmed.
-        elapsed_s: time of the run up to its last checkpoint [s].
-        jump: the last jump of the clock, in words.
-    """
+    """What a run has counted so far."""
 
     frames: int = 0
     last_frame: int = -1
     tracks: int = 0
+    """Rows."""
     people: dict[int, int] = field(default_factory=dict)
+    """In how many frames each id was confirmed."""
     stages: dict[str, deque[float]] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
     first_s: float = 0.0
     last_s: float = 0.0
     elapsed_s: float = 0.0
+    """Time of the run up to its last checkpoint [s]."""
     jump: str = ""
+    """The last jump of the clock, in words."""
 
     def take(self, result: FrameResult) -> None:
-        """Count one frame."""
         if self.frames == 0:
             self.first_s = result.timestamp_s
         elif result.timestamp_s - self.last_s > JUMP_S:
@@ -70,16 +65,11 @@ class RunTotals:
             return self.jump
         if not self.tracks:
             return f"nothing of a person's size moved in {self.frames} frames"
-        return "what moved was too short or too small to be believed (decisions.csv and --rrd show why)"
+        return "everything that moved was too short-lived or too small for a person (decisions.csv has the reasons)"
 
 
 class RunChecks:
-    """Watches a run.
-
-    Args:
-        engine: what is run; nothing is checked of plan-view maps.
-        strict: raise InputError at once when a check fails, before the first frame and while tracking.
-    """
+    """Watches a run; ``strict``: raise InputError when a check fails, before the first frame and while tracking."""
 
     def __init__(self, engine: Engine, strict: bool) -> None:
         self._engine = engine
@@ -88,16 +78,13 @@ class RunChecks:
         self.refuse()
 
     def update(self, result: FrameResult) -> None:
-        """Take the next frame."""
         if self._watch is not None:
             self._watch.update(result.thumbnails, result.sampled, result.observation.foreground)
         self._frames += 1
-        # A strict run asks again after so many frames, so that it stops early.
         if self._frames % 60 == 0:
             self.refuse()
 
     def refuse(self) -> None:
-        """Raise InputError when a check has failed and the run is strict."""
         if self._strict:
             refuse_unless_ok(self._all(), self._source)
 
@@ -117,9 +104,9 @@ class RunChecks:
 class Pace:
     """Plays a recording or a device in real time and measures how late tracks come.
 
-    A frame is due when as much time has passed since the first one as its timestamp says. The newest due frame is
-    tracked, earlier ones that wait are dropped. Rectifying does not run ahead of tracking here: a frame made ready
-    ahead would be older when its turn comes than the newest one.
+    A frame is due when the time since the first one, by its timestamp, has passed. The newest due frame is tracked,
+    earlier ones that wait are dropped. Rectifying does not run ahead of tracking here: a frame made ready ahead would
+    be older when its turn comes than the newest one.
 
     A device gives its frames when it will: each is due as it comes. Its clock is set against the machine's by the frame
     that came with the least delay so far, so that the delay inside of the device is not part of the latency.

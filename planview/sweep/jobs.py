@@ -36,16 +36,8 @@ def files_beside(path: Path) -> list[Path]:
 
 @dataclass(frozen=True)
 class RunJob:
-    """One run into a folder of its own.
-
-    Attributes:
-        source: the recording with its calibration or camera.
-        config: the full effective configuration.
-        key: what the result depends on.
-        folder: of the results; it is there when the run is finished.
-        version: ``code_version`` that must run it.
-        save_maps: write the plan-view recording, too.
-    """
+    """One run into a folder of its own, which is there when the run is finished; ``key``: what the result depends on;
+    ``version``: the ``code_version`` that must run it."""
 
     source: RecordingEntry
     config: Config
@@ -60,15 +52,8 @@ class RunJob:
 
 @dataclass(frozen=True)
 class StudyJob:
-    """A run of a study: a configuration on a recording with a seed.
-
-    Attributes:
-        name: the recording as the study calls it.
-        run: what is run; its source is a plan-view recording where ``maps`` makes one first.
-        maps: the run that records the plan-view maps, None where the recording itself is tracked.
-        truth: file of truth, None where there is none.
-        truth_key: content of that file.
-    """
+    """A run of a study: a configuration on a recording with a seed; its source is a plan-view recording where ``maps``
+    makes one first."""
 
     name: str
     configuration: Configuration
@@ -80,7 +65,6 @@ class StudyJob:
 
     @property
     def key(self) -> str:
-        """Of the run and its scores."""
         return f"{self.run.key}-{self.truth_key}"
 
 
@@ -89,13 +73,7 @@ Planned = StudyJob | JobResult
 
 
 class Planner:
-    """Makes the jobs of configurations; recordings are looked at once.
-
-    Args:
-        study: with absolute paths.
-        out: folder of the study.
-        names: of the recordings, all different.
-    """
+    """Makes the jobs of configurations (arguments of ``run_study``); recordings are looked at once."""
 
     def __init__(self, study: Study, out: Path, names: Sequence[str]) -> None:
         self._study, self._out = study, out
@@ -149,7 +127,7 @@ _Keyed = tuple[Config, str]
 
 
 class _Recording(NamedTuple):
-    """What all jobs of a recording share; ``error`` says why there is none, ``base`` its first configuration."""
+    """What all jobs of a recording share; ``error``: why there are none; ``base``: its first configuration."""
 
     entry: RecordingEntry
     name: str
@@ -163,7 +141,7 @@ class _Recording(NamedTuple):
 def _looked_at(entry: RecordingEntry, name: str) -> _Recording:
     path = entry.path
     try:
-        # Several heads may lie anywhere, a calibration beside a video.
+        # Several heads may lie anywhere, a calibration next to a video.
         if is_maps(path):
             key = content_key(path)
         elif is_multi_rig(path):

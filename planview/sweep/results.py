@@ -23,16 +23,8 @@ LEVEL = 0.95
 
 @dataclass(frozen=True)
 class JobResult:
-    """One run.
-
-    Attributes:
-        recording: as the study calls it.
-        folder: of the run, None where there is none.
-        figures: what ``run_figures`` gives; empty where it failed.
-        error: why it failed, in one sentence; empty where it did not.
-        reused: an earlier study had done it.
-        from_maps: tracked from a plan-view recording that the study made.
-    """
+    """One run: its figures, or why it failed, in one sentence; ``reused``: an earlier study did it; ``from_maps``:
+    tracked from a plan-view recording that the study made."""
 
     recording: str
     configuration: Configuration
@@ -101,19 +93,21 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Ranked:
-    """A configuration with its place.
-
-    Attributes:
-        figures: mean and interval of every figure that its runs have.
-        behind: of the objective, this configuration's mean less the first one's, run by run.
-        runs, failed: finished runs and those that failed.
-    """
+    """A configuration with its figures, and numbers of runs that finished and failed; ``behind``: of the objective, its
+    mean less the first configuration's, run by run."""
 
     configuration: Configuration
     figures: dict[FigureName, Estimate]
     behind: Estimate
     runs: int
     failed: int
+
+    def to_json(self) -> dict[str, Any]:
+        """A configuration of ``sweep --json``."""
+        row: dict[str, Any] = {"settings": list(self.configuration.settings), "runs": self.runs, "failed": self.failed}
+        for name, found in self.figures.items():
+            row[name] = {key: None if math.isnan(number) else number for key, number in vars(found).items()}
+        return row
 
 
 def why_no_intervals(results: Sequence[JobResult]) -> str:

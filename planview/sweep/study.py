@@ -80,13 +80,7 @@ class Range(Params):
         return self
 
     @property
-    def whole(self) -> bool:
-        """Whether all values are whole numbers."""
-        return all(isinstance(value, int) for value in (self.min, self.max, self.step or 1))
-
-    @property
     def steps(self) -> int:
-        """Number of values of a range with a step."""
         return int(min((self.max - self.min) / (self.step or 1), 1e9) + 1e-9) + 1
 
     def listed(self) -> list[int | float]:
@@ -98,13 +92,13 @@ class Range(Params):
         """The value a fraction (0 to below 1) of the way through the range."""
         if self.step is not None:
             return self.min + self.step * int(fraction * self.steps)
+        is_whole = isinstance(self.min, int) and isinstance(self.max, int)
+        if is_whole and not self.log:
+            return int(self.min + math.floor(fraction * (self.max - self.min + 1)))
         low, high = (math.log(self.min), math.log(self.max)) if self.log else (self.min, self.max)
-        if not self.whole:
-            value = low + fraction * (high - low)
-            return float(f"{math.exp(value) if self.log else value:.6g}")
-        if self.log:
-            return min(self.max, round(math.exp(low + fraction * (high - low))))
-        return int(self.min + math.floor(fraction * (self.max - self.min + 1)))
+        value = low + fraction * (high - low)
+        value = math.exp(value) if self.log else value
+        return min(self.max, round(value)) if is_whole else float(f"{value:.6g}")
 
 
 Choices = list[Any]
@@ -119,7 +113,6 @@ class Configuration:
 
     @property
     def label(self) -> str:
-        """All settings in one line."""
         return " ".join(self.settings) or "defaults"
 
     def value(self, name: str) -> str:
@@ -128,13 +121,11 @@ class Configuration:
 
 
 def configuration(values: Mapping[str, Any]) -> Configuration:
-    """Of parameter values, numbers, texts, truth values or lists of these."""
     return Configuration(tuple(f"{name}={json.dumps(value)}" for name, value in values.items()))
 
 
 def grid(parameters: Mapping[str, Space]) -> list[Configuration]:
-    """All combinations, the last parameter fastest; one without settings where there are no parameters. Raises
-    InputError: a range without step, or too many."""
+    """All combinations, the last parameter fastest. Raises InputError: a range without step, or too many."""
     count = combinations(parameters)
     if not 0 < count <= RUNS_MAX:
         raise InputError(f"expected 1 to {RUNS_MAX} combinations of parameters, found {count}")
@@ -147,15 +138,15 @@ def random_draws(parameters: Mapping[str, Space], count: int, seed: int) -> list
     generator = np.random.default_rng(seed)
     found: dict[Configuration, None] = {}
     for _ in range(20 * count):
-        fractions = {name: float(generator.random()) for name in parameters}
-        values = {
-            name: space.at(fractions[name]) if isinstance(space, Range) else space[int(fractions[name] * len(space))]
-            for name, space in parameters.items()
-        }
+        values = {name: _at(space, float(generator.random())) for name, space in parameters.items()}
         found[configuration(values)] = None
         if len(found) == count:
             break
     return list(found)
+
+
+def _at(space: Space, fraction: float) -> Any:
+    return space.at(fraction) if isinstance(space, Range) else space[int(fraction * len(space))]
 
 
 def combinations(parameters: Mapping[str, Space]) -> int:
@@ -176,7 +167,7 @@ class RecordingEntry(Params):
     camera: Path | None = None
     """camera.toml of a single camera."""
     truth: Path | None = None
-    """Truth, when it is not truth.csv, gt.txt or gt/gt.txt in the recording (or beside maps.h5)."""
+    """Truth, when it is not truth.csv, gt.txt or gt/gt.txt in the recording (or in the folder of maps.h5)."""
 
 
 class Study(Params):
@@ -193,7 +184,7 @@ class Study(Params):
     seeds: list[int] = Field([0], min_length=1)
     """Seeds of the random generators: every configuration runs once with each."""
     method: Literal["grid", "random"] = "grid"
-    """All combinations; or so many drawn independently."""
+    """All combinations; or ``samples`` random ones."""
     samples: int = Field(20, ge=1, le=RUNS_MAX)
     """Configurations that "random" tries."""
     search_seed: int = Field(0, ge=0)
@@ -217,8 +208,7 @@ class Study(Params):
         return seeds
 
     def refuse_many(self) -> None:
-        """Refuse a study by its size, before anything is looked at. Raises InputError: more than RUNS_MAX runs, or a
-        grid over a range without step."""
+        """Raise InputError for more than RUNS_MAX runs, or a grid over a range without step."""
         n_configurations = combinations(self.parameters) if self.method == "grid" else self.samples
         counts = n_configurations, len(self.recordings), len(self.seeds)
         if math.prod(counts) > RUNS_MAX:
@@ -229,8 +219,7 @@ class Study(Params):
 
 
 def load_study(path: Path) -> Study:
-    """Read a study file. Raises InputError: unreadable, an unknown key, a value out of range, or a pattern that matches
-    nothing."""
+    """Read a study file. Raises InputError: a value that does not belong, or a pattern that matches nothing."""
     tables = load_toml(path, "a study in TOML")
     try:
         listed = tables.get("recordings", [])

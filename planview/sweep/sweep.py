@@ -42,7 +42,6 @@ def run_study(
         names: of the recordings, all different.
         out: folder for results; of earlier studies in it, what has the same input, configuration and version is kept.
         open_pool: called when there is something to run.
-        console: shows progress.
     Raises:
         InputError: a setting that is no parameter, a cluster that cannot be reached, or another study in the folder.
         WorkError: the folder cannot be written.
@@ -60,7 +59,7 @@ def run_study(
         runs = _run(jobs, open_pool, console)
         remove_attempts(out)
         results = StudyResults(study, runs, ranked(runs, study.objective))
-        # The page is written anew where a run was made or failed.
+        # The page is written again where a run was made or failed.
         summary, page, text = out / SUMMARY_FILE, out / PAGE_FILE, summary_csv(runs)
         written = page.is_file() and summary.is_file() and summary.read_text(encoding="utf-8") == text
         if not written or not all(run.reused for run in runs):
@@ -72,7 +71,7 @@ def run_study(
 
 
 def _run(planned: Sequence[Planned], open_pool: Callable[[], Pool], console: Console) -> list[JobResult]:
-    """Results in the order of the jobs; the pool is opened when there is something to run."""
+    """Results in the order of the jobs."""
     results: dict[int, JobResult] = {}
     waiting: dict[str, list[tuple[int, StudyJob]]] = {}
     for i, job in enumerate(planned):
@@ -98,8 +97,8 @@ def _run(planned: Sequence[Planned], open_pool: Callable[[], Pool], console: Con
             for result in ended:
                 counts["done before"] += result.reused
                 counts["failed"] += bool(result.error)
-            told = (f"{number} {how}" for how, number in counts.items() if number)
-            watch.update(bar, completed=len(results), state=", ".join(told))
+            parts = (f"{number} {how}" for how, number in counts.items() if number)
+            watch.update(bar, completed=len(results), state=", ".join(parts))
 
         def end(done: Done) -> None:
             mine = {i: _result(job, done.value or {}, done.error) for i, job in waiting[done.key]}

@@ -8,12 +8,13 @@ import shutil
 import time
 import traceback
 import uuid
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import get_ident
 from typing import Any, NamedTuple
 
 import cv2
@@ -31,39 +32,45 @@ from planview.trajectories.formats import load_tracks, load_truth
 from stereo.readers import OpenOptions
 
 CONNECT_S = 10.0
+CHECK_S = 5.0
+"""Time without a job that ends until a pool is checked [s]."""
 WORKERS_S = 60.0
 """A cluster may be without workers for so long [s]."""
-PER_THREAD = 3
-"""Jobs handed over per thread of a cluster: enough to keep it busy, and the scheduler's memory small."""
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
 
 class ProcessPool:
-    """Processes of this machine (joblib's loky: fresh ones, since forked ones would share OpenCV's threads)."""
+    """Processes of this machine, each with one job and one core: a job that kills its process fails alone.
+
+    They are joblib's (loky): fresh ones, since forked ones would share OpenCV's threads.
+    """
 
     def __init__(self, processes: int) -> None:
-        self.at_once = processes
-        self._executor: Any = None
+        self._threads = ThreadPoolExecutor(processes)
+        self._process_of: dict[int, Any] = {}  # by the thread that waits for it
 
     def submit(self, function: Callable[..., Any], *arguments: object) -> Future[Any]:
-        if self._executor is None:
-            from joblib.externals.loky import ProcessPoolExecutor
+        return self._threads.submit(self._call, function, *arguments)
 
-            # A job per core.
-            limits = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-            self._executor = ProcessPoolExecutor(self.at_once, env=dict.fromkeys(limits, "1"))
-        future: Future[Any] = self._executor.submit(function, *arguments)
-        return future
+    def _call(self, function: Callable[..., Any], *arguments: object) -> Any:
+        from joblib.externals.loky import ProcessPoolExecutor
 
-    def restart(self) -> None:
-        self.close()
+        me = get_ident()
+        if me not in self._process_of:
+            self._process_of[me] = ProcessPoolExecutor(1, env=ONE_THREAD)
+        try:
+            return self._process_of[me].submit(function, *arguments).result()
+        except BrokenProcessPool:
+            del self._process_of[me]
+            raise WorkError("its process was killed") from None
 
     def check(self) -> None:
-        """A pool of processes can always be restarted."""
+        """Nothing can be lost for good."""
 
     def close(self) -> None:
-        if self._executor is not None:
-            self._executor.shutdown(wait=True, kill_workers=True)
-            self._executor = None
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        for process in list(self._process_of.values()):
+            process.shutdown(wait=True, kill_workers=True)
 
 
 class ClusterPool:
@@ -74,7 +81,7 @@ class ClusterPool:
 
     def __init__(self, address: str) -> None:
         """Connect to a scheduler. Raises InputError: ``distributed`` is not installed, no scheduler at the address, or
-        none of its workers comes."""
+        no worker arrives."""
         try:
             from distributed import Client
         except ImportError as error:
@@ -88,23 +95,17 @@ class ClusterPool:
             raise InputError(f"expected a Dask scheduler at {address}, found none ({error})") from error
         self._executor = self._client.get_executor(pure=False)
         self._with_workers_s = time.monotonic()
-        self.at_once = PER_THREAD
 
     def submit(self, function: Callable[..., Any], *arguments: object) -> Future[Any]:
         future: Future[Any] = self._executor.submit(function, *arguments)
         return future
 
-    def restart(self) -> None:
-        """Dask starts over by itself."""
-
     def check(self) -> None:
-        """Raises WorkError when the scheduler is lost or no worker came for WORKERS_S; follows the cluster's size."""
+        """Raises WorkError when the scheduler is lost or there was no worker for WORKERS_S."""
         now = time.monotonic()
         if self._client.status in ("closed", "closing"):
             raise WorkError("the scheduler of the cluster was lost")
-        threads = sum(self._client.ncores().values())
-        self.at_once = PER_THREAD * max(1, threads)
-        if threads:
+        if self._client.ncores():
             self._with_workers_s = now
         elif now - self._with_workers_s > WORKERS_S:
             raise WorkError(f"all workers of the cluster were lost {now - self._with_workers_s:.0f} s ago")
@@ -115,7 +116,7 @@ class ClusterPool:
 
 
 Pool = ProcessPool | ClusterPool
-"""Runs functions elsewhere; ``at_once`` jobs are handed over at the same time."""
+"""Runs functions elsewhere; ``check`` raises WorkError when no more jobs will end."""
 
 
 class Done(NamedTuple):
@@ -139,45 +140,30 @@ def guarded(function: Callable[..., Any], argument: object) -> tuple[Any, str]:
 
 
 def run_tasks(function: Callable[..., Any], arguments: Mapping[str, object], pool: Pool) -> Iterator[Done]:
-    """Call a function with each of the arguments, by key; each comes once, in the order in which they end.
-
-    When a process dies, the tasks that were running go on one at a time: the one that kills its process again fails.
-    """
-    ready, suspects, alone = deque(arguments), deque[str](), set[str]()
-    running = dict[Future[Any], str]()
-    while ready or suspects or running:
-        queue, at_once = (suspects, 1) if suspects else (ready, pool.at_once)
-        while queue and len(running) < at_once:
-            try:
-                running[pool.submit(guarded, function, arguments[queue[0]])] = queue[0]
-            except BrokenProcessPool:
-                if running:
-                    break
-                pool.restart()
-                continue
-            key = queue.popleft()
-            if queue is suspects:
-                alone.add(key)
-        ended, _ = wait(running, timeout=5.0, return_when=FIRST_COMPLETED)
+    """Call a function with each of the arguments, by key; each comes once, in the order in which they end."""
+    ended = SimpleQueue[Future[Any]]()
+    keys = dict[Future[Any], str]()
+    for key, argument in arguments.items():
+        future = pool.submit(guarded, function, argument)
+        keys[future] = key
+        future.add_done_callback(ended.put)
+    while keys:
         try:
-            pool.check()
-        except WorkError as error:
-            yield from (Done(key, error=str(error)) for key in (*running.values(), *suspects, *ready))
-            return
-        for future in ended:
-            key = running.pop(future)
+            future = ended.get(timeout=CHECK_S)
+        except Empty:
             try:
-                value, text = future.result()
-            except BrokenProcessPool:
-                if not running:
-                    pool.restart()
-                if key not in alone:
-                    suspects.append(key)
-                    continue
-                value, text = None, "its process was killed"
-            except (Exception, CancelledError) as failure:
-                value, text = None, f"the worker was lost ({type(failure).__name__})"
-            yield Done(key, value, text)
+                pool.check()
+            except WorkError as error:
+                yield from (Done(key, error=str(error)) for key in keys.values())
+                return
+            continue
+        key = keys.pop(future)
+        try:
+            yield Done(key, *future.result())
+        except WorkError as error:
+            yield Done(key, error=str(error))
+        except (Exception, CancelledError) as failure:
+            yield Done(key, error=f"the worker was lost ({type(failure).__name__})")
 
 
 ATTEMPT = ".attempt-"
@@ -186,11 +172,8 @@ ATTEMPT = ".attempt-"
 def track(job: RunJob) -> None:
     """Run into ``job.folder`` unless it is there.
 
-    Results appear there in one step when they are whole: a run that is killed leaves only an attempt beside, and of
-    two at the same time the first that finishes stays.
-
-    Raises:
-        InputError, WorkError: as ``open_engine`` and ``run``; another version of planview than the study's.
+    Results appear there in one step when they are whole: a run that is killed leaves only an attempt, and of two at the
+    same time the first that finishes stays.
     """
     if job.version != code_version():
         raise WorkError(f"expected planview {job.version} on this worker, found {code_version()}")
@@ -220,8 +203,7 @@ def is_done(job: RunJob) -> bool:
 
 
 def track_and_score(job: StudyJob) -> dict[str, float]:
-    """Run unless that is done, and score; the figures are written beside the run. Raises InputError, WorkError: as
-    ``track``; truth that cannot be read."""
+    """Run unless that is done, and score; the figures are written into its folder."""
     track(job.run)
     info = finished_run(job.run.folder)
     if info is None:

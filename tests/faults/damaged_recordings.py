@@ -47,9 +47,9 @@ from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import open_engine
 from planview.engine.setup import set_up
 from planview.engine.stereo import stereo_engine
-from planview.output.memory import Encoded
 from planview.output.resume import LATEST, Checkpoint, checkpoint_of, read_checkpoint, write_checkpoint
 from planview.output.run import RunOptions, run
+from planview.output.state import SavedState
 from stereo.readers import open_any, open_recording
 
 SECONDS, MEMORY = 10, 4 << 30
@@ -250,15 +250,15 @@ def try_checkpoint(folder: Path, rng: random.Random) -> None:
     name, last = rng.choice((("maps.h5", 9), ("images", 2)))
     out = Path(shutil.copytree(stopped(originals() / name, last), folder / "out"))
     found = read_checkpoint(out / LATEST)
-    document = {"written": found.written, "roots": found.memory.roots, "nodes": found.memory.nodes}
+    document = {"written": found.written, "roots": found.state.roots, "nodes": found.state.nodes}
     for _ in range(rng.randint(1, 3)):
         if rng.random() < 0.2:
-            block = rng.choice([block for block in found.memory.blocks if len(block)])
+            block = rng.choice([array for array in found.state.arrays if array.size]).reshape(-1).view(np.uint8)
             block[rng.randrange(len(block)) :][:8] = rng.choice((0, 1, 127, 255))
         else:
             damage_value(document[rng.choice(("written", "roots", "nodes", "nodes", "nodes"))], rng)
-    memory = Encoded(document["roots"], document["nodes"], found.memory.blocks)
-    write_checkpoint(out, Checkpoint(found.identity, document["written"], memory))
+    state = SavedState(document["roots"], document["nodes"], found.state.arrays)
+    write_checkpoint(out, Checkpoint(found.identity, document["written"], state))
     often = rng.choice((1e-9, 0.0, 0.0))  # checkpoints of every frame take as long as all else
     run_to(originals() / name, out, -1, checkpoint_of(out, found.identity, lambda _: None), often)
 

@@ -16,7 +16,7 @@ from planview.engine.setup import set_up
 from planview.engine.stereo import stereo_engine
 from planview.maps.recording import MapsRecording
 from planview.output.maps_log import MapsLog
-from planview.output.memory import Encoded, decode, encode
+from planview.output.state import SavedState, decode, encode
 from planview.tracking.ellipse_particle import EllipseParticleTracker
 from planview.tracking.human_model import HumanModelParams
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
@@ -27,27 +27,27 @@ PARAMS = HumanModelParams(map=HumanModelMapParams(min_height_px=12))
 MAP = build_model_map(CAMERA, params=PARAMS.map)
 
 
-def through_a_file(encoded: Encoded) -> Encoded:
+def through_a_file(state: SavedState) -> SavedState:
     """As it comes back: JSON, and memory of its own."""
-    roots, nodes = json.loads(json.dumps([encoded.roots, encoded.nodes]))
-    return Encoded(roots, nodes, [block.copy() for block in encoded.blocks])
+    roots, nodes = json.loads(json.dumps([state.roots, state.nodes]))
+    return SavedState(roots, nodes, [array.copy() for array in state.arrays])
 
 
 def assert_resumes(make: Callable[[], Engine], moments: tuple[int, ...]) -> None:
     """Take up a run anew at each of the moments (frames) and compare all that follows, bit for bit."""
     engine = make()
     engine.reset()
-    told, saved = [], {}
+    lines, saved = [], {}
     for n, result in enumerate(engine.after(-1)):
-        told.append(repr((result.frame, result.tracks, result.decisions)))
+        lines.append(repr((result.frame, result.tracks, result.decisions)))
         if n in moments:
             saved[n] = result.frame, through_a_file(encode(engine.memory()))
-    assert any("confirmed" in line for line in told)
+    assert any("confirmed" in line for line in lines)
     for n, (frame, memory) in saved.items():
         fresh = make()
         fresh.reset()
         decode(memory, fresh.memory())
-        assert [repr((r.frame, r.tracks, r.decisions)) for r in fresh.after(frame)] == told[n + 1 :]
+        assert [repr((r.frame, r.tracks, r.decisions)) for r in fresh.after(frame)] == lines[n + 1 :]
 
 
 def moments(seed: int, first: int, last: int, count: int = 3) -> tuple[int, ...]:

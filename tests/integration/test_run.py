@@ -31,19 +31,19 @@ def folder(engine: Engine, recording: Path, tmp_path_factory: pytest.TempPathFac
     rules = out.parent / "rules.toml"
     rules.write_text('[[tripwire]]\nname = "gate"\nfrom_m = [-0.6, 1.0]\nto_m = [-0.6, 6.0]\n')
     words = ["run", str(recording), "--out", str(out), "--set", FEW, "--rules", str(rules), "--rrd"]
-    told = io.StringIO()
-    with redirect_stderr(told), pytest.raises(SystemExit) as left:
+    output = io.StringIO()
+    with redirect_stderr(output), pytest.raises(SystemExit) as left:
         main(words)
     assert left.value.code in (0, None)
-    (out.parent / "told.txt").write_text(told.getvalue())
+    (out.parent / "output.txt").write_text(output.getvalue())
     return out
 
 
 def test_the_summary_tells_the_counts_and_one_speed_with_its_meaning(folder: Path) -> None:
-    told = " ".join((folder.parent / "told.txt").read_text().split())
-    assert re.search(r"gate │ tripwire │ left_to_right \d, right_to_left \d, people 1", told)
-    assert re.search(r"\d per second, results written", told)
-    assert "medians; reading runs beside the others" in told
+    output = " ".join((folder.parent / "output.txt").read_text().split())
+    assert re.search(r"gate │ tripwire │ left_to_right \d, right_to_left \d, people 1", output)
+    assert re.search(r"\d per second, results written", output)
+    assert "median; reading overlaps the other stages" in output
 
 
 def test_tracks_have_the_columns_of_the_contract_and_nothing_half_written_is_left(folder: Path) -> None:

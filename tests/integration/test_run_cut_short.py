@@ -79,12 +79,14 @@ def test_rerun_is_stopped_before_the_disk_is_full(engine, tmp_path, monkeypatch)
 def test_a_log_without_room_ends_the_run_in_a_sentence_and_keeps_the_tracks(engine, copy, tmp_path, option, name, room):
     list(engine)  # numba's caches are written while there is room
     out, no_checkpoints = tmp_path / "out", ("--set", "run.checkpoint_every_s=0")  # which would end a slow run early
-    told = subprocess.run(
+    output = subprocess.run(
         [sys.executable, "-m", "planview", "run", copy, "--out", out, "--set", FEW, *no_checkpoints, option],
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)),  # of a process of its own
         stderr=subprocess.PIPE, text=True, timeout=300,
     )  # fmt: skip
-    assert told.returncode == 1 and re.search(rf"{name}.*cannot be written", one_sentence(told.stderr)), told.stderr
+    assert output.returncode == 1 and re.search(rf"{name}.*cannot be written", one_sentence(output.stderr)), (
+        output.stderr
+    )
     assert len(read_tracks(out / "tracks.csv")) and not read_run_info(out / "run.json").finished
 
 
@@ -107,8 +109,8 @@ def test_interruption_leaves_valid_files_and_says_so(recording, tmp_path):
     while time.monotonic() < waited and process.poll() is None and rows_in(out / "tracks.csv") < 3:
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=60)
-    assert process.returncode == 130 and one_sentence(told) == "planview: interrupted"
+    _, output = process.communicate(timeout=60)
+    assert process.returncode == 130 and one_sentence(output) == "planview: interrupted"
     info = read_run_info(out / "run.json")
     assert not info.finished and 0 < info.frames_read < FRAMES
     tracks = read_tracks(out / "tracks.csv")

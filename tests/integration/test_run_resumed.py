@@ -60,15 +60,15 @@ def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(
         run(engine, stopped, options_with(rules), [MapsLog(engine, folder_of(stopped) / "maps.h5")], stop_at(stops[0]))
     assert read_run_info(stopped / "run.json").state == "interrupted"
 
-    told: list[str] = []
+    output: list[str] = []
     for stop in (*stops[1:], None):
         options = options_with(rules)
-        checkpoint = checkpoint_of(stopped, run_identity(engine, options, ["MapsLog"]), told.append)
+        checkpoint = checkpoint_of(stopped, run_identity(engine, options, ["MapsLog"]), output.append)
         assert checkpoint is not None
         log = MapsLog(engine, stopped / "maps.h5", checkpoint.written["logs"]["MapsLog"])
         with suppress(StoppedError):
             info = run(engine, stopped, options, [log], stop_at(stop), checkpoint)
-    assert told == []
+    assert output == []
     assert (info.state, info.frames_read) == ("finished", engine.recording.n_frames)
     for name in RESULTS:
         assert (stopped / name).read_bytes() == (alone / name).read_bytes()
@@ -88,8 +88,8 @@ def test_a_checkpoint_whose_memory_is_none_is_refused_in_a_sentence(
         run(engine, tmp_path, options_with(rules), (), stop_at(5))
     checkpoint = checkpoint_of(tmp_path, run_identity(engine, options_with(rules), []), print)
     assert checkpoint is not None
-    broken = checkpoint._replace(memory=checkpoint.memory._replace(nodes=[]))
-    with pytest.raises(InputError, match="cannot be gone on from"):
+    broken = checkpoint._replace(state=checkpoint.state._replace(nodes=[]))
+    with pytest.raises(InputError, match="cannot resume from this checkpoint"):
         run(engine, tmp_path, options_with(rules), (), None, broken)
 
 
@@ -99,9 +99,9 @@ def test_rows_that_were_changed_since_the_checkpoints_are_not_gone_on_from(
     with pytest.raises(StoppedError):
         run(engine, tmp_path, options_with(rules), (), stop_at(30))
     (tmp_path / "tracks.csv").write_text("frame\n")
-    told: list[str] = []
-    assert checkpoint_of(tmp_path, run_identity(engine, options_with(rules), []), told.append) is None
-    assert [text.count("changed since") for text in told] == [1, 1, 0]
+    output: list[str] = []
+    assert checkpoint_of(tmp_path, run_identity(engine, options_with(rules), []), output.append) is None
+    assert [text.count("changed since") for text in output] == [1, 1, 0]
 
 
 def test_another_recording_or_option_is_not_gone_on_with(
@@ -111,8 +111,8 @@ def test_another_recording_or_option_is_not_gone_on_with(
     often = f"run.checkpoint_every_s={FREQUENT_S}"
     assert say("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3", "--set", often)[0] == 0
     (out / "run.json").write_text((out / "run.json").read_text().replace('"finished": true', '"finished": false'))
-    told = refused("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
-    assert "expected the beginning of this run, found another" in told
+    output = refused("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
+    assert "expected the beginning of this run, found another" in output
 
 
 def test_a_run_goes_on_beside_a_new_read_me_and_with_its_rules_under_another_name(
@@ -172,8 +172,8 @@ def test_what_a_kill_after_the_last_frame_left_undone_is_done(
     if refine:  # between run.json and the tracks
         (out / "tracks.csv").write_bytes((out / "tracks_online.csv").read_bytes())
         (out / "refinement.csv").unlink()
-    status, told = say(*words, "--resume")
-    assert status == 0 and "nothing is left" not in told
+    status, output = say(*words, "--resume")
+    assert status == 0 and "nothing is left" not in output
     found = {file.name: file.read_bytes() for file in out.iterdir()}
     assert found.keys() == whole.keys() and found["tracks.csv"] == whole["tracks.csv"]
     assert "nothing is left to resume" in say(*words, "--resume")[1]
@@ -182,8 +182,8 @@ def test_what_a_kill_after_the_last_frame_left_undone_is_done(
 def test_a_run_that_was_killed_before_it_was_refined_is_refined(say: Say, copy: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert say("run", copy, "--out", out, "--set", FEW)[0] == 0
-    status, told = say("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")
-    assert status == 0 and "nothing is left" not in told
+    status, output = say("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")
+    assert status == 0 and "nothing is left" not in output
     assert read_run_info(out / "run.json").refined and (out / "tracks_online.csv").is_file()
     assert "nothing is left to resume" in say("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")[1]
 

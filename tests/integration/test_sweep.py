@@ -114,10 +114,10 @@ def test_bad_recordings_are_reported_at_the_end_and_the_others_are_done(
 ) -> None:
     (halls / "b" / "maps.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
     path = study(halls, 'recordings = ["b/maps.h5", "none", "a/maps.h5"]\nseeds = [0, 1]\n')
-    status, told = say("sweep", path)
+    status, output = say("sweep", path)
     assert status == 1
-    assert one_sentence(told) == "planview: 4 of 6 runs failed; the others are done"
-    assert "failed: none, defaults, seed 0:" in told
+    assert one_sentence(output) == "planview: 4 of 6 runs failed; the others are done"
+    assert "failed: none, defaults, seed 0:" in output
     assert [row["state"] for row in rows(halls / "study")] == ["failed"] * 4 + ["done"] * 2
     (halls / "b" / "maps.h5").write_bytes((halls / "a" / "maps.h5").read_bytes())
     assert "2 of 6 runs failed" in say("sweep", path)[1]
@@ -150,9 +150,9 @@ def test_page_is_one_file_that_shows_names_as_text(say: Say, pool: InlinePool, h
 
 @pytest.mark.parametrize("vary", ["maps.no_such=1,2", "maps.cell_m", "maps.cell_m=0.03,0.03", "seed=x", "seed=-1"])
 def test_sweep_refuses_wrong_settings_before_it_runs(say: Say, copy: Path, tmp_path: Path, vary: str) -> None:
-    status, told = say("sweep", copy, "--out", tmp_path / "sweep", "--vary", vary)
+    status, output = say("sweep", copy, "--out", tmp_path / "sweep", "--vary", vary)
     assert status == 2
-    assert one_sentence(told)
+    assert one_sentence(output)
     assert not (tmp_path / "sweep").exists()
 
 
@@ -177,6 +177,6 @@ def test_runs_fail_with_the_plan_view_recording_that_they_need(
 ) -> None:
     (copy / "rig.toml").write_text("focal = 1")
     path = study(halls, 'recordings = ["copy", "a/maps.h5"]\nseeds = [0, 1]\n')
-    status, told = say("sweep", path)
-    assert (status, one_sentence(told)) == (1, "planview: 2 of 4 runs failed; the others are done")
+    status, output = say("sweep", path)
+    assert (status, one_sentence(output)) == (1, "planview: 2 of 4 runs failed; the others are done")
     assert pool.submitted == 1 + 2

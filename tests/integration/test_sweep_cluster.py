@@ -76,10 +76,10 @@ def test_study_finishes_when_one_of_two_workers_is_killed(say, engine, cluster, 
     path.write_text(f'recordings = ["a/maps.h5"]\nseeds = {list(range(JOBS))}\n')
     killer = threading.Thread(target=kill_when_working, args=(workers[0], out), daemon=True)
     killer.start()
-    status, told = say("sweep", path, "--cluster", address)
+    status, output = say("sweep", path, "--cluster", address)
     killer.join(timeout=10)
     assert workers[0].poll() == -signal.SIGKILL, "the worker was never caught at work"
-    assert status == 0, told
+    assert status == 0, output
     with (out / "summary.csv").open(newline="") as file:
         assert [row["state"] for row in csv.DictReader(file)] == ["done"] * JOBS
     assert len(list(out.glob("jobs/*/tracks.csv"))) == JOBS

@@ -1,4 +1,4 @@
-"""Several runs in one page: what differs in settings, in errors, in time."""
+"""One page that compares: runs by settings, errors and time, or the configurations of a study."""
 
 from __future__ import annotations
 
@@ -14,7 +14,16 @@ from planview.evaluation.result import KINDS
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import write_result
 from planview.output.report import plots
-from planview.output.report.page import Picture, errors_of, figure_text, flat_settings, picture, scores_of, words_of
+from planview.output.report.page import (
+    Figure,
+    Picture,
+    errors_of,
+    figure_text,
+    flat_settings,
+    picture,
+    scores_of,
+    words_of,
+)
 from planview.output.report.timelines import TimelineRow, timelines
 from planview.output.run_folder import RunFolder
 
@@ -27,26 +36,21 @@ _LOWER = (
 
 
 class Cell(NamedTuple):
-    """A value of one run, ready to print."""
+    """A value, ready to print."""
 
     text: str
     is_best: bool = False
 
 
-class Line(NamedTuple):
-    """A figure of all runs."""
+class Table(NamedTuple):
+    """Rows of cells; of a table of numbers all but the first column. ``more``: rows that are left out."""
 
-    name: str
-    cells: list[Cell]
-
-
-class SharedError(NamedTuple):
-    """An error with its note in every run that makes it."""
-
-    frame: int
-    kind: str
-    person: str
-    notes: list[str]
+    title: str
+    head: list[str]
+    rows: list[list[Cell]]
+    of_numbers: bool = True
+    more: int = 0
+    more_in: str = ""
 
 
 class RunRows(NamedTuple):
@@ -56,6 +60,31 @@ class RunRows(NamedTuple):
     rows: list[TimelineRow]
     ticks: list[tuple[float, str]]
     note: str
+
+
+def comparison_page(
+    title: str,
+    notes: Sequence[str],
+    tables: Sequence[Table],
+    pictures: Sequence[Picture],
+    *,
+    tiles: Sequence[Figure] = (),
+    timelines: Sequence[RunRows] = (),
+) -> str:
+    """The page as text; it makes no outside requests."""
+    return page_of(
+        "planview.output.report", "compare.html.j2",
+        title=title, notes=notes, tables=tables, pictures=pictures, tiles=tiles, timelines=timelines,
+    )  # fmt: skip
+
+
+class SharedError(NamedTuple):
+    """An error with its note in every run that makes it."""
+
+    frame: int
+    kind: str
+    person: str
+    notes: list[str]
 
 
 class _ComparedRun(NamedTuple):
@@ -73,7 +102,7 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
         path: of the page.
         truth: file of the true people; ``truth.csv`` of each recording where not given.
     Raises:
-        InputError: a folder without tracks, or a file that is not what its name says.
+        InputError: a folder without tracks, or a file that cannot be read.
         WorkError: the page cannot be written.
     """
     runs = []
@@ -81,31 +110,27 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
         results = RunFolder(folder, truth)
         scores = scores_of(results)
         runs.append(_ComparedRun(name, results, scores, errors_of(scores)))
+    names = [run.name for run in runs]
+    tables = [Table("What differs in settings", ["parameter", *names], _settings(runs))]
+    if any(run.scores for run in runs):
+        tables.append(Table("Against truth", ["figure", *names], _scores(runs)))
     errors = shared_errors([run.errors for run in runs], runs[0].results.clock.frame_s)
-    pictures: list[Picture] = []
-    for run in runs:
-        results = run.results
-        true_places = plots.Places.of(results.truth) if results.truth is not None else None
-        pictures.append(
-            picture(f"Floor: {run.name}", plots.floor_plot(plots.Places.of(results.tracks), results, true_places))
-        )
-    page = page_of(
-        "planview.output.report",
-        "compare.html.j2",
-        names=[run.name for run in runs],
-        settings=_settings(runs),
-        scores=_scores(runs),
-        errors=errors[:ERRORS_MAX],
-        more_errors=max(0, len(errors) - ERRORS_MAX),
-        timelines=[_rows(run) for run in runs],
-        stages=_stages(runs),
-        pictures=pictures,
-    )
-    write_result(path, page)
+    if errors:
+        rows = [[Cell(t) for t in (str(e.frame), e.kind, e.person, *e.notes)] for e in errors[:ERRORS_MAX]]
+        head = ["frame", "kind", "person", *names]
+        tables.append(Table("Significant errors", head, rows, of_numbers=False, more=max(0, len(errors) - ERRORS_MAX)))
+    tables.append(Table("Time", ["median per frame", *names], _stages(runs)))
+    pictures = []
+    for name, results, *_ in runs:
+        true = plots.Places.of(results.truth) if results.truth is not None else None
+        floor = plots.floor_plot(plots.Places.of(results.tracks), results, true)
+        pictures.append(picture(f"Floor: {name}", floor))
+    title, notes = f"{len(runs)} runs", ["The best figure of a row is bold."]
+    write_result(path, comparison_page(title, notes, tables, pictures, timelines=[_rows(run) for run in runs]))
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """The last parts of the folders' names that tell them apart."""
+    """The last parts of the folders' names, as many as make them different."""
     parts = [folder.resolve().parts for folder in folders]
     for depth in range(1, max(map(len, parts)) + 1):
         names = ["/".join(p[-depth:]) for p in parts]
@@ -114,19 +139,17 @@ def _names(folders: Sequence[Path]) -> list[str]:
     return [str(folder) for folder in folders]
 
 
-def _settings(runs: Sequence[_ComparedRun]) -> list[Line]:
+def _settings(runs: Sequence[_ComparedRun]) -> list[list[Cell]]:
     flat: list[dict[str, JsonValue]] = []
     for info in (run.results.info for run in runs):
         versions = {f"version of {name}": version for name, version in info.versions.items()}
         flat.append({"recording": info.input, "tracker": info.tracker, **versions, **flat_settings(info.config)})
     names = list(dict.fromkeys(name for settings in flat for name in settings))
-    rows = [Line(name, [Cell(figure_text(settings.get(name))) for settings in flat]) for name in names]
-    return [row for row in rows if len({cell.text for cell in row.cells}) > 1]
+    rows = [[Cell(name), *(Cell(figure_text(settings.get(name))) for settings in flat)] for name in names]
+    return [row for row in rows if len(set(row[1:])) > 1]
 
 
-def _scores(runs: Sequence[_ComparedRun]) -> list[Line]:
-    if not any(run.scores for run in runs):
-        return []
+def _scores(runs: Sequence[_ComparedRun]) -> list[list[Cell]]:
     rows = [_line(words_of(n), [run.scores.get(n) for run in runs], max) for n in _HIGHER]
     rows += [_line(words_of(n), [run.scores.get(n) for run in runs], min) for n in _LOWER]
     for kind in ("total", *KINDS):
@@ -135,13 +158,13 @@ def _scores(runs: Sequence[_ComparedRun]) -> list[Line]:
     return rows
 
 
-def _line(name: str, values: Sequence[float | None], best: Callable[[Sequence[float]], float]) -> Line:
+def _line(name: str, values: Sequence[float | None], best: Callable[[Sequence[float]], float]) -> list[Cell]:
     known = [value for value in values if value is not None and not math.isnan(value)]
     top = best(known) if len(set(known)) > 1 else None
-    return Line(name, [Cell(figure_text(value), value is not None and value == top) for value in values])
+    return [Cell(name), *(Cell(figure_text(value), value is not None and value == top) for value in values)]
 
 
-def _stages(runs: Sequence[_ComparedRun]) -> list[Line]:
+def _stages(runs: Sequence[_ComparedRun]) -> list[list[Cell]]:
     infos = [run.results.info for run in runs]
     names = list(dict.fromkeys(stage for info in infos for stage in info.stages_ms))
     rows = [_line(f"{name} [ms]", [info.stages_ms.get(name) for info in infos], min) for name in names]
@@ -150,22 +173,13 @@ def _stages(runs: Sequence[_ComparedRun]) -> list[Line]:
 
 
 def shared_errors(errors: Sequence[Sequence[SignificantError]], frame_s: float) -> list[SharedError]:
-    """Errors by frame; those of one kind, person and time are in one row.
-
-    Args:
-        errors: of every run.
-    """
+    """Errors of every run by frame; those of one kind and person within a second are one row (our choice)."""
     rows: list[SharedError] = []
     for n, mine in enumerate(errors):
         for error in mine:
             person = f"P{error.truth_id}" if error.truth_id is not None else ""
-            near = (
-                row for row in rows
-                # Errors of one kind and person that begin within this are one error of several runs [s] (our choice).
-                if (row.kind, row.person) == (error.kind, person) and abs(row.frame - error.frame) * frame_s <= 1.0
-                and not row.notes[n]
-            )  # fmt: skip
-            row = next(near, None)
+            same = [row for row in rows if (row.kind, row.person, row.notes[n]) == (error.kind, person, "")]
+            row = next((row for row in same if abs(row.frame - error.frame) * frame_s <= 1.0), None)
             if row is None:
                 row = SharedError(error.frame, error.kind, person, [""] * len(errors))
                 rows.append(row)

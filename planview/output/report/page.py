@@ -27,8 +27,7 @@ def scores_of(results: RunFolder) -> dict[str, Any]:
     """``evaluation.json`` of the folder, else the scores of the frames that were tracked; empty without truth."""
     written = read_object(results.path / "evaluation.json")
     truth = results.truth
-    # Longer runs are scored on request only (``planview evaluate``), since scoring takes longer than the page (our
-    # choice).
+    # Scoring a longer run takes longer than the page (our choice).
     if written or truth is None or not results.has_run or len(results.tracks) + len(truth) > 60_000:
         return written
     try:
@@ -38,11 +37,7 @@ def scores_of(results: RunFolder) -> dict[str, Any]:
 
 
 def errors_of(evaluation: dict[str, Any]) -> list[SignificantError]:
-    """The significant errors of an evaluation.
-
-    Raises:
-        InputError: errors that are not what they should be.
-    """
+    """The significant errors of an evaluation. Raises InputError: they cannot be read."""
     try:
         return _ERRORS.validate_python(evaluation.get("significant_error_list") or [])
     except ValidationError as error:
@@ -50,15 +45,11 @@ def errors_of(evaluation: dict[str, Any]) -> list[SignificantError]:
 
 
 _ERRORS = TypeAdapter(list[SignificantError])
-
-
 _NOT_SHOWN = {"view_m", "world_SE3_left", "name", "at_m", "heads", "center_px", "focal_v_px"}
-"""Of camera and floor, what is drawn and not listed."""
+"""Fields of camera and floor that the page shows as a picture."""
 _UNITS = {"s": "s", "ms": "ms", "m": "m", "px": "px", "deg": "°", "mps": "m/s"}
 PEOPLE_MAX = 200
 """Rows of the table of people; tracks.csv has them all."""
-
-
 Figure = tuple[str, str]
 """A name and its value, ready to print."""
 Setting = tuple[str, str, str]
@@ -75,20 +66,17 @@ class Picture(NamedTuple):
 
 
 def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: Path | None = None) -> Path:
-    """Write ``report.html`` from the files of a run's folder, with pictures from its recording.
+    """Write ``report.html`` from the files of a run's folder, with pictures from its recording; it makes no outside
+    requests.
 
-    Only tracks.csv must be there; whatever else is missing, the recording too, is left out of the page. The page makes
-    no outside requests.
+    Only tracks.csv must be there; whatever else is missing, the recording too, is left out of the page.
 
     Args:
-        folder: output folder of a run.
-        evaluation: ``Evaluation.to_json()``; ``evaluation.json`` of the folder where not given, else the scores
-            against the truth.
+        evaluation: ``Evaluation.to_json()``; ``evaluation.json`` of the folder, else the scores against the truth, by
+            default.
         truth: file of the true people; ``truth.csv`` of the recording where not given.
-    Returns:
-        The path of the page.
     Raises:
-        InputError: no tracks.csv, or a file that is not what its name says.
+        InputError: no tracks.csv, or a file that cannot be read.
         WorkError: the page cannot be written.
     """
     results = RunFolder(folder, truth).read_all()
@@ -112,7 +100,7 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
         more_errors=max(0, len(errors) - ERRORS_MAX),
         pictures=_pictures(results),
         counts=[
-            {"name": name, "kind": str(rule.get("kind", "")), "text": ", ".join(f"{n} {v}" for n, v in _figures(rule))}
+            {"name": name, "kind": str(rule.get("kind", "")), "text": ", ".join(map(" ".join, _figures(rule)))}
             for name, rule in results.rule_counts.items()
         ],
         evaluation=evaluation_rows(evaluation),
@@ -229,17 +217,11 @@ def _camera_rows(info: RunInfo) -> list[Figure]:
 
 def changed_settings(config: dict[str, JsonValue]) -> list[Setting]:
     """Parameters that differ from the defaults."""
-    if not config:
-        return []
     from planview.engine.config import Config  # takes 2 s and 80 MB
 
     before = flat_settings(Config().model_dump(mode="json"))
-    after = flat_settings(config)
-    return [
-        (name, figure_text(value), figure_text(before.get(name)))
-        for name, value in after.items()
-        if value != before.get(name)
-    ]
+    changed = {name: value for name, value in flat_settings(config).items() if value != before.get(name)}
+    return [(name, figure_text(value), figure_text(before.get(name))) for name, value in changed.items()]
 
 
 def flat_settings(config: dict[str, JsonValue], prefix: str = "") -> dict[str, JsonValue]:

@@ -28,11 +28,7 @@ COLOURS = (
 
 
 def people_plot(tracks: Trajectories, times_s: F64, frames: I64) -> bytes:
-    """Confirmed people, and those only predicted, over time.
-
-    Args:
-        times_s, frames: (N,) time and frame of every frame of the run.
-    """
+    """Confirmed people, and those only predicted, over the (N,) times [s] of (N,) frames."""
     figure, axes = new_figure(7.0, 2.4)
     shades = ((("confirmed", "lost"), "#c9d6ea", "only predicted"), (("confirmed",), "#1f4e9c", "observed"))
     for states, colour, label in shades:
@@ -56,11 +52,7 @@ def stage_plot(stages_ms: dict[str, float]) -> bytes:
 
 
 def steps_plot(series: Mapping[str, Sequence[tuple[float, int]]], end_s: float, label: str) -> bytes:
-    """Whole numbers over time: people in zones and queues, crossings added up.
-
-    Args:
-        series: (time [s], number from then on) by name.
-    """
+    """Whole numbers over time; ``series``: (time [s], number from then on) by name."""
     figure, axes = new_figure(7.0, 2.6)
     for place, (name, changes) in enumerate(series.items()):
         times, numbers = zip(*changes, strict=True)
@@ -115,13 +107,7 @@ HEAT_RANGE = 300.0
 
 
 class Places(NamedTuple):
-    """Where people were, columns of equal length (N,), by person then frame.
-
-    Attributes:
-        frame, track_id: int64.
-        xy_m: (N, 2) float64 [m].
-        is_lost: only predicted.
-    """
+    """Where people were, columns of equal length, by person then frame: (N, 2) places [m], and which are predicted."""
 
     frame: I64
     track_id: I64
@@ -154,13 +140,7 @@ class Places(NamedTuple):
 
 
 def floor_plot(tracks: Places, run: RunFolder, truth: Places | None = None) -> bytes:
-    """Tracks on the floor with the cameras, what they view, and the rules.
-
-    Args:
-        tracks: lost ones are thin.
-        run: gives views, rules and bounds.
-        truth: in black.
-    """
+    """Tracks on the floor, thin where lost, over the truth in black, with the cameras, their views, and the rules."""
     painter = _painter(run)
     picture = painter.paper.copy()
     for places in (tracks,) if truth is None else (truth, tracks):
@@ -190,13 +170,7 @@ def _painter(run: RunFolder) -> PlanPainter:
 
 
 class HeatMap(NamedTuple):
-    """Time per cell.
-
-    Attributes:
-        seconds: (n_rows, n_cols) float64 [s].
-        cell_m: side of a cell [m].
-        corner_m: x and y of the first cell's outer corner [m].
-    """
+    """(n_rows, n_cols) time per cell [s], the side of a cell [m], and (x, y) of the first cell's outer corner [m]."""
 
     seconds: F64
     cell_m: float
@@ -204,12 +178,7 @@ class HeatMap(NamedTuple):
 
 
 def heat_map(xy_m: F64, frame_s: float) -> HeatMap:
-    """Time spent per cell; cells are coarser where they would be too many.
-
-    Args:
-        xy_m: (N, 2) places [m], at least one.
-        frame_s: time that a place stands for [s].
-    """
+    """Time at (N, 2) places [m], at least one, of ``frame_s`` each; cells are coarser where they would be too many."""
     low, high = xy_m.min(axis=0), xy_m.max(axis=0)
     cell = max(HEAT_CELL_M, float(np.hypot(*(high - low))) / 1000)
     corner = (np.floor(low / cell) - 1) * cell

@@ -149,23 +149,18 @@ def _overview(results: RunFolder) -> list[_Wanted]:
     busiest = busiest_frame(results)
     if busiest is None:
         return []
-    wanted = [_Wanted("Busiest frame", "", (busiest,))]
     peopled = np.unique(results.tracks.frame[results.of_people])
-    for share in (np.arange(SPREAD) + 1) / (SPREAD + 1):
-        frame = int(peopled[int(share * len(peopled))])
-        wanted.append(_Wanted("", "", (frame,)))
-    titled = [w._replace(note=_when(results, w.frames[0])) for w in wanted]
-    return sorted(titled, key=lambda w: w.title != "Busiest frame")
+    spread = [int(peopled[len(peopled) * part // (SPREAD + 1)]) for part in range(1, SPREAD + 1)]
+    titles = [("Busiest frame", busiest), *(("", frame) for frame in spread)]
+    return [_Wanted(title, _when(results, frame), (frame,)) for title, frame in titles]
 
 
 def _strips(results: RunFolder, errors: Sequence[SignificantError]) -> list[_Wanted]:
     wanted, last = [], max(0, results.n_frames - 1)
     for error in errors[:ERRORS_MAX]:
-        steps = [round(s / results.clock.frame_s) for s in STRIP_S]
-        frames = tuple(int(np.clip(error.frame + step, 0, last)) for step in steps)
-        title = f"{error.kind.replace('_', ' ')}: {error.who}"
-        note = f"{_when(results, error.frame)}: {error.note}"
-        wanted.append(_Wanted(title, note, frames, (error.truth_id, error.track_id), STRIP_S))
+        frames = [min(max(error.frame + round(s / results.clock.frame_s), 0), last) for s in STRIP_S]
+        title, note = f"{error.kind.replace('_', ' ')}: {error.who}", f"{_when(results, error.frame)}: {error.note}"
+        wanted.append(_Wanted(title, note, tuple(frames), (error.truth_id, error.track_id), STRIP_S))
     return wanted
 
 
@@ -222,7 +217,7 @@ def _picture(want: _Wanted, tiles: Sequence[U8 | None]) -> ScenePicture | None:
 
 
 def _place(snapshot: Snapshot, focus: tuple[int | None, int | None], camera: ImageCamera | None) -> F64 | None:
-    """Where the person concerned is in the image [px]: as the truth says, else as the track does."""
+    """Where the person concerned is in the image [px]: by the truth, else by the track."""
     for people, wanted in ((snapshot.truth, focus[0]), (snapshot.people, focus[1])):
         for person in (p for p in people if p.track_id == wanted):
             left, top, width, height = person.box_px

@@ -16,11 +16,8 @@ from planview.trajectories.table import Trajectories
 
 
 def people_rows(tracks: Trajectories, clock: Clock, ids: I64) -> list[dict[str, Any]]:
-    """Of confirmed people: times [s], way [m], mean speed [m/s], median height [m]; empty where unknown.
-
-    Args:
-        ids: (P,) ascending.
-    """
+    """Of confirmed people, (P,) ids ascending: times [s], way [m], mean speed [m/s], median height [m]; empty where
+    unknown."""
     rows = np.flatnonzero((tracks.state == "confirmed") & np.isin(tracks.track_id, ids))
     rows = rows[np.argsort(tracks.track_id[rows], kind="stable")]
     cuts = np.searchsorted(tracks.track_id[rows], ids[1:])
@@ -46,6 +43,7 @@ def _row(person: Trajectories, clock: Clock) -> dict[str, Any]:
 
 
 UNHELD = -1
+_STATES: tuple[State, ...] = ("confirmed", "lost", "tentative")
 
 
 class Bar(NamedTuple):
@@ -59,7 +57,7 @@ class Bar(NamedTuple):
 
 
 class TimelineRow(NamedTuple):
-    """Bars and marks (errors: left [%], colour, title) of one person."""
+    """Bars, and marks of errors, of one person."""
 
     name: str
     link: str
@@ -86,11 +84,7 @@ class Stretches(NamedTuple):
 
 
 def stretches(person: I64, frame: I64, value: I64) -> Stretches:
-    """Stretches by person, then time.
-
-    Args:
-        person, frame, value: (N,) of every row, each (person, frame) once.
-    """
+    """Stretches by person, then time, of (N,) rows, each (person, frame) once."""
     order = np.lexsort((frame, person))
     p, f, v = person[order], frame[order], value[order]
     new = np.ones(len(p), dtype=np.bool_)
@@ -130,9 +124,6 @@ def held_by(tracks: Trajectories, truth: Trajectories) -> I64:
     holder = np.full(len(truth), UNHELD, dtype=np.int64)
     holder[matches[:, 0]] = claimed.track_id[matches[:, 1]]
     return holder
-
-
-_STATES: tuple[State, ...] = ("confirmed", "lost", "tentative")
 
 
 def _rows(

@@ -23,11 +23,11 @@ from planview.maps.view import StereoView
 from planview.output.folder import rrd_parts
 from planview.output.report.page import errors_of, scores_of
 from planview.output.rerun.shapes import (
+    LABEL_M,
     StaticScene,
     blueprint,
     disparity_photo,
     label_of,
-    label_places,
     map_image,
     metre_grid,
     mosaic,
@@ -41,37 +41,8 @@ from planview.output.run_folder import RunFolder
 from planview.trajectories.state import TrackState
 
 
-class SeriesBlocks:
-    """Gathers numbers by path and sends them as columns."""
-
-    def __init__(self) -> None:
-        self._rows: dict[str, list[tuple[int, float, float]]] = {}  # frame, time [s], value
-        self._frames = 0
-
-    def add(self, stream: rr.RecordingStream, frame: int, time_s: float, values: dict[str, float]) -> None:
-        """The numbers of a frame, by path."""
-        for path, value in values.items():
-            self._rows.setdefault(path, []).append((frame, time_s, value))
-        self._frames += 1
-        # Frames whose numbers are sent together (our choice: 17 s at 15 Hz).
-        if self._frames >= 256:
-            self.flush(stream)
-
-    def flush(self, stream: rr.RecordingStream) -> None:
-        """Send what has been gathered."""
-        for path, rows in self._rows.items():
-            frames, times, values = zip(*rows, strict=True)
-            indexes = [rr.TimeColumn("frame", sequence=frames), rr.TimeColumn("time", duration=times)]
-            rr.send_columns(path, indexes, rr.Scalars.columns(scalars=values), recording=stream)
-        self._rows, self._frames = {}, 0
-
-
 def log_assessment(stream: rr.RecordingStream, results: RunFolder) -> None:
-    """Log the truth of the recording and the errors against it, where there is one.
-
-    Raises:
-        InputError, WorkError: the tracks cannot be scored.
-    """
+    """Log the truth of the recording and the errors against it, where there is one."""
     errors, truth = errors_of(scores_of(results)), results.truth
     if truth is not None and len(truth):
         # Points on the floor and at the heads, a row per frame.
@@ -104,10 +75,8 @@ class RerunLog:
     """Writes ``run.rrd``, of a long run ``run-2.rrd`` and so on: parts of one recording, which the viewer shows as one.
 
     Args:
-        engine: whose frames will come.
-        path: the file to write.
-        position: of ``mark``, to go on from there; what was written after it is dropped. rerun cannot go on with a
-            file, so a resumed run begins another one.
+        position: of ``mark``, to resume from; what was written after it is dropped. rerun cannot continue a file, so a
+            resumed run begins another one.
         every: images, clouds and maps of every n-th frame only; people, decisions and curves of all. It doubles when
             half of the room left of 2 GB is used, so that a run of any length is bounded.
     Raises:
@@ -123,13 +92,11 @@ class RerunLog:
         self._every = self._thinned()
         self._shown: set[str] = set()
         self._static: dict[str, tuple[rr.AsComponents, ...]] = {}
-        self._series = SeriesBlocks()
         # That of a resumed run is in its first file, made before people came.
         self._scene = StaticScene(self._stereo) if self._stereo and position is None else None
         self._frames = 0
-        # All files belong to the same recording by its id; the viewer keeps a layout per application. Few, long chunks,
-        # 10 s or 2 MB: by itself rerun writes five a second of each path. Another stream for every file would leave
-        # memory behind.
+        # All files belong to the same recording by its id; the viewer keeps a layout per application. Chunks of 10 s or
+        # 2 MB: the default is five a second of each path. A stream for every file would leave memory behind.
         self._stream = rr.RecordingStream(
             "planview" if self._stereo else "planview-single", recording_id=f"planview-{path.parent.name}",
             batcher_config=rr.ChunkBatcherConfig(flush_tick=10.0),
@@ -154,18 +121,12 @@ class RerunLog:
         return self._asked_every * rarer(sum(part.stat().st_size for part in self._parts if part.is_file()))
 
     def mark(self) -> dict[str, int]:
-        """See ``RunLog``."""
-        self._series.flush(self._stream)
         self._flush()
         sync(self._parts[-1])
         return {"parts": len(self._parts), "size": self._parts[-1].stat().st_size}
 
     def frame(self, result: FrameResult) -> None:
-        """Log one frame, on the timelines ``frame`` and ``time``.
-
-        Raises:
-            WorkError: too little free disk space; the file is complete up to the frame before.
-        """
+        """Log one frame, on the timelines ``frame`` and ``time``."""
         self._check_room()
         if self._frames and self._frames % PART_FRAMES == 0:
             self.mark()
@@ -194,7 +155,6 @@ class RerunLog:
             self._every = self._thinned()
 
     def close(self) -> None:
-        """See ``RunLog``."""
         with suppress(InputError, WorkError):  # tables that cannot be read
             results = RunFolder(self._path.parent)
             xy = np.column_stack([results.tracks.x_m, results.tracks.y_m])[results.tracks.state == "confirmed"]
@@ -325,7 +285,8 @@ class RerunLog:
         )
         self._stream.log("plan/people", rr.Points3D(heads, colors=colours, radii=0.05))
         ids = [str(track.track_id) for track in tracks]
-        self._stream.log("plan/labels", rr.Points3D(label_places(tracks), colors=colours, labels=ids, radii=0.001))
+        places = [(track.x_m + LABEL_M, track.y_m, 0.06) for track in tracks]
+        self._stream.log("plan/labels", rr.Points3D(places, colors=colours, labels=ids, radii=0.001))
 
     def _log_series(self, result: FrameResult) -> None:
         values = {f"time_ms/{stage}": duration for stage, duration in result.stages_ms.items()}
@@ -337,7 +298,8 @@ class RerunLog:
                     line = rr.SeriesLines(colors=[person_rgb(decision.track_id)], names=[str(decision.track_id)])
                     self._keep(path, line)
                 values[path] = decision.value
-        self._series.add(self._stream, result.frame, result.timestamp_s, values)
+        for path, value in values.items():
+            self._stream.log(path, rr.Scalars(value))
 
 
 def part_of(path: Path, number: int) -> Path:
@@ -346,11 +308,7 @@ def part_of(path: Path, number: int) -> Path:
 
 
 def kept_parts(path: Path, position: Mapping[str, int] | None) -> list[Path]:
-    """The files up to a position, and the one to write; what lies beyond is cut off.
-
-    Raises:
-        InputError: they do not reach to the position.
-    """
+    """The files up to a position, cut off there, and the one to write. Raises InputError: they are too short."""
     if position is None:
         return [path]
     n, size = position["parts"], position["size"]
@@ -365,12 +323,8 @@ def kept_parts(path: Path, position: Mapping[str, int] | None) -> list[Path]:
 
 
 def rarer(written: int, room: int = 2 * 2**30) -> int:
-    """Of how many frames' images one is still written: twice as many for every half of the room left that is used.
-
-    Args:
-        written: size of the recording so far [bytes].
-        room: that it shall keep [bytes] (our choice: an hour that can be copied).
-    """
+    """Of how many frames' images one is still written: twice as many for every half of the room left that is used (our
+    choice of room: an hour that can be copied [bytes])."""
     left = 1.0 - written / room
     return 1 << math.floor(-math.log2(max(left, 1 / 4096)))  # one in five minutes at 15 Hz (our choice)
 

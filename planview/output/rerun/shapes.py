@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import cv2
 import numpy as np
@@ -23,8 +23,7 @@ from stereo.depth import DepthFromDisparity, back_project
 from stereo.matcher import SampledDisparity
 
 LABEL_M = 0.45
-"""Ids stand so far beside people in plan views, where they hide no peak of the maps [m]."""
-LABEL_APART_M = 0.3
+"""Distance of ids from people in plan views, where they hide no peak of the maps [m]."""
 
 
 def photo(image: U8) -> rr.EncodedImage:
@@ -81,23 +80,6 @@ def label_of(track: TrackState) -> str:
     return f"{track.track_id}{height}" + ("" if track.state == "confirmed" else f" ({track.state})")
 
 
-def label_places(tracks: Sequence[TrackState]) -> list[tuple[float, float, float]]:
-    """Beside each person, on the other side or further out where another label is [m]."""
-    places: list[tuple[float, float, float]] = []
-    for track in tracks:
-        for reach in (1.0, 1.6, 2.2):
-            around = ((track.x_m + i * reach * LABEL_M, track.y_m + j * reach * LABEL_M, 0.06) for i, j in _SIDES)
-            free = (p for p in around if all(math.dist(p, other) > LABEL_APART_M for other in places))
-            place = next(free, None)
-            if place is not None:
-                break
-        places.append(place or (track.x_m + LABEL_M, track.y_m, 0.06))
-    return places
-
-
-_SIDES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
-
-
 def point_colours(result: FrameResult) -> U8 | None:
     """(N, 3) RGB of the maps' points, each from its rig's image; None for recorded maps."""
     parts = [np.empty((0, 3), dtype=np.uint8)]
@@ -114,67 +96,38 @@ UNDER, OVER = -50.0, 10.0
 """Order of drawing of floor and maps: both lie in one plane, since what is transparent hides what lies below it."""
 HEIGHT_SHOWN_M = (-0.5, 3.5)
 """What lies lower or higher is noise or hides the view."""
+POINTS_MAX = 60_000
 
 
 class StaticScene:
-    """The scene without people: what the first frame shows, filled in where people stood once they have moved.
-
-    Args:
-        stereo: the (first head's) pair above the floor.
-    """
+    """The scene without people: what the first frame shows, filled in where people stood once they have moved."""
 
     def __init__(self, stereo: StereoView) -> None:
         self._stereo = stereo
         self._points: F32 | None = None
         self._colours: U8 | None = None
-        self._started_s = 0.0
-        self.done = False
+        self._next_s = -math.inf
 
     def take(self, result: FrameResult) -> rr.Points3D | None:
-        """Take a frame: the cloud as it is known now; None where that is not news, and once the scene is known."""
-        if self.done:
+        """The cloud as it is known now; None in frames that show nothing new."""
+        if result.timestamp_s < self._next_s or (image := result.image) is None or result.disparity is None:
             return None
-        image, disparity = result.image, result.disparity
-        if image is None or disparity is None:
-            return None
-        if self._points is None:
-            self._started_s = result.timestamp_s
-        elif result.timestamp_s - self._started_s < 3.0:
-            # From 3 s on the foreground knows who is no part of the scene, and what stood behind them is filled in.
-            return None
-        else:
-            self.done = True
-        self._fill(image, disparity, result.observation.foreground)
-        assert self._points is not None and self._colours is not None
-        z = self._points[:, 2]
-        with np.errstate(invalid="ignore"):
-            keep = np.flatnonzero((z > HEIGHT_SHOWN_M[0]) & (z < HEIGHT_SHOWN_M[1]) & self._near())
-        # Points of the static scene.
-        keep = keep[:: max(1, -(-len(keep) // 60_000))]
-        return rr.Points3D(self._points[keep], colors=self._colours[keep], radii=0.012)  # [m]
-
-    def _fill(self, image: U8, disparity: F32, foreground: U8 | None) -> None:
-        """Points of the background; where there is none now, those taken before."""
-        step = self._stereo.reduction
-        geometry = self._stereo.geometry
-        points = back_project(DepthFromDisparity(geometry)(disparity), geometry)[::step, ::step].reshape(-1, 3)
-        pose = self._stereo.floor.world_SE3_left
-        world = np.asarray(points @ pose.rotation.T + pose.translation, dtype=np.float32)
-        colours = _rgb(image)[::step, ::step].reshape(-1, 3)
+        geometry, pose, step = self._stereo.geometry, self._stereo.floor.world_SE3_left, self._stereo.reduction
+        seen = back_project(DepthFromDisparity(geometry)(result.disparity), geometry)[::step, ::step].reshape(-1, 3)
+        points = np.asarray(seen @ pose.rotation.T + pose.translation, dtype=np.float32)
+        colours = _rgb(image)[::step, ::step].reshape(-1, 3).copy()
         if self._points is None or self._colours is None:
-            self._points, self._colours = world, colours.copy()
-            return
-        known = np.isfinite(world[:, 2])
-        if foreground is not None:
-            known &= foreground.reshape(-1) == 0
-        self._points[known], self._colours[known] = world[known], colours[known]
-
-    def _near(self) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        """Within the grid, and a little beyond."""
-        assert self._points is not None
-        grid, x, y = self._stereo.grid, self._points[:, 0], self._points[:, 1]
-        across = (x > grid.x_min_m - 1) & (x < grid.x_max_m + 1)
-        return np.asarray(across & (y > grid.y_min_m - 1) & (y < grid.y_max_m + 1))
+            self._next_s = result.timestamp_s + 3.0  # the foreground knows people by then
+        else:
+            self._next_s, foreground = math.inf, result.observation.foreground
+            hidden = ~np.isfinite(points[:, 2]) | (False if foreground is None else foreground.reshape(-1) > 0)
+            points[hidden], colours[hidden] = self._points[hidden], self._colours[hidden]
+        self._points, self._colours = points, colours
+        grid, (x, y, z) = self._stereo.grid, points.T
+        near = (x > grid.x_min_m - 1) & (x < grid.x_max_m + 1) & (y > grid.y_min_m - 1) & (y < grid.y_max_m + 1)
+        keep = np.flatnonzero(near & (z > HEIGHT_SHOWN_M[0]) & (z < HEIGHT_SHOWN_M[1]))
+        keep = keep[:: max(1, -(-len(keep) // POINTS_MAX))]
+        return rr.Points3D(points[keep], colors=colours[keep], radii=0.012)  # [m]
 
     def floor(self, image: U8) -> rr.GridMap:
         """The image laid on the floor, under the maps."""
@@ -202,12 +155,7 @@ def metre_grid(bounds: PlanBounds) -> rr.LineStrips3D:
 
 
 def map_image(values: F32, largest: float, stereo: StereoView) -> rr.GridMap:
-    """A plan-view map in colours, transparent where it is empty, so that the floor shows.
-
-    Args:
-        values: (n_rows, n_cols), row 0 at y_min.
-        largest: value of the brightest colour.
-    """
+    """A plan-view map (n_rows, n_cols), row 0 at y_min, in colours up to ``largest``; transparent where it is empty."""
     levels = np.clip(values * (255.0 / largest), 0, 255).astype(np.uint8)
     bgr = np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO), dtype=np.uint8)
     rgba = np.dstack([bgr[..., ::-1], np.where(levels > 0, 255, 0).astype(np.uint8)])
@@ -246,11 +194,8 @@ MAP_LAYERS = [
 
 
 def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint:
-    """Image and disparity, 3D view, both maps, decisions and series, side by side; one camera has a layout of its own.
-
-    Args:
-        people: where people were, which the views are fitted to; the visible floor when None.
-    """
+    """Image and disparity, 3D view, both maps, decisions and series; the views show where people were, else the visible
+    floor."""
     stereo = engine.stereo
     if stereo is None:
         return _single(engine, people)

@@ -172,7 +172,7 @@ def test_count_takes_pixels_of_a_camera(folder, refused, json_of):
     (folder / "rules.toml").write_text('[[tripwire]]\nname = "row"\nfrom_px = [100, 239.5]\nto_px = [600, 239.5]\n')
     words = ("count", folder, "--rules", folder / "rules.toml")
     assert json_of(*words, "--camera", folder / "camera.toml")["rules"]["row"]["left_to_right"] == 1
-    assert "expected tracks with boxes (or --camera) for rule 'row'" in refused(*words)
+    assert "expected tracks with boxes, or with a camera, for rule 'row'" in refused(*words)
 
 
 def test_foreign_tracks_write_nothing_beside_them(folder, say):

@@ -16,7 +16,7 @@ from calib.pose import SE3
 from calib.rig import Floor, StereoRig, save_rig
 from calib.world import save_world
 from planview.counting.events import Direction, Event
-from planview.counting.geometry import Outline, RulePlane, crossing_edges, inner_radius, stereo_plane
+from planview.counting.geometry import Outline, RulePlane, problem_of, stereo_plane
 from planview.counting.passages import Stay
 from planview.counting.rules import AnalyticsParams, Rules, load_rules, parse_rules
 from planview.counting.scoring import crossing_scores, occupancy_groups
@@ -68,7 +68,7 @@ def test_pixels_go_to_the_floor_of_a_known_camera_and_stay_pixels_without_one() 
 def test_line_in_the_image_goes_on_beyond_the_border_where_it_ends():
     placed = placed_wire(RulePlane(image_size=(320, 240)), [100, 50], [100, 239])
     assert placed.counted.tolist() == [[100, 50], [100, 559]]
-    assert placed.points.tolist() == [[100, 50], [100, 239]]  # as it is drawn and written
+    assert placed.points.tolist() == [[100, 50], [100, 239]]  # as it is shown and written
 
 
 @pytest.mark.parametrize(
@@ -122,12 +122,12 @@ def test_line_outside_the_view_is_refused(rule: dict[str, list[float]], sentence
 def test_depth_in_an_outline_is_the_distance_to_it_with_a_sign():
     x, y = np.array([[1.0, 0.25], [3.0, 1.0], [-3.0, -4.0]]).T
     assert Outline(SQUARE).depth(x, y) == pytest.approx([0.25, -1.0, -5.0])
-    assert inner_radius(SQUARE) == pytest.approx(1.0, abs=0.1)
+    assert Outline(SQUARE).inner_radius() == pytest.approx(1.0, abs=0.1)
     notched = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 1.0], [0.0, 4.0]])
-    assert crossing_edges(notched) is None
+    assert problem_of(notched) == ""
     outside, inside = Outline(notched).depth(np.array([2.0, 0.5]), np.array([2.0, 1.0]))
     assert outside < 0 < inside
-    assert crossing_edges(np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 2.0]])) is not None
+    assert "cross or touch" in problem_of(np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 2.0]]))
 
 
 _json = st.recursive(
@@ -209,7 +209,7 @@ def tracks_at(times: list[float]) -> Trajectories:
     return collector.trajectories()
 
 
-def test_a_jump_is_told_with_its_frames_and_size() -> None:
+def test_a_jump_is_described_by_its_frames_and_size() -> None:
     assert "by 30.0 days from frame 1 to 2" in Clock(tracks_at([0.0, 0.1, 0.2 + 30 * 86400]), 10.0).jump()
     assert Clock(tracks_at([0.0, 0.1, 60.0]), 10.0).jump() == ""
     assert np.isfinite(Clock(tracks_at([0.0]), 10.0).frame_s)
@@ -237,7 +237,7 @@ def test_misses_and_extras_cancel_in_the_total_but_not_in_the_strict_accuracy() 
     assert (scores.precision, scores.recall) == (0.75, 0.75)
 
 
-def test_wrong_direction_is_told_apart_from_a_miss_and_nothing_has_no_scores():
+def test_wrong_direction_is_distinguished_from_a_miss_and_nothing_has_no_scores():
     scores = crossing_scores([crossing(1.0)], [crossing(1.1, "right_to_left")], 1.0)
     assert (scores.matched, scores.wrong_direction) == (0, 1)
     assert (scores.true_left_to_right, scores.found_right_to_left) == (1, 1)

@@ -44,8 +44,8 @@ def test_edits_are_applied_written_down_and_taken_back(run: Path, say: Say) -> N
 
 def test_an_edit_that_is_refused_changes_nothing(run: Path, say: Say) -> None:
     before = (run / "tracks.csv").read_bytes()
-    status, told = say("edit", run, "--delete", "2", "--join", "1:9")
-    assert (status, told) == (2, "planview: 'join 1 9': expected the id of a track, found 9, which none has\n")
+    status, output = say("edit", run, "--delete", "2", "--join", "1:9")
+    assert (status, output) == (2, "planview: 'join 1 9': expected the id of a track, found 9, which none has\n")
     assert (run / "tracks.csv").read_bytes() == before and not (run / "edits.json").exists()
 
 
@@ -54,8 +54,8 @@ def test_what_the_page_cannot_be_made_of_is_refused_before_anything_changes(run:
     (run / name).write_text("damaged\n")
     before = {file.name: file.read_bytes() for file in run.iterdir()}
     for words in (["--refine"], ["--delete", "2"], ["--undo-all"]):
-        status, told = say("edit", run, *words)
-        assert status == 2 and name in told
+        status, output = say("edit", run, *words)
+        assert status == 2 and name in output
         assert {file.name: file.read_bytes() for file in run.iterdir()} == before
 
 

@@ -2,7 +2,6 @@
 
 import ctypes
 import io
-import json
 import os
 import subprocess
 import sys
@@ -55,10 +54,10 @@ def test_a_new_folder_is_made_with_its_parents_where_no_file_is_in_its_place(tmp
 @pytest.mark.parametrize(
     ("run_json", "sentence"),
     [
-        ('{"finished": true}', "holds a finished run; choose another folder or add --overwrite"),
-        ('{"input": "x"}', "unfinished run; go on with --resume or add --overwrite"),
-        ("{half", "run of another version; choose another folder or add --overwrite"),
-        (None, r"holds tracks\.csv, which is no planview run's"),
+        ('{"finished": true}', "contains a finished run$"),
+        ('{"input": "x"}', "contains an unfinished run$"),
+        ("{half", "contains a run of another version"),
+        (None, r"contains tracks\.csv but no run\.json, so it was not written by planview"),
     ],
 )
 def test_results_in_the_folder_are_refused_and_kept(tmp_path, run_json, sentence):
@@ -68,6 +67,12 @@ def test_results_in_the_folder_are_refused_and_kept(tmp_path, run_json, sentence
     with pytest.raises(InputError, match=sentence):
         prepare_folder(tmp_path, overwrite=False)
     assert (tmp_path / "tracks.csv").read_text() == "precious"
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="/proc, where nobody can make files, is Linux's")
+def test_a_folder_that_takes_no_files_is_refused_with_the_reason_before_the_work():
+    with pytest.raises(WorkError, match=r"out: cannot be written \(files cannot be created there\)"):
+        check_folder(Path("/proc/self/out"), overwrite=False)
 
 
 def test_overwriting_removes_every_product_and_no_other_file(tmp_path):
@@ -146,25 +151,25 @@ def test_a_folder_that_another_process_holds_is_refused_with_its_process_and_kep
         assert (tmp_path / "tracks.csv").read_text() == "theirs"
 
 
-def test_the_lock_of_a_killed_process_is_told_and_taken_over(tmp_path):
+def test_the_lock_of_a_killed_process_is_named_and_taken_over(tmp_path):
     with another_process_holding(tmp_path) as process:
         pass
-    with folder_lock(tmp_path) as told:
-        assert f"process {process.pid}" in told
-        assert json.loads((tmp_path / LOCK_NAME).read_text())["pid"] == os.getpid()
+    with folder_lock(tmp_path) as text:
+        assert f"process {process.pid}" in text
+        assert f"process {os.getpid()} on" in (tmp_path / LOCK_NAME).read_text()
     assert not (tmp_path / LOCK_NAME).exists()
 
 
 def test_a_lock_of_another_host_is_refused_and_says_what_to_delete(tmp_path):
-    (tmp_path / LOCK_NAME).write_text('{"pid": 1, "host": "elsewhere", "since": "yesterday"}')
+    (tmp_path / LOCK_NAME).write_text("process 1 on elsewhere (since yesterday)")
     with pytest.raises(InputError, match=r"process 1 on elsewhere .*delete .*run\.lock"), folder_lock(tmp_path):
         pass
 
 
 def test_a_process_may_lock_within_its_own_lock(tmp_path):
     with folder_lock(tmp_path):
-        with folder_lock(tmp_path) as told:
-            assert told == ""
+        with folder_lock(tmp_path) as text:
+            assert text == ""
         assert (tmp_path / LOCK_NAME).exists()
 
 
@@ -192,16 +197,16 @@ def test_a_run_is_looked_at_in_every_tenth_frame_only() -> None:
     assert Counted.made == 3
 
 
-def test_compiled_kernels_are_told_and_cached_ones_are_not() -> None:
+def test_compiled_kernels_are_announced_and_cached_ones_are_not() -> None:
     kernel = njit(lambda x: x + 1)
-    told = io.StringIO()
-    with compile_notice(Console(file=told)):
+    text = io.StringIO()
+    with compile_notice(Console(file=text)):
         kernel(1)
-    assert "once per installation" in told.getvalue()
-    told = io.StringIO()
-    with compile_notice(Console(file=told)):
+    assert "once per installation" in text.getvalue()
+    text = io.StringIO()
+    with compile_notice(Console(file=text)):
         kernel(1)
-    assert told.getvalue() == ""
+    assert text.getvalue() == ""
 
 
 EVIL = "out\x1b]0;owned\x07\x1b[31m[bold]x[/]\udcff"
