@@ -19,7 +19,7 @@ $(STAMP): pyproject.toml requirements.lock tools/system_libraries.sh
 demo: setup
 	$(BIN)/planview demo
 
-# Compiled once, before the tests' two workers start, and kept beside the sources.
+# Compiled once, before the tests' two workers start, and kept next to the sources.
 $(KERNELS): $(STAMP) $(shell grep -rl --include=*.py njit calib stereo planview)
 	$(BIN)/python tests/compile_kernels.py
 	mkdir -p out && touch $@

@@ -71,9 +71,9 @@ LADDER = (
         "occupancy only", ("template.height_weight=0", "template.score_max=0.6"),
         "the paper's tracker with every height the same", paper=25, template="occupancy",
     ),
-    Variant("without colours", ("joint.colour_weight=0",), "clothes tell people apart, in and after contact"),
+    Variant("without colours", ("joint.colour_weight=0",), "clothes distinguish people, in and after contact"),
     Variant("feedback off", ("feedback.enabled=false",), "people are not learned as background"),
-    Variant("colour only foreground", ("foreground.depth=false",), "depth tells shadows and like colours apart"),
+    Variant("colour only foreground", ("foreground.depth=false",), "depth separates people from shadows"),
     Variant("refinement on", (), "online tracks; refined ones know the future", way="refined"),
     Variant("naive engine", (), "everything after disparity: MOG2, peaks, Hungarian method, Kalman filter", way="peer"),
 )  # fmt: skip
@@ -204,15 +204,15 @@ def bootstrap(numerator: F64, denominator: F64, samples: I64) -> tuple[float, fl
 
     Args:
         numerator, denominator: (R,) of every recording.
-        samples: (B, R) recordings drawn with replacement.
+        samples: (B, R) recordings, sampled with replacement.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         value = float(numerator.sum() / denominator.sum())
-        drawn = numerator[samples].sum(axis=1) / denominator[samples].sum(axis=1)
-    drawn = drawn[np.isfinite(drawn)]
-    if not len(drawn):
+        resampled = numerator[samples].sum(axis=1) / denominator[samples].sum(axis=1)
+    resampled = resampled[np.isfinite(resampled)]
+    if not len(resampled):
         return value, math.nan, math.nan
-    low, high = np.percentile(drawn, (2.5, 97.5))
+    low, high = np.percentile(resampled, (2.5, 97.5))
     return value, float(low), float(high)
 
 
@@ -233,7 +233,7 @@ def ablation(*, options: AblationOptions | None = None) -> None:
     """Switch parts of the engine off, one at a time, and compare all variants on the same recordings.
 
     One table: significant errors, identity changes, misses, false positives and mean position error of every variant,
-    with 95 % bootstrap intervals over recordings, beside the paper's figures (Harville 2002, section 5: 1 significant
+    with 95 % bootstrap intervals over recordings, next to the paper's figures (Harville 2002, section 5: 1 significant
     error, 17 without occupancy, 25 without height). Variants of the tracker track the recorded plan-view points of the
     engine as configured; those of foreground and feedback run in full.
 

@@ -316,7 +316,7 @@ def _aligned_error(ours: F64, truth: F64) -> float:
 
 
 def rig_rows() -> list[Row]:
-    """Two rigs in one room, drawn from seeds, whose clocks begin apart: aligned by the people whom both track."""
+    """Two rigs in one random room, whose clocks begin apart: aligned by the people whom both track."""
     rows = []
     for seed in (101, 102, 103):
         progress(f"two rigs, seed {seed}")
@@ -336,7 +336,7 @@ def rig_rows() -> list[Row]:
 
 
 def alignment_error(found: Sequence[RigEntry], true: Sequence[RigEntry]) -> tuple[float, float, float]:
-    """Of the second rig beside the first: place [cm], heading [deg] and clock [ms]."""
+    """Of the second rig relative to the first: place [cm], heading [deg] and clock [ms]."""
     (angle, place), (true_angle, true_place) = (
         (math.atan2(*pose.rotation[1::-1, 0]), pose.translation[:2])
         for pose in (found[1].world_SE3_left, true[1].world_SE3_left)

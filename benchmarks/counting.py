@@ -30,7 +30,7 @@ from planview.trajectories.formats import read_laboratory
 from planview.trajectories.table import Trajectories, read_truth
 
 SINGLE = SCENES / "single"
-"""Committed scenes of single cameras; NAME.rules.toml beside NAME.toml says what to count."""
+"""Committed scenes of single cameras; the rules of NAME.toml are in NAME.rules.toml."""
 RULES = ".rules.toml"
 WINDOW_S = 2.0
 """Largest time between a true crossing and the one counted for it [s]: a person hesitating in a door (our choice)."""
@@ -166,7 +166,7 @@ class Scorer:
 
 
 def score_scene(rules: Path, scorer: Scorer) -> CountingTable:
-    """Score a committed scene with the rules beside it (NAME.rules.toml beside NAME.toml)."""
+    """Score a committed scene NAME.toml with its rules, NAME.rules.toml."""
     name = rules.name.removesuffix(RULES)
     scene = load_scene(rules.with_name(f"{name}.toml"))
     return scorer.score(scene, name, lambda plane: load_rules(rules, plane), RIGHT_MIN_PERCENT)
@@ -342,7 +342,7 @@ class CountingOptions(BenchOptions):
 
 
 def counting(*, options: CountingOptions | None = None) -> None:
-    """Score counts and occupancy on rendered views and real recordings, beside the paper's figures.
+    """Score counts and occupancy on rendered views and real recordings, next to the paper's figures.
 
     Example: python -m benchmarks counting --scene door_oblique --scene conference
 

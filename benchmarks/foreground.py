@@ -1,4 +1,4 @@
-"""Foreground of one camera beside OpenCV's MOG2 and KNN, on random views with exact masks."""
+"""Foreground of one camera compared with OpenCV's MOG2 and KNN, on random views with exact masks."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class ForegroundOptions(BenchOptions):
 
 
 def foreground(*, options: ForegroundOptions | None = None) -> None:
-    """Share of wrong pixels of one camera's foreground beside OpenCV's MOG2 and KNN, by condition, with exact masks.
+    """Share of wrong pixels of one camera's foreground, and of OpenCV's MOG2 and KNN, by condition.
 
     Each view is rendered once per condition (dark, blurred, compressed, a polished floor...); the first three seconds
     do not count.

@@ -93,7 +93,7 @@ class ChallengeOptions(BenchOptions):
 
 @dataclass(frozen=True)
 class Rendering:
-    """How scenes are rendered: where they are kept, factor on the image size, at most so many frames."""
+    """How scenes are rendered: where they are kept, factor on the image size, most frames."""
 
     cache: Path
     scale: float = 1.0

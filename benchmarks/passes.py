@@ -1,4 +1,4 @@
-"""Runs of an engine over rendered recordings, kept beside these: what did not change is not done again."""
+"""Runs of an engine over rendered recordings, kept in their cache: what did not change is not run again."""
 
 from __future__ import annotations
 

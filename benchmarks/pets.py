@@ -127,9 +127,9 @@ def score_pets(
     Args:
         folder: with view001.mp4 and gt.txt.
         camera: camera.toml, from ``planview calibrate human``.
-        frames: at most so many.
+        frames: number of frames; all by default.
         seeds: seeds 0 to ``seeds - 1`` are run; the scores are those of seed 0.
-        cameras: so many are used, the given one, whose scores they are, and others near it (``nearby_camera``).
+        cameras: how many are used: the given one, whose scores they are, and others near it (``nearby_camera``).
     Raises:
         InputError: files that are missing or do not fit.
     """
@@ -190,12 +190,12 @@ class PetsOptions:
     tracker: Literal["both", "human-model", "ellipse-particle"] = "both"
     """Which tracker to score."""
     frames: int | None = None
-    """At most so many frames."""
+    """Only the first frames."""
     seeds: int = 1
-    """Run the ellipse-particle tracker with so many seeds, and give the spread of its scores."""
+    """Run the ellipse-particle tracker with this many seeds, and give the spread of its scores."""
     cameras: int = 1
-    """Run the human-model tracker with so many cameras within 0.5 degrees and 3 % of the given one, and give the range
-    of its scores."""
+    """Run the human-model tracker with this many cameras within 0.5 degrees and 3 % of the given one, and give the
+    range of its scores."""
     json_output: JsonFlag = False
     """Print one JSON object on stdout."""
 

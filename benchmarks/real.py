@@ -121,7 +121,7 @@ class RealOptions:
 
 
 def real(*, options: RealOptions | None = None) -> None:
-    """Score every real plan-view recording with truth, beside the baseline of height peaks.
+    """Score every real plan-view recording with truth, and the baseline of height peaks.
 
     A recording is a folder with truth.csv (frame, id, x_m, y_m, height_m, visible); people with visible 0 are doubtful:
     finding them is neither asked for nor wrong.

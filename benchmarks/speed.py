@@ -1,4 +1,4 @@
-"""Speed of the engine beside plain OpenCV on the same frames, in one run.
+"""Speed of the engine compared with plain OpenCV on the same frames, in one run.
 
 Both sides take turns, frame by frame, so that whatever else the machine does slows both.
 """
@@ -49,7 +49,7 @@ PEOPLE = 4
 """People in the frames that count."""
 PAINTED_FPS = 15.0
 ENOUGH = 10
-"""Fewer frames with so many people are too few: then all frames with people count."""
+"""Where fewer frames than this have PEOPLE people, all frames with people count."""
 ONE_CAMERA: dict[str, tuple[ImageTrackerName, int, int]] = {
     "human_model_five": ("human-model", 5, 320),
     "human_model_eight": ("human-model", 8, 640),
@@ -201,7 +201,7 @@ def measure(recording: Path | None, n_frames: int, parts: Sequence[Part], overri
 
     Args:
         recording: the committed clip when None.
-        n_frames: medians over so many frames, after SETTLED.
+        n_frames: number of frames after SETTLED over which medians are taken.
         overrides: parameters of the engine, as of ``--set``.
     Raises:
         InputError: no such recording.
@@ -230,7 +230,7 @@ def measure(recording: Path | None, n_frames: int, parts: Sequence[Part], overri
         for name, (tracker, people, width) in ONE_CAMERA.items():
             progress(f"{tracker}, {people} people, {width} columns, and MOG2 on one core")
             with one_core():
-                ours_ms, theirs_ms, found = one_camera_beside_mog2(tracker, people, width, n_frames, config)
+                ours_ms, theirs_ms, found = one_camera_and_mog2(tracker, people, width, n_frames, config)
             speed.add(f"{name}_to_mog2", ours_ms / theirs_ms)
             speed.detail(f"{name}_ms", ours_ms)
             speed.detail(f"{name}_found", found)
@@ -270,7 +270,7 @@ def full_resolution(speed: Speed) -> None:
 
 
 def foreground_to_mog2(clip: Clip, speed: Speed) -> None:
-    """Foreground beside OpenCV's MOG2 on the images that it gets, frame by frame, gated as in the engine."""
+    """Foreground, and OpenCV's MOG2 on the same images, frame by frame, gated as in the engine."""
     engine = clip.engine
     engine.reset()
     mog2 = cv2.createBackgroundSubtractorMOG2()
@@ -297,7 +297,7 @@ def foreground_to_mog2(clip: Clip, speed: Speed) -> None:
 
 
 def after_disparity_to_sgbm(clip: Clip, speed: Speed) -> None:
-    """Foreground, maps and tracker at 320x240 beside the yardstick's SGBM, and what one more person adds."""
+    """Foreground, maps and tracker at 320x240 over the yardstick's SGBM, and what one more person adds."""
     size = 320, round(320 * clip.rig.left.size[1] / clip.rig.left.size[0])
     plain = Yardstick(clip.rig.scaled(*size), grey=True)
     clip.engine.reset()
@@ -322,7 +322,7 @@ def after_disparity_to_sgbm(clip: Clip, speed: Speed) -> None:
         speed.add_ratio("one_more_person", float(np.polyfit(counts, times, 1)[0] / np.median(after[chosen])))
 
 
-def one_camera_beside_mog2(
+def one_camera_and_mog2(
     tracker: ImageTrackerName, people: int, width_px: int, n_frames: int, config: Config
 ) -> tuple[F64, F64, F64]:
     """Foreground and tracker of one camera in turns with MOG2 on the same painted frames, after SETTLED.
@@ -435,7 +435,7 @@ class SpeedOptions:
     recording: Path | None = None
     """A stereo recording; the committed clip by default. Its first frames should show no person."""
     frames: int = 200
-    """Medians over so many frames, after 100 in which the background is learned."""
+    """Number of frames over which medians are taken, after 100 in which the background is learned."""
     part: Annotated[Sequence[Part], Parameter(negative="", show_default=False)] = ()
     """Measure only this; repeat for more: engine, foreground, after-disparity (at 320x240), full-resolution (the real
     overhead pair of the shared recordings), one-camera (its trackers on painted people). All by default."""

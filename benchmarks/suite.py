@@ -83,7 +83,7 @@ def scene_of_seed(path: Path, seed: int) -> Scene:
 
 
 def chosen_files(files: Sequence[Path], seed: int, minutes: float) -> list[Path]:
-    """Scenes of a seed, in an order that the seed shuffles, that last about so many minutes; all when that is enough.
+    """Scenes of a seed, shuffled by it, that last about that many minutes together; all when that is enough.
 
     Scenes keep their length, so that a recording rendered for few minutes serves for many.
     """

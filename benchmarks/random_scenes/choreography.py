@@ -289,8 +289,8 @@ def pair(stage: Stage, plan: Choreography) -> list[Part]:
     for k in range(0, plan.people - 1, 2):
         side, doors = stage.side(), {wall: stage.door(wall) for wall in ("west", "east")}
         legs, last = _legs(stage, plan, begin_s(plan, k), side, {wall: doors[wall][1:] for wall in doors})
-        beside = np.array([0.0, plan.spacing_m / 2])
-        for offset in (beside, -beside):
+        shift = np.array([0.0, plan.spacing_m / 2])
+        for offset in (shift, -shift):
             part = Part(stage, begin_s(plan, k), side, plan.speed_mps)
             part.start = part.place = doors[side][0] + offset
             part.steps, part.time_s = [], part.enter_s

@@ -33,7 +33,7 @@ MARGIN_M = 0.7
 """People walk this far from walls [m]; from those with a rig on them 1.4 m."""
 LAYOUTS = {
     "opposite": ((0.36, 0.04, 84.0), (0.64, 0.96, 264.0)),
-    "beside": ((0.27, 0.04, 80.0), (0.73, 0.04, 100.0)),
+    "side by side": ((0.27, 0.04, 80.0), (0.73, 0.04, 100.0)),
     "corner": ((0.40, 0.04, 88.0), (0.97, 0.18, 150.0)),
 }
 """Where two heads hang, as shares of width and depth, and their heading [deg]: they look across each other."""

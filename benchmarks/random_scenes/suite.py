@@ -24,8 +24,8 @@ from planview.synthetic.motion import Obstacles, scripted_motion, wander
 from planview.synthetic.scene import Scene
 
 ATTEMPTS = 1000
-"""Attempts in which people would walk through each other, or do not fit into the view, are repeated. Ways are drawn
-without regard to when others pass, so the tightest scene, overhead, fits in one attempt of fifty: so many all fail with
+"""Attempts in which people would walk through each other, or do not fit into the view, are repeated. Ways are random
+without regard to when others pass, so the tightest scene, overhead, fits in one attempt of fifty: that all fail has
 a probability of 2e-9."""
 
 CHOREOGRAPHIES: dict[Kind, Callable[[Stage, Choreography], Iterable[Part]]] = {
@@ -78,7 +78,7 @@ def implausible(scene: Scene, stage: Stage) -> str:
         # A person is hidden whose axis is so near to the line of sight to another one's: half a shoulder width [m].
         hidden[both] = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / far < 0.25
         n += int((hidden[1:] & ~hidden[:-1]).sum()) + int(hidden[0])
-    # People hide each other at least so many times where a challenge covers occlusion by people.
+    # Least number of times that people hide each other where a challenge covers occlusion by people.
     return "" if n >= 3 else f"people hide each other {n} times only"
 
 
@@ -97,10 +97,10 @@ def random_scene(table: Mapping[str, Any], seed: int, name: str) -> Scene:
     Args:
         table: a challenge (``benchmarks.random_scenes.challenge``) with ranges in it.
         seed: any non-negative integer.
-        name: of the scene; the same seed draws independently in every scene.
+        name: of the scene; a seed gives other values in every scene.
     Raises:
         pydantic.ValidationError: the table is no challenge.
-        WorkError: no draw fits; the ranges ask for too much.
+        WorkError: no attempt fits; the ranges ask for too much.
     """
     reason = ""
     for attempt in range(ATTEMPTS):
@@ -115,7 +115,7 @@ def random_scene(table: Mapping[str, Any], seed: int, name: str) -> Scene:
         reason = implausible(scene, stage)
         if not reason:
             return scene
-    raise WorkError(f"{name}, seed {seed}: no draw of {ATTEMPTS} fits into its room: {reason}")
+    raise WorkError(f"{name}, seed {seed}: none of {ATTEMPTS} attempts fits into its room: {reason}")
 
 
 def resolved(value: Any, rng: np.random.Generator) -> Any:

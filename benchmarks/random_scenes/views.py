@@ -58,7 +58,7 @@ class ViewWalks(Params):
     """mixed: each a direction of their own. waves: the first half one way, the second half the other. single: each
     comes when the one before has gone."""
     together: float = Field(0.2, ge=0, le=1)
-    """Share of people who walk beside the one before."""
+    """Share of people who walk next to the one before."""
     width_m: float = Field(2.2, ge=0.8, le=12)
     """Width of the way [m]."""
     speed_mps: Pair = (0.9, 1.5)
@@ -233,8 +233,8 @@ class _ViewComposer:
         walks, rng, people = self._view.walks, self._rng, []
         enter, forward, lane, speed = walks.start_s, True, 0.0, 1.0
         for i in range(walks.people):
-            beside = i > 0 and walks.order != "single" and rng.random() < walks.together
-            if beside:
+            aside = i > 0 and walks.order != "single" and rng.random() < walks.together
+            if aside:
                 shift = 0.65 if lane < 0 else -0.65
                 enter, lane = enter + float(rng.uniform(0.0, 0.3)), lane + shift
             else:
@@ -286,18 +286,18 @@ class _ViewComposer:
         return look | {"wander": way}
 
     def _wire(self, scene: Scene) -> tuple[Pair, Pair]:
-        """Across the way through the middle of the view, where the feet of people are; beside it where people stop."""
+        """Across the way through the middle of the view, at the feet of people; 0.7 m off where people stop."""
         camera = self._view.camera
         width, height = float(camera.width - 1), float(camera.height - 1)
         assert scene.camera is not None  # composed above
         project = ground_camera(scene.camera).project
         # How far from where people stand the line is [m]: no person hesitates on it.
-        beside = 0.7 if self._view.walks.stop_s[1] > 0 else 0.0
+        aside = 0.7 if self._view.walks.stop_s[1] > 0 else 0.0
         if self._view.walks.across:
-            middle = float(project(np.array([[beside, self._ahead_m, 0.0]]))[0, 0])
+            middle = float(project(np.array([[aside, self._ahead_m, 0.0]]))[0, 0])
             far = float(project(np.array([[0.0, self._ahead_m + self._reach() + 1.0, 0.0]]))[0, 1])
             return (middle, max(0.0, far)), (middle, height)
         row = height / 2
         if camera.tilt_deg >= STEEP_DEG:
-            row = min(0.88 * height, float(project(np.array([[0.0, self._ahead_m + beside, 0.0]]))[0, 1]))
+            row = min(0.88 * height, float(project(np.array([[0.0, self._ahead_m + aside, 0.0]]))[0, 1]))
         return (0.0, row), (width, row)

@@ -174,7 +174,7 @@ def motion_from_ticks(
     velocity = np.gradient(xy, axis=0) * TICK_HZ if len(xy) > 1 else np.zeros_like(xy)
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     along = np.arctan2(velocity[:, 1], velocity[:, 0])
-    # Along the movement while moving, else as the step says, else unchanged; turned smoothly the short way.
+    # Along the movement while moving, else as the step has it, else unchanged; turned smoothly the short way.
     first = float(np.deg2rad(person.face_deg))
     wanted = np.where(speed > 0.25, along, face)
     held = np.empty_like(wanted)
@@ -250,7 +250,7 @@ class _Walker:
 
 
 class Obstacles:
-    """Footprints of standing furniture and of walls beside their openings, as oriented rectangles."""
+    """Footprints of standing furniture and of walls around their openings, as oriented rectangles."""
 
     def __init__(self, room: Room, furniture: Sequence[Furniture]) -> None:
         low = [f for f in furniture if f.z_m < 1.8 and not f.moves]

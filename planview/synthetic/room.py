@@ -55,7 +55,7 @@ def wall_frame(room: Room, wall: Wall) -> tuple[F64, F64, F64, float]:
 
 
 def wall_pieces(room: Room, wall: Wall) -> list[tuple[F64, F64]]:
-    """Ends (2,) on the floor of the pieces of a wall beside its openings."""
+    """Ends (2,) on the floor of the pieces of a wall around its openings."""
     corner, along, _, length = wall_frame(room, wall)
     at, pieces = 0.0, []
     for o in sorted((o for o in room.openings if o.wall == wall), key=lambda o: o.from_m):

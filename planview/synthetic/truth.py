@@ -63,7 +63,7 @@ def outside_pixels(view: View, mesh: Mesh) -> float:
     front = local[:, 2] > 0.15
     if not front.any():
         return 0.0
-    # What reaches beside or behind the camera has no end on the plane: count three images' widths.
+    # What reaches next to or behind the camera has no end on the plane: count three images' widths.
     on_plane = local[front, :2] / local[front, 2:]
     low = np.maximum(on_plane.min(axis=0), 3 * border.min(axis=0))
     high = np.minimum(on_plane.max(axis=0), 3 * border.max(axis=0))

@@ -51,7 +51,7 @@ def write_recording(
     Args:
         renderer: the scene.
         folder: made here; refused when it exists and is not empty.
-        frames: at most so many frames.
+        frames: most frames.
         storage: images losslessly, as JPEG, or as video.
         opencv: also write intrinsics.yml and extrinsics.yml.
         world: also write world.toml, so that the floor need not be found.
@@ -179,7 +179,7 @@ def write_rigs(
     frames: int | None = None,
     storage: Storage = "png",
 ) -> list[Written]:
-    """Render every head into a folder of its name, and write the true ``rigs.toml`` beside them.
+    """Render every head into a folder of its name, and write the true ``rigs.toml`` next to them.
 
     The common world is that of the first head. Arguments and errors are those of ``write_recording``.
     """

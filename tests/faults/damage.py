@@ -1,4 +1,4 @@
-"""Ways to damage a good recording, and what a run must say of each."""
+"""Ways to damage a good recording, and what a run must report of each."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Fault:
         name: of the test.
         damage: does it to the recording folder.
         status: exit status asked for.
-        says: what stands in the sentence on stderr.
+        message: pattern of the sentence on stderr.
         skipped: frames that run.json counts as skipped.
         warns: name of the check of which run.json warns.
         words: options of the run; ``{}`` is the recording folder.
@@ -38,7 +38,7 @@ class Fault:
     name: str
     damage: Damage
     status: int = 0
-    says: str = ""
+    message: str = ""
     skipped: int = 0
     warns: str = ""
     words: tuple[str, ...] = ()
@@ -187,7 +187,7 @@ def rows(times: Sequence[object], first: object = 0) -> str:
 
 
 def claims_frames(data: bytes, count: int = 2_000_000_000) -> bytes:
-    """An AVI whose headers claim so many frames."""
+    """An AVI whose headers claim ``count`` frames."""
     for place in (data.find(b"avih") + 8 + 16, data.find(b"strh") + 8 + 32):
         data = data[:place] + struct.pack("<I", count) + data[place + 4 :]
     return data

@@ -1,8 +1,8 @@
 # ruff: noqa: E501
-"""Files damaged at random: bags, plan-view maps, the text files beside images, and checkpoints, these with a digest that
+"""Files damaged at random: bags, plan-view maps, the text files of images, and checkpoints, these with a digest that
 fits; each is read or refused.
 
-``python tests/faults/damaged_recordings.py --cases 300 --seed 1`` tries so many, each in a process of its own, and
+``python tests/faults/damaged_recordings.py --cases 300 --seed 1`` tries them, each in a process of its own, and
 counts what became of them: a traceback, a crash, 10 s of processor time or 4 GB fail.
 """
 
@@ -118,7 +118,7 @@ def originals() -> Path:
 
 
 def damaged_message(path: Path, rng: random.Random) -> None:
-    """One field of one message of a bag that is written anew."""
+    """One field of one message of a bag that is rewritten."""
     kind, value = rng.choice(("image", "info")), rng.choice((0, 1, 7, 255, 2**31, 2**32 - 1))
     fields: dict[str, Any] = {
         "image": {"width": value, "height": value, "step": value, "encoding": rng.choice(("8UC-1", "", "16UC9", "rgb8", "x" * 9999))},
@@ -345,8 +345,8 @@ def main() -> None:
                 found = in_a_process(kind, seed, Path(place) / "log")
                 counts[found] += 1
                 if found not in ("read", "refused"):
-                    told = (Path(place) / "log").read_text().splitlines()[-3:]
-                    print(f"{kind} {seed}: {found}", *told, sep="\n  ", flush=True)
+                    lines = (Path(place) / "log").read_text().splitlines()[-3:]
+                    print(f"{kind} {seed}: {found}", *lines, sep="\n  ", flush=True)
             print(kind, dict(counts), flush=True)
 
 

@@ -39,7 +39,7 @@ FRAME_FAULTS = (
     Fault("image of 20 GB", sparse(L, 20_000_000_000), skipped=1),
 )  # fmt: skip
 FOLDER_FAULTS = (
-    Fault("other files beside the images", replaced("left/Thumbs.db", b"\0")),
+    Fault("other files among the images", replaced("left/Thumbs.db", b"\0")),
     Fault("right folder missing", removed("right"), 2, "right"),
     Fault("all right images missing", both(removed("right"), lambda f: (f / "right").mkdir()), 2, "right"),
     Fault("half of the right images missing", removed(*(f"right/{i:06d}.png" for i in range(15))), 2, "15 right"),

@@ -54,7 +54,7 @@ def test_fault(fault, good, tmp_path, say):
     assert "Traceback" not in told and (out / "notes.txt").read_text() == NOTES
     sentences = [line for line in told.splitlines() if line.startswith("planview: ")]
     if fault.status:
-        assert len(sentences) == 1 and re.search(fault.says, sentences[0]), told
+        assert len(sentences) == 1 and re.search(fault.message, sentences[0]), told
         assert not (out / "run.json").exists() or not read_run_info(out / "run.json").finished
         return
     assert not sentences

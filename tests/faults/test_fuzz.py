@@ -97,12 +97,12 @@ def damaged(good: bytes, seed: int) -> bytes:
 
 
 def refusal(read: Callable[[Path], object], path: Path, data: bytes) -> str:
-    """What a parser says of a file that it refuses; "" where it reads it."""
+    """The message of a parser that refuses a file; "" where it reads it."""
     path.write_bytes(data)
-    return said(lambda: read(path))
+    return message_of(lambda: read(path))
 
 
-def said(act: Callable[[], object]) -> str:
+def message_of(act: Callable[[], object]) -> str:
     try:
         act()
     except InputError as refused:
@@ -256,7 +256,7 @@ def test_maps_that_are_damaged_are_refused(folder: Path) -> None:
 @given(text=st.text(max_size=60))
 def test_setting_of_any_text_is_taken_or_refused(text: str) -> None:
     for override in (text, f"maps.cell_m={text}", f"{text}=1"):
-        assert is_clear(said(lambda override=override: load_config(None, [override])), "")
+        assert is_clear(message_of(lambda override=override: load_config(None, [override])), "")
 
 
 def test_every_export_format_is_fuzzed() -> None:

@@ -1,4 +1,4 @@
-"""Counts and occupancy: committed scenes, drawn rooms and views, the pavement clip, and frames with a wrong number."""
+"""Counts and occupancy: committed scenes, random rooms and views, the pavement clip, and frames with a wrong number."""
 
 from pathlib import Path
 
@@ -63,12 +63,13 @@ def test_passages_are_found_where_the_line_is_last_passed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("word", "value", "told"), [("--frames", "0", "expected at least 1"), ("--rooms", "-1", "expected numbers from 0")]
+    ("word", "value", "message"),
+    [("--frames", "0", "expected at least 1"), ("--rooms", "-1", "expected numbers from 0")],
 )
-def test_bad_numbers_of_frames_and_seeds_are_refused(capsys, word, value, told):
+def test_bad_numbers_of_frames_and_seeds_are_refused(capsys, word, value, message):
     with pytest.raises(SystemExit, match="2"):
         main(["counting", word, value])
-    assert f"{word}: {told}" in capsys.readouterr().err
+    assert f"{word}: {message}" in capsys.readouterr().err
 
 
 def _table(name: str, frames: int, right: float) -> CountingTable:

@@ -18,7 +18,7 @@ def walked(tracker, ways, n=8):
 
 
 def maps_from(*people: tuple[float, float]) -> PlanViewMaps:
-    """People at (x, y) straight below or beside a camera, 1.7 m tall: discs of 0.15 m that are sampled each 2 cm."""
+    """People at (x, y) straight below or next to a camera, 1.7 m tall: discs of 0.15 m that are sampled each 2 cm."""
     grid = Grid.covering(0.0, 0.0, 4.0, 4.0, 0.04)
     steps = 0.02 * np.arange(-7, 8)
     disc = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
@@ -35,8 +35,8 @@ def maps_from(*people: tuple[float, float]) -> PlanViewMaps:
 def test_peak_is_the_head_of_a_person_also_shoulder_to_shoulder():
     (peak,) = peaks(maps_from((2.0, 2.0)))
     assert peak == pytest.approx((2.0, 2.0, 1.7), abs=0.1)
-    (beside,) = peaks(maps_from((3.5, 2.0)))
-    assert 3.5 < beside.x_m < 3.5 + 0.08
+    (pulled,) = peaks(maps_from((3.5, 2.0)))
+    assert 3.5 < pulled.x_m < 3.5 + 0.08
     assert len(peaks(maps_from((1.7, 2.0), (2.2, 2.0)))) == 2
 
 

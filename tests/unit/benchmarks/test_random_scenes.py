@@ -53,7 +53,7 @@ def test_range_gives_a_number_in_it_and_a_choice_one_of_its_list():
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
-def test_committed_challenge_is_valid_for_every_draw_of_its_ranges(path):
+def test_committed_challenge_is_valid_for_all_its_ranges(path):
     table = tomllib.loads(path.read_text())
     for seed in range(20):
         challenge = Challenge.model_validate(resolved(table, np.random.default_rng(seed)))
@@ -68,7 +68,7 @@ def test_committed_challenges_cover_every_phenomenon_and_last_ten_minutes():
 
 @settings(max_examples=3, deadline=None)
 @given(st.integers(0, 10_000))
-def test_every_seed_draws_a_scene_in_which_people_keep_apart(seed):
+def test_people_of_every_seed_keep_apart(seed):
     scene = random_scene(TABLE, seed, "test")
     assert random_scene(TABLE, seed, "test") == scene
     assert 5.5 <= scene.room.size_m[0] <= 7.0 and 2.1 <= scene.mount.at_m[2] <= 2.5
@@ -81,12 +81,12 @@ def test_every_seed_draws_a_scene_in_which_people_keep_apart(seed):
 
 
 @pytest.mark.slow
-def test_tightest_scenes_are_drawn():
+def test_tightest_scene_is_found():
     table = tomllib.loads((SCENES / "suite" / "overhead.toml").read_text())
     assert len(random_scene(table, 9002, "overhead").people) == 4  # the first 60 attempts fail
 
 
-def test_seeds_and_names_draw_other_scenes_and_unknown_keys_none():
+def test_every_seed_and_name_has_its_own_scene():
     first = random_scene(TABLE, 1, "test")
     assert random_scene(TABLE, 2, "test") != first and random_scene(TABLE, 1, "other") != first
     with pytest.raises(ValidationError, match="colour"):
@@ -137,7 +137,7 @@ def test_similar_clothes_are_the_same_and_children_are_small():
 def test_ranges_that_ask_for_too_much_are_refused_in_one_sentence(monkeypatch):
     monkeypatch.setattr("benchmarks.random_scenes.suite.ATTEMPTS", 2)
     crowded = {"kind": "meet", "people": 12, "spacing_m": 1.5}
-    with pytest.raises(WorkError, match="test, seed 1: no draw of 2 fits into its room"):
+    with pytest.raises(WorkError, match="test, seed 1: none of 2 attempts fits into its room"):
         random_scene(table_with(crowded), 1, "test")
 
 
@@ -168,7 +168,7 @@ def table(path: Path) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("path", VIEWS, ids=lambda p: p.stem)
-def test_view_of_a_seed_is_drawn_again_alike_and_another_seed_otherwise(path):
+def test_view_of_a_seed_is_always_the_same(path):
     first, again, other = (random_view(table(path), seed, path.stem) for seed in (0, 0, 1))
     assert first == again and first.scene != other.scene
 
@@ -183,7 +183,7 @@ def test_line_of_a_view_lies_in_the_image_and_everybody_has_time_to_pass_it(path
         assert view.scene.people and all(p.enter_s < view.scene.duration_s - 3 for p in view.scene.people)
 
 
-def test_changes_take_the_place_of_what_a_seed_draws_and_a_person_in_the_middle_is_as_large_as_drawn():
+def test_person_in_the_middle_of_a_view_is_as_large_as_its_table_has_it():
     given = {"description": "", "camera": {"tilt_deg": 75, "person_share": 0.5}, "walks": {"people": 1}}
     view = random_view(given, 0, "one", {"room": {"gloss": 0.25}})
     assert view.scene.room.floor.gloss == 0.25
@@ -206,9 +206,9 @@ def test_room_fills_with_twelve_people_who_all_leave() -> None:
 
 
 def test_middle_of_a_standing_person_on_the_zone_is_in_the_image() -> None:
-    drawn = random_conference(2)
-    corners = np.array(drawn.zone_m)
-    u, v = ground_camera(drawn.scene.camera).project(np.column_stack([corners, np.full(len(corners), 0.8)])).T
+    room = random_conference(2)
+    corners = np.array(room.zone_m)
+    u, v = ground_camera(room.scene.camera).project(np.column_stack([corners, np.full(len(corners), 0.8)])).T
     assert ((u >= 0) & (u < 320) & (v >= 0) & (v < 240)).all()
 
 
