@@ -10,7 +10,7 @@ from calib.pose import SE3
 from calib.types import F32, F64, U8
 from planview.maps.pixels import SURFACE, PixelRays, SeenPixels
 from planview.tracking.base import Observation
-from planview.tracking.body import TORSO, body_table
+from planview.tracking.body import TORSO, BodyTable, body_table
 from stereo.depth import RectifiedGeometry
 
 GEOMETRY = RectifiedGeometry(160, 120, 130.0, 130.0, 79.5, 59.5, 0.12)
@@ -39,9 +39,9 @@ def look_at(rays: PixelRays, people: Sequence[tuple[float, float, float]], codes
     return SeenPixels(rays, kind, np.where(kind == SURFACE, nearest, floor).astype(np.float32), colour)
 
 
-def seen_body(rays: PixelRays, person: tuple[float, float, float]) -> tuple[F64, F64]:
+def seen_body(rays: PixelRays, person: tuple[float, float, float], table: BodyTable | None = None) -> tuple[F64, F64]:
     """Cover and range of one body on every ray, from the table, in plain numpy."""
-    table, (x, y, h) = body_table(), person
+    table, (x, y, h) = table or body_table(), person
     d = rays.direction.astype(np.float64)
     cos = np.hypot(d[..., 0], d[..., 1])
     ex, ey, sin = d[..., 0] / cos, d[..., 1] / cos, -d[..., 2]

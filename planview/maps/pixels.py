@@ -37,6 +37,7 @@ class PixelRays:
         pixel_sr: 1 / (fu fv), area of a pixel's surface over squared depth.
         depth_std_per_m2: growth of the depth's deviation with squared depth [1/m].
         disparity_metre: disparity of one metre [px m].
+        distortion_k: K of r' = r + K r^2 [1/px] from ``projection`` to pixels.
     """
 
     centre_m: F64
@@ -47,6 +48,7 @@ class PixelRays:
     pixel_sr: float
     depth_std_per_m2: float
     disparity_metre: float
+    distortion_k: float = 0.0
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -79,12 +79,13 @@ def smoothed(times_s: F64, xy_m: F64, measured: Bool) -> tuple[F64, F64]:
         (N, 2) positions [m] and (N, 2) velocities [m/s].
     """
     filtered, predicted = _forward(times_s, xy_m, measured)
-    states = np.array([[s.x_m, s.y_m, s.vx_mps, s.vy_mps] for s in filtered]).reshape(-1, 2, 2)
+    states = np.array([s.mean for s in filtered])
     for k in range(len(filtered) - 2, -1, -1):
-        ahead = predicted[k + 1]
-        gain = _gain(filtered[k], ahead, float(times_s[k + 1] - times_s[k]))
-        states[k] += gain @ (states[k + 1] - [[ahead.x_m, ahead.y_m], [ahead.vx_mps, ahead.vy_mps]])
-    return states[:, 0], states[:, 1]
+        ahead, step = predicted[k + 1], np.eye(4)
+        step[[0, 1], [2, 3]] = times_s[k + 1] - times_s[k]
+        gain = np.linalg.solve(ahead.covariance, step @ filtered[k].covariance).T
+        states[k] += gain @ (states[k + 1] - ahead.mean)
+    return states[:, :2], states[:, 2:]
 
 
 def _forward(times_s: F64, xy_m: F64, measured: Bool) -> tuple[list[FloorKalman], list[FloorKalman]]:
@@ -98,14 +99,6 @@ def _forward(times_s: F64, xy_m: F64, measured: Bool) -> tuple[list[FloorKalman]
             state = state.updated(float(xy_m[k, 0]), float(xy_m[k, 1]), POSITION_STD_M)
         filtered.append(state)
     return filtered, predicted
-
-
-def _gain(now: FloorKalman, ahead: FloorKalman, dt_s: float) -> F64:
-    """(2, 2) P_k F^T P_{k+1|k}^-1 of position and velocity: the noise is isotropic, so that x stands for both axes."""
-    now_cov = np.array([[now.c_xx, now.c_xu], [now.c_xu, now.c_uu]])
-    ahead_cov = np.array([[ahead.c_xx, ahead.c_xu], [ahead.c_xu, ahead.c_uu]])
-    transition = np.array([[1.0, dt_s], [0.0, 1.0]])
-    return np.asarray(np.linalg.solve(ahead_cov, transition @ now_cov).T)
 
 
 @dataclass(frozen=True, eq=False)

@@ -220,7 +220,7 @@ class DetectionTracker:
         return np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
 
     def _foot(self, kalman: FloorKalman) -> F64:
-        place = np.array([kalman.x_m, kalman.y_m])
+        place = kalman.mean[:2]
         return place * self._px_per_m if self.camera is None else self.camera.project(np.array([*place, 0.0]))
 
     def _move_box(self, q: Detected) -> None:
@@ -233,8 +233,8 @@ class DetectionTracker:
     def _gain(self, q: Detected, pose: F64, covariance: F64) -> float:
         """Log-likelihood of a box of this person over that of a false one; -inf beyond the gate."""
         k = q.kalman
-        spread = np.array([[k.c_xx, k.c_xy], [k.c_xy, k.c_yy]]) + covariance[:2, :2]
-        off = pose[:2] - (k.x_m, k.y_m)
+        spread = k.covariance[:2, :2] + covariance[:2, :2]
+        off = pose[:2] - k.mean[:2]
         far = float(off @ np.linalg.solve(spread, off))
         taller = (pose[2] - q.height_m) ** 2 / (q.height_var + covariance[2, 2])
         if far > GATE:

@@ -1,4 +1,4 @@
-"""One life cycle beneath all trackers: ids, states and the ledger of decisions.
+"""Ids, states and the log of decisions of all trackers.
 
 A track is spawned tentative, confirmed on evidence, lost while nothing matches it, reacquired when something does, and
 pruned (Harville 2002, section 4; Zhang et al. 2008, section 4; del-Blanco et al. 2012, section V). What counts as
@@ -45,8 +45,8 @@ class Existence:
         return "lost" if self.lost else "confirmed"
 
 
-class LifeCycle:
-    """Spawns, confirms, loses, reacquires and prunes; every change of state is logged with its reason.
+class TrackLog:
+    """Ids, and the decisions of the current frame.
 
     Attributes:
         now_s: time of the current frame [s].
@@ -61,26 +61,41 @@ class LifeCycle:
         self._log: list[Decision] = []
         self.now_s = math.nan
 
-    def begin(self, now_s: float) -> None:
-        """Start a frame: decisions of the last one are forgotten."""
-        self.now_s = now_s
-        self._log = []
+    def begin(self, now_s: float) -> float:
+        """Start a frame with no decisions; the time since the last one [s]."""
+        dt = 0.0 if math.isnan(self.now_s) else max(now_s - self.now_s, 0.0)
+        self.now_s, self._log = now_s, []
+        return dt
+
+    def new_id(self) -> int:
+        """An id that nobody had."""
+        self._next_id += 1
+        return self._next_id - 1
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
         """Decisions of the current frame."""
         return tuple(self._log)
 
+    def note(
+        self, track_id: int, kind: DecisionKind, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS
+    ) -> None:
+        """Write down a decision."""
+        self._log.append(Decision(track_id, kind, reason, value, terms))
+
+
+class LifeCycle(TrackLog):
+    """Spawns, confirms, loses, reacquires and prunes; every change of state is logged with its reason."""
+
     def log(
         self, who: Existence, kind: DecisionKind, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS
     ) -> None:
         """Write down a decision that changes no state ("recentred")."""
-        self._log.append(Decision(who.track_id, kind, reason, value, terms))
+        self.note(who.track_id, kind, reason, value, terms)
 
     def spawn(self, reason: str, value: float = math.nan) -> Existence:
         """A new tentative track, observed now."""
-        who = Existence(self._next_id, self.now_s, self.now_s)
-        self._next_id += 1
+        who = Existence(self.new_id(), self.now_s, self.now_s)
         self.log(who, "spawned", reason, value)
         return who
 

@@ -9,8 +9,9 @@ import numpy as np
 from toy_people import seen_body
 
 from calib.types import F64
-from planview.maps.pixels import SURFACE, SeenPixels
+from planview.maps.pixels import SURFACE, PixelRays, SeenPixels
 from planview.tracking import body
+from planview.tracking.human_model.explanation import MaskExplanation
 from planview.tracking.joint import explanation as given
 from planview.tracking.joint.params import JointParams
 
@@ -62,9 +63,41 @@ def _of_background(kind: int, near: bool, p: JointParams, reach_m: float) -> flo
     return 0.5 * share / (2 * reach_m if near else given.RANGE_M)
 
 
-def surface_points(seen: SeenPixels, per_patch: float) -> tuple[F64, F64]:
-    """(3, N) places of every pixel of surface and (N,) patches that they are."""
-    row, col = np.nonzero(seen.kind == SURFACE)
-    far = seen.range_m[row, col].astype(np.float64)
-    xyz = seen.rays.centre_m + far[:, None] * seen.rays.direction[row, col]
-    return xyz.T, (far / seen.rays.stretch[row, col]) ** 2 * per_patch
+def patches_of(seen: SeenPixels, per_patch: float) -> F64:
+    """(N,) patches that every pixel of surface is."""
+    surface = seen.kind == SURFACE
+    return np.asarray((seen.range_m[surface] / seen.rays.stretch[surface]).astype(np.float64) ** 2 * per_patch)
+
+
+def log_likelihood_of_mask(frame: MaskExplanation, people: Poses, reaching: Poses, tall_m: float) -> float:
+    """Sum of log L_p over all pixels of a mask; ``people`` are certain and ``tall_m`` when upright."""
+    m, table, rays = frame.likelihood.model[0], frame.likelihood.table, frame.views[0].rays
+    bodies = [(*seen_body(rays, person, table), person[2]) for person in people]
+    total = 0.0
+    for row, col in np.argwhere(frame.kind != 3).tolist():
+        seen = frame.kind[row, col] == 1
+        near = any(_reaches(rays, person, row, col, m["reach_m"]) for person in reaching)
+        passing, value = 1.0, 0.0
+        for at, cover, height in sorted((float(at[row, col]), float(cover[row, col]), h) for cover, at, h in bodies):
+            z = (rays.centre_m[2] + at * float(rays.direction[row, col, 2])) / height
+            if cover < 0.005 or z < 0.0:
+                continue
+            sits = height < m["sitting_from"] * tall_m
+            hidden = (m["hidden_sitting"] if sits else m["hidden"]) if z < m["hidden_to"] else 0.0
+            shown = (1 - hidden) * m["body"] + hidden * m["background"]
+            value += passing * cover * (shown if seen else 1 - shown)
+            passing *= 1.0 - cover
+        ground = m["near_people"] if near else m["background"]
+        total += math.log(value + passing * (ground if seen else 1 - m["background"]))
+    return total
+
+
+def _reaches(rays: PixelRays, pose: tuple[float, float, float], row: int, col: int, reach_m: float) -> bool:
+    """Whether a ray passes a body's axis within reach, between the floor and the head."""
+    d = rays.direction[row, col].astype(np.float64)
+    flat = math.hypot(d[0], d[1])
+    ex, ey = d[0] / flat, d[1] / flat
+    dx, dy = pose[0] - rays.centre_m[0], pose[1] - rays.centre_m[1]
+    at = (dx * ex + dy * ey) * flat + (0.5 * pose[2] - rays.centre_m[2]) * d[2]
+    z = rays.centre_m[2] + at * d[2]
+    return abs(dy * ex - dx * ey) < reach_m and -0.1 < z < pose[2] + 0.2

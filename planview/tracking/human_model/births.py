@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import cv2
 import numpy as np
 
 from calib.types import F32, F64, I32
 from planview.tracking import body
-from planview.tracking.human_model import _kernels as kernels
-from planview.tracking.human_model.explanation import PATCH_PX, MaskExplanation, Shares
+from planview.tracking.human_model._kernels import TILE_PX, hull_scores, promising
+from planview.tracking.human_model.explanation import PATCH_PX, MaskExplanation
 from planview.tracking.human_model.model_map import HumanModelMap
+from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker
-from planview.tracking.joint.explanation import People
+from planview.tracking.joint import _kernels as kernels
+from planview.tracking.joint.explanation import Owned, People
 from planview.tracking.kalman import FloorKalman
 
 MOST = 4
@@ -57,17 +58,25 @@ class FloorPlaces:
         patch_px = np.maximum(camera.focal_px * patch_m / depth, PATCH_PX)
         self.scale: F32 = (1.0 / patch_px**2).astype(np.float32)
 
-    def scores(self, frame: MaskExplanation, shares: Shares, least: float) -> tuple[I32, F32]:
-        """Places where one more person would gain at least so much, and what, about [log-odds of pixels]."""
+    def scores(self, frame: MaskExplanation, people: People, owned: Owned, least: float) -> tuple[I32, F32]:
+        """Places where one more person would gain at least so much, and what, about [log-odds of pixels].
+
+        Args:
+            owned: the foreground, as ``people`` own it.
+        """
+        residual, (rows, cols), side = frame.residual(owned), frame.kind.shape, TILE_PX
+        tiles = np.pad(residual, ((0, -rows % side), (0, -cols % side)))
+        tiles = tiles.reshape(-(-rows // side), side, -(-cols // side), side).sum(axis=(1, 3))
         found = np.empty(len(self.scale), np.int32)
-        wanted = np.zeros(shares.tiles.shape, np.bool_)
-        n = kernels.promising(_integral(shares.tiles), self.bands, self.scale, least, found, wanted)
+        wanted = np.zeros(tiles.shape, np.bool_)
+        n = promising(_integral(tiles), self.bands, self.scale, least, found, wanted)
         scores = np.empty(n, np.float32)
         if n:
-            (rows, cols), side = frame.kind.shape, kernels.TILE_PX
             near = wanted.repeat(side, 0)[:rows].repeat(side, 1)[:, :cols]
-            shares.fill(kernels.SEEN, np.flatnonzero(near & (frame.kind == kernels.SEEN)))
-            kernels.hull_scores(_integral(shares.residual), self.bands, found[:n], scores)
+            seen = np.flatnonzero(near & (frame.kind == kernels.SEEN))
+            hull_scores(
+                _integral(residual + frame.residual(frame.owned(0, people, seen))), self.bands, found[:n], scores
+            )
         good = scores * self.scale[found[:n]] >= least
         return found[:n][good], scores[good]
 
@@ -89,54 +98,64 @@ def _bands(hull_px: F32) -> F64:
 
 
 def births(
-    places: FloorPlaces, frame: MaskExplanation, people: Callable[[], People], shares: Shares, now_s: float
-) -> tuple[list[Walker], F64 | None]:
+    places: FloorPlaces, frame: MaskExplanation, known: People, owned: Owned, now_s: float, params: HumanModelParams
+) -> tuple[list[Walker], F64]:
     """People who are born in this frame, without ids, and (N, 3) poses of those known, who may be better elsewhere.
 
-    Tries one more person wherever the residual is strongest; ``people`` are asked for only if it is anywhere.
+    Tries one more person wherever the residual is strongest.
     """
-    found, scores = places.scores(frame, shares, 0.5 * frame.view.params.birth_evidence)
-    if not len(found):
-        return [], None
-    known, born, boxes = people(), [], places.boxes[found]
-    n_known, middle = len(known.poses), 0.5 * (boxes[:, :2] + boxes[:, 2:])
-    for _ in range(MOST):
+    found, scores = places.scores(frame, known, owned, 0.5 * params.birth_evidence)
+    born, boxes, n_known = [], places.boxes[found], len(known.poses)
+    middle = 0.5 * (boxes[:, :2] + boxes[:, 2:])
+    for _ in range(MOST if len(found) else 0):
         best = int(np.argmax(scores))
         if scores[best] <= 0.0:
             break
         size = boxes[best, 2:] - boxes[best, :2]
         scores[(np.abs(middle - middle[best]) < 0.5 * size).all(axis=1)] = 0.0
-        newcomer = _try(places.floor_m[found[best]].astype(np.float64), frame, known, now_s)
+        newcomer = _try(places.floor_m[found[best]].astype(np.float64), frame, known, now_s, params)
         if newcomer is not None:
             born.append(newcomer)
             known = known.with_one(np.array([*newcomer.at_m, newcomer.height_m]))
     return born, known.poses[:n_known]
 
 
-def _try(place: F64, frame: MaskExplanation, known: People, now_s: float) -> Walker | None:
+def sitting(pose: F64, camera_m: float, share: float) -> F64:
+    """(3,) somebody who sits, with the head on the same ray as that of somebody who stands at a pose."""
+    height_m = share * pose[2]
+    nearer = max(camera_m - height_m, 0.1) / max(camera_m - pose[2], 0.1)
+    return np.array([*(nearer * pose[:2]), height_m])
+
+
+def _try(place: F64, frame: MaskExplanation, known: People, now_s: float, p: HumanModelParams) -> Walker | None:
     """A newcomer at a place, if the evidence for one is strong enough; a rival who accounts for it is moved there."""
-    p, start = frame.view.params, np.array([*place, body.HEIGHT_MEAN_M])
+    start = np.array([*place, body.HEIGHT_MEAN_M])
     people, n = known.with_one(start), len(known.poses)
-    others = np.flatnonzero(frame.touching(people.poses)[n, :n])
-    (samples,) = frame.around(start[None], PLACE_STD_M)
-    samples.layer(people, others, n, start)
-    pose, near = people.poses[n], 1.0 / PLACE_STD_M**2
+    near, tall, ratios = 1.0 / PLACE_STD_M**2, people.tall[n], people.ratios[n]
     information = np.array([near, 0.0, near, 1.0 / body.HEIGHT_STD_M**2])
-    tall = people.tall[n]
-    evidence = samples.ascend(pose, start, information, tall)
+    fits = []
+    # A head alone may be a sitter's, or that of somebody who stands farther away.
+    for posture in (start, sitting(start, float(frame.views[0].rays.centre_m[2]), p.sitting)):
+        people.poses[n] = posture
+        others, s = np.flatnonzero(frame.touching(people.poses)[n, :n]), frame.around(posture, PLACE_STD_M)
+        s.layer(people, others)
+        value, bend = s.ascend(people.poses[n], posture, information, tall, ratios)
+        fits.append((value, people.poses[n].copy(), bend, s, others))
+    evidence, pose, bend, samples, others = max(fits, key=lambda fit: fit[0])
+    people.poses[n] = pose
     rival = int(frame.rivals(people, np.append(np.ones(n), 0.0))[n]) if evidence > 0.0 else -1
     if rival >= 0:
-        pair = frame.beside(n, rival, people, refit=True)
+        pair = frame.pair(n, rival, people, refit=True)
         strong, evidence = evidence >= p.birth_evidence, pair.evidence
         if evidence >= p.birth_evidence:
-            known.poses[rival] = people.poses[rival]
-            samples.layer(people, others, n)
+            known.poses[rival], pose = people.poses[rival], people.poses[n]
+            samples.layer(people, others)
         elif strong and pair.gain > p.birth_evidence:
             known.poses[rival] = pair.alone
-    mine, _, total = samples.visible(pose, tall)
+    mine, total = samples.visible(pose, tall)
     if evidence < p.birth_evidence or mine < 0.25 * total:
         return None
-    noise, up = samples.noise(pose, tall)
+    noise, up = samples.noise(pose, bend)
     kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), noise, SPEED_STD_MPS)
     person = Walker(0, kalman, float(pose[2]), BORN_LOG_ODDS, now_s)
     person.height_var = 1.0 / (1.0 / person.height_var + up)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from calib.params import Params
 from planview.tracking.human_model.model_map import HumanModelMapParams
+from planview.tracking.joint.params import PeopleParams
 
 
-class HumanModelParams(Params):
+class HumanModelParams(PeopleParams):
     """What is believed of masks, bodies, walking and of who comes and goes (Zhang et al. 2008; values are ours)."""
 
     map: HumanModelMapParams = HumanModelMapParams()
@@ -25,45 +25,17 @@ class HumanModelParams(Params):
     """The same of somebody who sits."""
     patch_m: float = Field(0.2, gt=0.01, le=1)
     """Errors of pixels nearer than this on a body are one error [m]."""
-    acceleration_mps2: float = Field(2.0, gt=0, le=20)
-    """Deviation of a walker's acceleration [m/s^2]."""
-    slow_down_s: float = Field(0.7, gt=0, le=60)
-    """Time in which an unseen person's speed decays [s]."""
-    height_change_mps: float = Field(0.6, gt=0.001, le=5)
-    """Speed of a head that goes up and down: sitting down, getting up [m/s]."""
     sitting: float = Field(0.77, gt=0.3, lt=0.95)
     """Height of a person who sits over the height when standing: from the seat to the top of the head 0.52 of the
     stature, and a seat 0.45 m high."""
-    sits: float = Field(0.1, gt=0, lt=1)
-    """Share of people who sit."""
-    errors_s: float = Field(0.25, gt=0, le=10)
-    """tau, time for which errors of the foreground stay the same [s]."""
-    evidence_max: float = Field(6.0, gt=0.5, le=50)
-    """Largest evidence of one look for or against a person, as a log-odds."""
-    birth_evidence: float = Field(8.0, gt=0, le=100)
-    """Log-odds of a newcomer against nothing at which it is followed: the logarithm of 1 / prior density. Existence is
-    never surer."""
     birth_visible: float = Field(0.3, gt=0, le=1)
     """Visibility ratio from which newcomers are looked for (section 4: visibility criterion), and below which a person
     has left: whoever shows there next is a stranger."""
     walked_m: float = Field(0.4, ge=0, le=5)
     """Way after which a newcomer is believed to be a person [m] (section 4: motion salience): a torso's width."""
-    stay_s: float = Field(50.0, gt=0.1, le=3600)
-    """Mean time that an unseen person stays inside the view [s]."""
     inanimate_s: float = Field(20.0, gt=0, le=600)
     """Time without any motion after which something that has moved by a metre is a thing [s] (section 4: the chair);
     who walked farther is believed in for longer in proportion."""
-    report: float = Field(0.9, gt=0.5, lt=1)
-    """Probability of existence from which a person is confirmed, and of being somebody known from which that is
-    believed."""
-    visible_min: float = Field(0.08, gt=0, lt=1)
-    """Share of a body that must be visible for its place to be measured; a confirmed person with less is lost."""
-    colour_weight: float = Field(0.7, ge=0, lt=1)
-    """How far the colours of a person are believed; 0: clothes say nothing."""
-    remember_s: float = Field(60.0, ge=0, le=3600)
-    """Time for which a person who left is recognised [s]."""
-    lag_s: float = Field(1.5, gt=0, le=60)
-    """Time for which evidence of exchanged identities is kept [s]."""
     window_s: float = Field(0.8, gt=0, le=10)
     """Time over which motion and trends are judged [s]: one and a half steps."""
     moving_mps: float = Field(0.25, gt=0, le=3)

@@ -12,25 +12,17 @@ from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
-from planview.tracking import body
-from planview.tracking.base import Decision, DecisionKind, Drawing, Observation, TrackerDebug
-from planview.tracking.human_model import _kernels as kernels
+from planview.tracking.base import DecisionKind, Drawing, Observation, TrackerDebug
 from planview.tracking.human_model.births import CORE, FloorPlaces, births
-from planview.tracking.human_model.explanation import (
-    STEPS_M,
-    MaskExplanation,
-    MaskView,
-    OutlineSamples,
-    Shares,
-)
+from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks, rays_of
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker, matches
-from planview.tracking.joint.explanation import People
-from planview.tracking.joint.identity import Exchanges, continued
-from planview.tracking.joint.params import JointParams
-from planview.tracking.joint.person import Person, colour_counts, colour_ratios
-from planview.trajectories.state import State, TrackState
+from planview.tracking.joint._kernels import SEEN, SHADOW, SURFACE
+from planview.tracking.joint.explanation import Owned, People
+from planview.tracking.joint.person import side_by_side
+from planview.tracking.joint.tracker import ACCELERATION_MPS2, NO_BOX, SLOW_DOWN_S, ExplainingTracker
+from planview.trajectories.state import TrackState
 
 WALKER_M = 2.0
 """Way after which a person is no ghost of the background [m]."""
@@ -45,11 +37,11 @@ LIVELY = 0.01
 """Share of a region's pixels in motion from which it is no thing: a head that turns."""
 
 
-class HumanModelTracker:
+class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
     """People as projected human models that explain every pixel of the foreground jointly.
 
-    Existence by the Bernoulli filter of Vo, Vo and Pham 2010; new targets, split, merge and clean (figure 8) follow
-    from it: a newcomer is born where foreground is left over, and a person without evidence ends.
+    New targets, split, merge and clean (figure 8) follow from the likelihood: a newcomer is born where foreground is
+    left over, and a person without evidence ends.
     """
 
     def __init__(self, params: HumanModelParams, camera: GroundCamera, model_map: HumanModelMap | None = None) -> None:
@@ -62,33 +54,19 @@ class HumanModelTracker:
         """
         if model_map is not None and model_map.camera != camera:
             raise InputError(f"expected a human model map of {camera}, found one of {model_map.camera}")
-        self.params, self.camera, self.model = params, camera, HumanModel()
+        self.camera, self.model = camera, HumanModel()
         self.model_map = model_map or build_model_map(camera, self.model, params.map)
-        self._view = MaskView(camera, params)
+        self._rays, self._likelihood = rays_of(camera), likelihood_of_masks(params)
         self._places = FloorPlaces(self.model_map, params.birth_visible, params.patch_m)
-        self._shared = JointParams(
-            patch_m=params.patch_m, low_share=params.sits, floor_m2=self._places.floor_m2, errors_s=params.errors_s,
-            colour_weight=params.colour_weight, remember_s=params.remember_s, lag_s=params.lag_s,
-        )  # fmt: skip
-        self.reset()
+        super().__init__(params)
 
     def reset(self) -> None:
         """Forget all people; ids start again at 1."""
-        self._people: list[Walker] = []
-        self._departed: list[Walker] = []
-        self._next_id = 1
-        self._now_s = math.nan
-        self._exchanges = Exchanges(self._shared)
-        self._log: list[Decision] = []
+        super().reset()
         shape = self.camera.size[::-1]
-        self._known: U8 = np.zeros(shape, np.uint8)
+        self._known_pixels: U8 = np.zeros(shape, np.uint8)
         self._still_s: F32 = np.zeros(shape, np.float32)
         self._hides: F32 = np.full(shape, HIDES, np.float32)
-
-    @property
-    def decisions(self) -> tuple[Decision, ...]:
-        """Decisions of the last update."""
-        return tuple(self._log)
 
     @property
     def foreground_columns(self) -> int | None:
@@ -97,7 +75,7 @@ class HumanModelTracker:
 
     def feedback(self) -> U8:
         """(H, W) uint8 for ``Foreground``: people who are tracked, and what has been still and unexplained for long."""
-        return self._known
+        return self._known_pixels
 
     def debug(self) -> TrackerDebug:
         """Hulls with their states in the image, footprints on the floor."""
@@ -130,90 +108,61 @@ class HumanModelTracker:
             raise InputError(
                 f"expected images of {width}x{height} px, for which the camera was calibrated, found {cols}x{rows}"
             )
-        dt = 0.0 if math.isnan(self._now_s) else max(0.0, observation.timestamp_s - self._now_s)
-        self._now_s, self._log = observation.timestamp_s, []
-        frame = MaskExplanation(self._view, observation)
-        seen = frame.kind == kernels.SEEN
-        frame.kind |= seen & (self._hides > 0)  # SHADOW
-        for q in self._people:
-            if q.share < 2 * self.params.visible_min:
-                q.kalman = q.kalman.slowed(dt, self.params.slow_down_s)
-            q.kalman = q.kalman.predicted(dt, self.params.acceleration_mps2)
-            q.height_var += self.params.height_change_mps**2 * dt * min(dt, self.params.errors_s)
-        people = self._side_by_side()
+        dt = self._begin(observation.timestamp_s)
+        frame = MaskExplanation(self._rays, observation, self._likelihood)
+        seen = frame.kind == SEEN
+        frame.kind[seen & (self._hides > 0)] = SHADOW
         if self._people:
-            self._explain(frame, people, dt)
-        shares = frame.share_out(self._side_by_side(people.ratios))
+            self._explain(frame, side_by_side(self._people), dt)
+        people = side_by_side(self._people)
+        (owned,) = frame.share_out(people)
         hulls = [self._hull(q.at_m, q.height_m) for q in self._people]
-        self._judge(frame, shares, motion, hulls)
+        self._judge(frame, owned, motion, hulls)
         self._learn_hiding(frame, seen, hulls, dt)
         if frame.coloured:
-            self._learn(frame, shares, dt)
-        self._watch(frame, shares, motion, dt)
+            self._learn([owned], (frame.touching(people.poses).sum(axis=1) == 1).tolist(), dt)
+        self._paint_known(frame, owned, motion, dt)
         self._clean(dt)
-        born, poses = births(self._places, frame, self._side_by_side, shares, self._now_s)
-        for q, pose in zip(self._people, [] if poses is None else poses, strict=poses is not None):
+        born, poses = births(self._places, frame, side_by_side(self._people), owned, self._log.now_s, self.params)
+        for q, pose in zip(self._people, poses, strict=True):
             if tuple(pose) != (*q.at_m, q.height_m):
                 # Go on where the model accounts for more.
                 q.kalman, q.height_m = q.kalman.moved_to(float(pose[0]), float(pose[1])), float(pose[2])
                 self._note(q, "recentred", f"accounts for more at {pose[0]:.2f}, {pose[1]:.2f} m", math.nan)
-        self._meet(born, frame)
+        found = matches([self._hull(b.at_m, b.height_m) for b in born], frame.kind == SURFACE)
+        for b, match in zip(born, found, strict=True):
+            b.match, b.inside = match, self._visibility(np.array([*b.at_m, b.height_m]))
+            reason = f"M {match.score:.2f}, evidence {b.evidence:.1f}, {b.height_m:.2f} m tall"
+            self._add(b, "split" if match.recall < 0.5 else "spawned", reason, match.score)
         self._recognise(dt)
-        return tuple(self._state(q) for q in self._people)
+        return tuple(self._state(q, self._box(q)) for q in self._people)
 
-    def _side_by_side(self, ratios: F32 | None = None) -> People:
-        """Everybody; ``ratios`` where the colours are still the same."""
-        poses = np.array([(*q.at_m, q.height_m) for q in self._people]).reshape(-1, 3)
-        tall = np.array([q.upright for q in self._people]).reshape(-1, 2)
-        sure = np.array([q.existence for q in self._people])
-        return People(poses, sure, tall, colour_ratios(self._people) if ratios is None else ratios)
-
-    # -- explaining a frame ---------------------------------------------------------------------------------------
     def _explain(self, frame: MaskExplanation, people: People, dt: float) -> None:
-        """Coordinate ascent, nearest first; then what the frame says of each place and existence."""
-        predicted, touch = people.poses.copy(), frame.touching(people.poses)
-        samples = frame.around(predicted, body.TORSO.torso_radius_m + 0.1)
-        information = np.array([(*q.kalman.information, 1 / q.height_var) for q in self._people])
-        np.fill_diagonal(touch, False)
-        others = [np.flatnonzero(row) for row in touch]
-        for sweep in range(2):
-            for i in np.argsort(people.away()):
-                if sweep and not len(others[i]):
-                    continue
-                samples[i].layer(people, others[i], i)
-                samples[i].ascend(
-                    people.poses[i], predicted[i], information[i], people.tall[i], STEPS_M[sweep:]
-                )  # fmt: skip
-        flooded = np.count_nonzero(frame.kind == kernels.SURFACE) > 0.5 * frame.kind.size
+        """Places, then what the frame says of each person's existence."""
+        samples, _, evidence, bend = self._ascend(frame, people)
         for i, q in enumerate(self._people):
-            if len(others[i]):
-                samples[i].layer(people, others[i], i)
-            self._measure(q, samples[i], people.poses[i], people.tall[i])
+            q.evidence, pose = float(evidence[i]), people.poses[i]
+            mine, total = samples[i].visible(pose, people.tall[i])
+            q.inside = self._visibility(pose)
+            q.share = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * q.inside)
+            self._measure(q, samples[i], pose, bend[i], dt)
         # Who is surer has the better standing, and who came first.
         ranks = sorted(range(len(self._people)), key=lambda k: (
             self._people[k].confirmed, self._people[k].log_odds, -self._people[k].track_id))  # fmt: skip
         rivals = frame.rivals(people, np.argsort(ranks).astype(np.float64))
         for i, q in enumerate(self._people):
             if rivals[i] >= 0 and q.share >= self.params.visible_min:
-                pair = frame.beside(i, int(rivals[i]), people)
+                pair = frame.pair(i, int(rivals[i]), people)
                 superfluous = self._people[rivals[i]] if pair.first else q
                 superfluous.evidence = min(superfluous.evidence, pair.evidence)
-        for q in () if flooded else self._people:
-            self._weigh(q, dt)
-
-    def _measure(self, q: Walker, s: OutlineSamples, pose: F64, tall: F64) -> None:
-        """Evidence for a person, its visible share, and the place as far as the pixels tell it."""
-        q.evidence = s.evidence(pose, tall)
-        mine, _, total = s.visible(pose, tall)
-        q.inside = self._visibility(pose)
-        q.share = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * q.inside)
-        if q.share < self.params.visible_min:
+        if np.count_nonzero(frame.kind == SURFACE) > 0.5 * frame.kind.size:
             return
-        noise, up = s.noise(pose, tall)
-        x, y, h = pose
-        q.kalman = q.kalman.found_at(x, y, noise, body.SPEED_MAX_MPS)
-        q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up)
-        q.seen_s = self._now_s
+        for q in self._people:
+            self._weigh(q, dt, self.params.stay_s)
+            if q.share >= self.params.visible_min:
+                farther = max(0.0, math.dist(q.origin_m, q.at_m) - q.kalman.position_std_m - q.walked_m)
+                q.walked_m += farther
+                q.moved += farther
 
     def _learn_hiding(self, frame: MaskExplanation, seen: Bool, hulls: list[F64 | None], dt: float) -> None:
         """What hides people, from the bodies of those who walk: background where one is, or foreground."""
@@ -225,7 +174,7 @@ class HumanModelTracker:
         inside, looks = np.flatnonzero(walkers.view(np.bool_)), min(1.0, dt / p.errors_s)
         hidden = math.log((1 - p.seen_on_background) / (1 - p.seen_on_body))
         shown = math.log(p.seen_on_background / p.seen_on_body)
-        more = seen.reshape(-1)[inside] * hidden + (frame.kind.reshape(-1)[inside] == kernels.SURFACE) * shown
+        more = seen.reshape(-1)[inside] * hidden + (frame.kind.reshape(-1)[inside] == SURFACE) * shown
         hides = self._hides.reshape(-1)
         hides[inside] = np.clip(hides[inside] + looks * more, 2 * HIDES, -HIDES)
 
@@ -235,31 +184,16 @@ class HumanModelTracker:
         entry = int(self.model_map.entry_at(foot))
         return float(self.model_map.visibility[entry]) if entry >= 0 else 0.0
 
-    def _weigh(self, q: Walker, dt: float) -> None:
-        """Existence: survival, then the evidence of this look; and how far the person has walked."""
-        p, looks = self.params, min(1.0, dt / self.params.errors_s)
-        if q.share < p.visible_min:
-            stays = q.existence * math.exp(-dt / p.stay_s)
-            q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
-        q.log_odds += looks * min(max(q.evidence, -p.evidence_max), p.evidence_max)
-        q.log_odds = min(max(q.log_odds, -p.birth_evidence), p.birth_evidence)
-        if q.share < p.visible_min:
-            return
-        q.learn_height(looks, p.sits)
-        farther = max(0.0, math.dist(q.origin_m, q.at_m) - q.kalman.position_std_m - q.walked_m)
-        q.walked_m += farther
-        q.moved += farther
-
-    def _judge(self, frame: MaskExplanation, shares: Shares, motion: U8, hulls: list[F64 | None]) -> None:
+    def _judge(self, frame: MaskExplanation, owned: Owned, motion: U8, hulls: list[F64 | None]) -> None:
         """Match (equation 1) and the automata of everybody."""
-        found = matches(hulls, frame.kind == kernels.SURFACE)
-        owner, n = shares.owner + 1, len(self._people) + 1
+        found = matches(hulls, frame.kind == SURFACE)
+        owner, n = owned.owner + 1, len(self._people) + 1
         area = np.bincount(owner, minlength=n)[1:]
-        moving = np.bincount(owner[motion.reshape(-1)[frame.pixels] > 0], minlength=n)[1:]
+        moving = np.bincount(owner[motion.reshape(-1)[owned.pixels] > 0], minlength=n)[1:]
         for i, q in enumerate(self._people):
             q.match = found[i]
             before = q.posture, q.motion, q.stability
-            q.judge(self._now_s, moving[i] / max(1, area[i]), self.params)
+            q.judge(self._log.now_s, moving[i] / max(1, area[i]), self.params)
             if (q.posture, q.motion, q.stability) != before:
                 self._note(q, "state", f"{q.posture}, {q.motion}, {q.stability}", q.match.score)
             seen = q.share >= self.params.visible_min
@@ -272,29 +206,16 @@ class HumanModelTracker:
                     f"existence {q.existence:.3f}", q.match.score,
                 )  # fmt: skip
 
-    # -- who is who, who comes, who goes ----------------------------------------------------------------------------
-    def _learn(self, frame: MaskExplanation, shares: Shares, dt: float) -> None:
-        alone = frame.touching(np.array([(*q.at_m, q.height_m) for q in self._people]).reshape(-1, 3)).sum(axis=1) == 1
-        owned = shares.owned(frame)
-        surely = (owned.owner >= 0) & (owned.share > 0.8)
-        mine = owned.owner[surely], owned.height[surely], owned.colours[surely]
-        for q, seen, apart in zip(self._people, colour_counts(len(self._people), *mine), alone, strict=True):
-            if q.share >= 0.5 and apart:
-                q.learn_colours(seen)
-        for a, b, odds in self._exchanges.update(self._people, [owned] if frame.coloured else [], dt):
-            a.take_identity(b)
-            self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)
-
-    def _watch(self, frame: MaskExplanation, shares: Shares, motion: U8, dt: float) -> None:
-        """What the foreground model is told: people, and what has been still and unexplained for long."""
+    def _paint_known(self, frame: MaskExplanation, owned: Owned, motion: U8, dt: float) -> None:
+        """For the foreground model: people, and what has been still and unexplained for long."""
         labels = np.zeros(len(self._people) + 1, np.uint8)
         for i, q in enumerate(self._people):
             if q.confirmed:
                 labels[i] = WALKER if q.walked_m > WALKER_M else PERSON
-        told, still_s = labels[shares.owner], np.zeros(motion.size, np.float32)
+        label, still_s = labels[owned.owner], np.zeros(motion.size, np.float32)
         known, left = np.zeros((2, motion.size), np.uint8)
-        told[(shares.owner == -1) & shares.near & labels.any()] = PERSON
-        known[frame.pixels], rest = told, frame.pixels[told == 0]
+        label[(owned.owner == -1) & owned.beside & labels.any()] = PERSON
+        known[owned.pixels], rest = label, owned.pixels[label == 0]
         left[rest] = 1
         n, found = cv2.connectedComponents(left.reshape(motion.shape), connectivity=8)
         regions = found.reshape(-1)[rest]
@@ -302,66 +223,38 @@ class HumanModelTracker:
         lively = moving > LIVELY * np.bincount(regions, minlength=n)
         still_s[rest] = dt + np.where(lively[regions], 0.0, self._still_s.reshape(-1)[rest])
         known[rest[still_s[rest] >= self.params.still_s]] = BACKGROUND
-        self._known, self._still_s = known.reshape(motion.shape), still_s.reshape(motion.shape)
+        self._known_pixels, self._still_s = known.reshape(motion.shape), still_s.reshape(motion.shape)
 
     def _clean(self, dt: float) -> None:
         """People without evidence or beyond the border end, and things that somebody moved."""
-        p, keep = self.params, []
+        p = self.params
         for q in self._people:
             beyond = q.inside < p.birth_visible
             thing = q.moved < (0.0 if q.confirmed else -p.still_s / p.inanimate_s)
-            if q.existence >= 0.05 and not beyond and not thing:
-                keep.append(q)
-                continue
-            why = "stationary: a thing" if thing else f"existence {q.existence:.2f}, evidence {q.evidence:.1f}"
-            self._note(q, "pruned", why, q.existence)
-            if q.confirmed and not thing and not beyond:
-                self._departed.append(q)
-        self._people = keep
-        self._departed = [q for q in self._departed if self._now_s - q.seen_s <= p.remember_s]
+            if q.existence < 0.05 or beyond or thing:
+                why = "stationary: a thing" if thing else f"existence {q.existence:.2f}, evidence {q.evidence:.1f}"
+                self._end(q, why, q.confirmed and not thing and not beyond)
         for q in self._departed:
-            q.kalman = q.kalman.slowed(dt, p.slow_down_s).predicted(dt, p.acceleration_mps2)
-
-    def _meet(self, born: list[Walker], frame: MaskExplanation) -> None:
-        """Follow newcomers, under ids of their own until it is known who they are."""
-        found = matches([self._hull(b.at_m, b.height_m) for b in born], frame.kind == kernels.SURFACE)
-        for b, match in zip(born, found, strict=True):
-            b.match, b.track_id = match, self._next_id
-            b.inside = self._visibility(np.array([*b.at_m, b.height_m]))
-            self._next_id += 1
-            self._people.append(b)
-            reason = f"M {match.score:.2f}, evidence {b.evidence:.1f}, {b.height_m:.2f} m tall"
-            self._note(b, "split" if match.recall < 0.5 else "spawned", reason, match.score)
+            q.kalman = q.kalman.slowed(dt, SLOW_DOWN_S).predicted(dt, ACCELERATION_MPS2)
 
     def _recognise(self, dt: float) -> None:
         """Confirm newcomers, as the lost or departed whom they continue best or as strangers.
 
         Who somebody is is decided when the odds are, at the latest when the person is reported.
         """
-        p = self.params
+        p, known = self.params, self._known(self._places.floor_m2)
         for q in self._people:
             if q.motion == "stationary" and q.share >= p.visible_min:
                 q.moved -= dt / p.inanimate_s
-        new = [q for q in self._people if not q.confirmed]
-        lost = [q for q in self._people if q.confirmed and q.share < p.visible_min]
-        known = continued(new, lost + self._departed, self._shared) if new else {}
-        for i, b in enumerate(new):
+        for b in [q for q in self._people if not q.confirmed]:
             sure = b.existence > p.report and b.walked_m >= p.walked_m and b.share >= p.visible_min
-            before, odds = known.get(i, (None, 0.0))
+            before, odds = known.get(b.track_id, (None, 0.0))
             if before is not None:
                 odds += math.log(RETURNS if before in self._departed else before.existence)
             if before is not None and odds > 0.0 and (sure or odds > math.log(p.report / (1 - p.report))):
-                self._note(before, "reacquired", f"log-odds {odds:.1f} after {b.born_s - before.seen_s:.1f} s", odds)
-                self._departed = [o for o in self._departed if o is not before]
-                self._people = [o for o in self._people if o is not before]
-                b.take_identity(before)
-                b.confirmed = True
+                self._continue(b, before, odds)
             elif sure:
-                b.confirmed = True
-                self._note(b, "confirmed", f"existence {b.existence:.2f}, walked {b.walked_m:.2f} m", b.existence)
-
-    def _note(self, q: Person, kind: DecisionKind, reason: str, value: float) -> None:
-        self._log.append(Decision(q.track_id, kind, reason, value))
+                self._confirm(b, f"existence {b.existence:.2f}, walked {b.walked_m:.2f} m")
 
     def _hull(self, at_m: tuple[float, float], height_m: float) -> F64 | None:
         """(K, 2) outline [px] of the model map, as large as a person of a height is; None where nobody is expected."""
@@ -376,14 +269,11 @@ class HumanModelTracker:
         size = tall * (1.0 - near) / max(1.0 - tall * near, 0.1)
         return np.asarray(foot + size * (self.model_map.hull_px[entry] - self.model_map.foot_px[entry]), np.float64)
 
-    def _state(self, q: Walker) -> TrackState:
-        visible: State = "confirmed" if q.share >= self.params.visible_min else "lost"
-        k, hull = q.kalman, self._hull(q.at_m, q.height_m)
-        box = (math.nan,) * 4
-        if hull is not None:
-            (left, top), (right, bottom) = hull.min(axis=0), hull.max(axis=0)
-            wide = 0.5 * (BOX_WIDTH - 1.0) * (right - left)
-            box = float(left - wide), float(top), float(right - left + 2 * wide), float(bottom - top)
-        return TrackState(
-            q.track_id, visible if q.confirmed else "tentative", k.x_m, k.y_m, k.vx_mps, k.vy_mps, q.height_m, box
-        )
+    def _box(self, q: Walker) -> tuple[float, float, float, float]:
+        """left, top, width, height [px]; NaN where nobody is expected."""
+        hull = self._hull(q.at_m, q.height_m)
+        if hull is None:
+            return NO_BOX
+        (left, top), (right, bottom) = hull.min(axis=0), hull.max(axis=0)
+        wide = 0.5 * (BOX_WIDTH - 1.0) * (right - left)
+        return float(left - wide), float(top), float(right - left + 2 * wide), float(bottom - top)

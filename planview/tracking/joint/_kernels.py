@@ -1,91 +1,111 @@
 """Compiled kernels of the joint explanation; ``tests/reference/explain.py`` defines them in plain numpy.
 
-A sample is one analysis pixel near a person: its camera, ray, kind, range and weight. ``pose`` is (x, y, height).
+A sample is one pixel near a person: its camera, ray, kind, range and weight. ``pose`` is (x, y, height). Arrays that
+belong together are passed as one tuple: ``samples`` (``Samples.arrays``), ``people`` (``People.arrays``), ``table``
+(cover and front of a ``BodyTable``), ``view`` (``view_arrays``) and ``model`` (an array of one ``Model``).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from calib.types import F32, F64, I64, U8
+from calib.types import F32, F64, I64
 
 CX, CY, CZ, EX, EY, COS, SIN, RANGE, WEIGHT, STD, MATCHED = range(11)
 SAMPLE_FIELDS = 11
 KIND, CODE, ANGLE = range(3)
+SEEN, SURFACE, NO_DEPTH, SHADOW = range(4)
+"""Kinds of pixels: the background is seen; foreground, of range 0 in a mask; foreground that should have depth and has
+none; foreground that looks like a shadow and carries no information."""
 AT, THROUGH, BEFORE, REST = range(4)
 LAYERS = 4
 """Other people on one ray, the nearest first."""
 TINY = 1e-12
-TURNS = 3
+MAX_TURNS = 3
 """Most rounds of the ascent with one step."""
 ONE_LOG = 12
 """Ratios of likelihoods, each within 1e-12 and 1e12, whose product one logarithm is taken of."""
 PARTS = 3
-SPACING = 0.7
-"""Distance of samples on a body [patches]."""
 LEGS_TO, TORSO_TO = 0.45, 0.85
 """Relative heights at which the hip and the shoulders are (Zhang et al. 2008, table 1)."""
-HIDDEN_MAX = 0.72
-"""Relative height up to which furniture may hide a person."""
+FURNITURE_TO = 0.72
+"""Relative height up to which nearer background may hide a person."""
+AROUND_M = 0.25
+"""Margin of samples beyond a body's reach [m]."""
+BODY_SOFTNESS_M = 0.07
+"""Deviation of the least distance of two bodies' axes [m]."""
+SLOPE_MAX = 4.0
+"""Most that a step along a flat ray is lengthened."""
 
 
-class Beliefs(NamedTuple):
-    """``JointParams`` as kernels take them."""
+class Model(NamedTuple):
+    """What is assumed of sensors and bodies, as kernels take it.
 
-    outliers: float
+    Attributes:
+        body, background: pF and pB, shares of a body's and of the background's pixels that are foreground.
+        near_people: pB within ``reach_m`` of a person.
+        hidden, hidden_sitting: how probably unseen furniture hides a pixel below ``hidden_to`` (relative height) of
+            somebody who stands, or who is lower than ``sitting_from`` of the own height.
+        no_depth, outliers, range_m: share of a body's foreground without depth, share of wrong depths, and how far
+            these spread [m].
+        unknown: kappa, share of surface before which something unknown stands.
+        surface_var: of a body's surface about its table [m^2].
+        colour: weight of the colours.
+        low_share, sits, sitting: shares of people who are of any lower height, and who sit at ``sitting`` of theirs.
+        masks: 1 where no pixel has a range.
+        patch_m, patch_px, spacing_m: errors of nearer pixels are one error; distance of samples on a body.
+        body_m: height of the table's body [m]; ``apart_m``: least distance of two axes [m].
+        angle_min, angle_step, cell_m, w_min: axes of the table.
+        height_min_m, height_max_m: of people [m].
+    """
+
     body: float
     background: float
     near_people: float
+    hidden: float
+    hidden_sitting: float
+    hidden_to: float
+    sitting_from: float
     no_depth: float
+    outliers: float
     range_m: float
     unknown: float
     surface_var: float
     colour: float
+    low_share: float
+    sits: float
+    sitting: float
+    masks: float
+    patch_m: float
+    patch_px: float
+    spacing_m: float
     body_m: float
-    """Height of the table's body [m]."""
     reach_m: float
     apart_m: float
-    low_share: float
     angle_min: float
     angle_step: float
     cell_m: float
     w_min: float
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
-def _look(  # type: ignore[no-untyped-def]
-    x: float, y: float, h: float, cx: float, cy: float, cz: float, ex: float, ey: float, cos: float, sin: float,
-    angle: int, cover: F32, front: F32, b: Beliefs,
-):  # fmt: skip
-    """Cover, range and relative height of a body's surface along a ray."""
-    dx, dy, dz = x - cx, y - cy, 0.5 * h - cz
-    along = dx * ex + dy * ey
-    scale = b.body_m / h
-    iu = int(abs(dy * ex - dx * ey) * scale / b.cell_m)
-    iw = int((-(along * sin + dz * cos) * scale - b.w_min) / b.cell_m)
-    if iu >= cover.shape[1] or iw < 0 or iw >= cover.shape[2]:
-        return 0.0, 0.0, 0.0
-    at = along * cos - dz * sin - front[angle, iu, iw] / scale
-    return cover[angle, iu, iw], at, (cz - sin * at) / h
+    height_min_m: float
+    height_max_m: float
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _covered(
-    x: float, y: float, h: float, values: F32, n: int, cover: F32, b: Beliefs, scratch: F32, which: I64
-) -> int:  # fmt: skip
+def _covered(x: float, y: float, h: float, samples, table, m) -> int:  # type: ignore[no-untyped-def]
     """The samples within a body's table: their number, and which; fills rows u, w and range at the centre [m].
 
     One loop without branches in float32, which processors take eight at a time; three samples in five end here.
     """
+    values, _, _, _, scratch, which, size = samples
+    n, cover = size[0], table[0]
     u, w, ahead = scratch[0], scratch[1], scratch[2]
     cx, cy, cz, ex, ey = values[CX], values[CY], values[CZ], values[EX], values[EY]
     cos, sin = values[COS], values[SIN]
-    per_m, w_min, zero = np.float32(b.body_m / h / b.cell_m), np.float32(b.w_min / b.cell_m), np.float32(0.0)
+    per_m, w_min, zero = np.float32(m.body_m / h / m.cell_m), np.float32(m.w_min / m.cell_m), np.float32(0.0)
     x_m, y_m, z_m = np.float32(x), np.float32(y), np.float32(0.5 * h)
     for i in range(n):
         dx, dy, dz = x_m - cx[i], y_m - cy[i], z_m - cz[i]
@@ -93,109 +113,151 @@ def _covered(
         u[i] = abs(dy * ex[i] - dx * ey[i]) * per_m
         w[i] = -(along * sin[i] + dz * cos[i]) * per_m - w_min
         ahead[i] = along * cos[i] - dz * sin[i]
-    us, ws, m = np.float32(cover.shape[1]), np.float32(cover.shape[2]), 0
+    us, ws, k = np.float32(cover.shape[1]), np.float32(cover.shape[2]), 0
     for i in range(n):
-        which[m] = i
-        m += (u[i] < us) & (w[i] >= zero) & (w[i] < ws)
-    return m
+        which[k] = i
+        k += (u[i] < us) & (w[i] >= zero) & (w[i] < ws)
+    return k
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
-def _body_likelihood(  # type: ignore[no-untyped-def]
-    kind: int, seen: float, at: float, std: float, matched: float, colour: float, b: Beliefs
-):
-    """Of a pixel that shows a body's surface at a range; nearer than ``matched`` the right camera cannot see it."""
-    if kind == 0:
-        return 1.0 - b.body
-    if kind == 2:
-        return b.body * (1.0 if at < matched else b.no_depth)
-    var = b.surface_var + std * std * at * at * at * at
+def _on_body(kind, seen, at, std, matched, hidden, colour, m):  # type: ignore[no-untyped-def]
+    """Likelihood of a pixel on a body whose surface is at a range; the right camera sees nothing before ``matched``.
+
+    ``hidden``: how probably furniture is in the way; ``colour``: ratio of the person's colours to anybody's.
+    """
+    if kind == SHADOW:
+        return 0.5
+    if kind == SEEN:
+        return (1.0 - hidden) * (1.0 - m.body) + hidden * (1.0 - m.background)
+    shown = (1.0 - hidden) * m.body + hidden * m.background
+    if kind == NO_DEPTH:
+        return shown * (1.0 if at < matched else m.no_depth)
+    if seen <= 0.0:
+        return shown * colour
+    var = m.surface_var + std * std * at * at * at * at
     off = seen - at
     normal = math.exp(-0.5 * off * off / var) / math.sqrt(2.0 * math.pi * var)
-    return b.body * (1.0 - b.no_depth) * ((1.0 - b.outliers) * normal + b.outliers / b.range_m) * colour
+    return shown * (1.0 - m.no_depth) * ((1.0 - m.outliers) * normal + m.outliers / m.range_m) * colour
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
-def _part(z: float) -> int:
-    return 0 if z < LEGS_TO else (1 if z < TORSO_TO else 2)
+def _on_ground(kind, seen, near, m):  # type: ignore[no-untyped-def]
+    """Likelihood of a pixel on which nobody is; ``near`` people there are arms, shadows and what is carried."""
+    if kind == SHADOW:
+        return 0.5
+    if kind == SEEN:
+        return 1.0 - m.background
+    if kind == NO_DEPTH:
+        return 0.5 * m.background
+    if seen <= 0.0:
+        return m.near_people if near else m.background
+    return 0.5 * (m.near_people / (2 * m.reach_m) if near else m.background / m.range_m)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+def _hidden(h, tall, z, m):  # type: ignore[no-untyped-def]
+    """How probably furniture hides a pixel at a relative height of a person ``tall`` when upright."""
+    if z >= m.hidden_to:
+        return 0.0
+    return m.hidden_sitting if h < m.sitting_from * tall else m.hidden
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+def _behind(kind, seen, at, std, z, m):  # type: ignore[no-untyped-def]
+    """Whether background nearer than a body hides it."""
+    if kind != SEEN or seen <= 0.0 or z >= FURNITURE_TO:
+        return False
+    return seen < at - 3 * math.sqrt(m.surface_var + (std * at * at) ** 2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+def _ratio(ratios, z, code, m):  # type: ignore[no-untyped-def]
+    """Ratio of a person's colours to anybody's, as far as colours count."""
+    return 1.0 - m.colour + m.colour * ratios[0 if z < LEGS_TO else (1 if z < TORSO_TO else 2), code]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def boxes(poses: F64, projection: F64, half: float, above: float, out: F64) -> None:
-    """Left, top, right, bottom (N, 4) [px] of boxes around bodies: ``half`` [m] to each side, ``above`` their heads."""
+def boxes(poses: F64, half_m: float, above_m: float, projection: F64, lens, out: F64) -> None:  # type: ignore[no-untyped-def]
+    """Left, top, right, bottom (N, 4) [px] of boxes around bodies: ``half_m`` to each side, ``above_m`` their heads.
+
+    ``lens``: K of r' = r + K r^2 and the image's middle [px]; beyond the lens's reach a box is the whole image.
+    """
+    k, middle_u, middle_v = lens
     for a in range(len(poses)):
         out[a, :2], out[a, 2:] = 1e4, -1e4
         for corner in range(8):
-            x = poses[a, 0] + (half if corner & 1 else -half)
-            y = poses[a, 1] + (half if corner & 2 else -half)
-            z = poses[a, 2] + above if corner & 4 else 0.0
+            x = poses[a, 0] + (half_m if corner & 1 else -half_m)
+            y = poses[a, 1] + (half_m if corner & 2 else -half_m)
+            z = poses[a, 2] + above_m if corner & 4 else 0.0
             depth = projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
             depth = max(depth, 0.15)
             u = (projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3]) / depth
             v = (projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3]) / depth
+            if k != 0.0:
+                r = math.hypot(u - middle_u, v - middle_v)
+                if 1.0 + 2.0 * k * r <= 0.0:
+                    out[a, :2], out[a, 2:] = -1e4, 1e4
+                    break
+                u, v = middle_u + (u - middle_u) * (1.0 + k * r), middle_v + (v - middle_v) * (1.0 + k * r)
             u, v = min(max(u, -1e4), 1e4), min(max(v, -1e4), 1e4)
             out[a, 0], out[a, 1] = min(out[a, 0], u), min(out[a, 1], v)
             out[a, 2], out[a, 3] = max(out[a, 2], u), max(out[a, 3], v)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def gather(
-    pose: F64, reach_m: float, spacing_m: float, patch_m: float, centre: F64, direction: F32, level: F32, stretch: F32,
-    matched_m: F32, projection: F64, pixel_sr: float, kind: U8, range_m: F32, colour: U8, std_per_m2: float,
-    values: F32, marks: U8, n: int, beliefs: Sequence[Beliefs],
-) -> int:  # fmt: skip
-    """Append the samples of one camera within ``reach_m`` of a body; the number of samples then."""
-    b = beliefs[0]
+def gather(pose: F64, reach_m: float, view, samples, model) -> None:  # type: ignore[no-untyped-def]
+    """Append the samples of one camera within ``reach_m`` of a body."""
+    m = model[0]
+    values, marks, size = samples[0], samples[1], samples[6]
+    centre, direction, level, stretch, matched_m, projection, lens, kind, range_m, colour, pixel_sr, std_per_m2 = view
     rows, cols = stretch.shape
-    half, box = reach_m + 0.25, np.empty((1, 4))
-    boxes(pose.reshape(1, 3), projection, half, 0.1, box)
+    half, box = reach_m + AROUND_M, np.empty((1, 4))
+    boxes(pose.reshape(1, 3), half, 0.1, projection, lens, box)
     x0, y0, x1, y1 = box[0]
-    away = math.sqrt((pose[0] - centre[0]) ** 2 + (pose[1] - centre[1]) ** 2)
     if x1 < 0 or y1 < 0 or x0 > cols - 1 or y0 > rows - 1:
-        return n
+        return
     c0, c1, r0, r1 = max(0, int(x0)), min(cols - 1, int(x1) + 1), max(0, int(y0)), min(rows - 1, int(y1) + 1)
-    middle = math.sqrt(away**2 + (centre[2] - 0.5 * pose[2]) ** 2)
-    step = max(1, int(spacing_m / (middle * math.sqrt(pixel_sr)) + 0.5))
+    dx, dy, dz = pose[0] - centre[0], pose[1] - centre[1], 0.5 * pose[2] - centre[2]
+    step = max(1, int(m.spacing_m / math.sqrt((dx * dx + dy * dy + dz * dz) * pixel_sr) + 0.5))
     while ((c1 - c0) // step + 1) * ((r1 - r0) // step + 1) > 3000:
         step += 1
     depth = (
         projection[2, 0] * pose[0] + projection[2, 1] * pose[1] + projection[2, 2] * 0.5 * pose[2] + projection[2, 3]
     )
-    depth = max(depth, 0.15)
-    weight = depth * depth * pixel_sr * step * step / (patch_m * patch_m)
+    weight = (step / max(m.patch_m / (max(depth, 0.15) * math.sqrt(pixel_sr)), m.patch_px)) ** 2
+    n = size[0]
     for r in range(r0 + (-r0) % step, r1 + 1, step):
-        for c in range(c0 + (-c0) % step, c1 + 1, step):
+        # In masks every other row half a step aside: edges of bodies are upright.
+        shift = (r // step % 2) * (step // 2) if m.masks > 0.0 else 0
+        for c in range(c0 + (shift - c0) % step, c1 + 1, step):
             if n >= len(marks[0]):
-                return n
+                break
             ex, ey = level[r, c, 0], level[r, c, 1]
-            across = (pose[1] - centre[1]) * ex - (pose[0] - centre[0]) * ey
-            if abs(across) > half:
-                continue
-            dx, dy, dz = direction[r, c, 0], direction[r, c, 1], direction[r, c, 2]
-            ahead = (pose[0] - centre[0]) * dx + (pose[1] - centre[1]) * dy + (0.5 * pose[2] - centre[2]) * dz
-            if ahead < 0.15:
+            ux, uy, uz = direction[r, c, 0], direction[r, c, 1], direction[r, c, 2]
+            if abs(dy * ex - dx * ey) > half or dx * ux + dy * uy + dz * uz < 0.15:
                 continue
             values[CX, n], values[CY, n], values[CZ, n] = centre[0], centre[1], centre[2]
-            values[EX, n], values[EY, n], values[COS, n], values[SIN, n] = ex, ey, dx * ex + dy * ey, -dz
+            values[EX, n], values[EY, n], values[COS, n], values[SIN, n] = ex, ey, ux * ex + uy * ey, -uz
             values[RANGE, n], values[WEIGHT, n], values[MATCHED, n] = range_m[r, c], weight, matched_m[r, c]
             values[STD, n] = std_per_m2 / stretch[r, c]
-            angle = min(max(int((level[r, c, 2] - b.angle_min) / b.angle_step + 0.5), 0), 24)
+            angle = min(max(int((level[r, c, 2] - m.angle_min) / m.angle_step + 0.5), 0), 24)
             marks[KIND, n], marks[CODE, n], marks[ANGLE, n] = kind[r, c], colour[r, c], angle
             n += 1
-    return n
+    size[0] = n
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def layer(
-    values: F32, marks: U8, n: int, poses: F64, sure: F64, ratios: F32, who: I64, cover: F32, front: F32,
-    beliefs: Sequence[Beliefs], layers: F32, count: I64, scratch: F32, which: I64,
-) -> None:  # fmt: skip
-    """The other people on every sample's ray, the nearest first, each covering as surely as it exists (``sure``).
+def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore[no-untyped-def]
+    """The other people on every sample's ray, the nearest first, each covering as surely as it exists.
 
     Fills ``layers`` (N, 4, LAYERS + 1): ranges, the share of the ray that passes the first k people, the likelihood
     that these explain, and what all behind them explains of what passes; ``count`` (N,), how many they are.
     """
-    b = beliefs[0]
+    m = model[0]
+    values, marks, layers, count, scratch, which, size = samples
+    poses, sure, tall, ratios = people
+    (cover, front), n = table, size[0]
     near = np.zeros(n, np.bool_)
     count[:n] = 0
     for a in range(len(who)):
@@ -204,78 +266,79 @@ def layer(
         if sure[k] > 0.5:
             for i in range(n):
                 flat = values[COS, i] * values[RANGE, i]
+                if m.masks > 0.0:
+                    along = (x - values[CX, i]) * values[EX, i] + (y - values[CY, i]) * values[EY, i]
+                    at = along * values[COS, i] - (0.5 * h - values[CZ, i]) * values[SIN, i]
+                    flat, z = along, values[CZ, i] - values[SIN, i] * at
+                    if z < -0.1 or z > h + 0.2:
+                        continue
                 ox, oy = values[CX, i] + values[EX, i] * flat - x, values[CY, i] + values[EY, i] * flat - y
-                near[i] |= ox * ox + oy * oy < b.reach_m * b.reach_m
-        for q in range(_covered(x, y, h, values, n, cover, b, scratch, which)):
+                near[i] |= ox * ox + oy * oy < m.reach_m * m.reach_m
+        for q in range(_covered(x, y, h, samples, table, m)):
             i = which[q]
-            angle, iu, iw, kind, m = marks[ANGLE, i], int(scratch[0, i]), int(scratch[1, i]), marks[KIND, i], count[i]
+            angle, iu, iw, kind, k_on = (
+                marks[ANGLE, i],
+                int(scratch[0, i]),
+                int(scratch[1, i]),
+                marks[KIND, i],
+                count[i],
+            )
             pi = cover[angle, iu, iw] * sure[k]
-            if pi < 0.01 or m >= LAYERS:
+            if pi < 0.01 or k_on >= LAYERS:
                 continue
-            range_m = scratch[2, i] - front[angle, iu, iw] * h / b.body_m
-            z = (values[CZ, i] - values[SIN, i] * range_m) / h
+            at = scratch[2, i] - front[angle, iu, iw] * h / m.body_m
+            z = (values[CZ, i] - values[SIN, i] * at) / h
             std, seen = values[STD, i], values[RANGE, i]
-            hidden = kind == 0 and seen > 0 and z < HIDDEN_MAX
-            if hidden and seen < range_m - 3 * math.sqrt(b.surface_var + (std * range_m * range_m) ** 2):
+            if _behind(kind, seen, at, std, z, m):
                 continue
-            colour = 1.0 - b.colour + b.colour * ratios[k, _part(z), marks[CODE, i]] if kind == 1 else 1.0
-            like = _body_likelihood(kind, seen, range_m, std, values[MATCHED, i], colour, b)
-            ray, j = layers[i], m
-            while j > 0 and ray[AT, j - 1] > range_m:
+            colour = _ratio(ratios[k], z, marks[CODE, i], m) if kind == SURFACE else 1.0
+            like = _on_body(kind, seen, at, std, values[MATCHED, i], _hidden(h, tall[k, 0], z, m), colour, m)
+            ray, j = layers[i], k_on
+            while j > 0 and ray[AT, j - 1] > at:
                 for row in (AT, THROUGH, BEFORE):
                     ray[row, j] = ray[row, j - 1]
                 j -= 1
-            ray[AT, j], ray[THROUGH, j], ray[BEFORE, j] = range_m, pi, like
-            count[i] = m + 1
+            ray[AT, j], ray[THROUGH, j], ray[BEFORE, j] = at, pi, like
+            count[i] = k_on + 1
     for i in range(n):
-        kind = marks[KIND, i]
-        if kind == 0:
-            ground = 1.0 - b.background
-        elif kind == 2:
-            ground = 0.5 * b.background
-        else:
-            ground = 0.5 * (b.near_people / (2 * b.reach_m) if near[i] else b.background / b.range_m)
-        ray, m = layers[i], count[i]
-        ray[REST, m] = ground
-        for j in range(m - 1, -1, -1):
+        ray, k_on = layers[i], count[i]
+        ray[REST, k_on] = _on_ground(marks[KIND, i], values[RANGE, i], near[i], m)
+        for j in range(k_on - 1, -1, -1):
             ray[REST, j] = ray[THROUGH, j] * ray[BEFORE, j] + (1.0 - ray[THROUGH, j]) * ray[REST, j + 1]
         passing, explained = 1.0, 0.0
-        for j in range(m):
+        for j in range(k_on):
             pi, like = ray[THROUGH, j], ray[BEFORE, j]
             ray[THROUGH, j], ray[BEFORE, j] = passing, explained
             explained += passing * pi * like
             passing *= 1.0 - pi
-        ray[THROUGH, m], ray[BEFORE, m] = passing, explained
+        ray[THROUGH, k_on], ray[BEFORE, k_on] = passing, explained
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def evaluate(
-    x: float, y: float, h: float, values: F32, marks: U8, n: int, ratio: F32, cover: F32, front: F32,
-    beliefs: Sequence[Beliefs], layers: F32, count: I64, scratch: F32, which: I64,
-) -> float:  # fmt: skip
+def log_ratio(x: float, y: float, h: float, tall_m: float, ratios: F32, samples, table, model) -> float:  # type: ignore[no-untyped-def]
     """Lam of all samples with one person at a pose among the others, less Lam without that person."""
-    b = beliefs[0]
+    m = model[0]
+    values, marks, layers, count, scratch, which, _ = samples
+    cover, front = table
     total, product, factors, weight = 0.0, 1.0, 0, 0.0
-    floor_seen = b.unknown / b.range_m / (1.0 - b.unknown)
-    for q in range(_covered(x, y, h, values, n, cover, b, scratch, which)):
+    floor_seen = m.unknown / m.range_m / (1.0 - m.unknown)
+    for q in range(_covered(x, y, h, samples, table, m)):
         i = which[q]
         angle, iu, iw, kind = marks[ANGLE, i], int(scratch[0, i]), int(scratch[1, i]), marks[KIND, i]
         pi = cover[angle, iu, iw]
-        range_m = scratch[2, i] - front[angle, iu, iw] * h / b.body_m
-        z = (values[CZ, i] - values[SIN, i] * range_m) / h
+        at = scratch[2, i] - front[angle, iu, iw] * h / m.body_m
+        z = (values[CZ, i] - values[SIN, i] * at) / h
         if pi < 0.005 or z < 0.0:
             continue
         std, seen = values[STD, i], values[RANGE, i]
-        if kind == 0 and seen > 0 and z < HIDDEN_MAX:
-            behind = 3 * math.sqrt(b.surface_var + (std * range_m * range_m) ** 2)
-            if seen < range_m - behind:
-                continue
-        colour = 1.0 - b.colour + b.colour * ratio[_part(z), marks[CODE, i]] if kind == 1 else 1.0
-        like = _body_likelihood(kind, seen, range_m, std, values[MATCHED, i], colour, b)
+        if _behind(kind, seen, at, std, z, m):
+            continue
+        colour = _ratio(ratios, z, marks[CODE, i], m) if kind == SURFACE else 1.0
+        like = _on_body(kind, seen, at, std, values[MATCHED, i], _hidden(h, tall_m, z, m), colour, m)
         ray, j = layers[i], 0
-        while j < count[i] and ray[AT, j] < range_m:
+        while j < count[i] and ray[AT, j] < at:
             j += 1
-        without = ray[BEFORE, j] + ray[THROUGH, j] * ray[REST, j] + (floor_seen if kind == 1 else TINY)
+        without = ray[BEFORE, j] + ray[THROUGH, j] * ray[REST, j] + (floor_seen if kind == SURFACE else TINY)
         if factors == ONE_LOG or values[WEIGHT, i] != weight:
             total += weight * math.log(product)
             product, factors, weight = 1.0, 0, values[WEIGHT, i]
@@ -285,193 +348,219 @@ def evaluate(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def believed(
-    x: float, y: float, h: float, tall: float, tall_std: float, poses: F64, sure: F64, who: I64,
-    beliefs: Sequence[Beliefs],
-) -> float:  # fmt: skip
-    """Logarithm of what is believed of a pose: upright, seldom lower, and no body inside another.
+def log_prior(x: float, y: float, h: float, tall, others, model) -> float:  # type: ignore[no-untyped-def]
+    """Logarithm of the prior of a pose: upright, seldom lower, and no body inside another.
 
-    ``tall``, ``tall_std``: what is known of the person's height when upright; ``who`` of ``poses`` are the others, as
-    ``sure`` to be there. Relative to standing so with nobody near.
+    ``tall``: height when upright and its deviation; ``others``: poses, existence and which. Relative to standing so
+    with nobody near.
     """
-    b = beliefs[0]
-    off = (h - tall) / tall_std
-    lower = b.low_share / (1.0 - b.low_share) * tall_std * math.sqrt(2 * math.pi) / tall
-    value = math.log((math.exp(-0.5 * off * off) + lower) / (1.0 + lower))
+    m = model[0]
+    poses, sure, who = others
+    tall_m, std = tall
+    up, sits, down = (h - tall_m) / std, 0.5 * m.sits / (1.0 - m.sits), (h - m.sitting * tall_m) / (2.0 * std)
+    lower = m.low_share / (1.0 - m.low_share) * std * math.sqrt(2 * math.pi) / tall_m
+    density = math.exp(-0.5 * up * up) + lower + sits * math.exp(-0.5 * down * down)
+    value = math.log(density / (1.0 + lower + sits))
     for a in range(len(who)):
         k = who[a]
         gap = math.sqrt((x - poses[k, 0]) ** 2 + (y - poses[k, 1]) ** 2)
-        if gap < b.apart_m:
-            value -= 0.5 * sure[k] * ((b.apart_m - gap) / 0.07) ** 2
+        if gap < m.apart_m:
+            value -= 0.5 * sure[k] * ((m.apart_m - gap) / BODY_SOFTNESS_M) ** 2
     return value
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _posterior(x: float, y: float, h: float, prior, pixels):  # type: ignore[no-untyped-def]
-    """Lam - Mahalanobis / 2 plus what is believed of a pose; Lam alone."""
-    predicted, information, tall, tall_std, poses, sure, who, beliefs = prior
+def _posterior(pose, prior, me, others, samples, table, model):  # type: ignore[no-untyped-def]
+    """Lam - Mahalanobis / 2 plus the logarithm of the prior of a pose; Lam alone."""
+    (x, y, h), (predicted, information, _), (tall_m, std, ratios) = pose, prior, me
     ox, oy, oh = x - predicted[0], y - predicted[1], h - predicted[2]
     away = information[0] * ox * ox + 2 * information[1] * ox * oy + information[2] * oy * oy
     away += information[3] * oh * oh
-    lam = evaluate(x, y, h, *pixels)
-    return lam - 0.5 * away + believed(x, y, h, tall, tall_std, poses, sure, who, beliefs), lam
+    lam = log_ratio(x, y, h, tall_m, ratios, samples, table, model)
+    return lam - 0.5 * away + log_prior(x, y, h, (tall_m, std), others, model), lam
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def ascend(  # type: ignore[no-untyped-def]
-    pose: F64, bent: F64, predicted: F64, information: F64, tall: float, tall_std: float, poses: F64, sure: F64,
-    who: I64, steps: F64, low: float, high: float, values: F32, marks: U8, n: int, ratio: F32, cover: F32, front: F32,
-    beliefs: Sequence[Beliefs], layers: F32, count: I64, scratch: F32, which: I64,
-):  # fmt: skip
-    """Ascent on Lam - Mahalanobis / 2 by parabolas along and across the first camera's ray and in height.
+def _along_head(pose, height_m: float, camera):  # type: ignore[no-untyped-def]
+    """A pose of another height whose head is on the same ray."""
+    (x, y, h), (cx, cy, cz) = pose, camera
+    if cz - max(h, height_m) < 0.3:
+        return x, y, height_m
+    f = (cz - height_m) / (cz - h)
+    return cx + (x - cx) * f, cy + (y - cy) * f, height_m
 
-    Moves ``pose``; fills ``bent`` (3,), how sharply Lam bends there in these directions [1/m^2].
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def ascend(pose: F64, bend: F64, prior, me, others, samples, table, model) -> float:  # type: ignore[no-untyped-def]
+    """Ascent on Lam - Mahalanobis / 2 by parabolas along and across the first camera's ray, in height and, in masks,
+    in height along the ray of the head.
+
+    Moves ``pose``; fills ``bend`` (3,), how sharply Lam bends there in the first three [1/m^2].
 
     Args:
-        information: (4,) xx, xy, yy of the place's and of the height's inverse covariance.
-        poses, sure, who: other bodies, which cannot be entered, and how surely they exist.
+        prior: (3,) predicted pose, (4,) xx, xy, yy of the place's and of the height's inverse covariance, and steps.
+        me: height when upright and its deviation, (PARTS, CODES) ratios of colours.
+        others: poses, existence and which: bodies that cannot be entered.
 
     Returns:
-        Lam at the end plus what is believed of such a pose.
+        Lam at the end plus the logarithm of the prior of such a pose.
     """
-    ax, ay = 1.0, 0.0
-    if n > 0:
-        ax, ay = pose[0] - values[CX, 0], pose[1] - values[CY, 0]
+    m = model[0]
+    values, size = samples[0], samples[6]
+    camera, ax, ay, slope = (pose[0] - 1.0, pose[1], 1e6), 1.0, 0.0, 1.0
+    if size[0] > 0:
+        camera = float(values[CX, 0]), float(values[CY, 0]), float(values[CZ, 0])
+        ax, ay = pose[0] - camera[0], pose[1] - camera[1]
         norm = math.sqrt(ax * ax + ay * ay)
         ax, ay = (ax / norm, ay / norm) if norm > 1e-6 else (1.0, 0.0)
-    x, y, h = pose[0], pose[1], pose[2]
-    prior = predicted, information, tall, tall_std, poses, sure, who, beliefs
-    pixels = values, marks, n, ratio, cover, front, beliefs, layers, count, scratch, which
-    best, lam = _posterior(x, y, h, prior, pixels)
-    upright, standing = _posterior(x, y, tall, prior, pixels)
-    if upright > best:
-        best, lam, h = upright, standing, tall
-    for step in steps:
-        for _ in range(TURNS):
+        if m.masks > 0.0:  # one step in the image, whatever the slope of the ray
+            slope = min(math.sqrt(norm * norm + camera[2] ** 2) / camera[2], SLOPE_MAX)
+    at = pose[0], pose[1], pose[2]
+    best, lam = _posterior(at, prior, me, others, samples, table, model)
+    for posture in range(2 if m.masks > 0.0 else 1):
+        tall_m = me[0] * (m.sitting if posture == 1 else 1.0)
+        new = _along_head((pose[0], pose[1], pose[2]), tall_m, camera) if m.masks > 0.0 else (pose[0], pose[1], tall_m)
+        value, lam_new = _posterior(new, prior, me, others, samples, table, model)
+        if value > best:
+            best, lam, at = value, lam_new, new
+    for step in prior[2]:
+        for _ in range(MAX_TURNS):
             farthest = 0.0
-            for axis in range(3):
-                ux, uy, uh = ax, ay, 0.0
-                if axis == 1:
-                    ux, uy = -ay, ax
-                elif axis == 2:
-                    ux, uy, uh = 0.0, 0.0, 0.5
+            for way in range(4 if m.masks > 0.0 else 3):
+                unit = slope if way == 0 else (1.0 if way == 1 else 0.5)
+                x, y, h = at
                 value, at_start = best, lam
                 up, down, f, jump = 0.0, 0.0, 0.0, 0.0
                 for trial in range(3):
                     f = step if trial == 0 else -step
                     if trial == 2:
-                        bend, rise = up + down - 2 * value, up - down
-                        if bend < 0:
-                            f = max(-2 * step, min(2 * step, -0.5 * step * rise / bend))
+                        curve, rise = up + down - 2 * value, up - down
+                        if curve < 0:
+                            f = max(-2 * step, min(2 * step, -0.5 * step * rise / curve))
                         else:
                             f = 2 * step if rise > 0 else -2 * step
                         if abs(f) < 0.1 * step:
                             break
-                    new, lam_new = _posterior(x + f * ux, y + f * uy, max(low, min(high, h + f * uh)), prior, pixels)
+                    far, height_m = f * unit, max(m.height_min_m, min(m.height_max_m, h + f * unit))
+                    if way == 0:
+                        new = x + far * ax, y + far * ay, h
+                    elif way == 1:
+                        new = x - far * ay, y + far * ax, h
+                    elif way == 2:
+                        new = x, y, height_m
+                    else:
+                        new = _along_head((x, y, h), height_m, camera)
+                    reached, lam_new = _posterior(new, prior, me, others, samples, table, model)
                     if trial == 0:
-                        up, bent[axis] = new, 2 * at_start - lam_new
+                        up = reached
+                        if way < 3:
+                            bend[way] = 2 * at_start - lam_new
                     elif trial == 1:
-                        down, bent[axis] = new, (bent[axis] - lam_new) / (step * (0.5 if axis == 2 else 1.0)) ** 2
-                    if new > best + 1e-6:
-                        best, lam, jump = new, lam_new, f
-                x, y, h = x + jump * ux, y + jump * uy, max(low, min(high, h + jump * uh))
+                        down = reached
+                        if way < 3:
+                            bend[way] = (bend[way] - lam_new) / (step * unit) ** 2
+                    if reached > best + 1e-6:
+                        best, lam, at, jump = reached, lam_new, new, f
                 farthest = max(farthest, abs(jump))
             if farthest < 0.5 * step:
                 break
-    pose[0], pose[1], pose[2] = x, y, h
-    return lam + believed(x, y, h, tall, tall_std, poses, sure, who, beliefs)
+    pose[0], pose[1], pose[2] = at
+    return float(lam + log_prior(at[0], at[1], at[2], (me[0], me[1]), others, model))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def visible(  # type: ignore[no-untyped-def]
-    pose: F64, values: F32, marks: U8, n: int, cover: F32, front: F32, beliefs: Sequence[Beliefs], layers: F32,
-    count: I64, scratch: F32, which: I64,
-):  # fmt: skip
+def visible(pose: F64, tall_m: float, samples, table, model):  # type: ignore[no-untyped-def]
     """Patches of a body that it explains better than all else, and those in view."""
-    b = beliefs[0]
-    mine = total = 0.0
-    for q in range(_covered(pose[0], pose[1], pose[2], values, n, cover, b, scratch, which)):
+    m = model[0]
+    values, marks, layers, count, scratch, which, _ = samples
+    cover, front = table
+    h, mine, total = pose[2], 0.0, 0.0
+    for q in range(_covered(pose[0], pose[1], h, samples, table, m)):
         i = which[q]
         angle, iu, iw, kind = marks[ANGLE, i], int(scratch[0, i]), int(scratch[1, i]), marks[KIND, i]
         pi = cover[angle, iu, iw]
         if pi < 0.02:
             continue
         total += pi * values[WEIGHT, i]
-        if kind == 0:
+        if kind in (SEEN, SHADOW):
             continue
-        range_m = scratch[2, i] - front[angle, iu, iw] * pose[2] / b.body_m
-        like = _body_likelihood(kind, values[RANGE, i], range_m, values[STD, i], values[MATCHED, i], 1.0, b)
+        at = scratch[2, i] - front[angle, iu, iw] * h / m.body_m
+        hidden = _hidden(h, tall_m, (values[CZ, i] - values[SIN, i] * at) / h, m)
+        like = _on_body(kind, values[RANGE, i], at, values[STD, i], values[MATCHED, i], hidden, 1.0, m)
         ray, j = layers[i], 0
-        while j < count[i] and ray[AT, j] < range_m:
+        while j < count[i] and ray[AT, j] < at:
             j += 1
-        own = ray[THROUGH, j] * pi * like
-        floor = b.unknown / b.range_m if kind == 1 else 0.0
-        if own > ray[BEFORE, j] + ray[THROUGH, j] * (1 - pi) * ray[REST, j] + floor:
+        unknown = m.unknown / m.range_m if kind == SURFACE else 0.0
+        if ray[THROUGH, j] * pi * like > ray[BEFORE, j] + ray[THROUGH, j] * (1 - pi) * ray[REST, j] + unknown:
             mine += pi * values[WEIGHT, i]
     return mine, total
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def share_out(
-    poses: F64, sure: F64, ratios: F32, boxes: I64, centre: F64, direction: F32, level: F32, stretch: F32,
-    std_per_m2: float, per_patch: float, range_m: F32, cover: F32, front: F32, beliefs: Sequence[Beliefs],
-    pixels: I64, colour: U8, owner: I64, share: F32, height: F32, patches: F32, points: F32,
-) -> None:  # fmt: skip
-    """Who owns each pixel of surface, see ``Owned``; ``per_patch``: patches that a pixel is at unit depth.
-
-    Fills ``points`` (5, M): x, y, z, how much better a body's surface there would explain the pixel, as an expected
-    logarithm times its patches, about 0 for what is explained; and its colour.
-    """
-    b = beliefs[0]
-    cols = range_m.shape[1]
-    t = np.empty(LAYERS)
-    p = np.empty(LAYERS)
-    like = np.empty(LAYERS)
-    zs = np.empty(LAYERS)
+def share_out(pixels: I64, people, around: I64, view, table, model, owned) -> None:  # type: ignore[no-untyped-def]
+    """Who owns each of some pixels of one kind, see ``Owned``; ``around``: (N, 4) boxes of people [px]."""
+    m = model[0]
+    poses, sure, tall, ratios = people
+    centre, direction, level, stretch, matched_m, _, _, kinds, range_m, colour, pixel_sr, std_per_m2 = view
+    owner, share, height, patches, lacking, beside = owned
+    cover, front = table
+    cols, camera_z = range_m.shape[1], centre[2]
+    ats, pis, likes, zs = np.empty((4, LAYERS))
     ks = np.empty(LAYERS, np.int64)
     for i in range(len(pixels)):
         r, c = pixels[i] // cols, pixels[i] % cols
-        far, widened = range_m[r, c], stretch[r, c]
-        dx, dy, dz = direction[r, c, 0], direction[r, c, 1], direction[r, c, 2]
-        ex, ey, m, near = level[r, c, 0], level[r, c, 1], 0, False
-        x, y = centre[0] + dx * far, centre[1] + dy * far
-        points[0, i], points[1, i], points[2, i] = x, y, centre[2] + dz * far
-        patches[i] = (far / widened) ** 2 * per_patch
-        angle = min(max(int((level[r, c, 2] - b.angle_min) / b.angle_step + 0.5), 0), 24)
+        far, std, n, near = range_m[r, c], std_per_m2 / stretch[r, c], 0, False
+        ex, ey, sin = level[r, c, 0], level[r, c, 1], -direction[r, c, 2]
+        cos = direction[r, c, 0] * ex + direction[r, c, 1] * ey
+        x, y = centre[0] + direction[r, c, 0] * far, centre[1] + direction[r, c, 1] * far
+        kind = kinds[r, c]
+        angle = min(max(int((level[r, c, 2] - m.angle_min) / m.angle_step + 0.5), 0), 24)
         for k in range(len(poses)):
-            ox, oy = x - poses[k, 0], y - poses[k, 1]
-            near = near or (sure[k] > 0.5 and ox * ox + oy * oy < b.reach_m * b.reach_m)
-            if c < boxes[k, 0] or c > boxes[k, 2] or r < boxes[k, 1] or r > boxes[k, 3] or m >= LAYERS:
+            ox, oy, h = x - poses[k, 0], y - poses[k, 1], poses[k, 2]
+            if far > 0.0:
+                near = near or (sure[k] > 0.5 and ox * ox + oy * oy < m.reach_m * m.reach_m)
+            if c < around[k, 0] or c > around[k, 2] or r < around[k, 1] or r > around[k, 3] or n >= LAYERS:
                 continue
-            pi, at, z = _look(
-                poses[k, 0], poses[k, 1], poses[k, 2], centre[0], centre[1], centre[2], ex, ey,
-                dx * ex + dy * ey, -dz, angle, cover, front, b,
-            )  # fmt: skip
-            pi *= sure[k]
+            if far <= 0.0:
+                near = near or sure[k] > 0.5
+            dx, dy, dz = poses[k, 0] - centre[0], poses[k, 1] - centre[1], 0.5 * h - camera_z
+            along, scale = dx * ex + dy * ey, m.body_m / h
+            iu = int(abs(dy * ex - dx * ey) * scale / m.cell_m)
+            iw = int((-(along * sin + dz * cos) * scale - m.w_min) / m.cell_m)
+            if iu >= cover.shape[1] or iw < 0 or iw >= cover.shape[2]:
+                continue
+            pi, at = sure[k] * cover[angle, iu, iw], along * cos - dz * sin - front[angle, iu, iw] / scale
             if pi < 0.01:
                 continue
-            ratio = 1.0 - b.colour + b.colour * ratios[k, _part(z), colour[i]]
-            value = _body_likelihood(1, far, at, std_per_m2 / widened, 0.0, ratio, b)
-            j = m
-            while j > 0 and t[j - 1] > at:
-                t[j], p[j], like[j], ks[j], zs[j] = t[j - 1], p[j - 1], like[j - 1], ks[j - 1], zs[j - 1]
+            z = (camera_z - sin * at) / h
+            ratio = _ratio(ratios[k], z, colour[r, c], m)
+            like = _on_body(kind, far, at, std, matched_m[r, c], _hidden(h, tall[k, 0], z, m), ratio, m)
+            j = n
+            while j > 0 and ats[j - 1] > at:
+                ats[j], pis[j], likes[j], ks[j], zs[j] = ats[j - 1], pis[j - 1], likes[j - 1], ks[j - 1], zs[j - 1]
                 j -= 1
-            t[j], p[j], like[j], ks[j], zs[j] = at, pi, value, k, z
-            m += 1
-        passing, total, best, who, at_z = 1.0, 0.0, 0.0, -1, 0.0
-        for j in range(m):
-            value = passing * p[j] * like[j]
-            passing *= 1.0 - p[j]
-            total += value
-            if value > best:
-                best, who, at_z = value, ks[j], zs[j]
-        other = passing * 0.5 * (b.near_people / (2 * b.reach_m) if near else b.background / b.range_m)
-        other += b.unknown / b.range_m
-        owner[i] = who if best > other else -1
+            ats[j], pis[j], likes[j], ks[j], zs[j] = at, pi, like, k, z
+            n += 1
+        passing, total, best, who, at_z, at = 1.0, 0.0, 0.0, -1, 0.0, far
+        for j in range(n):
+            like = passing * pis[j] * likes[j]
+            passing *= 1.0 - pis[j]
+            total += like
+            if like > best:
+                best, who, at_z = like, ks[j], zs[j]
+                if far <= 0.0:
+                    at = ats[j]
+        other = passing * _on_ground(kind, far, near, m) + m.unknown / m.range_m
+        owner[i], beside[i] = (who if best > other else -1), near
         share[i], height[i] = best / (total + other), at_z
-        surface = b.surface_var + (std_per_m2 / widened * far * far) ** 2
-        typical = b.body * (1.0 - b.no_depth) * (1.0 - b.outliers) / math.sqrt(2.0 * math.pi * math.e * surface)
-        points[3, i], points[4, i] = patches[i] * math.log(typical / (total + other)), colour[i]
+        patches[i] = (at / stretch[r, c]) ** 2 * pixel_sr / m.patch_m**2
+        if far > 0.0:  # a body's surface there, as an expected logarithm
+            surface = m.surface_var + (std * far * far) ** 2
+            typical = m.body * (1.0 - m.no_depth) * (1.0 - m.outliers) / math.sqrt(2.0 * math.pi * math.e * surface)
+            lacking[i] = patches[i] * math.log(typical / (total + other))
+        else:  # one more person behind all others
+            typical = passing * _on_body(kind, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, m)
+            lacking[i] = math.log((total + typical) / (total + other))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 
 from calib.types import F32, F64, Bool
-from planview.maps.pixels import SURFACE
+from planview.maps.pixels import SURFACE, SeenPixels
 from planview.tracking import body
 from planview.tracking.joint._kernels import map_lacking
 from planview.tracking.joint.explanation import SURFACE_STD_M, Explanation, Owned, People
+from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
 from planview.tracking.kalman import FloorKalman
 
@@ -32,19 +33,18 @@ LOOSE = np.array([1.0, 0.0, 1.0, body.TORSO.torso_radius_m**2]) / body.TORSO.tor
 class Births:
     """Tries one more person wherever the pixels lack enough of an explanation."""
 
-    def __init__(self) -> None:
+    def __init__(self, params: JointParams) -> None:
+        self._params = params
         self._tried_m: dict[tuple[float, ...], F32] = {}
 
-    def find(
-        self, frame: Explanation, known: Sequence[Person], owned: Sequence[Owned], points: F32, now_s: float
-    ) -> list[Person]:
-        """People who are born in this frame, without ids; ``owned`` and ``points`` as of ``Explanation.share_out``.
+    def find(self, frame: Explanation, known: Sequence[Person], owned: Sequence[Owned], now_s: float) -> list[Person]:
+        """People who are born in this frame, without ids; ``owned`` as of ``Explanation.share_out``.
 
         Pixels that have been tried count again when they have changed.
         """
-        p = frame.params
+        p = self._params
         fresh = np.flatnonzero(~self._unchanged(frame, owned))
-        points = points[:, fresh]
+        points = np.concatenate([_points(*of) for of in zip(frame.views, owned, strict=True)], axis=1)[:, fresh]
         if float(np.maximum(points[3], 0.0).sum()) < p.birth_evidence:
             return []
         low, high = (edge(points[:2], axis=1).astype(np.float64) for edge in (np.min, np.max))
@@ -67,7 +67,9 @@ class Births:
             box[max(0, row - reach) : row + reach + 1, max(0, col - reach) : col + reach + 1] = 0
             people = people or side_by_side(known)
             near = np.abs(points[:2] - place[:, None]).max(axis=0) < reach * CELL_M
-            person = _tried(frame, people, points[:, near & (points[3] > 0)].T.astype(np.float64), now_s)
+            person = _tried(
+                frame, p.birth_evidence, people, points[:, near & (points[3] > 0)].T.astype(np.float64), now_s
+            )
             tried[fresh[near]] = True
             if person is None:
                 continue
@@ -83,7 +85,7 @@ class Births:
             tried_m = self._tried_m.get(v.rays.key, np.float32(0.0))
             tried_m = self._tried_m[v.rays.key] = np.where(v.kind == SURFACE, tried_m, np.float32(0.0))
             now_m, before_m = v.range_m.reshape(-1)[o.pixels], tried_m.reshape(-1)[o.pixels]
-            std_m = np.hypot(SURFACE_STD_M, frame.params.disparity_std_px / v.rays.disparity_metre * now_m**2)
+            std_m = np.hypot(SURFACE_STD_M, self._params.disparity_std_px / v.rays.disparity_metre * now_m**2)
             same.append(np.abs(now_m - before_m) < CHANGED * std_m)
         return np.concatenate(same)
 
@@ -94,11 +96,18 @@ class Births:
             self._tried_m[v.rays.key].reshape(-1)[o.pixels[mine]] = v.range_m.reshape(-1)[o.pixels[mine]]
 
 
-def _tried(frame: Explanation, people: People, points: F64, now_s: float) -> Person | None:
-    """A newcomer at some points, if the evidence for one is strong enough."""
+def _points(view: SeenPixels, o: Owned) -> F32:
+    """(5, M) float32 of the pixels of a surface: x, y, z [m], what they lack of an explanation, and the colour."""
+    range_m = view.range_m.reshape(-1)[o.pixels]
+    xyz = view.rays.centre_m.astype(np.float32)[:, None] + view.rays.direction.reshape(-1, 3)[o.pixels].T * range_m
+    return np.concatenate([xyz, o.lacking[None], o.colours[None].astype(np.float32)])
+
+
+def _tried(frame: Explanation, birth_evidence: float, people: People, points: F64, now_s: float) -> Person | None:
+    """A newcomer at some (N, 5) points, if the evidence for one is strong enough."""
     if len(points) == 0:
         return None
-    p, radius = frame.params, body.TORSO.torso_radius_m
+    radius = body.TORSO.torso_radius_m
     place = np.average(points[:, :2], axis=0, weights=points[:, 3])
     out = place - frame.views[0].rays.centre_m[:2]
     place = place + out / max(float(np.hypot(*out)), radius) * 0.5 * radius
@@ -109,23 +118,23 @@ def _tried(frame: Explanation, people: People, points: F64, now_s: float) -> Per
     others = np.flatnonzero(frame.touching(trial.poses)[n, :n])
     samples = frame.around(start, radius + 0.15)
     samples.layer(trial, others)
-    worth, pose, bent = -np.inf, start, np.zeros(3)
+    worth, pose, bend = -np.inf, start, np.zeros(3)
     for height in (body.HEIGHT_MEAN_M, top):
         moved = np.array([*place, height])
-        value, bends = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial, others, trial.ratios[n])
+        value, bends = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial.ratios[n])
         if value > worth:
-            worth, pose, bent = value, moved, bends
-    mine, total = samples.visible(pose)
-    if worth < p.birth_evidence or mine < 0.25 * total:
+            worth, pose, bend = value, moved, bends
+    mine, total = samples.visible(pose, trial.tall[n])
+    if worth < birth_evidence or mine < 0.25 * total:
         return None
-    noise, up = samples.noise(pose, bent)
+    noise, up = samples.noise(pose, bend)
     kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), noise, 1.0)
     person = Person(0, kalman, float(pose[2]), BORN_LOG_ODDS, now_s)
     person.height_var = 1.0 / (1.0 / person.height_var + up)
     person.log_odds += min(worth, EVIDENCE_MAX) * 0.25
     person.born_s, person.born_m, person.origin_m = now_s, person.at_m, person.at_m
     person.evidence, person.share = worth, mine / max(total, 1e-6)
-    if all(v.colour is not None for v in frame.views):
+    if frame.coloured:
         owner = np.zeros(len(points), np.int64)
         person.learn_colours(colour_counts(1, owner, points[:, 2] / person.height_m, points[:, 4].astype(np.uint8))[0])
     return person

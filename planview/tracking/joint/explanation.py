@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from calib.types import F32, F64, I64, U8, Bool
 from planview.maps.colour import CODES
-from planview.maps.pixels import SURFACE, SeenPixels
+from planview.maps.pixels import PixelRays, SeenPixels
 from planview.tracking import body
 from planview.tracking.joint import _kernels as kernels
 from planview.tracking.joint.params import JointParams
@@ -29,7 +29,9 @@ RANGE_M = 6.0
 UNKNOWN = 0.02
 """kappa, share of the pixels before which something unknown stands."""
 SURFACE_STD_M = 0.10
-"""Deviation of a body's surface from its template [m]."""
+"""Deviation of a body's surface from its table [m]."""
+SPACING = 0.7
+"""Distance of samples on a body [patches]."""
 STEPS_M = np.array([0.12, 0.05])
 """Steps of the ascent: a walker's error of prediction, and half a patch [m]."""
 PLACE_STD_MIN_M = 0.02
@@ -37,35 +39,46 @@ PLACE_STD_MIN_M = 0.02
 MAX_SAMPLES = 4000
 GAP_PX = 6
 """People whose boxes are nearer than this in an image are explained together [px]."""
+ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
+"""Height when upright of somebody of whom nothing is known, and its deviation [m]."""
 
 
-def beliefs_of(p: JointParams, table: body.BodyTable) -> Sequence[kernels.Beliefs]:
-    """The parameters as kernels take them: an array of one record, which costs a call less than a tuple."""
-    beliefs = kernels.Beliefs(
-        outliers=OUTLIERS,
-        body=SEEN_ON_BODY,
-        background=SEEN_ON_BACKGROUND,
-        near_people=p.seen_near_people,
-        no_depth=NO_DEPTH,
-        range_m=RANGE_M,
-        unknown=UNKNOWN,
-        surface_var=SURFACE_STD_M**2,
-        colour=p.colour_weight,
-        body_m=body.TORSO.height_m,
-        reach_m=body.REACH_M,
-        apart_m=body.APART_M,
-        low_share=p.low_share,
-        angle_min=table.angle_min_rad,
-        angle_step=table.angle_step_rad,
-        cell_m=table.cell_m,
-        w_min=table.w_min_m,
-    )
-    record = np.array([tuple(beliefs)], dtype=[(name, np.float64) for name in beliefs._fields])
-    return cast(Sequence[kernels.Beliefs], record)
+class Likelihood(NamedTuple):
+    """What kernels need to know beside the pixels: ``model``, an array of one ``Model``, and the body's table."""
+
+    model: Any
+    table: body.BodyTable
+    disparity_std_px: float
+
+    @staticmethod
+    def of(model: kernels.Model, table: body.BodyTable, disparity_std_px: float = 0.0) -> Likelihood:
+        """Of these assumptions; an array of one record costs a call less than a tuple."""
+        record = np.array([tuple(model)], dtype=[(name, np.float64) for name in model._fields])
+        return Likelihood(record, table, disparity_std_px)
+
+    @property
+    def arrays(self) -> tuple[F32, F32]:
+        """The table as kernels take it."""
+        return self.table.cover, self.table.front
+
+
+def likelihood_of_ranges(p: JointParams) -> Likelihood:
+    """For pixels with ranges."""
+    table = body.body_table()
+    model = kernels.Model(
+        body=SEEN_ON_BODY, background=SEEN_ON_BACKGROUND, near_people=p.seen_near_people, hidden=0.0,
+        hidden_sitting=0.0, hidden_to=0.0, sitting_from=0.0, no_depth=NO_DEPTH, outliers=OUTLIERS, range_m=RANGE_M,
+        unknown=UNKNOWN, surface_var=SURFACE_STD_M**2, colour=p.colour_weight, low_share=p.low_share, sits=0.0,
+        sitting=1.0, masks=0.0, patch_m=p.patch_m, patch_px=0.0, spacing_m=SPACING * p.patch_m,
+        body_m=body.TORSO.height_m, reach_m=body.REACH_M, apart_m=body.APART_M, angle_min=table.angle_min_rad,
+        angle_step=table.angle_step_rad, cell_m=table.cell_m, w_min=table.w_min_m,
+        height_min_m=body.HEIGHT_MIN_M, height_max_m=body.HEIGHT_MAX_M,
+    )  # fmt: skip
+    return Likelihood.of(model, table, p.disparity_std_px)
 
 
 class Owned(NamedTuple):
-    """Who owns the M pixels of one camera that show a surface.
+    """Who owns M pixels of one camera.
 
     Attributes:
         pixels: (M,) int64, row * width + column.
@@ -73,7 +86,10 @@ class Owned(NamedTuple):
         owner: (M,) int64, index of a person; -1 nobody.
         share: (M,) float32, the owner's responsibility.
         height: (M,) float32, relative to the owner.
-        patches: (M,) float32 that a pixel is.
+        patches: (M,) float32 that a pixel is at its range, without one at the owner's.
+        lacking: (M,) float32, what one more person would gain [log-likelihood]: at the pixel's range, times its
+            patches, or behind all others.
+        beside: (M,) bool, whether a person may reach there.
     """
 
     pixels: I64
@@ -82,6 +98,8 @@ class Owned(NamedTuple):
     share: F32
     height: F32
     patches: F32
+    lacking: F32
+    beside: Bool
 
 
 class People:
@@ -97,18 +115,19 @@ class People:
     def __init__(self, poses: F64, sure: F64, tall: F64, ratios: F32) -> None:
         self.poses, self.sure, self.tall, self.ratios = poses, sure, tall, ratios
 
+    @property
+    def arrays(self) -> tuple[F64, F64, F64, F32]:
+        """As kernels take them."""
+        return self.poses, self.sure, self.tall, self.ratios
+
     def with_one(self, pose: F64) -> People:
         """With one more, of whom nothing is known."""
         return People(
             np.concatenate([self.poses, pose[None]]),
             np.append(self.sure, 1.0),
-            np.concatenate([self.tall, [[body.HEIGHT_MEAN_M, body.HEIGHT_STD_M]]]),
+            np.concatenate([self.tall, ANYBODY[None]]),
             np.concatenate([self.ratios, np.ones((1, kernels.PARTS, CODES), np.float32)]),
         )
-
-    def away(self) -> F64:
-        """(N,) distances from below the camera [m]: who is nearer is in front."""
-        return np.asarray(np.hypot(self.poses[:, 0], self.poses[:, 1]), dtype=np.float64)
 
 
 class Explanation:
@@ -116,30 +135,40 @@ class Explanation:
 
     Args:
         views: what the cameras saw.
+        likelihood: of their pixels.
     """
 
-    def __init__(self, views: Sequence[SeenPixels], params: JointParams, table: body.BodyTable) -> None:
-        self.views, self.params, self.table = views, params, table
-        self.beliefs, self._areas = beliefs_of(params, table), table.cover.sum(axis=(1, 2)).tolist()
+    def __init__(self, views: Sequence[SeenPixels], likelihood: Likelihood) -> None:
+        self.views, self.likelihood = views, likelihood
+        self._model = likelihood.model[0]
+        self._arrays = [self._view_arrays(v) for v in views]
+
+    def _view_arrays(self, v: SeenPixels) -> tuple[Any, ...]:
+        r, (rows, cols) = v.rays, v.kind.shape
+        std_per_m2 = self.likelihood.disparity_std_px / r.disparity_metre
+        return (
+            r.centre_m, r.direction, r.level, r.stretch, r.matched_m, r.projection,
+            (r.distortion_k, 0.5 * (cols - 1), 0.5 * (rows - 1)), v.kind, v.range_m,
+            v.colour if v.colour is not None else v.kind, r.pixel_sr, std_per_m2,
+        )  # fmt: skip
+
+    @property
+    def coloured(self) -> bool:
+        """Whether clothes tell people apart."""
+        return bool(self._model["colour"] > 0) and all(v.colour is not None for v in self.views)
 
     def around(self, pose: F64, reach_m: float) -> Samples:
         """The samples within reach of a body, of all cameras."""
-        samples = Samples(self)
-        for v in self.views:
-            r = v.rays
-            colour = v.colour if v.colour is not None else v.kind
-            std = self.params.disparity_std_px / r.disparity_metre
-            samples.n = kernels.gather(
-                pose, reach_m, kernels.SPACING * self.params.patch_m, self.params.patch_m, r.centre_m, r.direction,
-                r.level, r.stretch, r.matched_m, r.projection, r.pixel_sr, v.kind, v.range_m, colour, std,
-                samples.values, samples.marks, samples.n, self.beliefs,
-            )  # fmt: skip
+        samples = Samples(self.likelihood)
+        for view in self._arrays:
+            kernels.gather(pose, reach_m, view, samples.arrays, self.likelihood.model)
         return samples
 
-    def boxes(self, view: SeenPixels, poses: F64) -> I64:
+    def boxes(self, rays: PixelRays, poses: F64, half_m: float = 0.4) -> I64:
         """(N, 4) int64 left, top, right, bottom of bodies in a view [px]."""
-        boxes = np.empty((len(poses), 4))
-        kernels.boxes(poses, view.rays.projection, 0.4, 0.1, boxes)
+        boxes, (rows, cols) = np.empty((len(poses), 4)), rays.shape
+        lens = rays.distortion_k, 0.5 * (cols - 1), 0.5 * (rows - 1)
+        kernels.boxes(poses, half_m, 0.1, rays.projection, lens, boxes)
         return boxes.astype(np.int64)
 
     def in_view(self, point_m: F64) -> bool:
@@ -155,117 +184,109 @@ class Explanation:
         """(N, N) whether two people may be on one ray of a camera."""
         touch = np.zeros((len(poses), len(poses)), np.bool_)
         for v in self.views:
-            low, high = np.split(self.boxes(v, poses), 2, axis=1)
+            low, high = np.split(self.boxes(v.rays, poses), 2, axis=1)
             touch |= (low[:, None] - GAP_PX <= high[None]).all(-1) & (low[None] - GAP_PX <= high[:, None]).all(-1)
         return np.asarray(touch, dtype=np.bool_)
 
+    def nearest_first(self, poses: F64) -> I64:
+        """(N,) int64 order of people by their distance from below the first camera: who is nearer is in front."""
+        return np.argsort(np.hypot(*(poses[:, :2] - self.views[0].rays.centre_m[:2]).T))
+
     def whole_patches(self, pose: F64) -> float:
         """Patches of a body that is wholly in view, a mean over the cameras."""
-        total, scale = 0.0, (pose[2] / body.TORSO.height_m) ** 2
+        table, m, total = self.likelihood.table, self._model, 0.0
         for v in self.views:
             away = math.dist(pose[:2], v.rays.centre_m[:2])
             depression = math.atan2(v.rays.centre_m[2] - 0.5 * pose[2], away)
-            angle = round((depression - self.table.angle_min_rad) / self.table.angle_step_rad)
-            area = self._areas[min(max(angle, 0), len(self._areas) - 1)]
-            total += 2.0 * area * self.table.cell_m**2 * scale / self.params.patch_m**2
+            angle = round((depression - table.angle_min_rad) / table.angle_step_rad)
+            area = float(table.cover[min(max(angle, 0), len(table.cover) - 1)].sum())
+            total += 2.0 * area * (table.cell_m * pose[2] / body.TORSO.height_m / float(m["patch_m"])) ** 2
         return total / len(self.views)
 
-    def share_out(self, people: People) -> tuple[list[Owned], F32]:
-        """Who owns the surface in each view; and of all its pixels (5, N) float32 x, y, z [m], the expected
-        log-likelihood of a body's surface there less that of the explanation [patches], and the colour code."""
-        every, lacking = [], []
-        for v in self.views:
-            r, pixels = v.rays, np.flatnonzero(v.kind == SURFACE)
-            n, colour = len(pixels), v.colour if v.colour is not None else v.kind
-            owned = Owned(pixels, colour.reshape(-1)[pixels], np.empty(n, np.int64), *np.empty((3, n), np.float32))
-            points = np.empty((5, n), np.float32)
-            kernels.share_out(
-                people.poses, people.sure, people.ratios, self.boxes(v, people.poses), r.centre_m, r.direction, r.level,
-                r.stretch, self.params.disparity_std_px / r.disparity_metre, r.pixel_sr / self.params.patch_m**2,
-                v.range_m, self.table.cover, self.table.front, self.beliefs, *owned, points,
-            )  # fmt: skip
-            every.append(owned)
-            lacking.append(points)
-        return every, np.concatenate(lacking, axis=1)
+    def share_out(self, people: People, kind: int = kernels.SURFACE) -> list[Owned]:
+        """Who owns the pixels of a kind in each view."""
+        return [self.owned(k, people, np.flatnonzero(v.kind == kind)) for k, v in enumerate(self.views)]
+
+    def owned(self, k: int, people: People, pixels: I64) -> Owned:
+        """Who owns some pixels, all of one kind, of view k."""
+        view, n = self._arrays[k], len(pixels)
+        found = np.empty(n, np.int64), *np.empty((4, n), np.float32), np.empty(n, np.bool_)
+        boxes = self.boxes(self.views[k].rays, people.poses, self._reach_m)
+        arrays = self.likelihood.arrays
+        kernels.share_out(pixels, people.arrays, boxes, view, arrays, self.likelihood.model, found)
+        return Owned(pixels, view[9].reshape(-1)[pixels], *found)
+
+    @property
+    def _reach_m(self) -> float:
+        return float(self._model["reach_m"]) if self._model["masks"] else 0.4
 
 
 class Samples:
     """The samples around one person and the layers of others on their rays."""
 
-    def __init__(self, of: Explanation) -> None:
-        self._of = of
-        self.values = np.empty((kernels.SAMPLE_FIELDS, MAX_SAMPLES), np.float32)
-        self.marks = np.empty((3, MAX_SAMPLES), np.uint8)
-        self.n = 0
-        self._layers = (
+    def __init__(self, likelihood: Likelihood) -> None:
+        self._of = likelihood
+        self.arrays = (
+            np.empty((kernels.SAMPLE_FIELDS, MAX_SAMPLES), np.float32),
+            np.empty((3, MAX_SAMPLES), np.uint8),
             np.empty((MAX_SAMPLES, 4, kernels.LAYERS + 1), np.float32),
             np.empty(MAX_SAMPLES, np.int64),
             np.empty((3, MAX_SAMPLES), np.float32),
             np.empty(MAX_SAMPLES, np.int64),
+            np.zeros(1, np.int64),
         )
+        self._people: People
+        self._others: I64
 
     def layer(self, people: People, others: I64) -> None:
-        """Take these people for the others on the rays."""
-        t = self._of.table
-        kernels.layer(
-            self.values, self.marks, self.n, people.poses, people.sure, people.ratios, others, t.cover, t.front,
-            self._of.beliefs, *self._layers,
-        )  # fmt: skip
+        """Take these people for the others on the rays, whose bodies cannot be entered."""
+        self._people, self._others = people, others
+        kernels.lay_others(self.arrays, people.arrays, others, self._of.arrays, self._of.model)
 
-    def lam(self, pose: F64, ratio: F32) -> float:
+    def log_ratio(self, pose: F64, tall: F64, ratios: F32) -> float:
         """Lam with one more person at a pose, less Lam with the others alone."""
-        t, (x, y, h) = self._of.table, map(float, pose)
-        return float(
-            kernels.evaluate(
-                x, y, h, self.values, self.marks, self.n, ratio, t.cover, t.front, self._of.beliefs, *self._layers
-            )
-        )  # fmt: skip
+        (x, y, h), of = pose.tolist(), self._of
+        return float(kernels.log_ratio(x, y, h, float(tall[0]), ratios, self.arrays, of.arrays, of.model))
+
+    def log_prior(self, pose: F64, tall: F64, others: I64 | None = None) -> float:
+        """What is known of a pose before any pixel is seen; ``others`` are those of the layers unless given."""
+        (x, y, h), people = pose.tolist(), self._people
+        beside = people.poses, people.sure, self._others if others is None else others
+        return float(kernels.log_prior(x, y, h, tuple(tall.tolist()), beside, self._of.model))
+
+    def evidence(self, pose: F64, tall: F64, ratios: F32) -> float:
+        """For a person: both together."""
+        return self.log_ratio(pose, tall, ratios) + self.log_prior(pose, tall)
 
     def ascend(
-        self, pose: F64, predicted: F64, information: F64, tall: F64, people: People, others: I64, ratio: F32,
-        steps: F64 = STEPS_M,
-    ) -> tuple[float, F64]:  # fmt: skip
+        self, pose: F64, predicted: F64, information: F64, tall: F64, ratios: F32, steps: F64 = STEPS_M
+    ) -> tuple[float, F64]:
         """Move a pose to where it explains best.
 
         Args:
             information: (4,) xx, xy, yy of the place's and of the height's inverse covariance.
-            others: of the people, whose bodies cannot be entered.
 
         Returns:
-            Lam there plus what is believed of such a pose; (3,) how sharply Lam bends there along the ray, across it
-            and in height [1/m^2].
+            The evidence there; (3,) how sharply Lam bends there along the ray, across it and in height [1/m^2].
         """
-        t, bent = self._of.table, np.zeros(3)
-        worth = kernels.ascend(
-            pose, bent, predicted, information, float(tall[0]), float(tall[1]), people.poses, people.sure, others,
-            steps, body.HEIGHT_MIN_M, body.HEIGHT_MAX_M, self.values, self.marks, self.n, ratio, t.cover, t.front,
-            self._of.beliefs, *self._layers,
+        bend, people, of = np.zeros(3), self._people, self._of
+        evidence = kernels.ascend(
+            pose, bend, (predicted, information, steps), (*tall.tolist(), ratios),
+            (people.poses, people.sure, self._others), self.arrays, of.arrays, of.model,
         )  # fmt: skip
-        return float(worth), bent
+        return float(evidence), bend
 
-    def believed(self, pose: F64, tall: F64, people: People, others: I64) -> float:
-        """What is believed of a pose before any pixel is seen."""
-        x, y, h = map(float, pose)
-        tall_m, std = map(float, tall)
-        return float(kernels.believed(x, y, h, tall_m, std, people.poses, people.sure, others, self._of.beliefs))
-
-    def visible(self, pose: F64) -> tuple[float, float]:
+    def visible(self, pose: F64, tall: F64) -> tuple[float, float]:
         """Patches of a body that it explains better than all else, and those in view."""
-        t = self._of.table
-        mine, total = kernels.visible(
-            pose, self.values, self.marks, self.n, t.cover, t.front, self._of.beliefs, *self._layers
-        )
+        mine, total = kernels.visible(pose, float(tall[0]), self.arrays, self._of.arrays, self._of.model)
         return float(mine), float(total)
 
-    def noise(self, pose: F64, bent: F64) -> tuple[PositionNoise, float]:
+    def noise(self, pose: F64, bend: F64) -> tuple[PositionNoise, float]:
         """Covariance of the place and information on the height [1/m^2], from how Lam bends."""
-        ax, ay = (
-            (pose[0] - float(self.values[kernels.CX, 0]), pose[1] - float(self.values[kernels.CY, 0]))
-            if self.n
-            else (1.0, 0.0)
-        )
+        values, size = self.arrays[0], self.arrays[6]
+        ax, ay = (pose[:2] - values[kernels.CX : kernels.CZ, 0]).tolist() if size[0] else (1.0, 0.0)
         norm = max(math.hypot(ax, ay), 1e-6)
         ax, ay = ax / norm, ay / norm
-        va, vc = (max(1.0 / max(b, 5.0), PLACE_STD_MIN_M**2) for b in bent[:2])
+        va, vc = (max(1.0 / max(b, 5.0), PLACE_STD_MIN_M**2) for b in bend[:2].tolist())
         place = PositionNoise(va * ax * ax + vc * ay * ay, (va - vc) * ax * ay, va * ay * ay + vc * ax * ax)
-        return place, max(float(bent[2]), 0.0)
+        return place, max(float(bend[2]), 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -13,7 +14,7 @@ from planview.maps.colour import CODES
 from planview.tracking import body
 from planview.tracking.joint._kernels import PARTS
 from planview.tracking.joint.explanation import Owned
-from planview.tracking.joint.params import JointParams
+from planview.tracking.joint.params import PeopleParams
 from planview.tracking.joint.person import KNOWN_LOOKS, Person, colour_counts, colour_ratios
 
 CONTACT_M = 0.7
@@ -26,22 +27,25 @@ PART_MAX = 2.0
 """Largest evidence of the colours of one part of a body, as log-odds: light differs within a room."""
 
 
+P = TypeVar("P", bound=Person)
+
+
 class Exchanges:
     """Evidence, forgotten with ``lag_s``, that two people who were in contact have each other's place."""
 
-    def __init__(self, params: JointParams) -> None:
+    def __init__(self, params: PeopleParams) -> None:
         self._params = params
         self._evidence: dict[tuple[int, int], float] = {}
 
-    def update(self, people: Sequence[Person], owned: Sequence[Owned], dt: float) -> list[tuple[Person, Person, float]]:
+    def update(self, people: Sequence[P], owned: Sequence[Owned], dt: float) -> list[tuple[P, P, float]]:
         """Pairs that must exchange their identities, with the log-odds.
 
         Args:
-            owned: per view, from ``Explanation.share_out``.
+            owned: per view; none where clothes do not tell people apart.
         """
         p, alive = self._params, {q.track_id for q in people}
         self._evidence = {pair: v for pair, v in self._evidence.items() if alive.issuperset(pair)}
-        decided: list[tuple[Person, Person, float]] = []
+        decided: list[tuple[P, P, float]] = []
         ratios: F32 | None = None
         colours: dict[int, tuple[F64, float]] = {}
         for i, a in enumerate(people):
@@ -78,23 +82,29 @@ def owned_colours(k: int, owned: Sequence[Owned]) -> tuple[F64, float]:
     return total / max(total.sum(), 1.0), patches
 
 
-def continued(born: Sequence[Person], known: Sequence[Person], params: JointParams) -> dict[int, tuple[Person, float]]:
-    """Newcomers, by index, who are people known before, with the log-odds: the best joint assignment."""
-    odds = np.array([[_log_odds(q, b, known, params) for q in known] for b in born]).reshape(len(born), -1)
+def continued(born: Sequence[P], known: Sequence[P], floor_m2: float, low_share: float) -> dict[int, tuple[P, float]]:
+    """Newcomers, by index, who are people known before, with the log-odds: the best joint assignment.
+
+    Args:
+        floor_m2: over which strangers may appear.
+        low_share: of people who sit, bend, or are children.
+    """
+    odds = np.array([[_log_odds(q, b, known, floor_m2, low_share) for q in known] for b in born])
+    odds = odds.reshape(len(born), -1)
     rows, cols = linear_sum_assignment(np.maximum(odds, KNOWN_AGAIN), maximize=True)
     return {int(i): (known[j], float(odds[i, j])) for i, j in zip(rows, cols, strict=True) if odds[i, j] > KNOWN_AGAIN}
 
 
-def _log_odds(q: Person, b: Person, known: Sequence[Person], params: JointParams) -> float:
+def _log_odds(q: Person, b: Person, known: Sequence[Person], floor_m2: float, low_share: float) -> float:
     """Of a newcomer being a person known before rather than a stranger: by place, height and colours."""
     gone_s, away = b.born_s - q.seen_s, math.dist(q.at_m, b.born_m)
     if away > body.TORSO.torso_radius_m + body.SPEED_MAX_MPS * gone_s or gone_s <= 0:
         return -1.0
-    spread = min(body.TORSO.torso_radius_m + gone_s, math.sqrt(params.floor_m2) / 2)
-    place = math.log(params.floor_m2 / (2 * math.pi * spread**2)) - 0.5 * (away / spread) ** 2
+    spread = min(body.TORSO.torso_radius_m + gone_s, math.sqrt(floor_m2) / 2)
+    place = math.log(floor_m2 / (2 * math.pi * spread**2)) - 0.5 * (away / spread) ** 2
     error = max(math.sqrt(b.height_var), body.HEIGHT_STD_M)  # newcomers show in part at first
-    mine = body.stature(b.height_m, q.tall_m, math.hypot(q.upright[1], error), params.low_share)
-    stranger = body.stature(b.height_m, body.HEIGHT_MEAN_M, math.hypot(body.HEIGHT_STD_M, error), params.low_share)
+    mine = body.stature(b.height_m, q.tall_m, math.hypot(q.upright[1], error), low_share)
+    stranger = body.stature(b.height_m, body.HEIGHT_MEAN_M, math.hypot(body.HEIGHT_STD_M, error), low_share)
     anything = (1 - body.THINGS) * stranger + body.THINGS / body.HEIGHT_MEAN_M
     return place + math.log(mine / anything) + _alike(q, b, known)
 

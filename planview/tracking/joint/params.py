@@ -1,4 +1,4 @@
-"""Parameters of the plan-view tracker that explains every pixel by people."""
+"""Parameters of the trackers that explain every pixel by people."""
 
 from __future__ import annotations
 
@@ -7,19 +7,15 @@ from pydantic import Field
 from calib.params import Params
 
 
-class JointParams(Params):
-    """What is believed of sensors, bodies, walking and of who comes and goes; all values are physical."""
+class PeopleParams(Params):
+    """What is assumed of bodies, walking and of who comes and goes, whatever the sensor."""
 
-    disparity_std_px: float = Field(0.35, gt=0, le=5)
-    """Deviation of a disparity on a body [px of the matched image]: matching noise and its bias to whole pixels."""
     seen_near_people: float = Field(0.3, gt=0, lt=1)
-    """The same within an arm's reach of a person: arms and what is carried."""
+    """Share of the background's pixels that are foreground within an arm's reach of a person: arms, what is carried."""
     patch_m: float = Field(0.10, gt=0.01, le=1)
     """Errors of pixels nearer than this are one error [m]; one look per patch (Harville's unit of occupancy)."""
     low_share: float = Field(0.1, gt=0, lt=1)
     """Share of people who sit, bend, or are children."""
-    floor_m2: float = Field(20.0, gt=0.1, le=10000)
-    """Area of the floor over which strangers may appear [m^2]."""
     errors_s: float = Field(0.25, gt=0, le=10)
     """tau, time for which errors of the foreground stay the same [s]."""
     birth_evidence: float = Field(8.0, gt=0, le=100)
@@ -31,8 +27,17 @@ class JointParams(Params):
     visible_min: float = Field(0.08, gt=0, lt=1)
     """Share of a body that must be visible for its place to be measured; a confirmed person with less is lost."""
     colour_weight: float = Field(0.7, ge=0, lt=1)
-    """How far the colours of a person are believed; 0: clothes say nothing."""
+    """Weight of the colours of clothes; 0 disables them."""
     remember_s: float = Field(60.0, ge=0, le=3600)
     """Time for which a person who left is recognised [s]."""
     lag_s: float = Field(1.5, gt=0, le=60)
     """Time for which evidence of exchanged identities is kept [s]."""
+
+
+class JointParams(PeopleParams):
+    """Of pixels with ranges; all values are physical."""
+
+    disparity_std_px: float = Field(0.35, gt=0, le=5)
+    """Deviation of a disparity on a body [px of the matched image]: matching noise and its bias to whole pixels."""
+    floor_m2: float = Field(20.0, gt=0.1, le=10000)
+    """Area of the floor over which strangers may appear [m^2]."""

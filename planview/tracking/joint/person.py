@@ -114,9 +114,9 @@ class Person:
         """
         first, new_patches = not self.counted, 0.0
         for view, pixels, patches in owned:
-            counted = self.counted.setdefault(view.rays.key, np.zeros(view.kind.shape, np.uint8))
             if len(pixels) == 0:
                 continue
+            counted = self.counted.setdefault(view.rays.key, np.zeros(view.kind.shape, np.uint8))
             per_pixel = float(patches.mean())
             new: U8 = np.zeros_like(counted)
             new.reshape(-1)[pixels] = 1

@@ -10,14 +10,15 @@ from calib.errors import InputError
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.tracking import body
 from planview.tracking.base import Observation
-from planview.tracking.human_model import HumanModelTracker
+from planview.tracking.human_model import HumanModelParams, HumanModelTracker
 from planview.tracking.human_model.births import FloorPlaces, births
-from planview.tracking.human_model.explanation import SPACING_M, MaskExplanation, MaskView
+from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks, rays_of
 from planview.tracking.human_model.silhouette import silhouette
 from planview.tracking.human_model.walker import ModelMatch, matches
+from planview.tracking.joint import _kernels as kernels
 from planview.tracking.joint.explanation import People
 from tests.human_model_world import BLUE, CAMERA, FPS, MAP, PARAMS, RED, Drawn, World, confirmed, run
-from tests.reference import human_model as reference
+from tests.reference.explain import log_likelihood_of_mask
 
 
 def _walker(t: float) -> list[Drawn]:
@@ -144,13 +145,19 @@ def test_grey_video_is_tracked_without_colours() -> None:
     assert len(confirmed(states)) == 1
 
 
-VIEW = MaskView(CAMERA, PARAMS.model_copy(update={"colour_weight": 0.0}))
+COLOURLESS = PARAMS.model_copy(update={"colour_weight": 0.0})
+RAYS = rays_of(CAMERA)
 TALL = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 NOBODY = np.zeros(0, np.int64)
+SAME = np.ones((kernels.PARTS, 200), np.float32)
 
 
 def frame_of(*people: Drawn) -> MaskExplanation:
-    return MaskExplanation(VIEW, World().observe(0, people))
+    return explained(World().observe(0, people))
+
+
+def explained(seen: Observation, params: HumanModelParams = COLOURLESS) -> MaskExplanation:
+    return MaskExplanation(RAYS, seen, likelihood_of_masks(params))
 
 
 def people_at(*poses: tuple[float, float, float]) -> People:
@@ -160,43 +167,51 @@ def people_at(*poses: tuple[float, float, float]) -> People:
 
 def evidence(frame: MaskExplanation, pose: tuple[float, float, float], *others: tuple[float, float, float]) -> float:
     at, known = np.array(pose), people_at(*others, pose)
-    (samples,) = frame.around(at[None], 0.5)
-    samples.layer(known, np.arange(len(others)), len(others))
-    return samples.lam(at, TALL)
+    samples = frame.around(at, 0.5)
+    samples.layer(known, np.arange(len(others)))
+    return samples.log_ratio(at, TALL, SAME)
 
 
 @pytest.mark.parametrize("pose", [(0.0, 6.0, 1.76), (0.3, 5.5, 1.6), (-0.2, 6.3, 1.3)])
 @pytest.mark.parametrize("others", [[], [(0.4, 5.0, 1.8)], [(0.1, 6.6, 1.7), (-0.3, 5.2, 1.7)]])
-def test_evidence_is_that_of_the_plain_twin(pose, others):
+def test_evidence_is_the_difference_of_two_plain_likelihoods(pose, others):
     seen = World().observe(0, [(0.0, 6.0, RED), (0.5, 5.2, BLUE)])
     shadow = np.zeros_like(seen.foreground)
     shadow[60:70, 70:90] = 255
-    frame = MaskExplanation(VIEW, Observation(0, 0.0, None, seen.foreground, seen.motion, shadow=shadow))
-    expected = reference.gain(VIEW, frame.kind, pose, TALL[0], [(o, TALL[0]) for o in others], SPACING_M)
-    assert evidence(frame, pose, *others) == pytest.approx(expected, rel=2e-3, abs=1e-3)
+    every_pixel = COLOURLESS.model_copy(update={"patch_m": 0.0101})
+    frame = explained(Observation(0, 0.0, None, seen.foreground, seen.motion, shadow=shadow), every_pixel)
+    samples = frame.around(np.array(pose), 0.5)
+    assert samples.arrays[6][0] < 3000, "every pixel is a sample"
+    samples.arrays[0][kernels.WEIGHT] = 1.0
+    samples.layer(people_at(*others, pose), np.arange(len(others)))
+    found = samples.log_ratio(np.array(pose), TALL, SAME)
+    without, both = (log_likelihood_of_mask(frame, people, others, TALL[0]) for people in (others, [*others, pose]))
+    assert found == pytest.approx(both - without, rel=0.03, abs=0.5)
 
 
 @pytest.mark.parametrize("lens", ["pinhole", "fisheye"])
 def test_boxes_hold_what_the_camera_projects_of_bodies_and_their_reach(lens):
     camera = replace(CAMERA, lens=lens, roll_rad=0.05)
     poses = np.array([(0.0, 6.0, 1.76), (-2.0, 3.0, 1.5), (1.0, 0.5, 1.9)])
-    corners = np.array([(dx, dy, z) for dx in (-0.4, 0.4) for dy in (-0.4, 0.4) for z in (0.0, 1.05)])
-    image = camera.project(
-        poses[:, None] * (1.0, 1.0, 0.0) + corners * np.where([True, True, False], 1.0, poses[:, None, 2:])
-    )
-    image = np.where(np.isnan(image).any(axis=(1, 2), keepdims=True), [[[-1e4, -1e4]] + [[1e4, 1e4]] * 7], image)
-    expected = np.concatenate([image.min(axis=1), image.max(axis=1)], axis=1).astype(np.int64)
-    assert MaskView(camera, PARAMS).boxes(poses, 0.4).tolist() == expected.tolist()
+    corners = np.array([(dx, dy, z) for dx in (-0.4, 0.4) for dy in (-0.4, 0.4) for z in (0.0, 1.0)])
+    tops = corners * np.where([True, True, False], 1.0, poses[:, None, 2:] + 0.1)
+    image = camera.project(poses[:, None] * (1.0, 1.0, 0.0) + tops)
+    expected = np.nan_to_num(np.concatenate([image.min(axis=1), image.max(axis=1)], axis=1)).astype(np.int64)
+    frame = explained(Observation(0, 0.0, None, np.zeros((120, 160), np.uint8)))
+    found = frame.boxes(rays_of(camera), poses)
+    seen = np.isfinite(image).all(axis=(1, 2))
+    assert seen.any() and found[seen].tolist() == expected[seen].tolist()
+    assert all(box[0] < 0 and box[2] >= camera.width for box in found[~seen].tolist())
 
 
 def test_places_are_those_whose_hulls_gain_enough_and_none_is_ruled_out_before():
     frame, places = frame_of((-1.0, 6.0, RED), (1.0, 6.0, BLUE)), FloorPlaces(MAP, PARAMS.birth_visible, PARAMS.patch_m)
     known = people_at((-1.0, 6.0, 1.76))
-    shares = frame.share_out(known)
-    found, scores = places.scores(frame, shares, 4.0)
-    shares.fill(0, np.flatnonzero(frame.kind == 0))
+    (owned,) = frame.share_out(known)
+    found, scores = places.scores(frame, known, owned, 4.0)
+    residual = frame.residual(owned) + frame.residual(*frame.share_out(known, kernels.SEEN))
     plain = np.array([
-        sum(float(shares.residual[top:down, left:right].sum()) for left, top, right, down in bands)
+        sum(float(residual[top:down, left:right].sum()) for left, top, right, down in bands)
         for bands in places.bands
     ])  # fmt: skip
     assert len(found) and found.tolist() == np.flatnonzero(plain * places.scale >= 4.0).tolist()
@@ -212,8 +227,8 @@ def test_person_is_likelier_where_it_stands_than_beside_and_unlikely_where_nothi
 
 
 def test_evidence_of_many_samples_of_one_weight_is_a_number():
-    params = VIEW.params.model_copy(update={"patch_m": 0.0101, "seen_on_background": 1e-9})
-    frame = MaskExplanation(MaskView(CAMERA, params), World().observe(0, [(0.0, 6.0, RED)]))
+    params = COLOURLESS.model_copy(update={"patch_m": 0.0101, "seen_on_background": 1e-9})
+    frame = explained(World().observe(0, [(0.0, 6.0, RED)]), params)
     assert 300.0 < evidence(frame, (0.0, 6.0, 1.76)) < 600.0
 
 
@@ -224,44 +239,45 @@ def test_person_who_is_hidden_by_another_costs_nothing_and_gains_nothing():
 
 def test_ascent_finds_the_person_from_a_walkers_error_of_prediction():
     frame, start = frame_of((0.0, 6.0, RED)), np.array([0.2, 6.3, 1.7])
-    (samples,) = frame.around(start[None], 0.5)
-    samples.layer(people_at((0.2, 6.3, 1.7)), NOBODY, 0)
+    samples = frame.around(start, 0.5)
+    samples.layer(people_at((0.2, 6.3, 1.7)), NOBODY)
     pose = start.copy()
-    samples.ascend(pose, start, np.array([4.0, 0.0, 4.0, 60.0]), TALL)
+    samples.ascend(pose, start, np.array([4.0, 0.0, 4.0, 60.0]), TALL, SAME)
     assert pose[:2] == pytest.approx([0.0, 6.0], abs=0.15)
 
 
 def test_place_is_known_better_across_the_ray_than_along_it():
     frame, pose = frame_of((0.0, 6.0, RED)), np.array([0.0, 6.0, 1.76])
-    (samples,) = frame.around(pose[None], 0.5)
-    samples.layer(people_at((0.0, 6.0, 1.76)), NOBODY, 0)
-    noise, _ = samples.noise(pose, TALL)
+    samples = frame.around(pose, 0.5)
+    samples.layer(people_at((0.0, 6.0, 1.76)), NOBODY)
+    _, bend = samples.ascend(pose, pose.copy(), np.array([4.0, 0.0, 4.0, 60.0]), TALL, SAME)
+    noise, _ = samples.noise(pose, bend)
     assert 0.0 < noise.xx < noise.yy
 
 
 def test_two_side_by_side_explain_two_better_than_one_does_and_a_second_in_the_outline_of_one_does_not():
     frame = frame_of((-0.35, 6.0, RED), (0.35, 6.0, BLUE))
-    assert frame.beside(0, 1, people_at((-0.35, 6.0, 1.76), (0.35, 6.0, 1.76))).evidence > 8.0
+    assert frame.pair(0, 1, people_at((-0.35, 6.0, 1.76), (0.35, 6.0, 1.76))).evidence > 8.0
     frame = frame_of((0.0, 6.0, RED))
-    assert frame.beside(0, 1, people_at((0.0, 6.4, 1.7), (0.0, 5.9, 1.76))).evidence < 0.0
+    assert frame.pair(0, 1, people_at((0.0, 6.4, 1.7), (0.0, 5.9, 1.76))).evidence < 0.0
 
 
 def test_owners_are_the_people_in_whose_outline_pixels_are():
     frame = frame_of((-0.8, 6.0, RED), (0.8, 6.0, BLUE))
-    shares = frame.share_out(people_at((-0.8, 6.0, 1.76), (2.5, 6.0, 1.76)))
+    (owned,) = frame.share_out(people_at((-0.8, 6.0, 1.76), (2.5, 6.0, 1.76)))
     columns = [round(float(CAMERA.project((x, 6.0, 1.1))[0])) for x in (-0.8, 0.8)]
     row = round(float(CAMERA.project((0.0, 6.0, 1.1))[1]))
-    owner = dict(zip(frame.pixels.tolist(), shares.owner.tolist(), strict=True))
+    owner = dict(zip(frame.pixels.tolist(), owned.owner.tolist(), strict=True))
     assert [owner[row * CAMERA.width + c] for c in columns] == [0, -1] and 0 not in owner
-    assert shares.residual[row, columns[1]] > 1.0
+    assert frame.residual(owned)[row, columns[1]] > 1.0
 
 
 def test_one_is_born_for_each_person_whom_nobody_explains():
     frame, places = frame_of((-1.0, 6.0, RED), (1.0, 6.0, BLUE)), FloorPlaces(MAP, PARAMS.birth_visible, PARAMS.patch_m)
     known = people_at((-1.0, 6.0, 1.76))
-    born, poses = births(places, frame, lambda: known, frame.share_out(known), 0.0)
+    born, poses = births(places, frame, known, *frame.share_out(known), 0.0, PARAMS)
     assert [b.at_m for b in born] == [pytest.approx((1.0, 6.0), abs=0.25)]
-    assert poses is not None and poses.tolist() == [[-1.0, 6.0, 1.76]]
+    assert poses.tolist() == [[-1.0, 6.0, 1.76]]
 
 
 def test_silhouette_is_widest_at_the_arms_and_round_from_above():

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from reference.explain import log_likelihood, surface_points
+from reference.explain import log_likelihood, patches_of
 from toy_people import look_at, oblique_camera, observed
 
 from planview.maps.pixels import SURFACE, SeenPixels
@@ -12,7 +12,7 @@ from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.joint import JointTracker
 from planview.tracking.joint import _kernels as kernels
-from planview.tracking.joint.explanation import Explanation, People
+from planview.tracking.joint.explanation import Explanation, People, likelihood_of_ranges
 from planview.tracking.joint.params import JointParams
 from planview.trajectories.state import TrackState
 
@@ -123,6 +123,7 @@ def test_every_frame_says_why_each_person_is_where_it_is_and_shows_the_owners_of
 PARAMS = JointParams()
 ADULT = (0.0, 3.0, 1.75)
 TALL = np.array([1.75, 0.12])
+SAME = np.ones((kernels.PARTS, 200), np.float32)
 
 
 def people_of(*poses: tuple[float, float, float]) -> People:
@@ -132,7 +133,7 @@ def people_of(*poses: tuple[float, float, float]) -> People:
 
 
 def explained(seen: SeenPixels) -> Explanation:
-    return Explanation((seen,), PARAMS, body.body_table())
+    return Explanation((seen,), likelihood_of_ranges(PARAMS))
 
 
 @pytest.mark.parametrize("other", [(0.3, 3.8, 1.6), (0.1, 5.4, 1.8)], ids=["in front", "behind"])
@@ -140,10 +141,10 @@ def test_evidence_of_a_person_is_the_difference_of_two_likelihoods(other):
     far = (0.0, 4.6, 1.75)
     seen = look_at(oblique_camera(), [far, other])
     every_pixel = JointParams(patch_m=0.011)
-    dense = Explanation((seen,), every_pixel, body.body_table()).around(np.array(far), 0.4)
-    dense.values[kernels.WEIGHT, : dense.n] = 1.0
+    dense = Explanation((seen,), likelihood_of_ranges(every_pixel)).around(np.array(far), 0.4)
+    dense.arrays[0][kernels.WEIGHT] = 1.0
     dense.layer(people_of(far, other), np.array([1]))
-    found = dense.lam(np.array(far), np.ones((3, 200), np.float32))
+    found = dense.log_ratio(np.array(far), TALL, SAME)
     # Arms reach as far in both: what lies near one of the two lies near the other.
     without, both = (log_likelihood(seen, people, PARAMS, [other]) for people in ([other], [other, far]))
     assert found == pytest.approx(both - without, rel=0.03)
@@ -151,13 +152,12 @@ def test_evidence_of_a_person_is_the_difference_of_two_likelihoods(other):
 
 def test_the_surface_of_a_view_is_shared_out_and_lacks_an_explanation_where_nobody_owns_it():
     seen = look_at(oblique_camera(), [ADULT])
-    ((owned,), points), (_, alone) = explained(seen).share_out(people_of(ADULT)), explained(seen).share_out(people_of())
-    xyz, patches = surface_points(seen, seen.rays.pixel_sr / PARAMS.patch_m**2)
+    (owned,), (alone,) = explained(seen).share_out(people_of(ADULT)), explained(seen).share_out(people_of())
+    patches = patches_of(seen, seen.rays.pixel_sr / PARAMS.patch_m**2)
     np.testing.assert_array_equal(owned.pixels, np.flatnonzero(seen.kind == SURFACE))
-    np.testing.assert_allclose(points[:3], xyz, rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(owned.patches, patches, rtol=1e-4)
     assert (owned.owner == 0).mean() > 0.95 and (owned.share > 0.8).mean() > 0.9
-    per_patch = [float(lack[3].sum() / patches.sum()) for lack in (points, alone)]
+    per_patch = [float(o.lacking.sum() / patches.sum()) for o in (owned, alone)]
     assert abs(per_patch[0]) < 0.5 and per_patch[1] > 3.0
 
 
@@ -165,7 +165,7 @@ def test_a_person_where_the_background_is_seen_is_unlikely():
     frame = explained(look_at(oblique_camera(), []))
     samples = frame.around(np.array(ADULT), 0.3)
     samples.layer(people_of(), np.zeros(0, np.int64))
-    assert samples.lam(np.array(ADULT), np.ones((3, 200), np.float32)) < -50
+    assert samples.log_ratio(np.array(ADULT), TALL, SAME) < -50
 
 
 def test_a_hidden_person_costs_nothing():
@@ -174,7 +174,7 @@ def test_a_hidden_person_costs_nothing():
     behind = np.array([0.0, 3.1, 1.5])
     samples = frame.around(behind, 0.3)
     samples.layer(people_of(front), np.array([0]))
-    assert samples.lam(behind, np.ones((3, 200), np.float32)) > -3
+    assert samples.log_ratio(behind, TALL, SAME) > -3
 
 
 def test_ascent_finds_a_person_from_a_walkers_error_of_prediction():
@@ -183,16 +183,17 @@ def test_ascent_finds_a_person_from_a_walkers_error_of_prediction():
     samples = frame.around(start, 0.3)
     samples.layer(people_of(), np.zeros(0, np.int64))
     loose = np.array([1.0, 0.0, 1.0, 1.0])
-    samples.ascend(start, start.copy(), loose, TALL, people_of(), np.zeros(0, np.int64), np.ones((3, 200), np.float32))
+    samples.ascend(start, start.copy(), loose, TALL, SAME)
     assert start == pytest.approx(ADULT, abs=0.05)
 
 
 def test_bodies_do_not_stand_in_each_other():
     samples = explained(look_at(oblique_camera(), [])).around(np.array(ADULT), 0.3)
-    one = np.array([0])
-    beside = samples.believed(np.array(ADULT), TALL, people_of((0.0, 3.5, 1.7)), one)
-    within = samples.believed(np.array(ADULT), TALL, people_of((0.0, 3.1, 1.7)), one)
-    assert beside == pytest.approx(0.0, abs=0.01) and within < -8
+    priors = []
+    for y in (3.5, 3.1):
+        samples.layer(people_of((0.0, y, 1.7)), np.array([0]))
+        priors.append(samples.log_prior(np.array(ADULT), TALL))
+    assert priors[0] == pytest.approx(0.0, abs=0.01) and priors[1] < -8
 
 
 def test_the_body_table_is_a_head_over_shoulders_over_legs():
