@@ -26,7 +26,7 @@ from planview.engine.open import open_engine
 from planview.output.script import run
 from planview.synthetic.assets import SCENES
 from planview.synthetic.scene import Scene, load_scene
-from planview.trajectories.formats import read_laboratory
+from planview.trajectories.formats import load_tracks
 from planview.trajectories.table import Trajectories, read_truth
 
 SINGLE = SCENES / "single"
@@ -211,7 +211,7 @@ def score_trajectories(data: Path) -> CountingTable:
 
     together = CountingTable()
     for name in TRAJECTORIES:
-        tracks = read_laboratory(data / name)
+        tracks = load_tracks(data / name)
         truth = passages(tracks)
         rng = np.random.default_rng(0)
         noise = rng.normal(0.0, 0.10, (2, len(tracks)))

@@ -27,6 +27,7 @@ def typed(sentence: str) -> str:
     def option(match: re.Match[str]) -> str:
         return f"--{_OPTIONS.get(match[1], match[1]).replace('_', '-')}" + (f" {match[2]}" if match[2] else "")
 
+    sentence = sentence.replace("match_on='boxes'", "--boxes")
     return re.sub(r"\b([a-z][a-z_]*)=(?:'([^']*)'|(?=[\s:;,.)]|$))", option, sentence)
 
 
@@ -34,11 +35,7 @@ _Table = TypeVar("_Table", bound=Params)
 
 
 def checked(table: type[_Table], **values: Any) -> _Table:
-    """A parameter table from options.
-
-    Raises:
-        InputError: a value out of its range; names the parameter and the value found.
-    """
+    """A parameter table from options. Raises InputError: a value out of its range, by name."""
     try:
         return table(**values)
     except ValidationError as error:
@@ -54,11 +51,7 @@ def open_options(
 
 
 def frame_span(text: str) -> tuple[int, int]:
-    """First and last frame of "FIRST:LAST", or of "N" for the first N frames.
-
-    Raises:
-        InputError: anything else.
-    """
+    """First and last frame of "FIRST:LAST", or of "N" for the first N frames. Raises InputError: anything else."""
     first, colon, last = text.partition(":")
     try:
         span = (int(first or 0), int(last)) if colon else (0, int(text) - 1)

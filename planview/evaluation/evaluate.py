@@ -182,6 +182,6 @@ def _checked(table: Trajectories, usable: Callable[[Trajectories], Bool], match_
     good = usable(table)
     if len(table) and not good.any():
         need = "image boxes" if match_on == "boxes" else "floor positions"
-        hint = "" if match_on == "boxes" or not _has_boxes(table).any() else "; --boxes matches image boxes"
+        hint = "" if match_on == "boxes" or not _has_boxes(table).any() else "; match_on='boxes' matches these"
         raise InputError(f"expected {what} with {need} to match on, found rows without them{hint}")
     return table.where(good)

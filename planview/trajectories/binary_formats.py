@@ -7,22 +7,14 @@ import sqlite3
 from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from calib.errors import InputError
-from calib.types import F64, AnyArray
+from calib.types import AnyArray
 from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many, replaced
 from planview.trajectories.hdf5 import opened
-from planview.trajectories.table import (
-    NUMBER_COLUMNS,
-    STATES,
-    TRACK_COLUMNS,
-    numbers_table,
-    positions_table,
-    sorted_rows,
-)
+from planview.trajectories.table import TRACK_COLUMNS, table_of
 
 ARCHIVE_VERSION = "1.0.0"
 _FIELDS = ("id", "frame", "x", "y")
@@ -50,22 +42,23 @@ def read_ped_data_archive(path: Path) -> TrajectoryFile:
                 raise InputError(
                     f"{path}: expected the dataset 'trajectory', found {', '.join(file)[:200] or 'nothing'}"
                 )
-            table = _numbers(path, trajectory)
+            names = trajectory.dtype.names or ()
+            if set(_FIELDS) - set(names) or trajectory.ndim != 1:
+                found = ", ".join(names) or "none"
+                raise InputError(f"{path}: expected a list with the fields id, frame, x, y, found {found}")
+            refuse_many(path, len(trajectory))
+            rows: AnyArray = trajectory[:]
             fps = checked_rate(path, trajectory.attrs.get("fps"))
             area = file.attrs.get("wkt_geometry")
     except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
         text = " ".join(str(error).split())
         raise InputError(f"{path}: expected an HDF5 file of the Ped Data Archive, found {text}") from error
-    table = sorted_rows(path, table, frame=1, track_id=0)
-    track_id, frame = table[:, :2].astype(np.int64).T
-    rows = positions_table(frame, track_id, table[:, 2:4], np.where(table[:, 4] > 0, table[:, 4], np.nan))
-    return TrajectoryFile(
-        rows,
-        fps,
-        checked_area(area.decode("utf-8", "replace") if isinstance(area, bytes) else str(area), str(path))
-        if area is not None
-        else None,
-    )
+    columns = {"id": rows["id"], "frame": rows["frame"], "x_m": rows["x"], "y_m": rows["y"]}
+    if "z" in names:
+        columns["height_m"] = np.where(rows["z"] > 0, rows["z"], np.nan)
+    text = area.decode("utf-8", "replace") if isinstance(area, bytes) else area
+    wkt = None if text is None else checked_area(str(text), str(path))
+    return TrajectoryFile(table_of(columns, path), fps, wkt)
 
 
 def write_ped_data_archive(path: Path, file: TrajectoryFile) -> None:
@@ -88,17 +81,6 @@ def write_ped_data_archive(path: Path, file: TrajectoryFile) -> None:
         )  # fmt: skip
 
 
-def _numbers(path: Path, dataset: Any) -> F64:
-    """(N, 5) id, frame, x, y, z."""
-    names = dataset.dtype.names or ()
-    if set(_FIELDS) - set(names) or dataset.ndim != 1:
-        raise InputError(f"{path}: expected a list with the fields id, frame, x, y, found {', '.join(names) or 'none'}")
-    refuse_many(path, len(dataset))
-    rows: AnyArray = dataset[:]
-    height = rows["z"] if "z" in names else np.full(len(rows), np.nan)
-    return np.column_stack([*(rows[name] for name in _FIELDS), height]).astype(np.float64)
-
-
 def read_jupedsim(path: Path) -> TrajectoryFile:
     """Read a database; several walkable areas come as one collection. Raises InputError: another database, damaged, of
     another version, without its frame rate, or too large."""
@@ -115,9 +97,10 @@ def read_jupedsim(path: Path) -> TrajectoryFile:
             metadata = dict(database.execute("SELECT key, value FROM metadata LIMIT 100").fetchall())
             if str(metadata.get("version")) not in ("1", "2"):
                 raise InputError(f"{path}: expected version 1 or 2, found {metadata.get('version')!r}")
-            table = sorted_rows(path, _positions(path, database), frame=0, track_id=1)
-            frame, track_id = table[:, :2].astype(np.int64).T
-            rows, fps = positions_table(frame, track_id, table[:, 2:4]), checked_rate(path, metadata.get("fps"))
+            refuse_many(path, int(database.execute("SELECT count(*) FROM trajectory_data").fetchone()[0]))
+            cells = database.execute("SELECT frame, id, pos_x, pos_y FROM trajectory_data").fetchall()
+            columns = dict(zip(_REQUIRED, np.array(cells, dtype=object).reshape(-1, 4).T, strict=True))
+            rows, fps = table_of(columns, path), checked_rate(path, metadata.get("fps"))
             return TrajectoryFile(rows, fps, _area(path, database) if "geometry" in tables else None)
     except (sqlite3.Error, ValueError, OverflowError) as error:
         raise InputError(f"{path}: expected a database of JuPedSim, found {error}") from error
@@ -155,16 +138,6 @@ def _area(path: Path, database: sqlite3.Connection) -> str | None:
     return areas[0] if len(areas) == 1 else f"GEOMETRYCOLLECTION ({', '.join(areas)})" if areas else None
 
 
-def _positions(path: Path, database: sqlite3.Connection) -> F64:
-    """(N, 4) frame, id, x, y."""
-    refuse_many(path, int(database.execute("SELECT count(*) FROM trajectory_data").fetchone()[0]))
-    rows = database.execute("SELECT frame, id, pos_x, pos_y FROM trajectory_data")
-    try:
-        return np.array(rows.fetchall(), dtype=np.float64).reshape(-1, 4)
-    except TypeError as error:
-        raise ValueError(f"values that are not numbers ({error})") from error
-
-
 def write_parquet(path: Path, file: TrajectoryFile) -> None:
     """Write all rows. Raises InputError: pyarrow is not installed. WorkError: the file cannot be written."""
     _require_pyarrow()
@@ -187,21 +160,10 @@ def read_parquet(path: Path) -> TrajectoryFile:
         with ParquetFile(path) as file:
             refuse_many(path, file.metadata.num_rows)
             names = [name for name in TRACK_COLUMNS if name in file.schema_arrow.names]
-        missing = [name for name in _REQUIRED if name not in names]
-        if missing:
-            raise InputError(f"{path}: expected the column {missing[0]!r}, found {', '.join(names) or 'none of ours'}")
         frame = pandas.read_parquet(path, engine="pyarrow", columns=names)
-        numbers = [
-            frame[name].to_numpy(dtype=np.float64, na_value=np.nan) if name in frame else np.full(len(frame), np.nan)
-            for name in NUMBER_COLUMNS
-        ]
-        state = frame["state"].to_numpy(dtype=np.str_) if "state" in frame else np.full(len(frame), "confirmed")
-        foreign = set(np.unique(state)) - set(STATES)
-        if foreign:
-            raise InputError(f"{path}: expected a state of {', '.join(STATES)}, found {min(foreign)!r}")
         fps, area = frame.attrs.get("fps"), frame.attrs.get("walkable_wkt")
         return TrajectoryFile(
-            numbers_table(np.column_stack(numbers), state, path),
+            table_of(frame, path),
             None if fps is None else checked_rate(path, fps),
             None if area is None else checked_area(str(area), str(path)),
         )

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 from calib.errors import InputError, WorkError
 from calib.io import reason, whole_file
@@ -21,7 +22,6 @@ FPS_MAX = 10_000.0
 AREA_MARGIN_M = 1.0
 """Between the outermost position and the walkable area where none is known [m] (our choice)."""
 _WKT = re.compile(r"(POLYGON|MULTIPOLYGON|GEOMETRYCOLLECTION)[\s(),.\dA-Za-z+-]*", re.IGNORECASE)
-_RING = re.compile(r"\(([^()]+)\)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,14 +109,16 @@ class Region:
 
     def __init__(self, text: str, where: str) -> None:
         self.wkt = checked_area(text, where)
-        self._rings = [_ring(points, where) for points in _RING.findall(self.wkt)]
+        try:
+            self._area = shapely.make_valid(shapely.from_wkt(self.wkt, on_invalid="fix"))
+        except shapely.GEOSException:
+            self._area = shapely.Polygon()
+        if not self._area.area > 0:
+            raise InputError(f"{where}: expected rings of at least three points x y, found {self.wkt[:60]}")
 
     def contains(self, x: F64, y: F64) -> Bool:
-        """(N,) whether points are inside an odd number of rings: in a polygon and in none of its holes."""
-        inside = np.zeros(x.shape, dtype=np.bool_)
-        for ring in self._rings:
-            inside ^= within_ring(ring, x, y)
-        return inside
+        """(N,) whether points are in a polygon and in none of its holes; unknown ones are not."""
+        return np.asarray(shapely.contains_xy(self._area, x, y))
 
 
 def region_of(text: str, option: str) -> Region:
@@ -136,31 +138,12 @@ def limited(file: TrajectoryFile, region: str | None, ignore: str | None) -> Tra
     InputError: see ``region_of``."""
     table = file.table
     if region is not None:
-        table = table.where(inside(table, region_of(region, "--region")))
+        table = table.where(inside(table, region_of(region, "region=")))
     if ignore is not None:
-        table = table.where(~inside(table, region_of(ignore, "--ignore")))
+        table = table.where(~inside(table, region_of(ignore, "ignore=")))
     return replace(file, table=table)
 
 
 def inside(table: Trajectories, region: Region) -> Bool:
     """(N,) whether rows lie in a region; rows without a floor position do not."""
     return region.contains(table.x_m, table.y_m)
-
-
-def within_ring(ring: F64, x: F64, y: F64) -> Bool:
-    """Whether points (of any shape) lie inside an (N, 2) ring, by the edges that a ray to the right crosses."""
-    odd = np.zeros(x.shape, dtype=np.bool_)
-    for (px, py), (qx, qy) in zip(ring.tolist(), np.roll(ring, -1, axis=0).tolist(), strict=True):
-        if qy != py:
-            odd ^= ((py > y) != (qy > y)) & (x < px + (y - py) / (qy - py) * (qx - px))
-    return odd
-
-
-def _ring(text: str, where: str) -> F64:
-    try:
-        ring = np.array([[float(number) for number in point.split()[:2]] for point in text.split(",")])
-    except ValueError:
-        ring = np.empty(0)
-    if ring.ndim != 2 or ring.shape[0] < 3 or ring.shape[1] != 2:
-        raise InputError(f"{where}: expected rings of at least three points x y, found ({text[:40]})")
-    return ring

@@ -21,14 +21,12 @@ from planview.trajectories.binary_formats import (
 )
 from planview.trajectories.file import TrajectoryFile, checked_rate, replaced, surrounding_area, timed_by_rate
 from planview.trajectories.motchallenge import read_motchallenge, write_motchallenge
+from planview.trajectories.simulations import read_simulation, simulation_of
 from planview.trajectories.table import (
     Trajectories,
     frame_period_s,
-    positions_table,
-    read_numbers,
     read_tracks,
     read_truth,
-    sorted_rows,
     write_table,
 )
 from planview.trajectories.text_formats import (
@@ -60,7 +58,7 @@ def load_tracks(path: Path) -> Trajectories:
 
 def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
     """Trajectories of any layout: our own, MOTChallenge and PETS, PeTrack and PedPy, laboratory rows without comments,
-    Ped Data Archive, JuPedSim, Parquet, JSON lines.
+    Vadere, Pathfinder, crowdit, Viswalk, Ped Data Archive, JuPedSim, Parquet, JSON lines.
 
     Rows without times get them from the frame rate, where the file gives one.
 
@@ -75,6 +73,10 @@ def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
             start = file.read(_FIRST_LINE)
     except OSError as error:
         raise InputError(f"{path}: expected trajectories, found {reason(error)}") from error
+    if start.startswith(b"version ") and path.suffix == ".trc":
+        raise InputError(f"{path}: expected trajectories in metres, found pixels of PeTrack: export its .txt")
+    if found := simulation_of(start.decode("utf-8-sig", "ignore")):
+        return timed_by_rate(read_simulation(path, *found))
     binary = next((reader for magic, reader in BINARY.items() if start.startswith(magic)), None)
     return timed_by_rate(binary(path) if binary else _load_text(path, start.split(b"\n")[0], truth))
 
@@ -84,38 +86,15 @@ def _load_text(path: Path, first: bytes, truth: bool) -> TrajectoryFile:
         line = first.removeprefix(_BYTE_ORDER_MARK).decode("utf-8", "ignore" if len(first) == _FIRST_LINE else "strict")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected trajectories, found {error}") from error
-    if line.startswith("#"):
+    first_cell = line.replace(",", " ").split()[:1]
+    is_table = bool(first_cell) and re.fullmatch(r"[-+.\deE]+", first_cell[0]) is not None
+    if line.startswith("#") or (is_table and len(line.split()) < 6 and "," not in line):
         return read_petrack(path)
     if line.startswith("{"):
         return read_jsonl(path)
-    if not line.strip() and not path.stat().st_size:
+    if is_table or not path.stat().st_size:
         return read_motchallenge(path, truth=truth)
-    if not line.strip() or not _is_number(line.replace(",", " ").split()[0]):
-        return TrajectoryFile(read_truth(path) if truth else read_tracks(path))
-    return (
-        TrajectoryFile(read_laboratory(path))
-        if len(line.split()) < 6 and "," not in line
-        else read_motchallenge(path, truth=truth)
-    )
-
-
-def read_laboratory(path: Path) -> Trajectories:
-    """Head positions of laboratory experiments (Juelich, 16 frames per second) without comments: id, frame, x cm, y cm,
-    z cm. Raises InputError: a row of another length, or values that are not numbers."""
-    table = read_numbers(path, None, "rows of id frame x_cm y_cm z_cm")
-    if table.shape[1] != 5:
-        raise InputError(f"{path}: expected 5 columns (id frame x_cm y_cm z_cm), found {table.shape[1]}")
-    table = sorted_rows(path, table, frame=1, track_id=0)
-    track_id, frame = table[:, :2].astype(np.int64).T
-    return positions_table(frame, track_id, table[:, 2:4] / 100, table[:, 4] / 100, timestamp_s=frame / 16.0)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    return TrajectoryFile(read_truth(path) if truth else read_tracks(path))
 
 
 class ExportFormat(NamedTuple):
@@ -168,7 +147,7 @@ def prepared(
         table = table.where(confirmed & usable)
     rate = fps or file.fps or measured_rate(file.table)
     if rate is None and not FORMATS[name].keeps_state:
-        raise InputError("expected timestamps or a frame rate in the trajectories, found neither; --fps gives it")
+        raise InputError("expected timestamps or a frame rate in the trajectories, found neither; fps= gives it")
     return TrajectoryFile(table, rate, area or file.walkable_wkt or surrounding_area(table))
 
 

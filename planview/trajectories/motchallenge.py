@@ -12,7 +12,7 @@ from calib.errors import InputError
 from calib.io import reason, require_file
 from calib.types import F64, Bool
 from planview.trajectories.file import TrajectoryFile, replaced
-from planview.trajectories.table import IGNORED, Trajectories, positions_table, sorted_rows
+from planview.trajectories.table import IGNORED, table_of
 
 FRAMES_MAX = 10_000_000
 COLUMNS = "frame (from 1),id,left,top,width,height"
@@ -102,8 +102,9 @@ def read_motchallenge(path: Path, *, truth: bool) -> TrajectoryFile:
     table = motchallenge_rows(path)
     if truth and not len(table):
         raise InputError(f"{path}: expected rows of truth, found none")
-    table = sorted_rows(path, table, frame=0, track_id=1)
-    note = "frames count from 0, since there is a frame 0" if len(table) and table[0, 0] == 0 else ""
+    from_zero = len(table) > 0 and table[:, 0].min() == 0
+    note = "frames count from 0, since there is a frame 0" if from_zero else ""
+    visible = np.ones(len(table))
     if _has_classes(table):
         # Person on a vehicle, static person, distractor, reflection: tracks on them are no errors (Milan et
         # al. 2016, MOT16, section 3.2); all other classes and rows with flag 0 are left out.
@@ -116,14 +117,16 @@ def read_motchallenge(path: Path, *, truth: bool) -> TrajectoryFile:
                 f"{path}: expected truth rows that count (flag 1, class 1: person), found {found}, flags {flags}"
             )
         counted = distractor | person if person.any() else np.ones(len(table), dtype=np.bool_)
-        visible = np.where(distractor, IGNORED, table[:, 8])
-        no_floor = np.full((int(counted.sum()), 2), np.nan)
-        return TrajectoryFile(_positions(table[counted], no_floor, visible[counted], bool(note)), note=note)
-    if truth and table.shape[1] > 6:
+        table, visible = table[counted, :8], np.where(distractor, IGNORED, table[:, 8])[counted]
+    elif truth and table.shape[1] > 6:
         table = table[table[:, 6] != 0]
         if not len(table):
             raise InputError(f"{path}: expected truth rows that count, found the confidence 0 in all of them")
-    return TrajectoryFile(_positions(table, _floor(table), from_zero=bool(note)), note=note)
+        visible = np.ones(len(table))
+    columns = dict(zip(("left_px", "top_px", "width_px", "height_px"), table[:, 2:6].T, strict=True))
+    x, y = _floor(table).T
+    columns |= {"frame": table[:, 0] - (not from_zero), "id": table[:, 1], "x_m": x, "y_m": y, "visible": visible}
+    return TrajectoryFile(table_of(columns, path), note=note)
 
 
 def write_motchallenge(path: Path, file: TrajectoryFile) -> None:
@@ -164,8 +167,3 @@ def _floor(table: F64) -> F64:
         return np.full((len(table), 2), np.nan)
     unknown = (table[:, 7:] == -1).all(axis=1)
     return np.where(unknown[:, None], np.nan, table[:, 7:9])
-
-
-def _positions(table: F64, floor_m: F64, visible: F64 | None = None, from_zero: bool = False) -> Trajectories:
-    frame, track_id = table[:, :2].astype(np.int64).T
-    return positions_table(frame - (not from_zero), track_id, floor_m, box_px=table[:, 2:6], visible=visible)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import csv
 import math
 import warnings
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,28 +50,49 @@ def read_numbers(path: Path, delimiter: str | None, expected: str) -> F64:
         raise InputError(f"{path}: expected {expected}, found {reason(error)}") from error
 
 
-def sorted_rows(path: Path, table: F64, frame: int, track_id: int) -> F64:
-    """Rows by frame, then id (given their columns). Raises InputError: a frame or id that is not a whole number up to
-    KEY_MAX, or two rows of one frame and id."""
-    keys = table[:, [frame, track_id]]
-    if not np.isfinite(keys).all() or (keys != np.floor(keys)).any():
-        raise InputError(f"{path}: expected whole numbers for frame and id, found others")
-    if (np.abs(keys) > KEY_MAX).any():
-        raise InputError(f"{path}: expected frames and ids up to {KEY_MAX}, found {np.abs(keys).max():g}")
-    order = np.lexsort((keys[:, 1], keys[:, 0]))
-    require_unique(path, keys[order][:, 0], keys[order][:, 1])
-    return np.asarray(table[order])
+def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Trajectories:
+    """A table of columns named as in ``tracks.csv``, and "visible", with rows in any order; a column that is missing is
+    unknown, and rows without a state are "confirmed".
+
+    Args:
+        source: where they are from, for messages.
+    Raises:
+        InputError: no frame, id, x_m or y_m, values that are not what a column holds, or two rows of one frame and id.
+    """
+    for name in ("frame", "id", "x_m", "y_m"):
+        if name not in columns:
+            raise InputError(f"{source}: expected the column {name!r}, found {', '.join(map(str, columns)) or 'none'}")
+    n = len(columns["frame"])
+    try:
+        known = {name: _numbers(columns[name]) for name in (*NUMBER_COLUMNS, "visible") if name in columns}
+        state = np.asarray(columns["state"], dtype=np.str_) if "state" in columns else np.full(n, "confirmed")
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{source}: expected numbers in the columns of tracks, found {reason(error)}") from error
+    if foreign := set(np.unique(state)) - set(STATES):
+        raise InputError(f"{source}: expected a state of {', '.join(STATES)}, found {min(foreign)!r}")
+    frame, track_id = known["frame"], known["id"]
+    for keys in (frame, track_id):
+        if not np.isfinite(keys).all() or (keys % 1 != 0).any():
+            raise InputError(f"{source}: expected whole numbers for frame and id, found others")
+        if (np.abs(keys) > KEY_MAX).any():
+            raise InputError(f"{source}: expected frames and ids up to {KEY_MAX}, found {np.abs(keys).max():g}")
+    order = np.lexsort((track_id, frame))
+    frames, ids = frame[order].astype(np.int64), track_id[order].astype(np.int64)
+    if len(twice := np.flatnonzero((np.diff(frames) == 0) & (np.diff(ids) == 0))):
+        where = f"frame {frames[twice[0]]}, id {ids[twice[0]]}"
+        raise InputError(f"{source}: expected one row per frame and id, found two for {where}")
+    columns = {name: known.get(name, np.full(n, np.nan))[order] for name in (*NUMBER_COLUMNS, "visible")}
+    time_s, x_m, y_m, height_m = (columns[name] for name in ("timestamp_s", "x_m", "y_m", "height_m"))
+    visible = np.where(np.isnan(columns["visible"]), 1.0, columns["visible"])
+    box_px = np.column_stack([columns[name] for name in TRACK_COLUMNS[9:]])
+    velocity = np.column_stack([columns["vx_mps"], columns["vy_mps"]])
+    return Trajectories(frames, ids, time_s, x_m, y_m, height_m, state[order], visible, box_px, velocity)
 
 
-def require_unique(path: Path, frame: F64 | I64, track_id: F64 | I64) -> None:
-    """Refuse two rows of one frame and id, in (N,) columns sorted by frame, then id. Raises InputError: there are
-    two."""
-    twice = np.flatnonzero((np.diff(frame) == 0) & (np.diff(track_id) == 0))
-    if len(twice):
-        first = int(twice[0])
-        raise InputError(
-            f"{path}: expected one row per frame and id, found two for frame {frame[first]:g}, id {track_id[first]:g}"
-        )
+def _numbers(values: Any) -> F64:
+    if hasattr(values, "to_numpy"):  # a column of pandas
+        return np.asarray(values.to_numpy(dtype=np.float64, na_value=np.nan))
+    return np.asarray(values, dtype=np.float64)
 
 
 def read_columns(path: Path, required: Sequence[str], what: str, numbers: Sequence[str]) -> dict[str, AnyArray]:
@@ -190,19 +211,7 @@ class Trajectories:
         """The rows of a pandas DataFrame with columns of ``tracks.csv``; ``frame``, ``id``, ``x_m`` and ``y_m`` must be
         there, and rows are "confirmed" where no state is given. Raises InputError: a column missing, or values that are
         not what it holds."""
-        missing = [name for name in ("frame", "id", "x_m", "y_m") if name not in frame.columns]
-        if missing:
-            raise InputError(f"expected tracks with the column {missing[0]!r}, found {list(map(str, frame.columns))}")
-        n = len(frame)
-        try:
-            known = {
-                name: np.asarray(frame[name], dtype=np.float64) for name in NUMBER_COLUMNS if name in frame.columns
-            }
-        except (TypeError, ValueError) as error:
-            raise InputError(f"expected numbers in the columns of tracks, found {reason(error)}") from error
-        states = frame["state"].to_numpy(dtype=np.str_) if "state" in frame.columns else np.full(n, "confirmed")
-        numbers = np.column_stack([known.get(name, np.full(n, np.nan)) for name in NUMBER_COLUMNS])
-        return numbers_table(numbers, states, Path("DataFrame"))
+        return table_of(frame, "DataFrame")
 
     def to_dataframe(self) -> DataFrame:
         """A pandas DataFrame with the columns of ``tracks.csv`` (``TRACK_COLUMNS``), a row per person and frame."""
@@ -225,39 +234,12 @@ def positions_table(
     box_px: F64 | None = None,
     visible: F64 | None = None,
 ) -> Trajectories:
-    """A table of confirmed rows from arrays of length N (sorted by frame, then id); what is not given is NaN."""
-    n = len(frame)
-    unknown = np.full(n, np.nan)
-    return Trajectories(
-        frame=frame,
-        track_id=track_id,
-        timestamp_s=unknown if timestamp_s is None else timestamp_s,
-        x_m=xy_m[:, 0],
-        y_m=xy_m[:, 1],
-        height_m=unknown if height_m is None else height_m,
-        state=np.full(n, "confirmed"),
-        visible=np.ones(n) if visible is None else visible,
-        box_px=np.full((n, 4), np.nan) if box_px is None else box_px,
-        velocity_mps=np.full((n, 2), np.nan),
-    )
-
-
-def numbers_table(numbers: F64, state: WordColumn, path: Path | None = None) -> Trajectories:
-    """Tracks from (N, 12) numbers in the order of NUMBER_COLUMNS, and (N,) states.
-
-    Args:
-        path: of the file that the rows come from; they are sorted then, and checked.
-    Raises:
-        InputError: see ``sorted_rows``.
-    """
-    if path is not None:
-        numbers = sorted_rows(path, np.column_stack([numbers, np.arange(len(numbers))]), frame=0, track_id=2)
-        state, numbers = state[numbers[:, -1].astype(np.int64)], numbers[:, :-1]
-    frame, track_id = numbers[:, [0, 2]].T.astype(np.int64)
-    return Trajectories(
-        frame, track_id, numbers[:, 1], numbers[:, 3], numbers[:, 4], numbers[:, 7], state, np.ones(len(numbers)),
-        box_px=numbers[:, 8:], velocity_mps=numbers[:, 5:7],
-    )  # fmt: skip
+    """A table of confirmed rows from arrays of length N; what is not given is unknown."""
+    given = {"height_m": height_m, "timestamp_s": timestamp_s, "visible": visible}
+    boxes = {} if box_px is None else dict(zip(TRACK_COLUMNS[9:], box_px.T, strict=True))
+    known = {name: values for name, values in given.items() if values is not None}
+    x, y = xy_m.T
+    return table_of({"frame": frame, "id": track_id, "x_m": x, "y_m": y, **known, **boxes}, "tracks")
 
 
 def concatenated(tables: Sequence[Trajectories]) -> Trajectories:
@@ -327,15 +309,15 @@ class TrajectoryCollector:
 
     def trajectories(self) -> Trajectories:
         """Everything gathered so far, rounded as in ``tracks.csv``: 0.1 mm, 0.1 ms, 0.1 px."""
-        rows = sorted(self._rows, key=lambda row: (row[0], row[2].track_id))
         numbers = [
             (frame, _rounded(time, 4), t.track_id,
              *(_rounded(value, 4) for value in (t.x_m, t.y_m, t.vx_mps, t.vy_mps, t.height_m)),
              *(_rounded(value, 1) for value in t.box_px))
-            for frame, time, t in rows
+            for frame, time, t in self._rows
         ]  # fmt: skip
-        states = np.array([track.state for _, _, track in rows], dtype=np.str_)
-        return numbers_table(np.array(numbers, dtype=np.float64).reshape(-1, len(NUMBER_COLUMNS)), states)
+        columns = np.array(numbers, dtype=np.float64).reshape(-1, len(NUMBER_COLUMNS)).T
+        states = np.array([track.state for _, _, track in self._rows], dtype=np.str_)
+        return table_of({**dict(zip(NUMBER_COLUMNS, columns, strict=True)), "state": states}, "tracks")
 
 
 def read_tracks(path: Path) -> Trajectories:
@@ -359,12 +341,7 @@ def _rounded(value: float, digits: int) -> float:
 
 
 def _read(path: Path, required: tuple[str, ...], what: str) -> Trajectories:
-    columns = read_columns(path, required, what, (*NUMBER_COLUMNS, "visible"))
-    visible, state = columns.pop("visible"), columns.pop("state")
-    table = numbers_table(np.column_stack([columns[name] for name in NUMBER_COLUMNS]), state)
-    table = _sorted(replace(table, visible=np.where(np.isnan(visible), 1.0, visible)))
-    require_unique(path, table.frame, table.track_id)
-    return table
+    return table_of(read_columns(path, required, what, (*NUMBER_COLUMNS, "visible")), path)
 
 
 def frame_period_s(table: Trajectories, fallback_s: float) -> float:

@@ -16,15 +16,7 @@ from calib.errors import InputError
 from calib.io import reason
 from calib.types import F64
 from planview.trajectories.file import TrajectoryFile, checked_rate, replaced
-from planview.trajectories.table import (
-    NUMBER_COLUMNS,
-    STATES,
-    Trajectories,
-    numbers_table,
-    positions_table,
-    read_numbers,
-    sorted_rows,
-)
+from planview.trajectories.table import NUMBER_COLUMNS, STATES, Trajectories, read_numbers, table_of
 
 METRES = {"m": 1.0, "cm": 0.01}
 _RATE = re.compile(r"framerate\s*[:=]?\s*([^\s,;]+)", re.IGNORECASE)
@@ -36,7 +28,8 @@ _VALUES = ("x_m", "y_m", "vx_mps", "vy_mps", "height_m")
 
 
 def read_petrack(path: Path) -> TrajectoryFile:
-    """Read a text file whose comments give the unit and, usually, the frame rate.
+    """Read a text file whose comments give the unit and, usually, the frame rate; without comments it is one of the
+    laboratory experiments of Juelich: centimetres at 16 frames per second.
 
     A z of 0 or less, or none, is no height.
 
@@ -49,11 +42,10 @@ def read_petrack(path: Path) -> TrajectoryFile:
         table = np.empty((0, 5))
     if table.shape[1] < 4:
         raise InputError(f"{path}: expected the columns id frame x y z, found {table.shape[1]} columns")
-    table = sorted_rows(path, table, frame=1, track_id=0)
-    track_id, frame = table[:, :2].astype(np.int64).T
-    height_m = scale * table[:, 4] if table.shape[1] > 4 else np.full(len(table), np.nan)
-    rows = positions_table(frame, track_id, scale * table[:, 2:4], np.where(height_m > 0, height_m, np.nan))
-    return TrajectoryFile(rows, rate)
+    columns = {"id": table[:, 0], "frame": table[:, 1], "x_m": scale * table[:, 2], "y_m": scale * table[:, 3]}
+    if table.shape[1] > 4:
+        columns["height_m"] = np.where(table[:, 4] > 0, scale * table[:, 4], np.nan)
+    return TrajectoryFile(table_of(columns, path), rate)
 
 
 def write_petrack(path: Path, file: TrajectoryFile, unit: str = "m") -> None:
@@ -82,6 +74,8 @@ def _comments(path: Path) -> tuple[float | None, float]:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: expected rows of id frame x y z, found {reason(error)}") from error
     text = "".join(takewhile(lambda line: line.startswith("#") or not line.strip(), lines))
+    if not text.strip():
+        return 16.0, METRES["cm"]
     rate = _RATE.search(text)
     if _CENTIMETRES.search(text):
         scale = METRES["cm"]
@@ -133,8 +127,8 @@ def read_jsonl(path: Path) -> TrajectoryFile:
                 states.append(str(state))
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(f"{path}: expected a frame with people in line {line}, found {_found(error)}") from error
-    rows = np.array(numbers, dtype=np.float64).reshape(-1, len(NUMBER_COLUMNS))
-    return TrajectoryFile(numbers_table(rows, np.array(states, dtype=np.str_), path))
+    columns = dict(zip(NUMBER_COLUMNS, np.array(numbers, dtype=np.float64).reshape(-1, 12).T, strict=True))
+    return TrajectoryFile(table_of({**columns, "state": np.array(states, dtype=np.str_)}, path))
 
 
 def _frames(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:

@@ -390,3 +390,39 @@ def test_image_size_of_a_sequence_is_that_of_its_seqinfo(tmp_path: Path) -> None
     (tmp_path / "gt").mkdir()
     (tmp_path / "seqinfo.ini").write_text("[Sequence]\nimWidth=640\nimHeight=480\n")
     assert sequence_size(tmp_path / "gt/gt.txt") == (640, 480)
+
+
+VADERE = "#IDXCOL=2,DATACOL=2\npedestrianId simTime endTime-PID1 startX-PID1 startY-PID1\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        VADERE + "1 0.0 0.4 1.0 2.0\n1 0.4 0.8 1.5 2.0\n2 0.4 0.8 7.0 2.0\n",
+        "id,name,t,x,y\n,,s,m,m\n1,a,0.0,1.0,2.0\n1,a,0.4,1.5,2.0\n2,b,0.4,7.0,2.0\n",
+        "pedID,time,posX,posY\n1,0.0,1.0,2.0\n1,0.4,1.5,2.0\n2,0.4,7.0,2.0\n",
+        "$VISION\n* comment\n$PEDESTRIAN:NO;SIMSEC;COORDCENTX;COORDCENTY\n1;0.0;1.0;2.0\n1;0.4;1.5;2.0\n2;0.4;7;2\n",
+    ],
+    ids=["vadere", "pathfinder", "crowdit", "viswalk"],
+)
+def test_tables_of_simulations_are_read(tmp_path: Path, text: str) -> None:
+    file = load_file(written(tmp_path, text))
+    assert file.fps == pytest.approx(2.5) and file.table.frame.tolist() == [0, 1, 1]
+    assert (file.table.track_id.tolist(), file.table.x_m.tolist()) == ([1, 1, 2], [1.0, 1.5, 7.0])
+
+
+def test_footsteps_of_vadere_are_interpolated_to_even_times(tmp_path: Path) -> None:
+    file = load_file(written(tmp_path, VADERE + "1 0.0 0.6 0 0\n1 0.63 1 0.63 0\n1 1.0 1.5 1.0 0\n"))
+    assert file.fps == 10.0 and "interpolated to 10 frames per second" in file.note
+    np.testing.assert_allclose(file.table.x_m, np.arange(11) / 10)
+
+
+def test_bad_cell_of_a_simulation_is_refused_with_its_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"expected trajectories of crowdit, found .*'far'"):
+        load_file(written(tmp_path, "pedID,time,posX,posY\n1,0.0,far,2.0\n"))
+
+
+def test_pixels_of_petrack_are_refused_with_the_way_out(tmp_path: Path) -> None:
+    (tmp_path / "a.trc").write_text("version 4\n2\n")
+    with pytest.raises(InputError, match=r"found pixels of PeTrack: export its \.txt"):
+        load_file(tmp_path / "a.trc")
