@@ -233,14 +233,15 @@ MIN_FEET = 8
 """Fewer observations of people say too little (our choice)."""
 
 
-def floor_from_points(points: ArrayLike, name: str = "points") -> Floor:
+def floor_from_points(points: ArrayLike, name: str = "points", depth_std_m: ArrayLike | None = None) -> Floor:
     """The plane through points on the floor, by least squares; the camera is on its upper side.
 
     Args:
         points: (N, 3) [m], rectified left camera frame, N >= 3, not on one line.
         name: of their source, for messages.
+        depth_std_m: (N,) standard deviation of each point's depth [m], where known.
     Returns:
-        Floor with its residual; inlier fraction unknown.
+        Floor with its residual, and with its covariance where ``depth_std_m`` is given; inlier fraction unknown.
     Raises:
         InputError: too few points, not finite, on a line, or a plane no camera stands above.
     """
@@ -263,7 +264,16 @@ def floor_from_points(points: ArrayLike, name: str = "points") -> Floor:
             f"{math.degrees(math.asin(normal[0])):.0f} degrees out of the plane)"
         )
     residual = float(np.sqrt(np.mean(((p - centre) @ normal) ** 2)))
-    return Floor(world_from_plane(normal, height), residual_m=residual)
+    pose = world_from_plane(normal, height)
+    covariance = None
+    if depth_std_m is not None:
+        # Height of the floor at (x, y): height + y tilt + x roll, to first order.
+        world = pose @ p
+        estimate = np.linalg.pinv(np.column_stack([np.ones(len(p)), world[:, 1], world[:, 0]]))
+        std = np.asarray(depth_std_m) * np.abs(p @ normal) / p[:, 2]
+        left_over = residual * math.sqrt(len(p) / max(len(p) - 3, 1))
+        covariance = (estimate * np.maximum(std, left_over) ** 2) @ estimate.T
+    return Floor(pose, residual_m=residual, covariance=covariance)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError
 from calib.floor.find import PeopleSeen, floor_from_people
+from calib.floor.plane import FLOOR_DISPARITY_STD_PX
 from calib.images import as_colour
 from calib.rig import Floor
 from calib.types import F32, F64, U8
@@ -74,6 +75,11 @@ class FloorDepths:
                 raise InputError(f"expected pixels with depth, found none around ({u:g}, {v:g})")
             points.append(self.geometry.rays((u, v)) * float(np.nanmedian(patch)))
         return np.array(points)
+
+    def depth_std_m(self, points: F64) -> F64:
+        """(N,) deviation of the background's depth at (N, 3) points [m]."""
+        share = FLOOR_DISPARITY_STD_PX / self.geometry.disparity_std_px
+        return np.array([share * self.geometry.depth_std_m(float(z)) for z in points[:, 2]])
 
     def picture(self, floor: Floor) -> U8:
         """The left image with a metric grid on the floor."""

@@ -123,7 +123,9 @@ def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> 
         view = view_floor(opened, search)
         if given is not None:
             points, are_pixels = given
-            floor = floor_from_points(view.points_at(points) if are_pixels else points, "--points")
+            if are_pixels:
+                points = view.points_at(points)
+            floor = floor_from_points(points, "--points", view.depth_std_m(points) if are_pixels else None)
         elif options.tracks is not None:
             file = options.tracks / "tracks.csv" if options.tracks.is_dir() else options.tracks
             floor = floor_from_tracks(opened, view, read_tracks(file), _floor_of_run(opened, file), file)
@@ -181,6 +183,9 @@ def _sentence(floor: Floor) -> str:
         text += f"; {floor.inlier_fraction:.0%} of the depth lies on it"
     if math.isfinite(floor.residual_m):
         text += f", {1000 * floor.residual_m:.0f} mm rms from it"
+    if floor.covariance is not None:
+        height, *angles = np.sqrt(floor.covariance.diagonal()).tolist()
+        text += f"; height known to {100 * height:.1f} cm, angles to {math.degrees(max(angles)):.2f} degrees"
     return text
 
 
@@ -193,7 +198,7 @@ def _report(floor: Floor, target: Path | None, image: Path | None) -> dict[str, 
         "residual_m": floor.residual_m if math.isfinite(floor.residual_m) else None,
     }
     if floor.covariance is not None:
-        height, tilt, roll = (math.sqrt(max(0.0, float(v))) for v in floor.covariance.diagonal())
+        height, tilt, roll = np.sqrt(floor.covariance.diagonal()).tolist()
         values |= {"height_std_m": height, "tilt_std_deg": math.degrees(tilt), "roll_std_deg": math.degrees(roll)}
     files = {name: path and str(path) for name, path in (("world", target), ("picture", image))}
     return {**values, "extent_m": floor.extent_m, **files}

@@ -46,16 +46,23 @@ def fit_floor(view: FloorDepths, pixels: Sequence[Point]) -> FloorFit:
     # A point this far from the plane of the others is not on the floor [m] (our choice: lower than a step)...
     # ...or so many deviations of its depth, where that is more (our choice).
     limit = np.array([max(0.06, 3.0 * view.geometry.depth_std_m(float(p[2]))) for p in points])
-    return fit_plane(points, limit)
+    return fit_plane(points, limit, view.depth_std_m(points))
 
 
-def fit_plane(points: F64, limit_m: F64) -> FloorFit:
-    """As ``fit_floor``, of (n, 3) points [m] in the left camera's frame with (n,) distances that are allowed [m]."""
+def fit_plane(points: F64, limit_m: F64, depth_std_m: F64) -> FloorFit:
+    """As ``fit_floor``, of (n, 3) points [m] in the left camera's frame with (n,) distances that are allowed and (n,)
+    deviations of depth [m]."""
     best: FloorFit | None = None
     problem = InputError(f"expected three or more floor points, found {len(points)}")
+
+    def through(chosen: Sequence[int] | Bool) -> FloorFit:
+        floor = floor_from_points(points[chosen], "floor points", depth_std_m[chosen])
+        distance = (floor.world_SE3_left @ points)[:, 2]
+        return FloorFit(floor, distance, np.abs(distance) <= limit_m)
+
     for triple in islice(combinations(range(len(points)), 3), 400):  # all of 14 points
         try:
-            fit = _through(points, points[list(triple)], limit_m)
+            fit = through(list(triple))
         except InputError as error:
             problem = error
             continue
@@ -63,13 +70,7 @@ def fit_plane(points: F64, limit_m: F64) -> FloorFit:
             best = fit
     if best is None:
         raise problem
-    return _through(points, points[best.used], limit_m)
-
-
-def _through(points: F64, chosen: F64, limit_m: F64) -> FloorFit:
-    floor = floor_from_points(chosen, "floor points")
-    distance = (floor.world_SE3_left @ points)[:, 2]
-    return FloorFit(floor, distance, np.abs(distance) <= limit_m)
+    return through(best.used)
 
 
 class ValueRow(NamedTuple):
@@ -87,23 +88,27 @@ class Assessed(NamedTuple):
     sentence: str
 
 
+MAX_HEIGHT_STD, MAX_ANGLE_STD_DEG = 0.02, 1.0
+"""Deviation of a floor's height, as a share of it, and of its angles, up to which it is known well enough (our choice:
+5 cm for a camera at 2.5 m, and as much on the floor 3 m away)."""
+FLOOR_VALUES = {"height above the floor": "{:.2f} m", "tilt from straight down": "{:.1f}°", "roll": "{:.1f}°"}
+"""Names of a floor's values and how they are written."""
+
+
 def floor_rows(fit: FloorFit, found: Floor | None) -> list[ValueRow]:
-    """The values of a floor from points, beside those found without points, in brackets."""
-    texts, beside = _floor_texts(fit.floor), _floor_texts(found) if found else {}
-    rows = [ValueRow(name, text, f"(found {beside[name]})" if beside else "") for name, text in texts.items()]
-    return [*rows, ValueRow("points from the plane", f"{100 * (fit.floor.residual_m or 0.0):.1f} cm rms", "")]
-
-
-def _floor_texts(floor: Floor) -> dict[str, str]:
-    return {
-        "height above the floor": f"{floor.height_m:.2f} m",
-        "tilt from straight down": f"{math.degrees(floor.tilt_rad):.1f}°",
-        "roll": f"{math.degrees(floor.roll_rad):.1f}°",
-    }
+    """The values of a floor from points with their deviations, and in brackets those of the floor found without."""
+    values, std = _floor_values(fit.floor), _floor_std(fit.floor)
+    other = _floor_values(found) if found else (math.nan,) * 3
+    rows = [
+        ValueRow(name, form.format(value), f"± {form.format(dev)}" + (f" (found {form.format(old)})" if found else ""))
+        for (name, form), value, dev, old in zip(FLOOR_VALUES.items(), values, std, other, strict=True)
+    ]
+    return [*rows, ValueRow("points from the plane", f"{100 * fit.floor.residual_m:.1f} cm rms", "")]
 
 
 def floor_assessment(fit: FloorFit) -> Assessed:
-    """A plane through three points fits whatever they lie on; the fourth one checks it."""
+    """A plane through three points fits whatever they lie on; the fourth one checks it, and their distances from each
+    other decide how well it is known."""
     n_used, n_off = int(fit.used.sum()), int((~fit.used).sum())
     if n_off and n_used < n_off + 3:
         return Assessed(False, f"not enough: {n_off} of {n_used + n_off} points lie off the plane of the others")
@@ -111,8 +116,28 @@ def floor_assessment(fit: FloorFit) -> Assessed:
         return Assessed(
             False, "not enough: three points fit any plane; add a fourth one far from them, which checks it"
         )
+    height, *angles = _floor_std(fit.floor)
+    known = f"height known to {100 * height:.0f} cm and angles to {max(angles):.1f}°"
+    limit = MAX_HEIGHT_STD * fit.floor.height_m
+    if not (height <= limit and max(angles) <= MAX_ANGLE_STD_DEG):
+        return Assessed(
+            False,
+            f"not enough: {known} only (at most {100 * limit:.0f} cm and {MAX_ANGLE_STD_DEG:g}°); "
+            "add points far from the others, near and far, left and right",
+        )
     off = f"; {n_off} off the plane not used" if n_off else ""
-    return Assessed(True, f"enough: {n_used} points lie on one plane{off}")
+    return Assessed(True, f"enough: {n_used} points lie on one plane, {known}{off}")
+
+
+def _floor_values(floor: Floor) -> tuple[float, ...]:
+    """Height [m], tilt and roll [deg]."""
+    return floor.height_m, math.degrees(floor.tilt_rad), math.degrees(floor.roll_rad)
+
+
+def _floor_std(floor: Floor) -> tuple[float, ...]:
+    assert floor.covariance is not None
+    height, tilt, roll = np.sqrt(floor.covariance.diagonal()).tolist()
+    return height, math.degrees(tilt), math.degrees(roll)
 
 
 def _angle(name: str, value_rad: float, std_rad: float) -> ValueRow:

@@ -10,13 +10,14 @@ import pytest
 from toy_recordings import write_frames
 
 from calib.errors import InputError
+from calib.floor.find import floor_from_points
 from calib.ground_camera import GroundCamera, load_ground_camera
 from calib.people.model import KnownValues
 from calib.people.samples import HumanSample, read_samples
 from planview.calibration.page.marks import Handle
 from planview.calibration.page.overlay import overlay
 from planview.calibration.page.session import CalibrationSession, open_session
-from planview.calibration.page.solution import fit_plane, floor_assessment
+from planview.calibration.page.solution import fit_plane, floor_assessment, floor_rows
 from planview.synthetic.assets import DEMO
 from tests.people import standing_people
 
@@ -242,20 +243,40 @@ def test_more_people_are_asked_for_only_where_something_moved(tmp_path: Path) ->
 
 FLOOR = np.array([(-1.0, 2.0, 3.0), (1.0, 2.0, 3.0), (0.0, 2.0, 5.0), (1.5, 2.0, 4.0), (-1.5, 2.0, 4.5)])
 """On a floor 2 m below a level camera (x right, y down, z forward)."""
-LIMIT = np.full(6, 0.06)
+LIMIT, DEPTH_STD = np.full(6, 0.06), np.full(6, 0.03)
 
 
 def test_points_off_the_plane_are_refused_with_their_height_once_the_others_agree():
     points = np.vstack([FLOOR[:4], [(0.5, 1.6, 4.0)]])
-    fit = fit_plane(points, LIMIT[:5])
+    fit = fit_plane(points, LIMIT[:5], DEPTH_STD[:5])
     assert fit.used.tolist() == [True, True, True, True, False] and fit.distance_m[4] == pytest.approx(0.4)
     assert fit.floor.height_m == pytest.approx(2.0)
     points = np.vstack([[(0.0, 1.0, 3.0)], FLOOR])
-    assert fit_plane(points, LIMIT).used.tolist() == [False, True, True, True, True, True]
+    assert fit_plane(points, LIMIT, DEPTH_STD).used.tolist() == [False, True, True, True, True, True]
 
 
 def test_points_on_a_line_are_refused_three_are_not_enough_and_four_on_a_plane_are():
     with pytest.raises(InputError, match="on one line"):
-        fit_plane(np.array([(0.0, 2.0, z) for z in (3.0, 4.0, 5.0)]), LIMIT[:3])
-    three, four = (floor_assessment(fit_plane(FLOOR[:n], LIMIT[:n])) for n in (3, 4))
+        fit_plane(np.array([(0.0, 2.0, z) for z in (3.0, 4.0, 5.0)]), LIMIT[:3], DEPTH_STD[:3])
+    three, four = (floor_assessment(fit_plane(FLOOR[:n], LIMIT[:n], DEPTH_STD[:n])) for n in (3, 4))
     assert not three.enough and "fourth" in three.sentence and four.enough
+
+
+def test_four_clicks_close_together_are_not_enough_and_show_the_floor_found_without_them() -> None:
+    close = np.array([(-0.25, 2.0, 3.0), (0.25, 2.0, 3.0), (0.25, 2.0, 3.5), (-0.25, 2.0, 3.5)])
+    fit = fit_plane(close, LIMIT[:4], DEPTH_STD[:4])
+    verdict = floor_assessment(fit)
+    assert not verdict.enough and "points far from the others" in verdict.sentence
+    height, tilt, _, _ = floor_rows(fit, fit.floor)
+    assert height.deviation.endswith("(found 2.00 m)") and tilt.value == "90.0°"
+    assert float(tilt.deviation.split("°")[0].lstrip("± ")) > 1.0
+
+
+def test_deviations_of_a_floor_from_points_are_the_scatter_of_floors_from_noisy_points() -> None:
+    rng = np.random.default_rng(0)
+    noisy = FLOOR * (1 + 0.02 / FLOOR[:, 2:] * rng.normal(size=(400, 5, 1)))
+    floors = [floor_from_points(points) for points in noisy]
+    scatter = np.std([(floor.height_m, floor.tilt_rad, floor.roll_rad) for floor in floors], axis=0)
+    covariance = floor_from_points(FLOOR, depth_std_m=np.full(5, 0.02)).covariance
+    assert covariance is not None
+    np.testing.assert_allclose(np.sqrt(covariance.diagonal()), scatter, rtol=0.15)
