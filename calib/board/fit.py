@@ -106,11 +106,6 @@ def select_views(
 
     Blurred ones go first; then views are taken one by one, each the most different from those taken already in
     place, size and tilt of the board.
-
-    Args:
-        views: to choose from.
-        sharp: of each, the lesser of both images.
-        size: (width, height) [px].
     """
     if len(views) <= limit:
         return list(range(len(views)))
@@ -198,17 +193,7 @@ class CameraFit:
 
 
 def fit_camera(views: Sequence[BoardView], points: F64, side: Side, size: tuple[int, int], lens: Lens) -> CameraFit:
-    """One camera from its own images.
-
-    Args:
-        views: image points of the board.
-        points: (m, 3) the board's points [m].
-        side: which camera.
-        size: (width, height) of the images [px].
-        lens: model to fit.
-    Raises:
-        FitError: no camera fits.
-    """
+    """One camera from its own images of the board's (m, 3) points [m]. Raises FitError: no camera fits."""
     shown = _same_lengths(views) if lens.model == "fisheye" else views
     objects, pixels = [points[view.ids] for view in shown], [view.image_points(side) for view in shown]
     # First guesses of the focal length [image widths] where OpenCV's own, from vanishing points, leads nowhere.
@@ -248,17 +233,8 @@ def fit_rig(
     lens: Lens,
     max_iterations: int = _MAX_ITERATIONS,
 ) -> RigFit:
-    """Both cameras, the transform between them and all board poses together.
-
-    Args:
-        views: image points of the board.
-        points: (m, 3) the board's points [m].
-        cameras: left and right, to start from.
-        lens: their model.
-        max_iterations: of the joint fit.
-    Raises:
-        FitError: no rig fits.
-    """
+    """Both cameras, the transform between them and all board poses together, from cameras to start with. Raises
+    FitError: no rig fits."""
     size, fisheye = cameras[0].size, lens.model == "fisheye"
     shown = _same_lengths(views) if fisheye else views
     given: tuple[Any, ...] = (

@@ -1,4 +1,4 @@
-"""How well samples tell a camera: floor error expected where they were taken, and what would help most; ours."""
+"""How well samples determine a camera, and where one more would help most; ours."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Assessment:
     """How far a camera from people can be trusted.
 
     Attributes:
-        enough: whether the floor error is within its limit.
+        enough: whether floor error, height and tilt are within their limits.
         floor_error_m: standard deviation of floor positions [m], the median over the region between the samples' feet,
             after the shift and turn of the floor that fit best (they move no person against another).
         next_sample: where one more person helps most; None where none does.
@@ -77,33 +77,34 @@ def camera_deviations(fit: GroundCameraFit) -> CameraDeviations:
     return CameraDeviations(float(std[HEIGHT]), float(std[TILT]), float(std[FOCAL]), float(std[ROLL]))
 
 
-def assess(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, walked: Bool | None = None) -> Assessment:
-    """Expected floor error over the region that the samples cover, and what would lower it most.
+MAX_HEIGHT_STD, MAX_TILT_STD = 0.06, math.radians(1.5)
+"""Deviations of the camera's height [1] and tilt [rad] up to which it is known well enough (our choice:
+half of those that three people give)."""
 
-    Args:
-        fit: the camera and its covariance.
-        people: the samples.
-        model: the person.
-        walked: (height, width) of the image, where something moved: people are asked for there only; None for anywhere.
+
+def assess(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, walked: Bool | None = None) -> Assessment:
+    """How well camera and floor are known over the region that the samples cover, and what would help most.
+
+    More people are asked for only where ``walked`` (height, width) is set; None for anywhere.
     """
     # (m, 2) pixels: the feet and the middles between any two of them.
     feet = people.rows[:, 6:]
     first, second = np.triu_indices(len(feet))
     middles = 0.5 * (feet[first] + feet[second])
-    region = np.asarray(middles[:: max(1, len(middles) // 1000)])
-    floor = _FloorError(fit.camera, region)
-    error = floor.deviation_m(fit.covariance)
-    # Floor positions must be known this well [m] (our choice: half the gate within which tracks are matched)...
-    # ...and to this share of the region's size [1] (our choice: small rooms).
-    limit = min(0.5, 0.1 * floor.size_m)
-    advisor = _Advisor(fit, floor, limit)
+    floor = _FloorError(fit.camera, np.asarray(middles[:: max(1, len(middles) // 1000)]))
+    advisor = _Advisor(fit, floor)
     found = advisor.next_sample(model, walked)
-    if error <= limit:
-        text = f"enough: floor positions are known to {error:.2f} m where people were marked"
-        return Assessment(True, error, found, text)
-    shown = f"{error:.2f} m" if error < 100 else "more than 100 m"
-    text = f"not enough: floor positions are known to {shown} only (at most {limit:.2g} m); "
-    return Assessment(False, error, found, text + advisor.advice(found))
+    values, limits = advisor.deviations(fit.covariance), advisor.limits
+    enough = bool((values <= limits).all())
+    error, height, tilt = values.tolist()
+    text = (
+        f"floor positions are known to {f'{error:.2f}' if error < 100 else 'more than 100'} m where people were "
+        f"marked, the camera's height to {height:.0%}, its tilt to {math.degrees(tilt):.1f} degrees"
+    )
+    if enough:
+        return Assessment(True, error, found, f"enough: {text}")
+    most = f"at most {limits[0]:.2g} m, {MAX_HEIGHT_STD:.0%} and {math.degrees(MAX_TILT_STD):g} degrees"
+    return Assessment(False, error, found, f"not enough: {text} ({most}); {advisor.advice(found)}")
 
 
 _TURNS_RAD = np.deg2rad([[-89.0, -44.0], [89.0, 44.0]])
@@ -170,15 +171,26 @@ def _possible(fit: GroundCameraFit, model: HumanModel) -> tuple[F64, F64]:
 
 @dataclass(eq=False)
 class _Advisor:
-    """What would lower the floor error: another person, many, or a known value."""
+    """What would make the camera known well enough: another person, many, or a known value."""
 
     fit: GroundCameraFit
     floor: _FloorError
-    limit: float
     gain: F64 | None = None
 
+    @property
+    def limits(self) -> F64:
+        """(3,) largest ``deviations`` that are enough."""
+        # Floor positions must be known this well [m] (our choice: half the gate within which tracks are matched)...
+        # ...and to this share of the region's size [1] (our choice: small rooms).
+        return np.array([min(0.5, 0.1 * self.floor.size_m), MAX_HEIGHT_STD, MAX_TILT_STD])
+
+    def deviations(self, covariance: F64) -> F64:
+        """(3,) of floor positions [m], camera height [1] and tilt [rad]."""
+        std = np.sqrt(np.diag(covariance))
+        return np.array([self.floor.deviation_m(covariance), std[HEIGHT], std[TILT]])
+
     def next_sample(self, model: HumanModel, walked: Bool | None) -> NextSample | None:
-        """The place that lowers the floor error most."""
+        """The place where one more person brings the deviations nearest to their limits."""
         if not np.isfinite(self.fit.covariance).all():
             return None
         places, rows = _possible(self.fit, model)
@@ -199,17 +211,19 @@ class _Advisor:
         own_t = own.transpose(0, 2, 1)
         left_over = shared - own @ np.linalg.solve(own_t @ own + 1e-12 * np.eye(2), own_t @ shared)
         gains = np.asarray(left_over.transpose(0, 2, 1) @ left_over)
-        errors = [self._error_after(gain) for gain in gains]
-        best = int(np.argmin(errors))
+        after = np.array([self._after(gain) for gain in gains])
+        best = int(np.argmin((after / self.limits).max(axis=1)))
         self.gain = gains[best]
-        return NextSample((float(rows[best, 6]), float(rows[best, 7])), errors[best])
+        return NextSample((float(rows[best, 6]), float(rows[best, 7])), float(after[best, 0]))
 
     def advice(self, found: NextSample | None) -> str:
         """What to do, in words."""
         knowable = ((FOCAL, "the focal length or field of view"), (HEIGHT, "the camera's height"))
         gain = np.eye(N_SHARED) / KNOWN_CAMERA_STD**2
-        told = [name for k, name in knowable if self._enough(np.diag(gain[k]))]
-        give = f"give {' or '.join(told)}" if told else ""
+        helpful = " or ".join(name for k, name in knowable if self._enough(np.diag(gain[k])))
+        if not helpful and self._enough(np.diag(gain[FOCAL] + gain[HEIGHT])):
+            helpful = " and ".join(name for _, name in knowable)
+        give = f"give {helpful}" if helpful else ""
         if found is None or self.gain is None:
             return give or "mark more people, at more distances"
         u, v = found.foot_px
@@ -224,11 +238,11 @@ class _Advisor:
         return f"{more}, or {give}" if give else more
 
     def _enough(self, gain: F64) -> bool:
-        return bool(np.isfinite(self.fit.covariance).all()) and self._error_after(gain) <= self.limit
+        return bool(np.isfinite(self.fit.covariance).all() and (self._after(gain) <= self.limits).all())
 
-    def _error_after(self, gain: F64) -> float:
-        after: F64 = np.linalg.inv(np.linalg.inv(self.fit.covariance) + gain).astype(np.float64)
-        return self.floor.deviation_m(after)
+    def _after(self, gain: F64) -> F64:
+        """``deviations`` with further information."""
+        return self.deviations(np.linalg.inv(np.linalg.inv(self.fit.covariance) + gain).astype(np.float64))
 
 
 def _where(fit: GroundCameraFit, foot_px: tuple[float, float]) -> str:

@@ -74,15 +74,7 @@ class GroundCameraFit:
 def refine(
     camera: GroundCamera, people: MarkedPeople, model: HumanModel, prior: CameraPrior, variation: float | None = None
 ) -> GroundCameraFit:
-    """Move camera, people and their common width and height to the least squares of all edges and points.
-
-    Args:
-        camera: from the search.
-        people: the samples.
-        model: the person; its height is what gives the scale.
-        prior: of the shared unknowns.
-        variation: how much people vary, over what is expected [1]; None finds it.
-    """
+    """Move camera, people and their common width and height to the least squares of all edges and points."""
     shared = np.zeros(N_SHARED)
     shared[[FOCAL, HEIGHT, TILT, ROLL]] = (
         math.log(camera.focal_px), math.log(camera.height_m), camera.tilt_rad, camera.roll_rad,

@@ -57,8 +57,6 @@ class BoardImages:
     Attributes:
         names: of the pairs in order.
         is_video: whether the pairs are frames of a video.
-    Raises:
-        InputError: no pairs there.
     """
 
     def __init__(self, path: Path) -> None:
@@ -199,15 +197,7 @@ class BoardRequest:
 def calibrate_images(
     path: Path, request: BoardRequest, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> BoardCalibration:
-    """Calibrate a rig from the images at a path.
-
-    Args:
-        path: folder or video.
-        request: the board and options.
-        progress: called with pairs done and in all.
-    Raises:
-        InputError: unusable images or views (see ``solve_board``).
-    """
+    """Calibrate a rig from a folder or video (errors of ``solve_board``); ``progress`` gets pairs done and in all."""
     images = BoardImages(path)
     board = _board(images, request)
     found = _detect(images, board, progress)

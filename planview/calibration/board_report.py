@@ -27,15 +27,7 @@ if TYPE_CHECKING:
 
 
 def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
-    """Write the page.
-
-    Args:
-        result: the calibration.
-        images: where its pairs came from; one is read again and shown rectified.
-        path: of the page.
-    Returns:
-        The path.
-    """
+    """Write the page and return its path; one of the pairs in ``images`` is read again and shown rectified."""
     name, picture = _rectified_pair(result, images)
     page = page_of(
         "planview.calibration",

@@ -143,14 +143,7 @@ class RigRecord:
 
 
 def record_rig(path: Path, config: Config | None = None, done: Callable[[], None] = lambda: None) -> RigRecord:
-    """Track a rig's recording and gather the scene behind the people.
-
-    Args:
-        done: called after every frame.
-    Raises:
-        InputError: no such recording or calibration.
-        WorkError: no floor is visible.
-    """
+    """Track a rig's recording and gather the scene behind the people."""
     config = config or Config()
     recording = open_any(path)
     engine = stereo_engine(recording, config)

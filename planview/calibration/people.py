@@ -113,10 +113,6 @@ def collect_samples(video: Video, count: int = 50, done: Callable[[], None] = la
     out. Head and foot are the ends of the blob's longest axis, the head the upper one; where most blobs have no longest
     axis (from straight above) both are its middle.
 
-    Args:
-        video: of people walking.
-        count: how many samples to take.
-        done: called after every frame.
     Raises:
         WorkError: fewer than 3 samples, or no size that most of the walkers have.
     """

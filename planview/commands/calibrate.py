@@ -240,16 +240,14 @@ def _calibrate(images: Path, request: BoardRequest) -> BoardCalibration:
         task = bar.add_task("detecting the board", total=None)
 
         def progress(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total)
-            if done == total:
-                bar.update(task, description="calibrating")
+            text = "calibrating" if done == total else "detecting the board"
+            bar.update(task, completed=done, total=total, description=text)
 
         return calibrate_images(images, request, progress)
 
 
 def _print_summary(result: BoardCalibration, files: list[Path]) -> None:
-    console = PlainConsole(stderr=True)
-    rig, std = result.rig, result.std
+    console, rig, std = PlainConsole(stderr=True), result.rig, result.std
     for one in result.rejected:
         console.print(f"not used: {one.name}: {one.why}", highlight=False)
     table = Table(title=f"{result.board.name}, {len(result.views)} pairs, {rig.left.width}x{rig.left.height}")
@@ -335,8 +333,8 @@ def calibrate_convert(
         swap=swap,
     )
     written = write_rig(rig, target, to, calibration_files(source))
-    print(f"{rig.source}: baseline {rig.baseline_m:.4f} m, {rig.left.width}x{rig.left.height}", file=sys.stderr)
-    print(f"wrote {', '.join(map(str, written))}", file=sys.stderr)
+    text = f"{rig.source}: baseline {rig.baseline_m:.4f} m, {rig.left.width}x{rig.left.height}"
+    print(f"{text}\nwrote {', '.join(map(str, written))}", file=sys.stderr)
     if json_:
         found = {"source": rig.source, "baseline_m": rig.baseline_m, "width": rig.left.width, "height": rig.left.height}
         print(json.dumps(found | {"model": rig.left.model, "files": [str(path) for path in written]}))

@@ -81,7 +81,7 @@ def parse_points(texts: Sequence[str]) -> tuple[F64, bool]:
         try:
             row = [float(part) for part in text.replace(";", ",").split(",")]
         except ValueError:
-            raise InputError(f"--points: expected u,v in pixels or x,y,z in metres, found {text!r}") from None
+            row = []
         if len(row) not in (2, 3) or not all(math.isfinite(v) for v in row):
             raise InputError(f"--points: expected u,v in pixels or x,y,z in metres, found {text!r}")
         rows.append(row)
@@ -123,8 +123,7 @@ def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> 
         view = view_floor(opened, search)
         if given is not None:
             points, are_pixels = given
-            if are_pixels:
-                points = view.points_at(points)
+            points = view.points_at(points) if are_pixels else points
             floor = floor_from_points(points, "--points", view.depth_std_m(points) if are_pixels else None)
         elif options.tracks is not None:
             file = options.tracks / "tracks.csv" if options.tracks.is_dir() else options.tracks
@@ -342,8 +341,7 @@ def _background(size: tuple[int, int], samples: Sequence[HumanSample], video: Vi
         image = as_colour(frame.image)
         if frame.index == 0:
             canvas = image.copy()
-        sample = wanted.get(frame.index)
-        if sample is not None:
+        if sample := wanted.get(frame.index):
             left, top, width, height = (round(v) for v in sample.box_px)
             part = np.s_[max(0, top - 4) : top + height + 4, max(0, left - 4) : left + width + 4]
             canvas[part] = image[part]
@@ -353,8 +351,7 @@ def _background(size: tuple[int, int], samples: Sequence[HumanSample], video: Vi
 
 
 def _camera_report(found: HumanCalibration, samples: Sequence[HumanSample], out: Path) -> dict[str, Any]:
-    camera = found.camera
-    std, verdict = found.std, found.assessment
+    camera, std, verdict = found.camera, found.std, found.assessment
     following = verdict.next_sample
     return {
         "height_m": camera.height_m,

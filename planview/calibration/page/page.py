@@ -44,11 +44,7 @@ HELP = (
 
 
 class SidePanel:
-    """Widgets of the panel.
-
-    Attributes:
-        everywhere: whether people are drawn all over the floor.
-    """
+    """Widgets of the panel."""
 
     def __init__(self, session: CalibrationSession, page: Page) -> None:
         self._session, self._page = session, page
@@ -196,12 +192,7 @@ def _picker(text: str, accept: str, on_upload: Callable[[events.UploadEventArgum
 
 
 class Page:
-    """The page's widgets and what they do.
-
-    Args:
-        session: what is calibrated.
-        folder: where Export writes.
-    """
+    """The page's widgets and what they do."""
 
     def __init__(self, session: CalibrationSession, folder: Path) -> None:
         self._session, self._folder = session, folder

@@ -306,9 +306,6 @@ def open_session(path: Path, calibration: Path | None = None) -> CalibrationSess
 
     Args:
         calibration: of a stereo recording, which the recording then must be.
-    Raises:
-        InputError: neither a video nor a stereo recording, or a stereo recording without a calibration.
-        WorkError: no usable frame.
     """
     stereo = calibration is not None or holds_pair(path)
     with suppress(InputError):  # the pictures of a video may be two views of one scene

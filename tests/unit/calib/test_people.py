@@ -251,13 +251,21 @@ STREET = GroundCamera(480, 360, 740.0, 7.0, math.radians(73.5), "pinhole")
 
 
 def test_known_focal_length_makes_a_poor_set_enough() -> None:
-    people = standing_people(STREET, 4, seed=0, noise_px=3.0)
+    people = standing_people(STREET, 8, seed=0, noise_px=2.0)
     alone = calibrate_from_people(people, STREET.size, "pinhole")
     told = calibrate_from_people(people, STREET.size, "pinhole", known=KnownValues(focal_px=740.0))
     assert not alone.assessment.enough and alone.assessment.sentence.startswith("not enough: ")
     assert "focal length or field of view" in alone.assessment.sentence and told.assessment.enough
     assert told.camera.focal_px == pytest.approx(740.0, rel=0.03)
     assert told.assessment.floor_error_m < alone.assessment.floor_error_m
+
+
+def test_few_people_are_not_enough_although_the_floor_between_them_is_known() -> None:
+    camera = CAMERAS["oblique"]
+    people = standing_people(camera, 3, seed=2, noise_px=4.0)
+    verdict = calibrate_from_people(people, camera.size, camera.lens).assessment
+    assert not verdict.enough and verdict.floor_error_m < 0.5
+    assert "the camera's height to" in verdict.sentence and "its tilt to" in verdict.sentence
 
 
 def test_field_of_view_is_a_focal_length_and_both_are_refused():
