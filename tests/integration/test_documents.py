@@ -1,0 +1,117 @@
+"""Code blocks of README.md and docs/ run, or stand in ``CANNOT_RUN`` with the reason; all commands are parsed."""
+
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+from short_clip import ROOT
+
+from planview.cli import main, make_app
+from planview.counting.rules import load_rules
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+CANNOT_RUN = {
+    r"planview demo": "test_demo.py runs it",
+    r"planview run my_recording --out out$": "the fixture has run it",
+    r"planview check my_recording$": "tutorial.md runs it with pictures",
+    r"planview .*video\.mp4": "needs a long video of one camera: test_single_camera_run.py, test_detections_run.py",
+    r"planview .*photos/": "needs photographs of a board: test_calibrate_board.py",
+    r"planview .*\bhall\b(?!\.)": "needs two heads in one room: test_multi_rig_run.py",
+    r"planview sweep": "needs many recordings or a cluster: test_sweep.py, test_sweep_cluster.py",
+    r"planview edit out --(join|delete|region|list) ": "names ids and files of an imaginary run: test_export.py",
+    r"planview render out --frame 240": "the short clip ends before",
+    r"planview view": "opens a window",
+    r".*my_program": "pipes into a program of the reader",
+}
+"""Commands that are only parsed."""
+
+
+def blocks(page: Path) -> list[tuple[str, str]]:
+    """(language, text) of every code block of a page."""
+    return re.findall(r"^```(\w*)\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+
+
+def commands(text: str) -> list[str]:
+    """The commands of planview in a block, without comments."""
+    return [line.split("  #")[0].strip() for line in text.splitlines() if line.startswith("planview ")]
+
+
+def words(command: str) -> list[str]:
+    return shlex.split(command.split(" | ")[0])[1:]
+
+
+def cannot_run(command: str) -> bool:
+    return any(re.match(pattern, command) for pattern in CANNOT_RUN)
+
+
+ALL = sorted(
+    {command for page in PAGES for language, text in blocks(page) if not language for command in commands(text)}
+)
+WITH_BLOCKS = [
+    page
+    for page in PAGES
+    if any(
+        language == "python" or (not language and not all(map(cannot_run, commands(text))))
+        for language, text in blocks(page)
+    )
+]
+
+
+@pytest.mark.parametrize("command", ALL)
+def test_command_of_the_documents_has_these_options(command: str) -> None:
+    app = make_app(words(command))
+    app.parse_args(words(command), exit_on_error=False, print_error=False)
+
+
+@pytest.mark.parametrize("pattern", CANNOT_RUN)
+def test_reason_not_to_run_is_still_needed(pattern: str) -> None:
+    assert any(re.match(pattern, command) for command in [*ALL, "planview view"])
+
+
+@pytest.fixture(scope="module")
+def run_folder(short_clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a recording and a finished run of it, as the documents assume one."""
+    folder = tmp_path_factory.mktemp("documents")
+    shutil.copytree(short_clip / "data", folder / "data")
+    shutil.copytree(folder / "data" / "synthetic" / "demo", folder / "my_recording")
+    shutil.copy(folder / "my_recording" / "truth.csv", folder)
+    with pytest.raises(SystemExit) as done:
+        main(["run", str(folder / "my_recording"), "--out", str(folder / "out")])
+    assert not done.value.code
+    rules = '[[tripwire]]\nname = "door"\nfrom_m = [-2, 4]\nto_m = [2, 4]\n'
+    for name in ("rules.toml", "other.toml"):
+        (folder / name).write_text(rules)
+    return folder
+
+
+@pytest.mark.parametrize("page", WITH_BLOCKS, ids=lambda page: page.name)
+def test_code_blocks_of_a_page_run(page: Path, run_folder: Path, tmp_path: Path, monkeypatch) -> None:
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    shutil.copytree(run_folder, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    for language, text in blocks(page):
+        if language == "python":
+            if "import pedpy" in text:
+                pytest.importorskip("pedpy")
+            exec(compile(text, page.name, "exec"), {"__name__": "__main__"})
+        elif language == "toml" and "[[tripwire]]" in text:
+            name = "rules.toml" if "from_m" in text else "rules_px.toml"  # the clip has fewer pixels than the example
+            Path(name).write_text(text)
+            assert load_rules(Path(name))
+        elif not language:
+            for command in commands(text):
+                if not cannot_run(command):
+                    run(command)
+
+
+def run(command: str) -> None:
+    """Run a command of the documents, whose new folder may be there from the page before."""
+    if command.startswith("planview run"):
+        shutil.rmtree(words(command)[words(command).index("--out") + 1], ignore_errors=True)
+    with pytest.raises(SystemExit) as done:
+        main(words(command))
+    assert not done.value.code, command
