@@ -12,8 +12,8 @@ import planview
 
 VARIANTS: dict[str, tuple[Literal["joint", "template"], tuple[str, ...]]] = {
     "as configured": ("joint", ()),
-    "without colours": ("joint", ("joint.colour_weight=0",)),
-    "feedback off": ("joint", ("feedback.enabled=false",)),
+    "half the image": ("joint", ("rectify.working_px=320",)),
+    "more foreground": ("joint", ("foreground.beta=4",)),
     "template": ("template", ()),
 }
 
@@ -26,7 +26,8 @@ def main(recording: str = "data/synthetic/demo", frames: int = 0) -> None:
         last = int(tracks.frame.max()) if len(tracks) else 0
         scores = planview.evaluate(tracks, recording, frames=(0, last)).to_json()
         errors = scores["significant_errors"]["total"]
-        print(f"{name:16} mota {scores['mota']:6.2f}  significant errors {errors}")
+        position_m = scores["position_error_mean_m"] or float("nan")
+        print(f"{name:16} mota {scores['mota']:6.3f}  position {position_m:.3f} m  significant errors {errors}")
 
 
 if __name__ == "__main__":

@@ -1,31 +1,26 @@
-"""One parameter over a range: the recording is set up once, then tracked with every value.
+"""One parameter over a range: how large must the images be?
 
 ``planview sweep STUDY.toml`` does this for many parameters and recordings, in processes or on a cluster, and never
 computes a run twice (docs/scale.md).
 
-Run: python examples/sweep.py [RECORDING] > cells.csv
+Run: python examples/sweep.py [RECORDING] > sizes.csv
 """
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import planview
 
 
-def main(
-    recording: str = "data/synthetic/demo", frames: int = 0, cells_m: Sequence[float] = (0.02, 0.04, 0.08)
-) -> None:
-    """Print a CSV: side of a map cell, MOTA, mean position error."""
-    opened = planview.open_recording(Path(recording))
-    setup = planview.set_up(opened, planview.Config())
-    print("cell_m,mota,position_error_m")
-    for cell_m in cells_m:
-        config = planview.load_config(overrides=[f"maps.cell_m={cell_m}"])
-        tracks = planview.run(planview.stereo_engine(opened, config, setup=setup), frames=frames)
+def main(recording: str = "data/synthetic/demo", frames: int = 0, sizes_px: Sequence[int] = (240, 320, 640)) -> None:
+    """Print a CSV: longest side of the images that are matched, MOTA, mean position error."""
+    print("working_px,mota,position_error_m")
+    for size_px in sizes_px:
+        config = planview.load_config(overrides=[f"rectify.working_px={size_px}"])
+        tracks = planview.run(recording, config=config, frames=frames)
         last = int(tracks.frame.max()) if len(tracks) else 0
         scores = planview.evaluate(tracks, recording, frames=(0, last)).to_json()
-        print(f"{cell_m},{scores['mota']:.3f},{scores['position_error_mean_m'] or float('nan'):.3f}")
+        print(f"{size_px},{scores['mota']:.3f},{scores['position_error_mean_m'] or float('nan'):.3f}")
 
 
 if __name__ == "__main__":

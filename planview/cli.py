@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
-import io
+import inspect
 import os
+import re
 import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Literal, TextIO
+from importlib import import_module
+from importlib.metadata import version
+from typing import Any, Literal, TextIO, cast
 
-from cyclopts import App, Group
+from cyclopts import App, Group, Parameter
 
 COMMANDS = {
     "Start here": {
-        "demo": ("run", "Run the clip that comes with the package and print its metrics."),
-        "check": ("recordings", "Say what a recording holds, and whether it and its calibration are to be trusted."),
+        "demo": ("run", "Track the clip that comes with the package and print its scores."),
+        "check": ("recordings", "Check a recording and its calibration: can I trust them?"),
         "run": ("run", "Track people in a recording."),
     },
     "Results": {
-        "report": ("results", "Write the page of a run, or one page that compares several."),
+        "report": ("results", "Write the report of a run, or a page that compares several."),
         "view": ("results", "Open a run in the rerun viewer."),
         "render": ("results", "Draw a run as a video or a picture."),
-        "replay": ("run", "Track a run again up to a frame with a parameter changed, and compare."),
-        "edit": ("tracks", "Join, split, delete, rename and refine tracks, and take edits back."),
+        "replay": ("run", "Track a run again with a parameter changed, and compare a frame."),
+        "edit": ("tracks", "Join, split, delete, rename and refine tracks; edits can be undone."),
         "count": ("scores", "Count line crossings and zone occupancy in tracks."),
         "evaluate": ("scores", "Score tracks against truth."),
         "export": ("tracks", "Write tracks in the format of another program."),
@@ -34,9 +37,9 @@ COMMANDS = {
         "sweep": ("sweep", "Run several settings or recordings and compare them."),
     },
 }
-"""By group of the help: the module of ``planview.commands`` that holds a command, and what the listing says of it."""
+"""By group of the help: the module of ``planview.commands`` with a command, and its line in the listing."""
 CALIBRATE = {
-    "align": ("calibrate", "Find where stereo heads are beside each other from people who walk."),
+    "align": ("calibrate", "Find how stereo heads stand to each other, from people who walk."),
     "board": ("calibrate", "Calibrate a stereo rig from chessboard or ChArUco images."),
     "convert": ("calibrate", "Convert a calibration from one format to another."),
     "floor": ("calibrate_pose", "Find the floor in a stereo recording."),
@@ -44,7 +47,7 @@ CALIBRATE = {
     "ui": ("calibrate", "Calibrate in the browser."),
 }
 USAGE = {"evaluate": "TRACKS [TRUTH] [OPTIONS]", "report": "FOLDER [FOLDER ...] [OPTIONS]"}
-"""Of commands whose arguments the help could not name."""
+"""Usage of commands whose arguments cyclopts does not name."""
 
 
 def make_app(words: Sequence[str] = ()) -> App:
@@ -52,9 +55,9 @@ def make_app(words: Sequence[str] = ()) -> App:
     app = App(
         name="planview",
         help="Stereo depth plan-view people tracking.",
-        version=_version,
+        version=lambda: version("planview"),
         version_flags=["--version", "-v"],
-        default_parameter=None,
+        default_parameter=Parameter(negative_iterable=(), show_default=_default),
         suppress_keyboard_interrupt=False,
     )
     groups = {name: Group(name, sort_key=place) for place, name in enumerate([*COMMANDS, "Calibration"])}
@@ -71,30 +74,35 @@ def make_app(words: Sequence[str] = ()) -> App:
 
 
 def completion(shell: Literal["bash", "zsh", "fish"]) -> None:
-    """Print what completes commands and options in a shell.
+    """Print a script that completes commands and options in a shell.
 
     Example: planview completion bash > ~/.local/share/bash-completion/completions/planview
-
-    Parameters
-    ----------
-    shell
-        The shell that the text is for.
     """
     print(make_app().generate_completion(prog_name="planview", shell=shell))
 
 
 def _register(app: App, target: str, name: str, text: str, words: Sequence[str], group: Group | None = None) -> None:
-    # With a help text the module is not imported for a listing, but its docstring (with the example) is not shown.
-    shown = {} if name in words else {"help": text}
+    # Only the help of a command itself needs its docstring: with a text of its own the module is not imported.
+    shown = _help_of(target) if name in words and {"--help", "-h"} & set(words) else {"help": text}
     if name in USAGE:
         shown["usage"] = f"Usage: planview {name} {USAGE[name]}"
     app.command(target, name=name, group=group, **shown)
 
 
-def _version() -> str:
-    from importlib.metadata import version
+def _help_of(target: str) -> dict[str, str]:
+    """The docstring of a command, with its examples at the end, each on a line of its own."""
+    module, name = target.split(":")
+    head = (inspect.getdoc(getattr(import_module(module), name)) or "").split("\nParameters\n")[0]
+    parts = [" ".join(part.split()) for part in head.split("\n\n")]
+    examples = [re.sub(r"^Example[ ,]*(of )?", "", part).split(": ", 1) for part in parts if part.startswith("Example")]
+    lines = [f"# {what}\n{line}" if what else line for what, line in examples]
+    prose = [part for part in parts if part and not part.startswith("Example")]
+    return {"help": "\n\n".join(prose), "help_epilogue": "\n".join(["Examples:", "```text", *lines, "```"])}
 
-    return version("planview")
+
+def _default(value: object) -> str | None:
+    """A default as the help shows it; None hides that a switch is off or that an option is not needed."""
+    return None if value in (None, (), False) else str(value)
 
 
 def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | None = None) -> None:
@@ -104,7 +112,7 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
 
     words = sys.argv[1:] if argv is None else argv
     if argv is None:
-        sys.stderr = UnheardOutput(sys.stderr)
+        sys.stderr = cast(TextIO, UnheardOutput(sys.stderr))
     _stop_on_signals()
     try:
         _refuse_empty(words)
@@ -116,11 +124,11 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
     except KeyboardInterrupt:
         _fail("interrupted", 130)
     except BrokenPipeError:
-        # Whoever reads the output has enough of it; Python would complain again when it flushes at the end.
+        # The reader of the pipe has closed it; Python would complain again when it flushes at the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise SystemExit(128 + signal.SIGPIPE) from None
     except OSError as error:
-        # What no command expects: a folder that may not be read, a disk that went away.
+        # Not expected by any command: a folder without permission, a disk that went away.
         _fail(f"{error.filename}: {reason(error)}" if error.filename else reason(error), 1)
     except Exception as error:
         from cyclopts import CycloptsError
@@ -128,11 +136,11 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
         if isinstance(error, CycloptsError):
             _fail(" ".join(str(error).split()), 2)
         what = " ".join(str(error).split())
-        _fail(f"unexpected {type(error).__name__}: {what} (how it came about is in {_traceback_file(error)})", 1)
+        _fail(f"unexpected {type(error).__name__}: {what} (the traceback is in {_traceback_file(error)})", 1)
 
 
-class UnheardOutput(io.TextIOBase):
-    """Messages to where they may not arrive, a full disk or a pipe that nobody reads: the work goes on without them."""
+class UnheardOutput:
+    """A stream for messages that may fail, a full disk or a closed pipe: the work continues without them."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -146,19 +154,12 @@ class UnheardOutput(io.TextIOBase):
         with suppress(OSError):
             self._stream.flush()
 
-    def fileno(self) -> int:
-        return self._stream.fileno()
-
-    def isatty(self) -> bool:
-        return self._stream.isatty()
-
-    @property
-    def encoding(self) -> str:  # type: ignore[override]
-        return self._stream.encoding
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 def _traceback_file(error: Exception) -> str:
-    """Where the traceback of an error that no command expects was written, for those who mend it."""
+    """Write the traceback of an unexpected error to a file, and return its path."""
     import tempfile
     from traceback import format_exception
 
@@ -172,7 +173,7 @@ def _stop_on_signals() -> None:
     if threading.current_thread() is not threading.main_thread():
         return
     for number in (signal.SIGTERM, signal.SIGHUP):
-        # A program started with nohup ignores SIGHUP, and is to go on.
+        # A program started with nohup ignores SIGHUP and must continue.
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, signal.default_int_handler)
 

@@ -40,13 +40,13 @@ def test_own_tracker_finds_the_visitor(example: Any, capsys: pytest.CaptureFixtu
 def test_ablation_prints_a_row_for_each_variant(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
     example("ablation.py")["main"](frames=FRAMES)
     rows = capsys.readouterr().out.splitlines()
-    assert [row[:16].strip() for row in rows] == ["as configured", "without colours", "feedback off", "template"]
+    assert [row[:16].strip() for row in rows] == ["as configured", "half the image", "more foreground", "template"]
 
 
 def test_sweep_prints_a_row_for_each_value(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    example("sweep.py")["main"](frames=FRAMES, cells_m=(0.04, 0.08))
+    example("sweep.py")["main"](frames=FRAMES, sizes_px=(160, 320))
     rows = capsys.readouterr().out.splitlines()
-    assert [row.split(",")[0] for row in rows] == ["cell_m", "0.04", "0.08"]
+    assert [row.split(",")[0] for row in rows] == ["working_px", "160", "320"]
 
 
 def test_cells_of_the_notebook_run_in_order(short_clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:

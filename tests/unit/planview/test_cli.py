@@ -78,7 +78,7 @@ def test_an_unexpected_error_becomes_one_sentence_that_names_a_file_with_the_tra
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     assert status_of(["run"]) == 1
     (log,) = tmp_path.iterdir()
-    assert capsys.readouterr().err == (f"planview: unexpected ZeroDivisionError: a b (how it came about is in {log})\n")
+    assert capsys.readouterr().err == (f"planview: unexpected ZeroDivisionError: a b (the traceback is in {log})\n")
     assert "Traceback" in log.read_text() and "in fail" in log.read_text()
 
 
