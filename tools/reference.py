@@ -124,6 +124,22 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;").replace("``", "`")
 
 
+OWN_DEPTH = """## Maps of a depth image of your own
+
+Height and occupancy above the floor, of depth in metres and a mask of people; here the camera is 2.7 m above the floor
+and looks 30 degrees from straight down (the baseline only has to be above 0):
+
+```python
+geometry = planview.RectifiedGeometry(640, 480, 525.0, 525.0, 319.5, 239.5, baseline_m=0.1)
+build = planview.MapBuilder(geometry, planview.SE3.from_rotvec([math.radians(180 + 30), 0, 0], [0, 0, 2.7]))
+maps = build(geometry.disparity_metre / depth_m, people)
+```
+
+`maps.height` and `maps.occupancy` are arrays, `maps.grid` places their cells on the floor, and
+`result.point_cloud()` of a tracked frame gives its points for open3d.
+"""
+
+
 def api_page() -> str:
     """Every public name under its group, to be filled by mkdocstrings when the site is built."""
     parts = [
@@ -131,6 +147,7 @@ def api_page() -> str:
         "# From Python\n",
         "`import planview` gives these names; each is imported when it is first used. Programs that run are in "
         "`examples/` of the repository.\n",
+        OWN_DEPTH,
     ]
     for group, rooms in GROUPS.items():
         parts.append(f"## {group}\n")

@@ -95,7 +95,7 @@ class Config(Params):
     run: RunParams = RunParams()
 
 
-def load_config(path: Path | None = None, overrides: Sequence[str] = (), base: Config | None = None) -> Config:
+def load_config(path: Path | str | None = None, overrides: Sequence[str] = (), base: Config | None = None) -> Config:
     """The base (the defaults when None), then the file, then overrides like ``foreground.learning_rate=0.002``.
 
     Raises:
@@ -103,7 +103,7 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = (), base: C
     """
     tables: dict[str, Any] = {}
     if path is not None:
-        tables = load_toml(path, "a TOML configuration")
+        tables = load_toml(Path(path), "a TOML configuration")
         _validate(tables, str(path), base)
     for override in overrides:
         _apply(tables, override)

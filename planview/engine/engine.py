@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Protocol
 
+import numpy as np
+
+from calib.errors import InputError
 from calib.ground_camera import GroundCamera
+from calib.images import as_colour
+from calib.libraries import import_open3d
 from calib.types import F32, U8
 from planview.checks.check import Check
 from planview.checks.timing import Thumbnails
@@ -26,7 +31,7 @@ from planview.maps.builder import FloorPoints
 from planview.maps.view import StereoView
 from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
-from stereo.depth import StereoFloorCamera
+from stereo.depth import DepthFromDisparity, StereoFloorCamera, back_project
 from stereo.matcher import SampledDisparity
 from stereo.recording import Skipped, prefetch
 from stereo.rectify import PartialPair
@@ -84,6 +89,7 @@ class FrameResult:
         stages_ms: time of every stage; reading and matching run ahead in another thread.
         rigs: what each rig measured, None for a rig without a frame at that time; empty for one camera and recorded
             maps.
+        stereo: the first rig above the floor; None for one camera.
     """
 
     frame: int
@@ -93,6 +99,7 @@ class FrameResult:
     observation: Observation
     stages_ms: dict[str, float]
     rigs: tuple[RigFrame | None, ...] = ()
+    stereo: StereoView | None = None
 
     @property
     def first(self) -> RigFrame | None:
@@ -128,6 +135,20 @@ class FrameResult:
     def thumbnails(self) -> Thumbnails | None:
         """Of the first rig's images; None without a pair."""
         return self.first.thumbnails if self.first else None
+
+    def point_cloud(self) -> Any:
+        """What the first rig measured, as an ``open3d.geometry.PointCloud``: metres on the axes of the tracks, colours
+        of the image. Raises InputError: one camera without depth, or recorded maps."""
+        if self.stereo is None or self.first is None or self.disparity is None:
+            raise InputError("expected a stereo pair or images with depth for a point cloud, found no disparity")
+        o3d, geometry = import_open3d("a cloud of points"), self.stereo.geometry
+        points = back_project(DepthFromDisparity(geometry)(self.disparity), geometry).reshape(-1, 3)
+        known = np.isfinite(points).all(axis=1)
+        world = self.stereo.floor.world_SE3_left @ points[known].astype(np.float64)
+        cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(world))
+        colours = as_colour(self.first.image).reshape(-1, 3)[known, ::-1]
+        cloud.colors = o3d.utility.Vector3dVector(colours / 255.0)
+        return cloud
 
 
 class StageClock:
@@ -288,4 +309,4 @@ class Engine:
 
     def _track(self, frame: Any, prepared: Any, clock: StageClock) -> FrameResult:
         clock.start()
-        return self.front_end.track(frame, prepared, self.tracker, clock)
+        return replace(self.front_end.track(frame, prepared, self.tracker, clock), stereo=self.stereo)

@@ -320,13 +320,13 @@ class TrajectoryCollector:
         return table_of({**dict(zip(NUMBER_COLUMNS, columns, strict=True)), "state": states}, "tracks")
 
 
-def read_tracks(path: Path) -> Trajectories:
+def read_tracks(path: Path | str) -> Trajectories:
     """Read ``tracks.csv``. Raises InputError: unreadable, columns missing, or a value that is not what its column
     holds."""
     return _read(path, ("frame", "timestamp_s", "id", "x_m", "y_m", "state"), "tracks")
 
 
-def read_truth(path: Path) -> Trajectories:
+def read_truth(path: Path | str) -> Trajectories:
     """Read ``truth.csv`` (same errors as ``read_tracks``)."""
     return _read(path, TRUTH_COLUMNS, "truth")
 
@@ -340,7 +340,8 @@ def _rounded(value: float, digits: int) -> float:
     return float(_cell(value, digits) or "nan")
 
 
-def _read(path: Path, required: tuple[str, ...], what: str) -> Trajectories:
+def _read(file: Path | str, required: tuple[str, ...], what: str) -> Trajectories:
+    path = Path(file)
     return table_of(read_columns(path, required, what, (*NUMBER_COLUMNS, "visible")), path)
 
 

@@ -1,5 +1,6 @@
 """Planview in a program: runs, engines step by step, and a tracker of one's own."""
 
+import math
 from pathlib import Path
 
 import cv2
@@ -124,3 +125,41 @@ def test_a_tracker_of_images_gets_the_frames_of_one_camera_and_one_of_plan_view_
     assert boxes == [(10, 20), (11, 20), (12, 20)]
     with pytest.raises(InputError):
         open_engine(clip, Brightest())
+
+
+def test_maps_of_a_depth_image_of_ones_own_take_the_three_lines_of_the_api_page() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "api.md").read_text(encoding="utf-8")
+    code = page.partition("```python\n")[2].partition("```")[0]
+    depth_m, people = np.full((480, 640), 10.0, np.float32), np.zeros((480, 640), np.uint8)
+    depth_m[220:260, 300:340], people[220:260, 300:340] = 1.2, 1  # a head below the middle of the image
+    names = {"planview": planview, "math": math, "depth_m": depth_m, "people": people}
+    exec(code, names)
+    maps, height_m = names["maps"], 2.7 - 1.2 * math.cos(math.radians(30))
+    assert code.count("\n") == 3 and float(maps.height.max()) == pytest.approx(height_m, abs=0.1)
+    row, column = np.unravel_index(int(np.argmax(maps.occupancy)), maps.occupancy.shape)
+    x_m, y_m = maps.grid.centre_of(float(row), float(column))
+    assert (x_m, y_m) == pytest.approx((0.0, 1.2 * math.sin(math.radians(30))), abs=0.1)
+
+
+def test_point_cloud_of_a_frame_lies_on_the_floor_and_on_the_person(engine: Engine) -> None:
+    result = next(r for r in engine if r.frame == EMPTY + 5)
+    points = np.asarray(result.point_cloud().points)
+    person = result.tracks[0]
+    near = np.hypot(points[:, 0] - person.x_m, points[:, 1] - person.y_m) < 0.2
+    assert abs(np.median(points[~near, 2])) < 0.1 and points[near, 2].max() > 1.2
+    assert len(points) == len(result.point_cloud().colors)
+
+
+def test_paths_may_be_text(recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("seed = 7\n")
+    (tmp_path / "t.csv").write_text("frame,timestamp_s,id,x_m,y_m,state\n0,0,1,0,0,confirmed\n")
+    assert planview.load_config(str(tmp_path / "c.toml")).seed == 7
+    assert len(planview.read_tracks(str(tmp_path / "t.csv"))) == 1
+    assert planview.open_recording(str(recording)).n_frames > 0
+
+
+def test_configuration_may_be_tables_of_what_differs(recording: Path) -> None:
+    engine = planview.open_engine(str(recording), config={"analysis": {"setup_frames": 4}})
+    assert engine.config.analysis.setup_frames == 4
+    with pytest.raises(planview.InputError, match=r"config: .*did you mean analysis\.setup_frames"):
+        planview.open_engine(str(recording), config={"analysis": {"setup_frame": 4}})
