@@ -126,12 +126,18 @@ def _cell(text: str) -> str:
 
 OWN_DEPTH = """## Maps of a depth image of your own
 
-Height and occupancy above the floor, of depth in metres and a mask of people; here the camera is 2.7 m above the floor
-and looks 30 degrees from straight down (the baseline only has to be above 0):
+Height and occupancy above the floor take three lines, given depth in metres and a mask of people. Here the camera is
+2.7 m above the floor and looks 30 degrees from straight down; the baseline only has to be above 0:
 
 ```python
+import numpy as np
+import planview
+
+depth_m = np.full((480, 640), 3.0, np.float32)  # of your camera; NaN where unknown
+people = (depth_m < 2.5).astype(np.uint8)  # of your own detector; 1 where a person is
+
 geometry = planview.RectifiedGeometry(640, 480, 525.0, 525.0, 319.5, 239.5, baseline_m=0.1)
-build = planview.MapBuilder(geometry, planview.SE3.from_rotvec([math.radians(180 + 30), 0, 0], [0, 0, 2.7]))
+build = planview.MapBuilder(geometry, planview.SE3.from_rotvec([np.radians(180 + 30), 0, 0], [0, 0, 2.7]))
 maps = build(geometry.disparity_metre / depth_m, people)
 ```
 

@@ -195,8 +195,6 @@ def clock_of(
         n_frames: frames announced, 0 when unknown.
         file_fps: rate that the files announce; NaN when they hold none.
         raw: the files hold no times, so that their rate is the decoder's assumption.
-    Raises:
-        InputError: a timestamps.csv that cannot be read.
     """
     if options.fps is not None:
         return FrameClock(options.fps, even=True)
@@ -241,11 +239,7 @@ def world_pose(folder: Path) -> SE3 | None:
 
 
 def same_size(a: Any, b: Any, left: Path | str, right: Path | str) -> Size:
-    """The size of two sources.
-
-    Raises:
-        InputError: they differ.
-    """
+    """The size of two sources."""
     if a.size != b.size:
         raise InputError(
             f"{right}: expected images as large as {Path(left).name}'s {a.size[0]}x{a.size[1]}, "
@@ -282,8 +276,6 @@ def timed_layout(
     Args:
         rig: reads the calibration for images of a size.
         folder: where world.toml lies; the path when None.
-    Raises:
-        InputError: no image of a camera can be decoded, sizes differ, or nothing pairs.
     """
     for side in (left, right):
         if not side.files:
@@ -307,11 +299,7 @@ def timed_layout(
 
 
 def check_paired(pairs: TimePairs, path: Path) -> None:
-    """Refuse two recordings of different times.
-
-    Raises:
-        InputError: not one frame has a mate.
-    """
+    """Refuse two recordings of different times."""
     if not np.any((pairs.left >= 0) & (pairs.right >= 0)):
         raise InputError(
             f"{path}: expected frames of the two cameras within a quarter of the frame period ({250 / pairs.fps:.1f} "

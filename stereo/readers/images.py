@@ -85,11 +85,7 @@ def is_grey(image: U8) -> bool:
 
 
 class ImageFiles:
-    """One camera's frames as files (a ``FrameSource``); None stands for a file that is missing.
-
-    Raises:
-        InputError: no file of the list can be decoded.
-    """
+    """One camera's frames as files (a ``FrameSource``); None stands for a file that is missing."""
 
     fps, raw = math.nan, False
     _expected = "images, found none of {} that can be decoded"

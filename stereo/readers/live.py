@@ -30,9 +30,6 @@ class LiveSource:
 
     Their times are the stream's own while these increase, else the machine's clock. Frames that come while earlier
     ones are tracked are dropped; a file that is served over HTTP waits.
-
-    Raises:
-        InputError: nothing answers there, or it gives no image.
     """
 
     n_frames, fps, raw, is_grey = 0, DEFAULT_FPS, False, False

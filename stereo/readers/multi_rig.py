@@ -118,11 +118,7 @@ def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[MultiRigFra
 
 
 def open_rigs(path: Path) -> MultiRigRecording:
-    """Open every rig that ``rigs.toml`` lists.
-
-    Raises:
-        InputError: no or a wrong rigs.toml, or a rig that cannot be opened.
-    """
+    """Open every rig that ``rigs.toml`` lists."""
     file = rigs_file(path)
     folder, rigs = file.parent, []
     for entry in load_rigs(file):

@@ -84,8 +84,6 @@ def pair_files(left: list[Path], right: list[Path], number: Callable[[Path], int
 
     Args:
         number: a file's number, None when it has none.
-    Raises:
-        InputError: the folders do not pair; the first frame without a mate is named.
     """
     left_by, right_by = _numbered(left, number), _numbered(right, number)
     if left_by is None or right_by is None:

@@ -256,8 +256,6 @@ def packed_layout(
         pictures: a few of the source.
         rig: reads another calibration than the folder's, when given.
         live_waits: see ``stereo_layout``.
-    Raises:
-        InputError: the pictures are no two views of one scene.
     """
     calibration = options.calibration or folder
     try:

@@ -48,8 +48,6 @@ def read_stamps(texts: Sequence[str], unit: str | None = None) -> Stamps:
     Args:
         texts: all numbers, or all dates as ISO 8601 writes them (UTC).
         unit: of the numbers, when the file names it; else it is recognised from their magnitude and steps.
-    Raises:
-        ValueError: neither, or out of range.
     """
     dates = [_DATE.fullmatch(text.strip()) for text in texts]
     if texts and all(dates):
@@ -139,8 +137,6 @@ def load_timestamps(path: Path) -> TimeTable:
 
     Args:
         path: CSV with the columns ``frame,timestamp_s`` (also time, timestamp_ns and the like); frames count from 0.
-    Raises:
-        InputError: unreadable, columns missing, not a number, or times that do not increase with the frame.
     """
     rows, unit = _rows(path)
     try:
@@ -166,11 +162,7 @@ def load_timestamps(path: Path) -> TimeTable:
 
 
 def stamp_list(folder: Path) -> tuple[Path, list[str]] | None:
-    """The list of times in a folder and its entries as text, one a line; None without one.
-
-    Raises:
-        InputError: there is one that cannot be read.
-    """
+    """The list of times in a folder and its entries as text, one a line; None without one."""
     path = next((folder / name for name in LISTS if (folder / name).is_file()), None)
     if path is None:
         return None

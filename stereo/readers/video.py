@@ -38,11 +38,7 @@ _RAW = (b"\0\0\0\1", b"\0\0\1\x67", b"\xff\xd8\xff")
 
 
 class VideoFile:
-    """One camera's frames from a video; broken frames inside it are yielded without an image.
-
-    Raises:
-        InputError: not a video that can be opened, or its first frame cannot be decoded.
-    """
+    """One camera's frames from a video; broken frames inside it are yielded without an image."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

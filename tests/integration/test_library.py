@@ -129,13 +129,13 @@ def test_a_tracker_of_images_gets_the_frames_of_one_camera_and_one_of_plan_view_
 
 def test_maps_of_a_depth_image_of_ones_own_take_the_three_lines_of_the_api_page() -> None:
     page = (Path(__file__).resolve().parents[2] / "docs" / "api.md").read_text(encoding="utf-8")
-    code = page.partition("```python\n")[2].partition("```")[0]
+    block = page.partition("```python\n")[2].partition("```")[0].strip()
     depth_m, people = np.full((480, 640), 10.0, np.float32), np.zeros((480, 640), np.uint8)
     depth_m[220:260, 300:340], people[220:260, 300:340] = 1.2, 1  # a head below the middle of the image
-    names = {"planview": planview, "math": math, "depth_m": depth_m, "people": people}
-    exec(code, names)
+    names = {"planview": planview, "np": np, "depth_m": depth_m, "people": people}
+    exec(block.rpartition("\n\n")[2], names)
     maps, height_m = names["maps"], 2.7 - 1.2 * math.cos(math.radians(30))
-    assert code.count("\n") == 3 and float(maps.height.max()) == pytest.approx(height_m, abs=0.1)
+    assert block.rpartition("\n\n")[2].count("\n") == 2 and float(maps.height.max()) == pytest.approx(height_m, abs=0.1)
     row, column = np.unravel_index(int(np.argmax(maps.occupancy)), maps.occupancy.shape)
     x_m, y_m = maps.grid.centre_of(float(row), float(column))
     assert (x_m, y_m) == pytest.approx((0.0, 1.2 * math.sin(math.radians(30))), abs=0.1)

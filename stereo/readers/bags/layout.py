@@ -48,9 +48,6 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
     """The rig from the camera_info of two image topics.
 
     Topics whose names say that their images are rectified take the rectified camera P instead of K and D.
-
-    Raises:
-        InputError: no camera_info, one that is not calibrated, or no baseline.
     """
     first, second = infos = [info_of(bag, topic) for topic in topics]
     of_sdk = all(_SDK.fullmatch(topic) for topic in topics)
@@ -141,11 +138,7 @@ def _camera(bag: Bag, info: CameraMessage, rectified: bool) -> tuple[Camera, SE3
 
 
 def info_of(bag: Bag, topic: str) -> CameraMessage:
-    """The camera_info of an image topic.
-
-    Raises:
-        InputError: there is none, or of a camera that is not calibrated.
-    """
+    """The camera_info of an image topic."""
     name = info_topic(bag.topics, topic)
     try:
         message = next(bag.messages(name), None) if name else None

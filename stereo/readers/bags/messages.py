@@ -36,11 +36,7 @@ class ImageMessage:
 
 
 def field(message: Any, *names: str) -> Any:
-    """The first of these fields that a message has.
-
-    Raises:
-        ValueError: it has none of them.
-    """
+    """The first of these fields that a message has."""
     for name in names:
         if isinstance(message, Mapping):
             if name in message:
@@ -65,11 +61,7 @@ def frame_id(message: Any) -> str:
 
 
 def image_message(message: Any, compressed: bool) -> ImageMessage:
-    """A raw or compressed image.
-
-    Raises:
-        ValueError: fields that no image has.
-    """
+    """A raw or compressed image."""
     data = field(message, "data")
     content = base64.b64decode(data, validate=True) if isinstance(data, str) else bytes(memoryview(data))
     if compressed:

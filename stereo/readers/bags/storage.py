@@ -81,11 +81,7 @@ def kind_of(schema: str) -> Kind:
 
 
 def require(module: str, path: Path) -> Any:
-    """An optional library.
-
-    Raises:
-        InputError: it is not installed.
-    """
+    """An optional library."""
     try:
         return import_module(module)
     except ImportError as error:
@@ -134,8 +130,6 @@ def open_bag(path: Path, kind: str) -> Bag:
 
     Args:
         kind: "ros1", "sqlite" or "mcap" of a file; empty for a folder.
-    Raises:
-        InputError: damaged, cut off, or of a kind that cannot be read.
     """
     what, repair = {
         "ros1": ("a ROS 1 bag", "rosbag reindex"), "mcap": ("an MCAP file", "mcap recover"),

@@ -36,11 +36,7 @@ class TopicChoice(NamedTuple):
 
 
 def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
-    """The topics that were named, else the pair that is clear from names and types: left and right before depth.
-
-    Raises:
-        InputError: topics that are not in the bag, no images, one camera, or several pairs; lists what there is.
-    """
+    """The topics that were named, else the pair that is clear from names and types: left and right before depth."""
     there = [topic for topic in bag.topics if topic.kind in ("image", "compressed") and topic.count]
     if named:
         for name in named:
@@ -167,8 +163,6 @@ class TopicImages:
     Attributes:
         log_ns, stamp_ns: (n,) int64 [ns], when each was recorded and when its header says it was taken.
         notes: of damage that ends the topic.
-    Raises:
-        InputError: the topic's messages cannot be read.
     """
 
     notes: tuple[str, ...] = ()
@@ -224,11 +218,7 @@ class TopicImages:
 
 
 class TopicFrames:
-    """The images of a topic in the order of the recording (a ``FrameSource``).
-
-    Raises:
-        InputError: none of a few images can be decoded.
-    """
+    """The images of a topic in the order of the recording (a ``FrameSource``)."""
 
     fps, raw = np.nan, False
     _expected = "images in {}, found none that can be decoded"
