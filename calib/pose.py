@@ -64,9 +64,12 @@ class SE3:
         """From the keys ``rotation`` and ``translation_m`` of a file."""
         return SE3(*(np.array(table[key], dtype=np.float64) for key in ("rotation", "translation_m")))
 
-    def toml(self) -> list[str]:
-        """Lines of a file that ``from_table`` reads; floats keep all their digits."""
-        return [f"rotation = {self.rotation.tolist()!r}", f"translation_m = {self.translation.tolist()!r}"]
+    def toml(self, digits: int | None = None) -> list[str]:
+        """Lines of a file that ``from_table`` reads; floats keep all their digits unless fewer decimals are given."""
+        rotation, translation = self.rotation.tolist(), self.translation.tolist()
+        if digits is not None:
+            rotation, translation = (np.round(v, digits).tolist() for v in (rotation, translation))
+        return [f"rotation = {rotation!r}", f"translation_m = {translation!r}"]
 
     @property
     def rotvec(self) -> F64:

@@ -20,11 +20,7 @@ MAX_AWAY_M = 1e4
 
 
 def refuse_strange_pose(pose: SE3) -> None:
-    """A camera that is not above a floor, or that lies farther from its origin than positions can be told.
-
-    Raises:
-        ValueError: what was expected and found.
-    """
+    """Refuse (ValueError) a camera that is not above a floor, or too far from its origin."""
     x, y, height_m = (float(v) for v in pose.translation)
     if not 0.01 <= height_m <= 100.0:
         raise ValueError(f"expected a camera 0.01-100 m above the floor, found {height_m:g} m (wrong units?)")

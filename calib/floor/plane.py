@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from calib.params import Params
+from calib.rig import world_from_plane
 from calib.types import F64, I64, Bool
 
 FLOOR_DISPARITY_STD_PX = 0.15
@@ -48,8 +49,8 @@ class FloorParams(Params):
     """Lowest camera: below it people are taller than the view (our choice)."""
     max_height_m: float = Field(default=12.0, gt=0, le=100)
     """Highest camera: beyond it a person covers a few disparities at most (our choice)."""
-    max_tilt_deg: float = Field(default=88.0, gt=0, lt=90)
-    """Flattest view of a floor: beyond it a camera sees the edge of its floor only (our choice)."""
+    max_tilt_deg: float = Field(default=95.0, gt=0, lt=120)
+    """Flattest view of a floor: 90 degrees for a level camera (our choice: a little more for one that looks up)."""
     min_tilt_deg: float = Field(default=-12.0, gt=-90, le=0)
     """An overhead camera may lean backwards by this much; beyond it the plane is a wall in front of a camera
     that hardly sees its floor (our choice)."""
@@ -180,14 +181,8 @@ def _medians(index: I64, value: F64, n: int) -> F64:
 
 
 def fit_plane(points: Rays, q: F64) -> Plane | None:
-    """Robust least squares from a first guess (iteratively reweighted, Tukey's biweight).
-
-    Args:
-        points: rays and inverse depths.
-        q: (3,) first guess.
-    Returns:
-        The plane, or None when fewer than 3 points support it or they lie on one line.
-    """
+    """Robust least squares from a first guess q (3,) (iteratively reweighted, Tukey's biweight); None when fewer than 3
+    points support the plane or they lie on one line."""
     width = INLIER_SIGMAS
     weights = np.zeros(len(points))
     scale = np.nan
@@ -255,8 +250,8 @@ MIN_MOVED = 500
 """Points that must have moved before they speak against a plane: a fifth of a person in a few frames."""
 MOUNT_M, MOUNT_SPREAD = 2.7, 0.5
 """Median height of cameras over floors [m], that of a ceiling, and the deviation of its logarithm (our choice)."""
-LEANING_DEG = -5.0
-"""Below this tilt a camera leans backwards; an overhead mount is off by a few degrees."""
+LEANING_DEG, LEVEL_DEG = -5.0, 88.0
+"""Below this tilt a camera leans backwards (an overhead mount is off by a few degrees), beyond this one it is level."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,15 +280,8 @@ def _sharpness(plane: Plane, points: Rays) -> float:
 
 
 def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, params: FloorParams) -> Candidate:
-    """What speaks for and against a plane as the floor.
-
-    Args:
-        plane: fitted plane.
-        view, counts: cells of the view and how many points are in each.
-        points: the points themselves, before any median.
-        moved: (M, 3) points of what moves, in the camera's frame [m].
-        params: what counts as a floor.
-    """
+    """What speaks for and against a plane as the floor: its cells of the view with their counts, the points before any
+    median, and (M, 3) points of what moves [m]."""
     residuals = view.residuals(plane.q)
     share = counts / counts.sum()
     on = float(share[np.abs(residuals) < INLIER_SIGMAS].sum())
@@ -342,13 +330,16 @@ def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candid
     than at twice that: a partition seen straight on is a floor far below.
 
     A camera near the horizontal sees the wall in front as a camera leaning backwards sees its floor. Where both
-    readings are open the upright camera is the likelier, so a plane that asks for leaning back gives way.
+    readings are open the upright camera is the likelier, so a plane that asks for leaning back gives way. So does a
+    plane that a level camera would see: it may be a wall beside an overhead camera.
     """
     possible = [c for c in candidates if not c.refused]
-    upright = [c for c in possible if c.plane.tilt_rad > math.radians(LEANING_DEG)]
-    possible = upright or possible
     if not possible:
         return None
+    for lowest, highest in ((LEANING_DEG, LEVEL_DEG), (LEANING_DEG, math.inf)):
+        if usual := [c for c in possible if lowest < math.degrees(c.plane.tilt_rad) <= highest]:
+            possible = usual
+            break
     largest = max(possible, key=_log_likelihood)
     enough = largest.inlier_fraction * params.max_below_fraction / (1.0 - params.max_below_fraction)
     parallel = [
@@ -366,14 +357,28 @@ def _log_likelihood(c: Candidate) -> float:
 
 
 def nothing_found(candidates: Sequence[Candidate], n_frames: int) -> str:
-    """Why none of the planes is the floor, in a sentence."""
+    """Why none of the planes is the floor: the plane most like one, what spoke against it, and how to accept it."""
     if not candidates:
         return (
             f"no floor found in {n_frames} frames: no plane holds even "
             f"{0.5 * MIN_INLIER_FRACTION:.1%} of the valid depth"
         )
-    largest = "; ".join(
+    # What a camera could stand above comes first, whatever else speaks against it.
+    best = max(
+        candidates, key=lambda c: (not c.refused.startswith("a wall"), "moves" not in c.refused, c.inlier_fraction)
+    )
+    plane = best.plane
+    tilt, roll = math.degrees(plane.tilt_rad), math.degrees(plane.roll_rad)
+    named = [
+        f"best plane, {plane.distance_m:.2f} m from the camera at tilt {tilt:.1f} and roll {roll:.1f} degrees with "
+        f"{best.inlier_fraction:.0%} of the depth, refused: {best.refused}"
+    ] + [
         f"plane with {c.inlier_fraction:.0%} of the depth: {c.refused}"
         for c in sorted(candidates, key=lambda c: -c.inlier_fraction)[:3]
-    )
-    return f"no floor found in {n_frames} frames ({largest})"
+        if c is not best
+    ]
+    text = f"no floor found in {n_frames} frames ({'; '.join(named)})"
+    if abs(roll) > 60 or not -30 < tilt < 120:
+        return text
+    pose = ", ".join(world_from_plane(plane.normal, plane.distance_m).toml(digits=7))
+    return f"{text}. If it is the floor, a world.toml with this line accepts it: world_SE3_left = {{ {pose} }}"

@@ -214,11 +214,7 @@ def _format_for(path: Path, format_key: str | None) -> Format:
 
 
 def refuse_strange_camera(one: Camera, side: str) -> None:
-    """A camera whose numbers belong to another image size or another unit, or whose lens shows no picture.
-
-    Raises:
-        ValueError: what was expected and found.
-    """
+    """Refuse (ValueError) numbers of another image size or unit, and a lens that shows no picture."""
     # Beyond these multiples of the image width a focal length is in other units (fisheye of 200 deg: 0.2).
     if not 0.1 <= one.fx / one.width <= 30.0 or not 0.5 <= one.fx / one.fy <= 2.0:
         raise ValueError(

@@ -44,14 +44,6 @@ class SearchProblem:
     def __init__(
         self, rows: F64, size: tuple[int, int], lens: str, model: HumanModel, known: KnownValues, boxes_only: bool
     ) -> None:
-        """Args:
-        rows: (n, 8) samples (see ``HumanSample.row``).
-        size: (width, height) of the image [px].
-        lens: class of table 2.
-        model: the person.
-        known: values given; they narrow the search.
-        boxes_only: heads and feet are but the middles of the boxes' edges.
-        """
         self.rows, self.size, self.lens, self.model = rows, size, lens, model
         self.known, self.boxes_only = known, boxes_only
         self.k = LENS_K_320[lens] * 320.0 / size[0]

@@ -97,10 +97,6 @@ class MarkedPeople:
 def check_samples(samples: Sequence[HumanSample], size: tuple[int, int], name: str) -> None:
     """Refuse samples from which no camera can be told.
 
-    Args:
-        samples: to check.
-        size: (width, height) of the image [px].
-        name: of their source, for the message.
     Raises:
         InputError: fewer than 3, boxes outside the image, or all at one place.
     """

@@ -104,6 +104,27 @@ def test_wall_before_which_people_walk_is_no_floor_seen_from_above() -> None:
         find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M, moved=person)
 
 
+@pytest.mark.parametrize("tilt_deg", [88.5, 90, 91.5])
+def test_floor_of_a_level_camera_is_found_where_people_walk_before_the_wall(tilt_deg: float) -> None:
+    room = Room(pose_of(tilt_deg, 1.3))
+    room.add((0.0, 0.0, 1.0), 0.0)
+    room.add((0.0, 1.0, 0.0), 6.0)
+    person = np.column_stack([np.zeros(900), np.linspace(-0.5, 1.2, 900), np.full(900, 2.2)])
+    clouds = room.clouds(6, people=False)
+    floor = find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M, moved=person)
+    assert floor.height_m == pytest.approx(1.3, abs=0.03) and floor.inlier_fraction < 0.35
+    assert math.degrees(floor.tilt_rad) == pytest.approx(tilt_deg, abs=0.3)
+
+
+def test_refusal_names_the_best_plane_and_the_world_that_accepts_it(tmp_path: Path) -> None:
+    room = Room(pose_of(60, 0.7))
+    room.add((0.0, 0.0, 1.0), 0.0)
+    with pytest.raises(WorkError, match=r"best plane, 0.70 m from the camera at tilt 60.0 .* refused: 0.70 m") as e:
+        found(room.clouds(people=False))
+    (tmp_path / "world.toml").write_text("world_SE3_left" + str(e.value).split("world_SE3_left")[1])
+    assert load_world(tmp_path / "world.toml").height_m == pytest.approx(0.7, abs=0.01)
+
+
 def test_floor_tells_its_uncertainty_and_extent() -> None:
     room = Room(pose_of(45, 3.0))
     room.add((0.0, 0.0, 1.0), 0.0, (-2, 2, 1.5, 6))
