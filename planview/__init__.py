@@ -121,7 +121,7 @@ __all__ = [
 
 
 def _refuse_hidden() -> None:
-    """Python takes a user's calib.py or stereo.py beside the script for ours of the same name."""
+    """Python takes a user's calib.py or stereo.py next to the script for ours of the same name."""
     for name in ("calib", "stereo"):
         spec = find_spec(name)
         places = (spec.submodule_search_locations if spec else None) or ()

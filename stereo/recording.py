@@ -136,12 +136,14 @@ class FrameClock(NamedTuple):
         times_s: (n,) float64 [s] by frame index, NaN where unknown; None takes the times of the decoded frames.
         notes: what was assumed.
         even: frames are ``fps`` apart, whatever times the files hold.
+        assumed: nothing gives the rate.
     """
 
     fps: float
     times_s: F64 | None = None
     notes: tuple[str, ...] = ()
     even: bool = False
+    assumed: bool = False
 
     def time(self, frame: Decoded) -> float:
         """Of a frame [s]; where the table has none, between its neighbours, beyond its end at the nominal rate."""

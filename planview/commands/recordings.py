@@ -60,7 +60,7 @@ def check(
         Say what it holds: layout, cameras, rates, gaps, calibration, and what is missing. The options below --fps do
         not concern this.
     calibration
-        Calibration file or folder, instead of the one beside the recording; or camera.toml of a single camera.
+        Calibration file or folder, instead of the one in the recording; or camera.toml of a single camera.
     topics
         Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names.
     fps
@@ -108,7 +108,7 @@ def check(
 
 
 def _correct(recording: Path, pair: PairEvidence | None, corrected_rig: Path | None) -> None:
-    """Write the calibration as the recording corrects it where that is asked for, else say how; nothing where it fits.
+    """Write the calibration as the recording corrects it where a file is named, else print how; nothing where it fits.
 
     Raises:
         WorkError: asked for, and there is nothing to correct.
@@ -118,12 +118,12 @@ def _correct(recording: Path, pair: PairEvidence | None, corrected_rig: Path | N
             why = pair.correction if pair else "no pair"
             raise WorkError(f"{recording}: nothing to write to {corrected_rig}: {why}")
         return
-    said = f"planview check {shlex.quote(str(recording))} --corrected-rig rig.toml writes the corrected calibration"
+    text = f"planview check {shlex.quote(str(recording))} --corrected-rig rig.toml writes the corrected calibration"
     if corrected_rig is not None:
         rig = pair.correction(pair.plain.rig)
         save_rig(replace(rig, source=f"{rig.source}, {pair.correction}"), corrected_rig)
-        said = f"wrote {corrected_rig}"
-    PlainConsole(stderr=True).print(f"{pair.correction}: {said}", highlight=False)
+        text = f"wrote {corrected_rig}"
+    PlainConsole(stderr=True).print(f"{pair.correction}: {text}", highlight=False)
 
 
 def verdict(diagnosis: Diagnosis) -> list[str]:

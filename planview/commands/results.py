@@ -58,7 +58,7 @@ def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -
 @Parameter(name="*")
 @dataclass(frozen=True)
 class RenderOptions:
-    """What is drawn, and where it goes."""
+    """What is shown, and where it goes."""
 
     out: Annotated[Path | None, Parameter(name=["--out", "--video", "--png"])] = None
     """Video to write: .webm or .mp4 (browsers play both), .avi or .mkv; with --frame the picture. [default: scene.webm
@@ -82,7 +82,7 @@ class RenderOptions:
 def render(folder: Path, *, options: RenderOptions | None = None) -> None:
     """Draw a run: boxes, ids, trails, a metre grid on the floor, the floor from above, and what was counted.
 
-    The images are read from the recording again; where it is not there any more, the floor alone is drawn.
+    The images are read from the recording again; where it is not there any more, only the floor is shown.
 
     Example: planview render out --out out.webm
 

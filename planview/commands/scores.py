@@ -124,7 +124,7 @@ def _truth_of(tracks: Path) -> Path:
     """The truth of the recording that a run tracked."""
     run = RunFolder.around(tracks)
     if run is None:
-        raise InputError(f"{tracks}: expected a file of truth after it, since no run.json tells its recording")
+        raise InputError(f"{tracks}: expected a file of truth after it, since no run.json names its recording")
     if run.truth_file is None:
         where = (run.recording or Path()) / "truth.csv"
         raise InputError(f"{where}: expected the truth of the run's recording, found none; name a file of truth")
@@ -172,7 +172,7 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
 
 
 def _refined(tracks: Path) -> bool | None:
-    """Whether the tracks of a run are refined; None where no run.json tells."""
+    """Whether the tracks of a run are refined; None without a run.json."""
     info = tracks.parent / "run.json"
     if tracks.name not in ("tracks.csv", "tracks_online.csv") or not info.is_file():
         return None
@@ -231,7 +231,7 @@ class CountOptions:
     camera: Path | None = None
     """camera.toml that relates the pixels of rules to the floor."""
     rig: Path | None = None
-    """Calibration of a stereo rig, with world.toml beside it, for the same."""
+    """Calibration of a stereo rig, with world.toml next to it, for the same."""
     truth: Path | None = None
     """True positions (truth.csv, gt.txt) or true events (as events.csv) to score the counts against."""
     window: float = 1.0
@@ -251,8 +251,8 @@ class CountOptions:
     fps: float | None = None
     """Frame rate where the tracks have no timestamps. [default: that of the run, else 30]"""
     out: Path | None = None
-    """Folder for events.csv and counts.json; by default beside a file named tracks.csv, where counts of an earlier call
-    or of the run are replaced, which is said; else nowhere."""
+    """Folder for events.csv and counts.json; by default next to a file named tracks.csv, where counts of an earlier
+    call or of the run are replaced, with a message; else nowhere."""
     json_output: JsonFlag = False
 
 

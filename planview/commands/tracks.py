@@ -63,7 +63,7 @@ class EditOptions:
 def edit(out: Path, *, options: EditOptions | None = None) -> None:
     """Join, split, delete and rename tracks of a finished run, one by one or by rule; every edit can be taken back.
 
-    edits.json says what was done, and tracks_before.csv keeps the tracks without any edit. Counts are not made again:
+    edits.json lists what was done, and tracks_before.csv keeps the tracks without any edit. Counts are not made again:
     planview count does.
 
     Example: planview edit out --join 3:7 --split 5@120 --delete 9
@@ -136,7 +136,7 @@ class ExportOptions:
     """Where the export goes and what it holds."""
 
     out: Annotated[Path | None, Parameter(allow_leading_hyphen=True)] = None
-    """File to write; beside the tracks by default, named after the format. - writes JSON lines to standard output."""
+    """File to write; next to the tracks by default, named after the format. - writes JSON lines to standard output."""
     unit: Literal["m", "cm"] = "m"
     """Unit of a PedPy text file."""
     fps: float | None = None

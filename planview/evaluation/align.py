@@ -41,7 +41,7 @@ def align_tracks(tracks: Trajectories, truth: Trajectories, gate_m: float) -> tu
     """
     candidates = [*_from_boxes(tracks, truth), *_from_paths(tracks, truth)]
     if not candidates:
-        raise WorkError("expected tracks that move beside the truth to align them, found none in common frames")
+        raise WorkError("expected tracks that move along with the truth to align them, found none in common frames")
     common = np.intersect1d(tracks.frame, truth.frame)
     # Frames on which candidates are compared.
     sample = common[:: 1 + len(common) // 200]

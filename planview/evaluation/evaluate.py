@@ -96,8 +96,8 @@ def evaluate_tracks(
     t, k = clear.matches.T
     # (N,) whether a lost track is predicted at each true person.
     near = np.zeros(len(counted), dtype=np.bool_)
-    beside = np.flatnonzero(np.isin(counted.frame, predicted.frame))
-    near[beside[clear_scores(build_sequence(counted.where(beside), predicted, similarity)).matches[:, 0]]] = True
+    lost_rows = np.flatnonzero(np.isin(counted.frame, predicted.frame))
+    near[lost_rows[clear_scores(build_sequence(counted.where(lost_rows), predicted, similarity)).matches[:, 0]]] = True
     holder = np.where(near, PREDICTED, UNMATCHED)
     holder[t] = followed.track_id[k]
     persons = [PersonHistory(i, counted.frame[rows], holder[rows]) for i, rows in rows_by_id(counted.track_id)]

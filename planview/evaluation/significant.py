@@ -20,7 +20,7 @@ from calib.types import I64, Bool
 ErrorKind = Literal["lost", "missed", "swapped", "transferred", "false_track"]
 UNMATCHED = -1
 PREDICTED = -2
-"""Values of ``PersonHistory.track_id`` beside real ids."""
+"""Values of ``PersonHistory.track_id`` that are no ids."""
 
 
 LOST_S = 1.0

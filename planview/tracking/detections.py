@@ -47,7 +47,7 @@ LEAVE_S = 0.7
 
 
 class DetectionParams(Params):
-    """Tracking of another program's boxes; our choices where nothing else is said."""
+    """Tracking of another program's boxes; our choices where there is no reference."""
 
     found: float = Field(0.8, gt=0, lt=1)
     """Probability that a person in full view has a box."""
@@ -127,7 +127,7 @@ class DetectionTracker:
     def notes(self) -> tuple[str, ...]:
         """Whose boxes these are, in a sentence."""
         found, name = self.detections, Path(self.detections.source).name
-        scores = "scores count as probabilities" if found.scored else "scores say nothing"
+        scores = "scores count as probabilities" if found.scored else "scores have no meaning"
         return (f"people are {sum(map(len, found.frames))} boxes of {name}, {len(found.frames)} frames; {scores}",)
 
     def feedback(self) -> U8 | None:

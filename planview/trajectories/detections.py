@@ -30,7 +30,7 @@ class Detections:
         frames: per frame of the recording, from 0, (N, 5) float64: left, top, width, height [px], score; frames after
             the last have none.
         scored: scores are probabilities that a box shows a person; false where they are all alike or of another scale,
-            and say nothing.
+            and mean nothing.
         source: where they are from, for messages.
     """
 

@@ -1,4 +1,4 @@
-"""A file of trajectories in any format: its rows, what it says about all of them, and regions of the floor."""
+"""A file of trajectories in any format: its rows, what it holds for all of them, and regions of the floor."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _WKT = re.compile(r"(POLYGON|MULTIPOLYGON|GEOMETRYCOLLECTION)[\s(),.\dA-Za-z+-]*
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryFile:
-    """Trajectories and what their file says about all of them.
+    """Trajectories and what their file holds for all of them.
 
     Attributes:
         table: the rows.
-        fps: frames per second; None where the file does not say.
+        fps: frames per second; None where the file does not give it.
         walkable_wkt: the floor where people may walk, a polygon in well-known text [m]; None where the file does not
             say.
         note: what was assumed about the file, in a sentence; empty when nothing was.

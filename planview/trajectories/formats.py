@@ -1,4 +1,4 @@
-"""Trajectories read in any layout, found beside a recording, and exported for other programs."""
+"""Trajectories read in any layout, found with a recording, and exported for other programs."""
 
 from __future__ import annotations
 
@@ -177,8 +177,8 @@ def tracks_file(path: Path) -> Path:
 
 
 def sequence_rate(truth: Path) -> float | None:
-    """Frames per second in the seqinfo.ini of a MOTChallenge sequence, beside its truth or a folder above; None without
-    one. Raises InputError: no rate in it."""
+    """Frames per second in the seqinfo.ini of a MOTChallenge sequence, next to its truth or a folder above; None
+    without one. Raises InputError: no rate in it."""
     file, found = _seqinfo(truth, "frameRate")
     return checked_rate(file, found) if found else None
 

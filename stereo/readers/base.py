@@ -166,24 +166,17 @@ def stereo_layout(
     folder: Path | None = None,
     live_waits: bool | None = None,
 ) -> Layout:
-    """Two cameras whose frames are paired.
-
-    Args:
-        pairs: decodes the pairs.
-        rig: reads the calibration; raises InputError.
-        folder: where world.toml lies; the path when None.
-        live_waits: see ``LiveRecording.waits``; None where the recording has an end.
-    """
-    said = (*clock.notes, *notes)
+    """Two cameras whose frames are paired; world.toml lies in the folder, or at the path."""
+    remarks = (*clock.notes, *notes)
 
     def opened() -> StereoRecording:
         kind = StereoRecording if live_waits is None else LiveRecording
-        recording = kind(path, rig(), pairs, n_frames, clock, said, world_pose(folder or path))
+        recording = kind(path, rig(), pairs, n_frames, clock, remarks, world_pose(folder or path))
         if isinstance(recording, LiveRecording):
             recording.waits = bool(live_waits)
         return recording
 
-    return Layout("stereo", streams, n_frames, clock, said, unpaired, opened)
+    return Layout("stereo", streams, n_frames, clock, remarks, unpaired, opened)
 
 
 def clock_of(
@@ -211,7 +204,7 @@ def clock_of(
         return FrameClock(file_fps)
     fps = file_fps if math.isfinite(file_fps) else DEFAULT_FPS
     note = f"no timestamps: {fps:g} frames per second are assumed; fps gives another rate"
-    return FrameClock(fps, None, (note,), even=raw)
+    return FrameClock(fps, None, (note,), even=raw, assumed=True)
 
 
 def clock_of_pairs(pairs: TimePairs, options: OpenOptions) -> FrameClock:
@@ -271,12 +264,7 @@ def timed_layout(
     notes: Sequence[str] = (),
     folder: Path | None = None,
 ) -> Layout:
-    """Pair the images by their times.
-
-    Args:
-        rig: reads the calibration for images of a size.
-        folder: where world.toml lies; the path when None.
-    """
+    """Images paired by their times; world.toml lies in the folder, or at the path."""
     for side in (left, right):
         if not side.files:
             raise InputError(f"{side.folder}: expected images, found none")

@@ -1,4 +1,4 @@
-"""Images as files, in a folder for each camera or all in one, with names that tell left from right."""
+"""Images as files, in a folder for each camera or all in one, with left and right in their names."""
 
 from __future__ import annotations
 
@@ -46,12 +46,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
 
 
 def folder_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenOptions) -> Layout:
-    """Images in two folders.
-
-    Args:
-        path: of the recording.
-        folder: where calibration, times and world.toml lie.
-    """
+    """Images in two folders; calibration, times and world.toml lie in a third."""
     sides = _Sides((left, right), (image_files(left), image_files(right)))
     for side, found in zip(sides.folders, sides.files, strict=True):
         if not found:
@@ -106,7 +101,7 @@ def _flat(path: Path) -> _Sides | None:
 
 
 def _timed(path: Path, sides: _Sides) -> tuple[TimedFiles, TimedFiles] | None:
-    """Times in lists beside the images, or in their names; None without, or with a timestamps.csv of the recording."""
+    """Times in lists next to the images, or in their names; None without, or with a timestamps.csv of the recording."""
     if (path / "timestamps.csv").is_file():
         return None
     listed = [stamp_list(folder) or stamp_list(path) for folder in sides.folders]
@@ -130,7 +125,7 @@ def _timed(path: Path, sides: _Sides) -> tuple[TimedFiles, TimedFiles] | None:
 READER = Reader(
     "folders",
     "images of two cameras",
-    "folders left/ and right/ of images, or images whose names tell left from right",
+    "folders left/ and right/ of images, or images with left and right in their names",
     lambda path: path.is_dir() and (_folders(path) is not None or _flat(path) is not None),
     _find,
 )

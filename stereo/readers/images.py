@@ -58,7 +58,7 @@ def to_8_bits(image: AnyArray, bits: int | None) -> U8:
 
 
 def bits_note(bits: int | None) -> tuple[str, ...]:
-    """What is said once about such images."""
+    """A note on such images."""
     if bits is None:
         return ()
     return (f"images of 16 bits whose values use {bits}: their upper 8 bits are taken",)
@@ -130,7 +130,7 @@ class ImageFiles:
 
 
 UNITS_PER_M = 1000.0
-"""Depth values per metre of files that do not say: sensors and their tools write millimetres."""
+"""Depth values per metre of files without a scale: sensors and their tools write millimetres."""
 
 
 class DepthFiles(ImageFiles):
@@ -208,7 +208,7 @@ def decode_image(data: bytes) -> AnyArray | None:
 
 
 def decode(data: bytes, flags: int) -> AnyArray | None:
-    """What OpenCV makes of it; the size that the header announces is checked before memory is taken for the image."""
+    """The image as OpenCV decodes it; the size in its header is checked before memory is taken."""
     try:
         with Image.open(BytesIO(data)) as header:
             if header.width * header.height > MAX_PIXELS:

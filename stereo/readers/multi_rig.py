@@ -130,4 +130,18 @@ def open_rigs(path: Path) -> MultiRigRecording:
         else:
             recording.world_SE3_camera = entry.world_SE3_left
         rigs.append(RigRecording(entry.folder, recording, entry.start_s))
+    _share_rate([rig.recording for rig in rigs])
     return MultiRigRecording(folder, rigs)
+
+
+def _share_rate(recordings: Sequence[AnyRecording]) -> None:
+    """Give recordings without any times the rate of those that have times, else the lowest: that is how fast what moves
+    is seen to walk, where the others were only assumed."""
+    assumed = [recording for recording in recordings if recording.clock.assumed]
+    rates = [recording.fps for recording in recordings if not recording.clock.assumed]
+    for recording in assumed:
+        fps = min(rates or [other.fps for other in assumed])
+        if fps != recording.fps:
+            recording.clock = recording.clock._replace(fps=fps)
+            recording.notes = [note for note in recording.notes if not note.startswith("no timestamps")]
+            recording.notes.append(f"no timestamps: {fps:g} frames per second are assumed, as of the other rigs")

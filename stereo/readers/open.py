@@ -82,7 +82,7 @@ def _refuse_several(path: Path, _options: OpenOptions) -> Layout:
 
 
 MULTI_RIG = Reader(
-    "heads", "several heads", "rigs.toml beside the folders of several heads", is_multi_rig, _refuse_several
+    "heads", "several heads", "rigs.toml and the folders of several heads", is_multi_rig, _refuse_several
 )
 
 
@@ -132,7 +132,7 @@ def _nearly_text(path: Path) -> str | None:
     if len(videos) == 2:
         left, right = "left" + Path(videos[0]).suffix, "right" + Path(videos[1]).suffix
         return (
-            f"two videos whose names do not tell left from right, {_listed(videos)}: rename that of the left camera "
+            f"two videos without left and right in their names, {_listed(videos)}: rename that of the left camera "
             f"{left}, the other {right}"
         )
     if videos:
@@ -147,7 +147,7 @@ def _nearly_text(path: Path) -> str | None:
         return f"images of the {side} camera alone: put those of the other into {path / other}"
     if files and not folders:
         return (
-            f"images whose names do not tell two cameras, {_listed([file.name for file in files])}: put those of each "
+            f"images without two cameras in their names, {_listed([file.name for file in files])}: put those of each "
             "camera into folders left and right; images of one camera need a tracker of one camera"
         )
     return None

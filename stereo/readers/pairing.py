@@ -1,4 +1,4 @@
-"""Which image belongs to which: by the sides that names tell, by numbers of files, and by times."""
+"""Which image belongs to which: by the sides in their names, by numbers of files, and by times."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Sided(NamedTuple):
 
     Attributes:
         left, right: positions in the list of names.
-        rest: of every name, what is left without the side; empty where it tells none.
+        rest: of every name, what is left without the side; empty where it has none.
     """
 
     left: list[int]
@@ -42,9 +42,9 @@ def split_sides(names: Sequence[str]) -> Sided | None:
     """Tell left from right by the words left and right (or L and R), else by two camera numbers, the lower one left.
 
     Args:
-        names: without folder and ending; names that tell no side are passed over.
+        names: without folder and ending; names without a side are passed over.
     Returns:
-        None when the names do not tell two sides.
+        None when the names have no two sides.
     """
     by_word = [_by_word(name) for name in names]
     sides = [found[0] if found else "" for found in by_word]
@@ -194,23 +194,23 @@ def pair_stamps(left_ns: I64, right_ns: I64, names: tuple[str, str] = ("left", "
     left, right, stamps, eras = left[order], right[order], stamps[order], eras[order]
     steps = np.diff(stamps).astype(np.float64)
     jumps = np.flatnonzero(np.diff(eras))
-    told = [(int(frame), float(steps[frame]) / 1e9) for frame in jumps]
+    jumped = [(int(frame), float(steps[frame]) / 1e9) for frame in jumps]
     steps[jumps] = period
     times = np.concatenate([[0.0], np.cumsum(steps)])[: len(stamps)] / 1e9
     again = np.diff(times, prepend=-1.0) <= 0
     left[again], right[again] = -1, -1
-    lonely = [int(np.count_nonzero((own >= 0) & (other < 0))) for own, other in ((left, right), (right, left))]
-    if any(lonely):
-        each = ", ".join(f"{count} of {name}" for name, count in zip(names, lonely, strict=True) if count)
+    alone_counts = [int(np.count_nonzero((own >= 0) & (other < 0))) for own, other in ((left, right), (right, left))]
+    if any(alone_counts):
+        each = ", ".join(f"{count} of {name}" for name, count in zip(names, alone_counts, strict=True) if count)
         limit = f"{tolerance / 1e6:.1f} ms, a quarter of the frame period"
-        notes.append(f"{sum(lonely)} of {_frames(len(left))} without a mate within {limit}, skipped ({each})")
+        notes.append(f"{sum(alone_counts)} of {_frames(len(left))} without a mate within {limit}, skipped ({each})")
     if again.any():
         notes.append(f"{_frames(int(again.sum()))} with the time of the frame before, skipped")
     for own, era, name in ((left_ns, left_eras, names[0]), (right_ns, right_eras, names[1])):
         if late := int(np.count_nonzero((np.diff(own) < 0) & (np.diff(era) == 0))):
             notes.append(f"{_frames(late)} of {name} recorded out of order, put in order of their times")
     notes += [
-        f"the clock jumps by {_span(s)} after frame {frame}: times run on at the nominal rate" for frame, s in told
+        f"the clock jumps by {_span(s)} after frame {frame}: times run on at the nominal rate" for frame, s in jumped
     ]
     return TimePairs(left, right, times, 1e9 / period, tuple(notes))
 

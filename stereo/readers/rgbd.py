@@ -36,7 +36,7 @@ from stereo.readers.times import stamps_in_names
 from stereo.recording import DEFAULT_FPS, FrameClock, OpenOptions, RgbdFrame, RgbdRecording
 
 MIN_PAIRS = 4
-"""With movement in fewer of them nothing is said (our choice)."""
+"""With movement in fewer of them there is no rate (our choice)."""
 STEP_PX = 8
 """Every n-th row and column is looked at."""
 
@@ -135,22 +135,22 @@ def rgbd_layout(
     def opened() -> RgbdRecording:
         from stereo.rgbd import DepthRegistration  # its kernels: only images with depth need numba here
 
-        found, depth, said = rig(), depths.size, list(clock.notes if not assumed else ()) + list(notes)
+        found, depth, remarks = rig(), depths.size, list(clock.notes if not assumed else ()) + list(notes)
         if found.depth_camera is None and images.size != depth:
-            said.append(f"depth of {size_text(depth)} without a calibration of its own counts as registered")
+            remarks.append(f"depth of {size_text(depth)} without a calibration of its own counts as registered")
             found = replace(found, depth_camera=found.camera.scaled(*depth))
         sensor = found.sensor or SENSOR_OF_SIZE.get(depth, "structured-light")
         measured = depths if found.units_per_m is None else depths.scaled(found.units_per_m)
         folder = path if path.is_dir() else path.parent
         recording = RgbdRecording(
             path, found, sensor, DepthRegistration(found), partial(both, images, measured), images.n_frames, clock,
-            said, world_pose(folder),
+            remarks, world_pose(folder),
         )  # fmt: skip
         if assumed:
             rate = rate_by_movement(recording.at, recording.n_frames, recording.camera)
             # At the usual rate people would move faster than a fast walker of 2.2 m/s (our choice).
             slow = rate is not None and rate < 0.6 * DEFAULT_FPS
-            recording.clock = FrameClock(round(rate, 1) if slow and rate else DEFAULT_FPS)
+            recording.clock = FrameClock(round(rate, 1) if slow and rate else DEFAULT_FPS, assumed=True)
             why = ", at which what moves is as fast as a walker" if slow else ""
             recording.notes.append(
                 f"no timestamps: {recording.fps:g} frames per second are assumed{why}; fps gives another rate"
@@ -165,7 +165,7 @@ _DEPTH = re.compile(r"depth", re.IGNORECASE)
 
 
 def _sides(path: Path) -> tuple[list[Path], list[Path]] | None:
-    """Images and depth at a path: in two folders, or side by side in one, told apart by their names."""
+    """Images and depth at a path: in two folders, or side by side in one, distinguished by their names."""
     if not path.is_dir():
         return None
     folders = [f for f in entries(path) if f.is_dir()]

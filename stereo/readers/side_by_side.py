@@ -80,7 +80,7 @@ def rectified_rig(load: Callable[[], StereoRig], rig: StereoRig) -> tuple[Stereo
     Args:
         load: reads the file's calibration of rectified images, or its other one when it holds none.
     Returns:
-        The rig, and what was assumed; empty when the file says it.
+        The rig, and what was assumed; empty when the file gives it.
     """
     held = rig if is_ideal(rig) else load()
     if is_ideal(held):
@@ -207,7 +207,7 @@ def find_packing(pictures: Sequence[U8], aspect: float | None) -> tuple[Packing 
     shared = {packing.stacked: common(pictures, packing.split) for packing in candidates}
     best = max(candidates, key=lambda packing: shared[packing.stacked].fraction)
     found = shared[best.stacked]
-    if found.corners < 20:  # nothing to tell by: what is most usual for the size
+    if found.corners < 20:  # too few: what is most usual for the size
         return (None if candidates[0].squeezed else candidates[0]), found
     # Real pairs have 0.3 to 0.8 of the corners in common, halves of one picture under 0.03 (our choice).
     return (best if found.fraction >= 0.12 else None), found
@@ -329,7 +329,7 @@ def _no_pair(size: Size, pictures: Sequence[U8], shared: Common) -> str:
         if left != right:
             return (
                 f"{expected} a grey and a coloured half with {len(shared.matches)} of {shared.corners} corners alike: "
-                "a picture of depth beside its colour image holds no depth in metres"
+                "a picture of depth next to its colour image holds no depth in metres"
             )
     return (
         f"{expected} one picture of {width}x{height}: a stereo recording needs both cameras; "

@@ -1,4 +1,4 @@
-"""Times of frames as recorders write them: numbers, dates, names of files, tables and lists; and the rate they tell."""
+"""Times of frames as recorders write them: numbers, dates, names of files, tables and lists; and the rate they give."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from stereo.readers.pairing import JUMP_S, pair_stamps
 NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 """Nanoseconds of a unit."""
 _MAX_STEP = {"s": 2, "ms": 2_000, "us": 2_000_000}
-"""Steps between frames up to 2 s tell the unit of a clock that counts from the start of the machine: two units differ
+"""Steps between frames up to 2 s give the unit of a clock that counts from the start of the machine: two units differ
 by a factor of 1000, the periods of cameras (1 to 250 Hz) by 250 (our choice)."""
 _NUMBER = re.compile(r"[+-]?\d{1,20}(\.\d{0,30})?([eE][+-]?\d{1,2})?")
 _DATE = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?\d*(?:Z|\+00:?00)?")

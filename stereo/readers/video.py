@@ -127,7 +127,7 @@ class VideoFile:
             sought.release()
 
     def _sought(self, capture: cv2.VideoCapture, index: int) -> bool:
-        """Seek so that the frame is read next; whether that succeeded, as far as the time of the one before tells."""
+        """Seek so that the frame is read next; whether that succeeded, as far as the time of the one before shows."""
         if not capture.set(cv2.CAP_PROP_POS_FRAMES, index - 1) or not capture.grab():
             return False
         late_s = self._time(capture, index - 1) - (index - 1) / self.fps
@@ -157,7 +157,7 @@ def _open(path: Path) -> cv2.VideoCapture:
 
 
 def _packets(path: Path) -> F64:
-    """(n,) float64 [s], when the frames of a video are shown, as its container tells; nothing is decoded."""
+    """(n,) float64 [s], when the frames of a video are shown, by its container; nothing is decoded."""
     capture, times = _open(path), []
     try:
         capture.set(cv2.CAP_PROP_FORMAT, -1)
@@ -170,7 +170,7 @@ def _packets(path: Path) -> F64:
 
 
 def _by_time(left_s: F64, right_s: F64) -> TimePairs | None:
-    """The pairs of two videos by the times of their frames; None where pairs in order are right, or times tell nothing.
+    """The pairs of two videos by the times of their frames; None where pairs in order are right, or times show nothing.
 
     Times count where one video has frames that the other lost, as gaps of its own times confirm: times that only
     waver, or a recorder that was stopped earlier, leave frames alone without gaps.
@@ -209,12 +209,8 @@ class _PlacedVideo:
 
 
 def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenOptions) -> Layout:
-    """Two videos, paired by their times where a container tells of lost frames, else in order.
-
-    Args:
-        path: of the recording.
-        folder: where calibration, times and world.toml lie.
-    """
+    """Two videos, paired by their times where a container has gaps, else in order; calibration, times and
+    world.toml lie in the folder."""
     a, b = VideoFile(left), VideoFile(right)
     size = same_size(a, b, left, right)
     rig = rig_in(folder, options, size)

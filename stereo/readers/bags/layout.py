@@ -47,7 +47,7 @@ from stereo.recording import OpenOptions
 def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
     """The rig from the camera_info of two image topics.
 
-    Topics whose names say that their images are rectified take the rectified camera P instead of K and D.
+    Topics that are rectified by their names take the rectified camera P instead of K and D.
     """
     first, second = infos = [info_of(bag, topic) for topic in topics]
     of_sdk = all(_SDK.fullmatch(topic) for topic in topics)
@@ -110,7 +110,7 @@ def _sdk_pose(bag: Bag, topics: tuple[str, str]) -> SE3 | None:
 
 
 def is_rectified(topic: str) -> bool:
-    """Whether the name of an image topic says that its images are rectified (REP 104 and image_proc: image_rect...)."""
+    """Whether images are rectified by the name of their topic (REP 104 and image_proc: image_rect...)."""
     return re.search(r"(?<![a-z])rect", topic) is not None
 
 
@@ -189,7 +189,7 @@ _REGISTERED = re.compile(r"registered|aligned|depth_to_(rgb|colou?r)", re.IGNORE
 
 
 def _is_registered(bag: Bag, names: tuple[str, str]) -> tuple[bool, tuple[str, ...]]:
-    """Whether depth lies in the image's own pixels, and what is assumed where the bag does not say."""
+    """Whether depth lies in the image's own pixels, and what is assumed where the bag does not define it."""
     if _REGISTERED.search(names[1]):
         return True, ()
     try:
@@ -199,7 +199,7 @@ def _is_registered(bag: Bag, names: tuple[str, str]) -> tuple[bool, tuple[str, .
     if frames[0] == frames[1] or pose_between(static_poses(bag), *frames) is not None:
         return False, ()
     note = f"no transform from {frames[1]} to {frames[0]} in /tf_static: both are taken to be in one place"
-    return False, (f"{note} (a calibration says otherwise)",)
+    return False, (f"{note} (a calibration can give another place)",)
 
 
 def _rgbd_rig(bag: Bag, names: tuple[str, str], sizes: tuple[Size, Size], registered: bool) -> RgbdRig:
@@ -229,10 +229,10 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     named = {topic.name: topic for topic in bag.topics}
     names = choice.first, choice.second
     first, second = TopicImages(bag, named[names[0]]), TopicImages(bag, named[names[1]])
-    stamps, said = (first.stamp_ns, second.stamp_ns), first.notes + second.notes
+    stamps, remarks = (first.stamp_ns, second.stamp_ns), first.notes + second.notes
     if not all(own.any() and (len(own) < 2 or np.ptp(own)) for own in stamps):
         stamps = first.log_ns, second.log_ns
-        said = ("headers hold no times: the times of recording are taken", *said)
+        remarks = ("headers hold no times: the times of recording are taken", *remarks)
     samples = first.sample(), second.sample()
     if choice.kind == "rgbd":
         pairs = pair_stamps(stamps[0], stamps[0], (names[0], names[0]))
@@ -242,7 +242,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         bits = true_bits(samples[0])
         images, depths = TopicFrames(first, pairs.left, samples[0], bits), TopicDepth(second, mates, samples[1])
         sizes, kinds = (images.size, depths.size), (pixel_text(images.is_grey, bits), "depth")
-        said += (*depth_note(mates), *bits_note(bits))
+        remarks += (*depth_note(mates), *bits_note(bits))
     else:
         pairs = pair_stamps(*stamps, names)
         check_paired(pairs, path)
@@ -250,7 +250,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         a, b = TopicFrames(first, pairs.left, samples[0], bits), TopicFrames(second, pairs.right, samples[1], bits)
         sizes = (same_size(a, b, *names),) * 2
         kinds = pixel_text(a.is_grey, bits), pixel_text(b.is_grey, bits)
-        said += bits_note(bits)
+        remarks += bits_note(bits)
     streams = tuple(
         Stream(name, size, len(own), own_times(own), kind)
         for name, size, own, kind in zip(names, sizes, stamps, kinds, strict=True)
@@ -262,13 +262,13 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         if options.calibration:
             rig = partial(load_rgbd, options.calibration, *sizes)
         lacking = int(np.count_nonzero(mates < 0))
-        return rgbd_layout(path, images, depths, streams, clock, rig, (*said, *assumed), unpaired=lacking)
+        return rgbd_layout(path, images, depths, streams, clock, rig, (*remarks, *assumed), unpaired=lacking)
 
     def stereo_rig() -> StereoRig:
         return load_rig(options.calibration, sizes[0]) if options.calibration else rig_of(bag, names, sizes[0])
 
     return stereo_layout(
-        path, partial(both, a, b), streams, len(pairs.left), clock, stereo_rig, said, unpaired=pairs.unpaired,
+        path, partial(both, a, b), streams, len(pairs.left), clock, stereo_rig, remarks, unpaired=pairs.unpaired,
         folder=path if path.is_dir() else path.parent,
     )  # fmt: skip
 

@@ -60,7 +60,7 @@ class Message:
 
 
 class Bag(Protocol):
-    """A file or folder of messages; every iteration opens it anew, so that threads do not meet.
+    """A file or folder of messages; every iteration opens it again, so that threads do not meet.
 
     Attributes:
         path: as given.
@@ -98,7 +98,7 @@ def ros1_stamp(data: bytes) -> int:
 
 
 def cdr_stamp(data: bytes) -> int:
-    """Time of a std_msgs/Header at the beginning of a CDR message [ns] (the second byte tells the order of bytes)."""
+    """Time of a std_msgs/Header at the beginning of a CDR message [ns] (the second byte gives the order of bytes)."""
     seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
     return int(seconds) * 10**9 + int(nanoseconds)
 
@@ -114,7 +114,7 @@ def sorted_topics(topics: Sequence[Topic]) -> tuple[Topic, ...]:
 
 
 def error_text(error: Exception) -> str:
-    """What a library says of a damaged file, on one line."""
+    """A library's message about a damaged file, on one line."""
     return " ".join(str(error).split())[:120] or type(error).__name__
 
 

@@ -74,7 +74,7 @@ def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
 
 
 def info_topic(topics: Iterable[Topic], image: str) -> str | None:
-    """The camera_info topic beside an image topic: of the same camera, else the one that shares most of its name."""
+    """The camera_info topic of an image topic: of the same camera, else the one that shares most of its name."""
     infos = [topic.name for topic in topics if topic.kind == "info" and topic.count]
     base = _base(image)
     for name in (f"{base.rsplit('/', 1)[0]}/camera_info", f"{base}/camera_info"):
@@ -92,7 +92,7 @@ def info_topic(topics: Iterable[Topic], image: str) -> str | None:
 
 
 def is_depth(topic: str) -> bool:
-    """Whether a topic's name says that it holds depth."""
+    """Whether a topic is one of depth by its name."""
     return _DEPTH.search(topic) is not None
 
 
@@ -107,7 +107,7 @@ def _is_encoded_depth(bag: Bag, topic: Topic) -> bool:
     try:
         message = next(iter(bag.messages(topic.name)))
         found = image_message(message.decode(message.data), topic.kind == "compressed").encoding
-    except Exception:  # a damaged message says nothing; reading the topic reports it
+    except Exception:  # a damaged message has no encoding; reading the topic reports it
         return False
     return found.upper() in ("16UC1", "32FC1") or "compressedDepth" in found
 
@@ -116,7 +116,7 @@ def _stereo(bases: Sequence[str]) -> list[TopicChoice]:
     """Left and right topics whose names differ in the side alone, one pair for each rig."""
     images = [base for base in bases if not is_depth(base) and not _COLOUR.search(base.rsplit("/", 1)[0])]
     parts = [image.split("/") for image in images]
-    # What all have in common tells no side, such as the numbers of a device and its sensor.
+    # What all have in common is no side, such as the numbers of a device and its sensor.
     shared = sum(1 for _ in takewhile(lambda same: len(set(same)) == 1, zip(*parts, strict=False)))
     sided = split_sides(["/".join(own[shared:]) for own in parts])
     if sided is None:
@@ -161,7 +161,7 @@ class TopicImages:
     """Images of a topic by their place in it.
 
     Attributes:
-        log_ns, stamp_ns: (n,) int64 [ns], when each was recorded and when its header says it was taken.
+        log_ns, stamp_ns: (n,) int64 [ns], when each was recorded and when it was taken by its header.
         notes: of damage that ends the topic.
     """
 
@@ -193,7 +193,7 @@ class TopicImages:
         stream: Iterator[Message] = iter(())
         next_place = -1
         for place in places:
-            # So many messages are read past rather than looked up anew (our choice).
+            # Up to 64 messages are read past rather than looked up again (our choice).
             if not 0 <= place - next_place <= 64 or next_place < 0:
                 start = int(self.log_ns[place])
                 next_place = int(np.searchsorted(self.log_ns, start))

@@ -14,9 +14,12 @@ from toy_stereo import toy_rig
 
 from calib.errors import InputError
 from calib.io import entries
+from calib.pose import SE3
 from calib.rig import save_rig
+from calib.world import RigEntry, save_rigs
 from stereo.readers import OpenOptions, find_layout, find_reader, open_recording, open_video
 from stereo.readers.live import READER, with_gaps, without_password
+from stereo.readers.multi_rig import open_rigs
 from stereo.readers.pairing import even_sequence, pair_files
 from stereo.readers.times import load_timestamps
 from stereo.readers.video import VideoFile
@@ -420,3 +423,19 @@ def test_a_folder_that_nearly_fits_is_told_its_files_and_what_makes_it_fit(tmp_p
     with pytest.raises(InputError) as error:
         find_reader(tmp_path)
     assert said in str(error.value) and len(str(error.value)) < 300 + len(str(tmp_path))
+
+
+@pytest.mark.parametrize("times", ["frame,timestamp_s\n0,0\n1,0.2\n2,0.4\n", ""])
+def test_rigs_of_one_room_without_times_have_one_rate(tmp_path: Path, times: str) -> None:
+    for name in ("a", "b"):
+        folder_recording(tmp_path / name)
+        (tmp_path / name / "timestamps.csv").unlink(missing_ok=True)
+    if times:
+        (tmp_path / "a" / "timestamps.csv").write_text(times)
+    save_rigs(
+        [RigEntry(name, SE3.from_rotvec([np.pi, 0.0, 0.0], (0.0, 0.0, 2.7))) for name in ("a", "b")],
+        tmp_path / "rigs.toml",
+    )
+    rigs = [rig.recording for rig in open_rigs(tmp_path).rigs]
+    assert [rig.fps for rig in rigs] == pytest.approx([5.0, 5.0] if times else [30.0, 30.0])
+    assert ("as of the other rigs" in " ".join(rigs[1].notes)) == bool(times)

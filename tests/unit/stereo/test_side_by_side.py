@@ -76,5 +76,5 @@ def test_depth_beside_its_image_is_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     depth = cv2.resize(rng.integers(0, 255, (30, 40), dtype=np.uint8), (W, H), interpolation=cv2.INTER_NEAREST)
     write_frames(tmp_path / "pair.avi", [np.hstack([cv2.cvtColor(depth, cv2.COLOR_GRAY2BGR), colour])] * 3)
-    with pytest.raises(InputError, match=r"grey and a coloured half .* depth beside its colour image"):
+    with pytest.raises(InputError, match=r"grey and a coloured half .* depth next to its colour image"):
         open_recording(tmp_path / "pair.avi")
