@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,6 +29,7 @@ FPS = 7.0
 """Nominal frame rate of the sequence."""
 GAP_FRAMES = 7
 """A person without a match for longer than this many frames is lost: one second."""
+SHOWN = ("truth_rows", "mota", "idf1", "hota", "switches", "misses", "false_positives")
 CAMERA_TILT_DEG, CAMERA_SHARE = 0.5, 0.03
 """How far nearby cameras are off [deg], [1]: what calibrations of one view from different people differ by."""
 
@@ -54,7 +56,7 @@ class TrackingErrors:
 
 @dataclass(frozen=True, eq=False)
 class PetsScores:
-    """Scores of one tracker.
+    """Scores of one run of one tracker.
 
     Attributes:
         frames: how many were tracked.
@@ -62,8 +64,6 @@ class PetsScores:
         floor: on the floor with a gate of 1 m, after the rigid motion between the two world frames; None for tracks
             without floor positions.
         errors: false tracks, losses and switches of the boxes.
-        others: MOTA, IDF1 and number of errors with other seeds of the ellipse-particle tracker, or other cameras of
-            the human-model tracker.
     """
 
     tracker: SingleTracker
@@ -71,29 +71,19 @@ class PetsScores:
     boxes: Evaluation
     floor: Evaluation | None
     errors: TrackingErrors
-    others: tuple[tuple[float, float, int], ...] = ()
 
-    @property
-    def mota(self) -> float:
-        """MOTA of the boxes."""
-        return math.nan if self.boxes.clear.mota is None else self.boxes.clear.mota
 
-    @property
-    def figures(self) -> tuple[float, float, int]:
-        """MOTA and IDF1 of the boxes, number of errors."""
-        return self.mota, self.boxes.identity.idf1 or 0.0, self.errors.total
-
-    def spread(self) -> dict[str, Any]:
-        """Mean, deviation and range of the figures over all runs."""
-        mota, idf1, errors = (np.array(values) for values in zip(self.figures, *self.others, strict=True))
-        return {
-            "runs": len(mota),
-            "mota_mean": float(mota.mean()),
-            "idf1_mean": float(idf1.mean()),
-            "mota_deviation": float(mota.std()),
-            "mota_range": float(np.ptp(mota)),
-            "errors_mean": float(errors.mean()),
-        }
+def spread(runs: Sequence[PetsScores]) -> dict[str, Any]:
+    """Mean, deviation and range of the boxes' MOTA, and means of IDF1 and errors, over several runs."""
+    mota = np.array([math.nan if run.boxes.clear.mota is None else run.boxes.clear.mota for run in runs])
+    return {
+        "runs": len(runs),
+        "mota_mean": float(mota.mean()),
+        "mota_deviation": float(mota.std()),
+        "mota_range": float(np.ptp(mota)),
+        "idf1_mean": float(np.mean([run.boxes.identity.idf1 or 0.0 for run in runs])),
+        "errors_mean": float(np.mean([run.errors.total for run in runs])),
+    }
 
 
 def tracking_errors(truth: Trajectories, tracks: Trajectories) -> TrackingErrors:
@@ -121,27 +111,26 @@ def score_pets(
     frames: int | None = None,
     seeds: int = 1,
     cameras: int = 1,
-) -> PetsScores:
-    """Score a tracker; without a camera only boxes are scored.
+) -> list[PetsScores]:
+    """Score the runs of a tracker; without a camera only boxes are scored.
 
     Args:
         folder: with view001.mp4 and gt.txt.
         camera: camera.toml, from ``planview calibrate human``.
         frames: number of frames; all by default.
-        seeds: seeds 0 to ``seeds - 1`` are run; the scores are those of seed 0.
-        cameras: how many are used: the given one, whose scores they are, and others near it (``nearby_camera``).
+        seeds: seeds 0 to ``seeds - 1`` are run.
+        cameras: how many are used: the given one first, and others near it (``nearby_camera``).
     Raises:
         InputError: files that are missing or do not fit.
     """
-    first = _score(tracker, folder, camera, frames, 0)
-    others = [_score(tracker, folder, camera, frames, seed) for seed in range(1, seeds)]
+    runs = [_score(tracker, folder, camera, frames, seed) for seed in range(seeds)]
     if cameras > 1 and camera is not None:
         with TemporaryDirectory() as place:
             for seed in range(1, cameras):
                 path = Path(place) / f"camera{seed}.toml"
                 save_ground_camera(nearby_camera(load_ground_camera(camera), seed), path)
-                others.append(_score(tracker, folder, path, frames, 0))
-    return replace(first, others=tuple(s.figures for s in others))
+                runs.append(_score(tracker, folder, path, frames, 0))
+    return runs
 
 
 def nearby_camera(camera: GroundCamera, seed: int) -> GroundCamera:
@@ -221,15 +210,18 @@ def pets(folder: Path, *, options: PetsOptions | None = None) -> None:
         raise InputError(f"--cameras: expected 1 to 100, found {o.cameras}")
     if o.camera is None and o.tracker != "ellipse-particle":
         raise InputError("--camera: the human-model tracker needs a camera.toml (see planview calibrate human)")
-    scores = []
+    runs: list[list[PetsScores]] = []
     progress(f"tracking {folder}")
     if o.tracker != "ellipse-particle":
-        scores.append(score_pets("human-model", folder, o.camera, o.frames, cameras=o.cameras))
+        runs.append(score_pets("human-model", folder, o.camera, o.frames, cameras=o.cameras))
     if o.tracker != "human-model":
-        scores.append(score_pets("ellipse-particle", folder, o.camera, o.frames, seeds=o.seeds))
-    report(o.json_output, scores=[row for s in scores for row in score_rows(s, whole=o.json_output)],
-           errors=[{"tracker": s.tracker, **asdict(s.errors), "total": s.errors.total} for s in scores],
-           spread=[{"tracker": s.tracker, **s.spread()} for s in scores if s.others])  # fmt: skip
+        runs.append(score_pets("ellipse-particle", folder, o.camera, o.frames, seeds=o.seeds))
+    report(
+        o.json_output,
+        scores=[row for first, *_ in runs for row in score_rows(first, whole=o.json_output)],
+        errors=[{"tracker": s.tracker, **asdict(s.errors), "total": s.errors.total} for s, *_ in runs],
+        spread=[{"tracker": some[0].tracker, **spread(some)} for some in runs if len(some) > 1],
+    )
 
 
 def score_rows(scores: PetsScores, whole: bool) -> list[dict[str, Any]]:
@@ -238,9 +230,7 @@ def score_rows(scores: PetsScores, whole: bool) -> list[dict[str, Any]]:
     for protocol, result in (("boxes, IoU 0.5", scores.boxes), ("floor, 1 m", scores.floor)):
         if result is not None:
             figures = result.to_json()
-            names = (
-                figures if whole else ("truth_rows", "mota", "idf1", "hota", "switches", "misses", "false_positives")
-            )
+            names = figures if whole else SHOWN
             named = {"tracker": scores.tracker, "protocol": protocol, "tracked_frames": scores.frames}
             rows.append(named | {name: figures[name] for name in names})
     return rows

@@ -81,6 +81,11 @@ class Part:
         self.time_s += seconds + 2.0
         self.place = np.array(seat.at_m) + 0.32 * ahead
 
+    def take_away(self, item: str, via: F64) -> None:
+        """Carry a thing out of the room, first to a point."""
+        self.go([via, *self.stage.route(via, self.inside), self.behind, self.hidden], carry=item)
+        self.leaves = True
+
     def cartwheel(self, point: F64) -> None:
         """Turn a cartwheel to a point."""
         self.steps.append({"cartwheel": _pair(point)})

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import heapq
+import math
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
 
 from benchmarks.random_scenes.challenge import Challenge
 from calib.types import F64, Bool
@@ -13,7 +15,6 @@ from planview.synthetic.camera import View, camera_view, mount_pose, stereo_rig
 from planview.synthetic.motion import Obstacles
 from planview.synthetic.scene import Furniture, Opening, Panel, Rig, Room, Surface
 
-_MOVES = [(i, j, float(np.hypot(i, j))) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
 CELL_M = 0.15
 MIN_RANGE_M = 1.3
 """Horizontal distance that people keep from a camera on the wall [m]."""
@@ -55,11 +56,11 @@ class FloorGrid:
         return all(self.free[self.index(a + t * (b - a))] for t in ts)
 
     def route(self, a: F64, b: F64) -> list[F64] | None:
-        """Points after a, the last one b, of a short free way; None when there is none (Dijkstra 1959)."""
+        """Points after a, the last one b, of a short free way; None when there is none."""
         if self.is_clear(a, b):
             return [b]
-        cells = self._search(self._nearest_free(a), self._nearest_free(b))
-        if cells is None:
+        cells = self._cells_between(self._nearest_free(a), self._nearest_free(b))
+        if not cells:
             return None
         # Corners only: from each point straight to the farthest one that is in sight.
         points, corners, at = [a, *(self.point(c) for c in cells), b], [], 0
@@ -76,26 +77,27 @@ class FloorGrid:
         i, j = cells[int(np.argmin(((cells - self.index(point)) ** 2).sum(axis=1)))]
         return int(i), int(j)
 
-    def _search(self, start: tuple[int, int], goal: tuple[int, int]) -> list[tuple[int, int]] | None:
-        before: dict[tuple[int, int], tuple[int, int]] = {}
-        best, queue, done = {start: 0.0}, [(0.0, start)], set()
-        while queue:
-            far, cell = heapq.heappop(queue)
-            if cell == goal:
-                cells = [goal]
-                while cells[-1] != start:
-                    cells.append(before[cells[-1]])
-                return cells[::-1]
-            if cell in done:
-                continue
-            done.add(cell)
-            for i, j, step in _MOVES:
-                other = (cell[0] + i, cell[1] + j)
-                inside = 0 <= other[0] < self.free.shape[0] and 0 <= other[1] < self.free.shape[1]
-                if inside and self.free[other] and far + step < best.get(other, np.inf):
-                    best[other], before[other] = far + step, cell
-                    heapq.heappush(queue, (far + step, other))
-        return None
+    def _cells_between(self, start: tuple[int, int], goal: tuple[int, int]) -> list[tuple[int, int]]:
+        """The cells of the shortest way over free cells (Dijkstra 1959), empty when there is none."""
+        shape = self.free.shape
+        numbers = np.arange(self.free.size).reshape(shape)
+        edges: list[F64] = []
+        for i, j in ((0, 1), (1, 0), (1, 1), (1, -1)):
+            here = slice(None, shape[0] - i), slice(max(0, -j), shape[1] - max(0, j))
+            there = slice(i, None), slice(max(0, j), shape[1] + min(0, j))
+            free = self.free[here] & self.free[there]
+            pairs = numbers[here][free], numbers[there][free]
+            edges.append(np.stack([*pairs, np.full(len(pairs[0]), math.hypot(i, j))]))
+        one, other, length = np.concatenate(edges, axis=1)
+        graph = coo_array((length, (one.astype(int), other.astype(int))), shape=(self.free.size,) * 2).tocsr()
+        _, before = dijkstra(graph, directed=False, indices=numbers[start], return_predecessors=True)
+        cells, at = [goal], int(numbers[goal])
+        while at != numbers[start]:
+            at = int(before[at])
+            if at < 0:
+                return []
+            cells.append((at // shape[1], at % shape[1]))
+        return cells[::-1]
 
 
 _POSTERS = ("#7a3030", "#305070", "#28607a", "#5a7a30", "#805a20")

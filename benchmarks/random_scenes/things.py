@@ -117,8 +117,7 @@ def bag(stage: Stage, plan: Choreography) -> list[Part]:
     taker = Part(stage, max(begin_s(plan, 1), bringer.time_s + plan.duration_s - 6), None, plan.speed_mps)
     taker.walk_to(put + 0.95 * unit(_to(put, taker.place)))
     taker.do("bend", 1.5, _to(taker.place, put))
-    taker.go([*stage.route(taker.place, taker.inside), taker.behind, taker.hidden], carry=item)
-    taker.leaves = True
+    taker.take_away(item, taker.place)
     return [bringer, taker]
 
 
@@ -128,11 +127,10 @@ def _to(a: F64, b: F64) -> float:
 
 def book(stage: Stage, plan: Choreography) -> list[Part]:
     """One person puts a book on a shelf at eye level, another takes it."""
-    sy = stage.room.size_m[1]
     spots = stage.spots(0.3)
     far = spots[spots[:, 1] > np.quantile(spots[:, 1], 0.7)]
     x = float(far[int(stage.rng.integers(len(far))), 0])
-    shelf_y = min(sy - 0.2, float(far[:, 1].max()) + 0.55)
+    shelf_y = min(stage.room.size_m[1] - 0.2, float(far[:, 1].max()) + 0.55)
     stage.put(kind="shelf", at_m=(x, shelf_y), heading_deg=-90.0)
     item, z = _name(stage, "book"), float(stage.rng.uniform(1.4, 1.65))
     stage.put(kind="box", name=item, at_m=_FAR, size_m=(0.22, 0.07, 0.3), surface=_surface(stage, 0.08))
@@ -148,8 +146,7 @@ def book(stage: Stage, plan: Choreography) -> list[Part]:
     taker.walk_to(before)
     taker.go([at])
     taker.do("reach", 1.5, np.pi / 2)
-    taker.go([before, *stage.route(before, taker.inside), taker.behind, taker.hidden], carry=item)
-    taker.leaves = True
+    taker.take_away(item, before)
     return [bringer, taker]
 
 
