@@ -71,6 +71,7 @@ def mosaic(tiles: Mapping[str, F32 | U8]) -> U8:
         light = np.clip(tile / max(float(tile.max()), 1e-9) * 255, 0, 255)[::-1]
         grey.append(np.asarray(tile if tile.dtype == np.uint8 else light, dtype=np.uint8))
     height = max(tile.shape[0] for tile in grey)
+    grey = [np.kron(tile, np.ones([max(1, height // tile.shape[0] // 2)] * 2, np.uint8)) for tile in grey]
     return np.hstack([np.pad(tile, ((0, height - tile.shape[0]), (0, 1))) for tile in grey])
 
 

@@ -37,23 +37,25 @@ class Births:
         self._params = params
         self._tried_m: dict[tuple[float, ...], F32] = {}
 
-    def find(self, frame: Explanation, known: Sequence[Person], owned: Sequence[Owned], now_s: float) -> list[Person]:
-        """People who are born in this frame, without ids; ``owned`` as of ``Explanation.share_out``.
+    def find(
+        self, frame: Explanation, known: Sequence[Person], owned: Sequence[Owned], points: Sequence[F32], now_s: float
+    ) -> list[Person]:
+        """People who are born in this frame, without ids; ``owned`` and ``points`` are of each view.
 
         Pixels that have been tried count again when they have changed.
         """
         p = self._params
         fresh = np.flatnonzero(~self._unchanged(frame, owned))
-        points = np.concatenate([_points(*of) for of in zip(frame.views, owned, strict=True)], axis=1)[:, fresh]
-        if float(np.maximum(points[3], 0.0).sum()) < p.birth_evidence:
+        fresh_points = np.concatenate(points, axis=1)[:, fresh]
+        if float(np.maximum(fresh_points[3], 0.0).sum()) < p.birth_evidence:
             return []
-        low, high = (edge(points[:2], axis=1).astype(np.float64) for edge in (np.min, np.max))
+        low, high = (edge(fresh_points[:2], axis=1).astype(np.float64) for edge in (np.min, np.max))
         low -= BODY_CELLS * CELL_M
         shape = tuple(int(cells) + 2 * BODY_CELLS for cells in (high - low) / CELL_M)
         if shape[0] * shape[1] > MAP_CELLS_MAX:
             return []
         lack = np.zeros(shape, np.float32)
-        map_lacking(points, low, CELL_M, lack)
+        map_lacking(fresh_points, low, CELL_M, lack)
         box = np.asarray(cv2.boxFilter(lack, -1, (BODY_CELLS, BODY_CELLS), normalize=False))
         born: list[Person] = []
         people: People | None = None
@@ -66,9 +68,13 @@ class Births:
             reach = BODY_CELLS * 2 // 3
             box[max(0, row - reach) : row + reach + 1, max(0, col - reach) : col + reach + 1] = 0
             people = people or side_by_side(known)
-            near = np.abs(points[:2] - place[:, None]).max(axis=0) < reach * CELL_M
+            near = np.abs(fresh_points[:2] - place[:, None]).max(axis=0) < reach * CELL_M
             person = _tried(
-                frame, p.birth_evidence, people, points[:, near & (points[3] > 0)].T.astype(np.float64), now_s
+                frame,
+                p.birth_evidence,
+                people,
+                fresh_points[:, near & (fresh_points[3] > 0)].T.astype(np.float64),
+                now_s,
             )
             tried[fresh[near]] = True
             if person is None:
@@ -96,7 +102,7 @@ class Births:
             self._tried_m[v.rays.key].reshape(-1)[o.pixels[mine]] = v.range_m.reshape(-1)[o.pixels[mine]]
 
 
-def _points(view: SeenPixels, o: Owned) -> F32:
+def points_of(view: SeenPixels, o: Owned) -> F32:
     """(5, M) float32 of the pixels of a surface: x, y, z [m], what they lack of an explanation, and the colour."""
     range_m = view.range_m.reshape(-1)[o.pixels]
     xyz = view.rays.centre_m.astype(np.float32)[:, None] + view.rays.direction.reshape(-1, 3)[o.pixels].T * range_m

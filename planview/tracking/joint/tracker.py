@@ -8,12 +8,12 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from calib.types import F64, I64
+from calib.types import F32, F64, I64
 from planview.maps.colour import CODES
 from planview.tracking import body
 from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug
 from planview.tracking.joint._kernels import PARTS
-from planview.tracking.joint.births import EVIDENCE_MAX, Births
+from planview.tracking.joint.births import EVIDENCE_MAX, Births, points_of
 from planview.tracking.joint.drawing import draw
 from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, People, Samples, likelihood_of_ranges
 from planview.tracking.joint.identity import Exchanges, continued
@@ -196,11 +196,11 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         """Forget everybody; ids start again at 1."""
         super().reset()
         self._births = Births(self.params)
-        self._owned: list[tuple[tuple[int, ...], Owned]] = []
+        self._shown: list[tuple[tuple[int, ...], Owned, F32]] = []
 
     def debug(self) -> TrackerDebug:
-        """Who owns each pixel, and the people on the floor."""
-        return draw(self._people, self._owned)
+        """Who owns each pixel, the people on the floor, and the height and occupancy of each."""
+        return draw(self._people, self._shown)
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Follow everybody into the next frame.
@@ -216,7 +216,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         if self._people:
             self._explain(frame, side_by_side(self._people, ratios), dt)
         owned = frame.share_out(side_by_side(self._people, ratios))
-        self._owned = [(v.kind.shape, o) for v, o in zip(views, owned, strict=True)]
+        points = [points_of(v, o) for v, o in zip(views, owned, strict=True)]
+        self._shown = [(v.kind.shape, o, at) for v, o, at in zip(views, owned, points, strict=True)]
         for i, q in enumerate(self._people):
             if not q.confirmed:
                 mine = [(v, o, o.owner == i) for v, o in zip(views, owned, strict=True)]
@@ -226,7 +227,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             gaps = [min((math.dist(a, b) for b in places if b is not a), default=math.inf) for a in places]
             self._learn(owned, [gap >= body.REACH_M for gap in gaps], dt)
         self._forget_gone()
-        for b in self._births.find(frame, self._people, owned, self._log.now_s):
+        for b in self._births.find(frame, self._people, owned, points, self._log.now_s):
             self._add(b, "spawned", f"evidence {b.evidence:.1f}, {b.height_m:.2f} m tall", b.evidence)
         self._recognise()
         return tuple(self._state(q) for q in self._people)
