@@ -25,7 +25,7 @@ from calib.formats.tsai import load_tsai
 from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
 from calib.people.samples import read_image_size, read_samples
 from calib.pose import SE3
-from calib.rig import Floor
+from calib.rig import MAX_BASELINE_M, MIN_BASELINE_M, Floor
 from calib.world import load_rigs, load_world, save_world
 from planview.counting.events import read_events
 from planview.counting.rules import load_rules
@@ -203,9 +203,12 @@ def simple() -> dict[str, tuple[Callable[[Path], object], bytes]]:
 
 
 def test_calibration_of_any_format_is_read_or_refused(folder: Path) -> None:
+    def read(path: Path) -> None:
+        assert MIN_BASELINE_M <= load_rig(path, SIZE).baseline_m <= MAX_BASELINE_M
+
     def case(seed: int) -> None:
         name, good = calibrations()[seed % len(calibrations())]
-        assert is_clear(refusal(lambda path: load_rig(path, SIZE), folder / name, damaged(good, seed)), name)
+        assert is_clear(refusal(read, folder / name, damaged(good, seed)), name)
 
     try_all(case)
 

@@ -17,7 +17,7 @@ from calib.formats.base import parse_yaml
 from calib.formats.ros import camera_from
 from calib.formats.tsai import load_tsai
 from calib.pose import SE3
-from calib.rig import MAX_BASELINE_M, MIN_BASELINE_M, StereoRig
+from calib.rig import StereoRig
 
 CAMERA = Camera(640, 480, 500.0, 500.0, 320.0, 240.0, "brown", (-0.1, 0.01, 0.0, 0.0))
 POSE = SE3.from_rotvec([0.0, 0.01, 0.0], [-0.1, 0.0, 0.0])
@@ -245,36 +245,6 @@ def test_random_bytes_are_refused(tmp_path, content):
         load_rig(tmp_path / "f")
     with pytest.raises(InputError):
         load_tsai(tmp_path / "f")
-
-
-@settings(fuzz, max_examples=150)
-@given(
-    key=st.sampled_from([f.key for f in FORMATS if f.key != "middlebury"]),
-    start=st.integers(0, 3000),
-    length=st.integers(0, 40),
-    junk=st.one_of(
-        st.binary(max_size=12),
-        st.sampled_from(
-            [b"nan", b"1e999", b"-", b"[", b"{", b"!!bool x", b"&a", b"*a", b'"', b"\n", b":", b"0" * 5000]
-        ),
-    ),
-)
-def test_a_damaged_file_is_read_or_refused(key, start, length, junk, tmp_path):
-    place = tmp_path / key
-    if not place.exists():
-        place.mkdir()
-        write_rig(hd_rig(), place / "whole", key)
-    found = sorted(path for path in place.rglob("*") if path.is_file() and path.name != "broken")
-    good = found[0].read_bytes()
-    start %= len(good)
-    try:
-        found[0].write_bytes(good[:start] + junk + good[start + length :])
-        rig = load_rig(found[0])
-        assert MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M
-    except InputError as error:
-        assert str(error)  # noqa: PT017
-    finally:
-        found[0].write_bytes(good)
 
 
 @pytest.mark.parametrize(
