@@ -23,10 +23,10 @@ from planview.counting.events import read_events, write_event_header, write_even
 from planview.counting.geometry import RulePlane, stereo_plane
 from planview.counting.rules import AnalyticsParams, load_rules
 from planview.counting.scoring import score_counts, score_events
-from planview.counting.totals import Clock, count_tracks, count_truth
+from planview.counting.totals import Clock, Counts, count_tracks, count_truth
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
-from planview.output.folder import read_run_info, unfinished_note
+from planview.output.folder import unfinished_note
 from planview.output.progress import PlainConsole
 from planview.output.run_folder import RunFolder
 from planview.trajectories.file import limited
@@ -173,10 +173,8 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
 
 def _refined(tracks: Path) -> bool | None:
     """Whether the tracks of a run are refined; None without a run.json."""
-    info = tracks.parent / "run.json"
-    if tracks.name not in ("tracks.csv", "tracks_online.csv") or not info.is_file():
-        return None
-    return tracks.name == "tracks.csv" and read_run_info(info).refined
+    run = RunFolder.around(tracks) if tracks.name in ("tracks.csv", "tracks_online.csv") else None
+    return None if run is None else tracks.name == "tracks.csv" and run.info.refined
 
 
 def print_evaluation(result: Evaluation, console: Console, title: str, *, listed: bool = True) -> None:
@@ -273,12 +271,9 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
     """
     options = options or CountOptions()
     params = checked(
-        AnalyticsParams,
-        hysteresis_m=options.hysteresis,
-        zone_hysteresis_m=options.zone_hysteresis,
-        min_age_s=options.min_age,
-        interval_s=options.interval,
-    )
+        AnalyticsParams, hysteresis_m=options.hysteresis, zone_hysteresis_m=options.zone_hysteresis,
+        min_age_s=options.min_age, interval_s=options.interval,
+    )  # fmt: skip
     path = tracks_file(tracks)
     found = limited(load_file(path), options.region, options.ignore).table
     run, console = RunFolder.around(path), PlainConsole(stderr=True, soft_wrap=True)
@@ -295,39 +290,47 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
         counts = replace(counts, span=run.span)
     result = counts.to_json()
     if options.truth is not None:
-        if not options.window > 0:
-            raise InputError(f"--window: expected a time greater than 0 s, found {options.window}")
-        if _is_events(options.truth):
-            scores = score_events(read_events(options.truth), counts, options.window)
-        else:
-            true = count_truth(load_truth(options.truth), counts.rules, clock, params, n_frames)
-            scores = score_counts(true, counts, options.window)
-        result |= {"scores": scores.to_json()}
-    folder = options.out
-    if folder is None:
-        # Beside our own tracks; never into a folder of input data.
-        mine = path.name == "tracks.csv" and path.parent.stat().st_mode & stat.S_IWUSR
-        if mine and os.access(path.parent, os.W_OK):
-            folder = path.parent
-        else:
-            console.print("no events.csv and counts.json written: --out names a folder for them")
-    if folder is not None:
-        files = [file for file in (folder / "events.csv", folder / "counts.json") if file.exists()]
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            events = io.StringIO()
-            write_event_header(events)
-            write_event_rows(events, counts.events)
-            write_whole(folder / "events.csv", events.getvalue())
-            write_whole(folder / "counts.json", json.dumps(result, indent=2) + "\n")
-        except OSError as error:
-            raise WorkError(f"{folder}: could not write events.csv and counts.json: {reason(error)}") from error
-        if files:
-            console.print(f"replaced {' and '.join(map(str, files))}")
+        result |= {"scores": _scores(options.truth, options.window, counts, clock, params, n_frames)}
+    _write_counts(path, options.out, counts, result, console)
     if options.json_output:
         print(json.dumps(result, indent=2))
     else:
         print_counts(result, PlainConsole())
+
+
+def _scores(
+    truth: Path, window_s: float, counts: Counts, clock: Clock, params: AnalyticsParams, n_frames: int
+) -> dict[str, Any]:
+    """The counts against true events, or against what true positions count."""
+    if not window_s > 0:
+        raise InputError(f"--window: expected a time greater than 0 s, found {window_s}")
+    if _is_events(truth):
+        return score_events(read_events(truth), counts, window_s).to_json()
+    return score_counts(
+        count_truth(load_truth(truth), counts.rules, clock, params, n_frames), counts, window_s
+    ).to_json()
+
+
+def _write_counts(tracks: Path, folder: Path | None, counts: Counts, result: dict[str, Any], console: Console) -> None:
+    """Write events.csv and counts.json to a folder, else next to our own tracks; never into a folder of input data."""
+    if folder is None:
+        mine = tracks.name == "tracks.csv" and tracks.parent.stat().st_mode & stat.S_IWUSR
+        if not mine or not os.access(tracks.parent, os.W_OK):
+            console.print("no events.csv and counts.json written: --out names a folder for them")
+            return
+        folder = tracks.parent
+    files = [file for file in (folder / "events.csv", folder / "counts.json") if file.exists()]
+    events = io.StringIO()
+    write_event_header(events)
+    write_event_rows(events, counts.events)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_whole(folder / "events.csv", events.getvalue())
+        write_whole(folder / "counts.json", json.dumps(result, indent=2) + "\n")
+    except OSError as error:
+        raise WorkError(f"{folder}: could not write events.csv and counts.json: {reason(error)}") from error
+    if files:
+        console.print(f"replaced {' and '.join(map(str, files))}")
 
 
 def _plane(camera: Path | None, rig: Path | None, run: RunFolder | None) -> RulePlane:

@@ -99,12 +99,9 @@ def edit(out: Path, *, options: EditOptions | None = None) -> None:
     else:
         raise InputError("expected at least one edit (--join, --delete, ...; planview edit --help), found none")
     figures = {
-        "steps": len(result.steps),
-        "rows_before": len(result.before),
-        "rows": len(result.after),
-        "people_before": result.people_before,
-        "people": result.people,
-    }
+        "steps": len(result.steps), "rows_before": len(result.before), "rows": len(result.after),
+        "people_before": result.people_before, "people": result.people,
+    }  # fmt: skip
     if options.json_output:
         print(json.dumps(figures))
         return
