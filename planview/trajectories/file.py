@@ -117,8 +117,8 @@ class Region:
             raise InputError(f"{where}: expected rings of at least three points x y, found {self.wkt[:60]}")
 
     def contains(self, x: F64, y: F64) -> Bool:
-        """(N,) whether points are in a polygon and in none of its holes; unknown ones are not."""
-        return np.asarray(shapely.contains_xy(self._area, x, y))
+        """(N,) whether points are in a polygon or on its border, and in none of its holes; unknown ones are not."""
+        return np.asarray(shapely.intersects_xy(self._area, x, y))
 
 
 def region_of(text: str, option: str) -> Region:
