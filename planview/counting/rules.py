@@ -143,7 +143,7 @@ class Rules:
         if not names:
             return ""
         return (
-            f"{self.source}: the size of the images is not known, so the line {names[0]!r} ends where it is drawn: "
+            f"{self.source}: the size of the images is not known, so the line {names[0]!r} ends at its end points: "
             "people whose feet the border of the image cuts off do not cross it"
         )
 

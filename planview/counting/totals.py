@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -124,17 +125,18 @@ class Counts:
     def __repr__(self) -> str:
         return f"Counts({len(self.people)} rules, {len(self.events)} events, {self.span.duration_s:.1f} s)"
 
+    def _repr_html_(self) -> str:
+        """People per rule, for notebooks."""
+        rows = "".join(f"<tr><td>{escape(name)}</td><td>{people}</td></tr>" for name, people in self.people.items())
+        return f"<table><tr><th>rule</th><th>people</th></tr>{rows}</table>"
+
     def to_json(self) -> dict[str, Any]:
         """The object of ``count --json`` and counts.json: ``rules`` by name, the totals per interval within."""
         rules: dict[str, Any] = {rule.name: self._wire(rule) | _place(rule) for rule in self.rules.tripwires}
         rules |= {rule.name: self._zone(rule.name) | _place(rule) for rule in self.rules.zones}
         rules |= {queue.name: self._queue(queue) for queue in self.rules.queues}
-        return {
-            "rules": rules,
-            "start_s": self.span.start_s,
-            "duration_s": self.span.duration_s,
-            "interval_s": self.interval_s,
-        }
+        span = {"start_s": self.span.start_s, "duration_s": self.span.duration_s}
+        return {"rules": rules, **span, "interval_s": self.interval_s}
 
     def occupancy(self, zone: str, times_s: F64) -> I64:
         """(N,) people in a zone at times [s]."""
@@ -177,6 +179,8 @@ class Counts:
         waits = [stay for stay in self.stays[queue.zone] if stay.dwell_s >= queue.min_wait_s]
         length = over_frames(waits, self.span)
         waited = [stay.dwell_s for stay in waits]
+        busy_s = [time_s for stay in waits for time_s in (stay.start_s, stay.end_s)]
+        starts = self.span.interval_starts(self.interval_s, busy_s).tolist()
         return {
             "kind": "queue",
             "zone": queue.zone,
@@ -187,12 +191,7 @@ class Counts:
             "waited": len(waits),
             "served": sum(stay.left for stay in waits),
             "length": self._changes(waits),
-            "intervals": [
-                {"start_s": float(start), "mean_length": self._mean_within(waits, float(start))}
-                for start in self.span.interval_starts(
-                    self.interval_s, [t for s in waits for t in (s.start_s, s.end_s)]
-                )
-            ],
+            "intervals": [{"start_s": start, "mean_length": self._mean_within(waits, start)} for start in starts],
         }
 
     def _changes(self, stays: Sequence[Stay]) -> list[tuple[float, int]]:

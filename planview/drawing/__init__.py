@@ -1,1 +1,1 @@
-"""How people and the floor are drawn, the same in every picture: colours, image, plan view."""
+"""How all pictures show people and the floor: colours, image, plan view."""

@@ -1,4 +1,4 @@
-"""People drawn into the image of a camera."""
+"""People in the image of a camera."""
 
 from __future__ import annotations
 
@@ -163,6 +163,6 @@ def _pixels(points: F64, scale: int) -> np.ndarray[tuple[int, ...], np.dtype[np.
 
 def _grid(camera: ImageCamera, bounds: PlanBounds) -> list[GridLine]:
     extent = bounds.x_min_m, bounds.y_min_m, bounds.x_max_m, bounds.y_max_m
-    # Lines each way; of larger floors not every metre is drawn.
+    # Lines each way; of larger floors not every metre.
     step = max(1, round(max(extent[2] - extent[0], extent[3] - extent[1]) / 40))
     return grid_lines(camera.project, extent, camera.size, step)

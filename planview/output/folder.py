@@ -164,7 +164,7 @@ def read_run_info(path: Path) -> RunInfo:
 
 LOCK_NAME = "run.lock"
 _held: set[Path] = set()
-"""Folders that this process holds: a run inside a command that holds its folder goes on."""
+"""Folders that this process holds: a run may be inside a command that holds its folder."""
 
 
 @contextmanager

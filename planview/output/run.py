@@ -55,7 +55,7 @@ class RunLog(Protocol):
     def frame(self, result: FrameResult) -> None: ...
 
     def mark(self) -> dict[str, int]:
-        """Bring all frames so far to the disk; the position from which a run can go on after a kill."""
+        """Bring all frames so far to the disk; the position to resume from after a kill."""
 
     def close(self) -> None:
         """All frames are complete on the disk, whether the run finished or not; it may be resumed."""

@@ -25,7 +25,7 @@ _TABLES = frozenset(("rig.toml", "world.toml", "camera.toml", "timestamps.csv"))
 MAPS_FILE = "maps.h5"
 
 
-def files_beside(path: Path) -> list[Path]:
+def companion_files(path: Path) -> list[Path]:
     """Files that may belong to a recording of a single file: calibrations, times and poses in its folder."""
     if path.is_dir():
         return []
@@ -148,7 +148,7 @@ def _looked_at(entry: RecordingEntry, name: str) -> _Recording:
             file = rigs_file(path)
             key = key_of(content_key(file), *(content_key(file.parent / rig.folder) for rig in load_rigs(file)))
         else:
-            key = key_of(content_key(path), *(content_key(file) for file in files_beside(path)))
+            key = key_of(content_key(path), *(content_key(file) for file in companion_files(path)))
         key = key_of(key, *(content_key(file) if file else "" for file in (entry.calibration, entry.camera)))
         truth = entry.truth or truth_file(path.parent if is_maps(path) else path)
         return _Recording(entry, name, "", key, base_config(path), truth, content_key(truth) if truth else "")

@@ -120,7 +120,7 @@ def ranked(results: Sequence[JobResult], objective: FigureName) -> list[Ranked]:
     """Best first; those without the objective, then those whose runs did not all finish, come last.
 
     Recordings count the same, and the seeds of a recording among themselves. Intervals hold LEVEL of DRAWS means over
-    recordings drawn with replacement and, of each, seeds drawn with replacement (Efron and Tibshirani 1993, chapter 8:
+    recordings and, of each, of seeds, sampled with replacement (Efron and Tibshirani 1993, chapter 8:
     the bootstrap of a two-stage sample).
     """
     places = {c: i for i, c in enumerate(dict.fromkeys(r.configuration for r in results))}
@@ -158,7 +158,7 @@ def estimate(values: F64) -> Estimate:
         return Estimate(mean, math.nan, math.nan)
     n_recordings, n_seeds = values.shape
     generator, means = np.random.default_rng(0), []
-    # Values drawn at a time.
+    # Values sampled at a time.
     block = max(1, 5_000_000 // values.size)
     for start in range(0, DRAWS, block):
         count = min(block, DRAWS - start)

@@ -178,8 +178,7 @@ class Trajectories:
         timestamp_s, x_m, y_m, height_m: float64, NaN where unknown.
         state: (N,) of "tentative", "confirmed" or "lost"; "confirmed" throughout for truth.
         visible: unoccluded fraction 0..1 of a truth row, or IGNORED; 1 for tracks.
-        box_px: (N, 4) float64 left, top, width, height; NaN where unknown.
-        velocity_mps: (N, 2) float64; NaN where unknown.
+        box_px, velocity_mps: (N, 4) left, top, width, height and (N, 2), float64; NaN where unknown.
     """
 
     frame: I64
@@ -206,11 +205,13 @@ class Trajectories:
         span = f", frames {self.frame.min()} to {self.frame.max()}" if len(self) else ""
         return f"Trajectories({len(self)} rows of {len(np.unique(self.track_id))} ids{span})"
 
+    def _repr_html_(self) -> str:
+        return str(self.where(np.arange(min(5, len(self)))).to_dataframe().to_html())
+
     @staticmethod
     def from_dataframe(frame: DataFrame) -> Trajectories:
-        """The rows of a pandas DataFrame with columns of ``tracks.csv``; ``frame``, ``id``, ``x_m`` and ``y_m`` must be
-        there, and rows are "confirmed" where no state is given. Raises InputError: a column missing, or values that are
-        not what it holds."""
+        """The rows of a DataFrame with columns of ``tracks.csv``, at least ``frame``, ``id``, ``x_m`` and ``y_m``; rows
+        are "confirmed" without a state. Raises InputError: a column is missing, or values that do not belong."""
         return table_of(frame, "DataFrame")
 
     def to_dataframe(self) -> DataFrame:
@@ -221,8 +222,7 @@ class Trajectories:
         box, velocity = self.box_px.T, self.velocity_mps.T
         place = self.x_m, self.y_m, *velocity, self.height_m
         columns = (self.frame, self.timestamp_s, self.track_id, *place, states, *box)
-        frame: DataFrame = pandas.DataFrame(dict(zip(TRACK_COLUMNS, columns, strict=True)))
-        return frame
+        return pandas.DataFrame(dict(zip(TRACK_COLUMNS, columns, strict=True)))
 
 
 def positions_table(

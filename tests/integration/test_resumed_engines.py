@@ -1,4 +1,4 @@
-"""Every engine, taken up again from its memory at several moments: the tracks of the run that was not interrupted."""
+"""Every engine, resumed from its state at several moments: the tracks of the run that was not interrupted."""
 
 import json
 from collections.abc import Callable
@@ -34,7 +34,7 @@ def through_a_file(state: SavedState) -> SavedState:
 
 
 def assert_resumes(make: Callable[[], Engine], moments: tuple[int, ...]) -> None:
-    """Take up a run anew at each of the moments (frames) and compare all that follows, bit for bit."""
+    """Resume a run at each of the moments (frames) and compare all that follows, bit for bit."""
     engine = make()
     engine.reset()
     lines, saved = [], {}

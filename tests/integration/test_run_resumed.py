@@ -93,7 +93,7 @@ def test_a_checkpoint_whose_memory_is_none_is_refused_in_a_sentence(
         run(engine, tmp_path, options_with(rules), (), None, broken)
 
 
-def test_rows_that_were_changed_since_the_checkpoints_are_not_gone_on_from(
+def test_rows_that_were_changed_since_the_checkpoints_are_not_resumed_from(
     engine: Engine, tmp_path: Path, rules: Path
 ) -> None:
     with pytest.raises(StoppedError):
@@ -104,7 +104,7 @@ def test_rows_that_were_changed_since_the_checkpoints_are_not_gone_on_from(
     assert [text.count("changed since") for text in output] == [1, 1, 0]
 
 
-def test_another_recording_or_option_is_not_gone_on_with(
+def test_another_recording_or_option_is_not_resumed_with(
     say: Say, refused: Refused, copy: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
@@ -115,7 +115,7 @@ def test_another_recording_or_option_is_not_gone_on_with(
     assert "expected the beginning of this run, found another" in output
 
 
-def test_a_run_goes_on_beside_a_new_read_me_and_with_its_rules_under_another_name(
+def test_a_run_resumes_with_a_new_read_me_and_with_its_rules_under_another_name(
     copy: Path, tmp_path: Path, rules: Path
 ) -> None:
     config = load_config(None, [FEW])
@@ -142,7 +142,7 @@ def test_another_image_or_calibration_is_another_recording(copy: Path, tmp_path:
 
 
 @pytest.mark.parametrize("left", [["run.json", "run.rrd", "maps.h5.part"], ["run.json.part"]])
-def test_a_run_that_was_killed_before_its_first_checkpoint_is_begun_anew(
+def test_a_run_that_was_killed_before_its_first_checkpoint_starts_again(
     say: Say, copy: Path, tmp_path: Path, left: list[str]
 ) -> None:
     out = tmp_path / "out"

@@ -23,7 +23,7 @@ TRUTH = "frame,id,x_m,y_m,height_m\n" + "".join(
 
 @pytest.fixture
 def pool(monkeypatch: pytest.MonkeyPatch) -> InlinePool:
-    """Jobs run in this process; tells how many ran."""
+    """Jobs run in this process, and are counted."""
     inline = InlinePool()
     monkeypatch.setattr("planview.commands.sweep.ProcessPool", lambda processes: inline)
     return inline

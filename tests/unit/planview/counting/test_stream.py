@@ -162,6 +162,13 @@ def test_truth_counts_at_once_but_not_steps_back_within_the_hysteresis() -> None
     assert event.timestamp_s == pytest.approx(0.2 + 0.1 * 0.08 / 0.58)
 
 
+def test_counts_and_tracks_are_short_tables_in_a_notebook() -> None:
+    counts, _ = totals(way(DOWN), {"tripwire": [WIRE]})
+    assert "<td>door</td><td>1</td>" in counts._repr_html_() and len(repr(counts)) <= 200
+    tracks = positions_table(np.arange(9), np.ones(9, dtype=np.int64), np.zeros((9, 2)))
+    assert tracks._repr_html_().count("<tr>") == 5 and len(repr(tracks)) <= 200
+
+
 @pytest.mark.parametrize(("inward", "found"), [("left_to_right", (4, 0)), ("right_to_left", (0, 4)), (None, None)])
 def test_totals_per_interval_add_up_also_in_and_out_where_one_way_is_inward(inward, found):
     rows = [row for k in range(4) for row in way(DOWN, track_id=k + 1, start=30 * k)]

@@ -91,7 +91,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_refine_keeps_the_online_tracks_says_so_and_starts_from_them_again(folder, say):
+def test_refine_keeps_the_online_tracks_is_recorded_and_starts_from_them_again(folder, say):
     online = (folder / "tracks.csv").read_text()
     assert say("edit", folder, "--refine")[0] == 0 and (folder / "tracks_online.csv").read_text() == online
     assert (folder / "tracks.csv").read_text().count("tentative") == 4
@@ -106,7 +106,7 @@ def test_refine_keeps_the_online_tracks_says_so_and_starts_from_them_again(folde
     assert ((folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()) == once
 
 
-def test_evaluate_tells_refined_from_online_tracks(folder, say, json_of):
+def test_evaluate_distinguishes_refined_from_online_tracks(folder, say, json_of):
     truth = folder / "truth.csv"
     truth.write_text("frame,id,x_m,y_m,height_m\n" + "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30)))
     say("edit", folder, "--refine")

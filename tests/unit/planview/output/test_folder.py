@@ -90,7 +90,7 @@ def test_a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for(tmp_path, n
         prepare_folder(tmp_path, overwrite=True)
 
 
-def test_finished_run_tells_finished_from_unfinished(tmp_path):
+def test_finished_run_is_none_of_an_unfinished_run(tmp_path):
     assert finished_run(tmp_path) is None
     finish(tmp_path, finished=False)
     assert finished_run(tmp_path) is None
@@ -160,7 +160,7 @@ def test_the_lock_of_a_killed_process_is_named_and_taken_over(tmp_path):
     assert not (tmp_path / LOCK_NAME).exists()
 
 
-def test_a_lock_of_another_host_is_refused_and_says_what_to_delete(tmp_path):
+def test_a_lock_of_another_host_is_refused_with_what_to_delete(tmp_path):
     (tmp_path / LOCK_NAME).write_text("process 1 on elsewhere (since yesterday)")
     with pytest.raises(InputError, match=r"process 1 on elsewhere .*delete .*run\.lock"), folder_lock(tmp_path):
         pass

@@ -1,4 +1,4 @@
-"""What is drawn of a run: pictures, videos, rerun recordings, and a run again with a parameter changed."""
+"""Pictures of a run: stills, videos, rerun recordings, and a run again with a parameter changed."""
 
 import json
 import subprocess
@@ -53,7 +53,7 @@ def test_run_repeated_with_its_own_parameters_has_the_same_tracks(ellipses):
     assert difference_text(results, replayed, 25)[0] == "tracks are the same up to this frame"
 
 
-def test_command_draws_both_and_says_what_differs(ellipses, tmp_path, capsys):
+def test_command_draws_both_and_prints_what_differs(ellipses, tmp_path, capsys):
     words = ["--frame", "25", "--set", "single_camera.foreground.gaussians=2", "--out", str(tmp_path / "both.png")]
     with pytest.raises(SystemExit, match="0"):
         main(["replay", str(ellipses), *words])
@@ -105,7 +105,7 @@ def test_without_a_floor_there_is_no_plan_of_it(street, tmp_path):
     assert "Boxes: people" in page and "metres" not in page
 
 
-def test_still_shows_the_image_beside_the_floor(street, tmp_path):
+def test_still_shows_the_image_and_the_floor(street, tmp_path):
     render(street, "--frame", "4", "--png", tmp_path / "still.png", "--no-truth")
     picture = cv2.imread(str(tmp_path / "still.png"))
     assert picture.shape[1] == 640 + 360

@@ -16,7 +16,7 @@ from inline_pool import InlinePool
 import planview
 from calib.errors import InputError, WorkError
 from planview.output.resume import code_version, content_key
-from planview.sweep.jobs import files_beside
+from planview.sweep.jobs import companion_files
 from planview.sweep.results import JobResult, estimate, ranked, summary_csv, why_no_intervals
 from planview.sweep.study import Configuration, Range, grid, load_study, random_draws
 from planview.sweep.work import ClusterPool, ProcessPool, run_tasks
@@ -62,10 +62,10 @@ def test_key_of_a_large_file_depends_on_its_first_and_last_bytes_and_size(tmp_pa
     assert len(keys) == 4
 
 
-def test_files_beside_a_video_are_calibrations_and_times(tmp_path: Path) -> None:
+def test_companion_files_a_video_are_calibrations_and_times(tmp_path: Path) -> None:
     for name in ("a.mp4", "b.mp4", "calib.json", "timestamps.csv", "truth.csv", "study.toml"):
         (tmp_path / name).touch()
-    assert [file.name for file in files_beside(tmp_path / "a.mp4")] == ["calib.json", "timestamps.csv"]
+    assert [file.name for file in companion_files(tmp_path / "a.mp4")] == ["calib.json", "timestamps.csv"]
 
 
 def test_version_changes_with_the_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -110,7 +110,7 @@ def test_seeds_of_a_recording_count_together_as_much_as_another_recording() -> N
 
 
 @pytest.mark.parametrize("values", [[[0.4]], [[0.4, 0.5]] * 4, [[0.4]] * 4 + [[math.nan]]])
-def test_fewer_than_five_recordings_have_no_interval_and_why_is_said(values):
+def test_fewer_than_five_recordings_have_no_interval_and_a_reason(values):
     found = estimate(np.array(values))
     assert found.mean == pytest.approx(np.nanmean(values)) and math.isnan(found.low) and math.isnan(found.high)
     why = why_no_intervals([result(A, "x", 0.5), result(A, "y", None)])

@@ -59,7 +59,7 @@ def test_report_of_tracks_alone_shows_the_floor_the_heat_and_the_people(tmp_path
     assert "No run.json in this folder" in page
 
 
-def test_report_of_a_full_run_tells_everything(tmp_path: Path) -> None:
+def test_report_of_a_full_run_shows_everything(tmp_path: Path) -> None:
     write_tracks(tmp_path)
     write_run_info(full_info(), tmp_path / "run.json")
     (tmp_path / "rules.toml").write_text(
@@ -78,7 +78,7 @@ def test_report_of_a_full_run_tells_everything(tmp_path: Path) -> None:
     assert "<b>door" not in page and "<script" not in page
 
 
-def test_report_asks_for_nothing_from_outside_and_says_when_a_run_was_interrupted(tmp_path: Path) -> None:
+def test_report_asks_for_nothing_from_outside_and_shows_when_a_run_was_interrupted(tmp_path: Path) -> None:
     write_tracks(tmp_path)
     write_run_info(full_info(), tmp_path / "run.json")
     page = write_report(tmp_path).read_text()
