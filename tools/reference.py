@@ -1,4 +1,4 @@
-"""Write docs/parameters.md and docs/api.md from the code; ``--check`` only says whether they are current.
+"""Write the generated pages of docs/ from the code; ``--check`` only reports those that are not current.
 
 Run: python tools/reference.py [--check]
 """
@@ -34,8 +34,8 @@ GROUPS = {
 
 
 def main() -> int:
-    """Write or check both pages; the number of pages that are not current."""
-    pages = {"parameters.md": parameters_page(), "api.md": api_page()}
+    """Write or check all pages; the number of pages that are not current."""
+    pages = {"parameters.md": run_page(), "parameters-other.md": other_page(), "api.md": api_page()}
     stale = [name for name, text in pages.items() if _current(name) != text]
     if "--check" not in sys.argv:
         for name in stale:
@@ -51,23 +51,25 @@ def _current(name: str) -> str:
     return path.read_text(encoding="utf-8") if path.is_file() else ""
 
 
-def parameters_page() -> str:
-    """Every parameter table: those of ``Config`` by their place in it, then the others by their module."""
-    tables = dict(_tables(Config, ""))
-    others = sorted(
-        {cls for cls in _all_tables() if cls not in tables.values()}, key=lambda c: (c.__module__, c.__name__)
+def run_page() -> str:
+    """Every parameter of a run, by its place in ``Config``."""
+    head = (
+        "Every parameter of a run, by the table that holds it in a configuration file: `--set maps.cell_m=0.03`\n"
+        "changes one, `--config FILE.toml` several. A name that does not exist and a value out of range are refused.\n"
+        "Parameters of evaluation, calibration and rendered scenes are on [another page](parameters-other.md).\n"
     )
-    parts = [
-        GENERATED,
-        "# Parameters\n",
-        "Every parameter of a run, by the table that holds it in a configuration file; `--set maps.cell_m=0.03` "
-        "changes one, `--config FILE.toml` several. A name that does not exist and a value out of range are refused.\n",
-    ]
-    parts += [_section("##", f"`[{name}]`" if name else "Top level", cls) for name, cls in tables.items()]
-    parts.append("## Outside a run's configuration\n")
-    parts.append("Of evaluation, refinement, analytics, calibration and rendered scenes.\n")
-    parts += [_section("###", f"`{_full_name(cls)}`", cls) for cls in sorted(others, key=_full_name)]
-    return "\n".join(parts)
+    tables = _tables(Config, "")
+    parts = [_section("##", f"`[{name}]`" if name else "Top level", cls) for name, cls in tables]
+    return "\n".join([GENERATED, "# Parameters of a run\n", head, *parts])
+
+
+def other_page() -> str:
+    """All other parameter tables, by their module."""
+    of_a_run = {cls for _, cls in _tables(Config, "")}
+    others = sorted({cls for cls in _all_tables() if cls not in of_a_run}, key=_full_name)
+    head = "Of evaluation, refinement, counting, calibration and rendered scenes, by the class that holds them.\n"
+    parts = [_section("##", f"`{_full_name(cls)}`", cls) for cls in others]
+    return "\n".join([GENERATED, "# Other parameters\n", head, *parts])
 
 
 def _full_name(cls: type) -> str:

@@ -59,7 +59,7 @@ def test_cells_of_the_notebook_run_in_order(short_clip: Path, monkeypatch: pytes
     names: dict[str, Any] = {"__name__": "__main__"}
     for cell in notebook["cells"]:
         if cell["cell_type"] == "code":
-            assert not cell["outputs"], "the committed notebook holds no outputs"
+            assert cell["outputs"] or cell["execution_count"] == 1, "python tools/notebook.py stores the outputs"
             source = "".join(cell["source"]).replace("frames = 0", f"frames = {FRAMES}")
             exec(compile(source, cell["id"], "exec"), names)
     assert names["scores"]["switches"] == 0
