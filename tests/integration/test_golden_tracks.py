@@ -100,6 +100,7 @@ def test_two_rigs_that_see_the_same(tmp_path: Path) -> None:
     assert len({track.track_id for people in tracks for track in people}) == 1
 
 
+@pytest.mark.slow
 def test_overhead_pair(shared_data: Path) -> None:
     tracks = confirmed(planview.open_engine(shared_data / "overhead-stereo"), 80)
     assert_walked(tracks, OVERHEAD_WALKS, within=0.15)
