@@ -76,12 +76,9 @@ class GroundCamera:
         return LENS_K_320[self.lens] * 320.0 / self.width
 
     def project(self, points_world: ArrayLike) -> F64:
-        """Pixels of world points (Zhang et al. 2008, section 3.2).
+        """(..., 2) pixels of (..., 3) world points [m], NaN behind the camera (Zhang et al. 2008, section 3.2).
 
-        Args:
-            points_world: (..., 3) [m]; a point behind the camera gives NaN.
-        Returns:
-            (..., 2) float64 [px], pixel (0, 0) the centre of the top-left pixel.
+        Pixel (0, 0) is the centre of the top-left pixel.
         """
         p = np.asarray(points_world, dtype=np.float64)
         if p.ndim == 1:

@@ -28,10 +28,6 @@ def as_colour(image: U8) -> U8:
 def encode_image(image: U8, suffix: str = ".jpg", quality: int = 90) -> bytes:
     """The content of an image file.
 
-    Args:
-        image: (H, W) or (H, W, 3) uint8, BGR.
-        suffix: ending of the file's name, which gives the format.
-        quality: of a JPEG, 0 to 100. A PNG is compressed little, which is fast.
     Raises:
         ValueError: OpenCV knows no such format, or the image does not fit it.
     """

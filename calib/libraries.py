@@ -65,8 +65,6 @@ def import_open3d(purpose: str) -> Any:
 
     Args:
         purpose: what it is needed for, the subject of the sentence when it is missing.
-    Raises:
-        WorkError: it is not installed, or a system library is missing.
     """
     try:
         import open3d

@@ -134,13 +134,7 @@ class Detector:
             self._charuco = cv2.aruco.CharucoDetector(made)
 
     def __call__(self, image: U8) -> Corners | None:
-        """Corners of the board with sub-pixel accuracy.
-
-        Args:
-            image: (H, W) or (H, W, 3) uint8.
-        Returns:
-            Corners; all of a chessboard's or the visible ones of a ChArUco board; None when the board is not there.
-        """
+        """All corners of a chessboard or the visible ones of a ChArUco board, to sub-pixels; None without the board."""
         grey = as_grey(image)
         if self._charuco is None:
             pixels = find_chessboard(grey, self.board.cols, self.board.rows, thorough=self.thorough)

@@ -179,13 +179,8 @@ class Lens:
 
 @dataclass(frozen=True)
 class CameraFit:
-    """One camera fitted on its own.
-
-    Attributes:
-        camera: the result.
-        rms_px: reprojection error.
-        focal_std_px: the larger of OpenCV's standard deviations of fx and fy; NaN for a fisheye, where it gives none.
-    """
+    """One camera fitted on its own; the larger of OpenCV's deviations of fx and fy, NaN of a fisheye, for which it has
+    none."""
 
     camera: Camera
     rms_px: float
@@ -288,9 +283,6 @@ def standard_deviations(views: Sequence[BoardView], points: F64, fit: RigFit, le
     OpenCV gives none for the transform between the cameras, nor for a fisheye. Source: Efron and Tibshirani, An
     Introduction to the Bootstrap, 1993, section 11.5 (delete-d, disjoint groups): the variance is (g - 1) / g times
     the sum of squares of the g fits about their mean.
-
-    Returns:
-        By the names of ``rig_parameters``.
     """
     # Groups of views left out in turn: a deviation from g groups is itself uncertain by 1 / sqrt(2 (g - 1)), 24 %.
     groups, cameras = min(10, len(views)), (fit.rig.left, fit.rig.right)

@@ -296,13 +296,6 @@ def floor_from_people(people: PeopleSeen, start: Floor, name: str = "tracks") ->
 
     Feet lie on the floor. Each person's head is at one height above it all along, that of an adult where no foot of
     theirs is ever seen (1.72 +- 0.09 m). Robust least squares over tilt, roll, height and every person's height.
-
-    Args:
-        people: observations spread over the floor.
-        start: a first guess, e.g. by hand.
-        name: of the observations' source, for messages.
-    Raises:
-        WorkError: too few observations, or in one place only.
     """
     heads: Bool = np.asarray(np.isfinite(people.head_m).all(axis=1))
     feet_seen: Bool = np.asarray(np.isfinite(people.foot_m).all(axis=1))

@@ -228,14 +228,8 @@ def _cluster_covariance(points: Rays, weights: F64, q: F64, parts: int = 6) -> F
 
 
 def sandwich(inverse_information: F64, scores: F64, places: F64, parts: int = 6) -> F64:
-    """(k, k) covariance of an estimate whose errors are alike within parts of the view.
-
-    Args:
-        inverse_information: (k, k) of the least squares as if all points were independent.
-        scores: (N, k) gradient of each point's squared residual, halved.
-        places: (N, 2) of the points in the view, any unit.
-        parts: of the view, along each axis.
-    """
+    """(k, k) covariance of an estimate whose errors are alike within parts of the view, from (N, k)
+    gradients of the points' halved squared residuals at (N, 2) places."""
     low, high = places.min(axis=0), places.max(axis=0)
     cell = np.clip((places - low) * (parts / np.maximum(high - low, 1e-9)), 0, parts - 1).astype(np.int64)
     index = cell[:, 0] * parts + cell[:, 1]

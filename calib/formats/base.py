@@ -180,11 +180,7 @@ def numbers(value: Any, name: str, count: int | tuple[int, ...]) -> F64:
 def camera(
     size: tuple[int, int], matrix: F64, distortion: F64, model: LensModel | None = None, name: str = "camera"
 ) -> Camera:
-    """A camera from K (9 values, row-major) or (fx, fy, cx, cy) and coefficients.
-
-    Args:
-        model: None takes Brown or rational by the number of coefficients.
-    """
+    """A camera from K (9 values, row-major) or (fx, fy, cx, cy) and coefficients; None: by their number."""
     if len(matrix) == 9:
         k = matrix.reshape(3, 3)
         if np.abs(k[:2, 2]).max() < 1e-6 < np.abs(k[2, :2]).min():
@@ -229,16 +225,7 @@ def projected(size: Size, value: Any, name: str, unit_m: float) -> tuple[Camera,
 
 
 def held(name: str, one: Camera, counts: Mapping[str, int]) -> tuple[LensModel, list[float]]:
-    """The lens as a format holds it, if it does so exactly.
-
-    Args:
-        name: the format, for the message.
-        counts: number of coefficients it holds, by lens model.
-    Returns:
-        The model and that many coefficients; a rational lens without its denominator is a Brown lens.
-    Raises:
-        ValueError: the format has no such lens.
-    """
+    """The lens as a format that holds ``counts`` coefficients by model holds it exactly, or ValueError."""
     values = np.trim_zeros(one.coefficients, "b")
     model: LensModel = "brown" if one.model == "rational" and len(values) <= 5 else one.model
     if model == "brown" and len(values) > counts.get("brown", -1) and "rational" in counts:

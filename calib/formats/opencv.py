@@ -63,7 +63,7 @@ def _part(source: Source) -> str | None:
 def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     data: dict[str, Any] = {}
     for source in sources:
-        data.update(_parse(source.text))
+        data.update(parse_storage(source.text))
     matrices = [numbers(entry(data, *names), names[0], 9) for names in (_K1, _K2)]
     size, remark = _size(data, choice, [(float(k[2]), float(k[5])) for k in matrices])
     name = "+".join(source.path.name for source in sources) + remark
@@ -103,7 +103,8 @@ def _translation(data: Mapping[str, Any], choice: Choice) -> F64:
     return np.asarray(numbers(entry(data, "T", "t"), "T", 3) * choice.unit(), dtype=np.float64)
 
 
-def _parse(text: str) -> Mapping[str, Any]:
+def parse_storage(text: str) -> Mapping[str, Any]:
+    """The keys of a file of OpenCV's in YAML, XML or JSON. Raises ValueError: none of them."""
     if text.lstrip().startswith("{"):
         return table(parse_json(text), "the file")
     if not text.lstrip().startswith("<"):

@@ -45,15 +45,8 @@ _SENSORS: dict[DepthSensor, str] = {
 
 
 def load_rgbd(path: Path, size: Size, depth_size: Size) -> RgbdRig:
-    """Read the calibration of images with depth.
-
-    Args:
-        path: file, or folder that holds one.
-        size, depth_size: (width, height) of images and depth [px]; a calibration for another resolution of the same
-            aspect is scaled.
-    Raises:
-        InputError: none there, unreadable, or for images of another aspect.
-    """
+    """Read the calibration of images with depth at a file or in a folder, scaled to their sizes [px] where the aspect
+    fits. Raises InputError: none there, unreadable, or for images of another aspect."""
     found = find_rgbd(path)
     if found is None:
         raise InputError(

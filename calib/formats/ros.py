@@ -66,12 +66,6 @@ def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tupl
     """A camera from the fields of a camera_info, and its pose in the rectified left frame.
 
     P = K [I | t] sees the rectified left frame shifted by t; R turns the camera into it.
-
-    Args:
-        data: fields as the YAML file or the message names them.
-        name: for messages.
-    Raises:
-        ValueError: fields missing, of a camera that is not calibrated, or of an unknown lens.
     """
     size, k, projection = windowed(data)
     model = lens_of(data, _ROS_MODELS, name)
@@ -91,9 +85,6 @@ def windowed(data: Mapping[str, Any]) -> tuple[Size, F64, F64]:
     """Size [px], K (3, 3) and P (3, 4) of the image that was sent: region of interest first, then binning.
 
     K and P are of the sensor (sensor_msgs/CameraInfo); width and height may be the sensor's or the region's.
-
-    Raises:
-        ValueError: fields missing, or a region that is not inside the sensor.
     """
     size = (
         whole(entry(data, "image_width", "width"), "image_width"),

@@ -82,13 +82,7 @@ class TsaiCamera:
         )
 
     def project(self, points_world: ArrayLike) -> F64:
-        """Pixels of world points.
-
-        Args:
-            points_world: (N, 3) [m]; a point behind the camera, or beyond where the lens turns back, gives NaN.
-        Returns:
-            (N, 2) float64 [px].
-        """
+        """(N, 2) pixels of (N, 3) world points [m]; NaN behind the camera and beyond where the lens turns back."""
         p = self.camera_SE3_world @ np.asarray(points_world, dtype=np.float64).reshape(-1, 3)
         depth = np.where(p[:, 2] > 0, p[:, 2], np.nan)
         ideal = self.focal_mm * p[:, :2] / depth[:, None]
@@ -108,14 +102,7 @@ class TsaiCamera:
         return ideal * scale[:, None] / [self.dx_mm, self.dy_mm] + [self.cx, self.cy]
 
     def back_project(self, pixels: ArrayLike, height_m: float = 0.0) -> F64:
-        """World (x, y) of pixels known to show a point at a height above the floor.
-
-        Args:
-            pixels: (N, 2) [px].
-            height_m: height of the points [m].
-        Returns:
-            (N, 2) float64 [m]; NaN where the ray does not meet that height in front of the camera.
-        """
+        """(N, 2) world x, y [m] of (N, 2) pixels that show a point at a height [m]; NaN where there is none."""
         sensor = (np.asarray(pixels, dtype=np.float64).reshape(-1, 2) - [self.cx, self.cy]) * [self.dx_mm, self.dy_mm]
         ideal = sensor * (1.0 + self.kappa1 * (sensor**2).sum(axis=1, keepdims=True))
         rays = np.column_stack([ideal / self.focal_mm, np.ones(len(ideal))]) @ self.camera_SE3_world.rotation
@@ -137,8 +124,6 @@ def load_tsai(path: Path, size: Size | None = None, unit_m: float = UNITS_M["mm"
     Args:
         size: (width, height) of the images [px]; scales the file's camera.
         unit_m: length of the world's unit [m]; PETS uses millimetres.
-    Raises:
-        InputError: unreadable, another format, or values that cannot be a camera.
     """
     source = read_source(path)
     if not is_tsai(source):

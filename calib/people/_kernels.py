@@ -20,16 +20,8 @@ INFEASIBLE = 1e3
 def sample_error(
     focal: float, height: float, tilt: float, k: float, flat: F64, marked: F64, circles: F64, person: float
 ) -> float:
-    """Weighted error of one sample (see calib.people.calibration.sample_errors).
-
-    Args:
-        focal: focal length [px]; height: of the camera [m]; tilt: from straight down [rad].
-        k: lens distortion [1/px].
-        flat: (4,) head and foot without lens distortion, from the image centre [px].
-        marked: (8,) left, top, right, bottom, head and foot as marked, from the image centre [px].
-        circles: (n, 3) outline points of the model at the origin [m].
-        person: height of the model [m].
-    """
+    """Weighted error of one sample: ``flat`` (4,) head and foot without lens distortion, ``marked`` (8,) its row, both
+    from the image centre [px]; ``circles`` (n, 3) points of the model of height ``person`` at the origin [m]."""
     s, c = math.sin(tilt), math.cos(tilt)
     x, y = _stand(focal, height, s, c, flat, person)
     left, top, right, bottom = np.inf, np.inf, -np.inf, -np.inf
@@ -57,13 +49,9 @@ def sample_error(
 def candidate_errors(
     cameras: F64, k: float, flat: F64, marked: F64, circles: F64, person: float, limit: float, out: F64
 ) -> None:
-    """Mean error over the samples for every candidate.
+    """Mean error over the samples, written to ``out`` (m,), of (m, 3) cameras: focal [px], height [m], tilt [rad].
 
-    Args:
-        cameras: (m, 3) focal [px], height [m], tilt [rad].
-        flat, marked: (n, 4) and (n, 8), rows as in ``sample_error``.
-        limit: a candidate is given up once its mean must exceed this.
-        out: (m,) mean errors, written.
+    A camera is given up once its mean must exceed ``limit``.
     """
     n = flat.shape[0]
     for j in range(cameras.shape[0]):

@@ -42,12 +42,7 @@ class CameraDeviations(NamedTuple):
 
 
 class NextSample(NamedTuple):
-    """Where one more person would help most.
-
-    Attributes:
-        foot_px: (u, v) where the person should stand [px].
-        floor_error_m: expected floor error with it.
-    """
+    """Where one more person would help most: its foot (u, v) [px], and the floor error expected with it [m]."""
 
     foot_px: tuple[float, float]
     floor_error_m: float

@@ -69,13 +69,9 @@ class HumanModel:
         return np.concatenate(rings)
 
     def outline_points(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
-        """Pixels of the circles' points, whose convex hull is the person's outline (figure 3).
+        """(..., 4 * CIRCLE_POINTS, 2) pixels of the circles at (..., 2) floor positions [m]; NaN behind the camera.
 
-        Args:
-            camera: of the image.
-            xy_m: (..., 2) floor positions [m].
-        Returns:
-            (..., 4 * CIRCLE_POINTS, 2) float64 [px]; NaN for points behind the camera.
+        Their convex hull is the person's outline (figure 3).
         """
         xy = np.asarray(xy_m, dtype=np.float64)
         points = np.broadcast_to(self.circles(), (*xy.shape[:-1], 4 * CIRCLE_POINTS, 3)).copy()
@@ -83,14 +79,9 @@ class HumanModel:
         return camera.project(points)
 
     def hulls(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
-        """Convex hulls of people at many positions.
+        """(..., HULL_POINTS, 2) convex hulls [px] of people at (..., 2) floor positions [m], in order of angle.
 
-        Args:
-            camera: of the image.
-            xy_m: (..., 2) floor positions [m].
-        Returns:
-            (..., HULL_POINTS, 2) float64 [px], a convex polygon in order of angle (vertices may repeat);
-            all NaN where a part of the person is behind the camera.
+        Vertices may repeat; all are NaN where a part of the person is behind the camera.
         """
         points = self.outline_points(camera, xy_m)
         bad: Bool = np.asarray(~np.isfinite(points).all(axis=(-2, -1)))
@@ -233,12 +224,6 @@ def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool, level_e
     Boxes take in arms and strides, so the width of people is free in them; where head and foot are marked and from
     straight above only the model's own width, which the paper fixes, tells height from focal length, so it is trusted.
     Roll: Zhang 2008, section 2, assumption 3, no significant one. All our choice.
-
-    Args:
-        camera: any camera of the lens and image size.
-        known: values given.
-        boxes_only: samples without heads and feet of their own.
-        level_ends: samples whose boxes end at head and foot.
     """
     mean, std = np.zeros(N_SHARED), np.full(N_SHARED, np.inf)
     mean[FOCAL] = math.log(usual_focal_px(camera.lens, camera.width))

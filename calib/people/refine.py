@@ -207,9 +207,7 @@ def person_covariance(
 ) -> F64:
     """(n, 8, 8) covariance of every person's row: marking, arms and steps, height, lean and width.
 
-    Args:
-        predicted: rows (n, 8) from the shared unknowns, places (n, 2) and peculiarities (n, 4): log height, lean along
-            x and y [m], log width.
+    ``predicted`` gives rows for unknowns, places and (n, 4) deviations: log height, lean along x and y [m], log width.
     """
     rows = people.rows
     diagonal = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])[:, None]
@@ -235,18 +233,8 @@ def body_points(model: HumanModel) -> F64:
 def predict(
     shared: F64, places: F64, lean: F64, size: F64, width: F64, like: GroundCamera, body: F64, prior: CameraPrior
 ) -> F64:
-    """(n, 8) rows that the camera would give of people.
-
-    Args:
-        shared: (N_SHARED,) unknowns.
-        places: (n, 2) floor positions [m].
-        lean: (n, 2) from the foot's place to below the head [m].
-        size: (n,) height of each person over the model's [1].
-        width: (n,) width of each over that of a model of its height [1].
-        like: a camera of the same image and lens.
-        body: of the average person (see ``body_points``).
-        prior: how boxes and marks hang together.
-    """
+    """(n, 8) rows that the camera would give of people at (n, 2) places, who lean by (n, 2) [m] from foot to head, with
+    (n,) heights over the model's and (n,) widths over that of a model of their height [1]."""
     camera = shared_camera(shared, like)
     points = body * size[:, None, None]
     points[..., :2] *= width[:, None, None]

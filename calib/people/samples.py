@@ -95,11 +95,7 @@ class MarkedPeople:
 
 
 def check_samples(samples: Sequence[HumanSample], size: tuple[int, int], name: str) -> None:
-    """Refuse samples from which no camera can be told.
-
-    Raises:
-        InputError: fewer than 3, boxes outside the image, or all at one place.
-    """
+    """Refuse samples from which no camera can be told."""
     if len(samples) < MIN_SAMPLES:
         raise InputError(f"{name}: expected at least {MIN_SAMPLES} samples at different places, found {len(samples)}")
     width, height = size
@@ -244,12 +240,6 @@ def choose_spread(samples: Sequence[HumanSample], count: int) -> tuple[HumanSamp
     The feet are divided into ``count`` areas (k-means from farthest-point seeds). Of each area the sample is taken
     whose box is the median in height among those near the area's centre: a stoop, a stride or half a person differ
     from the median, so no odd one is taken.
-
-    Args:
-        samples: all there are.
-        count: how many to take at most.
-    Returns:
-        At most ``count`` samples, in the order given.
     """
     if len(samples) <= count:
         return tuple(samples)

@@ -14,7 +14,8 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.formats import load_rig
-from calib.ground_camera import GroundCamera, load_ground_camera
+from calib.formats.one_camera import holds_one_camera, load_one_camera
+from calib.ground_camera import GroundCamera
 from calib.images import as_colour, as_grey, write_image
 from calib.types import F32, F64, U8
 from planview.checks.camera import Steadiness
@@ -198,11 +199,8 @@ def _video_of_one(path: Path, options: OpenOptions) -> tuple[Video, GroundCamera
     Raises:
         InputError: a camera.toml that is not of this video.
     """
-    camera = None
     if options.calibration is not None:
-        try:
-            camera = load_ground_camera(options.calibration)
-        except InputError:
+        if not holds_one_camera(options.calibration):
             return None
     elif holds_pair(path, options):
         return None
@@ -217,10 +215,7 @@ def _video_of_one(path: Path, options: OpenOptions) -> tuple[Video, GroundCamera
         video = open_video(path, replace(options, calibration=None))
     except InputError:
         return None
-    if camera is not None and camera.size != video.size:
-        (w, h), (vw, vh) = camera.size, video.size
-        raise InputError(f"{options.calibration}: expected a camera for images of {vw}x{vh} px, found {w}x{h} px")
-    return video, camera
+    return video, load_one_camera(options.calibration, video.size) if options.calibration else None
 
 
 def _checks_of_one(video: Video, camera: GroundCamera | None, frames: int, search: FloorSearch) -> list[Check]:

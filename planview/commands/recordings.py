@@ -60,7 +60,7 @@ def check(
         Say what it holds: layout, cameras, rates, gaps, calibration, and what is missing. The options below --fps do
         not concern this.
     calibration
-        Calibration file or folder, instead of the one in the recording; or camera.toml of a single camera.
+        Calibration file or folder, instead of the recording's own; or camera.toml or Tsai XML of one camera.
     topics
         Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names.
     fps

@@ -11,8 +11,8 @@ from cyclopts import Group, Parameter
 from rich.console import Console
 
 from calib.errors import InputError
+from calib.formats.one_camera import holds_one_camera
 from calib.images import write_image
-from calib.io import load_toml
 from planview.commands.options import Flag, JsonFlag, frame_span, open_options
 from planview.commands.results import RenderOptions, render
 from planview.commands.scores import EvaluateOptions, evaluate, print_counts
@@ -50,7 +50,7 @@ class TrackingOptions:
 
     calibration: Annotated[Path | None, _In, Parameter(name=["--calibration", "--camera"])] = None
     """Calibration of the stereo pair, when it does not lie in the recording; or camera.toml of a single camera
-    (planview calibrate human writes it)."""
+    (planview calibrate human writes it), or its Tsai XML."""
     topics: Annotated[str | None, _In] = None
     """Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names."""
     fps: Annotated[float | None, _In] = None
@@ -182,13 +182,9 @@ def _opened_and_tracked(
 
 
 def _is_of_one_camera(calibration: Path, options: TrackingOptions) -> bool:
-    """Whether a calibration is a camera.toml rather than that of a pair."""
-    if options.tracker == "human-model" or options.detections or calibration.name == "camera.toml":
-        return True
-    try:
-        return not {"focal_px", "tilt_deg", "lens"}.isdisjoint(load_toml(calibration, "a calibration"))
-    except InputError:
-        return False
+    """Whether a calibration is of one camera rather than of a pair."""
+    of_one = options.tracker == "human-model" or bool(options.detections) or calibration.name == "camera.toml"
+    return of_one or holds_one_camera(calibration)
 
 
 def _track(

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.errors import InputError, WorkError
-from calib.ground_camera import load_ground_camera
+from calib.formats.one_camera import load_one_camera
 from calib.io import reason, require_file, write_whole
 from planview.commands.options import Flag, JsonFlag, checked, frame_span
 from planview.counting.events import read_events, write_event_header, write_event_rows
@@ -337,7 +337,7 @@ def _plane(camera: Path | None, rig: Path | None, run: RunFolder | None) -> Rule
     if camera is not None and rig is not None:
         raise InputError("expected --camera or --rig, found both")
     if camera is not None:
-        return RulePlane(load_ground_camera(camera))
+        return RulePlane(load_one_camera(camera))
     if rig is not None:
         return stereo_plane(rig)
     return run.rule_plane if run is not None else RulePlane()

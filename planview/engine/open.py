@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from pydantic import ValidationError
 
 from calib.errors import InputError
-from calib.ground_camera import GroundCamera, load_ground_camera
+from calib.formats.one_camera import load_one_camera
+from calib.ground_camera import GroundCamera
 from calib.params import first_problem
 from planview.engine.config import Config, RunParams, config_of
 from planview.engine.engine import Engine
@@ -87,10 +88,7 @@ def open_engine(
     if stereo or not (of_images or detections is not None):
         return stereo_engine(open_any(path, options), config, _map_tracker(tracker, config, path), matcher)
     video = open_video(path, options)
-    ground_camera = load_ground_camera(camera) if camera else None
-    if ground_camera is not None and ground_camera.size != video.size:
-        (w, h), (vw, vh) = ground_camera.size, video.size
-        raise InputError(f"{camera}: expected a camera for images of {vw}x{vh} px, found one for {w}x{h} px")
+    ground_camera = load_one_camera(camera, video.size) if camera else None
     if detections is not None:
         tracker = DetectionTracker(_boxes_for(video, detections), config.detections, ground_camera)
     if isinstance(tracker, str):

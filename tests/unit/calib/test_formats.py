@@ -1,6 +1,7 @@
 """Calibration files of every format."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +15,10 @@ from calib.camera import Camera
 from calib.errors import InputError
 from calib.formats import FORMATS, load_rig, write_rig
 from calib.formats.base import parse_yaml
+from calib.formats.one_camera import holds_one_camera, load_one_camera
 from calib.formats.ros import camera_from
 from calib.formats.tsai import load_tsai
+from calib.ground_camera import GroundCamera
 from calib.pose import SE3
 from calib.rig import StereoRig
 
@@ -443,3 +446,53 @@ def test_column_of_four_coefficients_without_a_model_is_asked_about(tmp_path: Pa
 def test_cameras_one_above_the_other_are_refused_by_name(y_m: float, where: str) -> None:
     with pytest.raises(InputError, match=f"the right camera 0.120 m {where} the left one"):
         StereoRig(CAMERA, CAMERA, SE3(np.eye(3), np.array([0.0, y_m, 0.0])), "test").check("rig")
+
+
+def tsai_of(camera: GroundCamera) -> str:
+    """A Tsai XML of an upright camera that looks along +y, in millimetres, without distortion."""
+    turn = math.pi - camera.tilt_rad  # about x
+    y, z = (SE3.from_rotvec([turn, 0.0, 0.0]).rotation @ [0.0, 0.0, -1000.0 * camera.height_m])[1:]
+    return (
+        f'<Camera><Geometry width="{camera.width}" height="{camera.height}" dpx="0.01" dpy="0.01"/>'
+        f'<Intrinsic focal="{0.01 * camera.focal_px}" kappa1="0" cx="{(camera.width - 1) / 2}" '
+        f'cy="{(camera.height - 1) / 2}" sx="1"/>'
+        f'<Extrinsic tx="0" ty="{y}" tz="{z}" rx="{turn}" ry="0" rz="0"/></Camera>'
+    )
+
+
+STREET = GroundCamera(768, 576, 1100.0, 7.0, math.radians(70))
+
+
+def test_tsai_camera_is_the_same_camera_above_the_floor_at_the_size_of_the_images(tmp_path: Path) -> None:
+    (tmp_path / "view.xml").write_text(tsai_of(STREET))
+    assert holds_one_camera(tmp_path / "view.xml")
+    found, expected = load_one_camera(tmp_path / "view.xml", (384, 288)), STREET.scaled(384, 288)
+    assert (found.size, found.lens) == ((384, 288), "pinhole")
+    assert found.height_m == pytest.approx(7.0) and found.focal_px == pytest.approx(expected.focal_px, rel=1e-3)
+    assert math.degrees(found.tilt_rad) == pytest.approx(70.0, abs=0.05)
+    with pytest.raises(InputError, match=r"expected a camera for images of 640x360 px, found 768x576 px"):
+        load_one_camera(tmp_path / "view.xml", (640, 360))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "lens"),
+    [
+        ("opencv.yml", "%YAML:1.0\n---\ncamera_matrix: {data: [700., 0, 320, 0, 701, 240, 0, 0, 1]}\n", "700 px"),
+        (
+            "cameras.txt",
+            "# Camera list\n1 PINHOLE 640 480 512.5 512.5 320 240\n",
+            "COLMAP, PINHOLE, .* 512.5 px",
+        ),
+        ("kalibr.yaml", "cam0:\n  intrinsics: [458.6, 457.2, 367.2, 248.3]\n  resolution: [752, 480]\n", "459 px"),
+        (
+            "room.pet",
+            '<PETRACK><OLD_MODEL CX="1" CY="2" FX="842.5" FY="842.7"/></PETRACK>',
+            "PeTrack, .* 842 px",
+        ),
+    ],
+)
+def test_lens_without_a_place_is_refused_with_its_focal_length_and_the_way_out(name, text, lens, tmp_path):
+    (tmp_path / name).write_text(text)
+    assert holds_one_camera(tmp_path / name)
+    with pytest.raises(InputError, match=rf"above the floor, found its lens alone .*{lens}.*as a known value"):
+        load_one_camera(tmp_path / name)
