@@ -285,7 +285,8 @@ def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, param
     height = plane.distance_m
     refused = ""
     if not params.min_tilt_deg <= tilt <= params.max_tilt_deg or abs(roll) > params.max_roll_deg:
-        refused = f"a wall or ceiling (tilt {tilt:.0f}, roll {roll:.0f} degrees)"
+        turned = ", or the floor of an upside-down camera" if -88 < tilt < 0 and abs(roll) < params.max_roll_deg else ""
+        refused = f"a wall or ceiling{turned} (tilt {tilt:.0f}, roll {roll:.0f} degrees)"
     elif not params.min_height_m <= height <= params.max_height_m:
         refused = f"{height:.2f} m from the camera (floors: {params.min_height_m:g}-{params.max_height_m:g} m)"
     elif on < MIN_INLIER_FRACTION:

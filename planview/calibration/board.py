@@ -56,7 +56,6 @@ class BoardImages:
 
     Attributes:
         names: of the pairs in order.
-        is_video: whether the pairs are frames of a video.
     """
 
     def __init__(self, path: Path) -> None:

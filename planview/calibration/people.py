@@ -22,6 +22,8 @@ from stereo.recording import Video
 
 GIVEN = (255, 140, 0)
 COMPUTED = (200, 60, 255)
+MIN_SIZE = 0.06
+"""A person is at least this share of the image's height [1]: smaller ones add nothing about a camera (our choice)."""
 SIZE_TOLERANCE = 0.15
 """Sizes differ by this part from what most people have at that place [1] (our choice: body heights, strides)."""
 
@@ -111,10 +113,7 @@ def collect_samples(video: Video, count: int = 50, done: Callable[[], None] = la
     Every frame gives a sample per blob that touches neither the image's edge nor another blob. Blobs that walk are
     kept, and of these the ones that have the size of most blobs at their place, so that pairs, parts and shadows fall
     out. Head and foot are the ends of the blob's longest axis, the head the upper one; where most blobs have no longest
-    axis (from straight above) both are its middle.
-
-    Raises:
-        WorkError: fewer than 3 samples, or no size that most of the walkers have.
+    axis (from straight above) both are its middle. Raises WorkError: too few samples, or none of a usual size.
     """
     camera = OneCamera(SingleCameraParams(), video.size)
     paths: list[_Path] = []
@@ -132,7 +131,9 @@ def collect_samples(video: Video, count: int = 50, done: Callable[[], None] = la
     if len(bodies) < MIN_SAMPLES:
         raise WorkError(
             f"{name}: expected people who walk by, found {len(bodies)} sightings of a whole person apart from others "
-            f"(at least {MIN_SAMPLES} needed)"
+            f"in {video.n_frames} frames (at least {MIN_SAMPLES} needed): the camera must stand still, and people must "
+            f"cross the view one by one, head and feet inside it and at least {MIN_SIZE:.0%} of its height; else mark "
+            "people by hand"
         )
     usual = usual_sizes(bodies)
     # Share of the blobs that must have one person's size to have a usual size [1] (our choice).
@@ -150,8 +151,7 @@ def bodies_of(mask: U8, frame: int) -> list[HumanSample]:
     """Whole people apart from others in a (H, W) foreground mask."""
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((7, 5), np.uint8))
     blobs = find_blobs(np.asarray(closed, dtype=np.uint8))
-    # A person is at least this share of the image's height [1]: smaller ones say nothing about a camera (our choice).
-    large = [i for i in range(1, len(blobs)) if max(blobs.box_px[i][2:]) >= 0.06 * mask.shape[0]]
+    large = [i for i in range(1, len(blobs)) if max(blobs.box_px[i][2:]) >= MIN_SIZE * mask.shape[0]]
     samples = [_whole_person(blobs, i, mask.shape, frame) for i in large if not _crowded(blobs, i)]
     return [sample for sample in samples if sample is not None]
 

@@ -267,6 +267,7 @@ def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> No
     video = open_video(samples) if options.auto else open_video(options.frames) if options.frames else None
     size = _size(options.image_size, video, None if options.auto else read_image_size(samples), samples)
     if options.auto and video is not None:
+        console.print(f"following people through {video.n_frames} frames of {samples}")
         with Progress(console=console, transient=True) as progress:
             task = progress.add_task("Following people", total=video.n_frames)
             collected = collect_samples(video, options.count, done=lambda: progress.advance(task))
@@ -274,6 +275,7 @@ def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> No
     else:
         taken, independent = read_samples(samples), None
     check_samples(taken, size, str(samples))
+    console.print(f"fitting a camera to {len(taken)} sightings of people")
     found = calibrate_from_people(taken, size, options.lens, known=known, independent=independent, name=str(samples))
     picture = options.out.with_suffix(".png")
     try:

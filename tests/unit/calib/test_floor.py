@@ -149,6 +149,14 @@ def test_floor_refuses_walls_without_a_floor() -> None:
         found(room.clouds(people=False))
 
 
+def test_upside_down_camera_is_named_where_its_floor_is_refused() -> None:
+    room = Room(pose_of(60, 2.5))
+    room.add((0.0, 0.0, 1.0), 0.0)
+    turned = [cloud * np.array([-1, -1, 1], np.float32) for cloud in room.clouds(people=False)]
+    with pytest.raises(WorkError, match=r"wall or ceiling, or the floor of an upside-down camera \(tilt -60"):
+        found(turned)
+
+
 LINE = np.column_stack([np.ones(1200), np.linspace(-1e5, 1e5, 1200), np.ones(1200)]).astype(np.float32)
 
 
