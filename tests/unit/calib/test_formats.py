@@ -470,7 +470,7 @@ def test_tsai_camera_is_the_same_camera_above_the_floor_at_the_size_of_the_image
     assert (found.size, found.lens) == ((384, 288), "pinhole")
     assert found.height_m == pytest.approx(7.0) and found.focal_px == pytest.approx(expected.focal_px, rel=1e-3)
     assert math.degrees(found.tilt_rad) == pytest.approx(70.0, abs=0.05)
-    with pytest.raises(InputError, match=r"expected a camera for images of 640x360 px, found 768x576 px"):
+    with pytest.raises(InputError, match=r"expected a camera for images of 640x360 px, found one for 768x576 px"):
         load_one_camera(tmp_path / "view.xml", (640, 360))
 
 
