@@ -39,7 +39,7 @@ body of 1.76 m, depth over breadth. Hip, shoulder (0.818), chin (0.870) after Dr
 and head after Zhang, the other breadths ours."""
 ARMS = ((0.0, 0.42, 0.27, 0.5), (0.42, 0.78, 0.31, 0.4))
 ARMS_SHARE = 0.35
-"""Where striding legs and arms may be beside the body, and how often they are there."""
+"""Where striding legs and arms may be next to the body, and how often they are there."""
 APART_M = 2.0 * TORSO.torso_radius_m
 """Axes of two bodies side by side [m]."""
 

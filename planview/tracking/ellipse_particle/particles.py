@@ -21,7 +21,7 @@ OVERLAP_DEVIATION = 0.12
 """Deviation of the area difference in equation (8), as a share of one object's area. Our choice: a measured
 ellipse moved by a fifth of its width."""
 JITTER_M = 0.03
-"""Deviation of the position per frame beside the acceleration's [m]: an outline is not a rigid body. Our choice."""
+"""Deviation of the position per frame besides the acceleration's [m]: an outline is not a rigid body. Our choice."""
 SHAPE_TIME_S = 1.0
 """Time in which size and angle forget [s]: a step."""
 
@@ -39,14 +39,14 @@ class ParticleFilter:
         self._surprise: F64 = np.zeros((params.particles, 0))
 
     def add(self, ellipse: F64, size: Size, cells_per_m: float) -> None:
-        """Append an object around a measured ellipse (x, y, a, b, angle), with a velocity drawn from walking speeds."""
+        """Append an object around a measured ellipse (x, y, a, b, angle), with a random walking velocity."""
         shape = (self._params.particles, 1)
         self.particles = np.concatenate([self.particles, np.zeros((*shape, 7))], axis=1)
         self._surprise = np.concatenate([self._surprise, np.zeros(shape)], axis=1)
         self.place(-1, ellipse, size, np.zeros(2), self._params.speed_mps * cells_per_m)
 
     def place(self, n: int, ellipse: F64, size: Size, velocity: F64, speed: float) -> None:
-        """Draw object n anew around a measured ellipse; velocity (2,) and its deviation in cells per second."""
+        """Sample object n again around a measured ellipse; velocity (2,) and its deviation in cells per second."""
         x, y, a, b, angle = ellipse
         half = float(size.half_lengths(y))
         mean = np.array([x, y, *velocity, math.log(a / half), math.log(b / (half * size.aspect)), angle])

@@ -1,4 +1,4 @@
-"""Size of people in the image: told by a calibrated camera, or learned from regions that move (section II)."""
+"""Size of people in the image: given by a calibrated camera, or learned from regions that move (section II)."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ class SizeLearner:
         ratio = found[:, WIDTH] / found[:, LENGTH]
         found = found[(found[:, CUT] > 0) | (ratio <= 1.6 * np.percentile(ratio, 30))]
         foot, length, cut = found[:, FOOT], found[:, LENGTH], found[:, CUT] > 0
-        # The same place and length again says less than another one.
+        # The same place and length again adds less than another one.
         _, which, count = np.unique(found[:, [FOOT, LENGTH]] // 4, axis=0, return_inverse=True, return_counts=True)
         weight = np.sqrt(found[:, AREA] / count[which.ravel()])
         chosen = np.argsort(foot, kind="stable")[np.linspace(0, len(foot) - 1, min(len(foot), 40)).astype(np.int64)]

@@ -183,7 +183,7 @@ class EllipseParticleTracker:
             inside[n] = painted(ellipses_of(self._states[n : n + 1], size), union.shape)[0]
 
     def _observe(self, measured: U8, moving: Bool | None, dt_s: float, size: Size) -> None:
-        """Which objects are measured in this frame, and what that says of their existence.
+        """Which objects are measured in this frame, and the evidence on their existence.
 
         The number k of n frames in which a new object is measured is binomial, B(n, detection) for an object and
         B(n, repetition) for a false alarm; their ratio updates the odds.
@@ -395,7 +395,7 @@ def cells_per_m(size: Size, rows: F64) -> F64:
 
 
 def uncovered(measured: U8, objects: U8, share: float) -> Bool:
-    """(M,) measurements that have no object: objects cover less than a share of them, or leave as much beside them.
+    """(M,) measurements that have no object: objects cover less than a share of them, or leave as much next to them.
 
     One object that lies across two measurements covers enough of both, wherever it is. So each object is given the
     measurement that it covers most, and one that is left over has none when objects leave as much free of it and of

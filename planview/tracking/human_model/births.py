@@ -21,7 +21,7 @@ from planview.tracking.kalman import FloorKalman
 MOST = 4
 """Places that are tried in a frame."""
 CORE = 0.7
-"""Part of a hull's width in which the residual is summed: the rest is between arms and beside the head."""
+"""Part of a hull's width in which the residual is summed: the rest is between arms and next to the head."""
 BANDS = 6
 """A hull is summed in this many boxes above each other: bodies lean in the images of wide lenses."""
 BORN_LOG_ODDS = -2.4
@@ -32,7 +32,7 @@ SPEED_STD_MPS = 1.0
 """Of a newcomer's velocity [m/s]."""
 BIRTH_PX, BIRTH_SHARE = 30.0, 0.625
 """Least height of newcomers [px], and as a share of that of people in the middle of the image, where this is less: a
-head of 3 px tells a person from a bag by nothing, but a camera is pointed at people."""
+head of 3 px does not distinguish a person from a bag, but a camera is pointed at people."""
 
 
 class FloorPlaces:

@@ -138,7 +138,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         return tuple(self._state(q, self._box(q)) for q in self._people)
 
     def _explain(self, frame: MaskExplanation, people: People, dt: float) -> None:
-        """Places, then what the frame says of each person's existence."""
+        """Places, then the frame's evidence on each person's existence."""
         samples, _, evidence, bend = self._ascend(frame, people)
         for i, q in enumerate(self._people):
             q.evidence, pose = float(evidence[i]), people.poses[i]

@@ -53,7 +53,7 @@ class Walker(Person):
 
     Attributes:
         motion, stability: the two automata.
-        posture: as the height tells it.
+        posture: as the height implies it.
         match: of the last frame.
         observed: whether enough of the person was visible in the last frame.
         trail: the recent past, oldest first.
@@ -91,7 +91,7 @@ class Walker(Person):
 
 
 def matches(hulls: Sequence[F64 | None], surface: U8) -> list[ModelMatch]:
-    """Matches of hulls (K, 2) [px] with a (H, W) mask of foreground; None where no hull can be drawn."""
+    """Matches of hulls (K, 2) [px] with a (H, W) mask of foreground; None where a hull has no outline."""
     if not hulls:
         return []
     # Statistics of all regions take eight times as long as the regions.

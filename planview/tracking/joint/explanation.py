@@ -44,7 +44,7 @@ ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 
 
 class Likelihood(NamedTuple):
-    """What kernels need to know beside the pixels: ``model``, an array of one ``Model``, and the body's table."""
+    """What kernels need besides the pixels: ``model``, an array of one ``Model``, and the body's table."""
 
     model: Any
     table: body.BodyTable
@@ -154,7 +154,7 @@ class Explanation:
 
     @property
     def coloured(self) -> bool:
-        """Whether clothes tell people apart."""
+        """Whether colours distinguish people."""
         return bool(self._model["colour"] > 0) and all(v.colour is not None for v in self.views)
 
     def around(self, pose: F64, reach_m: float) -> Samples:

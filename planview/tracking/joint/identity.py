@@ -20,7 +20,7 @@ from planview.tracking.joint.person import KNOWN_LOOKS, Person, colour_counts, c
 CONTACT_M = 0.7
 """People nearer than this may be taken for each other [m]: a body, and an arm's movement."""
 KNOWN_AGAIN = 0.3
-"""Log-odds from which a newcomer is somebody known before: where nothing tells, a stranger."""
+"""Log-odds from which a newcomer is somebody known before: without evidence, a stranger."""
 DECIDED = 6.0
 """Log-odds at which two people exchange identities: one error in 400."""
 PART_MAX = 2.0
@@ -41,7 +41,7 @@ class Exchanges:
         """Pairs that must exchange their identities, with the log-odds.
 
         Args:
-            owned: per view; none where clothes do not tell people apart.
+            owned: per view; none where colours do not distinguish people.
         """
         p, alive = self._params, {q.track_id for q in people}
         self._evidence = {pair: v for pair, v in self._evidence.items() if alive.issuperset(pair)}

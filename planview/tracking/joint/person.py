@@ -23,9 +23,9 @@ GAIT_M = 0.03
 LOOK_STD_M = 0.08
 """Deviation of a height measured in one look [m]."""
 PRIOR_LOOKS = 2.0
-"""Weight of anybody's colours beside those seen [frames]."""
+"""Weight of anybody's colours next to those seen [frames]."""
 KNOWN_LOOKS = 5
-"""Frames from which on colours tell people apart."""
+"""Frames from which on colours distinguish people."""
 RATIO_MAX = 20.0
 """Largest ratio of a person's colours to anybody's."""
 BORN_LOG_ODDS = -3.9
@@ -129,7 +129,7 @@ class Person:
         self.proven += min(new_patches / max(self.patches, 1.0), 1.0) * max(self.evidence, 0.0)
 
     def learn_height(self, looks: float, low_share: float) -> None:
-        """The present height tells the one when upright, as far as the person is upright now."""
+        """The present height determines the one when upright, as far as the person is upright now."""
         _, std = self.upright
         off = self.height_m - self.tall_m
         upright = (1 - low_share) * math.exp(-0.5 * (off / std) ** 2) / std

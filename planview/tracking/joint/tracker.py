@@ -233,7 +233,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         return tuple(self._state(q) for q in self._people)
 
     def _explain(self, frame: Explanation, people: People, dt: float) -> None:
-        """Places, then what the frame says of each person's existence."""
+        """Places, then the frame's evidence on each person's existence."""
         samples, others, evidence, bend = self._ascend(frame, people)
         flooded = all(np.count_nonzero(v.kind) > 0.5 * v.kind.size for v in frame.views)
         for i, q in enumerate(self._people):

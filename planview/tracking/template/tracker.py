@@ -1,6 +1,6 @@
 """Tracking and adapting templates of plan-view statistics (Harville 2002, section 4).
 
-The paper's method and nothing else; where it leaves something open, the line says what was chosen.
+The paper's method and nothing else; where it leaves something open, the choice is at its line.
 """
 
 from __future__ import annotations
