@@ -59,6 +59,7 @@ def test_a_stereo_engine_resumes(engine: Engine) -> None:
     assert_resumes(lambda: stereo_engine(engine.recording, c, JointTracker(c.joint), setup=setup), moments(1, 8, 35))
 
 
+@pytest.mark.slow
 def test_the_engine_of_two_rigs_resumes(engine: Engine, heads: Path) -> None:
     assert_resumes(lambda: open_engine(heads, config=engine.config), moments(5, 8, 35, 2))
 
@@ -82,7 +83,7 @@ def test_the_engine_of_one_camera_resumes() -> None:
     assert_resumes(make, moments(3, 2, 58))
 
 
-@pytest.mark.parametrize("overview", [False, True])
+@pytest.mark.parametrize("overview", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_ellipse_engine_of_one_camera_resumes(overview: bool) -> None:
     assert_resumes(
         lambda: one_camera_engine(CrossingVideo(), EllipseParticleTracker(), overview=overview), moments(4, 2, 58)

@@ -50,7 +50,9 @@ def rules(tmp_path: Path) -> Path:
     return tmp_path / "rules.toml"
 
 
-@pytest.mark.parametrize("stops", [(2,), (20,), (5, 20)])
+@pytest.mark.parametrize(
+    "stops", [pytest.param((2,), marks=pytest.mark.slow), (20,), pytest.param((5, 20), marks=pytest.mark.slow)]
+)
 def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(
     engine: Engine, tmp_path: Path, rules: Path, stops: tuple[int, ...]
 ) -> None:
@@ -200,6 +202,7 @@ def rows_of(recording: Path) -> dict[tuple[str, int | None], dict[str, object]]:
     return found
 
 
+@pytest.mark.slow
 def test_the_rerun_recording_of_a_run_that_was_stopped_twice_shows_what_one_left_alone_shows(
     engine: Engine, tmp_path: Path, rules: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
