@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
 from numpy.typing import ArrayLike
-from pydantic import ValidationError
 
 from calib.errors import InputError
 from calib.formats.one_camera import load_one_camera
 from calib.ground_camera import GroundCamera
-from calib.params import first_problem
 from planview.engine.config import Config, RunParams, config_of
 from planview.engine.engine import Engine
 from planview.engine.one_camera import one_camera_engine
@@ -152,11 +150,4 @@ def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamer
         raise InputError("camera=: the human-model tracker needs a camera.toml (planview calibrate human writes it)")
     from planview.tracking.human_model.tracker import HumanModelTracker
 
-    try:
-        return HumanModelTracker(config.human_model, camera)
-    except ValueError as error:
-        found = first_problem(error) if isinstance(error, ValidationError) else error
-        raise InputError(
-            "human_model.map: expected floor on which people of min_height_px show within max_distance_m, "
-            f"found {found} (of this camera)"
-        ) from error
+    return HumanModelTracker(config.human_model, camera)

@@ -50,7 +50,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
             camera: calibrated from people.
             model_map: computed before for this camera; built here if None.
         Raises:
-            InputError: the map is another camera's.
+            InputError: the map is another camera's, or holds no place where people are looked for.
         """
         if model_map is not None and model_map.camera != camera:
             raise InputError(f"expected a human model map of {camera}, found one of {model_map.camera}")
@@ -58,6 +58,11 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         self.model_map = model_map or build_model_map(camera, self.model, params.map)
         self._rays, self._likelihood = rays_of(camera), likelihood_of_masks(params)
         self._places = FloorPlaces(self.model_map, params.birth_visible, params.patch_m)
+        if not self._places.floor_m2:
+            raise InputError(
+                "human_model.map: expected floor on which people of min_height_px show within max_distance_m, "
+                "found none in the view of this camera"
+            )
         super().__init__(params)
 
     def reset(self) -> None:
