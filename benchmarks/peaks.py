@@ -12,6 +12,7 @@ from scipy.optimize import linear_sum_assignment
 
 from calib.types import F64
 from planview.maps.builder import PlanViewMaps
+from planview.maps.pixels import PixelRays
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.kalman import FloorKalman
 from planview.trajectories.state import TrackState
@@ -43,7 +44,30 @@ class Peak(NamedTuple):
     top_m: float
 
 
-def peaks(maps: PlanViewMaps) -> list[Peak]:
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """Cameras above the maps; a place is viewed by the nearest."""
+
+    cameras: tuple[PixelRays, ...]
+
+    def sees(self, x_m: float, y_m: float, z_m: float) -> bool:
+        """Whether a world point lies in an image."""
+        for camera in self.cameras:
+            u, v, depth = camera.projection @ (x_m, y_m, z_m, 1.0)
+            rows, columns = camera.shape
+            if depth > 0 and -0.5 <= u / depth < columns - 0.5 and -0.5 <= v / depth < rows - 0.5:
+                return True
+        return False
+
+    def ray(self, x_m: float, y_m: float) -> tuple[float, float, float, PixelRays]:
+        """Horizontal unit vector away from the camera, horizontal distance from it [m], and the camera."""
+        camera = min(self.cameras, key=lambda one: math.dist(one.centre_m[:2], (x_m, y_m)))
+        dx, dy = x_m - float(camera.centre_m[0]), y_m - float(camera.centre_m[1])
+        away_m = math.hypot(dx, dy)
+        return (dx / away_m, dy / away_m, away_m, camera) if away_m > 1e-6 else (0.0, 1.0, away_m, camera)
+
+
+def peaks(maps: PlanViewMaps, view: Viewpoint) -> list[Peak]:
     """Peaks of the height map with enough surface, at the heads of the points around them."""
     cell_m, points = maps.grid.cell_m, maps.points
     smooth = cv2.GaussianBlur(maps.height, (0, 0), BLUR_M / cell_m)
@@ -53,9 +77,11 @@ def peaks(maps: PlanViewMaps) -> list[Peak]:
     for _ in range(2):  # peaks without surface go, and their points are shared among the others
         if not found:
             return []
-        far = np.column_stack([_distances(maps, peak) for peak in found])
+        far = np.column_stack([_distances(maps, view, peak) for peak in found])
         nearest = np.where(far.min(axis=1) < 1.2, far.argmin(axis=1), -1)
-        heads = [_head(maps, nearest == i) for i in range(len(found)) if points.area[nearest == i].sum() >= SURFACE_M2]
+        heads = [
+            _head(maps, view, nearest == i) for i in range(len(found)) if points.area[nearest == i].sum() >= SURFACE_M2
+        ]
         whole = len(heads) == len(found)
         found = heads
         if whole:
@@ -63,22 +89,24 @@ def peaks(maps: PlanViewMaps) -> list[Peak]:
     return found
 
 
-def _distances(maps: PlanViewMaps, peak: Peak) -> F64:
+def _distances(maps: PlanViewMaps, view: Viewpoint, peak: Peak) -> F64:
     """(N,) distance of all points from a peak, in bodies, which depth noise stretches along the viewing ray."""
-    across_m, along_m, ray = maps.view.footprint(peak.x_m, peak.y_m, BODY_M, 1.0)
+    ray_x, ray_y, away_m, camera = view.ray(peak.x_m, peak.y_m)
+    smear_m = camera.depth_std_per_m2 * math.hypot(away_m, float(camera.centre_m[2]) - 1.0) * away_m
     dx, dy = maps.points.xyz[:, 0] - peak.x_m, maps.points.xyz[:, 1] - peak.y_m
-    return np.hypot((dx * ray[0] + dy * ray[1]) / along_m, (dy * ray[0] - dx * ray[1]) / across_m)
+    return np.hypot((dx * ray_x + dy * ray_y) / math.hypot(BODY_M, smear_m), (dy * ray_x - dx * ray_y) / BODY_M)
 
 
-def _head(maps: PlanViewMaps, mine: np.ndarray) -> Peak:
+def _head(maps: PlanViewMaps, view: Viewpoint, mine: np.ndarray) -> Peak:
     """The head of a body's points: a camera sees its near side."""
     xyz, area = maps.points.xyz[mine], maps.points.area[mine]
     top_m = float(np.percentile(xyz[:, 2], 98))
     high = xyz[:, 2] > top_m - HEAD_M
-    place = np.average(xyz[high, :2], axis=0, weights=area[high]).reshape(1, 2)
-    (away,), (depression,) = maps.view.viewing(place)
-    x_m, y_m = place[0] + HEAD_RADIUS_M * math.cos(float(depression)) * away
-    return Peak(float(x_m), float(y_m), top_m)
+    x_m, y_m = np.average(xyz[high, :2], axis=0, weights=area[high]).tolist()
+    ray_x, ray_y, away_m, camera = view.ray(x_m, y_m)
+    # Heads are at about this height [m].
+    behind_m = HEAD_RADIUS_M * math.cos(math.atan2(max(float(camera.centre_m[2]) - 1.6, 0.0), away_m))
+    return Peak(x_m + behind_m * ray_x, y_m + behind_m * ray_y, top_m)
 
 
 @dataclass
@@ -121,7 +149,8 @@ class PeakTracker:
         for p in self._people:
             lost = p.kalman.slowed(dt_s, SLOW_DOWN_S) if p.gone_s else p.kalman
             p.kalman = lost.predicted(dt_s, ACCELERATION_STD_MPS2)
-        found = peaks(maps)
+        view = Viewpoint(tuple(seen.rays for seen in observation.views))
+        found = peaks(maps, view)
         cost = np.array([[_cost(p, peak, dt_s) for peak in found] for p in self._people])
         pairs = linear_sum_assignment(cost.reshape(len(self._people), len(found)))
         matched = {int(i): int(j) for i, j in zip(*pairs, strict=True) if cost[i, j] < FORBIDDEN}
@@ -131,7 +160,7 @@ class PeakTracker:
             else:
                 p.gone_s += dt_s
                 p.evidence += MISSED
-        self._people = [p for p in self._people if _stays(p, maps)]
+        self._people = [p for p in self._people if _stays(p, view)]
         for peak in (found[j] for j in range(len(found)) if j not in matched.values()):
             taken = any(
                 math.hypot(p.kalman.x_m - peak.x_m, p.kalman.y_m - peak.y_m) < BODY_M
@@ -174,9 +203,9 @@ def _take(person: _PeakPerson, peak: Peak) -> None:
     person.n_peaks, person.gone_s, person.evidence = person.n_peaks + 1, 0.0, person.evidence + FOUND
 
 
-def _stays(person: _PeakPerson, maps: PlanViewMaps) -> bool:
+def _stays(person: _PeakPerson, view: Viewpoint) -> bool:
     """Newcomers while the evidence is for them, others for a while, which is shorter outside the view."""
     if not person.is_confirmed:
         return person.evidence > 0
-    inside = maps.view.sees(person.kalman.x_m, person.kalman.y_m, 1.5)
+    inside = view.sees(person.kalman.x_m, person.kalman.y_m, 1.5)
     return person.gone_s < (KEEP_S if inside else LEAVE_S)

@@ -51,7 +51,9 @@ class PeerLog:
         mask = np.where(np.asarray(self._mog2.apply(image)) == FOREGROUND, FOREGROUND, 0).astype(np.uint8)
         mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, OPENED), dtype=np.uint8)
         maps = self._maps(np.ascontiguousarray(disparity[:: self._step, :: self._step]), mask)
-        tracks = self._tracker.update(Observation(result.frame, result.timestamp_s, maps=maps))
+        tracks = self._tracker.update(
+            Observation(result.frame, result.timestamp_s, maps=maps, views=result.observation.views)
+        )
         self._tracks.add(result.frame, result.timestamp_s, tracks)
 
     def mark(self) -> dict[str, int]:

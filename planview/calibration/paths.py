@@ -13,7 +13,6 @@ from calib.pose import SE3
 from calib.types import F32, F64
 from planview.engine.config import Config
 from planview.engine.stereo import stereo_engine
-from planview.maps.builder import HEAD_M
 from planview.maps.view import StereoView
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 from stereo.depth import back_project, median_image
@@ -71,7 +70,7 @@ class DisparityEffect:
 
     def per_px_m(self, xy_m: F64) -> F64:
         """(N, 2) movement [m/px] of (N, 2) positions: dZ/dd = -Z^2 / (f b), along the ray to a head at 1.6 m."""
-        heads = np.column_stack([xy_m, np.full(len(xy_m), HEAD_M)])
+        heads = np.column_stack([xy_m, np.full(len(xy_m), 1.6)])  # [m]
         out = heads - self.world_SE3_left.translation
         depth = out @ self.world_SE3_left.rotation[:, 2]
         return np.asarray(-out[:, :2] * depth[:, None] / self.disparity_metre)

@@ -54,9 +54,7 @@ class StereoFrontEnd:
         first = self.rigs[0].view
         self._build_maps: Callable[[Sequence[Any]], PlanViewMaps] = lambda points: self.rigs[0].maps.of(*points)
         if len(self.rigs) > 1:
-            self._build_maps = joint = MultiRigMapBuilder(
-                [r.maps.grid for r in rigs], [r.maps.view for r in rigs], config.maps
-            )
+            self._build_maps = joint = MultiRigMapBuilder([r.maps.grid for r in rigs], config.maps)
             first = replace(first, grid=joint.grid)
         self.views: Mapping[str, StereoView] = {rig.name: rig.view for rig in self.rigs} | {rigs[0].name: first}
         self.camera, self.size = first.camera, first.geometry.size

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Protocol
 
 import cv2
 import numpy as np
 from pydantic import Field
 
 from calib.pose import SE3
-from calib.types import F32, F64, I32, U8
+from calib.types import F32, I32, U8
 from planview.foreground.gain import Exposure
 from planview.maps._kernels import accumulate, back_project
 from planview.maps.colour import colour_codes
@@ -20,8 +18,6 @@ from planview.maps.grid import Grid, GridParams
 from stereo.depth import RectifiedGeometry
 
 REFERENCE = Exposure()
-HEAD_M = 1.6
-"""Height of a head [m], for the angle under which a camera views it."""
 
 
 class MapParams(GridParams):
@@ -62,75 +58,6 @@ class FloorPoints:
     colours: U8 | None = None
 
 
-class Viewpoint(Protocol):
-    """What measured the points of maps: one camera, or several together."""
-
-    def sees(self, x_m: float, y_m: float, z_m: float) -> bool:
-        """Whether a world point lies in the image."""
-
-    def footprint(
-        self, x_m: float, y_m: float, radius_m: float, sigmas: float = 2.0
-    ) -> tuple[float, float, tuple[float, float]]:
-        """Half axes, across and along a ray, of the floor ellipse that the points of a body cover.
-
-        Depth noise moves points along the viewing ray, so that a far body of ``radius_m`` looks longer than it is wide,
-        by ``sigmas`` depth deviations each way.
-
-        Returns:
-            across [m], along [m] and the horizontal unit vector (x, y) of the ray.
-        """
-
-    def viewing(self, people_m: F64) -> tuple[F64, F64]:
-        """Horizontal vectors (K, 2) away from the camera at floor positions (K, 2) [m], and the depression angles (K,)
-        [rad] towards heads there. The vectors have unit length for one camera."""
-
-
-@dataclass(frozen=True, eq=False)
-class CameraViewpoint:
-    """One camera above the maps: a ``Viewpoint``.
-
-    Attributes:
-        camera_m: (3,) float64, centre of the rectified left camera [m].
-        depth_std_per_m2: growth of the predicted depth deviation with squared depth [1/m].
-        projection: (3, 4) float64, world points to pixels of the rectified left image.
-        size: (width, height) of that image [px].
-    """
-
-    camera_m: F64
-    depth_std_per_m2: float
-    projection: F64
-    size: tuple[int, int]
-
-    @cached_property
-    def _rows(self) -> list[list[float]]:
-        """Of the projection: arithmetic of floats is ten times faster than a product of arrays so small."""
-        rows: list[list[float]] = self.projection.tolist()
-        return rows
-
-    def sees(self, x_m: float, y_m: float, z_m: float) -> bool:
-        """Whether a world point lies in the image."""
-        u, v, depth = ((a * x_m + b * y_m + c * z_m + d) for a, b, c, d in self._rows)
-        return depth > 0 and -0.5 <= u / depth < self.size[0] - 0.5 and -0.5 <= v / depth < self.size[1] - 0.5
-
-    def footprint(
-        self, x_m: float, y_m: float, radius_m: float, sigmas: float = 2.0
-    ) -> tuple[float, float, tuple[float, float]]:
-        """See ``Viewpoint``."""
-        dx, dy = x_m - float(self.camera_m[0]), y_m - float(self.camera_m[1])
-        distance = math.hypot(dx, dy)
-        ray = (dx / distance, dy / distance) if distance > 1e-6 else (0.0, 1.0)
-        range_m = math.hypot(distance, float(self.camera_m[2]) - 1.0)
-        smear = sigmas * self.depth_std_per_m2 * range_m * distance
-        return radius_m, math.hypot(radius_m, smear), ray
-
-    def viewing(self, people_m: F64) -> tuple[F64, F64]:
-        """See ``Viewpoint``."""
-        out = people_m - self.camera_m[:2]
-        distance = np.hypot(out[:, 0], out[:, 1])
-        depression = np.arctan2(np.maximum(self.camera_m[2] - HEAD_M, 0.0), distance)
-        return out / np.maximum(distance, 1e-6)[:, None], depression
-
-
 @dataclass(frozen=True, eq=False)
 class PlanViewMaps:
     """Maps of one frame, all (n_rows, n_cols) float32 on the same grid.
@@ -143,7 +70,6 @@ class PlanViewMaps:
         occupancy: smoothed occupancy O_sm [m^2].
         occupancy_min: theta_occ of this grid [m^2 per cell].
         points: the points that the maps were made of.
-        view: what measured them.
     """
 
     grid: Grid
@@ -153,7 +79,6 @@ class PlanViewMaps:
     occupancy: F32
     occupancy_min: float
     points: FloorPoints
-    view: Viewpoint
 
 
 class Raster:
@@ -170,7 +95,7 @@ class Raster:
         accumulate(points.xyz, points.area, self._params.height_min_m, g.x_min_m, g.y_min_m, g.cell_m, height, total)
         return height, total
 
-    def maps(self, points: FloorPoints, view: Viewpoint) -> PlanViewMaps:
+    def maps(self, points: FloorPoints) -> PlanViewMaps:
         """The maps of points. The height is smoothed over occupied cells only, or edges would sink."""
         height_raw, occupancy_raw = self.accumulate(points)
         height, occupancy = np.zeros_like(height_raw), np.zeros_like(occupancy_raw)
@@ -188,7 +113,7 @@ class Raster:
             else:
                 occupancy[part], smooth = occupancy_raw[part], raw
             np.copyto(height[part], smooth, where=occupancy[part] >= np.float32(self._occupancy_min))
-        return PlanViewMaps(self.grid, height_raw, occupancy_raw, height, occupancy, self._occupancy_min, points, view)
+        return PlanViewMaps(self.grid, height_raw, occupancy_raw, height, occupancy, self._occupancy_min, points)
 
 
 def _blur(image: F32, sigma: float) -> F32:
@@ -220,8 +145,6 @@ class MapBuilder:
         self.geometry = geometry
         self.world_SE3_left = world_SE3_left
         self.grid = floor_in_view(geometry, world_SE3_left, self.params)
-        projection = geometry.matrix @ world_SE3_left.inverse().matrix[:3]
-        self.view = CameraViewpoint(world_SE3_left.translation, geometry.depth_std_per_m2, projection, geometry.size)
         self.shape = (-(-geometry.height // reduction), -(-geometry.width // reduction))
         self._raster = Raster(self.grid, self.params)
         n = self.shape[0] * self.shape[1]
@@ -250,7 +173,7 @@ class MapBuilder:
 
     def of(self, points: FloorPoints) -> PlanViewMaps:
         """The maps of points that ``points`` gave."""
-        return self._raster.maps(points, self.view)
+        return self._raster.maps(points)
 
     def points(self, disparity: F32, mask: U8, image: U8 | None = None, exposure: Exposure = REFERENCE) -> FloorPoints:
         """Foreground points of one frame; arguments and errors are those of a call."""

@@ -1,4 +1,4 @@
-"""Maps of several rigs that look at one floor: whose surface counts, and how they view a place together.
+"""Maps of several rigs that look at one floor: whose surface counts.
 
 One rig measures the surface of a body that faces it (Harville's occupancy, Z^2/(fu fv) summed). Two rigs that see the
 same body measure two such surfaces, front and back or twice the front; their sum is no property of the body, and every
@@ -13,73 +13,15 @@ factor is 1, and nothing changes when a body walks into or out of the other's vi
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
-from calib.types import F32, F64, AnyArray
-from planview.maps.builder import (
-    CameraViewpoint,
-    FloorPoints,
-    MapParams,
-    PlanViewMaps,
-    Raster,
-)
+from calib.types import F32, AnyArray
+from planview.maps.builder import FloorPoints, MapParams, PlanViewMaps, Raster
 from planview.maps.grid import Grid
-
-
-@dataclass(frozen=True, eq=False)
-class MultiRigViewpoint:
-    """Several cameras above one floor: a ``Viewpoint``.
-
-    Attributes:
-        rigs: of each camera.
-        grid: of the shares.
-        shares: (K, n_rows, n_cols) float32, what each rig shows of the surface around a cell; they sum to 1, or are
-            all zero where no surface is.
-    """
-
-    rigs: tuple[CameraViewpoint, ...]
-    grid: Grid
-    shares: F32
-
-    def sees(self, x_m: float, y_m: float, z_m: float) -> bool:
-        """Whether a world point lies in an image."""
-        return any(rig.sees(x_m, y_m, z_m) for rig in self.rigs)
-
-    def footprint(
-        self, x_m: float, y_m: float, radius_m: float, sigmas: float = 2.0
-    ) -> tuple[float, float, tuple[float, float]]:
-        """The ellipse around the ellipses of all rigs that view the place, along the longest (see ``Viewpoint``)."""
-        # A rig that has this height of a place in its image counts as viewing it [m].
-        viewing = [rig for rig in self.rigs if rig.sees(x_m, y_m, 1.0)] or list(self.rigs)
-        ellipses = [rig.footprint(x_m, y_m, radius_m, sigmas) for rig in viewing]
-        _, along, ray = max(ellipses, key=lambda ellipse: ellipse[1])
-        return max(_reach(ellipse, (-ray[1], ray[0])) for ellipse in ellipses), along, ray
-
-    def viewing(self, people_m: F64) -> tuple[F64, F64]:
-        """Mean direction away from the rigs and mean depression, weighted by what each rig shows of a person.
-
-        A camera shows the near side of a body: the centroid of what several show lies in front of the axis by the mean
-        of their single offsets, which nearly vanishes between two opposite rigs (see ``Viewpoint``).
-        """
-        weights = self._weights(people_m)
-        each = [rig.viewing(people_m) for rig in self.rigs]
-        depression = sum(w * d for w, (_, d) in zip(weights, each, strict=True))
-        offset = sum((w * np.cos(d))[:, None] * away for w, (away, d) in zip(weights, each, strict=True))
-        return np.asarray(offset / np.cos(depression)[:, None]), np.asarray(depression)
-
-    def _weights(self, people_m: F64) -> F64:
-        """(K rigs, N) shares at places; the nearest cell of the grid's edge outside, equal where no surface is."""
-        g = self.grid
-        cols = np.clip((people_m[:, 0] - g.x_min_m) // g.cell_m, 0, g.n_cols - 1).astype(int)
-        rows = np.clip((people_m[:, 1] - g.y_min_m) // g.cell_m, 0, g.n_rows - 1).astype(int)
-        weights = self.shares[:, rows, cols].astype(np.float64)
-        total = weights.sum(axis=0)
-        return np.where(total > 0, weights / np.where(total > 0, total, 1.0), 1.0 / len(self.rigs))
 
 
 class MultiRigMapBuilder:
@@ -87,13 +29,12 @@ class MultiRigMapBuilder:
 
     Args:
         grids: of the rigs' own maps, with cells of one size; the joint grid covers them all.
-        views: of the rigs.
         params: of the maps.
     Raises:
         ValueError: the floor covered together is larger than a grid may be.
     """
 
-    def __init__(self, grids: Sequence[Grid], views: Sequence[CameraViewpoint], params: MapParams) -> None:
+    def __init__(self, grids: Sequence[Grid], params: MapParams) -> None:
         self.grid = Grid.covering(
             min(g.x_min_m for g in grids),
             min(g.y_min_m for g in grids),
@@ -101,7 +42,6 @@ class MultiRigMapBuilder:
             max(g.y_max_m for g in grids),
             params.cell_m,
         )
-        self._views = tuple(views)
         self._raster = Raster(self.grid, params)
 
     def __call__(self, points: Sequence[FloorPoints | None]) -> PlanViewMaps:
@@ -112,18 +52,15 @@ class MultiRigMapBuilder:
                 the rigs, one rig after the other.
         """
         present = [p if p is not None else _nothing() for p in points]
-        shares, factor = self._shares(present)
-        joint = self._joined(present, factor)
-        return self._raster.maps(joint, MultiRigViewpoint(self._views, self.grid, shares))
+        return self._raster.maps(self._joined(present, self._factor(present)))
 
-    def _shares(self, points: Sequence[FloorPoints]) -> tuple[F32, F32]:
-        """Shares (K, n_rows, n_cols) of the surface around every cell, and the factor max S / sum S (0 without S)."""
+    def _factor(self, points: Sequence[FloorPoints]) -> F32:
+        """(n_rows, n_cols) factor max S / sum S, 0 without S."""
         # Side of the square in which the rigs' shares of a body are compared [m]: 2 W_avg, a template.
         side = 2 * max(1, round(0.8 / 2 / self.grid.cell_m)) + 1
         surface = np.stack([_around(self._raster.accumulate(p)[1], side) for p in points])
         total = surface.sum(axis=0)
-        whole = np.where(total > 0, total, np.float32(1.0))
-        return np.asarray(surface / whole), np.asarray(surface.max(axis=0) / whole)
+        return np.asarray(surface.max(axis=0) / np.where(total > 0, total, np.float32(1.0)))
 
     def _joined(self, points: Sequence[FloorPoints], factor: F32) -> FloorPoints:
         """All points together, each with the surface that it counts for."""
@@ -160,10 +97,3 @@ def _around(occupancy: F32, side: int) -> F32:
     summed: AnyArray = cv2.boxFilter(occupancy, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
     # Running sums leave crumbs where nothing is.
     return np.asarray(np.where(summed > 1e-6, summed, 0.0), dtype=np.float32)
-
-
-def _reach(ellipse: tuple[float, float, tuple[float, float]], direction: tuple[float, float]) -> float:
-    """How far an ellipse reaches in a direction [m]."""
-    across, along, ray = ellipse
-    cos = ray[0] * direction[0] + ray[1] * direction[1]
-    return math.hypot(along * cos, across * math.sqrt(max(0.0, 1.0 - cos * cos)))

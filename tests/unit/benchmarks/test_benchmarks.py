@@ -29,7 +29,7 @@ from calib.pose import SE3
 from calib.rig import world_from_plane
 from calib.world import RigEntry
 from planview.engine.config import Config, load_config
-from planview.maps.builder import CameraViewpoint, FloorPoints, PlanViewMaps
+from planview.maps.builder import FloorPoints, PlanViewMaps
 from planview.maps.grid import Grid
 
 
@@ -119,8 +119,7 @@ def maps():
         np.array([7, 8], np.int32),
         np.array([1, 2], np.uint8),
     )
-    view = CameraViewpoint(np.array([0.0, 0.0, 2.0]), 0.01, np.eye(3, 4), (160, 120))
-    return PlanViewMaps(grid, height, occupancy, height, occupancy, 0.0, points, view)
+    return PlanViewMaps(grid, height, occupancy, height, occupancy, 0.0, points)
 
 
 @pytest.mark.parametrize("variant", LADDER, ids=lambda v: v.name)

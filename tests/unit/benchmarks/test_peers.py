@@ -3,17 +3,33 @@
 import numpy as np
 import pytest
 
-from benchmarks.peaks import PeakTracker, peaks
-from planview.maps.builder import CameraViewpoint, FloorPoints, MapParams, PlanViewMaps, Raster
+from benchmarks.peaks import Peak, PeakTracker, Viewpoint, peaks
+from calib.pose import SE3
+from planview.maps.builder import FloorPoints, MapParams, PlanViewMaps, Raster
 from planview.maps.grid import Grid
+from planview.maps.pixels import PixelRays, SeenPixels
 from planview.tracking.base import Observation
+from stereo.depth import RectifiedGeometry
+
+GEOMETRY = RectifiedGeometry(200, 200, 50.0, 50.0, 99.5, 99.5, 1.0)
+RAYS = PixelRays.of(GEOMETRY, SE3(np.diag([1.0, -1.0, -1.0]), np.array([2.0, 2.0, 4.0])), (200, 200), 1)
+"""A camera at 4 m above (2, 2), which looks straight down."""
+VIEW = SeenPixels(RAYS, np.zeros(RAYS.shape, np.uint8), np.zeros(RAYS.shape, np.float32), None)
+
+
+def observed(frame: int, timestamp_s: float, *people: tuple[float, float]) -> Observation:
+    return Observation(frame, timestamp_s, maps=maps_from(*people), views=(VIEW,))
+
+
+def found(*people: tuple[float, float]) -> list[Peak]:
+    return peaks(maps_from(*people), Viewpoint((RAYS,)))
 
 
 def walked(tracker, ways, n=8):
     """Tracks after n frames of 0.1 s over straight ways (x, y, vx, vy)."""
     for i in range(n):
         at = [(x + 0.1 * i * vx, y + 0.1 * i * vy) for x, y, vx, vy in ways]
-        tracks = tracker.update(Observation(i, 0.1 * i, maps=maps_from(*at)))
+        tracks = tracker.update(observed(i, 0.1 * i, *at))
     return tracks
 
 
@@ -26,18 +42,15 @@ def maps_from(*people: tuple[float, float]) -> PlanViewMaps:
     xy = np.concatenate([np.empty((0, 2)), *(np.array(p) + disc for p in people)])
     xyz = np.column_stack([xy, np.full(len(xy), 1.7)]).astype(np.float32)
     points = FloorPoints(xyz, np.full(len(xyz), 0.001, np.float32), np.arange(len(xyz), dtype=np.int32))
-    # A camera at 4 m above (2, 2), which looks straight down.
-    projection = np.array([[100.0, 0, -50, 0], [0, -100, -50, 400], [0, 0, -1, 4]])
-    view = CameraViewpoint(np.array([2.0, 2.0, 4.0]), 0.001, projection, (10_000, 10_000))
-    return Raster(grid, MapParams()).maps(points, view)
+    return Raster(grid, MapParams()).maps(points)
 
 
 def test_peak_is_the_head_of_a_person_also_shoulder_to_shoulder():
-    (peak,) = peaks(maps_from((2.0, 2.0)))
+    (peak,) = found((2.0, 2.0))
     assert peak == pytest.approx((2.0, 2.0, 1.7), abs=0.1)
-    (pulled,) = peaks(maps_from((3.5, 2.0)))
+    (pulled,) = found((3.5, 2.0))
     assert 3.5 < pulled.x_m < 3.5 + 0.08
-    assert len(peaks(maps_from((1.7, 2.0), (2.2, 2.0)))) == 2
+    assert len(found((1.7, 2.0), (2.2, 2.0))) == 2
 
 
 def test_walkers_keep_their_ids_and_are_confirmed_after_some_frames():
@@ -52,5 +65,5 @@ def test_walkers_keep_their_ids_and_are_confirmed_after_some_frames():
 def test_person_who_is_not_seen_is_lost_and_gone_later():
     tracker = PeakTracker()
     walked(tracker, [(2.0, 2.0, 0.0, 0.0)])
-    (lost,) = tracker.update(Observation(8, 0.8, maps=maps_from()))
-    assert lost.state == "lost" and tracker.update(Observation(50, 5.0, maps=maps_from())) == ()
+    (lost,) = tracker.update(observed(8, 0.8))
+    assert lost.state == "lost" and tracker.update(observed(50, 5.0)) == ()

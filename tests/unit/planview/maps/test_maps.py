@@ -1,6 +1,5 @@
 """Plan-view maps: built, recorded, of several rigs."""
 
-import math
 import shutil
 import struct
 from collections.abc import Callable
@@ -21,10 +20,10 @@ from calib.types import F64
 from planview.engine.open import open_engine
 from planview.foreground.gain import Exposure
 from planview.maps import _kernels as kernels
-from planview.maps.builder import CameraViewpoint, FloorPoints, MapBuilder, MapParams
+from planview.maps.builder import FloorPoints, MapBuilder, MapParams
 from planview.maps.colour import CHROMA_EDGES, CODES, LUMA_CELLS, colour_codes, smoothing
 from planview.maps.grid import Grid
-from planview.maps.multi_rig import MultiRigMapBuilder, MultiRigViewpoint
+from planview.maps.multi_rig import MultiRigMapBuilder
 from planview.maps.recording import MapsRecording
 from stereo.depth import RectifiedGeometry
 from stereo.recording import Skipped
@@ -114,19 +113,7 @@ def test_map_kernels_equal_their_reference(seed: int) -> None:
 
 
 GRID = Grid(-2.0, -2.0, 0.04, 100, 100)
-RIG_GEOMETRY = RectifiedGeometry(320, 240, 230.0, 230.0, 159.5, 119.5, 0.15)
 PARAMS = MapParams(smoothing_m=0.0)
-
-
-def looking(at_m: tuple[float, float], heading_deg: float, height_m: float = 1.6) -> CameraViewpoint:
-    """A level camera."""
-    a = math.radians(heading_deg)
-    ahead, right = np.array([math.cos(a), math.sin(a), 0.0]), np.array([math.sin(a), -math.cos(a), 0.0])
-    pose = SE3(np.column_stack([right, [0.0, 0.0, -1.0], ahead]), np.array([*at_m, height_m]))
-    return CameraViewpoint(pose.translation, 0.01, RIG_GEOMETRY.matrix @ pose.inverse().matrix[:3], RIG_GEOMETRY.size)
-
-
-SOUTH, NORTH, WEST = looking((0.0, -3.0), 90), looking((0.0, 3.0), -90), looking((-3.0, 0.0), 0)
 
 
 def points(xy: F64, area_m2: float = 0.5) -> FloorPoints:
@@ -141,8 +128,8 @@ def side(x: float, y: float) -> FloorPoints:
     return points(np.column_stack([np.linspace(x - 0.2, x + 0.2, 400), np.full(400, y)]))
 
 
-def build(*heads: FloorPoints | None, views: tuple[CameraViewpoint, ...] = (SOUTH, NORTH)) -> MultiRigMapBuilder:
-    return MultiRigMapBuilder([GRID] * len(heads), views, PARAMS)
+def build(*heads: FloorPoints | None) -> MultiRigMapBuilder:
+    return MultiRigMapBuilder([GRID] * len(heads), PARAMS)
 
 
 def test_surface_of_one_head_counts_whole_and_heights_are_the_highest_of_all_heads():
@@ -170,24 +157,6 @@ def test_bodies_that_different_heads_see_do_not_share_and_one_hidden_from_a_head
     seen, rest = side(0.0, -0.12), side(0.0, 0.12)
     rest.area[:] *= 0.01
     assert build(seen, rest)([seen, rest]).occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
-
-
-def test_offset_is_that_of_the_head_that_shows_a_person_and_those_of_opposite_heads_cancel() -> None:
-    shares = np.full((2, *GRID.shape), 0.5, dtype=np.float32)
-    view = MultiRigViewpoint((SOUTH, NORTH), GRID, shares)
-    away, depression = view.viewing(np.array([[0.0, 0.0]]))
-    assert away == pytest.approx(np.zeros((1, 2)), abs=1e-9) and depression == pytest.approx([0.0])
-    shares[0], shares[1] = 0.0, 1.0
-    np.testing.assert_allclose(view.viewing(np.array([[0.3, 0.5]]))[0], NORTH.viewing(np.array([[0.3, 0.5]]))[0])
-    assert view.sees(0.0, -2.0, 1.6) and view.sees(0.0, 2.5, 1.6) and not view.sees(5.0, 0.0, 1.6)
-
-
-def test_footprint_covers_the_noise_along_both_rays() -> None:
-    view = MultiRigViewpoint((SOUTH, WEST), GRID, np.zeros((2, *GRID.shape), dtype=np.float32))
-    single = SOUTH.footprint(0.0, 0.0, 0.1)
-    across, along, _ = view.footprint(0.0, 0.0, 0.1)
-    assert single[1] > 1.5 * single[0]
-    assert (across, along) == pytest.approx((single[1], single[1]), rel=1e-6)
 
 
 FIELDS = (

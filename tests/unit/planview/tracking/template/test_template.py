@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planview.maps.builder import CameraViewpoint, FloorPoints, PlanViewMaps
+from planview.maps.builder import FloorPoints, PlanViewMaps
 from planview.maps.grid import Grid
 from planview.tracking.base import Observation
 from planview.tracking.template import TemplateParams, TemplateTracker
@@ -16,7 +16,6 @@ from planview.trajectories.state import TrackState
 from tests.reference import template as reference
 
 GRID = Grid(-3.0, -3.0, 0.1, 60, 60)
-VIEW = CameraViewpoint(np.array([0.0, 0.0, 4.0]), 0.002, np.eye(3, 4), (640, 480))
 NO_POINTS = FloorPoints(np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.int32))
 PACE_M = 0.1
 
@@ -34,7 +33,7 @@ def observe(frame: int, people: list[Block], fps: float = 10.0) -> Observation:
         occupancy[body] += np.float32((area[0] if area else 0.25) / 25.5)
         height[row, col] = tall
         occupancy[row, col] *= 1.5
-    maps = PlanViewMaps(GRID, height, occupancy, height, occupancy, 0.002, NO_POINTS, VIEW)
+    maps = PlanViewMaps(GRID, height, occupancy, height, occupancy, 0.002, NO_POINTS)
     return Observation(frame, frame / fps, maps=maps)
 
 
