@@ -31,7 +31,8 @@ class OneStatistic:
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """See ``Tracker``."""
         assert observation.maps is not None
-        return self._tracker.update(replace(observation, maps=reduced(observation.maps, self._statistic)))
+        maps = reduced(observation.maps, self._statistic)
+        return self._tracker.update(replace(observation, build_maps=lambda: maps))
 
     def debug(self) -> TrackerDebug:
         """See ``Tracker``."""

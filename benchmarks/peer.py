@@ -52,7 +52,7 @@ class PeerLog:
         mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, OPENED), dtype=np.uint8)
         maps = self._maps(np.ascontiguousarray(disparity[:: self._step, :: self._step]), mask)
         tracks = self._tracker.update(
-            Observation(result.frame, result.timestamp_s, maps=maps, views=result.observation.views)
+            Observation(result.frame, result.timestamp_s, views=result.observation.views, build_maps=lambda: maps)
         )
         self._tracks.add(result.frame, result.timestamp_s, tracks)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -93,19 +94,20 @@ class MapsReplay:
         self._mask[:] = 0
         self._mask.reshape(-1)[frame.pixels] = 255
         self._disparity.reshape(-1)[frame.pixels] = frame.disparities
-        maps = self._maps(self._disparity, self._mask)
-        if len(maps.points.pixels) != len(frame.pixels):
+        points = replace(self._maps.points(self._disparity, self._mask), colours=frame.colours)
+        if len(points.pixels) != len(frame.pixels):
             raise InputError(
                 f"{self._path}: frame {frame.index}: expected {len(frame.pixels)} points in reach of the rig, "
-                f"found {len(maps.points.pixels)}: the maps are damaged or another rig's"
+                f"found {len(points.pixels)}: the maps are damaged or another rig's"
             )
-        maps = replace(maps, points=replace(maps.points, colours=frame.colours))
         if frame.background is not None:
             self._background.renew(frame.background, self._rays, frame.timestamp_s)
         lowest_m = self._maps.params.height_min_m
-        seen = seen_pixels(self._rays, maps.points, frame.unmatched, self._background.range_m, lowest_m)
+        seen = seen_pixels(self._rays, points, frame.unmatched, self._background.range_m, lowest_m)
         clock.record("maps")
-        observation = Observation(frame.index, frame.timestamp_s, maps=maps, views=(seen,))
+        observation = Observation(
+            frame.index, frame.timestamp_s, views=(seen,), build_maps=partial(self._maps.of, points)
+        )
         tracks = self._boxes(tracker.update(observation))
         clock.record("track")
         return FrameResult(frame.index, frame.timestamp_s, tracks, tracker.decisions, observation, clock.stages_ms)

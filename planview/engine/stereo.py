@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -20,8 +21,8 @@ from planview.engine.engine import Engine, FrameResult, RigFrame, StageClock
 from planview.engine.setup import Setup, set_up
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON
-from planview.maps.builder import FloorPoints, MapBuilder, PlanViewMaps
-from planview.maps.multi_rig import MultiRigMapBuilder
+from planview.maps.builder import FloorPoints, MapBuilder, Raster
+from planview.maps.multi_rig import joint_grid, joint_maps
 from planview.maps.pixels import KeptBackground, PixelRays, SeenPixels, seen_pixels, unmatched_pixels
 from planview.maps.view import StereoView
 from planview.tracking.base import Observation, Tracker
@@ -51,11 +52,8 @@ class StereoFrontEnd:
             ValueError: the floor covered together is larger than a grid may be.
         """
         self.rigs = tuple(rigs)
-        first = self.rigs[0].view
-        self._build_maps: Callable[[Sequence[Any]], PlanViewMaps] = lambda points: self.rigs[0].maps.of(*points)
-        if len(self.rigs) > 1:
-            self._build_maps = joint = MultiRigMapBuilder([r.maps.grid for r in rigs], config.maps)
-            first = replace(first, grid=joint.grid)
+        self._raster = Raster(joint_grid([rig.maps.grid for rig in rigs]), config.maps)
+        first = replace(self.rigs[0].view, grid=self._raster.grid)
         self.views: Mapping[str, StereoView] = {rig.name: rig.view for rig in self.rigs} | {rigs[0].name: first}
         self.camera, self.size = first.camera, first.geometry.size
 
@@ -84,11 +82,11 @@ class StereoFrontEnd:
             rig.match(seen, now_s, clock)
             rig.segment(seen, now_s, clock)
             rig.back_project(seen)
-        maps = self._build_maps([None if seen is None else seen.points for seen in prepared])
-        clock.record("maps")
         views = tuple(rig.classify_pixels(seen, now_s) for rig, seen in seeing)
+        build_maps = partial(joint_maps, [seen.points for _, seen in seeing], self._raster)
+        clock.record("maps")
         image, mask = (first.analysed, first.foreground) if first else (None, None)
-        observation = Observation(frame.index, now_s, image, mask, maps=maps, views=views)
+        observation = Observation(frame.index, now_s, image, mask, views=views, build_maps=build_maps)
         people = tracker.update(observation)
         for rig, seen in seeing:
             rig.feed_back(seen, people)

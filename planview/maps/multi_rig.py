@@ -20,60 +20,54 @@ import cv2
 import numpy as np
 
 from calib.types import F32, AnyArray
-from planview.maps.builder import FloorPoints, MapParams, PlanViewMaps, Raster
+from planview.maps.builder import FloorPoints, PlanViewMaps, Raster
 from planview.maps.grid import Grid
 
+SHARED_M = 0.8
+"""Side of the square in which the rigs' shares of a body are compared [m]: 2 W_avg, a template."""
 
-class MultiRigMapBuilder:
-    """One set of maps from the foreground points of several rigs.
 
-    Args:
-        grids: of the rigs' own maps, with cells of one size; the joint grid covers them all.
-        params: of the maps.
+def joint_grid(grids: Sequence[Grid]) -> Grid:
+    """The grid that covers those of all rigs, whose cells have one size.
+
     Raises:
         ValueError: the floor covered together is larger than a grid may be.
     """
+    if len(grids) == 1:
+        return grids[0]
+    return Grid.covering(
+        min(g.x_min_m for g in grids),
+        min(g.y_min_m for g in grids),
+        max(g.x_max_m for g in grids),
+        max(g.y_max_m for g in grids),
+        grids[0].cell_m,
+    )
 
-    def __init__(self, grids: Sequence[Grid], params: MapParams) -> None:
-        self.grid = Grid.covering(
-            min(g.x_min_m for g in grids),
-            min(g.y_min_m for g in grids),
-            max(g.x_max_m for g in grids),
-            max(g.y_max_m for g in grids),
-            params.cell_m,
-        )
-        self._raster = Raster(self.grid, params)
 
-    def __call__(self, points: Sequence[FloorPoints | None]) -> PlanViewMaps:
-        """The maps of one moment.
+def joint_maps(points: Sequence[FloorPoints], raster: Raster) -> PlanViewMaps:
+    """One set of maps from the foreground points of every rig that has a frame, in the common world.
 
-        Args:
-            points: of each rig in the common world, None of a rig without a frame. Pixels of the result are those of
-                the rigs, one rig after the other.
-        """
-        present = [p if p is not None else _nothing() for p in points]
-        return self._raster.maps(self._joined(present, self._factor(present)))
+    Pixels of the maps' points are those of the rigs, one rig after the other.
+    """
+    return raster.maps(points[0] if len(points) == 1 else _joined(points, raster))
 
-    def _factor(self, points: Sequence[FloorPoints]) -> F32:
-        """(n_rows, n_cols) factor max S / sum S, 0 without S."""
-        # Side of the square in which the rigs' shares of a body are compared [m]: 2 W_avg, a template.
-        side = 2 * max(1, round(0.8 / 2 / self.grid.cell_m)) + 1
-        surface = np.stack([_around(self._raster.accumulate(p)[1], side) for p in points])
-        total = surface.sum(axis=0)
-        return np.asarray(surface.max(axis=0) / np.where(total > 0, total, np.float32(1.0)))
 
-    def _joined(self, points: Sequence[FloorPoints], factor: F32) -> FloorPoints:
-        """All points together, each with the surface that it counts for."""
-        every = concatenated(points)
-        g = self.grid
-        cols = np.floor((every.xyz[:, 0] - g.x_min_m) / g.cell_m).astype(np.int64)
-        rows = np.floor((every.xyz[:, 1] - g.y_min_m) / g.cell_m).astype(np.int64)
-        inside = (cols >= 0) & (rows >= 0) & (cols < g.n_cols) & (rows < g.n_rows)
-        weight = np.zeros(len(every.xyz), dtype=np.float32)
-        weight[inside] = factor[rows[inside], cols[inside]]
-        # Points below height_min_m are in no sum: where only they are, they keep their surface.
-        weight[weight == 0.0] = 1.0
-        return replace(every, area=every.area * weight)
+def _joined(points: Sequence[FloorPoints], raster: Raster) -> FloorPoints:
+    """All points together, each with the surface that it counts for."""
+    side = 2 * max(1, round(SHARED_M / 2 / raster.grid.cell_m)) + 1
+    surface = np.stack([_around(raster.accumulate(p)[1], side) for p in points])
+    total = surface.sum(axis=0)
+    factor = surface.max(axis=0) / np.where(total > 0, total, np.float32(1.0))  # max S / sum S, 0 without S
+    every = concatenated(points)
+    g = raster.grid
+    cols = np.floor((every.xyz[:, 0] - g.x_min_m) / g.cell_m).astype(np.int64)
+    rows = np.floor((every.xyz[:, 1] - g.y_min_m) / g.cell_m).astype(np.int64)
+    inside = (cols >= 0) & (rows >= 0) & (cols < g.n_cols) & (rows < g.n_rows)
+    weight = np.zeros(len(every.xyz), dtype=np.float32)
+    weight[inside] = factor[rows[inside], cols[inside]]
+    # Points below height_min_m are in no sum: where only they are, they keep their surface.
+    weight[weight == 0.0] = 1.0
+    return replace(every, area=every.area * weight)
 
 
 def concatenated(points: Sequence[FloorPoints]) -> FloorPoints:
@@ -86,10 +80,6 @@ def concatenated(points: Sequence[FloorPoints]) -> FloorPoints:
         np.concatenate([p.pixels for p in points]),
         np.concatenate(colours) if coloured and colours else None,
     )
-
-
-def _nothing() -> FloorPoints:
-    return FloorPoints(np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.int32))
 
 
 def _around(occupancy: F32, side: int) -> F32:

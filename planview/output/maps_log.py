@@ -37,13 +37,13 @@ class MapsLog:
         self._writer: MapsWriter | None = self._new_writer(self._open_path)
 
     def frame(self, result: FrameResult) -> None:
-        maps, sampled = result.observation.maps, result.sampled
-        if maps is None or sampled is None:
+        rig = result.first
+        if rig is None:
             raise InputError("expected a recording with images, found recorded maps")
-        reduced = np.ascontiguousarray(at_step(sampled, self._step))
+        reduced = np.ascontiguousarray(at_step(rig.sampled, self._step))
         self._writer = self._writer or self._new_writer(self._open_path)
         seen = result.observation.views[0]
-        self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, maps.points, reduced, seen))
+        self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, rig.points, reduced, seen))
 
     def mark(self) -> dict[str, int]:
         self._end_part()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 from calib.types import F32, U8
@@ -38,9 +40,9 @@ class Observation:
         image: (H, W[, 3]) uint8, the (rectified left) image.
         foreground: (H, W) uint8, 255 where foreground, at the image's size or an integer fraction of it.
         motion: (H, W) uint8, 255 where consecutive frames differ (single-camera trackers).
-        maps: plan-view maps (stereo only).
         shadow: (H, W) uint8, 255 where foreground was removed because it looks like a shadow (single-camera trackers).
         views: what every camera saw of its analysis pixels (stereo only).
+        build_maps: makes the plan-view maps (stereo only).
     """
 
     frame: int
@@ -48,9 +50,14 @@ class Observation:
     image: U8 | None = None
     foreground: U8 | None = None
     motion: U8 | None = None
-    maps: PlanViewMaps | None = None
     shadow: U8 | None = None
     views: tuple[SeenPixels, ...] = ()
+    build_maps: Callable[[], PlanViewMaps] | None = None
+
+    @cached_property
+    def maps(self) -> PlanViewMaps | None:
+        """Plan-view maps (stereo only), built when they are first read."""
+        return None if self.build_maps is None else self.build_maps()
 
 
 class ScoreTerms(NamedTuple):

@@ -27,13 +27,13 @@ from planview.output.rerun.shapes import (
     StaticScene,
     blueprint,
     disparity_photo,
+    foreground_points,
     label_of,
     map_image,
     metre_grid,
     mosaic,
     outlines,
     photo,
-    point_colours,
     shown_floor,
     strips_of,
 )
@@ -244,12 +244,12 @@ class RerunLog:
         """Disparity, and the foreground cloud in colour."""
         if result.sampled is not None:
             self._stream.log("disparity", disparity_photo(result.sampled, stereo))
-        maps, colours = result.observation.maps, point_colours(result)
-        if maps is None or colours is None:
+        if not result.rigs:
             return
+        xyz, colours = foreground_points(result)
         # Foreground points logged per frame at most: enough to recognise five people, in 24 kB (our choice).
-        step = -(-len(maps.points.xyz) // 1500) or 1
-        cloud = rr.Points3D(maps.points.xyz[::step], colors=colours[::step], radii=0.018)
+        step = -(-len(xyz) // 1500) or 1
+        cloud = rr.Points3D(xyz[::step], colors=colours[::step], radii=0.018)
         self._stream.log("world/foreground", cloud)
 
     def _log_maps(self, stereo: StereoView, result: FrameResult) -> None:

@@ -81,16 +81,16 @@ def label_of(track: TrackState) -> str:
     return f"{track.track_id}{height}" + ("" if track.state == "confirmed" else f" ({track.state})")
 
 
-def point_colours(result: FrameResult) -> U8 | None:
-    """(N, 3) RGB of the maps' points, each from its rig's image; None for recorded maps."""
-    parts = [np.empty((0, 3), dtype=np.uint8)]
-    for rig in result.rigs:
-        if rig is not None:
-            image, width = rig.image, rig.foreground.shape[1]
-            rows, cols = np.divmod(rig.points.pixels, width)
-            step = -(-image.shape[1] // width)
-            parts.append(np.asarray(as_colour(image)[rows * step, cols * step, ::-1], dtype=np.uint8))
-    return np.concatenate(parts) if result.rigs else None
+def foreground_points(result: FrameResult) -> tuple[F32, U8]:
+    """(N, 3) foreground points of all rigs [m], and their RGB, each from its rig's image."""
+    xyz, colours = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.uint8)]
+    for rig in filter(None, result.rigs):
+        image, width = rig.image, rig.foreground.shape[1]
+        rows, cols = np.divmod(rig.points.pixels, width)
+        step = -(-image.shape[1] // width)
+        xyz.append(rig.points.xyz)
+        colours.append(np.asarray(as_colour(image)[rows * step, cols * step, ::-1], dtype=np.uint8))
+    return np.concatenate(xyz), np.concatenate(colours)
 
 
 UNDER, OVER = -50.0, 10.0

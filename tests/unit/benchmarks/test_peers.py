@@ -18,7 +18,7 @@ VIEW = SeenPixels(RAYS, np.zeros(RAYS.shape, np.uint8), np.zeros(RAYS.shape, np.
 
 
 def observed(frame: int, timestamp_s: float, *people: tuple[float, float]) -> Observation:
-    return Observation(frame, timestamp_s, maps=maps_from(*people), views=(VIEW,))
+    return Observation(frame, timestamp_s, views=(VIEW,), build_maps=lambda: maps_from(*people))
 
 
 def found(*people: tuple[float, float]) -> list[Peak]:

@@ -26,4 +26,4 @@ def observe(frame: int, people: list[Person], fps: float = 10.0) -> Observation:
             disc = (u - 79.5 - 100 * x / depth) ** 2 + (v - 59.5 + 100 * y / depth) ** 2 <= (100 * radius / depth) ** 2
             disparity[disc] = GEOMETRY.disparity_at(depth)
             mask[disc] = 255
-    return Observation(frame, frame / fps, maps=BUILDER(disparity, mask))
+    return Observation(frame, frame / fps, build_maps=lambda: BUILDER(disparity, mask))

@@ -34,7 +34,7 @@ def observe(frame: int, people: list[Block], fps: float = 10.0) -> Observation:
         height[row, col] = tall
         occupancy[row, col] *= 1.5
     maps = PlanViewMaps(GRID, height, occupancy, height, occupancy, 0.002, NO_POINTS)
-    return Observation(frame, frame / fps, maps=maps)
+    return Observation(frame, frame / fps, build_maps=lambda: maps)
 
 
 def follow(tracker: TemplateTracker, frames: list[list[Block]], start: int = 0) -> list[tuple[TrackState, ...]]:
