@@ -9,9 +9,7 @@ from toy_stereo import ToyWorld
 
 from calib.rig import Floor
 from planview.engine.config import Config
-from planview.foreground.gain import Exposure
-from planview.maps.builder import MapBuilder
-from planview.maps.pixels import KeptBackground, PixelRays, seen_pixels, unmatched_pixels
+from planview.maps.pixels import Cloud
 from planview.maps.recording import MapsFrame
 from planview.maps.view import StereoView
 from planview.maps.writer import MapsWriter
@@ -25,25 +23,21 @@ GEOMETRY = RectifiedGeometry(80, 60, 58.0, 58.0, 39.5, 29.5, 0.12)
 def write_toy_maps(path: Path, n_frames: int = 40) -> Path:
     """Colours, pixels without depth and one background; frame 7 was skipped."""
     config, pose = Config(), ToyWorld().world_SE3_left
-    builder = MapBuilder(GEOMETRY, pose, config.maps)
-    rays = PixelRays.of(GEOMETRY, pose, builder.shape, 1)
+    cloud = Cloud(GEOMETRY, pose, config.maps, 1)
     floor = Floor(pose, 0.8, 0.01, extent_m=(-3.0, 0.0, 3.0, 6.0))
-    view = StereoView(GEOMETRY, floor, "found", "toy", 0.1, DisparityRange(0, 16), builder.grid, 1)
+    view = StereoView(GEOMETRY, floor, "found", "toy", 0.1, DisparityRange(0, 16), cloud.grid, 1)
     writer = MapsWriter(path, view, config.model_dump_json(), 15.0)
-    background = np.full(builder.shape, GEOMETRY.disparity_at(4.0), np.float32)
-    kept, rng = KeptBackground(), np.random.default_rng(4)
-    kept.renew(background, rays, 0.0)
+    background = np.full(cloud.shape, GEOMETRY.disparity_at(4.0), np.float32)
+    rng = np.random.default_rng(4)
     for index in (i for i in range(n_frames) if i != 7):
-        disparity, mask = background.copy(), np.zeros(builder.shape, np.uint8)
+        disparity, mask = background.copy(), np.zeros(cloud.shape, np.uint8)
         left = 5 + index
         mask[15:45, left : left + 12] = 255
         disparity[15:45, left : left + 12] = GEOMETRY.disparity_at(3.0) + rng.normal(0, 0.05, (30, 12))
         disparity[20:23, left : left + 3] = np.nan
-        image = np.full((*builder.shape, 3), (40, 40, 160), np.uint8)
-        points = builder.points(disparity, mask, image, Exposure())
-        unmatched = unmatched_pixels(mask, points)
+        image = np.full((*cloud.shape, 3), (40, 40, 160), np.uint8)
         renewed = background if index == 0 else None
-        seen = seen_pixels(rays, points, unmatched, kept.range_m, config.maps.height_min_m, renewed)
-        writer.add(MapsFrame.of(index, index / 15.0, points, disparity, seen))
+        view_now = cloud(disparity, mask, index / 15.0, renewed, image)
+        writer.add(MapsFrame.of(index, index / 15.0, disparity, view_now))
     writer.close([Skipped(7, "left: file is missing")])
     return path

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from planview.engine.info import (
     rigs_info,
     stereo_floor_info,
 )
-from planview.maps.builder import FloorPoints
+from planview.maps.pixels import SeenPixels
 from planview.maps.view import StereoView
 from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
@@ -40,40 +40,60 @@ STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
 """Stages timed, in order."""
 
 
-@dataclass(eq=False)
+class Disparity(NamedTuple):
+    """Disparity of one frame of one rig.
+
+    Attributes:
+        sampled: of every pixel, or of those that foreground and maps are made of; where it was not measured in this
+            frame, as measured last.
+        now: (h, w) float32 [px] at the analysis size, NaN also where it was not measured in this frame.
+        measured: (h, w) uint8, 0 where it was not measured in this frame; None where all of it was.
+    """
+
+    sampled: SampledDisparity
+    now: F32
+    measured: U8 | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A frame of one rig, as far as it depends on no other frame.
+
+    Attributes:
+        image: (h, w[, 3]) uint8, rectified, at the analysis size; the left image of a pair.
+        picture: makes it at the size that boxes of people are in, which is seldom needed.
+        matched: disparity of all pixels; or a pair, which is matched in part.
+        thumbnails: of both rectified images; None without a pair.
+    """
+
+    image: U8
+    picture: Callable[[], U8]
+    matched: SampledDisparity | PartialPair
+    thumbnails: Thumbnails | None
+
+
+@dataclass(frozen=True, eq=False)
 class RigFrame:
-    """A frame of one rig; every stage adds what it finds.
+    """What one rig measured in a frame.
 
     Attributes:
         name: of the rig among several.
-        analysed: (h, w[, 3]) uint8, rectified, of the size that foreground and maps have; the left image of a pair.
-        picture: makes it at the size that boxes of people are in, which is seldom asked for.
-        thumbnails: of both rectified images; None without a pair.
-        pair: what is matched in part; None where all of it is matched.
-        sampled: disparity, of every pixel or of those that foreground and maps are made of.
-        now: (h, w) float32 disparity [px], NaN also where it is as measured in an earlier frame.
-        measured: (h, w) uint8, 0 where it is so; None where all of it is of this frame.
-        foreground: (h, w) uint8 mask.
-        points: foreground points in the world; those of all rigs follow one another in the maps.
-        tracks: people, with their boxes in the rig's image.
+        prepared: images.
+        disparity: where it was measured.
+        foreground: (h, w) uint8 mask at the analysis size.
+        view: what every pixel shows.
     """
 
     name: str
-    analysed: U8
-    picture: Callable[[], U8]
-    thumbnails: Thumbnails | None
-    pair: PartialPair | None = None
-    measured: U8 | None = None
-    sampled: SampledDisparity = field(init=False)
-    now: F32 = field(init=False)
-    foreground: U8 = field(init=False)
-    points: FloorPoints = field(init=False)
-    tracks: tuple[TrackState, ...] = field(init=False)
+    prepared: Prepared
+    disparity: Disparity
+    foreground: U8
+    view: SeenPixels
 
     @property
     def image(self) -> U8:
-        """(H, W[, 3]) uint8, the (rectified left) image. Made when it is asked for."""
-        return self.picture()
+        """(H, W[, 3]) uint8, the (rectified left) image. Made on every access."""
+        return self.prepared.picture()
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +109,7 @@ class FrameResult:
         stages_ms: time of every stage; reading and matching run ahead in another thread.
         rigs: what each rig measured, None for a rig without a frame at that time; empty for one camera and recorded
             maps.
+        boxed: the tracks with their boxes in the image of each rig.
         stereo: the first rig above the floor; None for one camera.
     """
 
@@ -99,6 +120,7 @@ class FrameResult:
     observation: Observation
     stages_ms: dict[str, float]
     rigs: tuple[RigFrame | None, ...] = ()
+    boxed: tuple[tuple[TrackState, ...], ...] = ()
     stereo: StereoView | None = None
 
     @property
@@ -114,7 +136,7 @@ class FrameResult:
     @property
     def sampled(self) -> SampledDisparity | None:
         """Disparity of the first rig; None for one camera."""
-        return self.first.sampled if self.first else None
+        return self.first.disparity.sampled if self.first else None
 
     @property
     def disparity(self) -> F32 | None:
@@ -123,8 +145,8 @@ class FrameResult:
 
     @property
     def measured(self) -> U8 | None:
-        """Where the first rig's disparity is of this frame (see ``RigFrame``)."""
-        return self.first.measured if self.first else None
+        """Where the first rig's disparity is of this frame (see ``Disparity``)."""
+        return self.first.disparity.measured if self.first else None
 
     @property
     def matched_share(self) -> float:
@@ -134,7 +156,7 @@ class FrameResult:
     @property
     def thumbnails(self) -> Thumbnails | None:
         """Of the first rig's images; None without a pair."""
-        return self.first.thumbnails if self.first else None
+        return self.first.prepared.thumbnails if self.first else None
 
     def point_cloud(self) -> Any:
         """What the first rig measured, as an ``open3d.geometry.PointCloud``: metres on the axes of the tracks, colours

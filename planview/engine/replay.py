@@ -12,9 +12,9 @@ from calib.errors import InputError
 from planview.checks.check import Check
 from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult, StageClock
-from planview.engine.stereo import BodyBoxes
-from planview.maps.builder import MapBuilder
-from planview.maps.pixels import KeptBackground, PixelRays, seen_pixels
+from planview.engine.feedback import BodyBoxes
+from planview.maps.builder import floor_in_view
+from planview.maps.pixels import Cloud
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.tracking.base import Observation, Tracker
 
@@ -61,26 +61,22 @@ class MapsReplay:
         self._path, view = recording.path, recording.view
         pose = view.floor.world_SE3_left
         try:
-            if MapBuilder(view.geometry, pose, recorded.maps, view.reduction).grid != view.grid:
+            if floor_in_view(view.geometry, pose, recorded.maps) != view.grid:
                 raise ValueError("expected the grid of the rig and floor in the file, found one of another rig")
-            self._maps = MapBuilder(view.geometry, pose, config.maps, view.reduction)
+            self._cloud = Cloud(view.geometry, pose, config.maps, view.reduction)
         except ValueError as error:
             raise InputError(f"{recording.path}: {error}") from error
-        self.views = {"": replace(view, grid=self._maps.grid)}
+        self.views = {"": replace(view, grid=self._cloud.grid)}
         self.camera, self.size = view.camera, view.geometry.size
         self._boxes = BodyBoxes(view.geometry, pose)
-        self._background = KeptBackground()
-        self._rays = PixelRays.of(view.geometry, pose, self._maps.shape, view.reduction)
-        self._disparity = np.empty(view.shape, dtype=np.float32)
-        self._mask = np.empty(view.shape, dtype=np.uint8)
 
     def reset(self) -> None:
         """See ``FrontEnd``."""
-        self._background.reset()
+        self._cloud.background.reset()
 
     def memory(self) -> dict[str, object]:
         """See ``FrontEnd``."""
-        return {"background": self._background}
+        return {"background": self._cloud.background}
 
     def prepare(self, frame: MapsFrame, clock: StageClock) -> None:
         """See ``FrontEnd``."""
@@ -91,22 +87,18 @@ class MapsReplay:
         Raises:
             InputError: damaged maps.
         """
-        self._mask[:] = 0
-        self._mask.reshape(-1)[frame.pixels] = 255
-        self._disparity.reshape(-1)[frame.pixels] = frame.disparities
-        points = replace(self._maps.points(self._disparity, self._mask), colours=frame.colours)
-        if len(points.pixels) != len(frame.pixels):
+        disparity, mask = np.full(self._cloud.shape, np.nan, np.float32), np.zeros(self._cloud.shape, np.uint8)
+        disparity.reshape(-1)[frame.pixels] = frame.disparities
+        mask.reshape(-1)[frame.pixels] = mask.reshape(-1)[frame.unmatched] = 255
+        view = self._cloud(disparity, mask, frame.timestamp_s, frame.background, colours=frame.colours)
+        if len(view.points.pixels) != len(frame.pixels):
             raise InputError(
                 f"{self._path}: frame {frame.index}: expected {len(frame.pixels)} points in reach of the rig, "
-                f"found {len(points.pixels)}: the maps are damaged or another rig's"
+                f"found {len(view.points.pixels)}: the maps are damaged or another rig's"
             )
-        if frame.background is not None:
-            self._background.renew(frame.background, self._rays, frame.timestamp_s)
-        lowest_m = self._maps.params.height_min_m
-        seen = seen_pixels(self._rays, points, frame.unmatched, self._background.range_m, lowest_m)
         clock.record("maps")
         observation = Observation(
-            frame.index, frame.timestamp_s, views=(seen,), build_maps=partial(self._maps.of, points)
+            frame.index, frame.timestamp_s, views=(view,), build_maps=partial(self._cloud.maps.of, view.points)
         )
         tracks = self._boxes(tracker.update(observation))
         clock.record("track")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,9 +22,9 @@ from planview.engine.gated import GatedMatching
 from stereo.depth import DepthFromDisparity, back_project, median_image
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
 from stereo.matcher import BODY_LAG_PX, DisparityRange, Matcher, SgbmMatcher, disparity_range
-from stereo.recording import Recorded, RgbdRecording, StereoFrame, StereoRecording
+from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
-from stereo.rgbd import RgbdRectifier
+from stereo.rgbd import RectifiedRgbd, RgbdRectifier
 from stereo.rig_correction import RigCorrection, match_corners
 
 
@@ -55,19 +54,19 @@ class Setup:
     checks: tuple[Check, ...] = ()
     correction: RigCorrection | None = None
 
-    def whole(self, config: Config, matcher: Matcher | None = None) -> WholeMatching | RgbdRectifier:
+    def whole(self, config: Config, matcher: Matcher | None = None) -> WholeMatching:
         """Rectification, and the disparity of all pixels; with SGBM over the disparities when there is no matcher.
 
         Raises:
             InputError: a matcher for images with depth.
         """
-        if isinstance(self.rectifier, Rectifier):
-            return WholeMatching(self.rectifier, matcher or self._sgbm(self.rectifier, config), self.disparities)
-        if matcher is not None:
+        if matcher is not None and isinstance(self.rectifier, RgbdRectifier):
             raise InputError(
                 f"{self.calibration}: expected a stereo pair for a matcher of your own, found images with depth"
             )
-        return self.rectifier
+        if matcher is None and isinstance(self.rectifier, Rectifier):
+            matcher = self._sgbm(self.rectifier, config)
+        return WholeMatching(self.rectifier, matcher, self.disparities)
 
     def gated(self, config: Config, shape: tuple[int, int], reduction: int) -> GatedMatching | None:
         """Matching where something may have changed; None for images with depth, and where it is off.
@@ -87,27 +86,34 @@ class Setup:
 
 
 class WholeMatching:
-    """Rectification of a pair and disparity of all its pixels.
+    """Rectification, and the disparity of all pixels.
 
     Args:
+        matcher: of pairs; None for images with depth.
         searched: disparities that people on the floor can have.
     """
 
-    def __init__(self, rectifier: Rectifier, matcher: Matcher, searched: DisparityRange) -> None:
+    def __init__(self, rectifier: Rectifier | RgbdRectifier, matcher: Matcher | None, searched: DisparityRange) -> None:
         self._rectifier, self._matcher, self._searched = rectifier, matcher, searched
         self.geometry = rectifier.geometry
         self._matched = 0
 
-    def __call__(self, frame: StereoFrame) -> RectifiedPair:
+    def __call__(self, frame: StereoFrame | RgbdFrame) -> RectifiedPair | RectifiedRgbd:
         """Rectify one frame (ValueError: images of another size than the calibration's)."""
-        return self._rectifier(frame.left, frame.right)
+        if isinstance(self._rectifier, Rectifier) and isinstance(frame, StereoFrame):
+            return self._rectifier(frame.left, frame.right)
+        assert isinstance(self._rectifier, RgbdRectifier) and isinstance(frame, RgbdFrame)
+        return self._rectifier(frame)
 
-    def disparity(self, rectified: RectifiedPair) -> F32:
+    def disparity(self, rectified: RectifiedPair | RectifiedRgbd) -> F32:
         """(H, W) float32 [px] of the rectified image, NaN where unknown.
 
         Raises:
             InputError: what is no disparity in pixels, from a matcher of the user's.
         """
+        if isinstance(rectified, RectifiedRgbd):
+            return np.asarray(np.float32(self.geometry.disparity_metre) / rectified.depth_m, dtype=np.float32)
+        assert self._matcher is not None
         disparity = self._matcher(rectified.left_grey, rectified.right_grey)
         if self._matched % 50 == 0:  # our choice, for speed
             refuse_foreign_disparity(disparity, self.geometry.size[::-1], self._searched)
@@ -247,13 +253,13 @@ def scene_cloud(recording: StereoRecording | RgbdRecording, setup: Setup, config
     Raises:
         WorkError: no usable frame.
     """
-    whole: Any = setup.whole(config)
-    sampled: Recorded[Any] = recording
-    images, disparities = [], []
-    for frame in setup_frames(sampled, config.analysis.setup_frames):
-        rectified = whole(frame)
-        images.append(as_colour(rectified.left))
-        disparities.append(whole.disparity(rectified))
+    whole, count = setup.whole(config), config.analysis.setup_frames
+    if isinstance(recording, StereoRecording):
+        rectified = [whole(frame) for frame in setup_frames(recording, count)]
+    else:
+        rectified = [whole(frame) for frame in setup_frames(recording, count)]
+    images = [as_colour(one.left) for one in rectified]
+    disparities = [whole.disparity(one) for one in rectified]
     depth = DepthFromDisparity(whole.geometry)(median_image(disparities))
     points = back_project(depth, whole.geometry).reshape(-1, 3)
     colours = np.median(np.stack(images), axis=0).astype(np.uint8).reshape(-1, 3)[:, ::-1]

@@ -58,6 +58,9 @@ class FloorPoints:
     colours: U8 | None = None
 
 
+NO_POINTS = FloorPoints(np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.int32))
+
+
 @dataclass(frozen=True, eq=False)
 class PlanViewMaps:
     """Maps of one frame, all (n_rows, n_cols) float32 on the same grid.

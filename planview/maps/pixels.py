@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from calib.pose import SE3
-from calib.types import F32, F64, I32, U8
-from planview.maps.builder import FloorPoints
+from calib.types import F32, F64, U8
+from planview.foreground.gain import Exposure
+from planview.maps.builder import NO_POINTS, REFERENCE, FloorPoints, MapBuilder, MapParams
 from planview.maps.colour import CHROMA_CELLS
 from stereo.depth import RectifiedGeometry
 
@@ -90,7 +91,7 @@ class PixelRays:
 
 @dataclass(frozen=True, eq=False)
 class SeenPixels:
-    """One frame of one camera.
+    """What each pixel of one camera shows in a frame, in the world.
 
     Attributes:
         rays: of the camera.
@@ -98,6 +99,7 @@ class SeenPixels:
         range_m: (H, W) float32 along the ray: the surface's, or the background's where that is seen; 0 unknown.
         colour: (H, W) uint8 colour codes (``planview.maps.colour``); None where all is grey:
             light alone tells no clothes apart.
+        points: foreground points in the world; their pixels index the images above.
         renewed: (H, W) float32 [px], the background's disparity where it is another from this frame on; else None.
     """
 
@@ -105,6 +107,7 @@ class SeenPixels:
     kind: U8
     range_m: F32
     colour: U8 | None
+    points: FloorPoints = NO_POINTS
     renewed: F32 | None = None
 
 
@@ -134,43 +137,52 @@ class KeptBackground:
         self.range_m = far
 
 
-def seen_pixels(
-    rays: PixelRays, points: FloorPoints, unmatched: I32 | None, background_m: F32 | None, lowest_m: float,
-    renewed: F32 | None = None,
-) -> SeenPixels:  # fmt: skip
-    """Classify the pixels of one frame.
+class Cloud:
+    """Disparity and foreground of one rig to what its pixels show, in the world.
 
-    Foreground as low as the floor shows that nobody is in the way, as the background does.
-
-    Args:
-        points: foreground points of the frame; their pixels index an image of the rays' shape.
-        unmatched: (K,) int32 pixels of foreground without depth; None where they are not known.
-        background_m: (H, W) float32, how far the background is along the rays [m]; None or 0 where it is not known.
-        lowest_m: height from which people have surface [m].
-        renewed: see ``SeenPixels``.
+    Attributes:
+        maps: makes the points.
+        grid, shape: of the maps, and of the analysed image.
+        rays: of its pixels.
+        background: how far away it is.
     """
-    n = rays.stretch.size
-    kind = np.zeros(n, np.uint8)
-    if unmatched is not None:
-        kind[unmatched] = NO_DEPTH
-    kind[points.pixels] = np.where(points.xyz[:, 2] >= lowest_m, SURFACE, BACKGROUND_SEEN)
-    range_m = np.zeros(n, np.float32)
-    if background_m is not None:
-        np.multiply(background_m.reshape(-1), kind == BACKGROUND_SEEN, out=range_m)
-    range_m[points.pixels] = np.linalg.norm(points.xyz - rays.centre_m.astype(np.float32), axis=1)
-    colour = None
-    if points.colours is not None and COLOURED[points.colours].any():
-        colour = np.zeros(n, np.uint8)
-        colour[points.pixels] = points.colours
-    shape = rays.shape
-    return SeenPixels(
-        rays, kind.reshape(shape), range_m.reshape(shape), None if colour is None else colour.reshape(shape),
-        renewed,
-    )  # fmt: skip
 
+    def __init__(self, geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapParams, reduction: int) -> None:
+        """Prepare; arguments and errors are those of ``MapBuilder``."""
+        self.maps = MapBuilder(geometry, world_SE3_left, params, reduction)
+        self.grid, self.shape = self.maps.grid, self.maps.shape
+        self.rays = PixelRays.of(geometry, world_SE3_left, self.shape, reduction)
+        self.background = KeptBackground()
 
-def unmatched_pixels(mask: U8, points: FloorPoints) -> I32:
-    """(K,) int32 pixels of foreground that are no point."""
-    flat = mask.reshape(-1) > 0
-    flat[points.pixels] = False
-    return np.asarray(np.flatnonzero(flat), dtype=np.int32)
+    def __call__(
+        self, disparity: F32, mask: U8, timestamp_s: float, renewed: F32 | None = None,
+        image: U8 | None = None, exposure: Exposure = REFERENCE, colours: U8 | None = None,
+    ) -> SeenPixels:  # fmt: skip
+        """What every pixel of a frame shows.
+
+        Foreground as low as the floor shows that nobody is in the way, as the background does.
+
+        Args:
+            disparity: (H, W) float32 [px], NaN where invalid.
+            mask: (H, W) uint8, non-zero where foreground.
+            renewed: see ``SeenPixels``.
+            image: (H, W[, 3]) uint8 grey or BGR, for the points' colours.
+            exposure: of the image, relative to the recording's first.
+            colours: of the points, where there is no image.
+        """
+        points = self.maps.points(disparity, mask, image, exposure)
+        if image is None:
+            points = replace(points, colours=colours)
+        if renewed is not None:
+            self.background.renew(renewed, self.rays, timestamp_s)
+        kind = np.where(mask.reshape(-1) > 0, np.uint8(NO_DEPTH), np.uint8(BACKGROUND_SEEN))
+        low = points.xyz[:, 2] < self.maps.params.height_min_m
+        kind[points.pixels] = np.where(low, BACKGROUND_SEEN, SURFACE)
+        range_m, colour = np.zeros(kind.size, np.float32), None
+        if self.background.range_m is not None:
+            np.multiply(self.background.range_m.reshape(-1), kind == BACKGROUND_SEEN, out=range_m)
+        range_m[points.pixels] = np.linalg.norm(points.xyz - self.rays.centre_m.astype(np.float32), axis=1)
+        if points.colours is not None and COLOURED[points.colours].any():
+            colour = np.zeros(self.shape, np.uint8)
+            colour.reshape(-1)[points.pixels] = points.colours
+        return SeenPixels(self.rays, kind.reshape(self.shape), range_m.reshape(self.shape), colour, points, renewed)

@@ -26,7 +26,6 @@ from calib.pose import SE3
 from calib.rig import DepthSensor, Floor
 from calib.types import F32, I32, U8, AnyArray
 from calib.world import MAX_AWAY_M, refuse_strange_pose
-from planview.maps.builder import FloorPoints
 from planview.maps.colour import CODES
 from planview.maps.grid import MAX_CELLS, Grid
 from planview.maps.pixels import NO_DEPTH, SeenPixels
@@ -38,7 +37,7 @@ from stereo.recording import Skipped
 
 FORMAT = "planview maps"
 VERSION = 2
-"""Changes when an older reader would misunderstand the file; 1 has neither unmatched pixels nor backgrounds."""
+"""Changes when an older reader would misunderstand the file."""
 BLOCK_FRAMES = 32
 """Frames written and read at a time."""
 RANGES: dict[str, tuple[float, float]] = {
@@ -62,7 +61,7 @@ class MapsFrame:
         pixels: (N,) int32, row * width + column at the size of foreground and maps, ascending.
         disparities: (N,) float32 [px of the rectified image].
         colours: (N,) uint8 colour codes; None when not recorded.
-        unmatched: (K,) int32 pixels of foreground without depth, ascending; None when not recorded.
+        unmatched: (K,) int32 pixels of foreground without depth, ascending.
         background: (H, W) float32 [px], the background's disparity where it is another from this frame on; else None.
     """
 
@@ -70,16 +69,17 @@ class MapsFrame:
     timestamp_s: float
     pixels: I32
     disparities: F32
-    colours: U8 | None = None
-    unmatched: I32 | None = None
+    colours: U8 | None
+    unmatched: I32
     background: F32 | None = None
 
     @staticmethod
-    def of(index: int, timestamp_s: float, points: FloorPoints, disparity: F32, seen: SeenPixels) -> MapsFrame:
+    def of(index: int, timestamp_s: float, disparity: F32, view: SeenPixels) -> MapsFrame:
         """The points of a frame, with their values in its (H, W) disparity at the size of foreground and maps."""
-        unmatched = np.flatnonzero(seen.kind.reshape(-1) == NO_DEPTH).astype(np.int32)
-        values = disparity.reshape(-1)[points.pixels]
-        return MapsFrame(index, timestamp_s, points.pixels, values, points.colours, unmatched, seen.renewed)
+        unmatched = np.flatnonzero(view.kind.reshape(-1) == NO_DEPTH).astype(np.int32)
+        pixels = view.points.pixels
+        values = disparity.reshape(-1)[pixels]
+        return MapsFrame(index, timestamp_s, pixels, values, view.points.colours, unmatched, view.renewed)
 
 
 class MapsRecording:
@@ -109,9 +109,8 @@ class MapsRecording:
             )
             skipped, why = _column(file, "skipped/index", np.int64), file["skipped/why"].asstr()[: len(self._indices)]
             self.skipped = [Skipped(int(i), str(w)) for i, w in zip(skipped, why, strict=True)]
-            self._unmatched_ends = _column(file, "frames/unmatched_end", np.int64) if "unmatched" in file else None
-            renewed = "background" in file
-            self._renewed = _column(file, "background/frame", np.int64) if renewed else np.zeros(0, np.int64)
+            self._unmatched_ends = _column(file, "frames/unmatched_end", np.int64)
+            self._renewed = _column(file, "background/frame", np.int64)
             self._check_tables(file)
         self.n_frames = len(self._indices)
 
@@ -129,11 +128,9 @@ class MapsRecording:
         pixels = self._pixels(file, "points/pixel", self._ends, first, last)
         disparities = self._cut(file, "points/disparity", self._ends, first, last)
         codes: list[Any] = [None] * (last - first)
-        unmatched: list[Any] = [None] * (last - first)
         if "points/appearance" in file:
             codes = self._cut(file, "points/appearance", self._ends, first, last)
-        if self._unmatched_ends is not None:
-            unmatched = self._pixels(file, "unmatched/pixel", self._unmatched_ends, first, last)
+        unmatched = self._pixels(file, "unmatched/pixel", self._unmatched_ends, first, last)
         for i in range(last - first):
             index, time = int(self._indices[first + i]), float(self._times[first + i])
             if not (np.isfinite(disparities[i]).all() and (disparities[i] > 0).all()):
@@ -172,18 +169,15 @@ class MapsRecording:
         columns = {f"points/{name}": (self._ends, kind) for name, kind in POINT_COLUMNS.items()}
         if "points/appearance" in file:
             columns["points/appearance"] = self._ends, np.uint8
-        if self._unmatched_ends is not None:
-            columns["unmatched/pixel"] = self._unmatched_ends, np.int32
+        columns["unmatched/pixel"] = self._unmatched_ends, np.int32
         for name, (ends, kind) in columns.items():
             steps = np.diff(ends, prepend=0)
             if len(ends) != n or (n and not (steps.min() >= 0 and steps.max() <= height * width)):
                 raise ValueError(f"{name} that does not fit the frames")
             if file[name].dtype != kind or file[name].shape != (int(ends[-1]) if n else 0,):
                 raise ValueError(f"{name} of {file[name].shape} {file[name].dtype} where frames end with {ends[-1:]}")
-        background = file["background/disparity"] if "background" in file else None
-        if background is not None and (
-            background.dtype != np.float32 or background.shape != (len(self._renewed), height * width)
-        ):
+        background = file["background/disparity"]
+        if background.dtype != np.float32 or background.shape != (len(self._renewed), height * width):
             raise ValueError("backgrounds of another size")
 
 
@@ -200,8 +194,11 @@ def is_maps(path: Path) -> bool:
 def _check_version(path: Path, file: Any) -> None:
     if file.attrs.get("format") != FORMAT:
         raise ValueError("another HDF5 file")
-    if file.attrs["version"] not in range(1, VERSION + 1):
-        raise InputError(f"{path}: expected plan-view maps of version 1 to {VERSION}, found {file.attrs['version']}")
+    if file.attrs["version"] != VERSION:
+        raise InputError(
+            f"{path}: expected plan-view maps of version {VERSION}, found version {file.attrs['version']}: "
+            "track the recording again with this version of planview"
+        )
     if "points/appearance" in file and file["points/appearance"].attrs["codes"] != CODES:
         found = file["points/appearance"].attrs["codes"]
         raise InputError(f"{path}: expected colours in {CODES} codes, found {found}: another version wrote them")

@@ -94,7 +94,7 @@ class MapsWriter:
             return
         ends = self._end + np.cumsum([len(frame.pixels) for frame in block])
         self._end = int(ends[-1])
-        unmatched = [f.unmatched if f.unmatched is not None else np.zeros(0, np.int32) for f in block]
+        unmatched = [f.unmatched for f in block]
         unmatched_ends = self._unmatched_end + np.cumsum([len(pixels) for pixels in unmatched])
         self._unmatched_end = int(unmatched_ends[-1])
         renewed = [f for f in block if f.background is not None]

@@ -40,10 +40,9 @@ class MapsLog:
         rig = result.first
         if rig is None:
             raise InputError("expected a recording with images, found recorded maps")
-        reduced = np.ascontiguousarray(at_step(rig.sampled, self._step))
+        reduced = np.ascontiguousarray(at_step(rig.disparity.sampled, self._step))
         self._writer = self._writer or self._new_writer(self._open_path)
-        seen = result.observation.views[0]
-        self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, rig.points, reduced, seen))
+        self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, reduced, rig.view))
 
     def mark(self) -> dict[str, int]:
         self._end_part()

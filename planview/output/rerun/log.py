@@ -138,8 +138,9 @@ class RerunLog:
             self._keep("world/scene", cloud)
         if result.frame % self._every == 0:
             self._log_images(result)
-        for rig in filter(None, result.rigs[1:]):
-            self._log_boxes(f"{rig.name}/image", [t for t in rig.tracks if not math.isnan(t.box_px[0])])
+        for rig, tracks in zip(result.rigs[1:], result.boxed[1:], strict=True):
+            if rig is not None:
+                self._log_boxes(f"{rig.name}/image", [t for t in tracks if not math.isnan(t.box_px[0])])
         self._log_boxes("image", [track for track in result.tracks if not math.isnan(track.box_px[0])])
         self._log_bodies([track for track in result.tracks if not math.isnan(track.x_m)])
         for decision in result.decisions:

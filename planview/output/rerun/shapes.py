@@ -86,9 +86,9 @@ def foreground_points(result: FrameResult) -> tuple[F32, U8]:
     xyz, colours = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.uint8)]
     for rig in filter(None, result.rigs):
         image, width = rig.image, rig.foreground.shape[1]
-        rows, cols = np.divmod(rig.points.pixels, width)
+        rows, cols = np.divmod(rig.view.points.pixels, width)
         step = -(-image.shape[1] // width)
-        xyz.append(rig.points.xyz)
+        xyz.append(rig.view.points.xyz)
         colours.append(np.asarray(as_colour(image)[rows * step, cols * step, ::-1], dtype=np.uint8))
     return np.concatenate(xyz), np.concatenate(colours)
 

@@ -21,10 +21,11 @@ from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import F32
 from planview.engine.config import Config, FeedbackParams, load_config
+from planview.engine.feedback import BODY_RADIUS_M, BodyBoxes, Feedback
 from planview.engine.gated import SAME_LEVELS, alike, solid
 from planview.engine.info import ground_camera_info
 from planview.engine.setup import Setup, refuse_foreign_disparity
-from planview.engine.stereo import BODY_RADIUS_M, BodyBoxes, Feedback, stereo_engine
+from planview.engine.stereo import stereo_engine
 from planview.foreground.params import BACKGROUND, NO_FEEDBACK, PERSON
 from planview.maps.builder import FloorPoints
 from planview.trajectories.state import State, TrackState

@@ -187,7 +187,7 @@ def test_frames_are_read_as_they_were_written(maps: Path) -> None:
     assert [f.index for f in frames][5:9] == [5, 6, 8, 9] and recording.n_frames == track(maps) == 39
     assert recording.skipped == [Skipped(7, "left: file is missing")] and recording.fps == 15.0
     first = frames[0]
-    assert first.unmatched is not None and len(first.unmatched) >= 9 and len(first.pixels) == len(first.disparities)
+    assert len(first.unmatched) >= 9 and len(first.pixels) == len(first.disparities)
     assert first.background is not None and frames[1].background is None
 
 
@@ -237,7 +237,8 @@ UP[2, 3] = 2.5
 @pytest.mark.parametrize(
     ("damage", "named"),
     [
-        (lambda file: file.attrs.update(version=99), "version 1 to 2, found 99"),
+        (lambda file: file.attrs.update(version=99), "of version 2, found version 99"),
+        (lambda file: file.attrs.update(version=1), "of version 2, found version 1: track the recording again"),
         (lambda file: file.attrs.update(config='{"telepathy": {}}'), "another version"),
         (lambda file: file["rig"].attrs.update(focal_u_px=1e4), "another rig"),
         (lambda file: file["points/appearance"].attrs.update(codes=7), "another version"),
