@@ -39,7 +39,7 @@ class Remembers(Protocol):
     def reset(self) -> None: ...
 
 
-class StereoRig:
+class RigStages:
     """The stages of one rig; what it shows depends on where people were.
 
     Attributes:
@@ -141,7 +141,7 @@ class StereoFrontEnd:
 
     ahead = 2
 
-    def __init__(self, rigs: Sequence[StereoRig], config: Config) -> None:
+    def __init__(self, rigs: Sequence[RigStages], config: Config) -> None:
         """Join the maps of the rigs.
 
         Raises:
@@ -251,8 +251,8 @@ def _rig(
     config: Config,
     matcher: Matcher | None = None,
     name: str = "",
-) -> StereoRig:
+) -> RigStages:
     try:
-        return StereoRig(setup, config, matcher, name)
+        return RigStages(setup, config, matcher, name)
     except ValueError as error:
         raise InputError(f"{recording.path} (floor: {setup.floor_source}): {error}") from error
