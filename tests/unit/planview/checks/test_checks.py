@@ -476,7 +476,7 @@ def test_of_one_camera_is_checked_what_one_camera_shows(tmp_path):
     found = examine(still, OpenOptions(camera)).checks
     assert [c.name for c in found if not c.ok] == ["camera height"]
     save_ground_camera(GroundCamera(320, 240, 100.0, 3.0, 0.5), camera)
-    assert "images of 160x120 px, found 320x240 px" in examine(still, OpenOptions(camera)).checks[0].note
+    assert "images of 160x120 px, found one for 320x240 px" in examine(still, OpenOptions(camera)).checks[0].note
 
 
 def test_a_picture_over_exposed_by_a_hair_is_a_warning_and_no_refusal():
