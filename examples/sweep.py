@@ -20,7 +20,8 @@ def main(recording: str = "data/synthetic/demo", frames: int = 0, sizes_px: Sequ
         tracks = planview.run(recording, config=config, frames=frames)
         last = int(tracks.frame.max()) if len(tracks) else 0
         scores = planview.evaluate(tracks, recording, frames=(0, last)).to_json()
-        print(f"{size_px},{scores['mota']:.3f},{scores['position_error_mean_m'] or float('nan'):.3f}")
+        found = (scores["mota"], scores["position_error_mean_m"])  # None where nobody was tracked
+        print(size_px, *("" if value is None else f"{value:.3f}" for value in found), sep=",")
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
+from calib.types import U8
 from planview.checks.check import Check
 from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult, StageClock
@@ -90,7 +91,11 @@ class MapsReplay:
         disparity, mask = np.full(self._cloud.shape, np.nan, np.float32), np.zeros(self._cloud.shape, np.uint8)
         disparity.reshape(-1)[frame.pixels] = frame.disparities
         mask.reshape(-1)[frame.pixels] = mask.reshape(-1)[frame.unmatched] = 255
-        view = self._cloud(disparity, mask, frame.timestamp_s, frame.background, colours=frame.colours)
+        codes: U8 | None = None
+        if frame.colours is not None:
+            codes = np.zeros(mask.shape, np.uint8)
+            codes.reshape(-1)[frame.pixels] = frame.colours
+        view = self._cloud(disparity, mask, frame.timestamp_s, frame.background, codes=codes)
         if len(view.points.pixels) != len(frame.pixels):
             raise InputError(
                 f"{self._path}: frame {frame.index}: expected {len(frame.pixels)} points in reach of the rig, "

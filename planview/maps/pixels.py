@@ -58,7 +58,7 @@ class PixelRays:
 
     @property
     def key(self) -> tuple[float, ...]:
-        """Tells cameras apart."""
+        """Distinguishes cameras."""
         return tuple(self.centre_m.tolist())
 
     @cached_property
@@ -98,7 +98,7 @@ class SeenPixels:
         kind: (H, W) uint8 of BACKGROUND_SEEN, SURFACE and NO_DEPTH.
         range_m: (H, W) float32 along the ray: the surface's, or the background's where that is seen; 0 unknown.
         colour: (H, W) uint8 colour codes (``planview.maps.colour``); None where all is grey:
-            light alone tells no clothes apart.
+            light alone does not distinguish clothes.
         points: foreground points in the world; their pixels index the images above.
         renewed: (H, W) float32 [px], the background's disparity where it is another from this frame on; else None.
     """
@@ -112,7 +112,7 @@ class SeenPixels:
 
 
 class KeptBackground:
-    """How far the background is, looked at anew every RENEW_S: furniture that hides people seldom moves.
+    """How far the background is, measured again every RENEW_S: furniture that hides people seldom moves.
 
     Attributes:
         range_m: (H, W) float32 along the rays [m], 0 where unknown; None before the first look.
@@ -156,7 +156,7 @@ class Cloud:
 
     def __call__(
         self, disparity: F32, mask: U8, timestamp_s: float, renewed: F32 | None = None,
-        image: U8 | None = None, exposure: Exposure = REFERENCE, colours: U8 | None = None,
+        image: U8 | None = None, exposure: Exposure = REFERENCE, codes: U8 | None = None,
     ) -> SeenPixels:  # fmt: skip
         """What every pixel of a frame shows.
 
@@ -168,11 +168,11 @@ class Cloud:
             renewed: see ``SeenPixels``.
             image: (H, W[, 3]) uint8 grey or BGR, for the points' colours.
             exposure: of the image, relative to the recording's first.
-            colours: of the points, where there is no image.
+            codes: (H, W) uint8 colour codes, where there is no image.
         """
         points = self.maps.points(disparity, mask, image, exposure)
-        if image is None:
-            points = replace(points, colours=colours)
+        if codes is not None:
+            points = replace(points, colours=codes.reshape(-1)[points.pixels])
         if renewed is not None:
             self.background.renew(renewed, self.rays, timestamp_s)
         kind = np.where(mask.reshape(-1) > 0, np.uint8(NO_DEPTH), np.uint8(BACKGROUND_SEEN))
