@@ -135,9 +135,9 @@ def _match_kind(m: Mixtures, k: int, o: Pixels, s: UpdateConstants) -> np.ndarra
     agree = both & (dd * dd < s.beta * m.var_d[k])
     nearer = s.body_over_metre * m.d[k]
     body = nearer * m.d[k] / np.maximum(F32(1) - nearer, F32(0.1))
-    says = np.maximum(body * (body - (dd + dd)) / m.var_d[k], F32(0))
-    same = far < np.where(agree, np.minimum(s.beta + says, s.beta_relaxed), s.beta)
-    unsure = np.maximum(F32(1) - says / s.beta, F32(0))
+    evidence = np.maximum(body * (body - (dd + dd)) / m.var_d[k], F32(0))
+    same = far < np.where(agree, np.minimum(s.beta + evidence, s.beta_relaxed), s.beta)
+    unsure = np.maximum(F32(1) - evidence / s.beta, F32(0))
     darkest = s.shadow_ratio + unsure * (s.shadow_ratio_unsure - s.shadow_ratio)
     kind = np.where(same, 1, np.where(agree & _other_light(m, k, o, chroma, darkest, s), 2, 0))
     return np.where(both & ~agree, 0, kind)

@@ -8,7 +8,7 @@ from planview.foreground import _gain_kernels as kernels
 
 
 def information(luma: np.ndarray, tolerance: float) -> np.ndarray:
-    """What each pixel tells for a line that it lies on [nat]: minus the logarithm of its luma's share of the image."""
+    """Evidence of each pixel for a line that it lies on [nat]: minus the logarithm of its luma's share of the image."""
     level = luma.astype(int)
     alike = (np.abs(level[:, None] - level) <= int(tolerance)).mean(axis=1)
     levels = np.minimum(level + int(tolerance), 255) - np.maximum(level - int(tolerance), 0) + 1
@@ -20,7 +20,7 @@ def weigh_inliers(
     tolerance: float, step: int,
 ) -> tuple[int, float]:  # fmt: skip
     """Number of the pixels, of every step-th, within the tolerance of the line (clipped at both ends), and what they
-    tell."""
+    weigh."""
     expected = np.clip(gain * model[::step].astype(float) + offset, 0, clip)
     near = np.abs(np.minimum(luma[::step], clip) - expected) <= tolerance
     return int(near.sum()), float(information[::step][near].sum())
@@ -29,10 +29,10 @@ def weigh_inliers(
 def consensus_scale(
     model: np.ndarray, luma: np.ndarray, information: np.ndarray, clip: float, tolerance: float
 ) -> float:
-    """The smallest gain of the ladder whose inliers tell most."""
+    """The smallest gain of the ladder with the largest evidence."""
     gains = np.exp(kernels.LADDER_STEP * np.arange(-kernels.LADDER_STEPS, kernels.LADDER_STEPS + 1))
-    told = [weigh_inliers(model, luma, information, g, 0.0, clip, tolerance, kernels.THINNING)[1] for g in gains]
-    return float(gains[int(np.argmax(told))]) if max(told) > 0 else 1.0
+    printed = [weigh_inliers(model, luma, information, g, 0.0, clip, tolerance, kernels.THINNING)[1] for g in gains]
+    return float(gains[int(np.argmax(printed))]) if max(printed) > 0 else 1.0
 
 
 def refine_gain(

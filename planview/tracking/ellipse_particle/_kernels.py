@@ -156,8 +156,8 @@ def cover(score: F32, half: F64, aspect: float, stride: int, accept: float) -> F
             for c in range(n_cols):
                 sums[r, c + 1] = sums[r, c] + score[r, c]
         for i2 in range(max(0, int((y - a - most) / stride)), min(n_i, int((y + a + most) / stride) + 2)):
-            beside = b + half[i2 * stride] * aspect
-            for j2 in range(max(0, int((x - beside) / stride)), min(n_j, int((x + beside) / stride) + 2)):
+            across = b + half[i2 * stride] * aspect
+            for j2 in range(max(0, int((x - across) / stride)), min(n_j, int((x + across) / stride) + 2)):
                 gain[i2, j2] = gain_share(sums, j2 * stride, i2 * stride, half[i2 * stride], aspect)
         gain[i, j] = -1.0
     return found[:n]

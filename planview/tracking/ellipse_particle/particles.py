@@ -65,15 +65,15 @@ class ParticleFilter:
             dt_s: time since the last frame [s].
             cells_per_m: (N,) where each object is.
         """
-        p, drawn = self.particles, self._rng.standard_normal(self.particles.shape, dtype=np.float32)
+        p, noise = self.particles, self._rng.standard_normal(self.particles.shape, dtype=np.float32)
         push = ACCELERATION_MPS2 * cells_per_m[:, None] * dt_s
         pull = np.hypot(0.5 * push * dt_s, JITTER_M * cells_per_m[:, None])
         stays = math.exp(-dt_s / SHAPE_TIME_S)
         spread = np.array([SHAPE_SPREAD, SHAPE_SPREAD, size.lean])
-        p[..., :VX] += p[..., VX:LN_A] * dt_s + pull * drawn[..., :VX]
-        p[..., VX:LN_A] += push * drawn[..., VX:LN_A]
-        p[..., LN_A:] = stays * p[..., LN_A:] + math.sqrt(1.0 - stays * stays) * spread * drawn[..., LN_A:]
-        self._surprise = 0.5 * (drawn**2).sum(axis=2)
+        p[..., :VX] += p[..., VX:LN_A] * dt_s + pull * noise[..., :VX]
+        p[..., VX:LN_A] += push * noise[..., VX:LN_A]
+        p[..., LN_A:] = stays * p[..., LN_A:] + math.sqrt(1.0 - stays * stays) * spread * noise[..., LN_A:]
+        self._surprise = 0.5 * (noise**2).sum(axis=2)
 
     def weigh(self, n: int, measured: U8, others: U8, size: Size, area: float) -> F64:
         """Weigh and resample one object, the others being where they are; its MAP estimate.

@@ -104,12 +104,13 @@ class EllipseParticleTracker:
             return ()
         size, share = self._learned
         length_px = 2.0 * float(size.half_lengths(np.array(self._image_size[0] / 2)))
-        told = (
-            f"people are taken for {length_px:.0f} px {'high' if size.upright else 'long'} in the middle of the image"
-        )
+        way = "high" if size.upright else "long"
+        learned = f"assumed size of people: {length_px:.0f} px {way} in the middle of the image"
         alike = "" if share >= 0.5 else f", though only {share:.0%} of it has that size"
         other = "--set ellipse_particle.size.person_height_px=N gives another"
-        return (f"{told}, the size of whatever moves here{alike}: nothing tells people from other things ({other})",)
+        return (
+            f"{learned}, the size of whatever moves here{alike}: other things of that size count as people ({other})",
+        )
 
     def study(self, observations: Iterable[Observation]) -> None:
         """Learn the size of people from a recording's beginning, before its first frame is tracked; kept by ``reset``.

@@ -139,9 +139,9 @@ def _try(place: F64, frame: MaskExplanation, known: People, now_s: float, p: Hum
         people.poses[n] = posture
         others, s = np.flatnonzero(frame.touching(people.poses)[n, :n]), frame.around(posture, PLACE_STD_M)
         s.layer(people, others)
-        value, bend = s.ascend(people.poses[n], posture, information, tall, ratios)
-        fits.append((value, people.poses[n].copy(), bend, s, others))
-    evidence, pose, bend, samples, others = max(fits, key=lambda fit: fit[0])
+        value, curvature = s.ascend(people.poses[n], posture, information, tall, ratios)
+        fits.append((value, people.poses[n].copy(), curvature, s, others))
+    evidence, pose, curvature, samples, others = max(fits, key=lambda fit: fit[0])
     people.poses[n] = pose
     rival = int(frame.rivals(people, np.append(np.ones(n), 0.0))[n]) if evidence > 0.0 else -1
     if rival >= 0:
@@ -155,7 +155,7 @@ def _try(place: F64, frame: MaskExplanation, known: People, now_s: float, p: Hum
     mine, total = samples.visible(pose, tall)
     if evidence < p.birth_evidence or mine < 0.25 * total:
         return None
-    noise, up = samples.noise(pose, bend)
+    noise, up = samples.noise(pose, curvature)
     kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), noise, SPEED_STD_MPS)
     person = Walker(0, kalman, float(pose[2]), BORN_LOG_ODDS, now_s)
     person.height_var = 1.0 / (1.0 / person.height_var + up)

@@ -85,16 +85,16 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
     def debug(self) -> TrackerDebug:
         """Hulls with their states in the image, footprints on the floor."""
         hulls = [(q, self._hull(q.at_m, q.height_m)) for q in self._people]
-        drawn = [(q, np.vstack([hull, hull[:1]]).astype(np.float32)) for q, hull in hulls if hull is not None]
+        outlines = [(q, np.vstack([hull, hull[:1]]).astype(np.float32)) for q, hull in hulls if hull is not None]
         labels = tuple(
             f"{q.track_id} {q.posture} {q.motion} {q.stability} M={q.match.score:.2f}, existence {q.existence:.2f}"
-            for q, _ in drawn
+            for q, _ in outlines
         )
-        feet = tuple(np.array([q.at_m], np.float32) for q in self._people)
+        feet = tuple(np.array([person.at_m], np.float32) for person in self._people)
         return TrackerDebug(
             (
-                Drawing("models", "image", tuple(hull for _, hull in drawn), labels),
-                Drawing("footprints", "floor", feet, tuple(str(q.track_id) for q in self._people)),
+                Drawing("models", "image", tuple(hull for _, hull in outlines), labels),
+                Drawing("footprints", "floor", feet, tuple(str(person.track_id) for person in self._people)),
             )
         )
 
@@ -120,8 +120,8 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         if self._people:
             self._explain(frame, side_by_side(self._people), dt)
         people = side_by_side(self._people)
-        (owned,) = frame.share_out(people)
-        hulls = [self._hull(q.at_m, q.height_m) for q in self._people]
+        (owned,) = frame.assign_pixels(people)
+        hulls = [self._hull(person.at_m, person.height_m) for person in self._people]
         self._judge(frame, owned, motion, hulls)
         self._learn_hiding(frame, seen, hulls, dt)
         if frame.coloured:
@@ -129,51 +129,53 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         self._paint_known(frame, owned, motion, dt)
         self._clean(dt)
         born, poses = births(self._places, frame, side_by_side(self._people), owned, self._log.now_s, self.params)
-        for q, pose in zip(self._people, poses, strict=True):
-            if tuple(pose) != (*q.at_m, q.height_m):
+        for person, pose in zip(self._people, poses, strict=True):
+            if tuple(pose) != (*person.at_m, person.height_m):
                 # Go on where the model accounts for more.
-                q.kalman, q.height_m = q.kalman.moved_to(float(pose[0]), float(pose[1])), float(pose[2])
-                self._note(q, "recentred", f"accounts for more at {pose[0]:.2f}, {pose[1]:.2f} m", math.nan)
-        found = matches([self._hull(b.at_m, b.height_m) for b in born], frame.kind == SURFACE)
-        for b, match in zip(born, found, strict=True):
-            b.match, b.inside = match, self._visibility(np.array([*b.at_m, b.height_m]))
-            reason = f"M {match.score:.2f}, evidence {b.evidence:.1f}, {b.height_m:.2f} m tall"
-            self._add(b, "split" if match.recall < 0.5 else "spawned", reason, match.score)
+                person.kalman = person.kalman.moved_to(float(pose[0]), float(pose[1]))
+                person.height_m = float(pose[2])
+                self._note(person, "recentred", f"accounts for more at {pose[0]:.2f}, {pose[1]:.2f} m", math.nan)
+        found = matches([self._hull(newcomer.at_m, newcomer.height_m) for newcomer in born], frame.kind == SURFACE)
+        for newcomer, match in zip(born, found, strict=True):
+            newcomer.match, newcomer.inside = match, self._visibility(np.array([*newcomer.at_m, newcomer.height_m]))
+            reason = f"M {match.score:.2f}, evidence {newcomer.evidence:.1f}, {newcomer.height_m:.2f} m tall"
+            self._add(newcomer, "split" if match.recall < 0.5 else "spawned", reason, match.score)
         self._recognise(dt)
-        return tuple(self._state(q, self._box(q)) for q in self._people)
+        return tuple(self._state(person, self._box(person)) for person in self._people)
 
     def _explain(self, frame: MaskExplanation, people: People, dt: float) -> None:
         """Places, then the frame's evidence on each person's existence."""
-        samples, _, evidence, bend = self._ascend(frame, people)
-        for i, q in enumerate(self._people):
-            q.evidence, pose = float(evidence[i]), people.poses[i]
+        samples, _, evidence, curvature = self._ascend(frame, people)
+        for i, person in enumerate(self._people):
+            person.evidence, pose = float(evidence[i]), people.poses[i]
             mine, total = samples[i].visible(pose, people.tall[i])
-            q.inside = self._visibility(pose)
-            q.share = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * q.inside)
-            self._measure(q, samples[i], pose, bend[i], dt)
+            person.inside = self._visibility(pose)
+            person.share = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * person.inside)
+            self._measure(person, samples[i], pose, curvature[i], dt)
         # Who is surer has the better standing, and who came first.
         ranks = sorted(range(len(self._people)), key=lambda k: (
             self._people[k].confirmed, self._people[k].log_odds, -self._people[k].track_id))  # fmt: skip
         rivals = frame.rivals(people, np.argsort(ranks).astype(np.float64))
-        for i, q in enumerate(self._people):
-            if rivals[i] >= 0 and q.share >= self.params.visible_min:
+        for i, person in enumerate(self._people):
+            if rivals[i] >= 0 and person.share >= self.params.visible_min:
                 pair = frame.pair(i, int(rivals[i]), people)
-                superfluous = self._people[rivals[i]] if pair.first else q
+                superfluous = self._people[rivals[i]] if pair.first else person
                 superfluous.evidence = min(superfluous.evidence, pair.evidence)
         if np.count_nonzero(frame.kind == SURFACE) > 0.5 * frame.kind.size:
             return
-        for q in self._people:
-            self._weigh(q, dt, self.params.stay_s)
-            if q.share >= self.params.visible_min:
-                farther = max(0.0, math.dist(q.origin_m, q.at_m) - q.kalman.position_std_m - q.walked_m)
-                q.walked_m += farther
-                q.moved += farther
+        for person in self._people:
+            self._weigh(person, dt, self.params.stay_s)
+            if person.share >= self.params.visible_min:
+                farther = math.dist(person.origin_m, person.at_m) - person.kalman.position_std_m - person.walked_m
+                farther = max(0.0, farther)
+                person.walked_m += farther
+                person.moved += farther
 
     def _learn_hiding(self, frame: MaskExplanation, seen: Bool, hulls: list[F64 | None], dt: float) -> None:
         """What hides people, from the bodies of those who walk: background where one is, or foreground."""
         p, walkers = self.params, np.zeros(seen.shape, np.uint8)
-        for q, hull in zip(self._people, hulls, strict=True):
-            if q.confirmed and q.motion == "moving" and q.share >= p.visible_min and hull is not None:
+        for person, hull in zip(self._people, hulls, strict=True):
+            if person.confirmed and person.motion == "moving" and person.share >= p.visible_min and hull is not None:
                 middle = hull.mean(axis=0)
                 cv2.fillConvexPoly(walkers, np.rint(middle + CORE * (hull - middle)).astype(np.int32), 1)
         inside, looks = np.flatnonzero(walkers.view(np.bool_)), min(1.0, dt / p.errors_s)
@@ -195,31 +197,32 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         owner, n = owned.owner + 1, len(self._people) + 1
         area = np.bincount(owner, minlength=n)[1:]
         moving = np.bincount(owner[motion.reshape(-1)[owned.pixels] > 0], minlength=n)[1:]
-        for i, q in enumerate(self._people):
-            q.match = found[i]
-            before = q.posture, q.motion, q.stability
-            q.judge(self._log.now_s, moving[i] / max(1, area[i]), self.params)
-            if (q.posture, q.motion, q.stability) != before:
-                self._note(q, "state", f"{q.posture}, {q.motion}, {q.stability}", q.match.score)
-            seen = q.share >= self.params.visible_min
-            kind: DecisionKind = "matched" if seen == q.observed else ("reacquired" if seen else "lost")
-            q.observed = seen
+        for i, person in enumerate(self._people):
+            person.match = found[i]
+            before = person.posture, person.motion, person.stability
+            person.judge(self._log.now_s, moving[i] / max(1, area[i]), self.params)
+            if (person.posture, person.motion, person.stability) != before:
+                states = f"{person.posture}, {person.motion}, {person.stability}"
+                self._note(person, "state", states, person.match.score)
+            seen = person.share >= self.params.visible_min
+            kind: DecisionKind = "matched" if seen == person.observed else ("reacquired" if seen else "lost")
+            person.observed = seen
             if seen or kind == "lost":
                 self._note(
-                    q, kind,
-                    f"M {q.match.score:.2f}, evidence {q.evidence:.1f}, visible {q.share:.2f}, "
-                    f"existence {q.existence:.3f}", q.match.score,
+                    person, kind,
+                    f"M {person.match.score:.2f}, evidence {person.evidence:.1f}, visible {person.share:.2f}, "
+                    f"existence {person.existence:.3f}", person.match.score,
                 )  # fmt: skip
 
     def _paint_known(self, frame: MaskExplanation, owned: Owned, motion: U8, dt: float) -> None:
         """For the foreground model: people, and what has been still and unexplained for long."""
         labels = np.zeros(len(self._people) + 1, np.uint8)
-        for i, q in enumerate(self._people):
-            if q.confirmed:
-                labels[i] = WALKER if q.walked_m > WALKER_M else PERSON
+        for i, person in enumerate(self._people):
+            if person.confirmed:
+                labels[i] = WALKER if person.walked_m > WALKER_M else PERSON
         label, still_s = labels[owned.owner], np.zeros(motion.size, np.float32)
         known, left = np.zeros((2, motion.size), np.uint8)
-        label[(owned.owner == -1) & owned.beside & labels.any()] = PERSON
+        label[(owned.owner == -1) & owned.near & labels.any()] = PERSON
         known[owned.pixels], rest = label, owned.pixels[label == 0]
         left[rest] = 1
         n, found = cv2.connectedComponents(left.reshape(motion.shape), connectivity=8)
@@ -233,14 +236,16 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
     def _clean(self, dt: float) -> None:
         """People without evidence or beyond the border end, and things that somebody moved."""
         p = self.params
-        for q in self._people:
-            beyond = q.inside < p.birth_visible
-            thing = q.moved < (0.0 if q.confirmed else -p.still_s / p.inanimate_s)
-            if q.existence < 0.05 or beyond or thing:
-                why = "stationary: a thing" if thing else f"existence {q.existence:.2f}, evidence {q.evidence:.1f}"
-                self._end(q, why, q.confirmed and not thing and not beyond)
-        for q in self._departed:
-            q.kalman = q.kalman.slowed(dt, SLOW_DOWN_S).predicted(dt, ACCELERATION_MPS2)
+        for person in self._people:
+            beyond = person.inside < p.birth_visible
+            thing = person.moved < (0.0 if person.confirmed else -p.still_s / p.inanimate_s)
+            if person.existence < 0.05 or beyond or thing:
+                why = f"existence {person.existence:.2f}, evidence {person.evidence:.1f}"
+                self._end(
+                    person, "stationary: a thing" if thing else why, person.confirmed and not thing and not beyond
+                )
+        for person in self._departed:
+            person.kalman = person.kalman.slowed(dt, SLOW_DOWN_S).predicted(dt, ACCELERATION_MPS2)
 
     def _recognise(self, dt: float) -> None:
         """Confirm newcomers, as the lost or departed whom they continue best or as strangers.
@@ -248,18 +253,18 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         Who somebody is is decided when the odds are, at the latest when the person is reported.
         """
         p, known = self.params, self._known(self._places.floor_m2)
-        for q in self._people:
-            if q.motion == "stationary" and q.share >= p.visible_min:
-                q.moved -= dt / p.inanimate_s
-        for b in [q for q in self._people if not q.confirmed]:
-            sure = b.existence > p.report and b.walked_m >= p.walked_m and b.share >= p.visible_min
-            before, odds = known.get(b.track_id, (None, 0.0))
+        for person in self._people:
+            if person.motion == "stationary" and person.share >= p.visible_min:
+                person.moved -= dt / p.inanimate_s
+        for newcomer in [person for person in self._people if not person.confirmed]:
+            sure = newcomer.existence > p.report and newcomer.walked_m >= p.walked_m and newcomer.share >= p.visible_min
+            before, odds = known.get(newcomer.track_id, (None, 0.0))
             if before is not None:
                 odds += math.log(RETURNS if before in self._departed else before.existence)
             if before is not None and odds > 0.0 and (sure or odds > math.log(p.report / (1 - p.report))):
-                self._continue(b, before, odds)
+                self._continue(newcomer, before, odds)
             elif sure:
-                self._confirm(b, f"existence {b.existence:.2f}, walked {b.walked_m:.2f} m")
+                self._confirm(newcomer, f"existence {newcomer.existence:.2f}, walked {newcomer.walked_m:.2f} m")
 
     def _hull(self, at_m: tuple[float, float], height_m: float) -> F64 | None:
         """(K, 2) outline [px] of the model map, as large as a person of a height is; None where nobody is expected."""
@@ -274,9 +279,9 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         size = tall * (1.0 - near) / max(1.0 - tall * near, 0.1)
         return np.asarray(foot + size * (self.model_map.hull_px[entry] - self.model_map.foot_px[entry]), np.float64)
 
-    def _box(self, q: Walker) -> tuple[float, float, float, float]:
+    def _box(self, person: Walker) -> tuple[float, float, float, float]:
         """left, top, width, height [px]; NaN where nobody is expected."""
-        hull = self._hull(q.at_m, q.height_m)
+        hull = self._hull(person.at_m, person.height_m)
         if hull is None:
             return NO_BOX
         (left, top), (right, bottom) = hull.min(axis=0), hull.max(axis=0)

@@ -97,9 +97,9 @@ def matches(hulls: Sequence[F64 | None], surface: U8) -> list[ModelMatch]:
     # Statistics of all regions take eight times as long as the regions.
     n, labels = cv2.connectedComponents((surface > 0).view(np.uint8), connectivity=8)
     cover = np.zeros(surface.shape, np.uint8)
-    drawn: list[tuple[slice, slice, U8] | None] = []
+    outlines: list[tuple[slice, slice, U8] | None] = []
     for hull in hulls:
-        drawn.append(None)
+        outlines.append(None)
         if hull is None or not np.isfinite(hull).all():
             continue
         points = np.rint(hull).astype(np.int32)
@@ -112,12 +112,12 @@ def matches(hulls: Sequence[F64 | None], surface: U8) -> list[ModelMatch]:
         cv2.fillConvexPoly(part, points - np.array([left, top], np.int32), 1)
         rows, cols = slice(top, bottom), slice(left, right)
         cover[rows, cols] += part
-        drawn[-1] = rows, cols, part
+        outlines[-1] = rows, cols, part
     pixels = np.flatnonzero(surface)
     on = labels.reshape(-1)[pixels]
     areas, shared = np.bincount(on, minlength=n), np.bincount(on[cover.reshape(-1)[pixels] > 1], minlength=n)
     scores = []
-    for entry in drawn:
+    for entry in outlines:
         if entry is None:
             scores.append(ModelMatch())
             continue

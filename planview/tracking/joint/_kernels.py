@@ -248,6 +248,37 @@ def gather(pose: F64, reach_m: float, view, samples, model) -> None:  # type: ig
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _mark_near(x: float, y: float, h: float, samples, near, m) -> None:  # type: ignore[no-untyped-def]
+    """Mark the samples within a person's reach: by where their surface is, in masks by where their ray passes."""
+    values, size = samples[0], samples[6]
+    for i in range(size[0]):
+        flat = values[COS, i] * values[RANGE, i]
+        if m.masks > 0.0:
+            along = (x - values[CX, i]) * values[EX, i] + (y - values[CY, i]) * values[EY, i]
+            at = along * values[COS, i] - (0.5 * h - values[CZ, i]) * values[SIN, i]
+            flat, z = along, values[CZ, i] - values[SIN, i] * at
+            if z < -0.1 or z > h + 0.2:
+                continue
+        ox, oy = values[CX, i] + values[EX, i] * flat - x, values[CY, i] + values[EY, i] * flat - y
+        near[i] |= ox * ox + oy * oy < m.reach_m * m.reach_m
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _sum_layers(ray: F32, n: int, ground: float) -> None:
+    """Cover and likelihood of each of n people on a ray to what passes them and what they explain (``lay_others``)."""
+    ray[REST, n] = ground
+    for j in range(n - 1, -1, -1):
+        ray[REST, j] = ray[THROUGH, j] * ray[BEFORE, j] + (1.0 - ray[THROUGH, j]) * ray[REST, j + 1]
+    passing, explained = 1.0, 0.0
+    for j in range(n):
+        pi, like = ray[THROUGH, j], ray[BEFORE, j]
+        ray[THROUGH, j], ray[BEFORE, j] = passing, explained
+        explained += passing * pi * like
+        passing *= 1.0 - pi
+    ray[THROUGH, n], ray[BEFORE, n] = passing, explained
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore[no-untyped-def]
     """The other people on every sample's ray, the nearest first, each covering as surely as it exists.
 
@@ -264,25 +295,11 @@ def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore
         k = who[a]
         x, y, h = poses[k, 0], poses[k, 1], poses[k, 2]
         if sure[k] > 0.5:
-            for i in range(n):
-                flat = values[COS, i] * values[RANGE, i]
-                if m.masks > 0.0:
-                    along = (x - values[CX, i]) * values[EX, i] + (y - values[CY, i]) * values[EY, i]
-                    at = along * values[COS, i] - (0.5 * h - values[CZ, i]) * values[SIN, i]
-                    flat, z = along, values[CZ, i] - values[SIN, i] * at
-                    if z < -0.1 or z > h + 0.2:
-                        continue
-                ox, oy = values[CX, i] + values[EX, i] * flat - x, values[CY, i] + values[EY, i] * flat - y
-                near[i] |= ox * ox + oy * oy < m.reach_m * m.reach_m
+            _mark_near(x, y, h, samples, near, m)
         for q in range(_covered(x, y, h, samples, table, m)):
             i = which[q]
-            angle, iu, iw, kind, k_on = (
-                marks[ANGLE, i],
-                int(scratch[0, i]),
-                int(scratch[1, i]),
-                marks[KIND, i],
-                count[i],
-            )
+            angle, iu, iw, kind = marks[ANGLE, i], int(scratch[0, i]), int(scratch[1, i]), marks[KIND, i]
+            k_on = count[i]
             pi = cover[angle, iu, iw] * sure[k]
             if pi < 0.01 or k_on >= LAYERS:
                 continue
@@ -301,17 +318,7 @@ def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore
             ray[AT, j], ray[THROUGH, j], ray[BEFORE, j] = at, pi, like
             count[i] = k_on + 1
     for i in range(n):
-        ray, k_on = layers[i], count[i]
-        ray[REST, k_on] = _on_ground(marks[KIND, i], values[RANGE, i], near[i], m)
-        for j in range(k_on - 1, -1, -1):
-            ray[REST, j] = ray[THROUGH, j] * ray[BEFORE, j] + (1.0 - ray[THROUGH, j]) * ray[REST, j + 1]
-        passing, explained = 1.0, 0.0
-        for j in range(k_on):
-            pi, like = ray[THROUGH, j], ray[BEFORE, j]
-            ray[THROUGH, j], ray[BEFORE, j] = passing, explained
-            explained += passing * pi * like
-            passing *= 1.0 - pi
-        ray[THROUGH, k_on], ray[BEFORE, k_on] = passing, explained
+        _sum_layers(layers[i], count[i], _on_ground(marks[KIND, i], values[RANGE, i], near[i], m))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
@@ -390,12 +397,26 @@ def _along_head(pose, height_m: float, camera):  # type: ignore[no-untyped-def]
     return cx + (x - cx) * f, cy + (y - cy) * f, height_m
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+def _moved(pose, way, far, ahead, camera, m):  # type: ignore[no-untyped-def]
+    """A pose moved along (0) or across (1) the level direction ``ahead``, up (2), or up along the head's ray (3)."""
+    x, y, h = pose
+    height_m = max(m.height_min_m, min(m.height_max_m, h + far))
+    if way == 0:
+        return x + far * ahead[0], y + far * ahead[1], h
+    if way == 1:
+        return x - far * ahead[1], y + far * ahead[0], h
+    if way == 2:
+        return x, y, height_m
+    return _along_head(pose, height_m, camera)
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def ascend(pose: F64, bend: F64, prior, me, others, samples, table, model) -> float:  # type: ignore[no-untyped-def]
+def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) -> float:  # type: ignore[no-untyped-def]
     """Ascent on Lam - Mahalanobis / 2 by parabolas along and across the first camera's ray, in height and, in masks,
     in height along the ray of the head.
 
-    Moves ``pose``; fills ``bend`` (3,), how sharply Lam bends there in the first three [1/m^2].
+    Moves ``pose``; fills ``curvature`` (3,), how sharply Lam curvatures there in the first three [1/m^2].
 
     Args:
         prior: (3,) predicted pose, (4,) xx, xy, yy of the place's and of the height's inverse covariance, and steps.
@@ -441,24 +462,16 @@ def ascend(pose: F64, bend: F64, prior, me, others, samples, table, model) -> fl
                             f = 2 * step if rise > 0 else -2 * step
                         if abs(f) < 0.1 * step:
                             break
-                    far, height_m = f * unit, max(m.height_min_m, min(m.height_max_m, h + f * unit))
-                    if way == 0:
-                        new = x + far * ax, y + far * ay, h
-                    elif way == 1:
-                        new = x - far * ay, y + far * ax, h
-                    elif way == 2:
-                        new = x, y, height_m
-                    else:
-                        new = _along_head((x, y, h), height_m, camera)
+                    new = _moved((x, y, h), way, f * unit, (ax, ay), camera, m)
                     reached, lam_new = _posterior(new, prior, me, others, samples, table, model)
                     if trial == 0:
                         up = reached
                         if way < 3:
-                            bend[way] = 2 * at_start - lam_new
+                            curvature[way] = 2 * at_start - lam_new
                     elif trial == 1:
                         down = reached
                         if way < 3:
-                            bend[way] = (bend[way] - lam_new) / (step * unit) ** 2
+                            curvature[way] = (curvature[way] - lam_new) / (step * unit) ** 2
                     if reached > best + 1e-6:
                         best, lam, at, jump = reached, lam_new, new, f
                 farthest = max(farthest, abs(jump))
@@ -497,12 +510,12 @@ def visible(pose: F64, tall_m: float, samples, table, model):  # type: ignore[no
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def share_out(pixels: I64, people, around: I64, view, table, model, owned) -> None:  # type: ignore[no-untyped-def]
+def assign_pixels(pixels: I64, people, around: I64, view, table, model, owned) -> None:  # type: ignore[no-untyped-def]
     """Who owns each of some pixels of one kind, see ``Owned``; ``around``: (N, 4) boxes of people [px]."""
     m = model[0]
     poses, sure, tall, ratios = people
     centre, direction, level, stretch, matched_m, _, _, kinds, range_m, colour, pixel_sr, std_per_m2 = view
-    owner, share, height, patches, lacking, beside = owned
+    owner, share, height, patches, lacking, reached = owned
     cover, front = table
     cols, camera_z = range_m.shape[1], centre[2]
     ats, pis, likes, zs = np.empty((4, LAYERS))
@@ -551,7 +564,7 @@ def share_out(pixels: I64, people, around: I64, view, table, model, owned) -> No
                 if far <= 0.0:
                     at = ats[j]
         other = passing * _on_ground(kind, far, near, m) + m.unknown / m.range_m
-        owner[i], beside[i] = (who if best > other else -1), near
+        owner[i], reached[i] = (who if best > other else -1), near
         share[i], height[i] = best / (total + other), at_z
         patches[i] = (at / stretch[r, c]) ** 2 * pixel_sr / m.patch_m**2
         if far > 0.0:  # a body's surface there, as an expected logarithm
@@ -565,7 +578,7 @@ def share_out(pixels: I64, people, around: I64, view, table, model, owned) -> No
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def map_lacking(points: F32, low_m: F64, cell_m: float, out: F32) -> None:
-    """Add what points lack of an explanation, as of ``share_out``, to the cells of a map of the floor."""
+    """Add what points lack of an explanation, as of ``assign_pixels``, to the cells of a map of the floor."""
     for i in range(points.shape[1]):
         row, col = int((points[0, i] - low_m[0]) / cell_m), int((points[1, i] - low_m[1]) / cell_m)
         out[row, col] += points[3, i]

@@ -124,16 +124,16 @@ def _tried(frame: Explanation, birth_evidence: float, people: People, points: F6
     others = np.flatnonzero(frame.touching(trial.poses)[n, :n])
     samples = frame.around(start, radius + 0.15)
     samples.layer(trial, others)
-    worth, pose, bend = -np.inf, start, np.zeros(3)
+    worth, pose, curvature = -np.inf, start, np.zeros(3)
     for height in (body.HEIGHT_MEAN_M, top):
         moved = np.array([*place, height])
-        value, bends = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial.ratios[n])
+        value, curvatures = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial.ratios[n])
         if value > worth:
-            worth, pose, bend = value, moved, bends
+            worth, pose, curvature = value, moved, curvatures
     mine, total = samples.visible(pose, trial.tall[n])
     if worth < birth_evidence or mine < 0.25 * total:
         return None
-    noise, up = samples.noise(pose, bend)
+    noise, up = samples.noise(pose, curvature)
     kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), noise, 1.0)
     person = Person(0, kalman, float(pose[2]), BORN_LOG_ODDS, now_s)
     person.height_var = 1.0 / (1.0 / person.height_var + up)

@@ -89,7 +89,7 @@ class Owned(NamedTuple):
         patches: (M,) float32 that a pixel is at its range, without one at the owner's.
         lacking: (M,) float32, what one more person would gain [log-likelihood]: at the pixel's range, times its
             patches, or behind all others.
-        beside: (M,) bool, whether a person may reach there.
+        near: (M,) bool, whether a person may reach there.
     """
 
     pixels: I64
@@ -99,7 +99,7 @@ class Owned(NamedTuple):
     height: F32
     patches: F32
     lacking: F32
-    beside: Bool
+    near: Bool
 
 
 class People:
@@ -203,7 +203,7 @@ class Explanation:
             total += 2.0 * area * (table.cell_m * pose[2] / body.TORSO.height_m / float(m["patch_m"])) ** 2
         return total / len(self.views)
 
-    def share_out(self, people: People, kind: int = kernels.SURFACE) -> list[Owned]:
+    def assign_pixels(self, people: People, kind: int = kernels.SURFACE) -> list[Owned]:
         """Who owns the pixels of a kind in each view."""
         return [self.owned(k, people, np.flatnonzero(v.kind == kind)) for k, v in enumerate(self.views)]
 
@@ -213,7 +213,7 @@ class Explanation:
         found = np.empty(n, np.int64), *np.empty((4, n), np.float32), np.empty(n, np.bool_)
         boxes = self.boxes(self.views[k].rays, people.poses, self._reach_m)
         arrays = self.likelihood.arrays
-        kernels.share_out(pixels, people.arrays, boxes, view, arrays, self.likelihood.model, found)
+        kernels.assign_pixels(pixels, people.arrays, boxes, view, arrays, self.likelihood.model, found)
         return Owned(pixels, view[9].reshape(-1)[pixels], *found)
 
     @property
@@ -251,8 +251,8 @@ class Samples:
     def log_prior(self, pose: F64, tall: F64, others: I64 | None = None) -> float:
         """What is known of a pose before any pixel is seen; ``others`` are those of the layers unless given."""
         (x, y, h), people = pose.tolist(), self._people
-        beside = people.poses, people.sure, self._others if others is None else others
-        return float(kernels.log_prior(x, y, h, tuple(tall.tolist()), beside, self._of.model))
+        near = people.poses, people.sure, self._others if others is None else others
+        return float(kernels.log_prior(x, y, h, tuple(tall.tolist()), near, self._of.model))
 
     def evidence(self, pose: F64, tall: F64, ratios: F32) -> float:
         """For a person: both together."""
@@ -267,26 +267,26 @@ class Samples:
             information: (4,) xx, xy, yy of the place's and of the height's inverse covariance.
 
         Returns:
-            The evidence there; (3,) how sharply Lam bends there along the ray, across it and in height [1/m^2].
+            The evidence there; (3,) how sharply Lam curvatures there along the ray, across it and in height [1/m^2].
         """
-        bend, people, of = np.zeros(3), self._people, self._of
+        curvature, people, of = np.zeros(3), self._people, self._of
         evidence = kernels.ascend(
-            pose, bend, (predicted, information, steps), (*tall.tolist(), ratios),
+            pose, curvature, (predicted, information, steps), (*tall.tolist(), ratios),
             (people.poses, people.sure, self._others), self.arrays, of.arrays, of.model,
         )  # fmt: skip
-        return float(evidence), bend
+        return float(evidence), curvature
 
     def visible(self, pose: F64, tall: F64) -> tuple[float, float]:
         """Patches of a body that it explains better than all else, and those in view."""
         mine, total = kernels.visible(pose, float(tall[0]), self.arrays, self._of.arrays, self._of.model)
         return float(mine), float(total)
 
-    def noise(self, pose: F64, bend: F64) -> tuple[PositionNoise, float]:
-        """Covariance of the place and information on the height [1/m^2], from how Lam bends."""
+    def noise(self, pose: F64, curvature: F64) -> tuple[PositionNoise, float]:
+        """Covariance of the place and information on the height [1/m^2], from how Lam curvatures."""
         values, size = self.arrays[0], self.arrays[6]
         ax, ay = (pose[:2] - values[kernels.CX : kernels.CZ, 0]).tolist() if size[0] else (1.0, 0.0)
         norm = max(math.hypot(ax, ay), 1e-6)
         ax, ay = ax / norm, ay / norm
-        va, vc = (max(1.0 / max(b, 5.0), PLACE_STD_MIN_M**2) for b in bend[:2].tolist())
+        va, vc = (max(1.0 / max(b, 5.0), PLACE_STD_MIN_M**2) for b in curvature[:2].tolist())
         place = PositionNoise(va * ax * ax + vc * ay * ay, (va - vc) * ax * ay, va * ay * ay + vc * ax * ax)
-        return place, max(float(bend[2]), 0.0)
+        return place, max(float(curvature[2]), 0.0)

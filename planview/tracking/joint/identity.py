@@ -18,7 +18,7 @@ from planview.tracking.joint.params import PeopleParams
 from planview.tracking.joint.person import KNOWN_LOOKS, Person, colour_counts, colour_ratios
 
 CONTACT_M = 0.7
-"""People nearer than this may be taken for each other [m]: a body, and an arm's movement."""
+"""People nearer than this may be confused [m]: a body, and an arm's movement."""
 KNOWN_AGAIN = 0.3
 """Log-odds from which a newcomer is somebody known before: without evidence, a stranger."""
 DECIDED = 6.0
@@ -87,7 +87,7 @@ def continued(born: Sequence[P], known: Sequence[P], floor_m2: float, low_share:
 
     Args:
         floor_m2: over which strangers may appear.
-        low_share: of people who sit, bend, or are children.
+        low_share: of people who sit, curvature, or are children.
     """
     odds = np.array([[_log_odds(q, b, known, floor_m2, low_share) for q in known] for b in born])
     odds = odds.reshape(len(born), -1)

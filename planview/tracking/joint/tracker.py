@@ -35,7 +35,7 @@ LOG_ODDS_MAX = 8.0
 KNOWN_ODDS = 3.0
 """Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
 LOW_WALKERS = 0.01
-"""Share of low people who walk, which are children; the others sit or bend, and stay where they are."""
+"""Share of low people who walk, which are children; the others sit or curvature, and stay where they are."""
 NO_BOX = (math.nan,) * 4
 INSIDE = 0.3
 """Share of a body in the image below which a person is at the border."""
@@ -70,11 +70,11 @@ class ExplainingTracker(Generic[P, Q]):
     def _begin(self, now_s: float) -> float:
         """Predict everybody; the time since the last frame [s]."""
         dt = self._log.begin(now_s)
-        for q in self._people:
-            if q.share < 2 * self.params.visible_min:
-                q.kalman = q.kalman.slowed(dt, SLOW_DOWN_S)
-            q.kalman = q.kalman.predicted(dt, ACCELERATION_MPS2)
-            q.height_var += HEIGHT_CHANGE_MPS**2 * dt * min(dt, self.params.errors_s)
+        for person in self._people:
+            if person.share < 2 * self.params.visible_min:
+                person.kalman = person.kalman.slowed(dt, SLOW_DOWN_S)
+            person.kalman = person.kalman.predicted(dt, ACCELERATION_MPS2)
+            person.height_var += HEIGHT_CHANGE_MPS**2 * dt * min(dt, self.params.errors_s)
         return dt
 
     # -- explaining a frame ---------------------------------------------------------------------------------------
@@ -82,49 +82,49 @@ class ExplainingTracker(Generic[P, Q]):
         """Coordinate ascent, nearest first.
 
         Returns:
-            Of everybody: the samples, who else is on their rays, the evidence and how sharply Lam bends.
+            Of everybody: the samples, who else is on their rays, the evidence and how sharply Lam curvatures.
         """
         predicted = people.poses.copy()
         touch = frame.touching(predicted)
         samples = [frame.around(pose, body.TORSO.torso_radius_m + 0.1) for pose in predicted]
-        information = [np.array([*q.kalman.information, 1 / q.height_var]) for q in self._people]
+        information = [np.array([*person.kalman.information, 1 / person.height_var]) for person in self._people]
         others = [np.flatnonzero(touch[i] & (np.arange(len(touch)) != i)) for i in range(len(touch))]
-        evidence, bend = np.zeros(len(predicted)), np.zeros((len(predicted), 3))
+        evidence, curvature = np.zeros(len(predicted)), np.zeros((len(predicted), 3))
         for sweep in range(2):
             for i in frame.nearest_first(predicted):
                 if sweep and not len(others[i]):
                     continue
                 samples[i].layer(people, others[i])
-                evidence[i], bend[i] = samples[i].ascend(
+                evidence[i], curvature[i] = samples[i].ascend(
                     people.poses[i], predicted[i], information[i], people.tall[i], people.ratios[i], STEPS_M[sweep:]
                 )
         for i in range(len(predicted)):
             if len(others[i]):  # where all of them are now
                 samples[i].layer(people, others[i])
                 evidence[i] = samples[i].evidence(people.poses[i], people.tall[i], people.ratios[i])
-        return samples, others, evidence, bend
+        return samples, others, evidence, curvature
 
-    def _measure(self, q: P, s: Samples, pose: F64, bend: F64, dt: float) -> None:
+    def _measure(self, person: P, s: Samples, pose: F64, curvature: F64, dt: float) -> None:
         """The place and the height, as far as the pixels show them."""
-        if q.share < self.params.visible_min:
+        if person.share < self.params.visible_min:
             return
-        noise, up = s.noise(pose, bend)
+        noise, up = s.noise(pose, curvature)
         x, y, h = pose
-        q.kalman = q.kalman.found_at(x, y, noise, body.SPEED_MAX_MPS)
-        q.height_m, q.height_var = float(h), 1.0 / (1.0 / q.height_var + up * min(1.0, dt / self.params.errors_s))
-        q.seen_s = self._log.now_s
+        person.kalman = person.kalman.found_at(x, y, noise, body.SPEED_MAX_MPS)
+        information = 1.0 / person.height_var + up * min(1.0, dt / self.params.errors_s)
+        person.height_m, person.height_var = float(h), 1.0 / information
+        person.seen_s = self._log.now_s
 
-    def _weigh(self, q: P, dt: float, away_s: float) -> float:
-        """Existence: survival, ``away_s`` on average while unseen, then the evidence of this look; its weight."""
+    def _weigh(self, person: P, dt: float, away_s: float) -> None:
+        """Existence: survival, ``away_s`` on average while unseen, then the evidence of this look."""
         p, looks = self.params, min(1.0, dt / self.params.errors_s)
-        if q.share < p.visible_min:
-            stays = q.existence * math.exp(-dt / away_s)
-            q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
-        q.log_odds += looks * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, q.evidence))
-        q.log_odds = max(-LOG_ODDS_MAX, min(LOG_ODDS_MAX, q.log_odds))
-        if q.share >= p.visible_min:
-            q.learn_height(looks, p.low_share)
-        return looks
+        if person.share < p.visible_min:
+            stays = person.existence * math.exp(-dt / away_s)
+            person.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
+        person.log_odds += looks * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, person.evidence))
+        person.log_odds = max(-LOG_ODDS_MAX, min(LOG_ODDS_MAX, person.log_odds))
+        if person.share >= p.visible_min:
+            person.learn_height(looks, p.low_share)
 
     # -- identities, births, deaths ---------------------------------------------------------------------------------
     def _learn(self, owned: Sequence[Owned], apart: Sequence[bool], dt: float) -> None:
@@ -133,56 +133,54 @@ class ExplainingTracker(Generic[P, Q]):
         for o in owned:
             sure = (o.share > 0.8) & (o.owner >= 0)
             counts += colour_counts(len(self._people), o.owner[sure], o.height[sure], o.colours[sure])
-        for q, seen, alone in zip(self._people, counts, apart, strict=True):
-            if q.share >= 0.5 and alone:
-                q.learn_colours(seen)
-        for a, b, odds in self._exchanges.update(self._people, owned, dt):
-            a.take_identity(b)
-            self._note(a, "identity", f"exchanged with {b.track_id}: colours, log-odds {odds:.1f}", odds)
+        for person, seen, alone in zip(self._people, counts, apart, strict=True):
+            if person.share >= 0.5 and alone:
+                person.learn_colours(seen)
+        for one, other, odds in self._exchanges.update(self._people, owned, dt):
+            one.take_identity(other)
+            self._note(one, "identity", f"exchanged with {other.track_id}: colours, log-odds {odds:.1f}", odds)
 
-    def _end(self, q: P, reason: str, may_return: bool) -> None:
+    def _end(self, person: P, reason: str, may_return: bool) -> None:
         """Follow a person no longer, who may be recognised later."""
-        self._note(q, "pruned", reason, q.existence)
-        self._people = [o for o in self._people if o is not q]
+        self._note(person, "pruned", reason, person.existence)
+        self._people = [o for o in self._people if o is not person]
         if may_return:
-            self._departed.append(q)
+            self._departed.append(person)
 
-    def _add(self, b: P, kind: DecisionKind, reason: str, value: float) -> None:
+    def _add(self, newcomer: P, kind: DecisionKind, reason: str, value: float) -> None:
         """Follow a newcomer, under an id of its own until it is known who it is."""
-        b.track_id = self._log.new_id()
-        self._people.append(b)
-        self._note(b, kind, reason, value)
+        newcomer.track_id = self._log.new_id()
+        self._people.append(newcomer)
+        self._note(newcomer, kind, reason, value)
 
     def _known(self, floor_m2: float) -> dict[int, tuple[P, float]]:
         """By id, the lost or departed whom newcomers continue, with the log-odds."""
         p = self.params
-        self._departed = [q for q in self._departed if self._log.now_s - q.seen_s <= p.remember_s]
-        new = [q for q in self._people if not q.confirmed]
-        lost = [q for q in self._people if q.confirmed and q.share < p.visible_min]
+        self._departed = [person for person in self._departed if self._log.now_s - person.seen_s <= p.remember_s]
+        new = [person for person in self._people if not person.confirmed]
+        lost = [person for person in self._people if person.confirmed and person.share < p.visible_min]
         known = continued(new, lost + self._departed, floor_m2, p.low_share) if new else {}
         return {new[i].track_id: found for i, found in known.items()}
 
-    def _continue(self, b: P, known: P, odds: float) -> None:
+    def _continue(self, newcomer: P, known: P, odds: float) -> None:
         """A newcomer is somebody known before."""
-        self._note(known, "reacquired", f"log-odds {odds:.1f} after {b.born_s - known.seen_s:.1f} s", odds)
+        self._note(known, "reacquired", f"log-odds {odds:.1f} after {newcomer.born_s - known.seen_s:.1f} s", odds)
         self._departed = [o for o in self._departed if o is not known]
         self._people = [o for o in self._people if o is not known]
-        b.take_identity(known)
-        b.confirmed, b.counted = True, {}
+        newcomer.take_identity(known)
+        newcomer.confirmed, newcomer.counted = True, {}
 
-    def _confirm(self, b: P, reason: str) -> None:
-        b.confirmed, b.counted = True, {}
-        self._note(b, "confirmed", reason, b.existence)
+    def _confirm(self, newcomer: P, reason: str) -> None:
+        newcomer.confirmed, newcomer.counted = True, {}
+        self._note(newcomer, "confirmed", reason, newcomer.existence)
 
-    def _note(self, q: P, kind: DecisionKind, reason: str, value: float) -> None:
-        self._log.note(q.track_id, kind, reason, value)
+    def _note(self, person: P, kind: DecisionKind, reason: str, value: float) -> None:
+        self._log.note(person.track_id, kind, reason, value)
 
-    def _state(self, q: P, box_px: tuple[float, float, float, float] = NO_BOX) -> TrackState:
-        seen: State = "confirmed" if q.share >= self.params.visible_min else "lost"
-        k = q.kalman
-        return TrackState(
-            q.track_id, seen if q.confirmed else "tentative", k.x_m, k.y_m, k.vx_mps, k.vy_mps, q.height_m, box_px
-        )
+    def _state(self, person: P, box_px: tuple[float, float, float, float] = NO_BOX) -> TrackState:
+        seen: State = "confirmed" if person.share >= self.params.visible_min else "lost"
+        k, state = person.kalman, seen if person.confirmed else "tentative"
+        return TrackState(person.track_id, state, k.x_m, k.y_m, k.vx_mps, k.vy_mps, person.height_m, box_px)
 
 
 class JointTracker(ExplainingTracker[Person, JointParams]):
@@ -215,54 +213,59 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         ratios = colour_ratios(self._people)
         if self._people:
             self._explain(frame, side_by_side(self._people, ratios), dt)
-        owned = frame.share_out(side_by_side(self._people, ratios))
+        owned = frame.assign_pixels(side_by_side(self._people, ratios))
         points = [points_of(v, o) for v, o in zip(views, owned, strict=True)]
         self._shown = [(v.kind.shape, o, at) for v, o, at in zip(views, owned, points, strict=True)]
-        for i, q in enumerate(self._people):
-            if not q.confirmed:
+        for i, person in enumerate(self._people):
+            if not person.confirmed:
                 mine = [(v, o, o.owner == i) for v, o in zip(views, owned, strict=True)]
-                q.count_evidence([(v, o.pixels[own], o.patches[own]) for v, o, own in mine])
+                person.count_evidence([(v, o.pixels[own], o.patches[own]) for v, o, own in mine])
         if frame.coloured:
-            places = [q.at_m for q in self._people]
+            places = [person.at_m for person in self._people]
             gaps = [min((math.dist(a, b) for b in places if b is not a), default=math.inf) for a in places]
             self._learn(owned, [gap >= body.REACH_M for gap in gaps], dt)
         self._forget_gone()
-        for b in self._births.find(frame, self._people, owned, points, self._log.now_s):
-            self._add(b, "spawned", f"evidence {b.evidence:.1f}, {b.height_m:.2f} m tall", b.evidence)
+        for newcomer in self._births.find(frame, self._people, owned, points, self._log.now_s):
+            self._add(
+                newcomer,
+                "spawned",
+                f"evidence {newcomer.evidence:.1f}, {newcomer.height_m:.2f} m tall",
+                newcomer.evidence,
+            )
         self._recognise()
-        return tuple(self._state(q) for q in self._people)
+        return tuple(self._state(person) for person in self._people)
 
     def _explain(self, frame: Explanation, people: People, dt: float) -> None:
         """Places, then the frame's evidence on each person's existence."""
-        samples, others, evidence, bend = self._ascend(frame, people)
+        samples, others, evidence, curvature = self._ascend(frame, people)
         flooded = all(np.count_nonzero(v.kind) > 0.5 * v.kind.size for v in frame.views)
-        for i, q in enumerate(self._people):
-            q.evidence, pose = float(evidence[i]), people.poses[i]
+        for i, person in enumerate(self._people):
+            person.evidence, pose = float(evidence[i]), people.poses[i]
             if (rival := self._rival(i, people)) >= 0:
-                q.evidence = min(q.evidence, self._beside(i, rival, samples, people))
+                person.evidence = min(person.evidence, self._beside(i, rival, samples, people))
                 samples[rival].layer(people, others[rival])
             mine, total = samples[i].visible(pose, people.tall[i])
-            q.inside = min(1.0, total / frame.whole_patches(pose))
-            q.share, q.patches = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * q.inside), total
-            q.head_in_view = frame.in_view(pose)
-            self._measure(q, samples[i], pose, bend[i], dt)
+            person.inside = min(1.0, total / frame.whole_patches(pose))
+            person.share, person.patches = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * person.inside), total
+            person.head_in_view = frame.in_view(pose)
+            self._measure(person, samples[i], pose, curvature[i], dt)
             if not flooded:
-                self._weigh(q, dt, LEAVE_S if q.inside < INSIDE else self.params.stay_s)
-                if q.share >= self.params.visible_min:
-                    self._note_movement(q, alone=len(others[i]) == 0)
-            kind: DecisionKind = "matched" if q.share >= self.params.visible_min else "lost"
-            reason = f"evidence {q.evidence:.1f}, visible {q.share:.2f}, existence {q.existence:.3f}"
+                self._weigh(person, dt, LEAVE_S if person.inside < INSIDE else self.params.stay_s)
+                if person.share >= self.params.visible_min:
+                    self._note_movement(person, alone=len(others[i]) == 0)
+            kind: DecisionKind = "matched" if person.share >= self.params.visible_min else "lost"
+            reason = f"evidence {person.evidence:.1f}, visible {person.share:.2f}, existence {person.existence:.3f}"
             if len(others[i]):
                 reason += ", next to " + ", ".join(str(self._people[k].track_id) for k in others[i])
-            self._note(q, kind, reason, q.evidence)
+            self._note(person, kind, reason, person.evidence)
 
     def _rival(self, i: int, people: People) -> int:
         """The person of better standing in whose place this one is; -1 for none."""
         gaps = np.hypot(*(people.poses[:, :2] - people.poses[i, :2]).T)
         gaps[i] = np.inf
         j = int(np.argmin(gaps))
-        a, b = self._people[i], self._people[j]
-        better = (b.confirmed, b.log_odds, -b.track_id) > (a.confirmed, a.log_odds, -a.track_id)
+        a, newcomer = self._people[i], self._people[j]
+        better = (newcomer.confirmed, newcomer.log_odds, -newcomer.track_id) > (a.confirmed, a.log_odds, -a.track_id)
         return j if gaps[j] < body.APART_M and better else -1
 
     def _beside(self, i: int, j: int, samples: Sequence[Samples], people: People) -> float:
@@ -278,19 +281,23 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         s.layer(people, np.append(rest, i))
         return first + s.log_ratio(poses[j], tall[j], ratios[j]) + prior - alone
 
-    def _note_movement(self, q: Person, alone: bool) -> None:
+    def _note_movement(self, person: Person, alone: bool) -> None:
         """Moving by itself makes a person; what moves before, behind or next to one may be carried or a shadow."""
-        farther = max(0.0, math.dist(q.origin_m, q.at_m) - q.walked_m)
-        q.walked_m += farther
+        farther = max(0.0, math.dist(person.origin_m, person.at_m) - person.walked_m)
+        person.walked_m += farther
         if alone:
-            step_m = math.sqrt(body.TORSO.torso_radius_m**2 + float(np.trace(q.kalman.covariance[:2, :2])))
-            q.moved = min(q.moved + farther / step_m, LOG_ODDS_MAX)
+            step_m = math.sqrt(body.TORSO.torso_radius_m**2 + float(np.trace(person.kalman.covariance[:2, :2])))
+            person.moved = min(person.moved + farther / step_m, LOG_ODDS_MAX)
 
     def _forget_gone(self) -> None:
-        for q in self._people:
-            beyond = q.inside < 0.15 and q.share < self.params.visible_min and self._log.now_s - q.seen_s > LEAVE_S
-            if q.existence < 0.05 or beyond:
-                self._end(q, f"existence {q.existence:.2f}, evidence {q.evidence:.1f}", q.confirmed)
+        for person in self._people:
+            beyond = (
+                person.inside < 0.15
+                and person.share < self.params.visible_min
+                and self._log.now_s - person.seen_s > LEAVE_S
+            )
+            if person.existence < 0.05 or beyond:
+                self._end(person, f"existence {person.existence:.2f}, evidence {person.evidence:.1f}", person.confirmed)
 
     def _recognise(self) -> None:
         """Confirm newcomers, as the lost or departed whom they continue best or as strangers.
@@ -298,21 +305,22 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         Who somebody is is decided when the odds are, at the latest when the person is reported.
         """
         report, known = math.log(self.params.report / (1 - self.params.report)), self._known(self.params.floor_m2)
-        for b in [q for q in self._people if not q.confirmed]:
-            person = self._personhood(b)
-            sure = min(b.log_odds, b.proven, person) > report and b.share >= self.params.visible_min
-            before, odds = known.get(b.track_id, (None, 0.0))
+        for newcomer in [person for person in self._people if not person.confirmed]:
+            personhood = self._personhood(newcomer)
+            sure = min(newcomer.log_odds, newcomer.proven, personhood) > report
+            sure = sure and newcomer.share >= self.params.visible_min
+            before, odds = known.get(newcomer.track_id, (None, 0.0))
             if before is not None and (sure or odds > KNOWN_ODDS):
-                self._continue(b, before, odds)
+                self._continue(newcomer, before, odds)
             elif sure:
-                self._confirm(b, f"existence {b.existence:.2f}, log-odds of a person {person:.1f}")
+                self._confirm(newcomer, f"existence {newcomer.existence:.2f}, log-odds of a person {personhood:.1f}")
 
-    def _personhood(self, q: Person) -> float:
+    def _personhood(self, person: Person) -> float:
         """Log-odds of a person against a thing, by own movement, and by height as far as the head is in view: elsewhere
         the height is the prior."""
-        if not q.head_in_view:
-            return q.moved + math.log((1 - body.THINGS) / body.THINGS)
+        if not person.head_in_view:
+            return person.moved + math.log((1 - body.THINGS) / body.THINGS)
         low = self.params.low_share / body.HEIGHT_MEAN_M
-        upright = body.stature(q.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, self.params.low_share) - low
-        person = (upright + LOW_WALKERS * low) * math.exp(q.moved) + (1 - LOW_WALKERS) * low
-        return math.log((1 - body.THINGS) * person / (body.THINGS / body.HEIGHT_MEAN_M))
+        upright = body.stature(person.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, self.params.low_share) - low
+        density = (upright + LOW_WALKERS * low) * math.exp(person.moved) + (1 - LOW_WALKERS) * low
+        return math.log((1 - body.THINGS) * density / (body.THINGS / body.HEIGHT_MEAN_M))

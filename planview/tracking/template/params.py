@@ -46,4 +46,4 @@ class TemplateParams(Params):
     lost_s: float = Field(4.0, ge=0.0, le=600.0)
     """How long a lost person is looked for [s] (Harville 2002, section 4: e.g. 4)."""
     reattach_m: float = Field(2.0, ge=0.0)
-    """How near to a lost person a newcomer is taken for that person [m] (Harville 2002, section 4: e.g. 2)."""
+    """How near to a lost person a newcomer continues that person [m] (Harville 2002, section 4: e.g. 2)."""

@@ -169,7 +169,7 @@ def test_boxes_of_a_detector_are_read_from_motchallenge_and_coco(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "says"),
+    ("name", "text", "expected"),
     [
         ("a.txt", "1,-1,10,20,30,60,1\n2,-1,10,20,thirty,60,1\n", "line 2 '2,-1,10,20,thirty,60,1'"),
         ("a.txt", "0,-1,10,20,30,60,1\n", "line 1"),
@@ -181,8 +181,8 @@ def test_boxes_of_a_detector_are_read_from_motchallenge_and_coco(tmp_path: Path)
         ("a.json", "{}", "found an object"),
     ],
 )
-def test_a_bad_file_is_refused_with_its_line(tmp_path: Path, name: str, text: str, says: str) -> None:
+def test_a_bad_file_is_refused_with_its_line(tmp_path: Path, name: str, text: str, expected: str) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError) as error:
         load_detections(tmp_path / name)
-    assert says in str(error.value) and "\n" not in str(error.value)
+    assert expected in str(error.value) and "\n" not in str(error.value)

@@ -184,7 +184,7 @@ def test_learned_size_is_told_as_that_of_whatever_moves():
     assert tracker.notes == ()
     follow(tracker, [foreground((20 + 2 * i, 60)) for i in range(30)])
     (note,) = tracker.notes
-    assert note.startswith(("people are taken for 29", "people are taken for 30")) and "px high" in note
+    assert note.startswith(("assumed size of people: 29", "assumed size of people: 30")) and "px high" in note
     assert "whatever moves" in note and "100%" not in note  # no assurance that these are people
     assert EllipseParticleTracker(GIVEN).notes == ()
 

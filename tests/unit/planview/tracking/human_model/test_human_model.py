@@ -207,9 +207,9 @@ def test_boxes_hold_what_the_camera_projects_of_bodies_and_their_reach(lens):
 def test_places_are_those_whose_hulls_gain_enough_and_none_is_ruled_out_before():
     frame, places = frame_of((-1.0, 6.0, RED), (1.0, 6.0, BLUE)), FloorPlaces(MAP, PARAMS.birth_visible, PARAMS.patch_m)
     known = people_at((-1.0, 6.0, 1.76))
-    (owned,) = frame.share_out(known)
+    (owned,) = frame.assign_pixels(known)
     found, scores = places.scores(frame, known, owned, 4.0)
-    residual = frame.residual(owned) + frame.residual(*frame.share_out(known, kernels.SEEN))
+    residual = frame.residual(owned) + frame.residual(*frame.assign_pixels(known, kernels.SEEN))
     plain = np.array([
         sum(float(residual[top:down, left:right].sum()) for left, top, right, down in bands)
         for bands in places.bands
@@ -250,8 +250,8 @@ def test_place_is_known_better_across_the_ray_than_along_it():
     frame, pose = frame_of((0.0, 6.0, RED)), np.array([0.0, 6.0, 1.76])
     samples = frame.around(pose, 0.5)
     samples.layer(people_at((0.0, 6.0, 1.76)), NOBODY)
-    _, bend = samples.ascend(pose, pose.copy(), np.array([4.0, 0.0, 4.0, 60.0]), TALL, SAME)
-    noise, _ = samples.noise(pose, bend)
+    _, curvature = samples.ascend(pose, pose.copy(), np.array([4.0, 0.0, 4.0, 60.0]), TALL, SAME)
+    noise, _ = samples.noise(pose, curvature)
     assert 0.0 < noise.xx < noise.yy
 
 
@@ -264,7 +264,7 @@ def test_two_side_by_side_explain_two_better_than_one_does_and_a_second_in_the_o
 
 def test_owners_are_the_people_in_whose_outline_pixels_are():
     frame = frame_of((-0.8, 6.0, RED), (0.8, 6.0, BLUE))
-    (owned,) = frame.share_out(people_at((-0.8, 6.0, 1.76), (2.5, 6.0, 1.76)))
+    (owned,) = frame.assign_pixels(people_at((-0.8, 6.0, 1.76), (2.5, 6.0, 1.76)))
     columns = [round(float(CAMERA.project((x, 6.0, 1.1))[0])) for x in (-0.8, 0.8)]
     row = round(float(CAMERA.project((0.0, 6.0, 1.1))[1]))
     owner = dict(zip(frame.pixels.tolist(), owned.owner.tolist(), strict=True))
@@ -275,7 +275,7 @@ def test_owners_are_the_people_in_whose_outline_pixels_are():
 def test_one_is_born_for_each_person_whom_nobody_explains():
     frame, places = frame_of((-1.0, 6.0, RED), (1.0, 6.0, BLUE)), FloorPlaces(MAP, PARAMS.birth_visible, PARAMS.patch_m)
     known = people_at((-1.0, 6.0, 1.76))
-    born, poses = births(places, frame, known, *frame.share_out(known), 0.0, PARAMS)
+    born, poses = births(places, frame, known, *frame.assign_pixels(known), 0.0, PARAMS)
     assert [b.at_m for b in born] == [pytest.approx((1.0, 6.0), abs=0.25)]
     assert poses.tolist() == [[-1.0, 6.0, 1.76]]
 

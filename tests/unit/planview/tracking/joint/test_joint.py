@@ -162,7 +162,7 @@ def test_evidence_of_a_person_is_the_difference_of_two_likelihoods(other):
 
 def test_the_surface_of_a_view_is_shared_out_and_lacks_an_explanation_where_nobody_owns_it():
     seen = look_at(oblique_camera(), [ADULT])
-    (owned,), (alone,) = explained(seen).share_out(people_of(ADULT)), explained(seen).share_out(people_of())
+    (owned,), (alone,) = explained(seen).assign_pixels(people_of(ADULT)), explained(seen).assign_pixels(people_of())
     patches = patches_of(seen, seen.rays.pixel_sr / PARAMS.patch_m**2)
     np.testing.assert_array_equal(owned.pixels, np.flatnonzero(seen.kind == SURFACE))
     np.testing.assert_allclose(owned.patches, patches, rtol=1e-4)
@@ -215,5 +215,5 @@ def test_the_body_table_is_a_head_over_shoulders_over_legs():
         return 2 * float(table.cover[level, :, w].sum()) * table.cell_m
 
     assert width(0.92) == pytest.approx(0.18, abs=0.03) and 0.42 < width(0.65) < 0.52
-    assert 0.26 < width(0.2) < 0.35  # legs, and the stride that is now and then beside them
+    assert 0.26 < width(0.2) < 0.35  # legs, and the stride that is now and then next to them
     assert width(1.1) < 0.02
