@@ -56,7 +56,7 @@ EXIF = 0x8769
 
 def focal_share(photo: Path | bytes) -> float:
     """Focal length over the diagonal of the image [1]: times the diagonal in pixels, the focal length in pixels. Raises
-    InputError: no photograph, or one that does not say."""
+    InputError: no photograph, or one without it."""
     from PIL import Image, UnidentifiedImageError
 
     name = "the photograph" if isinstance(photo, bytes) else str(photo)
@@ -70,5 +70,5 @@ def focal_share(photo: Path | bytes) -> float:
             f"{name}: expected EXIF with the focal length in 35 mm film, found "
             f"{f'{millimetres:g} mm' if millimetres else 'none'}"
         )
-    # Of film, by whose diagonal angle it is told (Exif 2.32, tag 41989).
+    # Of film, whose diagonal angle defines it (Exif 2.32, tag 41989).
     return millimetres / math.hypot(36.0, 24.0)

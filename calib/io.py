@@ -43,7 +43,7 @@ _BRACKETS = re.compile(r"[\[\]{}]")
 
 
 def entries(folder: Path) -> list[Path]:
-    """What a folder holds, by name; without hidden files, which systems put beside those of people (``._*``)."""
+    """What a folder holds, by name; without hidden files, which systems add to those of people (``._*``)."""
     return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
 
 

@@ -41,7 +41,7 @@ def prepare_kernel_cache() -> None:
 
 
 def usual_places() -> list[Path]:
-    """Where numba looks: beside the modules, then in the user's cache."""
+    """Where numba looks: next to the modules, then in the user's cache."""
     cache = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     return [Path(__file__).parent / "__pycache__", Path(cache) / "numba"]
 

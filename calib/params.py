@@ -1,4 +1,4 @@
-"""Base of every parameter table, and what is said of values that a table refuses."""
+"""Base of every parameter table, and the messages for values that it refuses."""
 
 import itertools
 from collections.abc import Callable
@@ -8,9 +8,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 LARGEST = {"_m": 1e4, "_m2": 1e4, "_s": 1e6, "_px": 1e6, "_deg": 3600.0, "_mps": 100.0, "_mps2": 1e4}
 """Largest magnitude by the unit in a parameter's name: beyond the reach of any camera, a recording of ten days, an
-image, a person; turns add up to some rounds. What a field says of its own range comes first."""
+image, a person; turns add up to some rounds. A field's own range comes first."""
 SMALLEST = 1e-9
-"""Smallest magnitude of a number that is not 0: less is lost in float32 beside anything it is added to (our choice)."""
+"""Smallest magnitude of a number that is not 0: less is lost in float32 in any sum (our choice)."""
 
 Location = tuple[int | str, ...]
 """Keys and list positions that lead to a value."""

@@ -29,8 +29,8 @@ class RgbdRig:
         camera: of the image.
         depth_camera: of the depth; None where depth lies in the image's own pixel grid (registered).
         camera_SE3_depth: maps the depth camera's coordinates to those of the image's camera [m].
-        units_per_m: depth values per metre; None when the file does not say.
-        sensor: how depth is measured; None when the file does not say.
+        units_per_m: depth values per metre; None when the file does not give it.
+        sensor: how depth is measured; None when the file does not give it.
         source: where it came from, for messages and run.json.
     """
 

@@ -32,7 +32,7 @@ SETUP_FRAMES = 24
 STEP_PX = 3
 """The floor is fitted to every n-th row and column."""
 MIN_WATCHED, NEARER = 5, 1.15
-"""What moves is told in so many frames at least; it is nearer by this factor than the usual depth of its pixel: a
+"""What moves shows in so many frames at least; it is nearer by this factor than the usual depth of its pixel: a
 person half a metre in front of a wall 4 m away (our choice)."""
 ALIGN_WINDOW, ALIGN_NOISE = 1 / 30, 3.0
 """Side of the windows in which light is taken out, of the image's width, and the least deviation in them [grey levels]
@@ -48,11 +48,8 @@ MIN_VALID = 0.03
 (our choice)."""
 
 
-_BLIND_PAIR = (
-    "left and right are swapped, the calibration belongs to another rig, or the images show no texture "
-    "(planview check tells)"
-)
-BLIND_SENSOR = "the depth has another scale than the calibration says, or everything is out of the sensor's range"
+_BLIND_PAIR = "left and right are swapped, the calibration belongs to another rig, or the images show no texture"
+BLIND_SENSOR = "the depth has another scale than the calibration has, or everything is out of the sensor's range"
 
 
 class FloorSearch(Params):

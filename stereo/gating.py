@@ -101,7 +101,7 @@ class Gate:
             for last in range(top, rows):
                 window = Window(0, top * self.tile_px, size[0], min(size[1], (last + 1) * self.tile_px))
                 per_sample[top, last] = searched(window) + SAMPLE_WORK
-        # Rows and columns that a window costs beside its own [samples]; rows between samples are not matched.
+        # Rows and columns that a window costs besides its own [samples]; rows between samples are not matched.
         margin = 2 * self.margin_px / reduction
         self._costs = per_sample, TILE, margin + STRIPE_ROWS, margin, WINDOW_WORK / reduction
         self._bands, self._work_of_whole = self._best_bands()

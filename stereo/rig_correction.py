@@ -1,4 +1,4 @@
-"""Correction of an aged calibration: how the right camera is turned by now, as matched corners tell."""
+"""Correction of an aged calibration: how the right camera is turned by now, from matched corners."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _SEARCH = 0.02
 _CELLS = 12
 """Square cells across the image, each of which counts once (our choice)."""
 _CELLS_MIN = 20
-"""Fewest cells with matches that tell five angles (our choice)."""
+"""Fewest cells with matches that determine five angles (our choice)."""
 _MOUNT_DEG = 0.3
 """Standard deviation of the turn of a camera in its mount since calibration, about each axis (our choice: factory
 calibrations of some years have 0.1 to 0.2)."""
 _LENS = 2e-4
 """Standard deviation of a lens's decentring coefficients (our choice: what calibrations with boards state)."""
 _YAW_DEG = 0.15
-"""Error of yaw that matches cannot tell of: lenses and the matcher's lag look like it (rendered right rigs: 0.23)."""
+"""Error of yaw that matches cannot show: lenses and the matcher's lag look like it (rendered right rigs: 0.23)."""
 _NOISE_MIN_PX = 0.1
 """Least noise of a cell [px]: what interpolation leaves (our choice)."""
 _HUBER = 2.0
@@ -120,9 +120,9 @@ def fit_correction(matches: F64, geometry: RectifiedGeometry) -> RigCorrection:
     decentred a little (Brown 1966), which looks like yaw. Matches of a place come again in every frame with the same
     texture and the same error of the lens model, so each cell of the image counts once, by its median.
 
-    The direction of the baseline is estimated beside the turn and left as it was: where all lies in one depth it cannot
-    be told from pitch, and half a degree of it is 0.2 px of row offset at a disparity of 20 px. An angle that cannot be
-    told from its calibration is kept, the least certain first, and the others are estimated again without it.
+    The direction of the baseline is estimated with the turn and left as it was: where all lies in one depth it cannot
+    be separated from pitch, and half a degree of it is 0.2 px of row offset at a disparity of 20 px. An angle that does
+    not differ significantly from its calibration is kept, the least certain first, and the others are estimated again.
 
     Args:
         matches: (N, 4) as from ``match_corners``.

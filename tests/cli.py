@@ -1,16 +1,16 @@
-"""Commands run in this process, and what they say (fixtures ``say``, ``refused`` and ``json_of``)."""
+"""Commands run in this process, and what they print (fixtures ``cli``, ``refused`` and ``json_of``)."""
 
 from collections.abc import Callable
 from typing import Any
 
-Say = Callable[..., tuple[int, str]]
+Cli = Callable[..., tuple[int, str]]
 Refused = Callable[..., str]
 JsonOf = Callable[..., dict[str, Any]]
 
 
-def one_sentence(told: str) -> str:
+def one_sentence(printed: str) -> str:
     """The last line; a refusal is one line that follows no traceback."""
-    assert "Traceback" not in told
-    lines = [line for line in told.splitlines() if line.startswith("planview: ")]
+    assert "Traceback" not in printed
+    lines = [line for line in printed.splitlines() if line.startswith("planview: ")]
     assert len(lines) == 1
     return lines[0]

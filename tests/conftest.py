@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from say import JsonOf, Refused, Say, one_sentence
+from cli import Cli, JsonOf, Refused, one_sentence
 
 WITHOUT_RECORDINGS = "real recordings are not here"
 """Begins the reason of every skip for that."""
@@ -14,17 +14,17 @@ WITHOUT_RECORDINGS = "real recordings are not here"
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Folder of real recordings ($PLANVIEW_TEST_DATA, else ../shared/data beside the repository)."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("PLANVIEW_TEST_DATA", beside))
+    """Folder of real recordings ($PLANVIEW_TEST_DATA, else ../shared/data next to the repository)."""
+    default = Path(__file__).resolve().parents[2] / "shared" / "data"
+    folder = Path(os.environ.get("PLANVIEW_TEST_DATA", default))
     if not folder.is_dir():
         pytest.skip(f"{WITHOUT_RECORDINGS} ({folder}); set PLANVIEW_TEST_DATA to run this test")
     return folder
 
 
 @pytest.fixture
-def say(capsys: pytest.CaptureFixture[str]) -> Say:
-    """Run a command in this process: exit status and what it says on stderr."""
+def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
+    """Run a command in this process: exit status and what it prints on stderr."""
 
     def command(*argv: object) -> tuple[int, str]:
         from planview.cli import main
@@ -39,13 +39,13 @@ def say(capsys: pytest.CaptureFixture[str]) -> Say:
 
 
 @pytest.fixture
-def refused(say: Say) -> Refused:
-    """Run a command that is refused: the one sentence that says why."""
+def refused(cli: Cli) -> Refused:
+    """Run a command that is refused: the one sentence that gives the reason."""
 
     def command(*argv: object, status: int = 2) -> str:
-        found, told = say(*argv)
-        assert found == status, told
-        return one_sentence(told)
+        found, printed = cli(*argv)
+        assert found == status, printed
+        return one_sentence(printed)
 
     return command
 
@@ -66,7 +66,7 @@ def json_of(capsys: pytest.CaptureFixture[str]) -> JsonOf:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Say how many tests the missing recordings cost: a run without them must not pass for a whole one."""
+    """Cli how many tests the missing recordings cost: a run without them must not pass for a whole one."""
     skipped = sum(WITHOUT_RECORDINGS in str(report.longrepr) for report in terminalreporter.stats.get("skipped", ()))
     if skipped:
         terminalreporter.write_line(

@@ -11,7 +11,7 @@ def fill_disk_after(monkeypatch: pytest.MonkeyPatch, room: int) -> None:
     left, write = [room], os.write
 
     def limited(descriptor: int, data: bytes) -> int:
-        if descriptor < 3:  # what pytest and the command say
+        if descriptor < 3:  # what pytest and the command print
             return write(descriptor, data)
         if left[0] == 0:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

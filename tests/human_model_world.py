@@ -1,4 +1,4 @@
-"""A world of drawn people for the human-model tracker: silhouettes of known models on the floor of a known camera."""
+"""A world of painted people for the human-model tracker: silhouettes of known models on the floor of a known camera."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -21,7 +21,7 @@ FPS = 10
 RED, BLUE = (20, 20, 200), (200, 40, 20)
 
 Drawn = tuple[float, float, tuple[int, int, int]]
-"""Floor position [m] and colour of a drawn person."""
+"""Floor position [m] and colour of a painted person."""
 
 
 def outline(x_m: float, y_m: float, height_m: float = 1.76) -> list[F64]:

@@ -14,7 +14,7 @@ W, H = 32, 24
 
 
 def picture(value: int, colour: bool = False) -> U8:
-    """A ramp whose top left pixel tells the frame."""
+    """A ramp whose top left pixel is the frame's number."""
     image = np.add.outer(np.arange(H), np.arange(W)).astype(np.uint8)
     image[:8, :8] = value
     return np.dstack([image, image // 2, image]) if colour else image
@@ -31,7 +31,7 @@ def folder_recording(
 
     Args:
         names: of the images, or how many are numbered.
-        images: pictures that tell the frame when empty.
+        images: pictures of the frame's number when empty.
         size: (width, height) of the calibration [px].
     """
     names = [f"{i:04d}" for i in range(names)] if isinstance(names, int) else names
@@ -44,7 +44,7 @@ def folder_recording(
 
 
 def write_video(path: Path, count: int, width: int = 64, height: int = 48, colour: bool = False) -> None:
-    """A video whose top left corner tells the frame."""
+    """A video whose top left corner is the frame's number."""
     rng = np.random.default_rng(0)
     image = cv2.resize(rng.integers(0, 255, (6, 8, 3 if colour else 1), dtype=np.uint8), (width, height))
     frames = np.stack([image] * count)

@@ -131,7 +131,7 @@ def walking(frame: int, fps: float = 15.0) -> tuple[Card, ...]:
 def write_toy_recording(
     folder: Path, rig: StereoRig, pairs: list[tuple[U8, U8]], fps: float = 15.0, claimed: StereoRig | None = None
 ) -> Path:
-    """A recording folder of PNG images; ``claimed`` is the calibration written beside them instead of the true one."""
+    """A recording folder of PNG images; ``claimed`` is the calibration written next to them instead of the true one."""
     for side in ("left", "right"):
         (folder / side).mkdir(parents=True)
     for index, (left, right) in enumerate(pairs):

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Build a wheel, install it in an environment of its own beside the dependencies of the given python, and track the
+# Build a wheel, install it in an environment of its own, with the dependencies of the given python, and track the
 # first frames of the clip that it brings, from an empty folder.
 set -euo pipefail
 unset PYTHONPATH  # another copy of planview there would count as installed

@@ -147,7 +147,7 @@ class Detector:
 
 
 def spans_a_plane(board: Board, ids: I64) -> bool:
-    """Whether these corners are enough of the board to tell its pose: several, and not all in one line."""
+    """Whether these corners show enough of the board to determine its pose: several, and not all in one line."""
     lines = ids // board.cols, ids % board.cols
     return len(ids) >= 8 and all(len(set(line)) > 1 for line in lines)
 

@@ -137,7 +137,7 @@ opencv: Any = cv2
 """Its type stubs know the argument types of one version only, and no empty camera matrix."""
 _MAX_ITERATIONS = 100
 REFIT_ITERATIONS = 20
-"""Enough for a fit that starts beside its optimum: with a few of the views left out."""
+"""Enough for a fit that starts near its optimum: with a few of the views left out."""
 
 
 class FitError(Exception):
@@ -321,5 +321,5 @@ def _stacked(arrays: Sequence[F64], fisheye: bool) -> list[Any]:
 
 
 def _fisheye_flag(name: str) -> int:
-    """OpenCV 4 has a fisheye's flags in their own namespace with their own values, OpenCV 5 beside all others."""
+    """OpenCV 4 has a fisheye's flags in their own namespace with their own values, OpenCV 5 next to all others."""
     return int(getattr(cv2.fisheye, name, None) or getattr(cv2, name))

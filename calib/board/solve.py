@@ -205,7 +205,7 @@ class BoardCalibration:
 
     @property
     def baseline_squares(self) -> float:
-        """Baseline in sides of a square: what the images alone tell, whatever the square's size."""
+        """Baseline in sides of a square: known from the images alone, whatever the square's size."""
         return self.rig.baseline_m / self.board.square_m
 
     @property

@@ -38,7 +38,7 @@ EDGE_CELLS = 2.5
 """Floor this close to something on it is left out of the last fits, in cells (our choice: 25 px at 640 px, what
 semi-global matching smooths over)."""
 MIN_POINTS = 1000
-"""With fewer points than this nothing is said."""
+"""Fewer points than this are not reported."""
 
 TRIPLES, SCORED = 250, 4000
 """Planes tried at a time and points that each is held against; bounds on time and memory."""
@@ -70,7 +70,7 @@ def find_floor(
     Returns:
         Floor with inlier fraction, residual, covariance and extent.
     Raises:
-        WorkError: no floor is visible; the sentence says what was seen instead.
+        WorkError: no floor is visible; the message names what was seen instead.
         ValueError: shapes do not fit.
     """
     params = params or FloorParams()
@@ -230,7 +230,7 @@ ADULT_HEIGHT_M = 1.72
 ADULT_HEIGHT_STD_M = 0.09
 """Mean and deviation of adults' heights with shoes, women and men together (NCD-RisC 2016, rounded)."""
 MIN_FEET = 8
-"""Fewer observations of people say too little (our choice)."""
+"""Fewer observations of people are too few (our choice)."""
 
 
 def floor_from_points(points: ArrayLike, name: str = "points", depth_std_m: ArrayLike | None = None) -> Floor:
@@ -308,7 +308,7 @@ def floor_from_people(people: PeopleSeen, start: Floor, name: str = "tracks") ->
     if spread[0] < 0.15:
         raise WorkError(
             f"{name}: expected people all over the floor, found them within {2 * spread[0]:.2f} m of one line: "
-            "tilt or roll cannot be told"
+            "tilt or roll cannot be determined"
         )
     from scipy.optimize import least_squares  # half a second, and only people need it
 

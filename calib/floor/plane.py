@@ -136,7 +136,7 @@ class Plane:
 def cells(points: Rays, q: F64 | None = None) -> tuple[Rays, I64]:
     """Median inverse depth in square cells of the view, over all frames.
 
-    The median forgets people who pass and most matching errors, and leaves so little noise that a wall can be told
+    The median forgets people who pass and most matching errors, and leaves so little noise that a wall is distinct
     from the floor it stands on close to their corner. Where a plane is known already, points beyond the gate are left
     out of cells that mostly show it: what passes is always nearer and would pull the median.
 
@@ -326,7 +326,7 @@ def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candid
 
     A camera near the horizontal sees the wall in front as a camera leaning backwards sees its floor. Where both
     readings are open the upright camera is the likelier, so a plane that asks for leaning back gives way. So does a
-    plane that a level camera would see: it may be a wall beside an overhead camera.
+    plane that a level camera would see: it may be a wall next to an overhead camera.
     """
     possible = [c for c in candidates if not c.refused]
     if not possible:

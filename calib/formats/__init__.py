@@ -50,7 +50,7 @@ def find_rig(path: Path) -> Found:
     mates = [m for m in _readable(files.values()) if form.part(m) == other and _plain(m.path) == _plain(path)]
     if len(mates) != 1:
         raise InputError(
-            f"{path}: expected its other half beside it ({form.name}), found {len(mates) or 'no'} file that fits"
+            f"{path}: expected its other half next to it ({form.name}), found {len(mates) or 'no'} file that fits"
         )
     return form, ((source, mates[0]) if part == "left" else (mates[0], source))
 
@@ -77,7 +77,7 @@ def _readable(paths: Iterable[Path]) -> Iterator[Source]:
         try:
             yield read_source(path)
         except InputError:
-            # Anything may lie beside a calibration; what is no text is none.
+            # Folders hold more than calibrations; a file that is not text is none.
             continue
 
 
@@ -148,7 +148,7 @@ def load_rig(
         cameras: names of the left and right camera (or sockets) where the file holds more than two.
         unit_m: length of the unit of the file's translations [m]; None: what the format prescribes.
         swap: the file calls the right camera left.
-        rectified: whether the images are, where a file holds both calibrations; None tells it by their size.
+        rectified: whether the images are, where a file holds both calibrations; None decides by their size.
     Returns:
         The rig, checked (``StereoRig.check``).
     Raises:

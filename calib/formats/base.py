@@ -40,7 +40,7 @@ class Choice:
         size: (width, height) of the recording's images [px]; selects or supplies the resolution.
         cameras: names of the left and right camera in a file that holds more than two.
         unit_m: length of the file's unit of translation [m]; None takes the format's own.
-        rectified: whether the images are, where a file holds both calibrations; None tells it by their size.
+        rectified: whether the images are, where a file holds both calibrations; None decides by their size.
     """
 
     size: Size | None = None

@@ -150,7 +150,7 @@ def _raw(data: Mapping[str, str], name: str, unit_m: float) -> tuple[Camera, SE3
 
 
 def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> StereoRig:
-    """The rectified cameras of an odometry sequence, whose image size the file does not say."""
+    """The rectified cameras of an odometry sequence, whose image size the file does not give."""
     if choice.size is None:
         raise ValueError("expected the size of the images, which the calib.txt of a KITTI sequence does not hold")
     left, right = choice.cameras or next(

@@ -68,7 +68,7 @@ def _sockets(data: Mapping[str, Any], cameras: Mapping[int, Any], choice: Choice
     if not {1, 2} <= set(cameras):
         raise ValueError(
             f"expected stereoRectificationData or cameras at the sockets 1 and 2, found sockets {sorted(cameras)} and "
-            "nothing that says which of them are left and right: name the two"
+            "nothing that shows which of them are left and right: name the two"
         )
     return 1, 2
 

@@ -119,7 +119,7 @@ def parse_storage(text: str) -> Mapping[str, Any]:
 
 
 def _model(data: Mapping[str, Any]) -> LensModel | None:
-    """What the file names, for which OpenCV itself has no key; a polynomial's terms are told by their number."""
+    """What the file names, for which OpenCV itself has no key; a polynomial's terms follow from their number."""
     name = str(data.get("distortion_model", "")).strip().lower()
     if name in {"fisheye", "equidistant", "kannala_brandt"} or str(data.get("fisheye", 0)).strip() == "1":
         return "fisheye"

@@ -127,9 +127,9 @@ def _rig(data: Mapping[str, Any], size: Size, depth_size: Size) -> RgbdRig:
 
 
 def _lens_of(data: Mapping[str, Any], names: tuple[str, ...]) -> Any:
-    """Distortion that a file lists beside its cameras."""
-    beside = data.get("distortion")
-    return next((beside[name] for name in names if name in beside), None) if isinstance(beside, Mapping) else None
+    """Distortion that a file lists next to its cameras."""
+    listed = data.get("distortion")
+    return next((listed[name] for name in names if name in listed), None) if isinstance(listed, Mapping) else None
 
 
 def _camera(table: Mapping[str, Any], lens: Any, size: Size, name: str) -> Camera:

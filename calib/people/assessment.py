@@ -159,7 +159,7 @@ def _possible(fit: GroundCameraFit, model: HumanModel) -> tuple[F64, F64]:
     upright = np.zeros_like(places)
     rows = predict(shared_of(fit), places, upright, size, width, camera, body_points(model), fit.prior)
     inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
-    # A person lower than this in the image tells nothing [px] (our choice).
+    # A person lower than this in the image carries no information [px] (our choice).
     tall = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1]) >= 20.0
     return places[inside & tall], rows[inside & tall]
 
@@ -196,7 +196,7 @@ class _Advisor:
         if not len(places):
             return None
         further = MarkedPeople(rows, np.ones(len(rows)), np.full(len(rows), PERSON_STD), np.zeros(len(rows), np.bool_))
-        # (k, N_SHARED, N_SHARED) what each further person tells of the shared unknowns, its own place being free.
+        # (k, N_SHARED, N_SHARED) information of each further person on the shared unknowns, its own place being free.
         values = np.append(shared_of(self.fit), places)
         jacobian = Residuals(self.fit.camera, further, model, self.fit.prior, values).jacobian(values)
         blocks = jacobian[: 8 * len(places)].reshape(len(places), 8, -1)

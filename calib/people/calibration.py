@@ -19,7 +19,7 @@ from calib.people.samples import HumanSample, MarkedPeople, check_samples, level
 from calib.types import F64, Bool
 
 KNOWN_RANGE = 1.15
-"""A value that was told is searched up to this factor from it; the deviation decides afterwards (our choice)."""
+"""A given value is searched up to this factor from it; the deviation decides afterwards (our choice)."""
 
 
 COARSE = (20, 20, 37)
@@ -170,7 +170,7 @@ class HumanCalibration:
         assessment: expected floor error, whether it is enough, and where to add the next sample.
         odd: numbers of the samples that fit badly and were weighted down.
         girth: width of the sampled people against the model's [1].
-        stature: mean height of the sampled people against the model's [1], as far as a known camera height tells it.
+        stature: mean height of the sampled people against the model's [1], as far as a known camera height fixes it.
         boxes_only: whether heads and feet were read as but the middles of the boxes' edges.
         search_s: duration of the search [s].
     """
@@ -200,8 +200,8 @@ def calibrate_from_people(
 ) -> HumanCalibration:
     """The camera whose projected people fit the samples best, its deviations and a verdict.
 
-    A camera that is not known well enough is returned all the same, and its assessment says so; one of which height
-    and focal length cannot be told apart at all is refused.
+    A camera that is not known well enough is returned all the same, and its assessment shows it; one of which height
+    and focal length cannot be separated at all is refused.
 
     Args:
         samples: at least 3 people at different places.
@@ -214,7 +214,7 @@ def calibrate_from_people(
         name: of the samples' source, for messages.
         walked: (height, width), where something moved in the recording: more people are asked for there only.
     Raises:
-        InputError: samples from which no camera can be told.
+        InputError: samples from which no camera can be determined.
         WorkError: no camera fits them, or too many do.
         ValueError: an unknown lens.
     """
@@ -240,7 +240,7 @@ def calibrate_from_people(
         )
     if not std.height <= MAX_HEIGHT_STD:
         raise WorkError(
-            f"{name}: camera height and focal length cannot be told apart from these samples (height known to "
+            f"{name}: camera height and focal length cannot be separated by these samples (height known to "
             f"{min(std.height, 10):.0%}): add people nearer to and farther from the camera, or give the focal length "
             "or the camera's height"
         )

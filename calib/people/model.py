@@ -147,10 +147,10 @@ FIELDS_DEG: dict[str, tuple[float, float]] = {
 (below 30 degrees, or synthetic video of any) is given the range of a normal lens, and both up to 90 degrees in place of
 60: many webcams are as wide with hardly any distortion."""
 KNOWN_CAMERA_STD = 0.02
-"""Relative deviation of a focal length that was told (data sheets and EXIF round) or a camera height that was measured
+"""Relative deviation of a focal length that was given (data sheets and EXIF round) or a camera height that was measured
 (our choice)."""
 KNOWN_PERSON_STD = 0.01
-"""Relative deviation of a body height that was told, with shoes (our choice)."""
+"""Relative deviation of a body height that was given, with shoes (our choice)."""
 PERSON_STD = 0.045
 """Relative deviation of one adult's height from the mean (our choice: women and men together, 8 cm)."""
 WIDTH_STD = 0.12
@@ -161,7 +161,7 @@ LEAN_M = 0.04
 
 @dataclass(frozen=True)
 class KnownValues:
-    """Values known beside the samples; None where not known.
+    """Values known besides the samples; None where not known.
 
     Attributes:
         focal_px: focal length [px of the samples' image].
@@ -222,7 +222,7 @@ def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool, level_e
     """The prior of a lens class and of the known values.
 
     Boxes take in arms and strides, so the width of people is free in them; where head and foot are marked and from
-    straight above only the model's own width, which the paper fixes, tells height from focal length, so it is trusted.
+    straight above only the model's own width, fixed in the paper, separates height from focal length, so it is trusted.
     Roll: Zhang 2008, section 2, assumption 3, no significant one. All our choice.
     """
     mean, std = np.zeros(N_SHARED), np.full(N_SHARED, np.inf)
@@ -245,8 +245,8 @@ def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool, level_e
 
 def people_of(samples: Sequence[HumanSample], model: HumanModel, independent: int | None = None) -> MarkedPeople:
     """Samples as arrays, with what is expected of each person's height, and how many are worth one."""
-    told = np.array([s.height_m is not None for s in samples], dtype=np.bool_)
+    given = np.array([s.height_m is not None for s in samples], dtype=np.bool_)
     scale = np.array([1.0 if s.height_m is None else s.height_m / model.height_m for s in samples])
-    deviation = np.where(told, KNOWN_PERSON_STD, PERSON_STD)
+    deviation = np.where(given, KNOWN_PERSON_STD, PERSON_STD)
     repeats = max(1.0, len(samples) / max(1, independent or len(samples)))
-    return MarkedPeople(np.stack([s.row() for s in samples]), scale, deviation, told, repeats)
+    return MarkedPeople(np.stack([s.row() for s in samples]), scale, deviation, given, repeats)

@@ -2,7 +2,7 @@
 
 The paper's error sums distances, and a box as a ratio of areas; its minimum scatters two to three times as much as
 least squares on the same pixels. People differ in height and lean; both move head, foot and box together, so that the
-residuals of a person are whitened by their covariance. How flat the minimum is tells how well the camera is known.
+residuals of a person are whitened by their covariance. The flatter the minimum, the less is known of the camera.
 
 How strongly people lean towards the image's edges goes with the square of the focal length, so that a short one seems
 better known than it is: its distribution is skewed, and is followed over a row of focal lengths that are held.
@@ -185,7 +185,7 @@ class Residuals:
         return np.asarray((self.whiten @ off[..., None]).ravel())
 
     def _predicted(self, shared: F64, places: F64, odd: F64) -> F64:
-        stature = np.where(self.people.told, 0.0, shared[STATURE])
+        stature = np.where(self.people.given, 0.0, shared[STATURE])
         size = self.people.scale * np.exp(stature + odd[:, 0])
         width = np.exp(shared[GIRTH] + odd[:, 3])
         return predict(shared, places, odd[:, 1:3], size, width, self.camera, self.body, self.prior)
@@ -321,7 +321,7 @@ def shared_of(fit: GroundCameraFit) -> F64:
 
 
 def _profile(best: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> list[GroundCameraFit]:
-    """The best camera at focal lengths beside its own; their evidences are those of the nodes of an integral."""
+    """The best camera at focal lengths near its own; their evidences are those of the nodes of an integral."""
     # A focal length known better is as good as normally distributed [1] (our choice).
     if not 0.06 < math.sqrt(best.covariance[FOCAL, FOCAL]) < math.inf:
         return [best]

@@ -20,7 +20,7 @@ from calib.types import F64, I64, Bool
 COLUMNS = (
     "left_px", "top_px", "width_px", "height_px", "head_x_px", "head_y_px", "foot_x_px", "foot_y_px",
 )  # fmt: skip
-"""Columns of a CSV of samples, beside an optional ``frame`` and ``height_m`` (the person's); the suffix ``_px`` may be
+"""Columns of a CSV of samples, besides an optional ``frame`` and ``height_m`` (the person's); the suffix ``_px`` may be
 left out."""
 MIN_SAMPLES = 3
 """The paper asks for a person at 3 or more positions."""
@@ -80,14 +80,14 @@ class MarkedPeople:
     Attributes:
         rows: (n, 8) float64 (see ``HumanSample.row``).
         scale: (n,) float64 height that is expected of each over the model's [1]; scale_std: its deviation.
-        told: (n,) bool whose height was told; the others' follows the people's mean.
+        given: (n,) bool whose height was given; the others' follows the people's mean.
         repeats: so many samples are worth one independent one [1].
     """
 
     rows: F64
     scale: F64
     scale_std: F64
-    told: Bool
+    given: Bool
     repeats: float = 1.0
 
     def __len__(self) -> int:
@@ -95,7 +95,7 @@ class MarkedPeople:
 
 
 def check_samples(samples: Sequence[HumanSample], size: tuple[int, int], name: str) -> None:
-    """Refuse samples from which no camera can be told."""
+    """Refuse samples from which no camera can be determined."""
     if len(samples) < MIN_SAMPLES:
         raise InputError(f"{name}: expected at least {MIN_SAMPLES} samples at different places, found {len(samples)}")
     width, height = size
@@ -113,14 +113,14 @@ def check_samples(samples: Sequence[HumanSample], size: tuple[int, int], name: s
     if spread < 0.5 * typical:
         raise InputError(
             f"{name}: expected samples spread over the image, found all feet within {spread:.0f} px where people are "
-            f"{typical:.0f} px large: from one place camera height and focal length cannot be told apart"
+            f"{typical:.0f} px large: from one place camera height and focal length cannot be separated"
         )
 
 
 def only_boxes(rows: F64) -> bool:
     """Whether heads and feet of (n, 8) rows are but the middles of the boxes' edges, so that they add nothing.
 
-    Taken at their word they would say that people never lean outwards in the image, which is an infinite focal length.
+    Taken at their word they would mean that people never lean outwards in the image, which is an infinite focal length.
     """
     middle = (rows[:, 0] + rows[:, 2]) / 2
     ends = np.stack([middle, rows[:, 1], middle, rows[:, 3]], axis=1)
@@ -158,7 +158,7 @@ def read_samples(path: Path) -> tuple[HumanSample, ...]:
 
 
 def read_image_size(path: Path) -> tuple[int, int] | None:
-    """(width, height) [px] of the image that the samples of a JSON were taken in; None where it does not say. Raises
+    """(width, height) [px] of the image that the samples of a JSON were taken in; None where it has none. Raises
     InputError: unreadable, or an "image_size" that is not two positive whole numbers."""
     text = _text(path)
     data = _json(text, path) if text.lstrip()[:1] == "{" else {}
@@ -174,12 +174,12 @@ def read_image_size(path: Path) -> tuple[int, int] | None:
 def write_samples(samples: Sequence[HumanSample], path: Path, image_size: tuple[int, int] | None = None) -> None:
     """Write samples as JSON with the (width, height) of their image, or as CSV when the name ends so."""
     if path.suffix.lower() == ".csv":
-        told = any(s.height_m is not None for s in samples)
-        lines = [",".join(("frame", *COLUMNS, *(["height_m"] if told else [])))]
+        given = any(s.height_m is not None for s in samples)
+        lines = [",".join(("frame", *COLUMNS, *(["height_m"] if given else [])))]
         for s in samples:
             cells = [str(s.frame), *(repr(float(v)) for v in (*s.box_px, *s.head_px, *s.foot_px))]
             body = "" if s.height_m is None else repr(float(s.height_m))
-            lines.append(",".join([*cells, *([body] if told else [])]))
+            lines.append(",".join([*cells, *([body] if given else [])]))
         write_whole(path, "\n".join(lines) + "\n")
         return
     rows = [

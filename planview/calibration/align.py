@@ -213,8 +213,8 @@ def _fits(piece: F64, tick: int, other: WalkedPath, widest: int) -> list[tuple[f
     square = np.maximum((a**2).sum() + (b**2).sum(axis=(1, 2)) - 2 * np.hypot(dot, cross), 0.0)
     rms, angle = np.sqrt(square / n), np.arctan2(cross, dot)
     # Of neighbouring clocks only the best fit counts.
-    beside = np.concatenate([[np.inf], rms, [np.inf]])
-    best = np.flatnonzero((rms <= PIECE_RMS_M) & (rms <= beside[:-2]) & (rms <= beside[2:]))
+    around = np.concatenate([[np.inf], rms, [np.inf]])
+    best = np.flatnonzero((rms <= PIECE_RMS_M) & (rms <= around[:-2]) & (rms <= around[2:]))
     motions = []
     for k in best:
         x, y = centre - floor_rotation(float(angle[k])) @ centres[k]

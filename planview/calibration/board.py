@@ -39,7 +39,7 @@ _DEEP_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".pgm", ".ppm"})
 
 @dataclass(frozen=True, eq=False)
 class BoardPair:
-    """Two images taken together; without images ``why`` says what is wrong."""
+    """Two images taken together; without images ``why`` names what is wrong."""
 
     name: str
     left: U8 | None
@@ -73,7 +73,7 @@ class BoardImages:
         if self.is_video:
             n = min(VideoFile(video).n_frames for video in self._videos)
             if n < 1:
-                raise InputError(f"{path}: expected a video that tells its number of frames, found none")
+                raise InputError(f"{path}: expected a video with a known number of frames, found none")
             # Frames of a video that are searched for the board, evenly spread: enough to choose 40 good views from.
             self._frames = sorted({int(i) for i in np.linspace(0, n - 1, min(n, 240))})
         self.names = [_name(files) for files in self._files] + [f"frame {i}" for i in self._frames]
@@ -123,7 +123,7 @@ def _pair(name: str, images: Sequence[U8 | None], which: str = "") -> BoardPair:
 
 
 def _in_folder(folder: Path) -> tuple[Sequence[Files], Sequence[Path]]:
-    """Images, or videos; those of the two cameras are told apart by the names of their folders or their own."""
+    """Images, or videos; those of the two cameras are distinguished by the names of their folders or their own."""
     folders = [f for f in entries(folder) if f.is_dir() and image_files(f)]
     sided = split_sides([f.name for f in folders])
     if sided is not None:

@@ -17,13 +17,13 @@ THUMBNAIL = (160, 120)
 """(width, height) to which every frame is reduced [px]: averages noise, and keeps edges of the scene."""
 BLOCK_PX = 20
 """Side of the blocks of which each is judged by itself [px of the thumbnail]: 8 x 6 of them, whatever people do in the
-middle of the image the others tell of the camera."""
+middle of the image the others show of the camera."""
 MOVED_PX = 1.0
 """Motion of a point from which it has moved [px of the thumbnail]: 4 px of 640, beyond what wind does to a mast."""
 MOVED_SHARE = 0.85
 """Share of the tracked points that move with the camera; the others are reflections and what is mistracked."""
 TEXTURED_SHARE = 0.6
-"""Share of the blocks that must have texture for anything to be said: on a plain wall all texture is people's."""
+"""Share of the blocks that must have texture for a result: on a plain wall all texture is people's."""
 SETTLED_S = 1.0
 """Time without motion after which a camera stands still again [s]."""
 BREAK_MAX_S = 1.0
@@ -32,7 +32,7 @@ of it for some tenths of a second, and walks on."""
 
 
 class Steady(Enum):
-    """What a frame is beside those before it."""
+    """A frame compared with those before it."""
 
     STILL = "still"
     """The same view."""
@@ -64,7 +64,7 @@ class Steadiness:
     """Watches the frames of one camera: ``update`` once per frame, in order."""
 
     def __init__(self) -> None:
-        # Thumbnails kept, one per interval: the oldest tells slow motion.
+        # Thumbnails kept, one per interval: the oldest shows slow motion.
         self._kept: deque[_Kept] = deque(maxlen=5)
         self._last: U8 | None = None
         self._before_break: _Break | None = None
@@ -104,7 +104,7 @@ class Steadiness:
             ),
             at_most(
                 "scene cuts", float(len(self._cuts)), 0.0, "",
-                f"the view changes at once{where}: the background is learned anew, and people begin new tracks",
+                f"the view changes at once{where}: the background is learned again, and people begin new tracks",
             ),
         ]  # fmt: skip
 
@@ -150,7 +150,7 @@ class Steadiness:
 def unrelated(before: U8, after: U8, lasting: Bool) -> bool:
     """Whether two thumbnails (120, 160) uint8 have nothing in common, at whatever exposure.
 
-    Only blocks tell whose texture lasts: noise in the dark is texture, too, but another one in every frame.
+    Only blocks count whose texture lasts: noise in the dark is texture, too, but another one in every frame.
 
     Args:
         lasting: (48,) blocks of the view before that showed the same texture an interval apart.

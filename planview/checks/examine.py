@@ -219,7 +219,7 @@ def _video_of_one(path: Path, options: OpenOptions) -> tuple[Video, GroundCamera
 
 
 def _checks_of_one(video: Video, camera: GroundCamera | None, frames: int, search: FloorSearch) -> list[Check]:
-    """What can be told of one camera: times, light, whether it stands still, and its calibration."""
+    """Checks of one camera: times, light, whether it stands still, and its calibration."""
     spread = setup_frames(video, search.frames)
     count = max(3, min(frames, video.n_frames))
     images = [frame.image for frame in spread]
@@ -241,7 +241,7 @@ def _checks_of_one(video: Video, camera: GroundCamera | None, frames: int, searc
 STEP = 10
 """Depth and heights are looked at in every n-th frame (our choice, for speed)."""
 KEPT = 1000
-"""Things measured last that the height of people is told from."""
+"""Checks that the height of people depends on."""
 
 
 class RecordingWatch:

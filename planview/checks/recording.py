@@ -50,7 +50,7 @@ class Evidence:
         lefts: (H, W) uint8 grey of each spread frame, rectified; the left one of a pair.
         disparities: (H, W) float32 [px] of each; of images with depth equivalent to it.
         searched: range of the disparities.
-        floor: found in them, None when ``floor_refused`` says why not.
+        floor: found in them, None when ``floor_refused`` gives the reason.
         frames_asked: how many frames ``spread`` and ``run`` were meant to have.
         pair: None of images with depth.
     """

@@ -92,7 +92,7 @@ def standing_things(above: F32, depth: F32, moved: Bool) -> F64:
             continue  # its head may be outside
         if min_px <= blobs.area_px[label] <= max_px:
             of_it = (blobs.labels == label) & np.isfinite(above)
-            # Percentile of a person's points taken for the top of the head: single points above it are wrong matches.
+            # Percentile of a person's points used as the top of the head: single points above it are wrong matches.
             found.append((float(np.percentile(above[of_it], 98.0)), float(surface[of_it].sum())))
     return np.array(found, dtype=np.float64).reshape(-1, 2)
 
@@ -122,14 +122,14 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
     """Share, flatness and distance of the floor.
 
     Args:
-        floor: None when ``refused`` says why none was found.
+        floor: None when ``refused`` gives the reason.
     """
     share = floor.inlier_fraction if floor else math.nan
     why = "share of valid depth that lies on it" if floor else refused
     return [
         # Share of valid depth on the floor (our choice: a hand's breadth of floor between furniture still shows it).
         at_least("floor share", share, 0.10, "", why, needed=floor is None),
-        # Deviation of floor points from the plane [m]: with more, a foot cannot be told from a shadow (our choice).
+        # Deviation of floor points from the plane [m]: with more, a foot looks like a shadow (our choice).
         at_most("floor flatness", floor.residual_m if floor else math.nan, 0.12, "m", "rms from the plane"),
         between(
             "camera height",

@@ -26,7 +26,7 @@ MOVED_LEVEL = 14
 ACTIVE_SHARE = 0.001
 """Share of moved pixels from which a picture moves: half of what a person at 8 m takes (our choice)."""
 MIN_LIKENESS = 0.5
-"""Correlation of the cameras' movement below which nothing is said about their lag."""
+"""Correlation of the cameras' movement below which their lag is not reported."""
 LONGEST_LAG = 30
 """Longest lag looked for [frames]: two seconds at 15 Hz (our choice)."""
 WINDOW = 120
@@ -37,7 +37,7 @@ BLOCK = 15
 BLOCKS_MAX = 128
 """Beyond, neighbouring sums are added up: memory does not grow."""
 GROUPS = 8
-"""Parts of the time that are left out in turn to tell the deviation of a lag (jackknife; our choice)."""
+"""Parts of the time that are left out in turn to estimate the deviation of a lag (jackknife; our choice)."""
 SURELY = 3.0
 """Deviations by which a lag must exceed its limit: less is chance."""
 
@@ -63,7 +63,7 @@ def sampled_thumbnails(left: U8, right: U8) -> Thumbnails:
 
 
 class MotionFindings(NamedTuple):
-    """What the movement of both cameras says; NaN where too little moves.
+    """The lag between the movements of both cameras; NaN where too little moves.
 
     Attributes:
         lag: by how many frames the right camera is late: over all the time, or over its first or second half where

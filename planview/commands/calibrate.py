@@ -48,11 +48,11 @@ class AlignOptions:
 
 
 def calibrate_align(first: Path, second: Path, /, *others: Path, options: AlignOptions | None = None) -> None:
-    """Find where stereo heads are beside each other from people who walk where both see them. No board, no markers.
+    """Find the relative pose of stereo heads from people who walk where both see them. No board, no markers.
 
     Every head is tracked by itself, above its own floor; heading, place and clock are those at which the people of one
     head meet those of the other. Let one to three people walk around for a minute, with turns, in the floor that the
-    heads share: standing people, or one straight line, do not tell, and are refused.
+    heads share: standing people, or one straight line, are not enough, and are refused.
 
     Example: planview calibrate align hall/north hall/south --out hall/rigs.toml, then planview run hall --out out
 
@@ -199,17 +199,17 @@ def parse_board(text: str | None, square_m: float, marker: str | None, dictionar
 def calibrate_board(images: Path, /, *, square: str, options: BoardOptions | None = None) -> None:
     """Calibrate a stereo rig from chessboard or ChArUco images.
 
-    Writes the rig (OUT), the same for OpenCV (.yml) and a report page (.html) beside it.
+    Writes the rig (OUT), the same for OpenCV (.yml) and a report page (.html) next to it.
 
     Example: planview calibrate board photos/ --square 24.23mm --out rig.toml
 
     Parameters
     ----------
     images
-        Folder with left/ and right/, with names that tell left from right, with images side by side, or a video.
+        Folder with left/ and right/, with names that distinguish left and right, with images side by side, or a video.
     square
         Side of a square with its unit, e.g. 24.23mm; a bare number is refused. When it is not known, give any size: the
-        baseline is also told in squares, but distances measured with the rig are as wrong as the size.
+        baseline is also printed in squares, but distances measured with the rig are as wrong as the size.
     """
     options = options or BoardOptions()
     square_m = parse_square(square)
@@ -358,7 +358,7 @@ def calibrate_ui(
 
     Example: planview calibrate ui street.mp4 --out calibration
 
-    The page says where the next person would help most, takes values that are known (focal length or field of view,
+    The page shows where the next person would help most, takes values that are known (focal length or field of view,
     also from a phone's photo, camera height, people's height), and loads and saves samples.
 
     Parameters

@@ -47,9 +47,9 @@ class FloorOptions:
     """Where the floor is taken from, and where it is written."""
 
     out: Path | None = None
-    """world.toml to write, with a picture of a metric grid on the floor beside it."""
+    """world.toml to write, with a picture of a metric grid on the floor next to it."""
     save: Flag = False
-    """Write them into the recording (a video: beside it). Later runs and calibrations take that floor and search no
+    """Write them into the recording (a video: next to it). Later runs and calibrations take that floor and search no
     more."""
     points: Annotated[Sequence[str], Parameter(consume_multiple=True)] = ()
     """Three or more floor points instead: u,v pixels of the rectified left image (their depth is looked up), or
@@ -62,7 +62,7 @@ class FloorOptions:
     frames: int | None = None
     """How many frames to look at, spread over the recording; analysis.setup_frames when not given."""
     picture: Path | None = None
-    """Picture of a metric grid on the floor; beside world.toml, with .png, when not given."""
+    """Picture of a metric grid on the floor; next to world.toml, with .png, when not given."""
     config: Path | None = None
     """TOML file with the parameters of a run: analysis.setup_frames and tables rectify, sgbm, range, floor."""
     json_output: JsonFlag = False
@@ -93,7 +93,7 @@ def parse_points(texts: Sequence[str]) -> tuple[F64, bool]:
 
 
 def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> None:
-    """Find the floor in a stereo recording as a run does; print it, and write world.toml where told.
+    """Find the floor in a stereo recording as a run does; print it, and write world.toml where asked.
 
     Example: planview calibrate floor my_recording --out floor/world.toml
 
@@ -157,12 +157,12 @@ def _draw(view: FloorDepths, floor: Floor, path: Path) -> None:
 
 
 def _floor_of_run(recording: StereoRecording, tracks: Path) -> Floor:
-    """The floor those tracks were made with: the recording's world.toml, else what run.json says was found."""
+    """The floor those tracks were made with: the recording's world.toml, else the one in run.json."""
     if recording.world_SE3_left is not None:
         return Floor(recording.world_SE3_left)
-    beside = tracks.with_name("world.toml")
-    if beside.is_file():
-        return load_world(beside)
+    world = tracks.with_name("world.toml")
+    if world.is_file():
+        return load_world(world)
     run = tracks.with_name("run.json")
     info = read_run_info(run)
     if info.floor is None or info.floor.world_SE3_left is None:
@@ -214,7 +214,7 @@ class HumanOptions:
     lens: str | None = None
     """pinhole, normal, normal-wide, fisheye or black-corner-fisheye; all are tried when not given."""
     out: Path = Path("camera.toml")
-    """camera.toml to write; beside it a picture (.png) and, with --auto, the samples."""
+    """camera.toml to write; next to it a picture (.png) and, with --auto, the samples."""
     frames: Path | None = None
     """Video that the samples come from: its frames are the picture's background."""
     auto: Flag = False
@@ -323,7 +323,7 @@ def _size(text: str | None, video: Video | None, recorded: tuple[int, int] | Non
 
 
 def _picture(found: HumanCalibration, samples: Sequence[HumanSample], video: Video | None) -> U8:
-    """Given and computed features beside people all over the floor (figure 6)."""
+    """Given and computed features next to people all over the floor (figure 6)."""
     camera = found.camera
     image = _background(camera.size, samples, video)
     given = draw_samples(image, camera, found.model, samples)

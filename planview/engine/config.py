@@ -53,14 +53,14 @@ class SingleCameraParams(Params):
     )
     """The mixture model, here without depth: shadows are removed by their colour, at most twice as dark as the ground
     (as OpenCV's MOG2 has it), since dark clothes are like deeper shadows. The least noise is that of the sensor alone:
-    where colours are all there is, clothes like the wall behind must be told from it, and noise above is learned."""
+    where colours are all there is, clothes like the wall behind must differ from it, and noise above is learned."""
 
 
 class RunParams(Params):
     """How a run goes on in time and what it keeps; the tracks of a frame do not depend on it, but in real time."""
 
     real_time: bool = False
-    """Frames come when their timestamps say, those that cannot be kept up with are dropped, and the latency from a
+    """Frames come at their timestamps, those that cannot be kept up with are dropped, and the latency from a
     frame's timestamp to its tracks is measured. Such a run writes no checkpoints."""
     checkpoint_every_s: float = Field(30.0, ge=0, le=86_400)
     """Time between two checkpoints to resume from [s]; 0 for none (our choice)."""

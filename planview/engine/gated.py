@@ -138,7 +138,7 @@ class GatedMatching:
     def _changed(self, image: U8, foreground: Foreground) -> U8:
         """Samples that differ from the background, unless they were measured as background when they looked as now.
 
-        That is a shadow or a patch of light, which depth has told from a person once. A person who stands still is no
+        That is a shadow or a patch of light, by an earlier measurement of depth. A person who stands still is no
         change: what was foreground stays in question.
         """
         changed = foreground.changed(image, SAMPLE)

@@ -138,7 +138,7 @@ class OneCamera:
             nothing = np.zeros(image.shape[:2], np.uint8)
             return Observation(frame.index, frame.timestamp_s, frame.image, nothing, nothing, shadow=nothing)
         if steady is not Steady.STILL:
-            # The background begins anew with this frame, whatever a tracker says of the view before.
+            # The background begins again with this frame; a tracker's feedback is about the view before.
             self._forget_background()
             feedback = None
         known = self._known(feedback)

@@ -71,7 +71,7 @@ def open_engine(
     foreign = camera or options.calibration
     if is_maps(path):
         if foreign is not None:
-            raise InputError(f"{foreign}: expected no calibration beside plan-view maps, which hold their own")
+            raise InputError(f"{foreign}: expected no calibration for plan-view maps, which hold their own")
         recording = MapsRecording(path)
         config = config or recorded_config(recording)
         return replay_engine(recording, _map_tracker(tracker, config, path), config)

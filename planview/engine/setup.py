@@ -40,8 +40,8 @@ class Setup:
         calibration: file or folder it came from.
         sensor: how depth was measured; None for a pair.
         vertical_residual_px: row offset left after rectification [px]; NaN for images with depth.
-        checks: what these frames tell of the calibration.
-        correction: what the recording tells of the calibration of a pair; None for images with depth.
+        checks: what these frames show of the calibration.
+        correction: the correction of a pair's calibration found in the recording; None for images with depth.
     """
 
     rectifier: Rectifier | RgbdRectifier
@@ -163,7 +163,7 @@ def set_up(recording: StereoRecording | RgbdRecording, config: Config) -> Setup:
     searched = disparity_range(plain.geometry)
     largest = float(searched.first_px + searched.count)
     found = [np.empty((0, 4))]
-    # Setup frames in which left and right are told apart (our choice).
+    # Setup frames in which the order of left and right is checked (our choice).
     for frame in frames[:: -(-len(frames) // 4)]:
         pair = plain(frame.left, frame.right)
         # Rows are wide apart when the wrong calibration is taken to an image.
@@ -230,7 +230,7 @@ def refuse_foreign(path: Path, rectifier: Rectifier, matches: F64) -> None:
     if rows_deg > 1.0:
         raise WorkError(
             f"{path}: expected matched corners on the same row, found them {rows_deg:.1f} degrees off: "
-            "left and right are swapped, or the calibration is another rig's (planview check tells)"
+            "left and right are swapped, or the calibration is another rig's"
         )
 
 

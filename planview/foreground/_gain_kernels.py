@@ -27,11 +27,11 @@ ROUNDS = 6
 TOLERANCE_MIN = 3.0
 """Smallest tolerance of the refinement [levels of 255]: rounding and compression."""
 OFFSET_PRIOR = 0.002
-"""Weight of "the offset is 0" beside the pixels: decides where all pixels are alike."""
+"""Weight of "the offset is 0" against the pixels: decides where all pixels are alike."""
 PIXELS_MIN = 16
 """Smallest number of pixels for a fit."""
 ANY_LUMA = 0.1
-"""Share of the pixels that may have any luma, all alike: a wall all of one luma tells a little, too."""
+"""Share of the pixels that may have any luma, all alike: a wall all of one luma carries a little information, too."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -53,7 +53,7 @@ def sample_lumas(lead: F32, image: U8, colour: bool, n_pixels: int, stride: int,
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_information(luma: F32, tolerance: float, information: F32) -> None:
-    """What each pixel tells for a line that it lies on [nat]: the less, the more of the image has its luma by chance.
+    """Evidence of each pixel for a line that it lies on [nat]: the less, the more of the image has its luma by chance.
 
     Whatever covers most of the image in one luma lies on any line of that luma.
     """
@@ -77,21 +77,21 @@ def weigh_inliers(
     model: F32, luma: F32, information: F32, gain: float, offset: float, clip: float, tolerance: float, step: int
 ) -> tuple[int, float]:
     """Number of the pixels, of every step-th, within the tolerance of the line (clipped at both ends), and what they
-    tell."""
-    n, told = 0, 0.0
+    weigh."""
+    n, evidence = 0, 0.0
     for i in range(0, model.size, step):
         expected = min(max(gain * model[i] + offset, 0.0), clip)
         if abs(min(luma[i], clip) - expected) <= tolerance:
             n += 1
-            told += information[i]
-    return n, told
+            evidence += information[i]
+    return n, evidence
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def consensus_line(
     model: F32, luma: F32, information: F32, gain: float, offset: float, clip: float, tolerance: float
 ) -> tuple[float, float]:
-    """The line through two pixels, or the given one, whose inliers tell most (consensus over fixed pairs)."""
+    """The line through two pixels, or the given one, with the largest evidence (consensus over fixed pairs)."""
     best = gain, offset
     most = weigh_inliers(model, luma, information, gain, offset, clip, tolerance, THINNING)[1]
     n = model.size
@@ -105,21 +105,21 @@ def consensus_line(
         gain = (luma[j] - luma[i]) / run
         offset = luma[i] - gain * model[i]
         if 1.0 / GAIN_MAX < gain < GAIN_MAX and abs(offset) < OFFSET_MAX:
-            told = weigh_inliers(model, luma, information, gain, offset, clip, tolerance, THINNING)[1]
-            if told > most:
-                best, most = (gain, offset), told
+            evidence = weigh_inliers(model, luma, information, gain, offset, clip, tolerance, THINNING)[1]
+            if evidence > most:
+                best, most = (gain, offset), evidence
     return best
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def consensus_scale(model: F32, luma: F32, information: F32, clip: float, tolerance: float) -> float:
-    """The smallest gain of a ladder whose inliers tell most, without offset: it works on clipped images, too."""
+    """The smallest gain of a ladder with the largest evidence, without offset: it works on clipped images, too."""
     best, most = 1.0, 0.0
     for k in range(-LADDER_STEPS, LADDER_STEPS + 1):
         gain = math.exp(k * LADDER_STEP)
-        told = weigh_inliers(model, luma, information, gain, 0.0, clip, tolerance, THINNING)[1]
-        if told > most:
-            best, most = gain, told
+        evidence = weigh_inliers(model, luma, information, gain, 0.0, clip, tolerance, THINNING)[1]
+        if evidence > most:
+            best, most = gain, evidence
     return best
 
 

@@ -34,7 +34,7 @@ class UpdateConstants(NamedTuple):
     """What is the same for all pixels of one update, all float32; colour in the exposure of the model."""
 
     beta: Real  # squared normalised distance of a match
-    beta_relaxed: Real  # the same for colour where depth alone says that it is the background
+    beta_relaxed: Real  # the same for colour where depth alone shows the background
     body_over_metre: Real  # how far a body is before the background, over the disparity of a metre [1/px]
     min_depth_fraction: Real  # fraction of observations with depth that makes depth reliable
     dark: Real  # luma below which chroma is noise
@@ -56,7 +56,7 @@ class UpdateConstants(NamedTuple):
     background_weight: Real
     deepest_weight: Real
     shadow_ratio: Real
-    shadow_ratio_unsure: Real  # the same where depth says nothing
+    shadow_ratio_unsure: Real  # the same where depth is no evidence
     colour_shadow_ratio: Real  # darkest shadow recognised by colour alone, 0: none
 
 
@@ -137,9 +137,9 @@ def match_kind(g: Gaussian, o: Pixel, s: UpdateConstants) -> Real:
     agree = both & (dd * dd < s.beta * g.var_d)
     nearer = s.body_over_metre * g.d  # that distance over the background's
     body = nearer * g.d / max(ONE - nearer, F(0.1))  # by which disparity a body is nearer
-    says = max(body * (body - (dd + dd)) / g.var_d, ZERO)  # twice the logarithm of the ratio
-    same = far < (min(s.beta + says, s.beta_relaxed) if agree else s.beta)
-    unsure = max(ONE - says / s.beta, ZERO)
+    evidence = max(body * (body - (dd + dd)) / g.var_d, ZERO)  # twice the logarithm of the ratio
+    same = far < (min(s.beta + evidence, s.beta_relaxed) if agree else s.beta)
+    unsure = max(ONE - evidence / s.beta, ZERO)
     darkest = s.shadow_ratio + unsure * (s.shadow_ratio_unsure - s.shadow_ratio)
     lit = agree & is_other_light(g, o, chroma, darkest, s)
     kind = SAME if same else (OTHER_LIGHT if lit else NO_MATCH)
@@ -154,7 +154,7 @@ def fourth_power(d: Real) -> Real:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def is_nearer(g: Gaussian, o: Pixel, s: UpdateConstants) -> Real:
-    """Whether depth alone tells an observation from a Gaussian: the same colour, but in front of it."""
+    """Whether depth alone separates an observation from a Gaussian: the same colour, but in front of it."""
     return (colour_distance(g, o, s) < s.beta) & (o.d > g.d) & (g.depth_fraction >= s.min_depth_fraction)
 
 
@@ -214,10 +214,10 @@ def started(o: Pixel, s: UpdateConstants) -> Gaussian:
 BLOCK = 128
 """Pixels whose leading Gaussians lie together; all their planes fit the first-level cache."""
 
-# Kept per pixel beside its leading Gaussian: the mean absolute change of luma, and the last luma.
+# Kept per pixel besides its leading Gaussian: the mean absolute change of luma, and the last luma.
 ACTIVITY, LAST_Y = 10, 11
 N_LEAD = 12
-# Planes of the scratch block beside Y, U, V and D of the observation: what else is known, and what the first pass
+# Planes of the scratch block besides Y, U, V and D of the observation: what else is known, and what the first pass
 # leaves to the second.
 CHROMA, FEEDBACK, RATE_W, RATE_M, UNMATCHED, MEASURED, KIND_LEADER = 0, 1, 6, 7, 8, 9, 10
 N_SCRATCH = 11

@@ -106,7 +106,7 @@ OTHERS = LEADER + N_FIELDS
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def pick(source: F32, plane: int, places: U64, side: F32, target: int, taken: int) -> None:
-    """Put the numbers of a block's plane that stand at some places beside those gathered so far."""
+    """Put the numbers of a block's plane that stand at some places behind those gathered so far."""
     values = source[plane * BLOCK : (plane + 1) * BLOCK]
     picked = side[target * BLOCK + taken : (target + 1) * BLOCK]
     for j in range(np.uintp(len(places))):
@@ -115,7 +115,7 @@ def pick(source: F32, plane: int, places: U64, side: F32, target: int, taken: in
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def gather(lead: F32, obs: F32, places: U64, start: int, fast: Real, side: F32, chosen: U64, taken: int) -> None:
-    """Put pixels of one block beside those gathered so far, which are ``taken``.
+    """Put pixels of one block behind those gathered so far, which are ``taken``.
 
     Args:
         lead: the block's leading Gaussians. obs: its observations. start: its first pixel. fast: its fastest rate.

@@ -11,7 +11,7 @@ from calib.types import F32, U8
 from planview.foreground import _gain_kernels as kernels
 
 INLIERS_MIN = 0.3
-"""Fraction of inliers, and of what all pixels would tell, below which the last gain is kept: the scene changed, not the
+"""Fraction of inliers, and of all pixels' evidence, below which the last gain is kept: the scene changed, not the
 camera (our choice)."""
 KEPT_GAIN_MAX = 32.0
 """A refined gain beyond this, or below its reciprocal, is not taken over: the fit failed (our choice)."""
@@ -29,23 +29,23 @@ class Exposure(NamedTuple):
 
 
 _Pixels = tuple[F32, F32, F32]
-"""(N,) luma of the model and of the image, and what each pixel tells."""
+"""(N,) luma of the model and of the image, and the evidence of each pixel."""
 
 
 class _Line(NamedTuple):
-    """A gain and an offset, how many pixels lie on that line, and what they tell."""
+    """A gain and an offset, how many pixels lie on that line, and their evidence."""
 
     gain: float
     offset: float
     inliers: int
-    told: float
+    evidence: float
 
 
 class GainFollower:
     """Finds image luma = gain * model luma + offset by consensus of subsampled pixels (our method).
 
-    The last gain, refined, competes with the line through two pixels and the pure gain whose inliers tell most: pixels
-    of a common luma tell little, so that a plain shirt which fills most of the image is no change of the exposure.
+    The last gain, refined, competes with the line through two pixels and the pure gain of largest evidence: pixels
+    of a common luma weigh little, so that a plain shirt which fills most of the image is no change of the exposure.
     Clipped pixels count as inliers but take no part in the fit.
 
     Attributes:
@@ -98,17 +98,17 @@ class GainFollower:
         mean = float(model.mean())
         brightness = (line.gain * mean + line.offset) / mean
         kernels.fill_information(np.clip(brightness * model, 0.0, 255.0), self._tolerance, information)
-        return line.told >= INLIERS_MIN * float(information.sum())
+        return line.evidence >= INLIERS_MIN * float(information.sum())
 
     def _searched(self, pixels: _Pixels, best: _Line) -> _Line:
-        """The line given, or one that the image tells more for."""
+        """The line given, or one with more evidence in the image."""
         line = kernels.consensus_line(*pixels, best.gain, best.offset, self._clip, self._tolerance)
         scale = kernels.consensus_scale(*pixels, self._clip, self._tolerance)
         for start in (line, (scale, 0.0)):
             other = self._refined(pixels, *start)
-            # The inliers of a new gain must tell so many times what those of the last one do: a large
+            # The inliers of a new gain must weigh so many times more than those of the last one: a large
             # person is no gain step (our choice).
-            if other.told > 1.1 * best.told:
+            if other.evidence > 1.1 * best.evidence:
                 best = other
         return best
 

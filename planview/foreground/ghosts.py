@@ -27,7 +27,7 @@ GHOST_AREA_PX = 20
 """Smallest area of a ghost [px]: smaller blobs have too short a boundary to compare."""
 START_S = 6.0
 """Time from the first frame in which people of that frame set out [s]: ghosts are then searched in every frame, and
-told from people who overlap them. Twice the time in which the background settles."""
+distinguished from people who overlap them. Twice the time in which the background settles."""
 STILL_S = 0.7
 """In that time, a blob that has not moved for so long is a ghost, unless a tracked person has walked there [s].
 People who come in walk: what stays for this long, half a step, and has not walked is where a person was."""

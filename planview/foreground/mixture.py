@@ -118,7 +118,7 @@ class Foreground:
             shape: (height, width) of all images.
             disparity_noise_per_px2: growth of the smallest disparity deviation with squared disparity [1/px], as a
                 depth deviation that is the same at all depths has it; 0 for triangulated depth.
-            disparity_metre: disparity of one metre [px m]; by default so small that depth always tells bodies apart.
+            disparity_metre: disparity of one metre [px m]; by default so small that depth always separates bodies.
             reduction: images and disparities are every ``reduction``-th row and column of those matched.
         Raises:
             ValueError: an empty shape.
@@ -155,7 +155,7 @@ class Foreground:
         return self._schedule.settled
 
     def changed(self, image: U8, step: int) -> U8:
-        """Where an image differs in colour from the background, or the background is not known: there depth must tell.
+        """Where an image differs in colour from the background, or the background is not known: depth decides there.
 
         The exposure is followed here, and not again by the ``update`` that comes next.
 
@@ -220,7 +220,7 @@ class Foreground:
         return mask if disparity is None else self._without_fattening(mask)
 
     def _without_fattening(self, mask: U8) -> U8:
-        """Foreground as 255, without what has the background's colour beside a foreground of another colour.
+        """Foreground as 255, without what has the background's colour next to a foreground of another colour.
 
         A matcher that smooths carries the disparity of an outline on over the plain wall behind it (foreground
         fattening, Scharstein and Szeliski 2002).
@@ -231,8 +231,8 @@ class Foreground:
         kept = inside > 0
         if reach and inside.size:
             other = inside == FOREGROUND
-            beside = cv2.dilate(other.view(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-            kept &= other | (beside == 0)
+            around = cv2.dilate(other.view(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+            kept &= other | (around == 0)
         np.multiply(kept, np.uint8(FOREGROUND), out=inside)
         return mask
 

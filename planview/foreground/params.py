@@ -10,7 +10,7 @@ NO_FEEDBACK, PERSON, BACKGROUND = 0, 1, 2
 """Values of a feedback mask: what a tracker knows about each pixel."""
 
 FOREGROUND, NEARER, SHADOW = 255, 191, 127
-"""Values of the kernels' mask; background is 0. What is nearer than the background has its colour: only depth tells
+"""Values of the kernels' mask; background is 0. What is nearer than the background has its colour: only depth shows
 it apart. A shadow is one that its colour alone gives away."""
 WALKER = 3
 """Feedback for one camera: a person who has left the first place, and so is no ghost of the background."""
@@ -49,7 +49,7 @@ class ForegroundParams(Params):
     """The deepest Gaussian with depth is background above this weight (T_D). Harville 2001: about 0.2."""
     fattening_px: int = Field(7, ge=0, le=50)
     """How far the matcher carries a disparity beyond an outline [px of the matched image]: half of the window in which
-    it asks for texture. 0 leaves all that depth alone tells from the background."""
+    it asks for texture. 0 leaves all that depth alone separates from the background."""
     shadow_ratio: float = Field(0.35, gt=0, le=1)
     """Darkest shadow, as a fraction of the lit luma; inverted, where depth agrees, the brightest patch of light. Our
     choice: shade outdoors keeps a third of the image level after the camera's tone curve."""

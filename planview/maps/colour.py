@@ -1,4 +1,4 @@
-"""Colours of foreground points as small codes: enough to tell clothes apart, too little to make a picture of.
+"""Colours of foreground points as small codes: enough to distinguish clothes, too little to make a picture of.
 
 A code is a cell of luma and chroma (YUV). People are compared by histograms of codes, smoothed over neighbouring cells
 so that a slightly other light moves little mass (our choice; the cells are as wide as a sensor's noise and the

@@ -1,7 +1,7 @@
 """Plan-view recordings: the foreground points of every frame in one HDF5 file, without images.
 
 Height and occupancy maps are functions of the points (Harville 2002, section 3), and a point of its pixel and
-disparity, so that these two are stored, without loss, and the maps are built anew by the code that built them first.
+disparity, so that these two are stored, without loss, and the maps are built again by the code that built them first.
 A point's appearance is its colour code (``planview.maps.colour``).
 
 Layout: attributes ``format``, ``version``, ``config`` (JSON), ``fps``; groups ``rig``, ``floor`` and ``grid`` with

@@ -1,4 +1,4 @@
-"""Writes plan-view recordings; ``planview.maps.recording`` says what is in them, and reads them."""
+"""Writes plan-view recordings; ``planview.maps.recording`` documents and reads them."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ def surrounding_area(table: Trajectories) -> str:
 
 
 def refuse_many(path: Path, rows: int) -> None:
-    """Refuse a table before memory is taken for it. Raises InputError: more rows than ROWS_MAX."""
+    """Refuse a table before allocating memory. Raises InputError: more rows than ROWS_MAX."""
     if rows > ROWS_MAX:
         raise InputError(f"{path}: expected up to {ROWS_MAX} rows, found {rows}")
 

@@ -42,19 +42,19 @@ def test_there_are_at_least_sixty_faults():
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
-def test_fault(fault, good, tmp_path, say):
+def test_fault(fault, good, tmp_path, cli):
     recording, out = tmp_path / "recording", tmp_path / "out"
     shutil.copytree(good, recording)
     out.mkdir()
     (out / "notes.txt").write_text(NOTES)
     fault.damage(recording)
     words = [word.replace("{}", str(recording)) for word in fault.words]
-    status, told = say("run", recording, "--out", out, *FEW, *words)
-    assert status == fault.status, told
-    assert "Traceback" not in told and (out / "notes.txt").read_text() == NOTES
-    sentences = [line for line in told.splitlines() if line.startswith("planview: ")]
+    status, printed = cli("run", recording, "--out", out, *FEW, *words)
+    assert status == fault.status, printed
+    assert "Traceback" not in printed and (out / "notes.txt").read_text() == NOTES
+    sentences = [line for line in printed.splitlines() if line.startswith("planview: ")]
     if fault.status:
-        assert len(sentences) == 1 and re.search(fault.message, sentences[0]), told
+        assert len(sentences) == 1 and re.search(fault.message, sentences[0]), printed
         assert not (out / "run.json").exists() or not read_run_info(out / "run.json").finished
         return
     assert not sentences
@@ -66,25 +66,25 @@ def test_fault(fault, good, tmp_path, say):
     read_tracks(out / "tracks.csv")
 
 
-def test_good_recording_runs_without_a_warning(good, tmp_path, say):
-    status, told = say("run", good, "--out", tmp_path / "out", "--strict", *FEW)
-    assert status == 0, told
+def test_good_recording_runs_without_a_warning(good, tmp_path, cli):
+    status, printed = cli("run", good, "--out", tmp_path / "out", "--strict", *FEW)
+    assert status == 0, printed
     info = read_run_info(tmp_path / "out" / "run.json")
     assert info.warnings == [] and info.frames_read == FRAMES
 
 
 @pytest.mark.parametrize("name", ["caf\udce9", "a\x1b]0;owned\x07b", "[red]x[/]", "-x y"], ids=ascii)
-def test_folder_names_of_any_kind_run_and_stay_text(good, tmp_path, say, name):
+def test_folder_names_of_any_kind_run_and_stay_text(good, tmp_path, cli, name):
     shutil.copytree(good, tmp_path / name)
-    status, told = say("run", tmp_path / name, "--out", tmp_path / f"{name}-out", *FEW)
-    assert status == 0, told
-    assert "\x1b]" not in told and "\x07" not in told
+    status, printed = cli("run", tmp_path / name, "--out", tmp_path / f"{name}-out", *FEW)
+    assert status == 0, printed
+    assert "\x1b]" not in printed and "\x07" not in printed
     assert read_run_info(tmp_path / f"{name}-out" / "run.json").finished
 
 
-def test_finished_run_survives_every_refusal(good, tmp_path, say):
+def test_finished_run_survives_every_refusal(good, tmp_path, cli):
     out = tmp_path / "out"
-    assert say("run", good, "--out", out, *FEW)[0] == 0
+    assert cli("run", good, "--out", out, *FEW)[0] == 0
     before = {file.name: file.read_bytes() for file in out.iterdir()}
     recording = tmp_path / "recording"
     shutil.copytree(good, recording)
@@ -98,6 +98,6 @@ def test_finished_run_survives_every_refusal(good, tmp_path, say):
         ("run", os.devnull, "--out", out, "--set", "run.overwrite=true"),
     ]
     for words in refused:
-        status, told = say(*words)
-        assert status == 2 and told.startswith("planview: "), told
+        status, printed = cli(*words)
+        assert status == 2 and printed.startswith("planview: "), printed
     assert {file.name: file.read_bytes() for file in out.iterdir()} == before

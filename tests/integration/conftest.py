@@ -28,7 +28,7 @@ def recording(pairs: list[Pair], tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 @pytest.fixture(scope="session")
 def engine(recording: Path) -> Engine:
-    """Floor found once; iterating it anew gives the same frames."""
+    """Floor found once; iterating it again gives the same frames."""
     return open_engine(recording, config=load_config(None, [FEW]))
 
 

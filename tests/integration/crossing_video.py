@@ -1,4 +1,4 @@
-"""A small video of one camera, with people drawn as the human model has them."""
+"""A small video of one camera, with people painted as the human model has them."""
 
 import math
 from collections.abc import Iterator

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from say import JsonOf, Refused
+from cli import JsonOf, Refused
 from toy_recordings import write_frames
 
 from calib.formats import load_rig
@@ -56,8 +56,8 @@ def test_small_images_of_a_named_board_give_the_rig(kind: str, pairs: Path, tmp_
 
 def test_wrong_counts_are_refused(pairs: Path, tmp_path: Path, refused: Refused) -> None:
     folder = copy(pairs, tmp_path / "p", SIX)
-    said = refused("calibrate", "board", folder, "--square", "25mm", "--board", "8x6", "--out", tmp_path / "r.toml")
-    assert "expected a board of 8x6 inner corners, found one of 9x6" in said
+    expected = refused("calibrate", "board", folder, "--square", "25mm", "--board", "8x6", "--out", tmp_path / "r.toml")
+    assert "expected a board of 8x6 inner corners, found one of 9x6" in expected
 
 
 def test_swapped_images_are_refused(pairs: Path, tmp_path: Path, refused: Refused) -> None:
@@ -65,8 +65,8 @@ def test_swapped_images_are_refused(pairs: Path, tmp_path: Path, refused: Refuse
         for side, other in (("left", "right"), ("right", "left")):
             shutil.copy(pairs / f"{side}{number}.jpg", tmp_path / f"{other}{number}.jpg")
     words = ("--square", "25mm", "--model", "brown", "--out", tmp_path / "o" / "r.toml")
-    said = refused("calibrate", "board", tmp_path, *words)
-    assert "left and right are swapped" in said and not (tmp_path / "o" / "r.toml").exists()
+    expected = refused("calibrate", "board", tmp_path, *words)
+    assert "left and right are swapped" in expected and not (tmp_path / "o" / "r.toml").exists()
 
 
 def test_too_few_blank_mixed_and_unreadable_images_are_refused(pairs: Path, tmp_path: Path, refused: Refused) -> None:

@@ -50,8 +50,8 @@ def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(video, tmp_p
     capsys.readouterr()
     scored = ["evaluate", str(out / "tracks.csv"), str(tmp_path / "truth.csv")]
     assert status(scored) == 0
-    told = capsys.readouterr().out
-    assert "idf1" in told and status([*scored, "--json"]) == 0
+    printed = capsys.readouterr().out
+    assert "idf1" in printed and status([*scored, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["idf1"] > 0.5
     assert status([*scored, "--boxes"]) == 2
     capsys.readouterr()

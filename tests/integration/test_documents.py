@@ -62,7 +62,8 @@ WITH_BLOCKS = [
 @pytest.mark.parametrize("command", ALL)
 def test_command_of_the_documents_has_these_options(command: str) -> None:
     app = make_app(words(command))
-    app.parse_args(words(command), exit_on_error=False, print_error=False)
+    function, _, unused = app.parse_args(words(command), exit_on_error=False, print_error=False)
+    assert callable(function) and not unused
 
 
 @pytest.mark.parametrize("pattern", CANNOT_RUN)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from say import JsonOf, Refused, Say
+from cli import Cli, JsonOf, Refused
 
 from planview.cli import main
 from planview.engine.engine import Engine
@@ -29,11 +29,11 @@ def tracks(tmp_path: Path) -> Path:
     return path
 
 
-def test_pedpy_computes_density_and_fundamental_diagram_from_an_export(say: Say, tracks: Path) -> None:
+def test_pedpy_computes_density_and_fundamental_diagram_from_an_export(cli: Cli, tracks: Path) -> None:
     import pedpy
 
     out = tracks.with_name("tracks.txt")
-    assert say("export", tracks, "--to", "pedpy", "--out", out)[0] == 0
+    assert cli("export", tracks, "--to", "pedpy", "--out", out)[0] == 0
     trajectory = pedpy.load_trajectory(trajectory_file=out)
     assert trajectory.frame_rate == FPS
     expected = load_file(tracks).table
@@ -51,12 +51,12 @@ def test_pedpy_computes_density_and_fundamental_diagram_from_an_export(say: Say,
     assert crowded.speed.mean() == pytest.approx(SPEED_MPS, abs=0.01)
 
 
-def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(say: Say, tracks: Path) -> None:
+def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(cli: Cli, tracks: Path) -> None:
     import pedpy
 
     archive, database = tracks.with_name("t.h5"), tracks.with_name("t.sqlite")
-    assert say("export", tracks, "--to", "ped-data-archive", "--out", archive, "--area", AREA)[0] == 0
-    assert say("export", archive, "--to", "jupedsim", "--out", database)[0] == 0
+    assert cli("export", tracks, "--to", "ped-data-archive", "--out", archive, "--area", AREA)[0] == 0
+    assert cli("export", archive, "--to", "jupedsim", "--out", database)[0] == 0
     areas = [
         pedpy.load_walkable_area_from_ped_data_archive_hdf5(trajectory_file=archive),
         pedpy.load_walkable_area_from_jupedsim_sqlite(trajectory_file=database),
@@ -70,16 +70,16 @@ def test_pedpy_reads_trajectory_and_walkable_area_of_archive_and_database(say: S
 
 
 @pytest.mark.parametrize("to", ["pedpy", "ped-data-archive", "jupedsim", "motchallenge", "parquet", "jsonl"])
-def test_evaluate_reads_exports_as_tracks_and_as_truth(to: str, say: Say, tracks: Path, json_of: JsonOf) -> None:
+def test_evaluate_reads_exports_as_tracks_and_as_truth(to: str, cli: Cli, tracks: Path, json_of: JsonOf) -> None:
     out = tracks.with_name("export")
-    assert say("export", tracks, "--to", to, "--out", out)[0] == 0
+    assert cli("export", tracks, "--to", to, "--out", out)[0] == 0
     assert json_of("evaluate", tracks, out)["mota"] == 1.0 and json_of("evaluate", out, out)["idf1"] == 1.0
 
 
-def test_count_reads_an_export(say: Say, tracks: Path, json_of: JsonOf) -> None:
+def test_count_reads_an_export(cli: Cli, tracks: Path, json_of: JsonOf) -> None:
     rules = tracks.with_name("rules.toml")
     rules.write_text('[[tripwire]]\nname = "door"\nfrom_m = [-2.0, 5.0]\nto_m = [2.0, 5.0]\n')
-    assert say("export", tracks, "--to", "jupedsim", "--out", tracks.with_name("t"))[0] == 0
+    assert cli("export", tracks, "--to", "jupedsim", "--out", tracks.with_name("t"))[0] == 0
     counted = json_of("count", tracks.with_name("t"), "--rules", rules)["rules"]["door"]
     assert counted["left_to_right"] + counted["right_to_left"] == 4
 
@@ -90,11 +90,11 @@ def test_json_lines_go_to_standard_output(tracks: Path, capsys: pytest.CaptureFi
     assert len(capsys.readouterr().out.splitlines()) == FRAMES
 
 
-def test_export_does_not_overwrite_unless_asked_and_never_its_input(say: Say, refused: Refused, tracks: Path) -> None:
+def test_export_does_not_overwrite_unless_asked_and_never_its_input(cli: Cli, refused: Refused, tracks: Path) -> None:
     assert "another file" in refused("export", tracks, "--to", "csv", "--out", tracks, "--overwrite")
-    assert say("export", tracks, "--to", "csv")[0] == 0
+    assert cli("export", tracks, "--to", "csv")[0] == 0
     assert "--overwrite" in refused("export", tracks, "--to", "csv")
-    assert say("export", tracks, "--to", "csv", "--overwrite")[0] == 0
+    assert cli("export", tracks, "--to", "csv", "--overwrite")[0] == 0
 
 
 def test_samples_of_other_programs_have_their_rows_and_rates(shared_data: Path) -> None:
@@ -116,10 +116,10 @@ def test_most_points_of_an_empty_room_lie_on_its_floor(engine: Engine) -> None:
     assert cloud.points_m.shape == cloud.colours.shape and np.median(np.abs(cloud.points_m[:, 2])) < 0.03
 
 
-def test_cloud_of_a_recording_is_a_ply_file(say: Say, recording: Path, tmp_path: Path) -> None:
+def test_cloud_of_a_recording_is_a_ply_file(cli: Cli, recording: Path, tmp_path: Path) -> None:
     pytest.importorskip("open3d")
-    status, told = say("export", recording, "--cloud", tmp_path / "new" / "scene.ply")
-    assert status == 0, told
+    status, printed = cli("export", recording, "--cloud", tmp_path / "new" / "scene.ply")
+    assert status == 0, printed
     assert (tmp_path / "new" / "scene.ply").read_bytes()[:3] == b"ply"
 
 

@@ -1,10 +1,10 @@
-"""One floor for ``run``, ``check`` and ``calibrate floor``, which writes it only where told."""
+"""One floor for ``run``, ``check`` and ``calibrate floor``, which writes it only on request."""
 
 import shutil
 from pathlib import Path
 
 import pytest
-from say import JsonOf, Refused, Say
+from cli import Cli, JsonOf, Refused
 from toy_run import FEW, Pair
 from toy_stereo import toy_rig, write_toy_recording
 
@@ -49,26 +49,26 @@ def test_configured_search_is_that_of_the_run() -> None:
     assert (search.frames, search.sgbm, search.floor, search.range) == (4, config.sgbm, config.floor, config.range)
 
 
-def test_nothing_is_written_without_a_place_to_write_to_and_how_to_keep_it_is_said(say, small, json_of):
+def test_nothing_is_written_without_a_place_to_write_to_and_how_to_keep_it_is_printed(cli, small, json_of):
     before = files(small)
     found = json_of("calibrate", "floor", small, "--frames", 2)
     assert found.keys() >= KEYS and found["height_m"] == pytest.approx(HEIGHT_M, abs=0.05)
     assert found["world"] is None
-    assert "--save keeps this floor" in " ".join(say("calibrate", "floor", small, "--frames", 2)[1].split())
+    assert "--save keeps this floor" in " ".join(cli("calibrate", "floor", small, "--frames", 2)[1].split())
     assert files(small) == before
 
 
-def test_out_writes_the_floor_and_its_picture_there(say: Say, small: Path, tmp_path: Path) -> None:
+def test_out_writes_the_floor_and_its_picture_there(cli: Cli, small: Path, tmp_path: Path) -> None:
     before = files(small)
-    status, told = say("calibrate", "floor", small, "--frames", 2, "--out", tmp_path / "new" / "world.toml")
-    assert status == 0, told
+    status, printed = cli("calibrate", "floor", small, "--frames", 2, "--out", tmp_path / "new" / "world.toml")
+    assert status == 0, printed
     assert load_world(tmp_path / "new" / "world.toml").height_m == pytest.approx(HEIGHT_M, abs=0.05)
     assert files(tmp_path / "new") == {"world.toml", "world.png"} and files(small) == before
 
 
-def test_save_gives_the_recording_a_floor_that_runs_take(say: Say, own: Path) -> None:
-    status, told = say("calibrate", "floor", own, "--frames", 2, "--save")
-    assert status == 0, told
+def test_save_gives_the_recording_a_floor_that_runs_take(cli: Cli, own: Path) -> None:
+    status, printed = cli("calibrate", "floor", own, "--frames", 2, "--save")
+    assert status == 0, printed
     assert set_up(open_recording(own), load_config()).floor_source == "world.toml"
 
 

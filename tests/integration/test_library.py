@@ -87,7 +87,7 @@ def test_an_engine_without_stereo_says_what_it_knows_of_its_camera(known: bool) 
 
 
 class Brightest:
-    """Follows the brightest pixel; says nothing of foreground, as trackers of plan-view maps do."""
+    """Follows the brightest pixel; gives no feedback, as trackers of plan-view maps do."""
 
     decisions: tuple[Decision, ...] = ()
 

@@ -34,9 +34,9 @@ def maps(live: tuple[Path, list[FrameResult]], tmp_path: Path) -> Path:
     return Path(shutil.copy(live[0] / "maps.h5", tmp_path / "maps.h5"))
 
 
-def test_maps_are_tracked_again_bit_for_bit(say, live, maps, tmp_path):
-    status, told = say("run", maps, "--out", tmp_path / "again")
-    assert status == 0, told
+def test_maps_are_tracked_again_bit_for_bit(cli, live, maps, tmp_path):
+    status, printed = cli("run", maps, "--out", tmp_path / "again")
+    assert status == 0, printed
     for name in PRODUCTS:
         assert (tmp_path / "again" / name).read_bytes() == (live[0] / name).read_bytes()
     again, before = read_run_info(tmp_path / "again" / "run.json"), read_run_info(live[0] / "run.json")
@@ -58,17 +58,17 @@ def test_maps_built_from_the_recording_are_those_of_the_run(live, engine):
         assert after.tracks == before.tracks
 
 
-def test_another_tracker_follows_the_same_maps(say, maps, tmp_path):
+def test_another_tracker_follows_the_same_maps(cli, maps, tmp_path):
     out = tmp_path / "out"
-    status, told = say("run", maps, "--out", out, "--tracker", "template", "--set", "seed=3")
-    assert status == 0, told
+    status, printed = cli("run", maps, "--out", out, "--tracker", "template", "--set", "seed=3")
+    assert status == 0, printed
     info = read_run_info(out / "run.json")
     assert (info.tracker, info.config["seed"], info.frames_read) == ("template", 3, FRAMES)
 
 
-def test_the_command_saves_maps_without_any_image(say, copy, tmp_path):
-    status, told = run_few(say, copy, tmp_path / "out", "--maps", "--set", "run.frames=12")
-    assert status == 0, told
+def test_the_command_saves_maps_without_any_image(cli, copy, tmp_path):
+    status, printed = run_few(cli, copy, tmp_path / "out", "--maps", "--set", "run.frames=12")
+    assert status == 0, printed
     with h5py.File(tmp_path / "out" / "maps.h5") as file:
         assert set(file["points"]) == {"pixel", "disparity", "appearance"}
         assert len(file["frames/index"]) == 12

@@ -11,9 +11,9 @@ from planview.output.folder import read_run_info
 from planview.trajectories.table import read_tracks
 
 
-def test_a_person_seen_by_two_heads_is_one_person(say, heads, engine, tmp_path):
-    status, told = run_few(say, heads, tmp_path / "out", "--rrd")
-    assert status == 0, told
+def test_a_person_seen_by_two_heads_is_one_person(cli, heads, engine, tmp_path):
+    status, printed = run_few(cli, heads, tmp_path / "out", "--rrd")
+    assert status == 0, printed
     tracks = read_tracks(tmp_path / "out" / "tracks.csv")
     assert set(tracks.track_id[tracks.state == "confirmed"]) == {1}
     info = read_run_info(tmp_path / "out" / "run.json")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from say import Say
+from cli import Cli
 from toy_rgbd import EMPTY, HEIGHT_M, TILT_DEG, walker_m, write_toy_rgbd
 
 from calib.errors import InputError
@@ -49,8 +49,8 @@ def test_a_matcher_of_ones_own_is_refused_for_depth(recording: Path) -> None:
         open_engine(recording, config=FEW, matcher=lambda left, right: np.zeros(left.shape, np.float32))
 
 
-def test_run_names_the_sensor_and_no_baseline(recording: Path, tmp_path: Path, say: Say) -> None:
-    status, _ = say("run", recording, "--out", tmp_path / "out", "--set", f"run.frames={EMPTY + 8}", "--rrd")
+def test_run_names_the_sensor_and_no_baseline(recording: Path, tmp_path: Path, cli: Cli) -> None:
+    status, _ = cli("run", recording, "--out", tmp_path / "out", "--set", f"run.frames={EMPTY + 8}", "--rrd")
     assert status == 0
     text = (tmp_path / "out" / "run.json").read_text()
     assert '"depth_sensor": "structured-light"' in text and '"baseline_m": null' in text
@@ -65,10 +65,10 @@ def test_check_passes_depth_and_says_what_it_skips(recording: Path) -> None:
     assert any(check.note.startswith("skipped") for check in diagnosis.checks)
 
 
-def test_wrong_scale_is_refused_with_its_likely_cause(recording: Path, tmp_path: Path, say: Say) -> None:
+def test_wrong_scale_is_refused_with_its_likely_cause(recording: Path, tmp_path: Path, cli: Cli) -> None:
     copy = tmp_path / "scaled"
     shutil.copytree(recording, copy)
     calibration = copy / "camera.json"
     calibration.write_text(calibration.read_text().replace("{", '{"depth_scale": 10, ', 1))
-    status, text = say("run", copy, "--out", tmp_path / "out")
+    status, text = cli("run", copy, "--out", tmp_path / "out")
     assert status == 1 and "another scale" in text

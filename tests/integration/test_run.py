@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from say import Say
+from cli import Cli
 from toy_run import EMPTY, FEW, FRAMES, Pair, run_few, write_world
 from toy_stereo import toy_rig, walking, write_toy_recording
 
@@ -97,11 +97,11 @@ def test_same_input_and_configuration_give_the_same_tracks(engine: Engine, folde
     assert (tmp_path / "tracks.csv").read_bytes() == (folder / "tracks.csv").read_bytes()
 
 
-def test_overwriting_leaves_foreign_files_alone(say: Say, copy: Path, tmp_path: Path) -> None:
+def test_overwriting_leaves_foreign_files_alone(cli: Cli, copy: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert run_few(say, copy, out, "--set", "run.frames=2")[0] == 0
+    assert run_few(cli, copy, out, "--set", "run.frames=2")[0] == 0
     (out / "notes.txt").write_text("mine")
-    assert run_few(say, copy, out, "--frames", "3", "--overwrite")[0] == 0
+    assert run_few(cli, copy, out, "--frames", "3", "--overwrite")[0] == 0
     assert (out / "notes.txt").read_text() == "mine" and read_run_info(out / "run.json").frames_read == 3
 
 
@@ -115,7 +115,7 @@ def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Engine, tmp_path
     assert [track.state for track in results[-1].tracks] == ["confirmed"]
 
 
-def test_a_folder_may_be_named_like_markup_whatever_the_tracker(say: Say, copy: Path, tmp_path: Path) -> None:
-    assert run_few(say, copy, tmp_path / "[/out]", "--tracker", "template")[0] == 0
+def test_a_folder_may_be_named_like_markup_whatever_the_tracker(cli: Cli, copy: Path, tmp_path: Path) -> None:
+    assert run_few(cli, copy, tmp_path / "[/out]", "--tracker", "template")[0] == 0
     info = read_run_info(tmp_path / "[/out]" / "run.json")
     assert (info.tracker, info.finished, info.frames_read) == ("template", True, FRAMES)

@@ -14,17 +14,17 @@ from planview.output.run import run
 from planview.trajectories.table import read_tracks
 
 
-def test_frames_that_cannot_be_used_are_skipped_counted_and_bridged(say, copy, tmp_path):
+def test_frames_that_cannot_be_used_are_skipped_counted_and_bridged(cli, copy, tmp_path):
     (copy / "left" / "000024.png").unlink()
     broken = copy / "right" / "000025.png"
     broken.write_bytes(broken.read_bytes()[:500])
     (copy / "left" / "000026.png").write_bytes(b"no image")
     out = tmp_path / "out"
-    status, told = run_few(say, copy, out)
-    assert status == 0, told
+    status, printed = run_few(cli, copy, out)
+    assert status == 0, printed
     info = read_run_info(out / "run.json")
     assert [skipped.index for skipped in info.skipped] == [24, 25, 26] and info.frames_read == FRAMES - 3
-    assert "3 skipped" in " ".join(told.split())
+    assert "3 skipped" in " ".join(printed.split())
     tracks = read_tracks(out / "tracks.csv")
     confirmed = tracks.where(tracks.state == "confirmed")
     assert set(confirmed.track_id) == {1} and not set(tracks.frame) & {24, 25, 26}

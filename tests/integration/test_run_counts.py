@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas
 import pytest
+from cli import Cli, JsonOf
 from crossing_video import CAMERA, CrossingVideo
-from say import JsonOf, Say
 from toy_recordings import write_frames
 from toy_rgbd import write_toy_rgbd
 from toy_run import FEW
@@ -23,7 +23,7 @@ BORDER = '[[tripwire]]\nname = "border"\nfrom_px = [80, 90]\nto_px = [80, 119]\n
 
 
 @pytest.fixture(params=["pair", "heads", "depth", "maps", "camera", "no calibration", "detections"])
-def words(request, tmp_path, say) -> list[object]:
+def words(request, tmp_path, cli) -> list[object]:
     """What is run, and how."""
     kind = request.param
     if kind in ("pair", "heads"):
@@ -32,7 +32,7 @@ def words(request, tmp_path, say) -> list[object]:
         return [write_toy_rgbd(tmp_path / "depth"), "--set", "analysis.setup_frames=6"]
     if kind == "maps":
         pair = request.getfixturevalue("recording")
-        assert say("run", pair, "--out", tmp_path / "first", "--set", FEW, "--maps")[0] == 0
+        assert cli("run", pair, "--out", tmp_path / "first", "--set", FEW, "--maps")[0] == 0
         return [tmp_path / "first" / "maps.h5"]
     clip = tmp_path / "clip.avi"
     write_frames(clip, [frame.image for frame in CrossingVideo()])
@@ -46,17 +46,17 @@ def words(request, tmp_path, say) -> list[object]:
     return [clip, "--detections", tmp_path / "det.txt", "--calibration", tmp_path / "camera.toml"]
 
 
-def test_run_count_and_python_give_the_same_counts(words, tmp_path: Path, say: Say, json_of: JsonOf) -> None:
+def test_run_count_and_python_give_the_same_counts(words, tmp_path: Path, cli: Cli, json_of: JsonOf) -> None:
     out, rules = tmp_path / "out", tmp_path / "rules.toml"
-    assert say("run", words[0], "--out", tmp_path / "look", *words[1:], "--set", "run.frames=3")[0] == 0
+    assert cli("run", words[0], "--out", tmp_path / "look", *words[1:], "--set", "run.frames=3")[0] == 0
     width, height = RunFolder(tmp_path / "look").size_px
     rules.write_text(LINE.format(width // 2, height - 1) + PLACE.format(width // 3, height // 3, width - 1, height - 1))
     if not RunFolder(tmp_path / "look").camera:
         rules.write_text(rules.read_text() + BORDER)
     else:  # the pixels of lines show the floor
         rules.write_text(rules.read_text().replace(f"{width // 2}, 0]", f"{width // 2}, {height * 2 // 3}]"))
-    status, told = say("run", words[0], "--out", out, *words[1:], "--rules", rules)
-    assert status == 0, told
+    status, printed = cli("run", words[0], "--out", out, *words[1:], "--rules", rules)
+    assert status == 0, printed
     info = read_run_info(out / "run.json")
     live = info.counts
     assert info.size_px == (width, height) and (info.plane == "floor") == (RunFolder(out).camera is not None)
@@ -77,22 +77,22 @@ def _same(one: object, other: object) -> bool:
     return one == other
 
 
-def test_count_says_what_it_replaces(tmp_path: Path, say: Say) -> None:
+def test_count_says_what_it_replaces(tmp_path: Path, cli: Cli) -> None:
     rows = "".join(f"{i},{i / 10},1,{i / 10 - 1:.1f},2,confirmed\n" for i in range(30))
     (tmp_path / "tracks.csv").write_text("frame,timestamp_s,id,x_m,y_m,state\n" + rows)
     (tmp_path / "rules.toml").write_text('[[tripwire]]\nname = "door"\nfrom_m = [0, 0]\nto_m = [0, 4]\n')
-    _, first = say("count", tmp_path, "--rules", tmp_path / "rules.toml")
-    _, second = say("count", tmp_path, "--rules", tmp_path / "rules.toml")
+    _, first = cli("count", tmp_path, "--rules", tmp_path / "rules.toml")
+    _, second = cli("count", tmp_path, "--rules", tmp_path / "rules.toml")
     assert "replaced" not in first and "replaced" in second and "events.csv" in second
 
 
-def test_line_in_pixels_whose_image_size_is_not_known_is_told(tmp_path: Path, say: Say) -> None:
+def test_line_in_pixels_whose_image_size_is_not_known_is_told(tmp_path: Path, cli: Cli) -> None:
     rows = "".join(f"{i},{i / 10},1,,,confirmed,{5 * i},40,16,40\n" for i in range(30))
     header = "frame,timestamp_s,id,x_m,y_m,state,left_px,top_px,width_px,height_px\n"
     (tmp_path / "tracks.csv").write_text(header + rows)
     (tmp_path / "rules.toml").write_text(BORDER)
-    _, told = say("count", tmp_path, "--rules", tmp_path / "rules.toml")
-    assert "the size of the images is not known" in " ".join(told.split())
+    _, printed = cli("count", tmp_path, "--rules", tmp_path / "rules.toml")
+    assert "the size of the images is not known" in " ".join(printed.split())
     with pytest.warns(UserWarning, match="the size of the images is not known"):
         planview.count_tracks(tmp_path, tmp_path / "rules.toml")
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from cli import one_sentence
 from full_disk import fill_disk_after
-from say import one_sentence
 from toy_run import EMPTY, FEW, FRAMES, rows_in
 
 from calib.errors import WorkError

@@ -4,8 +4,8 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from cli import Cli, Refused
 from rerun.chunk import RrdReader
-from say import Refused, Say
 from toy_run import FEW
 
 from calib.errors import InputError
@@ -107,11 +107,11 @@ def test_rows_that_were_changed_since_the_checkpoints_are_not_resumed_from(
 
 
 def test_another_recording_or_option_is_not_resumed_with(
-    say: Say, refused: Refused, copy: Path, tmp_path: Path
+    cli: Cli, refused: Refused, copy: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
     often = f"run.checkpoint_every_s={FREQUENT_S}"
-    assert say("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3", "--set", often)[0] == 0
+    assert cli("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3", "--set", often)[0] == 0
     (out / "run.json").write_text((out / "run.json").read_text().replace('"finished": true', '"finished": false'))
     output = refused("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
     assert "expected the beginning of this run, found another" in output
@@ -145,28 +145,28 @@ def test_another_image_or_calibration_is_another_recording(copy: Path, tmp_path:
 
 @pytest.mark.parametrize("left", [["run.json", "run.rrd", "maps.h5.part"], ["run.json.part"]])
 def test_a_run_that_was_killed_before_its_first_checkpoint_starts_again(
-    say: Say, copy: Path, tmp_path: Path, left: list[str]
+    cli: Cli, copy: Path, tmp_path: Path, left: list[str]
 ) -> None:
     out = tmp_path / "out"
-    assert say("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3")[0] == 0
+    assert cli("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3")[0] == 0
     kept = (out / "run.json").read_text().replace('"finished": true', '"finished": false')
     tracks = (out / "tracks.csv").read_bytes()
     for file in out.iterdir():
         file.unlink()
     for name in left:
         (out / name).write_text(kept if name == "run.json" else "half")
-    assert say("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3", "--resume")[0] == 0
+    assert cli("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3", "--resume")[0] == 0
     assert (out / "tracks.csv").read_bytes() == tracks
     assert not (out / "maps.h5.part").exists()
 
 
 @pytest.mark.parametrize("refine", [[], ["--refine"]])
 def test_what_a_kill_after_the_last_frame_left_undone_is_done(
-    say: Say, copy: Path, tmp_path: Path, refine: list[str]
+    cli: Cli, copy: Path, tmp_path: Path, refine: list[str]
 ) -> None:
     out = tmp_path / "out"
     words = ("run", copy, "--out", out, "--set", FEW, *refine)
-    assert say(*words)[0] == 0
+    assert cli(*words)[0] == 0
     whole = {file.name: file.read_bytes() for file in out.iterdir()}
     (out / "report.html").unlink()
     for name in (LATEST, LATEST + ".part"):
@@ -174,20 +174,20 @@ def test_what_a_kill_after_the_last_frame_left_undone_is_done(
     if refine:  # between run.json and the tracks
         (out / "tracks.csv").write_bytes((out / "tracks_online.csv").read_bytes())
         (out / "refinement.csv").unlink()
-    status, output = say(*words, "--resume")
+    status, output = cli(*words, "--resume")
     assert status == 0 and "nothing is left" not in output
     found = {file.name: file.read_bytes() for file in out.iterdir()}
     assert found.keys() == whole.keys() and found["tracks.csv"] == whole["tracks.csv"]
-    assert "nothing is left to resume" in say(*words, "--resume")[1]
+    assert "nothing is left to resume" in cli(*words, "--resume")[1]
 
 
-def test_a_run_that_was_killed_before_it_was_refined_is_refined(say: Say, copy: Path, tmp_path: Path) -> None:
+def test_a_run_that_was_killed_before_it_was_refined_is_refined(cli: Cli, copy: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert say("run", copy, "--out", out, "--set", FEW)[0] == 0
-    status, output = say("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")
+    assert cli("run", copy, "--out", out, "--set", FEW)[0] == 0
+    status, output = cli("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")
     assert status == 0 and "nothing is left" not in output
     assert read_run_info(out / "run.json").refined and (out / "tracks_online.csv").is_file()
-    assert "nothing is left to resume" in say("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")[1]
+    assert "nothing is left to resume" in cli("run", copy, "--out", out, "--set", FEW, "--resume", "--refine")[1]
 
 
 def rows_of(recording: Path) -> dict[tuple[str, int | None], dict[str, object]]:

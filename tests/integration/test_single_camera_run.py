@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from say import Refused, Say
+from cli import Cli, Refused
 from toy_recordings import write_frames
 
 from calib.ground_camera import GroundCamera, save_ground_camera
@@ -70,50 +70,52 @@ Run = Callable[[Callable[[int], U8], int], tuple[RunInfo, str]]
 
 
 @pytest.fixture(params=["human-model", "ellipse-particle"])
-def run(request: pytest.FixtureRequest, say: Say, tmp_path: Path) -> Run:
-    """Track a clip: run.json, and what is said."""
+def run(request: pytest.FixtureRequest, cli: Cli, tmp_path: Path) -> Run:
+    """Track a clip: run.json, and what is printed."""
 
     def run_on(paint: Callable[[int], U8], n_frames: int) -> tuple[RunInfo, str]:
         clip = write_clip(tmp_path / "clip.avi", paint, n_frames)
         given = ["--camera", camera(tmp_path)] if request.param == "human-model" else []
-        status, told = say("run", clip, "--tracker", request.param, "--out", tmp_path / "out", *given)
+        status, printed = cli("run", clip, "--tracker", request.param, "--out", tmp_path / "out", *given)
         assert status == 0
-        return read_run_info(tmp_path / "out" / "run.json"), " ".join(told.split())
+        return read_run_info(tmp_path / "out" / "run.json"), " ".join(printed.split())
 
     return run_on
 
 
 def test_clip_without_motion_gives_no_people_and_says_why(run: Run, tmp_path: Path) -> None:
-    info, told = run(lambda i: np.full((120, 160, 3), 90, np.uint8), 20)
-    assert "nothing of a person's size moved in 20 frames" in told and info.remark.startswith("nothing")
+    info, printed = run(lambda i: np.full((120, 160, 3), 90, np.uint8), 20)
+    assert "nothing of a person's size moved in 20 frames" in printed and info.remark.startswith("nothing")
     assert len((tmp_path / "out" / "tracks.csv").read_text().splitlines()) == 1
 
 
 def test_camera_for_another_image_size_is_refused(refused: Refused, tmp_path: Path) -> None:
     clip = write_clip(tmp_path / "clip.avi", walked, 3)
-    told = refused("run", clip, "--tracker", "human-model", "--out", tmp_path, "--camera", camera(tmp_path, width=320))
-    assert "expected a camera for images of 160x120 px, found one for 320x120 px" in told
+    printed = refused(
+        "run", clip, "--tracker", "human-model", "--out", tmp_path, "--camera", camera(tmp_path, width=320)
+    )
+    assert "expected a camera for images of 160x120 px, found one for 320x120 px" in printed
 
 
 @pytest.mark.parametrize("setting", ["min_height_px=1000", "max_distance_m=1e-9"])
 def test_settings_that_leave_no_place_for_people_are_refused(refused: Refused, tmp_path: Path, setting: str) -> None:
     clip = write_clip(tmp_path / "clip.avi", walked, 3)
     words = ["--tracker", "human-model", "--out", tmp_path / "out", "--camera", camera(tmp_path)]
-    told = refused("run", clip, *words, "--set", f"human_model.map.{setting}")
-    assert "human_model.map: expected floor on which people of min_height_px show within max_distance_m" in told
+    printed = refused("run", clip, *words, "--set", f"human_model.map.{setting}")
+    assert "human_model.map: expected floor on which people of min_height_px show within max_distance_m" in printed
 
 
 def test_truncated_video_is_refused(refused: Refused, tmp_path: Path) -> None:
     clip = write_clip(tmp_path / "cut.avi", walked, 3)
     clip.write_bytes(clip.read_bytes()[:400])
-    told = refused("run", clip, "--tracker", "ellipse-particle", "--out", tmp_path / "out")
-    assert "cut.avi: expected a video" in told
+    printed = refused("run", clip, "--tracker", "ellipse-particle", "--out", tmp_path / "out")
+    assert "cut.avi: expected a video" in printed
 
 
 def test_moving_camera_counts_nobody_and_is_told(run: Run) -> None:
-    info, told = run(panned, 40)
+    info, printed = run(panned, 40)
     assert info.people == 0 and [warning.name for warning in info.warnings] == ["moving camera"]
-    assert "the whole image moves, first at" in told
+    assert "the whole image moves, first at" in printed
 
 
 def test_scene_cut_makes_no_people_and_is_told(run: Run) -> None:

@@ -6,8 +6,8 @@ import shutil
 from pathlib import Path
 
 import pytest
+from cli import Cli, one_sentence
 from inline_pool import InlinePool
-from say import Say, one_sentence
 from toy_run import EMPTY, FEW, FRAMES
 from toy_stereo import walking
 
@@ -59,72 +59,72 @@ def rows(out: Path) -> list[dict[str, str]]:
 
 
 def test_study_tracks_maps_of_a_recording_that_it_records_once(
-    say: Say, pool: InlinePool, copy: Path, tmp_path: Path
+    cli: Cli, pool: InlinePool, copy: Path, tmp_path: Path
 ) -> None:
     (copy / "truth.csv").write_text(TRUTH)
     (tmp_path / "c.toml").write_text("[analysis]\nsetup_frames = 4\n")
     text = 'recordings = ["copy"]\nconfig = "c.toml"\n[parameters]\njoint.stay_s = [0.35, {}]\n'
     path, out = study(tmp_path, text.format(0.4)), tmp_path / "study"
-    assert say("sweep", path)[0] == 0
+    assert cli("sweep", path)[0] == 0
     assert pool.submitted == 3
     assert len(list(out.glob("maps/*/maps.h5"))) == 1
-    assert say("sweep", path)[0] == 0
+    assert cli("sweep", path)[0] == 0
     assert pool.submitted == 3
     study(tmp_path, text.format(0.45))
-    assert say("sweep", path)[0] == 0
+    assert cli("sweep", path)[0] == 0
     assert pool.submitted == 4
     assert [(r["joint.stay_s"], r["state"], r["tracked_from"]) for r in rows(out)] == [
         ("0.35", "done", "maps"), ("0.45", "done", "maps"),
     ]  # fmt: skip
 
 
-def test_study_gives_the_tracks_of_a_plain_run(say: Say, pool: InlinePool, copy: Path, tmp_path: Path) -> None:
+def test_study_gives_the_tracks_of_a_plain_run(cli: Cli, pool: InlinePool, copy: Path, tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text("[analysis]\nsetup_frames = 4\n")
-    assert say("run", copy, "--out", tmp_path / "plain", "--set", FEW)[0] == 0
+    assert cli("run", copy, "--out", tmp_path / "plain", "--set", FEW)[0] == 0
     plain = (tmp_path / "plain" / "tracks.csv").read_bytes()
     for maps in ("true", "false"):
         path = study(tmp_path, f'recordings = ["copy"]\nconfig = "c.toml"\nmaps = {maps}\n')
-        assert say("sweep", path, "--out", tmp_path / maps)[0] == 0
+        assert cli("sweep", path, "--out", tmp_path / maps)[0] == 0
         (tracks,) = (tmp_path / maps).glob("jobs/*/tracks.csv")
         assert tracks.read_bytes() == plain
 
 
-def test_recordings_of_one_name_do_not_get_each_others_results(say: Say, pool: InlinePool, halls: Path) -> None:
+def test_recordings_of_one_name_do_not_get_each_others_results(cli: Cli, pool: InlinePool, halls: Path) -> None:
     out = halls / "out"
     with (halls / "b" / "maps.h5").open("ab") as file:
         file.write(b"\0")
-    assert say("sweep", halls / "a" / "maps.h5", "--out", out)[0] == 0
+    assert cli("sweep", halls / "a" / "maps.h5", "--out", out)[0] == 0
     folder_of_a = rows(out)[0]["folder"]
-    assert say("sweep", halls / "b" / "maps.h5", "--out", out)[0] == 0
+    assert cli("sweep", halls / "b" / "maps.h5", "--out", out)[0] == 0
     assert pool.submitted == 2
     assert rows(out)[0]["folder"] != folder_of_a
 
 
 def test_recordings_of_equal_content_are_scored_against_their_own_truth(
-    say: Say, pool: InlinePool, halls: Path
+    cli: Cli, pool: InlinePool, halls: Path
 ) -> None:
     (halls / "b" / "truth.csv").write_text(TRUTH.replace(",1,", ",7,").replace("1.75", "1.95"))
-    assert say("sweep", halls / "a" / "maps.h5", halls / "b" / "maps.h5", "--out", halls / "out")[0] == 0
+    assert cli("sweep", halls / "a" / "maps.h5", halls / "b" / "maps.h5", "--out", halls / "out")[0] == 0
     errors = [float(row["height_error_mean_m"]) for row in rows(halls / "out")]
     assert abs(errors[1] - errors[0]) > 0.1
 
 
 def test_bad_recordings_are_reported_at_the_end_and_the_others_are_done(
-    say: Say, pool: InlinePool, halls: Path
+    cli: Cli, pool: InlinePool, halls: Path
 ) -> None:
     (halls / "b" / "maps.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
     path = study(halls, 'recordings = ["b/maps.h5", "none", "a/maps.h5"]\nseeds = [0, 1]\n')
-    status, output = say("sweep", path)
+    status, output = cli("sweep", path)
     assert status == 1
     assert one_sentence(output) == "planview: 4 of 6 runs failed; the others are done"
     assert "failed: none, defaults, seed 0:" in output
     assert [row["state"] for row in rows(halls / "study")] == ["failed"] * 4 + ["done"] * 2
     (halls / "b" / "maps.h5").write_bytes((halls / "a" / "maps.h5").read_bytes())
-    assert "2 of 6 runs failed" in say("sweep", path)[1]
+    assert "2 of 6 runs failed" in cli("sweep", path)[1]
 
 
 def test_ranking_prints_whole_names_and_json_has_runs_and_intervals(
-    say: Say, pool: InlinePool, halls: Path, capsys: pytest.CaptureFixture[str]
+    cli: Cli, pool: InlinePool, halls: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = study(halls, 'recordings = ["a/maps.h5"]\n[parameters]\njoint.stay_s = [0.5]\n')
     with pytest.raises(SystemExit):
@@ -137,11 +137,11 @@ def test_ranking_prints_whole_names_and_json_has_runs_and_intervals(
     assert found["ranking"][0]["mota"]["mean"] == found["runs"][0]["mota"]
 
 
-def test_page_is_one_file_that_shows_names_as_text(say: Say, pool: InlinePool, halls: Path) -> None:
+def test_page_is_one_file_that_shows_names_as_text(cli: Cli, pool: InlinePool, halls: Path) -> None:
     evil = halls / "<script>alert(1)"
     (halls / "a").rename(evil)
     path = study(halls, 'recordings = ["<script>*/maps.h5", "b/maps.h5"]\n[parameters]\njoint.stay_s = [0.3, 0.4]\n')
-    assert say("sweep", path)[0] == 0
+    assert cli("sweep", path)[0] == 0
     page = (halls / "study" / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 3
     assert "<script" not in page and "http" not in page.replace("http-equiv", "")
@@ -149,34 +149,34 @@ def test_page_is_one_file_that_shows_names_as_text(say: Say, pool: InlinePool, h
 
 
 @pytest.mark.parametrize("vary", ["maps.no_such=1,2", "maps.cell_m", "maps.cell_m=0.03,0.03", "seed=x", "seed=-1"])
-def test_sweep_refuses_wrong_settings_before_it_runs(say: Say, copy: Path, tmp_path: Path, vary: str) -> None:
-    status, output = say("sweep", copy, "--out", tmp_path / "sweep", "--vary", vary)
+def test_sweep_refuses_wrong_settings_before_it_runs(cli: Cli, copy: Path, tmp_path: Path, vary: str) -> None:
+    status, output = cli("sweep", copy, "--out", tmp_path / "sweep", "--vary", vary)
     assert status == 2
     assert one_sentence(output)
     assert not (tmp_path / "sweep").exists()
 
 
-def test_random_study_tries_its_samples(say: Say, pool: InlinePool, halls: Path) -> None:
+def test_random_study_tries_its_samples(cli: Cli, pool: InlinePool, halls: Path) -> None:
     text = 'recordings = ["a/maps.h5"]\nmethod = "random"\nsamples = 5\n[parameters]\n'
     path = study(halls, text + "joint.stay_s = { min = 0.3, max = 0.5 }\n")
-    assert say("sweep", path)[0] == 0
+    assert cli("sweep", path)[0] == 0
     assert len(rows(halls / "study")) == 5
-    assert say("sweep", path)[0] == 0
+    assert cli("sweep", path)[0] == 0
     assert pool.submitted == 5
 
 
-def test_what_killed_processes_left_is_removed(say: Say, pool: InlinePool, halls: Path) -> None:
+def test_what_killed_processes_left_is_removed(cli: Cli, pool: InlinePool, halls: Path) -> None:
     left = halls / "out" / "jobs" / ".attempt-4194305-0"
     left.mkdir(parents=True)
-    assert say("sweep", halls / "a" / "maps.h5", "--out", halls / "out")[0] == 0
+    assert cli("sweep", halls / "a" / "maps.h5", "--out", halls / "out")[0] == 0
     assert not left.exists()
 
 
 def test_runs_fail_with_the_plan_view_recording_that_they_need(
-    say: Say, pool: InlinePool, copy: Path, halls: Path
+    cli: Cli, pool: InlinePool, copy: Path, halls: Path
 ) -> None:
     (copy / "rig.toml").write_text("focal = 1")
     path = study(halls, 'recordings = ["copy", "a/maps.h5"]\nseeds = [0, 1]\n')
-    status, output = say("sweep", path)
+    status, output = cli("sweep", path)
     assert (status, one_sentence(output)) == (1, "planview: 2 of 4 runs failed; the others are done")
     assert pool.submitted == 1 + 2

@@ -66,7 +66,7 @@ def kill_when_working(worker: subprocess.Popen[str], out: Path) -> None:
         time.sleep(0.001)
 
 
-def test_study_finishes_when_one_of_two_workers_is_killed(say, engine, cluster, tmp_path):
+def test_study_finishes_when_one_of_two_workers_is_killed(cli, engine, cluster, tmp_path):
     address, workers = cluster
     (tmp_path / "live").mkdir()
     run(engine, tmp_path / "live", None, [MapsLog(engine, tmp_path / "live" / "maps.h5")])
@@ -76,7 +76,7 @@ def test_study_finishes_when_one_of_two_workers_is_killed(say, engine, cluster, 
     path.write_text(f'recordings = ["a/maps.h5"]\nseeds = {list(range(JOBS))}\n')
     killer = threading.Thread(target=kill_when_working, args=(workers[0], out), daemon=True)
     killer.start()
-    status, output = say("sweep", path, "--cluster", address)
+    status, output = cli("sweep", path, "--cluster", address)
     killer.join(timeout=10)
     assert workers[0].poll() == -signal.SIGKILL, "the worker was never caught at work"
     assert status == 0, output

@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from say import JsonOf, Refused, Say
+from cli import Cli, JsonOf, Refused
 from toy_recordings import video_pair
 from toy_run import FEW
 
@@ -34,11 +34,11 @@ def out(two: tuple[Path, Path, Path], tmp_path_factory: pytest.TempPathFactory) 
     return folder
 
 
-def test_run_of_two_folders_tracks_what_their_common_folder_gives(two, out, recording, say: Say, tmp_path: Path):
+def test_run_of_two_folders_tracks_what_their_common_folder_gives(two, out, recording, cli: Cli, tmp_path: Path):
     left, right, rig = two
-    status, told = say("run", left, right, "--calibration", rig, "--out", tmp_path / "two", "--set", FEW)
-    assert status == 0, told
-    assert say("run", recording, "--fps", 30, "--out", tmp_path / "one", "--set", FEW)[0] == 0
+    status, printed = cli("run", left, right, "--calibration", rig, "--out", tmp_path / "two", "--set", FEW)
+    assert status == 0, printed
+    assert cli("run", recording, "--fps", 30, "--out", tmp_path / "one", "--set", FEW)[0] == 0
     tracks = [(folder / "tracks.csv").read_bytes() for folder in (tmp_path / "two", tmp_path / "one")]
     assert tracks[0] == tracks[1] and tracks[0].count(b"\n") > 10
 
@@ -48,14 +48,14 @@ def test_images_of_the_run_are_found_again(out: Path) -> None:
     assert image.max() > 0
 
 
-def test_render_draws_the_images_of_both_paths(out: Path, say: Say, tmp_path: Path) -> None:
-    status, told = say("render", out, "--frame", 20, "--out", tmp_path / "a.png")
-    assert status == 0 and "only the floor" not in told and (tmp_path / "a.png").is_file()
+def test_render_draws_the_images_of_both_paths(out: Path, cli: Cli, tmp_path: Path) -> None:
+    status, printed = cli("render", out, "--frame", 20, "--out", tmp_path / "a.png")
+    assert status == 0 and "only the floor" not in printed and (tmp_path / "a.png").is_file()
 
 
-def test_replay_tracks_both_paths_again(out: Path, say: Say, tmp_path: Path) -> None:
-    status, told = say("replay", out, "--frame", 20, "--out", tmp_path / "a.png")
-    assert status == 0 and "tracked from" in told and (tmp_path / "a.png").is_file()
+def test_replay_tracks_both_paths_again(out: Path, cli: Cli, tmp_path: Path) -> None:
+    status, printed = cli("replay", out, "--frame", 20, "--out", tmp_path / "a.png")
+    assert status == 0 and "tracked from" in printed and (tmp_path / "a.png").is_file()
 
 
 def test_check_takes_two_paths(two: tuple[Path, Path, Path], json_of: JsonOf) -> None:

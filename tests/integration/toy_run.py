@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from say import Say
+from cli import Cli
 
 from calib.types import U8
 from planview.engine.engine import Engine
@@ -19,8 +19,8 @@ def write_world(engine: Engine, folder: Path) -> None:
     save_world(engine.stereo.floor, folder / "world.toml")
 
 
-def run_few(say: Say, recording: Path, out: Path, *more: object) -> tuple[int, str]:
-    return say("run", recording, "--out", out, "--set", FEW, *more)
+def run_few(cli: Cli, recording: Path, out: Path, *more: object) -> tuple[int, str]:
+    return cli("run", recording, "--out", out, "--set", FEW, *more)
 
 
 def rows_in(file: Path) -> int:

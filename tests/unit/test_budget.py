@@ -13,11 +13,11 @@ from tools.budget import BUDGET, ROOT, files_of, lines_of, rooms
 PACKAGES = ("calib", "stereo", "planview", "benchmarks")
 
 
-def check(name: str, size: int, target: int, ceiling: int) -> None:
-    """Warn above the target; fail above the ceiling, where that is larger."""
-    assert size <= max(target, ceiling), f"{name}: {size}, budget.toml allows {max(target, ceiling)}: make it smaller"
+def allowed(name: str, size: int, target: int, ceiling: int) -> int:
+    """The larger of target and ceiling; warns above the target."""
     if size > target:
         warnings.warn(f"{name}: {size}, {size - target} above its target of {target}", stacklevel=2)
+    return max(target, ceiling)
 
 
 def numbers_in(path: Path) -> int:
@@ -59,30 +59,31 @@ def test_every_room_has_a_budget() -> None:
 
 @pytest.mark.parametrize("room", BUDGET["rooms"])
 def test_no_room_grows_beyond_its_budget(room: str) -> None:
-    check(room, lines_of(room), **BUDGET["rooms"][room])
+    lines = lines_of(room)
+    assert lines <= allowed(room, lines, **BUDGET["rooms"][room])
 
 
 def test_the_project_has_no_more_files_than_it_may() -> None:
-    check("files", sum(len(files_of(room)) for room in rooms()), **BUDGET["files"])
+    files = sum(len(files_of(room)) for room in rooms())
+    assert files <= allowed("files", files, **BUDGET["files"])
 
 
 @pytest.mark.parametrize("tracker", sorted(set(BUDGET["numbers"]) - {"target"}))
 def test_no_tracker_has_more_numbers_than_it_may(tracker: str) -> None:
     numbers = sum(map(numbers_in, files_of(f"planview/tracking/{tracker}")))
-    assert numbers > 0
-    check(f"numbers of {tracker}", numbers, BUDGET["numbers"]["target"], BUDGET["numbers"][tracker])
+    name, budget = f"numbers of {tracker}", BUDGET["numbers"]
+    assert 0 < numbers <= allowed(name, numbers, budget["target"], budget[tracker])
 
 
 @pytest.mark.parametrize(("size", "warns"), [(9, 0), (10, 0), (15, 1)])
-def test_a_size_above_its_target_warns_up_to_its_ceiling(size: int, warns: int) -> None:
+def test_a_size_above_its_target_warns(size: int, warns: int) -> None:
     with warnings.catch_warnings(record=True) as caught:
-        check("room", size, target=10, ceiling=15)
+        assert allowed("room", size, target=10, ceiling=15) == 15
     assert len(caught) == warns
 
 
-def test_a_size_above_its_ceiling_fails() -> None:
-    with pytest.raises(AssertionError, match="allows 15"):
-        check("room", 16, target=10, ceiling=15)
+def test_a_room_below_its_target_may_grow_up_to_it() -> None:
+    assert allowed("room", 5, target=10, ceiling=6) == 10
 
 
 def test_a_class_name_means_one_thing() -> None:

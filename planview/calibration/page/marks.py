@@ -17,7 +17,7 @@ CORNERS: dict[Part, Point] = {"nw": (0.0, 0.0), "ne": (1.0, 0.0), "sw": (0.0, 1.
 
 @dataclass
 class Draft:
-    """A person being drawn; what is not drawn yet is None."""
+    """A person being marked; what is not marked yet is None."""
 
     box_px: tuple[float, float, float, float] | None = None
     head_px: Point | None = None
@@ -25,7 +25,7 @@ class Draft:
 
     @property
     def step(self) -> Literal["box", "head", "foot"]:
-        """What is drawn next."""
+        """What is marked next."""
         return "box" if self.box_px is None else "head" if self.head_px is None else "foot"
 
 

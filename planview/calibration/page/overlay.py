@@ -1,4 +1,4 @@
-"""What is drawn over a frame, as SVG."""
+"""Marks over a frame, as SVG."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SELECTED, ODD, NEXT = "#ffffff", "#ff453a", "#30d158"
 
 
 def overlay(session: CalibrationSession, everywhere: bool = False) -> str:
-    """SVG of the floor grid, computed people, what was drawn on this frame, and the floor points; no script.
+    """SVG of the floor grid, computed people, the marks of this frame, and the floor points; no script.
 
     Args:
         everywhere: also people computed all over the floor.

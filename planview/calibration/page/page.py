@@ -242,7 +242,7 @@ class Page:
             self._slider.value = session.shown
 
     async def solve(self) -> None:
-        """Compute the solution of what is drawn; what changes meanwhile is solved next, once."""
+        """Compute the solution of the marks; what changes meanwhile is solved next, once."""
         self._asked += 1
         if self._solving:
             self.refresh()
@@ -283,7 +283,7 @@ class Page:
         self._reload()
 
     async def load(self, name: str, content: bytes) -> None:
-        """Take samples from a file in place of those drawn."""
+        """Take samples from a file in place of the marks."""
         session = self._session
         try:
             with tempfile.TemporaryDirectory() as folder:
@@ -360,7 +360,7 @@ class Page:
             self.export()
 
     def export(self, solution: bool = True) -> None:
-        """Write files, and say which."""
+        """Write files, and name them."""
         try:
             self._session.export(self._folder, solution)
         except InputError as error:

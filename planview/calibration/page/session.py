@@ -51,8 +51,8 @@ class CalibrationSession:
         shown: number of the frame shown.
         tool: what the mouse does.
         lens: class of table 2, None to try all.
-        known: values known beside the samples.
-        draft: the person being drawn.
+        known: values known besides the samples.
+        draft: the person being marked.
         samples: finished people.
         floor_points: (u, v) on the floor, in the order made.
         selected: what was picked up last.
@@ -103,7 +103,7 @@ class CalibrationSession:
         return [(i, s) for i, s in enumerate(self.samples) if s.frame == index]
 
     def show(self, number: int) -> None:
-        """Show another frame; a person half drawn is dropped, since it belongs to the frame before."""
+        """Show another frame; a person half marked is dropped, since it belongs to the frame before."""
         number = min(max(int(number), 0), len(self.frames) - 1)
         if number != self.shown:
             self.shown = number
@@ -122,7 +122,7 @@ class CalibrationSession:
         self.cancel()
 
     def cancel(self) -> None:
-        """Drop a person half drawn and the selection."""
+        """Drop a person half marked and the selection."""
         self.draft, self._start, self._held, self.selected = Draft(), None, None, None
         self.message = self.next_step()
 
@@ -170,7 +170,7 @@ class CalibrationSession:
             self.draft.box_px = (min(u, u0), min(v, v0), abs(u - u0), abs(v - v0))
 
     def release(self, u: float, v: float) -> bool:
-        """The mouse goes up: what was drawn is finished.
+        """The mouse goes up: the mark is finished.
 
         Returns:
             Whether the result must be computed again (``solve``, up to seconds long).
@@ -222,7 +222,7 @@ class CalibrationSession:
         return True
 
     def undo(self) -> bool:
-        """Take back what is half drawn, else the last change; whether the result must be computed again."""
+        """Take back what is half marked, else the last change; whether the result must be computed again."""
         drafted = self.draft != Draft()
         self.cancel()
         if drafted or not self._past:
@@ -232,7 +232,7 @@ class CalibrationSession:
         return True
 
     def load(self, samples: Sequence[HumanSample], size: tuple[int, int] | None) -> None:
-        """Take samples from a file in place of those drawn. Raises InputError: samples of another image size."""
+        """Take samples from a file in place of the marks. Raises InputError: samples of another image size."""
         if size is not None and size != self.size:
             (w, h), (width, height) = size, self.size
             raise InputError(f"expected samples of images of {width}x{height} px, found {w}x{h}")
@@ -245,7 +245,7 @@ class CalibrationSession:
         self.solution = solve(self.task())
 
     def task(self) -> CalibrationTask:
-        """What is to be solved now, apart from what is drawn meanwhile."""
+        """What is to be solved now, apart from later marks."""
         return CalibrationTask(
             self.name,
             self.size,
@@ -302,7 +302,7 @@ def open_session(path: Path, calibration: Path | None = None) -> CalibrationSess
     """Every frame of a video of one camera to draw on, or the depth of a stereo recording.
 
     Both views of a side-by-side video, and the two cameras of a bag, are a stereo recording. The focal length of
-    photographs that say it is taken as known.
+    photographs that give it is taken as known.
 
     Args:
         calibration: of a stereo recording, which the recording then must be.
@@ -366,7 +366,7 @@ class VideoPictures(Sequence[U8]):
 
 
 def known_of(path: Path, size: tuple[int, int]) -> KnownValues:
-    """The focal length of the first photograph of a folder, where it says it."""
+    """The focal length of the first photograph of a folder, where it gives it."""
     photographs = [p for p in entries(path) if p.suffix.lower() in PHOTOGRAPHS] if path.is_dir() else []
     with suppress(InputError):
         if photographs:

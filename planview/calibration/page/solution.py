@@ -26,7 +26,7 @@ from planview.calibration.page.marks import Point
 
 
 class FloorFit(NamedTuple):
-    """A floor and what every point says of it.
+    """A floor and the residual of every point.
 
     Attributes:
         floor: through the points that are used.
@@ -210,7 +210,7 @@ class Solution:
 
 
 def solve(task: CalibrationTask) -> Solution:
-    """The camera or the floor of what is drawn so far; takes up to seconds."""
+    """The camera or the floor of the marks so far; takes up to seconds."""
     try:
         if task.view is not None:
             return Solution(fit=fit_floor(task.view, task.floor_points)) if len(task.floor_points) >= 3 else Solution()
@@ -243,5 +243,5 @@ def export(folder: Path, task: CalibrationTask, solution: Solution) -> tuple[Pat
     except OSError as error:
         raise InputError(f"{folder}: expected a folder to write to, found {reason(error)}") from error
     if not written:
-        raise InputError(f"{task.name}: expected something drawn before it is exported, found nothing")
+        raise InputError(f"{task.name}: expected marks before an export, found nothing")
     return tuple(written)

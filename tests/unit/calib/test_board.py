@@ -30,7 +30,7 @@ from calib.types import U8
 PX = 30
 
 
-def drawn(cols: int, rows: int) -> U8:
+def board_image(cols: int, rows: int) -> U8:
     """A chessboard from straight ahead: corner (0, 0) at pixel (3 PX - 0.5, 3 PX - 0.5)."""
     y, x = np.mgrid[: (rows + 1) * PX, : (cols + 1) * PX]
     board = (((x // PX + y // PX) % 2) * 200 + 25).astype(np.uint8)
@@ -39,12 +39,14 @@ def drawn(cols: int, rows: int) -> U8:
 
 
 def test_corners_are_found_to_a_hundredth_of_a_pixel_and_in_a_small_image_at_its_own_pixels():
-    corners = Detector(Board(8, 5, 0.03))(drawn(8, 5))
+    corners = Detector(Board(8, 5, 0.03))(board_image(8, 5))
     assert corners is not None
     expected = Board(8, 5, 0.1).points[:, :2] / 0.1 * PX + 3 * PX - 0.5
     away = [np.abs(order - expected).max() for order in (corners.pixels, corners.pixels[::-1])]
     assert min(away) < 0.01
-    image = np.asarray(cv2.resize(drawn(9, 6), None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    image = np.asarray(
+        cv2.resize(board_image(9, 6), None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA), dtype=np.uint8
+    )
     corners = Detector(Board(9, 6, 0.025))(image)
     assert corners is not None
     expected = Board(9, 6, 0.1).points[:, :2] / 0.1 * PX / 3 + PX - 0.5
@@ -52,7 +54,7 @@ def test_corners_are_found_to_a_hundredth_of_a_pixel_and_in_a_small_image_at_its
 
 
 def test_counts_of_a_board_are_found_and_a_part_is_told_from_the_whole() -> None:
-    images = [drawn(8, 5)] * 3
+    images = [board_image(8, 5)] * 3
     assert find_counts(images) == (8, 5) and larger_counts(images, (4, 3)) == (8, 5)
     assert larger_counts(images, (5, 8)) is None
 
@@ -103,7 +105,7 @@ def test_dictionary_of_a_charuco_board_is_found() -> None:
 
 
 def test_blur_lowers_sharpness() -> None:
-    image = drawn(8, 5)
+    image = board_image(8, 5)
     corners = Detector(Board(8, 5, 0.03))(image)
     assert corners is not None
     blurred = np.asarray(cv2.GaussianBlur(image, (0, 0), 3), dtype=np.uint8)

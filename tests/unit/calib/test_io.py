@@ -193,8 +193,8 @@ class Table(Params):
 def test_first_problem_names_the_value_what_was_expected_and_found_and_cuts_it_short(values, sentence):
     with pytest.raises(ValidationError) as refused:
         Table.model_validate({"maps": values})
-    told = first_problem(refused.value)
-    assert len(told) < 200 if sentence is None else told == sentence
+    printed = first_problem(refused.value)
+    assert len(printed) < 200 if sentence is None else printed == sentence
 
 
 def test_message_is_one_printable_line_whose_middle_is_left_out_where_it_is_long():
@@ -226,9 +226,9 @@ def test_temporary_cache_is_used_and_told_where_no_place_can_be_written(tmp_path
 
 def test_missing_open3d_is_one_sentence_with_the_purpose(monkeypatch):
     monkeypatch.setitem(sys.modules, "open3d", None)
-    with pytest.raises(WorkError, match=r"^rendering needs open3d \(pip install open3d\)") as told:
+    with pytest.raises(WorkError, match=r"^rendering needs open3d \(pip install open3d\)") as printed:
         import_open3d("rendering")
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(printed.value)
 
 
 BLUE = np.full((2, 3, 3), (255, 0, 0), np.uint8)

@@ -163,7 +163,7 @@ def test_calibration_of_noisy_samples_is_within_its_own_deviation(name):
     ("people", "size", "message"),
     [
         (standing_people(CAMERAS["oblique"], 2), (640, 480), "at least 3 samples at different places, found 2"),
-        (standing_people(CAMERAS["oblique"], 1) * 5, (640, 480), "height and focal length cannot be told apart"),
+        (standing_people(CAMERAS["oblique"], 1) * 5, (640, 480), "height and focal length cannot be separated"),
         (standing_people(CAMERAS["oblique"], 8), (320, 240), "wrong image size"),
     ],
     ids=["too few", "one place", "another image size"],
@@ -178,7 +178,7 @@ def test_calibration_refuses_boxes_that_no_person_has():
     up = [HumanSample((x, y, 30, 120), (x + 14, y + 2), (x + 16, y + 117)) for x, y in places]
     down = [HumanSample((x + 40, y, 60, 60), (x + 44, y + 57), (x + 96, y + 2)) for x, y in places]
     lying = up + down
-    with pytest.raises(WorkError, match=r"no camera fits|cannot be told apart"):
+    with pytest.raises(WorkError, match=r"no camera fits|cannot be separated"):
         calibrate_from_people(lying, (640, 480), "pinhole")
 
 
@@ -253,11 +253,11 @@ STREET = GroundCamera(480, 360, 740.0, 7.0, math.radians(73.5), "pinhole")
 def test_known_focal_length_makes_a_poor_set_enough() -> None:
     people = standing_people(STREET, 8, seed=0, noise_px=2.0)
     alone = calibrate_from_people(people, STREET.size, "pinhole")
-    told = calibrate_from_people(people, STREET.size, "pinhole", known=KnownValues(focal_px=740.0))
+    printed = calibrate_from_people(people, STREET.size, "pinhole", known=KnownValues(focal_px=740.0))
     assert not alone.assessment.enough and alone.assessment.sentence.startswith("not enough: ")
-    assert "focal length or field of view" in alone.assessment.sentence and told.assessment.enough
-    assert told.camera.focal_px == pytest.approx(740.0, rel=0.03)
-    assert told.assessment.floor_error_m < alone.assessment.floor_error_m
+    assert "focal length or field of view" in alone.assessment.sentence and printed.assessment.enough
+    assert printed.camera.focal_px == pytest.approx(740.0, rel=0.03)
+    assert printed.assessment.floor_error_m < alone.assessment.floor_error_m
 
 
 def test_few_people_are_not_enough_although_the_floor_between_them_is_known() -> None:

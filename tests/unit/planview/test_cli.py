@@ -140,8 +140,8 @@ def test_file_of_the_users_that_hides_a_package_is_named(tmp_path: Path, name: s
     (tmp_path / f"{name}.py").write_text("")
     (tmp_path / "script.py").write_text("import planview\n")
     outside = os.environ | {"PYTHONPATH": str(ROOT)}
-    told = subprocess.run([sys.executable, tmp_path / "script.py"], env=outside, capture_output=True, text=True)
-    last = told.stderr.splitlines()[-1]
+    printed = subprocess.run([sys.executable, tmp_path / "script.py"], env=outside, capture_output=True, text=True)
+    last = printed.stderr.splitlines()[-1]
     assert str(tmp_path / f"{name}.py") in last and "rename that file" in last
 
 

@@ -404,7 +404,7 @@ def test_frames_of_a_video_by_number_are_those_of_reading_in_order(tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("names", "said"),
+    ("names", "expected"),
     [
         (
             ("camA.avi", "camB.avi"),
@@ -416,13 +416,13 @@ def test_frames_of_a_video_by_number_are_those_of_reading_in_order(tmp_path: Pat
         (("x.png", "y.png"), "x.png and y.png: put those of each camera into folders left and right"),
     ],
 )
-def test_a_folder_that_nearly_fits_is_told_its_files_and_what_makes_it_fit(tmp_path, names, said):
+def test_a_folder_that_nearly_fits_gets_its_files_and_what_makes_it_fit_named(tmp_path, names, expected):
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     with pytest.raises(InputError) as error:
         find_reader(tmp_path)
-    assert said in str(error.value) and len(str(error.value)) < 300 + len(str(tmp_path))
+    assert expected in str(error.value) and len(str(error.value)) < 300 + len(str(tmp_path))
 
 
 @pytest.mark.parametrize("times", ["frame,timestamp_s\n0,0\n1,0.2\n2,0.4\n", ""])

@@ -152,6 +152,6 @@ def test_a_third_head_is_placed_by_the_second() -> None:
 
 def test_paths_one_after_the_other_share_a_slot() -> None:
     ones = np.ones((30, 2))
-    early, late, beside = (WalkedPath(first, ones * first, 1.7, ones) for first in (10, 40, 20))
-    xy, _, first = by_time([early, late, beside])
+    early, late, between = (WalkedPath(first, ones * first, 1.7, ones) for first in (10, 40, 20))
+    xy, _, first = by_time([early, late, between])
     assert (xy.shape, first) == ((60, 2, 2), 10)

@@ -441,8 +441,8 @@ def test_the_verdict_comes_first_and_names_what_failed_before_what_is_a_warning(
     assert lines[2].startswith("warning: person height: expected 1.4 to 2 m, found 1.05 (likely a wrong focal length")
     assert verdict(Diagnosis((fine, warned), None))[0] == "Results can be used, with 1 warning."
     unknown = height_check(np.empty(0))
-    said = "Nothing wrong was found: 1 checks passed; not measured: person height."
-    assert verdict(Diagnosis((fine, unknown), None)) == [said]
+    expected = "Nothing wrong was found: 1 checks passed; not measured: person height."
+    assert verdict(Diagnosis((fine, unknown), None)) == [expected]
 
 
 def test_command_prints_the_verdict_before_the_table(tmp_path, capsys):

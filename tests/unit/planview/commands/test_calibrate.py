@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from say import JsonOf, Refused
+from cli import JsonOf, Refused
 
 from calib.camera import Camera
 from calib.formats import load_rig, write_rig
@@ -23,27 +23,27 @@ RIG = StereoRig(CAMERA, CAMERA, SE3.from_rotvec([0.0, 0.01, 0.0], [-0.1, 0.0, 0.
 CONVERT = ("calibrate", "convert")
 
 
-def test_convert_writes_the_format_the_suffix_tells_and_pairs_into_a_folder(tmp_path, json_of, say):
+def test_convert_writes_the_format_of_the_suffix_and_pairs_into_a_folder(tmp_path, json_of, cli):
     write_rig(RIG, tmp_path / "rig.toml")
     assert json_of(*CONVERT, tmp_path / "rig.toml", tmp_path / "chain.yaml")["baseline_m"] == pytest.approx(0.1)
     assert "T_cn_cnm1" in (tmp_path / "chain.yaml").read_text()
     write_rig(RIG, tmp_path / "rig.toml")
-    assert say(*CONVERT, tmp_path / "rig.toml", tmp_path / "ros", "--to", "ros")[0] == 0
+    assert cli(*CONVERT, tmp_path / "rig.toml", tmp_path / "ros", "--to", "ros")[0] == 0
     assert load_rig(tmp_path / "ros").baseline_m == pytest.approx(0.1)
 
 
-def test_convert_mends_units_and_swapped_cameras_when_told(tmp_path, say):
+def test_convert_corrects_units_and_swapped_cameras_on_request(tmp_path, cli):
     moved = SE3(RIG.right_SE3_left.rotation.T, -1000 * RIG.right_SE3_left.translation)
     write_rig(StereoRig(CAMERA, CAMERA, moved, ""), tmp_path / "mm.yml")
     words = (*CONVERT, tmp_path / "mm.yml", tmp_path / "rig.toml")
-    assert say(*words)[0] == say(*words, "--unit", "mm")[0] == 2
-    assert say(*words, "--unit", "mm", "--swap", "--size", "320x240")[0] == 0
+    assert cli(*words)[0] == cli(*words, "--unit", "mm")[0] == 2
+    assert cli(*words, "--unit", "mm", "--swap", "--size", "320x240")[0] == 0
     rig = load_rig(tmp_path / "rig.toml")
     assert rig.baseline_m == pytest.approx(0.1) and rig.left.size == (320, 240)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "expected"),
     [
         (("out.bla",), "--to"),
         (("out.toml", "--to", "nothing"), "expected a format of"),
@@ -53,16 +53,16 @@ def test_convert_mends_units_and_swapped_cameras_when_told(tmp_path, say):
         (("rig.toml/out.toml",), "expected a place to write to"),
     ],
 )
-def test_convert_refuses_nonsense_in_one_sentence(arguments, said, tmp_path, refused):
+def test_convert_refuses_nonsense_in_one_sentence(arguments, expected, tmp_path, refused):
     write_rig(RIG, tmp_path / "rig.toml")
-    assert said in refused(*CONVERT, tmp_path / "rig.toml", tmp_path / arguments[0], *arguments[1:])
+    assert expected in refused(*CONVERT, tmp_path / "rig.toml", tmp_path / arguments[0], *arguments[1:])
 
 
 def test_convert_refuses_to_write_over_the_calibration_it_reads(tmp_path, refused):
     write_rig(RIG, tmp_path / "pair", "opencv")
     before = (tmp_path / "pair" / "extrinsics.yml").read_text()
-    told = refused(*CONVERT, tmp_path / "pair", tmp_path / "pair", "--to", "opencv", "--unit", "2m")
-    assert "expected another place than the calibration read" in told
+    printed = refused(*CONVERT, tmp_path / "pair", tmp_path / "pair", "--to", "opencv", "--unit", "2m")
+    assert "expected another place than the calibration read" in printed
     assert (tmp_path / "pair" / "extrinsics.yml").read_text() == before
 
 
@@ -81,15 +81,15 @@ HUMAN = ("calibrate", "human")
 
 def test_camera_and_picture_are_written_for_the_image_size_of_the_file(people: Path, json_of: JsonOf) -> None:
     out = people.parent / "out" / "camera.toml"
-    told = json_of(*HUMAN, people, "--lens", "normal-wide", "--out", out)
+    printed = json_of(*HUMAN, people, "--lens", "normal-wide", "--out", out)
     camera = load_ground_camera(out)
-    assert camera.size == (640, 480) and told["height_m"] == camera.height_m == pytest.approx(4.0, rel=0.01)
+    assert camera.size == (640, 480) and printed["height_m"] == camera.height_m == pytest.approx(4.0, rel=0.01)
     assert sorted(p.name for p in out.parent.iterdir()) == ["camera.png", "camera.toml"]
 
 
 def test_image_size_must_be_known_and_that_of_the_file(people, refused, tmp_path):
-    told = refused(*HUMAN, people, "--image-size", "1280x960", "--out", people.parent / "camera.toml")
-    assert "--image-size: expected the image size of" in told and "640x480, found 1280x960" in told
+    printed = refused(*HUMAN, people, "--image-size", "1280x960", "--out", people.parent / "camera.toml")
+    assert "--image-size: expected the image size of" in printed and "640x480, found 1280x960" in printed
     path = tmp_path / "people.json"
     write_samples(standing_people(GROUND_CAMERA, 8, seed=1), path)
     assert read_image_size(path) is None

@@ -56,10 +56,10 @@ def scene(tmp_path):
     return path
 
 
-def test_synth_writes_a_recording_that_our_reader_takes_and_its_calibration_for_opencv(scene, tmp_path, json_of, say):
+def test_synth_writes_a_recording_that_our_reader_takes_and_its_calibration_for_opencv(scene, tmp_path, json_of, cli):
     out = tmp_path / "out"
-    told = json_of("synth", scene, out, "--frames", 3, "--world", "--opencv")
-    assert told == {"frames": 3, "truth_rows": 3, "folder": str(out)}
+    printed = json_of("synth", scene, out, "--frames", 3, "--world", "--opencv")
+    assert printed == {"frames": 3, "truth_rows": 3, "folder": str(out)}
     recording = open_recording(out)
     assert [f.left.shape for f in recording] == [(72, 96, 3)] * 3
     assert [f.timestamp_s for f in recording] == pytest.approx([0, 0.1, 0.2])
@@ -70,14 +70,14 @@ def test_synth_writes_a_recording_that_our_reader_takes_and_its_calibration_for_
     outer = cv2.FileStorage(str(out / "extrinsics.yml"), cv2.FILE_STORAGE_READ)
     assert inner.getNode("M1").mat() == pytest.approx(rig.left.matrix)
     assert outer.getNode("T").mat().ravel() == pytest.approx(rig.right_SE3_left.translation)
-    assert say("synth", scene, tmp_path / "videos", "--video")[0] == 0
+    assert cli("synth", scene, tmp_path / "videos", "--video")[0] == 0
     assert len(list(open_recording(tmp_path / "videos"))) == 4
 
 
-def test_synth_of_one_camera_writes_images_camera_and_boxes(scene, tmp_path, say):
+def test_synth_of_one_camera_writes_images_camera_and_boxes(scene, tmp_path, cli):
     scene.write_text(SCENE.replace("[rig]", "[camera]"))
     out = tmp_path / "out"
-    assert say("synth", scene, out)[0] == 0 and load_ground_camera(out / "camera.toml").size == (96, 72)
+    assert cli("synth", scene, out)[0] == 0 and load_ground_camera(out / "camera.toml").size == (96, 72)
     assert len(list(open_video(out))) == 4
     with (out / "truth.csv").open() as file:
         row = next(csv.DictReader(file))
@@ -85,7 +85,7 @@ def test_synth_of_one_camera_writes_images_camera_and_boxes(scene, tmp_path, say
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "printed"),
     [
         (("out", "--frames", "0"), "expected"),
         (("out", "--scale", "99"), "expected"),
@@ -93,8 +93,8 @@ def test_synth_of_one_camera_writes_images_camera_and_boxes(scene, tmp_path, say
         (("",), "in use"),
     ],
 )
-def test_synth_refuses_wrong_usage_and_folders_in_use(scene, tmp_path, words, told, refused):
-    assert told in refused("synth", scene, tmp_path / words[0], *words[1:])
+def test_synth_refuses_wrong_usage_and_folders_in_use(scene, tmp_path, words, printed, refused):
+    assert printed in refused("synth", scene, tmp_path / words[0], *words[1:])
 
 
 def test_rendered_recording_is_kept_and_found_again(scene, tmp_path, capsys):
@@ -140,8 +140,8 @@ def test_count_prints_the_agreed_keys_and_writes_its_files(folder, json_of):
     assert rules["room"]["mean_occupancy"] == pytest.approx(3.1 / 4.1)
     assert json.loads((folder / "counts.json").read_text())["rules"] == rules
     events = read_events(folder / "events.csv")
-    told = {(e.rule, e.kind, e.direction) for e in events}
-    assert told == {("door", "crossing", "left_to_right"), ("room", "entry", "")}
+    printed = {(e.rule, e.kind, e.direction) for e in events}
+    assert printed == {("door", "crossing", "left_to_right"), ("room", "entry", "")}
 
 
 def test_count_scores_against_true_positions(folder, json_of, capsys):
@@ -175,13 +175,13 @@ def test_count_takes_pixels_of_a_camera(folder, refused, json_of):
     assert "expected tracks with boxes, or with a camera, for rule 'row'" in refused(*words)
 
 
-def test_foreign_tracks_write_nothing_beside_them(folder, say):
+def test_foreign_tracks_write_nothing_next_to_them(folder, cli):
     lab = folder / "lab"
     lab.mkdir()
     (lab / "walk.txt").write_text("".join(f"1 {t} 100 {100 - 10 * t} 170\n" for t in range(21)))
     words = ("count", lab / "walk.txt", "--rules", folder / "rules.toml")
-    assert say(*words)[0] == 0 and [path.name for path in lab.iterdir()] == ["walk.txt"]
-    assert say(*words, "--out", folder / "new" / "place")[0] == 0
+    assert cli(*words)[0] == 0 and [path.name for path in lab.iterdir()] == ["walk.txt"]
+    assert cli(*words, "--out", folder / "new" / "place")[0] == 0
     assert (folder / "new" / "place" / "counts.json").is_file()
 
 
@@ -212,8 +212,8 @@ def test_tracks_without_rows_count_nothing(folder, json_of):
 @pytest.mark.parametrize("row", ["x,1,a,crossing,1,", "1,1,a,jump,1,", "1,1,a,crossing,1,up"])
 def test_odd_events_are_refused_with_their_line(folder, refused, row):
     (folder / "true.csv").write_text(f"frame,timestamp_s,rule,kind,id,direction\n{row}\n")
-    told = refused("count", folder, "--rules", folder / "rules.toml", "--truth", folder / "true.csv")
-    assert "true.csv: line 2: expected" in told
+    printed = refused("count", folder, "--rules", folder / "rules.toml", "--truth", folder / "true.csv")
+    assert "true.csv: line 2: expected" in printed
 
 
 def recording(folder: Path) -> Path:
@@ -265,5 +265,5 @@ def test_a_video_of_one_camera_names_its_trackers(tmp_path, words, monkeypatch, 
     write_frames(tmp_path / "street.avi", [np.zeros((48, 64, 3), np.uint8)] * 4)
     with pytest.raises(SystemExit):
         main([words[0], "street.avi", *words[1:]])
-    told = " ".join(capsys.readouterr().err.split())
-    assert "--tracker ellipse-particle, or --tracker human-model and --calibration camera.toml" in told
+    printed = " ".join(capsys.readouterr().err.split())
+    assert "--tracker ellipse-particle, or --tracker human-model and --calibration camera.toml" in printed

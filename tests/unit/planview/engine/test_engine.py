@@ -97,12 +97,12 @@ def test_a_file_that_is_no_configuration_is_refused_by_name(tmp_path, content, f
 
 @given(st.text(max_size=40))
 def test_any_override_is_taken_or_refused_in_one_sentence(override: str) -> None:
-    told = ""
+    printed = ""
     try:
         load_config(None, [override])
     except InputError as error:
-        told = str(error)
-    assert len(told) < 400
+        printed = str(error)
+    assert len(printed) < 400
 
 
 def parameters_of(table: BaseModel, name: str) -> Iterator[tuple[str, str | None]]:
@@ -132,7 +132,7 @@ def disparity() -> F32:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "printed"),
     [
         (lambda disparity: disparity * 16, "sixteenths"),
         (lambda disparity: np.float32(54_000) / disparity, "or depth"),
@@ -143,11 +143,11 @@ def disparity() -> F32:
     ],
     ids=["sixteenths of a pixel", "millimetres", "0 for none", "-1 for none", "other shape", "other numbers"],
 )
-def test_disparity_of_another_kind_is_told_and_in_pixels_passes_unchanged(disparity, change, told):
+def test_disparity_of_another_kind_is_told_and_in_pixels_passes_unchanged(disparity, change, printed):
     given = disparity.copy()
     refuse_foreign_disparity(given, SHAPE, SEARCHED)
     np.testing.assert_array_equal(given, disparity)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=printed):
         refuse_foreign_disparity(change(disparity), SHAPE, SEARCHED)
 
 

@@ -97,7 +97,7 @@ def test_prediction_saves_a_person_from_being_lost_but_not_from_misses():
 
 
 def strays(x_m: float) -> Trajectories:
-    """Lost from frame 30 on, and predicted x_m beside the person."""
+    """Lost from frame 30 on, and predicted x_m away from the person."""
     tracks = walk()
     held = tracks.frame < 30
     return replace(tracks, state=np.where(held, "confirmed", "lost"), x_m=np.where(held, 0, x_m))
@@ -193,9 +193,9 @@ def test_evaluate_scores_the_frames_of_the_run_as_its_report_does(files, capsys)
     info = RunInfo(input=str(folder), finished=True, frames_read=75, fps=30.0)
     write_run_info(info, folder / "run.json")
     assert run(str(folder), "--json") == 0
-    result, told = json.loads(capsys.readouterr().out), scores_of(RunFolder(folder))
+    result, printed = json.loads(capsys.readouterr().out), scores_of(RunFolder(folder))
     assert result["duration_s"] == pytest.approx(2.5, abs=0.01) and result["misses"] == 15
-    assert {key: result[key] for key in told} == told
+    assert {key: result[key] for key in printed} == printed
 
 
 def test_truth_without_rows_in_most_frames_is_told(files, capsys):
@@ -206,9 +206,9 @@ def test_truth_without_rows_in_most_frames_is_told(files, capsys):
 
 def test_truth_of_other_frames_is_refused_naming_both_files(files, refused):
     files[1].write_text("frame,id,x_m,y_m,height_m\n500,1,0,0,1.7\n501,1,0,0,1.7\n")
-    told = refused("evaluate", *files)
-    assert f"{files[1]}: expected truth of the frames 0 to " in told
-    assert told.endswith(f"of {files[0]}, found 500 to 501")
+    printed = refused("evaluate", *files)
+    assert f"{files[1]}: expected truth of the frames 0 to " in printed
+    assert printed.endswith(f"of {files[0]}, found 500 to 501")
 
 
 def test_evaluate_lists_each_significant_error_and_takes_the_folder_of_a_run(files, capsys):

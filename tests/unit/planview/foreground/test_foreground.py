@@ -341,8 +341,8 @@ def test_gain_kernels_agree_with_numpy(seed: int, gain: float, offset: float, ou
     scale = kernels.consensus_scale(model, luma, information, CLIP, TOLERANCE)
     expected = reference.consensus_scale(model, luma, information, CLIP, TOLERANCE)
     last = 0.0, CLIP, TOLERANCE, kernels.THINNING
-    told = [kernels.weigh_inliers(model, luma, information, gain, *last)[1] for gain in (scale, expected)]
-    assert told[0] == pytest.approx(told[1], abs=2 * most)
+    printed = [kernels.weigh_inliers(model, luma, information, gain, *last)[1] for gain in (scale, expected)]
+    assert printed[0] == pytest.approx(printed[1], abs=2 * most)
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (0.6, 20.0), (1.8, -40.0), (0.9, -80.0)])
@@ -445,7 +445,7 @@ BESIDE = slice(20, 45), slice(55, 65)
         (scene(), scene(BODY), NOTHING, NOTHING),
         (scene(), scene(BODY), FULL, NOTHING),
     ],
-    ids=["outline in the background", "outline in the image", "ghost beside a person", "no blob", "nothing else"],
+    ids=["outline in the background", "outline in the image", "ghost next to a person", "no blob", "nothing else"],
 )
 def test_blob_with_its_outline_in_the_background_is_a_ghost(image, background, mask, expected):
     np.testing.assert_array_equal(find_ghosts(image, background, find_blobs(mask), NOTHING), expected)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from say import Refused
+from cli import Refused
 
 from calib.errors import InputError
 from planview.engine.open import open_engine

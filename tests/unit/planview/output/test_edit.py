@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from say import JsonOf, Say
+from cli import Cli, JsonOf
 
 from planview.cli import main
 from planview.output.finished import read_steps
@@ -26,57 +26,57 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_edits_are_applied_written_down_and_taken_back(run: Path, say: Say) -> None:
+def test_edits_are_applied_written_down_and_taken_back(run: Path, cli: Cli) -> None:
     before = (run / "tracks.csv").read_bytes()
-    assert say("edit", run, "--split", "1@10", "--delete", "2") == (
+    assert cli("edit", run, "--split", "1@10", "--delete", "2") == (
         0, f"{run}/tracks.csv: 2 people became 2, 40 rows 20 (1 calls of edit to undo)\n"
     )  # fmt: skip
-    say("edit", run, "--rename", "3:7")
+    cli("edit", run, "--rename", "3:7")
     assert set(read_tracks(run / "tracks.csv").track_id.tolist()) == {1, 7}
     assert [step.edits for step in read_steps(run)] == [["split 1 10", "delete 2"], ["rename 3 7"]]
     assert (run / "tracks_before.csv").read_bytes() == before
-    say("edit", run, "--undo")
+    cli("edit", run, "--undo")
     assert set(read_tracks(run / "tracks.csv").track_id.tolist()) == {1, 3}
-    say("edit", run, "--undo-all")
+    cli("edit", run, "--undo-all")
     assert (run / "tracks.csv").read_bytes() == before and not (run / "edits.json").exists()
     assert not (run / "tracks_before.csv").exists()
 
 
-def test_an_edit_that_is_refused_changes_nothing(run: Path, say: Say) -> None:
+def test_an_edit_that_is_refused_changes_nothing(run: Path, cli: Cli) -> None:
     before = (run / "tracks.csv").read_bytes()
-    status, output = say("edit", run, "--delete", "2", "--join", "1:9")
+    status, output = cli("edit", run, "--delete", "2", "--join", "1:9")
     assert (status, output) == (2, "planview: 'join 1 9': expected the id of a track, found 9, which none has\n")
     assert (run / "tracks.csv").read_bytes() == before and not (run / "edits.json").exists()
 
 
 @pytest.mark.parametrize("name", ["decisions.csv", "events.csv", "counts.json"])
-def test_what_the_page_cannot_be_made_of_is_refused_before_anything_changes(run: Path, name: str, say: Say) -> None:
+def test_what_the_page_cannot_be_made_of_is_refused_before_anything_changes(run: Path, name: str, cli: Cli) -> None:
     (run / name).write_text("damaged\n")
     before = {file.name: file.read_bytes() for file in run.iterdir()}
     for words in (["--refine"], ["--delete", "2"], ["--undo-all"]):
-        status, output = say("edit", run, *words)
+        status, output = cli("edit", run, *words)
         assert status == 2 and name in output
         assert {file.name: file.read_bytes() for file in run.iterdir()} == before
 
 
-def test_edits_of_a_list_are_applied_in_its_order(run: Path, say: Say) -> None:
+def test_edits_of_a_list_are_applied_in_its_order(run: Path, cli: Cli) -> None:
     (run / "mine.txt").write_text("rename 1 5  # the guide\n\nregion POLYGON ((0 0, 9 0, 9 0.95, 0 0.95, 0 0))\n")
-    say("edit", run, "--list", run / "mine.txt")
+    cli("edit", run, "--list", run / "mine.txt")
     tracks = read_tracks(run / "tracks.csv")
     assert (set(tracks.track_id.tolist()), int(tracks.frame.max())) == ({2, 5}, 9)
 
 
-def test_nothing_to_undo_refinement_over_edits_and_unfinished_runs_are_refused(run: Path, say: Say) -> None:
-    assert say("edit", run, "--undo")[0] == 2
-    say("edit", run, "--delete", "2")
-    assert "its tracks were edited" in say("edit", run, "--refine")[1]
+def test_nothing_to_undo_refinement_over_edits_and_unfinished_runs_are_refused(run: Path, cli: Cli) -> None:
+    assert cli("edit", run, "--undo")[0] == 2
+    cli("edit", run, "--delete", "2")
+    assert "its tracks were edited" in cli("edit", run, "--refine")[1]
     write_run_info(RunInfo(state="interrupted"), run / "run.json")
-    assert "expected the folder of a finished run" in say("edit", run, "--delete", "1")[1]
+    assert "expected the folder of a finished run" in cli("edit", run, "--delete", "1")[1]
 
 
-def test_export_and_count_take_regions(run: Path, say: Say, json_of: JsonOf) -> None:
+def test_export_and_count_take_regions(run: Path, cli: Cli, json_of: JsonOf) -> None:
     half = "POLYGON ((0 0, 1.5 0, 1.5 9, 0 9, 0 0))"
-    say("export", run, "--to", "csv", "--ignore", half, "--out", run / "other.csv")
+    cli("export", run, "--to", "csv", "--ignore", half, "--out", run / "other.csv")
     assert set(read_tracks(run / "other.csv").track_id.tolist()) == {2}
     (run / "rules.toml").write_text('[[tripwire]]\nname = "w"\nfrom_m = [0, 1.02]\nto_m = [9, 1.02]\n')
     assert json_of("count", run, "--rules", run / "rules.toml", "--region", half)["rules"]["w"]["people"] == 1
@@ -91,25 +91,25 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_refine_keeps_the_online_tracks_is_recorded_and_starts_from_them_again(folder, say):
+def test_refine_keeps_the_online_tracks_is_recorded_and_starts_from_them_again(folder, cli):
     online = (folder / "tracks.csv").read_text()
-    assert say("edit", folder, "--refine")[0] == 0 and (folder / "tracks_online.csv").read_text() == online
+    assert cli("edit", folder, "--refine")[0] == 0 and (folder / "tracks_online.csv").read_text() == online
     assert (folder / "tracks.csv").read_text().count("tentative") == 4
     assert read_run_info(folder / "run.json").refined
     with (folder / "refinement.csv").open() as file:
         changes = list(csv.DictReader(file))
     fields = ("id", "first_frame", "last_frame", "kind")
     assert [tuple(row[name] for name in fields) for row in changes] == [("1", "0", "29", "smooth")]
-    say("edit", folder, "--refine")
+    cli("edit", folder, "--refine")
     once = (folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()
-    say("edit", folder, "--refine")
+    cli("edit", folder, "--refine")
     assert ((folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()) == once
 
 
-def test_evaluate_distinguishes_refined_from_online_tracks(folder, say, json_of):
+def test_evaluate_distinguishes_refined_from_online_tracks(folder, cli, json_of):
     truth = folder / "truth.csv"
     truth.write_text("frame,id,x_m,y_m,height_m\n" + "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30)))
-    say("edit", folder, "--refine")
+    cli("edit", folder, "--refine")
     for name, refined in (("tracks.csv", True), ("tracks_online.csv", False)):
         assert json_of("evaluate", folder / name, truth)["refined"] == refined
 
@@ -128,8 +128,8 @@ def test_evaluate_takes_the_truth_of_the_runs_recording(folder, refused, json_of
     assert "strict_identity_changes: those that last" in " ".join(capsys.readouterr().out.split())
 
 
-def test_refine_needs_a_finished_run_and_the_online_tracks_of_a_refined_one(folder, say, refused):
-    say("edit", folder, "--refine")
+def test_refine_needs_a_finished_run_and_the_online_tracks_of_a_refined_one(folder, cli, refused):
+    cli("edit", folder, "--refine")
     (folder / "tracks_online.csv").unlink()
     assert "expected the online tracks" in refused("edit", folder, "--refine")
     write_run_info(RunInfo(finished=False), folder / "run.json")

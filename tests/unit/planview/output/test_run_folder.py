@@ -3,7 +3,7 @@
 import math
 from pathlib import Path
 
-from say import JsonOf, Say
+from cli import Cli, JsonOf
 
 from calib.ground_camera import GroundCamera
 from planview.output.run_folder import RunFolder
@@ -16,8 +16,8 @@ def test_person_is_confirmed_for_half_a_second(street: Path) -> None:
     assert people_of(run.tracks, 1 / 6).tolist() == [4, 5], "at 6 frames per second, 3 frames are half a second"
 
 
-def test_all_commands_give_the_same_number_of_people(street: Path, say: Say, json_of: JsonOf) -> None:
-    assert "18 rows of 1 people" in say("export", street, "--to", "csv")[1]
+def test_all_commands_give_the_same_number_of_people(street: Path, cli: Cli, json_of: JsonOf) -> None:
+    assert "18 rows of 1 people" in cli("export", street, "--to", "csv")[1]
     figures = json_of("edit", street, "--delete", "5")
     assert (figures["people_before"], figures["people"]) == (1, 1)
     assert RunFolder(street).info.people == 1

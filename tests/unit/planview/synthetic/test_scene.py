@@ -1,10 +1,10 @@
-"""Scenes and their rigs, drawn."""
+"""Scenes and their rigs, rendered."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
-from say import JsonOf
+from cli import JsonOf
 
 from calib.errors import InputError
 from calib.world import load_rigs
@@ -26,7 +26,7 @@ RIG = "[rig]\nat_m = [3, 0.3, 2.5]\n"
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         ("", "either a [rig] or a [camera]"),
         (RIG + "[camera]\nat_m = [3, 0.3, 2.5]\n", "either a [rig] or a [camera]"),
@@ -44,10 +44,10 @@ RIG = "[rig]\nat_m = [3, 0.3, 2.5]\n"
         (RIG + "tilt_deg = [1\n", "TOML"),
     ],
 )
-def test_scene_that_cannot_be_is_refused_in_one_sentence_naming_the_key(text, said):
+def test_scene_that_cannot_be_is_refused_in_one_sentence_naming_the_key(text, expected):
     with pytest.raises(InputError) as refusal:
         parse_scene(text, "x.toml")
-    assert str(refusal.value).startswith("x.toml: ") and said in str(refusal.value)
+    assert str(refusal.value).startswith("x.toml: ") and expected in str(refusal.value)
     assert "\n" not in str(refusal.value)
 
 

@@ -27,7 +27,7 @@ async def test_page_says_what_to_do_and_exports(tmp_path: Path) -> None:
         await user.open("/")
         await user.should_see("draw a box around a standing person")
         user.find("Export").click()
-        await user.should_see("something drawn")
+        await user.should_see("expected marks")
         session.samples += standing_people(CAMERA, 5)
         session.solve()
         user.find("Export").click()

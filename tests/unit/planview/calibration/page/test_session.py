@@ -173,7 +173,7 @@ def test_session_exports_what_the_commands_read_and_samples_alone_on_request(sol
     assert len(read_samples(tmp_path / "new" / "samples.json")) == 6
     assert load_ground_camera(tmp_path / "new" / "camera.toml").height_m == pytest.approx(3.5, rel=0.03)
     assert [p.name for p in solved.export(tmp_path / "alone", solution=False)] == ["samples.json"]
-    with pytest.raises(InputError, match="something drawn"):
+    with pytest.raises(InputError, match="expected marks"):
         new_session().export(tmp_path)
 
 
@@ -191,7 +191,7 @@ def test_overlay_shows_the_people_of_the_frame_shown(solved):
 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Six frames of the demo with both views side by side, and its calibration beside them."""
+    """Six frames of the demo with both views side by side, and its calibration next to them."""
     folder = tmp_path_factory.mktemp("pair")
     sides = [cv2.VideoCapture(str(DEMO / f"{side}.mp4")) for side in ("left", "right")]
     frames = [np.hstack([side.read()[1] for side in sides]) for _ in range(6)]
