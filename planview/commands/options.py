@@ -22,7 +22,7 @@ _OPTIONS = {"camera": "calibration", "refined": "refine"}
 
 
 def typed(sentence: str) -> str:
-    """A sentence whose arguments of Python functions, ``fps=`` or ``tracker='harville'``, are options to type."""
+    """A sentence whose arguments of Python functions, ``fps=`` or ``tracker='template'``, are options to type."""
 
     def option(match: re.Match[str]) -> str:
         return f"--{_OPTIONS.get(match[1], match[1]).replace('_', '-')}" + (f" {match[2]}" if match[2] else "")

@@ -178,9 +178,10 @@ def _refined(tracks: Path) -> bool | None:
 
 
 def print_evaluation(result: Evaluation, console: Console, title: str, *, listed: bool = True) -> None:
-    """The figures as a table, the position errors by group, then every significant error in a line of its own."""
+    """The main figures in a line, all as a table, position errors by group, then every significant error."""
     values = result.to_json()
-    table = Table(title=f"{title}: {values['truth_rows']} truth rows ({values['ignored_rows']} too hidden, ignored)")
+    console.print(f"{title}: {headline(result)}", highlight=False, soft_wrap=True)
+    table = Table(title=f"{values['truth_rows']} truth rows ({values['ignored_rows']} too hidden, ignored)")
     table.add_column("metric")
     table.add_column("value", justify="right")
     for name in _FIGURES:
@@ -212,6 +213,21 @@ def print_evaluation(result: Evaluation, console: Console, title: str, *, listed
         console.print("tracks laid over the truth:", values["alignment"])
     for error in result.significant if listed else []:
         console.print(f"frame {error.frame}: {error.kind}: {error.who}: {error.note}", highlight=False)
+
+
+def headline(result: Evaluation) -> str:
+    """The figures that matter most, in one line."""
+    values = result.to_json()
+    errors = values["significant_errors"]["total"]
+    lengths = ((name, values[f"{name}_error_mean_m"]) for name in ("position", "height"))
+    parts = [
+        f"{result.sequence.n_truth} people",
+        f"MOTA {_figure(values['mota'])}",
+        *(f"{name} error {100 * mean_m:.1f} cm" for name, mean_m in lengths if mean_m is not None),
+        f"{values['switches']} switches",
+        f"{errors} significant error{'s' * (errors != 1)}",
+    ]
+    return ", ".join(parts)
 
 
 def _figure(value: float | int | None) -> str:

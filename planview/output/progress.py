@@ -108,7 +108,7 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
             "camera", f"{floor.height_m:.2f} m above the floor, tilt {floor.tilt_deg:.1f} deg ({floor.source})"
         )
     stages = ", ".join(f"{name} {ms:.1f}" for name, ms in info.stages_ms.items() if ms is not None)
-    table.add_row("ms per stage", f"{stages} (median; reading overlaps the other stages)")
+    table.add_row("ms per stage", f"{stages} (median; reading overlaps)")
     if info.pace and info.pace.latency_median_ms is not None:
         pace = info.pace
         table.add_row("dropped", f"{pace.frames_dropped} frames that were due while earlier ones were tracked")
