@@ -175,9 +175,7 @@ def _opened_and_tracked(
     if options.maps and is_multi_rig(recording):
         raise InputError("--maps: expected a recording of one head, whose view maps.h5 holds, found several heads")
     analytics = Analytics(load_rules(options.rules, RulePlane(engine.camera, engine.size))) if options.rules else None
-    with folder_lock(out) as stale:
-        if stale:
-            console.print(stale)
+    with folder_lock(out):
         return _track(engine, out, options, analytics, console)
 
 

@@ -92,7 +92,7 @@ def read_steps(folder: Path) -> list[EditStep]:
     return steps
 
 
-def _held(folder: Path) -> AbstractContextManager[str]:
+def _held(folder: Path) -> AbstractContextManager[None]:
     if not folder.is_dir() or finished_run(folder) is None:
         raise InputError(f"{folder}: expected the folder of a finished run, found none")
     _refuse_unreadable(folder)

@@ -8,8 +8,7 @@ import os
 import socket
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
+from contextlib import contextmanager
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import IO, Literal
@@ -168,76 +167,58 @@ _held: set[Path] = set()
 
 
 @contextmanager
-def folder_lock(folder: Path) -> Iterator[str]:
-    """Hold a folder, made if need be, until the block ends.
+def folder_lock(folder: Path) -> Iterator[None]:
+    """Hold a folder, made if need be, until the block ends; the system's lock on ``run.lock`` ends with its process.
 
-    The system's lock on ``run.lock`` ends with its process. The text of the file names the process and its host: the
-    system's lock may not reach other hosts.
-
-    Yields:
-        A sentence about the stale lock that was taken over, empty when there was none.
     Raises:
-        InputError: another process, or one on another host, holds the folder.
+        InputError: another process holds the folder.
         WorkError: the lock file cannot be written.
     """
     place = folder.resolve()
     if place in _held:
-        yield ""
+        yield
         return
     with writing(folder):
         place.mkdir(parents=True, exist_ok=True)
-        file, before = _taken(place / LOCK_NAME)
+        file = _locked(place / LOCK_NAME)
     with file:
         _held.add(place)
         try:
-            yield f"{place}: {before} left its lock without finishing; taken over" if before else ""
+            yield
         finally:
             _held.discard(place)
-            with suppress(OSError):
-                (place / LOCK_NAME).unlink()
+            (place / LOCK_NAME).unlink(missing_ok=True)
 
 
 def check_unlocked(folder: Path) -> None:
-    """Refuse a folder that another process holds; a stale lock is left as it is (same errors as ``folder_lock``)."""
+    """Refuse a folder that another process holds (same errors as ``folder_lock``)."""
     path = folder.resolve() / LOCK_NAME
     if path.parent not in _held and path.exists():
         with path.open(encoding="utf-8", errors="replace") as file:
             _lock(file, path)
 
 
-def _taken(path: Path) -> tuple[IO[str], str]:
-    """The lock file, locked and with our name in it, and the name that was in it."""
+def _locked(path: Path) -> IO[str]:
+    """The lock file, locked and with our name in it."""
     while True:
         file = path.open("a+", encoding="utf-8", errors="replace")
-        try:
-            before = _lock(file, path)
-            with suppress(FileNotFoundError):  # its owner removed it between our opening and locking it
-                if os.path.samestat(os.fstat(file.fileno()), path.stat()):
-                    now = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
-                    file.truncate(0)
-                    file.write(f"process {os.getpid()} on {socket.gethostname()} (since {now})\n")
-                    file.flush()
-                    return file, before
-        except BaseException:
-            file.close()
-            raise
+        _lock(file, path)
+        # Its owner may have removed it after we opened it: then the lock is on a file that nobody else sees.
+        if path.exists() and os.path.samestat(os.fstat(file.fileno()), path.stat()):
+            file.truncate(0)
+            file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
+            file.flush()
+            return file
         file.close()
 
 
-def _lock(file: IO[str], path: Path) -> str:
-    """The name in a lock file, which is locked now."""
-    file.seek(0)
-    owner = file.read(1000).strip()
+def _lock(file: IO[str], path: Path) -> None:
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        who = owner or "another process"
-        raise InputError(f"{path.parent}: {who} is writing into it; wait for it or choose another folder") from error
-    except OSError as error:
-        raise WorkError(f"{path}: the file system cannot lock files ({reason(error)})") from error
-    if owner and f" on {socket.gethostname()} " not in owner:
-        raise InputError(f"{path.parent}: {owner} is writing into it; if it is not running any more, delete {path}")
-    return owner
+        file.seek(0)
+        owner = file.read(1000).strip() or "another process"
+        raise InputError(f"{path.parent}: {owner} is writing into it; wait for it or choose another folder") from error
 
 
 _NAMES = (

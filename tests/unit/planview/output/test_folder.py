@@ -151,25 +151,18 @@ def test_a_folder_that_another_process_holds_is_refused_with_its_process_and_kep
         assert (tmp_path / "tracks.csv").read_text() == "theirs"
 
 
-def test_the_lock_of_a_killed_process_is_named_and_taken_over(tmp_path):
-    with another_process_holding(tmp_path) as process:
+def test_the_lock_of_a_killed_process_is_free_and_removed_at_the_end(tmp_path):
+    with another_process_holding(tmp_path):
         pass
-    with folder_lock(tmp_path) as text:
-        assert f"process {process.pid}" in text
+    with folder_lock(tmp_path):
         assert f"process {os.getpid()} on" in (tmp_path / LOCK_NAME).read_text()
     assert not (tmp_path / LOCK_NAME).exists()
 
 
-def test_a_lock_of_another_host_is_refused_with_what_to_delete(tmp_path):
-    (tmp_path / LOCK_NAME).write_text("process 1 on elsewhere (since yesterday)")
-    with pytest.raises(InputError, match=r"process 1 on elsewhere .*delete .*run\.lock"), folder_lock(tmp_path):
-        pass
-
-
 def test_a_process_may_lock_within_its_own_lock(tmp_path):
     with folder_lock(tmp_path):
-        with folder_lock(tmp_path) as text:
-            assert text == ""
+        with folder_lock(tmp_path):
+            pass
         assert (tmp_path / LOCK_NAME).exists()
 
 
