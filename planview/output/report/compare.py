@@ -24,7 +24,7 @@ from planview.output.report.page import (
     scores_of,
     words_of,
 )
-from planview.output.report.timelines import TimelineRow, timelines
+from planview.output.report.timelines import track_bars, truth_bars
 from planview.output.run_folder import RunFolder
 
 ERRORS_MAX = 100
@@ -53,15 +53,6 @@ class Table(NamedTuple):
     more_in: str = ""
 
 
-class RunRows(NamedTuple):
-    """Timelines of one run."""
-
-    name: str
-    rows: list[TimelineRow]
-    ticks: list[tuple[float, str]]
-    note: str
-
-
 def comparison_page(
     title: str,
     notes: Sequence[str],
@@ -69,12 +60,11 @@ def comparison_page(
     pictures: Sequence[Picture],
     *,
     tiles: Sequence[Figure] = (),
-    timelines: Sequence[RunRows] = (),
 ) -> str:
     """The page as text; it makes no outside requests."""
     return page_of(
         "planview.output.report", "compare.html.j2",
-        title=title, notes=notes, tables=tables, pictures=pictures, tiles=tiles, timelines=timelines,
+        title=title, notes=notes, tables=tables, pictures=pictures, tiles=tiles,
     )  # fmt: skip
 
 
@@ -125,8 +115,9 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
         true = plots.Places.of(results.truth) if results.truth is not None else None
         floor = plots.floor_plot(plots.Places.of(results.tracks), results, true)
         pictures.append(picture(f"Floor: {name}", floor))
+    pictures += [_bars(run) for run in runs if len(run.results.tracks)]
     title, notes = f"{len(runs)} runs", ["The best figure of a row is bold."]
-    write_result(path, comparison_page(title, notes, tables, pictures, timelines=[_rows(run) for run in runs]))
+    write_result(path, comparison_page(title, notes, tables, pictures))
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
@@ -187,10 +178,10 @@ def shared_errors(errors: Sequence[Sequence[SignificantError]], frame_s: float) 
     return sorted(rows, key=lambda row: row.frame)
 
 
-def _rows(run: _ComparedRun) -> RunRows:
-    found = timelines(run.results.tracks, run.results.truth, run.results.clock, run.results.n_frames, run.errors)
-    if found.truth:
+def _bars(run: _ComparedRun) -> Picture:
+    tracks, truth, clock = run.results.tracks, run.results.truth, run.results.clock
+    if truth is not None and len(truth):
         note = "True people in the colour of the track that holds each, grey where none does."
-        return RunRows(f"True people: {run.name}", found.truth, found.ticks, note)
-    rows = [row._replace(link="") for row in found.tracks]
-    return RunRows(f"Identities: {run.name}", rows, found.ticks, "A row per track, thin where only predicted.")
+        return picture(f"True people: {run.name}", truth_bars(tracks, truth, clock, run.errors), note)
+    note = "A row per track, thin where only predicted."
+    return picture(f"Identities: {run.name}", track_bars(tracks, clock, run.errors), note)

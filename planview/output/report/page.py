@@ -13,13 +13,13 @@ from pydantic import JsonValue, TypeAdapter, ValidationError
 from calib.errors import InputError, WorkError
 from calib.params import first_problem
 from planview.counting.events import inward_ways, way_words
-from planview.drawing.style import ERRORS, as_hex, page_of, person_hex
+from planview.drawing.style import page_of, person_hex
 from planview.engine.info import CameraInfo
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import RunInfo, write_result
 from planview.output.report import plots
 from planview.output.report.snapshots import ERRORS_MAX, read_decision_log, scene_pictures
-from planview.output.report.timelines import people_rows, timelines
+from planview.output.report.timelines import people_rows, track_bars, truth_bars
 from planview.output.run_folder import RunFolder, read_object
 
 
@@ -95,8 +95,7 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
         on_floor=results.on_floor,
         tiles=_tiles(results, evaluation, len(ids)),
         scenes=scene_pictures(results, errors),
-        times=timelines(results.tracks, results.truth, results.clock, results.n_frames, errors),
-        error_colours=[(kind.replace("_", " "), as_hex(rgb)) for kind, rgb in ERRORS.items()],
+        identities=_identities(results, errors),
         more_errors=max(0, len(errors) - ERRORS_MAX),
         pictures=_pictures(results),
         counts=[
@@ -144,6 +143,19 @@ def _tiles(results: RunFolder, evaluation: dict[str, Any], n_people: int) -> lis
     if position is not None:
         tiles.append(("position error", f"{100 * position:.1f} cm"))
     return tiles
+
+
+def _identities(results: RunFolder, errors: list[SignificantError]) -> list[Picture]:
+    tracks, truth, clock = results.tracks, results.truth, results.clock
+    if not (tracks.state != "tentative").any():
+        return []
+    note = "A row per track, thin where only predicted."
+    pictures = [picture("Identities over time", track_bars(tracks, clock, errors), note)]
+    if truth is not None and len(truth):
+        note = "A row per true person in the colour of the track that holds the person, grey where none does. A change "
+        note += "of colour is a change of identity; triangles are significant errors."
+        pictures.append(picture("True people", truth_bars(tracks, truth, clock, errors), note))
+    return [shown._replace(keep_colours=True) for shown in pictures]
 
 
 def _pictures(results: RunFolder) -> list[Picture]:

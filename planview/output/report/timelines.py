@@ -1,8 +1,8 @@
-"""Who is there when: bars over time, and a row of figures per person."""
+"""Who is there when: pictures of bars over time, and a row of figures per person."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from calib.types import F64, I64
 from planview.counting.totals import Clock
 from planview.drawing.style import ERRORS, as_hex, person_hex
 from planview.evaluation.significant import SignificantError
-from planview.trajectories.state import State
+from planview.output.report import plots
 from planview.trajectories.table import Trajectories
 
 
@@ -43,35 +43,9 @@ def _row(person: Trajectories, clock: Clock) -> dict[str, Any]:
 
 
 UNHELD = -1
-_STATES: tuple[State, ...] = ("confirmed", "lost", "tentative")
-
-
-class Bar(NamedTuple):
-    """A stretch of time; left and width in percent of the run."""
-
-    left: float
-    width: float
-    colour: str
-    title: str
-    faint: bool = False
-
-
-class TimelineRow(NamedTuple):
-    """Bars, and marks of errors, of one person."""
-
-    name: str
-    link: str
-    bars: list[Bar]
-    marks: list[Bar]
-
-
-class Timelines(NamedTuple):
-    """Rows of tracks and of true people, the labels of the time axis, and how many rows were left out."""
-
-    tracks: list[TimelineRow]
-    truth: list[TimelineRow]
-    ticks: list[tuple[float, str]]
-    more: int
+"""In place of a track's id: no track."""
+ROWS_MAX = 60
+"""Rows of a picture, those of the people seen longest."""
 
 
 class Stretches(NamedTuple):
@@ -94,24 +68,23 @@ def stretches(person: I64, frame: I64, value: I64) -> Stretches:
     return Stretches(p[starts], v[starts], f[starts], f[stops[: len(starts)]])
 
 
-def timelines(
-    tracks: Trajectories, truth: Trajectories | None, clock: Clock, n_frames: int, errors: Sequence[SignificantError]
-) -> Timelines:
-    """Bars of the people tracked longest and of all true people, in the order of their first frames."""
-    span = clock.span(max(1, n_frames))
+def track_bars(tracks: Trajectories, clock: Clock, errors: Sequence[SignificantError]) -> bytes:
+    """A PNG: a row per track, thin where only predicted, with the errors that concern no true person."""
+    shown = tracks.where(tracks.state != "tentative")
+    lost = (shown.state == "lost").astype(np.int64)
+    found = stretches(shown.track_id, shown.frame, lost)
+    colours = [person_hex(person) for person in found.person.tolist()]
+    heights = np.where(found.value == 1, 0.2, 0.75)
+    marks = [(error.track_id, error) for error in errors if error.truth_id is None]
+    return _bars(found, colours, heights, clock, marks, "")
 
-    def percent(frames: I64) -> F64:
-        return np.asarray(100.0 * (clock.at(frames) - span.start_s) / max(span.duration_s, 1e-9))
 
-    states = np.searchsorted(_STATES, tracks.state)
-    shown = tracks.state != "tentative"
-    found = stretches(tracks.track_id[shown], tracks.frame[shown], states[shown])
-    rows, more = _rows(found, clock, percent, is_truth=False, errors=errors)
-    true_rows: list[TimelineRow] = []
-    if truth is not None and len(truth):
-        held = stretches(truth.track_id, truth.frame, held_by(tracks, truth))
-        true_rows, _ = _rows(held, clock, percent, is_truth=True, errors=errors)
-    return Timelines(rows, true_rows, _ticks(span.start_s, span.duration_s), more)
+def truth_bars(tracks: Trajectories, truth: Trajectories, clock: Clock, errors: Sequence[SignificantError]) -> bytes:
+    """A PNG: a row per true person in the colour of the track that holds the person, grey where none does."""
+    found = stretches(truth.track_id, truth.frame, held_by(tracks, truth))
+    colours = ["#c9ced8" if track == UNHELD else person_hex(track) for track in found.value.tolist()]
+    marks = [(error.truth_id, error) for error in errors if error.truth_id is not None]
+    return _bars(found, colours, np.full(len(colours), 0.75), clock, marks, "P")
 
 
 def held_by(tracks: Trajectories, truth: Trajectories) -> I64:
@@ -126,42 +99,35 @@ def held_by(tracks: Trajectories, truth: Trajectories) -> I64:
     return holder
 
 
-def _rows(
-    found: Stretches, clock: Clock, percent: Callable[[I64], F64], *, is_truth: bool, errors: Sequence[SignificantError]
-) -> tuple[list[TimelineRow], int]:
+def _bars(
+    found: Stretches,
+    colours: Sequence[str],
+    heights: F64,
+    clock: Clock,
+    marks: Sequence[tuple[int | None, SignificantError]],
+    prefix: str,
+) -> bytes:
+    """Bars over time by person, in the order of first frames, with a triangle per error in its person's row."""
     people, first = np.unique(found.person, return_index=True)
-    length = np.bincount(np.searchsorted(people, found.person), found.last - found.first + 1, len(people))
-    # Rows of each kind.
-    longest = np.argsort(-length, kind="stable")[:60]
-    ordered = people[longest][np.argsort(found.first[first[longest]], kind="stable")]
-    left, right = percent(found.first), percent(found.last + 1)
+    frames = np.bincount(np.searchsorted(people, found.person), found.last - found.first + 1, len(people))
+    longest = np.argsort(-frames, kind="stable")[:ROWS_MAX]
+    shown = people[longest][np.argsort(found.first[first[longest]], kind="stable")].tolist()
+    row_of = {person: row for row, person in enumerate(shown)}
+    figure, axes = plots.new_figure(12.0, 0.8 + 0.19 * len(shown))
     begin, end = clock.at(found.first), clock.at(found.last + 1)
-    rows = []
-    for person in ordered.tolist():
-        bars = []
-        for i in np.flatnonzero(found.person == person).tolist():
-            value = int(found.value[i])
-            if is_truth:
-                what = "no track" if value == UNHELD else f"track {value}"
-            else:
-                what = "observed" if _STATES[value] == "confirmed" else "only predicted"
-            text = f"{begin[i]:.1f} to {end[i]:.1f} s: {what}"
-            colour = "" if is_truth and value == UNHELD else person_hex(value if is_truth else person)
-            bars.append(Bar(float(left[i]), float(right[i] - left[i]), colour, text, not is_truth and value == 1))
-        marks = [
-            Bar(float(percent(np.array([e.frame]))[0]), 0.0, as_hex(ERRORS[e.kind]), f"{e.kind}: {e.note}")
-            for e in errors
-            if (e.truth_id == person if is_truth else e.truth_id is None and e.track_id == person)
-        ]
-        rows.append(
-            TimelineRow(f"P{person}" if is_truth else str(person), "" if is_truth else f"person-{person}", bars, marks)
-        )
-    return rows, len(people) - len(ordered)
-
-
-def _ticks(start_s: float, duration_s: float) -> list[tuple[float, str]]:
-    """About six round times: (percent, text)."""
-    step = next(s for base in range(-2, 12) for s in (1 * 10.0**base, 2 * 10.0**base, 5 * 10.0**base)
-                if duration_s / s <= 7)  # fmt: skip
-    times = np.arange(np.ceil(start_s / step) * step + 0.0, start_s + duration_s + 1e-9, step)
-    return [(100.0 * (t - start_s) / max(duration_s, 1e-9), f"{t:g} s") for t in times.tolist()]
+    for i in np.flatnonzero(np.isin(found.person, shown)).tolist():
+        row, width_s = row_of[int(found.person[i])], end[i] - begin[i]
+        axes.barh(row, width_s, heights[i], begin[i], color=colours[i])
+    for kind, rgb in ERRORS.items():
+        at = [(error.frame, row_of[p]) for p, error in marks if error.kind == kind and p in row_of]
+        if at:
+            at_frame, rows = np.array(at).T
+            label = kind.replace("_", " ")
+            axes.plot(clock.at(at_frame), rows - 0.35, "v", color=as_hex(rgb), markeredgecolor="white", label=label)
+    axes.set_yticks(range(len(shown)), [f"{prefix}{person}" for person in shown], fontsize=8)
+    axes.set_ylim(len(shown) - 0.3, -0.9)
+    axes.set_xlabel("time [s]")
+    axes.margins(x=0)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, fontsize=8, frameon=False)
+    return plots.png_bytes(figure)

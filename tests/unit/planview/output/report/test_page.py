@@ -22,7 +22,7 @@ from planview.output.report.compare import shared_errors
 from planview.output.report.page import changed_settings, errors_of, scores_of, write_report
 from planview.output.report.plots import heat_map
 from planview.output.report.snapshots import busiest_frame, scene_pictures
-from planview.output.report.timelines import UNHELD, held_by, stretches, timelines
+from planview.output.report.timelines import UNHELD, held_by, stretches, track_bars, truth_bars
 from planview.output.run_folder import RunFolder
 from planview.output.scene import open_frames
 from planview.output.tables import DECISION_COLUMNS
@@ -55,7 +55,7 @@ def pictures(page: str) -> list[bytes]:
 def test_report_of_tracks_alone_shows_the_floor_the_heat_and_the_people(tmp_path: Path) -> None:
     write_tracks(tmp_path)
     page = write_report(tmp_path).read_text()
-    assert len(pictures(page)) == 3 and all(picture.startswith(b"\x89PNG") for picture in pictures(page))
+    assert len(pictures(page)) == 4 and all(picture.startswith(b"\x89PNG") for picture in pictures(page))
     assert "No run.json in this folder" in page
 
 
@@ -71,7 +71,7 @@ def test_report_of_a_full_run_shows_everything(tmp_path: Path) -> None:
     error = {"kind": "lost", "frame": 12, "truth_id": 3, "track_id": None, "duration_s": 2.0, "note": "alone for <2 s"}
     evaluation = {"mota": 0.9, "motp_m": None, "significant_errors": {"total": 1}, "significant_error_list": [error]}
     page = write_report(tmp_path, evaluation).read_text()
-    assert len(pictures(page)) == 6
+    assert len(pictures(page)) == 7
     gone, note = "expected the recording of the run, found nothing there", "alone for &lt;2 s"
     for text in ("cannot be decoded", "camera height", "2.50 m", "grid.cell_m", gone, note, "left to right 2", "0.9"):
         assert text in page
@@ -83,7 +83,7 @@ def test_report_asks_for_nothing_from_outside_and_shows_when_a_run_was_interrupt
     write_run_info(full_info(), tmp_path / "run.json")
     page = write_report(tmp_path).read_text()
     assert "http://" not in page and "https://" not in page and "interrupted" not in page
-    assert set(re.findall(r'(?:src|href)="([^:"]*)', page)) == {"data", "#person-1", "#person-2"}
+    assert set(re.findall(r'(?:src|href)="([^:"]*)', page)) == {"data"}
     write_run_info(full_info().model_copy(update={"finished": False}), tmp_path / "run.json")
     assert "interrupted" in write_report(tmp_path).read_text()
 
@@ -181,17 +181,13 @@ def test_truth_is_held_by_the_confirmed_track_within_the_gate() -> None:
     assert held_by(tracks, truth).tolist() == [3, UNHELD, UNHELD]
 
 
-def test_bars_are_in_percent_of_the_run_and_errors_are_marked() -> None:
+def test_identities_and_true_people_are_pictured_with_errors_in_the_rows_of_their_people() -> None:
     tracks = table([(frame, 3, 0.0) for frame in range(5)])
     truth = table([(frame, 7, 0.0) for frame in range(10)])
     error = SignificantError("lost", 5, 7, 3, 0.5, "visible")
-    found = timelines(tracks, truth, Clock(tracks, 10.0), 10, [error])
-    (track,), (person,) = found.tracks, found.truth
-    assert [(round(bar.left), round(bar.width)) for bar in track.bars] == [(0, 50)]
-    assert [(round(bar.left), round(bar.width), bool(bar.colour)) for bar in person.bars] == [
-        (0, 50, True), (50, 50, False),
-    ]  # fmt: skip
-    assert [round(mark.left) for mark in person.marks] == [50] and track.link == "person-3"
+    clock = Clock(tracks, 10.0)
+    assert track_bars(tracks, clock, [error]) == track_bars(tracks, clock, [])
+    assert truth_bars(tracks, truth, clock, [error]) != truth_bars(tracks, truth, clock, [])
 
 
 def decoded(uri: str) -> U8:
