@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from cyclopts import Parameter
@@ -15,7 +15,7 @@ from cyclopts import Parameter
 from benchmarks.one_statistic import OneStatistic, Statistic
 from benchmarks.options import ChallengeOptions, json_text, show
 from benchmarks.passes import PEER, Pass, provenance, run_pass, watched
-from benchmarks.suite import Way, chosen_files, judged_truth, refined_tracks, scene_of_seed, suite_recording
+from benchmarks.suite import Way, chosen_files, judged_truth, refined_tracks, suite_recording
 from calib.errors import InputError
 from calib.io import write_whole
 from calib.types import F64, I64
@@ -23,7 +23,6 @@ from planview.engine.config import Config, load_config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
 from planview.output.script import run
-from planview.tracking.template import TemplateTracker
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
 RESAMPLES = 2000
@@ -32,17 +31,15 @@ DECIDES_POINTS = ("foreground", "feedback")
 """Tables whose parameters decide which foreground points there are: recorded ones do not serve."""
 
 
-@dataclass(frozen=True)
-class Variant:
-    """One row of the table; the settings are those that ``planview run --set`` takes.
+class Variant(NamedTuple):
+    """One row of the table.
 
     Attributes:
-        name: of the row.
-        settings: overrides of the configuration like "joint.colour_weight=0".
+        settings: overrides of the configuration like "joint.colour_weight=0", as of ``planview run --set``.
         meaning: what the part that is switched off does.
         way: which tracks of the run are scored.
-        template: the paper's tracker with these statistics; None for the joint tracker.
         paper: significant errors of Harville 2002, section 5, in about ten minutes; None where it has no such figure.
+        template: the paper's tracker with these statistics; None for the joint tracker.
     """
 
     name: str
@@ -81,11 +78,7 @@ LADDER = (
 
 
 def chosen_variants(names: Sequence[str]) -> tuple[Variant, ...]:
-    """``CONFIGURED``, then the variants named; all when none is.
-
-    Raises:
-        InputError: no such variant.
-    """
+    """``CONFIGURED``, then the variants named; all when none is. Raises InputError: no such variant."""
     known = {variant.name: variant for variant in LADDER}
     for name in names:
         if name not in known:
@@ -94,47 +87,28 @@ def chosen_variants(names: Sequence[str]) -> tuple[Variant, ...]:
 
 
 @dataclass(frozen=True)
-class AblationRecording:
-    """A recording with truth: a folder, or a challenge of a seed that is rendered when it is needed.
-
-    Attributes:
-        path: the folder, or the challenge file.
-        seed: of the challenge; None for a folder.
-        cache: folder of rendered recordings.
-    """
+class Trial:
+    """A variant on a recording with truth: a folder, or where there is a seed a challenge, rendered when needed."""
 
     path: Path
     seed: int | None
     cache: Path
+    config: Config
+    variant: Variant = CONFIGURED
 
     @property
     def name(self) -> str:
+        """Of the recording."""
         return self.path.resolve().name if self.seed is None else f"{self.path.stem}-{self.seed}"
 
-    def folder(self) -> Path:
-        """The recording's folder, rendered unless it exists.
-
-        Raises:
-            InputError: no truth in it.
-        """
-        folder = self.path if self.seed is None else suite_recording(self.path, self.seed, self.cache)[0]
-        if not (folder / "truth.csv").is_file():
-            raise InputError(f"{folder}: expected a recording with truth.csv, found none in it")
-        return folder
-
-    def truth(self) -> Trajectories:
-        """The truth of the recording, of a challenge as the suite judges it."""
-        truth = read_truth(self.folder() / "truth.csv")
-        return truth if self.seed is None else judged_truth(truth, scene_of_seed(self.path, self.seed))
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One variant on one recording, and the configuration that it changes."""
-
-    recording: AblationRecording
-    variant: Variant
-    config: Config
+    def recording(self) -> tuple[Path, Trajectories]:
+        """The folder, and its truth (of a challenge as the suite judges it). Raises InputError: no truth in it."""
+        if self.seed is not None:
+            folder, scene = suite_recording(self.path, self.seed, self.cache)
+            return folder, judged_truth(read_truth(folder / "truth.csv"), scene)
+        if not (self.path / "truth.csv").is_file():
+            raise InputError(f"{self.path}: expected a recording with truth.csv, found none in it")
+        return self.path, read_truth(self.path / "truth.csv")
 
 
 def run_trial(trial: Trial) -> Evaluation:
@@ -144,24 +118,22 @@ def run_trial(trial: Trial) -> Evaluation:
     tracker track these, which takes seconds, and keep the feedback of the engine as configured; other variants run in
     full, once.
     """
-    folder, variant = trial.recording.folder(), trial.variant
-    job = Pass(folder, trial.recording.cache, trial.config, recorded=True)
+    variant, (folder, truth) = trial.variant, trial.recording()
+    config = load_config(None, variant.settings, trial.config)
+    if not variant.tracker_only:
+        return evaluate_tracks(read_tracks(run_pass(Pass(folder, trial.cache, config)) / "tracks.csv"), truth)
+    kept = run_pass(Pass(folder, trial.cache, trial.config, recorded=True))
     if variant.way == "refined":
-        tracks = refined_tracks(run_pass(job))
+        tracks = refined_tracks(kept)
     elif variant.way == "peer":
-        tracks = read_tracks(run_pass(job) / PEER)
-    elif not variant.settings and variant.template is None:
-        tracks = read_tracks(run_pass(job) / "tracks.csv")
+        tracks = read_tracks(kept / PEER)
+    elif variant.template is not None:
+        tracks = run(kept / "maps.h5", tracker=OneStatistic(config, variant.template), config=config)
+    elif variant.settings:
+        tracks = run(kept / "maps.h5", config=config)
     else:
-        config = load_config(None, variant.settings, trial.config)
-        if variant.template is not None:
-            paper = OneStatistic(TemplateTracker(config.template, config.maps.height_max_m), variant.template)
-            tracks = run(run_pass(job) / "maps.h5", tracker=paper, config=config)
-        elif variant.tracker_only:
-            tracks = run(run_pass(job) / "maps.h5", config=config)
-        else:
-            tracks = read_tracks(run_pass(Pass(folder, trial.recording.cache, config)) / "tracks.csv")
-    return evaluate_tracks(tracks, trial.recording.truth())
+        tracks = read_tracks(kept / "tracks.csv")
+    return evaluate_tracks(tracks, truth)
 
 
 def ablation_rows(scores: Mapping[Variant, Sequence[Evaluation]]) -> list[dict[str, Any]]:
@@ -172,31 +144,29 @@ def ablation_rows(scores: Mapping[Variant, Sequence[Evaluation]]) -> list[dict[s
     """
     n = len(scores[CONFIGURED])
     samples = np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
-    base = _counts(scores[CONFIGURED], lambda e: len(e.significant))
+    base = np.array([len(e.significant) for e in scores[CONFIGURED]])
     # One length for all: the span that a variant's tracks cover differs from variant to variant.
-    tens = _counts(scores[CONFIGURED], lambda e: e.duration_s / 600)
+    tens = np.array([e.duration_s / 600 for e in scores[CONFIGURED]])
     rows: list[dict[str, Any]] = []
     for variant, parts in scores.items():
-        truth = _counts(parts, lambda e: e.truth_rows)
-        errors = _counts(parts, lambda e: len(e.significant))
-        kinds = Counter(error.kind for error in pooled(parts).significant)
-        distances = _counts(parts, lambda e: float(e.position_error_m.sum()))
+        counts = [
+            (len(e.significant), e.strict_identity_changes, e.clear.misses, e.clear.false_positives, e.truth_rows,
+             e.position_error_m.sum(), len(e.position_error_m))
+            for e in parts
+        ]  # fmt: skip
+        errors, changes, misses, false, truth, distance_m, matches = np.array(counts, np.float64).T
         figures = {
             "significant_per_10_min": (errors, tens),
             "change_per_10_min": (errors - base, tens),
-            "identity_changes_per_10_min": (_counts(parts, lambda e: e.strict_identity_changes), tens),
-            "misses": (_counts(parts, lambda e: e.clear.misses), truth),
-            "false_positives": (_counts(parts, lambda e: e.clear.false_positives), truth),
-            "position_error_m": (distances, _counts(parts, lambda e: len(e.position_error_m))),
+            "identity_changes_per_10_min": (changes, tens),
+            "misses": (misses, truth),
+            "false_positives": (false, truth),
+            "position_error_m": (distance_m, matches),
         }
-        intervals = {name: bootstrap(*sums, samples) for name, sums in figures.items()}
+        kinds = Counter(error.kind for error in pooled(parts).significant)
         rows.append({"variant": variant.name, **{str(kind): kinds[kind] for kind in KINDS}, "paper": variant.paper})
-        rows[-1] |= intervals
+        rows[-1] |= {name: bootstrap(*sums, samples) for name, sums in figures.items()}
     return rows
-
-
-def _counts(parts: Sequence[Evaluation], of: Callable[[Evaluation], float]) -> F64:
-    return np.array([of(part) for part in parts], dtype=np.float64)
 
 
 def bootstrap(numerator: F64, denominator: F64, samples: I64) -> tuple[float, float, float]:
@@ -209,10 +179,8 @@ def bootstrap(numerator: F64, denominator: F64, samples: I64) -> tuple[float, fl
     with np.errstate(invalid="ignore", divide="ignore"):
         value = float(numerator.sum() / denominator.sum())
         resampled = numerator[samples].sum(axis=1) / denominator[samples].sum(axis=1)
-    resampled = resampled[np.isfinite(resampled)]
-    if not len(resampled):
-        return value, math.nan, math.nan
-    low, high = np.percentile(resampled, (2.5, 97.5))
+    known = resampled[np.isfinite(resampled)]
+    low, high = np.percentile(known, (2.5, 97.5)) if len(known) else (math.nan, math.nan)
     return value, float(low), float(high)
 
 
@@ -240,23 +208,19 @@ def ablation(*, options: AblationOptions | None = None) -> None:
     Example: python -m benchmarks ablation --scene trio --scene crossing --jobs 2
     """
     o = options or AblationOptions()
-    files = o.files()
-    base, variants = o.settings(), chosen_variants(o.variant)
-    recordings = [AblationRecording(path, None, o.cache_folder) for path in o.recording]
-    for recording in recordings:
-        recording.folder()
-    if o.seed or o.scene or not recordings:
-        recordings += [
-            AblationRecording(path, s, o.cache_folder)
-            for s in dict.fromkeys(o.seed or [1])
-            for path in chosen_files(files, s, o.minutes)
-        ]
+    files, base, variants = o.files(), o.settings(), chosen_variants(o.variant)
+    trials = [Trial(path, None, o.cache_folder, base) for path in o.recording]
+    for trial in trials:
+        trial.recording()
+    if o.seed or o.scene or not trials:
+        seeds = dict.fromkeys(o.seed or [1])
+        trials += [Trial(p, s, o.cache_folder, base) for s in seeds for p in chosen_files(files, s, o.minutes)]
     done: dict[Trial, Evaluation] = {}
     # The engine as configured first, since others need its points.
     for some in (variants[:1], variants[1:]):
-        done |= watched(run_trial, [Trial(r, v, base) for v in some for r in recordings], o.jobs)
-    rows = ablation_rows({v: [done[Trial(r, v, base)] for r in recordings] for v in variants})
-    text = json_text({"recordings": [r.name for r in recordings], **provenance(), "variants": rows})
+        done |= watched(run_trial, [replace(trial, variant=v) for v in some for trial in trials], o.jobs)
+    rows = ablation_rows({v: [done[replace(trial, variant=v)] for trial in trials] for v in variants})
+    text = json_text({"recordings": [trial.name for trial in trials], **provenance(), "variants": rows})
     if o.out is not None:
         o.out.parent.mkdir(parents=True, exist_ok=True)
         write_whole(o.out, text)

@@ -25,14 +25,8 @@ LIMITS = {"significant_errors": 1, "position_error_m": 0.10, "height_error_m": 0
 
 
 def score_scene(path: Path, rendering: Rendering, out: Path | None, config: Config, tracker: str) -> SceneScore:
-    """Render, track and score one scene.
-
-    Args:
-        path: a stereo scene.
-        out: folder that gets a folder with the run; None to keep nothing.
-    Raises:
-        InputError: the scene is refused, or has a single camera.
-    """
+    """Render, track and score a stereo scene; ``out`` gets a folder with the run. Raises InputError: the scene is
+    refused, or has a single camera."""
     scene = load_scene(path)
     if scene.rig is None:
         raise InputError(f"{path}: expected a scene with a [rig], found a single camera")

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from benchmarks.options import JsonFlag, progress, report
-from benchmarks.random_scenes.rooms import random_rigs
+from benchmarks.random_scenes.generator import random_scene
 from calib.board.detect import Board, BoardView
 from calib.board.solve import solve_board
 from calib.camera import Camera, LensModel
@@ -323,7 +323,7 @@ def rig_rows() -> list[Row]:
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place) / "rigs"
             folder.mkdir()
-            write_rigs(random_rigs(seed), folder, storage="jpg")
+            write_rigs(random_scene("rigs", seed).rigs, folder, storage="jpg")
             true = load_rigs(folder / RIGS_FILE)
             records = [record_rig(folder / entry.folder, Config()) for entry in true]
             try:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -12,8 +14,8 @@ import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.options import BenchOptions, Rendering, progress, rendered, report, scene_files
-from benchmarks.random_scenes.rooms import random_conference
-from benchmarks.views import VIEWS, full_truth, rules_of, view_of_seed
+from benchmarks.random_scenes.generator import VIEWS, random_scene
+from benchmarks.random_scenes.tables import RandomScene
 from calib.errors import InputError
 from planview.counting.events import Direction, Event
 from planview.counting.geometry import RulePlane
@@ -42,6 +44,9 @@ RIGHT_MIN_PERCENT = {"0": 98.0, "1-2": 98.0, "3-5": 98.0, "6-9": 96.0, "10+": 88
 ROOM_RIGHT_MIN_PERCENT = {"0": 98.0, "1-2": 98.0, "3-5": 97.0, "6-9": 95.0, "10+": 88.0}
 PAPER_RIGHT_PERCENT = {"0": 96.6, "1-2": 97.4, "3-5": 99.1, "6-9": 95.2, "10+": 85.2}
 """Time with the right occupancy by true number: the aim, that of random rooms, and table 4 of Zhang et al. 2008."""
+PAVEMENT_FRAMES = (96, 154, 828, 918, 1001, 1021, 1296, 1306, 351)
+"""True crossings of the line y = 200 of the pavement clip, from the README of the recordings."""
+FULL_BOX = ("full_left_px", "full_top_px", "full_width_px", "full_height_px")
 TRAJECTORIES = ("uo-050-180-180.txt", "boa-300-frei.txt")
 SingleTracker = Literal["human-model", "ellipse-particle"]
 Row = dict[str, Any]
@@ -65,33 +70,29 @@ def table_of(
     recording: str, scores: CountScores, right_min_percent: Mapping[str, float] = RIGHT_MIN_PERCENT
 ) -> CountingTable:
     """The rows of one recording's scores; ranges that never occur are left out."""
-    return CountingTable(
-        [
-            {
-                "recording": recording, "rule": rule, **directions(s), "accuracy": s.accuracy,
-                "limit": ACCURACY_MIN, "strict": s.strict_accuracy, "precision": s.precision, "recall": s.recall,
-                "wrong_direction": s.wrong_direction, "late_s": s.timing_mean_s,
-                "ok": s.accuracy is None or s.accuracy >= ACCURACY_MIN,
-            }
-            for rule, s in scores.crossings.items()
-        ],
-        [
-            _occupancy_row(recording, rule, asdict(group), right_min_percent)
-            for rule, groups in scores.occupancy.items()
-            for group in groups
-            if group.frames
-        ],
-    )  # fmt: skip
+    crossings = [
+        {
+            "recording": recording, "rule": rule, **directions(s), "accuracy": s.accuracy,
+            "limit": ACCURACY_MIN, "strict": s.strict_accuracy, "precision": s.precision, "recall": s.recall,
+            "wrong_direction": s.wrong_direction, "late_s": s.timing_mean_s,
+            "ok": s.accuracy is None or s.accuracy >= ACCURACY_MIN,
+        }
+        for rule, s in scores.crossings.items()
+    ]  # fmt: skip
+    occupancy = [
+        _occupancy_row(recording, rule, asdict(group), right_min_percent)
+        for rule, groups in scores.occupancy.items()
+        for group in groups
+        if group.frames
+    ]
+    return CountingTable(crossings, occupancy)
 
 
 def _occupancy_row(recording: str, rule: str, group: Row, right_min_percent: Mapping[str, float]) -> Row:
-    limit, right = right_min_percent[group["people"]], group["right_percent"]
-    named = {"recording": recording, "rule": rule, **group}
-    return named | {
-        "limit": limit,
-        "paper": PAPER_RIGHT_PERCENT[group["people"]],
-        "ok": right is None or right >= limit,
-    }
+    people, right = group["people"], group["right_percent"]
+    limit, paper = right_min_percent[people], PAPER_RIGHT_PERCENT[people]
+    ok = right is None or right >= limit
+    return {"recording": recording, "rule": rule, **group, "limit": limit, "paper": paper, "ok": ok}
 
 
 def directions(scores: CrossingScores) -> Row:
@@ -143,26 +144,20 @@ class Scorer:
     def score(
         self, scene: Scene, name: str, rules_on: Callable[[RulePlane], Rules], right_min_percent: Mapping[str, float]
     ) -> CountingTable:
-        """Render a scene unless the cache has it, track it, count, and score the counts.
-
-        Args:
-            rules_on: makes what is counted, on the floor of the camera.
-            right_min_percent: what each range of true numbers must reach.
-        """
+        """Render a scene unless the cache has it, track it, and score the counts of the rules on its camera's floor."""
         recording = rendered(scene, name, self.rendering)
         engine, tracks = self.track(recording, recording / "camera.toml", name)
-        rules, truth = rules_on(RulePlane(engine.camera)), read_truth(recording / "truth.csv")
-        n_frames = self.rendering.frames or engine.recording.n_frames
-        scores = self.score_rules(rules, tracks, truth, engine.recording.fps, n_frames)
+        truth, n_frames = read_truth(recording / "truth.csv"), self.rendering.frames or engine.recording.n_frames
+        scores = score_rules(rules_on(RulePlane(engine.camera)), tracks, truth, engine.recording.fps, n_frames)
         counts = {"recording": name, **count_frames(tracks, truth, n_frames)}
         return table_of(name, scores, right_min_percent) + CountingTable(frames=[counts])
 
-    @staticmethod
-    def score_rules(rules: Rules, tracks: Trajectories, truth: Trajectories, fps: float, n_frames: int) -> CountScores:
-        """Counts of tracks by rules against those of the truth."""
-        clock = Clock(tracks, fps)
-        true = count_truth(truth, rules, clock, n_frames=n_frames)
-        return score_counts(true, count_tracks(tracks, rules, clock=clock, n_frames=n_frames), WINDOW_S)
+
+def score_rules(rules: Rules, tracks: Trajectories, truth: Trajectories, fps: float, n_frames: int) -> CountScores:
+    """Counts of tracks by rules against those of the truth."""
+    clock = Clock(tracks, fps)
+    true = count_truth(truth, rules, clock, n_frames=n_frames)
+    return score_counts(true, count_tracks(tracks, rules, clock=clock, n_frames=n_frames), WINDOW_S)
 
 
 def score_scene(rules: Path, scorer: Scorer) -> CountingTable:
@@ -174,11 +169,9 @@ def score_scene(rules: Path, scorer: Scorer) -> CountingTable:
 
 def score_room(seed: int, scorer: Scorer) -> CountingTable:
     """Score the number of people in the random conference room of a seed."""
-    room, name = random_conference(seed), f"conference-{seed}"
-    zone = {"name": "room", "polygon_m": [list(corner) for corner in room.zone_m]}
-    return scorer.score(
-        room.scene, name, lambda plane: parse_rules({"zone": [zone]}, plane, name), ROOM_RIGHT_MIN_PERCENT
-    )
+    room, name = random_scene("conference", seed), f"conference-{seed}"
+    rules = {"zone": [{"name": "room", "polygon_m": [list(corner) for corner in room.zone_m]}]}
+    return scorer.score(room.scene, name, lambda plane: parse_rules(rules, plane, name), ROOM_RIGHT_MIN_PERCENT)
 
 
 def all_rooms(tables: Sequence[CountingTable]) -> CountingTable:
@@ -244,13 +237,9 @@ def passages(tracks: Trajectories) -> list[Event]:
 def pavement_truth() -> list[Event]:
     """The true crossings of the pavement clip, a person for each; up the image is from the right of the line to its
     left."""
-    ways: list[tuple[int, Direction]] = [
-        (frame, "right_to_left") for frame in (96, 154, 828, 918, 1001, 1021, 1296, 1306)
-    ]
-    # True crossings of the line y = 200 (frames), from the README of the recordings.
     return [
-        Event(frame, frame / 30.0, "y = 200", "crossing", person, way)
-        for person, (frame, way) in enumerate([*ways, (351, "left_to_right")], start=1)
+        Event(frame, frame / 30.0, "y = 200", "crossing", person, "left_to_right" if frame == 351 else "right_to_left")
+        for person, frame in enumerate(PAVEMENT_FRAMES, start=1)
     ]
 
 
@@ -272,15 +261,15 @@ def score_view(path: Path, seed: int, scorer: Scorer) -> Row:
 
     Ellipses are tracked and counted in the image without a camera; the human model on the floor with the true one.
     """
-    view = view_of_seed(path, seed)
+    view = random_scene("views", seed, path)
     recording = rendered(view.scene, f"view-{path.stem}-{seed}", scorer.rendering)
     camera = recording / "camera.toml" if scorer.tracker == "human-model" else None
     engine, tracks = scorer.track(recording, camera, f"{path.stem}-{seed}-{scorer.tracker}")
     truth = full_truth(recording / "truth.csv")
     size = view.scene.mount.width, view.scene.mount.height
-    rules = parse_rules(rules_of(view, size), RulePlane(engine.camera, size), "line")
+    rules = parse_rules(view_rules(view), RulePlane(engine.camera, size), "line")
     n = scorer.rendering.frames or view.scene.n_frames
-    scores = scorer.score_rules(rules, tracks, truth, view.scene.fps, n)
+    scores = score_rules(rules, tracks, truth, view.scene.fps, n)
     line, middle = scores.crossings["line"], scores.occupancy["middle"]
     right = sum(g.frames * (g.right_percent or 0.0) for g in middle) / 100
     return {
@@ -290,6 +279,27 @@ def score_view(path: Path, seed: int, scorer: Scorer) -> Row:
         "wrong_frames": count_frames(tracks, truth, n)["error"],
         "occupancy": right / max(1, sum(g.frames for g in middle)),
     }  # fmt: skip
+
+
+def view_rules(view: RandomScene) -> dict[str, Any]:
+    """The line of a view, and a zone in its middle: three quarters of its width and height, where there is floor."""
+    camera = view.scene.mount
+    width, height = camera.width, camera.height
+    horizon = (height - 1) / 2 - camera.focal_px / max(math.tan(math.radians(camera.tilt_deg)), 1e-6)
+    left, right, bottom = width / 8, 7 * width / 8, height - 1.0
+    top = max(height / 4, horizon + 0.05 * height)
+    corners = [[left, top], [right, top], [right, bottom], [left, bottom]]
+    line = {"name": "line", "from_px": list(view.wire_px[0]), "to_px": list(view.wire_px[1])}
+    return {"tripwire": [line], "zone": [{"name": "middle", "polygon_px": corners}]}
+
+
+def full_truth(path: Path) -> Trajectories:
+    """``truth.csv`` with the boxes of whole silhouettes inside the image, whatever hides them."""
+    truth = read_truth(path)
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = [[float(row[name] or "nan") for name in FULL_BOX] for row in csv.DictReader(file)]
+    truth.box_px[:] = np.array(rows).reshape(-1, 4)
+    return truth
 
 
 def strict_accuracy(scores: CrossingScores) -> float:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
 import cv2
 import numpy as np
 from cyclopts import Parameter
+from pandas import DataFrame
 
 from benchmarks.options import BenchOptions, Rendering, progress, rendered, report, scene_files
-from benchmarks.views import VIEWS, view_of_seed
+from benchmarks.random_scenes.generator import VIEWS, random_scene
 from calib.errors import InputError
 from calib.types import I32, I64, Bool
 from planview.engine.config import Config
@@ -24,7 +26,7 @@ CONDITIONS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     "dark, noisy": {"light": {"brightness": 0.02, "full_well_e": 800.0}},
     "motion blur": {"capture": {"shutter_s": 0.08}},
     "automatic exposure, white balance": {"capture": {"auto_exposure": 0.9, "auto_white_balance": 0.6}},
-    "lamp dimmed": {"light": {"dimmed": True}},
+    "lamp dimmed": {"light": {"changes": 1}},
     "compressed": {"capture": {"jpeg_quality": 25}},
     "polished floor": {"room": {"gloss": 0.25}},
     "thing moved": {"room": {"moved": True}},
@@ -42,19 +44,19 @@ def pixel_counts(found: Bool, owner: I32) -> I64:
 
 def score_foreground(
     path: Path, seed: int, condition: str, rendering: Rendering, config: Config
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, dict[str, float]]:
     """Rows by method: the engine's own foreground (with the ellipse-particle tracker's feedback), MOG2 and KNN on one
     condition.
 
     OpenCV's own have their defaults, a median of 3x3 pixels as the engine's has, and shadows removed.
     """
-    view, name = view_of_seed(path, seed, CONDITIONS[condition]), path.stem
-    recording = rendered(view.scene, f"view-{name}-{seed}", rendering)
+    scene, name = random_scene("views", seed, path, CONDITIONS[condition]).scene, path.stem
+    recording = rendered(scene, f"view-{name}-{seed}", rendering)
     progress(f"{name} of seed {seed}, {condition}")
     engine = open_engine(recording, "ellipse-particle", config)
     others = {"MOG2": cv2.createBackgroundSubtractorMOG2(), "KNN": cv2.createBackgroundSubtractorKNN()}
     counts = {method: np.zeros(4, np.int64) for method in ("planview", *others)}
-    renderer = SceneRenderer(view.scene)
+    renderer = SceneRenderer(scene)
     for result in engine:
         image, own = result.observation.image, result.observation.foreground
         assert image is not None and own is not None  # a single camera gives both
@@ -68,17 +70,11 @@ def score_foreground(
     return {method: shares(count) for method, count in counts.items()}
 
 
-def shares(counts: I64) -> dict[str, Any]:
+def shares(counts: I64) -> dict[str, float]:
     """Wrong pixels, people's pixels missed, and the room's that are foreground [%], from (4,) ``pixel_counts``."""
     missed, people, false, room = map(int, counts)
-    return {
-        "wrong": 100 * (missed + false) / max(1, people + room),
-        "missed": 100 * missed / max(1, people),
-        "false": 100 * false / max(1, room),
-    }
-
-
-FIGURES = ("wrong", "missed", "false")
+    wrong = 100 * (missed + false) / max(1, people + room)
+    return {"wrong": wrong, "missed": 100 * missed / max(1, people), "false": 100 * false / max(1, room)}
 
 
 @Parameter(name="*")
@@ -108,18 +104,11 @@ def foreground(*, options: ForegroundOptions | None = None) -> None:
     if not o.seeds or min(o.seeds) < 0:
         raise InputError("--seeds: expected numbers from 0")
     settings, rendering = o.settings(), Rendering(o.cache_folder, frames=o.frames)
-    rows = []
-    for seed in o.seeds:
-        for path in scene_files(o.scene, VIEWS):
-            for condition in CONDITIONS:
-                found = score_foreground(path, seed, condition, rendering, settings)
-                named = {"view": path.stem, "seed": seed, "condition": condition}
-                rows += [{**named, "method": method, **figures} for method, figures in found.items()]
-    means = []
-    for condition in CONDITIONS:
-        mine = [row for row in rows if row["condition"] == condition]
-        for method in dict.fromkeys(row["method"] for row in mine):
-            figures = {key: float(np.mean([row[key] for row in mine if row["method"] == method])) for key in FIGURES}
-            means.append({"condition": condition, "method": method, **figures})
-    report(o.json_output, **({"scores": rows} if o.json_output else {}), means=means)
+    rows: list[dict[str, Any]] = []
+    for seed, path, condition in product(o.seeds, scene_files(o.scene, VIEWS), CONDITIONS):
+        named = {"view": path.stem, "seed": seed, "condition": condition}
+        found = score_foreground(path, seed, condition, rendering, settings)
+        rows += [{**named, "method": method, **figures} for method, figures in found.items()]
+    means = DataFrame(rows).groupby(["condition", "method"], sort=False)[["wrong", "missed", "false"]].mean()
+    report(o.json_output, **({"scores": rows} if o.json_output else {}), means=means.reset_index().to_dict("records"))
     progress("wrong pixels %; people's pixels missed %; the room's that are foreground %")

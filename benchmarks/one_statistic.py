@@ -7,9 +7,11 @@ from typing import Literal
 
 import numpy as np
 
+from planview.engine.config import Config
 from planview.maps.builder import FloorPoints, PlanViewMaps
 from planview.maps.grid import Grid
-from planview.tracking.base import Decision, Observation, Tracker, TrackerDebug
+from planview.tracking.base import Observation
+from planview.tracking.template import TemplateTracker
 from planview.trajectories.state import TrackState
 
 Statistic = Literal["both", "height", "occupancy"]
@@ -17,34 +19,27 @@ NOMINAL_HEIGHT_M = 1.7
 """Height of everything where height is not measured [m]: an adult, so that no test of height refuses it."""
 
 
-class OneStatistic:
-    """A tracker of plan-view maps that is given one statistic alone."""
+class OneStatistic(TemplateTracker):
+    """The paper's tracker on maps of which one statistic is left.
 
-    def __init__(self, tracker: Tracker, statistic: Statistic) -> None:
-        self._tracker, self._statistic = tracker, statistic
+    Args:
+        config: its parameters and those of the maps.
+        statistic: the one that is left; the other is a constant and carries no information.
+    """
 
-    @property
-    def decisions(self) -> tuple[Decision, ...]:
-        """See ``Tracker``."""
-        return self._tracker.decisions
+    def __init__(self, config: Config, statistic: Statistic) -> None:
+        super().__init__(config.template, config.maps.height_max_m)
+        self._statistic = statistic
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
-        """See ``Tracker``."""
+        """Track one frame."""
         assert observation.maps is not None
         maps = reduced(observation.maps, self._statistic)
-        return self._tracker.update(replace(observation, build_maps=lambda: maps))
-
-    def debug(self) -> TrackerDebug:
-        """See ``Tracker``."""
-        return self._tracker.debug()
-
-    def reset(self) -> None:
-        """See ``Tracker``."""
-        self._tracker.reset()
+        return super().update(replace(observation, build_maps=lambda: maps))
 
 
 def reduced(maps: PlanViewMaps, statistic: Statistic) -> PlanViewMaps:
-    """The maps with what is left of them; the statistic that is not named is a constant and carries no information."""
+    """The maps with what is left of them."""
     if statistic == "both":
         return maps
     return height_only(maps) if statistic == "height" else occupancy_only(maps)

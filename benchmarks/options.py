@@ -17,6 +17,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from benchmarks.random_scenes.generator import SUITE
 from calib.errors import InputError, WorkError
 from calib.io import reason
 from planview.engine.config import Config, load_config
@@ -25,8 +26,6 @@ from planview.synthetic.render import RENDERER_VERSION, SceneRenderer
 from planview.synthetic.scene import Scene
 from planview.synthetic.write import write_recording
 
-SUITE = SCENES / "suite"
-"""The committed challenges."""
 Flag = Annotated[bool, Parameter(negative="")]
 """A switch that is off without its option."""
 JsonFlag = Annotated[bool, Parameter(name="--json", negative="")]

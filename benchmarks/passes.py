@@ -72,8 +72,7 @@ def code_key() -> str:
 
 def run_pass(job: Pass) -> Path:
     """The folder of a run (tracks.csv, run.json, decisions.csv, with ``recorded`` maps.h5 and peer.csv), from the cache
-    when it is there. Raises InputError: a recording that cannot be used. WorkError: the cache cannot be
-    written."""
+    when it is there."""
     if finished_run(job.folder) is not None:
         return job.folder
     shutil.rmtree(job.folder, ignore_errors=True)
@@ -108,14 +107,6 @@ def _alone(work: Callable[[Job], Result], job: Job) -> tuple[Job, Result]:
 
 def provenance() -> dict[str, str]:
     """Commit of the sources ("unknown" outside of a git repository), marked where they differ from it, and date."""
-    folder = str(Path(planview.__path__[0]))
-
-    def git(*arguments: str) -> str:
-        done = subprocess.run(["git", "-C", folder, *arguments], capture_output=True, text=True, check=True)
-        return done.stdout.strip()
-
-    try:
-        commit = git("rev-parse", "--short", "HEAD") + (" with changes" if git("status", "-s", "-uno", ".") else "")
-    except (OSError, subprocess.CalledProcessError):
-        commit = "unknown"
+    command = ["git", "-C", str(Path(planview.__path__[0])), "describe", "--always", "--dirty"]
+    commit = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
     return {"commit": commit, "date": datetime.now(UTC).date().isoformat()}

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from cyclopts import Parameter
@@ -54,8 +54,7 @@ class TrackingErrors:
         return self.false_tracks + self.losses + self.switches
 
 
-@dataclass(frozen=True, eq=False)
-class PetsScores:
+class PetsScores(NamedTuple):
     """Scores of one run of one tracker.
 
     Attributes:
@@ -71,6 +70,16 @@ class PetsScores:
     boxes: Evaluation
     floor: Evaluation | None
     errors: TrackingErrors
+
+    def rows(self, whole: bool) -> list[dict[str, Any]]:
+        """A row per protocol, with every figure or the most important ones."""
+        rows = []
+        for protocol, result in (("boxes, IoU 0.5", self.boxes), ("floor, 1 m", self.floor)):
+            if result is not None:
+                figures = result.to_json()
+                named = {"tracker": self.tracker, "protocol": protocol, "tracked_frames": self.frames}
+                rows.append(named | {name: figures[name] for name in (figures if whole else SHOWN)})
+        return rows
 
 
 def spread(runs: Sequence[PetsScores]) -> dict[str, Any]:
@@ -122,14 +131,14 @@ def score_pets(
         cameras: how many are used: the given one first, and others near it (``nearby_camera``).
     Raises:
         InputError: files that are missing or do not fit.
-    """
+    """  # fmt: skip
     runs = [_score(tracker, folder, camera, frames, seed) for seed in range(seeds)]
-    if cameras > 1 and camera is not None:
-        with TemporaryDirectory() as place:
-            for seed in range(1, cameras):
-                path = Path(place) / f"camera{seed}.toml"
-                save_ground_camera(nearby_camera(load_ground_camera(camera), seed), path)
-                runs.append(_score(tracker, folder, path, frames, 0))
+    with TemporaryDirectory() as place:
+        for seed in range(1, cameras if camera is not None else 1):
+            assert camera is not None  # for mypy
+            path = Path(place) / f"camera{seed}.toml"
+            save_ground_camera(nearby_camera(load_ground_camera(camera), seed), path)
+            runs.append(_score(tracker, folder, path, frames, 0))
     return runs
 
 
@@ -155,17 +164,10 @@ def _score(tracker: SingleTracker, folder: Path, camera: Path | None, frames: in
         watch=lambda result: tracked.append(result.frame),
     )  # fmt: skip
     n = len(tracked)
-    boxes = EvaluationParams.model_validate({"match_on": "boxes", "fps": FPS})
-    # Gate of the floor protocol; box protocol: IoU 0.5.
-    floor = EvaluationParams.model_validate({"gate_m": 1.0, "align": True, "fps": FPS})
-    span = (0, n - 1)
-    return PetsScores(
-        tracker,
-        n,
-        evaluate_tracks(tracks, truth, boxes, span),
-        None if camera is None else evaluate_tracks(tracks, truth, floor, span),
-        tracking_errors(truth.where(truth.frame < n), tracks),
-    )
+    boxes = evaluate_tracks(tracks, truth, EvaluationParams(match_on="boxes", fps=FPS), (0, n - 1))
+    on_floor = EvaluationParams(gate_m=1.0, align=True, fps=FPS)
+    floor = None if camera is None else evaluate_tracks(tracks, truth, on_floor, (0, n - 1))
+    return PetsScores(tracker, n, boxes, floor, tracking_errors(truth.where(truth.frame < n), tracks))
 
 
 @Parameter(name="*")
@@ -202,12 +204,9 @@ def pets(folder: Path, *, options: PetsOptions | None = None) -> None:
         Folder with view001.mp4 and gt.txt.
     """
     o = options or PetsOptions()
-    if o.frames is not None and o.frames < 1:
-        raise InputError(f"--frames: expected at least 1, found {o.frames}")
-    if not 1 <= o.seeds <= 1000:
-        raise InputError(f"--seeds: expected 1 to 1000, found {o.seeds}")
-    if not 1 <= o.cameras <= 100:
-        raise InputError(f"--cameras: expected 1 to 100, found {o.cameras}")
+    if (o.frames is not None and o.frames < 1) or not 1 <= o.seeds <= 1000 or not 1 <= o.cameras <= 100:
+        found = f"{o.frames}, {o.seeds}, {o.cameras}"
+        raise InputError(f"expected --frames from 1, --seeds 1 to 1000, --cameras 1 to 100, found {found}")
     if o.camera is None and o.tracker != "ellipse-particle":
         raise InputError("--camera: the human-model tracker needs a camera.toml (see planview calibrate human)")
     runs: list[list[PetsScores]] = []
@@ -218,19 +217,7 @@ def pets(folder: Path, *, options: PetsOptions | None = None) -> None:
         runs.append(score_pets("ellipse-particle", folder, o.camera, o.frames, seeds=o.seeds))
     report(
         o.json_output,
-        scores=[row for first, *_ in runs for row in score_rows(first, whole=o.json_output)],
+        scores=[row for first, *_ in runs for row in first.rows(whole=o.json_output)],
         errors=[{"tracker": s.tracker, **asdict(s.errors), "total": s.errors.total} for s, *_ in runs],
         spread=[{"tracker": some[0].tracker, **spread(some)} for some in runs if len(some) > 1],
     )
-
-
-def score_rows(scores: PetsScores, whole: bool) -> list[dict[str, Any]]:
-    """A row per protocol, with every figure or the most important ones."""
-    rows = []
-    for protocol, result in (("boxes, IoU 0.5", scores.boxes), ("floor, 1 m", scores.floor)):
-        if result is not None:
-            figures = result.to_json()
-            names = figures if whole else SHOWN
-            named = {"tracker": scores.tracker, "protocol": protocol, "tracked_frames": scores.frames}
-            rows.append(named | {name: figures[name] for name in names})
-    return rows

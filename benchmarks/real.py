@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
+from pandas import read_csv
 
 from benchmarks.options import JsonFlag, progress, report
 from benchmarks.passes import bench_engine
@@ -52,11 +52,7 @@ class RealScore:
 
 
 def recordings_with_truth(data: Path, names: Sequence[str] = ()) -> list[Path]:
-    """Folders of recordings with truth on the floor, by name.
-
-    Raises:
-        InputError: there is none, or none of a name.
-    """
+    """Folders of recordings with truth on the floor, by name. Raises InputError: there is none, or none of a name."""
     known = {p.name: p for p in sorted(data.glob("*")) if (p / "truth.csv").is_file() or (p / WALKER_PATH).is_file()}
     for name in names:
         if name not in known:
@@ -70,10 +66,7 @@ def truth_of(folder: Path) -> Trajectories:
     """People of a recording on the floor."""
     if (folder / "truth.csv").is_file():
         return read_truth(folder / "truth.csv")
-    with (folder / WALKER_PATH).open(encoding="utf-8") as file:
-        rows = np.array(
-            [[float(row[key]) for key in ("frame", "x_m", "z_m", "height_m")] for row in csv.DictReader(file)]
-        )
+    rows = read_csv(folder / WALKER_PATH)[["frame", "x_m", "z_m", "height_m"]].to_numpy(np.float64)
     frame = rows[:, 0].astype(np.int64)
     is_second = (frame >= WALKER_VISIBLE_FRAMES) & (rows[:, 1] > BESIDE_WALKER_M)
     ids = 1 + is_second.astype(np.int64)
@@ -83,11 +76,7 @@ def truth_of(folder: Path) -> Trajectories:
 
 
 def score_real(tracks: Trajectories, truth: Trajectories, frames: I64) -> RealScore:
-    """Score tracks of a recording.
-
-    Args:
-        frames: (F,) those that are judged.
-    """
+    """Score tracks of a recording in the (F,) frames that are judged."""
     tracks = tracks.where(np.isin(tracks.frame, frames))
     confirmed = tracks.where(tracks.state == "confirmed")
     shown = truth.where(~(truth.visible <= 0))

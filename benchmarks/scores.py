@@ -62,10 +62,11 @@ def print_scores(what: str, scores: Sequence[SceneScore]) -> None:
     every = together(scores)
     rows = [_row({what: s.name, "seed": s.seed}, s.evaluation) for s in scores]
     show([*rows, _row({what: "all", "seed": ""}, every)])
+    swapped = sum(error.kind == "swapped" for error in every.significant)
     counts = {
         "significant errors": len(every.significant),
         "events": every.events,
-        "with every change of identity": _strict(every),
+        "with every change of identity": len(every.significant) - swapped + every.clear.switches,
     }
     per = 600.0 / every.duration_s
     rates = (f"{per * n:.1f} (at most {per * poisson_upper(n):.1f}) {name}" for name, n in counts.items())
@@ -79,19 +80,8 @@ def print_scores(what: str, scores: Sequence[SceneScore]) -> None:
 def _row(names: dict[str, Any], evaluation: Evaluation) -> dict[str, Any]:
     figures = evaluation.to_json()
     kinds = [f"{kind} {n}" for kind in KINDS if (n := figures["significant_errors"][kind])]
-    scaled = {
-        name: figures[key] for name, key in (("pos cm", "position_error_mean_m"), ("height cm", "height_error_mean_m"))
-    }
-    return {
-        **names,
-        "rows": evaluation.truth_rows,
-        "significant": ", ".join(kinds) or "none",
-        **{key: figures[key] for key in ("events", "mota", "idf1", "switches")},
-        **{name: None if value is None else round(100 * value, 1) for name, value in scaled.items()},
-    }
-
-
-def _strict(evaluation: Evaluation) -> int:
-    """Lost, missed and false tracks as significant ones, and every change of identity (CLEAR)."""
-    swapped = sum(error.kind == "swapped" for error in evaluation.significant)
-    return len(evaluation.significant) - swapped + evaluation.clear.switches
+    row = {**names, "rows": evaluation.truth_rows, "significant": ", ".join(kinds) or "none"}
+    row |= {key: figures[key] for key in ("events", "mota", "idf1", "switches")}
+    for name, key in (("pos cm", "position_error_mean_m"), ("height cm", "height_error_mean_m")):
+        row[name] = None if figures[key] is None else round(100 * figures[key], 1)
+    return row

@@ -9,19 +9,17 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from cyclopts import Parameter
-from pydantic import ValidationError
 
 from benchmarks.options import ChallengeOptions, Flag, Rendering, json_text, progress, rendered
 from benchmarks.passes import PEER, Pass, provenance, run_pass, watched
-from benchmarks.random_scenes.suite import random_scene
+from benchmarks.random_scenes.generator import random_scene
 from benchmarks.scores import SceneScore, print_scores, scores_json
-from calib.errors import InputError, WorkError
-from calib.io import parse_toml, read_text, write_whole
-from calib.params import first_problem
+from calib.errors import WorkError
+from calib.io import load_toml, write_whole
 from planview.engine.config import Config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.output.finished import refine_run
@@ -60,34 +58,12 @@ class SuiteJob:
     peer: bool = False
 
 
-def load_challenge(path: Path) -> dict[str, Any]:
-    """The table of a challenge file.
-
-    Raises:
-        InputError: unreadable or not TOML.
-    """
-    return parse_toml(read_text(path, "a challenge scene in TOML"))
-
-
-def scene_of_seed(path: Path, seed: int) -> Scene:
-    """The scene of a challenge file for a seed.
-
-    Raises:
-        InputError: not a challenge, or a value out of range.
-        WorkError: the ranges ask for more than fits into the room.
-    """
-    try:
-        return random_scene(load_challenge(path), seed, path.stem)
-    except ValidationError as error:
-        raise InputError(f"{path}: {first_problem(error)}") from error
-
-
 def chosen_files(files: Sequence[Path], seed: int, minutes: float) -> list[Path]:
     """Scenes of a seed, shuffled by it, that last about that many minutes together; all when that is enough.
 
     Scenes keep their length, so that a recording rendered for few minutes serves for many.
     """
-    lengths = {path: float(load_challenge(path).get("duration_s", 30.0)) for path in files}
+    lengths = {path: float(load_toml(path, "a challenge in TOML").get("duration_s", 30.0)) for path in files}
     chosen: list[Path] = []
     left = 60.0 * minutes
     for path in (files[k] for k in np.random.default_rng([seed, 10]).permutation(len(files))):
@@ -104,7 +80,7 @@ def dealt_files(files: Sequence[Path], seeds: Sequence[int]) -> list[tuple[int, 
 
 def suite_recording(path: Path, seed: int, cache: Path) -> tuple[Path, Scene]:
     """The recording of a seed, from the cache when it is there."""
-    scene = scene_of_seed(path, seed)
+    scene = random_scene("suite", seed, path).scene
     return rendered(scene, f"suite-{path.stem}-{seed}", Rendering(cache)), scene
 
 
@@ -203,7 +179,7 @@ def suite(*, options: SuiteOptions | None = None) -> None:
 
     for seed, path in chosen:
         try:
-            scene_of_seed(path, seed)
+            random_scene("suite", seed, path)
         except WorkError as error:
             leave_out(str(error))
             continue

@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
 
-from benchmarks.random_scenes.challenge import clothes, looks
-from benchmarks.random_scenes.suite import resolved, too_near
-from calib.errors import WorkError
-from calib.io import load_toml
+from benchmarks.random_scenes.appearance import clothes, looks
+from benchmarks.random_scenes.challenge import refuse_too_near
+from benchmarks.random_scenes.tables import NoPlaceError, RandomScene, resolved
 from calib.types import F64
-from planview.synthetic.assets import SCENES
 from planview.synthetic.camera import ground_camera
 from planview.synthetic.motion import scripted_motion
-from planview.synthetic.scene import CameraMount, Pair, Scene
-from planview.synthetic.write import RigScene, rigs_of
+from planview.synthetic.scene import CameraMount, Scene
+from planview.synthetic.write import rigs_of
 
-ATTEMPTS = 200
-"""Cameras that do not see all seats, and people who walk through each other, are tried again."""
 CONFERENCE_CAMERA = {
     "at_m": [{"min": 2.4, "max": 5.6}, {"min": 0.15, "max": 0.3}, {"min": 2.7, "max": 3.3}],
     "tilt_deg": {"min": 46.0, "max": 60.0},
@@ -29,50 +24,46 @@ CONFERENCE_CAMERA = {
     "width": 320,
     "height": 240,
 }
+SEAT_INSIDE_M = 0.25
+"""Seats are at least so far inside the zone: a person who sits on its outline is in and out by centimetres."""
 MARGIN_M = 0.7
-"""People walk this far from walls [m]; from those with a rig on them 1.4 m."""
+"""People walk this far from walls; from those with a rig on them 1.4 m."""
 LAYOUTS = {
     "opposite": ((0.36, 0.04, 84.0), (0.64, 0.96, 264.0)),
     "side by side": ((0.27, 0.04, 80.0), (0.73, 0.04, 100.0)),
     "corner": ((0.40, 0.04, 88.0), (0.97, 0.18, 150.0)),
 }
-"""Where two heads hang, as shares of width and depth, and their heading [deg]: they look across each other."""
-HEAD = {
+"""Where two rigs hang, as shares of width and depth, and their heading [deg]: they look across each other."""
+RIG = {
     "height_m": {"min": 2.25, "max": 2.55},
     "tilt_deg": {"min": 61.0, "max": 66.0},
     "roll_deg": {"min": -1.5, "max": 1.5},
     "focal_px": {"min": 106.0, "max": 123.0},
     "baseline_m": {"min": 0.14, "max": 0.18},
+    "width": 320,
+    "height": 240,
+    "distortion": (-0.08, 0.02, 0.0003, -0.0002, 0.0),
 }
 
 
-@dataclass(frozen=True)
-class RandomConference:
-    """A random scene, and the zone to be counted in: corners on the floor in the camera's frame [m]."""
-
-    scene: Scene
-    zone_m: tuple[Pair, ...]
-
-
-def random_conference(seed: int) -> RandomConference:
-    """The committed conference room with another camera, other seats, times and clothes; each seed has its own. Raises
-    WorkError: no camera of many sees all seats, or people always meet in the same place."""
-    rng = np.random.default_rng([seed, 1008])
-    table = load_toml(SCENES / "single" / "conference.toml", "a scene in TOML")
+def conference(table: dict[str, Any], rng: np.random.Generator) -> RandomScene:
+    """The committed conference room with another camera, other seats, times and clothes, and the zone that it sees.
+    Raises NoPlaceError: the camera does not see all seats, or people walk through each other."""
     seats = [item for item in table["furniture"] if item.get("name", "").startswith("c")]
-    mount, zone_m = _conference_camera(rng, table, np.array([seat["at_m"] for seat in seats]))
     kind = str(rng.choice(("office_chair", "chair")))
     for seat in seats:
         seat["kind"] = kind
-    for _ in range(ATTEMPTS):
-        people = _conference_people(table, rng)
-        changed = {"seed": int(rng.integers(1 << 31)), "camera": mount, "people": people}
-        scene = Scene.model_validate(table | changed)
-        furniture, times = {f.name: f for f in scene.furniture if f.name}, np.arange(0.0, scene.duration_s, 0.2)
-        sitting = [p for p in scene.people if not p.wander]  # the others give way
-        if not too_near([scripted_motion(p, furniture, scene.duration_s).places(times) for p in sitting]):
-            return RandomConference(scene, zone_m)
-    raise WorkError(f"conference, seed {seed}: people walk through each other in all of {ATTEMPTS} attempts")
+    mount = _conference_camera(rng, np.array([seat["at_m"] for seat in seats]))
+    outline = _visible_floor(mount, table["room"]["size_m"])
+    places = _to_camera(mount, np.array([seat["at_m"] for seat in seats]))
+    if len(outline) < 3 or any(cv2.pointPolygonTest(outline, at, True) < SEAT_INSIDE_M for at in places.tolist()):
+        raise NoPlaceError("the camera does not see all seats")
+    people = _conference_people(table, rng)
+    scene = Scene.model_validate(table | {"seed": int(rng.integers(1 << 31)), "camera": mount, "people": people})
+    furniture, times = {f.name: f for f in scene.furniture if f.name}, np.arange(0.0, scene.duration_s, 0.2)
+    sitting = [p for p in scene.people if not p.wander]  # the others give way
+    refuse_too_near([scripted_motion(p, furniture, scene.duration_s).places(times) for p in sitting])
+    return RandomScene(scene, zone_m=tuple((float(x), float(y)) for x, y in outline))
 
 
 def _conference_people(table: dict[str, Any], rng: np.random.Generator) -> list[dict[str, Any]]:
@@ -90,26 +81,16 @@ def _conference_people(table: dict[str, Any], rng: np.random.Generator) -> list[
             worn = {name: people[int(rng.integers(len(people)))][name] for name in worn}
         if rng.random() < 0.1:  # in a shirt of the wall's colour
             worn["shirt"] = table["room"]["walls"]
-        people.append(person | looks(rng, float(rng.uniform(1.58, 1.88))) | worn | {"steps": steps})
-        people[-1] |= {"enter_s": person["enter_s"] + float(rng.uniform(-1.8, 1.8)), "leaves": True}
+        people.append(person | looks(rng, float(rng.uniform(1.58, 1.88))) | worn | {"steps": steps, "leaves": True})
+        people[-1]["enter_s"] += float(rng.uniform(-1.8, 1.8))
     return people
 
 
-def _conference_camera(
-    rng: np.random.Generator, table: dict[str, Any], seats: F64
-) -> tuple[CameraMount, tuple[Pair, ...]]:
-    """A camera that has every seat in view, and the outline of the floor that it sees."""
-    middle = seats.mean(axis=0)
-    for _ in range(ATTEMPTS):
-        values = resolved(CONFERENCE_CAMERA, rng)
-        ahead = math.degrees(math.atan2(middle[1] - values["at_m"][1], middle[0] - values["at_m"][0]))
-        mount = CameraMount.model_validate(values | {"heading_deg": ahead + float(rng.uniform(-6, 6))})
-        outline = _visible_floor(mount, table["room"]["size_m"]).astype(np.float32)
-        places = [(float(u), float(v)) for u, v in _to_camera(mount, seats)]
-        # Seats are at least so far inside the zone: a person who sits on its outline is in and out by centimetres.
-        if len(outline) > 2 and all(cv2.pointPolygonTest(outline, at, True) >= 0.25 for at in places):
-            return mount, tuple((float(x), float(y)) for x, y in outline)
-    raise WorkError(f"none of {ATTEMPTS} random cameras has all seats in view")
+def _conference_camera(rng: np.random.Generator, seats: F64) -> CameraMount:
+    """A camera that looks at the middle of the seats, nearly."""
+    values, middle = resolved(CONFERENCE_CAMERA, rng), seats.mean(axis=0)
+    ahead = math.degrees(math.atan2(middle[1] - values["at_m"][1], middle[0] - values["at_m"][0]))
+    return CameraMount.model_validate(values | {"heading_deg": ahead + float(rng.uniform(-6, 6))})
 
 
 def _to_camera(mount: CameraMount, xy_m: F64) -> F64:
@@ -121,8 +102,8 @@ def _to_camera(mount: CameraMount, xy_m: F64) -> F64:
     return np.column_stack([away @ right, away @ ahead])
 
 
-def _visible_floor(mount: CameraMount, size_m: tuple[float, float, float]) -> F64:
-    """(K, 2) convex outline of where most of a standing person is in the image, in the camera's frame [m]."""
+def _visible_floor(mount: CameraMount, size_m: tuple[float, float, float]) -> np.ndarray:
+    """(K, 2) float32 convex outline of where most of a standing person is in the image, in the camera's frame [m]."""
     x, y = np.meshgrid(np.arange(0.3, size_m[0] - 0.3, 0.1), np.arange(0.5, size_m[1] - 0.2, 0.1))
     floor = _to_camera(mount, np.column_stack([x.ravel(), y.ravel()]))
     camera, inside = ground_camera(mount), np.zeros(len(floor))
@@ -131,26 +112,25 @@ def _visible_floor(mount: CameraMount, size_m: tuple[float, float, float]) -> F6
         u, v = camera.project(np.column_stack([floor, np.full(len(floor), height_m)])).T
         inside += (u >= 0) & (u < mount.width) & (v >= 0) & (v < mount.height)
     visible = floor[inside >= 0.7 * len(heights)].astype(np.float32)
-    return np.zeros((0, 2)) if len(visible) < 3 else np.asarray(cv2.convexHull(visible)[:, 0], np.float64)
+    return visible if len(visible) < 3 else np.asarray(cv2.convexHull(visible)[:, 0])
 
 
-def random_rigs(seed: int) -> tuple[RigScene, ...]:
-    """The rigs and the scene of a seed; the same seed gives the same recording."""
-    rng = np.random.default_rng([seed, 1009])
-    table: dict[str, Any] = resolved(load_toml(SCENES / "rigs" / "two.toml", "a scene in TOML"), rng)
-    layout = list(LAYOUTS)[seed % len(LAYOUTS)]
+def two_rigs(table: dict[str, Any], rng: np.random.Generator) -> RandomScene:
+    """Two rigs of a random layout in the committed room, whose clocks begin apart, and people who walk about."""
+    layout = str(rng.choice(list(LAYOUTS)))
     width, depth, _ = table["room"]["size_m"]
     east, north = 1.2 if layout == "corner" else MARGIN_M, 1.4 if layout == "opposite" else MARGIN_M
     area = (MARGIN_M, 1.4, width - east, depth - north)
     heads: list[dict[str, Any]] = []
     for name, (x, y, heading) in zip(("a", "b"), LAYOUTS[layout], strict=True):
-        rig = resolved(HEAD, rng) | {"width": 320, "height": 240, "distortion": (-0.08, 0.02, 0.0003, -0.0002, 0.0)}
+        rig = resolved(RIG, rng)
         rig["at_m"] = (x * width + float(rng.uniform(-0.2, 0.2)), y * depth, rig.pop("height_m"))
         rig["heading_deg"] = heading + float(rng.uniform(-4, 4))
         rig["right_rotation_deg"] = tuple(float(v) for v in rng.uniform(-0.3, 0.3, 3))
         heads.append({"name": name, "start_s": float(rng.uniform(0.15, 1.4)) if heads else 0.0, "rig": rig})
     people = [_walker(i, width, area, rng) for i in range(int(rng.integers(2, 4)))]
-    return rigs_of(table | {"seed": int(rng.integers(1 << 31)), "people": people, "head": heads}, f"seed {seed}")
+    rigs = rigs_of(table | {"seed": int(rng.integers(1 << 31)), "people": people, "head": heads}, "a random scene")
+    return RandomScene(rigs[0].scene, rigs=rigs)
 
 
 def _walker(

@@ -12,13 +12,15 @@ from benchmarks.counting import (
     CountingTable,
     all_rooms,
     count_frames,
+    full_truth,
     passages,
     pavement_truth,
     strict_accuracy,
     table_of,
+    view_rules,
 )
 from benchmarks.options import scene_files
-from benchmarks.views import VIEWS, full_truth, rules_of, view_of_seed
+from benchmarks.random_scenes.generator import VIEWS, random_scene
 from calib.errors import InputError
 from planview.counting.geometry import RulePlane
 from planview.counting.rules import parse_rules
@@ -89,15 +91,14 @@ def test_view_that_nobody_crosses_is_right_when_nobody_is_counted():
 
 def test_every_view_is_found_and_drawn_and_an_unknown_one_refused():
     assert VIEWS / "bus_door.toml" in scene_files((), VIEWS)
-    assert view_of_seed(VIEWS / "bus_door.toml", 3).scene.people
     with pytest.raises(InputError, match="found 'moon'"):
         scene_files(["moon"], VIEWS)
 
 
 def test_zone_of_a_nearly_horizontal_view_is_floor():
-    view = view_of_seed(VIEWS / "lobby.toml", 1)
+    view = random_scene("views", 1, VIEWS / "lobby.toml")
     camera = ground_camera(view.scene.camera)
-    (zone,) = parse_rules(rules_of(view, camera.size), RulePlane(camera), "line").zones
+    (zone,) = parse_rules(view_rules(view), RulePlane(camera), "line").zones
     assert zone.plane == "floor"
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks import pets
-from benchmarks.options import SUITE
 from benchmarks.passes import Pass
 from benchmarks.pets import nearby_camera, score_pets, spread
+from benchmarks.random_scenes.generator import SUITE, random_scene
 from benchmarks.real import WALKER_PATH, recordings_with_truth, score_real, truth_of
 from benchmarks.scores import together
 from benchmarks.suite import (
@@ -20,7 +20,6 @@ from benchmarks.suite import (
     dealt_files,
     judged_truth,
     run_job,
-    scene_of_seed,
     suite,
 )
 from calib.errors import InputError
@@ -66,11 +65,11 @@ def test_challenge_with_a_value_out_of_range_is_refused_naming_file_and_key(chal
     path = tmp_path / "dark.toml"
     path.write_text(challenge.read_text().replace("lens_deg = 70", "lens_deg = 170"))
     with pytest.raises(InputError, match=r"dark\.toml: camera\.lens_deg: .* found 170"):
-        scene_of_seed(path, 1)
+        random_scene("suite", 1, path)
 
 
 def test_heads_of_a_cartwheel_are_judged_at_the_hips_which_go_straight():
-    scene = scene_of_seed(SUITE / "cartwheel.toml", 1)
+    scene = random_scene("suite", 1, SUITE / "cartwheel.toml").scene
     person = next(i for i, p in enumerate(scene.people, 1) if any(step.cartwheel for step in p.steps))
     frames = np.arange(scene.n_frames)
     heads = positions_table(frames, np.full(len(frames), person), np.full((len(frames), 2), 99.0))
