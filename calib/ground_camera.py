@@ -25,6 +25,11 @@ LEVEL = 1e-9
 """Vertical part of a ray, of a length of about the focal length [px], below which it is level."""
 
 
+def distortion_k(lens: str, width: int) -> float:
+    """K of a lens in 1/px of an image ``width`` wide."""
+    return LENS_K_320[lens] * 320.0 / width
+
+
 @dataclass(frozen=True)
 class GroundCamera:
     """Camera at (0, 0, height_m) looking down along +Y, principal point at the image centre.
@@ -72,8 +77,8 @@ class GroundCamera:
 
     @property
     def distortion_k(self) -> float:
-        """K of r' = r + K r^2 in 1/px of this image (table 2 holds it for 320 px of width)."""
-        return LENS_K_320[self.lens] * 320.0 / self.width
+        """K of r' = r + K r^2 in 1/px of this image."""
+        return distortion_k(self.lens, self.width)
 
     def project(self, points_world: ArrayLike) -> F64:
         """(..., 2) pixels of (..., 3) world points [m], NaN behind the camera (Zhang et al. 2008, section 3.2).

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import approx_fprime, least_squares
 
 from calib.board.detect import SIDES, BoardView, Corners, Side
 from calib.camera import Camera, LensModel
@@ -100,19 +100,25 @@ def sharpness(grey: U8, corners: Corners) -> float:
 
 
 def select_views(
-    views: Sequence[BoardView], sharp: Sequence[float], size: tuple[int, int], limit: int = MAX_VIEWS
+    views: Sequence[BoardView], points: F64, sharp: Sequence[float], size: tuple[int, int], limit: int = MAX_VIEWS
 ) -> list[int]:
     """Indices of the views to use, in order.
 
-    Blurred ones go first; then views are taken one by one, each the most different from those taken already in
-    place, size and tilt of the board.
+    Blurred ones go first; then views are taken one by one, each the most different from those taken already in where
+    the left image shows the ends of the board.
+
+    Args:
+        views: of the board's (m, 3) ``points`` [m].
+        sharp: ``sharpness`` of each.
+        size: (width, height) of the images [px].
+        limit: how many to take.
     """
     if len(views) <= limit:
         return list(range(len(views)))
     # Frames less sharp than this share of the take's best tenth are moved or out of focus (our choice).
     floor = 0.6 * float(np.quantile(np.asarray(sharp), 0.9))
     good = [i for i, value in enumerate(sharp) if value >= floor]
-    features = np.array([_features(view, size) for view in views])
+    features = np.array([_outer_corners(view, points) for view in views]) / size[0]
     taken = [max(good, key=lambda i: sharp[i])]
     away = np.linalg.norm(features - features[taken[0]], axis=1)
     while len(taken) < min(limit, len(good)):
@@ -122,15 +128,13 @@ def select_views(
     return sorted(taken)
 
 
-def _features(view: BoardView, size: tuple[int, int]) -> F64:
-    """Place, log size, slant and perspective of the board in the left image, each about one wide."""
-    normal = (view.left - [size[0] / 2, size[1] / 2]) / size[0]
-    centre = normal.mean(axis=0)
-    spread = np.cov((normal - centre).T)
-    scale = np.sqrt(np.trace(spread))
-    shape = np.array([spread[0, 0] - spread[1, 1], 2 * spread[0, 1]]) / np.trace(spread)
-    third = ((normal - centre) ** 3).mean(axis=0) / scale**3
-    return np.concatenate([2 * centre, [np.log(scale)], shape, 2 * third])
+def _outer_corners(view: BoardView, points: F64) -> F64:
+    """(8,) where the left image shows the four outer corners of the board, visible or not [px]."""
+    flat = points[:, :2]
+    homography, _ = cv2.findHomography(flat[view.ids], view.left)
+    (x0, y0), (x1, y1) = flat.min(axis=0), flat.max(axis=0)
+    ends = np.array([[[x0, y0], [x1, y0], [x1, y1], [x0, y1]]])
+    return np.asarray(cv2.perspectiveTransform(ends, homography), dtype=np.float64).ravel()
 
 
 opencv: Any = cv2
@@ -177,48 +181,28 @@ class Lens:
             raise FitError(str(error)) from error
 
 
-@dataclass(frozen=True)
-class CameraFit:
-    """One camera fitted on its own; the larger of OpenCV's deviations of fx and fy, NaN of a fisheye, for which it has
-    none."""
-
-    camera: Camera
-    rms_px: float
-    focal_std_px: float
-
-
-def fit_camera(views: Sequence[BoardView], points: F64, side: Side, size: tuple[int, int], lens: Lens) -> CameraFit:
+def fit_camera(views: Sequence[BoardView], points: F64, side: Side, size: tuple[int, int], lens: Lens) -> Camera:
     """One camera from its own images of the board's (m, 3) points [m]. Raises FitError: no camera fits."""
-    shown = _same_lengths(views) if lens.model == "fisheye" else views
-    objects, pixels = [points[view.ids] for view in shown], [view.image_points(side) for view in shown]
+    fisheye = lens.model == "fisheye"
+    shown = _same_lengths(views) if fisheye else views
+    objects = _stacked([points[view.ids] for view in shown], fisheye)
+    pixels = _stacked([view.image_points(side) for view in shown], fisheye)
+    calibrate: Any = opencv.fisheye.calibrate if fisheye else opencv.calibrateCamera
     # First guesses of the focal length [image widths] where OpenCV's own, from vanishing points, leads nowhere.
-    (width, height), plain = size, (lens.model, (0.0,) * lens.count)
-    guesses = [f * width for f in (0.4, 0.8, 1.6)]
-    for start in (None, *(Camera(width, height, f, f, (width - 1) / 2, (height - 1) / 2, *plain) for f in guesses)):
+    for share in (None, 0.4, 0.8, 1.6):
+        matrix, flags = None, lens.flags
+        if share is not None:
+            focal = share * size[0]
+            matrix = np.array([[focal, 0.0, (size[0] - 1) / 2], [0.0, focal, (size[1] - 1) / 2], [0.0, 0.0, 1.0]])
+            flags |= cv2.CALIB_USE_INTRINSIC_GUESS
         with suppress(cv2.error, FitError):
-            return _fit_camera(objects, pixels, size, lens, start)
+            start = None if matrix is None else np.zeros(lens.count)
+            error, matrix, coefficients, *_ = calibrate(
+                objects, pixels, size, matrix, start, flags=flags, criteria=_criteria(_MAX_ITERATIONS)
+            )
+            if math.isfinite(error):
+                return lens.camera(size, matrix, coefficients)
     raise FitError(f"no {lens.name} camera fits the {side} images")
-
-
-def _fit_camera(
-    objects: list[F64], pixels: list[F64], size: tuple[int, int], lens: Lens, start: Camera | None
-) -> CameraFit:
-    fisheye, std = lens.model == "fisheye", math.nan
-    matrix, coefficients = (None, None) if start is None else (start.matrix, start.coefficients)
-    guess = 0 if start is None else cv2.CALIB_USE_INTRINSIC_GUESS
-    points = _stacked(objects, fisheye), _stacked(pixels, fisheye)
-    given: tuple[Any, ...] = (*points, size, matrix, coefficients)
-    if fisheye:
-        error, matrix, coefficients, *_ = opencv.fisheye.calibrate(
-            *given, flags=lens.flags | guess, criteria=_criteria(_MAX_ITERATIONS)
-        )
-    else:
-        result = opencv.calibrateCameraExtended(*given, flags=lens.flags | guess, criteria=_criteria(_MAX_ITERATIONS))
-        error, matrix, coefficients, _, _, stds, *_ = result
-        std = float(np.max(np.ravel(stds)[:2]))
-    if not math.isfinite(error):
-        raise FitError("the fit does not converge")
-    return CameraFit(lens.camera(size, matrix, coefficients), float(error), std)
 
 
 def fit_rig(
@@ -277,26 +261,41 @@ def held_out_error(rig: StereoRig, view: BoardView, points: F64, start: F64) -> 
     return float((residuals(pose) ** 2).sum() / (2 * len(view.ids)))
 
 
-def standard_deviations(views: Sequence[BoardView], points: F64, fit: RigFit, lens: Lens) -> dict[str, float]:
-    """Standard deviation of every parameter of the rig, from fits with groups of views left out (jackknife).
+def standard_deviations(views: Sequence[BoardView], points: F64, fit: RigFit) -> dict[str, float]:
+    """Standard deviation of every parameter of the rig, computed as OpenCV does for one camera.
 
-    OpenCV gives none for the transform between the cameras, nor for a fisheye. Source: Efron and Tibshirani, An
-    Introduction to the Bootstrap, 1993, section 11.5 (delete-d, disjoint groups): the variance is (g - 1) / g times
-    the sum of squares of the g fits about their mean.
+    From the scatter of the residuals and their Jacobian by rig and board poses, whose share is eliminated view by view
+    (Schur complement). OpenCV has none for the transform between two cameras, nor for a fisheye.
     """
-    # Groups of views left out in turn: a deviation from g groups is itself uncertain by 1 / sqrt(2 (g - 1)), 24 %.
-    groups, cameras = min(10, len(views)), (fit.rig.left, fit.rig.right)
-    fits = []
-    for group in range(groups):
-        kept = [view for i, view in enumerate(views) if i % groups != group]
-        try:
-            fits.append(rig_parameters(fit_rig(kept, points, cameras, lens, REFIT_ITERATIONS).rig))
-        except FitError:
-            # Without these views there is no rig: nothing is known about any parameter.
-            return dict.fromkeys(rig_parameters(fit.rig), math.inf)
-    table = np.array([list(one.values()) for one in fits])
-    spread = np.sqrt((groups - 1) * table.var(axis=0))
-    return {name: float(value) for name, value in zip(fits[0], spread, strict=True)}
+    names = list(rig_parameters(fit.rig))
+    values = np.array(list(rig_parameters(fit.rig).values()))[:-1]  # without the baseline
+    free = values != 0.0  # the coefficients that the lens does not have are exactly 0
+    information, squares, n = np.zeros((free.sum(), free.sum())), 0.0, -int(free.sum())
+    for view, pose, error in zip(views, fit.poses, fit.errors, strict=True):
+        jacobian = approx_fprime(
+            np.append(values, pose),
+            lambda v, view=view: view_errors(_rig_of(v[:-6], fit.rig), view, points, v[-6:]).ravel(),
+            1e-6,
+        )
+        of_rig, of_pose = jacobian[:, :-6][:, free], jacobian[:, -6:]
+        left_over = of_rig - of_pose @ np.linalg.lstsq(of_pose, of_rig, rcond=None)[0]
+        information += left_over.T @ left_over
+        squares, n = squares + float((error**2).sum()), n + error.size - 6
+    covariance = np.zeros((len(values), len(values)))
+    covariance[np.ix_(free, free)] = np.linalg.pinv(information) * (squares / max(n, 1))
+    along = values[-3:] / np.linalg.norm(values[-3:])
+    variances = np.append(covariance.diagonal(), along @ covariance[-3:, -3:] @ along)
+    return dict(zip(names, np.sqrt(variances).tolist(), strict=True))
+
+
+def _rig_of(values: F64, like: StereoRig) -> StereoRig:
+    """The rig of ``rig_parameters``, without the baseline."""
+    middle = (len(values) - 6) // 2
+
+    def camera(v: F64) -> Camera:
+        return replace(like.left, fx=v[0], fy=v[1], cx=v[2], cy=v[3], distortion=tuple(v[4:]))
+
+    return StereoRig(camera(values[:middle]), camera(values[middle:-6]), SE3.from_rotvec(values[-6:-3], values[-3:]))
 
 
 def _criteria(max_iterations: int) -> tuple[int, int, float]:

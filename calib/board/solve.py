@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -23,39 +23,31 @@ from calib.board.fit import (
     rms,
     standard_deviations,
 )
-from calib.camera import Camera, LensModel
+from calib.camera import LensModel
 from calib.errors import InputError
 from calib.rig import MAX_BASELINE_M, MIN_BASELINE_M, StereoRig
 from calib.types import F64, Bool
 
 FOLDS = 5
+"""Parts of the views that are left out of a fit in turn."""
 
 LENSES: tuple[Lens, ...] = (
-    Lens("no distortion", "brown", 4, cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_ZERO_TANGENT_DIST),
     Lens("brown (k1 k2)", "brown", 4, cv2.CALIB_ZERO_TANGENT_DIST),
     Lens("brown (k1 k2 p1 p2)", "brown", 4),
     Lens("fisheye (k1-k4)", "fisheye", 4),
-    Lens("rational (k1-k6 p1 p2)", "rational", 8),
 )
 """Simplest first. A coefficient that the lens does not have costs accuracy: p1 and p2 trade off against the principal
 point, and that against the rotation between the cameras (0.02 degrees become 0.1 with 12 views)."""
+RATIONAL = Lens("rational (k1-k6 p1 p2)", "rational", 8)
+"""Only by name: its eight coefficients follow noise, and turn back inside the image."""
 
 
 @dataclass(frozen=True)
 class LensChoice:
-    """A lens model that was tried.
-
-    Attributes:
-        lens: the model.
-        held_out_px: rms over views that were left out of the fit (k-fold), poses fitted only.
-        std_error_px: standard error of its difference to the best model over the folds.
-        folds_back: whether the fitted lens turns back inside the image, which makes it useless there.
-    """
+    """A lens model that was tried, and its rms over views left out of its fit (k-fold) [px]."""
 
     lens: Lens
     held_out_px: float
-    std_error_px: float
-    folds_back: bool
 
     @property
     def name(self) -> str:
@@ -65,98 +57,49 @@ class LensChoice:
 
 def fit_lens(views: Sequence[BoardView], points: F64, size: tuple[int, int], lens: Lens) -> RigFit:
     """A rig with this lens, from nothing but the views. Raises FitError: no rig fits."""
-    left, right = (fit_camera(views, points, side, size, lens).camera for side in ("left", "right"))
+    left, right = (fit_camera(views, points, side, size, lens) for side in SIDES)
     return fit_rig(views, points, (left, right), lens)
 
 
-def compare_lenses(
-    views: Sequence[BoardView], points: F64, size: tuple[int, int], lenses: Sequence[Lens] = LENSES
-) -> tuple[LensChoice, ...]:
-    """Judge lens models on views left out of their fit (k-fold). Raises FitError: no lens fits."""
-    fits = _fits(views, points, size, lenses)
-    best = min(fit.rms_px for fit in fits.values())
-    # A lens whose fit is this many times worse than the best fit is not judged further: on views left out no lens
-    # does better than on those it was fitted to (our choice).
-    judged, folds = {}, np.arange(len(views)) % min(FOLDS, len(views))
-    for lens, fit in fits.items():
-        with suppress(FitError):  # a fold leaves too little to fit the lens to
-            if fit.rms_px <= 1.5 * best:
-                judged[lens] = [_held_out(views, points, fit, lens, folds == k) for k in range(folds.max() + 1)]
-    if not judged:
-        raise FitError("no lens model fits the views")
-    table = np.array(list(judged.values()))
-    differences = table - table[int(np.argmin(table.mean(axis=1)))]
-    errors = differences.std(axis=1, ddof=1) / math.sqrt(table.shape[1])
-    means = np.sqrt(table.mean(axis=1))
-    return tuple(
-        # The error of a mean square becomes that of its root.
-        LensChoice(
-            lens,
-            float(mean),
-            float(error / (2 * mean)),
-            any(map(folds_back, (fits[lens].rig.left, fits[lens].rig.right))),
-        )
-        for lens, mean, error in zip(judged, means, errors, strict=True)
-    )
-
-
-def _fits(views: Sequence[BoardView], points: F64, size: tuple[int, int], lenses: Sequence[Lens]) -> dict[Lens, RigFit]:
-    """The lenses that fit at all, each fitted to all views."""
+def fit_lenses(
+    views: Sequence[BoardView], points: F64, size: tuple[int, int], lenses: Sequence[Lens]
+) -> dict[Lens, RigFit]:
+    """The lenses that fit about as well as the best one, each fitted to all views. Raises FitError: none fits."""
     fits = {}
     for lens in lenses:
         with suppress(FitError):
             fits[lens] = fit_lens(views, points, size, lens)
     if not fits:
         raise FitError("no lens model fits the views")
-    return fits
+    # On views left out, no lens does better than on those it was fitted to (our choice).
+    limit = 1.5 * min(fit.rms_px for fit in fits.values())
+    return {lens: fit for lens, fit in fits.items() if fit.rms_px <= limit}
 
 
-def best_base(
-    views: Sequence[BoardView], points: F64, size: tuple[int, int], lenses: Sequence[Lens]
-) -> tuple[Lens, RigFit]:
-    """The simplest lens that fits within 5 % of the best, to find outliers with. Raises FitError: none fits."""
-    fits = _fits(views, points, size, lenses)
-    # A model with more freedom always fits a little better.
-    limit = 1.05 * min(fit.rms_px for fit in fits.values())
-    return next((lens, fit) for lens, fit in fits.items() if fit.rms_px <= limit)
+def compare_lenses(views: Sequence[BoardView], points: F64, fits: Mapping[Lens, RigFit]) -> tuple[LensChoice, ...]:
+    """Judge lens models on views left out of their fit (k-fold)."""
+    tried, folds = [], np.arange(len(views)) % min(FOLDS, len(views))
+    for lens, fit in fits.items():
+        with suppress(FitError):  # a fold leaves too little to fit the lens to
+            squares = np.concatenate([_held_out(views, points, fit, lens, folds == k) for k in np.unique(folds)])
+            tried.append(LensChoice(lens, float(np.sqrt(squares.mean()))))
+    if not tried:
+        raise FitError("no lens model fits the views")
+    return tuple(tried)
 
 
-def _held_out(views: Sequence[BoardView], points: F64, full: RigFit, lens: Lens, out: Bool) -> float:
-    """Mean square error [px^2] over the fold's views of a rig fitted without them."""
+def _held_out(views: Sequence[BoardView], points: F64, full: RigFit, lens: Lens, out: Bool) -> F64:
+    """Mean square errors [px^2] of the fold's views by a rig fitted without them."""
     inside = [view for view, left_out in zip(views, out, strict=True) if not left_out]
     rig = fit_rig(inside, points, (full.rig.left, full.rig.right), lens, REFIT_ITERATIONS).rig
-    judged = [(views[i], full.poses[i]) for i in np.flatnonzero(out).tolist()]
-    squares = [held_out_error(rig, view, points, pose) for view, pose in judged]
-    return float(np.average(squares, weights=[len(view.ids) for view, _ in judged]))
+    return np.array([held_out_error(rig, views[i], points, full.poses[i]) for i in np.flatnonzero(out).tolist()])
 
 
 def choose_lens(tried: Sequence[LensChoice]) -> LensChoice:
-    """The simplest lens that is no worse than the best by more than one standard error (Breiman's rule) or 0.5 %.
-
-    One that turns back inside the image gives way to another that is worse by no more than 3 % (our choice).
-    """
+    """The simplest lens that is no worse than the best by more than 1 % (our choice: less is chance, and 0.0005 of
+    tangential distortion makes more)."""
     best = min(one.held_out_px for one in tried)
-    # A standard error from five folds is at times too small by chance (our choice; 0.0005 of tangential distortion
-    # makes 1 %).
-    near = [one for one in tried if one.held_out_px - best <= max(one.std_error_px, 0.005 * best)]
-    whole = [one for one in near if not one.folds_back]
-    whole = whole or [one for one in tried if not one.folds_back and one.held_out_px <= 1.03 * best]
-    return (whole or near)[0]
-
-
-def folds_back(camera: Camera) -> bool:
-    """Does the lens model turn back, or have no ray, somewhere inside the image?"""
-    w, h = camera.width - 1.0, camera.height - 1.0
-    along = np.linspace(0.0, 1.0, 13)
-    sides = [(np.full(13, u), along * h) for u in (0.0, w)] + [(along * w, np.full(13, v)) for v in (0.0, h)]
-    rays = camera.unproject(np.column_stack([np.concatenate(axis) for axis in zip(*sides, strict=True)]))
-    if not np.isfinite(rays).all():
-        return True
-    steps = np.linspace(0.0, 1.0, 40)[:, None, None]
-    inner = np.concatenate([rays[None, :, :2] * steps, np.ones((40, len(rays), 1))], axis=2)
-    pixels = camera.project(inner.reshape(-1, 3)).reshape(40, -1, 2)
-    radius = np.linalg.norm(pixels - [camera.cx, camera.cy], axis=2)
-    return bool((np.diff(radius, axis=0) <= 0).any())
+    return next(one for one in tried if one.held_out_px <= 1.01 * best)
 
 
 MIN_PAIRS = 5
@@ -272,23 +215,23 @@ def solve_board(
             f"pose{'s' if len(distinct) > 1 else ''} in {len(views)} views (corners within {limit:.0f} px)"
         )
     try:
-        lenses = [one for one in LENSES if model in {None, one.model}]
-        points, kept, out = board.points, list(views), list(rejected)
-        base, fit = best_base(kept, points, size, lenses)
-        fit, kept = _without_outliers(fit, kept, out, points, base, source)
-        # A better lens will fit better, but not this much better.
-        _refuse_unfit(fit, size, source, slack=3.0)
-        for side in SIDES:  # by the deviation that OpenCV gives for one camera
-            alone = fit_camera(kept, points, side, size, base)
-            _refuse_deviation(side, alone.camera.fx, alone.focal_std_px, source)
-        tried = compare_lenses(kept, points, size, lenses)
+        lenses = [one for one in (*LENSES, RATIONAL) if (one in LENSES if model is None else one.model == model)]
+        points, out = board.points, list(rejected)
+        fits = fit_lenses(views, points, size, lenses)
+        # Outliers are found with the simplest lens; a better one will fit better, but not three times better.
+        base = next(iter(fits))
+        _refuse_unfit(fits[base], size, source, slack=3.0)
+        _, kept = _without_outliers(fits[base], list(views), out, points, base, source)
+        tried = compare_lenses(
+            kept, points, fits if len(kept) == len(views) else fit_lenses(kept, points, size, lenses)
+        )
         lens = choose_lens(tried).lens
         fit, kept = _without_outliers(fit_lens(kept, points, size, lens), kept, out, points, lens, source)
-        std = standard_deviations(kept, points, fit, lens)
-        rig = _checked_rig(fit, std, size, source)
-        return BoardCalibration(rig, board, tuple(kept), replace(fit, rig=rig), std, tuple(out), tried)
     except FitError as error:
         raise InputError(f"{source}: expected views of a flat board by two fixed cameras: {error}") from error
+    std = standard_deviations(kept, points, fit)
+    rig = _checked_rig(fit, std, size, source)
+    return BoardCalibration(rig, board, tuple(kept), replace(fit, rig=rig), std, tuple(out), tried)
 
 
 def _apart(one: BoardView, other: BoardView) -> float:
@@ -336,20 +279,16 @@ def _refuse_unfit(fit: RigFit, size: tuple[int, int], source: str, slack: float 
         )
 
 
-def _refuse_deviation(side: Side, focal_px: float, std_px: float, source: str) -> None:
-    """Refuse views that leave a focal length open."""
-    # Relative standard deviation above which the views do not determine it (depth errs as much).
-    if std_px > 0.02 * focal_px:
-        raise InputError(
-            f"{source}: expected views that determine the {side} focal length, found {focal_px:.0f} +- "
-            f"{std_px:.0f} px: tilt the board more, towards all sides"
-        )
-
-
 def _checked_rig(fit: RigFit, std: dict[str, float], size: tuple[int, int], source: str) -> StereoRig:
     _refuse_unfit(fit, size, source)
     for side in SIDES:
-        _refuse_deviation(side, getattr(fit.rig, side).fx, std[f"{side} fx"], source)
+        focal_px, std_px = getattr(fit.rig, side).fx, std[f"{side} fx"]
+        # Relative standard deviation above which the views do not determine it (depth errs as much).
+        if std_px > 0.02 * focal_px:
+            raise InputError(
+                f"{source}: expected views that determine the {side} focal length, found {focal_px:.0f} +- "
+                f"{std_px:.0f} px: tilt the board more, towards all sides"
+            )
     rig = replace(fit.rig, source=source)
     if not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:
         raise InputError(

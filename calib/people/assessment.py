@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.ground_camera import GroundCamera
+from calib.people.fit import GroundCameraFit, Residuals, body_points, predict, shared_camera
 from calib.people.model import (
     FOCAL,
     HEIGHT,
@@ -20,25 +20,8 @@ from calib.people.model import (
     TILT,
     HumanModel,
 )
-from calib.people.refine import (
-    GroundCameraFit,
-    Residuals,
-    body_points,
-    predict,
-    shared_camera,
-    shared_of,
-)
 from calib.people.samples import MarkedPeople
 from calib.types import F64, Bool
-
-
-class CameraDeviations(NamedTuple):
-    """Standard deviations of a camera's values: height and focal length relative [1], tilt and roll [rad]."""
-
-    height: float
-    tilt_rad: float
-    focal: float
-    roll_rad: float
 
 
 class NextSample(NamedTuple):
@@ -66,12 +49,6 @@ class Assessment:
     sentence: str
 
 
-def camera_deviations(fit: GroundCameraFit) -> CameraDeviations:
-    """Deviations of the camera's values."""
-    std = np.sqrt(np.diag(fit.covariance))
-    return CameraDeviations(float(std[HEIGHT]), float(std[TILT]), float(std[FOCAL]), float(std[ROLL]))
-
-
 MAX_HEIGHT_STD, MAX_TILT_STD = 0.06, math.radians(1.5)
 """Deviations of the camera's height [1] and tilt [rad] up to which it is known well enough (our choice:
 half of those that three people give)."""
@@ -86,7 +63,7 @@ def assess(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, walked
     feet = people.rows[:, 6:]
     first, second = np.triu_indices(len(feet))
     middles = 0.5 * (feet[first] + feet[second])
-    floor = _FloorError(fit.camera, np.asarray(middles[:: max(1, len(middles) // 1000)]))
+    floor = _FloorError(fit, np.asarray(middles[:: max(1, len(middles) // 1000)]))
     advisor = _Advisor(fit, floor)
     found = advisor.next_sample(model, walked)
     values, limits = advisor.deviations(fit.covariance), advisor.limits
@@ -109,8 +86,8 @@ _TURNS_RAD = np.deg2rad([[-89.0, -44.0], [89.0, 44.0]])
 class _FloorError:
     """Errors of floor positions at pixels, without the rigid motion that moves all of them alike."""
 
-    def __init__(self, camera: GroundCamera, pixels: F64) -> None:
-        floor = camera.back_project(pixels)
+    def __init__(self, fit: GroundCameraFit, pixels: F64) -> None:
+        floor = fit.camera.back_project(pixels)
         known = np.isfinite(floor).all(axis=1)
         self.pixels, self.floor = pixels[known], floor[known]
         low, high = np.quantile(self.floor, (0.05, 0.95), axis=0) if len(self.floor) else (np.zeros(2), np.zeros(2))
@@ -120,9 +97,7 @@ class _FloorError:
         rigid[:, 0, 0] = rigid[:, 1, 1] = 1.0
         rigid[:, 0, 2], rigid[:, 1, 2] = -centred[:, 1], centred[:, 0]
         self._rigid = np.linalg.qr(rigid.reshape(-1, 3))[0]
-        self._camera, self._shared = camera, np.zeros(N_SHARED)
-        self._shared[[FOCAL, HEIGHT]] = math.log(camera.focal_px), math.log(camera.height_m)
-        self._shared[[TILT, ROLL]] = camera.tilt_rad, camera.roll_rad
+        self._camera, self._shared = fit.camera, fit.shared
 
     def deviation_m(self, covariance: F64) -> float:
         """Median over the pixels of the deviation [m], for a covariance of the shared unknowns.
@@ -157,7 +132,7 @@ def _possible(fit: GroundCameraFit, model: HumanModel) -> tuple[F64, F64]:
     places = places[np.isfinite(places).all(axis=1)]
     size, width = np.full(len(places), fit.stature), np.full(len(places), fit.girth)
     upright = np.zeros_like(places)
-    rows = predict(shared_of(fit), places, upright, size, width, camera, body_points(model), fit.prior)
+    rows = predict(camera, body_points(model), places, upright, size, width, fit.prior)
     inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
     # A person lower than this in the image carries no information [px] (our choice).
     tall = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1]) >= 20.0
@@ -197,8 +172,8 @@ class _Advisor:
             return None
         further = MarkedPeople(rows, np.ones(len(rows)), np.full(len(rows), PERSON_STD), np.zeros(len(rows), np.bool_))
         # (k, N_SHARED, N_SHARED) information of each further person on the shared unknowns, its own place being free.
-        values = np.append(shared_of(self.fit), places)
-        jacobian = Residuals(self.fit.camera, further, model, self.fit.prior, values).jacobian(values)
+        values = np.append(self.fit.shared, places)
+        jacobian = Residuals(self.fit.camera, further, model, self.fit.prior, values, 1.0).jacobian(values)
         blocks = jacobian[: 8 * len(places)].reshape(len(places), 8, -1)
         shared = blocks[..., :N_SHARED]
         numbers = np.arange(len(places))
@@ -226,7 +201,7 @@ class _Advisor:
         # So many further samples are a bearable effort (our choice): when they are not enough, a known value
         # is asked for.
         reached = self._enough(6 * self.gain)
-        if self.fit.prior.boxes_only:
+        if self.fit.prior.reading == "boxes":
             more, reached = "mark heads and feet where they are, not at the middles of the boxes' edges", False
         if give and not reached:
             return f"{give}, or {more}"

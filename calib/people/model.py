@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.ground_camera import GroundCamera
+from calib.ground_camera import GroundCamera, distortion_k
 from calib.people.samples import HumanSample, MarkedPeople
 from calib.types import F64, Bool
 
@@ -196,51 +197,44 @@ class KnownValues:
         return 2.0 * edge / (1.0 + math.sqrt(max(root, 0.0))) / math.tan(math.radians(self.field_deg) / 2)
 
 
+Reading = Literal["outline", "level", "boxes"]
+"""How samples are marked: boxes end where the outline does; boxes end at head and foot; heads and feet are but the
+middles of the boxes' edges."""
+
+
 @dataclass(frozen=True, eq=False)
 class CameraPrior:
-    """Mean and deviation of every shared unknown, and how well points are marked.
-
-    Attributes:
-        mean, std: (N_SHARED,) float64.
-        boxes_only: heads and feet are but the middles of the boxes' edges.
-        level_ends: boxes end at the marked heads and feet, and not where the outline does.
-    """
+    """Mean and deviation of every shared unknown, (N_SHARED,) float64, and how the samples are marked."""
 
     mean: F64
     std: F64
-    boxes_only: bool
-    level_ends: bool
+    reading: Reading
 
 
-def usual_focal_px(lens: str, width: int) -> float:
-    """Middle of the focal lengths of a lens class [px], in equal ratios."""
-    narrow, wide = (0.5 * width / math.tan(math.radians(field) / 2) for field in FIELDS_DEG[lens])
-    return math.sqrt(narrow * wide)
-
-
-def prior_of(camera: GroundCamera, known: KnownValues, boxes_only: bool, level_ends: bool) -> CameraPrior:
-    """The prior of a lens class and of the known values.
+def prior_of(lens: str, width: int, known: KnownValues, reading: Reading) -> CameraPrior:
+    """The prior of a lens class in an image ``width`` wide, and of the known values.
 
     Boxes take in arms and strides, so the width of people is free in them; where head and foot are marked and from
     straight above only the model's own width, fixed in the paper, separates height from focal length, so it is trusted.
     Roll: Zhang 2008, section 2, assumption 3, no significant one. All our choice.
     """
     mean, std = np.zeros(N_SHARED), np.full(N_SHARED, np.inf)
-    mean[FOCAL] = math.log(usual_focal_px(camera.lens, camera.width))
-    # Deviation of the log of a class's focal lengths, were they uniform; at least 0.3, since classes overlap.
-    narrow, wide = (math.tan(math.radians(field) / 2) for field in FIELDS_DEG[camera.lens])
+    # Half an image's width over the focal lengths at both ends of the class: between them, uniform in their logarithm.
+    narrow, wide = (math.tan(math.radians(field) / 2) for field in FIELDS_DEG[lens])
+    mean[FOCAL] = math.log(0.5 * width / math.sqrt(narrow * wide))
+    # At least 0.3, since classes overlap.
     std[FOCAL] = max(0.3, math.log(wide / narrow) / math.sqrt(12.0))
     std[ROLL] = math.radians(2.0)
-    std[GIRTH] = 0.5 if boxes_only else 0.05
+    std[GIRTH] = 0.5 if reading == "boxes" else 0.05
     # Relative deviation of the mean height of some people from the model's (our choice: 1.76 m with shoes lies
     # between women and men of most countries).
     std[STATURE] = 0.025 if known.person_height_m is None else KNOWN_PERSON_STD
-    focal = known.focal(camera.width, camera.distortion_k)
+    focal = known.focal(width, distortion_k(lens, width))
     if focal is not None:
         mean[FOCAL], std[FOCAL] = math.log(focal), KNOWN_CAMERA_STD
     if known.height_m is not None:
         mean[HEIGHT], std[HEIGHT] = math.log(known.height_m), KNOWN_CAMERA_STD
-    return CameraPrior(mean, std, boxes_only, level_ends)
+    return CameraPrior(mean, std, reading)
 
 
 def people_of(samples: Sequence[HumanSample], model: HumanModel, independent: int | None = None) -> MarkedPeople:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.cluster.vq import kmeans2
 
 from calib.errors import InputError
 from calib.io import read_text, write_whole
@@ -237,7 +236,7 @@ def _number(value: Any) -> float:
 def choose_spread(samples: Sequence[HumanSample], count: int) -> tuple[HumanSample, ...]:
     """Samples that cover the places where people were observed.
 
-    The feet are divided into ``count`` areas (k-means from farthest-point seeds). Of each area the sample is taken
+    The feet are divided into ``count`` areas. Of each area the sample is taken
     whose box is the median in height among those near the area's centre: a stoop, a stride or half a person differ
     from the median, so no odd one is taken.
     """
@@ -263,9 +262,16 @@ def choose_spread(samples: Sequence[HumanSample], count: int) -> tuple[HumanSamp
 
 
 def _areas(feet: F64, count: int) -> I64:
-    """(n,) number of the area of every foot."""
-    centres = [feet[int(np.argmin(feet[:, 1]))]]
+    """(n,) number of the area of every foot (k-means from farthest-point seeds)."""
+    centres = feet[[int(np.argmin(feet[:, 1]))]]
     for _ in range(count - 1):
-        distance = np.min([np.hypot(*(feet - c).T) for c in centres], axis=0)
-        centres.append(feet[int(np.argmax(distance))])
-    return np.asarray(kmeans2(feet, np.array(centres), 20, minit="matrix")[1], dtype=np.int64)
+        centres = np.vstack([centres, feet[np.argmax(_apart(feet, centres).min(axis=1))]])
+    for _ in range(20):
+        area = np.argmin(_apart(feet, centres), axis=1)
+        centres = np.array([feet[area == k].mean(axis=0) if (area == k).any() else centres[k] for k in range(count)])
+    return np.asarray(area)
+
+
+def _apart(feet: F64, centres: F64) -> F64:
+    """(n, k) distances [px]."""
+    return np.asarray(np.linalg.norm(feet[:, None] - centres, axis=2))

@@ -202,7 +202,7 @@ def calibrate_images(
     found = _detect(images, board, progress)
     views, rejected = found.views, found.rejected
     if images.is_video or len(views) > 2 * MAX_VIEWS:
-        views = [views[i] for i in select_views(views, found.sharpness, found.size)]
+        views = [views[i] for i in select_views(views, board.points, found.sharpness, found.size)]
         rejected = [] if images.is_video else rejected
     if not images.is_video and not views:
         raise InputError(f"{path}: expected images of a {board.name}, found it in none of {len(rejected)} pairs")

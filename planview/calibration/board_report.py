@@ -1,4 +1,4 @@
-"""A self-contained page about a board calibration: errors, coverage, lens models, a rectified pair."""
+"""A self-contained page about a board calibration: errors, lens models, a rectified pair."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import base64
 import io
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -16,14 +15,10 @@ from calib.board.fit import rms
 from calib.board.solve import FOLDS, BoardCalibration
 from calib.images import as_colour, encode_image
 from calib.io import write_whole
-from calib.types import F64, U8
+from calib.types import U8
 from planview.calibration.board import BoardImages
 from planview.drawing.style import page_of
 from stereo.rectify import Rectifier, RectifyParams
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
@@ -46,8 +41,7 @@ def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
         ],
         pair_name=name,
         rectified=base64.b64encode(encode_image(picture)).decode("ascii"),
-        errors=_png(_error_figure(result)),
-        coverage=_png(_coverage_figure(result)),
+        errors=base64.b64encode(_figure(result)).decode("ascii"),
         rejected=result.rejected,
         lenses=result.lenses,
         chosen=result.chosen_lens,
@@ -88,61 +82,28 @@ def _rectified_pair(result: BoardCalibration, images: Path) -> tuple[str, U8]:
     return name, colour
 
 
-def _error_figure(result: BoardCalibration) -> Figure:
-    figure = _new_figure(11, 8.5)
-    grid = figure.add_gridspec(2, 6, height_ratios=(1.0, 1.1))
-    scatter, bars = figure.add_subplot(grid[0, :2]), figure.add_subplot(grid[0, 2:])
-    place = np.arange(len(result.views))
-    for side, colour, shift in zip(SIDES, ("tab:blue", "tab:orange"), (-0.2, 0.2), strict=True):
+def _figure(result: BoardCalibration) -> bytes:
+    """PNG: the error of each view, and of each corner as an arrow where it was found."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 8), dpi=110, layout="constrained")
+    grid = figure.add_gridspec(2, 2, height_ratios=(1.0, 1.4))
+    bars = figure.add_subplot(grid[0, :])
+    place, (w, h) = np.arange(len(result.views)), result.rig.left.size
+    for column, (side, colour) in enumerate(zip(SIDES, ("tab:blue", "tab:orange"), strict=True)):
         errors = result.fit.side_errors(side)
-        scatter.plot(*np.concatenate(errors).T, ".", ms=2.5, alpha=0.5, color=colour, label=side)
-        bars.bar(place + shift, [rms([error]) for error in errors], 0.4, color=colour, label=side)
-    reach = 1.1 * max(np.abs(error).max() for error in result.fit.errors)
-    scatter.set(
-        xlim=(-reach, reach), ylim=(reach, -reach), xlabel="x error [px]", ylabel="y error [px]", aspect="equal"
-    )
-    scatter.grid(alpha=0.3)
-    scatter.legend(loc="upper right")
+        bars.bar(place + 0.4 * column - 0.2, [rms([error]) for error in errors], 0.4, color=colour, label=side)
+        axes = figure.add_subplot(grid[1, column])
+        found = np.concatenate([view.image_points(side) for view in result.views])
+        arrows = -60.0 * np.concatenate(errors)
+        size = np.linalg.norm(arrows, axis=1)
+        axes.quiver(*found.T, *arrows.T, size, angles="xy", scale_units="xy", scale=1, cmap="viridis", width=0.002)
+        title = f"{side}: errors x 60, {100 * result.coverage_share(side):.0f} % of the image covered"
+        axes.set(xlim=(-0.5, w - 0.5), ylim=(h - 0.5, -0.5), aspect="equal", title=title)
     bars.axhline(result.fit.rms_px, color="black", lw=0.8, ls="--", label="all")
     bars.set_xticks(place, [view.name.split()[0] for view in result.views], rotation=90, fontsize=7)
     bars.set(ylabel="rms error [px]", title="per view")
     bars.legend(loc="upper right")
-    for column, side in zip((slice(0, 3), slice(3, 6)), SIDES, strict=True):
-        axes = figure.add_subplot(grid[1, column])
-        p = np.concatenate([view.image_points(side) for view in result.views])
-        e = -60.0 * np.concatenate(result.fit.side_errors(side))
-        axes.quiver(
-            *p.T, *e.T, np.linalg.norm(e, axis=1), angles="xy", scale_units="xy", scale=1, cmap="viridis", width=0.002
-        )
-        _as_image(axes, result, f"{side}: errors x 60")
-    return figure
-
-
-def _coverage_figure(result: BoardCalibration) -> Figure:
-    figure = _new_figure(11, 4.2)
-    for axes, side in zip(figure.subplots(1, 2), SIDES, strict=True):
-        counts: F64 = result.coverage(side)
-        w, h = result.rig.left.size
-        shown = np.where(counts > 0, counts, np.nan)
-        axes.imshow(shown, extent=(-0.5, w - 0.5, h - 0.5, -0.5), cmap="YlGn", vmin=0)
-        for view in result.views:
-            axes.plot(*view.image_points(side).T, ".", ms=1.5, color="black", alpha=0.6)
-        _as_image(axes, result, f"{side}: {100 * result.coverage_share(side):.0f} % covered")
-    return figure
-
-
-def _as_image(axes: Axes, result: BoardCalibration, title: str) -> None:
-    w, h = result.rig.left.size
-    axes.set(xlim=(-0.5, w - 0.5), ylim=(h - 0.5, -0.5), aspect="equal", title=title)
-
-
-def _new_figure(width: float, height: float) -> Figure:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), dpi=110, layout="constrained")
-
-
-def _png(figure: Figure) -> str:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
-    return base64.b64encode(buffer.getvalue()).decode("ascii")
+    return buffer.getvalue()

@@ -140,7 +140,7 @@ class BoardOptions:
     dictionary: str | None = None
     """ArUco dictionary, e.g. DICT_4X4_50; all are tried when not given."""
     model: Literal["auto", "brown", "rational", "fisheye"] = "auto"
-    """Lens model; auto judges them on views left out of the fit."""
+    """Lens model; auto judges brown and fisheye on views left out of the fit."""
     json_: JsonFlag = False
 
 
@@ -260,8 +260,7 @@ def _print_summary(result: BoardCalibration, files: list[Path]) -> None:
     console.print(table)
     for lens in result.lenses:
         chosen = "  <- chosen" if lens is result.chosen_lens else ""
-        folds = ", turns back inside the image" if lens.folds_back else ""
-        console.print(f"{lens.name}: {lens.held_out_px:.4f} px on views left out{folds}{chosen}", highlight=False)
+        console.print(f"{lens.name}: {lens.held_out_px:.4f} px on views left out{chosen}", highlight=False)
     console.print(
         f"baseline {1000 * rig.baseline_m:.2f} ± {1000 * std['baseline']:.2f} mm "
         f"({result.baseline_squares:.3f} squares), stereo rms {result.fit.rms_px:.3f} px, "
@@ -282,9 +281,7 @@ def _as_json(result: BoardCalibration, files: list[Path]) -> dict[str, Any]:
         "row_rms_px": result.row_rms_px,
         "board": result.board.name,
         "model": result.rig.left.model,
-        "lenses": [
-            {"name": one.name, "held_out_px": one.held_out_px, "folds_back": one.folds_back} for one in result.lenses
-        ],
+        "lenses": [{"name": one.name, "held_out_px": one.held_out_px} for one in result.lenses],
         "views": {v.name: float(r) for v, r in zip(result.views, result.fit.view_rms_px(), strict=True)},
         "std": result.std,
         "coverage": {side: result.coverage_share(side) for side in ("left", "right")},

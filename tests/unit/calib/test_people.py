@@ -12,13 +12,11 @@ from hypothesis import strategies as st
 
 from calib.errors import InputError, WorkError
 from calib.ground_camera import GroundCamera
-from calib.people._kernels import candidate_errors
 from calib.people.calibration import calibrate_from_people
 from calib.people.model import HULL_POINTS, HumanModel, KnownValues
 from calib.people.samples import COLUMNS, HumanSample, choose_spread, only_boxes, read_samples, write_samples
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map, visible_fraction
 from tests.people import standing_people
-from tests.reference.human_error import weighted_error
 
 OBLIQUE = GroundCamera(160, 120, 150.0, 4.0, math.radians(60))
 OVERHEAD = GroundCamera(160, 120, 100.0, 4.0, 0.0)
@@ -110,27 +108,6 @@ CAMERAS = {
     "oblique": GroundCamera(640, 480, 500.0, 4.0, math.radians(45), "normal-wide"),
     "near-horizontal": GroundCamera(640, 480, 600.0, 4.0, math.radians(68), "normal"),
 }
-
-
-@pytest.mark.parametrize("name", CAMERAS)
-def test_kernel_error_is_the_weighted_formula(name):
-    camera, sample = CAMERAS[name], standing_people(CAMERAS[name], 1, seed=4)[0]
-    rows = sample.row()[None]
-    centre = np.tile([(camera.width - 1) / 2, (camera.height - 1) / 2], 4)
-    ends = camera.back_project(sample.foot_px)
-    moved = HumanSample(
-        (sample.box_px[0] + 5, sample.box_px[1] - 3, sample.box_px[2], sample.box_px[3]), sample.head_px, sample.foot_px
-    )
-    marked = moved.row()[None] - centre
-    k = camera.distortion_k
-    points = (rows - centre)[:, 4:].reshape(2, 2)
-    r = np.hypot(*points.T)
-    flat = (points * (2 / (1 + np.sqrt(1 + 4 * k * r)))[:, None]).reshape(1, 4)
-    out = np.empty(1)
-    values = np.array([[camera.focal_px, camera.height_m, camera.tilt_rad]])
-    model = HumanModel()
-    candidate_errors(values, k, flat, marked, model.circles(), model.height_m, math.inf, out)
-    assert out[0] == pytest.approx(weighted_error(camera, moved, ends), rel=1e-6)
 
 
 @pytest.mark.parametrize("name", CAMERAS)

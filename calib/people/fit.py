@@ -1,17 +1,13 @@
-"""Generalised least squares on head, foot and box after the search, and how far focal lengths spread; ours.
+"""Generalised least squares on heads, feet and boxes of standing people: the camera, and how well it is known; ours.
 
 The paper's error sums distances, and a box as a ratio of areas; its minimum scatters two to three times as much as
 least squares on the same pixels. People differ in height and lean; both move head, foot and box together, so that the
 residuals of a person are whitened by their covariance. The flatter the minimum, the less is known of the camera.
-
-How strongly people lean towards the image's edges goes with the square of the focal length, so that a short one seems
-better known than it is: its distribution is skewed, and is followed over a row of focal lengths that are held.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,24 +33,23 @@ from calib.types import F64, Bool
 
 POINT_PX = 2.0
 """Deviation of a point or edge marked by hand [px] (our choice: what people reach on a screen)."""
-MAX_EVALUATIONS = (12, 40)
-"""Evaluations in the first and in the second round of ``refine``; where the variation of people is given, there is but
-the first."""
+OUTLINE_PX = 2.0
+"""By so much the ends of outlines err alike [px] (our choice: as much as a hand errs at each)."""
 FAR = 1e4
 """Residual of what is behind a camera."""
 
 
 @dataclass(frozen=True, eq=False)
 class GroundCameraFit:
-    """Result of ``refine``.
+    """Result of ``fit_camera``.
 
     Attributes:
         camera: at the minimum.
         prior: what it was fitted with.
         log_evidence: of the samples under this lens and prior (Laplace's approximation), up to a constant.
-        covariance: (N_SHARED, N_SHARED) of the shared unknowns, larger where people fit worse than expected; inf when
+        covariance: (N_SHARED, N_SHARED) of ``shared``, larger where people fit worse than expected; inf when
             undetermined.
-        girth, stature: width and mean height of the people against the model's [1].
+        shared: (N_SHARED,) unknowns that all people share (see ``calib.people.model``).
         places_m: (n, 2) where the people stand.
         variation: how much people vary, over what is expected [1].
         deviations: (n,) root mean square of the whitened residuals of every person; 1 is expected.
@@ -64,28 +59,49 @@ class GroundCameraFit:
     prior: CameraPrior
     log_evidence: float
     covariance: F64
-    girth: float
-    stature: float
+    shared: F64
     places_m: F64
     variation: float
     deviations: F64
 
+    @property
+    def std(self) -> F64:
+        """(N_SHARED,) standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
 
-def refine(
-    camera: GroundCamera, people: MarkedPeople, model: HumanModel, prior: CameraPrior, variation: float | None = None
+    @property
+    def girth(self) -> float:
+        """Width of the people against the model's [1]."""
+        return math.exp(self.shared[GIRTH])
+
+    @property
+    def stature(self) -> float:
+        """Mean height of the people against the model's [1], as far as a known camera height fixes it."""
+        return math.exp(self.shared[STATURE])
+
+
+def fit_camera(
+    camera: GroundCamera,
+    people: MarkedPeople,
+    model: HumanModel,
+    prior: CameraPrior,
+    variation: float | None = None,
 ) -> GroundCameraFit:
-    """Move camera, people and their common width and height to the least squares of all edges and points."""
-    shared = np.zeros(N_SHARED)
-    shared[[FOCAL, HEIGHT, TILT, ROLL]] = (
-        math.log(camera.focal_px), math.log(camera.height_m), camera.tilt_rad, camera.roll_rad,
-    )  # fmt: skip
-    # (n, 2) where the people stand by their feet, or by their heads where the foot is above the horizon.
+    """Move camera, people and their common width and height to the least squares of all edges and points.
+
+    Args:
+        camera: to start with.
+        people: marked in its image.
+        model: of a person.
+        prior: of the camera, and how the marks are to be read.
+        variation: how much people vary, over what is expected [1]; None finds it, which takes longer.
+    """
+    # People stand at their feet, or below their heads where the foot is above the horizon.
     feet = camera.back_project(people.rows[:, 6:])
     heads = camera.back_project(people.rows[:, 4:6], model.height_m)
     stand = np.nan_to_num(np.where(np.isfinite(feet), feet, heads))
-    values = np.append(shared, stand)
-    scale = 1.0 if variation is None else variation
-    for evaluations in MAX_EVALUATIONS if variation is None else MAX_EVALUATIONS[:1]:
+    values, scale = np.append(_shared_of(camera), stand), variation or 1.0
+    for evaluations in (12, 40) if variation is None else (12,):
         # What people vary by moves head, foot and box together; how much depends on where the camera is.
         residuals = Residuals(camera, people, model, prior, values, scale)
         found = least_squares(
@@ -93,9 +109,9 @@ def refine(
         )
         values = found.x
         if variation is None:
-            # People are tried as varying so much as expected, and less [1]: one person who walks upright
-            # varies little. Each step down must raise the log-likelihood by 2 (our choice).
-            scale = max((1.0, 0.5, 0.25), key=lambda q: _likelihood(Residuals(camera, people, model, prior, values, q)))
+            # One person who walks upright varies little. Each step must raise the log-likelihood by 2 (our choice).
+            tried = [Residuals(camera, people, model, prior, values, scale) for scale in (1.0, 0.5, 0.25)]
+            scale = max(tried, key=lambda r: r.log_likelihood(values) + 2.0 * math.log2(r.variation)).variation
     covariance = _covariance(found.jac)
     volume = np.linalg.slogdet(covariance)[1] if np.isfinite(covariance).all() else 0.0
     # The prior's own normalisation: a wide prior promises less.
@@ -109,8 +125,7 @@ def refine(
         prior,
         float(evidence),
         covariance * max(1.0, float(np.median(deviations))) ** 2,
-        math.exp(shared[GIRTH]),
-        math.exp(shared[STATURE]),
+        shared,
         values[N_SHARED:].reshape(-1, 2),
         residuals.variation,
         deviations,
@@ -127,17 +142,12 @@ class Residuals:
         model: HumanModel,
         prior: CameraPrior,
         values: F64,
-        variation: float = 1.0,
+        variation: float,
     ) -> None:
-        """Args as of ``refine``.
-
-        ``values`` are the unknowns at which the covariances of people are taken, ``variation`` scales what people vary
-        by [1].
-        """
-        self.camera, self.people, self.prior, self.values, self.variation = camera, people, prior, values, variation
+        """Args as of ``fit_camera``; ``values`` are the unknowns at which the covariances of people are taken."""
+        self.camera, self.people, self.prior, self.variation = camera, people, prior, variation
         self.body = body_points(model)
-        shared, places = values[:N_SHARED], values[N_SHARED:].reshape(-1, 2)
-        covariance = people.repeats * person_covariance(shared, places, people, self._predicted, variation)
+        covariance = people.repeats * self._person_covariance(values, variation)
         self.whiten = np.linalg.inv(np.linalg.cholesky(covariance))
         self.log_spread = 0.5 * float(np.linalg.slogdet(covariance)[1].sum())
 
@@ -175,6 +185,10 @@ class Residuals:
         loss[0, width], loss[1, width] = math.log1p(squares[width]), 1.0 / (1.0 + squares[width])
         return loss
 
+    def log_likelihood(self, values: F64) -> float:
+        """Robust log-likelihood of the samples."""
+        return -0.5 * float(self.loss(self(values) ** 2)[0, : 8 * len(self.people)].sum()) - self.log_spread
+
     def of_samples(self, values: F64) -> F64:
         """(8 n,) whitened residuals of the samples."""
         shared, places = values[:N_SHARED], values[N_SHARED:].reshape(-1, 2)
@@ -184,45 +198,34 @@ class Residuals:
         off = np.clip(np.nan_to_num(off, nan=FAR, posinf=FAR, neginf=-FAR), -FAR, FAR)
         return np.asarray((self.whiten @ off[..., None]).ravel())
 
+    def _person_covariance(self, values: F64, variation: float) -> F64:
+        """(n, 8, 8) covariance of every person's row: marking, arms and steps, height, lean and width."""
+        rows, shared, places = self.people.rows, values[:N_SHARED], values[N_SHARED:].reshape(-1, 2)
+        diagonal = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])[:, None]
+        # Arms and steps move the edges of a box by this share of its diagonal [1]: some 4 cm of 1.8 m (our choice).
+        sigma = np.hypot(POINT_PX, 0.02 * diagonal) * np.ones((1, 8))
+        sigma[:, 4:] = POINT_PX
+        covariance = sigma[:, :, None] ** 2 * np.eye(8)
+        deviation = np.column_stack([self.people.scale_std, np.full((len(rows), 3), (LEAN_M, LEAN_M, WIDTH_STD))])
+        for k in range(4):
+            odd = np.zeros((len(rows), 4))
+            odd[:, k] = 1e-4
+            slope = (self._predicted(shared, places, odd) - self._predicted(shared, places, -odd)) / 2e-4
+            slope = np.nan_to_num(slope) * variation * deviation[:, k, None]
+            covariance += slope[:, :, None] * slope[:, None, :]
+        return covariance
+
     def _predicted(self, shared: F64, places: F64, odd: F64) -> F64:
+        """Rows of people who differ by ``odd`` (n, 4): log height, lean along x and y [m], log width."""
         stature = np.where(self.people.given, 0.0, shared[STATURE])
         size = self.people.scale * np.exp(stature + odd[:, 0])
         width = np.exp(shared[GIRTH] + odd[:, 3])
-        return predict(shared, places, odd[:, 1:3], size, width, self.camera, self.body, self.prior)
+        camera = shared_camera(shared, self.camera)
+        return predict(camera, self.body, places, odd[:, 1:3], size, width, self.prior)
 
     def _slope(self, values: F64, here: F64, moved: Bool, step: float) -> F64:
         """(n, 8) derivative by all the unknowns marked in ``moved`` at once."""
         return ((self.of_samples(values + step * moved) - here) / step).reshape(-1, 8)
-
-
-def _likelihood(residuals: Residuals) -> float:
-    """Robust log-likelihood of the samples where the residuals' covariances were taken."""
-    squares = residuals(residuals.values) ** 2
-    cost = 0.5 * float(residuals.loss(squares)[0, : 8 * len(residuals.people)].sum())
-    return -cost - residuals.log_spread + 2.0 * math.log2(residuals.variation)
-
-
-def person_covariance(
-    shared: F64, places: F64, people: MarkedPeople, predicted: Callable[[F64, F64, F64], F64], variation: float
-) -> F64:
-    """(n, 8, 8) covariance of every person's row: marking, arms and steps, height, lean and width.
-
-    ``predicted`` gives rows for unknowns, places and (n, 4) deviations: log height, lean along x and y [m], log width.
-    """
-    rows = people.rows
-    diagonal = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])[:, None]
-    # Arms and steps move the edges of a box by this share of its diagonal [1]: some 4 cm of 1.8 m (our choice).
-    sigma = np.hypot(POINT_PX, 0.02 * diagonal) * np.ones((1, 8))
-    sigma[:, 4:] = POINT_PX
-    covariance = sigma[:, :, None] ** 2 * np.eye(8)
-    deviation = np.column_stack([people.scale_std, np.full((len(rows), 3), (LEAN_M, LEAN_M, WIDTH_STD))])
-    for k in range(4):
-        odd = np.zeros((len(rows), 4))
-        odd[:, k] = 1e-4
-        slope = (predicted(shared, places, odd) - predicted(shared, places, -odd)) / 2e-4
-        slope = np.nan_to_num(slope) * variation * deviation[:, k, None]
-        covariance += slope[:, :, None] * slope[:, None, :]
-    return covariance
 
 
 def body_points(model: HumanModel) -> F64:
@@ -230,23 +233,27 @@ def body_points(model: HumanModel) -> F64:
     return np.concatenate([model.circles(), [[0.0, 0.0, model.height_m], [0.0, 0.0, 0.0]]])
 
 
-def predict(
-    shared: F64, places: F64, lean: F64, size: F64, width: F64, like: GroundCamera, body: F64, prior: CameraPrior
-) -> F64:
+def predict(camera: GroundCamera, body: F64, places: F64, lean: F64, size: F64, width: F64, prior: CameraPrior) -> F64:
     """(n, 8) rows that the camera would give of people at (n, 2) places, who lean by (n, 2) [m] from foot to head, with
     (n,) heights over the model's and (n,) widths over that of a model of their height [1]."""
-    camera = shared_camera(shared, like)
     points = body * size[:, None, None]
     points[..., :2] *= width[:, None, None]
     points[..., :2] += places[:, None] + lean[:, None] * (body[:, 2:] / body[-2, 2])
     pixels = camera.project(points)
     low, high = pixels[:, :-2].min(axis=1), pixels[:, :-2].max(axis=1)
-    if prior.boxes_only:
+    if prior.reading == "boxes":
         middle = 0.5 * (low[:, 0] + high[:, 0])
         return np.column_stack([low, high, middle, low[:, 1], middle, high[:, 1]])
-    if prior.level_ends:
+    if prior.reading == "level":
         low[:, 1], high[:, 1] = pixels[:, -2:, 1].min(axis=1), pixels[:, -2:, 1].max(axis=1)
     return np.concatenate([low, high, pixels[:, -2], pixels[:, -1]], axis=1)
+
+
+def _shared_of(camera: GroundCamera) -> F64:
+    shared = np.zeros(N_SHARED)
+    shared[[FOCAL, HEIGHT]] = math.log(camera.focal_px), math.log(camera.height_m)
+    shared[[TILT, ROLL]] = camera.tilt_rad, camera.roll_rad
+    return shared
 
 
 def shared_camera(shared: F64, like: GroundCamera) -> GroundCamera:
@@ -265,26 +272,6 @@ def _covariance(jacobian: F64) -> F64:
     return np.asarray(half @ half.T)
 
 
-OUTLINE_PX = 2.0
-"""By so much the ends of outlines err alike [px] (our choice: as much as a hand errs at each)."""
-
-
-def with_focal_spread(best: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
-    """The fit at the mean focal length, with the covariance about it of the best cameras at other focal lengths."""
-    nodes = [node for node in _profile(best, people, model) if np.isfinite(node.covariance).all()]
-    if len(nodes) < 2:
-        return best
-    evidences = np.array([node.log_evidence for node in nodes])
-    weights = np.exp(evidences - evidences.max())
-    weights /= weights.sum()
-    mean = _held(best, float(weights @ [math.log(node.camera.focal_px) for node in nodes]), people, model)
-    off = np.stack([shared_of(node) - shared_of(mean) for node in nodes])
-    # Width and stature are not of interest beyond the best fit.
-    off[:, N_CAMERA:] = 0.0
-    covariance = np.einsum("i,ijk->jk", weights, np.stack([node.covariance for node in nodes]))
-    return replace(mean, covariance=covariance + (weights * off.T) @ off)
-
-
 def with_outline_errors(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
     """The fit to samples that are outlines of foreground, whose ends err alike.
 
@@ -292,56 +279,51 @@ def with_outline_errors(fit: GroundCameraFit, people: MarkedPeople, model: Human
     that this looks like another tilt and focal length, and no number of people averages it out. What the camera moves
     by when all of them are moved is added to its covariance.
     """
-    still = shared_of(_refitted(fit, people, model))
     axis = people.rows[:, 6:] - people.rows[:, 4:6]
     along = axis / np.maximum(np.hypot(*axis.T), 1e-9)[:, None]
-    moves = []
     number, upright = np.arange(len(people)), along[:, 1] >= 0
+    covariance = fit.covariance.copy()
     for point, edge in ((slice(4, 6), np.where(upright, 1, 3)), (slice(6, 8), np.where(upright, 3, 1))):
         rows = people.rows.copy()
         rows[:, point] += OUTLINE_PX * along
         rows[number, edge] += OUTLINE_PX * along[:, 1]
-        moves.append(shared_of(_refitted(fit, replace(people, rows=rows), model)) - still)
-    moved = np.stack(moves)
-    moved[:, N_CAMERA:] = 0.0
-    return replace(fit, covariance=fit.covariance + moved.T @ moved)
+        moved = fit_camera(fit.camera, replace(people, rows=rows), model, fit.prior, fit.variation)
+        move = np.where(np.arange(N_SHARED) < N_CAMERA, moved.shared - fit.shared, 0.0)
+        covariance += np.outer(move, move)
+    return replace(fit, covariance=covariance)
 
 
-def _refitted(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
-    return refine(fit.camera, people, model, fit.prior, fit.variation)
+def with_focal_spread(best: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
+    """The fit at the mean focal length, with the covariance of the best cameras at other focal lengths about it.
 
-
-def shared_of(fit: GroundCameraFit) -> F64:
-    """(N_SHARED,) shared unknowns of a fit."""
-    values, camera = np.zeros(N_SHARED), fit.camera
-    values[[FOCAL, HEIGHT]] = math.log(camera.focal_px), math.log(camera.height_m)
-    values[[TILT, ROLL]] = camera.tilt_rad, camera.roll_rad
-    values[N_CAMERA:] = math.log(fit.girth), math.log(fit.stature)
-    return values
-
-
-def _profile(best: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> list[GroundCameraFit]:
-    """The best camera at focal lengths near its own; their evidences are those of the nodes of an integral."""
+    How strongly people lean towards the image's edges goes with the square of the focal length, so that a short one
+    seems better known than it is: its distribution is skewed, and is followed over a row of focal lengths that are
+    held.
+    """
     # A focal length known better is as good as normally distributed [1] (our choice).
-    if not 0.06 < math.sqrt(best.covariance[FOCAL, FOCAL]) < math.inf:
-        return [best]
-    focal, prior = math.log(best.camera.focal_px), best.prior
+    if not 0.06 < best.std[FOCAL] < math.inf:
+        return best
     # Logs of the focal lengths that are held, over the best one (our choice: half to twice).
     steps = np.array([-0.55, -0.3, -0.13, 0.0, 0.13, 0.3, 0.55])
-    nodes = []
-    for step, width in zip(steps, np.gradient(steps), strict=True):
-        fit = _held(best, focal + step, people, model)
-        pull = (focal + step - prior.mean[FOCAL]) / prior.std[FOCAL]
-        evidence = fit.log_evidence - 0.5 * pull**2 + math.log(width)
-        nodes.append(replace(fit, log_evidence=evidence))
-    return nodes
+    focals = best.shared[FOCAL] + steps
+    nodes = [_held(best, focal, people, model) for focal in focals]
+    pulls = (focals - best.prior.mean[FOCAL]) / best.prior.std[FOCAL]
+    evidence = np.array([node.log_evidence for node in nodes]) - 0.5 * pulls**2 + np.log(np.gradient(steps))
+    weights = np.where(np.isfinite([node.covariance.sum() for node in nodes]), np.exp(evidence - evidence.max()), 0.0)
+    weights /= weights.sum()
+    mean = _held(best, float(weights @ focals), people, model)
+    covariance = np.zeros((N_SHARED, N_SHARED))
+    for node, weight in zip(nodes, weights, strict=True):
+        if weight > 0:
+            off = np.where(np.arange(N_SHARED) < N_CAMERA, node.shared - mean.shared, 0.0)
+            covariance += weight * (node.covariance + np.outer(off, off))
+    return replace(mean, covariance=covariance)
 
 
 def _held(fit: GroundCameraFit, log_focal: float, people: MarkedPeople, model: HumanModel) -> GroundCameraFit:
     """The best camera of a focal length."""
     mean, std = fit.prior.mean.copy(), fit.prior.std.copy()
-    # Deviation at which a focal length is held [1].
-    mean[FOCAL], std[FOCAL] = log_focal, 1e-3
+    mean[FOCAL], std[FOCAL] = log_focal, 1e-3  # a deviation [1] at which it is as good as fixed
     started = replace(fit.camera, focal_px=math.exp(log_focal))
-    held = refine(started, people, model, replace(fit.prior, mean=mean, std=std), fit.variation)
+    held = fit_camera(started, people, model, replace(fit.prior, mean=mean, std=std), fit.variation)
     return replace(held, prior=fit.prior)
