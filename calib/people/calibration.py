@@ -143,9 +143,11 @@ def _best(
     lenses: Sequence[str], size: tuple[int, int], people: MarkedPeople, model: HumanModel, known: KnownValues
 ) -> GroundCameraFit:
     """The likeliest of the fits of every lens and every reading of the samples."""
-    readings: list[Reading] = ["boxes"]
-    if not only_boxes(people.rows):
-        readings.append("level" if level_ends(people.rows) else "outline")
+    readings: tuple[Reading, ...] = ("boxes", "level", "outline")
+    if only_boxes(people.rows):
+        readings = readings[:1]
+    elif level_ends(people.rows):
+        readings = readings[:2]
     priors = [(lens, prior_of(lens, size[0], known, reading)) for lens in lenses for reading in readings]
     quick = [
         fit_camera(camera, people, model, prior, variation=1.0)
