@@ -20,12 +20,11 @@ from typing import Any, Protocol
 import joblib
 import numpy as np
 
-from calib.errors import InputError, WorkError
+from calib.errors import WorkError
 from planview.counting.stream import Analytics
 from planview.counting.totals import Counts, Span
 from planview.engine.engine import Engine, FrameResult
 from planview.output.folder import (
-    HoldsResultsError,
     RunInfo,
     SkippedFrame,
     folder_lock,
@@ -138,24 +137,17 @@ def run(
     Raises:
         InputError: another process writes into the folder; or the recording fails a check (``strict``), and what was
             tracked until then is kept.
-        WorkError: the disk is full, no frame can be used, or the checkpoint's state is corrupt.
+        WorkError: the disk is full, or no frame can be used.
         KeyboardInterrupt: Ctrl-C, SIGTERM or SIGHUP came; raised after the frame under way, with all files closed.
     """
     job = _Run(engine, folder, options or RunOptions(), logs)
     finished = False
     with folder_lock(folder):
         try:
-            try:
-                job.track(watch, checkpoint)
-                finished = True
-            finally:
-                info = job.end(finished)
-        except Exception as error:
-            if checkpoint is None or job.watched or isinstance(error, InputError | WorkError | OSError):
-                raise
-            raise WorkError(
-                f"{folder}: the resumed run failed with {type(error).__name__} ({error}); start it again"
-            ) from error
+            job.track(watch, checkpoint)
+            finished = True
+        finally:
+            info = job.end(finished)
     return info
 
 
@@ -174,8 +166,6 @@ class _Run:
         self._info = _info_of(engine, options)
         self._identity: dict[str, Any] | None = None
         self._checks = RunChecks(engine, options.strict)
-        self.watched = False
-        """The caller's ``watch`` is called: what it raises is the caller's."""
 
     def track(self, watch: Callable[[FrameResult], None] | None, checkpoint: Checkpoint | None) -> None:
         options = self._options
@@ -203,9 +193,7 @@ class _Run:
                 for log in self._logs.values():
                     log.frame(result)
                 if watch:
-                    self.watched = True
                     watch(result)
-                    self.watched = False
                 self._checks.update(result)
                 now_s = time.monotonic()
                 if every_s and (now_s - marked_s >= every_s or interrupts.noted):
@@ -226,10 +214,7 @@ class _Run:
     def _frames(self, checkpoint: Checkpoint | None) -> Iterator[FrameResult]:
         self._engine.reset()
         if checkpoint is not None:
-            try:
-                decode(checkpoint.state, self._state())
-            except ValueError as error:
-                raise HoldsResultsError(f"{self._folder}: cannot resume from this checkpoint: {error}") from error
+            decode(checkpoint.state, self._state())
         limit = self._options.max_frames
         if limit and self._totals.frames >= limit:
             return

@@ -10,20 +10,17 @@ from __future__ import annotations
 
 import sys
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Generic, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel
 
 from calib.types import AnyArray
 
 PACKAGES = frozenset({"calib", "stereo", "planview"})
 PLAIN = (type(None), bool, int, float, str)
-BIT_GENERATORS = ("PCG64", "PCG64DXSM", "Philox", "SFC64", "MT19937")
-_OPEN: dict[str, type[Any]] = {"list": list, "set": set, "dict": dict, "deque": deque}
-"""What may hold itself: made first, filled then."""
+_GROUPS: dict[str, type[Any]] = {"list": list, "set": set, "deque": deque, "tuple": tuple, "frozenset": frozenset}
 
 
 class SavedState(NamedTuple):
@@ -49,23 +46,19 @@ def decode(state: SavedState, present: Mapping[str, object]) -> dict[str, Any]:
     """Restore a graph.
 
     Args:
-        state: from ``encode``.
+        state: from ``encode``, by the same code.
         present: new objects of the same names. One of a class of ours stays itself and gets the restored attributes,
             so that all that refers to it resumes.
     Returns:
         The restored values by name.
     Raises:
-        ValueError: nodes that ``encode`` does not write, a class that is not the project's, or another class than the
-            present object's.
+        ValueError: a class that is not the project's, or another one than the present object's.
     """
     reader = _Reader(state)
-    try:
-        for name, root in present.items():
-            if _is_ours(type(root)) and not isinstance(root, tuple):
-                reader.fill(int(state.roots[name]["#"]), root, name)
-        return {name: reader.value(value, present.get(name)) for name, value in state.roots.items()}
-    except (KeyError, IndexError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-        raise ValueError(f"expected the state of a run, found {type(error).__name__}: {error}") from error
+    for name, root in present.items():
+        if _is_ours(type(root)):
+            reader.fill(state.roots[name]["#"], root)
+    return {name: reader.value(value) for name, value in state.roots.items()}
 
 
 def _named(name: str) -> Any:
@@ -82,9 +75,8 @@ def _name_of(cls: type[Any]) -> str:
 
 
 def _is_ours(cls: type[Any]) -> bool:
-    """Whether instances of a class are their attributes, or a named tuple, and no more."""
-    bases = (object, Generic, Protocol, BaseModel, *([tuple] if hasattr(cls, "_fields") else []))
-    return cls not in bases and all(base in bases or _named(_name_of(base)) is base for base in cls.__mro__)
+    """Whether a class, found by its name, is of the project."""
+    return _named(_name_of(cls)) is cls
 
 
 class _Writer:
@@ -110,37 +102,25 @@ class _Writer:
         cls = type(value)
         if cls is dict:
             return ["dict", [self._all(pair, path) for pair in value.items()]]
-        if cls is deque:
-            return ["deque", self._all(value, path), value.maxlen]
-        if cls in (list, tuple, set, frozenset):
-            return [cls.__name__, self._all(value, path)]
+        if cls in _GROUPS.values():
+            return [cls.__name__, self._all(value, path), getattr(value, "maxlen", None)]
         if cls is ThreadPoolExecutor:
             return ["threads", None]
         if (cls is np.ndarray or isinstance(value, np.generic)) and not value.dtype.hasobject:
-            array = np.asarray(value)
-            axes = np.argsort(array.strides, kind="stable")[::-1]  # as they lie in memory
-            self.arrays.append(np.array(array.transpose(axes), order="C"))
-            return ["array" if cls is np.ndarray else "scalar", len(self.arrays) - 1, np.argsort(axes).tolist()]
-        if isinstance(value, np.random.Generator) and type(value.bit_generator).__name__ in BIT_GENERATORS:
-            bits = value.bit_generator
-            return ["generator", self.value(dict(bits.state), path), type(bits).__name__]
+            self.arrays.append(np.array(value))
+            return ["array" if cls is np.ndarray else "scalar", len(self.arrays) - 1]
+        if cls is np.random.Generator:
+            return ["generator", self.value(dict(value.bit_generator.state), path)]
         if not _is_ours(cls):
             raise TypeError(f"{path} is of class {cls.__module__}.{cls.__qualname__}, which a checkpoint cannot hold")
         if isinstance(value, tuple):
             return ["record", self._all(value, path), _name_of(cls)]
         attributes = dict(getattr(value, "__dict__", {}))
-        attributes |= {name: getattr(value, name) for name in _slots_of(cls) if hasattr(value, name)}
+        attributes |= {name: getattr(value, name) for name in getattr(cls, "__slots__", ())}
         return ["object", {n: self.value(held, f"{path}.{n}") for n, held in attributes.items()}, _name_of(cls)]
 
-    def _all(self, values: Any, path: str) -> list[Any]:
+    def _all(self, values: Iterable[Any], path: str) -> list[Any]:
         return [self.value(value, f"{path}[{n}]") for n, value in enumerate(values)]
-
-
-def _slots_of(cls: type[Any]) -> set[str]:
-    """Names of the attributes that instances of a class hold outside of a dictionary."""
-    slots = [base.__dict__.get("__slots__", ()) for base in cls.__mro__]
-    names = {name for of_base in slots for name in ([of_base] if isinstance(of_base, str) else of_base)}
-    return names - {"__dict__", "__weakref__"}
 
 
 class _Reader:
@@ -148,11 +128,11 @@ class _Reader:
         self._state = state
         self._made: dict[int, Any] = {}
 
-    def fill(self, number: int, present: object, name: str) -> None:
+    def fill(self, number: int, present: object) -> None:
         """Make the restored object of a node in place of the present one."""
-        kind, attributes, class_name = self._state.nodes[number]
-        if kind != "object" or class_name != _name_of(type(present)):
-            raise ValueError(f"expected the state of {_name_of(type(present))} for {name}, found another")
+        _, attributes, class_name = self._state.nodes[number]
+        if class_name != _name_of(type(present)):
+            raise ValueError(f"expected the state of {_name_of(type(present))}, found that of {class_name}")
         self._made[number] = present
         for extra in set(getattr(present, "__dict__", ())) - attributes.keys():
             object.__delattr__(present, extra)
@@ -162,38 +142,33 @@ class _Reader:
         """The value of a plain value or reference; ``present`` is what is in its place now."""
         if type(value) in PLAIN:
             return value
-        number = int(value["#"])
-        if number in self._made:
-            return self._made[number]
+        if value["#"] not in self._made:
+            self._make(value["#"], present)
+        return self._made[value["#"]]
+
+    def _make(self, number: int, present: Any) -> None:
         kind, content, *more = self._state.nodes[number]
         made: Any
-        if kind in _OPEN:
-            self._made[number] = made = _OPEN[kind](**({"maxlen": more[0]} if kind == "deque" else {}))
-            held = (self._all(pair) for pair in content) if kind == "dict" else self._all(content)
+        if kind in ("dict", "list", "set", "deque"):  # these may hold themselves: made first, filled then
+            made = {} if kind == "dict" else deque(maxlen=more[0]) if kind == "deque" else _GROUPS[kind]()
+            self._made[number] = made
+            held = map(self._all, content) if kind == "dict" else self._all(content)
             (made.update if kind in ("dict", "set") else made.extend)(held)
         elif kind == "object":
-            self._made[number] = made = object.__new__(self._class(more[0], is_tuple=False))
+            self._made[number] = made = object.__new__(_class_of(more[0]))
             self._set(made, content, present)
+        elif kind in _GROUPS:
+            self._made[number] = _GROUPS[kind](self._all(content))
+        elif kind == "record":
+            self._made[number] = tuple.__new__(_class_of(more[0]), self._all(content))
+        elif kind in ("array", "scalar"):
+            array = self._state.arrays[content]
+            self._made[number] = array if kind == "array" else array[()]
+        elif kind == "generator":
+            self._made[number] = generator = np.random.default_rng()
+            generator.bit_generator.state = self.value(content)
         else:
-            self._made[number] = made = self._closed(kind, content, more, present)
-        return made
-
-    def _closed(self, kind: str, content: Any, more: list[Any], present: Any) -> Any:
-        """A value that is made of others."""
-        if kind in ("tuple", "frozenset"):
-            return (tuple if kind == "tuple" else frozenset)(self._all(content))
-        if kind in ("array", "scalar"):
-            array = self._state.arrays[content].transpose(more[0])
-            return array if kind == "array" else array[()]
-        if kind == "record":
-            return tuple.__new__(self._class(more[0], is_tuple=True), self._all(content))
-        if kind == "generator" and more[0] in BIT_GENERATORS:
-            bits = getattr(np.random, more[0])()
-            bits.state = self.value(content)
-            return np.random.Generator(bits)
-        if kind == "threads" and isinstance(present, ThreadPoolExecutor):
-            return present
-        raise ValueError(f"expected the state of a run, found {kind!r}")
+            self._made[number] = present  # threads
 
     def _all(self, values: list[Any]) -> list[Any]:
         return [self.value(value) for value in values]
@@ -203,10 +178,10 @@ class _Reader:
         for name, value in attributes.items():
             object.__setattr__(made, name, self.value(value, getattr(present, name, None)))
 
-    @staticmethod
-    def _class(name: str, *, is_tuple: bool) -> Any:
-        """A class from a file, found among those that are loaded; nothing is imported for it."""
-        found = _named(name)
-        if not isinstance(found, type) or not _is_ours(found) or issubclass(found, tuple) != is_tuple:
-            raise ValueError(f"expected a class of planview, found {name!r}")
-        return found
+
+def _class_of(name: str) -> Any:
+    """A class from a file, found among those that are loaded; nothing is imported for it."""
+    found = _named(name)
+    if not isinstance(found, type) or not _is_ours(found):
+        raise ValueError(f"expected a class of planview, found {name!r}")
+    return found

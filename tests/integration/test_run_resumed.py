@@ -8,7 +8,6 @@ from cli import Cli, Refused
 from rerun.chunk import RrdReader
 from toy_run import FEW
 
-from calib.errors import InputError
 from planview.counting.rules import load_rules
 from planview.counting.stream import Analytics
 from planview.engine.config import load_config
@@ -81,18 +80,6 @@ def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(
 def folder_of(folder: Path) -> Path:
     folder.mkdir(exist_ok=True)
     return folder
-
-
-def test_a_checkpoint_whose_memory_is_none_is_refused_in_a_sentence(
-    engine: Engine, tmp_path: Path, rules: Path
-) -> None:
-    with pytest.raises(StoppedError):
-        run(engine, tmp_path, options_with(rules), (), stop_at(5))
-    checkpoint = checkpoint_of(tmp_path, run_identity(engine, options_with(rules), []), print)
-    assert checkpoint is not None
-    broken = checkpoint._replace(state=checkpoint.state._replace(nodes=[]))
-    with pytest.raises(InputError, match="cannot resume from this checkpoint"):
-        run(engine, tmp_path, options_with(rules), (), None, broken)
 
 
 def test_rows_that_were_changed_since_the_checkpoints_are_not_resumed_from(

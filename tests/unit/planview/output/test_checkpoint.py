@@ -38,10 +38,10 @@ IDENTITY: dict[str, Any] = {"version": {}, "configuration": {"seed": 0}, "record
 
 
 def restored(value: object) -> Any:
-    """A value through JSON and memory of its own."""
+    """A value through JSON."""
     state = encode({"it": value})
     roots, nodes = json.loads(json.dumps([state.roots, state.nodes]))
-    return decode(SavedState(roots, nodes, [array.copy() for array in state.arrays]), {})["it"]
+    return decode(SavedState(roots, nodes, state.arrays), {})["it"]
 
 
 @pytest.mark.parametrize(
@@ -57,11 +57,10 @@ def test_a_value_comes_back_with_its_type(value: object) -> None:
     assert (type(back), repr(back)) == (type(value), repr(value))
 
 
-@pytest.mark.parametrize(
-    "array", [np.arange(6.0).reshape(2, 3).T, np.zeros((2, 3, 5)).transpose(1, 0, 2), np.array(3), np.arange(3)]
-)
-def test_an_array_comes_back_with_its_layout(array: np.ndarray) -> None:
-    back = restored(array)
+@pytest.mark.parametrize("array", [np.arange(6.0).reshape(2, 3), np.arange(6.0).reshape(2, 3).T, np.array(3)])
+def test_an_array_comes_back_from_a_file_with_its_layout(tmp_path: Path, array: np.ndarray) -> None:
+    write_checkpoint(tmp_path, Checkpoint(IDENTITY, {}, encode({"it": array})))
+    back = decode(read_checkpoint(tmp_path / LATEST).state, {})["it"]
     np.testing.assert_array_equal(back, array)
     assert (back.dtype, back.strides) == (array.dtype, array.strides)
 
@@ -108,24 +107,10 @@ def test_what_is_not_the_projects_is_refused_with_its_place(value: object) -> No
         encode({"it": [0, value]})
 
 
-@pytest.mark.parametrize(
-    "node",
-    [
-        ["object", {}, "os:system"],
-        ["object", {}, "planview.output.folder:Path"],
-        ["object", {}, "planview.output.no_such_module:Thing"],
-        ["record", [], "planview.tracking.lifecycle:Existence"],
-        ["array", 1, [0]],
-        ["array", 0, [1]],
-        ["array", 0, [10**30]],
-        ["array", "a", [0]],
-        ["generator", 1, "Generator"],
-        ["spell", 1],
-    ],
-)
-def test_a_node_that_is_no_memory_is_refused(node: list[object]) -> None:
-    with pytest.raises(ValueError):
-        decode(SavedState({"it": {"#": 0}}, [node], [np.zeros(8, np.uint8)]), {})
+@pytest.mark.parametrize("name", ["os:system", "planview.output.folder:Path", "planview.output.no_such_module:Thing"])
+def test_a_class_that_is_not_the_projects_is_not_taken_from_a_file(name: str) -> None:
+    with pytest.raises(ValueError, match="expected a class of planview"):
+        decode(SavedState({"it": {"#": 0}}, [["object", {}, name]], []), {})
 
 
 def write(folder: Path, frame: int) -> None:
@@ -158,23 +143,6 @@ def test_a_damaged_checkpoint_gives_way_to_the_one_before(tmp_path: Path, damage
     output: list[str] = []
     assert frame_in(checkpoint_of(tmp_path, IDENTITY, output.append)) == 1 and len(output) == 1
     assert "the checkpoint is damaged" in output[0]
-
-
-@pytest.mark.parametrize(
-    "written",
-    [
-        {},
-        {"tables": [], "logs": {}},
-        {"tables": {"tracks.csv": ["a", 1]}, "logs": {}},
-        {"tables": {"../x.csv": [1, 1]}, "logs": {}},
-        {"tables": {"tracks.csv": [-1, 1]}, "logs": {}},
-        {"tables": {}, "logs": {"MapsLog": 1.5}},
-    ],
-)
-def test_positions_that_no_run_writes_are_damage(tmp_path: Path, written: dict[str, Any]) -> None:
-    write_checkpoint(tmp_path, Checkpoint(IDENTITY, written, encode({})))
-    with pytest.raises(ValueError, match="written"):
-        read_checkpoint(tmp_path / LATEST)
 
 
 def test_a_checkpoint_of_another_configuration_is_refused_and_the_first_difference_named(tmp_path):
