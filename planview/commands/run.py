@@ -208,7 +208,7 @@ def _track(
     if options.rrd:
         from planview.output.rerun.log import RerunLog  # rerun takes a second, and few runs write for it
 
-        logs.append(RerunLog(engine, out / "run.rrd", positions.get("RerunLog"), settings.rrd_every))
+        logs.append(RerunLog(engine, out / "run.rrd", settings.rrd_every, resumed=checkpoint is not None))
     announced = engine.recording.n_frames
     n_frames = min(settings.frames or announced, announced) if announced else settings.frames or None
     with FrameProgress(console, n_frames) as progress:

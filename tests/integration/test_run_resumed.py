@@ -202,8 +202,7 @@ def test_the_rerun_recording_of_a_run_that_was_stopped_twice_shows_what_one_left
     monkeypatch.setattr("planview.output.rerun.log.PART_FRAMES", 10)
     options, checkpoint = options_with(rules), None
     for frame in (12, 24, None):
-        at = checkpoint.written["logs"]["RerunLog"] if checkpoint else None
-        logs = [RerunLog(engine, out / "run.rrd", at)]
+        logs = [RerunLog(engine, out / "run.rrd", resumed=checkpoint is not None)]
         with suppress(StoppedError):
             run(engine, out, options, logs, stop_at(frame), checkpoint)
         identity = run_identity(engine, options_with(rules), ["RerunLog"])

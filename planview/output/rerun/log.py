@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import math
-import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -75,25 +74,24 @@ class RerunLog:
     """Writes ``run.rrd``, of a long run ``run-2.rrd`` and so on: parts of one recording, which the viewer shows as one.
 
     Args:
-        position: of ``mark``, to resume from; what was written after it is dropped. rerun cannot continue a file, so a
-            resumed run begins another one.
+        resumed: the run resumes: rerun cannot continue a file, so another one begins.
         every: images, clouds and maps of every n-th frame only; people, decisions and curves of all. It doubles when
             half of the room left of 2 GB is used, so that a run of any length is bounded.
     Raises:
-        InputError: what was written up to the position is not there any more.
         WorkError: too little free disk space.
     """
 
-    def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None, every: int = 1) -> None:
+    def __init__(self, engine: Engine, path: Path, every: int = 1, *, resumed: bool = False) -> None:
         self._engine, self._path = engine, path
-        self._parts = kept_parts(path, position)
+        self._parts = rrd_parts(path) if resumed else []
+        self._parts.append(part_of(path, len(self._parts) + 1))
         self._check_room()
         self._stereo, self._asked_every = engine.stereo, every
         self._every = self._thinned()
         self._shown: set[str] = set()
         self._static: dict[str, tuple[rr.AsComponents, ...]] = {}
         # That of a resumed run is in its first file, made before people came.
-        self._scene = StaticScene(self._stereo) if self._stereo and position is None else None
+        self._scene = StaticScene(self._stereo) if self._stereo and not resumed else None
         self._frames = 0
         # All files belong to the same recording by its id; the viewer keeps a layout per application. Chunks of 10 s or
         # 2 MB: the default is five a second of each path. A stream for every file would leave memory behind.
@@ -123,7 +121,7 @@ class RerunLog:
     def mark(self) -> dict[str, int]:
         self._flush()
         sync(self._parts[-1])
-        return {"parts": len(self._parts), "size": self._parts[-1].stat().st_size}
+        return {}
 
     def frame(self, result: FrameResult) -> None:
         """Log one frame, on the timelines ``frame`` and ``time``."""
@@ -306,21 +304,6 @@ class RerunLog:
 def part_of(path: Path, number: int) -> Path:
     """``run.rrd``, ``run-2.rrd``, ..."""
     return path if number == 1 else path.with_name(f"{path.stem}-{number}.rrd")
-
-
-def kept_parts(path: Path, position: Mapping[str, int] | None) -> list[Path]:
-    """The files up to a position, cut off there, and the one to write. Raises InputError: they are too short."""
-    if position is None:
-        return [path]
-    n, size = position["parts"], position["size"]
-    kept = [part_of(path, part) for part in range(1, n + 2)]
-    for part in set(rrd_parts(path)) - set(kept[:n]):
-        part.unlink(missing_ok=True)
-    found = kept[n - 1].stat().st_size if all(part.is_file() for part in kept[:n]) else 0
-    if found < size:
-        raise InputError(f"{kept[n - 1]}: expected {size} bytes before the checkpoint, found {found}")
-    os.truncate(kept[n - 1], size)
-    return kept
 
 
 def rarer(written: int, room: int = 2 * 2**30) -> int:
