@@ -25,9 +25,10 @@ from planview.counting.rules import AnalyticsParams, load_rules
 from planview.counting.scoring import score_counts, score_events
 from planview.counting.totals import Clock, Counts, count_tracks, count_truth
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
-from planview.evaluation.result import KINDS, Evaluation, pooled
+from planview.evaluation.result import Evaluation, pooled
 from planview.output.folder import unfinished_note
 from planview.output.progress import PlainConsole
+from planview.output.report.page import evaluation_rows, figure_text
 from planview.output.run_folder import RunFolder
 from planview.trajectories.file import limited
 from planview.trajectories.formats import (
@@ -40,12 +41,6 @@ from planview.trajectories.formats import (
     tracks_file,
 )
 from planview.trajectories.motchallenge import refuse_outside
-
-_FIGURES = (
-    "mota", "idf1", "hota", "det_a", "ass_a", "switches", "switches_per_minute", "fragmentations", "mostly_tracked",
-    "mostly_lost", "misses", "false_positives", "motp_m", "position_error_mean_m", "position_error_std_m",
-    "height_error_mean_m",
-)  # fmt: skip
 
 
 @Parameter(name="*")
@@ -182,30 +177,22 @@ def print_evaluation(result: Evaluation, console: Console, title: str, *, listed
     values = result.to_json()
     console.print(f"{title}: {headline(result)}", highlight=False, soft_wrap=True)
     table = Table(title=f"{values['truth_rows']} truth rows ({values['ignored_rows']} too hidden, ignored)")
-    table.add_column("metric")
+    table.add_column("figure")
     table.add_column("value", justify="right")
-    for name in _FIGURES:
-        table.add_row(name, _figure(values[name]))
-    counts = values["significant_errors"]
-    table.add_row("significant errors", f"{counts['total']}")
-    for kind in KINDS:
-        table.add_row(f"  {kind}", f"{counts[kind]}")
-    for name in ("significant_errors_per_10_min", "events_per_10_min"):
-        table.add_row(f"{name} (at most, 95 %)", f"{_figure(values[name])} ({_figure(values[f'{name}_upper'])})")
-    for name in ("strict_identity_changes", "strict_per_10_min"):
-        table.add_row(name, _figure(values[name]))
+    for row in evaluation_rows(values):
+        table.add_row(*row)
     console.print(table)
     console.print(
-        "switches: every change of a person's id, including brief ones between people in contact; "
-        "strict_identity_changes: those that last, two for two people who take each other's ids, and ids that pass to "
-        "another person",
+        "switches: every change of a person's id, including brief ones between people in contact; strict identity "
+        "changes: those that last, two for two people who take each other's ids, and ids that pass to another person; "
+        "upper: at most, with 95 % confidence",
         highlight=False, soft_wrap=True,
     )  # fmt: skip
     table = Table("group", "truth rows", "matched [%]", "position error [m]", "deviation [m]")
     for key, text in (("by_distance", "{} m away"), ("by_visibility", "{} visible"), ("by_people", "{} people")):
         for row in values[key]:
             if row["truth_rows"]:
-                errors = (_figure(row[f"position_error_{name}_m"]) for name in ("mean", "std"))
+                errors = (figure_text(row[f"position_error_{name}_m"]) for name in ("mean", "std"))
                 matched = f"{100 * row['matches'] / row['truth_rows']:.1f}"
                 table.add_row(text.format(row["group"]), str(row["truth_rows"]), matched, *errors)
     console.print(table)
@@ -217,21 +204,14 @@ def print_evaluation(result: Evaluation, console: Console, title: str, *, listed
 
 def headline(result: Evaluation) -> str:
     """The figures that matter most, in one line."""
-    values = result.to_json()
+    values, parts = result.to_json(), [f"{result.sequence.n_truth} people"]
+    if values["mota"] is not None:
+        parts.append(f"MOTA {values['mota']:.3f}")
+    for name in ("position", "height"):
+        if (mean_m := values[f"{name}_error_mean_m"]) is not None:
+            parts.append(f"{name} error {100 * mean_m:.1f} cm")
     errors = values["significant_errors"]["total"]
-    lengths = ((name, values[f"{name}_error_mean_m"]) for name in ("position", "height"))
-    parts = [
-        f"{result.sequence.n_truth} people",
-        f"MOTA {_figure(values['mota'])}",
-        *(f"{name} error {100 * mean_m:.1f} cm" for name, mean_m in lengths if mean_m is not None),
-        f"{values['switches']} switches",
-        f"{errors} significant error{'s' * (errors != 1)}",
-    ]
-    return ", ".join(parts)
-
-
-def _figure(value: float | int | None) -> str:
-    return "-" if value is None else f"{value}" if isinstance(value, int) else f"{value:.3f}"
+    return ", ".join([*parts, f"{values['switches']} switches", f"{errors} significant error{'s' * (errors != 1)}"])
 
 
 _DEFAULTS = AnalyticsParams()
