@@ -149,13 +149,15 @@ def _best(
     elif level_ends(people.rows):
         readings = readings[:2]
     priors = [(lens, prior_of(lens, size[0], known, reading)) for lens in lenses for reading in readings]
-    quick = [
-        fit_camera(camera, people, model, prior, variation=1.0)
-        for lens, prior in priors
-        for camera in starts(people, size, lens, model, prior)
-    ]
-    best = max(quick, key=lambda fit: fit.log_evidence)
-    return fit_camera(best.camera, people, model, best.prior)
+    quick = []
+    for lens, prior in priors:
+        cameras = starts(people, size, lens, model, prior)
+        fits = [fit_camera(camera, people, model, prior, variation=1.0) for camera in cameras]
+        quick.append(max(fits, key=lambda fit: fit.log_evidence))
+    # Fits whose log-evidence is lower by more are not refined further (our choice: one in 10^8).
+    rival = max(fit.log_evidence for fit in quick) - 20.0
+    full = [fit_camera(fit.camera, people, model, fit.prior) for fit in quick if fit.log_evidence >= rival]
+    return max(full, key=lambda fit: fit.log_evidence)
 
 
 def starts(
