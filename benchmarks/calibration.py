@@ -161,13 +161,24 @@ def floor_rows() -> list[Row]:
     rows = []
     for tilt_deg in (0, 15, 30, 45, 60, 75):
         progress(f"floor at {tilt_deg} degrees")
-        rows += _floor_at(tilt_deg)
+        name, (rig, truth, frames) = f"floor, rendered at {tilt_deg} degrees", rendered_lobby(tilt_deg)
+        try:
+            found = floor_found(rig, frames)
+        except WorkError:
+            rows.append(Row(f"{name}: height", math.inf, "cm", HEIGHT_LIMIT_CM))
+            continue
+        errors = {
+            "height": (100 * abs(found.height_m - truth.height_m), "cm", HEIGHT_LIMIT_CM),
+            "tilt": (math.degrees(abs(found.tilt_rad - truth.tilt_rad)), "deg", ANGLE_LIMIT_DEG),
+            "roll": (math.degrees(abs(found.roll_rad - truth.roll_rad)), "deg", ANGLE_LIMIT_DEG),
+        }
+        rows += [Row(f"{name}: {key}", *error) for key, error in errors.items()]
     real = real_recordings() / "overhead-stereo"
     if real.is_dir():
         progress("floor of the real overhead pair")
         recording = open_recording(real)
         # Its height [m] by its disparity (see its README).
-        off = 100 * abs(_floor_found(recording.rig, setup_frames(recording)).height_m - 2.74)
+        off = 100 * abs(floor_found(recording.rig, setup_frames(recording)).height_m - 2.74)
         rows.append(Row("floor, real overhead pair: height", off, "cm", 5.0))
     return rows
 
@@ -188,22 +199,8 @@ def rendered_lobby(tilt_deg: float) -> tuple[StereoRig, Floor, list[StereoFrame]
     return renderer.rig, Floor(renderer.world_SE3_left), frames
 
 
-def _floor_at(tilt_deg: float) -> list[Row]:
-    rig, truth, frames = rendered_lobby(tilt_deg)
-    name = f"floor, rendered at {tilt_deg:g} degrees"
-    try:
-        found = _floor_found(rig, frames)
-    except WorkError:
-        return [Row(f"{name}: height", math.inf, "cm", HEIGHT_LIMIT_CM)]
-    tilt, roll = (math.degrees(abs(getattr(found, key) - getattr(truth, key))) for key in ("tilt_rad", "roll_rad"))
-    return [
-        Row(f"{name}: height", 100 * abs(found.height_m - truth.height_m), "cm", HEIGHT_LIMIT_CM),
-        Row(f"{name}: tilt", tilt, "deg", ANGLE_LIMIT_DEG),
-        Row(f"{name}: roll", roll, "deg", ANGLE_LIMIT_DEG),
-    ]
-
-
-def _floor_found(rig: StereoRig, frames: list[StereoFrame]) -> Floor:
+def floor_found(rig: StereoRig, frames: list[StereoFrame]) -> Floor:
+    """The floor as the engine finds it. Raises WorkError: it does not."""
     rectifier, _ = aligned_rectifier(rig, frames)
     return FloorEstimator(rectifier)(frames)
 
@@ -244,14 +241,14 @@ def noisy_people(camera: GroundCamera, seed: int) -> list[HumanSample]:
     for xy in feet[whole & (boxes[:, 3] > 40.0)]:
         left, top, width, height = model.boxes(camera, xy)
         ends = np.array([left, top, left + width, top + height, *model.head(camera, xy), *model.foot(camera, xy)])
-        samples.append(_sample(ends + rng.normal(0.0, CLICK_NOISE_PX, 8)))
+        samples.append(_clicked(ends, rng))
     return list(choose_spread(samples, 8))
 
 
-def _sample(row: F64) -> HumanSample:
-    """Of left, top, right, bottom, head u, v, foot u, v."""
-    left, top, right, bottom, head_u, head_v, foot_u, foot_v = (float(v) for v in row)
-    return HumanSample((left, top, right - left, bottom - top), (head_u, head_v), (foot_u, foot_v))
+def _clicked(ends: F64, rng: np.random.Generator) -> HumanSample:
+    """Of left, top, right, bottom, head u, v, foot u, v, each off by noise."""
+    left, top, right, bottom, *points = (float(v) for v in ends + rng.normal(0.0, CLICK_NOISE_PX, 8))
+    return HumanSample((left, top, right - left, bottom - top), (points[0], points[1]), (points[2], points[3]))
 
 
 def _pets_rows(folder: Path, marked: bool) -> list[Row]:
@@ -273,14 +270,12 @@ def _pets_rows(folder: Path, marked: bool) -> list[Row]:
             ends[:, at : at + 2] = (shown + 0.5) / scale - 0.5
     inside = (low > 2).all(axis=1) & (low + size < np.array(PETS_SIZE) - 2).all(axis=1)
     alone = [i for i in np.flatnonzero(inside) if not _touched(table, int(i))]
-    errors, trusted = [], []
+    errors, trusted = [math.nan], [math.nan]
     for seed in range(PEOPLE_SEEDS):
         rng = np.random.default_rng(seed)
-        rows = ends[rng.choice(alone, 12, replace=False)]
+        clicks = [_clicked(row, rng) for row in ends[rng.choice(alone, 12, replace=False)]]
         try:
-            found = calibrate_from_people(
-                [_sample(row) for row in rows + rng.normal(0.0, CLICK_NOISE_PX, rows.shape)], PETS_SIZE, "pinhole"
-            )
+            found = calibrate_from_people(clicks, PETS_SIZE, "pinhole")
         except WorkError:
             continue
         errors.append(_aligned_error(found.camera.back_project(foot), truth))
@@ -288,9 +283,9 @@ def _pets_rows(folder: Path, marked: bool) -> list[Row]:
             trusted.append(errors[-1])
     name = f"people, PETS view 1, 12 scripted clicks, {'heads and feet' if marked else 'boxes'}"
     return [
-        Row(f"{name}: median floor error", float(np.median(errors)) if errors else math.nan, "m", 0.5),
-        Row(f"{name}: worst of those called enough", max(trusted, default=math.nan), "m", 1.0),
-        Row(f"{name}: called enough, of {PEOPLE_SEEDS}", len(trusted), ""),
+        Row(f"{name}: median floor error", float(np.nanmedian(errors)), "m", 0.5),
+        Row(f"{name}: worst of those called enough", float(np.nanmax(trusted)), "m", 1.0),
+        Row(f"{name}: called enough, of {PEOPLE_SEEDS}", len(trusted) - 1, ""),
     ]
 
 

@@ -113,25 +113,20 @@ class Yardstick:
 
 
 class Clip:
-    """The first frames of a recording, decoded, and the engine on it."""
+    """The first frames of a recording (the committed clip when None), decoded, and the engine on it at a width.
+
+    Args:
+        frames: its decoded frames where another clip has them already.
+        overrides: parameters like ``analysis.width_px=1280``.
+    Raises:
+        InputError: no such recording.
+        WorkError: too few frames.
+    """
 
     def __init__(
-        self,
-        path: Path | None,
-        n_frames: int,
-        width_px: int = 640,
-        frames: Sequence[StereoFrame] | None = None,
+        self, path: Path | None, n_frames: int, width_px: int = 640, frames: Sequence[StereoFrame] | None = None,
         overrides: Sequence[str] = (),
-    ) -> None:
-        """Open a recording (the committed clip when None) and set the engine up for ``width_px``.
-
-        Args:
-            frames: its decoded frames where another clip has them already.
-            overrides: parameters like ``analysis.width_px=1280``.
-        Raises:
-            InputError: no such recording.
-            WorkError: too few frames.
-        """
+    ) -> None:  # fmt: skip
         path = path or DEMO
         if not path.exists():
             raise InputError(f"{path}: expected a recording, found nothing; name one with --recording")
@@ -160,14 +155,10 @@ class Speed:
     details: list[dict[str, Any]] = field(default_factory=list)
 
     def add(self, name: str, ratios: F64) -> None:
-        """Median and quartiles of a ratio, measured frame by frame."""
-        low, middle, high = np.percentile(ratios, (25, 50, 75))
-        self.add_ratio(name, float(middle), float(low), float(high))
-
-    def add_ratio(self, name: str, median: float, low: float = math.nan, high: float = math.nan) -> None:
-        self.ratios.append(
-            {"ours / OpenCV": name, "median": median, "from": low, "to": high, "limit": LIMITS.get(name)}
-        )
+        """Median and quartiles of a ratio, measured frame by frame; of a single number no quartiles."""
+        low, middle, high = np.percentile(ratios, (25, 50, 75)) if ratios.ndim else (math.nan, ratios, math.nan)
+        row = {"ours / OpenCV": name, "median": float(middle), "from": float(low), "to": float(high)}
+        self.ratios.append(row | {"limit": LIMITS.get(name)})
 
     def detail(self, name: str, value: str | float | Sequence[float] | F64) -> None:
         """A figure, of several their median."""
@@ -197,15 +188,7 @@ class SpeedTurns(NamedTuple):
 
 
 def measure(recording: Path | None, n_frames: int, parts: Sequence[Part], overrides: Sequence[str] = ()) -> Speed:
-    """Measure on one recording.
-
-    Args:
-        recording: the committed clip when None.
-        n_frames: number of frames after SETTLED over which medians are taken.
-        overrides: parameters of the engine, as of ``--set``.
-    Raises:
-        InputError: no such recording.
-    """
+    """Measure parts on one recording (the committed clip when None); medians are taken over n_frames after SETTLED."""
     speed, config = Speed(), load_config(overrides=overrides)
     speed.detail("recording", str(recording or DEMO))
     if set(parts) - {"full-resolution", "one-camera"}:
@@ -213,9 +196,9 @@ def measure(recording: Path | None, n_frames: int, parts: Sequence[Part], overri
         clip = Clip(recording, SETTLED + n_frames, overrides=overrides)
         speed.detail("image", "{}x{}".format(*clip.rig.left.size))
     if "engine" in parts:
-        for one, suffix in ((True, ""), (False, "_all_cores")):
-            progress(f"whole engine and remap with SGBM on {'one core' if one else 'all cores'}")
-            with one_core() if one else nullcontext():
+        for suffix, cores in (("", one_core()), ("_all_cores", nullcontext())):
+            progress(f"whole engine and remap with SGBM{suffix.replace('_', ' ') or ' on one core'}")
+            with cores:
                 turns = take_turns(clip, {name: Yardstick(clip.rig, name == "grey") for name in ("grey", "colour")})
             _add_engine(turns, suffix, speed)
     if "foreground" in parts:
@@ -280,16 +263,16 @@ def foreground_to_mog2(clip: Clip, speed: Speed) -> None:
     step = view.reduction
     for frame in clip.frames:
         result = engine.step(frame)
-        if result.observation.image is None or result.disparity is None:
-            continue
         image = result.observation.image
+        if image is None or result.disparity is None:
+            continue
         disparity = np.ascontiguousarray(result.disparity[::step, ::step])
-        now, measured = result.timestamp_s, result.measured if ours.settled else None
+        measured, spent = result.measured if ours.settled else None, 0.0
         theirs = seconds(mog2.apply, image)
         if measured is not None:
             disparity[measured == 0] = np.nan
-        spent = seconds(ours.changed, image, SAMPLE) if measured is not None else 0.0
-        times.append((theirs, spent + seconds(ours.update, image, disparity, now, None, measured)))
+            spent = seconds(ours.changed, image, SAMPLE)
+        times.append((theirs, spent + seconds(ours.update, image, disparity, result.timestamp_s, None, measured)))
     theirs_ms, ours_ms = 1e3 * np.array(times[len(times) // 3 :]).T
     speed.detail("mog2_ms", theirs_ms)
     speed.detail("foreground_ms", ours_ms)
@@ -319,17 +302,14 @@ def after_disparity_to_sgbm(clip: Clip, speed: Speed) -> None:
     medians = [(k, float(np.median(after[n == k]))) for k in np.unique(n) if (n == k).sum() >= ENOUGH]
     if len(medians) > 1:
         counts, times = np.array(medians).T
-        speed.add_ratio("one_more_person", float(np.polyfit(counts, times, 1)[0] / np.median(after[chosen])))
+        speed.add("one_more_person", np.asarray(np.polyfit(counts, times, 1)[0] / np.median(after[chosen])))
 
 
 def one_camera_and_mog2(
     tracker: ImageTrackerName, people: int, width_px: int, n_frames: int, config: Config
 ) -> tuple[F64, F64, F64]:
-    """Foreground and tracker of one camera in turns with MOG2 on the same painted frames, after SETTLED.
-
-    Returns:
-        (N,) float64 processor times of ours and of MOG2 [ms], and confirmed people.
-    """
+    """Foreground and tracker of one camera in turns with MOG2 on the same painted frames, after SETTLED: (N,) processor
+    times of ours and of MOG2 [ms], and confirmed people."""
     camera = GroundCamera(width_px, width_px * 3 // 4, 260.0 * width_px / 320, 3.5, math.radians(60))
     follower = image_tracker(tracker, config, camera)
     front_end = OneCamera(config.single_camera, camera.size, follower.foreground_columns)

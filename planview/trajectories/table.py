@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.io import reason, require_file
-from calib.types import F64, I64, AnyArray, Bool
+from calib.types import F64, I64, Bool
 from planview.trajectories.state import TrackState
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ TRACK_COLUMNS = (
     "left_px", "top_px", "width_px", "height_px",
 )  # fmt: skip
 NUMBER_COLUMNS = tuple(name for name in TRACK_COLUMNS if name != "state")
+COLUMNS = (*TRACK_COLUMNS, "visible")
+BOX_COLUMNS = TRACK_COLUMNS[9:]
 TRUTH_COLUMNS = ("frame", "id", "x_m", "y_m", "height_m")
 STATES = ("tentative", "confirmed", "lost")
 PERSON_S = 0.5
@@ -59,87 +61,67 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
     Raises:
         InputError: no frame, id, x_m or y_m, values that are not what a column holds, or two rows of one frame and id.
     """
+    import pandas  # half a second
+
     for name in ("frame", "id", "x_m", "y_m"):
         if name not in columns:
             raise InputError(f"{source}: expected the column {name!r}, found {', '.join(map(str, columns)) or 'none'}")
-    n = len(columns["frame"])
+    known = {name: np.asarray(columns[name]) for name in COLUMNS if name in columns}
     try:
-        known = {name: _numbers(columns[name]) for name in (*NUMBER_COLUMNS, "visible") if name in columns}
-        state = np.asarray(columns["state"], dtype=np.str_) if "state" in columns else np.full(n, "confirmed")
+        rows = pandas.DataFrame(known, columns=list(COLUMNS)).astype(dict.fromkeys((*NUMBER_COLUMNS, "visible"), "f8"))
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{source}: expected numbers in the columns of tracks, found {reason(error)}") from error
-    if foreign := set(np.unique(state)) - set(STATES):
-        raise InputError(f"{source}: expected a state of {', '.join(STATES)}, found {min(foreign)!r}")
-    frame, track_id = known["frame"], known["id"]
-    for keys in (frame, track_id):
-        if not np.isfinite(keys).all() or (keys % 1 != 0).any():
-            raise InputError(f"{source}: expected whole numbers for frame and id, found others")
-        if (np.abs(keys) > KEY_MAX).any():
-            raise InputError(f"{source}: expected frames and ids up to {KEY_MAX}, found {np.abs(keys).max():g}")
-    order = np.lexsort((track_id, frame))
-    frames, ids = frame[order].astype(np.int64), track_id[order].astype(np.int64)
-    if len(twice := np.flatnonzero((np.diff(frames) == 0) & (np.diff(ids) == 0))):
-        where = f"frame {frames[twice[0]]}, id {ids[twice[0]]}"
+    rows = rows.fillna({"state": "confirmed", "visible": 1.0})
+    if foreign := set(rows["state"].unique()) - set(STATES):
+        raise InputError(f"{source}: expected a state of {', '.join(STATES)}, found {str(min(foreign, key=str))!r}")
+    keys = rows[["frame", "id"]].to_numpy()
+    if not np.isfinite(keys).all() or (keys % 1 != 0).any():
+        raise InputError(f"{source}: expected whole numbers for frame and id, found others")
+    if (np.abs(keys) > KEY_MAX).any():
+        raise InputError(f"{source}: expected frames and ids up to {KEY_MAX}, found {np.abs(keys).max():g}")
+    rows = rows.astype({"frame": np.int64, "id": np.int64}).sort_values(["frame", "id"], kind="stable")
+    if len(twice := rows[rows.duplicated(["frame", "id"])]):
+        where = f"frame {twice['frame'].iat[0]}, id {twice['id'].iat[0]}"
         raise InputError(f"{source}: expected one row per frame and id, found two for {where}")
-    columns = {name: known.get(name, np.full(n, np.nan))[order] for name in (*NUMBER_COLUMNS, "visible")}
-    time_s, x_m, y_m, height_m = (columns[name] for name in ("timestamp_s", "x_m", "y_m", "height_m"))
-    visible = np.where(np.isnan(columns["visible"]), 1.0, columns["visible"])
-    box_px = np.column_stack([columns[name] for name in TRACK_COLUMNS[9:]])
-    velocity = np.column_stack([columns["vx_mps"], columns["vy_mps"]])
-    return Trajectories(frames, ids, time_s, x_m, y_m, height_m, state[order], visible, box_px, velocity)
+    column = {name: rows[name].to_numpy(copy=True) for name in COLUMNS}
+    return Trajectories(
+        column["frame"], column["id"], column["timestamp_s"], column["x_m"], column["y_m"], column["height_m"],
+        column["state"].astype("<U9"), column["visible"],
+        np.column_stack([column[name] for name in BOX_COLUMNS]),
+        np.column_stack([column["vx_mps"], column["vy_mps"]]),
+    )  # fmt: skip
 
 
-def _numbers(values: Any) -> F64:
-    if hasattr(values, "to_numpy"):  # a column of pandas
-        return np.asarray(values.to_numpy(dtype=np.float64, na_value=np.nan))
-    return np.asarray(values, dtype=np.float64)
-
-
-def read_columns(path: Path, required: Sequence[str], what: str, numbers: Sequence[str]) -> dict[str, AnyArray]:
-    """Columns of a CSV file: ``numbers`` as (N,) float64, and "state" as (N,) words. An empty cell, and every one of a
-    column that is missing, is NaN, or "confirmed".
-
-    Args:
-        required: columns that the header must name.
-        what: the file should be, for messages.
-    Raises:
-        InputError: unreadable, a column missing, or a cell that is not what its column holds, with its line.
-    """
+def _read(file: Path | str, required: Sequence[str], what: str) -> Trajectories:
     import pandas  # half a second
 
+    path = Path(file)
     require_file(path, f"a {what} file")
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            names = next(csv.reader(file), [])
-        missing = [name for name in required if name not in names]
-        if missing:
+        with path.open(encoding="utf-8-sig", newline="") as text:
+            names = next(csv.reader(text), [])
+        if missing := [name for name in required if name not in names]:
             raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
-        used = {*numbers, "state", names[-1]} & set(names)
-        kinds = {name: np.float64 if name in numbers else "str" for name in used}
+        kinds = {name: "str" if name == "state" else "f8" for name in COLUMNS if name in names}
         frame = pandas.read_csv(
-            path, usecols=list(used), dtype=kinds, index_col=False, keep_default_na=False, na_values=["", " "],
-            skipinitialspace=True, float_precision="round_trip", encoding="utf-8-sig",
+            path, usecols=list({*kinds, names[-1]}), dtype=kinds, index_col=False, keep_default_na=False,
+            na_values=["", " "], skipinitialspace=True, float_precision="round_trip", encoding="utf-8-sig",
         )  # fmt: skip
     except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
         found = reason(error)
-        raise _first_fault(path, numbers) or InputError(f"{path}: expected a {what} file, found {found}") from error
-    columns = {name: frame[name].to_numpy() if name in names else np.full(len(frame), np.nan) for name in numbers}
-    state = frame["state"].fillna("confirmed") if "state" in names else np.full(len(frame), "confirmed")
-    columns["state"] = np.asarray(state, dtype="<U9")
-    keys = np.concatenate([columns[name] for name in _KEYS if name in columns] or [np.empty(0)])
-    strange = set(np.unique(columns["state"])) - set(STATES) or (~(np.abs(keys) < 2.0**63) | (keys % 1 != 0)).any()
+        raise _first_fault(path) or InputError(f"{path}: expected a {what} file, found {found}") from error
     # A row that is cut short lacks its last cell at least.
-    if (strange or frame[names[-1]].isna().any()) and (fault := _first_fault(path, numbers if strange else ())):
+    if frame[names[-1]].isna().any() and (fault := _first_fault(path, cells=False)):
         raise fault
-    return columns
+    try:
+        return table_of(frame, path)
+    except InputError as error:
+        raise _first_fault(path) or error from error
 
 
-_KEYS = ("frame", "id")
-
-
-def _first_fault(path: Path, numbers: Sequence[str]) -> InputError | None:
-    """The first row of a CSV file that is cut short, or its first cell that is not what its column holds; without
-    names of columns of numbers, cells are not looked at."""
+def _first_fault(path: Path, *, cells: bool = True) -> InputError | None:
+    """The first row of a CSV file that is cut short, or its first cell that is not what its column holds; cells are
+    not looked at unless ``cells``."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)
@@ -148,25 +130,25 @@ def _first_fault(path: Path, numbers: Sequence[str]) -> InputError | None:
                 if len(row) < len(names):
                     found = f"expected {len(names)} cells in line {reader.line_num}, found fewer"
                     return InputError(f"{path}: {found}")
-                for name, cell in zip(names, row, strict=False) if numbers else ():
-                    if expected := _expected(name, cell, name in numbers):
+                for name, cell in zip(names, row, strict=False) if cells else ():
+                    if expected := _expected(name, cell.strip()):
                         return InputError(f"{path}: expected {expected}, line {reader.line_num}, found {cell!r}")
     except (OSError, UnicodeDecodeError, csv.Error):
         pass
     return None
 
 
-def _expected(name: str, cell: str, is_number: bool) -> str:
+def _expected(name: str, cell: str) -> str:
     """What a cell should be; empty where it is."""
     if name == "state":
-        return "" if cell.strip() in ("", *STATES) else f"a state of {', '.join(STATES)}"
-    if not is_number:
+        return "" if cell in ("", *STATES) else f"a state of {', '.join(STATES)}"
+    if name not in COLUMNS:
         return ""
     try:
-        value = float(cell) if cell.strip() else math.nan
+        value = float(cell or "nan")
     except ValueError:
         return f"a number in {name!r}"
-    return f"a whole number in {name!r}" if name in _KEYS and not (abs(value) < 2**63 and value % 1 == 0) else ""
+    return f"a whole number in {name!r}" if name in ("frame", "id") and value % 1 != 0 else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,17 +208,12 @@ class Trajectories:
 
 
 def positions_table(
-    frame: I64,
-    track_id: I64,
-    xy_m: F64,
-    height_m: F64 | None = None,
-    timestamp_s: F64 | None = None,
-    box_px: F64 | None = None,
-    visible: F64 | None = None,
-) -> Trajectories:
+    frame: I64, track_id: I64, xy_m: F64, height_m: F64 | None = None, timestamp_s: F64 | None = None,
+    box_px: F64 | None = None, visible: F64 | None = None,
+) -> Trajectories:  # fmt: skip
     """A table of confirmed rows from arrays of length N; what is not given is unknown."""
     given = {"height_m": height_m, "timestamp_s": timestamp_s, "visible": visible}
-    boxes = {} if box_px is None else dict(zip(TRACK_COLUMNS[9:], box_px.T, strict=True))
+    boxes = {} if box_px is None else dict(zip(BOX_COLUMNS, box_px.T, strict=True))
     known = {name: values for name, values in given.items() if values is not None}
     x, y = xy_m.T
     return table_of({"frame": frame, "id": track_id, "x_m": x, "y_m": y, **known, **boxes}, "tracks")
@@ -245,10 +222,7 @@ def positions_table(
 def concatenated(tables: Sequence[Trajectories]) -> Trajectories:
     """The rows of at least one table together, sorted by frame, then id."""
     names = Trajectories.__dataclass_fields__
-    return _sorted(Trajectories(**{name: np.concatenate([getattr(t, name) for t in tables]) for name in names}))
-
-
-def _sorted(table: Trajectories) -> Trajectories:
+    table = Trajectories(**{name: np.concatenate([getattr(t, name) for t in tables]) for name in names})
     order = np.lexsort((table.track_id, table.frame))
     return table if (np.diff(order) == 1).all() else table.where(order)
 
@@ -281,13 +255,9 @@ def write_rows(file: IO[str], frame: int, timestamp_s: float, tracks: Sequence[T
 def write_table(file: IO[str], table: Trajectories) -> None:
     """All of ``tracks.csv``: the header and every row."""
     write_header(file)
-    for row in range(len(table)):
-        write_rows(file, int(table.frame[row]), float(table.timestamp_s[row]), [row_state(table, row)])
-
-
-def row_state(table: Trajectories, row: int) -> TrackState:
-    """One row as a tracker gave it."""
-    return row_states(table, slice(row, row + 1))[0]
+    people = row_states(table, slice(None))
+    for frame, time_s, person in zip(table.frame.tolist(), table.timestamp_s.tolist(), people, strict=True):
+        write_rows(file, frame, time_s, [person])
 
 
 def row_states(table: Trajectories, rows: slice) -> list[TrackState]:
@@ -338,11 +308,6 @@ def _cell(value: float, digits: int) -> str:
 def _rounded(value: float, digits: int) -> float:
     """With as many digits as the file has; NaN where its cell is empty."""
     return float(_cell(value, digits) or "nan")
-
-
-def _read(file: Path | str, required: tuple[str, ...], what: str) -> Trajectories:
-    path = Path(file)
-    return table_of(read_columns(path, required, what, (*NUMBER_COLUMNS, "visible")), path)
 
 
 def frame_period_s(table: Trajectories, fallback_s: float) -> float:

@@ -23,7 +23,7 @@ from planview.counting.scoring import crossing_scores, occupancy_groups
 from planview.counting.stream import Analytics
 from planview.counting.totals import Clock, Span, count_tracks, occupancy_at, over_frames
 from planview.trajectories.state import TrackState
-from planview.trajectories.table import Trajectories, TrajectoryCollector, row_state
+from planview.trajectories.table import Trajectories, TrajectoryCollector, row_states
 from stereo.depth import RectifiedGeometry, StereoFloorCamera
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.0, math.radians(60))
@@ -299,7 +299,7 @@ def every_frame(tracks: Trajectories, rules: Rules, params: AnalyticsParams) -> 
     counter, events = Analytics(rules, params), []
     for frame in np.unique(tracks.frame).tolist():
         rows = np.flatnonzero(tracks.frame == frame).tolist()
-        events += counter.update(frame, frame / 10, [row_state(tracks, row) for row in rows])
+        events += counter.update(frame, frame / 10, [row_states(tracks, slice(None))[row] for row in rows])
     stays = {name: sorted(map(str, map(vars, stays))) for name, stays in counter.stays.items()}
     return sorted(events, key=str), stays, counter.people
 

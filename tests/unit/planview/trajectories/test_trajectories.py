@@ -30,7 +30,6 @@ from planview.trajectories.table import (
     TrajectoryCollector,
     frame_period_s,
     positions_table,
-    read_columns,
     read_tracks,
     read_truth,
     write_header,
@@ -97,23 +96,21 @@ def written(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def column(path: Path, name: str) -> list[float]:
-    return list(read_columns(path, (), "test", (name,))[name].tolist())
-
-
 def test_exponents_blanks_quoted_cells_carriage_returns_and_a_byte_order_mark_are_read(tmp_path: Path) -> None:
-    path = written(tmp_path, "a,b\n1e3,2\n 1.5 ,2\n0.12345678901234567,2\n,2\n")
-    np.testing.assert_array_equal(column(path, "a"), [1000.0, 1.5, 0.12345678901234567, np.nan])
-    path = written(tmp_path, '\ufeffa,note,b\r\n1,"x, y\nz",2\r\n"3",,4\r\n')
-    assert (column(path, "a"), column(path, "b")) == ([1.0, 3.0], [2.0, 4.0])
+    path = written(
+        tmp_path, "frame,id,x_m,y_m,height_m\n0,1,1e3,2,\n0,2, 1.5 ,2,\n1,1,0.12345678901234567,2,\n1,2,,2,\n"
+    )
+    np.testing.assert_array_equal(read_truth(path).x_m, [1000.0, 1.5, 0.12345678901234567, np.nan])
+    path = written(tmp_path, '\ufeffframe,id,x_m,note,y_m,height_m\r\n0,1,1,"x, y\nz",2,\r\n0,2,"3",,4,\r\n')
+    assert (read_truth(path).x_m.tolist(), read_truth(path).y_m.tolist()) == ([1.0, 3.0], [2.0, 4.0])
 
 
 def test_bad_numbers_and_short_rows_are_named_with_their_line(tmp_path):
-    path = written(tmp_path, "a,b\n1,2\n\n3,many\n")
-    with pytest.raises(InputError, match="a number in 'b', line 4, found 'many'"):
-        column(path, "b")
-    with pytest.raises(InputError, match="expected 3 cells in line 3, found fewer"):
-        column(written(tmp_path, "a,b,c\n1,2,3\n4,5\n"), "c")
+    path = written(tmp_path, "frame,id,x_m,y_m,height_m\n0,1,2,2,\n\n1,1,3,many,\n")
+    with pytest.raises(InputError, match="a number in 'y_m', line 4, found 'many'"):
+        read_truth(path)
+    with pytest.raises(InputError, match="expected 5 cells in line 3, found fewer"):
+        read_truth(written(tmp_path, "frame,id,x_m,y_m,height_m\n0,1,2,3,1\n4,5\n"))
 
 
 def test_pets_rows_count_frames_from_zero_and_carry_boxes_and_metres_where_they_are_known(tmp_path: Path) -> None:
