@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from collections import deque
 from typing import Any, NamedTuple
 
 import cv2
@@ -31,11 +31,9 @@ LONGEST_LAG = 30
 """Longest lag looked for [frames]: two seconds at 15 Hz (our choice)."""
 WINDOW = 120
 """Frames over which the mean movement is taken out (our choice)."""
-MIN_WINDOW = 12
-BLOCK = 15
-"""Frames whose sums are kept together, fewer where there are few: a second at 15 Hz (our choice)."""
-BLOCKS_MAX = 128
-"""Beyond, neighbouring sums are added up: memory does not grow."""
+MIN_FRAMES = 12
+FRAMES_MAX = 4096
+"""Frames with movement, or soon after it, that are remembered: four minutes at 15 Hz, in 1.5 MB (our choice)."""
 GROUPS = 8
 """Parts of the time that are left out in turn to estimate the deviation of a lag (jackknife; our choice)."""
 SURELY = 3.0
@@ -62,81 +60,6 @@ def sampled_thumbnails(left: U8, right: U8) -> Thumbnails:
     return Thumbnails(np.ascontiguousarray(left[:, own:]), np.ascontiguousarray(right[:, : right.shape[1] - own]))
 
 
-class MotionFindings(NamedTuple):
-    """The lag between the movements of both cameras; NaN where too little moves.
-
-    Attributes:
-        lag: by how many frames the right camera is late: over all the time, or over its first or second half where
-            that leaves less doubt.
-        frozen: share of the frames with movement in which one camera stands still.
-        stall: longest such stretch [frames].
-        repeated: share of the frames with movement around them that repeat the pair before.
-        lag_std: deviation of the lag [frames].
-    """
-
-    lag: float
-    frozen: float
-    stall: float
-    repeated: float
-    lag_std: float = np.nan
-
-
-class MotionWatch:
-    """Follows the movement in both images of a pair."""
-
-    def __init__(self) -> None:
-        self._last: Thumbnails | None = None
-        self._bands: list[F64] = []
-        self._sums: list[F64] = []
-        self._active = self._frozen = self._stall = self._longest = self._repeated = 0
-        self._still_for = 0
-
-    def update(self, pair: Thumbnails) -> None:
-        """Take the next pair."""
-        before, self._last = self._last, pair
-        if before is None:
-            return
-        both = list(zip(before, pair, strict=True))
-        moved = [np.asarray(cv2.absdiff(a, b) > MOVED_LEVEL, dtype=np.bool_) for a, b in both]
-        self._count(max(float(m.mean()) for m in moved), [bool((a == b).all()) for a, b in both])
-        self._bands.append(np.stack([_bands(m) for m in moved]))
-        if len(self._bands) == WINDOW:
-            self._sums += lag_sums(*np.stack(self._bands, axis=1))
-            self._bands.clear()
-            if len(self._sums) > BLOCKS_MAX:
-                self._sums = [a + b for a, b in zip(self._sums[::2], self._sums[1::2], strict=False)]
-
-    def findings(self) -> MotionFindings:
-        """Of all pairs so far."""
-        if not self._active:
-            return MotionFindings(np.nan, np.nan, np.nan, np.nan)
-        sums = list(self._sums)
-        if len(self._bands) >= MIN_WINDOW:
-            sums += lag_sums(*np.stack(self._bands, axis=1))
-        half = len(sums) // 2
-        lags = [lag_of(sums), *(lag_of(part) for part in (sums[:half], sums[half:]) if half >= GROUPS)]
-        # A camera may lose its step on the way: the surest lag counts.
-        lag = max(lags, key=lambda lag: lag.surely if math.isfinite(lag.surely) else -math.inf)
-        repeated = self._repeated / (self._active + self._repeated)
-        return MotionFindings(lag.frames, self._frozen / self._active, float(self._longest), repeated, lag.std)
-
-    def _count(self, moved: float, same: list[bool]) -> None:
-        active = moved >= ACTIVE_SHARE
-        # A camera that stands still repeats its image to the last bit; one in which nobody moves has noise.
-        frozen = active and any(same)
-        self._active += active
-        self._frozen += frozen
-        self._stall = self._stall + 1 if frozen else 0 if active else self._stall
-        self._longest = max(self._longest, self._stall)
-        # Copies of a pair between moving ones; a scene in which nothing moves may repeat for hours.
-        if all(same):
-            self._still_for += 1
-        else:
-            if active and self._still_for in (1, 2):
-                self._repeated += self._still_for
-            self._still_for = 0 if active else 3
-
-
 class Lag(NamedTuple):
     """Where the movement of two cameras over time is most alike.
 
@@ -155,40 +78,98 @@ class Lag(NamedTuple):
         return abs(self.frames) - SURELY * self.std
 
 
-def lag_sums(left: F64, right: F64) -> list[F64]:
-    """Products of both signals for every lag, summed over blocks of frames.
+class MotionFindings(NamedTuple):
+    """What the movement in both images shows; NaN where too little moves.
 
-    Args:
-        left, right: (T, bands) movement per frame.
-    Returns:
-        per block (2 LONGEST_LAG + 1, 3) float64: left by right one ``lag`` frames later, and each by itself.
+    Attributes:
+        lag: over all the time, or over its first or second half where that leaves less doubt.
+        frozen: share of the frames with movement in which one camera stands still.
+        stall: longest such stretch [frames].
+        repeated: share of the frames with movement around them that repeat the pair before.
     """
+
+    lag: Lag
+    frozen: float
+    stall: float
+    repeated: float
+
+
+class MotionWatch:
+    """Follows the movement in both images of a pair."""
+
+    def __init__(self) -> None:
+        self._last: Thumbnails | None = None
+        self._bands: deque[F64] = deque(maxlen=FRAMES_MAX)
+        self._active = self._frozen = self._stall = self._longest = self._repeated = 0
+        self._still_for = self._calm_for = 0
+
+    def update(self, pair: Thumbnails) -> None:
+        """Take the next pair."""
+        before, self._last = self._last, pair
+        if before is None:
+            return
+        both = list(zip(before, pair, strict=True))
+        moved = [np.asarray(cv2.absdiff(a, b) > MOVED_LEVEL, dtype=np.bool_) for a, b in both]
+        active = max(float(m.mean()) for m in moved) >= ACTIVE_SHARE
+        self._count(active, [bool((a == b).all()) for a, b in both])
+        self._calm_for = 0 if active else self._calm_for + 1
+        if self._calm_for <= LONGEST_LAG:
+            self._bands.append(np.stack([_bands(m) for m in moved]))
+
+    def findings(self) -> MotionFindings:
+        """Of all pairs so far."""
+        if not self._active:
+            return MotionFindings(Lag(np.nan, np.nan), np.nan, np.nan, np.nan)
+        signals, half = np.stack(self._bands), len(self._bands) // 2
+        parts = [signals, *((signals[:half], signals[half:]) if half >= WINDOW else ())]
+        # A camera may lose its step on the way: the surest lag counts.
+        lags = [lag_of(part[:, 0], part[:, 1]) for part in parts]
+        lag = max(lags, key=lambda lag: lag.surely if math.isfinite(lag.surely) else -math.inf)
+        repeated = self._repeated / (self._active + self._repeated)
+        return MotionFindings(lag, self._frozen / self._active, float(self._longest), repeated)
+
+    def _count(self, active: bool, same: list[bool]) -> None:
+        # A camera that stands still repeats its image to the last bit; one in which nobody moves has noise.
+        frozen = active and any(same)
+        self._active += active
+        self._frozen += frozen
+        self._stall = self._stall + 1 if frozen else 0 if active else self._stall
+        self._longest = max(self._longest, self._stall)
+        # Copies of a pair between moving ones; a scene in which nothing moves may repeat for hours.
+        if all(same):
+            self._still_for += 1
+        else:
+            if active and self._still_for in (1, 2):
+                self._repeated += self._still_for
+            self._still_for = 0 if active else 3
+
+
+def lag_of(left: F64, right: F64) -> Lag:
+    """Lag at which the (T, bands) movement of both cameras correlates best, and how far it moves when parts of the
+    time are left out."""
     frames = len(left)
-    longest = min(LONGEST_LAG, frames // 3)
-    left, right = left - left.mean(axis=0), right - right.mean(axis=0)
-    blocks = max(GROUPS, frames // BLOCK)
-    block_of = np.arange(frames) * blocks // frames
-    sums = np.zeros((blocks, 2 * LONGEST_LAG + 1, 3))
+    if frames < MIN_FRAMES:
+        return Lag(np.nan, np.nan)
+    left, right = (_without_mean(signal) for signal in (left, right))
+    longest, part_of = min(LONGEST_LAG, frames // 3), np.arange(frames) * GROUPS // frames
+    # Of every part and lag: left by right that much later, and each by itself.
+    sums = np.zeros((GROUPS, 2 * LONGEST_LAG + 1, 3))
     for lag in range(-longest, longest + 1):
         at = np.arange(max(0, -lag), frames - max(0, lag))
         a, b = left[at], right[at + lag]
         for k, product in enumerate((a * b, a * a, b * b)):
-            sums[:, LONGEST_LAG + lag, k] = np.bincount(block_of[at], product.sum(axis=1), blocks)
-    return list(sums)
-
-
-def lag_of(sums: list[F64]) -> Lag:
-    """Lag at which the sums of all blocks correlate best, and how far it moves when parts are left out."""
-    if not sums:
-        return Lag(np.nan, np.nan)
-    bounds = np.linspace(0, len(sums), min(GROUPS, len(sums)) + 1).astype(int)
-    parts = np.stack([np.sum(sums[a:b], axis=0) for a, b in pairwise(bounds)])
-    whole = parts.sum(axis=0)
-    without = np.array([_best(whole - part) for part in parts])
-    power, count = parts[:, LONGEST_LAG, 1:].sum(axis=1), len(parts)
+            sums[:, LONGEST_LAG + lag, k] = np.bincount(part_of[at], product.sum(axis=1), GROUPS)
+    whole, power = sums.sum(axis=0), sums[:, LONGEST_LAG, 1:].sum(axis=1)
     if power.max() > 0.8 * power.sum():
         return Lag(_best(whole), np.nan)
-    return Lag(_best(whole), float(np.sqrt((count - 1) / count * np.sum((without - without.mean()) ** 2))))
+    without = np.array([_best(whole - part) for part in sums])
+    return Lag(_best(whole), float(np.sqrt((GROUPS - 1) / GROUPS * np.sum((without - without.mean()) ** 2))))
+
+
+def _without_mean(signal: F64) -> F64:
+    """A (T, bands) signal less its mean over every WINDOW frames."""
+    windows = np.array_split(signal, max(1, round(len(signal) / WINDOW)))
+    return np.concatenate([window - window.mean(axis=0) for window in windows])
 
 
 def _best(sums: F64) -> float:
@@ -250,8 +231,8 @@ def frame_checks(recording: Recorded[Any], spread: list[Any], run: list[Any], fr
 
 def motion_checks(found: MotionFindings) -> list[Check]:
     """Cameras that do not move together in time."""
-    late = f"right camera {found.lag:+.2f} +- {found.lag_std:.2f} frames late, by movement"
-    in_step = not Lag(found.lag, found.lag_std).surely > MAX_LAG
+    late = f"right camera {found.lag.frames:+.2f} +- {found.lag.std:.2f} frames late, by movement"
+    in_step = not found.lag.surely > MAX_LAG
     return [
         at_most("frozen camera", found.frozen, MAX_FROZEN, "", "share of frames that stand still in one camera only"),
         at_most(
@@ -263,7 +244,7 @@ def motion_checks(found: MotionFindings) -> list[Check]:
             warns=True,
         ),
         at_most("repeated pairs", found.repeated, MAX_REPEATED, "", "share of pairs that repeat the one before"),
-        Check("synchronisation", in_step, abs(found.lag), "frames", MAX_LAG, "at most", late),
+        Check("synchronisation", in_step, abs(found.lag.frames), "frames", MAX_LAG, "at most", late),
     ]
 
 
