@@ -295,7 +295,7 @@ def refuse_unless_ok(checks: list[Check], source: str) -> None:
     """Raise InputError when a check fails; warnings pass."""
     failed = [check for check in checks if check.failed]
     if failed:
-        raise InputError(f"{source}: --strict: {'; '.join(sentence(check) for check in failed)}")
+        raise InputError(f"{source}: checks failed: {'; '.join(sentence(check) for check in failed)}")
 
 
 def sentence(check: Check) -> str:

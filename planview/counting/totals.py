@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from planview.counting.stream import Analytics
 from planview.trajectories.table import IGNORED, Trajectories, frame_period_s
 
 INTERVALS_MAX = 10_080
-"""Intervals listed in full: a week of minutes (our choice)."""
+"""Intervals of the totals at most, a week of minutes: where the clock has jumped they are longer (our choice)."""
 JUMP_S = 600.0
 """A step of the clock from one frame to the next that is longer is a jump [s]: no recorder pauses so long unnoticed
 (our choice)."""
@@ -44,19 +45,6 @@ class Span:
     @property
     def duration_s(self) -> float:
         return self.end_s - self.start_s
-
-    def interval_starts(self, interval_s: float, busy_s: Sequence[float]) -> F64:
-        """Beginnings of the intervals that cover the span.
-
-        Where the clock has jumped there are more than INTERVALS_MAX: then only the first, the last, and those that hold
-        one of the times ``busy_s``.
-        """
-        count = max(1, math.ceil((self.duration_s - 1e-9) / interval_s))
-        indices = np.arange(min(count, INTERVALS_MAX), dtype=np.float64)
-        if count > INTERVALS_MAX:
-            held = (np.asarray(busy_s, dtype=np.float64) - self.start_s) // interval_s
-            indices = np.unique(np.concatenate([[0.0, count - 1.0], np.clip(held, 0, count - 1)]))
-        return self.start_s + interval_s * indices
 
     @property
     def n_frames(self) -> int:
@@ -120,7 +108,8 @@ class Counts:
         """All that an analysis has counted, at its end."""
         stays = {name: sorted(stays, key=lambda s: s.start_s) for name, stays in analytics.stays.items()}
         ordered = sorted(events, key=lambda e: e.timestamp_s)
-        return Counts(analytics.rules, ordered, stays, analytics.people, span, analytics.params.interval_s)
+        interval_s = max(analytics.params.interval_s, span.duration_s / INTERVALS_MAX)
+        return Counts(analytics.rules, ordered, stays, analytics.people, span, interval_s)
 
     def __repr__(self) -> str:
         return f"Counts({len(self.people)} rules, {len(self.events)} events, {self.span.duration_s:.1f} s)"
@@ -144,55 +133,69 @@ class Counts:
 
     def _wire(self, wire: Placed) -> dict[str, Any]:
         crossings = [event for event in self.events if event.rule == wire.name]
-        intervals = self._intervals(crossings)
         return {
             "kind": "tripwire",
             **({"inward": wire.inward} if wire.inward else {}),
             **_by_direction(crossings, wire.inward),
             "people": self.people[wire.name],
-            "intervals": [{"start_s": start, **_by_direction(group, wire.inward)} for start, group in intervals],
+            "intervals": [
+                {"start_s": start_s, **_by_direction(_between(crossings, start_s, end_s), wire.inward)}
+                for start_s, end_s in self._intervals
+            ],
         }
 
     def _zone(self, name: str) -> dict[str, Any]:
         stays, events = self.stays[name], [event for event in self.events if event.rule == name]
         dwell = [stay.dwell_s + (0.0 if stay.left else self.span.frame_s) for stay in stays]
+        changes = self._changes(stays)
         return {
             "kind": "zone",
             **_passages(events),
             "people": self.people[name],
-            "mean_occupancy": sum(dwell) / self.span.duration_s if self.span.duration_s > 0 else 0.0,
-            "max_occupancy": over_frames(stays, self.span).max,
+            "mean_occupancy": self._mean(stays, self.span.start_s, self.span.end_s),
+            "max_occupancy": max(number for _, number in changes),
             "mean_dwell_s": float(np.mean(dwell)) if dwell else 0.0,
             "max_dwell_s": max(dwell, default=0.0),
             "stays": len(stays),
             "appeared_inside": sum(not stay.entered for stay in stays),
             "vanished_inside": sum(not stay.left for stay in stays),
-            "occupancy": self._changes(stays),
+            "occupancy": changes,
             "intervals": [
-                {"start_s": start, **_passages(group), "mean_occupancy": self._mean_within(stays, start)}
-                for start, group in self._intervals(events)
+                {
+                    "start_s": start_s,
+                    **_passages(_between(events, start_s, end_s)),
+                    "mean_occupancy": self._mean(stays, start_s, end_s),
+                }
+                for start_s, end_s in self._intervals
             ],
         }
 
     def _queue(self, queue: Queue) -> dict[str, Any]:
         """A stay of at least min_wait_s is waiting, from entering the zone until leaving it."""
         waits = [stay for stay in self.stays[queue.zone] if stay.dwell_s >= queue.min_wait_s]
-        length = over_frames(waits, self.span)
-        waited = [stay.dwell_s for stay in waits]
-        busy_s = [time_s for stay in waits for time_s in (stay.start_s, stay.end_s)]
-        starts = self.span.interval_starts(self.interval_s, busy_s).tolist()
+        waited, changes = [stay.dwell_s for stay in waits], self._changes(waits)
         return {
             "kind": "queue",
             "zone": queue.zone,
-            "mean_length": length.mean,
-            "max_length": length.max,
+            "mean_length": self._mean(waits, self.span.start_s, self.span.end_s),
+            "max_length": max(number for _, number in changes),
             "mean_wait_s": float(np.mean(waited)) if waited else 0.0,
             "max_wait_s": max(waited, default=0.0),
             "waited": len(waits),
             "served": sum(stay.left for stay in waits),
-            "length": self._changes(waits),
-            "intervals": [{"start_s": start, "mean_length": self._mean_within(waits, start)} for start in starts],
+            "length": changes,
+            "intervals": [
+                {"start_s": start_s, "mean_length": self._mean(waits, start_s, end_s)}
+                for start_s, end_s in self._intervals
+            ],
         }
+
+    @property
+    def _intervals(self) -> list[tuple[float, float]]:
+        """Beginning and end of every interval; the last one ends with the recording."""
+        count = max(1, math.ceil((self.span.duration_s - 1e-9) / self.interval_s))
+        starts = [self.span.start_s + n * self.interval_s for n in range(count)]
+        return list(zip(starts, [*starts[1:], max(self.span.end_s, starts[-1])], strict=True))
 
     def _changes(self, stays: Sequence[Stay]) -> list[tuple[float, int]]:
         """(time, people from then on) at the beginning and at every change."""
@@ -201,20 +204,17 @@ class Counts:
         numbers = occupancy_at(stays, times, self.span.frame_s)
         return [(round(float(t), 4), int(n)) for t, n in zip(times, numbers, strict=True)]
 
-    def _intervals(self, events: Sequence[Event]) -> list[tuple[float, list[Event]]]:
-        starts = self.span.interval_starts(self.interval_s, [event.timestamp_s for event in events])
-        groups: list[list[Event]] = [[] for _ in starts]
-        for event in events:
-            place = int(np.searchsorted(starts, event.timestamp_s, side="right")) - 1
-            groups[max(0, place)].append(event)
-        return list(zip(starts.tolist(), groups, strict=True))
-
-    def _mean_within(self, stays: Sequence[Stay], start_s: float) -> float:
-        """Mean number of people over the interval from start_s (over the recorded part of the last)."""
+    def _mean(self, stays: Sequence[Stay], start_s: float, end_s: float) -> float:
+        """Mean number of people from one time to another."""
         starts, ends = _times(stays, self.span.frame_s)
-        end_s = min(start_s + self.interval_s, self.span.end_s)
         inside_s = np.maximum(0.0, np.minimum(ends, end_s) - np.maximum(starts, start_s)).sum()
         return float(inside_s) / (end_s - start_s) if end_s > start_s else 0.0
+
+
+def _between(events: Sequence[Event], start_s: float, end_s: float) -> Sequence[Event]:
+    """Those of the events, by time, that are in an interval."""
+    first, last = (bisect_left(events, time_s, key=lambda event: event.timestamp_s) for time_s in (start_s, end_s))
+    return events[first:last]
 
 
 def _times(stays: Sequence[Stay], frame_s: float) -> tuple[F64, F64]:
@@ -232,26 +232,6 @@ def occupancy_at(stays: Sequence[Stay], times_s: F64, frame_s: float) -> I64:
     starts, ends = (np.sort(times) for times in _times(stays, frame_s))
     begun = np.searchsorted(starts, times_s + SLACK_S, side="right")
     return begun - np.searchsorted(ends, times_s + SLACK_S, side="right")
-
-
-class OverFrames(NamedTuple):
-    """Number of people over all frames: its greatest value and its mean."""
-
-    max: int
-    mean: float
-
-
-def over_frames(stays: Sequence[Stay], span: Span) -> OverFrames:
-    """What ``occupancy_at`` gives at all frames, at the cost of the stays and not of the time.
-
-    The number is greatest at the first frame of some stay; the mean counts the frames of every stay.
-    """
-    if not stays:
-        return OverFrames(0, 0.0)
-    times = np.stack(_times(stays, span.frame_s)) - SLACK_S
-    first, last = np.clip(np.ceil((times - span.start_s) / span.frame_s - 1e-9), 0, span.n_frames)
-    at = np.minimum(first, span.n_frames - 1) * span.frame_s + span.start_s
-    return OverFrames(int(occupancy_at(stays, at, span.frame_s).max()), float((last - first).sum()) / span.n_frames)
 
 
 def _place(rule: Placed) -> dict[str, Any]:

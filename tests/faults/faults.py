@@ -58,8 +58,8 @@ TIMING_FAULTS = (
     Fault("left camera frozen", right_shows(lambda i: 0, ["left"]), warns="frozen camera"),
     Fault("right camera stalls", right_shows(lambda i: 10 if 10 < i < 22 else i), warns="stalled camera"),
     Fault("every third pair a copy", right_shows(lambda i: i * 2 // 3, ["left", "right"]), warns="repeated pairs"),
-    Fault("late and strict", right_shows(lambda i: max(0, i - 1)), 2, "--strict: .*synchronisation", words=("--strict",)),
-    Fault("frozen and strict", right_shows(lambda i: 0), 2, "--strict: .*frozen camera", words=("--strict",)),
+    Fault("late and strict", right_shows(lambda i: max(0, i - 1)), 2, "checks failed: .*synchronisation", words=("--strict",)),
+    Fault("frozen and strict", right_shows(lambda i: 0), 2, "checks failed: .*frozen camera", words=("--strict",)),
 )  # fmt: skip
 IMAGE_FAULTS = (
     Fault("rows one pixel off", images(lambda i, n: np.roll(i, 1, axis=0), ["right"]), warns="row offset"),

@@ -17,11 +17,10 @@ from calib.rig import Floor, StereoRig, save_rig
 from calib.world import save_world
 from planview.counting.events import Direction, Event
 from planview.counting.geometry import Outline, RulePlane, problem_of, stereo_plane
-from planview.counting.passages import Stay
 from planview.counting.rules import AnalyticsParams, Rules, load_rules, parse_rules
 from planview.counting.scoring import crossing_scores, occupancy_groups
 from planview.counting.stream import Analytics
-from planview.counting.totals import Clock, Span, count_tracks, occupancy_at, over_frames
+from planview.counting.totals import INTERVALS_MAX, Clock, count_tracks
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import Trajectories, TrajectoryCollector, row_states
 from stereo.depth import RectifiedGeometry, StereoFloorCamera
@@ -186,22 +185,6 @@ def test_plane_of_a_rig_reads_its_world(tmp_path: Path) -> None:
     np.testing.assert_allclose(placed.points, [[0, 0], [1, 0]], atol=0.01)
 
 
-STAYS = [Stay(0.0, 1.0, True, True), Stay(0.55, 2.0, True), Stay(0.95, 1.2, False, True), Stay(7.0, 7.05, True, True)]
-
-
-def test_maximum_and_mean_over_frames_are_those_of_the_series_and_half_a_century_costs_nothing():
-    span = Span(0.0, 8.0, 0.1)
-    series = occupancy_at(STAYS, span.frame_times(), span.frame_s)
-    found = over_frames(STAYS, span)
-    assert found.max == series.max() == 2 and found.mean == pytest.approx(series.mean())
-    assert over_frames(STAYS, Span(0.0, 1.6e9, 1 / 15)).max == 2
-
-
-def test_intervals_of_a_jump_are_those_that_hold_something() -> None:
-    starts = Span(0.0, 1.6e9, 0.1).interval_starts(60.0, [61.0, 1.5e9])
-    assert starts.tolist() == [0.0, 60.0, 1.5e9, pytest.approx(1.6e9, abs=60.0)]
-
-
 def tracks_at(times: list[float]) -> Trajectories:
     collector = TrajectoryCollector()
     for frame, time in enumerate(times):
@@ -213,6 +196,13 @@ def test_a_jump_is_described_by_its_frames_and_size() -> None:
     assert "by 30.0 days from frame 1 to 2" in Clock(tracks_at([0.0, 0.1, 0.2 + 30 * 86400]), 10.0).jump()
     assert Clock(tracks_at([0.0, 0.1, 60.0]), 10.0).jump() == ""
     assert np.isfinite(Clock(tracks_at([0.0]), 10.0).frame_s)
+
+
+def test_intervals_are_longer_where_the_clock_has_jumped() -> None:
+    rules = parse_rules({"tripwire": [{"name": "door", "from_m": [0, 1], "to_m": [1, 1]}]}, RulePlane(), "rules.toml")
+    counted = count_tracks(tracks_at([0.0, 0.1, 1.6e9]), rules).to_json()
+    assert len(counted["rules"]["door"]["intervals"]) == INTERVALS_MAX
+    assert counted["interval_s"] == pytest.approx(counted["duration_s"] / INTERVALS_MAX)
 
 
 def crossing(moment: float, direction: Direction = "left_to_right") -> Event:
