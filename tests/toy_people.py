@@ -25,13 +25,18 @@ def oblique_camera(height_m: float = 2.5, tilt_deg: float = 65.0) -> PixelRays:
     return PixelRays.of(GEOMETRY, SE3(rotation, np.array([0.0, 0.0, height_m])), (120, 160), 1)
 
 
-def look_at(rays: PixelRays, people: Sequence[tuple[float, float, float]], codes: Sequence[int] = ()) -> SeenPixels:
-    """People (x, y, height), each of one colour code, before a floor without texture."""
+def look_at(
+    rays: PixelRays,
+    people: Sequence[tuple[float, float, float]],
+    codes: Sequence[int] = (),
+    table: BodyTable | None = None,
+) -> SeenPixels:
+    """People (x, y, height), or what else a table shows, each of one colour code, before a floor without texture."""
     kind: U8 = np.zeros(rays.shape, np.uint8)
     nearest: F32 = np.full(rays.shape, np.inf, np.float32)
     colour: U8 = np.zeros(rays.shape, np.uint8)
     for k, person in enumerate(people):
-        cover, at = seen_body(rays, person)
+        cover, at = seen_body(rays, person, table)
         front = (cover > 0.5) & (at < nearest)
         nearest[front], kind[front] = at[front], SURFACE
         colour[front] = codes[k] if codes else 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -18,6 +19,8 @@ HEIGHT_MIN_M, HEIGHT_MAX_M = 0.80, 2.10
 """Heights of a head [m], from somebody who sits on the floor to a very tall man who walks."""
 THINGS = 0.1
 """Share of what comes into view that is moved furniture and carried things, of any height up to a person's."""
+THING_RADII = (0.12, 0.2, 0.34)
+"""Radii of things over their heights, from a pillar to a crate."""
 SPEED_MAX_MPS = 2.5
 """Fastest walk [m/s]: men change to running at 2.0 to 2.5 m/s (Hreljac 1993)."""
 REACH_M = 0.9
@@ -26,7 +29,8 @@ TORSO = HumanModel()
 """Zhang et al. 2008, table 1."""
 CHEST_DEPTH = 0.65
 """A chest's depth over the breadth of torso and arms: 0.24 m over 0.42 m (NASA-STD-3000, median man)."""
-PROFILE = (
+Profile = tuple[tuple[float, float, float, float], ...]
+PROFILE: Profile = (
     (0.00, 0.48, 0.13, 0.55),
     (0.48, 0.78, TORSO.torso_radius_m, CHEST_DEPTH),
     (0.78, 0.82, 0.17, CHEST_DEPTH),
@@ -37,7 +41,7 @@ PROFILE = (
 """Legs, torso, the slope of the shoulders, neck, head and crown: from and to [of the height], half breadth [m] of a
 body of 1.76 m, depth over breadth. Hip, shoulder (0.818), chin (0.870) after Drillis and Contini 1966, radii of torso
 and head after Zhang, the other breadths ours."""
-ARMS = ((0.0, 0.42, 0.27, 0.5), (0.42, 0.78, 0.31, 0.4))
+ARMS: Profile = ((0.0, 0.42, 0.27, 0.5), (0.42, 0.78, 0.31, 0.4))
 ARMS_SHARE = 0.35
 """Where striding legs and arms may be next to the body, and how often they are there."""
 APART_M = 2.0 * TORSO.torso_radius_m
@@ -79,34 +83,42 @@ U_CELLS, W_CELLS = 16, 88
 
 @lru_cache(maxsize=1)
 def body_table() -> BodyTable:
-    """The table of Zhang's three cylinders, blurred by BLUR_M."""
+    """Of Zhang's three cylinders, with arms and strides."""
+    return table_of(((PROFILE, 1.0), (ARMS, ARMS_SHARE)), BLUR_M)
+
+
+@lru_cache(maxsize=1)
+def thing_tables() -> tuple[BodyTable, ...]:
+    """Of things: upright cylinders with a flat top, scaled as bodies are."""
+    radii_m = (slimness * TORSO.height_m for slimness in THING_RADII)
+    return tuple(table_of(((((0.0, 1.0, r, 1.0),), 1.0),), BLUR_M, 2 * U_CELLS) for r in radii_m)
+
+
+def table_of(parts: Sequence[tuple[Profile, float]], blur_m: float, u_cells: int = U_CELLS) -> BodyTable:
+    """The table of parts that cover with a probability each: of those on a ray, the likeliest one."""
     fine = round(CELL_M / FINE_M)
-    u = (np.arange(-U_CELLS * fine, U_CELLS * fine) + 0.5) * FINE_M
+    u = (np.arange(-u_cells * fine, u_cells * fine) + 0.5) * FINE_M
     w = (np.arange(W_CELLS * fine) + 0.5 - W_CELLS * fine / 2) * FINE_M
-    cover = np.empty((ANGLES, U_CELLS, W_CELLS), np.float32)
+    across, up = np.meshgrid(u, w, indexing="ij")
+    angles = np.deg2rad(ANGLE_MIN_DEG + ANGLE_STEP_DEG * np.arange(ANGLES))
+    cover = np.empty((ANGLES, u_cells, W_CELLS), np.float32)
     front = np.empty_like(cover)
-    across, up = np.meshgrid(np.asarray(u, dtype=np.float64), np.asarray(w, dtype=np.float64), indexing="ij")
-    for a in range(ANGLES):
-        hit, ahead = cylinders(np.deg2rad(ANGLE_MIN_DEG + a * ANGLE_STEP_DEG), across, up)
-        share = cv2.GaussianBlur(hit.astype(np.float64), (0, 0), BLUR_M / FINE_M)
-        ahead = cv2.GaussianBlur(np.where(hit, ahead, 0.0), (0, 0), BLUR_M / FINE_M) / np.maximum(share, 1e-6)
-        held, near = cylinders(np.deg2rad(ANGLE_MIN_DEG + a * ANGLE_STEP_DEG), across, up, ARMS)
-        arms = ARMS_SHARE * cv2.GaussianBlur(held.astype(np.float64), (0, 0), BLUR_M / FINE_M)
-        near = cv2.GaussianBlur(np.where(held, near, 0.0), (0, 0), BLUR_M / FINE_M) / np.maximum(
-            arms / ARMS_SHARE, 1e-6
-        )
-        ahead = np.where(arms > share, near, ahead)
-        share = np.maximum(arms, share)
+    for a, depression in enumerate(angles.tolist()):
+        share, ahead = np.zeros((2, *across.shape))
+        for profile, covers in parts:
+            hit, near = cylinders(depression, across, up, profile)
+            inside = cv2.GaussianBlur(hit.astype(np.float64), (0, 0), blur_m / FINE_M)
+            near = cv2.GaussianBlur(near, (0, 0), blur_m / FINE_M) / np.maximum(inside, 1e-6)
+            likelier = covers * inside > share
+            share = np.where(likelier, covers * inside, share)
+            ahead = np.where(likelier, near, ahead)
         for whole, table in ((share, cover), (np.where(share > 1e-3, ahead, 0.0), front)):
-            half = whole[U_CELLS * fine :].reshape(U_CELLS, fine, W_CELLS, fine)
+            half = whole[u_cells * fine :].reshape(u_cells, fine, W_CELLS, fine)
             table[a] = half.mean(axis=(1, 3))
-    step = float(np.deg2rad(ANGLE_STEP_DEG))
-    return BodyTable(cover, front, float(np.deg2rad(ANGLE_MIN_DEG)), step, CELL_M, -W_CELLS * CELL_M / 2)
+    return BodyTable(cover, front, float(angles[0]), float(np.deg2rad(ANGLE_STEP_DEG)), CELL_M, -W_CELLS * CELL_M / 2)
 
 
-def cylinders(
-    depression: float, u: F64, w: F64, profile: tuple[tuple[float, float, float, float], ...] = PROFILE
-) -> tuple[Bool, F64]:
+def cylinders(depression: float, u: F64, w: F64, profile: Profile) -> tuple[Bool, F64]:
     """Which rays hit a cylinder, and how far before the point nearest to the body's centre [m]."""
     c, s = np.cos(depression), np.sin(depression)
     c = c if abs(c) > 1e-6 else 1e-6

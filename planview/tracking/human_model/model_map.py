@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike
 from pydantic import Field
 
@@ -139,15 +140,10 @@ def visible_fraction(hulls: ArrayLike, width: int, height: int) -> F64:
         (N,) float64; 0 outside the image and for a polygon on its border without area.
     """
     p = np.asarray(hulls, dtype=np.float64)
-    last = np.array([width - 0.5, height - 0.5])
-    low, high = p.min(axis=1), p.max(axis=1)
-    fraction: F64 = ((low >= -0.5) & (high <= last)).all(axis=1).astype(np.float64)
-    # Only polygons that cross the border need clipping.
-    cut = (high > -0.5).all(axis=1) & (low < last).all(axis=1) & (fraction == 0)
-    whole = _area(p[cut])
-    clipped = _area(_clamp(_clamp(p[cut], 0, -0.5, last[0]), 1, -0.5, last[1]))
-    fraction[cut] = clipped / np.where(whole > 0, whole, np.inf)
-    return fraction
+    polygons = shapely.polygons(p)
+    area = shapely.area(polygons)
+    inside = shapely.area(shapely.clip_by_rect(polygons, -0.5, -0.5, width - 0.5, height - 0.5))
+    return np.asarray(np.divide(inside, area, out=np.zeros(len(p)), where=area > 0))
 
 
 def _entries(
@@ -166,25 +162,3 @@ def _entries(
     keep, hulls, visibility = keep[expected], hulls[expected], visibility[expected]
     columns = (foot[keep], model.head(camera, floor[keep]), floor[keep], hulls, visibility)
     return keep.astype(np.int32), tuple(c.astype(np.float32) for c in columns)
-
-
-def _clamp(polygons: F64, axis: int, low: float, high: float) -> F64:
-    """Clip (N, K, 2) polygons to a strip: (N, 3 K, 2).
-
-    Crossings are inserted and what lies outside is moved onto the border, where it encloses no area.
-    """
-    p, q = polygons, np.roll(polygons, -1, axis=1)
-    a, d = p[..., axis], q[..., axis] - p[..., axis]
-    safe = np.where(d == 0, 1.0, d)
-    ts = [np.where(d == 0, 0.0, np.clip((limit - a) / safe, 0.0, 1.0)) for limit in (low, high)]
-    t = np.sort(np.stack(ts, axis=-1), axis=-1)
-    steps = np.stack([p, p + t[..., :1] * (q - p), p + t[..., 1:] * (q - p)], axis=2)
-    out = steps.reshape(len(p), 3 * p.shape[1], 2)
-    out[..., axis] = np.clip(out[..., axis], low, high)
-    return out
-
-
-def _area(polygons: F64) -> F64:
-    x, y = polygons[..., 0], polygons[..., 1]
-    doubled: F64 = (x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1)).sum(axis=-1)
-    return 0.5 * np.abs(doubled)

@@ -4,21 +4,9 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-import cv2
 import numpy as np
 
-from calib.types import F32
-from planview.tracking.body import (
-    ANGLE_MIN_DEG,
-    ANGLE_STEP_DEG,
-    ANGLES,
-    CELL_M,
-    FINE_M,
-    U_CELLS,
-    W_CELLS,
-    BodyTable,
-    cylinders,
-)
+from planview.tracking.body import BodyTable, table_of
 
 PARTS = (
     (0.00, 0.27, 0.28, 1.0, 0.3),
@@ -39,17 +27,5 @@ BLUR_M = 0.035
 @lru_cache(maxsize=1)
 def silhouette() -> BodyTable:
     """The table of all depression angles; its ``front`` is not known from a mask, and 0."""
-    fine = round(CELL_M / FINE_M)
-    u = (np.arange(-U_CELLS * fine, U_CELLS * fine) + 0.5) * FINE_M
-    w = (np.arange(W_CELLS * fine) + 0.5 - W_CELLS * fine / 2) * FINE_M
-    across, up = np.meshgrid(u, w, indexing="ij")
-    cover: F32 = np.zeros((ANGLES, U_CELLS, W_CELLS), np.float32)
-    for a in range(ANGLES):
-        depression = float(np.deg2rad(ANGLE_MIN_DEG + a * ANGLE_STEP_DEG))
-        whole = np.zeros(across.shape)
-        for low, high, half_m, depth, share in PARTS:
-            hit, _ = cylinders(depression, across, up, ((low, high, half_m, depth),))
-            whole = np.maximum(whole, share * cv2.GaussianBlur(hit.astype(np.float64), (0, 0), BLUR_M / FINE_M))
-        cover[a] = whole[U_CELLS * fine :].reshape(U_CELLS, fine, W_CELLS, fine).mean(axis=(1, 3))
-    step, low_rad = float(np.deg2rad(ANGLE_STEP_DEG)), float(np.deg2rad(ANGLE_MIN_DEG))
-    return BodyTable(cover, np.zeros_like(cover), low_rad, step, CELL_M, -W_CELLS * CELL_M / 2)
+    table = table_of([(((low, high, half_m, depth),), covers) for low, high, half_m, depth, covers in PARTS], BLUR_M)
+    return table._replace(front=np.zeros_like(table.front))

@@ -41,6 +41,11 @@ GAP_PX = 6
 """People whose boxes are nearer than this in an image are explained together [px]."""
 ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 """Height when upright of somebody of whom nothing is known, and its deviation [m]."""
+THING_START = np.array([1.0, 1.0, 0.8])
+"""The best thing is searched from a person's place and shoulders."""
+ANYWHERE = np.array([1.0, 0.0, 1.0, 0.0]) / body.TORSO.torso_radius_m**2
+"""Inverse covariance of a thing's place and height [1/m^2]: within a body's radius, and of any height."""
+ANY_HEIGHT_M = 1e3
 
 
 class Likelihood(NamedTuple):
@@ -275,6 +280,19 @@ class Samples:
             (people.poses, people.sure, self._others), self.arrays, of.arrays, of.model,
         )  # fmt: skip
         return float(evidence), curvature
+
+    def against_thing(self, pose: F64, tall: F64) -> float:
+        """Log-likelihood ratio of a person at a pose to the thing that explains the same pixels best."""
+        nobody = np.ones((kernels.PARTS, CODES), np.float32)
+        things, others = [], (self._people.poses, self._people.sure, self._others)
+        for table in ((t.cover, t.front) for t in body.thing_tables()):
+            start = pose * THING_START
+            at, prior = start.copy(), (start, ANYWHERE, STEPS_M)
+            size = float(start[2]), ANY_HEIGHT_M, nobody
+            kernels.ascend(at, np.zeros(3), prior, size, others, self.arrays, table, self._of.model)
+            x, y, h = at.tolist()
+            things.append(float(kernels.log_ratio(x, y, h, h, nobody, self.arrays, table, self._of.model)))
+        return self.log_ratio(pose, tall, nobody) - max(things)
 
     def visible(self, pose: F64, tall: F64) -> tuple[float, float]:
         """Patches of a body that it explains better than all else, and those in view."""

@@ -49,6 +49,8 @@ class Person:
         origin_m: where the track began.
         walked_m: farthest from there [m].
         moved: log-odds of a person against a thing from moving by itself.
+        shape: log-likelihood ratio of a person's shape to a thing's in the last frame.
+        likeness: the same from independent evidence, see ``count_evidence``.
         colours: (PARTS, CODES) float32, sums of normalised histograms of legs, torso and head.
         densities: (PARTS, CODES) float32 of colours, neighbours and anybody's prior taken in.
         looks: frames in which colours were learned.
@@ -76,6 +78,8 @@ class Person:
     origin_m: tuple[float, float] = (0.0, 0.0)
     walked_m: float = 0.0
     moved: float = 0.0
+    shape: float = 0.0
+    likeness: float = 0.0
     colours: F32 = field(default_factory=lambda: np.zeros((PARTS, CODES), np.float32))
     densities: F32 = field(default_factory=lambda: np.full((PARTS, CODES), 1 / CODES, np.float32))
     looks: int = 0
@@ -118,15 +122,17 @@ class Person:
                 continue
             counted = self.counted.setdefault(view.rays.key, np.zeros(view.kind.shape, np.uint8))
             per_pixel = float(patches.mean())
-            new: U8 = np.zeros_like(counted)
-            new.reshape(-1)[pixels] = 1
-            new[counted > 0] = 0
+            fresh: U8 = np.zeros_like(counted)
+            fresh.reshape(-1)[pixels] = 1
+            fresh[counted > 0] = 0
             if not first:
                 side = max(1, round(OUTLINE_PATCHES / math.sqrt(per_pixel)))
-                new = np.asarray(cv2.morphologyEx(new, cv2.MORPH_OPEN, np.ones((side, side), np.uint8)), np.uint8)
-                new_patches += per_pixel * cv2.countNonZero(new)
-            counted |= new
-        self.proven += min(new_patches / max(self.patches, 1.0), 1.0) * max(self.evidence, 0.0)
+                fresh = np.asarray(cv2.morphologyEx(fresh, cv2.MORPH_OPEN, np.ones((side, side), np.uint8)), np.uint8)
+                new_patches += per_pixel * cv2.countNonZero(fresh)
+            counted |= fresh
+        share_new = min(new_patches / max(self.patches, 1.0), 1.0)
+        self.proven += share_new * max(self.evidence, 0.0)
+        self.likeness += share_new * self.shape
 
     def learn_height(self, looks: float, low_share: float) -> None:
         """The present height determines the one when upright, as far as the person is upright now."""

@@ -248,12 +248,15 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             person.inside = min(1.0, total / frame.whole_patches(pose))
             person.share, person.patches = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * person.inside), total
             person.head_in_view = frame.in_view(pose)
+            visible = person.share >= self.params.visible_min
+            if not person.confirmed:
+                person.shape = samples[i].against_thing(pose, people.tall[i]) if visible else 0.0
             self._measure(person, samples[i], pose, curvature[i], dt)
             if not flooded:
                 self._weigh(person, dt, LEAVE_S if person.inside < INSIDE else self.params.stay_s)
-                if person.share >= self.params.visible_min:
+                if visible:
                     self._note_movement(person, alone=len(others[i]) == 0)
-            kind: DecisionKind = "matched" if person.share >= self.params.visible_min else "lost"
+            kind: DecisionKind = "matched" if visible else "lost"
             reason = f"evidence {person.evidence:.1f}, visible {person.share:.2f}, existence {person.existence:.3f}"
             if len(others[i]):
                 reason += ", next to " + ", ".join(str(self._people[k].track_id) for k in others[i])
@@ -316,11 +319,12 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
                 self._confirm(newcomer, f"existence {newcomer.existence:.2f}, log-odds of a person {personhood:.1f}")
 
     def _personhood(self, person: Person) -> float:
-        """Log-odds of a person against a thing, by own movement, and by height as far as the head is in view: elsewhere
-        the height is the prior."""
+        """Log-odds of a person against a thing, by shape and own movement, and by height as far as the head is in view:
+        elsewhere the height is the prior."""
+        shape = math.log(2.0) - float(np.logaddexp(0.0, -person.likeness))  # half of all things are of any shape
         if not person.head_in_view:
-            return person.moved + math.log((1 - body.THINGS) / body.THINGS)
+            return person.moved + shape + math.log((1 - body.THINGS) / body.THINGS)
         low = self.params.low_share / body.HEIGHT_MEAN_M
         upright = body.stature(person.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, self.params.low_share) - low
         density = (upright + LOW_WALKERS * low) * math.exp(person.moved) + (1 - LOW_WALKERS) * low
-        return math.log((1 - body.THINGS) * density / (body.THINGS / body.HEIGHT_MEAN_M))
+        return shape + math.log((1 - body.THINGS) * density / (body.THINGS / body.HEIGHT_MEAN_M))

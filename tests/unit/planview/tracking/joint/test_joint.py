@@ -20,10 +20,16 @@ CAMERA = oblique_camera()
 Scene = Callable[[float], Sequence[tuple[float, float, float]]]
 
 
-def follow(scene: Scene, seconds: float, fps: float = 15.0, codes: Sequence[int] = ()) -> list[tuple[TrackState, ...]]:
+def follow(
+    scene: Scene,
+    seconds: float,
+    fps: float = 15.0,
+    codes: Sequence[int] = (),
+    table: body.BodyTable | None = None,
+) -> list[tuple[TrackState, ...]]:
     tracker = JointTracker()
     times = np.arange(0.0, seconds, 1.0 / fps)
-    return [tracker.update(observed(n, float(t), look_at(CAMERA, scene(t), codes))) for n, t in enumerate(times)]
+    return [tracker.update(observed(n, float(t), look_at(CAMERA, scene(t), codes, table))) for n, t in enumerate(times)]
 
 
 def confirmed(states: Sequence[TrackState]) -> list[TrackState]:
@@ -60,6 +66,14 @@ def test_who_stops_walking_stays_confirmed():
 def test_what_moves_by_a_metre_is_a_person_when_tall_and_a_thing_when_low(height_m, people):
     frames = follow(lambda t: [(min(-0.6 + 1.2 * t, 0.4), 3.0, height_m)], 3.0)
     assert len(confirmed(frames[-1])) == people
+
+
+@pytest.mark.parametrize("height_m", [0.9, 1.05, 1.3])
+@pytest.mark.parametrize("width", [1, 2])
+def test_a_pushed_box_is_no_person_of_any_height(height_m, width):
+    table = body.thing_tables()[width]
+    frames = follow(lambda t: [(min(-1.0 + 0.8 * t, 1.0), 3.2, height_m)], 4.0, table=table)
+    assert frames[-1] and not any(confirmed(states) for states in frames)
 
 
 @pytest.mark.parametrize("fps", [3.0, 15.0, 60.0])
@@ -195,6 +209,17 @@ def test_ascent_finds_a_person_from_a_walkers_error_of_prediction():
     loose = np.array([1.0, 0.0, 1.0, 1.0])
     samples.ascend(start, start.copy(), loose, TALL, SAME)
     assert start == pytest.approx(ADULT, abs=0.05)
+
+
+@pytest.mark.parametrize(("height_m", "shape"), [(1.75, "body"), (1.15, "body"), (1.05, "box")])
+def test_a_body_explains_a_body_better_than_a_box_and_a_box_a_box(height_m, shape):
+    table = body.thing_tables()[1] if shape == "box" else None
+    frame, pose = explained(look_at(CAMERA, [(0.0, 3.0, height_m)], table=table)), np.array([0.0, 3.0, height_m])
+    samples = frame.around(pose, 0.3)
+    samples.layer(people_of(), np.zeros(0, np.int64))
+    samples.ascend(pose, pose.copy(), np.array([1.0, 0.0, 1.0, 1.0]), TALL, SAME)
+    ratio = samples.against_thing(pose, TALL)
+    assert ratio > 0 if shape == "body" else ratio < -5
 
 
 def test_bodies_do_not_stand_in_each_other():
