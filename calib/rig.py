@@ -199,6 +199,7 @@ class Floor:
         residual_m: rms distance of the inliers from the plane; NaN when given by hand.
         covariance: (3, 3) float64 of (height [m], tilt [rad], roll [rad]); None when unknown.
         extent_m: (x_min, y_min, x_max, y_max) of the visible floor, world frame [m]; None when unknown.
+        doubt: what else the plane may be; empty when nothing speaks for it.
     """
 
     world_SE3_left: SE3
@@ -206,6 +207,7 @@ class Floor:
     residual_m: float = math.nan
     covariance: F64 | None = None
     extent_m: tuple[float, float, float, float] | None = None
+    doubt: str = ""
 
     @property
     def height_m(self) -> float:

@@ -21,10 +21,12 @@ from calib.floor.plane import (
     Rays,
     cells,
     choose_floor,
+    doubt,
     fit_plane,
     judge,
     nothing_found,
 )
+from calib.people.model import ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M
 from calib.rig import Floor, world_from_plane
 from calib.types import F32, F64, I64, AnyArray, Bool
 
@@ -82,13 +84,14 @@ def find_floor(
         if focal_px is not None and baseline_m is not None:
             noise = FLOOR_DISPARITY_STD_PX / (focal_px * baseline_m)
         points = Rays(points.rays, points.inverse, np.full(len(points), noise))
-    candidates = floor_candidates(points, params, np.empty((0, 3)) if moved is None else moved)
+    moved = np.empty((0, 3)) if moved is None else moved
+    candidates = floor_candidates(points, params, moved)
     best = choose_floor(candidates, params)
     if best is None:
         raise WorkError(nothing_found(candidates, len(clouds)))
     if align is not None:
         best = replace(best, plane=align(best.plane))
-    return _floor(best, points)
+    return replace(_floor(best, points), doubt=doubt(best, candidates, moved))
 
 
 def floor_candidates(points: Rays, params: FloorParams, moved: F64) -> list[Candidate]:
@@ -226,9 +229,6 @@ def _same(a: Plane, b: Plane, points: Rays) -> bool:
     return bool(np.abs(shift).mean() < 1.0)
 
 
-ADULT_HEIGHT_M = 1.72
-ADULT_HEIGHT_STD_M = 0.09
-"""Mean and deviation of adults' heights with shoes, women and men together (NCD-RisC 2016, rounded)."""
 MIN_FEET = 8
 """Fewer observations of people are too few (our choice)."""
 
@@ -295,7 +295,7 @@ def floor_from_people(people: PeopleSeen, start: Floor, name: str = "tracks") ->
     """Refine a floor that is hidden from where people's feet and heads are.
 
     Feet lie on the floor. Each person's head is at one height above it all along, that of an adult where no foot of
-    theirs is ever seen (1.72 +- 0.09 m). Robust least squares over tilt, roll, height and every person's height.
+    theirs is ever seen. Robust least squares over tilt, roll, height and every person's height.
     """
     heads: Bool = np.asarray(np.isfinite(people.head_m).all(axis=1))
     feet_seen: Bool = np.asarray(np.isfinite(people.foot_m).all(axis=1))

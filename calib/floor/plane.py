@@ -244,6 +244,9 @@ MIN_MOVED = 500
 """Points that must have moved before they speak against a plane: a fifth of a person in a few frames."""
 MOUNT_M, MOUNT_SPREAD = 2.7, 0.5
 """Median height of cameras over floors [m], that of a ceiling, and the deviation of its logarithm (our choice)."""
+STRAIGHT_DEG = 15.0
+"""Planes seen this nearly straight on are looked at twice: cameras are mounted level, or overhead, by eye (our choice).
+"""
 LEANING_DEG, LEVEL_DEG = -5.0, 88.0
 """Below this tilt a camera leans backwards (an overhead mount is off by a few degrees), beyond this one it is level."""
 
@@ -344,6 +347,19 @@ def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candid
         and float(c.plane.normal @ largest.plane.normal) > math.cos(math.radians(PARALLEL_DEG))
     ]
     return max(parallel, key=lambda c: c.plane.distance_m)
+
+
+def doubt(chosen: Candidate, candidates: Sequence[Candidate], moved: F64) -> str:
+    """Why a plane seen straight on may be a wall in front of a level camera; empty where that is settled.
+
+    From straight above and straight ahead alone both readings are alike; what moves in front of the plane decides.
+    """
+    if chosen.plane.tilt_rad > math.radians(STRAIGHT_DEG) or len(moved) >= MIN_MOVED:
+        return ""
+    text = "a wall in front of a level camera would look the same, and nothing moved that shows which it is"
+    level = [c for c in candidates if not c.refused and math.degrees(c.plane.tilt_rad) > 90.0 - STRAIGHT_DEG]
+    below = min((c.plane.distance_m for c in level), default=None)
+    return text if below is None else f"{text}: another plane would be the floor {below:.2f} m below such a camera"
 
 
 def _log_likelihood(c: Candidate) -> float:

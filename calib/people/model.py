@@ -14,6 +14,8 @@ from calib.ground_camera import GroundCamera, distortion_k
 from calib.people.samples import HumanSample, MarkedPeople
 from calib.types import F64, Bool
 
+ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M = 1.70, 0.12
+"""Heights of standing adults of both sexes [m] (NCD-RisC 2016, adults born 1996, over countries)."""
 CIRCLE_POINTS = 16
 """Points sampled on each circle; with 16 the polygon's box equals the circle's along both axes."""
 HULL_POINTS = 24

@@ -133,6 +133,8 @@ def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> 
     target = (recording if recording.is_dir() else recording.parent) / "world.toml" if options.save else options.out
     image = options.picture or (target and target.with_suffix(".png"))
     console.print(_sentence(floor))
+    if floor.doubt:
+        console.print(f"is that the floor? {floor.doubt} (--points gives another floor)", highlight=False)
     for path, write in ((target, partial(save_world, floor)), (image, partial(_draw, view, floor))):
         if path is None:
             continue

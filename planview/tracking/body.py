@@ -10,11 +10,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from calib.people.model import HumanModel
+from calib.people.model import ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M, HumanModel
 from calib.types import F32, F64, Bool
 
-HEIGHT_MEAN_M, HEIGHT_STD_M = 1.70, 0.12
-"""Heights of standing adults of both sexes [m] (NCD-RisC 2016, adults born 1996, over countries)."""
+HEIGHT_MEAN_M, HEIGHT_STD_M = ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M
 HEIGHT_MIN_M, HEIGHT_MAX_M = 0.80, 2.10
 """Heights of a head [m], from somebody who sits on the floor to a very tall man who walks."""
 THINGS = 0.1

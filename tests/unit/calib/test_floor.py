@@ -98,7 +98,8 @@ def test_wall_before_which_people_walk_is_no_floor_seen_from_above() -> None:
     room = Room(pose_of(80, 1.8))
     room.add((0.0, 1.0, 0.0), 5.5)
     clouds = room.clouds(6, people=False)
-    assert found(clouds).height_m == pytest.approx(5.5, abs=0.2)
+    floor = found(clouds)
+    assert floor.height_m == pytest.approx(5.5, abs=0.2) and "a wall in front of a level camera" in floor.doubt
     person = np.column_stack([np.zeros(900), np.linspace(-0.5, 1.2, 900), np.full(900, 2.2)])
     with pytest.raises(WorkError, match="of what moves is higher than people above it"):
         find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M, moved=person)
@@ -113,7 +114,8 @@ def test_floor_of_a_level_camera_is_found_where_people_walk_before_the_wall(tilt
     clouds = room.clouds(6, people=False)
     floor = find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M, moved=person)
     assert floor.height_m == pytest.approx(1.3, abs=0.03) and floor.inlier_fraction < 0.35
-    assert math.degrees(floor.tilt_rad) == pytest.approx(tilt_deg, abs=0.3)
+    assert math.degrees(floor.tilt_rad) == pytest.approx(tilt_deg, abs=0.3) and not floor.doubt
+    assert "another plane would be the floor 1.3" in found(clouds).doubt
 
 
 def test_refusal_names_the_best_plane_and_the_world_that_accepts_it(tmp_path: Path) -> None:
