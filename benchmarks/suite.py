@@ -27,6 +27,7 @@ from planview.synthetic.camera import mount_pose, rectified_world, stereo_rig
 from planview.synthetic.motion import TURNS
 from planview.synthetic.people import Cast
 from planview.synthetic.scene import Scene
+from planview.synthetic.steps import Cartwheel
 from planview.synthetic.texture import Palette
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
@@ -87,7 +88,7 @@ def suite_recording(path: Path, seed: int, cache: Path) -> tuple[Path, Scene]:
 def judged_truth(truth: Trajectories, scene: Scene) -> Trajectories:
     """The truth of a scene with the hips of those who turn a cartwheel in place of their heads, which swing by a body's
     length about the place where a person is."""
-    if scene.rig is None or not any(step.cartwheel for person in scene.people for step in person.steps):
+    if scene.rig is None or not any(isinstance(step, Cartwheel) for person in scene.people for step in person.steps):
         return truth
     motions = Cast(scene, Palette()).motions
     _, world_SE3_room = rectified_world(stereo_rig(scene.rig), mount_pose(scene.rig))

@@ -79,9 +79,9 @@ def refuse_implausible(scene: Scene, stage: Stage) -> None:
     refuse_too_near(places)
     for i, (person, motion) in enumerate(zip(scene.people, scripted, strict=True), 1):
         # People who carry or push things are on their way out at the end, at most so long from it [s].
-        if any(s.carry or s.push for s in person.steps) and motion.script_end_s > scene.duration_s + 4.0:
+        if person.things and motion.script_end_s > scene.duration_s + 4.0:
             raise NoPlaceError(f"person {i} is not done with a thing at the end")
-    touched = {name for p in scene.people for s in p.steps for name in (s.on, s.push, s.carry)}
+    touched = {name for p in scene.people for name in (*p.things, *p.seats)}
     obstacles = Obstacles(scene.room, [f for f in scene.furniture if f.name not in touched])
     for i, place in enumerate(places, 1):
         known = place[np.isfinite(place[:, 0])]

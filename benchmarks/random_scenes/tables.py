@@ -15,7 +15,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from calib.params import Params
-from planview.synthetic.scene import Capture, Pair, Scene
+from planview.synthetic.scene import Capture, Scene
+from planview.synthetic.steps import Pair
 from planview.synthetic.write import RigScene
 
 Phenomenon = Literal[

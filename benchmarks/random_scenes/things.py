@@ -11,11 +11,9 @@ from benchmarks.random_scenes.choreography import Part, arriving, direction, uni
 from benchmarks.random_scenes.stage import Stage
 from benchmarks.random_scenes.tables import Choreography, NoPlaceError
 from calib.types import F64
-from planview.synthetic.people import PUSH_M
+from planview.synthetic.people import PUSH_M, PUT_M
 from planview.synthetic.scene import Furniture
 
-PUT_M = 0.5
-"""A carried thing is put down so far ahead of the hips (``Cast``)."""
 FAR = (0.0, -60.0)
 """Where things wait that a person brings along: outside of everything."""
 COLOURS = ("#703838", "#2c4a70", "#386048", "#3a3a40", "#8a6a30", "#5a4a7a")

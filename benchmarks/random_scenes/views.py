@@ -13,7 +13,8 @@ import numpy as np
 from benchmarks.random_scenes.appearance import clothes, floor_surface, lights_and_sensor, looks
 from benchmarks.random_scenes.tables import RandomScene, ViewTable
 from planview.synthetic.camera import ground_camera
-from planview.synthetic.scene import CameraMount, Pair, Scene
+from planview.synthetic.scene import CameraMount, Scene
+from planview.synthetic.steps import Pair
 
 BODY_M, DEPTH_M = 1.7, 0.45
 """A person's height and, from straight above, depth."""

@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter1d
 
 from calib.types import F64
+from planview.synthetic import steps
 from planview.synthetic.room import furniture_size, wall_pieces
-from planview.synthetic.scene import Furniture, Room, Scene, ScenePerson, Step, Wall, Wander
+from planview.synthetic.scene import Furniture, Room, Scene, ScenePerson, Wall, Wander
 
 TICK_HZ = 60.0
 ACTIONS = ("sit", "floor", "reach", "bend", "carry", "push", "low", "crouch", "turns")
@@ -121,6 +122,12 @@ class _Script:
         row = [weights.get(name, 0.0) for name in ACTIONS]
         self.actions.append(np.tile(row, (len(xy), 1)))
 
+    def walk(self, point: ArrayLike, speed_mps: float, **weights: float) -> None:
+        """Straight to a point."""
+        way = np.asarray(point, np.float64) - self.place
+        n = max(1, round(float(np.linalg.norm(way)) / speed_mps * TICK_HZ))
+        self.add(self.place + way * np.linspace(1 / n, 1, n)[:, None], np.nan, **weights)
+
     def stay(self, seconds: float, face: float, **weights: float) -> None:
         n = max(1, round(seconds * TICK_HZ))
         self.add(np.tile(self.place, (n, 1)), face, **weights)
@@ -130,27 +137,28 @@ def scripted_motion(person: ScenePerson, furniture: dict[str, Furniture], end_s:
     """The motion of a person's steps; afterwards it stands until the end, or is gone."""
     script = _Script(person)
     for step in person.steps:
-        face = np.nan if step.face_deg is None else float(np.deg2rad(step.face_deg))
-        if step.go is not None:
-            begin = script.now_s
-            for point in step.go or []:
-                target = np.asarray(point, np.float64)
-                n = max(1, round(float(np.linalg.norm(target - script.place)) / step.speed_mps * TICK_HZ))
-                track = script.place + (target - script.place) * np.linspace(1 / n, 1, n)[:, None]
-                script.add(track, np.nan, carry=float(step.carry is not None), push=float(step.push is not None))
-            for name, how in ((step.push, "push"), (step.carry, "carry")):
-                if name is not None:
-                    script.handlings.append(Handling(name, how, begin, script.now_s, step.put_z_m))
-        elif step.until_s is not None:
-            script.stay(max(step.until_s - script.now_s, 1 / TICK_HZ), face)
-        elif step.stand_s is not None:
-            script.stay(step.stand_s, face)
-        elif seconds := step.reach_s or step.bend_s or step.crouch_s:
-            script.stay(seconds, face, **{"reach" if step.reach_s else "bend" if step.bend_s else "crouch": 1.0})
-        elif step.cartwheel is not None:
-            _turn_cartwheel(script, step.cartwheel)
-        elif step.sit_s is not None:
-            _sit(script, step, furniture, face)
+        face = np.nan
+        if isinstance(step, steps.OnSpot) and step.face_deg is not None:
+            face = float(np.deg2rad(step.face_deg))
+        match step:
+            case steps.Walk():
+                _walk(script, step)
+            case steps.Stand(stand_s=seconds):
+                script.stay(seconds, face)
+            case steps.StandUntil(until_s=time_s):
+                script.stay(max(time_s - script.now_s, 1 / TICK_HZ), face)
+            case steps.Reach(reach_s=seconds):
+                script.stay(seconds, face, reach=1.0)
+            case steps.Bend(bend_s=seconds):
+                script.stay(seconds, face, bend=1.0)
+            case steps.Crouch(crouch_s=seconds):
+                script.stay(seconds, face, crouch=1.0)
+            case steps.Cartwheel(cartwheel=point):
+                _turn_cartwheel(script, point)
+            case steps.Sit(sit_s=seconds, on=str(chair)):
+                _sit(script, seconds, furniture[chair], face)
+            case steps.Sit(sit_s=seconds):
+                script.stay(seconds, face, floor=1.0)
     done = script.now_s
     if done < end_s + 1:
         script.stay(end_s + 1 - done, np.nan)
@@ -195,6 +203,15 @@ def step_length_m(height_m: float, speed_mps: F64) -> F64:
     return np.asarray(0.41 * height_m * np.sqrt(np.maximum(speed_mps, 0.15) / 1.35))
 
 
+def _walk(script: _Script, step: steps.Walk) -> None:
+    begin = script.now_s
+    for point in step.go:
+        script.walk(point, step.speed_mps, carry=float(step.carry is not None), push=float(step.push is not None))
+    for name, how in ((step.push, "push"), (step.carry, "carry")):
+        if name is not None:
+            script.handlings.append(Handling(name, how, begin, script.now_s, step.put_z_m))
+
+
 def _turn_cartwheel(script: _Script, point: tuple[float, float]) -> None:
     """One turn about the forward axis while the hips travel to the left, to a point."""
     start, way = script.place, np.asarray(point, np.float64) - script.place
@@ -208,18 +225,12 @@ def _turn_cartwheel(script: _Script, point: tuple[float, float]) -> None:
     script.stay(0.8, face)
 
 
-def _sit(script: _Script, step: Step, furniture: dict[str, Furniture], face: float) -> None:
-    seconds = step.sit_s or 0.0
-    if step.on is None:
-        script.stay(seconds, face, floor=1.0)
-        return
-    chair = furniture[step.on]
+def _sit(script: _Script, seconds: float, chair: Furniture, face: float) -> None:
+    """Step back onto a chair, sit and stand up."""
     front = float(np.deg2rad(chair.heading_deg)) if not np.isfinite(face) else face
     # How far the hips move back when sitting down on a chair.
     ahead = np.asarray(chair.at_m) + 0.32 * np.array([np.cos(front), np.sin(front)])
-    n = max(1, round(float(np.linalg.norm(ahead - script.place)) / 0.8 * TICK_HZ))
-    before = script.place
-    script.add(before + (ahead - before) * np.linspace(1 / n, 1, n)[:, None], np.nan)
+    script.walk(ahead, 0.8)
     script.stay(0.7, front)
     # Benches and boxes lower than this are sat on with raised knees.
     low = chair.kind in ("bench", "box") and furniture_size(chair)[2] < 0.4

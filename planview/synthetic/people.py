@@ -19,8 +19,8 @@ from planview.synthetic.texture import Palette
 
 HIP, KNEE, ANKLE, SHOULDER, NECK = 0.530, 0.285, 0.039, 0.812, 0.842
 THIGH, SHIN, UPPER_ARM, FOREARM = HIP - KNEE, KNEE - ANKLE, 0.172, 0.150
-PUSH_M = 0.72
-"""Distance of a pushed thing in front of the person's hips."""
+PUSH_M, PUT_M = 0.72, 0.5
+"""How far in front of a person's hips a thing is that is pushed, or put down after it was carried."""
 
 
 @dataclass(frozen=True)
@@ -265,23 +265,18 @@ def pose_at(person_index: int, height_m: float, motion: Motion, t: float) -> tup
         weight = wheel if name == "turns" else w[name]
         for joint, value in target.items():
             pose[joint] = pose[joint] + weight * (np.asarray(value) - pose[joint])
-    return (
-        Pose(
-            lean=float(pose["lean"][0]),
-            sway=0.03 * float(idle[1]) * still + 0.02 * going * float(np.sin(phase)),
-            twist=0.12 * going * float(np.sin(phase + np.pi / 2)) * swing / 0.4,
-            nod=0.08 + 0.06 * float(idle[2]),
-            turn=0.5 * float(idle[3]) * still,
-            wheel=2 * np.pi * turned,
-            **{
-                name: (float(pose[name][0]), float(pose[name][1]))
-                for name in ("hip", "spread", "knee", "foot", "shoulder", "abduct", "elbow")
-            },
-        ),
-        float(xy[0] + 0.015 * still * idle[0]),
-        float(xy[1] + 0.015 * still * idle[1]),
-        heading + 0.06 * still * float(idle[2]),
+    joints = {name: (float(both[0]), float(both[1])) for name, both in pose.items() if name != "lean"}
+    posed = Pose(
+        lean=float(pose["lean"][0]),
+        sway=0.03 * float(idle[1]) * still + 0.02 * going * float(np.sin(phase)),
+        twist=0.12 * going * float(np.sin(phase + np.pi / 2)) * swing / 0.4,
+        nod=0.08 + 0.06 * float(idle[2]),
+        turn=0.5 * float(idle[3]) * still,
+        wheel=2 * np.pi * turned,
+        **joints,
     )
+    x_m, y_m = (float(v) for v in xy + 0.015 * still * idle[:2])
+    return posed, x_m, y_m, heading + 0.06 * still * float(idle[2])
 
 
 _ACTION_POSES: dict[str, dict[str, tuple[float, ...]]] = {
@@ -348,14 +343,14 @@ class Cast:
             if t < handling.from_s:
                 break
             xy, facing, _, _, _ = self.motions[i].at(min(t, handling.until_s))
+            ahead = np.array([np.cos(facing), np.sin(facing)])
             if handling.how == "push":
-                place, heading = xy + PUSH_M * np.array([np.cos(facing), np.sin(facing)]), facing
+                place, heading = xy + PUSH_M * ahead, facing
             elif t < handling.until_s and i in bodies:
-                hands = bodies[i].hands - 0.03 * np.array([np.cos(facing), np.sin(facing), 0.0])
-                place, heading, z = hands[:2], facing, float(hands[2]) - 0.12
+                hands = bodies[i].hands
+                place, heading, z = hands[:2] - 0.03 * ahead, facing, float(hands[2]) - 0.12
             else:
-                place, heading = xy + 0.5 * np.array([np.cos(facing), np.sin(facing)]), facing
-                z = handling.put_z_m
+                place, heading, z = xy + PUT_M * ahead, facing, handling.put_z_m
         return place, heading, z
 
 

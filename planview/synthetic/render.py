@@ -75,8 +75,7 @@ class SensorModel:
             n = min(size - at, _BANK - start)
             out[at : at + n] = self._bank[start : start + n]
             at += n
-        noise = out.reshape(light.shape)
-        light = light + sigma * noise
+        light = light + sigma * out.reshape(light.shape)
         image = self._curve[np.clip(light * 4095 + 0.5, 0, 4095).astype(np.int32)]
         return self._compressed(np.ascontiguousarray(image[:, :, 0] if s.grey else image))
 
@@ -138,15 +137,13 @@ class SceneRenderer:
             for f, moving in zip(scene.furniture, self._cast.is_moving, strict=True)
             if not moving
         ]
-        views = self._views(scale)
-        static = join([room, *standing])
-        shades = join(standing) if standing else None
-        self._views_of = views
-        self._renderers = [ViewRenderer(scene, v, static, shades, palette) for v in views]
+        static, shades = join([room, *standing]), join(standing) if standing else None
+        self._views_of = self._views(scale)
+        self._renderers = [ViewRenderer(scene, v, static, shades, palette) for v in self._views_of]
         gain = scene.sensor.brightness / max(self._renderers[0].room_mean(), 1e-6)
         self._sensors = [
             SensorModel(scene.sensor, (v.height, v.width), gain, (scene.seed, i), scene.capture)
-            for i, v in enumerate(views)
+            for i, v in enumerate(self._views_of)
         ]
 
     @property
@@ -191,10 +188,8 @@ class SceneRenderer:
         layers = [r.render(actors, t) for r in self._renderers]
         linear = self._exposed([layer.linear for layer in layers], t)
         images = [s(light, index, t) for s, light in zip(self._sensors, linear, strict=True)]
-        rows = [
-            truth_row(a, k, layers[0], self._views_of[0], self.world_SE3_room) for k, a in enumerate(actors) if a.person
-        ]
-        truth = tuple(row for row in rows if row is not None)
+        known = (truth_row(a, k, layers[0], self._views_of[0], self.world_SE3_room) for k, a in enumerate(actors))
+        truth = tuple(row for row in known if row is not None)
         right = images[1] if len(images) > 1 else None
         return RenderedFrame(index, time_s, images[0], right, layers[0].depth, _owners(actors)[layers[0].owner], truth)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import get_args
 
 import numpy as np
 
@@ -23,18 +24,12 @@ def room_mesh(room: Room, palette: Palette) -> Mesh:
     sx, sy, sz = room.size_m
     floor, ceiling, wall = palette.add(room.floor), palette.add(room.ceiling), palette.add(room.walls)
     parts = [quad((0, 0, 0), (sx, 0, 0), (0, sy, 0), floor), quad((0, sy, sz), (sx, 0, 0), (0, -sy, 0), ceiling)]
-    for side in ("south", "north", "west", "east"):
-        openings = sorted((o for o in room.openings if o.wall == side), key=lambda o: o.from_m)
-        length, at = wall_frame(room, side)[3], 0.0
-        for o in openings:
-            if o.from_m > at:
-                parts.append(_rectangle(room, side, at, o.from_m, 0.0, sz, wall))
-            if o.height_m < sz:
-                parts.append(_rectangle(room, side, o.from_m, o.from_m + o.width_m, o.height_m, sz, wall))
-            at = o.from_m + o.width_m
-        if at < length:
-            parts.append(_rectangle(room, side, at, length, 0.0, sz, wall))
-        parts += [m for o in openings for m in _corridor(room, o, floor, wall, ceiling)]
+    for side in get_args(Wall):
+        parts += [_rectangle(room, side, a, b, 0.0, sz, wall) for a, b in _spans(room, side)]
+    for o in room.openings:
+        if o.height_m < sz:
+            parts.append(_rectangle(room, o.wall, o.from_m, o.from_m + o.width_m, o.height_m, sz, wall))
+        parts += _corridor(room, o, floor, wall, ceiling)
     for p in room.panels:
         material = palette.add(p.surface, emission=0.9 if p.kind == "window" else 0.0)
         right, top = p.from_m + p.width_m, p.bottom_m + p.height_m
@@ -54,15 +49,19 @@ def wall_frame(room: Room, wall: Wall) -> tuple[F64, F64, F64, float]:
     }[wall]
 
 
+def _spans(room: Room, wall: Wall) -> list[tuple[float, float]]:
+    """Where along a wall there is no opening."""
+    at, spans = 0.0, []
+    for o in sorted((o for o in room.openings if o.wall == wall), key=lambda o: o.from_m):
+        spans.append((at, o.from_m))
+        at = o.from_m + o.width_m
+    return [(a, b) for a, b in [*spans, (at, wall_frame(room, wall)[3])] if b > a]
+
+
 def wall_pieces(room: Room, wall: Wall) -> list[tuple[F64, F64]]:
     """Ends (2,) on the floor of the pieces of a wall around its openings."""
-    corner, along, _, length = wall_frame(room, wall)
-    at, pieces = 0.0, []
-    for o in sorted((o for o in room.openings if o.wall == wall), key=lambda o: o.from_m):
-        pieces.append((at, o.from_m))
-        at = o.from_m + o.width_m
-    pieces.append((at, length))
-    return [((corner + a * along)[:2], (corner + b * along)[:2]) for a, b in pieces if b > a]
+    corner, along, _, _ = wall_frame(room, wall)
+    return [((corner + a * along)[:2], (corner + b * along)[:2]) for a, b in _spans(room, wall)]
 
 
 def _rectangle(room: Room, wall: Wall, low: float, high: float, bottom: float, top: float, material: int,

@@ -11,8 +11,8 @@ from calib.errors import InputError
 from calib.ground_camera import LENS_K_320
 from calib.io import parse_toml, read_text
 from calib.params import Params, first_problem
+from planview.synthetic.steps import Pair, Sit, Step, Walk
 
-Pair = tuple[float, float]
 Triple = tuple[float, float, float]
 Keyframes = tuple[Pair, ...]
 """(time [s], value) pairs in order of time; linear between them, constant outside."""
@@ -22,7 +22,6 @@ Wall = Literal["south", "north", "west", "east"]
 FurnitureKind = Literal[
     "table", "chair", "office_chair", "partition", "box", "shelf", "plant", "sofa", "column", "bench", "door", "bag"
 ]
-_ACTIONS = ("go", "stand_s", "until_s", "sit_s", "reach_s", "bend_s", "crouch_s", "cartwheel")
 
 
 class Surface(Params):
@@ -115,44 +114,6 @@ class Furniture(Params):
     swivel: Swivel | None = None
 
 
-class Step(Params):
-    """One thing a person does; exactly one of the actions."""
-
-    go: tuple[Pair, ...] | None = None
-    """Walk through these points [m]."""
-    speed_mps: float = Field(1.2, gt=0.1, le=2.5)
-    stand_s: float | None = Field(None, gt=0)
-    until_s: float | None = Field(None, ge=0)
-    """Stand until this time of the recording [s]."""
-    sit_s: float | None = Field(None, gt=0)
-    on: str | None = None
-    """Chair to sit on; sits on the floor when absent."""
-    reach_s: float | None = Field(None, gt=0)
-    bend_s: float | None = Field(None, gt=0)
-    crouch_s: float | None = Field(None, gt=0)
-    cartwheel: Pair | None = None
-    """Turn a cartwheel to the left, to this point [m]."""
-    face_deg: float | None = None
-    """Direction to face while standing, sitting, reaching, bending or crouching."""
-    push: str | None = None
-    """Furniture pushed while walking (it stays where the walk ends)."""
-    carry: str | None = None
-    """Furniture carried while walking."""
-    put_z_m: float = Field(0.0, ge=0, le=2)
-    """Height at which a carried thing is put down after the walk [m]."""
-
-    @model_validator(mode="after")
-    def _one_action(self) -> Step:
-        actions = [n for n in _ACTIONS if getattr(self, n) is not None]
-        if len(actions) != 1:
-            raise ValueError(
-                f"expected exactly one of {', '.join(_ACTIONS)} in a step, found {', '.join(actions) or 'none'}"
-            )
-        if (self.push or self.carry) and not self.go:
-            raise ValueError("expected push and carry together with go")
-        return self
-
-
 class Wander(Params):
     """Random walks between places with pauses, avoiding people and furniture."""
 
@@ -187,6 +148,16 @@ class ScenePerson(Params):
     wander: Wander | None = None
     leaves: bool = False
     """Whether the person is gone after the last step."""
+
+    @property
+    def things(self) -> set[str]:
+        """Names of the furniture that the person carries or pushes."""
+        return {name for step in self.steps if isinstance(step, Walk) for name in (step.push, step.carry) if name}
+
+    @property
+    def seats(self) -> list[str]:
+        """Names of the chairs that the person sits on, in order."""
+        return [step.on for step in self.steps if isinstance(step, Sit) and step.on]
 
 
 class Light(Params):
@@ -328,10 +299,8 @@ class Scene(Params):
         if len(set(names)) != len(names):
             raise ValueError("expected every furniture name once")
         for i, person in enumerate(self.people):
-            for step in person.steps:
-                for name in (step.on, step.push, step.carry):
-                    if name is not None and name not in names:
-                        raise ValueError(f"person {i + 1} uses furniture {name!r}, known are {sorted(names)}")
+            if unknown := (person.things | {*person.seats}) - {*names}:
+                raise ValueError(f"person {i + 1} uses furniture {min(unknown)!r}, known are {sorted(names)}")
         for lamp in self.lights.lamps:
             if lamp.window is not None and not 0 <= lamp.window < len(self.room.panels):
                 raise ValueError(f"expected a panel index for the window of a light, found {lamp.window}")

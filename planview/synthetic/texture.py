@@ -80,10 +80,9 @@ def _evaluate(m: Material, p: F32, footprint: F32) -> F32:
     s = m.surface
     if s.texture == "poster":
         # Blotches in a few colours with lines like writing below.
-        a = np.clip(0.5 + 2.5 * _noise(p, footprint, m.surface.scale_m * 2, 3, m.seed), 0, 1)[:, None]
-        b = np.clip(0.5 + 3.0 * _noise(p, footprint, m.surface.scale_m, 3, m.seed + 50), 0, 1)[:, None]
-        third = m.first[::-1] * 0.7
-        out = m.first * (1 - a) + m.second * a
+        a = np.clip(0.5 + 2.5 * _noise(p, footprint, s.scale_m * 2, 3, m.seed), 0, 1)[:, None]
+        b = np.clip(0.5 + 3.0 * _noise(p, footprint, s.scale_m, 3, m.seed + 50), 0, 1)[:, None]
+        out, third = m.first * (1 - a) + m.second * a, m.first[::-1] * 0.7
         return np.asarray(np.clip(out * (1 - 0.5 * b) + 0.5 * b * third, 0.01, 0.9), np.float32)
     mix, shade = _pattern(m, p, footprint)
     grain = _noise(p, footprint, s.scale_m, 4, m.seed)

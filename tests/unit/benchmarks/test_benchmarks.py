@@ -13,14 +13,15 @@ from benchmarks.__main__ import main_benchmarks as main
 from benchmarks.ablation import (
     CONFIGURED,
     LADDER,
+    NOMINAL_HEIGHT_M,
     AblationOptions,
     ablation,
     bootstrap,
     chosen_variants,
+    reduced,
 )
 from benchmarks.calibration import Row, alignment_error
 from benchmarks.foreground import pixel_counts
-from benchmarks.one_statistic import NOMINAL_HEIGHT_M, reduced
 from benchmarks.options import report
 from benchmarks.speed import LIMITS, Clip, Speed, Yardstick, counted, one_core, walking_people
 from calib.errors import InputError

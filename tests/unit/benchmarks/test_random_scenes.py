@@ -190,7 +190,7 @@ def test_changed_condition_of_a_view_leaves_people_and_light_as_they_are():
 def test_room_fills_with_twelve_people_who_all_leave() -> None:
     people = random_scene("conference", 1).scene.people
     assert len(people) == 12 and all(person.leaves for person in people)
-    seats = [step.on for person in people for step in person.steps if step.sit_s]
+    seats = [seat for person in people for seat in person.seats]
     assert len(seats) == len(set(seats)) >= 8
 
 

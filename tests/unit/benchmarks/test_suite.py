@@ -25,6 +25,7 @@ from benchmarks.suite import (
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from planview.engine.config import Config, load_config
+from planview.synthetic.steps import Cartwheel
 from planview.trajectories.table import Trajectories, positions_table, read_tracks
 
 
@@ -70,7 +71,7 @@ def test_challenge_with_a_value_out_of_range_is_refused_naming_file_and_key(chal
 
 def test_heads_of_a_cartwheel_are_judged_at_the_hips_which_go_straight():
     scene = random_scene("suite", 1, SUITE / "cartwheel.toml").scene
-    person = next(i for i, p in enumerate(scene.people, 1) if any(step.cartwheel for step in p.steps))
+    person = next(i for i, p in enumerate(scene.people, 1) if any(isinstance(step, Cartwheel) for step in p.steps))
     frames = np.arange(scene.n_frames)
     heads = positions_table(frames, np.full(len(frames), person), np.full((len(frames), 2), 99.0))
     judged = judged_truth(heads, scene)
