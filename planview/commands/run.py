@@ -30,7 +30,7 @@ from planview.output.progress import FrameProgress, PlainConsole, compile_notice
 from planview.output.replay import difference_picture, difference_text, replay_run
 from planview.output.report.page import write_report
 from planview.output.report.snapshots import busiest_frame
-from planview.output.resume import checkpoint_of, remove_checkpoints
+from planview.output.resume import checkpoint_of, remove_checkpoint
 from planview.output.run import RunLog, RunOptions, begin_run, run_identity
 from planview.output.run import run as run_engine
 from planview.output.run_folder import RunFolder
@@ -147,7 +147,7 @@ def _run(recording: Path, right: Path | None, out: Path, options: TrackingOption
     console = PlainConsole(stderr=True)
     if options.resume and (info := finished_run(out)) is not None:
         with folder_lock(out):  # what a kill after the last frame left undone; the page comes last
-            remove_checkpoints(out)
+            remove_checkpoint(out)
             if (out / "report.html").is_file() and (info.refined or not options.refine):
                 console.print(f"{out}: the run is finished; nothing is left to resume")
                 return

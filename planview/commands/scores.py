@@ -204,7 +204,8 @@ def print_evaluation(result: Evaluation, console: Console, title: str, *, listed
 
 def headline(result: Evaluation) -> str:
     """The figures that matter most, in one line."""
-    values, parts = result.to_json(), [f"{result.sequence.n_truth} people"]
+    values, people = result.to_json(), result.sequence.n_truth
+    parts = [f"{people} {'person' if people == 1 else 'people'}"]
     if values["mota"] is not None:
         parts.append(f"MOTA {values['mota']:.3f}")
     for name in ("position", "height"):

@@ -225,7 +225,7 @@ _NAMES = (
     "tracks.csv", "tracks_online.csv", "tracks_before.csv", "edits.json", "refinement.csv", "events.csv",
     "decisions.csv", "counts.json",
     "run.json", "run.rrd", "run-[0-9]*.rrd", "maps.h5", "maps-[0-9]*.h5", "report.html", "scene.png",
-    "checkpoint.npz", "checkpoint.previous.npz",
+    "checkpoint.npz",
 )  # fmt: skip
 PRODUCTS = (*_NAMES, *(name + PART for name in _NAMES))
 """Names and patterns of everything that a run may leave in its folder."""

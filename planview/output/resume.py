@@ -25,7 +25,6 @@ from calib.errors import InputError
 from calib.io import PART, reason, whole_file
 from planview.output.folder import LOCK_NAME, PRODUCTS, HoldsResultsError, products_in, read_run_info, writing
 from planview.output.state import SavedState
-from planview.output.tables import FilePosition, holds
 
 
 def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:
@@ -130,14 +129,14 @@ def _sampled(path: Path, whole_bytes: int = 256 * 1024, block_bytes: int = 64 * 
     return digest.hexdigest()
 
 
-LATEST, PREVIOUS = "checkpoint.npz", "checkpoint.previous.npz"
+CHECKPOINT = "checkpoint.npz"
 DIGEST_BYTES = 32
 """After the archive its digest, so that a changed file is noticed."""
 
 
 class Checkpoint(NamedTuple):
-    """The identity that the resumed run must share, the position in every output file, and the state of the engine, the
-    counts and the totals."""
+    """The identity that the resumed run must share, the size of every table and the positions of logs, and the state of
+    the engine, the counts and the totals."""
 
     identity: dict[str, Any]
     written: dict[str, Any]
@@ -145,17 +144,14 @@ class Checkpoint(NamedTuple):
 
 
 def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
-    """Write the latest checkpoint; the one before becomes the previous one. Raises WorkError: it cannot be written, and
-    earlier ones are kept."""
-    (identity, written, state), path, archive = checkpoint, folder / LATEST, io.BytesIO()
+    """Write a checkpoint in the place of the one before. Raises WorkError: it cannot be written, and that is kept."""
+    (identity, written, state), path, archive = checkpoint, folder / CHECKPOINT, io.BytesIO()
     document = {"identity": identity, "written": written, "roots": state.roots, "nodes": state.nodes}
     arrays: dict[str, Any] = {f"array{n}": array for n, array in enumerate(state.arrays)}
     np.savez(archive, document=np.frombuffer(json.dumps(document).encode(), dtype=np.uint8), **arrays)
     data = archive.getvalue()
     with writing(path), whole_file(path) as part:
         part.write_bytes(data + _digest(data))
-        if path.exists():
-            os.replace(path, folder / PREVIOUS)
 
 
 def read_checkpoint(path: Path) -> Checkpoint:
@@ -175,22 +171,15 @@ def _digest(data: bytes) -> bytes:
     return hashlib.blake2b(data, digest_size=DIGEST_BYTES).digest()
 
 
-def checkpoints_in(folder: Path) -> Iterator[Path]:
-    """The checkpoints of a folder, the latest first."""
-    return (folder / name for name in (LATEST, PREVIOUS) if (folder / name).is_file())
-
-
-def remove_checkpoints(folder: Path) -> None:
+def remove_checkpoint(folder: Path) -> None:
     """A finished run needs none, nor the parts of its maps between them."""
-    for path in [*checkpoints_in(folder), folder / (LATEST + PART), *folder.glob("maps-[0-9]*.h5")]:
+    for path in [folder / CHECKPOINT, folder / (CHECKPOINT + PART), *folder.glob("maps-[0-9]*.h5")]:
         path.unlink(missing_ok=True)
 
 
 def checkpoint_of(folder: Path, identity: dict[str, Any], warn: Callable[[str], None]) -> Checkpoint | None:
-    """The last usable checkpoint in a folder; None where the run starts from the first frame.
-
-    A damaged checkpoint, or one whose tables were changed, is replaced by the one before it. A run that was interrupted
-    before its first checkpoint starts again.
+    """The checkpoint in a folder; None where the run starts from the first frame, since it was interrupted before its
+    first checkpoint, or this is damaged, or a table was cut short since.
 
     Args:
         identity: of the run to resume.
@@ -198,20 +187,20 @@ def checkpoint_of(folder: Path, identity: dict[str, Any], warn: Callable[[str], 
     Raises:
         HoldsResultsError: the checkpoint, or what is in the folder, is of another run.
     """
-    for path in checkpoints_in(folder):
+    path = folder / CHECKPOINT
+    if path.is_file():
         try:
             checkpoint = read_checkpoint(path)
         except ValueError as error:
-            warn(f"{path}: the checkpoint is damaged ({error}); using the one before")
-            continue
-        other = difference(checkpoint.identity, identity)
-        if other:
-            raise HoldsResultsError(f"{path}: expected a checkpoint of this run, found one of {other}")
-        tables = checkpoint.written["tables"].items()
-        changed = [name for name, at in tables if not holds(folder / name, FilePosition(*at))]
-        if not changed:
-            return checkpoint
-        warn(f"{folder / changed[0]}: changed since {path.name} was written; using the checkpoint before")
+            warn(f"{path}: the checkpoint is damaged ({error})")
+        else:
+            if other := difference(checkpoint.identity, identity):
+                raise HoldsResultsError(f"{path}: expected a checkpoint of this run, found one of {other}")
+            tables = {folder / name: size for name, size in checkpoint.written["tables"].items()}
+            short = [table for table, size in tables.items() if not table.is_file() or table.stat().st_size < size]
+            if not short:
+                return checkpoint
+            warn(f"{short[0]}: changed since {path.name} was written")
     _refuse_other_run(folder, identity)
     if products_in(folder):
         warn(f"{folder}: no checkpoint to resume from; the run starts again")

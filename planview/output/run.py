@@ -38,11 +38,11 @@ from planview.output.resume import (
     code_version,
     content_key,
     library_versions,
-    remove_checkpoints,
+    remove_checkpoint,
     write_checkpoint,
 )
 from planview.output.state import decode, encode
-from planview.output.tables import FilePosition, RunTables
+from planview.output.tables import RunTables
 from planview.output.totals import Pace, RunChecks, RunTotals
 from planview.trajectories.table import is_person
 from stereo.recording import OpenOptions
@@ -176,8 +176,8 @@ class _Run:
             frames = self._frames(checkpoint)
             if checkpoint is not None or not (self._folder / "run.json").is_file():
                 write_run_info(self._information("running"), self._folder / "run.json")
-            at = checkpoint and {name: FilePosition(*place) for name, place in checkpoint.written["tables"].items()}
-            tables = RunTables(self._folder, options.analytics is not None, at)
+            sizes = checkpoint and checkpoint.written["tables"]
+            tables = RunTables(self._folder, options.analytics is not None, sizes)
             stack.callback(tables.close)
             is_live = getattr(self._engine.recording, "is_live", False)
             every_s = 0.0 if is_live or options.pace else options.checkpoint_every_s
@@ -261,7 +261,7 @@ class _Run:
             if finished:
                 raise
         if finished:
-            remove_checkpoints(self._folder)
+            remove_checkpoint(self._folder)
         return info
 
     def _information(self, state: str) -> RunInfo:

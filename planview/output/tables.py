@@ -6,11 +6,10 @@ import csv
 import io
 import math
 import os
-import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO
 
 from calib.errors import InputError, WorkError
 from calib.io import reason
@@ -20,26 +19,6 @@ from planview.output.folder import writing
 from planview.tracking.base import ScoreTerms
 from planview.trajectories.table import write_header, write_rows
 
-
-class FilePosition(NamedTuple):
-    """Where a file ends, and the checksum (CRC-32) of what it holds up to there."""
-
-    size: int
-    checksum: int
-
-
-def holds(path: Path, position: FilePosition) -> bool:
-    """Whether a file begins with what was written up to a position."""
-    checksum, left = 0, position.size
-    try:
-        with path.open("rb") as file:
-            while left and (data := file.read(min(left, 2**20))):
-                checksum, left = zlib.crc32(data, checksum), left - len(data)
-    except OSError:
-        return False
-    return left == 0 and checksum == position.checksum
-
-
 KEPT = "; earlier frames are kept"
 
 
@@ -48,22 +27,17 @@ class FrameFile:
 
     Args:
         write_header: of a new file.
-        position: of ``mark``, to resume from; what was written after it is dropped.
+        size: of ``mark``, to resume from [bytes]; what was written after it is dropped.
     Raises:
-        InputError: the file does not hold what was written up to the position.
         WorkError: the file cannot be written, here and in the methods.
     """
 
-    def __init__(
-        self, path: Path, write_header: Callable[[IO[str]], object], position: FilePosition | None = None
-    ) -> None:
-        self.path, self._position = path, position or FilePosition(0, 0)
-        if position is not None and not holds(path, position):
-            raise InputError(f"{path}: expected the rows written before the checkpoint, found others")
+    def __init__(self, path: Path, write_header: Callable[[IO[str]], object], size: int | None = None) -> None:
+        self.path, self._size = path, size or 0
         with writing(path):
             self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT, 0o644)
             self._cut()
-        if position is None:
+        if size is None:
             try:
                 self.add(write_header)
             except WorkError:
@@ -71,14 +45,14 @@ class FrameFile:
                 raise
 
     def _cut(self) -> None:
-        os.ftruncate(self._descriptor, self._position.size)
-        os.lseek(self._descriptor, self._position.size, os.SEEK_SET)
+        os.ftruncate(self._descriptor, self._size)
+        os.lseek(self._descriptor, self._size, os.SEEK_SET)
 
-    def mark(self) -> FilePosition:
-        """Bring everything to the disk; where the file ends."""
+    def mark(self) -> int:
+        """Bring everything to the disk; the size of the file [bytes]."""
         with writing(self.path, KEPT):
             os.fsync(self._descriptor)
-        return self._position
+        return self._size
 
     def add(self, write: Callable[[IO[str]], object]) -> None:
         """Append what ``write`` writes."""
@@ -93,7 +67,7 @@ class FrameFile:
             except BaseException:
                 self._cut()
                 raise
-        self._position = FilePosition(self._position.size + len(data), zlib.crc32(data, self._position.checksum))
+        self._size += len(data)
 
     def close(self) -> None:
         os.close(self._descriptor)
@@ -120,9 +94,9 @@ def reading_decisions(path: Path) -> Iterator[csv.DictReader[str]]:
 
 
 class RunTables:
-    """The tables of a run; ``events``: with those of rules; ``positions``: by file name, to resume from."""
+    """The tables of a run; ``events``: with those of rules; ``sizes``: by file name, to resume from [bytes]."""
 
-    def __init__(self, folder: Path, events: bool, positions: Mapping[str, FilePosition] | None = None) -> None:
+    def __init__(self, folder: Path, events: bool, sizes: Mapping[str, int] | None = None) -> None:
         self._files: dict[str, FrameFile] = {}
         headers: dict[str, Callable[[IO[str]], object]] = {
             "tracks.csv": write_header,
@@ -130,7 +104,7 @@ class RunTables:
         }
         headers |= {"events.csv": write_event_header} if events else {}
         for name, header in headers.items():
-            self._files[name] = FrameFile(folder / name, header, positions[name] if positions else None)
+            self._files[name] = FrameFile(folder / name, header, sizes[name] if sizes else None)
 
     def add(self, result: FrameResult, events: Sequence[Event]) -> None:
         frame, moment = result.frame, result.timestamp_s
@@ -144,7 +118,7 @@ class RunTables:
         ]
         self._files["decisions.csv"].add(lambda file: csv.writer(file, lineterminator="\n").writerows(rows))
 
-    def mark(self) -> dict[str, FilePosition]:
+    def mark(self) -> dict[str, int]:
         return {name: file.mark() for name, file in self._files.items()}
 
     def close(self) -> None:

@@ -19,10 +19,9 @@ from planview.engine.open import open_engine
 from planview.foreground.gain import Exposure
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
-from planview.output.folder import PaceInfo, read_run_info
+from planview.output.folder import PaceInfo, RunInfo, read_run_info, write_run_info
 from planview.output.resume import (
-    LATEST,
-    PREVIOUS,
+    CHECKPOINT,
     Checkpoint,
     checkpoint_of,
     difference,
@@ -34,7 +33,12 @@ from planview.output.state import SavedState, decode, encode
 from planview.output.totals import Pace
 from planview.tracking.lifecycle import Existence
 
-IDENTITY: dict[str, Any] = {"version": {}, "configuration": {"seed": 0}, "recording": {}, "settings": {}}
+IDENTITY: dict[str, Any] = {
+    "version": {},
+    "configuration": {"seed": 0},
+    "recording": {},
+    "settings": {"tracker": "joint"},
+}
 
 
 def restored(value: object) -> Any:
@@ -60,7 +64,7 @@ def test_a_value_comes_back_with_its_type(value: object) -> None:
 @pytest.mark.parametrize("array", [np.arange(6.0).reshape(2, 3), np.arange(6.0).reshape(2, 3).T, np.array(3)])
 def test_an_array_comes_back_from_a_file_with_its_layout(tmp_path: Path, array: np.ndarray) -> None:
     write_checkpoint(tmp_path, Checkpoint(IDENTITY, {}, encode({"it": array})))
-    back = decode(read_checkpoint(tmp_path / LATEST).state, {})["it"]
+    back = decode(read_checkpoint(tmp_path / CHECKPOINT).state, {})["it"]
     np.testing.assert_array_equal(back, array)
     assert (back.dtype, back.strides) == (array.dtype, array.strides)
 
@@ -121,28 +125,27 @@ def frame_in(checkpoint: Checkpoint | None) -> int:
     return int(decode(checkpoint.state, {})["frame"][0])
 
 
-def test_the_last_two_checkpoints_are_kept(tmp_path: Path) -> None:
+def test_a_checkpoint_replaces_the_one_before(tmp_path: Path) -> None:
     for frame in (1, 2, 3):
         write(tmp_path, frame)
-    assert frame_in(read_checkpoint(tmp_path / LATEST)) == 3
-    assert frame_in(read_checkpoint(tmp_path / PREVIOUS)) == 2 and len(list(tmp_path.iterdir())) == 2
+    assert frame_in(read_checkpoint(tmp_path / CHECKPOINT)) == 3 and len(list(tmp_path.iterdir())) == 1
 
 
 @pytest.mark.parametrize("damage", ["cut", "flip", "empty", "rewritten"])
-def test_a_damaged_checkpoint_gives_way_to_the_one_before(tmp_path: Path, damage: str) -> None:
+def test_a_damaged_checkpoint_is_not_resumed_from(tmp_path: Path, damage: str) -> None:
     write(tmp_path, 1)
-    write(tmp_path, 2)
-    data = bytearray((tmp_path / LATEST).read_bytes())
+    data = bytearray((tmp_path / CHECKPOINT).read_bytes())
     middle = len(data) // 2
     data[middle] ^= 0x55
     rewritten = io.BytesIO()
-    with np.load(tmp_path / LATEST) as file:
+    with np.load(tmp_path / CHECKPOINT) as file:
         np.savez(rewritten, **{**file, "array0": np.zeros(8, np.uint8)})
     kept = {"cut": bytes(data[:middle]), "flip": bytes(data), "empty": b"", "rewritten": rewritten.getvalue()}[damage]
-    (tmp_path / LATEST).write_bytes(kept)
+    (tmp_path / CHECKPOINT).write_bytes(kept)
+    write_run_info(RunInfo(config=IDENTITY["configuration"], tracker="joint"), tmp_path / "run.json")
     output: list[str] = []
-    assert frame_in(checkpoint_of(tmp_path, IDENTITY, output.append)) == 1 and len(output) == 1
-    assert "the checkpoint is damaged" in output[0]
+    assert checkpoint_of(tmp_path, IDENTITY, output.append) is None
+    assert "the checkpoint is damaged" in output[0] and "starts again" in output[1]
 
 
 def test_a_checkpoint_of_another_configuration_is_refused_and_the_first_difference_named(tmp_path):

@@ -125,7 +125,7 @@ def test_evaluate_takes_the_truth_of_the_runs_recording(folder, refused, json_of
     assert json_of("evaluate", folder)["truth_rows"] == 30
     with pytest.raises(SystemExit, match="0"):
         main(["evaluate", str(folder)])
-    assert "strict_identity_changes: those that last" in " ".join(capsys.readouterr().out.split())
+    assert "strict identity changes: those that last" in " ".join(capsys.readouterr().out.split())
 
 
 def test_refine_needs_a_finished_run_and_the_online_tracks_of_a_refined_one(folder, cli, refused):
