@@ -1,23 +1,15 @@
 """A pool that runs jobs in this process, at once."""
 
 from collections.abc import Callable
-from concurrent.futures import Future
 
 
 class InlinePool:
     """A ``planview.sweep.work.Pool``; ``submitted`` counts the jobs."""
 
-    submitted = 0
+    at_once, submitted = 1, 0
 
-    def submit(self, function: Callable[..., object], *arguments: object) -> Future[object]:
+    def call(self, function: Callable[..., object], argument: object) -> object:
         self.submitted += 1
-        future: Future[object] = Future()
-        try:
-            future.set_result(function(*arguments))
-        except BaseException as error:
-            future.set_exception(error)
-        return future
-
-    def check(self) -> None: ...
+        return function(argument)
 
     def close(self) -> None: ...

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -134,11 +135,11 @@ def ranked(results: Sequence[JobResult], objective: FigureName) -> list[Ranked]:
         failed[places[r.configuration]] += bool(r.error)
     judged = table[:, list(FIGURES).index(objective)]
 
+    means = _mean_of_means(judged)
+
     def order(configuration: Configuration) -> tuple[bool, bool, float]:
-        values = judged[places[configuration]]
-        mean = _mean(values)
-        unknown = math.isnan(mean)
-        return unknown, bool(np.isnan(values).any()), 0.0 if unknown else -FIGURES[objective].better * mean
+        i = places[configuration]
+        return math.isnan(means[i]), bool(np.isnan(judged[i]).any()), -FIGURES[objective].better * float(means[i])
 
     ranking, ordered = [], sorted(places, key=order)
     for configuration in ordered:
@@ -152,7 +153,7 @@ def ranked(results: Sequence[JobResult], objective: FigureName) -> list[Ranked]:
 
 def estimate(values: F64) -> Estimate:
     """Of (recordings, seeds) values, NaN where a run is missing."""
-    mean = _mean(values)
+    mean = float(_mean_of_means(values))
     values = values[np.isfinite(values).any(axis=1)]
     if len(values) < RECORDINGS_MIN:
         return Estimate(mean, math.nan, math.nan)
@@ -170,15 +171,8 @@ def estimate(values: F64) -> Estimate:
     return Estimate(mean, float(low), float(high))
 
 
-def _mean(values: F64) -> float:
-    return float(_mean_of_means(values[None])[0])
-
-
 def _mean_of_means(values: F64) -> F64:
-    """(D,) means over recordings of the means over seeds of (D, recordings, seeds); NaN values are left out."""
-    known = np.isfinite(values)
-    seeds = known.sum(axis=2)
-    per_recording = np.where(known, values, 0.0).sum(axis=2) / np.maximum(seeds, 1)
-    recordings = (seeds > 0).sum(axis=1)
-    total = np.where(seeds > 0, per_recording, 0.0).sum(axis=1)
-    return np.where(recordings > 0, total / np.maximum(recordings, 1), np.nan)
+    """Means over recordings of the means over seeds of (..., recordings, seeds); NaN values are left out."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Mean of empty slice")
+        return np.asarray(np.nanmean(np.nanmean(values, axis=-1), axis=-1))

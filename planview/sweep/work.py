@@ -9,13 +9,13 @@ import time
 import traceback
 import uuid
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from threading import get_ident
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import cv2
 
@@ -33,7 +33,9 @@ from stereo.readers import OpenOptions
 
 CONNECT_S = 10.0
 CHECK_S = 5.0
-"""Time without a job that ends until a pool is checked [s]."""
+"""A job that takes longer is waited for again, if the cluster is still there [s]."""
+JOBS_PER_THREAD = 3
+"""Jobs per thread of a cluster that are handed over at a time, so that the scheduler stays small."""
 WORKERS_S = 60.0
 """A cluster may be without workers for so long [s]."""
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
@@ -46,29 +48,23 @@ class ProcessPool:
     """
 
     def __init__(self, processes: int) -> None:
-        self._threads = ThreadPoolExecutor(processes)
+        self.at_once = processes
         self._process_of: dict[int, Any] = {}  # by the thread that waits for it
 
-    def submit(self, function: Callable[..., Any], *arguments: object) -> Future[Any]:
-        return self._threads.submit(self._call, function, *arguments)
-
-    def _call(self, function: Callable[..., Any], *arguments: object) -> Any:
+    def call(self, function: Callable[..., Any], argument: object) -> Any:
+        """The value of a call in the process of this thread. Raises WorkError: it was killed."""
         from joblib.externals.loky import ProcessPoolExecutor
 
         me = get_ident()
         if me not in self._process_of:
             self._process_of[me] = ProcessPoolExecutor(1, env=ONE_THREAD)
         try:
-            return self._process_of[me].submit(function, *arguments).result()
+            return self._process_of[me].submit(function, argument).result()
         except BrokenProcessPool:
             del self._process_of[me]
             raise WorkError("its process was killed") from None
 
-    def check(self) -> None:
-        """Nothing can be lost for good."""
-
     def close(self) -> None:
-        self._threads.shutdown(wait=False, cancel_futures=True)
         for process in list(self._process_of.values()):
             process.shutdown(wait=True, kill_workers=True)
 
@@ -93,30 +89,39 @@ class ClusterPool:
             raise InputError(f"expected a worker at {address}, found none in {WORKERS_S:.0f} s") from error
         except (OSError, ValueError) as error:
             raise InputError(f"expected a Dask scheduler at {address}, found none ({error})") from error
-        self._executor = self._client.get_executor(pure=False)
+        self.at_once = JOBS_PER_THREAD * sum(self._client.ncores().values())
         self._with_workers_s = time.monotonic()
 
-    def submit(self, function: Callable[..., Any], *arguments: object) -> Future[Any]:
-        future: Future[Any] = self._executor.submit(function, *arguments)
-        return future
-
-    def check(self) -> None:
-        """Raises WorkError when the scheduler is lost or there was no worker for WORKERS_S."""
-        now = time.monotonic()
-        if self._client.status in ("closed", "closing"):
-            raise WorkError("the scheduler of the cluster was lost")
-        if self._client.ncores():
-            self._with_workers_s = now
-        elif now - self._with_workers_s > WORKERS_S:
-            raise WorkError(f"all workers of the cluster were lost {now - self._with_workers_s:.0f} s ago")
+    def call(self, function: Callable[..., Any], argument: object) -> Any:
+        """The value of a call on a worker. Raises WorkError: the scheduler is lost, or there was no worker for
+        WORKERS_S."""
+        future = self._client.submit(function, argument, pure=False)
+        while True:
+            try:
+                return future.result(timeout=CHECK_S)
+            except TimeoutError:
+                now = time.monotonic()
+            if self._client.status in ("closed", "closing"):
+                raise WorkError("the scheduler of the cluster was lost")
+            if self._client.ncores():
+                self._with_workers_s = now
+            elif now - self._with_workers_s > WORKERS_S:
+                raise WorkError(f"all workers of the cluster were lost {now - self._with_workers_s:.0f} s ago")
 
     def close(self) -> None:
-        self._executor.shutdown(wait=False)
         self._client.close()
 
 
-Pool = ProcessPool | ClusterPool
-"""Runs functions elsewhere; ``check`` raises WorkError when no more jobs will end."""
+class Pool(Protocol):
+    """Calls functions elsewhere, up to ``at_once`` at a time, each from a thread that waits for it."""
+
+    at_once: int
+
+    def call(self, function: Callable[..., Any], argument: object) -> Any:
+        """The value of a call; raises WorkError when it will not end."""
+
+    def close(self) -> None:
+        """End all calls."""
 
 
 class Done(NamedTuple):
@@ -141,29 +146,21 @@ def guarded(function: Callable[..., Any], argument: object) -> tuple[Any, str]:
 
 def run_tasks(function: Callable[..., Any], arguments: Mapping[str, object], pool: Pool) -> Iterator[Done]:
     """Call a function with each of the arguments, by key; each comes once, in the order in which they end."""
-    ended = SimpleQueue[Future[Any]]()
-    keys = dict[Future[Any], str]()
-    for key, argument in arguments.items():
-        future = pool.submit(guarded, function, argument)
-        keys[future] = key
-        future.add_done_callback(ended.put)
-    while keys:
+
+    def end(key: str, argument: object) -> Done:
         try:
-            future = ended.get(timeout=CHECK_S)
-        except Empty:
-            try:
-                pool.check()
-            except WorkError as error:
-                yield from (Done(key, error=str(error)) for key in keys.values())
-                return
-            continue
-        key = keys.pop(future)
-        try:
-            yield Done(key, *future.result())
+            return Done(key, *pool.call(partial(guarded, function), argument))
         except WorkError as error:
-            yield Done(key, error=str(error))
+            return Done(key, error=str(error))
         except (Exception, CancelledError) as failure:
-            yield Done(key, error=f"the worker was lost ({type(failure).__name__})")
+            return Done(key, error=f"the worker was lost ({type(failure).__name__})")
+
+    threads = ThreadPoolExecutor(pool.at_once)
+    try:
+        for future in as_completed([threads.submit(end, *task) for task in arguments.items()]):
+            yield future.result()
+    finally:
+        threads.shutdown(wait=False, cancel_futures=True)
 
 
 ATTEMPT = ".attempt-"

@@ -6,7 +6,6 @@ import shutil
 import signal
 import time
 from collections.abc import Iterable
-from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
@@ -244,7 +243,6 @@ def by_key(numbers: Iterable[int]) -> dict[str, int]:
 
 
 def double(argument: object) -> int:
-
     if argument < 0:
         raise WorkError("expected a number from 0")
     return 2 * argument // argument
@@ -272,15 +270,11 @@ def test_task_that_kills_its_process_is_reported_once_and_takes_no_other_with_it
     assert ended == [("0", ""), ("1", ""), ("2", "its process was killed"), ("3", "")]
 
 
-def test_all_that_is_left_fails_when_the_cluster_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_pool_cannot_finish_fails_with_its_sentence() -> None:
     class LostPool(InlinePool):
-        def submit(self, *_: object) -> Future[object]:
-            return Future()
-
-        def check(self) -> None:
+        def call(self, *_: object) -> object:
             raise WorkError("the scheduler was lost")
 
-    monkeypatch.setattr("planview.sweep.work.CHECK_S", 0.01)
     ended = list(run_tasks(double, by_key((1, 2)), LostPool()))
     assert [d.error for d in ended] == ["the scheduler was lost"] * 2
 
