@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 
 from calib.types import F32, F64, I32
+from planview.maps.pixels import BACKGROUND_SEEN
 from planview.tracking import body
 from planview.tracking.human_model._kernels import TILE_PX, hull_scores, promising
 from planview.tracking.human_model.explanation import PATCH_PX, MaskExplanation
 from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker
-from planview.tracking.joint import _kernels as kernels
 from planview.tracking.joint.explanation import Owned, People
 from planview.tracking.kalman import FloorKalman
 
@@ -73,7 +73,7 @@ class FloorPlaces:
         scores = np.empty(n, np.float32)
         if n:
             near = wanted.repeat(side, 0)[:rows].repeat(side, 1)[:, :cols]
-            seen = np.flatnonzero(near & (frame.kind == kernels.SEEN))
+            seen = np.flatnonzero(near & (frame.kind == BACKGROUND_SEEN))
             hull_scores(
                 _integral(residual + frame.residual(frame.owned(0, people, seen))), self.bands, found[:n], scores
             )

@@ -10,7 +10,7 @@ from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, I64, U8
 from planview.foreground.gain import Exposure
 from planview.maps.colour import colour_codes
-from planview.maps.pixels import PixelRays, SeenPixels
+from planview.maps.pixels import BACKGROUND_SEEN, SURFACE, PixelRays, SeenPixels
 from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.human_model.params import HumanModelParams
@@ -41,8 +41,7 @@ def likelihood_of_masks(p: HumanModelParams) -> Likelihood:
         hidden_sitting=p.hidden_sitting, hidden_to=HIDDEN_TO, sitting_from=0.5 * (1.0 + p.sitting), no_depth=0.0,
         outliers=0.0, range_m=1.0, unknown=0.0, surface_var=0.0, colour=p.colour_weight, low_share=0.0,
         sits=p.low_share, sitting=p.sitting, masks=1.0, patch_m=p.patch_m, patch_px=PATCH_PX, spacing_m=SPACING_M,
-        body_m=body.TORSO.height_m, reach_m=NEAR_M, apart_m=body.APART_M, angle_min=table.angle_min_rad,
-        angle_step=table.angle_step_rad, cell_m=table.cell_m, w_min=table.w_min_m,
+        body_m=body.TORSO.height_m, reach_m=NEAR_M, apart_m=body.APART_M,
         height_min_m=body.HEIGHT_MIN_M, height_max_m=body.HEIGHT_MAX_M,
     )  # fmt: skip
     return Likelihood.of(model, table)
@@ -92,17 +91,17 @@ class MaskExplanation(Explanation):
         observation: with foreground.
 
     Attributes:
-        kind: (H, W) uint8 of the kernels' SEEN, SHADOW and SURFACE.
+        kind: (H, W) uint8 of BACKGROUND_SEEN, SHADOW and SURFACE.
         pixels: (K,) int64, those of SURFACE.
     """
 
     def __init__(self, rays: PixelRays, observation: Observation, likelihood: Likelihood) -> None:
         assert observation.foreground is not None
         image, coloured = observation.image, likelihood.model[0]["colour"] > 0
-        self.kind: U8 = np.where(observation.foreground > 0, kernels.SURFACE, kernels.SEEN).astype(np.uint8)
+        self.kind: U8 = np.where(observation.foreground > 0, SURFACE, BACKGROUND_SEEN).astype(np.uint8)
         if observation.shadow is not None:
-            self.kind[(observation.shadow > 0) & (self.kind == kernels.SEEN)] = kernels.SHADOW
-        self.pixels: I64 = np.flatnonzero(self.kind == kernels.SURFACE)
+            self.kind[(observation.shadow > 0) & (self.kind == BACKGROUND_SEEN)] = kernels.SHADOW
+        self.pixels: I64 = np.flatnonzero(self.kind == SURFACE)
         code: U8 | None = None
         if image is not None and image.ndim == 3 and coloured:
             code = np.zeros(self.kind.shape, np.uint8)

@@ -12,13 +12,14 @@ from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
+from planview.maps.pixels import BACKGROUND_SEEN, SURFACE
 from planview.tracking.base import DecisionKind, Drawing, Observation, TrackerDebug
 from planview.tracking.human_model.births import CORE, FloorPlaces, births
 from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks, rays_of
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker, matches
-from planview.tracking.joint._kernels import SEEN, SHADOW, SURFACE
+from planview.tracking.joint._kernels import SHADOW
 from planview.tracking.joint.explanation import Owned, People
 from planview.tracking.joint.person import side_by_side
 from planview.tracking.joint.tracker import ACCELERATION_MPS2, NO_BOX, SLOW_DOWN_S, ExplainingTracker
@@ -115,7 +116,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
             )
         dt = self._begin(observation.timestamp_s)
         frame = MaskExplanation(self._rays, observation, self._likelihood)
-        seen = frame.kind == SEEN
+        seen = frame.kind == BACKGROUND_SEEN
         frame.kind[seen & (self._hides > 0)] = SHADOW
         if self._people:
             self._explain(frame, side_by_side(self._people), dt)

@@ -1,8 +1,8 @@
 """Compiled kernels of the joint explanation; ``tests/reference/explain.py`` defines them in plain numpy.
 
 A sample is one pixel near a person: its camera, ray, kind, range and weight. ``pose`` is (x, y, height). Arrays that
-belong together are passed as one tuple: ``samples`` (``Samples.arrays``), ``people`` (``People.arrays``), ``table``
-(cover and front of a ``BodyTable``), ``view`` (``view_arrays``) and ``model`` (an array of one ``Model``).
+belong together are passed as one tuple: ``samples`` (``SampleArrays``), ``people`` (``People.arrays``), ``table``
+(``BodyTable``), ``view`` (``ViewArrays``) and ``model`` (an array of one ``Model``).
 """
 
 from __future__ import annotations
@@ -13,14 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from calib.types import F32, F64, I64
+from calib.types import F32, F64, I64, U8
+from planview.maps.pixels import BACKGROUND_SEEN as SEEN
+from planview.maps.pixels import NO_DEPTH, SURFACE
 
-CX, CY, CZ, EX, EY, COS, SIN, RANGE, WEIGHT, STD, MATCHED = range(11)
-SAMPLE_FIELDS = 11
-KIND, CODE, ANGLE = range(3)
-SEEN, SURFACE, NO_DEPTH, SHADOW = range(4)
-"""Kinds of pixels: the background is seen; foreground, of range 0 in a mask; foreground that should have depth and has
-none; foreground that looks like a shadow and carries no information."""
+SHADOW = 3
+"""Kind of pixels besides those of views: foreground that looks like a shadow and carries no information."""
 AT, THROUGH, BEFORE, REST = range(4)
 LAYERS = 4
 """Other people on one ray, the nearest first."""
@@ -59,7 +57,6 @@ class Model(NamedTuple):
         masks: 1 where no pixel has a range.
         patch_m, patch_px, spacing_m: errors of nearer pixels are one error; distance of samples on a body.
         body_m: height of the table's body [m]; ``apart_m``: least distance of two axes [m].
-        angle_min, angle_step, cell_m, w_min: axes of the table.
         height_min_m, height_max_m: of people [m].
     """
 
@@ -86,12 +83,78 @@ class Model(NamedTuple):
     body_m: float
     reach_m: float
     apart_m: float
-    angle_min: float
-    angle_step: float
-    cell_m: float
-    w_min: float
     height_min_m: float
     height_max_m: float
+
+
+class ViewArrays(NamedTuple):
+    """One view as kernels take it: what ``PixelRays`` and ``SeenPixels`` hold, and
+
+    Attributes:
+        lens: K of r' = r + K r^2 and the image's middle [px].
+        std_per_m2: deviation of a range over its square, in the middle of the image [1/m].
+    """
+
+    centre_m: F64
+    direction: F32
+    level: F32
+    stretch: F32
+    matched_m: F32
+    projection: F64
+    lens: tuple[float, float, float]
+    kind: U8
+    range_m: F32
+    colour: U8
+    pixel_sr: float
+    std_per_m2: float
+
+
+class SampleArrays(NamedTuple):
+    """Pixels near a person, one entry each; those of the first ``size[0]`` hold.
+
+    Attributes:
+        cx, cy, cz: the camera [m].
+        ex, ey, cos, sin: level direction of the ray, and its depression.
+        range_m, weight, std_per_m2, matched_m: as of a view; ``weight`` in patches.
+        kind, code, angle: kind of pixel, colour, index of the depression in the body's table.
+        layers, n_layers: other people on the ray, see ``lay_others``.
+        u, w, ahead, which: of the body that is being tried, see ``_covered``.
+    """
+
+    cx: F32
+    cy: F32
+    cz: F32
+    ex: F32
+    ey: F32
+    cos: F32
+    sin: F32
+    range_m: F32
+    weight: F32
+    std_per_m2: F32
+    matched_m: F32
+    u: F32
+    w: F32
+    ahead: F32
+    kind: U8
+    code: U8
+    angle: U8
+    which: I64
+    n_layers: I64
+    layers: F32
+    size: I64
+
+    @staticmethod
+    def of(n: int) -> SampleArrays:
+        """Room for n samples, of which none is there."""
+        arrays = *np.empty((14, n), np.float32), *np.empty((3, n), np.uint8), *np.empty((2, n), np.int64)
+        return SampleArrays._make([*arrays, np.empty((n, 4, LAYERS + 1), np.float32), np.zeros(1, np.int64)])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+def _angle(depression, table):  # type: ignore[no-untyped-def]
+    """Index of a ray's depression in the body's table."""
+    angle = int((depression - table.angle_min_rad) / table.angle_step_rad + 0.5)
+    return min(max(angle, 0), len(table.cover) - 1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
@@ -100,12 +163,12 @@ def _covered(x: float, y: float, h: float, samples, table, m) -> int:  # type: i
 
     One loop without branches in float32, which processors take eight at a time; three samples in five end here.
     """
-    values, _, _, _, scratch, which, size = samples
-    n, cover = size[0], table[0]
-    u, w, ahead = scratch[0], scratch[1], scratch[2]
-    cx, cy, cz, ex, ey = values[CX], values[CY], values[CZ], values[EX], values[EY]
-    cos, sin = values[COS], values[SIN]
-    per_m, w_min, zero = np.float32(m.body_m / h / m.cell_m), np.float32(m.w_min / m.cell_m), np.float32(0.0)
+    n, which = samples.size[0], samples.which
+    u, w, ahead = samples.u, samples.w, samples.ahead
+    cx, cy, cz, ex, ey = samples.cx, samples.cy, samples.cz, samples.ex, samples.ey
+    cos, sin = samples.cos, samples.sin
+    per_m, w_min = np.float32(m.body_m / h / table.cell_m), np.float32(table.w_min_m / table.cell_m)
+    zero = np.float32(0.0)
     x_m, y_m, z_m = np.float32(x), np.float32(y), np.float32(0.5 * h)
     for i in range(n):
         dx, dy, dz = x_m - cx[i], y_m - cy[i], z_m - cz[i]
@@ -113,7 +176,7 @@ def _covered(x: float, y: float, h: float, samples, table, m) -> int:  # type: i
         u[i] = abs(dy * ex[i] - dx * ey[i]) * per_m
         w[i] = -(along * sin[i] + dz * cos[i]) * per_m - w_min
         ahead[i] = along * cos[i] - dz * sin[i]
-    us, ws, k = np.float32(cover.shape[1]), np.float32(cover.shape[2]), 0
+    us, ws, k = np.float32(table.cover.shape[1]), np.float32(table.cover.shape[2]), 0
     for i in range(n):
         which[k] = i
         k += (u[i] < us) & (w[i] >= zero) & (w[i] < ws)
@@ -206,60 +269,61 @@ def boxes(poses: F64, half_m: float, above_m: float, projection: F64, lens, out:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def gather(pose: F64, reach_m: float, view, samples, model) -> None:  # type: ignore[no-untyped-def]
+def gather(pose: F64, reach_m: float, view, samples, table, model) -> None:  # type: ignore[no-untyped-def]
     """Append the samples of one camera within ``reach_m`` of a body."""
     m = model[0]
-    values, marks, size = samples[0], samples[1], samples[6]
-    centre, direction, level, stretch, matched_m, projection, lens, kind, range_m, colour, pixel_sr, std_per_m2 = view
-    rows, cols = stretch.shape
+    centre, projection = view.centre_m, view.projection
+    rows, cols = view.stretch.shape
     half, box = reach_m + AROUND_M, np.empty((1, 4))
-    boxes(pose.reshape(1, 3), half, 0.1, projection, lens, box)
+    boxes(pose.reshape(1, 3), half, 0.1, projection, view.lens, box)
     x0, y0, x1, y1 = box[0]
     if x1 < 0 or y1 < 0 or x0 > cols - 1 or y0 > rows - 1:
         return
     c0, c1, r0, r1 = max(0, int(x0)), min(cols - 1, int(x1) + 1), max(0, int(y0)), min(rows - 1, int(y1) + 1)
     dx, dy, dz = pose[0] - centre[0], pose[1] - centre[1], 0.5 * pose[2] - centre[2]
-    step = max(1, int(m.spacing_m / math.sqrt((dx * dx + dy * dy + dz * dz) * pixel_sr) + 0.5))
+    step = max(1, int(m.spacing_m / math.sqrt((dx * dx + dy * dy + dz * dz) * view.pixel_sr) + 0.5))
     while ((c1 - c0) // step + 1) * ((r1 - r0) // step + 1) > 3000:
         step += 1
-    depth = (
-        projection[2, 0] * pose[0] + projection[2, 1] * pose[1] + projection[2, 2] * 0.5 * pose[2] + projection[2, 3]
-    )
-    weight = (step / max(m.patch_m / (max(depth, 0.15) * math.sqrt(pixel_sr)), m.patch_px)) ** 2
-    n = size[0]
+    depth = projection[2, 0] * pose[0] + projection[2, 1] * pose[1] + 0.5 * projection[2, 2] * pose[2]
+    depth = max(depth + projection[2, 3], 0.15)
+    weight = (step / max(m.patch_m / (depth * math.sqrt(view.pixel_sr)), m.patch_px)) ** 2
+    n = samples.size[0]
     for r in range(r0 + (-r0) % step, r1 + 1, step):
         # In masks every other row half a step aside: edges of bodies are upright.
         shift = (r // step % 2) * (step // 2) if m.masks > 0.0 else 0
         for c in range(c0 + (shift - c0) % step, c1 + 1, step):
-            if n >= len(marks[0]):
+            if n >= len(samples.kind):
                 break
-            ex, ey = level[r, c, 0], level[r, c, 1]
-            ux, uy, uz = direction[r, c, 0], direction[r, c, 1], direction[r, c, 2]
+            ex, ey, depression = view.level[r, c]
+            ux, uy, uz = view.direction[r, c]
             if abs(dy * ex - dx * ey) > half or dx * ux + dy * uy + dz * uz < 0.15:
                 continue
-            values[CX, n], values[CY, n], values[CZ, n] = centre[0], centre[1], centre[2]
-            values[EX, n], values[EY, n], values[COS, n], values[SIN, n] = ex, ey, ux * ex + uy * ey, -uz
-            values[RANGE, n], values[WEIGHT, n], values[MATCHED, n] = range_m[r, c], weight, matched_m[r, c]
-            values[STD, n] = std_per_m2 / stretch[r, c]
-            angle = min(max(int((level[r, c, 2] - m.angle_min) / m.angle_step + 0.5), 0), 24)
-            marks[KIND, n], marks[CODE, n], marks[ANGLE, n] = kind[r, c], colour[r, c], angle
+            samples.cx[n], samples.cy[n], samples.cz[n] = centre[0], centre[1], centre[2]
+            samples.ex[n], samples.ey[n], samples.cos[n], samples.sin[n] = ex, ey, ux * ex + uy * ey, -uz
+            samples.range_m[n], samples.weight[n], samples.matched_m[n] = (
+                view.range_m[r, c],
+                weight,
+                view.matched_m[r, c],
+            )
+            samples.std_per_m2[n] = view.std_per_m2 / view.stretch[r, c]
+            samples.kind[n], samples.code[n] = view.kind[r, c], view.colour[r, c]
+            samples.angle[n] = _angle(depression, table)
             n += 1
-    size[0] = n
+    samples.size[0] = n
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _mark_near(x: float, y: float, h: float, samples, near, m) -> None:  # type: ignore[no-untyped-def]
     """Mark the samples within a person's reach: by where their surface is, in masks by where their ray passes."""
-    values, size = samples[0], samples[6]
-    for i in range(size[0]):
-        flat = values[COS, i] * values[RANGE, i]
+    for i in range(samples.size[0]):
+        flat = samples.cos[i] * samples.range_m[i]
         if m.masks > 0.0:
-            along = (x - values[CX, i]) * values[EX, i] + (y - values[CY, i]) * values[EY, i]
-            at = along * values[COS, i] - (0.5 * h - values[CZ, i]) * values[SIN, i]
-            flat, z = along, values[CZ, i] - values[SIN, i] * at
+            along = (x - samples.cx[i]) * samples.ex[i] + (y - samples.cy[i]) * samples.ey[i]
+            at = along * samples.cos[i] - (0.5 * h - samples.cz[i]) * samples.sin[i]
+            flat, z = along, samples.cz[i] - samples.sin[i] * at
             if z < -0.1 or z > h + 0.2:
                 continue
-        ox, oy = values[CX, i] + values[EX, i] * flat - x, values[CY, i] + values[EY, i] * flat - y
+        ox, oy = samples.cx[i] + samples.ex[i] * flat - x, samples.cy[i] + samples.ey[i] * flat - y
         near[i] |= ox * ox + oy * oy < m.reach_m * m.reach_m
 
 
@@ -283,12 +347,12 @@ def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore
     """The other people on every sample's ray, the nearest first, each covering as surely as it exists.
 
     Fills ``layers`` (N, 4, LAYERS + 1): ranges, the share of the ray that passes the first k people, the likelihood
-    that these explain, and what all behind them explains of what passes; ``count`` (N,), how many they are.
+    that these explain, and what all behind them explains of what passes; ``n_layers`` (N,), how many they are.
     """
     m = model[0]
-    values, marks, layers, count, scratch, which, size = samples
+    layers, count = samples.layers, samples.n_layers
     poses, sure, tall, ratios = people
-    (cover, front), n = table, size[0]
+    cover, front, n = table.cover, table.front, samples.size[0]
     near = np.zeros(n, np.bool_)
     count[:n] = 0
     for a in range(len(who)):
@@ -297,19 +361,19 @@ def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore
         if sure[k] > 0.5:
             _mark_near(x, y, h, samples, near, m)
         for q in range(_covered(x, y, h, samples, table, m)):
-            i = which[q]
-            angle, iu, iw, kind = marks[ANGLE, i], int(scratch[0, i]), int(scratch[1, i]), marks[KIND, i]
+            i = samples.which[q]
+            angle, iu, iw, kind = samples.angle[i], int(samples.u[i]), int(samples.w[i]), samples.kind[i]
             k_on = count[i]
             pi = cover[angle, iu, iw] * sure[k]
             if pi < 0.01 or k_on >= LAYERS:
                 continue
-            at = scratch[2, i] - front[angle, iu, iw] * h / m.body_m
-            z = (values[CZ, i] - values[SIN, i] * at) / h
-            std, seen = values[STD, i], values[RANGE, i]
+            at = samples.ahead[i] - front[angle, iu, iw] * h / m.body_m
+            z = (samples.cz[i] - samples.sin[i] * at) / h
+            std, seen = samples.std_per_m2[i], samples.range_m[i]
             if _behind(kind, seen, at, std, z, m):
                 continue
-            colour = _ratio(ratios[k], z, marks[CODE, i], m) if kind == SURFACE else 1.0
-            like = _on_body(kind, seen, at, std, values[MATCHED, i], _hidden(h, tall[k, 0], z, m), colour, m)
+            colour = _ratio(ratios[k], z, samples.code[i], m) if kind == SURFACE else 1.0
+            like = _on_body(kind, seen, at, std, samples.matched_m[i], _hidden(h, tall[k, 0], z, m), colour, m)
             ray, j = layers[i], k_on
             while j > 0 and ray[AT, j - 1] > at:
                 for row in (AT, THROUGH, BEFORE):
@@ -318,37 +382,37 @@ def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore
             ray[AT, j], ray[THROUGH, j], ray[BEFORE, j] = at, pi, like
             count[i] = k_on + 1
     for i in range(n):
-        _sum_layers(layers[i], count[i], _on_ground(marks[KIND, i], values[RANGE, i], near[i], m))
+        _sum_layers(layers[i], count[i], _on_ground(samples.kind[i], samples.range_m[i], near[i], m))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def log_ratio(x: float, y: float, h: float, tall_m: float, ratios: F32, samples, table, model) -> float:  # type: ignore[no-untyped-def]
     """Lam of all samples with one person at a pose among the others, less Lam without that person."""
     m = model[0]
-    values, marks, layers, count, scratch, which, _ = samples
-    cover, front = table
+    layers, count = samples.layers, samples.n_layers
+    cover, front = table.cover, table.front
     total, product, factors, weight = 0.0, 1.0, 0, 0.0
     floor_seen = m.unknown / m.range_m / (1.0 - m.unknown)
     for q in range(_covered(x, y, h, samples, table, m)):
-        i = which[q]
-        angle, iu, iw, kind = marks[ANGLE, i], int(scratch[0, i]), int(scratch[1, i]), marks[KIND, i]
+        i = samples.which[q]
+        angle, iu, iw, kind = samples.angle[i], int(samples.u[i]), int(samples.w[i]), samples.kind[i]
         pi = cover[angle, iu, iw]
-        at = scratch[2, i] - front[angle, iu, iw] * h / m.body_m
-        z = (values[CZ, i] - values[SIN, i] * at) / h
+        at = samples.ahead[i] - front[angle, iu, iw] * h / m.body_m
+        z = (samples.cz[i] - samples.sin[i] * at) / h
         if pi < 0.005 or z < 0.0:
             continue
-        std, seen = values[STD, i], values[RANGE, i]
+        std, seen = samples.std_per_m2[i], samples.range_m[i]
         if _behind(kind, seen, at, std, z, m):
             continue
-        colour = _ratio(ratios, z, marks[CODE, i], m) if kind == SURFACE else 1.0
-        like = _on_body(kind, seen, at, std, values[MATCHED, i], _hidden(h, tall_m, z, m), colour, m)
+        colour = _ratio(ratios, z, samples.code[i], m) if kind == SURFACE else 1.0
+        like = _on_body(kind, seen, at, std, samples.matched_m[i], _hidden(h, tall_m, z, m), colour, m)
         ray, j = layers[i], 0
         while j < count[i] and ray[AT, j] < at:
             j += 1
         without = ray[BEFORE, j] + ray[THROUGH, j] * ray[REST, j] + (floor_seen if kind == SURFACE else TINY)
-        if factors == ONE_LOG or values[WEIGHT, i] != weight:
+        if factors == ONE_LOG or samples.weight[i] != weight:
             total += weight * math.log(product)
-            product, factors, weight = 1.0, 0, values[WEIGHT, i]
+            product, factors, weight = 1.0, 0, samples.weight[i]
         product *= 1.0 + ray[THROUGH, j] * pi * (like - ray[REST, j]) / without
         factors += 1
     return total + weight * math.log(product)
@@ -427,10 +491,9 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
         Lam at the end plus the logarithm of the prior of such a pose.
     """
     m = model[0]
-    values, size = samples[0], samples[6]
     camera, ax, ay, slope = (pose[0] - 1.0, pose[1], 1e6), 1.0, 0.0, 1.0
-    if size[0] > 0:
-        camera = float(values[CX, 0]), float(values[CY, 0]), float(values[CZ, 0])
+    if samples.size[0] > 0:
+        camera = float(samples.cx[0]), float(samples.cy[0]), float(samples.cz[0])
         ax, ay = pose[0] - camera[0], pose[1] - camera[1]
         norm = math.sqrt(ax * ax + ay * ay)
         ax, ay = (ax / norm, ay / norm) if norm > 1e-6 else (1.0, 0.0)
@@ -485,27 +548,27 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
 def visible(pose: F64, tall_m: float, samples, table, model):  # type: ignore[no-untyped-def]
     """Patches of a body that it explains better than all else, and those in view."""
     m = model[0]
-    values, marks, layers, count, scratch, which, _ = samples
-    cover, front = table
+    layers, count = samples.layers, samples.n_layers
+    cover, front = table.cover, table.front
     h, mine, total = pose[2], 0.0, 0.0
     for q in range(_covered(pose[0], pose[1], h, samples, table, m)):
-        i = which[q]
-        angle, iu, iw, kind = marks[ANGLE, i], int(scratch[0, i]), int(scratch[1, i]), marks[KIND, i]
+        i = samples.which[q]
+        angle, iu, iw, kind = samples.angle[i], int(samples.u[i]), int(samples.w[i]), samples.kind[i]
         pi = cover[angle, iu, iw]
         if pi < 0.02:
             continue
-        total += pi * values[WEIGHT, i]
+        total += pi * samples.weight[i]
         if kind in (SEEN, SHADOW):
             continue
-        at = scratch[2, i] - front[angle, iu, iw] * h / m.body_m
-        hidden = _hidden(h, tall_m, (values[CZ, i] - values[SIN, i] * at) / h, m)
-        like = _on_body(kind, values[RANGE, i], at, values[STD, i], values[MATCHED, i], hidden, 1.0, m)
+        at = samples.ahead[i] - front[angle, iu, iw] * h / m.body_m
+        hidden = _hidden(h, tall_m, (samples.cz[i] - samples.sin[i] * at) / h, m)
+        like = _on_body(kind, samples.range_m[i], at, samples.std_per_m2[i], samples.matched_m[i], hidden, 1.0, m)
         ray, j = layers[i], 0
         while j < count[i] and ray[AT, j] < at:
             j += 1
         unknown = m.unknown / m.range_m if kind == SURFACE else 0.0
         if ray[THROUGH, j] * pi * like > ray[BEFORE, j] + ray[THROUGH, j] * (1 - pi) * ray[REST, j] + unknown:
-            mine += pi * values[WEIGHT, i]
+            mine += pi * samples.weight[i]
     return mine, total
 
 
@@ -514,20 +577,19 @@ def assign_pixels(pixels: I64, people, around: I64, view, table, model, owned) -
     """Who owns each of some pixels of one kind, see ``Owned``; ``around``: (N, 4) boxes of people [px]."""
     m = model[0]
     poses, sure, tall, ratios = people
-    centre, direction, level, stretch, matched_m, _, _, kinds, range_m, colour, pixel_sr, std_per_m2 = view
+    centre, direction, level, stretch, range_m = view.centre_m, view.direction, view.level, view.stretch, view.range_m
     owner, share, height, patches, lacking, reached = owned
-    cover, front = table
+    cover, front = table.cover, table.front
     cols, camera_z = range_m.shape[1], centre[2]
     ats, pis, likes, zs = np.empty((4, LAYERS))
     ks = np.empty(LAYERS, np.int64)
     for i in range(len(pixels)):
         r, c = pixels[i] // cols, pixels[i] % cols
-        far, std, n, near = range_m[r, c], std_per_m2 / stretch[r, c], 0, False
+        far, std, n, near = range_m[r, c], view.std_per_m2 / stretch[r, c], 0, False
         ex, ey, sin = level[r, c, 0], level[r, c, 1], -direction[r, c, 2]
         cos = direction[r, c, 0] * ex + direction[r, c, 1] * ey
         x, y = centre[0] + direction[r, c, 0] * far, centre[1] + direction[r, c, 1] * far
-        kind = kinds[r, c]
-        angle = min(max(int((level[r, c, 2] - m.angle_min) / m.angle_step + 0.5), 0), 24)
+        kind, angle = view.kind[r, c], _angle(level[r, c, 2], table)
         for k in range(len(poses)):
             ox, oy, h = x - poses[k, 0], y - poses[k, 1], poses[k, 2]
             if far > 0.0:
@@ -538,16 +600,16 @@ def assign_pixels(pixels: I64, people, around: I64, view, table, model, owned) -
                 near = near or sure[k] > 0.5
             dx, dy, dz = poses[k, 0] - centre[0], poses[k, 1] - centre[1], 0.5 * h - camera_z
             along, scale = dx * ex + dy * ey, m.body_m / h
-            iu = int(abs(dy * ex - dx * ey) * scale / m.cell_m)
-            iw = int((-(along * sin + dz * cos) * scale - m.w_min) / m.cell_m)
+            iu = int(abs(dy * ex - dx * ey) * scale / table.cell_m)
+            iw = int((-(along * sin + dz * cos) * scale - table.w_min_m) / table.cell_m)
             if iu >= cover.shape[1] or iw < 0 or iw >= cover.shape[2]:
                 continue
             pi, at = sure[k] * cover[angle, iu, iw], along * cos - dz * sin - front[angle, iu, iw] / scale
             if pi < 0.01:
                 continue
             z = (camera_z - sin * at) / h
-            ratio = _ratio(ratios[k], z, colour[r, c], m)
-            like = _on_body(kind, far, at, std, matched_m[r, c], _hidden(h, tall[k, 0], z, m), ratio, m)
+            ratio = _ratio(ratios[k], z, view.colour[r, c], m)
+            like = _on_body(kind, far, at, std, view.matched_m[r, c], _hidden(h, tall[k, 0], z, m), ratio, m)
             j = n
             while j > 0 and ats[j - 1] > at:
                 ats[j], pis[j], likes[j], ks[j], zs[j] = ats[j - 1], pis[j - 1], likes[j - 1], ks[j - 1], zs[j - 1]
@@ -566,7 +628,7 @@ def assign_pixels(pixels: I64, people, around: I64, view, table, model, owned) -
         other = passing * _on_ground(kind, far, near, m) + m.unknown / m.range_m
         owner[i], reached[i] = (who if best > other else -1), near
         share[i], height[i] = best / (total + other), at_z
-        patches[i] = (at / stretch[r, c]) ** 2 * pixel_sr / m.patch_m**2
+        patches[i] = (at / stretch[r, c]) ** 2 * view.pixel_sr / m.patch_m**2
         if far > 0.0:  # a body's surface there, as an expected logarithm
             surface = m.surface_var + (std * far * far) ** 2
             typical = m.body * (1.0 - m.no_depth) * (1.0 - m.outliers) / math.sqrt(2.0 * math.pi * math.e * surface)

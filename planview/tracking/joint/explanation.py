@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.types import F32, F64, I64, U8, Bool
 from planview.maps.colour import CODES
-from planview.maps.pixels import PixelRays, SeenPixels
+from planview.maps.pixels import SURFACE, PixelRays, SeenPixels
 from planview.tracking import body
 from planview.tracking.joint import _kernels as kernels
 from planview.tracking.joint.params import JointParams
@@ -61,11 +61,6 @@ class Likelihood(NamedTuple):
         record = np.array([tuple(model)], dtype=[(name, np.float64) for name in model._fields])
         return Likelihood(record, table, disparity_std_px)
 
-    @property
-    def arrays(self) -> tuple[F32, F32]:
-        """The table as kernels take it."""
-        return self.table.cover, self.table.front
-
 
 def likelihood_of_ranges(p: JointParams) -> Likelihood:
     """For pixels with ranges."""
@@ -75,8 +70,7 @@ def likelihood_of_ranges(p: JointParams) -> Likelihood:
         hidden_sitting=0.0, hidden_to=0.0, sitting_from=0.0, no_depth=NO_DEPTH, outliers=OUTLIERS, range_m=RANGE_M,
         unknown=UNKNOWN, surface_var=SURFACE_STD_M**2, colour=p.colour_weight, low_share=p.low_share, sits=0.0,
         sitting=1.0, masks=0.0, patch_m=p.patch_m, patch_px=0.0, spacing_m=SPACING * p.patch_m,
-        body_m=body.TORSO.height_m, reach_m=body.REACH_M, apart_m=body.APART_M, angle_min=table.angle_min_rad,
-        angle_step=table.angle_step_rad, cell_m=table.cell_m, w_min=table.w_min_m,
+        body_m=body.TORSO.height_m, reach_m=body.REACH_M, apart_m=body.APART_M,
         height_min_m=body.HEIGHT_MIN_M, height_max_m=body.HEIGHT_MAX_M,
     )  # fmt: skip
     return Likelihood.of(model, table, p.disparity_std_px)
@@ -148,10 +142,10 @@ class Explanation:
         self._model = likelihood.model[0]
         self._arrays = [self._view_arrays(v) for v in views]
 
-    def _view_arrays(self, v: SeenPixels) -> tuple[Any, ...]:
+    def _view_arrays(self, v: SeenPixels) -> kernels.ViewArrays:
         r, (rows, cols) = v.rays, v.kind.shape
         std_per_m2 = self.likelihood.disparity_std_px / r.disparity_metre
-        return (
+        return kernels.ViewArrays(
             r.centre_m, r.direction, r.level, r.stretch, r.matched_m, r.projection,
             (r.distortion_k, 0.5 * (cols - 1), 0.5 * (rows - 1)), v.kind, v.range_m,
             v.colour if v.colour is not None else v.kind, r.pixel_sr, std_per_m2,
@@ -166,7 +160,7 @@ class Explanation:
         """The samples within reach of a body, of all cameras."""
         samples = Samples(self.likelihood)
         for view in self._arrays:
-            kernels.gather(pose, reach_m, view, samples.arrays, self.likelihood.model)
+            kernels.gather(pose, reach_m, view, samples.arrays, self.likelihood.table, self.likelihood.model)
         return samples
 
     def boxes(self, rays: PixelRays, poses: F64, half_m: float = 0.4) -> I64:
@@ -208,7 +202,7 @@ class Explanation:
             total += 2.0 * area * (table.cell_m * pose[2] / body.TORSO.height_m / float(m["patch_m"])) ** 2
         return total / len(self.views)
 
-    def assign_pixels(self, people: People, kind: int = kernels.SURFACE) -> list[Owned]:
+    def assign_pixels(self, people: People, kind: int = SURFACE) -> list[Owned]:
         """Who owns the pixels of a kind in each view."""
         return [self.owned(k, people, np.flatnonzero(v.kind == kind)) for k, v in enumerate(self.views)]
 
@@ -217,9 +211,8 @@ class Explanation:
         view, n = self._arrays[k], len(pixels)
         found = np.empty(n, np.int64), *np.empty((4, n), np.float32), np.empty(n, np.bool_)
         boxes = self.boxes(self.views[k].rays, people.poses, self._reach_m)
-        arrays = self.likelihood.arrays
-        kernels.assign_pixels(pixels, people.arrays, boxes, view, arrays, self.likelihood.model, found)
-        return Owned(pixels, view[9].reshape(-1)[pixels], *found)
+        kernels.assign_pixels(pixels, people.arrays, boxes, view, self.likelihood.table, self.likelihood.model, found)
+        return Owned(pixels, view.colour.reshape(-1)[pixels], *found)
 
     @property
     def _reach_m(self) -> float:
@@ -231,27 +224,19 @@ class Samples:
 
     def __init__(self, likelihood: Likelihood) -> None:
         self._of = likelihood
-        self.arrays = (
-            np.empty((kernels.SAMPLE_FIELDS, MAX_SAMPLES), np.float32),
-            np.empty((3, MAX_SAMPLES), np.uint8),
-            np.empty((MAX_SAMPLES, 4, kernels.LAYERS + 1), np.float32),
-            np.empty(MAX_SAMPLES, np.int64),
-            np.empty((3, MAX_SAMPLES), np.float32),
-            np.empty(MAX_SAMPLES, np.int64),
-            np.zeros(1, np.int64),
-        )
+        self.arrays = kernels.SampleArrays.of(MAX_SAMPLES)
         self._people: People
         self._others: I64
 
     def layer(self, people: People, others: I64) -> None:
         """Take these people for the others on the rays, whose bodies cannot be entered."""
         self._people, self._others = people, others
-        kernels.lay_others(self.arrays, people.arrays, others, self._of.arrays, self._of.model)
+        kernels.lay_others(self.arrays, people.arrays, others, self._of.table, self._of.model)
 
     def log_ratio(self, pose: F64, tall: F64, ratios: F32) -> float:
         """Lam with one more person at a pose, less Lam with the others alone."""
         (x, y, h), of = pose.tolist(), self._of
-        return float(kernels.log_ratio(x, y, h, float(tall[0]), ratios, self.arrays, of.arrays, of.model))
+        return float(kernels.log_ratio(x, y, h, float(tall[0]), ratios, self.arrays, of.table, of.model))
 
     def log_prior(self, pose: F64, tall: F64, others: I64 | None = None) -> float:
         """What is known of a pose before any pixel is seen; ``others`` are those of the layers unless given."""
@@ -277,7 +262,7 @@ class Samples:
         curvature, people, of = np.zeros(3), self._people, self._of
         evidence = kernels.ascend(
             pose, curvature, (predicted, information, steps), (*tall.tolist(), ratios),
-            (people.poses, people.sure, self._others), self.arrays, of.arrays, of.model,
+            (people.poses, people.sure, self._others), self.arrays, of.table, of.model,
         )  # fmt: skip
         return float(evidence), curvature
 
@@ -285,7 +270,7 @@ class Samples:
         """Log-likelihood ratio of a person at a pose to the thing that explains the same pixels best."""
         nobody = np.ones((kernels.PARTS, CODES), np.float32)
         things, others = [], (self._people.poses, self._people.sure, self._others)
-        for table in ((t.cover, t.front) for t in body.thing_tables()):
+        for table in body.thing_tables():
             start = pose * THING_START
             at, prior = start.copy(), (start, ANYWHERE, STEPS_M)
             size = float(start[2]), ANY_HEIGHT_M, nobody
@@ -296,13 +281,13 @@ class Samples:
 
     def visible(self, pose: F64, tall: F64) -> tuple[float, float]:
         """Patches of a body that it explains better than all else, and those in view."""
-        mine, total = kernels.visible(pose, float(tall[0]), self.arrays, self._of.arrays, self._of.model)
+        mine, total = kernels.visible(pose, float(tall[0]), self.arrays, self._of.table, self._of.model)
         return float(mine), float(total)
 
     def noise(self, pose: F64, curvature: F64) -> tuple[PositionNoise, float]:
         """Covariance of the place and information on the height [1/m^2], from how Lam curvatures."""
-        values, size = self.arrays[0], self.arrays[6]
-        ax, ay = (pose[:2] - values[kernels.CX : kernels.CZ, 0]).tolist() if size[0] else (1.0, 0.0)
+        s, (x, y, _) = self.arrays, pose.tolist()
+        ax, ay = (x - float(s.cx[0]), y - float(s.cy[0])) if s.size[0] else (1.0, 0.0)
         norm = max(math.hypot(ax, ay), 1e-6)
         ax, ay = ax / norm, ay / norm
         va, vc = (max(1.0 / max(b, 5.0), PLACE_STD_MIN_M**2) for b in curvature[:2].tolist())

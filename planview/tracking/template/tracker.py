@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
-from calib.types import F32
+from calib.types import F32, F64, I64
 from planview.maps.builder import PlanViewMaps
 from planview.tracking.base import NO_TERMS, Decision, Drawing, Observation, ScoreTerms, TrackerDebug
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import Existence, LifeCycle
-from planview.tracking.template._kernels import search
 from planview.tracking.template.params import TemplateParams
 from planview.trajectories.state import TrackState
 
@@ -168,23 +168,45 @@ class TemplateTracker:
         if p.distance_weight > 0:
             reach = min(reach, math.ceil(p.score_max / p.distance_weight * p.width_m / grid.cell_m))
         person.reach_m = reach * grid.cell_m
-        one_sided = self._height_max_m / 3
-        body = person.template_occupancy[person.template_height > 0]
-        if body.size == 0:  # an empty template is like any empty floor
+        if not (person.template_height > 0).any():  # an empty template is like any empty floor
             person.score = math.inf
             return None, NO_TERMS
-        typical = max(float(body.mean()), free.maps.occupancy_min, 1e-9)
-        others = np.array([grid.index_of(*place) for place in placed], dtype=np.float64).reshape(-1, 2)
-        best = np.empty(7)
-        search(
-            person.template_height, person.template_occupancy, free.height, free.occupancy,
-            *grid.index_of(*person.predicted_m), reach, one_sided,
-            p.height_weight / one_sided, p.occupancy_weight / typical, p.distance_weight * grid.cell_m / p.width_m,
-            # The paper's variance of W_avg has no unit of area; a deviation of W_avg / 2 was chosen.
-            p.separation_weight, p.width_m / 2 / grid.cell_m, others, best,
-        )  # fmt: skip
-        person.score, row, col, *terms = best.tolist()
-        return grid.centre_of(row, col) if person.score <= p.score_max else None, ScoreTerms(*terms)
+        at = [part.start for part in free.window(person.predicted_m)]
+        # Every second cell first where the reach is wide: the maps are smooth over a cell.
+        for radius, step in ((reach, 2), (1, 1)) if reach > 2 else ((reach, 1),):
+            rows, cols = (
+                np.arange(max(0, k - radius), min(size, k + radius + 1), step)
+                for k, size in zip(at, grid.shape, strict=True)
+            )
+            terms = self._terms(person, free, placed, rows, cols)
+            i, j = divmod(int(np.argmin(terms.sum(axis=0))), len(cols))
+            at = [int(rows[i]), int(cols[j])]
+        person.score = float(terms[:, i, j].sum())
+        return grid.centre_of(*at) if person.score <= p.score_max else None, ScoreTerms(*terms[:, i, j].tolist())
+
+    def _terms(self, person: MapPerson, free: FreeMaps, placed: list[Place], rows: I64, cols: I64) -> F64:
+        """(4, R, C) terms of the match score (eq. 4) at evenly spaced rows and columns of the grid."""
+        p, grid, n = self.params, free.maps.grid, free.n
+        part = slice(rows[0], rows[-1] + n), slice(cols[0], cols[-1] + n)
+        step, one_sided = int(rows[1] - rows[0]) if len(rows) > 1 else 1, self._height_max_m / 3
+        height, occupancy = differences(
+            person.template_height, person.template_occupancy, free.height[part], free.occupancy[part], one_sided, step
+        )
+        typical = float(person.template_occupancy[person.template_height > 0].mean())
+        row, col = grid.index_of(*person.predicted_m)
+        separation = np.zeros(height.shape)
+        # The paper's variance of W_avg has no unit of area; a deviation of W_avg / 2 was chosen.
+        for other_row, other_col in (grid.index_of(*place) for place in placed):
+            squared = (rows[:, None] - other_row) ** 2 + (cols - other_col) ** 2
+            separation += np.exp(-0.5 * squared / (p.width_m / 2 / grid.cell_m) ** 2)
+        return np.stack(
+            [
+                p.height_weight / one_sided * height,
+                p.occupancy_weight / max(typical, free.maps.occupancy_min, 1e-9) * occupancy,
+                p.distance_weight * grid.cell_m / p.width_m * np.hypot(rows[:, None] - row, cols - col),
+                p.separation_weight * separation,
+            ]
+        )
 
     def _measure(self, person: MapPerson, found_m: Place, free: FreeMaps, dt: float) -> None:
         """Update position, velocity and templates with what lies at the best match.
@@ -294,6 +316,24 @@ class TemplateTracker:
             tiles[f"template/{name}/occupancy"] = person.template_occupancy.copy()
         zones = Drawing("search", "floor", tuple(searches))
         return TrackerDebug((zones, Drawing("template", "floor", tuple(outlines), tuple(labels))), dict(tiles))
+
+
+def differences(
+    template_height: F32, template_occupancy: F32, height: F32, occupancy: F32, one_sided: float, step: int = 1
+) -> tuple[F64, F64]:
+    """Mean height and occupancy differences (eq. 4) of templates (n, n) from every ``step``-th window of maps, float64.
+
+    Of the cells where template or map has height; one with height in exactly one of the two counts as ``one_sided``.
+    """
+    shape = template_height.shape
+    windows, occupancies = (sliding_window_view(image, shape)[::step, ::step] for image in (height, occupancy))
+    known, present = template_height > 0, windows > 0
+    either = known | present
+    used = np.count_nonzero(either, axis=(2, 3))
+    apart = np.where(known & present, np.abs(windows - template_height), np.float32(one_sided))
+    sums = (np.einsum("rcij,rcij->rc", either, of) for of in (apart, np.abs(occupancies - template_occupancy)))
+    heights, occupied = (total / np.maximum(used, 1) for total in sums)
+    return np.where(used > 0, heights, one_sided), occupied
 
 
 def _apart(person: MapPerson, at_m: Place) -> float:

@@ -8,6 +8,7 @@ import pytest
 
 from calib.errors import InputError
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
+from planview.maps.pixels import BACKGROUND_SEEN
 from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
@@ -181,8 +182,8 @@ def test_evidence_is_the_difference_of_two_plain_likelihoods(pose, others):
     every_pixel = COLOURLESS.model_copy(update={"patch_m": 0.0101})
     frame = explained(Observation(0, 0.0, None, seen.foreground, seen.motion, shadow=shadow), every_pixel)
     samples = frame.around(np.array(pose), 0.5)
-    assert samples.arrays[6][0] < 3000, "every pixel is a sample"
-    samples.arrays[0][kernels.WEIGHT] = 1.0
+    assert samples.arrays.size[0] < 3000, "every pixel is a sample"
+    samples.arrays.weight[:] = 1.0
     samples.layer(people_at(*others, pose), np.arange(len(others)))
     found = samples.log_ratio(np.array(pose), TALL, SAME)
     without, both = (log_likelihood_of_mask(frame, people, others, TALL[0]) for people in (others, [*others, pose]))
@@ -209,7 +210,7 @@ def test_places_are_those_whose_hulls_gain_enough_and_none_is_ruled_out_before()
     known = people_at((-1.0, 6.0, 1.76))
     (owned,) = frame.assign_pixels(known)
     found, scores = places.scores(frame, known, owned, 4.0)
-    residual = frame.residual(owned) + frame.residual(*frame.assign_pixels(known, kernels.SEEN))
+    residual = frame.residual(owned) + frame.residual(*frame.assign_pixels(known, BACKGROUND_SEEN))
     plain = np.array([
         sum(float(residual[top:down, left:right].sum()) for left, top, right, down in bands)
         for bands in places.bands

@@ -166,7 +166,7 @@ def test_evidence_of_a_person_is_the_difference_of_two_likelihoods(other):
     seen = look_at(oblique_camera(), [far, other])
     every_pixel = JointParams(patch_m=0.011)
     dense = Explanation((seen,), likelihood_of_ranges(every_pixel)).around(np.array(far), 0.4)
-    dense.arrays[0][kernels.WEIGHT] = 1.0
+    dense.arrays.weight[:] = 1.0
     dense.layer(people_of(far, other), np.array([1]))
     found = dense.log_ratio(np.array(far), TALL, SAME)
     # Arms reach as far in both: what lies near one of the two lies near the other.
