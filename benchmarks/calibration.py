@@ -29,6 +29,7 @@ from planview.calibration.align import align_records, rig_entries
 from planview.calibration.board import BoardRequest, calibrate_images
 from planview.calibration.paths import record_rig
 from planview.engine.config import Config
+from planview.evaluation.align import fit_rigid
 from planview.synthetic.assets import SCENES, real_recordings
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import load_scene
@@ -302,10 +303,7 @@ def _aligned_error(ours: F64, truth: F64) -> float:
     ours, truth = ours[known], truth[known]
     used = np.ones(len(ours), dtype=np.bool_)
     for _ in range(5):
-        a, b = ours[used].mean(axis=0), truth[used].mean(axis=0)
-        u, _, vt = np.linalg.svd((ours[used] - a).T @ (truth[used] - b))
-        turn = vt.T @ np.diag([1.0, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
-        errors = np.hypot(*((ours - a) @ turn.T + b - truth).T)
+        errors = np.hypot(*(fit_rigid(ours[used], truth[used]).apply(ours) - truth).T)
         used = errors <= np.quantile(errors, 0.9)
     return float(np.median(errors))
 
