@@ -271,7 +271,8 @@ def _pets_rows(folder: Path, marked: bool) -> list[Row]:
             ends[:, at : at + 2] = (shown + 0.5) / scale - 0.5
     inside = (low > 2).all(axis=1) & (low + size < np.array(PETS_SIZE) - 2).all(axis=1)
     alone = [i for i in np.flatnonzero(inside) if not _touched(table, int(i))]
-    errors, trusted = [math.nan], [math.nan]
+    errors: list[float] = []
+    trusted: list[float] = []
     for seed in range(PEOPLE_SEEDS):
         rng = np.random.default_rng(seed)
         clicks = [_clicked(row, rng) for row in ends[rng.choice(alone, 12, replace=False)]]
@@ -284,9 +285,9 @@ def _pets_rows(folder: Path, marked: bool) -> list[Row]:
             trusted.append(errors[-1])
     name = f"people, PETS view 1, 12 scripted clicks, {'heads and feet' if marked else 'boxes'}"
     return [
-        Row(f"{name}: median floor error", float(np.nanmedian(errors)), "m", 0.5),
-        Row(f"{name}: worst of those called enough", float(np.nanmax(trusted)), "m", 1.0),
-        Row(f"{name}: called enough, of {PEOPLE_SEEDS}", len(trusted) - 1, ""),
+        Row(f"{name}: median floor error", float(np.median(errors)) if errors else math.nan, "m", 0.5),
+        Row(f"{name}: worst of those called enough", max(trusted, default=math.nan), "m", 1.0),
+        Row(f"{name}: called enough, of {PEOPLE_SEEDS}", len(trusted), ""),
     ]
 
 
