@@ -123,7 +123,7 @@ def calibrate_from_people(
     fit = with_focal_spread(best, people, model)
     if independent is not None:
         fit = with_outline_errors(fit, people, model)
-    errors = weighted_errors(fit, people, model)
+    errors = weighted_errors(fit.camera, fit.places_m, people.rows, model)
     _refuse_unfit(fit, errors, name)
     return HumanCalibration(
         camera=fit.camera,
@@ -202,13 +202,12 @@ def starts(
     return [GroundCamera(*size, math.exp(f), math.exp(h), float(t), lens) for f, h, t in chosen]
 
 
-def weighted_errors(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel) -> F64:
-    """(n,) error E = whf Ehf + wbb Ebb of every sample where the fit has it stand (Zhang 2008, section 3.3)."""
-    rows, camera = people.rows, fit.camera
-    boxes = model.boxes(camera, fit.places_m)
+def weighted_errors(camera: GroundCamera, places_m: F64, rows: F64, model: HumanModel) -> F64:
+    """(n,) error E = whf Ehf + wbb Ebb of the (n, 8) rows of people at (n, 2) places [m] (Zhang 2008, section 3.3)."""
+    boxes = model.boxes(camera, places_m)
     low, high = boxes[:, :2], boxes[:, :2] + boxes[:, 2:]
     area, marked_area = boxes[:, 2:].prod(axis=1), (rows[:, 2:4] - rows[:, :2]).prod(axis=1)
-    ends = np.stack([model.head(camera, fit.places_m), model.foot(camera, fit.places_m)], axis=1)
+    ends = np.stack([model.head(camera, places_m), model.foot(camera, places_m)], axis=1)
     apart = np.linalg.norm(ends - rows[:, 4:].reshape(-1, 2, 2), axis=2).mean(axis=1)
     radius = (np.sqrt(area / math.pi) + np.sqrt(marked_area / math.pi)) / 2
     common = np.maximum(np.minimum(high, rows[:, 2:4]) - np.maximum(low, rows[:, :2]), 0.0).prod(axis=1)

@@ -21,7 +21,7 @@ from calib.params import Params
 from calib.pose import SE3
 from calib.types import F64
 from calib.world import RigEntry
-from planview.calibration.paths import TICK_S, RigRecord, WalkedPath, by_time, paths_of
+from planview.calibration.paths import TICK_S, RigRecord, WalkedPath, paths_of
 from planview.evaluation.align import floor_rotation
 
 PIECE_S = 6.0
@@ -108,18 +108,17 @@ def align_rigs(first: list[WalkedPath], second: list[WalkedPath], params: AlignP
     params = params or AlignParams()
     if not first or not second:
         raise WorkError("expected people who walk in both heads' views, found none in one of them")
-    scorer = _Scorer(first, second)
     found = _hypotheses(first, second, params.clock_s)
     if not found:
         raise WorkError(
             f"expected people who walk for {PIECE_S:g} s where both heads see them, found no path that fits "
             f"another within {params.clock_s:g} s of clock: the heads see different places, or people stood"
         )
-    scores = np.array([scorer(hypothesis) for hypothesis in found])
+    scores = np.array([_score(hypothesis, first, second) for hypothesis in found])
     best = found[int(np.argmax(scores))]
     for meet_m in [MEET_M] * 4 + [NEAR_M] * 4:
         best = _refined(best, first, second, meet_m, params.disparity_px)
-    top = scorer(best)
+    top = _score(best, first, second)
     others = [score for other, score in zip(found, scores, strict=True) if _apart(best, other)]
     rival = max(others, default=0.0)
     if rival > RIVAL * max(top, float(scores.max())):
@@ -154,24 +153,19 @@ def _apart(one: RigAlignment, other: RigAlignment) -> bool:
     return abs(math.degrees(turn)) > 15.0 or shift > 0.75 or abs(one.clock_s - other.clock_s) > 1.0
 
 
-class _Scorer:
+def _score(motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath]) -> float:
     """Seconds of the first rig's paths that meet the second's under a motion; nearer ones count more."""
-
-    def __init__(self, first: list[WalkedPath], second: list[WalkedPath]) -> None:
-        self._first, self._second = by_time(first), by_time(second)
-
-    def __call__(self, motion: RigAlignment) -> float:
-        (a, a_height, a_first), (b, b_height, b_first) = self._first, self._second
-        shift = b_first + round(motion.clock_s / TICK_S) - a_first
-        start, end = max(0, shift), min(len(a), shift + len(b))
-        if end <= start:
-            return 0.0
-        ours, theirs = a[start:end], motion.apply(b[start - shift : end - shift])
-        square = ((ours[:, :, None] - theirs[:, None]) ** 2).sum(axis=-1)
-        taller = np.abs(a_height[start:end, :, None] - b_height[start - shift : end - shift, None])
-        square[np.isnan(square) | (taller > HEIGHT_M)] = np.inf
-        nearest = square.min(axis=2)
-        return float(np.maximum(0.0, 1.0 - nearest / MEET_M**2).sum() * TICK_S)
+    shift, total = motion.clock_s / TICK_S, 0.0
+    for path in first:
+        ticks = np.arange(path.first, path.end, dtype=np.float64)
+        best = np.zeros(len(ticks))
+        for other in second:
+            apart_in_time = other.first + shift >= path.end or other.end + shift <= path.first
+            if not apart_in_time and not abs(path.height_m - other.height_m) > HEIGHT_M:
+                square = ((motion.apply(other.at(ticks - shift)) - path.xy_m) ** 2).sum(axis=1)
+                best = np.fmax(best, 1.0 - square / MEET_M**2)
+        total += float(best.sum()) * TICK_S
+    return total
 
 
 def _hypotheses(first: list[WalkedPath], second: list[WalkedPath], clock_s: float) -> list[RigAlignment]:

@@ -103,27 +103,6 @@ def _path(own: Trajectories, effect: DisparityEffect) -> WalkedPath | None:
     return WalkedPath(first, xy, float(np.median(known)) if len(known) else math.nan, effect.per_px_m(xy))
 
 
-def by_time(paths: list[WalkedPath]) -> tuple[F64, F64, int]:
-    """All paths side by side in time.
-
-    Returns:
-        (T, P, 2) positions [m] and (T, P) heights [m], NaN where no path is, with P as many as are there at once; and
-        the tick of the first row.
-    """
-    first, end = min(p.first for p in paths), max(p.end for p in paths)
-    slots: list[int] = []
-    placed = []
-    for path in sorted(paths, key=lambda p: p.first):
-        slot = next((i for i, until in enumerate(slots) if until <= path.first), len(slots))
-        slots[slot : slot + 1] = [path.end]
-        placed.append((slot, path))
-    xy, height = np.full((end - first, len(slots), 2), np.nan), np.full((end - first, len(slots)), np.nan)
-    for slot, path in placed:
-        xy[path.first - first : path.end - first, slot] = path.xy_m
-        height[path.first - first : path.end - first, slot] = path.height_m
-    return xy, height, first
-
-
 @dataclass(frozen=True, eq=False)
 class RigRecord:
     """One rig, in its own world and on its own clock.

@@ -1,4 +1,4 @@
-"""Plain twin of the error kernel of ``calib.people``, for one person at a known place."""
+"""Plain twin of the error of samples in ``calib.people``, for one person at a known place."""
 
 import math
 

@@ -6,8 +6,9 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
-from typing import Literal, overload
+from typing import Literal, Protocol
 
 import cv2
 import numpy as np
@@ -37,6 +38,14 @@ KEPT = 50
 PHOTOGRAPHS = (".jpg", ".jpeg", ".heic", ".tif", ".tiff")
 
 
+class Pictures(Protocol):
+    """Pictures by their number."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int, /) -> U8: ...
+
+
 @dataclass
 class CalibrationSession:
     """State of one calibration.
@@ -61,7 +70,7 @@ class CalibrationSession:
     """
 
     name: str
-    frames: Sequence[U8]
+    frames: Pictures
     indices: Sequence[int]
     view: FloorDepths | None = None
     plain_floor: Floor | None = None
@@ -81,7 +90,7 @@ class CalibrationSession:
     _past: list[tuple[list[HumanSample], list[Point]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        if not self.frames:
+        if not len(self.frames):
             raise InputError(f"{self.name}: expected frames to draw on, found none")
         if self.view is not None:
             self.tool = "floor"
@@ -339,30 +348,23 @@ def walked_in(video: Video) -> Bool | None:
     return np.asarray(whole > 0, dtype=np.bool_) if moved.any() else None
 
 
-class VideoPictures(Sequence[U8]):
+class VideoPictures:
     """Every frame of a video, read when it is asked for; grey where one cannot be decoded."""
 
     def __init__(self, video: Video) -> None:
         self._video = video
-        self._kept: dict[int, U8] = {}
+        self._read = lru_cache(KEPT)(self._decoded)
 
     def __len__(self) -> int:
         return self._video.n_frames
 
-    @overload
-    def __getitem__(self, index: int) -> U8: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[U8]: ...
-    def __getitem__(self, index: int | slice) -> U8 | Sequence[U8]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        if index not in self._kept:
-            frames = self._video.at([index])
-            width, height = self._video.size
-            self._kept[index] = frames[0].image if frames else np.full((height, width, 3), 128, np.uint8)
-            if len(self._kept) > KEPT:
-                del self._kept[next(iter(self._kept))]
-        return self._kept[index]
+    def __getitem__(self, index: int) -> U8:
+        return self._read(index)
+
+    def _decoded(self, index: int) -> U8:
+        frames = self._video.at([index])
+        width, height = self._video.size
+        return frames[0].image if frames else np.full((height, width, 3), 128, np.uint8)
 
 
 def known_of(path: Path, size: tuple[int, int]) -> KnownValues:

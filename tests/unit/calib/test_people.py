@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 
 from calib.errors import InputError, WorkError
 from calib.ground_camera import GroundCamera
-from calib.people.calibration import calibrate_from_people
+from calib.people.calibration import calibrate_from_people, weighted_errors
 from calib.people.model import HULL_POINTS, HumanModel, KnownValues
 from calib.people.samples import COLUMNS, HumanSample, choose_spread, only_boxes, read_samples, write_samples
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map, visible_fraction
 from tests.people import standing_people
+from tests.reference.human_error import weighted_error
 
 OBLIQUE = GroundCamera(160, 120, 150.0, 4.0, math.radians(60))
 OVERHEAD = GroundCamera(160, 120, 100.0, 4.0, 0.0)
@@ -108,6 +109,17 @@ CAMERAS = {
     "oblique": GroundCamera(640, 480, 500.0, 4.0, math.radians(45), "normal-wide"),
     "near-horizontal": GroundCamera(640, 480, 600.0, 4.0, math.radians(68), "normal"),
 }
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_error_of_each_sample_is_the_weighted_formula(name):
+    camera, model = CAMERAS[name], HumanModel()
+    samples = standing_people(camera, 4, seed=4)
+    moved = [replace(s, box_px=(s.box_px[0] + 5, s.box_px[1] - 3, *s.box_px[2:])) for s in samples]
+    places = camera.back_project(np.array([s.foot_px for s in samples]))
+    expected = [weighted_error(camera, s, xy) for s, xy in zip(moved, places, strict=True)]
+    found = weighted_errors(camera, places, np.stack([s.row() for s in moved]), model)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", CAMERAS)

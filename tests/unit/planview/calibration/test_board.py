@@ -13,7 +13,7 @@ from calib.errors import InputError, WorkError
 from calib.types import F64
 from planview.calibration.align import AlignParams, RigAlignment, after, align_rigs
 from planview.calibration.board import BoardImages
-from planview.calibration.paths import TICK_S, WalkedPath, by_time
+from planview.calibration.paths import TICK_S, WalkedPath
 from planview.evaluation.align import floor_rotation
 
 
@@ -148,10 +148,3 @@ def test_a_third_head_is_placed_by_the_second() -> None:
     placed = after(second, third)
     assert (placed.x_m, placed.y_m, placed.clock_s) == pytest.approx((1.0, 3.0, 2.0))
     assert abs(placed.heading_rad) == pytest.approx(math.pi)
-
-
-def test_paths_one_after_the_other_share_a_slot() -> None:
-    ones = np.ones((30, 2))
-    early, late, between = (WalkedPath(first, ones * first, 1.7, ones) for first in (10, 40, 20))
-    xy, _, first = by_time([early, late, between])
-    assert (xy.shape, first) == ((60, 2, 2), 10)
