@@ -134,7 +134,7 @@ def _likely_cause(baseline_m: float) -> str:
     if baseline_m == 0:
         return "the file holds no distance between the cameras"
     if MIN_BASELINE_M <= baseline_m / 1000 <= MAX_BASELINE_M:
-        return f"millimetres? planview calibrate convert --unit mm makes it {baseline_m / 1000:g} m"
+        return f"millimetres? converted with that unit it is {baseline_m / 1000:g} m"
     return "wrong units?"
 
 

@@ -210,7 +210,7 @@ def _format_for(path: Path, format_key: str | None) -> Format:
     for one in FORMATS:
         if one.suffix and one.suffix == path.suffix.lower():
             return one
-    raise InputError(f"{path}: expected --to {keys}, because no format has the suffix of {path.name!r}")
+    raise InputError(f"{path}: expected the name of a format ({keys}), because none has the suffix of {path.name!r}")
 
 
 def refuse_strange_camera(one: Camera, side: str) -> None:

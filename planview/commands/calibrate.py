@@ -19,7 +19,7 @@ from rich.table import Table
 from calib.board.detect import MARKER_SHARES, MAX_SQUARE_M, MIN_SQUARE_M, Board, dictionaries
 from calib.board.solve import BoardCalibration
 from calib.errors import InputError, WorkError
-from calib.formats import calibration_files, load_rig, write_rig
+from calib.formats import FORMATS, calibration_files, load_rig, write_rig
 from calib.io import parse_length, parse_size
 from calib.world import save_rigs
 from planview.calibration.align import AlignParams, RigAlignment, align_records, check_inside, rig_entries
@@ -156,19 +156,9 @@ def parse_square(text: str) -> float:
 
 
 def parse_board(text: str | None, square_m: float, marker: str | None, dictionary: str | None) -> Board | None:
-    """A board from what the user typed.
-
-    Args:
-        text: ``9x6`` (inner corners), ``charuco:8x6`` (squares), or None to find a chessboard's counts in the images.
-        square_m: side of a square [m].
-        marker: side of a ChArUco marker with its unit, None to try usual ones.
-        dictionary: e.g. ``DICT_4X4_50``; None to try all.
-    Returns:
-        The board; None when the counts are to be found. A ChArUco board with an empty dictionary or marker size 0 is
-        completed by ``complete_charuco``.
-    Raises:
-        InputError: text that describes no board.
-    """
+    """A board from what the user typed: ``9x6`` (inner corners) or ``charuco:8x6`` (squares), with the marker and the
+    dictionary where they are known (``complete_charuco`` finds the others); None where the counts are to be found too.
+    Raises InputError: text that describes no board."""
     if not MIN_SQUARE_M <= square_m <= MAX_SQUARE_M:
         raise InputError(
             f"--square: expected the side of one square, {1000 * MIN_SQUARE_M:g} mm to {100 * MAX_SQUARE_M:g} cm, "
@@ -322,6 +312,9 @@ def calibrate_convert(
     swap
         The file calls the right camera left.
     """
+    if to is None and target.suffix.lower() not in {one.suffix for one in FORMATS if one.suffix}:
+        keys = ", ".join(one.key for one in FORMATS)
+        raise InputError(f"{target}: expected --to {keys}, because no format has the suffix of {target.name!r}")
     rig = load_rig(
         source,
         None if size is None else parse_size(size, "--size"),
