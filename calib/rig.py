@@ -145,11 +145,7 @@ def save_rig(rig: StereoRig, path: Path) -> None:
 
 def rig_text(rig: StereoRig) -> str:
     """The content of ``rig.toml``; floats keep all their digits."""
-    lines = [
-        "# planview stereo rig: p_right = rotation @ p_left + translation_m",
-        f"source = {quoted(rig.source)}",
-        "",
-    ]
+    lines = ["# planview stereo rig: p_right = rotation @ p_left + translation_m", f"source = {quoted(rig.source)}", ""]
     for name, camera in (("left", rig.left), ("right", rig.right)):
         lines += [
             f"[{name}]",

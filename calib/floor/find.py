@@ -341,6 +341,4 @@ HEAD_STD_M = 0.06
 
 
 def _normal(tilt: float, roll: float) -> F64:
-    return np.array(
-        [math.sin(roll), -math.sin(tilt) * math.cos(roll), -math.cos(tilt) * math.cos(roll)],
-    )
+    return np.array([math.sin(roll), -math.sin(tilt) * math.cos(roll), -math.cos(tilt) * math.cos(roll)])

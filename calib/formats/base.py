@@ -177,6 +177,21 @@ def numbers(value: Any, name: str, count: int | tuple[int, ...]) -> F64:
     return np.array([number(item, name) for item in flat])
 
 
+def number_at(values: Mapping[str, Any], *names: str) -> float:
+    """The ``number`` at the first of the names that is present."""
+    return number(entry(values, *names), names[0])
+
+
+def whole_at(values: Mapping[str, Any], *names: str) -> int:
+    """The ``whole`` number at the first of the names that is present."""
+    return whole(entry(values, *names), names[0])
+
+
+def numbers_at(values: Mapping[str, Any], count: int | tuple[int, ...], *names: str) -> F64:
+    """The ``numbers`` at the first of the names that is present."""
+    return numbers(entry(values, *names), names[0], count)
+
+
 def camera(
     size: tuple[int, int], matrix: F64, distortion: F64, model: LensModel | None = None, name: str = "camera"
 ) -> Camera:

@@ -14,26 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from calib.camera import Camera, LensModel
-from calib.formats.base import (
-    Choice,
-    Format,
-    Size,
-    Source,
-    camera,
-    entry,
-    held,
-    lens_of,
-    number,
-    numbers,
-    parse_yaml,
-    projected,
-    rigid,
-    side_of,
-    size_of,
-    transform,
-    whole,
-    whole_with,
-)
+from calib.formats import base
+from calib.formats.base import Choice, Format, Size, Source
 from calib.io import UNITS_M
 from calib.pose import SE3
 from calib.rig import StereoRig
@@ -48,7 +30,7 @@ def _euroc_part(source: Source) -> str | None:
     # An IMU's sensor.yaml has T_BS too, but no intrinsics.
     if not (_POSE.search(source.text) and _INTRINSICS.search(source.text)):
         return None
-    return side_of(source.path.parent.name) or side_of(source.path.stem)
+    return base.side_of(source.path.parent.name) or base.side_of(source.path.stem)
 
 
 def _euroc_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
@@ -58,17 +40,17 @@ def _euroc_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
 
 
 def _half(source: Source, choice: Choice) -> tuple[Camera, SE3]:
-    data = parse_yaml(source.text)
+    data = base.parse_yaml(source.text)
     name = f"{source.path.parent.name}/{source.path.name}"
-    model = lens_of(data, _EUROC_MODELS, name)
-    one = camera(
-        size_of(entry(data, "resolution"), "resolution"),
-        numbers(entry(data, "intrinsics"), "intrinsics", 4),
-        numbers(entry(data, "distortion_coefficients"), "distortion_coefficients", (0, 4)),
+    model = base.lens_of(data, _EUROC_MODELS, name)
+    one = base.camera(
+        base.size_of(base.entry(data, "resolution"), "resolution"),
+        base.numbers_at(data, 4, "intrinsics"),
+        base.numbers_at(data, (0, 4), "distortion_coefficients"),
         model,
         name,
     )
-    return one, rigid(entry(data, "T_BS"), f"T_BS of {name}", choice.unit())
+    return one, base.rigid(base.entry(data, "T_BS"), f"T_BS of {name}", choice.unit())
 
 
 def _euroc_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
@@ -77,7 +59,7 @@ def _euroc_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
         ("cam0", rig.left, SE3.identity()),
         ("cam1", rig.right, rig.right_SE3_left.inverse()),
     ):
-        model, coefficients = held("EuRoC", one, {"brown": 4, "fisheye": 4})
+        model, coefficients = base.held("EuRoC", one, {"brown": 4, "fisheye": 4})
         values = [float(v) for v in np.asarray(body_SE3_camera.matrix).ravel()]
         texts[path / name / "sensor.yaml"] = (
             "sensor_type: camera\n"
@@ -119,7 +101,9 @@ def _kitti_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
             and (_size(data, f"S_rect_{left}") == choice.size != _size(data, f"S_{left}"))
         )
     (one, left_SE3_zero), (other, right_SE3_zero) = (
-        projected(_size(data, f"S_rect_{name}"), entry(data, f"P_rect_{name}"), f"P_rect_{name}", choice.unit())
+        base.projected(
+            _size(data, f"S_rect_{name}"), base.entry(data, f"P_rect_{name}"), f"P_rect_{name}", choice.unit()
+        )
         if rectified
         else _raw(data, name, choice.unit())
         for name in (left, right)
@@ -138,15 +122,15 @@ def _pair(data: Mapping[str, str]) -> tuple[str, str]:
 
 
 def _size(data: Mapping[str, str], key: str) -> Size:
-    return size_of(entry(data, key), key)
+    return base.size_of(base.entry(data, key), key)
 
 
 def _raw(data: Mapping[str, str], name: str, unit_m: float) -> tuple[Camera, SE3]:
     size = _size(data, f"S_{name}")
-    k, d = numbers(entry(data, f"K_{name}"), f"K_{name}", 9), numbers(entry(data, f"D_{name}"), f"D_{name}", 5)
-    rotation = numbers(entry(data, f"R_{name}"), f"R_{name}", 9)
-    translation = numbers(entry(data, f"T_{name}"), f"T_{name}", 3) * unit_m
-    return camera(size, k, d, "brown", f"camera {name}"), transform(rotation, translation, f"R_{name}")
+    k, d = (base.numbers_at(data, 9, f"K_{name}"), base.numbers_at(data, 5, f"D_{name}"))
+    rotation = base.numbers_at(data, 9, f"R_{name}")
+    translation = base.numbers_at(data, 3, f"T_{name}") * unit_m
+    return base.camera(size, k, d, "brown", f"camera {name}"), base.transform(rotation, translation, f"R_{name}")
 
 
 def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> StereoRig:
@@ -157,7 +141,7 @@ def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> Ste
         (pair for pair in (("2", "3"), ("0", "1")) if f"P{pair[1]}" in data), ("0", "1")
     )
     (one, left_SE3_zero), (other, right_SE3_zero) = (
-        projected(choice.size, entry(data, f"P{name}"), f"P{name}", choice.unit()) for name in (left, right)
+        base.projected(choice.size, base.entry(data, f"P{name}"), f"P{name}", choice.unit()) for name in (left, right)
     )
     name = f"{source.path.name} [cameras {left} {right}, rectified images]"
     return StereoRig(one, other, right_SE3_zero @ left_SE3_zero.inverse(), name)
@@ -167,7 +151,7 @@ def _kitti_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     lines = ["calib_time: 01-Jan-1970 00:00:00"]
     poses = (SE3.identity(), rig.right_SE3_left)
     for name, one, pose in zip(("00", "01"), (rig.left, rig.right), poses, strict=True):
-        _, coefficients = held("KITTI", one, {"brown": 5})
+        _, coefficients = base.held("KITTI", one, {"brown": 5})
         lines += [
             f"S_{name}: {one.width} {one.height}",
             f"K_{name}: {_kitti_text(one.matrix)}",
@@ -188,17 +172,17 @@ KITTI = Format("kitti", "KITTI calib_cam_to_cam", _kitti_part, _kitti_read, _kit
 def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     lines = (line.split("=", 1) for line in sources[0].text.splitlines() if "=" in line)
     data = {key.strip(): value.strip() for key, value in lines}
-    size = whole(entry(data, "width"), "width"), whole(entry(data, "height"), "height")
+    size = base.whole_at(data, "width"), base.whole_at(data, "height")
     left, right = (
-        camera(size, numbers(entry(data, name).strip("[] "), name, 9), np.empty(0), "brown", name)
+        base.camera(size, base.numbers(base.entry(data, name).strip("[] "), name, 9), np.empty(0), "brown", name)
         for name in ("cam0", "cam1")
     )
-    offset = number(data.get("doffs", right.cx - left.cx), "doffs")
+    offset = base.number(data.get("doffs", right.cx - left.cx), "doffs")
     if abs(offset - (right.cx - left.cx)) > 0.5:
         raise ValueError(
             f"expected doffs to be the principal points' distance {right.cx - left.cx:g}, found {offset:g}"
         )
-    baseline = number(entry(data, "baseline"), "baseline") * choice.unit(UNITS_M["mm"])
+    baseline = base.number_at(data, "baseline") * choice.unit(UNITS_M["mm"])
     return StereoRig(left, right, SE3(np.eye(3), np.array([-baseline, 0.0, 0.0])), sources[0].path.name)
 
 
@@ -224,7 +208,7 @@ def _middlebury_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
 MIDDLEBURY = Format(
     "middlebury",
     "Middlebury calib.txt",
-    whole_with(r"^\s*cam0\s*=\s*\["),
+    base.whole_with(r"^\s*cam0\s*=\s*\["),
     _middlebury_read,
     _middlebury_texts,
     ".txt",

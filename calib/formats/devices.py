@@ -15,37 +15,23 @@ from typing import Any
 import numpy as np
 
 from calib.camera import Camera
-from calib.formats.base import (
-    Choice,
-    Format,
-    Size,
-    Source,
-    camera,
-    entry,
-    held,
-    number,
-    numbers,
-    parse_json,
-    table,
-    transform,
-    whole,
-    whole_with,
-)
+from calib.formats import base
+from calib.formats.base import Choice, Format, Size, Source
 from calib.io import UNITS_M, size_text
 from calib.pose import SE3
 from calib.rig import StereoRig
 
 
 def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
-    data = table(parse_json(sources[0].text), "the file")
-    listed = entry(data, "cameraData")
+    data = base.table(base.parse_json(sources[0].text), "the file")
+    listed = base.entry(data, "cameraData")
     if not isinstance(listed, list):
         raise ValueError("expected cameraData to be a list of [socket, camera]")
     cameras = {}
     for item in listed:
         if not isinstance(item, list) or len(item) != 2:
             raise ValueError("expected cameraData to be a list of [socket, camera]")
-        cameras[int(number(item[0], "socket"))] = table(item[1], "camera")
+        cameras[int(base.number(item[0], "socket"))] = base.table(item[1], "camera")
     left, right = _sockets(data, cameras, choice)
     for socket in (left, right):
         if socket not in cameras:
@@ -58,11 +44,11 @@ def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
 
 def _sockets(data: Mapping[str, Any], cameras: Mapping[int, Any], choice: Choice) -> tuple[int, int]:
     if choice.cameras is not None:
-        first, second = (int(number(name, "socket")) for name in choice.cameras)
+        first, second = (int(base.number(name, "socket")) for name in choice.cameras)
         return first, second
     stereo = data.get("stereoRectificationData")
     if isinstance(stereo, Mapping):
-        pair = tuple(int(number(stereo.get(key, -1), key)) for key in ("leftCameraSocket", "rightCameraSocket"))
+        pair = tuple(int(base.number(stereo.get(key, -1), key)) for key in ("leftCameraSocket", "rightCameraSocket"))
         if pair[0] != pair[1] and set(pair) <= set(cameras):
             return pair[0], pair[1]
     if not {1, 2} <= set(cameras):
@@ -74,17 +60,17 @@ def _sockets(data: Mapping[str, Any], cameras: Mapping[int, Any], choice: Choice
 
 
 def _depthai_camera(values: Mapping[str, Any], socket: int) -> Camera:
-    size = (whole(entry(values, "width"), "width"), whole(entry(values, "height"), "height"))
-    coefficients = numbers(entry(values, "distortionCoeff"), "distortionCoeff", (0, 4, 5, 8, 12, 14))
-    kind = int(number(values.get("cameraType", 0), "cameraType"))  # 0 perspective, 1 fisheye
+    size = (base.whole_at(values, "width"), base.whole_at(values, "height"))
+    coefficients = base.numbers_at(values, (0, 4, 5, 8, 12, 14), "distortionCoeff")
+    kind = int(base.number(values.get("cameraType", 0), "cameraType"))  # 0 perspective, 1 fisheye
     if kind not in {0, 1}:
         raise ValueError(f"expected a perspective or fisheye camera at socket {socket}, found cameraType {kind}")
-    matrix = numbers(entry(values, "intrinsicMatrix"), "intrinsicMatrix", 9)
+    matrix = base.numbers_at(values, 9, "intrinsicMatrix")
     if kind == 1:
         if np.any(coefficients[4:]):
             raise ValueError(f"expected 4 fisheye coefficients at socket {socket}, found more")
-        return camera(size, matrix, coefficients[:4], "fisheye", f"socket {socket}")
-    return camera(size, matrix, coefficients, None, f"socket {socket}")
+        return base.camera(size, matrix, coefficients[:4], "fisheye", f"socket {socket}")
+    return base.camera(size, matrix, coefficients, None, f"socket {socket}")
 
 
 def _between(cameras: Mapping[int, Mapping[str, Any]], left: int, right: int, unit_m: float) -> SE3:
@@ -107,14 +93,14 @@ def _between(cameras: Mapping[int, Mapping[str, Any]], left: int, right: int, un
 
 
 def _link(socket: int, values: Mapping[str, Any], unit_m: float) -> tuple[int, int, SE3] | None:
-    extrinsics = table(entry(values, "extrinsics"), "extrinsics")
-    to = int(number(extrinsics.get("toCameraSocket", -1), "toCameraSocket"))
+    extrinsics = base.table(base.entry(values, "extrinsics"), "extrinsics")
+    to = int(base.number(extrinsics.get("toCameraSocket", -1), "toCameraSocket"))
     if to < 0 or to == socket:
         return None
-    t = table(entry(extrinsics, "translation"), "translation")
-    translation = np.array([number(entry(t, axis), f"translation {axis}") for axis in "xyz"]) * unit_m
-    rotation = numbers(entry(extrinsics, "rotationMatrix"), "rotationMatrix", 9)
-    return socket, to, transform(rotation, translation, f"rotationMatrix of socket {socket}")
+    t = base.table(base.entry(extrinsics, "translation"), "translation")
+    translation = np.array([base.number(base.entry(t, axis), f"translation {axis}") for axis in "xyz"]) * unit_m
+    rotation = base.numbers_at(extrinsics, 9, "rotationMatrix")
+    return socket, to, base.transform(rotation, translation, f"rotationMatrix of socket {socket}")
 
 
 def _depthai_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
@@ -126,7 +112,7 @@ def _depthai_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
 
 
 def _entry(one: Camera, pose: SE3, to: int) -> dict[str, Any]:
-    model, coefficients = held("DepthAI", one, {"rational": 14, "brown": 14, "fisheye": 4})
+    model, coefficients = base.held("DepthAI", one, {"rational": 14, "brown": 14, "fisheye": 4})
     translation = dict(zip("xyz", (pose.translation / UNITS_M["cm"]).tolist(), strict=True))
     return {
         "cameraType": 1 if model == "fisheye" else 0,
@@ -144,7 +130,12 @@ def _entry(one: Camera, pose: SE3, to: int) -> dict[str, Any]:
 
 
 DEPTHAI = Format(
-    "depthai", "DepthAI EEPROM JSON", whole_with(r"\A\s*\{", '"cameraData"'), _depthai_read, _depthai_texts, ".json"
+    "depthai",
+    "DepthAI EEPROM JSON",
+    base.whole_with(r"\A\s*\{", '"cameraData"'),
+    _depthai_read,
+    _depthai_texts,
+    ".json",
 )
 
 
@@ -162,7 +153,7 @@ def _zed_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     sections = _sections(source.text)
     name, remark = _resolution(sections, choice.size)
     left, right = (_zed_camera(sections, f"{side}_CAM_{name}", RESOLUTIONS[name]) for side in ("LEFT", "RIGHT"))
-    pose = _pose(entry(sections, "STEREO"), name, choice.unit(UNITS_M["mm"]))
+    pose = _pose(base.entry(sections, "STEREO"), name, choice.unit(UNITS_M["mm"]))
     return StereoRig(left, right, pose, f"{source.path.name} [{name}]{remark}")
 
 
@@ -192,11 +183,11 @@ def _resolution(sections: Mapping[str, Mapping[str, str]], size: Size | None) ->
 def _zed_camera(sections: Mapping[str, Mapping[str, str]], name: str, size: Size) -> Camera:
     # Newer files keep the lens, which is the same at every resolution, in a section of its own.
     values = {**sections.get(f"{name.split('_')[0]}_DISTO", {}), **sections[name]}
-    matrix = np.array([number(entry(values, key), f"{key} of {name}") for key in ("fx", "fy", "cx", "cy")])
-    coefficients = np.array([number(values.get(key, 0.0), f"{key} of {name}") for key in _COEFFICIENTS])
+    matrix = np.array([base.number(base.entry(values, key), f"{key} of {name}") for key in ("fx", "fy", "cx", "cy")])
+    coefficients = np.array([base.number(values.get(key, 0.0), f"{key} of {name}") for key in _COEFFICIENTS])
     if "k4" in values and not {"p1", "p2", "k5", "k6"} & set(values):  # k1 to k4 alone: Stereolabs' fisheye lens
-        return camera(size, matrix, coefficients[[0, 1, 4, 5]], "fisheye", name)
-    return camera(size, matrix, coefficients if np.any(coefficients[5:]) else coefficients[:5], None, name)
+        return base.camera(size, matrix, coefficients[[0, 1, 4, 5]], "fisheye", name)
+    return base.camera(size, matrix, coefficients if np.any(coefficients[5:]) else coefficients[:5], None, name)
 
 
 def _pose(stereo: Mapping[str, str], resolution: str, unit_m: float) -> SE3:
@@ -206,10 +197,10 @@ def _pose(stereo: Mapping[str, str], resolution: str, unit_m: float) -> SE3:
         for key in keys:
             for full in (f"{key}_{resolution}", key):
                 if full in stereo:
-                    return number(stereo[full], full)
+                    return base.number(stereo[full], full)
         return 0.0
 
-    baseline = number(entry(stereo, "Baseline", "BaseLine"), "Baseline")
+    baseline = base.number_at(stereo, "Baseline", "BaseLine")
     translation = np.array([-baseline, value("TY"), value("TZ")]) * unit_m
     return SE3.from_rotvec([value("RX"), value("CV", "RY"), value("RZ")], translation)
 
@@ -229,9 +220,11 @@ def _zed_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
 
 
 def _camera_lines(section: str, one: Camera) -> list[str]:
-    _, coefficients = held("ZED", one, {"brown": 5, "rational": 8})
+    _, coefficients = base.held("ZED", one, {"brown": 5, "rational": 8})
     intrinsics = [f"{key}={float(getattr(one, key))!r}" for key in ("fx", "fy", "cx", "cy")]
     return [f"[{section}]", *intrinsics, *(f"{k}={v!r}" for k, v in zip(_COEFFICIENTS, coefficients, strict=False)), ""]
 
 
-ZED = Format("zed", "ZED factory conf", whole_with(r"^\s*\[(LEFT|RIGHT)_CAM_\w+\]"), _zed_read, _zed_texts, ".conf")
+ZED = Format(
+    "zed", "ZED factory conf", base.whole_with(r"^\s*\[(LEFT|RIGHT)_CAM_\w+\]"), _zed_read, _zed_texts, ".conf"
+)

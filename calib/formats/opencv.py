@@ -10,24 +10,8 @@ from typing import Any
 import numpy as np
 
 from calib.camera import LensModel
-from calib.formats.base import (
-    Choice,
-    Format,
-    Size,
-    Source,
-    camera,
-    entry,
-    number,
-    numbers,
-    parse_json,
-    parse_xml,
-    parse_yaml,
-    projected,
-    size_of,
-    table,
-    transform,
-    whole,
-)
+from calib.formats import base
+from calib.formats.base import Choice, Format, Size, Source
 from calib.rig import StereoRig
 from calib.types import F64
 
@@ -64,27 +48,28 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     data: dict[str, Any] = {}
     for source in sources:
         data.update(parse_storage(source.text))
-    matrices = [numbers(entry(data, *names), names[0], 9) for names in (_K1, _K2)]
+    matrices = [base.numbers_at(data, 9, *names) for names in (_K1, _K2)]
     size, remark = _size(data, choice, [(float(k[2]), float(k[5])) for k in matrices])
     name = "+".join(source.path.name for source in sources) + remark
     if choice.rectified and any(key in data for key in _P1):
         # The cameras of images that P1 and P2 rectified: P = K [I | t].
         (left, left_SE3_zero), (right, right_SE3_zero) = (
-            projected(size, entry(data, *names), names[0], choice.unit()) for names in (_P1, _P2)
+            base.projected(size, base.entry(data, *names), names[0], choice.unit()) for names in (_P1, _P2)
         )
         return StereoRig(left, right, right_SE3_zero @ left_SE3_zero.inverse(), f"{name} [rectified images]")
     model = _model(data)
-    lenses = [numbers(entry(data, *names), names[0], (0, 4, 5, 8, 12, 14)) for names in (_D1, _D2)]
-    if model is None and any(_is_column(entry(data, *names)) for names in (_D1, _D2)) and lenses[0].any():
+    lenses = [base.numbers_at(data, (0, 4, 5, 8, 12, 14), *names) for names in (_D1, _D2)]
+    if model is None and any(_is_column(base.entry(data, *names)) for names in (_D1, _D2)) and lenses[0].any():
         raise ValueError(
             "expected a lens model for a column of 4 coefficients, found none: add distortion_model: fisheye "
             "(k1 k2 k3 k4 of cv2.fisheye) or distortion_model: plumb_bob (k1 k2 p1 p2)"
         )
     lens_model: LensModel | None = "fisheye" if model == "fisheye" else None
     left, right = (
-        camera(size, k, lens, lens_model, names[0]) for k, lens, names in zip(matrices, lenses, (_K1, _K2), strict=True)
+        base.camera(size, k, lens, lens_model, names[0])
+        for k, lens, names in zip(matrices, lenses, (_K1, _K2), strict=True)
     )
-    pose = transform(numbers(entry(data, "R"), "R", 9), _translation(data, choice), "R")
+    pose = base.transform(base.numbers_at(data, 9, "R"), _translation(data, choice), "R")
     return StereoRig(left, right, pose, name)
 
 
@@ -99,21 +84,21 @@ def _translation(data: Mapping[str, Any], choice: Choice) -> F64:
     """T in metres; a key may name its unit."""
     for key, unit_m in _T_UNITS_M.items():
         if key in data:
-            return np.asarray(numbers(data[key], key, 3) * choice.unit(unit_m), dtype=np.float64)
-    return np.asarray(numbers(entry(data, "T", "t"), "T", 3) * choice.unit(), dtype=np.float64)
+            return np.asarray(base.numbers(data[key], key, 3) * choice.unit(unit_m), dtype=np.float64)
+    return np.asarray(base.numbers_at(data, 3, "T", "t") * choice.unit(), dtype=np.float64)
 
 
 def parse_storage(text: str) -> Mapping[str, Any]:
     """The keys of a file of OpenCV's in YAML, XML or JSON. Raises ValueError: none of them."""
     if text.lstrip().startswith("{"):
-        return table(parse_json(text), "the file")
+        return base.table(base.parse_json(text), "the file")
     if not text.lstrip().startswith("<"):
-        return parse_yaml(text)
+        return base.parse_yaml(text)
     data: dict[str, Any] = {}
-    for node in parse_xml(text):
+    for node in base.parse_xml(text):
         inner = node.find("data")
         value = (node.text if inner is None else inner.text) or ""
-        shape = {key: int(number(node.findtext(key, "0"), key)) for key in ("rows", "cols")}
+        shape = {key: int(base.number(node.findtext(key, "0"), key)) for key in ("rows", "cols")}
         data[str(node.tag)] = value if inner is None else {**shape, "data": value}
     return data
 
@@ -129,9 +114,9 @@ def _model(data: Mapping[str, Any]) -> LensModel | None:
 def _size(data: Mapping[str, Any], choice: Choice, centres: Sequence[tuple[float, float]]) -> tuple[Size, str]:
     for key in ("imageSize", "image_size", "size", "Size"):
         if key in data:
-            return size_of(data[key], key), ""
+            return base.size_of(data[key], key), ""
     if "image_width" in data and "image_height" in data:
-        return (whole(data["image_width"], "image_width"), whole(data["image_height"], "image_height")), ""
+        return (base.whole(data["image_width"], "image_width"), base.whole(data["image_height"], "image_height")), ""
     if choice.size is not None:
         return choice.size, ""
     # The usual sensor size whose middle is nearest to the principal points.

@@ -18,15 +18,15 @@ import numpy as np
 
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
-from calib.formats import refuse_strange_camera
-from calib.formats.base import Size, camera, number, numbers, parse_json, parse_yaml, read_source, transform, whole
+from calib.formats import base, refuse_strange_camera
+from calib.formats.base import Size
 from calib.io import entries, parse_toml, size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, DepthSensor, RgbdRig
 from calib.types import F64
 
 PARSERS: dict[str, Callable[[str], Any]] = {
-    ".json": parse_json, ".toml": parse_toml, ".yaml": parse_yaml, ".yml": parse_yaml,
+    ".json": base.parse_json, ".toml": parse_toml, ".yaml": base.parse_yaml, ".yml": base.parse_yaml,
 }  # fmt: skip
 _OTHER_FILES = ("world.toml", "rules.toml", "camera.toml", "config.toml")
 _COLOUR = ("rgb", "color", "colour", "color_camera", "rgb_camera", "camera", "image", "left")
@@ -78,8 +78,8 @@ def find_rgbd(path: Path) -> tuple[Path, Mapping[str, Any]] | None:
         if file.name.lower() in _OTHER_FILES or not file.is_file():
             continue
         try:
-            text = read_source(file).text
-            parse: Callable[[str], Any] = PARSERS.get(file.suffix.lower(), parse_yaml)
+            text = base.read_source(file).text
+            parse: Callable[[str], Any] = PARSERS.get(file.suffix.lower(), base.parse_yaml)
             data = _lower(parse(text))
         except (InputError, ValueError, RecursionError):
             continue
@@ -134,14 +134,14 @@ def _lens_of(data: Mapping[str, Any], names: tuple[str, ...]) -> Any:
 
 def _camera(table: Mapping[str, Any], lens: Any, size: Size, name: str) -> Camera:
     own = next((table[key] for key in _DISTORTION if key in table and not _is_empty(table[key])), lens)
-    coefficients = np.empty(0) if _is_empty(own) else numbers(own, f"{name} distortion", (4, 5, 8, 12, 14))
+    coefficients = np.empty(0) if _is_empty(own) else base.numbers(own, f"{name} distortion", (4, 5, 8, 12, 14))
     if not coefficients.size and "k1" in table:
         keys = [key for key in ("k1", "k2", "p1", "p2", "k3") if key in table]
-        coefficients = np.array([number(table[key], key) for key in keys])
+        coefficients = np.array([base.number(table[key], key) for key in keys])
     width, height = (table.get(key, table.get(f"image_{key}")) for key in ("width", "height"))
     if width is not None and height is not None:
-        size = whole(width, "width"), whole(height, "height")
-    result = camera(size, _matrix(table), coefficients, _model(table), name)
+        size = base.whole(width, "width"), base.whole(height, "height")
+    result = base.camera(size, _matrix(table), coefficients, _model(table), name)
     refuse_strange_camera(result, name)
     return result
 
@@ -153,9 +153,11 @@ def _is_empty(value: Any) -> bool:
 def _matrix(table: Mapping[str, Any]) -> F64:
     if "fx" in table:
         cx, cy = (table.get(a, table.get(b)) for a, b in (("cx", "ppx"), ("cy", "ppy")))
-        return np.array([number(v, n) for v, n in ((table["fx"], "fx"), (table["fy"], "fy"), (cx, "cx"), (cy, "cy"))])
+        return np.array(
+            [base.number(v, n) for v, n in ((table["fx"], "fx"), (table["fy"], "fy"), (cx, "cx"), (cy, "cy"))]
+        )
     value = next(table[name] for name in _MATRIX if name in table)
-    matrix = numbers(value, "camera matrix", 9).reshape(3, 3)
+    matrix = base.numbers(value, "camera matrix", 9).reshape(3, 3)
     return np.asarray((matrix.T if matrix[0, 2] == 0 and matrix[2, 0] != 0 else matrix).ravel(), dtype=np.float64)
 
 
@@ -172,10 +174,10 @@ def _pose(data: Mapping[str, Any], by_columns: bool) -> SE3 | None:
             name = next((name for name in _TRANSLATION if name in value), None)
             if rotation is None or name is None:
                 raise ValueError(f"expected R and T in {key}, found {', '.join(value) or 'nothing'}")
-            matrix, shift = numbers(rotation, f"R of {key}", 9), numbers(value[name], f"T of {key}", 3)
+            matrix, shift = base.numbers(rotation, f"R of {key}", 9), base.numbers(value[name], f"T of {key}", 3)
             # No camera is 2 m away from the sensor in its own housing: such numbers are millimetres.
             unit = 1e-3 if name == "t_mm" or np.linalg.norm(shift) > 2.0 else 1.0
-            pose = transform(matrix.reshape(3, 3).T.ravel() if by_columns else matrix, shift * unit, key)
+            pose = base.transform(matrix.reshape(3, 3).T.ravel() if by_columns else matrix, shift * unit, key)
             return pose.inverse() if _TO_DEPTH.fullmatch(key) else pose
     return None
 
@@ -185,7 +187,7 @@ def _units(data: Mapping[str, Any], depth: Mapping[str, Any]) -> float | None:
     for table in (data, depth):
         for name in _SCALE:
             if name in table and not isinstance(table[name], Mapping):
-                value = number(table[name], name)
+                value = base.number(table[name], name)
                 if value <= 0:
                     raise ValueError(f"expected a positive {name}, found {value:g}")
                 return value if value >= 1.0 else 1.0 / value

@@ -14,26 +14,8 @@ from typing import Any
 import numpy as np
 
 from calib.camera import Camera, LensModel
-from calib.formats.base import (
-    Choice,
-    Format,
-    Size,
-    Source,
-    camera,
-    entry,
-    held,
-    lens_of,
-    number,
-    numbers,
-    parse_yaml,
-    rigid,
-    side_of,
-    size_of,
-    table,
-    transform,
-    whole,
-    whole_with,
-)
+from calib.formats import base
+from calib.formats.base import Choice, Format, Size, Source
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64
@@ -51,12 +33,16 @@ def _ros_part(source: Source) -> str | None:
     if not (_MATRIX.search(source.text) and _MODEL.search(source.text)):
         return None
     name = _NAME.search(source.text)
-    return (side_of(name[1]) if name else None) or side_of(source.path.stem) or side_of(source.path.parent.name)
+    return (
+        (base.side_of(name[1]) if name else None)
+        or base.side_of(source.path.stem)
+        or base.side_of(source.path.parent.name)
+    )
 
 
 def _ros_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     (left, rectified_SE3_left), (right, rectified_SE3_right) = (
-        camera_from(parse_yaml(source.text), source.path.name, choice.unit()) for source in sources
+        camera_from(base.parse_yaml(source.text), source.path.name, choice.unit()) for source in sources
     )
     pose = rectified_SE3_right.inverse() @ rectified_SE3_left
     return StereoRig(left, right, pose, "+".join(source.path.name for source in sources))
@@ -68,17 +54,19 @@ def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tupl
     P = K [I | t] sees the rectified left frame shifted by t; R turns the camera into it.
     """
     size, k, projection = windowed(data)
-    model = lens_of(data, _ROS_MODELS, name)
+    model = base.lens_of(data, _ROS_MODELS, name)
     counts = {"brown": (0, 4, 5, 8, 12, 14), "rational": (8, 12, 14), "fisheye": (4,)}[model]
-    coefficients = numbers(entry(data, "distortion_coefficients", "D", "d"), "distortion_coefficients", counts)
+    coefficients = base.numbers(
+        base.entry(data, "distortion_coefficients", "D", "d"), "distortion_coefficients", counts
+    )
     if model == "brown" and len(coefficients) > 5:
         model = "rational"  # some drivers call every polynomial plumb_bob
-    one = camera(size, k.ravel(), coefficients, model, name)
-    rotation = numbers(entry(data, "rectification_matrix", "R", "r"), "rectification_matrix", 9)
+    one = base.camera(size, k.ravel(), coefficients, model, name)
+    rotation = base.numbers_at(data, 9, "rectification_matrix", "R", "r")
     if abs(np.linalg.det(projection[:, :3])) < 1e-9:
         raise ValueError(f"expected a projection_matrix with focal lengths in {name}, found one that is singular")
     shift = np.asarray(np.linalg.solve(projection[:, :3], projection[:, 3]) * unit_m, dtype=np.float64)
-    return one, transform(rotation, -shift, f"rectification_matrix of {name}")
+    return one, base.transform(rotation, -shift, f"rectification_matrix of {name}")
 
 
 def windowed(data: Mapping[str, Any]) -> tuple[Size, F64, F64]:
@@ -86,12 +74,9 @@ def windowed(data: Mapping[str, Any]) -> tuple[Size, F64, F64]:
 
     K and P are of the sensor (sensor_msgs/CameraInfo); width and height may be the sensor's or the region's.
     """
-    size = (
-        whole(entry(data, "image_width", "width"), "image_width"),
-        whole(entry(data, "image_height", "height"), "image_height"),
-    )
-    k = numbers(entry(data, "camera_matrix", "K", "k"), "camera_matrix", 9).reshape(3, 3)
-    projection = numbers(entry(data, "projection_matrix", "P", "p"), "projection_matrix", 12).reshape(3, 4)
+    size = (base.whole_at(data, "image_width", "width"), base.whole_at(data, "image_height", "height"))
+    k = base.numbers_at(data, 9, "camera_matrix", "K", "k").reshape(3, 3)
+    projection = base.numbers_at(data, 12, "projection_matrix", "P", "p").reshape(3, 4)
     region = region_of(data)
     if region is not None:
         x, y, *own = region
@@ -100,17 +85,17 @@ def windowed(data: Mapping[str, Any]) -> tuple[Size, F64, F64]:
         size = own[0], own[1]
         shift = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])
         k, projection = shift @ k, shift @ projection
-    bins = [max(number(data.get(key, 0), key), 1.0) for key in ("binning_x", "binning_y")]
+    bins = [max(base.number(data.get(key, 0), key), 1.0) for key in ("binning_x", "binning_y")]
     shrink = np.diag([1.0 / bins[0], 1.0 / bins[1], 1.0])
     return (int(size[0] // bins[0]), int(size[1] // bins[1])), shrink @ k, shrink @ projection
 
 
 def region_of(data: Mapping[str, Any]) -> tuple[int, int, int, int] | None:
     """Left, top, width, height [px] of the part of the sensor that the images show; None where they show all."""
-    roi = table(data.get("roi") or {}, "roi")
+    roi = base.table(data.get("roi") or {}, "roi")
     names = ("x_offset", "y_offset", "width", "height")
-    x, y, width, height = (int(number(roi.get(key, 0), f"roi {key}")) for key in names)
-    full = tuple(whole(entry(data, f"image_{key}", key), key) for key in ("width", "height"))
+    x, y, width, height = (int(base.number(roi.get(key, 0), f"roi {key}")) for key in names)
+    full = tuple(base.whole(base.entry(data, f"image_{key}", key), key) for key in ("width", "height"))
     if x == y == 0 and (width, height) in ((0, 0), full):
         return None
     return x, y, width or full[0] - x, height or full[1] - y
@@ -126,7 +111,7 @@ def _ros_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     ):
         k = np.array([[focal, 0.0, rig.left.cx], [0.0, focal, rig.left.cy], [0.0, 0.0, 1.0]])
         projection = np.column_stack([k, [focal * shift, 0.0, 0.0]])
-        model, coefficients = held("ROS", one, {"brown": 5, "rational": 8, "fisheye": 4})
+        model, coefficients = base.held("ROS", one, {"brown": 5, "rational": 8, "fisheye": 4})
         lens = {"brown": "plumb_bob", "rational": "rational_polynomial", "fisheye": "equidistant"}[model]
         blocks = [
             f"image_width: {one.width}\nimage_height: {one.height}\ncamera_name: {name}\n",
@@ -154,9 +139,9 @@ _KALIBR_MODELS: dict[str, tuple[LensModel, int]] = {
 
 
 def _kalibr_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
-    data = parse_yaml(sources[0].text)
+    data = base.parse_yaml(sources[0].text)
     left, right = choice.cameras or ("cam0", "cam1")
-    tables = {name: table(entry(data, name), name) for name in (left, right)}
+    tables = {name: base.table(base.entry(data, name), name) for name in (left, right)}
     pose = _pose(data, left, right, choice.unit())
     return StereoRig(
         _kalibr_camera(tables[left], left), _kalibr_camera(tables[right], right), pose, sources[0].path.name
@@ -167,31 +152,31 @@ def _kalibr_camera(values: Mapping[str, Any], name: str) -> Camera:
     projection = str(values.get("camera_model", "pinhole"))
     if projection != "pinhole":
         raise ValueError(f"expected a pinhole camera_model in {name}, found {projection!r}")
-    model, count = lens_of(values, _KALIBR_MODELS, name)
-    size = size_of(entry(values, "resolution"), "resolution")
-    coefficients = numbers(values.get("distortion_coeffs", []), f"distortion_coeffs of {name}", (count, 4))
-    intrinsics = numbers(entry(values, "intrinsics"), f"intrinsics of {name}", 4)
-    return camera(size, intrinsics, coefficients, model, name)
+    model, count = base.lens_of(values, _KALIBR_MODELS, name)
+    size = base.size_of(base.entry(values, "resolution"), "resolution")
+    coefficients = base.numbers(values.get("distortion_coeffs", []), f"distortion_coeffs of {name}", (count, 4))
+    intrinsics = base.numbers(base.entry(values, "intrinsics"), f"intrinsics of {name}", 4)
+    return base.camera(size, intrinsics, coefficients, model, name)
 
 
 def _pose(data: Mapping[str, Any], left: str, right: str, unit_m: float) -> SE3:
     """From T_cn_cnm1 (Kalibr's own result) where there is one, else through the IMU."""
     first, last = _index(left), _index(right)
-    chain = [table(data[f"cam{i}"], f"cam{i}") for i in range(first + 1, last + 1) if f"cam{i}" in data]
+    chain = [base.table(data[f"cam{i}"], f"cam{i}") for i in range(first + 1, last + 1) if f"cam{i}" in data]
     if first < last and len(chain) == last - first and all("T_cn_cnm1" in link for link in chain):
         pose = SE3.identity()
         for link in chain:
-            pose = rigid(link["T_cn_cnm1"], "T_cn_cnm1", unit_m) @ pose
+            pose = base.rigid(link["T_cn_cnm1"], "T_cn_cnm1", unit_m) @ pose
         return pose
     return _from_imu(data, right, unit_m) @ _from_imu(data, left, unit_m).inverse()
 
 
 def _from_imu(data: Mapping[str, Any], name: str, unit_m: float) -> SE3:
-    values = table(data[name], name)
+    values = base.table(data[name], name)
     if "T_cam_imu" in values:
-        return rigid(values["T_cam_imu"], f"T_cam_imu of {name}", unit_m)
+        return base.rigid(values["T_cam_imu"], f"T_cam_imu of {name}", unit_m)
     if "T_imu_cam" in values:
-        return rigid(values["T_imu_cam"], f"T_imu_cam of {name}", unit_m).inverse()
+        return base.rigid(values["T_imu_cam"], f"T_imu_cam of {name}", unit_m).inverse()
     raise ValueError(f"expected T_cn_cnm1, T_cam_imu or T_imu_cam in {name}, found none")
 
 
@@ -209,7 +194,7 @@ def _kalibr_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
 
 
 def _camera_lines(name: str, one: Camera) -> list[str]:
-    model, coefficients = held("Kalibr", one, {"brown": 4, "fisheye": 4})
+    model, coefficients = base.held("Kalibr", one, {"brown": 4, "fisheye": 4})
     return [
         f"{name}:",
         "  camera_model: pinhole",
@@ -223,7 +208,7 @@ def _camera_lines(name: str, one: Camera) -> list[str]:
 KALIBR = Format(
     "kalibr",
     "Kalibr camchain",
-    whole_with(r"^\s*[\"']?cam\d+[\"']?\s*:", r"^\s*(camera_model|distortion_coeffs)\s*:"),
+    base.whole_with(r"^\s*[\"']?cam\d+[\"']?\s*:", r"^\s*(camera_model|distortion_coeffs)\s*:"),
     _kalibr_read,
     _kalibr_texts,
     ".yaml",

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.formats.base import Size, Source, entry, number, parse_xml, read_source, whole
+from calib.formats import base
+from calib.formats.base import Size, Source
 from calib.io import UNITS_M
 from calib.pose import SE3
 from calib.types import F64
@@ -125,7 +126,7 @@ def load_tsai(path: Path, size: Size | None = None, unit_m: float = UNITS_M["mm"
         size: (width, height) of the images [px]; scales the file's camera.
         unit_m: length of the world's unit [m]; PETS uses millimetres.
     """
-    source = read_source(path)
+    source = base.read_source(path)
     if not is_tsai(source):
         raise InputError(f"{path}: expected a Tsai camera (XML with Geometry, Intrinsic, Extrinsic), found none")
     try:
@@ -140,7 +141,7 @@ def load_tsai(path: Path, size: Size | None = None, unit_m: float = UNITS_M["mm"
 
 
 def _from_xml(text: str, unit_m: float) -> TsaiCamera:
-    root = parse_xml(text)
+    root = base.parse_xml(text)
 
     def values(tag: str) -> Mapping[str, str]:
         node = root.find(tag)
@@ -149,28 +150,28 @@ def _from_xml(text: str, unit_m: float) -> TsaiCamera:
         return node.attrib
 
     geometry, intrinsic, extrinsic = values("Geometry"), values("Intrinsic"), values("Extrinsic")
-    sx = number(intrinsic.get("sx", 1.0), "sx")
+    sx = base.number(intrinsic.get("sx", 1.0), "sx")
     if sx <= 0:
         raise ValueError(f"expected a positive sx, found {sx:g}")
-    focal, kappa1, cx, cy = (number(entry(intrinsic, key), key) for key in ("focal", "kappa1", "cx", "cy"))
-    rx, ry, rz, *translation = (number(entry(extrinsic, key), key) for key in ("rx", "ry", "rz", "tx", "ty", "tz"))
+    focal, kappa1, cx, cy = (base.number_at(intrinsic, key) for key in ("focal", "kappa1", "cx", "cy"))
+    rx, ry, rz, *translation = (base.number_at(extrinsic, key) for key in ("rx", "ry", "rz", "tx", "ty", "tz"))
     if "dpx" in geometry:
-        pitch = number(geometry["dpx"], "dpx")
+        pitch = base.number(geometry["dpx"], "dpx")
     else:  # the sensor's dx, stretched by ncx sensor elements over nfx pixels
-        dx, ncx, nfx = (number(entry(geometry, key), key) for key in ("dx", "ncx", "nfx"))
+        dx, ncx, nfx = (base.number_at(geometry, key) for key in ("dx", "ncx", "nfx"))
         if nfx <= 0:
             raise ValueError(f"expected a positive nfx, found {nfx:g}")
         pitch = dx * ncx / nfx
     # R = Rz Ry Rx (Tsai's order).
     return TsaiCamera(
-        whole(entry(geometry, "width"), "width"),
-        whole(entry(geometry, "height"), "height"),
+        base.whole_at(geometry, "width"),
+        base.whole_at(geometry, "height"),
         focal,
         kappa1,
         cx,
         cy,
         pitch / sx,
-        number(entry(geometry, "dpy", "dy"), "dpy"),
+        base.number_at(geometry, "dpy", "dy"),
         SE3(
             np.asarray(
                 SE3.from_rotvec([0.0, 0.0, rz]).rotation

@@ -9,17 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.people.fit import GroundCameraFit, Residuals, body_points, predict, shared_camera
-from calib.people.model import (
-    FOCAL,
-    HEIGHT,
-    KNOWN_CAMERA_STD,
-    N_CAMERA,
-    N_SHARED,
-    PERSON_STD,
-    ROLL,
-    TILT,
-    HumanModel,
-)
+from calib.people.model import FOCAL, HEIGHT, KNOWN_CAMERA_STD, N_CAMERA, N_SHARED, PERSON_STD, ROLL, TILT, HumanModel
 from calib.people.samples import MarkedPeople
 from calib.types import F64, Bool
 

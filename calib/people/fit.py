@@ -81,11 +81,7 @@ class GroundCameraFit:
 
 
 def fit_camera(
-    camera: GroundCamera,
-    people: MarkedPeople,
-    model: HumanModel,
-    prior: CameraPrior,
-    variation: float | None = None,
+    camera: GroundCamera, people: MarkedPeople, model: HumanModel, prior: CameraPrior, variation: float | None = None
 ) -> GroundCameraFit:
     """Move camera, people and their common width and height to the least squares of all edges and points.
 

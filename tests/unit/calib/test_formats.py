@@ -478,17 +478,9 @@ def test_tsai_camera_is_the_same_camera_above_the_floor_at_the_size_of_the_image
     ("name", "text", "lens"),
     [
         ("opencv.yml", "%YAML:1.0\n---\ncamera_matrix: {data: [700., 0, 320, 0, 701, 240, 0, 0, 1]}\n", "700 px"),
-        (
-            "cameras.txt",
-            "# Camera list\n1 PINHOLE 640 480 512.5 512.5 320 240\n",
-            "COLMAP, PINHOLE, .* 512.5 px",
-        ),
+        ("cameras.txt", "# Camera list\n1 PINHOLE 640 480 512.5 512.5 320 240\n", "COLMAP, PINHOLE, .* 512.5 px"),
         ("kalibr.yaml", "cam0:\n  intrinsics: [458.6, 457.2, 367.2, 248.3]\n  resolution: [752, 480]\n", "459 px"),
-        (
-            "room.pet",
-            '<PETRACK><OLD_MODEL CX="1" CY="2" FX="842.5" FY="842.7"/></PETRACK>',
-            "PeTrack, .* 842 px",
-        ),
+        ("room.pet", '<PETRACK><OLD_MODEL CX="1" CY="2" FX="842.5" FY="842.7"/></PETRACK>', "PeTrack, .* 842 px"),
     ],
 )
 def test_lens_without_a_place_is_refused_with_its_focal_length_and_the_way_out(name, text, lens, tmp_path):
