@@ -319,10 +319,11 @@ def rig_rows() -> list[Row]:
             folder.mkdir()
             write_rigs(random_scene("rigs", seed).rigs, folder, storage="jpg")
             true = load_rigs(folder / RIGS_FILE)
-            records = [record_rig(folder / entry.folder, Config()) for entry in true]
             try:
+                records = [record_rig(folder / entry.folder, Config()) for entry in true]
                 errors = alignment_error(rig_entries(records, align_records(records), folder), true)
-            except WorkError:  # refused
+            except WorkError as error:
+                progress(f"refused: {error}")
                 errors = (math.inf,) * 3
         named = zip(RIG_LIMITS.items(), errors, strict=True)
         rows += [Row(f"rigs, seed {seed}: {key}", value, *limit) for (key, limit), value in named]
