@@ -22,6 +22,14 @@ THING_RADII = (0.12, 0.2, 0.34)
 """Radii of things over their heights, from a pillar to a crate."""
 SPEED_MAX_MPS = 2.5
 """Fastest walk [m/s]: men change to running at 2.0 to 2.5 m/s (Hreljac 1993)."""
+ACCELERATION_MPS2 = 2.0
+"""Deviation of a walker's acceleration [m/s^2]: walkers stop and turn within a second."""
+SLOW_DOWN_S = 0.7
+"""Time in which an unseen person's speed decays [s]."""
+LEAVE_S = 0.7
+"""Mean time that a person beyond the border stays unknown and near [s]."""
+LOG_ODDS_MAX = 8.0
+"""Existence is never surer than this."""
 REACH_M = 0.9
 """From the body's axis to a hand that holds something [m]: shoulder breadth / 2 + arm of 0.73 m (NASA-STD-3000)."""
 TORSO = HumanModel()

@@ -20,8 +20,6 @@ from planview.tracking.lifecycle import Existence, LifeCycle
 from planview.trajectories.detections import Detections
 from planview.trajectories.state import TrackState
 
-LOG_ODDS_MAX = 8.0
-"""Existence is never surer than this."""
 FORGOTTEN = 0.05
 """Probability of existence below which somebody is forgotten."""
 GATE = 13.8
@@ -36,14 +34,8 @@ STEPS = 6
 
 NEW = 0.3
 """Share of people among boxes that show nobody known."""
-ACCELERATION_MPS2 = 2.0
-"""Deviation of a walker's acceleration [m/s^2]."""
-SLOW_DOWN_S = 0.7
-"""Time in which an unseen person's speed decays [s]."""
 ERRORS_S = 0.25
 """Time for which a detector's errors stay the same [s]."""
-LEAVE_S = 0.7
-"""Mean time that a person beyond the border stays [s]."""
 
 
 class DetectionParams(Params):
@@ -116,7 +108,6 @@ class DetectionTracker:
         """Forget everybody."""
         self._cycle = LifeCycle()
         self._people: list[Detected] = []
-        self._now_s = math.nan
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
@@ -140,11 +131,9 @@ class DetectionTracker:
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track one frame, whose image gives the size of the view only."""
-        now_s = observation.timestamp_s
-        dt_s = 0.0 if math.isnan(self._now_s) else max(now_s - self._now_s, 0.0)
-        looks = min(1.0, dt_s / ERRORS_S) if not math.isnan(self._now_s) else 1.0
-        self._now_s = now_s
-        self._cycle.begin(now_s)
+        first = math.isnan(self._cycle.now_s)
+        dt_s = self._cycle.begin(observation.timestamp_s)
+        looks = 1.0 if first else min(1.0, dt_s / ERRORS_S)
         size = (1e9, 1e9) if observation.image is None else observation.image.shape[1::-1]
         boxes = self.detections.at(observation.frame)
         poses, covariances = self._placed(boxes, size)
@@ -154,8 +143,8 @@ class DetectionTracker:
         worth = np.clip(np.log(scores / (1 - scores)), -EVIDENCE_MAX, EVIDENCE_MAX) * self.detections.scored
         for q in self._people:
             if not q.who.observed:
-                q.kalman = q.kalman.slowed(dt_s, SLOW_DOWN_S)
-            q.kalman = q.kalman.predicted(dt_s, ACCELERATION_MPS2)
+                q.kalman = q.kalman.slowed(dt_s, body.SLOW_DOWN_S)
+            q.kalman = q.kalman.predicted(dt_s, body.ACCELERATION_MPS2)
             self._move_box(q)
         gains = np.array([[self._gain(q, z, c) for z, c in zip(poses, covariances, strict=True)] for q in self._people])
         gains = gains.reshape(len(self._people), len(boxes)) + worth
@@ -260,7 +249,7 @@ class DetectionTracker:
         share = q.height_var / (q.height_var + float(covariance[2, 2]) / fresh)
         q.height_m, q.height_var = q.height_m + share * (float(pose[2]) - q.height_m), (1 - share) * q.height_var
         q.box, q.foot = box[:4].copy(), self._foot(q.kalman)
-        q.log_odds = min(q.log_odds + looks * gain, LOG_ODDS_MAX)
+        q.log_odds = min(q.log_odds + looks * gain, body.LOG_ODDS_MAX)
         self._cycle.observe(q.who, f"log-likelihood {gain:.1f} over a false box, existence {q.existence:.3f}", gain)
         if q.existence > p.report:
             self._cycle.confirm(q.who, f"existence {q.existence:.3f}", q.existence)
@@ -270,7 +259,7 @@ class DetectionTracker:
         p = self.params
         hidden = max((self._covered(q.box, o.box) for o in self._people if o is not q), default=0.0)
         inside = self._covered(q.box, np.array([0.0, 0.0, *size]), anywhere=True)
-        away_s = LEAVE_S if inside < SAME else p.stay_s
+        away_s = body.LEAVE_S if inside < SAME else p.stay_s
         stays = q.existence * math.exp(-dt_s / away_s)
         q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
         q.log_odds += looks * math.log(1 - p.found * (1 - hidden) * inside)

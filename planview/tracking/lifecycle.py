@@ -87,41 +87,35 @@ class TrackLog:
 class LifeCycle(TrackLog):
     """Spawns, confirms, loses, reacquires and prunes; every change of state is logged with its reason."""
 
-    def log(
-        self, who: Existence, kind: DecisionKind, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS
-    ) -> None:
-        """Write down a decision that changes no state ("recentred")."""
-        self.note(who.track_id, kind, reason, value, terms)
-
     def spawn(self, reason: str, value: float = math.nan) -> Existence:
         """A new tentative track, observed now."""
         who = Existence(self.new_id(), self.now_s, self.now_s)
-        self.log(who, "spawned", reason, value)
+        self.note(who.track_id, "spawned", reason, value)
         return who
 
     def confirm(self, who: Existence, reason: str, value: float = math.nan) -> None:
         """A tentative track is a person."""
         if not who.confirmed:
             who.confirmed = True
-            self.log(who, "confirmed", reason, value)
+            self.note(who.track_id, "confirmed", reason, value)
 
     def observe(self, who: Existence, reason: str = "", value: float = math.nan, terms: ScoreTerms = NO_TERMS) -> None:
         """The track is observed in this frame; a lost one is thereby reacquired, for the reason given."""
         if who.lost:
-            self.log(who, "reacquired", reason, value, terms)
+            self.note(who.track_id, "reacquired", reason, value, terms)
         elif reason:
-            self.log(who, "matched", reason, value, terms)
+            self.note(who.track_id, "matched", reason, value, terms)
         who.observed, who.observed_s = True, self.now_s
 
     def miss(self, who: Existence, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS) -> None:
         """The track is not observed in this frame; a confirmed one is lost from now on."""
         if who.confirmed and who.observed:
-            self.log(who, "lost", reason, value, terms)
+            self.note(who.track_id, "lost", reason, value, terms)
         who.observed = False
 
     def prune(self, who: Existence, reason: str, value: float = math.nan) -> None:
         """The track ends; the tracker forgets it."""
-        self.log(who, "pruned", reason, value)
+        self.note(who.track_id, "pruned", reason, value)
 
     def unobserved_s(self, who: Existence) -> float:
         """Time since the last observation [s]."""

@@ -7,14 +7,13 @@ import math
 import numpy as np
 
 from calib.types import F64, I64, U8
+from planview.tracking import body
 from planview.tracking.ellipse_particle import _kernels as kernels
 from planview.tracking.ellipse_particle._kernels import ANGLE, LN_A, LN_B, VX, X, Y
 from planview.tracking.ellipse_particle.fit import law_of
 from planview.tracking.ellipse_particle.params import ParticleFilterParams
 from planview.tracking.ellipse_particle.size import Size
 
-ACCELERATION_MPS2 = 2.0
-"""Deviation of the acceleration in the constant-velocity model [m/s^2]: walkers stop and turn within a second."""
 SHAPE_SPREAD = 0.08
 """Stationary deviation of ln length and ln width of an object's ellipse about the expected. Our choice."""
 OVERLAP_DEVIATION = 0.12
@@ -66,7 +65,7 @@ class ParticleFilter:
             cells_per_m: (N,) where each object is.
         """
         p, noise = self.particles, self._rng.standard_normal(self.particles.shape, dtype=np.float32)
-        push = ACCELERATION_MPS2 * cells_per_m[:, None] * dt_s
+        push = body.ACCELERATION_MPS2 * cells_per_m[:, None] * dt_s
         pull = np.hypot(0.5 * push * dt_s, JITTER_M * cells_per_m[:, None])
         stays = math.exp(-dt_s / SHAPE_TIME_S)
         spread = np.array([SHAPE_SPREAD, SHAPE_SPREAD, size.lean])

@@ -16,7 +16,6 @@ from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker
 from planview.tracking.joint.explanation import Owned, People
-from planview.tracking.kalman import FloorKalman
 
 MOST = 4
 """Places that are tried in a frame."""
@@ -28,8 +27,6 @@ BORN_LOG_ODDS = -2.4
 """Of a newcomer after its first look: one in twelve."""
 PLACE_STD_M = 0.5
 """How far the place of a newcomer may be from where its residual is strongest [m]."""
-SPEED_STD_MPS = 1.0
-"""Of a newcomer's velocity [m/s]."""
 BIRTH_PX, BIRTH_SHARE = 30.0, 0.625
 """Least height of newcomers [px], and as a share of that of people in the middle of the image, where this is less: a
 head of 3 px does not distinguish a person from a bag, but a camera is pointed at people."""
@@ -155,10 +152,6 @@ def _try(place: F64, frame: MaskExplanation, known: People, now_s: float, p: Hum
     mine, total = samples.visible(pose, tall)
     if evidence < p.birth_evidence or mine < 0.25 * total:
         return None
-    noise, up = samples.noise(pose, curvature)
-    kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), noise, SPEED_STD_MPS)
-    person = Walker(0, kalman, float(pose[2]), BORN_LOG_ODDS, now_s)
-    person.height_var = 1.0 / (1.0 / person.height_var + up)
-    person.born_s, person.born_m, person.origin_m = now_s, person.at_m, person.at_m
+    person = Walker.born(pose, *samples.noise(pose, curvature), BORN_LOG_ODDS, now_s)
     person.evidence, person.share = evidence, mine / max(total, 1e-6)
     return person

@@ -13,6 +13,7 @@ from calib.people.model import HumanModel
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.maps.pixels import BACKGROUND_SEEN, SURFACE
+from planview.tracking import body
 from planview.tracking.base import DecisionKind, Drawing, Observation, TrackerDebug
 from planview.tracking.human_model.births import CORE, FloorPlaces, births
 from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks, rays_of
@@ -22,7 +23,7 @@ from planview.tracking.human_model.walker import Walker, matches
 from planview.tracking.joint._kernels import SHADOW
 from planview.tracking.joint.explanation import Owned, People
 from planview.tracking.joint.person import side_by_side
-from planview.tracking.joint.tracker import ACCELERATION_MPS2, NO_BOX, SLOW_DOWN_S, ExplainingTracker
+from planview.tracking.joint.tracker import NO_BOX, ExplainingTracker
 from planview.trajectories.state import TrackState
 
 WALKER_M = 2.0
@@ -246,7 +247,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
                     person, "stationary: a thing" if thing else why, person.confirmed and not thing and not beyond
                 )
         for person in self._departed:
-            person.kalman = person.kalman.slowed(dt, SLOW_DOWN_S).predicted(dt, ACCELERATION_MPS2)
+            person.kalman = person.kalman.slowed(dt, body.SLOW_DOWN_S).predicted(dt, body.ACCELERATION_MPS2)
 
     def _recognise(self, dt: float) -> None:
         """Confirm newcomers, as the lost or departed whom they continue best or as strangers.

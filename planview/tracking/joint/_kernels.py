@@ -480,7 +480,7 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
     """Ascent on Lam - Mahalanobis / 2 by parabolas along and across the first camera's ray, in height and, in masks,
     in height along the ray of the head.
 
-    Moves ``pose``; fills ``curvature`` (3,), how sharply Lam curvatures there in the first three [1/m^2].
+    Moves ``pose``; fills ``curvature`` (3,), how sharply Lam curves there in the first three [1/m^2].
 
     Args:
         prior: (3,) predicted pose, (4,) xx, xy, yy of the place's and of the height's inverse covariance, and steps.

@@ -14,7 +14,6 @@ from planview.tracking.joint._kernels import map_lacking
 from planview.tracking.joint.explanation import SURFACE_STD_M, Explanation, Owned, People
 from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
-from planview.tracking.kalman import FloorKalman
 
 EVIDENCE_MAX = 6.0
 """Largest evidence of one look for or against a person, as a log-odds."""
@@ -127,18 +126,14 @@ def _tried(frame: Explanation, birth_evidence: float, people: People, points: F6
     worth, pose, curvature = -np.inf, start, np.zeros(3)
     for height in (body.HEIGHT_MEAN_M, top):
         moved = np.array([*place, height])
-        value, curvatures = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial.ratios[n])
+        value, curved = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial.ratios[n])
         if value > worth:
-            worth, pose, curvature = value, moved, curvatures
+            worth, pose, curvature = value, moved, curved
     mine, total = samples.visible(pose, trial.tall[n])
     if worth < birth_evidence or mine < 0.25 * total:
         return None
-    noise, up = samples.noise(pose, curvature)
-    kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), noise, 1.0)
-    person = Person(0, kalman, float(pose[2]), BORN_LOG_ODDS, now_s)
-    person.height_var = 1.0 / (1.0 / person.height_var + up)
-    person.log_odds += min(worth, EVIDENCE_MAX) * 0.25
-    person.born_s, person.born_m, person.origin_m = now_s, person.at_m, person.at_m
+    log_odds = BORN_LOG_ODDS + 0.25 * min(worth, EVIDENCE_MAX)
+    person = Person.born(pose, *samples.noise(pose, curvature), log_odds, now_s)
     person.evidence, person.share = worth, mine / max(total, 1e-6)
     if frame.coloured:
         owner = np.zeros(len(points), np.int64)

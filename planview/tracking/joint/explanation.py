@@ -257,7 +257,7 @@ class Samples:
             information: (4,) xx, xy, yy of the place's and of the height's inverse covariance.
 
         Returns:
-            The evidence there; (3,) how sharply Lam curvatures there along the ray, across it and in height [1/m^2].
+            The evidence there; (3,) how sharply Lam curves there along the ray, across it and in height [1/m^2].
         """
         curvature, people, of = np.zeros(3), self._people, self._of
         evidence = kernels.ascend(
@@ -285,7 +285,7 @@ class Samples:
         return float(mine), float(total)
 
     def noise(self, pose: F64, curvature: F64) -> tuple[PositionNoise, float]:
-        """Covariance of the place and information on the height [1/m^2], from how Lam curvatures."""
+        """Covariance of the place and information on the height [1/m^2], from the curvature of Lam."""
         s, (x, y, _) = self.arrays, pose.tolist()
         ax, ay = (x - float(s.cx[0]), y - float(s.cy[0])) if s.size[0] else (1.0, 0.0)
         norm = max(math.hypot(ax, ay), 1e-6)

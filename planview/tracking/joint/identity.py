@@ -87,7 +87,7 @@ def continued(born: Sequence[P], known: Sequence[P], floor_m2: float, low_share:
 
     Args:
         floor_m2: over which strangers may appear.
-        low_share: of people who sit, curvature, or are children.
+        low_share: of people who sit, bend, or are children.
     """
     odds = np.array([[_log_odds(q, b, known, floor_m2, low_share) for q in known] for b in born])
     odds = odds.reshape(len(born), -1)

@@ -15,7 +15,7 @@ class PeopleParams(Params):
     patch_m: float = Field(0.10, gt=0.01, le=1)
     """Errors of pixels nearer than this are one error [m]; one look per patch (Harville's unit of occupancy)."""
     low_share: float = Field(0.1, gt=0, lt=1)
-    """Share of people who sit, curvature, or are children."""
+    """Share of people who sit, bend, or are children."""
     errors_s: float = Field(0.25, gt=0, le=10)
     """tau, time for which errors of the foreground stay the same [s]."""
     birth_evidence: float = Field(8.0, gt=0, le=100)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Self
 
 import cv2
 import numpy as np
@@ -15,9 +16,11 @@ from planview.maps.pixels import SeenPixels
 from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M
 from planview.tracking.joint._kernels import LEGS_TO, PARTS, TORSO_TO
 from planview.tracking.joint.explanation import People
-from planview.tracking.kalman import FloorKalman
+from planview.tracking.kalman import FloorKalman, PositionNoise
 
 SMOOTHING = smoothing()
+SPEED_STD_MPS = 1.0
+"""Deviation of a newcomer's velocity [m/s]."""
 GAIT_M = 0.03
 """A head bobs while walking [m]."""
 LOOK_STD_M = 0.08
@@ -91,6 +94,14 @@ class Person:
     head_in_view: bool = False
     proven: float = BORN_LOG_ODDS
     counted: dict[tuple[float, ...], U8] = field(default_factory=dict)
+
+    @classmethod
+    def born(cls, pose: F64, noise: PositionNoise, up: float, log_odds: float, now_s: float) -> Self:
+        """A newcomer without id at a pose, with what was measured there (``Samples.noise``)."""
+        kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), noise, SPEED_STD_MPS)
+        at_m = kalman.x_m, kalman.y_m
+        height_var = 1.0 / (1.0 / HEIGHT_STD_M**2 + up)
+        return cls(0, kalman, float(pose[2]), log_odds, now_s, height_var, born_s=now_s, born_m=at_m, origin_m=at_m)
 
     @property
     def at_m(self) -> tuple[float, float]:

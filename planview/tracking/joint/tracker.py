@@ -13,7 +13,7 @@ from planview.maps.colour import CODES
 from planview.tracking import body
 from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug
 from planview.tracking.joint._kernels import PARTS
-from planview.tracking.joint.births import EVIDENCE_MAX, Births, points_of
+from planview.tracking.joint.births import EVIDENCE_MAX, LOOSE, Births, points_of
 from planview.tracking.joint.drawing import draw
 from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, People, Samples, likelihood_of_ranges
 from planview.tracking.joint.identity import Exchanges, continued
@@ -22,20 +22,12 @@ from planview.tracking.joint.person import Person, colour_counts, colour_ratios,
 from planview.tracking.lifecycle import TrackLog
 from planview.trajectories.state import State, TrackState
 
-ACCELERATION_MPS2 = 2.0
-"""Deviation of a walker's acceleration [m/s^2]."""
-SLOW_DOWN_S = 0.7
-"""Time in which an unseen person's speed decays [s]."""
 HEIGHT_CHANGE_MPS = 0.6
 """Speed of a head that goes up and down: sitting down, bending [m/s]."""
-LEAVE_S = 0.7
-"""Mean time that a person beyond the border stays unknown and near [s]."""
-LOG_ODDS_MAX = 8.0
-"""Existence is never surer than this."""
 KNOWN_ODDS = 3.0
 """Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
 LOW_WALKERS = 0.01
-"""Share of low people who walk, which are children; the others sit or curvature, and stay where they are."""
+"""Share of low people who walk, which are children; the others sit or bend, and stay where they are."""
 NO_BOX = (math.nan,) * 4
 INSIDE = 0.3
 """Share of a body in the image below which a person is at the border."""
@@ -72,8 +64,8 @@ class ExplainingTracker(Generic[P, Q]):
         dt = self._log.begin(now_s)
         for person in self._people:
             if person.share < 2 * self.params.visible_min:
-                person.kalman = person.kalman.slowed(dt, SLOW_DOWN_S)
-            person.kalman = person.kalman.predicted(dt, ACCELERATION_MPS2)
+                person.kalman = person.kalman.slowed(dt, body.SLOW_DOWN_S)
+            person.kalman = person.kalman.predicted(dt, body.ACCELERATION_MPS2)
             person.height_var += HEIGHT_CHANGE_MPS**2 * dt * min(dt, self.params.errors_s)
         return dt
 
@@ -82,7 +74,7 @@ class ExplainingTracker(Generic[P, Q]):
         """Coordinate ascent, nearest first.
 
         Returns:
-            Of everybody: the samples, who else is on their rays, the evidence and how sharply Lam curvatures.
+            Of everybody: the samples, who else is on their rays, the evidence and how sharply Lam curves.
         """
         predicted = people.poses.copy()
         touch = frame.touching(predicted)
@@ -122,7 +114,7 @@ class ExplainingTracker(Generic[P, Q]):
             stays = person.existence * math.exp(-dt / away_s)
             person.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
         person.log_odds += looks * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, person.evidence))
-        person.log_odds = max(-LOG_ODDS_MAX, min(LOG_ODDS_MAX, person.log_odds))
+        person.log_odds = max(-body.LOG_ODDS_MAX, min(body.LOG_ODDS_MAX, person.log_odds))
         if person.share >= p.visible_min:
             person.learn_height(looks, p.low_share)
 
@@ -253,7 +245,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
                 person.shape = samples[i].against_thing(pose, people.tall[i]) if visible else 0.0
             self._measure(person, samples[i], pose, curvature[i], dt)
             if not flooded:
-                self._weigh(person, dt, LEAVE_S if person.inside < INSIDE else self.params.stay_s)
+                self._weigh(person, dt, body.LEAVE_S if person.inside < INSIDE else self.params.stay_s)
                 if visible:
                     self._note_movement(person, alone=len(others[i]) == 0)
             kind: DecisionKind = "matched" if visible else "lost"
@@ -275,11 +267,10 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         """Evidence for a person in another's place: both, against the other alone who may stand anywhere near."""
         poses, tall, ratios, s = people.poses, people.tall, people.ratios, samples[j]
         rest = np.array([k for k in range(len(poses)) if k not in (i, j)], dtype=np.int64)
-        loose = np.array([1.0, 0.0, 1.0, body.TORSO.torso_radius_m**2]) / body.TORSO.torso_radius_m**2
         s.layer(people, rest)
         first = s.log_ratio(poses[i], tall[i], ratios[i])
         starts = poses[j].copy(), np.array([*poses[i, :2], tall[j, 0]])
-        alone = max(s.ascend(start, poses[j], loose, tall[j], ratios[j])[0] for start in starts)
+        alone = max(s.ascend(start, poses[j], LOOSE, tall[j], ratios[j])[0] for start in starts)
         prior = s.log_prior(poses[j], tall[j]) + s.log_prior(poses[i], tall[i], np.array([j]))
         s.layer(people, np.append(rest, i))
         return first + s.log_ratio(poses[j], tall[j], ratios[j]) + prior - alone
@@ -290,14 +281,14 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         person.walked_m += farther
         if alone:
             step_m = math.sqrt(body.TORSO.torso_radius_m**2 + float(np.trace(person.kalman.covariance[:2, :2])))
-            person.moved = min(person.moved + farther / step_m, LOG_ODDS_MAX)
+            person.moved = min(person.moved + farther / step_m, body.LOG_ODDS_MAX)
 
     def _forget_gone(self) -> None:
         for person in self._people:
             beyond = (
                 person.inside < 0.15
                 and person.share < self.params.visible_min
-                and self._log.now_s - person.seen_s > LEAVE_S
+                and self._log.now_s - person.seen_s > body.LEAVE_S
             )
             if person.existence < 0.05 or beyond:
                 self._end(person, f"existence {person.existence:.2f}, evidence {person.evidence:.1f}", person.confirmed)
