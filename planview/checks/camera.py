@@ -173,33 +173,21 @@ def moved(before: U8, points: F32, after: U8) -> bool:
     """
     if len(points) < TEXTURED_SHARE * _BLOCKS:
         return False
-    there, ok, _ = cv2.calcOpticalFlowPyrLK(before, after, points, np.empty_like(points), winSize=(11, 11))
-    went = np.hypot(*(there - points).T) >= MOVED_PX
-    moving, resting = ((ok[:, 0] > 0) & kind for kind in (went, ~went))
-    # Those that moved decide nearly always: there are too few of them, or too few come back.
-    for group in (moving, moving, resting):
-        if moving.sum() < 0.5 * MOVED_SHARE * len(points):
-            return False
-        group[group] = _returns(before, after, points[group], there[group])
-    tracked = moving | resting
+    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, points, np.empty_like(points), winSize=(11, 11))
+    back, found_back, _ = cv2.calcOpticalFlowPyrLK(after, before, there, np.empty_like(points), winSize=(11, 11))
+    returned = np.hypot(*(back - points).T) < 0.5 * MOVED_PX
+    tracked = returned & (found[:, 0] > 0) & (found_back[:, 0] > 0)
     inside = ((points >= BLOCK_PX) & (points < np.array(THUMBNAIL) - BLOCK_PX)).all(axis=1)
     # Blocks at the image's border, of 24, that must have a tracked point: a person leaves most of it free.
     if tracked.sum() < 0.5 * len(points) or (tracked & ~inside).sum() < 12:
         return False
+    moving = tracked & (np.hypot(*(there - points).T) >= MOVED_PX)
     if moving.sum() / tracked.sum() < MOVED_SHARE:
         return False
     _, agreeing = cv2.estimateAffinePartial2D(points[moving], there[moving], ransacReprojThreshold=MOVED_PX)
     # Share of the moving points that one shift, turn and zoom of the image takes along, to within MOVED_PX: those of a
     # camera that also travels do not all; a crowd that fills the view walks in more than one direction.
     return agreeing is not None and float(agreeing.mean()) >= 0.6
-
-
-def _returns(before: U8, after: U8, points: F32, there: F32) -> Bool:
-    """(N,) points that are tracked back from (N, 2) ``there`` to where they were before [px]."""
-    if not len(points):
-        return np.zeros(0, np.bool_)
-    back, ok, _ = cv2.calcOpticalFlowPyrLK(after, before, there, np.empty_like(points), winSize=(11, 11))
-    return np.asarray((ok[:, 0] > 0) & (np.hypot(*(back - points).T) < 0.5 * MOVED_PX))
 
 
 _COLUMNS, _ROWS = THUMBNAIL[0] // BLOCK_PX, THUMBNAIL[1] // BLOCK_PX
