@@ -23,9 +23,9 @@ from planview.output.folder import rrd_parts
 from planview.output.report.page import errors_of, scores_of
 from planview.output.rerun.shapes import (
     LABEL_M,
-    StaticScene,
     blueprint,
     disparity_photo,
+    floor_image,
     foreground_points,
     label_of,
     map_image,
@@ -33,6 +33,7 @@ from planview.output.rerun.shapes import (
     mosaic,
     outlines,
     photo,
+    scene_cloud,
     shown_floor,
     strips_of,
 )
@@ -90,8 +91,9 @@ class RerunLog:
         self._every = self._thinned()
         self._shown: set[str] = set()
         self._static: dict[str, tuple[rr.AsComponents, ...]] = {}
-        # That of a resumed run is in its first file, made before people came.
-        self._scene = StaticScene(self._stereo) if self._stereo and not resumed else None
+        # Of the first frame, then three seconds later, when the foreground knows people; a resumed run has it in its
+        # first file.
+        self._scenes_at_s = [-math.inf] if self._stereo and not resumed else []
         self._frames = 0
         # All files belong to the same recording by its id; the viewer keeps a layout per application. Chunks of 10 s or
         # 2 MB: the default is five a second of each path. A stream for every file would leave memory behind.
@@ -132,8 +134,7 @@ class RerunLog:
             self._begin_part()
         self._stream.set_time("frame", sequence=result.frame)
         self._stream.set_time("time", duration=result.timestamp_s)
-        if self._scene is not None and (cloud := self._scene.take(result)) is not None:
-            self._keep("world/scene", cloud)
+        self._log_scene(result)
         if result.frame % self._every == 0:
             self._log_images(result)
         for rig, tracks in zip(result.rigs[1:], result.boxed[1:], strict=True):
@@ -211,6 +212,15 @@ class RerunLog:
         )  # fmt: skip
         self._keep(path, place, lens)
 
+    def _log_scene(self, result: FrameResult) -> None:
+        due_s = self._scenes_at_s
+        if not due_s or result.timestamp_s < due_s[0] or self._stereo is None or result.image is None:
+            return
+        if (cloud := scene_cloud(result, self._stereo)) is not None:
+            self._keep("world/scene", cloud)
+            self._keep("plan/floor", floor_image(result.image, self._stereo))
+            self._scenes_at_s = [result.timestamp_s + 3.0] if math.isinf(due_s[0]) else []
+
     def _log_images(self, result: FrameResult) -> None:
         """What takes room: images, cloud, maps and what the tracker looked at."""
         self._log_image("image", result.image, result.observation.foreground)
@@ -255,8 +265,6 @@ class RerunLog:
         maps = result.observation.maps
         if maps is None:
             return
-        if self._scene is not None and "plan/floor" not in self._static and result.image is not None:
-            self._keep("plan/floor", self._scene.floor(result.image))
         density = maps.occupancy / maps.grid.cell_m**2
         self._stream.log("plan/height", map_image(maps.height, self._engine.config.maps.height_max_m, stereo))
         self._stream.log("plan/occupancy", map_image(density, 4.0, stereo))

@@ -100,48 +100,33 @@ HEIGHT_SHOWN_M = (-0.5, 3.5)
 POINTS_MAX = 60_000
 
 
-class StaticScene:
-    """The scene without people: what the first frame shows, filled in where people stood once they have moved."""
+def scene_cloud(result: FrameResult, stereo: StereoView) -> rr.Points3D | None:
+    """What a frame shows besides people, in colour; None without disparity."""
+    if (image := result.image) is None or result.disparity is None:
+        return None
+    geometry, pose, step = stereo.geometry, stereo.floor.world_SE3_left, stereo.reduction
+    seen = back_project(DepthFromDisparity(geometry)(result.disparity), geometry)[::step, ::step].reshape(-1, 3)
+    points = np.asarray(seen @ pose.rotation.T + pose.translation, dtype=np.float32)
+    grid, (x, y, z), foreground = stereo.grid, points.T, result.observation.foreground
+    near = (x > grid.x_min_m - 1) & (x < grid.x_max_m + 1) & (y > grid.y_min_m - 1) & (y < grid.y_max_m + 1)
+    near &= (z > HEIGHT_SHOWN_M[0]) & (z < HEIGHT_SHOWN_M[1])
+    keep = np.flatnonzero(near if foreground is None else near & (foreground.reshape(-1) == 0))
+    keep = keep[:: max(1, -(-len(keep) // POINTS_MAX))]
+    return rr.Points3D(points[keep], colors=_rgb(image)[::step, ::step].reshape(-1, 3)[keep], radii=0.012)  # [m]
 
-    def __init__(self, stereo: StereoView) -> None:
-        self._stereo = stereo
-        self._points: F32 | None = None
-        self._colours: U8 | None = None
-        self._next_s = -math.inf
 
-    def take(self, result: FrameResult) -> rr.Points3D | None:
-        """The cloud as it is known now; None in frames that show nothing new."""
-        if result.timestamp_s < self._next_s or (image := result.image) is None or result.disparity is None:
-            return None
-        geometry, pose, step = self._stereo.geometry, self._stereo.floor.world_SE3_left, self._stereo.reduction
-        seen = back_project(DepthFromDisparity(geometry)(result.disparity), geometry)[::step, ::step].reshape(-1, 3)
-        points = np.asarray(seen @ pose.rotation.T + pose.translation, dtype=np.float32)
-        colours = _rgb(image)[::step, ::step].reshape(-1, 3).copy()
-        if self._points is None or self._colours is None:
-            self._next_s = result.timestamp_s + 3.0  # the foreground knows people by then
-        else:
-            self._next_s, foreground = math.inf, result.observation.foreground
-            hidden = ~np.isfinite(points[:, 2]) | (False if foreground is None else foreground.reshape(-1) > 0)
-            points[hidden], colours[hidden] = self._points[hidden], self._colours[hidden]
-        self._points, self._colours = points, colours
-        grid, (x, y, z) = self._stereo.grid, points.T
-        near = (x > grid.x_min_m - 1) & (x < grid.x_max_m + 1) & (y > grid.y_min_m - 1) & (y < grid.y_max_m + 1)
-        keep = np.flatnonzero(near & (z > HEIGHT_SHOWN_M[0]) & (z < HEIGHT_SHOWN_M[1]))
-        keep = keep[:: max(1, -(-len(keep) // POINTS_MAX))]
-        return rr.Points3D(points[keep], colors=colours[keep], radii=0.012)  # [m]
-
-    def floor(self, image: U8) -> rr.GridMap:
-        """The image laid on the floor, under the maps."""
-        grid = self._stereo.grid
-        rows, cols = np.indices(grid.shape)
-        x, y = grid.centre_of(0, 0)
-        places = np.stack([x + cols * grid.cell_m, y + rows * grid.cell_m, np.zeros(grid.shape)], axis=-1)
-        pixels = np.nan_to_num(self._stereo.camera.project(places), nan=-1.0).astype(np.float32)
-        shown = cv2.remap(_rgb(image), pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        # The image on the floor is darkened by this, so that the maps on it stand out.
-        dimmed = np.asarray(shown * 0.55, dtype=np.uint8)
-        visible = np.where(dimmed.any(axis=2), 255, 0).astype(np.uint8)
-        return _grid_map(np.dstack([dimmed, visible]), self._stereo, UNDER)
+def floor_image(image: U8, stereo: StereoView) -> rr.GridMap:
+    """The image laid on the floor, under the maps."""
+    grid = stereo.grid
+    rows, cols = np.indices(grid.shape)
+    x, y = grid.centre_of(0, 0)
+    places = np.stack([x + cols * grid.cell_m, y + rows * grid.cell_m, np.zeros(grid.shape)], axis=-1)
+    pixels = np.nan_to_num(stereo.camera.project(places), nan=-1.0).astype(np.float32)
+    shown = cv2.remap(_rgb(image), pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    # The image on the floor is darkened by this, so that the maps on it stand out.
+    dimmed = np.asarray(shown * 0.55, dtype=np.uint8)
+    visible = np.where(dimmed.any(axis=2), 255, 0).astype(np.uint8)
+    return _grid_map(np.dstack([dimmed, visible]), stereo, UNDER)
 
 
 def metre_grid(bounds: PlanBounds) -> rr.LineStrips3D:
