@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import stat
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,9 +14,9 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from calib.errors import InputError, WorkError
+from calib.errors import InputError
 from calib.formats.one_camera import load_one_camera
-from calib.io import reason, require_file, write_whole
+from calib.io import reason, require_file
 from planview.commands.options import Flag, JsonFlag, checked, frame_span
 from planview.counting.events import read_events, write_event_header, write_event_rows
 from planview.counting.geometry import RulePlane, stereo_plane
@@ -26,7 +25,7 @@ from planview.counting.scoring import score_counts, score_events
 from planview.counting.totals import Clock, Counts, count_tracks, count_truth
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import Evaluation, pooled
-from planview.output.folder import unfinished_note
+from planview.output.folder import unfinished_note, write_result, writing
 from planview.output.progress import PlainConsole
 from planview.output.report.page import evaluation_rows, figure_text
 from planview.output.run_folder import RunFolder
@@ -310,22 +309,18 @@ def _scores(
 
 def _write_counts(tracks: Path, folder: Path | None, counts: Counts, result: dict[str, Any], console: Console) -> None:
     """Write events.csv and counts.json to a folder, else next to our own tracks; never into a folder of input data."""
-    if folder is None:
-        mine = tracks.name == "tracks.csv" and tracks.parent.stat().st_mode & stat.S_IWUSR
-        if not mine or not os.access(tracks.parent, os.W_OK):
-            console.print("no events.csv and counts.json written: --out names a folder for them")
-            return
-        folder = tracks.parent
+    if folder is None and (tracks.name != "tracks.csv" or not os.access(tracks.parent, os.W_OK)):
+        console.print("no events.csv and counts.json written: --out names a folder for them")
+        return
+    folder = folder or tracks.parent
     files = [file for file in (folder / "events.csv", folder / "counts.json") if file.exists()]
     events = io.StringIO()
     write_event_header(events)
     write_event_rows(events, counts.events)
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        write_whole(folder / "events.csv", events.getvalue())
-        write_whole(folder / "counts.json", json.dumps(result, indent=2) + "\n")
-    except OSError as error:
-        raise WorkError(f"{folder}: could not write events.csv and counts.json: {reason(error)}") from error
+    write_result(folder / "events.csv", events.getvalue())
+    write_result(folder / "counts.json", json.dumps(result, indent=2) + "\n")
     if files:
         console.print(f"replaced {' and '.join(map(str, files))}")
 

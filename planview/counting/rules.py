@@ -65,7 +65,14 @@ class _NamedRule(Params):
     name: _Name
 
 
-class Tripwire(_NamedRule):
+class _PlacedRule(_NamedRule):
+    hysteresis_m: float | None = Field(None, ge=0, le=5)
+    """Instead of the parameter of the same name."""
+    min_age_s: float | None = Field(None, ge=0, le=60)
+    """Instead of the parameter of the same name."""
+
+
+class Tripwire(_PlacedRule):
     """A line that people cross, from its first to its second point, on the floor [m] or in the image [px]."""
 
     from_m: _PointIn | None = None
@@ -74,21 +81,13 @@ class Tripwire(_NamedRule):
     to_px: _PointIn | None = None
     inward: Literal["left_to_right", "right_to_left"] | None = None
     """The direction that the totals also call ``in``; the other one is ``out``."""
-    hysteresis_m: float | None = Field(None, ge=0, le=5)
-    """Instead of the parameter of the same name."""
-    min_age_s: float | None = Field(None, ge=0, le=60)
-    """Instead of the parameter of the same name."""
 
 
-class Zone(_NamedRule):
+class Zone(_PlacedRule):
     """An area that people are in; the polygon is closed by itself."""
 
     polygon_m: _Polygon | None = None
     polygon_px: _Polygon | None = None
-    hysteresis_m: float | None = Field(None, ge=0, le=5)
-    """Instead of the parameter of the same name."""
-    min_age_s: float | None = Field(None, ge=0, le=60)
-    """Instead of the parameter of the same name."""
 
 
 class Queue(_NamedRule):

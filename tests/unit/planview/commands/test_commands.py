@@ -194,7 +194,7 @@ def test_foreign_tracks_write_nothing_next_to_them(folder, cli):
         (["--truth", "nothing.csv"], "nothing.csv"),
         (["--camera", "a.toml", "--rig", "b.toml"], "--camera or --rig"),
         (["--camera", "a.toml"], "a.toml"),
-        (["--out", "rules.toml/x"], "could not write"),
+        (["--out", "rules.toml/x"], "cannot be written"),
     ],
 )
 def test_bad_options_get_one_sentence(folder, monkeypatch, refused, words, sentence):
