@@ -203,17 +203,7 @@ def solve_board(
             f"{source}: expected at least {MIN_PAIRS} pairs that show a {board.name} in both images, "
             f"found {len(views)} of {len(views) + len(rejected)}{first}"
         )
-    # Fewer than three clearly different board poses cannot determine a camera, however many images show them.
-    limit = 0.02 * size[0]
-    distinct: list[BoardView] = []
-    for view in views:
-        if all(_apart(view, other) > limit for other in distinct):
-            distinct.append(view)
-    if len(distinct) < 3:
-        raise InputError(
-            f"{source}: expected the board in different places and tilts, found {len(distinct)} different "
-            f"pose{'s' if len(distinct) > 1 else ''} in {len(views)} views (corners within {limit:.0f} px)"
-        )
+    _refuse_alike(views, 0.02 * size[0], source)
     try:
         lenses = [one for one in (*LENSES, RATIONAL) if (one in LENSES if model is None else one.model == model)]
         points, out = board.points, list(rejected)
@@ -232,6 +222,19 @@ def solve_board(
     std = standard_deviations(kept, points, fit)
     rig = _checked_rig(fit, std, size, source)
     return BoardCalibration(rig, board, tuple(kept), replace(fit, rig=rig), std, tuple(out), tried)
+
+
+def _refuse_alike(views: Sequence[BoardView], limit: float, source: str) -> None:
+    """Fewer than three clearly different board poses cannot determine a camera, however many images show them."""
+    distinct: list[BoardView] = []
+    for view in views:
+        if all(_apart(view, other) > limit for other in distinct):
+            distinct.append(view)
+    if len(distinct) < 3:
+        raise InputError(
+            f"{source}: expected the board in different places and tilts, found {len(distinct)} different "
+            f"pose{'s' if len(distinct) > 1 else ''} in {len(views)} views (corners within {limit:.0f} px)"
+        )
 
 
 def _apart(one: BoardView, other: BoardView) -> float:

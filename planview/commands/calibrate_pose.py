@@ -252,18 +252,7 @@ def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> No
     console = PlainConsole(stderr=True)
     if options.lens is not None and options.lens not in LENS_K_320:
         raise InputError(f"--lens: expected one of {', '.join(LENS_K_320)}, found {options.lens!r}")
-    try:
-        known = KnownValues(options.focal, options.field, options.camera_height, options.person_height)
-    except ValueError as error:
-        text = str(error)
-        for option, name in (
-            ("--person-height", "person_height_m"),
-            ("--camera-height", "height_m"),
-            ("--focal", "focal_px"),
-            ("--field", "field_deg"),
-        ):
-            text = text.replace(name, option)
-        raise InputError(text) from error
+    known = _known(options)
     if not 3 <= options.count <= 200:
         raise InputError(f"--count: expected 3 to 200, found {options.count}")
     video = open_video(samples) if options.auto else open_video(options.frames) if options.frames else None
@@ -292,6 +281,21 @@ def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> No
     console.print(f"wrote {options.out} and {picture}")
     if options.json_output:
         print(json.dumps(_camera_report(found, taken, options.out)))
+
+
+def _known(options: HumanOptions) -> KnownValues:
+    try:
+        return KnownValues(options.focal, options.field, options.camera_height, options.person_height)
+    except ValueError as error:
+        text = str(error)
+        for option, name in (
+            ("--person-height", "person_height_m"),
+            ("--camera-height", "height_m"),
+            ("--focal", "focal_px"),
+            ("--field", "field_deg"),
+        ):
+            text = text.replace(name, option)
+        raise InputError(text) from error
 
 
 def _summarise(found: HumanCalibration, n_samples: int, console: Console) -> None:
