@@ -32,6 +32,8 @@ TrackerName = Literal["joint", "template", "human-model", "ellipse-particle"]
 FloorTrackerName = Literal["joint", "template"]
 ImageTrackerName = Literal["human-model", "ellipse-particle"]
 AnyTracker = TrackerName | Tracker
+TRACKER_NAMES = "update", "decisions", "debug", "reset"
+"""What a tracker of one's own must have (``Tracker``)."""
 
 
 def open_engine(
@@ -64,6 +66,12 @@ def open_engine(
     config = config_of(config, "config") if isinstance(config, dict) else config
     if isinstance(tracker, str) and tracker not in get_args(TrackerName):
         raise InputError(f"tracker=: expected one of {', '.join(get_args(TrackerName))}, found {tracker!r}")
+    missing = [name for name in TRACKER_NAMES if not isinstance(tracker, str) and not hasattr(tracker, name)]
+    if missing:
+        raise InputError(
+            f"tracker=: expected an object with {', '.join(TRACKER_NAMES)}, found {type(tracker).__name__} without "
+            + ", ".join(missing)
+        )
     options = options or OpenOptions()
     stereo = is_stereo(path, options.calibration or options.right)
     if matcher is not None and (is_maps(path) or is_multi_rig(path) or not stereo):

@@ -47,6 +47,15 @@ def test_dataframe_has_the_columns_of_the_file(engine: planview.Engine, tmp_path
     assert ",".join(frame.columns) == header and frame.state.iloc[-1] in ("tentative", "confirmed")
 
 
+def test_a_tracker_without_reset_is_refused_before_the_recording_is_read(tmp_path: Path) -> None:
+    class Forgetful:
+        decisions = ()
+        update = debug = print
+
+    with pytest.raises(InputError, match="found Forgetful without reset"):
+        open_engine(tmp_path / "nowhere", Forgetful())  # type: ignore[arg-type]
+
+
 def test_trackers_and_matchers_that_do_not_go_with_a_recording_are_refused(copy, tmp_path):
     with pytest.raises(InputError, match="expected a tracker of stereo recordings and plan-view maps"):
         planview.run(copy, tracker="ellipse-particle")
