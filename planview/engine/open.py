@@ -17,7 +17,7 @@ from planview.engine.one_camera import one_camera_engine
 from planview.engine.replay import recorded_config, replay_engine
 from planview.engine.stereo import multi_rig_engine, stereo_engine
 from planview.maps.recording import MapsRecording, is_maps
-from planview.tracking.base import ImageTracker, Tracker
+from planview.tracking.base import ImageTracker, Tracker, refuse_tracker
 from planview.tracking.detections import DetectionTracker
 from planview.tracking.joint import JointTracker
 from planview.tracking.template import TemplateTracker
@@ -32,8 +32,6 @@ TrackerName = Literal["joint", "template", "human-model", "ellipse-particle"]
 FloorTrackerName = Literal["joint", "template"]
 ImageTrackerName = Literal["human-model", "ellipse-particle"]
 AnyTracker = TrackerName | Tracker
-TRACKER_NAMES = "update", "decisions", "debug", "reset"
-"""What a tracker of one's own must have (``Tracker``)."""
 
 
 def open_engine(
@@ -64,14 +62,7 @@ def open_engine(
     """
     path, camera = Path(path), None if camera is None else Path(camera)
     config = config_of(config, "config") if isinstance(config, dict) else config
-    if isinstance(tracker, str) and tracker not in get_args(TrackerName):
-        raise InputError(f"tracker=: expected one of {', '.join(get_args(TrackerName))}, found {tracker!r}")
-    missing = [name for name in TRACKER_NAMES if not isinstance(tracker, str) and not hasattr(tracker, name)]
-    if missing:
-        raise InputError(
-            f"tracker=: expected an object with {', '.join(TRACKER_NAMES)}, found {type(tracker).__name__} without "
-            + ", ".join(missing)
-        )
+    refuse_tracker(tracker, get_args(TrackerName))
     options = options or OpenOptions()
     stereo = is_stereo(path, options.calibration or options.right)
     if matcher is not None and (is_maps(path) or is_multi_rig(path) or not stereo):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
+from calib.errors import InputError
 from calib.types import F32, U8
 from planview.trajectories.state import TrackState
 
@@ -145,3 +146,14 @@ class ImageTracker(Tracker, Protocol):
 
     def feedback(self) -> U8 | None:
         """What the tracker knows about pixels, for ``Foreground``; None when it gives no feedback."""
+
+
+def refuse_tracker(tracker: object, names: Sequence[str]) -> None:
+    """Raises InputError for a name that is none of ``names``, and for an object that lacks a part of ``Tracker``."""
+    if isinstance(tracker, str) and tracker not in names:
+        raise InputError(f"tracker=: expected one of {', '.join(names)}, found {tracker!r}")
+    parts = "update", "decisions", "debug", "reset"
+    missing = [part for part in parts if not isinstance(tracker, str) and not hasattr(tracker, part)]
+    if missing:
+        found = f"{type(tracker).__name__} without {', '.join(missing)}"
+        raise InputError(f"tracker=: expected an object with {', '.join(parts)}, found {found}")
