@@ -12,21 +12,13 @@ import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, U8
+from planview.tracking.ellipse_particle.size import Size
 
 EDGE = 5.0
 """Widths of the soft edge beyond which nothing is left of an ellipse (0.7 %)."""
 X, Y, VX, VY, LN_A, LN_B, ANGLE = range(7)
 """Columns of an object's state: position and velocity in cells (per second), logarithms of half length and half width
 over the expected ones, angle of the length axis [rad]."""
-
-
-class Law(NamedTuple):
-    """Size expected in a row [cells]: half length ``max(least, level + slope * row)``, width over length ``aspect``."""
-
-    level: float
-    slope: float
-    least: float
-    aspect: float
 
 
 class Match(NamedTuple):
@@ -36,7 +28,7 @@ class Match(NamedTuple):
         deviation: of a cell's residual.
         background: weight of a background cell against 1 of a foreground cell.
         soft: width of the logistic edge of an ellipse [cells].
-        size_spread: deviation of ln half length and ln half width from the law.
+        size_spread: deviation of ln half length and ln half width from the size.
         angle_spread: deviation of the angle [rad].
         limit: largest deviation of size and angle, in these.
     """
@@ -50,9 +42,9 @@ class Match(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def half_length(law, y):  # type: ignore[no-untyped-def]
+def half_length(size, y):  # type: ignore[no-untyped-def]
     """Half length expected of an ellipse centred in row y."""
-    return max(law.least, law.level + law.slope * y)
+    return max(size.least, size.level + size.slope * y)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -185,7 +177,7 @@ def gain_share(sums: F64, x: float, y: int, a: float, aspect: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def refine(mask: F32, ellipses: F64, law: Law, match: Match, sweeps: int) -> None:
+def refine(mask: F32, ellipses: F64, size: Size, match: Match, sweeps: int) -> None:
     """Levenberg-Marquardt of the union of (N, 5) soft ellipses against the mask, one at a time; in place.
 
     Residual of a cell: mask - (1 - prod_k (1 - inside_k)), weight 1 for foreground and ``match.background`` for the
@@ -208,20 +200,20 @@ def refine(mask: F32, ellipses: F64, law: Law, match: Match, sweeps: int) -> Non
                 continue
             window = (r0, r1, c0, c1)
             free_of_others(ellipses, k, match.soft, window, free)
-            cost = normal_equations(mask, ellipses[k], window, free, law, match, grad, hess, True)
+            cost = normal_equations(mask, ellipses[k], window, free, size, match, grad, hess, True)
             for i in range(5):
                 hess[i, i] = hess[i, i] * (1.0 + damping[k]) + 1e-3
             step = np.linalg.solve(hess, grad)
             old = ellipses[k].copy()
             ellipses[k, 0] += min(max(step[0], -3.0), 3.0)
             ellipses[k, 1] += min(max(step[1], -3.0), 3.0)
-            half = half_length(law, ellipses[k, 1])
+            half = half_length(size, ellipses[k, 1])
             ratio = math.exp(match.limit * match.size_spread)
             ellipses[k, 2] = min(max(a * math.exp(step[2]), half / ratio), half * ratio)
-            ellipses[k, 3] = min(max(b * math.exp(step[3]), half * law.aspect / ratio), half * law.aspect * ratio)
+            ellipses[k, 3] = min(max(b * math.exp(step[3]), half * size.aspect / ratio), half * size.aspect * ratio)
             turn = match.limit * match.angle_spread
             ellipses[k, 4] = min(max(angle + step[4], -turn), turn)
-            if normal_equations(mask, ellipses[k], window, free, law, match, grad, hess, False) <= cost:
+            if normal_equations(mask, ellipses[k], window, free, size, match, grad, hess, False) <= cost:
                 damping[k] = max(1e-4, damping[k] * 0.3)
             else:
                 ellipses[k] = old
@@ -256,7 +248,7 @@ def normal_equations(
     ellipse: F64,
     window: tuple[int, int, int, int],
     free: F64,
-    law: Law,
+    size: Size,
     match: Match,
     grad: F64,
     hess: F64,
@@ -311,8 +303,8 @@ def normal_equations(
     for i in range(5):
         for j in range(i):
             hess[j, i] = hess[i, j]
-    half = half_length(law, y0)
-    off = (math.log(a / half), math.log(b / (half * law.aspect)), angle)
+    half = half_length(size, y0)
+    off = (math.log(a / half), math.log(b / (half * size.aspect)), angle)
     for i in range(3):
         spread = match.size_spread if i < 2 else match.angle_spread
         grad[2 + i] -= off[i] / (spread * spread)
@@ -322,18 +314,18 @@ def normal_equations(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def overlaps(states: F64, left: F64, allowed: F64, law: Law, out: F64) -> None:
+def overlaps(states: F64, left: F64, allowed: F64, size: Size, out: F64) -> None:
     """What the ellipse of each state covers of the cells that are left, and of the grid outside the allowed cells.
 
     states: (P, 7), columns ``X`` to ``ANGLE``; left, allowed: (R, C + 1) ``row_sums``; out: (P, 2) [cells].
     """
     n_rows, edge = left.shape[0], left.shape[1] - 1.5
     # Every row of a small ellipse, every second or third of a tall one: a dozen rows give its area to 3 %.
-    step = max(1, int(half_length(law, states[0, Y]) / 6.0))
+    step = max(1, int(half_length(size, states[0, Y]) / 6.0))
     for p in range(states.shape[0]):
         x, y = states[p, X], states[p, Y]
-        half = half_length(law, y)
-        a, b = half * math.exp(states[p, LN_A]), half * law.aspect * math.exp(states[p, LN_B])
+        half = half_length(size, y)
+        a, b = half * math.exp(states[p, LN_A]), half * size.aspect * math.exp(states[p, LN_B])
         qxx, qxy, _ = conic(a, b, states[p, ANGLE])
         # In the row dy below its centre it covers x + lean dy +- sqrt(wide - thin dy^2).
         wide, lean = 1.0 / qxx, -qxy / qxx

@@ -61,7 +61,7 @@ def fit_ellipses(mask: F32, size: Size) -> F64:
     ellipses[:, 2:4] = np.clip(ellipses[:, 2:4], expected / ratio, expected * ratio)
     # 3. The soft union of all ellipses is matched to the mask: who is hidden in part keeps a full size, so that a
     # merged region is explained by several.
-    kernels.refine(mask, ellipses, law_of(size), match, STEPS)
+    kernels.refine(mask, ellipses, size, match, STEPS)
     # 4. Who adds least to the others is dropped while that is too little: a split region keeps one.
     n_before = len(ellipses)
     while len(ellipses):
@@ -70,7 +70,7 @@ def fit_ellipses(mask: F32, size: Size) -> F64:
             break
         ellipses = np.delete(ellipses, int(np.argmin(gains)), axis=0)
     if 0 < len(ellipses) < n_before:
-        kernels.refine(mask, ellipses, law_of(size), match, STEPS)
+        kernels.refine(mask, ellipses, size, match, STEPS)
     return np.asarray(ellipses)
 
 
@@ -129,8 +129,3 @@ def painted(ellipses: F64, shape: tuple[int, int]) -> U8:
     masks = np.zeros((len(ellipses), *shape), dtype=np.uint8)
     kernels.paint(ellipses, masks)
     return masks
-
-
-def law_of(size: Size) -> kernels.Law:
-    """The size as kernels take it."""
-    return kernels.Law(float(size.level), float(size.slope), float(size.least), float(size.aspect))

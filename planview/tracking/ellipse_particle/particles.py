@@ -10,7 +10,6 @@ from calib.types import F64, I64, U8
 from planview.tracking import body
 from planview.tracking.ellipse_particle import _kernels as kernels
 from planview.tracking.ellipse_particle._kernels import ANGLE, LN_A, LN_B, VX, X, Y
-from planview.tracking.ellipse_particle.fit import law_of
 from planview.tracking.ellipse_particle.params import ParticleFilterParams
 from planview.tracking.ellipse_particle.size import Size
 
@@ -91,7 +90,7 @@ class ParticleFilter:
         """
         p, out = self.particles[:, n].copy(), np.empty((self._params.particles, 2))
         left, allowed = kernels.row_sums(measured & (1 - others)), kernels.row_sums(measured | others)
-        kernels.overlaps(p, left, allowed, law_of(size), out)
+        kernels.overlaps(p, left, allowed, size, out)
         missed = out[:, 0].max() - out[:, 0]
         log_likelihood = -0.5 * (missed**2 + out[:, 1] ** 2) / (OVERLAP_DEVIATION * area) ** 2
         weights = np.exp(log_likelihood - log_likelihood.max())

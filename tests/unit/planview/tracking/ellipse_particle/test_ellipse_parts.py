@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 from calib.ground_camera import GroundCamera
 from planview.tracking.ellipse_particle import _kernels as kernels
-from planview.tracking.ellipse_particle._kernels import ANGLE, LN_A, VX, Law, Match, X, Y
+from planview.tracking.ellipse_particle._kernels import ANGLE, LN_A, VX, Match, X, Y
 from planview.tracking.ellipse_particle.fit import fit_ellipses, own_gains, painted
 from planview.tracking.ellipse_particle.params import ParticleFilterParams
 from planview.tracking.ellipse_particle.particles import ParticleFilter, ellipses_of
@@ -295,7 +295,7 @@ def test_row_sums_are_those_left_of_each_edge_and_the_overlap_of_a_whole_ellipse
     np.testing.assert_array_equal(kernels.row_sums(np.array([[1, 0, 2]], np.uint8)), [[0, 1, 1, 3]])
     full, none = (kernels.row_sums(np.full((60, 60), v, np.uint8)) for v in (1, 0))
     out = np.empty((1, 2))
-    kernels.overlaps(np.array([[30.0, 30, 0, 0, 0, 0, 0.2]]), full, none, Law(20.0, 0.0, 1.0, 0.5), out)
+    kernels.overlaps(np.array([[30.0, 30, 0, 0, 0, 0, 0.2]]), full, none, Size(20.0, 0.0, 1.0, 0.5), out)
     # Tall ellipses are summed over every third row.
     assert out[0] == pytest.approx([math.pi * 20 * 10] * 2, rel=0.03)
 
@@ -307,7 +307,7 @@ def test_overlaps_agree_with_their_twin(seed):
     states = np.zeros((6, 7))
     states[:, :2], states[:, 4:] = rng.uniform(-3, (53, 43), (6, 2)), rng.normal(0, 0.3, (6, 3))
     out = np.empty((6, 2))
-    kernels.overlaps(states, kernels.row_sums(left), kernels.row_sums(allowed), Law(3.0, 0.1, 4.0, 0.5), out)
+    kernels.overlaps(states, kernels.row_sums(left), kernels.row_sums(allowed), Size(3.0, 0.1, 4.0, 0.5), out)
     for found, (x, y, _, _, ln_a, ln_b, angle) in zip(out, states, strict=True):
         half = max(4.0, 3.0 + 0.1 * y)
         ellipse = np.array([x, y, half * math.exp(ln_a), half * 0.5 * math.exp(ln_b), angle])
@@ -328,15 +328,15 @@ def test_cover_agrees_with_its_twin(seed):
 def test_refine_agrees_with_its_twin():
     mask = reference.paint(np.array([[20.0, 20, 12, 4.5, 0.1], [27, 22, 11, 4, -0.1]]), SIZES).astype(np.float32)
     start = np.array([[18.47, 18.1, 10, 4, 0.01], [28, 24, 12, 4.5, 0.05]])
-    law, spread = Law(9.0, 0.05, 2.0, 0.4), np.array([0.12, 0.12, 0.1])
-    expected = reference.refine(mask, start, law, spread, 3.0, 0.7, 0.4, 0.7, 3)
+    law, spread = Size(9.0, 0.05, 2.0, 0.4), np.array([0.12, 0.12, 0.1])
+    expected = reference.refine(mask, start, law[:4], spread, 3.0, 0.7, 0.4, 0.7, 3)
     kernels.refine(mask, start, law, Match(0.7, 0.4, 0.7, 0.12, 0.1, 3.0), 3)
     np.testing.assert_allclose(start, expected, atol=1e-6)
 
 
 def test_normal_equations_are_the_slope_of_the_cost():
     mask = reference.paint(np.array([[28.0, 31, 14, 6, 0.1]]), (60, 60)).astype(np.float32)
-    law, match = Law(12.0, 0.0, 1.0, 0.4), Match(0.7, 0.4, 0.7, 0.12, 0.1, 3.0)
+    law, match = Size(12.0, 0.0, 1.0, 0.4), Match(0.7, 0.4, 0.7, 0.12, 0.1, 3.0)
     grad, hess, free, window = np.empty(5), np.empty((5, 5)), np.ones((60, 60)), (0, 59, 0, 59)
 
     def cost(step: np.ndarray, derive: bool = False) -> float:
