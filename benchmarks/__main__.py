@@ -14,6 +14,7 @@ BENCHMARKS = {
     "real": "Score every real recording with truth, and the baseline of height peaks.",
     "speed": "Time the engine side by side with plain OpenCV.",
     "accuracy": "Render every committed scene, track it and score it.",
+    "matching": "Compare disparity with rendered truth, and OpenCV's.",
     "counting": "Score counts and occupancy on rendered and real recordings.",
     "pets": "Score the single-camera trackers on PETS S2-L1 view 1.",
     "calibration": "Score board, floor and human calibration against known truth.",

@@ -1,52 +1,90 @@
-"""Compiled loops of matching, registration and windows.
-
-Their plain numpy twins are in tests/reference/stereo_kernels.py and windows.py.
-"""
+"""Compiled loops of matching and registration; their plain numpy twins are in tests/reference/stereo_kernels.py."""
 
 import math
 
 import numpy as np
 from numba import njit
 
-from calib.types import F32, F64, I64, U8, AnyArray
+from calib.types import F32, F64, U8, AnyArray
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def disparity_from_fixed(
-    fixed: AnyArray,
-    mask: U8,
-    right_mask: U8,
-    darkest: U8,
-    brightest: U8,
-    left: int,
-    step: int,
-    lowest: int,
-    subpixel: F32,
-    saturated_level: int,
-    texture_min: int,
-    out: F32,
-) -> None:
-    """Sixteenths to pixels, of every ``step``-th column from ``left`` on; NaN where nothing can have been measured.
+def coarse_disparity(fixed: AnyArray, usable: U8, right_mask: U8, left: int, step: int, lowest: int, out: F32) -> None:
+    """Sixteenths of a sample to pixels; NaN where nothing can have been measured.
 
-    That is where the left or the matched right pixel is masked or outside, where the value is below ``lowest``, and
-    where the surroundings are saturated or without texture.
+    That is where ``usable`` is 0, where the matched right sample is masked or outside, and where the value is below
+    ``lowest``. ``fixed`` begins at column ``left`` of ``right_mask``; a sample is ``step`` pixels wide.
     """
     for row in range(fixed.shape[0]):
         for col in range(fixed.shape[1]):
             value = np.int32(fixed[row, col])
-            whole = value >> 4
-            low, high = np.int32(darkest[row, col]), np.int32(brightest[row, col])
-            if (
-                mask[row, col] == 0
-                or value < lowest
-                or whole > left + step * col
-                or right_mask[row, left + step * col - whole] == 0
-                or low >= saturated_level
-                or high - low < texture_min
-            ):
+            right = left + col - (value >> 4)
+            if usable[row, col] == 0 or value < lowest or right < 0 or right_mask[row, right] == 0:
                 out[row, col] = np.nan
             else:
-                out[row, col] = np.float32(whole) + subpixel[value & 15]
+                out[row, col] = np.float32(value * step) / np.float32(16.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def differences(
+    left: U8, right: U8, disparity: F32, corner: tuple[int, int], step: int, apart: int, error: F32, slope: F32
+) -> None:
+    """How much brighter the left image is than the right one at the disparity of each sample, and the right's slope.
+
+    Sample (r, c) is pixel ``corner`` + ``step`` (r, c) of both images; the slope [1/px] is taken over ``apart`` pixels
+    either way. Both are 0 without a disparity and where it leads out of the image.
+    """
+    height, width = left.shape
+    for row in range(disparity.shape[0]):
+        v = min(corner[0] + step * row, height - 1)
+        for col in range(disparity.shape[1]):
+            u = min(corner[1] + step * col, width - 1)
+            x = np.float32(u) - disparity[row, col]
+            if not (x >= apart and x < width - 1 - apart):
+                error[row, col] = slope[row, col] = np.float32(0.0)
+                continue
+            i = int(x)
+            t = x - np.float32(i)
+            here = np.float32(right[v, i])
+            here += t * (np.float32(right[v, i + 1]) - here)
+            behind, ahead = np.float32(right[v, i - apart]), np.float32(right[v, i + apart])
+            behind += t * (np.float32(right[v, i + 1 - apart]) - behind)
+            ahead += t * (np.float32(right[v, i + 1 + apart]) - ahead)
+            error[row, col] = np.float32(left[v, u]) - here
+            slope[row, col] = (ahead - behind) / np.float32(2 * apart)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def shared_step(disparity: F32, error: F32, slope: F32, same_px: float, noise: float, out: F32) -> None:
+    """A Gauss-Newton step to the one disparity of each 5x5 samples, as far as they are within ``same_px`` of it.
+
+    With slope g and error e of sample j: sum g_j (g_j (d_j - d) - e_j) / (sum g_j^2 + noise) is added to d (Lucas and
+    Kanade 1981, along the row).
+    """
+    height, width = disparity.shape
+    near = np.float32(same_px)
+    d = np.full((height + 4, width + 4), np.float32(-1e6))  # samples without a disparity are near none
+    g2, ge = np.zeros_like(d), np.zeros_like(d)
+    for row in range(height):
+        for col in range(width):
+            if not np.isnan(disparity[row, col]):
+                d[row + 2, col + 2] = disparity[row, col]
+                g2[row + 2, col + 2] = slope[row, col] * slope[row, col]
+                ge[row + 2, col + 2] = slope[row, col] * error[row, col]
+    above, below = np.empty(width, np.float32), np.empty(width, np.float32)
+    for row in range(height):
+        above[:], below[:] = np.float32(0.0), np.float32(noise)
+        here = d[row + 2, 2 : width + 2]
+        for r in range(row, row + 5):
+            for c in range(5):  # so that the loop over columns, which is the longest, runs on vectors
+                there, g2_there, ge_there = d[r, c : c + width], g2[r, c : c + width], ge[r, c : c + width]
+                for col in range(width):
+                    apart = there[col] - here[col]
+                    same = np.float32(1.0) if abs(apart) < near else np.float32(0.0)
+                    above[col] += same * (g2_there[col] * apart - ge_there[col])
+                    below[col] += same * g2_there[col]
+        for col in range(width):
+            out[row, col] = disparity[row, col] + above[col] / below[col]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -88,111 +126,3 @@ def register_depth(
         for col in range(cols):
             if nearest[row, col] == np.inf:
                 nearest[row, col] = np.nan
-
-
-MAX_NODES = 1024
-"""Boxes that are tried at most; what is left then is not cut further."""
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _count(sums: AnyArray, top: int, left: int, bottom: int, right: int) -> int:
-    """Marked tiles of a box, from the summed-area table."""
-    return int(sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def tight(sums: AnyArray, top: int, left: int, bottom: int, right: int) -> tuple[int, int, int, int]:
-    """The smallest box around the marked tiles of a box; empty when there is none."""
-    while top < bottom and _count(sums, top, left, top + 1, right) == 0:
-        top += 1
-    while bottom > top and _count(sums, bottom - 1, left, bottom, right) == 0:
-        bottom -= 1
-    while left < right and _count(sums, top, left, bottom, left + 1) == 0:
-        left += 1
-    while right > left and _count(sums, top, right - 1, bottom, right) == 0:
-        right -= 1
-    return top, left, bottom, right
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def cost(box: tuple[int, int, int, int], per_pixel: F64, tile: int, rows: float, columns: float, fixed: float) -> float:
-    """Of matching a box: its pixels and a margin times the work per pixel, and what a window costs besides."""
-    top, left, bottom, right = box
-    if top >= bottom or left >= right:
-        return 0.0
-    height, width = (bottom - top) * tile + rows, (right - left) * tile + columns
-    return float(height * width * per_pixel[top, bottom - 1] + fixed)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def best_cut(  # type: ignore[no-untyped-def]
-    sums: AnyArray, box: tuple[int, int, int, int], per_pixel: F64, tile: int, rows: float, columns: float, fixed: float
-):
-    """The two parts of a tight box that cost least together; the box twice when it is a single tile."""
-    best, one, other = np.inf, box, box
-    for axis in range(2):
-        for cut in range(box[axis] + 1, box[axis + 2]):
-            if axis == 0:
-                a = tight(sums, box[0], box[1], cut, box[3])
-                b = tight(sums, cut, box[1], box[2], box[3])
-            else:
-                a = tight(sums, box[0], box[1], box[2], cut)
-                b = tight(sums, box[0], cut, box[2], box[3])
-            both = cost(a, per_pixel, tile, rows, columns, fixed) + cost(b, per_pixel, tile, rows, columns, fixed)
-            if both < best:
-                best, one, other = both, a, b
-    return one, other
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _keep(nodes: I64, k: int, box: tuple[int, int, int, int]) -> None:
-    nodes[k, 0], nodes[k, 1], nodes[k, 2], nodes[k, 3] = box
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def split(  # type: ignore[no-untyped-def]
-    sums: AnyArray, per_pixel: F64, tile: int, rows: float, columns: float, fixed: float, out: AnyArray
-):
-    """Boxes around all marked tiles: one, cut in two again and again where all its parts together cost less.
-
-    ``sums`` (n + 1, m + 1) int32 summed-area table of the tiles; ``per_pixel`` (n, n) float64, work of a pixel of boxes
-    from the first to the last row; ``rows``, ``columns``: margins [px]. Fills ``out`` (K, 4) int64 with top, left,
-    bottom, right in tiles, and returns their number and total cost; -1 when there are more than K.
-    """
-    nodes = np.empty((MAX_NODES, 4), np.int64)
-    part = np.zeros(MAX_NODES, np.int64)
-    work = np.zeros(MAX_NODES)
-    _keep(nodes, 0, tight(sums, 0, 0, sums.shape[0] - 1, sums.shape[1] - 1))
-    n_nodes, k = 1, 0
-    while k < n_nodes:
-        box = (nodes[k, 0], nodes[k, 1], nodes[k, 2], nodes[k, 3])
-        work[k] = cost(box, per_pixel, tile, rows, columns, fixed)
-        area = (box[2] - box[0]) * (box[3] - box[1])
-        if _count(sums, box[0], box[1], box[2], box[3]) < area and n_nodes + 2 <= MAX_NODES:
-            one, other = best_cut(sums, box, per_pixel, tile, rows, columns, fixed)
-            part[k] = n_nodes
-            _keep(nodes, n_nodes, one)
-            _keep(nodes, n_nodes + 1, other)
-            n_nodes += 2
-        k += 1
-    for k in range(n_nodes - 1, -1, -1):
-        if part[k] > 0:
-            parts = work[part[k]] + work[part[k] + 1]
-            if parts < work[k]:
-                work[k] = parts
-            else:
-                part[k] = 0
-    n, left_over = 0, 1
-    waiting = np.zeros(MAX_NODES, np.int64)
-    while left_over > 0 and work[0] > 0.0:
-        left_over -= 1
-        k = waiting[left_over]
-        if part[k] > 0:
-            waiting[left_over], waiting[left_over + 1] = part[k], part[k] + 1
-            left_over += 2
-        elif n == len(out):
-            return -1, work[0]
-        else:
-            _keep(out, n, (nodes[k, 0], nodes[k, 1], nodes[k, 2], nodes[k, 3]))
-            n += 1
-    return n, work[0]

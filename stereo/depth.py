@@ -51,6 +51,11 @@ class RectifiedGeometry:
         """(3, 3) camera matrix K of both images [px]."""
         return np.array([[self.focal_u_px, 0.0, self.cu_px], [0.0, self.focal_v_px, self.cv_px], [0.0, 0.0, 1.0]])
 
+    def reduced_matrix(self, step: int) -> F64:
+        """(3, 3) camera matrix of an image whose pixels are means of step x step pixels [px of that image]."""
+        middle = 0.5 * (step - 1)
+        return np.array([[1.0, 0.0, -middle], [0.0, 1.0, -middle], [0.0, 0.0, step]]) / step @ self.matrix
+
     @property
     def disparity_metre(self) -> float:
         """Disparity of a point one metre away, f b [px m]; depth is this divided by disparity."""

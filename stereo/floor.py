@@ -23,7 +23,7 @@ from calib.params import Params
 from calib.rig import Floor
 from calib.types import F32, F64, AnyArray
 from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, median_image
-from stereo.matcher import RangeParams, SgbmParams, TwoWayMatcher, disparity_range
+from stereo.matcher import RangeParams, SgbmMatcher, SgbmParams, disparity_range
 from stereo.recording import Frame, Recorded, StereoFrame
 from stereo.rectify import RectifiedPair, Rectifier, RectifyParams
 
@@ -77,11 +77,11 @@ class FloorEstimator:
         geometry = rectifier.geometry
         self.disparities = disparity_range(geometry, self._search.range)
         masks = rectifier.mask, rectifier.right_mask
-        self._match = TwoWayMatcher(geometry, self._search.sgbm, self.disparities, *masks)
+        self._match = SgbmMatcher(geometry, self._search.sgbm, self.disparities, *masks)
         self._to_depth = DepthFromDisparity(geometry)
 
     def disparity(self, pair: RectifiedPair) -> F32:
-        """(H, W) float32 disparity [px] of a pair, without the matcher's lag; NaN where unknown."""
+        """(H, W) float32 disparity [px] of a pair; NaN where unknown."""
         return self._match(pair.left_grey, pair.right_grey)
 
     def depth(self, pair: RectifiedPair) -> F32:

@@ -14,22 +14,12 @@ from pydantic import Field
 from calib.params import Params
 from calib.rig import Floor
 from calib.types import F32, U8
-from stereo._kernels import disparity_from_fixed
+from stereo._kernels import coarse_disparity, differences, shared_step
 from stereo.depth import RectifiedGeometry
 from stereo.gating import Window
 
 STEP = 16
 """SGBM counts disparities in multiples of 16, and returns sixteenths of a pixel."""
-
-SUBPIXEL = np.array(
-    [-0.077, 0.180, 0.294, 0.360, 0.402, 0.435, 0.461, 0.483, 0.497, 0.505, 0.518, 0.540, 0.567, 0.600, 0.642, 0.707],
-    dtype=np.float32,
-)
-"""Expected fraction of a pixel where StereoSGBM returns 0/16 ... 15/16. It fits a parabola to the dissimilarity of
-Birchfield and Tomasi (1998), which half a pixel of shift hardly changes, so its fractions crowd at whole pixels: 0.15
-for 0.375, an error up to 0.28 px, the same for every texture. The table is the mean true fraction for each answer
-over random textures (0.5-3 px, contrast 10-40, noise 2 grey levels, slopes to 0.05); it halves the error, from 0.20 to
-0.10 px rms."""
 
 NEAREST_M = 0.5
 """A camera that close to a head shows nothing but the head: no disparities are spent on it."""
@@ -95,18 +85,12 @@ class DisparityRange:
     count: int
 
 
-def right_of(window: Window, disparities: DisparityRange) -> Window:
-    """Where the pixels of a window can be in the right image."""
-    return window._replace(left=max(0, window.left - disparities.first_px - disparities.count))
-
-
 def disparity_range(
     geometry: RectifiedGeometry,
     params: RangeParams | None = None,
     floor: Floor | None = None,
-    window: Window | None = None,
 ) -> DisparityRange:
-    """Disparities that people and the floor can have, in the whole image or a window of it.
+    """Disparities that people and the floor can have.
 
     Without a floor: from infinity to ``nearest_m``. With one: from the lowest visible point to the nearest place where
     a raised hand meets the image, so that an overhead camera does not search what only a cellar could have.
@@ -114,7 +98,7 @@ def disparity_range(
     params = params or RangeParams()
     nearest, farthest = params.nearest_m, math.inf
     if floor is not None:
-        level, steep = _descent(geometry, floor, window or Window(0, 0, *geometry.size))
+        level, steep = _descent(geometry, floor)
         clearance = floor.height_m - params.reach_m
         if clearance > 0 and steep > 0:
             nearest = max(clearance / steep, NEAREST_M)
@@ -126,25 +110,25 @@ def disparity_range(
     return DisparityRange(first, min(count, STEP * (params.max_disparities // STEP)))
 
 
-def _descent(geometry: RectifiedGeometry, floor: Floor, window: Window) -> tuple[float, float]:
-    """Least and most metres that a ray of unit depth descends in a window: between its corners it is linear."""
+def _descent(geometry: RectifiedGeometry, floor: Floor) -> tuple[float, float]:
+    """Least and most metres that a ray of unit depth descends: between the corners of the image it is linear."""
     x, y, z = (float(part) for part in -floor.world_SE3_left.rotation[2])
-    across = [x * (u - geometry.cu_px) / geometry.focal_u_px for u in (window.left, window.right - 1)]
-    down = [y * (v - geometry.cv_px) / geometry.focal_v_px for v in (window.top, window.bottom - 1)]
+    across = [x * (u - geometry.cu_px) / geometry.focal_u_px for u in (0, geometry.width - 1)]
+    down = [y * (v - geometry.cv_px) / geometry.focal_v_px for v in (0, geometry.height - 1)]
     return min(across) + min(down) + z, max(across) + max(down) + z
 
 
 def farthest_head_m(geometry: RectifiedGeometry, floor: Floor) -> float:
     """Depth of the farthest head over the floor in view [m]; infinite for a camera that sees the horizon."""
-    level, _ = _descent(geometry, floor, Window(0, 0, *geometry.size))
+    level, _ = _descent(geometry, floor)
     # The lowest head is that of a child of two years, 0.85 m above the floor.
     return max(floor.height_m - 0.85, NEAREST_M) / level if level > LEVEL_MIN else math.inf
 
 
 SATURATED_LEVEL = 250
 """Blocks entirely at or above this grey level hold no texture to match (our choice)."""
-TEXTURE_MIN = 6
-"""Smallest difference between the darkest and the brightest pixel around a match [grey levels]; below it there is
+TEXTURE_MIN = 4
+"""Smallest difference between the darkest and the brightest sample around a match [grey levels]; below it there is
 nothing but sensor noise: a third of such disparities are off by more than a pixel (our choice)."""
 
 
@@ -165,9 +149,13 @@ class SgbmParams(Params):
     """Connected patches smaller than a square of this side at 4 m are dropped [m]: about half a head (our choice)."""
 
 
-def speckle_px(geometry: RectifiedGeometry, params: SgbmParams) -> float:
-    """Pixels that a patch must have to count."""
-    return geometry.focal_u_px * geometry.focal_v_px * (params.speckle_m / 4.0) ** 2
+ANALYSIS_PX = 400
+"""Width to which images are reduced for the semi-global search, and for foreground and maps: Harville's (2002,
+section 5)."""
+EVEN_SIDE = 9
+"""Side of the samples in which both cameras' brightness is made equal (our choice)."""
+SLOPE_NOISE = 12.0
+"""Squared slopes that 5x5 samples of noise alone add up to [grey levels^2 / px^2]: .7 of a level each (our choice)."""
 
 
 def valid_mask(mask: U8, params: SgbmParams) -> U8:
@@ -177,44 +165,34 @@ def valid_mask(mask: U8, params: SgbmParams) -> U8:
     return np.asarray(cv2.erode(mask, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=255), dtype=np.uint8)
 
 
-def make_sgbm(
-    geometry: RectifiedGeometry, params: SgbmParams, disparities: DisparityRange, step: int = 1
-) -> cv2.StereoSGBM:
-    """OpenCV's matcher itself, with pixel sizes derived from the geometry, for every ``step``-th row.
+BODY_LAG_PX = 0.06
+"""People are measured farther away by so much (``python -m benchmarks matching``: 0.06 to 0.09 on rendered people):
+windows at a body's outline hold some of what is behind it."""
 
-    Blocks are then as high as in the whole image, as far as 3 rows of samples are not higher.
+
+class Levels(NamedTuple):
+    """A rectified pair at the sizes in which it is matched: left and right image, (h, w) and (H, W) uint8.
+
+    Attributes:
+        samples: means of step x step pixels.
+        coarse, fine: means from each pixel on, of ``step`` and of one or two pixels a side.
     """
-    block = max(min(params.block_px, 3), params.block_px // step | 1)
-    area = block * block
-    return cv2.StereoSGBM.create(
-        minDisparity=disparities.first_px,
-        numDisparities=disparities.count,
-        blockSize=block,
-        P1=params.p1 * area,
-        P2=max(params.p2, params.p1 + 1) * area,
-        disp12MaxDiff=params.left_right_px,
-        preFilterCap=31,
-        uniquenessRatio=params.uniqueness_percent,
-        speckleWindowSize=round(speckle_px(geometry, params) / step),
-        speckleRange=1,
-        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
-    )
 
-
-BODY_LAG_PX = 0.07
-"""Semi-global matching sees people farther away by so much (rendered people of 8 to 10 px: 0.02 to 0.17):
-their outlines, which match best, are as far as the body's axis and pull along the surface next to them."""
+    samples: tuple[U8, U8]
+    coarse: tuple[U8, U8]
+    fine: tuple[U8, U8]
 
 
 class SgbmMatcher:
-    """OpenCV's StereoSGBM with invalid pixels as NaN; of the disparity only every ``step``-th row and column is kept.
+    """Semi-global matching of reduced images, refined on the full-size ones; a ``Matcher``.
 
-    The images are padded on the left by the searched range: OpenCV leaves that band without disparity, yet only those
-    of its points that are out of the right camera's view lack a match.
+    OpenCV's StereoSGBM finds which surface each sample shows, at an eighth of the work of a search at twice the width.
+    Two Gauss-Newton steps then find its disparity in the full-size images: they have no bias towards whole pixels.
 
     Attributes:
-        disparities: the range searched.
-        step: n.
+        disparities: the range searched [px].
+        step: a sample is the mean of step x step pixels.
+        shape: (h, w) of the samples.
     """
 
     def __init__(
@@ -224,25 +202,30 @@ class SgbmMatcher:
         disparities: DisparityRange | None = None,
         mask: U8 | None = None,
         right_mask: U8 | None = None,
-        step: int = 1,
+        step: int | None = None,
         lag_px: float = 0.0,
     ) -> None:
         """Prepare.
 
         Args:
-            disparities: range to search, ``disparity_range(geometry)`` when None.
+            disparities: range to search [px], ``disparity_range(geometry)`` when None.
             mask, right_mask: (H, W) uint8, 0 where the left and the right image show nothing.
+            step: so that images are ANALYSIS_PX wide at most when None.
             lag_px: added to all disparities.
         """
         self.params = p = params or SgbmParams()
-        self.geometry, self.step, self._lag_px = geometry, step, np.float32(lag_px)
-        self.disparities = disparities or disparity_range(geometry)
+        self.geometry, self._lag_px = geometry, np.float32(lag_px)
+        self.step = n = step or -(-geometry.width // ANALYSIS_PX)
+        self.shape = -(-geometry.height // n), -(-geometry.width // n)
+        self.disparities = found = disparities or disparity_range(geometry)
+        self._first = found.first_px // n
+        self._count = STEP * math.ceil((found.first_px + found.count - n * self._first) / (n * STEP))
         whole = np.full((geometry.height, geometry.width), 255, np.uint8)
         left, right = (valid_mask(whole if m is None else m, p) for m in (mask, right_mask))
-        self._mask, self._right_mask = left[::step, ::step], right[::step]
+        self._mask, self._right_mask = left[::n, ::n], right[::n, ::n]
         self._made = local()
-        # In which some texture must be found: about as far as SGBM's smoothness carries a match [px].
-        self._texture = np.ones((15 // step | 1, 15), np.uint8)
+        side = 15 // n | 1  # about as far as SGBM's smoothness carries a match: 15 px
+        self._texture = np.ones((side, side), np.uint8)
 
     def __call__(self, left_grey: U8, right_grey: U8) -> F32:
         """Match one rectified pair (see ``Matcher``).
@@ -253,87 +236,103 @@ class SgbmMatcher:
         shape = self.geometry.height, self.geometry.width
         if left_grey.shape != shape or right_grey.shape != shape or left_grey.dtype != np.uint8:
             raise ValueError(f"expected two {shape} uint8 images, got {left_grey.shape} and {right_grey.shape}")
-        # Columns before first_px have no match whatever the padding.
-        whole = Window(0, 0, *self.geometry.size)
-        return self._matched(left_grey, right_grey, whole, self.disparities, self.disparities.count)
+        whole = Window(0, 0, self.shape[1], self.shape[0])
+        return SampledDisparity(self.part(self.levels(left_grey, right_grey), whole), self.step, shape).image
 
-    def part(self, left_grey: U8, right_grey: U8, window: Window, disparities: DisparityRange) -> F32:
-        """Match a window of a rectified pair; several threads may do so at once.
+    def levels(self, left_grey: U8, right_grey: U8) -> Levels:
+        """A rectified pair at the sizes in which it is matched."""
+        pair = left_grey, right_grey
+        coarse = _means(pair, self.step)
+        fine = coarse if self.step <= 2 else _means(pair, 2 - self.step % 2)
+        return Levels((self.reduced(left_grey), self.reduced(right_grey)), coarse, fine)
 
-        Args:
-            left_grey: (h, w) uint8, every ``step``-th row of the window, whose corner is a sample.
-            right_grey: (h, w') uint8, the same rows of the window and of what ``right_of`` adds to it.
-            disparities: range to search.
+    def reduced(self, image: U8) -> U8:
+        """(h, w) uint8 means of step x step pixels of an (H, W) image."""
+        n, (rows, cols) = self.step, self.shape
+        if n == 1:
+            return image
+        below, right = n * rows - image.shape[0], n * cols - image.shape[1]
+        if below or right:
+            image = np.asarray(cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE), dtype=np.uint8)
+        return np.asarray(cv2.resize(image, (cols, rows), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+    def part(self, levels: Levels, window: Window) -> F32:
+        """Match a window of the samples; several threads may do so at once.
+
         Returns:
-            (h, w / step), rounded up, float32 disparity [px]; NaN where there is none; less sure near the edges
-            of the window, which end the paths.
+            (h, w) float32 disparity [px]; NaN where there is none; less sure near the edges of the window, which end
+            the paths of the search.
         """
-        return self._matched(left_grey, right_grey, window, disparities, disparities.first_px + disparities.count)
+        n = self.step
+        start = self._coarse(levels, window)
+        refined = self._refined(levels.coarse, window, start, n, max(1, n // 2))
+        refined = self._refined(levels.fine, window, refined, 2 - n % 2 if n > 2 else n, 1)
+        # What moves over half a sample has left the surface that the search found; no slope is known at the edge.
+        inside = n * np.arange(window.left, window.right) - refined >= 1.0
+        refined[~(inside & (np.abs(refined - start) <= 0.5 * n))] = np.nan
+        return refined + self._lag_px
 
-    def _matched(self, left: U8, right: U8, window: Window, searched: DisparityRange, pad: int) -> F32:
-        """The disparities of a window, both images padded on the left so that OpenCV has ``pad`` columns to leave."""
+    def _coarse(self, levels: Levels, window: Window) -> F32:
+        """(h, w) float32 disparity [px] of the reduced images."""
+        left, right = levels.samples
+        seen = left[window.slices]
+        pad = self._first + self._count  # OpenCV leaves so many columns on the left without disparity
+        begin = max(0, window.left - pad)
+        other = right[window.top : window.bottom, begin : window.right]
         padded = (
-            cv2.copyMakeBorder(image, 0, 0, left.shape[1] + pad - image.shape[1], 0, cv2.BORDER_REPLICATE)
-            for image in (left, right)
+            cv2.copyMakeBorder(image, 0, 0, seen.shape[1] + pad - image.shape[1], 0, cv2.BORDER_REPLICATE)
+            for image in (seen, other)
         )
-        made: dict[DisparityRange, cv2.StereoSGBM] = self._made.__dict__.setdefault("sgbm", {})
-        if searched not in made:  # it keeps buffers, so that each thread has its own
-            made[searched] = make_sgbm(self.geometry, self.params, searched, self.step)
-        columns = slice(None, None, self.step)
-        fixed = made[searched].compute(*padded)[:, pad :: self.step]
-        disparity = np.empty(fixed.shape, dtype=np.float32)
-        rows = slice(window.top // self.step, window.top // self.step + len(fixed))
-        seen = slice(window.left // self.step, window.left // self.step + fixed.shape[1])
-        disparity_from_fixed(
-            fixed,
-            self._mask[rows, seen],
-            self._right_mask[rows],
-            np.asarray(cv2.erode(left, self._texture)[:, columns], dtype=np.uint8),
-            np.asarray(cv2.dilate(left, self._texture)[:, columns], dtype=np.uint8),
-            window.left,
-            self.step,
-            STEP * searched.first_px,
-            SUBPIXEL,
-            SATURATED_LEVEL,
-            TEXTURE_MIN,
-            disparity,
+        if not hasattr(self._made, "sgbm"):  # it keeps buffers, so that each thread has its own
+            self._made.sgbm = self._make_sgbm()
+        fixed = self._made.sgbm.compute(*padded)[:, pad:]
+        darkest, brightest = cv2.erode(seen, self._texture), cv2.dilate(seen, self._texture)
+        usable = (cv2.subtract(brightest, darkest) >= TEXTURE_MIN) & (darkest < SATURATED_LEVEL)
+        usable &= self._mask[window.slices] > 0
+        disparity = np.empty(fixed.shape, np.float32)
+        coarse_disparity(
+            fixed, usable.view(np.uint8), self._right_mask[window.top : window.bottom], window.left, self.step,
+            STEP * self._first, disparity,
+        )  # fmt: skip
+        return disparity
+
+    def _make_sgbm(self) -> cv2.StereoSGBM:
+        """OpenCV's matcher for samples, whose blocks are as wide as those of pixels as far as they have three."""
+        p, n = self.params, self.step
+        block = max(min(p.block_px, 3), p.block_px // n | 1)
+        speckle_px = self.geometry.focal_u_px * self.geometry.focal_v_px * (p.speckle_m / 4.0) ** 2
+        return cv2.StereoSGBM.create(
+            minDisparity=self._first,
+            numDisparities=self._count,
+            blockSize=block,
+            P1=p.p1 * block**2,
+            P2=max(p.p2, p.p1 + 1) * block**2,
+            disp12MaxDiff=p.left_right_px,
+            preFilterCap=31,
+            uniquenessRatio=p.uniqueness_percent,
+            speckleWindowSize=round(speckle_px / n**2),
+            speckleRange=1,
+            mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
         )
-        return disparity + self._lag_px
+
+    def _refined(self, means: tuple[U8, U8], window: Window, disparity: F32, side: int, apart: int) -> F32:
+        """One Gauss-Newton step on means of ``side`` x ``side`` pixels."""
+        first = (self.step - side) // 2
+        error, slope = np.empty_like(disparity), np.empty_like(disparity)
+        corner = self.step * window.top + first, self.step * window.left + first
+        differences(*means, disparity, corner, self.step, apart, error, slope)
+        # The two cameras' gains differ, by place too.
+        known = np.isfinite(disparity).astype(np.float32)
+        box = EVEN_SIDE, EVEN_SIDE
+        error -= cv2.blur(error, box) / np.maximum(cv2.blur(known, box), np.float32(1e-3))
+        found = np.empty_like(disparity)
+        shared_step(disparity, error, slope, 0.5 * self.step, SLOPE_NOISE, found)
+        return found
 
 
-class TwoWayMatcher:
-    """Mean of matching from the top down and from the bottom up; a ``Matcher``.
-
-    The fast pass carries disparities along downwards only, so that it lags on floors that come nearer towards the
-    bottom of the image: by 0.2 px at a tilt of 60 degrees, 4 cm of a camera's height. Upside down it lags the other
-    way. The masks are turned with the images.
-    """
-
-    def __init__(
-        self,
-        geometry: RectifiedGeometry,
-        params: SgbmParams | None = None,
-        disparities: DisparityRange | None = None,
-        mask: U8 | None = None,
-        right_mask: U8 | None = None,
-    ) -> None:
-        """Prepare both passes (same arguments as ``SgbmMatcher``)."""
-        self._down = SgbmMatcher(geometry, params, disparities, mask, right_mask)
-        up, right_up = (None if m is None else np.ascontiguousarray(m[::-1]) for m in (mask, right_mask))
-        self._up = SgbmMatcher(geometry, params, disparities, up, right_up)
-
-    def __call__(self, left_grey: U8, right_grey: U8) -> F32:
-        """Match one rectified pair.
-
-        Args:
-            left_grey, right_grey: (H, W) uint8.
-        Returns:
-            (H, W) float32 disparity [px], NaN where either pass has none or they differ by more than 2 px.
-        Raises:
-            ValueError: images that are not (H, W) uint8 of the geometry's size.
-        """
-        down = self._down(left_grey, right_grey)
-        up = self._up(np.ascontiguousarray(left_grey[::-1]), np.ascontiguousarray(right_grey[::-1]))[::-1]
-        with np.errstate(invalid="ignore"):
-            agree = np.abs(down - up) < 2.0  # where both match the same surface (our choice)
-        return np.where(agree, 0.5 * (down + up), np.float32(np.nan)).astype(np.float32)
+def _means(pair: tuple[U8, U8], side: int) -> tuple[U8, U8]:
+    """Of ``side`` x ``side`` pixels from each pixel on."""
+    if side == 1:
+        return pair
+    left, right = (np.asarray(cv2.blur(image, (side, side), anchor=(0, 0)), dtype=np.uint8) for image in pair)
+    return left, right

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -17,7 +18,6 @@ from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F32, F64, U8, AnyArray, Bool
 from stereo.depth import RectifiedGeometry
-from stereo.gating import Window
 from stereo.matcher import disparity_range
 from stereo.recording import StereoFrame
 from stereo.rig_correction import RigCorrection, measure_correction
@@ -145,7 +145,6 @@ class Warp:
         # OpenCV's fixed-point maps: whole pixels (H, W, 2) int16 and fractions (H, W) uint16.
         fixed, fraction = cv2.convertMaps(reduced[..., 0], reduced[..., 1], cv2.CV_16SC2)
         self._maps: tuple[AnyArray, AnyArray] = np.asarray(fixed), np.asarray(fraction)
-        self._sampled: dict[int, tuple[AnyArray, AnyArray]] = {}
 
     def __call__(self, image: U8) -> U8:
         """(H, W) or (H, W, 3) uint8 of an image of the camera, by bilinear interpolation."""
@@ -160,19 +159,6 @@ class Warp:
         if self._reduced == image.shape[1::-1]:
             return image
         return np.asarray(cv2.resize(image, self._reduced, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-    def part(self, source: U8, window: Window, step: int = 1) -> U8:
-        """(h, w) or (h, w, 3) uint8 of every ``step``-th row of a window of the pinhole's image, from what ``source``
-        gave."""
-        whole, fraction = (table[window.slices][::step] for table in self._maps)
-        return np.asarray(cv2.remap(source, whole, fraction, cv2.INTER_LINEAR), dtype=np.uint8)
-
-    def samples(self, source: U8, step: int) -> U8:
-        """Every ``step``-th row and column of the pinhole's image, from what ``source`` gave."""
-        if step not in self._sampled:
-            whole, fraction = (np.ascontiguousarray(table[::step, ::step]) for table in self._maps)
-            self._sampled[step] = whole, fraction
-        return np.asarray(cv2.remap(source, *self._sampled[step], cv2.INTER_LINEAR), dtype=np.uint8)
 
     def nearest(self, depth: F32) -> F32:
         """(H, W) float32 of a depth image of the camera: nearest pixels, as a mean over an edge is nowhere; else NaN.
@@ -217,37 +203,19 @@ class RectifiedPair:
 
 
 @dataclass(frozen=True, eq=False)
-class PartialPair:
-    """A pair that is rectified only where it is asked for.
+class ReducedPair:
+    """One rectified pair, grey, with its left image as recorded at the analysis size.
 
     Attributes:
-        recorded: (h', w'[, 3]) uint8, the left image.
-        reduced: (h, w[, 3]) uint8, the rectified left image at the analysis size.
-        sources: uint8 grey, both recorded images at the size that their warps need.
-        warps: rectify them.
+        image: (h, w[, 3]) uint8, the left image: means of the pixels between its own.
+        left_grey, right_grey: (H, W) uint8 for matching.
+        left: makes the (H, W[, 3]) uint8 left image as recorded.
     """
 
-    recorded: U8
-    reduced: U8
-    sources: tuple[U8, U8]
-    warps: tuple[Warp, Warp]
-
-    def left(self) -> U8:
-        """(H, W[, 3]) uint8, the rectified left image."""
-        return self.warps[0](self.recorded)
-
-    def left_grey(self, window: Window, step: int = 1) -> U8:
-        """(h, w) uint8 of every ``step``-th row of a window."""
-        return self.warps[0].part(self.sources[0], window, step)
-
-    def right_grey(self, window: Window, step: int = 1) -> U8:
-        """(h, w) uint8 of every ``step``-th row of a window."""
-        return self.warps[1].part(self.sources[1], window, step)
-
-    def samples(self, step: int) -> tuple[U8, U8]:
-        """Every ``step``-th row and column of both images, (h, w) uint8 grey."""
-        left, right = (warp.samples(source, step) for warp, source in zip(self.warps, self.sources, strict=True))
-        return left, right
+    image: U8
+    left_grey: U8
+    right_grey: U8
+    left: Callable[[], U8]
 
 
 class Rectifier:
@@ -286,14 +254,13 @@ class Rectifier:
         rectified = self._left(left)
         return RectifiedPair(rectified, as_grey(rectified), self._right(as_grey(right)))
 
-    def partly(self, left: U8, right: U8, step: int) -> PartialPair:
-        """Rectify a pair later in part, but the left image at every ``step``-th row and column now: means of what lies
-        between (arguments and errors as of a call)."""
+    def reduced(self, left: U8, right: U8, step: int) -> ReducedPair:
+        """Rectify a pair, its left image as recorded at an n-th of the size (arguments and errors as of a call)."""
         self._check(left, right)
         ours = self._left.source(left)
-        reduced = self._reduced(step)
-        sources = as_grey(ours), self._right.source(as_grey(right))
-        return PartialPair(left, reduced.of(reduced.source(ours)), sources, (self._left, self._right))
+        warp = self._reduced(step)
+        greys = self._left.of(as_grey(ours)), self._right(as_grey(right))
+        return ReducedPair(warp.of(warp.source(ours)), *greys, partial(self._left, left))
 
     def _reduced(self, step: int) -> Warp:
         """Of the left image at an n-th of its size."""

@@ -54,12 +54,6 @@ def thumbnails(left: U8, right: U8) -> Thumbnails:
     return Thumbnails(*(np.ascontiguousarray(image) for image in inside))
 
 
-def sampled_thumbnails(left: U8, right: U8) -> Thumbnails:
-    """Of every STEP_PX-th row and column of a rectified pair, grey."""
-    own = left.shape[1] // OWN_VIEW
-    return Thumbnails(np.ascontiguousarray(left[:, own:]), np.ascontiguousarray(right[:, : right.shape[1] - own]))
-
-
 class Lag(NamedTuple):
     """Where the movement of two cameras over time is most alike.
 

@@ -32,9 +32,8 @@ from planview.maps.view import StereoView
 from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
 from stereo.depth import DepthFromDisparity, StereoFloorCamera, back_project
-from stereo.matcher import SampledDisparity
+from stereo.matcher import Levels, SampledDisparity
 from stereo.recording import Skipped, prefetch
-from stereo.rectify import PartialPair
 
 STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
 """Stages timed, in order."""
@@ -62,13 +61,13 @@ class Prepared:
     Attributes:
         image: (h, w[, 3]) uint8, rectified, at the analysis size; the left image of a pair.
         picture: makes it at the size that boxes of people are in, which is seldom needed.
-        matched: disparity of all pixels; or a pair, which is matched in part.
+        matched: disparity of all pixels; or a pair that is matched in part.
         thumbnails: of both rectified images; None without a pair.
     """
 
     image: U8
     picture: Callable[[], U8]
-    matched: SampledDisparity | PartialPair
+    matched: SampledDisparity | Levels
     thumbnails: Thumbnails | None
 
 

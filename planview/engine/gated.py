@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -14,18 +13,8 @@ from calib.rig import Floor
 from calib.types import F32, U8
 from planview.foreground.mixture import Foreground
 from planview.trajectories.state import TrackState
-from stereo.gating import SAMPLE, Gate, MatchingParams, Window
-from stereo.matcher import (
-    DisparityRange,
-    RangeParams,
-    SampledDisparity,
-    SgbmMatcher,
-    disparity_range,
-    farthest_head_m,
-    right_of,
-)
-from stereo.recording import StereoFrame
-from stereo.rectify import PartialPair, Rectifier
+from stereo.gating import MARGIN, SAMPLE, Gate, MatchingParams, Window
+from stereo.matcher import Levels, SampledDisparity, SgbmMatcher, farthest_head_m
 
 SAME_LEVELS = 12
 """Largest difference of a channel between two images of the same surface in the same light [levels of 255]: three
@@ -41,8 +30,8 @@ class MatchingMemory:
         foreground: (h, w) uint8 mask of the last frame.
         background: (h, w[, 3]) uint8, every SAMPLE-th row and column of the analysed image as it looked when it was
             last measured as background.
-        boxes: left, top, width, height of the people who were not found in the last frame [px]; those who were are part
-            of the foreground.
+        boxes: left, top, width, height of the people who were not found in the last frame [samples]; those who were
+            are part of the foreground.
     """
 
     def __init__(self, gate: Gate, shape: tuple[int, int]) -> None:
@@ -65,41 +54,24 @@ class GatedMatching:
         memory: what it carries from frame to frame.
     """
 
-    def __init__(
-        self,
-        rectifier: Rectifier,
-        matcher: SgbmMatcher,
-        floor: Floor,
-        range_params: RangeParams,
-        matching: MatchingParams,
-        shape: tuple[int, int],
-    ) -> None:
-        """Prepare.
-
-        Args:
-            matcher: of the samples that make up the analysed image.
-            shape: (height, width) of the analysed image.
-        """
-        self._rectifier, self._matcher = rectifier, matcher
-        self._floor, self._range = floor, range_params
-        self._shape = shape
-        size, searched = rectifier.geometry.size, lambda window: self._searched(window).count
-        gate = Gate(size, matcher.step, matching, searched)
-        self._range_of = lru_cache(maxsize=1024)(self._searched)
-        self.memory = MatchingMemory(gate, shape)
+    def __init__(self, matcher: SgbmMatcher, floor: Floor, params: MatchingParams) -> None:
+        """Prepare, for samples that make up the analysed image."""
+        self._matcher, self._gated = matcher, params.gated
+        self.memory = MatchingMemory(Gate(matcher.shape, params), matcher.shape)
         # Breadth of a head [m] (anthropometric tables, adults). A change that does not fill half of a square so wide,
         # at the place in view where heads look smallest, is noise or a fleck of light.
-        head_px = rectifier.geometry.focal_u_px * 0.15 / farthest_head_m(rectifier.geometry, floor)
+        geometry = matcher.geometry
+        head_px = geometry.focal_u_px * 0.15 / farthest_head_m(geometry, floor)
         self._grain = max(3, 2 * int((head_px / (matcher.step * SAMPLE) + 1) / 2) - 1)
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="matching")
+        self._pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="matching")
 
-    def rectify(self, frame: StereoFrame) -> PartialPair:
+    def levels(self, left_grey: U8, right_grey: U8) -> Levels:
         """The part of the work that depends on no other frame."""
-        return self._rectifier.partly(frame.left, frame.right, self._matcher.step)
+        return self._matcher.levels(left_grey, right_grey)
 
     def __call__(
-        self, pair: PartialPair, image: U8, foreground: Foreground, timestamp_s: float
-    ) -> tuple[SampledDisparity, F32, U8]:
+        self, levels: Levels, image: U8, foreground: Foreground, timestamp_s: float
+    ) -> tuple[SampledDisparity, F32, U8 | None]:
         """Match the next frame.
 
         Args:
@@ -111,29 +83,21 @@ class GatedMatching:
         """
         memory = self.memory
         windows = memory.gate.whole
-        if foreground.settled:
+        if self._gated and foreground.settled:
             windows = memory.gate.windows(self._changed(image, foreground), memory.boxes, timestamp_s)
-        now = np.full(self._shape, np.nan, np.float32)
-        mask = np.zeros(self._shape, np.uint8)
-        self._match_all(pair, windows, now)
-        for window in windows:
-            mask[self._samples(window)] = 255
+        now = np.full(image.shape[:2], np.nan, np.float32)
+        mask = np.zeros(image.shape[:2], np.uint8)
+        run = self._pool.map if len(windows) > 1 and cv2.getNumThreads() > 1 else map
+        for window, found in zip(windows, run(lambda one: self._match(levels, one), windows), strict=True):
+            now[window.slices], mask[window.slices] = found, 255
         memory.disparity = np.where(mask > 0, now, memory.disparity)
-        return SampledDisparity(memory.disparity, self._matcher.step, memory.gate.size[::-1]), now, mask
+        geometry = self._matcher.geometry
+        return SampledDisparity(memory.disparity, self._matcher.step, (geometry.height, geometry.width)), now, mask
 
-    def _match_all(self, pair: PartialPair, windows: Sequence[Window], out: F32) -> None:
-        """Match all windows, the most work first: this thread and a helper take one after the other."""
-        order = sorted(windows, key=lambda w: (w.top - w.bottom) * (w.right - w.left))
-        waiting = iter(order)
-
-        def work() -> None:
-            for window in waiting:
-                out[self._samples(window)] = self._match(pair, window)
-
-        helper = self._worker.submit(work) if len(order) > 1 else None
-        work()
-        if helper is not None and not helper.cancel():
-            helper.result()
+    def _match(self, levels: Levels, window: Window) -> F32:
+        """Samples of a window, from a larger one whose margin is thrown away."""
+        outer = window.grown(MARGIN, self._matcher.shape[::-1])
+        return self._matcher.part(levels, outer)[window.within(outer.left, outer.top).slices]
 
     def _changed(self, image: U8, foreground: Foreground) -> U8:
         """Samples that differ from the background, unless they were measured as background when they looked as now.
@@ -154,32 +118,14 @@ class GatedMatching:
             image, foreground, measured: of this frame, at the analysis size.
             tracks: people, with their boxes in the rectified image.
         """
-        seen = _samples_of(image)
+        seen, n = _samples_of(image), self._matcher.step
         if self.memory.background is None:
             self.memory.background = seen.copy()
         known = cv2.bitwise_and(_samples_of(measured), cv2.bitwise_not(_samples_of(foreground)))
         cv2.copyTo(seen, known, self.memory.background)
         self.memory.foreground = foreground
-        self.memory.boxes = tuple(
-            track.box_px for track in tracks if track.state == "lost" and not math.isnan(track.box_px[0])
-        )
-
-    def _match(self, pair: PartialPair, window: Window) -> F32:
-        """Samples of a window, from a larger one whose margin is thrown away."""
-        gate, step = self.memory.gate, self._matcher.step
-        outer = window.grown(gate.margin_px, gate.size)
-        searched = self._range_of(outer)
-        right = pair.right_grey(right_of(outer, searched), step)
-        found = self._matcher.part(pair.left_grey(outer, step), right, outer, searched)
-        inner = window.within(outer.left, outer.top)
-        return found[samples(inner, step)]
-
-    def _samples(self, window: Window) -> tuple[slice, slice]:
-        return samples(window, self._matcher.step)
-
-    def _searched(self, window: Window) -> DisparityRange:
-        """Disparities in a window: a person at 6 m does not need those of 2 m."""
-        return disparity_range(self._rectifier.geometry, self._range, self._floor, window)
+        lost = (track.box_px for track in tracks if track.state == "lost" and not math.isnan(track.box_px[0]))
+        self.memory.boxes = tuple((a / n, b / n, c / n, d / n) for a, b, c, d in lost)
 
 
 def alike(image: U8, other: U8) -> U8:
@@ -191,12 +137,6 @@ def solid(mask: U8, side: int) -> U8:
     """255 where more than half of the square of ``side`` around a sample of a mask (0, 255) is set."""
     share = cv2.boxFilter(mask, -1, (side, side), borderType=cv2.BORDER_REPLICATE)
     return np.asarray(cv2.inRange(share, 128, 255), dtype=np.uint8)
-
-
-def samples(window: Window, step: int) -> tuple[slice, slice]:
-    """Of every ``step``-th row and column, those in a window."""
-    rows, columns = (slice(-(-s.start // step), -(-s.stop // step)) for s in window.slices)
-    return rows, columns
 
 
 def _samples_of(image: U8) -> U8:

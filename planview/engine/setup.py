@@ -23,7 +23,7 @@ from stereo.depth import DepthFromDisparity, back_project, median_image
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
 from stereo.matcher import BODY_LAG_PX, DisparityRange, Matcher, SgbmMatcher, disparity_range
 from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
-from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
+from stereo.rectify import RectifiedPair, Rectifier, ReducedPair, aligned_rectifier
 from stereo.rgbd import RectifiedRgbd, RgbdRectifier
 from stereo.rig_correction import RigCorrection, match_corners
 
@@ -68,19 +68,22 @@ class Setup:
             matcher = self._sgbm(self.rectifier, config)
         return WholeMatching(self.rectifier, matcher, self.disparities)
 
-    def gated(self, config: Config, shape: tuple[int, int], reduction: int) -> GatedMatching | None:
-        """Matching where something may have changed; None for images with depth, and where it is off.
+    def gated(self, config: Config, step: int) -> GatedMatching | None:
+        """Matching where something may have changed, of a pair; None for images with depth.
 
         Args:
-            shape, reduction: those of the foreground.
+            step: of the foreground's pixels [px].
         """
-        rectifier = self.rectifier
-        if not isinstance(rectifier, Rectifier) or not config.matching.gated:
+        if not isinstance(self.rectifier, Rectifier):
             return None
-        matcher = self._sgbm(rectifier, config, reduction)
-        return GatedMatching(rectifier, matcher, self.floor, config.range, config.matching, shape)
+        return GatedMatching(self._sgbm(self.rectifier, config, step), self.floor, config.matching)
 
-    def _sgbm(self, rectifier: Rectifier, config: Config, step: int = 1) -> SgbmMatcher:
+    def reduced(self, frame: StereoFrame, step: int) -> ReducedPair:
+        """A pair, rectified (ValueError: images of another size than the calibration's)."""
+        assert isinstance(self.rectifier, Rectifier)
+        return self.rectifier.reduced(frame.left, frame.right, step)
+
+    def _sgbm(self, rectifier: Rectifier, config: Config, step: int | None = None) -> SgbmMatcher:
         masks = rectifier.mask, rectifier.right_mask
         return SgbmMatcher(rectifier.geometry, config.sgbm, self.disparities, *masks, step, BODY_LAG_PX)
 

@@ -14,7 +14,7 @@ from calib.errors import InputError
 from calib.types import F32
 from calib.world import RIGS_FILE
 from planview.checks.check import Check
-from planview.checks.timing import STEP_PX, sampled_thumbnails, thumbnails
+from planview.checks.timing import thumbnails
 from planview.engine.config import Config
 from planview.engine.engine import Disparity, Engine, FrameResult, Prepared, RigFrame, StageClock
 from planview.engine.feedback import BodyBoxes, Feedback
@@ -46,7 +46,7 @@ class RigStages:
         name: among several rigs.
         setup: rectification, floor and disparity range.
         whole: rectifies, and finds the disparity of all pixels.
-        gated: matches in part; None where every pixel is matched, or nothing.
+        gated: matches pairs in part; None for images with depth, and with a matcher of the user's.
         foreground, cloud, feedback: the stages after it.
         boxes: of people in its image.
         view: the rig above its floor.
@@ -69,7 +69,7 @@ class RigStages:
         self.foreground = Foreground(
             config.foreground, shape, geometry.disparity_std_per_px2, step, geometry.disparity_metre
         )  # fmt: skip
-        self.gated = setup.gated(config, shape, step) if matcher is None else None
+        self.gated = setup.gated(config, step) if matcher is None else None
         self.feedback = Feedback(config.feedback)
         self.view = StereoView(
             geometry, setup.floor, setup.floor_source, setup.calibration, setup.vertical_residual_px,
@@ -80,8 +80,9 @@ class RigStages:
     def prepare(self, frame: StereoFrame | RgbdFrame, clock: StageClock) -> Prepared:
         """Rectify a frame, and match it where that depends on no other frame."""
         if self.gated is not None and isinstance(frame, StereoFrame):
-            pair = self.gated.rectify(frame)
-            prepared = Prepared(pair.reduced, pair.left, pair, sampled_thumbnails(*pair.samples(STEP_PX)))
+            pair = self.setup.reduced(frame, self._step)
+            levels = self.gated.levels(pair.left_grey, pair.right_grey)
+            prepared = Prepared(pair.image, pair.left, levels, thumbnails(pair.left_grey, pair.right_grey))
             clock.record("rectify")
             return prepared
         rectified = self.whole(frame)

@@ -131,7 +131,7 @@ class MapBuilder:
         geometry: the rectified pair.
         world_SE3_left: pose of the rectified left camera.
         params: see MapParams.
-        reduction: the disparities and masks to come hold every ``reduction``-th row and column of the rectified
+        reduction: pixels of the disparities and masks to come are ``reduction`` x ``reduction`` of the rectified
             image; disparities keep its pixels as their unit.
     Raises:
         ValueError: the floor within reach is larger than a grid may be (a larger cell_m helps).
@@ -154,8 +154,7 @@ class MapBuilder:
         self._points = np.empty((n, 3), dtype=np.float32)
         self._area = np.empty(n, dtype=np.float32)
         self._pixels = np.empty(n, dtype=np.int32)
-        g = geometry
-        self._intrinsics = np.array([g.focal_u_px, g.focal_v_px, g.cu_px, g.cv_px]) / reduction
+        self._intrinsics = geometry.reduced_matrix(reduction)[[0, 1, 0, 1], [0, 1, 2, 2]]
         self._pose = np.ascontiguousarray(world_SE3_left.matrix[:3])
         self._disparity_min = geometry.disparity_at(_reach_m(geometry, self.params))
 

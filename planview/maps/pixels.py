@@ -70,11 +70,10 @@ class PixelRays:
 
     @staticmethod
     def of(geometry: RectifiedGeometry, world_SE3_left: SE3, shape: tuple[int, int], reduction: int) -> PixelRays:
-        """The rays of every ``reduction``-th pixel of a rectified image."""
-        rows, cols = np.mgrid[: shape[0], : shape[1]] * float(reduction)
+        """The rays of the middles of ``reduction`` x ``reduction`` pixels of a rectified image."""
+        rows, cols = np.mgrid[: shape[0], : shape[1]] * float(reduction) + 0.5 * (reduction - 1)
         rays = geometry.rays(np.stack([cols, rows], axis=-1)) @ world_SE3_left.rotation.T
         stretch = np.linalg.norm(rays, axis=-1)
-        scale = np.diag([1.0 / reduction, 1.0 / reduction, 1.0])
         pair = geometry.depth_std_min_m == 0.0
         matched = stretch * geometry.disparity_metre / np.maximum(cols, 0.5) if pair else np.zeros(shape)
         return PixelRays(
@@ -82,7 +81,7 @@ class PixelRays:
             np.ascontiguousarray(rays / stretch[..., None], dtype=np.float32),
             np.asarray(stretch, dtype=np.float32),
             np.asarray(matched, dtype=np.float32),
-            scale @ geometry.matrix @ world_SE3_left.inverse().matrix[:3],
+            geometry.reduced_matrix(reduction) @ world_SE3_left.inverse().matrix[:3],
             reduction**2 / (geometry.focal_u_px * geometry.focal_v_px),
             geometry.depth_std_per_m2,
             geometry.disparity_metre,

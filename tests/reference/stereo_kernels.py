@@ -5,17 +5,37 @@ import numpy as np
 from calib.types import F32, F64, U8, AnyArray
 
 
-def disparity_from_fixed(
-    fixed: AnyArray, mask: U8, right_mask: U8, darkest: U8, brightest: U8, left: int, step: int, lowest: int,
-    subpixel: F32, saturated_level: int, texture_min: int, out: F32,
-) -> None:  # fmt: skip
+def coarse_disparity(fixed: AnyArray, usable: U8, right_mask: U8, left: int, step: int, lowest: int) -> F32:
     value = fixed.astype(np.int32)
-    whole = value >> 4
-    column = left + step * np.arange(fixed.shape[1])[None, :] - whole
+    column = left + np.arange(fixed.shape[1])[None, :] - (value >> 4)
     matched = np.take_along_axis(right_mask, np.clip(column, 0, right_mask.shape[1] - 1), axis=1)
-    good = (mask > 0) & (value >= lowest) & (column >= 0) & (matched > 0)
-    good &= (darkest < saturated_level) & (brightest.astype(np.int32) - darkest >= texture_min)
-    out[:] = np.where(good, whole.astype(np.float32) + subpixel[value & 15], np.float32(np.nan))
+    good = (usable > 0) & (value >= lowest) & (column >= 0) & (matched > 0)
+    return np.where(good, value * step / 16, np.nan).astype(np.float32)
+
+
+def differences(left: U8, right: U8, disparity: F32, corner: tuple[int, int], step: int, apart: int) -> tuple[F32, F32]:
+    rows, cols = np.mgrid[: disparity.shape[0], : disparity.shape[1]] * step
+    v = np.minimum(corner[0] + rows, left.shape[0] - 1)
+    u = np.minimum(corner[1] + cols, left.shape[1] - 1)
+    x = u - disparity
+    inside = (x >= apart) & (x < left.shape[1] - 1 - apart)
+
+    def at(shift: int) -> F32:
+        columns = np.arange(right.shape[1])
+        return np.array([np.interp(xs + shift, columns, right[r]) for xs, r in zip(x, v[:, 0], strict=True)])
+
+    error = np.where(inside, left[v, u] - at(0), 0.0)
+    return error, np.where(inside, (at(apart) - at(-apart)) / (2 * apart), 0.0)
+
+
+def shared_step(disparity: F32, error: F32, slope: F32, same_px: float, noise: float) -> F32:
+    out = np.full_like(disparity, np.nan)
+    for row, col in np.argwhere(np.isfinite(disparity)):
+        window = slice(max(0, row - 2), row + 3), slice(max(0, col - 2), col + 3)
+        apart = disparity[window] - disparity[row, col]
+        g, e = np.where(np.abs(apart) < same_px, (slope[window], error[window]), 0.0)
+        out[row, col] = disparity[row, col] + np.sum(g * (g * np.nan_to_num(apart) - e)) / (np.sum(g * g) + noise)
+    return out
 
 
 def register_depth(

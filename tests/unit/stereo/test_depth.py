@@ -3,13 +3,11 @@
 import cv2
 import numpy as np
 import pytest
-from reference import windows as reference
 
 from calib.floor.plane import Plane
-from stereo._kernels import split
 from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, median_image
 from stereo.floor import align_plane
-from stereo.gating import TILE, Gate, MatchingParams, Window
+from stereo.gating import Gate, MatchingParams, Window
 
 GEOMETRY = RectifiedGeometry(4, 3, 400.0, 400.0, 1.5, 1.0, 0.1, disparity_std_px=0.25)
 
@@ -102,7 +100,7 @@ NOTHING = np.zeros(SAMPLES, np.uint8)
 
 
 def gate(refresh_s: float = 600.0) -> Gate:
-    return Gate(SIZE, 1, MatchingParams(refresh_s=refresh_s), lambda window: 64)
+    return Gate(SIZE[::-1], MatchingParams(refresh_s=refresh_s))
 
 
 def changed_at(*places: tuple[int, int]) -> np.ndarray:
@@ -110,18 +108,6 @@ def changed_at(*places: tuple[int, int]) -> np.ndarray:
     for x, y in places:
         changed[y // 2, x // 2] = 255
     return changed
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_windows_agree_with_the_plain_twin(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    tiles = (cv2.GaussianBlur(rng.random((30, 40)), (0, 0), 1.5) > 0.56).astype(np.uint8)
-    work = np.full((30, 30), 80.0) + np.arange(30)
-    settings = work, TILE, 36.0, 16.0, 20_000.0
-    out = np.empty((200, 4), np.int64)
-    n, _ = split(cv2.integral(tiles), *settings, out)
-    found = {tuple(int(edge) for edge in box) for box in out[:n]}
-    assert found == {tuple(int(edge) for edge in box) for box in reference.split(tiles, *settings)}
 
 
 @pytest.mark.parametrize(
@@ -155,13 +141,3 @@ def test_the_refresh_does_not_hurry_after_a_gap_in_time() -> None:
     chosen.windows(NOTHING, [], 0.0)
     chosen.windows(NOTHING, [], 3600.0)
     assert chosen.windows(NOTHING, [], 3600.0) == []
-
-
-def test_whole_image_is_cut_into_bands_where_far_rows_need_fewer_disparities_and_else_one_window():
-    def searched(window: Window) -> int:
-        return 16 if window.bottom <= 240 else 80
-
-    whole = Gate((640, 480), 2, MatchingParams(), searched).whole
-    assert len(whole) > 1 and [(w.left, w.right) for w in whole] == [(0, 640)] * len(whole)
-    assert [w.top for w in whole] == [0, *(w.bottom for w in whole[:-1])] and whole[-1].bottom == 480
-    assert gate().whole == [Window(0, 0, *SIZE)]

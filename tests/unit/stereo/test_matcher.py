@@ -1,4 +1,4 @@
-"""Matching from both ends: the lag of one pass is taken out, and masks turn with the images."""
+"""Matching of reduced images, refined at full size: sub-pixel disparity, invalid pixels, windows, ranges."""
 
 import numpy as np
 import pytest
@@ -13,17 +13,14 @@ from stereo import _kernels
 from stereo.depth import RectifiedGeometry
 from stereo.gating import Window
 from stereo.matcher import (
-    SUBPIXEL,
     DisparityRange,
     RangeParams,
     SampledDisparity,
     SgbmMatcher,
-    TwoWayMatcher,
     disparity_range,
     farthest_head_m,
-    right_of,
 )
-from stereo.rectify import RectifiedPair, Rectifier
+from stereo.rectify import Rectifier
 
 GEOMETRY = RectifiedGeometry(320, 240, 230.0, 230.0, 159.5, 119.5, 0.12)
 OVERHEAD = RectifiedGeometry(640, 400, 406.0, 406.0, 320.0, 200.0, 0.0738)
@@ -93,30 +90,21 @@ def test_pixels_that_are_masked_or_whose_match_is_have_no_disparity(side: str, s
     assert np.isnan(found[:, seen:]).all() and np.isfinite(found[20:-20, 60 : seen - 7]).mean() > 0.9
 
 
-@pytest.mark.parametrize("step", [1, 2, 3])
+@pytest.mark.parametrize("step", [1, 2, 3, 4])
 def test_a_window_has_the_disparity_of_its_samples(step: int) -> None:
-    searched, window, (left, right) = DisparityRange(5, 32), Window(120, 60, 219, 159), shifted(12.0)
-    matcher = SgbmMatcher(GEOMETRY, step=step)
-    right = right[right_of(window, searched).slices]
-    found = matcher.part(left[window.slices][::step], right[::step], window, searched)
-    assert found.shape == (99 // step + 99 % step, 99 // step + 99 % step)
-    inside = found[8 // step : -8 // step, 8 // step : -8 // step] - 12.0
-    assert abs(np.median(inside)) < 0.08 and (np.abs(inside) < 0.4).mean() > 0.95
+    matcher = SgbmMatcher(GEOMETRY, disparities=DisparityRange(5, 32), step=step)
+    window = Window(120 // step, 60 // step, 219 // step, 159 // step)
+    found = matcher.part(matcher.levels(*shifted(12.3)), window)
+    assert found.shape == (159 // step - 60 // step, 219 // step - 120 // step)
+    inside = found[4:-4, 4:-4] - 12.3
+    assert abs(np.nanmedian(inside)) < 0.08 and (np.abs(inside) < 0.4).mean() > 0.9
 
 
-def test_samples_of_a_window_are_those_of_every_pixel() -> None:
-    mask = np.full(SIZE[::-1], 255, np.uint8)
-    mask[:, 150:170] = 0
-    searched, window, (left, right) = DisparityRange(0, 32), Window(0, 60, 220, 160), shifted(12.0)
-    every, second = (
-        SgbmMatcher(GEOMETRY, mask=mask, right_mask=mask, step=step).part(
-            left[window.slices][::step], right[right_of(window, searched).slices][::step], window, searched
-        )
-        for step in (1, 2)
-    )
-    assert second.shape == every[::2, ::2].shape
-    assert np.isnan(second[:, 75:85]).all() and np.isfinite(second[:, 20:70]).mean() > 0.95
-    assert np.nanmedian(np.abs(second - every[::2, ::2])) < 0.1
+def test_samples_of_an_image_whose_size_is_no_multiple_are_one_more() -> None:
+    odd = RectifiedGeometry(319, 239, 230.0, 230.0, 159.5, 119.5, 0.12)
+    left, right = (np.ascontiguousarray(image[:239, :319]) for image in shifted(12.0))
+    found = SgbmMatcher(odd, disparities=DisparityRange(0, 32), step=2)(left, right)
+    assert found.shape == (239, 319) and np.nanmedian(found) == pytest.approx(12.0, abs=0.08)
 
 
 def test_an_image_of_samples_repeats_them() -> None:
@@ -144,55 +132,30 @@ def test_range_above_a_known_floor_reaches_heads_and_from_a_level_camera_infinit
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 40), st.integers(0, 30), st.integers(1, 3))
-def test_disparity_kernel_equals_its_numpy_twin(seed: int, lowest: int, left: int, step: int) -> None:
+def test_coarse_disparity_equals_its_numpy_twin(seed: int, lowest: int, left: int, step: int) -> None:
     rng = np.random.default_rng(seed)
-    shape = (9, 37)
-    fixed = rng.integers(-16, 700, shape).astype(np.int16)
-    shapes = shape, (9, 37 * step + left)
-    masks = [np.where(rng.uniform(size=size) < 0.8, 255, 0).astype(np.uint8) for size in shapes]
-    darkest = rng.integers(0, 256, shape).astype(np.uint8)
-    brightest = np.maximum(darkest, rng.integers(0, 256, shape)).astype(np.uint8)
-    ours, theirs = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    for kernel, out in ((_kernels.disparity_from_fixed, ours), (reference.disparity_from_fixed, theirs)):
-        kernel(fixed, *masks, darkest, brightest, left, step, lowest, SUBPIXEL, 250, 6, out)
-    np.testing.assert_array_equal(ours, theirs)
+    fixed = rng.integers(-16, 500, (9, 37)).astype(np.int16)
+    usable, right_mask = (np.where(rng.uniform(size=(9, n)) < 0.8, 255, 0).astype(np.uint8) for n in (37, 37 + left))
+    ours = np.empty((9, 37), np.float32)
+    _kernels.coarse_disparity(fixed, usable, right_mask, left, step, lowest, ours)
+    np.testing.assert_array_equal(ours, reference.coarse_disparity(fixed, usable, right_mask, left, step, lowest))
 
 
-def test_far_rows_need_fewer_disparities_and_the_farthest_head_is_a_childs_in_the_corner():
-    tilt = np.radians(60.0)
-    floor = Floor(world_from_plane(np.array([0.0, -np.sin(tilt), -np.cos(tilt)]), 2.7))
-    rows = Window(0, 0, GEOMETRY.width, 60)
-    far, everywhere = (disparity_range(GEOMETRY, None, floor, window) for window in (rows, None))
-    assert far.count < everywhere.count and far.first_px == everywhere.first_px
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.integers(1, 2))
+def test_differences_and_shared_step_equal_their_numpy_twins(seed: int, step: int, apart: int) -> None:
+    rng = np.random.default_rng(seed)
+    left, right = rng.integers(0, 256, (2, 40, 60)).astype(np.uint8)
+    disparity = rng.uniform(3.0, 7.0, (9, 12)).astype(np.float32)
+    disparity[rng.uniform(size=disparity.shape) < 0.2] = np.nan
+    error, slope, found = (np.empty_like(disparity) for _ in range(3))
+    _kernels.differences(left, right, disparity, (2, 5), step, apart, error, slope)
+    expected = reference.differences(left, right, disparity, (2, 5), step, apart)
+    np.testing.assert_allclose((error, slope), expected, atol=2e-3)
+    _kernels.shared_step(disparity, error, slope, 1.0, 12.0, found)
+    np.testing.assert_allclose(found, reference.shared_step(disparity, error, slope, 1.0, 12.0), atol=1e-3)
+
+
+def test_the_farthest_head_is_a_childs_in_the_corner() -> None:
     floor = Floor(world_from_plane(np.array([0.0, 0.0, -1.0]), 2.85))
     assert farthest_head_m(OVERHEAD, floor) == pytest.approx(2.0)
-
-
-RECTIFIER = Rectifier(toy_rig())
-
-
-def pair() -> RectifiedPair:
-    return RECTIFIER(*ToyWorld().pair(RECTIFIER.rig, (), 0))
-
-
-def test_two_way_matching_is_the_mean_of_both_passes() -> None:
-    images = pair()
-    one_way = SgbmMatcher(RECTIFIER.geometry)
-    down = one_way(images.left_grey, images.right_grey)
-    turned = (np.ascontiguousarray(i[::-1]) for i in (images.left_grey, images.right_grey))
-    up = one_way(*turned)[::-1]
-    found = TwoWayMatcher(RECTIFIER.geometry)(images.left_grey, images.right_grey)
-    valid = np.isfinite(found)
-    assert valid.mean() > 0.5
-    np.testing.assert_allclose(found[valid], (0.5 * (down + up))[valid])
-    assert (np.abs(down - up)[valid] < 2.0).all()
-
-
-def test_two_way_matching_loses_only_what_a_mask_covers() -> None:
-    images = pair()
-    mask = RECTIFIER.mask.copy()
-    mask[:60] = 0
-    unmasked = TwoWayMatcher(RECTIFIER.geometry)(images.left_grey, images.right_grey)
-    found = TwoWayMatcher(RECTIFIER.geometry, mask=mask)(images.left_grey, images.right_grey)
-    assert np.isnan(found[:60]).all()
-    np.testing.assert_array_equal(found[80:], unmasked[80:])

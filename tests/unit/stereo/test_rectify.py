@@ -12,7 +12,6 @@ from calib.camera import Camera
 from calib.images import as_grey
 from calib.pose import SE3
 from calib.rig import StereoRig
-from stereo.gating import Window
 from stereo.readers.multi_rig import MultiRigRecording, RigRecording
 from stereo.recording import Skipped, StereoFrame, StereoRecording
 from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier, fold_radius, ideal_pinhole, source_pixels
@@ -140,25 +139,22 @@ def test_rectifier_takes_colour_on_the_left_and_refuses_other_sizes():
         Rectifier(toy_rig())(np.zeros((240, 321), np.uint8), np.zeros((240, 321), np.uint8))
 
 
-def test_parts_of_a_pair_are_those_of_the_whole_pair() -> None:
+def test_a_reduced_pair_has_the_greys_of_the_whole_pair() -> None:
     rig = toy_rig(rotation_deg=TURN, distortion=BROWN)
     rectifier = Rectifier(rig)
     left, right = ToyWorld().pair(rig)
-    window = Window(30, 40, 200, 110)
-    whole, part = rectifier(left, right), rectifier.partly(left, right, 2)
-    np.testing.assert_array_equal(part.left(), whole.left)
-    np.testing.assert_array_equal(part.left_grey(window), whole.left_grey[window.slices])
-    np.testing.assert_array_equal(part.right_grey(window), whole.right_grey[window.slices])
-    for small, large in zip(part.samples(2), (whole.left_grey, whole.right_grey), strict=True):
-        np.testing.assert_array_equal(small, large[::2, ::2])
+    whole, reduced = rectifier(left, right), rectifier.reduced(left, right, 2)
+    np.testing.assert_array_equal(reduced.left(), whole.left)
+    np.testing.assert_array_equal(reduced.left_grey, whole.left_grey)
+    np.testing.assert_array_equal(reduced.right_grey, whole.right_grey)
 
 
-def test_the_reduced_image_of_a_part_holds_means_of_the_whole() -> None:
+def test_the_image_of_a_reduced_pair_holds_means_of_the_whole() -> None:
     rig = toy_rig(rotation_deg=TURN, distortion=BROWN)
     rectifier = Rectifier(rig)
     pair = ToyWorld().pair(rig)
     means = rectifier(*pair).left.reshape(120, 2, 160, 2).mean(axis=(1, 3))
-    reduced = rectifier.partly(*pair, 2).reduced
+    reduced = rectifier.reduced(*pair, 2).image
     assert reduced.shape == means.shape
     inside = rectifier.mask[::2, ::2] > 0
     assert abs((reduced - means)[inside].mean()) < 0.5
