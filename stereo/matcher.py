@@ -165,9 +165,9 @@ def valid_mask(mask: U8, params: SgbmParams) -> U8:
     return np.asarray(cv2.erode(mask, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=255), dtype=np.uint8)
 
 
-BODY_LAG_PX = 0.06
-"""People are measured farther away by so much (``python -m benchmarks matching``: 0.06 to 0.09 on rendered people):
-windows at a body's outline hold some of what is behind it."""
+BODY_LAG = 0.006
+"""People are measured farther away by this share of the distance (``python -m benchmarks matching``: 0.06 px at 10 px,
+0.12 px at 20 px): windows at a body's outline hold some of what is behind it."""
 
 
 class Levels(NamedTuple):
@@ -203,7 +203,7 @@ class SgbmMatcher:
         mask: U8 | None = None,
         right_mask: U8 | None = None,
         step: int | None = None,
-        lag_px: float = 0.0,
+        lag: float = 0.0,
     ) -> None:
         """Prepare.
 
@@ -211,10 +211,10 @@ class SgbmMatcher:
             disparities: range to search [px], ``disparity_range(geometry)`` when None.
             mask, right_mask: (H, W) uint8, 0 where the left and the right image show nothing.
             step: so that images are ANALYSIS_PX wide at most when None.
-            lag_px: added to all disparities.
+            lag: share of the distance by which all is measured too far away.
         """
         self.params = p = params or SgbmParams()
-        self.geometry, self._lag_px = geometry, np.float32(lag_px)
+        self.geometry, self._scale = geometry, np.float32(1.0 + lag)
         self.step = n = step or -(-geometry.width // ANALYSIS_PX)
         self.shape = -(-geometry.height // n), -(-geometry.width // n)
         self.disparities = found = disparities or disparity_range(geometry)
@@ -270,7 +270,7 @@ class SgbmMatcher:
         # What moves over half a sample has left the surface that the search found; no slope is known at the edge.
         inside = n * np.arange(window.left, window.right) - refined >= 1.0
         refined[~(inside & (np.abs(refined - start) <= 0.5 * n))] = np.nan
-        return refined + self._lag_px
+        return refined * self._scale
 
     def _coarse(self, levels: Levels, window: Window) -> F32:
         """(h, w) float32 disparity [px] of the reduced images."""

@@ -21,7 +21,7 @@ from planview.engine.config import Config
 from planview.engine.gated import GatedMatching
 from stereo.depth import DepthFromDisparity, back_project, median_image
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
-from stereo.matcher import BODY_LAG_PX, DisparityRange, Matcher, SgbmMatcher, disparity_range
+from stereo.matcher import BODY_LAG, DisparityRange, Matcher, SgbmMatcher, disparity_range
 from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import RectifiedPair, Rectifier, ReducedPair, aligned_rectifier
 from stereo.rgbd import RectifiedRgbd, RgbdRectifier
@@ -85,7 +85,7 @@ class Setup:
 
     def _sgbm(self, rectifier: Rectifier, config: Config, step: int | None = None) -> SgbmMatcher:
         masks = rectifier.mask, rectifier.right_mask
-        return SgbmMatcher(rectifier.geometry, config.sgbm, self.disparities, *masks, step, BODY_LAG_PX)
+        return SgbmMatcher(rectifier.geometry, config.sgbm, self.disparities, *masks, step, BODY_LAG)
 
 
 class WholeMatching:

@@ -33,8 +33,7 @@ CLIP_LEVEL = 250.0
 """Luma of the image (0-255) at which the sensor saturates: a brighter surface looks the same. Our choice: a little
 below 255, for compression noise."""
 DISPARITY_NOISE_PX = 0.25
-"""Smallest standard deviation of disparity [px]. Semi-global matching has sub-pixel errors of 0.1 to 0.3 px on
-texture and steps towards whole pixels (pixel locking); in disparity this is the same all over the image."""
+"""Smallest standard deviation of disparity [px]; in disparity a matcher's errors are the same all over the image."""
 ACTIVITY_S = 1.0
 """Time constant of the mean change of luma [s]. Our choice: about one fidget."""
 ACTIVITY_LEVEL = 5.0
