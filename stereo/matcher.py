@@ -149,9 +149,8 @@ class SgbmParams(Params):
     """Connected patches smaller than a square of this side at 4 m are dropped [m]: about half a head (our choice)."""
 
 
-ANALYSIS_PX = 400
-"""Width to which images are reduced for the semi-global search, and for foreground and maps: Harville's (2002,
-section 5)."""
+ANALYSIS_PX = 320
+"""Width near which images are reduced for the semi-global search: Harville's (2002, section 5)."""
 EVEN_SIDE = 9
 """Side of the samples in which both cameras' brightness is made equal (our choice)."""
 SLOPE_NOISE = 12.0
@@ -210,12 +209,12 @@ class SgbmMatcher:
         Args:
             disparities: range to search [px], ``disparity_range(geometry)`` when None.
             mask, right_mask: (H, W) uint8, 0 where the left and the right image show nothing.
-            step: so that images are ANALYSIS_PX wide at most when None.
+            step: so that images are about ANALYSIS_PX wide when None.
             lag: share of the distance by which all is measured too far away.
         """
         self.params = p = params or SgbmParams()
         self.geometry, self._scale = geometry, np.float32(1.0 + lag)
-        self.step = n = step or -(-geometry.width // ANALYSIS_PX)
+        self.step = n = step or max(1, round(geometry.width / ANALYSIS_PX))
         self.shape = -(-geometry.height // n), -(-geometry.width // n)
         self.disparities = found = disparities or disparity_range(geometry)
         self._first = found.first_px // n
@@ -267,9 +266,9 @@ class SgbmMatcher:
         start = self._coarse(levels, window)
         refined = self._refined(levels.coarse, window, start, n, max(1, n // 2))
         refined = self._refined(levels.fine, window, refined, 2 - n % 2 if n > 2 else n, 1)
-        # What moves over half a sample has left the surface that the search found; no slope is known at the edge.
+        # What moves over half a sample, or a pixel, has left the surface that was found; no slope is known at the edge.
         inside = n * np.arange(window.left, window.right) - refined >= 1.0
-        refined[~(inside & (np.abs(refined - start) <= 0.5 * n))] = np.nan
+        refined[~(inside & (np.abs(refined - start) <= max(0.5 * n, 1.0)))] = np.nan
         return refined * self._scale
 
     def _coarse(self, levels: Levels, window: Window) -> F32:
