@@ -286,10 +286,10 @@ def wild_tracks(seed: int) -> Trajectories:
 
 
 def every_frame(tracks: Trajectories, rules: Rules, params: AnalyticsParams) -> tuple[list[Event], Stays, People]:
-    counter, events = Analytics(rules, params), []
+    counter, events, states = Analytics(rules, params), [], row_states(tracks, slice(None))
     for frame in np.unique(tracks.frame).tolist():
         rows = np.flatnonzero(tracks.frame == frame).tolist()
-        events += counter.update(frame, frame / 10, [row_states(tracks, slice(None))[row] for row in rows])
+        events += counter.update(frame, frame / 10, [states[row] for row in rows])
     stays = {name: sorted(map(str, map(vars, stays))) for name, stays in counter.stays.items()}
     return sorted(events, key=str), stays, counter.people
 
