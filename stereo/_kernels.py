@@ -29,17 +29,17 @@ def coarse_disparity(fixed: AnyArray, usable: U8, right_mask: U8, left: int, ste
 def differences(
     left: U8, right: U8, disparity: F32, corner: tuple[int, int], step: int, apart: int, error: F32, slope: F32
 ) -> None:
-    """How much brighter the left image is than the right one at the disparity of each sample, and the right's slope.
+    """How much brighter each left sample is than the right image at its disparity, and the right image's slope.
 
-    Sample (r, c) is pixel ``corner`` + ``step`` (r, c) of both images; the slope [1/px] is taken over ``apart`` pixels
-    either way. Both are 0 without a disparity and where it leads out of the image.
+    Sample (r, c) of ``left`` (h, w) is pixel ``corner`` + ``step`` (r, c) of ``right`` (H, W) without a disparity; the
+    slope [1/px] is taken over ``apart`` pixels either way. Both are 0 without a disparity and where it leads out of the
+    image.
     """
-    height, width = left.shape
+    height, width = right.shape
     for row in range(disparity.shape[0]):
         v = min(corner[0] + step * row, height - 1)
         for col in range(disparity.shape[1]):
-            u = min(corner[1] + step * col, width - 1)
-            x = np.float32(u) - disparity[row, col]
+            x = np.float32(corner[1] + step * col) - disparity[row, col]
             if not (x >= apart and x < width - 1 - apart):
                 error[row, col] = slope[row, col] = np.float32(0.0)
                 continue
@@ -50,7 +50,7 @@ def differences(
             behind, ahead = np.float32(right[v, i - apart]), np.float32(right[v, i + apart])
             behind += t * (np.float32(right[v, i + 1 - apart]) - behind)
             ahead += t * (np.float32(right[v, i + 1 + apart]) - ahead)
-            error[row, col] = np.float32(left[v, u]) - here
+            error[row, col] = np.float32(left[row, col]) - here
             slope[row, col] = (ahead - behind) / np.float32(2 * apart)
 
 

@@ -170,11 +170,12 @@ BODY_LAG = 0.006
 
 
 class Levels(NamedTuple):
-    """A rectified pair at the sizes in which it is matched: left and right image, (h, w) and (H, W) uint8.
+    """A rectified pair at the sizes in which it is matched.
 
     Attributes:
-        samples: means of step x step pixels.
-        coarse, fine: means from each pixel on, of ``step`` and of one or two pixels a side.
+        samples: (h, w) uint8 left and right means of step x step pixels.
+        coarse, fine: (h, w) uint8 left samples and (H, W) uint8 right means from each pixel on, of ``step`` and of one
+            or two pixels a side.
     """
 
     samples: tuple[U8, U8]
@@ -240,20 +241,25 @@ class SgbmMatcher:
 
     def levels(self, left_grey: U8, right_grey: U8) -> Levels:
         """A rectified pair at the sizes in which it is matched."""
-        pair = left_grey, right_grey
-        coarse = _means(pair, self.step)
-        fine = coarse if self.step <= 2 else _means(pair, 2 - self.step % 2)
-        return Levels((self.reduced(left_grey), self.reduced(right_grey)), coarse, fine)
+        n, samples = self.step, (self.reduced(left_grey), self.reduced(right_grey))
+        coarse = samples[0], _means(right_grey, n)
+        if n <= 2:
+            return Levels(samples, coarse, coarse)
+        side = 2 - n % 2
+        first = slice((n - side) // 2, None, n)
+        return Levels(samples, coarse, (_means(self._padded(left_grey), side)[first, first], _means(right_grey, side)))
 
     def reduced(self, image: U8) -> U8:
         """(h, w) uint8 means of step x step pixels of an (H, W) image."""
-        n, (rows, cols) = self.step, self.shape
-        if n == 1:
+        if self.step == 1:
             return image
-        below, right = n * rows - image.shape[0], n * cols - image.shape[1]
-        if below or right:
-            image = np.asarray(cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE), dtype=np.uint8)
-        return np.asarray(cv2.resize(image, (cols, rows), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        size = self.shape[::-1]
+        return np.asarray(cv2.resize(self._padded(image), size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+    def _padded(self, image: U8) -> U8:
+        """With whole samples at the right and lower edge."""
+        below, right = (self.step * n - m for n, m in zip(self.shape, image.shape, strict=True))
+        return np.asarray(cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE), dtype=np.uint8)
 
     def part(self, levels: Levels, window: Window) -> F32:
         """Match a window of the samples; several threads may do so at once.
@@ -319,7 +325,7 @@ class SgbmMatcher:
         first = (self.step - side) // 2
         error, slope = np.empty_like(disparity), np.empty_like(disparity)
         corner = self.step * window.top + first, self.step * window.left + first
-        differences(*means, disparity, corner, self.step, apart, error, slope)
+        differences(means[0][window.slices], means[1], disparity, corner, self.step, apart, error, slope)
         # The two cameras' gains differ, by place too.
         known = np.isfinite(disparity).astype(np.float32)
         box = EVEN_SIDE, EVEN_SIDE
@@ -329,9 +335,6 @@ class SgbmMatcher:
         return found
 
 
-def _means(pair: tuple[U8, U8], side: int) -> tuple[U8, U8]:
+def _means(image: U8, side: int) -> U8:
     """Of ``side`` x ``side`` pixels from each pixel on."""
-    if side == 1:
-        return pair
-    left, right = (np.asarray(cv2.blur(image, (side, side), anchor=(0, 0)), dtype=np.uint8) for image in pair)
-    return left, right
+    return image if side == 1 else np.asarray(cv2.blur(image, (side, side), anchor=(0, 0)), dtype=np.uint8)

@@ -119,14 +119,14 @@ def scene_checks(evidence: Evidence) -> list[Check]:
 
 
 def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
-    """Share, flatness and distance of the floor.
+    """Share, flatness and distance of the floor, and a warning where it may be a wall.
 
     Args:
         floor: None when ``refused`` gives the reason.
     """
     share = floor.inlier_fraction if floor else math.nan
     why = "share of valid depth that lies on it" if floor else refused
-    return [
+    checks = [
         # Share of valid depth on the floor (our choice: a hand's breadth of floor between furniture still shows it).
         at_least("floor share", share, 0.10, "", why, needed=floor is None),
         # Deviation of floor points from the plane [m]: with more, a foot looks like a shadow (our choice).
@@ -139,6 +139,9 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
             "of the (left) camera above it",
         ),
     ]
+    if floor and floor.doubt:
+        checks.append(Check("floor or wall", False, math.degrees(floor.tilt_rad), "deg", note=floor.doubt, warns=True))
+    return checks
 
 
 def depth_checks(geometry: RectifiedGeometry) -> list[Check]:

@@ -71,7 +71,7 @@ class GatedMatching:
 
     def __call__(
         self, levels: Levels, image: U8, foreground: Foreground, timestamp_s: float
-    ) -> tuple[SampledDisparity, F32, U8 | None]:
+    ) -> tuple[SampledDisparity, F32, U8]:
         """Match the next frame.
 
         Args:

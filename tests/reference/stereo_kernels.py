@@ -15,16 +15,15 @@ def coarse_disparity(fixed: AnyArray, usable: U8, right_mask: U8, left: int, ste
 
 def differences(left: U8, right: U8, disparity: F32, corner: tuple[int, int], step: int, apart: int) -> tuple[F32, F32]:
     rows, cols = np.mgrid[: disparity.shape[0], : disparity.shape[1]] * step
-    v = np.minimum(corner[0] + rows, left.shape[0] - 1)
-    u = np.minimum(corner[1] + cols, left.shape[1] - 1)
-    x = u - disparity
-    inside = (x >= apart) & (x < left.shape[1] - 1 - apart)
+    v = np.minimum(corner[0] + rows, right.shape[0] - 1)
+    x = corner[1] + cols - disparity
+    inside = (x >= apart) & (x < right.shape[1] - 1 - apart)
 
     def at(shift: int) -> F32:
         columns = np.arange(right.shape[1])
         return np.array([np.interp(xs + shift, columns, right[r]) for xs, r in zip(x, v[:, 0], strict=True)])
 
-    error = np.where(inside, left[v, u] - at(0), 0.0)
+    error = np.where(inside, left - at(0), 0.0)
     return error, np.where(inside, (at(apart) - at(-apart)) / (2 * apart), 0.0)
 
 

@@ -100,11 +100,15 @@ def test_a_window_has_the_disparity_of_its_samples(step: int) -> None:
     assert abs(np.nanmedian(inside)) < 0.08 and (np.abs(inside) < 0.4).mean() > 0.9
 
 
-def test_samples_of_an_image_whose_size_is_no_multiple_are_one_more() -> None:
-    odd = RectifiedGeometry(319, 239, 230.0, 230.0, 159.5, 119.5, 0.12)
-    left, right = (np.ascontiguousarray(image[:239, :319]) for image in shifted(12.0))
-    found = SgbmMatcher(odd, disparities=DisparityRange(0, 32), step=2)(left, right)
-    assert found.shape == (239, 319) and np.nanmedian(found) == pytest.approx(12.0, abs=0.08)
+@pytest.mark.parametrize("step", [2, 3, 4])
+def test_samples_of_an_image_whose_size_is_no_multiple_are_one_more(step: int) -> None:
+    odd = RectifiedGeometry(317, 233, 230.0, 230.0, 159.5, 119.5, 0.12)
+    left, right = (np.ascontiguousarray(image[:233, :317]) for image in shifted(12.0))
+    matcher = SgbmMatcher(odd, disparities=DisparityRange(0, 32), step=step)
+    levels = matcher.levels(left, right)
+    assert matcher.shape == levels.coarse[0].shape == levels.fine[0].shape == (-(-233 // step), -(-317 // step))
+    found = matcher(left, right)
+    assert found.shape == (233, 317) and np.nanmedian(found) == pytest.approx(12.0, abs=0.08)
 
 
 def test_an_image_of_samples_repeats_them() -> None:
@@ -145,7 +149,7 @@ def test_coarse_disparity_equals_its_numpy_twin(seed: int, lowest: int, left: in
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.integers(1, 2))
 def test_differences_and_shared_step_equal_their_numpy_twins(seed: int, step: int, apart: int) -> None:
     rng = np.random.default_rng(seed)
-    left, right = rng.integers(0, 256, (2, 40, 60)).astype(np.uint8)
+    left, right = (rng.integers(0, 256, size).astype(np.uint8) for size in ((9, 12), (40, 60)))
     disparity = rng.uniform(3.0, 7.0, (9, 12)).astype(np.float32)
     disparity[rng.uniform(size=disparity.shape) < 0.2] = np.nan
     error, slope, found = (np.empty_like(disparity) for _ in range(3))

@@ -17,13 +17,13 @@ from calib.errors import InputError, WorkError
 from calib.formats import load_rig
 from calib.ground_camera import GroundCamera, save_ground_camera
 from calib.pose import SE3
-from calib.rig import StereoRig
+from calib.rig import Floor, StereoRig
 from calib.types import F64, U8
 from planview.checks.camera import THUMBNAIL, Steadiness, Steady
 from planview.checks.check import Check, at_least, at_most, between
 from planview.checks.examine import Diagnosis, examine, refuse_unless_ok
 from planview.checks.pair import light_checks
-from planview.checks.scene import height_check
+from planview.checks.scene import floor_checks, height_check
 from planview.checks.timing import (
     LONGEST_LAG,
     WINDOW,
@@ -243,6 +243,13 @@ def test_frames_long_after_any_movement_are_not_kept() -> None:
     for _ in range(3 * LONGEST_LAG):
         watch.update(still)
     assert len(watch._bands) == LONGEST_LAG
+
+
+def test_a_floor_that_may_be_a_wall_is_a_warning() -> None:
+    floor = Floor(SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 5.0])), 0.8, 0.02)
+    assert not any(check.warns for check in floor_checks(floor))
+    (warning,) = (check for check in floor_checks(replace(floor, doubt="it may be a wall")) if not check.ok)
+    assert warning.warns and warning.note == "it may be a wall"
 
 
 def test_thumbnails_leave_out_what_one_camera_alone_shows() -> None:
