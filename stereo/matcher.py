@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from threading import local
 from typing import NamedTuple, Protocol
 
 import cv2
@@ -223,7 +222,7 @@ class SgbmMatcher:
         whole = np.full((geometry.height, geometry.width), 255, np.uint8)
         left, right = (valid_mask(whole if m is None else m, p) for m in (mask, right_mask))
         self._mask, self._right_mask = left[::n, ::n], right[::n, ::n]
-        self._made = local()
+        self._sgbm = self._make_sgbm()
         side = 15 // n | 1  # about as far as SGBM's smoothness carries a match: 15 px
         self._texture = np.ones((side, side), np.uint8)
 
@@ -262,7 +261,7 @@ class SgbmMatcher:
         return np.asarray(cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE), dtype=np.uint8)
 
     def part(self, levels: Levels, window: Window) -> F32:
-        """Match a window of the samples; several threads may do so at once.
+        """Match a window of the samples; not in several threads at once.
 
         Returns:
             (h, w) float32 disparity [px]; NaN where there is none; less sure near the edges of the window, which end
@@ -288,9 +287,7 @@ class SgbmMatcher:
             cv2.copyMakeBorder(image, 0, 0, seen.shape[1] + pad - image.shape[1], 0, cv2.BORDER_REPLICATE)
             for image in (seen, other)
         )
-        if not hasattr(self._made, "sgbm"):  # it keeps buffers, so that each thread has its own
-            self._made.sgbm = self._make_sgbm()
-        fixed = self._made.sgbm.compute(*padded)[:, pad:]
+        fixed = self._sgbm.compute(*padded)[:, pad:]
         darkest, brightest = cv2.erode(seen, self._texture), cv2.dilate(seen, self._texture)
         usable = (cv2.subtract(brightest, darkest) >= TEXTURE_MIN) & (darkest < SATURATED_LEVEL)
         usable &= self._mask[window.slices] > 0

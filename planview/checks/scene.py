@@ -124,20 +124,14 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
     Args:
         floor: None when ``refused`` gives the reason.
     """
-    share = floor.inlier_fraction if floor else math.nan
+    share, height_m = (floor.inlier_fraction, floor.height_m) if floor else (math.nan, math.nan)
     why = "share of valid depth that lies on it" if floor else refused
     checks = [
         # Share of valid depth on the floor (our choice: a hand's breadth of floor between furniture still shows it).
         at_least("floor share", share, 0.10, "", why, needed=floor is None),
         # Deviation of floor points from the plane [m]: with more, a foot looks like a shadow (our choice).
         at_most("floor flatness", floor.residual_m if floor else math.nan, 0.12, "m", "rms from the plane"),
-        between(
-            "camera height",
-            floor.height_m if floor else math.nan,
-            CAMERA_HEIGHTS_M,
-            "m",
-            "of the (left) camera above it",
-        ),
+        between("camera height", height_m, CAMERA_HEIGHTS_M, "m", "of the (left) camera above it"),
     ]
     if floor and floor.doubt:
         checks.append(Check("floor or wall", False, math.degrees(floor.tilt_rad), "deg", note=floor.doubt, warns=True))

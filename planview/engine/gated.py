@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
@@ -63,7 +62,6 @@ class GatedMatching:
         geometry = matcher.geometry
         head_px = geometry.focal_u_px * 0.15 / farthest_head_m(geometry, floor)
         self._grain = max(3, 2 * int((head_px / (matcher.step * SAMPLE) + 1) / 2) - 1)
-        self._pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="matching")
 
     def levels(self, left_grey: U8, right_grey: U8) -> Levels:
         """The part of the work that depends on no other frame."""
@@ -87,9 +85,8 @@ class GatedMatching:
             windows = memory.gate.windows(self._changed(image, foreground), memory.boxes, timestamp_s)
         now = np.full(image.shape[:2], np.nan, np.float32)
         mask = np.zeros(image.shape[:2], np.uint8)
-        run = self._pool.map if len(windows) > 1 and cv2.getNumThreads() > 1 else map
-        for window, found in zip(windows, run(lambda one: self._match(levels, one), windows), strict=True):
-            now[window.slices], mask[window.slices] = found, 255
+        for window in windows:
+            now[window.slices], mask[window.slices] = self._match(levels, window), 255
         memory.disparity = np.where(mask > 0, now, memory.disparity)
         geometry = self._matcher.geometry
         return SampledDisparity(memory.disparity, self._matcher.step, (geometry.height, geometry.width)), now, mask
