@@ -15,10 +15,9 @@ BENCHMARKS = {
     "speed": "Time the engine side by side with plain OpenCV.",
     "accuracy": "Render every committed scene, track it and score it.",
     "matching": "Compare disparity with rendered truth, and OpenCV's.",
-    "counting": "Score counts and occupancy on rendered and real recordings.",
+    "counting": "Score counts and occupancy on rendered recordings.",
     "pets": "Score the single-camera trackers on PETS S2-L1 view 1.",
     "calibration": "Score board, floor and human calibration against known truth.",
-    "foreground": "Share of wrong foreground pixels, and OpenCV's, by condition.",
 }
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.options import ChallengeOptions, json_text, show
-from benchmarks.passes import PEER, Pass, provenance, run_pass, watched
+from benchmarks.passes import Pass, provenance, run_pass, watched
 from benchmarks.suite import Way, chosen_files, judged_truth, refined_tracks, suite_recording
 from calib.errors import InputError
 from calib.io import write_whole
@@ -79,9 +79,8 @@ LADDER = (
     Variant("feedback off", ("feedback.enabled=false",), "people are not learned as background"),
     Variant("colour only foreground", ("foreground.depth=false",), "depth separates people from shadows"),
     Variant("refinement on", (), "online tracks; refined ones know the future", way="refined"),
-    Variant("naive engine", (), "everything after disparity: MOG2, peaks, Hungarian method, Kalman filter", way="peer"),
 )  # fmt: skip
-"""The paper's tracker and its halves, parts of the engine switched off alone, refinement, and the naive engine."""
+"""The paper's tracker and its halves, parts of the engine switched off alone, and refinement."""
 
 
 def chosen_variants(names: Sequence[str]) -> tuple[Variant, ...]:
@@ -132,8 +131,6 @@ def run_trial(trial: Trial) -> Evaluation:
     kept = run_pass(Pass(folder, trial.cache, trial.config, recorded=True))
     if variant.way == "refined":
         tracks = refined_tracks(kept)
-    elif variant.way == "peer":
-        tracks = read_tracks(kept / PEER)
     elif variant.template is not None:
         tracks = run(kept / "maps.h5", tracker=OneStatistic(config, variant.template), config=config)
     elif variant.settings:

@@ -16,10 +16,9 @@ import cv2
 from joblib import Parallel, delayed, parallel_config
 
 import planview
-from benchmarks import peaks, peer
+from benchmarks import peaks
 from benchmarks.options import new_folder, progress
 from benchmarks.peaks import PeakTracker
-from benchmarks.peer import PeerLog
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine
@@ -28,8 +27,6 @@ from planview.output.maps_log import MapsLog
 from planview.output.resume import code_version, key_of
 from planview.output.run import RunLog, RunOptions, run
 
-PEER = "peer.csv"
-"""Tracks of the naive engine, tracked in the same pass."""
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
@@ -46,7 +43,7 @@ class Pass:
     Attributes:
         recording: its folder.
         cache: folder of rendered recordings; runs are kept in ``runs`` below it.
-        recorded: keep the plan-view points, and track with the naive engine in the same pass.
+        recorded: keep the plan-view points.
     """
 
     recording: Path
@@ -67,21 +64,19 @@ class Pass:
 @cache
 def code_key() -> str:
     """Of the source of everything that decides tracks: another version of it does not find older runs."""
-    return key_of(code_version(), *(Path(module.__file__ or "").read_text("utf-8") for module in (peaks, peer)))
+    return key_of(code_version(), Path(peaks.__file__).read_text("utf-8"))
 
 
 def run_pass(job: Pass) -> Path:
-    """The folder of a run (tracks.csv, run.json, decisions.csv, with ``recorded`` maps.h5 and peer.csv), from the cache
-    when it is there."""
+    """The folder of a run (tracks.csv, run.json, decisions.csv, with ``recorded`` maps.h5), from the cache when it is
+    there."""
     if finished_run(job.folder) is not None:
         return job.folder
     shutil.rmtree(job.folder, ignore_errors=True)
     part = new_folder(job.folder.parent, job.folder.name)
     try:
         engine = bench_engine(job.recording, job.tracker, job.config)
-        logs: list[RunLog] = []
-        if job.recorded:
-            logs = [MapsLog(engine, part / "maps.h5"), PeerLog(engine, part / PEER)]
+        logs: list[RunLog] = [MapsLog(engine, part / "maps.h5")] if job.recorded else []
         run(engine, part, RunOptions(tracker=job.tracker), logs)
         part.rename(job.folder)
     finally:

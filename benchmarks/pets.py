@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -14,7 +13,6 @@ from cyclopts import Parameter
 
 from benchmarks.options import JsonFlag, progress, report
 from calib.errors import InputError
-from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
 from planview.engine.config import Config
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.metrics import clear_scores
@@ -30,8 +28,6 @@ FPS = 7.0
 GAP_FRAMES = 7
 """A person without a match for longer than this many frames is lost: one second."""
 SHOWN = ("truth_rows", "mota", "idf1", "hota", "switches", "misses", "false_positives")
-CAMERA_TILT_DEG, CAMERA_SHARE = 0.5, 0.03
-"""How far nearby cameras are off [deg], [1]: what calibrations of one view from different people differ by."""
 
 
 @dataclass(frozen=True)
@@ -114,12 +110,7 @@ def tracking_errors(truth: Trajectories, tracks: Trajectories) -> TrackingErrors
 
 
 def score_pets(
-    tracker: SingleTracker,
-    folder: Path,
-    camera: Path | None,
-    frames: int | None = None,
-    seeds: int = 1,
-    cameras: int = 1,
+    tracker: SingleTracker, folder: Path, camera: Path | None, frames: int | None = None, seeds: int = 1
 ) -> list[PetsScores]:
     """Score the runs of a tracker; without a camera only boxes are scored.
 
@@ -128,29 +119,10 @@ def score_pets(
         camera: camera.toml, from ``planview calibrate human``.
         frames: number of frames; all by default.
         seeds: seeds 0 to ``seeds - 1`` are run.
-        cameras: how many are used: the given one first, and others near it (``nearby_camera``).
     Raises:
         InputError: files that are missing or do not fit.
-    """  # fmt: skip
-    runs = [_score(tracker, folder, camera, frames, seed) for seed in range(seeds)]
-    with TemporaryDirectory() as place:
-        for seed in range(1, cameras if camera is not None else 1):
-            assert camera is not None  # for mypy
-            path = Path(place) / f"camera{seed}.toml"
-            save_ground_camera(nearby_camera(load_ground_camera(camera), seed), path)
-            runs.append(_score(tracker, folder, path, frames, 0))
-    return runs
-
-
-def nearby_camera(camera: GroundCamera, seed: int) -> GroundCamera:
-    """A camera within ``CAMERA_TILT_DEG`` and ``CAMERA_SHARE`` of another's tilt, focal length and height."""
-    tilt, focal, height = np.random.default_rng(seed).uniform(-1.0, 1.0, 3)
-    return replace(
-        camera,
-        tilt_rad=camera.tilt_rad + math.radians(CAMERA_TILT_DEG * tilt),
-        focal_px=camera.focal_px * (1.0 + CAMERA_SHARE * focal),
-        height_m=camera.height_m * (1.0 + CAMERA_SHARE * height),
-    )
+    """
+    return [_score(tracker, folder, camera, frames, seed) for seed in range(seeds)]
 
 
 def _score(tracker: SingleTracker, folder: Path, camera: Path | None, frames: int | None, seed: int) -> PetsScores:
@@ -184,9 +156,6 @@ class PetsOptions:
     """Only the first frames."""
     seeds: int = 1
     """Run the ellipse-particle tracker with this many seeds, and give the spread of its scores."""
-    cameras: int = 1
-    """Run the human-model tracker with this many cameras within 0.5 degrees and 3 % of the given one, and give the
-    range of its scores."""
     json_output: JsonFlag = False
     """Print one JSON object on stdout."""
 
@@ -204,15 +173,14 @@ def pets(folder: Path, *, options: PetsOptions | None = None) -> None:
         Folder with view001.mp4 and gt.txt.
     """
     o = options or PetsOptions()
-    if (o.frames is not None and o.frames < 1) or not 1 <= o.seeds <= 1000 or not 1 <= o.cameras <= 100:
-        found = f"{o.frames}, {o.seeds}, {o.cameras}"
-        raise InputError(f"expected --frames from 1, --seeds 1 to 1000, --cameras 1 to 100, found {found}")
+    if (o.frames is not None and o.frames < 1) or not 1 <= o.seeds <= 1000:
+        raise InputError(f"expected --frames from 1, --seeds 1 to 1000, found {o.frames}, {o.seeds}")
     if o.camera is None and o.tracker != "ellipse-particle":
         raise InputError("--camera: the human-model tracker needs a camera.toml (see planview calibrate human)")
     runs: list[list[PetsScores]] = []
     progress(f"tracking {folder}")
     if o.tracker != "ellipse-particle":
-        runs.append(score_pets("human-model", folder, o.camera, o.frames, cameras=o.cameras))
+        runs.append(score_pets("human-model", folder, o.camera, o.frames))
     if o.tracker != "human-model":
         runs.append(score_pets("ellipse-particle", folder, o.camera, o.frames, seeds=o.seeds))
     report(

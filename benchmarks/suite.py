@@ -15,7 +15,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.options import ChallengeOptions, Flag, Rendering, json_text, progress, rendered
-from benchmarks.passes import PEER, Pass, provenance, run_pass, watched
+from benchmarks.passes import Pass, provenance, run_pass, watched
 from benchmarks.random_scenes.generator import random_scene
 from benchmarks.scores import SceneScore, print_scores, scores_json
 from calib.errors import WorkError
@@ -31,8 +31,8 @@ from planview.synthetic.steps import Cartwheel
 from planview.synthetic.texture import Palette
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
-Way = Literal["online", "refined", "peer"]
-"""Tracks as they came, those refined afterwards, and those of the naive engine."""
+Way = Literal["online", "refined"]
+"""Tracks as they came, and those refined afterwards."""
 TURNING = 0.02
 """A cartwheel is turned from this share of a turn on: before, the head is still above the hips."""
 JUDGING_SEED = 100
@@ -46,7 +46,7 @@ class SuiteJob:
     Attributes:
         cache: folder of rendered recordings and of runs over them.
         out: folder that gets a copy of the run; None for none.
-        refine, peer: also score the refined tracks, and those of the naive engine.
+        refine: also score the refined tracks.
     """
 
     path: Path
@@ -56,7 +56,6 @@ class SuiteJob:
     config: Config
     tracker: str = "joint"
     refine: bool = False
-    peer: bool = False
 
 
 def chosen_files(files: Sequence[Path], seed: int, minutes: float) -> list[Path]:
@@ -72,11 +71,6 @@ def chosen_files(files: Sequence[Path], seed: int, minutes: float) -> list[Path]
             chosen.append(path)
             left -= lengths[path]
     return sorted(chosen)
-
-
-def dealt_files(files: Sequence[Path], seeds: Sequence[int]) -> list[tuple[int, Path]]:
-    """All scenes, by name, each with one of the seeds in turn."""
-    return [(seeds[i % len(seeds)], path) for i, path in enumerate(sorted(files))]
 
 
 def suite_recording(path: Path, seed: int, cache: Path) -> tuple[Path, Scene]:
@@ -104,10 +98,8 @@ def run_job(job: SuiteJob) -> dict[Way, SceneScore] | str:
     """Render, track (both once, from the cache when they are there) and score one scene in every way asked for; or why
     the engine refuses it."""
     recording, scene = suite_recording(job.path, job.seed, job.cache)
-    # One pass serves all ways and the ablation.
-    recorded = job.peer or job.tracker == "joint"
-    try:
-        kept = run_pass(Pass(recording, job.cache, job.config, job.tracker, recorded))
+    try:  # one pass serves the suite and the ablation
+        kept = run_pass(Pass(recording, job.cache, job.config, job.tracker, recorded=job.tracker == "joint"))
     except WorkError as error:
         return f"{job.path.stem} of seed {job.seed}: {error}"
     if job.out is not None:
@@ -115,8 +107,6 @@ def run_job(job: SuiteJob) -> dict[Way, SceneScore] | str:
     tracks: dict[Way, Trajectories] = {"online": read_tracks(kept / "tracks.csv")}
     if job.refine:
         tracks["refined"] = refined_tracks(kept)
-    if job.peer:
-        tracks["peer"] = read_tracks(kept / PEER)
     truth = judged_truth(read_truth(recording / "truth.csv"), scene)
     return {
         way: SceneScore(
@@ -139,14 +129,10 @@ def refined_tracks(folder: Path) -> Trajectories:
 class SuiteOptions(ChallengeOptions):
     """How challenges are tracked."""
 
-    deal: Flag = False
-    """Deal all scenes out to the seeds in turn, instead of rendering every scene with every seed."""
     tracker: str = "joint"
     """Tracker that follows people: one of planview run, or peaks, the baseline of height peaks."""
     refine: Flag = False
     """Score the refined tracks, too."""
-    peer: Flag = False
-    """Score the naive engine, too: its tracks come from the same pass."""
     out: Path | None = None
     """Folder that keeps the runs (tracks.csv, run.json) and suite.json; nothing is kept by default."""
 
@@ -160,7 +146,7 @@ def suite(*, options: SuiteOptions | None = None) -> None:
     Rendered recordings, and runs of the present code over them, are kept in the cache: an interrupted
     suite resumes.
 
-    Example: python -m benchmarks suite --seed 1 --minutes 3 --jobs 2 --refine --peer
+    Example: python -m benchmarks suite --seed 1 --minutes 3 --jobs 2 --refine
     """
     o = options or SuiteOptions()
     files = o.files()
@@ -170,8 +156,6 @@ def suite(*, options: SuiteOptions | None = None) -> None:
     progress("seeds: " + ", ".join(f"{s}{' (tuned on)' if s < JUDGING_SEED else ''}" for s in seeds))
     settings = o.settings()
     chosen = [(s, path) for s in seeds for path in chosen_files(files, s, o.minutes)]
-    if o.deal:
-        chosen = dealt_files(files, seeds)
     work, left_out = [], []
 
     def leave_out(sentence: str) -> None:
@@ -184,7 +168,7 @@ def suite(*, options: SuiteOptions | None = None) -> None:
         except WorkError as error:
             leave_out(str(error))
             continue
-        work.append(SuiteJob(path, seed, o.cache_folder, o.out, settings, o.tracker, o.refine, o.peer))
+        work.append(SuiteJob(path, seed, o.cache_folder, o.out, settings, o.tracker, o.refine))
     done: dict[tuple[int, Path], dict[Way, SceneScore]] = {}
     for job, by_way in watched(run_job, work, o.jobs):
         if isinstance(by_way, str):

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from benchmarks.random_scenes.challenge import challenge
-from benchmarks.random_scenes.rooms import conference, two_rigs
+from benchmarks.random_scenes.rooms import two_rigs
 from benchmarks.random_scenes.tables import NoPlaceError, RandomScene, resolved
 from benchmarks.random_scenes.views import view
 from calib.errors import InputError, WorkError
@@ -20,11 +20,10 @@ from calib.params import first_problem
 from planview.synthetic.assets import SCENES
 
 SUITE, VIEWS = SCENES / "suite", SCENES / "views"
-SceneKind = Literal["suite", "views", "conference", "rigs"]
+SceneKind = Literal["suite", "views", "rigs"]
 KINDS: dict[SceneKind, tuple[Path, Callable[[dict[str, Any], np.random.Generator], RandomScene]]] = {
     "suite": (SUITE, challenge),
     "views": (VIEWS, view),
-    "conference": (SCENES / "single" / "conference.toml", conference),
     "rigs": (SCENES / "rigs" / "two.toml", two_rigs),
 }
 """The committed table of a kind of scene, or the folder with its tables, and what makes a scene of a table."""
@@ -34,43 +33,31 @@ without regard to when others pass, so the tightest scene, overhead, fits in one
 a probability of 2e-9."""
 
 
-def random_scene(
-    kind: SceneKind, seed: int, path: Path | None = None, changes: Mapping[str, Mapping[str, Any]] | None = None
-) -> RandomScene:
+def random_scene(kind: SceneKind, seed: int, path: Path | None = None) -> RandomScene:
     """The scene of a seed; the same table and seed give the same scene.
 
     Args:
         seed: any non-negative integer.
         path: one of the tables of the kind; not needed where it has only one.
-        changes: values by section and key that take the place of the random ones, e.g. ``{"room": {"gloss": 0.2}}``.
     Raises:
         InputError: unreadable, no table of the kind, or a value out of its range.
         WorkError: no attempt fits; the ranges ask for too much.
     """
     path = path or KINDS[kind][0]
     try:
-        return scene_of_table(kind, load_toml(path, "a random scene in TOML"), seed, path.stem, changes)
+        return scene_of_table(kind, load_toml(path, "a random scene in TOML"), seed, path.stem)
     except ValidationError as error:
         raise InputError(f"{path}: {first_problem(error)}") from error
 
 
-def scene_of_table(
-    kind: SceneKind,
-    table: Mapping[str, Any],
-    seed: int,
-    name: str,
-    changes: Mapping[str, Mapping[str, Any]] | None = None,
-) -> RandomScene:
+def scene_of_table(kind: SceneKind, table: Mapping[str, Any], seed: int, name: str) -> RandomScene:
     """As ``random_scene``; a seed gives other values under every name. Raises pydantic.ValidationError: no table of the
     kind."""
     reason = ""
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, zlib.crc32(name.encode()), attempt])
-        values = resolved(table, rng)
-        for section, others in (changes or {}).items():
-            values[section] = {**values.get(section, {}), **others}
         try:
-            return KINDS[kind][1](values, rng)
+            return KINDS[kind][1](resolved(table, rng), rng)
         except NoPlaceError as error:
             reason = str(error)
     raise WorkError(f"{name}, seed {seed}: none of {ATTEMPTS} attempts fits into its room: {reason}")

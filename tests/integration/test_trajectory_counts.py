@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.counting import score_trajectories
 from planview.counting.geometry import RulePlane
 from planview.counting.rules import parse_rules
 from planview.counting.totals import count_tracks
@@ -44,11 +43,3 @@ def test_counts_stay_exact_with_noise_and_dropped_frames(shared_data, name, down
     noisy = replace(tracks, x_m=tracks.x_m + noise[:, 0], y_m=tracks.y_m + noise[:, 1])
     dropped = rng.random(int(tracks.frame.max()) + 1) < 0.3
     assert counted(noisy.where(~dropped[noisy.frame])) == (down, up)
-
-
-def test_bench_scores_full_marks_on_trajectories(shared_data):
-    if not (shared_data / "trajectories").is_dir():
-        pytest.skip("the trajectories are not here")
-    table = score_trajectories(shared_data / "trajectories")
-    assert [row["true"] for row in table.crossings] == ["61+0", "61+0", "25+25", "25+25"]
-    assert all(row["strict"] == 1.0 for row in table.crossings)

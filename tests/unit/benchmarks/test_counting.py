@@ -1,32 +1,28 @@
-"""Counts and occupancy: committed scenes, random rooms and views, the pavement clip, and frames with a wrong number."""
+"""Counts and occupancy: committed scenes, random views, and frames with a wrong number."""
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from benchmarks.__main__ import main_benchmarks as main
 from benchmarks.counting import (
     RULES,
     SINGLE,
-    CountingTable,
-    all_rooms,
     count_frames,
     full_truth,
-    passages,
-    pavement_truth,
+    score_rows,
     strict_accuracy,
-    table_of,
     view_rules,
 )
 from benchmarks.options import scene_files
 from benchmarks.random_scenes.generator import VIEWS, random_scene
 from calib.errors import InputError
+from planview.counting.events import Event
 from planview.counting.geometry import RulePlane
 from planview.counting.rules import parse_rules
 from planview.counting.scoring import CountScores, OccupancyGroup, crossing_scores
 from planview.synthetic.camera import ground_camera
-from planview.trajectories.table import positions_table, read_tracks, read_truth
+from planview.trajectories.table import read_tracks, read_truth
 
 
 def test_every_scene_with_rules_is_scored_unless_named() -> None:
@@ -38,51 +34,22 @@ def test_every_scene_with_rules_is_scored_unless_named() -> None:
 
 
 def test_accuracy_and_occupancy_below_the_limits_are_not_ok() -> None:
-    truth = pavement_truth()
+    truth = [Event(frame, frame / 30, "door", "crossing", frame, "right_to_left") for frame in range(0, 270, 30)]
     scores = CountScores(
-        {"y = 200": crossing_scores(truth, truth[:-1], 1.0)},
+        {"door": crossing_scores(truth, truth[:-1], 1.0)},
         {"room": [OccupancyGroup("0", 10, 90.0, 0.1, 0.1), OccupancyGroup("10+", 0, None, None, None)]},
     )
-    table = table_of("pavement", scores)
-    (wire,), (zone,) = table.crossings, table.occupancy
-    assert (wire["true"], wire["accuracy"], wire["ok"]) == ("1+8", pytest.approx(8 / 9), False)
+    rows = score_rows("hall", scores)
+    (wire,), (zone,) = rows["crossings"], rows["occupancy"]
+    assert (wire["true"], wire["accuracy"], wire["ok"]) == ("0+9", pytest.approx(8 / 9), False)
     assert (zone["right_percent"], zone["ok"]) == (90.0, False)
 
 
-def test_pavement_truth_is_eight_up_and_one_down() -> None:
-    ways = [event.direction for event in pavement_truth()]
-    assert (ways.count("right_to_left"), ways.count("left_to_right")) == (8, 1)
-
-
-def test_passages_are_found_where_the_line_is_last_passed() -> None:
-    y = np.array([2.0, 1.0, -0.1, 0.1, -1.0])
-    frame = np.arange(5)
-    there = positions_table(frame, np.ones(5, dtype=np.int64), np.column_stack([y, y]), timestamp_s=frame / 10)
-    (event,) = passages(there)
-    assert (event.frame, event.direction) == (4, "left_to_right")
-    back = positions_table(frame, np.ones(5, dtype=np.int64), np.column_stack([y, np.abs(y)]), timestamp_s=frame / 10)
-    assert passages(back) == []
-
-
-@pytest.mark.parametrize(
-    ("word", "value", "message"),
-    [("--frames", "0", "expected at least 1"), ("--rooms", "-1", "expected numbers from 0")],
-)
-def test_bad_numbers_of_frames_and_seeds_are_refused(capsys, word, value, message):
+@pytest.mark.parametrize(("word", "value"), [("--frames", "0"), ("--seeds", "-1")])
+def test_bad_numbers_of_frames_and_seeds_are_refused(capsys, word, value):
     with pytest.raises(SystemExit, match="2"):
         main(["counting", word, value])
-    assert f"{word}: {message}" in capsys.readouterr().err
-
-
-def _table(name: str, frames: int, right: float) -> CountingTable:
-    return table_of(name, CountScores({}, {"room": [OccupancyGroup("3-5", frames, right, 0.1, 0.1)]}))
-
-
-def test_ranges_of_all_rooms_weigh_frames_alike_and_one_room_has_none():
-    *rooms, together = all_rooms([_table("a", 100, 100.0), _table("b", 300, 96.0)]).occupancy
-    assert [row["recording"] for row in rooms] == ["a", "b"]
-    assert (together["frames"], together["right_percent"]) == (400, pytest.approx(97.0))
-    assert together["ok"] and len(all_rooms([_table("a", 100, 100.0)]).occupancy) == 1
+    assert "expected --frames from 1 and --seeds from 0" in capsys.readouterr().err
 
 
 def test_view_that_nobody_crosses_is_right_when_nobody_is_counted():

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import pets
 from benchmarks.passes import Pass
-from benchmarks.pets import nearby_camera, score_pets, spread
+from benchmarks.pets import score_pets, spread
 from benchmarks.random_scenes.generator import SUITE, random_scene
 from benchmarks.real import WALKER_PATH, recordings_with_truth, score_real, truth_of
 from benchmarks.scores import together
@@ -17,25 +17,21 @@ from benchmarks.suite import (
     SuiteJob,
     SuiteOptions,
     chosen_files,
-    dealt_files,
     judged_truth,
     run_job,
     suite,
 )
 from calib.errors import InputError
-from calib.ground_camera import GroundCamera
 from planview.engine.config import Config, load_config
 from planview.synthetic.steps import Cartwheel
 from planview.trajectories.table import Trajectories, positions_table, read_tracks
 
 
-def test_minutes_choose_whole_scenes_by_the_seed_and_scenes_are_dealt_out_in_turn():
+def test_minutes_choose_whole_scenes_by_the_seed():
     files = sorted(SUITE.glob("*.toml"))
     few, more = chosen_files(files, 1, 2.0), chosen_files(files, 1, 5.0)
     assert set(few) < set(more) < set(files) and chosen_files(files, 2, 2.0) != few
     assert chosen_files(files, 1, 60.0) == files
-    paths = [Path(name) for name in ("c", "a", "b")]
-    assert dealt_files(paths, [7, 8]) == [(7, Path("a")), (8, Path("b")), (7, Path("c"))]
 
 
 def test_job_scores_its_scene_and_totals_count_per_ten_minutes(challenge, recording, tmp_path):
@@ -49,10 +45,10 @@ def test_job_scores_its_scene_and_totals_count_per_ten_minutes(challenge, record
     assert whole.to_json()["events_per_10_min"] == 37.5 * whole.events
 
 
-def test_pass_is_kept_and_gives_refined_and_peer_tracks_of_the_same_scene(challenge, recording, monkeypatch):
-    job = SuiteJob(challenge, 3, recording[0], None, Config(), refine=True, peer=True)
+def test_pass_is_kept_and_gives_refined_tracks_of_the_same_scene(challenge, recording, monkeypatch):
+    job = SuiteJob(challenge, 3, recording[0], None, Config(), refine=True)
     first = run_job(job)
-    assert list(first) == ["online", "refined", "peer"]
+    assert list(first) == ["online", "refined"]
     monkeypatch.setattr("benchmarks.passes.run", None)
     assert [s.to_json() for s in run_job(job).values()] == [s.to_json() for s in first.values()]
 
@@ -172,13 +168,3 @@ def test_spread_is_that_of_every_seed(folder):
 def test_folder_without_the_sequence_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"gt\.txt"):
         score_pets("ellipse-particle", tmp_path, None)
-
-
-def test_nearby_cameras_are_near_and_differ():
-    camera = GroundCamera(480, 360, 740.0, 7.0, 1.28)
-    near = [nearby_camera(camera, seed) for seed in (1, 2)]
-    assert near[0] != near[1]
-    for other in near:
-        assert abs(other.tilt_rad - camera.tilt_rad) <= np.radians(0.5)
-        assert other.focal_px == pytest.approx(camera.focal_px, rel=0.03)
-        assert other.height_m == pytest.approx(camera.height_m, rel=0.03)
