@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from enum import Enum
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,8 +15,8 @@ from planview.checks.check import Check, at_most
 THUMBNAIL = (160, 120)
 """(width, height) to which every frame is reduced [px]: averages noise, and keeps edges of the scene."""
 BLOCK_PX = 20
-"""Side of the blocks of which each is judged by itself [px of the thumbnail]: 8 x 6 of them, whatever people do in the
-middle of the image the others show of the camera."""
+"""Side of the blocks that are judged separately [px of the thumbnail]: 8 x 6 of them, whatever people do in the middle
+of the image the others show of the camera."""
 MOVED_PX = 1.0
 """Motion of a point from which it has moved [px of the thumbnail]: 4 px of 640, beyond what wind does to a mast."""
 MOVED_SHARE = 0.85
@@ -27,8 +26,10 @@ TEXTURED_SHARE = 0.6
 SETTLED_S = 1.0
 """Time without motion after which a camera stands still again [s]."""
 BREAK_MAX_S = 1.0
-"""Time with nothing of the view before after which the scene is cut [s]: who steps in close before the camera hides all
-of it for some tenths of a second, and walks on."""
+"""Time with nothing of the view before after which the scene is cut [s]: a person who steps in close before the camera
+hides all of it for some tenths of a second, and walks on."""
+ROUNDED_S = 5e-4
+"""Slack of intervals [s]: time stamps are rounded."""
 
 
 class Steady(Enum):
@@ -39,35 +40,20 @@ class Steady(Enum):
     MOVING = "moving"
     """The camera moves, or has until a second ago."""
     BREAK = "break"
-    """Nothing of the last view shows: a damaged frame, someone close before the camera, or a cut."""
+    """Nothing of the last view shows: a damaged frame, a person close before the camera, or a cut."""
     CUT = "cut"
     """Nothing of the view before the break has shown for BREAK_MAX_S."""
-
-
-class _Kept(NamedTuple):
-    """A thumbnail with its time [s] and corners (see ``_corners``)."""
-
-    time_s: float
-    thumbnail: U8
-    corners: F32
-
-
-class _Break(NamedTuple):
-    """The last frame with anything of the view, and the first one without [s]."""
-
-    thumbnail: U8
-    frame: int
-    time_s: float
 
 
 class Steadiness:
     """Watches the frames of one camera: ``update`` once per frame, in order."""
 
     def __init__(self) -> None:
-        # Thumbnails kept, one per interval: the oldest shows slow motion.
-        self._kept: deque[_Kept] = deque(maxlen=5)
+        # Times [s] and thumbnails, one per interval: the oldest shows slow motion.
+        self._kept: deque[tuple[float, U8]] = deque(maxlen=5)
         self._last: U8 | None = None
-        self._before_break: _Break | None = None
+        # The last thumbnail with anything of the view, number and time [s] of the first frame without.
+        self._before_break: tuple[U8, int, float] | None = None
         self._lasting: Bool = np.zeros(_BLOCKS, np.bool_)
         self._moved_s = -math.inf
         self._now_s = 0.0
@@ -96,81 +82,67 @@ class Steadiness:
         """What is known so far."""
         at = f", first at {self._first_moving_s:.1f} s" if self._moving_s else ""
         where = f", first at frame {self._cuts[0]}" if self._cuts else ""
+        moves = f"the whole image moves{at}: the camera must stand still, and tracking pauses while it moves"
+        cuts = f"the view changes at once{where}: the background is learned again, and people begin new tracks"
         return [
-            at_most(
-                # Longest motion of the camera that a run keeps to itself [s]: a knock at the mast.
-                "moving camera", round(self._moving_s, 2), 0.5, "s",
-                f"the whole image moves{at}: the camera must stand still, and people are not looked for while it moves",
-            ),
-            at_most(
-                "scene cuts", float(len(self._cuts)), 0.0, "",
-                f"the view changes at once{where}: the background is learned again, and people begin new tracks",
-            ),
-        ]  # fmt: skip
+            # Longest motion of the camera that a run does not report [s]: a knock at the mast.
+            at_most("moving camera", round(self._moving_s, 2), 0.5, "s", moves),
+            at_most("scene cuts", float(len(self._cuts)), 0.0, "", cuts),
+        ]
 
     def _judge(self, frame: int, now_s: float, thumbnail: U8) -> Steady:
         last, broken = self._last, self._before_break
-        if broken is not None and unrelated(broken.thumbnail, thumbnail, self._lasting):
-            # Half a millisecond of slack: time stamps are rounded.
-            if now_s - broken.time_s < BREAK_MAX_S - 5e-4:
+        self._before_break = None
+        if broken is not None and unrelated(broken[0], thumbnail, self._lasting):
+            if now_s - broken[2] < BREAK_MAX_S - ROUNDED_S:
+                self._before_break = broken
                 return Steady.BREAK
-            self._cuts.append(broken.frame)
+            self._cuts.append(broken[1])
             self._kept.clear()
-            self._kept.append(_Kept(now_s, thumbnail, _corners(thumbnail)))
-            self._before_break = None
+            self._kept.append((now_s, thumbnail))
             self._moved_s = -math.inf
             self._lasting = np.zeros(_BLOCKS, np.bool_)
             return Steady.CUT
-        if broken is not None:
-            self._before_break = None
-        elif (
-            last is not None
-            and unrelated(last, thumbnail, self._lasting)
-            and not moved(last, _corners(last), thumbnail)
-        ):
-            self._before_break = _Break(last, frame, now_s)
+        new = broken is None and last is not None and unrelated(last, thumbnail, self._lasting)
+        if new and last is not None and not moved(last, thumbnail):
+            self._before_break = last, frame, now_s
             return Steady.BREAK
-        self._look(now_s, thumbnail)
+        # Compared with the thumbnails of an interval ago and of the oldest kept, five times a second.
+        if not self._kept or now_s - self._kept[-1][0] >= 0.2 - ROUNDED_S:
+            kept = [before for _, before in self._kept]
+            if kept:
+                self._lasting = alike(kept[-1], thumbnail)
+            if any(moved(before, thumbnail) for before in [*kept[:1], *kept[1:][-1:]]):
+                self._moved_s = now_s
+                self._kept.clear()
+            self._kept.append((now_s, thumbnail))
         return Steady.MOVING if now_s - self._moved_s < SETTLED_S else Steady.STILL
-
-    def _look(self, now_s: float, thumbnail: U8) -> None:
-        """Compare with the thumbnails of an interval ago and of the oldest kept, every interval."""
-        # Time between two looks at the motion of the image [s], less half a millisecond: time stamps are rounded.
-        if self._kept and now_s - self._kept[-1].time_s < 0.2 - 5e-4:
-            return
-        if self._kept:
-            self._lasting = alike(self._kept[-1].thumbnail, thumbnail)
-        kept = list(self._kept)
-        if any(moved(then.thumbnail, then.corners, thumbnail) for then in [*kept[:1], *kept[1:][-1:]]):
-            self._moved_s = now_s
-            self._kept.clear()
-        self._kept.append(_Kept(now_s, thumbnail, _corners(thumbnail)))
 
 
 def unrelated(before: U8, after: U8, lasting: Bool) -> bool:
     """Whether two thumbnails (120, 160) uint8 have nothing in common, at whatever exposure.
 
-    Only blocks count whose texture lasts: noise in the dark is texture, too, but another one in every frame.
-
-    Args:
-        lasting: (48,) blocks of the view before that showed the same texture an interval apart.
+    Only the (48,) blocks count whose texture was ``lasting`` before: noise in the dark is texture, too, but another one
+    in every frame.
     """
-    # Mean change of luma below which frames are of one scene, and nothing more is asked [levels of 255].
+    # Mean change of luma below which frames are of one scene, and nothing more is compared [levels of 255].
     if lasting.mean() < TEXTURED_SHARE or cv2.norm(before, after, cv2.NORM_L1) < 6.0 * before.size:
         return False
     # Share of the textured blocks below which a frame has nothing in common with another.
     return float(alike(before, after)[lasting].mean()) < 0.25
 
 
-def moved(before: U8, points: F32, after: U8) -> bool:
+def moved(before: U8, after: U8) -> bool:
     """Whether the whole image moves from one thumbnail (120, 160) uint8 to the next.
 
-    One corner per block is tracked there and back (pyramidal Lucas-Kanade, Bouguet 2001); nearly all must move,
-    most of them together, and enough of them be at the border.
-
-    Args:
-        points: (N, 2) corners of the first one.
+    The strongest corner of each block is tracked there and back (pyramidal Lucas-Kanade, Bouguet 2001); nearly all must
+    move, most of them together, and enough of them be at the border.
     """
+    strength = _by_block(cv2.cornerMinEigenVal(before.astype(np.float32) / 255.0, 5).astype(np.float64))
+    best, block = strength.argmax(axis=1), np.arange(_BLOCKS)
+    places = [block % _COLUMNS * BLOCK_PX + best % BLOCK_PX, block // _COLUMNS * BLOCK_PX + best // BLOCK_PX]
+    # Smallest eigenvalue of the structure tensor (of luma in 0 to 1, 5x5 window) of a point that can be tracked.
+    points: F32 = np.column_stack(places)[strength[block, best] >= 2e-4].astype(np.float32)
     if len(points) < TEXTURED_SHARE * _BLOCKS:
         return False
     there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, points, np.empty_like(points), winSize=(11, 11))
@@ -207,16 +179,3 @@ def alike(before: U8, after: U8) -> Bool:
 def _by_block(image: F64) -> F64:
     """(blocks, pixels of each) of a thumbnail."""
     return image.reshape(_ROWS, BLOCK_PX, _COLUMNS, BLOCK_PX).swapaxes(1, 2).reshape(_BLOCKS, -1)
-
-
-def _corners(thumbnail: U8) -> F32:
-    """(N, 2) float32 [px], the strongest corner of every block that has one."""
-    strength = cv2.cornerMinEigenVal(thumbnail.astype(np.float32) / 255.0, 5)
-    blocks = _by_block(np.asarray(strength, dtype=np.float64))
-    best = blocks.argmax(axis=1)
-    block = np.arange(_BLOCKS)
-    x = block % _COLUMNS * BLOCK_PX + best % BLOCK_PX
-    y = block // _COLUMNS * BLOCK_PX + best // BLOCK_PX
-    # Smallest eigenvalue of the structure tensor (of luma in 0 to 1, 5x5 window) of a point that can be tracked.
-    strong = blocks[block, best] >= 2e-4
-    return np.asarray(np.column_stack([x, y])[strong], dtype=np.float32)

@@ -1,9 +1,9 @@
-"""One question put to a recording, and its answer."""
+"""A value measured in a recording, against its limit."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 Limit = float | tuple[float, float] | None
@@ -35,7 +35,7 @@ class Check:
 
     @property
     def failed(self) -> bool:
-        """Beyond a limit without which results are not to be trusted."""
+        """Whether results cannot be trusted."""
         return not self.ok and not self.warns
 
     @property
@@ -47,17 +47,7 @@ class Check:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values; what could not be measured is null."""
-        limit = list(self.limit) if isinstance(self.limit, tuple) else self.limit
-        return {
-            "name": self.name,
-            "ok": self.ok,
-            "value": round(self.value, 6) if math.isfinite(self.value) else None,
-            "unit": self.unit,
-            "limit": limit,
-            "rule": self.rule,
-            "note": self.note,
-            "warns": self.warns,
-        }
+        return asdict(self) | {"value": round(self.value, 6) if math.isfinite(self.value) else None}
 
 
 def at_most(
@@ -74,15 +64,9 @@ def at_least(name: str, value: float, limit: float, unit: str, note: str, *, nee
 
 
 def between(
-    name: str,
-    value: float,
-    limits: tuple[float, float],
-    unit: str,
-    note: str,
-    *,
-    needed: bool = False,
+    name: str, value: float, limit: tuple[float, float], unit: str, note: str, *, needed: bool = False,
     warns: bool = False,
-) -> Check:
+) -> Check:  # fmt: skip
     """Passes inside the limits; a value that could not be measured fails only when it is needed."""
-    inside = limits[0] <= value <= limits[1]
-    return Check(name, inside or (math.isnan(value) and not needed), value, unit, limits, "between", note, warns)
+    ok = limit[0] <= value <= limit[1] or (math.isnan(value) and not needed)
+    return Check(name, ok, value, unit, limit, "between", note, warns)

@@ -44,7 +44,6 @@ from stereo.recording import StereoRecording, Video
 LINE_STEP_PX = 25
 FLOOR_BAND_M = 0.10
 ROW: Rgb = (0, 220, 0)
-ON_FLOOR: Rgb = (0, 220, 0)
 ABOVE: Rgb = (230, 40, 40)
 BELOW: Rgb = (60, 90, 255)
 SATURATED: Rgb = (255, 0, 255)
@@ -59,34 +58,22 @@ def write_pictures(evidence: Evidence, folder: Path) -> list[Path]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     middle = len(evidence.disparities) // 2
-    disparity = evidence.disparities[middle]
-    searched = evidence.searched
-    pictures = {"disparity.png": disparity_picture(disparity, searched.first_px, searched.first_px + searched.count)}
-    left, frame = evidence.lefts[middle], evidence.spread[middle]
-    if evidence.pair is None:
-        recorded = [frame.image]
-    else:
-        recorded = [frame.left, frame.right]
-        pictures["rows.png"] = rows_picture(left, evidence.pair.rectified[middle].right_grey)
-    pictures["floor.png"] = floor_picture(evidence, left, disparity)
-    pictures["exposure.png"] = np.hstack([exposure_picture(as_grey(image)) for image in recorded])
+    disparity, left, frame = evidence.disparities[middle], evidence.lefts[middle], evidence.spread[middle]
+    recorded = [frame.image] if evidence.pair is None else [frame.left, frame.right]
+    first_px, last_px = evidence.searched.first_px, evidence.searched.first_px + evidence.searched.count
+    turbo, ends = disparity_colours(disparity, first_px, last_px), (f"far: {first_px} px", f"near: {last_px} px")
+    pictures = {
+        "disparity.png": with_colour_bar(turbo, cv2.COLORMAP_TURBO, *ends, [Entry((0, 0, 0), "unknown")]),
+        "floor.png": floor_picture(evidence, left, disparity),
+        "exposure.png": np.hstack([exposure_picture(as_grey(image)) for image in recorded]),
+    }
+    if evidence.pair is not None:
+        rows = as_colour(np.hstack([left, evidence.pair.rectified[middle].right_grey]))
+        rows[LINE_STEP_PX // 2 :: LINE_STEP_PX] = as_bgr(ROW)
+        pictures["rows.png"] = with_legend(rows, [Entry(ROW, "one row: the same point is on it in both images")])
     for name, picture in pictures.items():
         write_image(folder / name, picture)
     return [folder / name for name in pictures]
-
-
-def rows_picture(left: U8, right: U8) -> U8:
-    """Both rectified images side by side with lines along the rows, which the same points must touch."""
-    both = as_colour(np.hstack([left, right]))
-    both[LINE_STEP_PX // 2 :: LINE_STEP_PX] = as_bgr(ROW)
-    return with_legend(both, [Entry(ROW, "one row: the same point is on it in both images")])
-
-
-def disparity_picture(disparity: F32, smallest_px: int, largest_px: int) -> U8:
-    """Near red, far blue, unknown black."""
-    picture = disparity_colours(disparity, smallest_px, largest_px)
-    ends = f"far: {smallest_px} px", f"near: {largest_px} px"
-    return with_colour_bar(picture, cv2.COLORMAP_TURBO, *ends, [Entry((0, 0, 0), "unknown")])
 
 
 def floor_picture(evidence: Evidence, left: U8, disparity: F32) -> U8:
@@ -96,16 +83,14 @@ def floor_picture(evidence: Evidence, left: U8, disparity: F32) -> U8:
         return with_legend(picture, [Entry(ABOVE, "no floor was found")])
     geometry = evidence.rectifier.geometry
     points = back_project(DepthFromDisparity(geometry)(disparity), geometry)
-    world = evidence.floor.world_SE3_left
-    above = points @ world.rotation[2].astype(np.float32) + np.float32(world.translation[2])
-    bands = (
-        Entry(ON_FLOOR, f"on the floor, within {100 * FLOOR_BAND_M:.0f} cm"),
-        Entry(ABOVE, "above it"),
-        Entry(BELOW, "below it: wrong floor or depth"),
-    )
+    above = heights_above_floor(points, evidence.floor.world_SE3_left)
     with np.errstate(invalid="ignore"):
-        masks = np.abs(above) <= FLOOR_BAND_M, above > FLOOR_BAND_M, above < -FLOOR_BAND_M
-    for mask, band in zip(masks, bands, strict=True):
+        bands = {
+            Entry(ROW, f"on the floor, within {100 * FLOOR_BAND_M:.0f} cm"): np.abs(above) <= FLOOR_BAND_M,
+            Entry(ABOVE, "above it"): above > FLOOR_BAND_M,
+            Entry(BELOW, "below it: wrong floor or depth"): above < -FLOOR_BAND_M,
+        }
+    for band, mask in bands.items():
         picture[mask] = (0.5 * picture[mask] + 0.5 * np.array(as_bgr(band.colour))).astype(np.uint8)
     return with_legend(picture, [*bands, Entry((255, 255, 255), "no tint: depth unknown")])
 
@@ -149,8 +134,8 @@ def examine(
 ) -> Diagnosis:
     """Examine a recording; of images with depth the checks of a pair are skipped, of one camera those of depth, too.
 
-    A recording that is there but is refused (its calibration or its layout) fails the check "calibration and layout"
-    with the reason, and nothing else is asked.
+    A recording that is refused (its calibration or its layout) fails the check "calibration and layout" with the
+    reason, and there are no other checks.
 
     Args:
         options: how the recording is opened.
@@ -245,7 +230,7 @@ KEPT = 1000
 
 
 class RecordingWatch:
-    """Looks over the shoulder of an engine: do both cameras see the same, at the same time, at a believable scale?"""
+    """Watches a run: do both cameras show the same, at the same time, at a plausible scale?"""
 
     def __init__(self, view: StereoView) -> None:
         self._view = view
@@ -256,17 +241,17 @@ class RecordingWatch:
         self._things: deque[F64] = deque(maxlen=KEPT)
 
     def update(self, pair: Thumbnails | None, sampled: SampledDisparity | None, foreground: U8 | None) -> None:
-        """Take the next frame.
-
-        Args:
-            pair: of the rectified images.
-            sampled: disparity; its image is made in every STEP-th frame only.
-            foreground: (h, w) uint8 at the reduced size, non-zero where people are.
-        """
+        """Take the next frame: thumbnails of the rectified images, disparity (read in every STEP-th frame only),
+        and (h, w) uint8 at the reduced size, non-zero where people are."""
         if pair is not None:
             self._motion.update(pair)
         if sampled is not None and self._frames % STEP == 0:
-            self._look(sampled.image, foreground)
+            step, disparity = self._view.reduction, sampled.image
+            self._valid.append(float(np.isfinite(disparity[::step, ::step]).mean()))
+            if foreground is not None:
+                depth, pose = self._to_depth(disparity), self._view.floor.world_SE3_left
+                above = heights_above_floor(back_project(depth, self._view.geometry), pose)
+                self._things.append(standing_things(above[::step, ::step], depth[::step, ::step], foreground > 0))
         self._frames += 1
 
     def checks(self) -> list[Check]:
@@ -281,20 +266,10 @@ class RecordingWatch:
             height_check(heights),
         ]
 
-    def _look(self, disparity: F32, foreground: U8 | None) -> None:
-        step = self._view.reduction
-        self._valid.append(float(np.isfinite(disparity[::step, ::step]).mean()))
-        if foreground is None:
-            return
-        depth = self._to_depth(disparity)
-        above = heights_above_floor(back_project(depth, self._view.geometry), self._view.floor.world_SE3_left)
-        self._things.append(standing_things(above[::step, ::step], depth[::step, ::step], foreground > 0))
-
 
 def refuse_unless_ok(checks: list[Check], source: str) -> None:
     """Raise InputError when a check fails; warnings pass."""
-    failed = [check for check in checks if check.failed]
-    if failed:
+    if failed := [check for check in checks if check.failed]:
         raise InputError(f"{source}: checks failed: {'; '.join(sentence(check) for check in failed)}")
 
 

@@ -43,13 +43,8 @@ def alignment_checks(plain: Rectifier, matches: F64, correction: RigCorrection) 
         at_most("camera turn", turned_deg, 0.5, "deg", f"right camera since calibration; {correction}"),
         # Row offset that is left [px]: block matching loses half of its matches beyond (our choice).
         at_most("row residual", correction.after_px, 0.5, "px", "median, after the rig is corrected"),
-        at_most(
-            "mirrored pose",
-            mirror_ratio(plain, matches),
-            1.5,  # a good pose has less than its mirror images
-            "",
-            "row error of the pose over its mirror image",
-        ),
+        # A good pose has a smaller error than its mirror images.
+        at_most("mirrored pose", mirror_ratio(plain, matches), 1.5, "", "row error of the pose over its mirror image"),
     ]
 
 
@@ -64,7 +59,13 @@ def mirror_ratio(rectifier: Rectifier, matches: F64) -> float:
     # Poses with less rotation look the same mirrored.
     if len(matches) < MIN_MATCHES or turn < 0.3:
         return math.nan
-    left, right = _recorded_rays(rectifier, matches)
+    # (N, 3) unit rays in the recorded cameras.
+    u, v, right_u, offset = matches.T
+    rays = [
+        rectifier.geometry.rays(np.column_stack(place)) @ rotation
+        for place, rotation in zip(((u, v), (right_u, v + offset)), rectifier.rig.rectifying_rotations(), strict=True)
+    ]
+    left, right = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
     own = epipolar_error(left, right, pose.rotation, pose.translation)
     mirrored = [(pose.rotation.T, -pose.rotation.T @ pose.translation), (pose.rotation.T, pose.translation)]
     other = min(epipolar_error(left, right, rotation, translation) for rotation, translation in mirrored)
@@ -72,30 +73,14 @@ def mirror_ratio(rectifier: Rectifier, matches: F64) -> float:
 
 
 def epipolar_error(left: F64, right: F64, rotation: F64, translation: F64) -> float:
-    """Median angle [rad] between right rays and the planes through the baseline and the left rays.
-
-    Args:
-        left, right: (N, 3) unit rays in the recorded cameras.
-    """
+    """Median angle [rad] between (N, 3) unit right rays and the planes through the baseline and the left rays."""
     normals = np.cross(translation, left @ rotation.T)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     return float(np.median(np.abs(np.sum(normals * right, axis=1))))
 
 
-def _recorded_rays(rectifier: Rectifier, matches: F64) -> tuple[F64, F64]:
-    left_rotation, right_rotation = rectifier.rig.rectifying_rotations()
-    u, v, right_u, offset = matches.T
-    rays = []
-    for column, row, rotation in ((u, v, left_rotation), (right_u, v + offset, right_rotation)):
-        ray = rectifier.geometry.rays(np.column_stack([column, row])) @ rotation
-        rays.append(ray / np.linalg.norm(ray, axis=1, keepdims=True))
-    return rays[0], rays[1]
-
-
 SATURATED_LEVEL = 250
 """Grey levels from here on hold no texture (as in the matcher)."""
-
-
 BLOCK_PX = 8
 """Side of the blocks that JPEG, MPEG and H.264 transform."""
 
@@ -118,11 +103,7 @@ def image_checks(frames: Sequence[StereoFrame]) -> list[Check]:
 
 
 def light_checks(*cameras: Sequence[U8]) -> list[Check]:
-    """Over-exposure and under-exposure.
-
-    Args:
-        cameras: images of each.
-    """
+    """Over-exposure and under-exposure, from images of each camera."""
     sides = [[as_grey(image) for image in images] for images in cameras]
     over = max(float(np.median([np.mean(i[::2, ::2] >= SATURATED_LEVEL) for i in side])) for side in sides)
     bright = min(float(np.median([np.percentile(i[::2, ::2], 90) for i in side])) for side in sides)

@@ -16,7 +16,7 @@ from calib.types import F32, F64, U8
 from stereo.depth import DepthFromDisparity
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
 from stereo.matcher import DisparityRange
-from stereo.recording import RgbdRecording, StereoFrame, StereoRecording
+from stereo.recording import RgbdRecording, StereoRecording
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.rig_correction import RigCorrection, match_corners
@@ -69,14 +69,8 @@ class Evidence:
 
 
 def gather(recording: StereoRecording | RgbdRecording, frames: int, search: FloorSearch | None = None) -> Evidence:
-    """Decode, rectify and match what the checks need.
-
-    Args:
-        frames: length of the run of consecutive frames.
-        search: how a run looks for the floor.
-    Raises:
-        WorkError: not one frame can be used.
-    """
+    """Decode, rectify and match what the checks need, of so many consecutive ``frames`` and with the ``search`` for the
+    floor of a run. Raises WorkError: not one frame can be used."""
     search = search or FloorSearch()
     count = max(3, min(frames, recording.n_frames))
     spread: list[Any] = setup_frames(recording, search.frames)
@@ -90,7 +84,13 @@ def gather(recording: StereoRecording | RgbdRecording, frames: int, search: Floo
         lefts, disparities = [p.left_grey for p in pairs], [estimator.disparity(pair) for pair in pairs]
         searched, to_depth = estimator.disparities, DepthFromDisparity(rectifier.geometry)
         find = partial(estimator.floor, pairs, [to_depth(d) for d in disparities])
-        pair = PairEvidence(plain, _matches(plain, spread, searched), correction, pairs)
+        largest, found = searched.first_px + searched.count, [np.empty((0, 4))]
+        # Frames in which corners are matched (our choice, for speed).
+        for frame in spread[:: max(1, len(spread) // 8)]:
+            p = plain(frame.left, frame.right)
+            # Row offsets looked for in a pair that may be badly calibrated: a rig turned by 2 degrees still matches.
+            found.append(match_corners(p.left_grey, p.right_grey, largest, -largest, search_px=24, features=200))
+        pair = PairEvidence(plain, np.concatenate(found), correction, pairs)
     else:
         rectifier = depth_rectifier = RgbdRectifier(recording.camera, recording.sensor, search.rectify)
         rectified = [depth_rectifier(frame) for frame in spread]
@@ -109,11 +109,8 @@ def gather(recording: StereoRecording | RgbdRecording, frames: int, search: Floo
 
 
 def busiest(images: list[U8], indices: list[int], n_frames: int, count: int) -> list[int]:
-    """Indices of ``count`` consecutive frames around the spread frame that differs most from the usual picture.
-
-    Args:
-        images, indices: of the frames spread over the recording.
-    """
+    """Indices of ``count`` consecutive frames around the one, of (H, W) images with these indices spread over the
+    recording, that differs most from the usual picture."""
     small = np.stack([image[::8, ::8].reshape(-1) for image in images]).astype(np.float32)
     change = (np.abs(small - np.median(small, axis=0)) > 25).mean(axis=1)
     # A change of light changes everything: it is no movement.
@@ -121,14 +118,3 @@ def busiest(images: list[U8], indices: list[int], n_frames: int, count: int) -> 
     middle = indices[int(np.argmax(change))]
     first = max(0, min(middle - count // 2, n_frames - count))
     return list(range(first, min(first + count, n_frames)))
-
-
-def _matches(rectifier: Rectifier, spread: list[StereoFrame], searched: DisparityRange) -> F64:
-    largest = searched.first_px + searched.count
-    found = [np.empty((0, 4))]
-    # Frames in which corners are matched (our choice, for speed).
-    for frame in spread[:: max(1, len(spread) // 8)]:
-        pair = rectifier(frame.left, frame.right)
-        # Row offsets looked for in a pair that may be badly calibrated: a rig turned by 2 degrees still matches.
-        found.append(match_corners(pair.left_grey, pair.right_grey, largest, -largest, search_px=24, features=200))
-    return np.concatenate(found)

@@ -18,7 +18,6 @@ from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, me
 
 TOLERANCE = 0.08
 """A known height must be met within this share: 5 cm of noise and shoes, and some error of the floor."""
-
 POSSIBLE_M, LIKELY_M = (0.4, 2.3), (1.4, 2.0)
 """Heights of moving things that can be people, and of standing adults, whom a usual recording shows [m]."""
 
@@ -88,9 +87,8 @@ def standing_things(above: F32, depth: F32, moved: Bool) -> F64:
     min_px, max_px = (share * mask.size for share in (0.001, 0.25))
     found = []
     for label in range(1, len(blobs)):
-        if blobs.box_px[label, 1] <= 2:
-            continue  # its head may be outside
-        if min_px <= blobs.area_px[label] <= max_px:
+        # At the upper edge of the image a head may be outside.
+        if blobs.box_px[label, 1] > 2 and min_px <= blobs.area_px[label] <= max_px:
             of_it = (blobs.labels == label) & np.isfinite(above)
             # Percentile of a person's points used as the top of the head: single points above it are wrong matches.
             found.append((float(np.percentile(above[of_it], 98.0)), float(surface[of_it].sum())))
@@ -101,8 +99,6 @@ MIN_VALID = 0.35
 """Share of pixels with a disparity; bare walls and saturated floors have none, people must (our choice)."""
 MAX_DEPTH = {2.0: 0.15, 4.0: 0.5, 8.0: math.inf}
 """Predicted depth deviation at a distance [m]: at 4 m half a metre is a person's width (our choice)."""
-
-
 CAMERA_HEIGHTS_M = (1.2, 10.0)
 """Heights of a camera above the floor from which people are tracked [m]."""
 
@@ -119,11 +115,8 @@ def scene_checks(evidence: Evidence) -> list[Check]:
 
 
 def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
-    """Share, flatness and distance of the floor, and a warning where it may be a wall.
-
-    Args:
-        floor: None when ``refused`` gives the reason.
-    """
+    """Share, flatness and distance of the floor (None: ``refused`` gives the reason), and a warning where it may be a
+    wall."""
     share, height_m = (floor.inlier_fraction, floor.height_m) if floor else (math.nan, math.nan)
     why = "share of valid depth that lies on it" if floor else refused
     checks = [
@@ -146,10 +139,8 @@ def depth_checks(geometry: RectifiedGeometry) -> list[Check]:
     for distance, most in MAX_DEPTH.items():
         deviation = geometry.depth_std_m(distance)
         name, note = f"depth error at {distance:g} m", "predicted standard deviation"
-        if math.isfinite(most):
-            checks.append(at_most(name, deviation, most, "m", note))
-        else:
-            checks.append(Check(name, True, deviation, "m", note=note))
+        limited = at_most(name, deviation, most, "m", note)
+        checks.append(limited if math.isfinite(most) else Check(name, True, deviation, "m", note=note))
         across = distance / geometry.focal_u_px * geometry.disparity_std_px
         cells = math.hypot(deviation, across) / cell_m
         checks.append(Check(f"cell error at {distance:g} m", True, cells, "cells", note=cells_of))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from calib.types import F64, U8, Bool
+from calib.types import F64, U8
 from planview.checks.check import Check, at_least, at_most
 from planview.checks.recording import Evidence
 from stereo.recording import Recorded
@@ -108,7 +108,9 @@ class MotionWatch:
         self._count(active, [bool((a == b).all()) for a, b in both])
         self._calm_for = 0 if active else self._calm_for + 1
         if self._calm_for <= LONGEST_LAG:
-            self._bands.append(np.stack([_bands(m) for m in moved]))
+            # The root of the share of pixels that changed, so that near walkers do not drown far ones.
+            rows = moved[0].shape[0] // BANDS * BANDS
+            self._bands.append(np.stack([np.sqrt(m[:rows].reshape(BANDS, -1).mean(axis=1)) for m in moved]))
 
     def findings(self) -> MotionFindings:
         """Of all pairs so far."""
@@ -180,12 +182,6 @@ def _best(sums: F64) -> float:
     return float(best - LONGEST_LAG + shift)
 
 
-def _bands(moved: Bool) -> F64:
-    """(BANDS,) share of pixels that changed, its root, so that near walkers do not drown far ones."""
-    rows = moved.shape[0] // BANDS * BANDS
-    return np.asarray(np.sqrt(moved[:rows].reshape(BANDS, -1).mean(axis=1)), dtype=np.float64)
-
-
 MAX_GAP = 2.5
 """Longest step between frames over the usual one: one dropped frame passes, two in a row do not (our choice)."""
 MIN_USABLE = 0.9
@@ -229,14 +225,7 @@ def motion_checks(found: MotionFindings) -> list[Check]:
     in_step = not found.lag.surely > MAX_LAG
     return [
         at_most("frozen camera", found.frozen, MAX_FROZEN, "", "share of frames that stand still in one camera only"),
-        at_most(
-            "stalled camera",
-            found.stall,
-            MAX_STALL,
-            "frames",
-            "longest time for which only one camera moves",
-            warns=True,
-        ),
+        at_most("stalled camera", found.stall, MAX_STALL, "frames", "longest time only one camera moves", warns=True),
         at_most("repeated pairs", found.repeated, MAX_REPEATED, "", "share of pairs that repeat the one before"),
         Check("synchronisation", in_step, abs(found.lag.frames), "frames", MAX_LAG, "at most", late),
     ]

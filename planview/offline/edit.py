@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import I64, Bool
-from planview.trajectories.file import Region, inside
+from planview.trajectories.file import Region
 from planview.trajectories.table import Trajectories, frame_period_s, rows_by_id
 
 HELP = {
@@ -50,7 +50,7 @@ def _applied(table: Trajectories, line: str, newest: int) -> Trajectories:
     kind, *words = line.split() or [""]
     try:
         if kind in ("region", "ignore"):
-            held = inside(table, Region(line.partition(" ")[2], kind))
+            held = Region(line.partition(" ")[2], kind).contains(table)
             return table.where(held if kind == "region" else ~held)
         if kind in ("shorter", "join-gaps"):
             values = [float(word) for word in words]

@@ -16,9 +16,7 @@ from planview.trajectories.file import TrajectoryFile, checked_area, checked_rat
 from planview.trajectories.hdf5 import opened
 from planview.trajectories.table import TRACK_COLUMNS, table_of
 
-ARCHIVE_VERSION = "1.0.0"
-_FIELDS = ("id", "frame", "x", "y")
-_ROW = np.dtype([("id", "<i8"), ("frame", "<i8"), ("x", "<f8"), ("y", "<f8"), ("z", "<f8")])
+_ROW = {"id": "<i8", "frame": "<i8", "x": "<f8", "y": "<f8", "z": "<f8"}
 _SCHEMA = """
 CREATE TABLE trajectory_data (frame INTEGER NOT NULL, id INTEGER NOT NULL, pos_x REAL NOT NULL, pos_y REAL NOT NULL,
     ori_x REAL NOT NULL, ori_y REAL NOT NULL);
@@ -27,7 +25,6 @@ CREATE TABLE geometry (wkt TEXT NOT NULL, hash INTEGER NOT NULL DEFAULT 0);
 CREATE TABLE frame_data (frame INTEGER NOT NULL, geometry_hash INTEGER NOT NULL);
 CREATE INDEX frame_id_idx ON trajectory_data (frame, id);
 """
-_REQUIRED = ("frame", "id", "x_m", "y_m")
 
 
 def read_ped_data_archive(path: Path) -> TrajectoryFile:
@@ -39,11 +36,10 @@ def read_ped_data_archive(path: Path) -> TrajectoryFile:
         with opened(path) as file:
             trajectory = file.get("trajectory")
             if not isinstance(trajectory, h5py.Dataset):
-                raise InputError(
-                    f"{path}: expected the dataset 'trajectory', found {', '.join(file)[:200] or 'nothing'}"
-                )
+                found = ", ".join(file)[:200] or "nothing"
+                raise InputError(f"{path}: expected the dataset 'trajectory', found {found}")
             names = trajectory.dtype.names or ()
-            if set(_FIELDS) - set(names) or trajectory.ndim != 1:
+            if {"id", "frame", "x", "y"} - set(names) or trajectory.ndim != 1:
                 found = ", ".join(names) or "none"
                 raise InputError(f"{path}: expected a list with the fields id, frame, x, y, found {found}")
             refuse_many(path, len(trajectory))
@@ -57,8 +53,7 @@ def read_ped_data_archive(path: Path) -> TrajectoryFile:
     if "z" in names:
         columns["height_m"] = np.where(rows["z"] > 0, rows["z"], np.nan)
     text = area.decode("utf-8", "replace") if isinstance(area, bytes) else area
-    wkt = None if text is None else checked_area(str(text), str(path))
-    return TrajectoryFile(table_of(columns, path), fps, wkt)
+    return TrajectoryFile(table_of(columns, path), fps, None if text is None else checked_area(str(text), str(path)))
 
 
 def write_ped_data_archive(path: Path, file: TrajectoryFile) -> None:
@@ -67,12 +62,11 @@ def write_ped_data_archive(path: Path, file: TrajectoryFile) -> None:
 
     table = file.table
     order = np.lexsort((table.frame, table.track_id))
-    rows = np.empty(len(table), dtype=_ROW)
-    columns = (table.track_id, table.frame, table.x_m, table.y_m, table.height_m)
-    for name, column in zip(_ROW.names or (), columns, strict=True):
+    rows = np.empty(len(table), dtype=list(_ROW.items()))
+    for name, column in zip(_ROW, (table.track_id, table.frame, table.x_m, table.y_m, table.height_m), strict=True):
         rows[name] = column[order]
     with replaced(path) as part, h5py.File(part, "w") as out:
-        out.attrs.update(file_version=ARCHIVE_VERSION, wkt_geometry=file.walkable_wkt or "", source="planview")
+        out.attrs.update(file_version="1.0.0", wkt_geometry=file.walkable_wkt or "", source="planview")
         dataset = out.create_dataset("trajectory", data=rows, compression="gzip" if len(rows) else None)
         dataset.attrs.update(
             fps=file.fps, id="unique identifier for pedestrian", frame="frame number",
@@ -90,18 +84,19 @@ def read_jupedsim(path: Path) -> TrajectoryFile:
             kinds = database.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'").fetchall()
             tables = {name for name, sql in kinds if not str(sql).upper().startswith("CREATE VIRTUAL")}
             if not {"trajectory_data", "metadata"} <= tables:
-                raise InputError(
-                    f"{path}: expected the tables trajectory_data and metadata, "
-                    f"found {', '.join(sorted(tables)) or 'none'}"
-                )
+                found = ", ".join(sorted(tables)) or "none"
+                raise InputError(f"{path}: expected the tables trajectory_data and metadata, found {found}")
             metadata = dict(database.execute("SELECT key, value FROM metadata LIMIT 100").fetchall())
             if str(metadata.get("version")) not in ("1", "2"):
                 raise InputError(f"{path}: expected version 1 or 2, found {metadata.get('version')!r}")
             refuse_many(path, int(database.execute("SELECT count(*) FROM trajectory_data").fetchone()[0]))
             cells = database.execute("SELECT frame, id, pos_x, pos_y FROM trajectory_data").fetchall()
-            columns = dict(zip(_REQUIRED, np.array(cells, dtype=object).reshape(-1, 4).T, strict=True))
-            rows, fps = table_of(columns, path), checked_rate(path, metadata.get("fps"))
-            return TrajectoryFile(rows, fps, _area(path, database) if "geometry" in tables else None)
+            columns = zip(("frame", "id", "x_m", "y_m"), np.array(cells, dtype=object).reshape(-1, 4).T, strict=True)
+            rows, fps = table_of(dict(columns), path), checked_rate(path, metadata.get("fps"))
+            area = "SELECT DISTINCT wkt FROM geometry LIMIT 100" if "geometry" in tables else "SELECT NULL"
+            areas = [checked_area(str(wkt), str(path)) for (wkt,) in database.execute(area).fetchall() if wkt]
+            all_areas = f"GEOMETRYCOLLECTION ({', '.join(areas)})" if len(areas) > 1 else "".join(areas) or None
+            return TrajectoryFile(rows, fps, all_areas)
     except (sqlite3.Error, ValueError, OverflowError) as error:
         raise InputError(f"{path}: expected a database of JuPedSim, found {error}") from error
 
@@ -114,34 +109,21 @@ def write_jupedsim(path: Path, file: TrajectoryFile) -> None:
     speed = np.hypot(*table.velocity_mps.T)[:, None]
     heading = np.where(speed > 0, table.velocity_mps / np.where(speed > 0, speed, 1.0), 0.0)
     rows = zip(*(c.tolist() for c in (table.frame, table.track_id, table.x_m, table.y_m, *heading.T)), strict=True)
+    metadata = [("version", "2"), ("fps", f"{file.fps!r}")]
+    for axis, values in (("x", table.x_m), ("y", table.y_m)) if len(table) else ():
+        metadata += [(f"{axis}min", f"{values.min()}"), (f"{axis}max", f"{values.max()}")]
     with replaced(path) as part, closing(sqlite3.connect(part)) as database, database:
         database.executescript(_SCHEMA)
         database.executemany("INSERT INTO trajectory_data VALUES (?, ?, ?, ?, ?, ?)", rows)
-        database.executemany("INSERT INTO metadata VALUES (?, ?)", _metadata(file))
+        database.executemany("INSERT INTO metadata VALUES (?, ?)", metadata)
         database.execute("INSERT INTO geometry VALUES (?, ?)", (area, area_hash))
         frames = [(int(frame), area_hash) for frame in np.unique(table.frame)]
         database.executemany("INSERT INTO frame_data VALUES (?, ?)", frames)
 
 
-def _metadata(file: TrajectoryFile) -> list[tuple[str, str]]:
-    rows = [("version", str(2)), ("fps", f"{file.fps!r}")]
-    if len(file.table):
-        for axis, values in (("x", file.table.x_m), ("y", file.table.y_m)):
-            rows += [(f"{axis}min", f"{values.min()}"), (f"{axis}max", f"{values.max()}")]
-    return rows
-
-
-def _area(path: Path, database: sqlite3.Connection) -> str | None:
-    # Most walkable areas that are read.
-    found = database.execute("SELECT DISTINCT wkt FROM geometry LIMIT ?", (100,)).fetchall()
-    areas = [checked_area(str(wkt), str(path)) for (wkt,) in found if wkt]
-    return areas[0] if len(areas) == 1 else f"GEOMETRYCOLLECTION ({', '.join(areas)})" if areas else None
-
-
 def write_parquet(path: Path, file: TrajectoryFile) -> None:
     """Write all rows. Raises InputError: pyarrow is not installed. WorkError: the file cannot be written."""
     _require_pyarrow()
-    # attrs holds fps and walkable_wkt.
     frame = file.table.to_dataframe()
     frame.attrs.update(fps=file.fps, walkable_wkt=file.walkable_wkt)
     with replaced(path) as part:

@@ -40,11 +40,8 @@ class Detections:
 
     @staticmethod
     def of(frames: Sequence[ArrayLike], source: str = "detections") -> Detections:
-        """From an array per frame, (N, 4) boxes or (N, 5) with a score.
-
-        Raises:
-            InputError: another shape, a value that is not finite, or a box without an area.
-        """
+        """From an array per frame, (N, 4) boxes or (N, 5) with a score. Raises InputError: another shape, a value that
+        is not finite, or a box without an area."""
         boxes = []
         for index, frame in enumerate(frames):
             array = np.asarray(frame, dtype=np.float64)
@@ -74,10 +71,8 @@ def load_detections(path: Path) -> Detections:
 
     det.txt (motchallenge.net): frame (from 1), id (ignored), left, top, width, height and, where present, the score and
     more. COCO results (cocodataset.org, "format-results"): objects with image_id, category_id, bbox and score; people
-    have the category 1, and the image_id counts the frames, from 0 where there is a 0, else from 1.
-
-    Raises:
-        InputError: neither, with the line or the entry, and what was found there.
+    have the category 1, and the image_id counts the frames, from 0 where there is a 0, else from 1. Raises InputError:
+    neither, with the line or the entry, and what was found there.
     """
     require_file(path, "detections (MOTChallenge det.txt or COCO results)")
     with path.open("rb") as file:

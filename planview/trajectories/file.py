@@ -13,7 +13,7 @@ import shapely
 
 from calib.errors import InputError, WorkError
 from calib.io import reason, whole_file
-from calib.types import F64, Bool
+from calib.types import Bool
 from planview.trajectories.table import Trajectories
 
 ROWS_MAX = 50_000_000
@@ -72,11 +72,10 @@ def checked_area(text: str, where: str) -> str:
 
 def surrounding_area(table: Trajectories) -> str:
     """The upright rectangle AREA_MARGIN_M around all positions, as well-known text."""
-    known = np.isfinite(table.x_m) & np.isfinite(table.y_m)
-    xy = np.column_stack([table.x_m[known], table.y_m[known]]) if known.any() else np.zeros((1, 2))
-    (x0, y0), (x1, y1) = xy.min(axis=0) - AREA_MARGIN_M, xy.max(axis=0) + AREA_MARGIN_M
-    corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0))
-    return "POLYGON ((" + ", ".join(f"{x:.3f} {y:.3f}" for x, y in corners) + "))"
+    xy = np.column_stack([table.x_m, table.y_m])
+    xy = xy[np.isfinite(xy).all(axis=1)] if np.isfinite(xy).all(axis=1).any() else np.zeros((1, 2))
+    low, high = xy.min(axis=0) - AREA_MARGIN_M, xy.max(axis=0) + AREA_MARGIN_M
+    return str(shapely.to_wkt(shapely.box(*low, *high, ccw=True), rounding_precision=3, trim=False))
 
 
 def refuse_many(path: Path, rows: int) -> None:
@@ -98,14 +97,8 @@ def replaced(path: Path) -> Iterator[Path]:
 
 
 class Region:
-    """Polygons, with or without holes.
-
-    Args:
-        text: POLYGON, MULTIPOLYGON or GEOMETRYCOLLECTION [m].
-        where: what holds the text, for messages.
-    Raises:
-        InputError: not such a text, or a ring of fewer than three points.
-    """
+    """Polygons, with or without holes, of a POLYGON, MULTIPOLYGON or GEOMETRYCOLLECTION [m]; ``where`` it stands is
+    named. Raises InputError: not such a text, or a ring of fewer than three points."""
 
     def __init__(self, text: str, where: str) -> None:
         self.wkt = checked_area(text, where)
@@ -116,9 +109,9 @@ class Region:
         if not self._area.area > 0:
             raise InputError(f"{where}: expected rings of at least three points x y, found {self.wkt[:60]}")
 
-    def contains(self, x: F64, y: F64) -> Bool:
-        """(N,) whether points are in a polygon or on its border, and in none of its holes; unknown ones are not."""
-        return np.asarray(shapely.intersects_xy(self._area, x, y))
+    def contains(self, table: Trajectories) -> Bool:
+        """(N,) whether rows lie in a polygon or on its border, and in none of its holes; unknown positions do not."""
+        return np.asarray(shapely.intersects_xy(self._area, table.x_m, table.y_m))
 
 
 def region_of(text: str, option: str) -> Region:
@@ -138,12 +131,7 @@ def limited(file: TrajectoryFile, region: str | None, ignore: str | None) -> Tra
     InputError: see ``region_of``."""
     table = file.table
     if region is not None:
-        table = table.where(inside(table, region_of(region, "region=")))
+        table = table.where(region_of(region, "region=").contains(table))
     if ignore is not None:
-        table = table.where(~inside(table, region_of(ignore, "ignore=")))
+        table = table.where(~region_of(ignore, "ignore=").contains(table))
     return replace(file, table=table)
-
-
-def inside(table: Trajectories, region: Region) -> Bool:
-    """(N,) whether rows lie in a region; rows without a floor position do not."""
-    return region.contains(table.x_m, table.y_m)

@@ -22,23 +22,11 @@ from planview.trajectories.binary_formats import (
 from planview.trajectories.file import TrajectoryFile, checked_rate, replaced, surrounding_area, timed_by_rate
 from planview.trajectories.motchallenge import read_motchallenge, write_motchallenge
 from planview.trajectories.simulations import read_simulation, simulation_of
-from planview.trajectories.table import (
-    Trajectories,
-    frame_period_s,
-    read_tracks,
-    read_truth,
-    write_table,
-)
-from planview.trajectories.text_formats import (
-    read_jsonl,
-    read_petrack,
-    write_jsonl,
-    write_petrack,
-)
+from planview.trajectories.table import Trajectories, frame_period_s, read_tracks, read_truth, write_table
+from planview.trajectories.text_formats import read_jsonl, read_petrack, write_jsonl, write_petrack
 
 BINARY = {b"\x89HDF\r\n\x1a\n": read_ped_data_archive, b"SQLite format 3\x00": read_jupedsim, b"PAR1": read_parquet}
 """Readers by the first bytes of a file."""
-_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _FIRST_LINE = 10_000
 ExportName = Literal["pedpy", "ped-data-archive", "jupedsim", "motchallenge", "parquet", "csv", "jsonl"]
 _TRUTH_FILES = ("truth.csv", "gt.txt", "gt/gt.txt")
@@ -83,11 +71,10 @@ def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
 
 def _load_text(path: Path, first: bytes, truth: bool) -> TrajectoryFile:
     try:
-        line = first.removeprefix(_BYTE_ORDER_MARK).decode("utf-8", "ignore" if len(first) == _FIRST_LINE else "strict")
+        line = first.decode("utf-8-sig", "ignore" if len(first) == _FIRST_LINE else "strict")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected trajectories, found {error}") from error
-    first_cell = line.replace(",", " ").split()[:1]
-    is_table = bool(first_cell) and re.fullmatch(r"[-+.\deE]+", first_cell[0]) is not None
+    is_table = re.match(r"\s*[-+.\deE]+(?=[\s,]|$)", line) is not None
     if line.startswith("#") or (is_table and len(line.split()) < 6 and "," not in line):
         return read_petrack(path)
     if line.startswith("{"):
@@ -125,9 +112,8 @@ FORMATS: dict[ExportName, ExportFormat] = {
 def prepared(
     file: TrajectoryFile, name: ExportName, *, fps: float | None = None, area: str | None = None, lost: bool = False
 ) -> TrajectoryFile:
-    """What an export of a file holds.
-
-    A format without states gets the rows that are confirmed and, unless boxes do, have a floor position.
+    """What an export of a file holds: of a format without states the confirmed rows with a floor position or, where it
+    has boxes, a box.
 
     Args:
         fps: in place of the file's own; where neither is known the rate that the timestamps have.
@@ -138,10 +124,10 @@ def prepared(
     """
     table = file.table
     if not FORMATS[name].keeps_state:
-        needs_floor = FORMATS[name].needs_floor
         confirmed = (table.state == "confirmed") | (lost & (table.state == "lost"))
-        floor = np.isfinite(table.x_m) & np.isfinite(table.y_m)
-        usable = floor if needs_floor else floor | np.isfinite(table.box_px).all(axis=1)
+        usable = np.isfinite(table.x_m) & np.isfinite(table.y_m)
+        if not FORMATS[name].needs_floor:
+            usable |= np.isfinite(table.box_px).all(axis=1)
         if len(table) and not usable.any():
             raise InputError("expected trajectories with floor positions, found none")
         table = table.where(confirmed & usable)
@@ -179,24 +165,21 @@ def tracks_file(path: Path) -> Path:
 def sequence_rate(truth: Path) -> float | None:
     """Frames per second in the seqinfo.ini of a MOTChallenge sequence, next to its truth or a folder above; None
     without one. Raises InputError: no rate in it."""
-    file, found = _seqinfo(truth, "frameRate")
-    return checked_rate(file, found) if found else None
+    file, values = _seqinfo(truth)
+    return checked_rate(file, values["framerate"]) if values.get("framerate") else None
 
 
 def sequence_size(truth: Path) -> tuple[int, int] | None:
     """(width, height) of the images [px] in the seqinfo.ini of a sequence; None where it does not give them."""
-    (_, width), (_, height) = _seqinfo(truth, "imWidth"), _seqinfo(truth, "imHeight")
+    width, height = (_seqinfo(truth)[1].get(key, "") for key in ("imwidth", "imheight"))
     return (int(width), int(height)) if width.isdecimal() and height.isdecimal() else None
 
 
-def _seqinfo(truth: Path, key: str) -> tuple[Path, str]:
-    """The seqinfo.ini of a truth, and its value of a key; empty without one."""
-    for folder in (truth.parent, truth.parent.parent):
-        if (file := folder / "seqinfo.ini").is_file():
-            text = read_text(file, "seqinfo.ini")
-            found = re.search(rf"^\s*{key}\s*=\s*(.*?)\s*$", text, re.MULTILINE | re.IGNORECASE)
-            return file, found[1] if found else ""
-    return truth, ""
+def _seqinfo(truth: Path) -> tuple[Path, dict[str, str]]:
+    """The seqinfo.ini of a truth, and its values by their keys in lower case; none without it."""
+    file = next((folder / "seqinfo.ini" for folder in truth.parents[:2] if (folder / "seqinfo.ini").is_file()), truth)
+    text = read_text(file, "seqinfo.ini") if file != truth else ""
+    return file, {key.lower(): value for key, value in re.findall(r"(?m)^\s*(\w+)\s*=\s*(.*?)\s*$", text)}
 
 
 def truth_file(folder: Path) -> Path | None:
@@ -209,10 +192,7 @@ def file_pairs(tracks: Path, truth: Path) -> list[FilePair]:
 
     A name is that of a file without its ending, or of a folder with ``tracks.csv``, or with ``truth.csv``, ``gt.txt``
     or ``gt/gt.txt``; tracks may also lie in a folder ``data`` (MOTChallenge results). Tracks without truth are left
-    out.
-
-    Raises:
-        InputError: a truth without tracks, or no truth at all.
+    out. Raises InputError: a truth without tracks, or no truth at all.
     """
     own_truth = truth_file(truth) or truth
     if not own_truth.is_dir():

@@ -10,19 +10,14 @@ from pathlib import Path
 from typing import Any
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
-"""First bytes (format specification, II.A, superblock)."""
 _HEAP = b"GCOL\x01\0\0\0"
-"""First bytes of a global heap, which holds strings (III.E); its size follows, then objects of 16 bytes and more."""
+"""First bytes of a global heap, which holds strings (format specification, III.E); its size and objects follow."""
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """The file, to read.
-
-    Raises:
-        OSError, RuntimeError: it cannot be read, or is no such file.
-        ValueError: a heap of strings is damaged: libhdf5 2.0 and before walk in place over an object of no size.
-    """
+    """The file, to read. Raises OSError, RuntimeError: unreadable, or another file. ValueError: a damaged heap of
+    strings: libhdf5 2.0 and before walk in place over an object of no size."""
     import h5py  # a tenth of a second, and only these files need it
 
     with path.open("rb") as raw, mmap.mmap(raw.fileno(), 0, access=mmap.ACCESS_READ) as data:
@@ -31,19 +26,14 @@ def opened(path: Path) -> Iterator[Any]:
             raise ValueError("another file")
         start = data.find(_HEAP)
         while start >= 0:
-            _refuse_endless(data, start)
+            (size,) = struct.unpack("<Q", data[start + 8 : start + 16].ljust(8, b"\0"))  # a file may end in it
+            end, place = min(start + size, len(data)), start + 16
+            while place + 16 <= end:  # object 0 is what is free, header included
+                number, length = struct.unpack_from("<H6xQ", data, place)
+                step = 16 + (length + 7) // 8 * 8 if number else length
+                if not 0 < step <= end - place:
+                    raise ValueError(f"a damaged heap of strings at byte {place}")
+                place += step
             start = data.find(_HEAP, start + 1)
     with h5py.File(path, "r") as file:
         yield file
-
-
-def _refuse_endless(data: mmap.mmap, start: int) -> None:
-    """Walk over a heap's objects as the library does; number 0 is what is free, header included."""
-    (size,) = struct.unpack("<Q", data[start + 8 : start + 16].ljust(8, b"\0"))  # a file may end in it
-    end, place = min(start + size, len(data)), start + 16
-    while place + 16 <= end:
-        number, length = struct.unpack_from("<H6xQ", data, place)
-        step = 16 + (length + 7) // 8 * 8 if number else length
-        if not 0 < step <= end - place:
-            raise ValueError(f"a damaged heap of strings at byte {place}")
-        place += step

@@ -12,7 +12,7 @@ from calib.errors import InputError
 from calib.io import reason, require_file
 from calib.types import F64, Bool
 from planview.trajectories.file import TrajectoryFile, replaced
-from planview.trajectories.table import IGNORED, table_of
+from planview.trajectories.table import BOX_COLUMNS, IGNORED, table_of
 
 FRAMES_MAX = 10_000_000
 COLUMNS = "frame (from 1),id,left,top,width,height"
@@ -22,13 +22,9 @@ OUTSIDE_MAX = 0.1
 
 def motchallenge_rows(path: Path, *, of_detector: bool = False) -> F64:
     """(N, 6 to 10) rows of frame, id, left, top, width, height [px] and more, separated by commas or blanks; NaN where
-    a row is shorter than others, (0, 6) of an empty file.
-
-    Args:
-        of_detector: every row is a box that was found, so that frames count from 1 and no box is unknown.
-    Raises:
-        InputError: unreadable, a row of another length, values that are not numbers, or boxes that cannot be in pixels.
-    """
+    a row is shorter than others, (0, 6) of an empty file. Rows ``of_detector`` are boxes that were found: frames count
+    from 1 and no box is unknown. Raises InputError: unreadable, a row of another length, values that are not numbers,
+    or boxes that cannot be in pixels."""
     require_file(path, "rows of numbers")
     rows, longest = array("d"), 6
     try:
@@ -123,20 +119,17 @@ def read_motchallenge(path: Path, *, truth: bool) -> TrajectoryFile:
         if not len(table):
             raise InputError(f"{path}: expected truth rows that count, found the confidence 0 in all of them")
         visible = np.ones(len(table))
-    columns = dict(zip(("left_px", "top_px", "width_px", "height_px"), table[:, 2:6].T, strict=True))
-    x, y = _floor(table).T
-    columns |= {"frame": table[:, 0] - (not from_zero), "id": table[:, 1], "x_m": x, "y_m": y, "visible": visible}
+    floor = np.full((len(table), 2), np.nan)
+    if table.shape[1] >= 9:
+        floor = np.where((table[:, 7:] == -1).all(axis=1)[:, None], np.nan, table[:, 7:9])
+    columns = dict(zip((*BOX_COLUMNS, "x_m", "y_m"), (*table[:, 2:6].T, *floor.T), strict=True))
+    columns |= {"frame": table[:, 0] - (not from_zero), "id": table[:, 1], "visible": visible}
     return TrajectoryFile(table_of(columns, path), note=note)
 
 
 def write_motchallenge(path: Path, file: TrajectoryFile) -> None:
-    """Write rows of frame (from 1), id, box, confidence 1 and world X, Y, Z [m] with Z 0 on the floor.
-
-    An unknown box or position is -1 throughout. Heights and times have no column.
-
-    Raises:
-        WorkError: the file cannot be written.
-    """
+    """Write rows of frame (from 1), id, box, confidence 1 and world X, Y, Z [m] with Z 0 on the floor; an unknown box
+    or position is -1 throughout, heights and times have no column. Raises WorkError: the file cannot be written."""
     table = file.table
     world = np.column_stack([table.x_m, table.y_m, np.zeros(len(table))])
     columns = [table.frame + 1, table.track_id, _or_minus_one(table.box_px), np.ones(len(table)), _or_minus_one(world)]
@@ -159,11 +152,3 @@ def _has_classes(table: F64) -> Bool | bool:
     flag, kind, visible = table[:, 6:9].T
     classes = (kind == np.floor(kind)) & (kind >= 0)
     return bool((np.isin(flag, (0, 1)) & classes & (visible >= 0) & (visible <= 1)).all())
-
-
-def _floor(table: F64) -> F64:
-    """(N, 2) floor positions [m]; NaN where the columns are missing or -1."""
-    if table.shape[1] < 9:
-        return np.full((len(table), 2), np.nan)
-    unknown = (table[:, 7:] == -1).all(axis=1)
-    return np.where(unknown[:, None], np.nan, table[:, 7:9])

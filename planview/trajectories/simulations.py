@@ -47,14 +47,9 @@ def _names(line: str, separator: str) -> list[str]:
 
 
 def read_simulation(path: Path, simulation: Simulation, header: int) -> TrajectoryFile:
-    """Read a table; the time between its rows gives the frames, and where it is uneven (Vadere writes footsteps), the
-    positions are interpolated.
-
-    Args:
-        header: number of the line that names the columns, from 0.
-    Raises:
-        InputError: unreadable, values that are not numbers, or only one time.
-    """
+    """Read a table whose columns line ``header``, from 0, names; the time between its rows gives the frames, and where
+    it is uneven (Vadere writes footsteps), the positions are interpolated. Raises InputError: unreadable, values that
+    are not numbers, or only one time."""
     import pandas  # half a second
 
     require_file(path, f"trajectories of {simulation.name}")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -37,19 +38,6 @@ PERSON_S = 0.5
 people who cross the view are observed for longer."""
 IGNORED = -1.0
 """``visible`` of a truth row that never counts: a distractor of a benchmark."""
-
-
-def read_numbers(path: Path, delimiter: str | None, expected: str) -> F64:
-    """(N, M) numbers of a text file; None for blanks as delimiter. Raises InputError: unreadable, rows of different
-    lengths, or values that are not numbers; ``expected`` is named."""
-    require_file(path, expected)
-    try:
-        with warnings.catch_warnings():
-            # A file with nothing but comments is an empty table.
-            warnings.filterwarnings("ignore", "loadtxt: input contained no data")
-            return np.loadtxt(path, delimiter=delimiter, ndmin=2, dtype=np.float64, encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: expected {expected}, found {reason(error)}") from error
 
 
 def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Trajectories:
@@ -93,62 +81,61 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
 
 
 def _read(file: Path | str, required: Sequence[str], what: str) -> Trajectories:
-    import pandas  # half a second
-
     path = Path(file)
     require_file(path, f"a {what} file")
     try:
         with path.open(encoding="utf-8-sig", newline="") as text:
             names = next(csv.reader(text), [])
-        if missing := [name for name in required if name not in names]:
-            raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
-        kinds = {name: "str" if name == "state" else "f8" for name in COLUMNS if name in names}
-        frame = pandas.read_csv(
-            path, usecols=list({*kinds, names[-1]}), dtype=kinds, index_col=False, keep_default_na=False,
-            na_values=["", " "], skipinitialspace=True, float_precision="round_trip", encoding="utf-8-sig",
-        )  # fmt: skip
-    except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
-        found = reason(error)
-        raise _first_fault(path) or InputError(f"{path}: expected a {what} file, found {found}") from error
-    # A row that is cut short lacks its last cell at least.
-    if frame[names[-1]].isna().any() and (fault := _first_fault(path, cells=False)):
-        raise fault
-    try:
-        return table_of(frame, path)
-    except InputError as error:
-        raise _first_fault(path) or error from error
+            if missing := [name for name in required if name not in names]:
+                raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
+            text.seek(0)
+            cells = _cells(text, names)
+        # A row that is cut short lacks its last cell at least.
+        if cells[names[-1]].isna().any() and (fault := _first_fault(path, cells=False)):
+            raise InputError(f"{path}: {fault}")
+        return table_of(cells, path)
+    except (OSError, ValueError, csv.Error, InputError) as error:
+        if fault := _first_fault(path):
+            raise InputError(f"{path}: {fault}") from error
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: expected a {what} file, found {reason(error)}") from error
 
 
-def _first_fault(path: Path, *, cells: bool = True) -> InputError | None:
-    """The first row of a CSV file that is cut short, or its first cell that is not what its column holds; cells are
-    not looked at unless ``cells``."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            names = next(reader, [])
-            for row in filter(None, reader):
-                if len(row) < len(names):
-                    found = f"expected {len(names)} cells in line {reader.line_num}, found fewer"
-                    return InputError(f"{path}: {found}")
-                for name, cell in zip(names, row, strict=False) if cells else ():
-                    if expected := _expected(name, cell.strip()):
-                        return InputError(f"{path}: expected {expected}, line {reader.line_num}, found {cell!r}")
-    except (OSError, UnicodeDecodeError, csv.Error):
-        pass
-    return None
+def _cells(text: IO[str], names: Sequence[str]) -> DataFrame:
+    import pandas  # half a second
+
+    kinds = {name: "str" if name == "state" else "f8" for name in COLUMNS if name in names}
+    return pandas.read_csv(
+        text, usecols=list({*kinds, names[-1]}), dtype=kinds, index_col=False, keep_default_na=False,
+        na_values=["", " "], skipinitialspace=True, float_precision="round_trip", encoding="utf-8-sig",
+    )  # fmt: skip
+
+
+def _first_fault(path: Path, *, cells: bool = True) -> str:
+    """The first row of a CSV file that is cut short or, with ``cells``, has a cell that is not what its column holds;
+    empty where there is none."""
+    with suppress(OSError, UnicodeDecodeError, csv.Error), path.open(encoding="utf-8-sig", newline="") as file:
+        reader = csv.reader(file)
+        names = next(reader, [])
+        for row in filter(None, reader):
+            if len(row) < len(names):
+                return f"expected {len(names)} cells in line {reader.line_num}, found fewer"
+            for name, cell in zip(names, row, strict=False) if cells else ():
+                if expected := _expected(name, cell.strip()):
+                    return f"expected {expected}, line {reader.line_num}, found {cell!r}"
+    return ""
 
 
 def _expected(name: str, cell: str) -> str:
     """What a cell should be; empty where it is."""
     if name == "state":
         return "" if cell in ("", *STATES) else f"a state of {', '.join(STATES)}"
-    if name not in COLUMNS:
-        return ""
     try:
-        value = float(cell or "nan")
+        whole = float(cell or "nan") % 1 == 0 or name not in ("frame", "id")
     except ValueError:
-        return f"a number in {name!r}"
-    return f"a whole number in {name!r}" if name in ("frame", "id") and value % 1 != 0 else ""
+        return f"a number in {name!r}" if name in COLUMNS else ""
+    return "" if whole else f"a whole number in {name!r}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +215,7 @@ def concatenated(tables: Sequence[Trajectories]) -> Trajectories:
 
 
 def rows_by_id(track_id: I64) -> Iterator[tuple[int, I64]]:
-    """Every id with its rows in their order, by rising id."""
+    """Every id with its rows in order, by rising id."""
     order = np.argsort(track_id, kind="stable")
     ids, starts = np.unique(track_id[order], return_index=True)
     return zip(ids.tolist(), np.split(order, starts[1:]), strict=False)
@@ -271,23 +258,16 @@ class TrajectoryCollector:
     """Gathers tracks in memory, with the values that ``write_rows`` and ``read_tracks`` would give."""
 
     def __init__(self) -> None:
-        self._rows: list[tuple[int, float, TrackState]] = []
+        self._text = io.StringIO()
+        write_header(self._text)
 
     def add(self, frame: int, timestamp_s: float, tracks: Sequence[TrackState]) -> None:
         """Take one frame's tracks; every (frame, id) once."""
-        self._rows += [(frame, timestamp_s, track) for track in tracks]
+        write_rows(self._text, frame, timestamp_s, tracks)
 
     def trajectories(self) -> Trajectories:
         """Everything gathered so far, rounded as in ``tracks.csv``: 0.1 mm, 0.1 ms, 0.1 px."""
-        numbers = [
-            (frame, _rounded(time, 4), t.track_id,
-             *(_rounded(value, 4) for value in (t.x_m, t.y_m, t.vx_mps, t.vy_mps, t.height_m)),
-             *(_rounded(value, 1) for value in t.box_px))
-            for frame, time, t in self._rows
-        ]  # fmt: skip
-        columns = np.array(numbers, dtype=np.float64).reshape(-1, len(NUMBER_COLUMNS)).T
-        states = np.array([track.state for _, _, track in self._rows], dtype=np.str_)
-        return table_of({**dict(zip(NUMBER_COLUMNS, columns, strict=True)), "state": states}, "tracks")
+        return table_of(_cells(io.StringIO(self._text.getvalue()), TRACK_COLUMNS), "tracks")
 
 
 def read_tracks(path: Path | str) -> Trajectories:
@@ -303,11 +283,6 @@ def read_truth(path: Path | str) -> Trajectories:
 
 def _cell(value: float, digits: int) -> str:
     return "" if math.isnan(value) else f"{value:.{digits}f}"
-
-
-def _rounded(value: float, digits: int) -> float:
-    """With as many digits as the file has; NaN where its cell is empty."""
-    return float(_cell(value, digits) or "nan")
 
 
 def frame_period_s(table: Trajectories, fallback_s: float) -> float:
@@ -330,10 +305,6 @@ def is_person(confirmed_frames: I64, frame_s: float) -> Bool:
 
 
 def people_of(tracks: Trajectories, frame_s: float) -> I64:
-    """(P,) ids of the people, ascending: those of tracks that are confirmed for at least PERSON_S in all.
-
-    Args:
-        frame_s: time from frame to frame [s].
-    """
+    """(P,) ids of the people, ascending: tracks confirmed for at least PERSON_S, at ``frame_s`` [s] a frame."""
     ids, frames = np.unique(tracks.track_id[tracks.state == "confirmed"], return_counts=True)
     return np.asarray(ids[is_person(frames, frame_s)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator
+import warnings
 from itertools import takewhile
 from pathlib import Path
 from typing import IO, Any, NoReturn
@@ -16,7 +16,7 @@ from calib.errors import InputError
 from calib.io import reason
 from calib.types import F64
 from planview.trajectories.file import TrajectoryFile, checked_rate, replaced
-from planview.trajectories.table import NUMBER_COLUMNS, STATES, Trajectories, read_numbers, table_of
+from planview.trajectories.table import NUMBER_COLUMNS, STATES, Trajectories, table_of
 
 METRES = {"m": 1.0, "cm": 0.01}
 _RATE = re.compile(r"framerate\s*[:=]?\s*([^\s,;]+)", re.IGNORECASE)
@@ -29,17 +29,17 @@ _VALUES = ("x_m", "y_m", "vx_mps", "vy_mps", "height_m")
 
 def read_petrack(path: Path) -> TrajectoryFile:
     """Read a text file whose comments give the unit and, usually, the frame rate; without comments it is one of the
-    laboratory experiments of Juelich: centimetres at 16 frames per second.
-
-    A z of 0 or less, or none, is no height.
-
-    Raises:
-        InputError: no unit in the comments, fewer than 4 columns, or values that are not numbers.
-    """
+    laboratory experiments of Juelich: centimetres at 16 frames per second. A z of 0 or less, or none, is no height.
+    Raises InputError: no unit in the comments, fewer than 4 columns, or values that are not numbers."""
     rate, scale = _comments(path)
-    table = read_numbers(path, None, "rows of id frame x y z")
-    if not len(table):
-        table = np.empty((0, 5))
+    try:
+        with warnings.catch_warnings():
+            # A file with nothing but comments is an empty table.
+            warnings.filterwarnings("ignore", "loadtxt: input contained no data")
+            table = np.loadtxt(path, ndmin=2, dtype=np.float64, encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: expected rows of id frame x y z, found {reason(error)}") from error
+    table = table if len(table) else np.empty((0, 5))
     if table.shape[1] < 4:
         raise InputError(f"{path}: expected the columns id frame x y z, found {table.shape[1]} columns")
     columns = {"id": table[:, 0], "frame": table[:, 1], "x_m": scale * table[:, 2], "y_m": scale * table[:, 3]}
@@ -49,13 +49,8 @@ def read_petrack(path: Path) -> TrajectoryFile:
 
 
 def write_petrack(path: Path, file: TrajectoryFile, unit: str = "m") -> None:
-    """Write rows with known positions by id, then frame, to 0.1 mm; an unknown height is ``nan``.
-
-    Args:
-        unit: "m" or "cm".
-    Raises:
-        WorkError: the file cannot be written.
-    """
+    """Write rows with known positions by id, then frame, to 0.1 mm in a unit, "m" or "cm"; an unknown height is
+    ``nan``. Raises WorkError: the file cannot be written."""
     table = file.table
     order = np.lexsort((table.frame, table.track_id))
     values = np.column_stack([table.x_m, table.y_m, table.height_m])[order] / METRES[unit]
@@ -113,42 +108,37 @@ def read_jsonl(path: Path) -> TrajectoryFile:
     unreadable, or a line that is not a frame with people."""
     numbers: list[list[float]] = []
     states: list[str] = []
-    for line, frame in _frames(path):
-        try:
-            for person in frame["people"]:
-                box, state = person.get("box_px") or [None] * 4, person.get("state", "confirmed")
-                if len(box) != 4:
-                    raise ValueError(f"a box of {len(box)} numbers")
-                values = (frame.get("timestamp_s"), *(person.get(name) for name in _VALUES), *box)
-                time, *rest = (math.nan if v is None else float(v) for v in values)
-                numbers.append([float(frame["frame"]), time, float(person["id"]), *rest])
-                if state not in STATES:
-                    raise ValueError(f"the state {str(state)[:40]!r}")
-                states.append(str(state))
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-            raise InputError(f"{path}: expected a frame with people in line {line}, found {_found(error)}") from error
+    try:
+        with path.open(encoding="utf-8") as file:
+            for line, text in enumerate(iter(lambda: file.readline(LINE_MAX), ""), 1):
+                try:
+                    frame = json.loads(text, parse_constant=_refuse) if text.strip() else {"people": ()}
+                except (ValueError, RecursionError) as error:
+                    if not text.endswith("\n") and len(text) < LINE_MAX and line > 1:
+                        break
+                    raise InputError(f"{path}: expected JSON in line {line}, found {error}") from error
+                try:
+                    for person in frame["people"]:
+                        numbers.append(_numbers(frame, person))
+                        states.append(person.get("state", "confirmed"))
+                        if states[-1] not in STATES:
+                            raise ValueError(f"the state {str(states[-1])[:40]!r}")
+                except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+                    found = f"no {error}" if isinstance(error, KeyError) else error
+                    raise InputError(f"{path}: expected a frame with people in line {line}, found {found}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected JSON lines, found {reason(error)}") from error
     columns = dict(zip(NUMBER_COLUMNS, np.array(numbers, dtype=np.float64).reshape(-1, 12).T, strict=True))
     return TrajectoryFile(table_of({**columns, "state": np.array(states, dtype=np.str_)}, path))
 
 
-def _frames(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Line numbers, from 1, and the objects in them."""
-    try:
-        with path.open(encoding="utf-8") as file:
-            for number, line in enumerate(iter(lambda: file.readline(LINE_MAX), ""), 1):
-                if not line.strip():
-                    continue
-                try:
-                    value = json.loads(line, parse_constant=_refuse)
-                except (ValueError, RecursionError) as error:
-                    if not line.endswith("\n") and len(line) < LINE_MAX and number > 1:
-                        return
-                    raise InputError(f"{path}: expected JSON in line {number}, found {error}") from error
-                if not isinstance(value, dict):
-                    raise InputError(f"{path}: expected an object in line {number}, found {type(value).__name__}")
-                yield number, value
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected JSON lines, found {reason(error)}") from error
+def _numbers(frame: dict[str, Any], person: dict[str, Any]) -> list[float]:
+    """The NUMBER_COLUMNS of one person."""
+    box = person.get("box_px") or [None] * 4
+    if len(box) != 4:
+        raise ValueError(f"a box of {len(box)} numbers")
+    cells = (frame["frame"], frame.get("timestamp_s"), person["id"], *(person.get(name) for name in _VALUES), *box)
+    return [math.nan if cell is None else float(cell) for cell in cells]
 
 
 def _known(value: float) -> float | None:
@@ -157,7 +147,3 @@ def _known(value: float) -> float | None:
 
 def _refuse(constant: str) -> NoReturn:
     raise ValueError(f"the constant {constant}")
-
-
-def _found(error: Exception) -> str:
-    return f"no {error}" if isinstance(error, KeyError) else str(error)

@@ -185,7 +185,8 @@ def test_edits_that_do_not_fit_the_tracks_are_refused(edit, found):
 def test_rename_keeps_rows_sorted_and_the_hole_of_a_polygon_is_outside():
     assert edited(TWO, ["rename 1 9"]).track_id[:2].tolist() == [3, 9]
     region = Region("POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0), (1 1, 3 1, 3 3, 1 3, 1 1))", "test")
-    assert region.contains(np.array([0.5, 2.0, 5.0]), np.array([0.5, 2.0, 2.0])).tolist() == [True, False, False]
+    corners = positions_table(np.arange(3), np.ones(3, dtype=np.int64), np.array([[0.5, 0.5], [2.0, 2.0], [5.0, 2.0]]))
+    assert region.contains(corners).tolist() == [True, False, False]
 
 
 def test_gaps_are_joined_within_time_and_distance_in_chains_by_the_nearest():
