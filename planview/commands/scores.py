@@ -41,6 +41,8 @@ from planview.trajectories.formats import (
 )
 from planview.trajectories.motchallenge import refuse_outside
 
+FINISHES = " (planview run --resume finishes it)"
+
 
 @Parameter(name="*")
 @dataclass(frozen=True)
@@ -141,7 +143,7 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
                 f"{pair.truth}: expected truth of the frames {first} to {last} of {pair.tracks}, found {begin} to {end}"
             )
     if note := unfinished_note(pair.tracks):
-        console.print(f"{note} (planview run --resume finishes it)")
+        console.print(f"{note}{FINISHES}")
     run = RunFolder.around(pair.tracks)
     size = sequence_size(pair.truth) if run is None else run.size_px
     if params.match_on == "boxes" and size is not None:
@@ -270,14 +272,15 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
         AnalyticsParams, hysteresis_m=options.hysteresis, zone_hysteresis_m=options.zone_hysteresis,
         min_age_s=options.min_age, interval_s=options.interval,
     )  # fmt: skip
+    if not options.window > 0:
+        raise InputError(f"--window: expected a time greater than 0 s, found {options.window}")
     path = tracks_file(tracks)
     found = limited(load_file(path), options.region, options.ignore).table
     run, console = RunFolder.around(path), PlainConsole(stderr=True, soft_wrap=True)
     clock = Clock(found, options.fps or (run and run.info.fps) or 30.0)
     placed = load_rules(rules, _plane(options.camera, options.rig, run))
-    if note := unfinished_note(path):
-        console.print(f"{note} (planview run --resume finishes it)")
-    for note in (clock.jump(), placed.of_unknown_size):
+    unfinished = unfinished_note(path)
+    for note in (unfinished and f"{unfinished}{FINISHES}", clock.jump(), placed.of_unknown_size):
         if note:
             console.print(note)
     n_frames = run.info.frames_read + run.info.frames_skipped if run else 0
@@ -286,25 +289,17 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
         counts = replace(counts, span=run.span)
     result = counts.to_json()
     if options.truth is not None:
-        result |= {"scores": _scores(options.truth, options.window, counts, clock, params, n_frames)}
+        if _is_events(options.truth):
+            scores = score_events(read_events(options.truth), counts, options.window)
+        else:
+            true = count_truth(load_truth(options.truth), counts.rules, clock, params, n_frames)
+            scores = score_counts(true, counts, options.window)
+        result |= {"scores": scores.to_json()}
     _write_counts(path, options.out, counts, result, console)
     if options.json_output:
         print(json.dumps(result, indent=2))
     else:
         print_counts(result, PlainConsole())
-
-
-def _scores(
-    truth: Path, window_s: float, counts: Counts, clock: Clock, params: AnalyticsParams, n_frames: int
-) -> dict[str, Any]:
-    """The counts against true events, or against what true positions count."""
-    if not window_s > 0:
-        raise InputError(f"--window: expected a time greater than 0 s, found {window_s}")
-    if _is_events(truth):
-        return score_events(read_events(truth), counts, window_s).to_json()
-    return score_counts(
-        count_truth(load_truth(truth), counts.rules, clock, params, n_frames), counts, window_s
-    ).to_json()
 
 
 def _write_counts(tracks: Path, folder: Path | None, counts: Counts, result: dict[str, Any], console: Console) -> None:
@@ -359,6 +354,5 @@ def _figures(values: dict[str, Any]) -> Sequence[str]:
     figures = [f"{key} {value}" if isinstance(value, int) else f"{key} {value:.2f}" for key, value in shown.items()]
     groups = [group for group in values.get("groups", []) if group["frames"]]
     return figures + [
-        f"{group['people']} people: {group['right_percent']:.1f} % right, {group['mean_difference']:+.2f}"
-        for group in groups
+        f"{g['people']} people: {g['right_percent']:.1f} % right, {g['mean_difference']:+.2f}" for g in groups
     ]

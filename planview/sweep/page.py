@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from planview.output.report.compare import Cell, Table, comparison_page
-from planview.output.report.page import Picture, picture
-from planview.output.report.plots import COLOURS, new_figure, plain_text, png_bytes
+from planview.output.report.plots import COLOURS, Picture, new_figure, picture, plain_text, png_bytes
 from planview.sweep.results import DRAWS, LEVEL, JobResult, Ranked, why_no_intervals
 from planview.sweep.study import FIGURES, FigureName, Study
 

@@ -14,17 +14,9 @@ from planview.evaluation.result import KINDS
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import write_result
 from planview.output.report import plots
-from planview.output.report.page import (
-    Figure,
-    Picture,
-    errors_of,
-    figure_text,
-    flat_settings,
-    picture,
-    scores_of,
-    words_of,
-)
-from planview.output.report.timelines import track_bars, truth_bars
+from planview.output.report.page import Figure, errors_of, figure_text, flat_settings, scores_of, words_of
+from planview.output.report.plots import Picture, picture
+from planview.output.report.timelines import identity_pictures
 from planview.output.run_folder import RunFolder
 
 ERRORS_MAX = 100
@@ -110,12 +102,10 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
         head = ["frame", "kind", "person", *names]
         tables.append(Table("Significant errors", head, rows, of_numbers=False, more=max(0, len(errors) - ERRORS_MAX)))
     tables.append(Table("Time", ["median per frame", *names], _stages(runs)))
-    pictures = []
-    for name, results, *_ in runs:
-        true = plots.Places.of(results.truth) if results.truth is not None else None
-        floor = plots.floor_plot(plots.Places.of(results.tracks), results, true)
-        pictures.append(picture(f"Floor: {name}", floor))
-    pictures += [_bars(run) for run in runs if len(run.results.tracks)]
+    pictures = [picture(f"Floor: {run.name}", plots.floor_plot(run.results)) for run in runs]
+    for run in runs:
+        for bars in identity_pictures(run.results, run.errors)[-1:]:
+            pictures.append(bars._replace(title=f"{bars.title}: {run.name}"))
     title, notes = f"{len(runs)} runs", ["The best figure of a row is bold."]
     write_result(path, comparison_page(title, notes, tables, pictures))
 
@@ -176,12 +166,3 @@ def shared_errors(errors: Sequence[Sequence[SignificantError]], frame_s: float) 
                 rows.append(row)
             row.notes[n] = f"frame {error.frame}: {error.note}"
     return sorted(rows, key=lambda row: row.frame)
-
-
-def _bars(run: _ComparedRun) -> Picture:
-    tracks, truth, clock = run.results.tracks, run.results.truth, run.results.clock
-    if truth is not None and len(truth):
-        note = "True people in the colour of the track that holds each, grey where none does."
-        return picture(f"True people: {run.name}", truth_bars(tracks, truth, clock, run.errors), note)
-    note = "A row per track, thin where only predicted."
-    return picture(f"Identities: {run.name}", track_bars(tracks, clock, run.errors), note)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydantic import JsonValue, TypeAdapter, ValidationError
@@ -18,8 +17,9 @@ from planview.engine.info import CameraInfo
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import RunInfo, write_result
 from planview.output.report import plots
+from planview.output.report.plots import Picture, picture
 from planview.output.report.snapshots import ERRORS_MAX, read_decision_log, scene_pictures
-from planview.output.report.timelines import people_rows, track_bars, truth_bars
+from planview.output.report.timelines import identity_pictures, people_rows
 from planview.output.run_folder import RunFolder, read_object
 
 
@@ -52,17 +52,6 @@ PEOPLE_MAX = 200
 """Rows of the table of people; tracks.csv has them all."""
 Figure = tuple[str, str]
 """A name and its value, ready to print."""
-Setting = tuple[str, str, str]
-"""A parameter that differs from its default, its value, and the default, ready to print."""
-
-
-class Picture(NamedTuple):
-    """A PNG as a data URI; ``keep_colours``: its colours are a scale, which dark pages do not turn around."""
-
-    title: str
-    data: str
-    note: str = ""
-    keep_colours: bool = False
 
 
 def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: Path | None = None) -> Path:
@@ -81,81 +70,34 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
     """
     results = RunFolder(folder, truth).read_all()
     evaluation = scores_of(results) if evaluation is None else evaluation
-    info, errors = results.info, errors_of(evaluation)
-    ids = results.people
+    errors, ids = errors_of(evaluation), results.people
     logs = read_decision_log(results.path / "decisions.csv", set(ids[:PEOPLE_MAX].tolist()))
     people = people_rows(results.tracks, results.clock, ids[:PEOPLE_MAX])
     page = page_of(
         "planview.output.report",
         "report.html.j2",
-        name=run_name(results),
-        info=info,
-        has_run=results.has_run,
-        has_truth=results.truth is not None,
-        on_floor=results.on_floor,
-        tiles=_tiles(results, evaluation, len(ids)),
+        run=results,
+        info=results.info,
+        name=Path(results.info.input).name or results.path.resolve().name,
+        recorded_s=results.clock.span(results.n_frames).duration_s if results.n_frames else 0.0,
         scenes=scene_pictures(results, errors),
-        identities=_identities(results, errors),
-        more_errors=max(0, len(errors) - ERRORS_MAX),
+        identities=identity_pictures(results, errors),
         pictures=_pictures(results),
-        counts=[
-            {"name": name, "kind": str(rule.get("kind", "")), "text": ", ".join(map(" ".join, _figures(rule)))}
-            for name, rule in results.rule_counts.items()
-        ],
-        evaluation=evaluation_rows(evaluation),
+        figures=_figures,
+        evaluation=evaluation,
+        scores=evaluation_rows(evaluation),
         errors=errors,
+        errors_max=ERRORS_MAX,
+        n_people=len(ids),
         people=[
             row | {"colour": person_hex(row["track_id"]), "decisions": logs.get(row["track_id"])} for row in people
         ],
-        more_people=max(0, len(ids) - PEOPLE_MAX),
-        camera=_camera_rows(info),
-        settings=changed_settings(info.config),
+        camera=_camera_rows(results.info),
+        settings=changed_settings(results.info.config),
     )
     path = folder / "report.html"
     write_result(path, page)
     return path
-
-
-def run_name(results: RunFolder) -> str:
-    """The recording's name, else the folder's."""
-    return Path(results.info.input).name or results.path.resolve().name
-
-
-def _tiles(results: RunFolder, evaluation: dict[str, Any], n_people: int) -> list[Figure]:
-    info = results.info
-    recorded_s = results.clock.span(results.n_frames).duration_s if results.n_frames else 0.0
-    tiles = [("people", f"{n_people}"), ("seconds recorded", f"{recorded_s:.1f}")]
-    if results.has_run:
-        tiles.append(("frames read", f"{info.frames_read}"))
-        tiles.append(("frames skipped", f"{info.frames_skipped}"))
-        if info.elapsed_s > 0:
-            tiles.append(("frames per second", f"{info.frames_read / info.elapsed_s:.1f}"))
-    if info.pace is not None and info.pace.latency_median_ms is not None:
-        tiles.append(("frames dropped", f"{info.pace.frames_dropped}"))
-        tiles.append(("latency, median", f"{info.pace.latency_median_ms:.0f} ms"))
-        tiles.append(("latency, 99 % within", f"{info.pace.latency_99_ms:.0f} ms"))
-    if info.floor is not None:
-        tiles.append(("camera height", f"{info.floor.height_m:.2f} m"))
-    total = (evaluation.get("significant_errors") or {}).get("total")
-    if total is not None:
-        tiles.append(("significant errors", f"{total}"))
-    position = evaluation.get("position_error_mean_m")
-    if position is not None:
-        tiles.append(("position error", f"{100 * position:.1f} cm"))
-    return tiles
-
-
-def _identities(results: RunFolder, errors: list[SignificantError]) -> list[Picture]:
-    tracks, truth, clock = results.tracks, results.truth, results.clock
-    if not (tracks.state != "tentative").any():
-        return []
-    note = "A row per track, thin where only predicted."
-    pictures = [picture("Identities over time", track_bars(tracks, clock, errors), note)]
-    if truth is not None and len(truth):
-        note = "A row per true person in the colour of the track that holds the person, grey where none does. A change "
-        note += "of colour is a change of identity; triangles are significant errors."
-        pictures.append(picture("True people", truth_bars(tracks, truth, clock, errors), note))
-    return [shown._replace(keep_colours=True) for shown in pictures]
 
 
 def _pictures(results: RunFolder) -> list[Picture]:
@@ -164,15 +106,13 @@ def _pictures(results: RunFolder) -> list[Picture]:
     if len(places.frame):
         note = "Each person from the dot to the square; thin where only predicted. Lines: metres."
         note += " Black: the truth." if results.truth is not None else ""
-        truth = plots.Places.of(results.truth) if results.truth is not None else None
-        pictures.append(picture("Floor", plots.floor_plot(places, results, truth), note))
+        pictures.append(picture("Floor", plots.floor_plot(results), note))
     observed = places.observed()
     if len(observed):
         longest = plots.heat_map(observed, results.clock.frame_s).seconds.max()
         note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale: yellow "
         note += f"{longest:.1f} s, dark blue a {plots.HEAT_RANGE:.0f}th of it."
-        heat = picture("Heat map", plots.heat_plot(observed, results), note)
-        pictures.append(heat._replace(keep_colours=True))
+        pictures.append(picture("Heat map", plots.heat_plot(observed, results), note, keep_colours=True))
     if results.n_frames:
         frames = np.arange(results.n_frames, dtype=np.int64)
         people = plots.people_plot(results.tracks, results.clock.at(frames), frames)
@@ -195,11 +135,6 @@ def _pictures(results: RunFolder) -> list[Picture]:
     if known:
         pictures.append(picture("Occupancy and queues", plots.steps_plot(known, end_s, "people")))
     return pictures
-
-
-def picture(title: str, png: bytes, note: str = "") -> Picture:
-    """A PNG for a page."""
-    return Picture(title, "data:image/png;base64," + base64.b64encode(png).decode("ascii"), note)
 
 
 def _figures(values: dict[str, Any]) -> list[Figure]:
@@ -227,8 +162,8 @@ def _camera_rows(info: RunInfo) -> list[Figure]:
     return rows
 
 
-def changed_settings(config: dict[str, JsonValue]) -> list[Setting]:
-    """Parameters that differ from the defaults."""
+def changed_settings(config: dict[str, JsonValue]) -> list[tuple[str, str, str]]:
+    """Parameters that differ from the defaults, their values, and the defaults, ready to print."""
     from planview.engine.config import Config  # takes 2 s and 80 MB
 
     before = flat_settings(Config().model_dump(mode="json"))

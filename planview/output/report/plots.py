@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -25,6 +26,20 @@ COLOURS = (
     "#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#e377c2", "#8c564b", "#bcbd22", "#4c4c4c",
 )  # fmt: skip
 """Of rules and configurations, in turn; people have colours of their own."""
+
+
+class Picture(NamedTuple):
+    """A PNG as a data URI; ``keep_colours``: its colours are a scale, which dark pages do not turn around."""
+
+    title: str
+    data: str
+    note: str = ""
+    keep_colours: bool = False
+
+
+def picture(title: str, png: bytes, note: str = "", *, keep_colours: bool = False) -> Picture:
+    """A PNG for a page."""
+    return Picture(title, "data:image/png;base64," + base64.b64encode(png).decode("ascii"), note, keep_colours)
 
 
 def people_plot(tracks: Trajectories, times_s: F64, frames: I64) -> bytes:
@@ -139,9 +154,10 @@ class Places(NamedTuple):
         return list(map(slice, [0, *first], [*starts, len(self.frame)]))
 
 
-def floor_plot(tracks: Places, run: RunFolder, truth: Places | None = None) -> bytes:
+def floor_plot(run: RunFolder) -> bytes:
     """Tracks on the floor, thin where lost, over the truth in black, with the cameras, their views, and the rules."""
-    painter = _painter(run)
+    painter, tracks = _painter(run), Places.of(run.tracks)
+    truth = Places.of(run.truth) if run.truth is not None else None
     picture = painter.paper.copy()
     for places in (tracks,) if truth is None else (truth, tracks):
         for way in places.ways():

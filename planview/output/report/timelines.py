@@ -12,6 +12,8 @@ from planview.counting.totals import Clock
 from planview.drawing.style import ERRORS, as_hex, person_hex
 from planview.evaluation.significant import SignificantError
 from planview.output.report import plots
+from planview.output.report.plots import Picture
+from planview.output.run_folder import RunFolder
 from planview.trajectories.table import Trajectories
 
 
@@ -68,23 +70,26 @@ def stretches(person: I64, frame: I64, value: I64) -> Stretches:
     return Stretches(p[starts], v[starts], f[starts], f[stops[: len(starts)]])
 
 
-def track_bars(tracks: Trajectories, clock: Clock, errors: Sequence[SignificantError]) -> bytes:
-    """A PNG: a row per track, thin where only predicted, with the errors that concern no true person."""
-    shown = tracks.where(tracks.state != "tentative")
-    lost = (shown.state == "lost").astype(np.int64)
-    found = stretches(shown.track_id, shown.frame, lost)
+def identity_pictures(run: RunFolder, errors: Sequence[SignificantError]) -> list[Picture]:
+    """A row per track, then a row per true person, with a triangle for each error."""
+    shown, truth = run.tracks.where(run.tracks.state != "tentative"), run.truth
+    if not len(shown):
+        return []
+    found = stretches(shown.track_id, shown.frame, (shown.state == "lost").astype(np.int64))
     colours = [person_hex(person) for person in found.person.tolist()]
-    heights = np.where(found.value == 1, 0.2, 0.75)
     marks = [(error.track_id, error) for error in errors if error.truth_id is None]
-    return _bars(found, colours, heights, clock, marks, "")
-
-
-def truth_bars(tracks: Trajectories, truth: Trajectories, clock: Clock, errors: Sequence[SignificantError]) -> bytes:
-    """A PNG: a row per true person in the colour of the track that holds the person, grey where none does."""
-    found = stretches(truth.track_id, truth.frame, held_by(tracks, truth))
-    colours = ["#c9ced8" if track == UNHELD else person_hex(track) for track in found.value.tolist()]
-    marks = [(error.truth_id, error) for error in errors if error.truth_id is not None]
-    return _bars(found, colours, np.full(len(colours), 0.75), clock, marks, "P")
+    png = _bars(found, colours, np.where(found.value == 1, 0.2, 0.75), run.clock, marks, "")
+    note = "A row per track, thin where only predicted."
+    pictures = [plots.picture("Identities over time", png, note, keep_colours=True)]
+    if truth is not None and len(truth):
+        found = stretches(truth.track_id, truth.frame, held_by(run.tracks, truth))
+        colours = ["#c9ced8" if track == UNHELD else person_hex(track) for track in found.value.tolist()]
+        marks = [(error.truth_id, error) for error in errors if error.truth_id is not None]
+        png = _bars(found, colours, np.full(len(colours), 0.75), run.clock, marks, "P")
+        note = "A row per true person in the colour of the track that holds the person, grey where none does. A change "
+        note += "of colour is a change of identity; triangles are significant errors."
+        pictures.append(plots.picture("True people", png, note, keep_colours=True))
+    return pictures
 
 
 def held_by(tracks: Trajectories, truth: Trajectories) -> I64:

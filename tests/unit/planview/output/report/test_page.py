@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -22,7 +23,7 @@ from planview.output.report.compare import shared_errors
 from planview.output.report.page import changed_settings, errors_of, scores_of, write_report
 from planview.output.report.plots import heat_map
 from planview.output.report.snapshots import busiest_frame, scene_pictures
-from planview.output.report.timelines import UNHELD, held_by, stretches, track_bars, truth_bars
+from planview.output.report.timelines import UNHELD, held_by, identity_pictures, stretches
 from planview.output.run_folder import RunFolder
 from planview.output.scene import open_frames
 from planview.output.tables import DECISION_COLUMNS
@@ -185,9 +186,9 @@ def test_identities_and_true_people_are_pictured_with_errors_in_the_rows_of_thei
     tracks = table([(frame, 3, 0.0) for frame in range(5)])
     truth = table([(frame, 7, 0.0) for frame in range(10)])
     error = SignificantError("lost", 5, 7, 3, 0.5, "visible")
-    clock = Clock(tracks, 10.0)
-    assert track_bars(tracks, clock, [error]) == track_bars(tracks, clock, [])
-    assert truth_bars(tracks, truth, clock, [error]) != truth_bars(tracks, truth, clock, [])
+    run = SimpleNamespace(tracks=tracks, truth=truth, clock=Clock(tracks, 10.0))
+    (tracked, true), (plain_tracked, plain_true) = identity_pictures(run, [error]), identity_pictures(run, [])
+    assert tracked == plain_tracked and true.data != plain_true.data
 
 
 def decoded(uri: str) -> U8:
