@@ -16,7 +16,6 @@ from benchmarks.options import ChallengeOptions, json_text, show
 from benchmarks.passes import Pass, provenance, run_pass, watched
 from benchmarks.suite import Way, chosen_files, judged_truth, refined_tracks, suite_recording
 from calib.errors import InputError
-from calib.io import write_whole
 from calib.types import F64, I64
 from planview.engine.config import Config, load_config
 from planview.evaluation.evaluate import evaluate_tracks
@@ -39,22 +38,18 @@ DECIDES_POINTS = ("foreground", "feedback")
 
 
 class Variant(NamedTuple):
-    """One row of the table.
-
-    Attributes:
-        settings: overrides of the configuration like "joint.colour_weight=0", as of ``planview run --set``.
-        meaning: what the part that is switched off does.
-        way: which tracks of the run are scored.
-        paper: significant errors of Harville 2002, section 5, in about ten minutes; None where it has no such figure.
-        template: the paper's tracker with these statistics; None for the joint tracker.
-    """
+    """One row of the table."""
 
     name: str
     settings: tuple[str, ...] = ()
+    """As of ``planview run --set``."""
     meaning: str = ""
+    """What the part that is switched off does."""
     way: Way = "online"
     paper: int | None = None
+    """Significant errors of Harville 2002, section 5, in about ten minutes, where it has such a figure."""
     template: Statistic | None = None
+    """The paper's tracker with these statistics; None for the joint tracker."""
 
     @property
     def tracker_only(self) -> bool:
@@ -189,12 +184,7 @@ def bootstrap(numerator: F64, denominator: F64, samples: I64) -> tuple[float, fl
 
 
 class OneStatistic(TemplateTracker):
-    """The paper's tracker on maps of which one statistic is left.
-
-    Args:
-        config: its parameters and those of the maps.
-        statistic: the one that is left; the other is a constant and carries no information.
-    """
+    """The paper's tracker on maps of which one statistic is left; the other is constant and carries no information."""
 
     def __init__(self, config: Config, statistic: Statistic) -> None:
         super().__init__(config.template, config.maps.height_max_m)
@@ -208,41 +198,22 @@ class OneStatistic(TemplateTracker):
 
 
 def reduced(maps: PlanViewMaps, statistic: Statistic) -> PlanViewMaps:
-    """The maps with what is left of them."""
-    if statistic == "both":
-        return maps
-    return height_only(maps) if statistic == "height" else occupancy_only(maps)
-
-
-def height_only(maps: PlanViewMaps) -> PlanViewMaps:
-    """Maps without occupancy: a cell with height counts as full, and of its points the highest is left.
-
-    Height comes from the maps as they are: built with ``maps.occupancy_min=0`` it is not pruned by occupancy.
-    """
-    cell_m2 = np.float32(maps.grid.cell_m**2)
-    known = maps.height_raw > 0
-    full = np.where(known, cell_m2, np.float32(0.0))
-    return replace(
-        maps,
-        occupancy_raw=full,
-        occupancy=full,
-        height=np.where(known, maps.height, np.float32(0.0)),
-        occupancy_min=float(cell_m2) / 2,
-        points=highest_points(maps.points, maps.grid),
-    )
-
-
-def occupancy_only(maps: PlanViewMaps) -> PlanViewMaps:
-    """Maps without height: everything is ``NOMINAL_HEIGHT_M`` high."""
-    nominal = np.float32(NOMINAL_HEIGHT_M)
-    xyz = maps.points.xyz.copy()
-    xyz[:, 2] = nominal
-    return replace(
-        maps,
-        height_raw=np.where(maps.height_raw > 0, nominal, np.float32(0.0)),
-        height=np.where(maps.height > 0, nominal, np.float32(0.0)),
-        points=replace(maps.points, xyz=xyz),
-    )
+    """The maps with one statistic: without height everything is ``NOMINAL_HEIGHT_M`` high; without occupancy a cell
+    with height counts as full, and of its points the highest is left. Height comes from the maps as they are: built
+    with ``maps.occupancy_min=0`` it is not pruned by occupancy."""
+    known, zero = maps.height_raw > 0, np.float32(0.0)
+    if statistic == "occupancy":
+        nominal = np.float32(NOMINAL_HEIGHT_M)
+        xyz = maps.points.xyz.copy()
+        xyz[:, 2] = nominal
+        raw, height = np.where(known, nominal, zero), np.where(maps.height > 0, nominal, zero)
+        return replace(maps, height_raw=raw, height=height, points=replace(maps.points, xyz=xyz))
+    if statistic == "height":
+        cell_m2 = np.float32(maps.grid.cell_m**2)
+        full, height = np.where(known, cell_m2, zero), np.where(known, maps.height, zero)
+        points, least = highest_points(maps.points, maps.grid), float(cell_m2) / 2
+        return replace(maps, occupancy_raw=full, occupancy=full, height=height, occupancy_min=least, points=points)
+    return maps
 
 
 def highest_points(points: FloorPoints, grid: Grid) -> FloorPoints:
@@ -266,8 +237,6 @@ class AblationOptions(ChallengeOptions):
     """Only these variants, by name."""
     recording: Annotated[Sequence[Path], Parameter(negative="")] = ()
     """A recording folder with truth.csv; may be given several times."""
-    out: Path | None = None
-    """JSON file that gets the table; none by default."""
 
 
 def ablation(*, options: AblationOptions | None = None) -> None:
@@ -293,12 +262,9 @@ def ablation(*, options: AblationOptions | None = None) -> None:
     for some in (variants[:1], variants[1:]):
         done |= watched(run_trial, [replace(trial, variant=v) for v in some for trial in trials], o.jobs)
     rows = ablation_rows({v: [done[replace(trial, variant=v)] for trial in trials] for v in variants})
-    text = json_text({"recordings": [trial.name for trial in trials], **provenance(), "variants": rows})
-    if o.out is not None:
-        o.out.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(o.out, text)
     if o.json_output:
-        print(text, end="")
+        names = [trial.name for trial in trials]
+        print(json_text({"recordings": names, **provenance(), "variants": rows}), end="")
         return
     show(rows)
     for variant in variants:

@@ -168,12 +168,10 @@ def floor_rows() -> list[Row]:
         except WorkError:
             rows.append(Row(f"{name}: height", math.inf, "cm", HEIGHT_LIMIT_CM))
             continue
-        errors = {
-            "height": (100 * abs(found.height_m - truth.height_m), "cm", HEIGHT_LIMIT_CM),
-            "tilt": (math.degrees(abs(found.tilt_rad - truth.tilt_rad)), "deg", ANGLE_LIMIT_DEG),
-            "roll": (math.degrees(abs(found.roll_rad - truth.roll_rad)), "deg", ANGLE_LIMIT_DEG),
-        }
-        rows += [Row(f"{name}: {key}", *error) for key, error in errors.items()]
+        tilt, roll = found.tilt_rad - truth.tilt_rad, found.roll_rad - truth.roll_rad
+        rows.append(Row(f"{name}: height", 100 * abs(found.height_m - truth.height_m), "cm", HEIGHT_LIMIT_CM))
+        rows.append(Row(f"{name}: tilt", math.degrees(abs(tilt)), "deg", ANGLE_LIMIT_DEG))
+        rows.append(Row(f"{name}: roll", math.degrees(abs(roll)), "deg", ANGLE_LIMIT_DEG))
     real = real_recordings() / "overhead-stereo"
     if real.is_dir():
         progress("floor of the real overhead pair")
@@ -271,8 +269,7 @@ def _pets_rows(folder: Path, marked: bool) -> list[Row]:
             ends[:, at : at + 2] = (shown + 0.5) / scale - 0.5
     inside = (low > 2).all(axis=1) & (low + size < np.array(PETS_SIZE) - 2).all(axis=1)
     alone = [i for i in np.flatnonzero(inside) if not _touched(table, int(i))]
-    errors: list[float] = []
-    trusted: list[float] = []
+    errors, trusted = list[float](), list[float]()
     for seed in range(PEOPLE_SEEDS):
         rng = np.random.default_rng(seed)
         clicks = [_clicked(row, rng) for row in ends[rng.choice(alone, 12, replace=False)]]

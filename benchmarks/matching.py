@@ -26,13 +26,8 @@ RING_PX = 5
 
 
 class RenderedPair(NamedTuple):
-    """A pair of ideal pinholes.
-
-    Attributes:
-        left, right: (H, W) uint8 grey.
-        disparity: (H, W) float32 [px], true; 0 where nothing is.
-        owner: (H, W) int32, positive on people, 0 in the room.
-    """
+    """A pair of ideal pinholes, (H, W): grey images; true disparity [px], 0 where nothing is; owners of pixels,
+    positive on people, 0 in the room."""
 
     left: U8
     right: U8

@@ -38,13 +38,8 @@ def bench_engine(recording: Path, tracker: str, config: Config | None) -> Engine
 
 @dataclass(frozen=True)
 class Pass:
-    """One run of one engine over one recording.
-
-    Attributes:
-        recording: its folder.
-        cache: folder of rendered recordings; runs are kept in ``runs`` below it.
-        recorded: keep the plan-view points.
-    """
+    """One run of one engine over the folder of a recording, kept in ``runs`` below the cache; ``recorded``: with its
+    plan-view points."""
 
     recording: Path
     cache: Path

@@ -32,18 +32,15 @@ SHOWN = ("truth_rows", "mota", "idf1", "hota", "switches", "misses", "false_posi
 
 @dataclass(frozen=True)
 class TrackingErrors:
-    """Events over a whole sequence (del-Blanco et al. 2012, table II, counts "tracking errors" without saying how).
-
-    Attributes:
-        false_tracks: confirmed tracks that lie on no person in more than half of their frames.
-        losses: times that a person goes without a match for more than ``GAP_FRAMES`` consecutive frames of the truth,
-            before, between or after the matches; never being found is one loss.
-        switches: matches of a person with another track than at its last match (CLEAR).
-    """
+    """Events over a whole sequence (del-Blanco et al. 2012, table II, counts "tracking errors" undefined)."""
 
     false_tracks: int
+    """Confirmed tracks that lie on no person in more than half of their frames."""
     losses: int
+    """Times that a person goes without a match for more than ``GAP_FRAMES`` consecutive frames of the truth, before,
+    between or after the matches; never being found is one loss."""
     switches: int
+    """Matches of a person with another track than at its last match (CLEAR)."""
 
     @property
     def total(self) -> int:
@@ -51,15 +48,8 @@ class TrackingErrors:
 
 
 class PetsScores(NamedTuple):
-    """Scores of one run of one tracker.
-
-    Attributes:
-        frames: how many were tracked.
-        boxes: with boxes at IoU 0.5.
-        floor: on the floor with a gate of 1 m, after the rigid motion between the two world frames; None for tracks
-            without floor positions.
-        errors: false tracks, losses and switches of the boxes.
-    """
+    """Scores of one run of one tracker: with boxes at IoU 0.5, and on the floor with a gate of 1 m, after the rigid
+    motion between the two world frames, where tracks have positions; ``errors`` are those of the boxes."""
 
     tracker: SingleTracker
     frames: int
@@ -112,16 +102,8 @@ def tracking_errors(truth: Trajectories, tracks: Trajectories) -> TrackingErrors
 def score_pets(
     tracker: SingleTracker, folder: Path, camera: Path | None, frames: int | None = None, seeds: int = 1
 ) -> list[PetsScores]:
-    """Score the runs of a tracker; without a camera only boxes are scored.
-
-    Args:
-        folder: with view001.mp4 and gt.txt.
-        camera: camera.toml, from ``planview calibrate human``.
-        frames: number of frames; all by default.
-        seeds: seeds 0 to ``seeds - 1`` are run.
-    Raises:
-        InputError: files that are missing or do not fit.
-    """
+    """Score the runs of a tracker with seeds 0 to ``seeds - 1``; without a camera.toml only boxes are scored. Raises
+    InputError: files that are missing or do not fit."""
     return [_score(tracker, folder, camera, frames, seed) for seed in range(seeds)]
 
 

@@ -33,21 +33,17 @@ to the right [m] (README of the recording). Its frames without a row are not jud
 
 @dataclass(frozen=True)
 class RealScore:
-    """One tracker on one recording.
-
-    Attributes:
-        frames: that are judged.
-        right_number: share of frames with the right number of confirmed people: at least those who show, and at most
-            those and the doubtful ones (``visible`` 0 in the truth), whom nobody need find.
-        exact: share of frames with exactly the number of those who show.
-        ids, people: confirmed ids, and people who show at any time.
-    """
+    """One tracker in the frames of a recording that are judged."""
 
     frames: int
     right_number: float
+    """Share of frames with the right number of confirmed people: at least those who show, and at most those and the
+    doubtful ones (``visible`` 0 in the truth), whom nobody need find."""
     exact: float
+    """Share of frames with exactly the number of those who show."""
     ids: int
     people: int
+    """Confirmed ids, and people who show at any time."""
     evaluation: Evaluation
 
 

@@ -14,15 +14,8 @@ from planview.evaluation.significant import poisson_upper
 
 @dataclass(frozen=True)
 class SceneScore:
-    """The scores of one way of tracking one recording.
-
-    Attributes:
-        name, seed: which recording.
-        evaluation: from ``evaluate_tracks``.
-        recording: its folder.
-        frames, duration_s: its length, in frames and [s].
-        folder: where tracks.csv and run.json are; None when they were not kept.
-    """
+    """The scores of one way of tracking one recording of a length in frames and [s]; ``folder``: where tracks.csv and
+    run.json are, when they were kept."""
 
     name: str
     seed: int

@@ -9,7 +9,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -72,12 +72,8 @@ LIMITS = {
 
 
 class Yardstick:
-    """OpenCV's remap of both cameras and its StereoSGBM (three-way, block 5), without any setting of the engine.
-
-    Args:
-        rig: calibration at the recorded size.
-        grey: convert the recorded images to grey first; else both are remapped and matched in the recording's colours.
-    """
+    """OpenCV's remap of both cameras and its StereoSGBM (three-way, block 5), without any setting of the engine; in
+    grey or in the colours of the recording."""
 
     def __init__(self, rig: StereoRig, grey: bool) -> None:
         left, right, size = rig.left, rig.right, rig.left.size
@@ -113,15 +109,8 @@ class Yardstick:
 
 
 class Clip:
-    """The first frames of a recording (the committed clip when None), decoded, and the engine on it at a width.
-
-    Args:
-        frames: its decoded frames where another clip has them already.
-        overrides: parameters like ``analysis.width_px=1280``.
-    Raises:
-        InputError: no such recording.
-        WorkError: too few frames.
-    """
+    """The first frames of a recording (the committed clip when None), decoded here or by another clip, and the engine
+    on it at a width. Raises InputError: no such recording. Raises WorkError: too few frames."""
 
     def __init__(
         self, path: Path | None, n_frames: int, width_px: int = 640, frames: Sequence[StereoFrame] | None = None,
@@ -142,17 +131,14 @@ class Clip:
 
 @dataclass
 class Speed:
-    """Figures of ``python -m benchmarks speed``, as rows.
-
-    Attributes:
-        stages: median time per stage of the frames that count, on one core [ms].
-        ratios: ours over OpenCV's.
-        details: the times behind the ratios [ms] and what was measured on.
-    """
+    """Figures of ``python -m benchmarks speed``, as rows."""
 
     stages: list[dict[str, Any]] = field(default_factory=list)
+    """Median time per stage of the frames that count, on one core [ms]."""
     ratios: list[dict[str, Any]] = field(default_factory=list)
+    """Ours over OpenCV's."""
     details: list[dict[str, Any]] = field(default_factory=list)
+    """The times behind the ratios [ms] and what was measured on."""
 
     def add(self, name: str, ratios: F64) -> None:
         """Median and quartiles of a ratio, measured frame by frame; of a single number no quartiles."""
@@ -166,21 +152,12 @@ class Speed:
 
 
 class SpeedTurns(NamedTuple):
-    """One engine and its rivals over the timed frames of a clip.
-
-    Attributes:
-        engine_ms: (N,) time of the engine.
-        people: (N,) confirmed people.
-        rivals_ms: (N,) of each rival, the latest of its turns.
-        stages_ms: the engine's stages of every frame.
-        matched: (N,) share of the image that was matched.
-    """
+    """One engine and its rivals over the (N,) timed frames of a clip; of each rival the latest of its turns."""
 
     engine_ms: F64
     people: I64
     rivals_ms: dict[str, F64]
     stages_ms: list[dict[str, float]]
-    matched: F64
 
     def ratios(self, name: str) -> F64:
         """(M,) float64 the engine's time over a rival's, in the frames that count."""
@@ -196,11 +173,20 @@ def measure(recording: Path | None, n_frames: int, parts: Sequence[Part], overri
         clip = Clip(recording, SETTLED + n_frames, overrides=overrides)
         speed.detail("image", "{}x{}".format(*clip.rig.left.size))
     if "engine" in parts:
-        for suffix, cores in (("", one_core()), ("_all_cores", nullcontext())):
-            progress(f"whole engine and remap with SGBM{suffix.replace('_', ' ') or ' on one core'}")
-            with cores:
-                turns = take_turns(clip, {name: Yardstick(clip.rig, name == "grey") for name in ("grey", "colour")})
-            _add_engine(turns, suffix, speed)
+        progress("whole engine and remap with SGBM on one core")
+        with one_core():
+            turns = take_turns(clip, {name: Yardstick(clip.rig, name == "grey") for name in ("grey", "colour")})
+        chosen = counted(turns.people)
+        for name, rival_ms in turns.rivals_ms.items():
+            speed.add(f"engine_to_yardstick_{name}", turns.ratios(name))
+            speed.detail(f"yardstick_{name}_ms", rival_ms)
+        speed.detail("engine_ms", turns.engine_ms[chosen])
+        speed.detail("frames_counted", float(chosen.sum()))
+        for count in np.unique(turns.people):
+            speed.detail(f"engine_ms_{count}_people", turns.engine_ms[turns.people == count])
+        stages = [stages for stages, counts in zip(turns.stages_ms, chosen, strict=True) if counts]
+        names = [name for name in STAGES if name in stages[0]]
+        speed.stages = [{"stage": name, "ms": float(np.median([s[name] for s in stages]))} for name in names]
     if "foreground" in parts:
         progress("foreground and MOG2")
         foreground_to_mog2(clip, speed)
@@ -218,24 +204,6 @@ def measure(recording: Path | None, n_frames: int, parts: Sequence[Part], overri
             speed.detail(f"{name}_ms", ours_ms)
             speed.detail(f"{name}_found", found)
     return speed
-
-
-def _add_engine(turns: SpeedTurns, suffix: str, speed: Speed) -> None:
-    """Engine from decoded frames to tracks over the yardstick; on one core also times by stage and by people."""
-    chosen = counted(turns.people)
-    for name, rival_ms in turns.rivals_ms.items():
-        speed.add(f"engine_to_yardstick_{name}{suffix}", turns.ratios(name))
-        speed.detail(f"yardstick_{name}_ms{suffix}", rival_ms)
-    speed.detail(f"engine_ms{suffix}", turns.engine_ms[chosen])
-    if suffix:
-        return
-    stages = [stages for stages, counts in zip(turns.stages_ms, chosen, strict=True) if counts]
-    names = [name for name in STAGES if name in stages[0]]
-    speed.stages = [{"stage": name, "ms": float(np.median([s[name] for s in stages]))} for name in names]
-    speed.detail("matched_share", turns.matched[chosen])
-    speed.detail("frames_counted", float(chosen.sum()))
-    for count in np.unique(turns.people):
-        speed.detail(f"engine_ms_{count}_people", turns.engine_ms[turns.people == count])
 
 
 def full_resolution(speed: Speed) -> None:
@@ -355,22 +323,22 @@ def take_turns(clip: Clip, rivals: Mapping[str, Callable[..., object]]) -> Speed
     # A clip that short is timed in its second half.
     settled = SETTLED if len(clip.frames) > SETTLED else len(clip.frames) // 2
     spent: list[float] = []
-    results: list[tuple[int, dict[str, float], float]] = []
+    results: list[tuple[int, dict[str, float]]] = []
     theirs: dict[str, list[float]] = {name: [] for name in rivals}
     for n, frame in enumerate(clip.frames):
         start = time.perf_counter()
         result = clip.engine.step(frame)
         spent.append(1e3 * (time.perf_counter() - start))
-        results.append((people_in(result), result.stages_ms, result.matched_share))
+        results.append((people_in(result), result.stages_ms))
         for name, rival in rivals.items():
             if n >= settled and (n % TURN == 0 or not theirs[name]):
                 theirs[name].append(seconds(rival, frame.left, frame.right) * 1e3)
             elif theirs[name]:
                 theirs[name].append(theirs[name][-1])
     timed = len(clip.frames) - settled
-    people, stages, matched = zip(*results[-timed:], strict=True)
+    people, stages = zip(*results[-timed:], strict=True)
     rival_ms = {name: np.array(times) for name, times in theirs.items()}
-    return SpeedTurns(np.array(spent[-timed:]), np.array(people), rival_ms, list(stages), np.array(matched))
+    return SpeedTurns(np.array(spent[-timed:]), np.array(people), rival_ms, list(stages))
 
 
 def counted(people: I64) -> Bool:
@@ -393,18 +361,15 @@ def seconds(run: Callable[..., object], *args: object) -> float:
 
 @contextmanager
 def one_core() -> Iterator[None]:
-    """Keep OpenCV, and where the system allows it this thread and those it starts, to one core."""
-    threads = cv2.getNumThreads()
-    cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+    """Keep OpenCV, this thread and those it starts to one core."""
+    threads, cores = cv2.getNumThreads(), os.sched_getaffinity(0)
     try:
         cv2.setNumThreads(1)
-        if cores:
-            os.sched_setaffinity(0, {max(cores)})
+        os.sched_setaffinity(0, {max(cores)})
         yield
     finally:
         cv2.setNumThreads(threads)
-        if cores:
-            os.sched_setaffinity(0, cores)
+        os.sched_setaffinity(0, cores)
 
 
 @Parameter(name="*")

@@ -41,13 +41,8 @@ JUDGING_SEED = 100
 
 @dataclass(frozen=True)
 class SuiteJob:
-    """One scene of one seed to be rendered, tracked and scored.
-
-    Attributes:
-        cache: folder of rendered recordings and of runs over them.
-        out: folder that gets a copy of the run; None for none.
-        refine: also score the refined tracks.
-    """
+    """One scene of one seed to be rendered, tracked and scored, with ``refine`` also refined; ``cache``: folder of
+    rendered recordings and of runs over them; ``out``: gets a copy of the run."""
 
     path: Path
     seed: int
@@ -96,9 +91,9 @@ def judged_truth(truth: Trajectories, scene: Scene) -> Trajectories:
 
 def run_job(job: SuiteJob) -> dict[Way, SceneScore] | str:
     """Render, track (both once, from the cache when they are there) and score one scene in every way asked for; or why
-    the engine refuses it."""
-    recording, scene = suite_recording(job.path, job.seed, job.cache)
+    no attempt fits into its room, or the engine refuses it."""
     try:  # one pass serves the suite and the ablation
+        recording, scene = suite_recording(job.path, job.seed, job.cache)
         kept = run_pass(Pass(recording, job.cache, job.config, job.tracker, recorded=job.tracker == "joint"))
     except WorkError as error:
         return f"{job.path.stem} of seed {job.seed}: {error}"
@@ -156,29 +151,17 @@ def suite(*, options: SuiteOptions | None = None) -> None:
     progress("seeds: " + ", ".join(f"{s}{' (tuned on)' if s < JUDGING_SEED else ''}" for s in seeds))
     settings = o.settings()
     chosen = [(s, path) for s in seeds for path in chosen_files(files, s, o.minutes)]
-    work, left_out = [], []
-
-    def leave_out(sentence: str) -> None:
-        left_out.append(sentence)
-        progress(f"left out: {sentence}")
-
-    for seed, path in chosen:
-        try:
-            random_scene("suite", seed, path)
-        except WorkError as error:
-            leave_out(str(error))
-            continue
-        work.append(SuiteJob(path, seed, o.cache_folder, o.out, settings, o.tracker, o.refine))
-    done: dict[tuple[int, Path], dict[Way, SceneScore]] = {}
-    for job, by_way in watched(run_job, work, o.jobs):
-        if isinstance(by_way, str):
-            leave_out(by_way)
-        else:
-            done[job.seed, job.path] = by_way
+    jobs = [SuiteJob(path, seed, o.cache_folder, o.out, settings, o.tracker, o.refine) for seed, path in chosen]
+    done, left_out = dict(watched(run_job, jobs, o.jobs)), []
     ways: dict[Way, list[SceneScore]] = {}
-    for job in work:
-        for way, score in done.get((job.seed, job.path), {}).items():
-            ways.setdefault(way, []).append(score)
+    for job in jobs:
+        by_way = done[job]
+        if isinstance(by_way, str):
+            left_out.append(by_way)
+            progress(f"left out: {by_way}")
+        else:
+            for way, score in by_way.items():
+                ways.setdefault(way, []).append(score)
     result = {"seeds": seeds, "left_out": left_out, **provenance()}
     result |= {way: scores_json(scores) for way, scores in ways.items()}
     if o.out is not None:

@@ -148,11 +148,6 @@ class FrameResult:
         return self.first.disparity.measured if self.first else None
 
     @property
-    def matched_share(self) -> float:
-        """Share of the pixels whose disparity was measured in this frame."""
-        return 1.0 if self.measured is None else float((self.measured > 0).mean())
-
-    @property
     def thumbnails(self) -> Thumbnails | None:
         """Of the first rig's images; None without a pair."""
         return self.first.prepared.thumbnails if self.first else None
