@@ -169,12 +169,8 @@ def prefetch(items: Iterable[T], depth: int = 8) -> Generator[T, None, None]:
 def newest(
     frames: Iterable[T], kept_max: int = KEPT, dropped: Callable[[T], None] = lambda frame: None
 ) -> Generator[T, None, None]:
-    """The frames, taken as they come by a background thread; of those that nothing waited for the oldest are dropped.
-
-    Args:
-        kept_max: frames kept while the last one is tracked.
-        dropped: takes every frame that is dropped, in the thread.
-    """
+    """The frames, taken as they come by a background thread; when more than ``kept_max`` wait while the last one is
+    tracked, the oldest are dropped, each after a call of ``dropped`` in the thread."""
     return _ahead(frames, kept_max, dropped)
 
 
@@ -256,11 +252,7 @@ class Recorded(ABC, Generic[Frame]):
         clock: FrameClock,
         notes: Iterable[str] = (),
     ) -> None:
-        """Prepare.
-
-        Args:
-            decode: gives the images of ascending indices, or of all.
-        """
+        """Prepare; ``decode`` gives the images of ascending indices, or of all."""
         self.path, self.n_frames, self.clock, self.notes = path, n_frames, clock, list(notes)
         self.skipped: list[Skipped] = []
         self._decode = decode
@@ -316,10 +308,11 @@ class StereoRecording(Recorded[StereoFrame]):
         rig: calibration at the images' size.
         world_SE3_left: from ``world.toml``, else None (the floor is then found from the recording).
         is_live: frames come from cameras as they run.
+        waits: such a source waits until its frames are read (a file behind an address), as a device does not.
     """
 
     sides = ("left: ", "right: ")
-    is_live = False
+    is_live = waits = False
 
     def __init__(
         self,
@@ -342,24 +335,18 @@ class StereoRecording(Recorded[StereoFrame]):
 
 
 class LiveRecording(StereoRecording):
-    """Frames of two cameras as they run; every iteration begins with the next frame that comes.
-
-    Attributes:
-        waits: the source waits until its frames are read (a file behind an address), as a device does not.
-    """
+    """Frames of two cameras as they run; every iteration begins with the next frame that comes."""
 
     is_live = True
-    waits = False
 
     def sample(self, count: int) -> list[StereoFrame]:
         """Up to ``count`` usable frames from now on, 0.25 s apart (our choice: 12 for the floor take 3 s)."""
         frames: list[StereoFrame] = []
         with closing(self._decode(None)) as pairs:
-            for pair in pairs:
-                frame = self._frame(pair)
-                if isinstance(frame, Skipped):
-                    continue
-                if not frames or frame.timestamp_s - frames[-1].timestamp_s >= 0.25:
+            for frame in map(self._frame, pairs):
+                if isinstance(frame, StereoFrame) and (
+                    not frames or frame.timestamp_s - frames[-1].timestamp_s >= 0.25
+                ):
                     frames.append(frame)
                 if len(frames) >= count:
                     break
@@ -390,11 +377,7 @@ class RgbdRecording(Recorded[RgbdFrame]):
         notes: Iterable[str] = (),
         world_SE3_camera: SE3 | None = None,
     ) -> None:
-        """Prepare.
-
-        Args:
-            register: moves depth into the pixels of the image.
-        """
+        """Prepare; ``register`` moves depth into the pixels of the image."""
         super().__init__(path, pairs, n_frames, clock, notes)
         self.camera, self.source, self.sensor = rig.camera, rig.source, sensor
         self.world_SE3_camera = world_SE3_camera

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import closing
-from dataclasses import dataclass
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
@@ -14,11 +14,12 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.formats import load_rig
+from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64, I64, U8
 from calib.world import load_world
-from stereo.readers.images import ImageFiles, Size, bits_note, bits_of
+from stereo.readers.images import Colour, Size, bits_note, bits_of, images_of
 from stereo.readers.pairing import TimePairs, pair_stamps
 from stereo.readers.times import load_timestamps, rate_of_times
 from stereo.recording import (
@@ -60,27 +61,25 @@ class FrameSource(ItemSource, Protocol):
     raw: bool
 
 
-def frames_of(source: ItemSource, indices: Sequence[int] | None) -> Generator[Decoded, None, None]:
-    """These frames of a source, or all, decoded in a thread of their own."""
-    return prefetch(source if indices is None else source.at(indices))
+def together(*sources: ItemSource) -> Callable[[Sequence[int] | None], Generator[Any, None, None]]:
+    """Decodes these frames of sources, or all, side by side, each in a thread of its own; ends with the shortest."""
 
+    def decode(indices: Sequence[int] | None) -> Generator[tuple[Decoded, ...], None, None]:
+        with ExitStack() as stack:
+            each = (source if indices is None else source.at(indices) for source in sources)
+            yield from zip(*[stack.enter_context(closing(prefetch(frames))) for frames in each], strict=False)
 
-def both(first: ItemSource, second: ItemSource, indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
-    """Frames of two sources side by side; ends with the shorter one."""
-    with closing(frames_of(first, indices)) as a, closing(frames_of(second, indices)) as b:
-        yield from zip(a, b, strict=False)
+    return decode
 
 
 def split_pairs(
     source: ItemSource, split: Callable[[U8], tuple[U8, U8]], indices: Sequence[int] | None
 ) -> Generator[DecodedPair, None, None]:
     """The left and the right view in every frame of a source that holds both."""
-    with closing(frames_of(source, indices)) as frames:
-        for frame in frames:
-            if frame.image is None:
-                yield frame, frame
-                continue
-            left, right = (Decoded(frame.index, frame.timestamp_s, view) for view in split(frame.image))
+    with closing(together(source)(indices)) as frames:
+        for (frame,) in frames:
+            views = (None, None) if frame.image is None else split(frame.image)
+            left, right = (replace(frame, image=view) for view in views)
             yield left, right
 
 
@@ -139,8 +138,7 @@ class Reader:
     """One layout of recordings.
 
     Attributes:
-        key: short name, for ``check --quick --json``.
-        name: as messages show it.
+        key, name: short, for JSON, and as messages show it.
         looks_for: what makes a path this layout, for the sentence that lists what was looked for.
         fits: whether a path looks like it; reads names and first bytes only, and never raises InputError.
         find: what is there; raises InputError when it looked like it but cannot be read.
@@ -172,8 +170,7 @@ def stereo_layout(
     def opened() -> StereoRecording:
         kind = StereoRecording if live_waits is None else LiveRecording
         recording = kind(path, rig(), pairs, n_frames, clock, remarks, world_pose(folder or path))
-        if isinstance(recording, LiveRecording):
-            recording.waits = bool(live_waits)
+        recording.waits = bool(live_waits)
         return recording
 
     return Layout("stereo", streams, n_frames, clock, remarks, unpaired, opened)
@@ -182,7 +179,7 @@ def stereo_layout(
 def clock_of(
     folder: Path, options: OpenOptions, n_frames: int, file_fps: float = math.nan, raw: bool = False
 ) -> FrameClock:
-    """``--fps``, else timestamps.csv, else the files' own times, else an assumed rate.
+    """The caller's rate, else timestamps.csv, else the files' own times, else an assumed rate.
 
     Args:
         n_frames: frames announced, 0 when unknown.
@@ -234,21 +231,14 @@ def world_pose(folder: Path) -> SE3 | None:
 def same_size(a: Any, b: Any, left: Path | str, right: Path | str) -> Size:
     """The size of two sources."""
     if a.size != b.size:
-        raise InputError(
-            f"{right}: expected images as large as {Path(left).name}'s {a.size[0]}x{a.size[1]}, "
-            f"found {b.size[0]}x{b.size[1]}"
-        )
+        wanted, found = size_text(a.size), size_text(b.size)
+        raise InputError(f"{right}: expected images as large as {Path(left).name}'s {wanted}, found {found}")
     size: Size = a.size
     return size
 
 
 class TimedFiles(NamedTuple):
-    """One camera.
-
-    Attributes:
-        files: in the order of the recording.
-        ns: (n,) int64 [ns], when each was taken.
-    """
+    """Files of one camera in the order of the recording, and (n,) int64 [ns], when each was taken."""
 
     folder: Path
     files: Sequence[Path]
@@ -272,7 +262,7 @@ def timed_layout(
     check_paired(pairs, path)
     bits = bits_of(left.files, right.files)
     a, b = (
-        ImageFiles([side.files[i] if i >= 0 else None for i in order], bits)
+        images_of([side.files[i] if i >= 0 else None for i in order], Colour(bits))
         for side, order in ((left, pairs.left), (right, pairs.right))
     )
     size = same_size(a, b, left.folder, right.folder)
@@ -281,7 +271,7 @@ def timed_layout(
         for name, side, source in (("left", left, a), ("right", right, b))
     )
     return stereo_layout(
-        path, partial(both, a, b), streams, len(pairs.left), clock_of_pairs(pairs, options), partial(rig, size),
+        path, together(a, b), streams, len(pairs.left), clock_of_pairs(pairs, options), partial(rig, size),
         (*notes, *bits_note(bits)), unpaired=pairs.unpaired, folder=folder,
     )  # fmt: skip
 
@@ -297,7 +287,7 @@ def check_paired(pairs: TimePairs, path: Path) -> None:
 
 def own_times(ns: I64) -> F64:
     """(n,) float64 [s] since the first."""
-    return np.asarray((ns - ns[0]) / 1e9, dtype=np.float64) if len(ns) else np.empty(0)
+    return np.asarray((ns - ns[:1]) / 1e9, dtype=np.float64)
 
 
 def pixel_text(grey: bool, bits: int | None) -> str:

@@ -25,17 +25,9 @@ from calib.formats.rgbd import find_rgbd, load_rgbd
 from calib.io import entries, read_text
 from calib.rig import RgbdRig
 from calib.types import I64
-from stereo.readers.base import (
-    Layout,
-    Reader,
-    Stream,
-    TimedFiles,
-    own_times,
-    rate_of,
-    timed_layout,
-)
+from stereo.readers.base import Layout, Reader, Stream, TimedFiles, own_times, rate_of, timed_layout
 from stereo.readers.folders import files_layout
-from stereo.readers.images import DepthFiles, ImageFiles, frame_number, image_files
+from stereo.readers.images import Colour, Depth, frame_number, image_files, images_of
 from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
 from stereo.readers.rgbd import rgbd_layout
 from stereo.readers.times import MAX_BYTES, NS, read_stamps, stamp_list
@@ -91,9 +83,8 @@ EUROC = Reader(
 
 
 KITTI_PAIRS = (("image_02", "image_03"), ("image_00", "image_01"))
-"""The colour and the grey pair."""
 KITTI_SEQUENCE_PAIRS = (("image_2", "image_3"), ("image_0", "image_1"))
-"""The same of an odometry sequence."""
+"""The colour and the grey pair of a drive, and of an odometry sequence."""
 
 
 def _kitti_find(path: Path, options: OpenOptions) -> Layout:
@@ -153,10 +144,11 @@ def _kitti_drives(path: Path) -> Iterator[Path]:
 
 def _pair_in(folder: Path, pairs: Sequence[tuple[str, str]], inside: str = "") -> tuple[str, str] | None:
     """The first pair of folders that both hold images."""
-    for pair in pairs:
-        if all((folder / name / inside).is_dir() and image_files(folder / name / inside) for name in pair):
-            return pair
-    return None
+
+    def holds(name: str) -> bool:
+        return (folder / name / inside).is_dir() and bool(image_files(folder / name / inside))
+
+    return next((pair for pair in pairs if all(map(holds, pair))), None)
 
 
 def _kitti_camera(folder: Path, times: Path, texts: Sequence[str]) -> TimedFiles:
@@ -190,10 +182,8 @@ MIDDLEBURY_NAMES = (("im0", "im1"), ("view1", "view5"), ("im2", "im6"))
 
 def _middlebury_pair(path: Path) -> tuple[Path, Path] | None:
     by_stem = {file.stem: file for file in image_files(path)}
-    for left, right in MIDDLEBURY_NAMES:
-        if {left, right} <= by_stem.keys():
-            return by_stem[left], by_stem[right]
-    return None
+    pairs = ((by_stem[left], by_stem[right]) for left, right in MIDDLEBURY_NAMES if {left, right} <= by_stem.keys())
+    return next(pairs, None)
 
 
 MIDDLEBURY = Reader(
@@ -211,13 +201,7 @@ _ASSOCIATIONS = ("associations.txt", "association.txt", "associate.txt", "assoc.
 
 
 class Listed(NamedTuple):
-    """The images of one list.
-
-    Attributes:
-        ns: (n,) int64 [ns], increasing.
-        names: (n,) file names as listed.
-        notes: lines that were skipped.
-    """
+    """The images of one list: (n,) int64 [ns], increasing, their file names as listed, and notes on skipped lines."""
 
     ns: I64
     names: list[str]
@@ -230,8 +214,8 @@ def _tum_find(path: Path, options: OpenOptions) -> Layout:
     mates = _tum_associated(associated, images, depths) if associated else nearest_mates(images.ns, depths.ns)
     if not (mates >= 0).any():
         raise InputError(f"{path}: expected images and depth of the same times, found none within {MAX_APART_S:g} s")
-    image_files = ImageFiles([_inside(path, name) for name in images.names])
-    depth_files = DepthFiles([_inside(path, depths.names[i]) if i >= 0 else None for i in mates], 5000.0)
+    image_files = images_of([_inside(path, name) for name in images.names], Colour())
+    depth_files = images_of([_inside(path, depths.names[i]) if i >= 0 else None for i in mates], Depth(5000.0))
     notes = depth_note(mates, f"in {associated.name}" if associated else "")
     if find_rgbd(path) is None:
         notes.append("no calibration: the nominal Kinect camera is taken (fx = fy = 525 at 640x480)")

@@ -16,15 +16,15 @@ from stereo.readers.base import (
     Reader,
     Stream,
     TimedFiles,
-    both,
     clock_of,
     pixel_text,
     rig_in,
     same_size,
     stereo_layout,
     timed_layout,
+    together,
 )
-from stereo.readers.images import ImageFiles, bits_note, bits_of, frame_number, image_files
+from stereo.readers.images import Colour, bits_note, bits_of, frame_number, image_files, images_of
 from stereo.readers.pairing import Pair, pair_files, split_sides
 from stereo.readers.times import read_stamps, stamp_list, stamps_in_names
 from stereo.recording import OpenOptions
@@ -65,7 +65,7 @@ def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions, folder
     """Images that pair by their names, at the times of the folder's timestamps.csv."""
     folder, sides = folder or path, ([pair[0] for pair in pairs], [pair[1] for pair in pairs])
     bits = bits_of(*sides)
-    a, b = (ImageFiles(files, bits) for files in sides)
+    a, b = (images_of(files, Colour(bits)) for files in sides)
     left, right = (next(file for file in files if file) for files in sides)
     names = (left, right) if left.parent == right.parent else (left.parent, right.parent)
     size, clock = same_size(a, b, *names), clock_of(folder, options, len(pairs))
@@ -74,7 +74,7 @@ def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions, folder
         for name, files, source in zip(("left", "right"), sides, (a, b), strict=True)
     )
     return stereo_layout(
-        path, partial(both, a, b), streams, len(pairs), clock, rig_in(folder, options, size), bits_note(bits),
+        path, together(a, b), streams, len(pairs), clock, rig_in(folder, options, size), bits_note(bits),
         unpaired=sum(None in pair for pair in pairs), folder=folder,
     )  # fmt: skip
 

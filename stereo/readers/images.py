@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 
@@ -30,14 +32,10 @@ FRAMES = 5
 
 
 def true_bits(images: Iterable[AnyArray]) -> int | None:
-    """Bits that the values of 16-bit images use.
+    """Bits that the values of 16-bit images use, from several, since one may be dark: the fewest that a sensor gives
+    and that hold the largest value; None when no image has more than 8 per value.
 
     Values that fill the upper bits (a 12-bit sensor's times 16) count as 16: their scale is that of 16 bits.
-
-    Args:
-        images: several frames, since one may be dark.
-    Returns:
-        The fewest that a sensor gives and that hold the largest value; None when no image has more than 8 per value.
     """
     largest = [int(image.max()) for image in images if image.dtype == np.uint16 and image.size]
     if not largest:
@@ -46,11 +44,7 @@ def true_bits(images: Iterable[AnyArray]) -> int | None:
 
 
 def to_8_bits(image: AnyArray, bits: int | None) -> U8:
-    """The image with 8 bits per value.
-
-    Args:
-        image: uint8 as it is; uint16 with values of ``bits`` bits, larger ones are clipped.
-    """
+    """The image with 8 bits per value: uint8 as it is, uint16 with values of ``bits`` bits, larger ones clipped."""
     if image.dtype == np.uint8:
         return np.asarray(image, dtype=np.uint8)
     shifted = image >> max(0, (bits or 16) - 8)
@@ -59,15 +53,11 @@ def to_8_bits(image: AnyArray, bits: int | None) -> U8:
 
 def bits_note(bits: int | None) -> tuple[str, ...]:
     """A note on such images."""
-    if bits is None:
-        return ()
-    return (f"images of 16 bits whose values use {bits}: their upper 8 bits are taken",)
+    return () if bits is None else (f"images of 16 bits whose values use {bits}: their upper 8 bits are taken",)
 
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
 _END_MARKERS = {b"\xff\xd8\xff": b"\xff\xd9", b"\x89PNG": b"IEND"}
-
-
 MAX_BYTES = 1 << 30
 """Files larger than this are no camera's image, and are not read."""
 
@@ -84,79 +74,112 @@ def is_grey(image: U8) -> bool:
     return int(np.ptp(green)) > 4 * most and difference <= most
 
 
-class ImageFiles:
-    """One camera's frames as files (a ``FrameSource``); None stands for a file that is missing."""
+UNITS_PER_M = 1000.0
+"""Depth values per metre of files without a scale: sensors and their tools write millimetres."""
+
+
+@dataclass
+class Colour:
+    """Pixels of images with 8 bits per value, or 16 of which ``bits`` are used (``bits_of``), as uint8 grey or BGR."""
+
+    bits: int | None = None
+    is_grey: bool = False
+    name = "images"
+
+    def fits(self, stored: AnyArray) -> bool:
+        """Whether stored values are those of an image."""
+        return stored.dtype in (np.uint8, np.uint16)
+
+    def prepare(self, first: AnyArray) -> None:
+        """Take the first image, which shows whether all are grey."""
+        self.is_grey = is_grey(to_8_bits(first, self.bits))
+
+    def __call__(self, stored: AnyArray) -> AnyArray:
+        image = to_8_bits(stored, self.bits)
+        return as_grey(image) if self.is_grey else as_colour(image)
+
+
+@dataclass
+class Depth:
+    """Pixels of depth, as float32 metres.
+
+    Whole numbers count ``units_per_m`` to the metre, with 0 for unknown; floating-point numbers are metres (REP 118).
+    """
+
+    units_per_m: float = UNITS_PER_M
+    name, is_grey = "depth images (one channel of 16 bits)", True
+
+    def fits(self, stored: AnyArray) -> bool:
+        """Whether stored values are those of depth."""
+        return stored.ndim == 2 and stored.dtype in (np.uint16, np.float32, np.float64)
+
+    def prepare(self, first: AnyArray) -> None:
+        """Depth has no colour."""
+
+    def __call__(self, stored: AnyArray) -> AnyArray:
+        return metres(stored, self.units_per_m)
+
+
+Stored = tuple[str, AnyArray | None]
+"""What an image is called in messages, empty where there is none, and its values; None where they cannot be decoded."""
+
+
+class Images:
+    """One camera's frames (a ``FrameSource``).
+
+    Args:
+        where: they are, for messages.
+        read: gives the images of ascending indices in turn.
+        sample: some of them, of which the first that fits gives their size.
+    """
 
     fps, raw = math.nan, False
-    _expected = "images, found none of {} that can be decoded"
 
-    def __init__(self, files: Sequence[Path | None], bits: int | None = None) -> None:
-        """Args: bits that the values of 16-bit images use (see ``bits_of``)."""
-        self._files, self._bits, self.n_frames = tuple(files), bits, len(files)
-        there = [file for file in self._files if file]
-        first = next((stored for file in there if (stored := self._read(file)) is not None), None)
+    def __init__(
+        self,
+        where: str,
+        n_frames: int,
+        pixels: Colour | Depth,
+        read: Callable[[Sequence[int]], Iterator[Stored]],
+        sample: Iterable[AnyArray | None],
+    ) -> None:
+        first = next((stored for stored in sample if stored is not None and pixels.fits(stored)), None)
         if first is None:
-            folder = next((file.parent for file in there), Path())
-            raise InputError(f"{folder}: expected {self._expected.format(self.n_frames)}")
-        self.size = first.shape[1], first.shape[0]
-        self._prepare(first)
+            raise InputError(f"{where}: expected {pixels.name}, found none of {n_frames} that can be decoded")
+        pixels.prepare(first)
+        self.n_frames, self.size, self.pixels, self._read = n_frames, (first.shape[1], first.shape[0]), pixels, read
+
+    @property
+    def is_grey(self) -> bool:
+        return self.pixels.is_grey
 
     def __iter__(self) -> Iterator[Decoded]:
         return self.at(range(self.n_frames))
 
     def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
         """Only these frames."""
-        for index in indices:
-            file = self._files[index]
-            stored = None if file is None else self._read(file)
-            if file is None:
-                yield Decoded(index, None, None, "file is missing")
-            elif stored is None:
-                yield Decoded(index, None, None, f"{file.parent.name}/{file.name} cannot be decoded")
+        listed = list(indices)
+        for index, (name, stored) in zip(listed, self._read(listed), strict=True):
+            why = "" if name else "image is missing"
+            if stored is None or not self.pixels.fits(stored):
+                yield Decoded(index, None, None, why or f"{name} cannot be decoded")
             elif (found := (stored.shape[1], stored.shape[0])) != self.size:
-                why = f"{file.parent.name}/{file.name} is {size_text(found)}, not {size_text(self.size)}"
-                yield Decoded(index, None, None, why)
+                yield Decoded(index, None, None, f"{name} is {size_text(found)}, not {size_text(self.size)}")
             else:
-                yield Decoded(index, None, self._given(stored))
-
-    def _read(self, file: Path) -> AnyArray | None:
-        return read_image(file, self._bits)
-
-    def _prepare(self, first: AnyArray) -> None:
-        self.is_grey = is_grey(first)
-
-    def _given(self, stored: AnyArray) -> AnyArray:
-        return as_grey(stored) if self.is_grey else as_colour(stored)
+                yield Decoded(index, None, self.pixels(stored))
 
 
-UNITS_PER_M = 1000.0
-"""Depth values per metre of files without a scale: sensors and their tools write millimetres."""
+def images_of(files: Sequence[Path | None], pixels: Colour | Depth) -> Images:
+    """Frames as files; None stands for a file that is missing."""
+    decoded = decode_image if isinstance(pixels, Colour) else partial(decode, flags=cv2.IMREAD_UNCHANGED)
 
+    def read(indices: Sequence[int]) -> Iterator[Stored]:
+        for file in (files[index] for index in indices):
+            yield ("", None) if file is None else (f"{file.parent.name}/{file.name}", decoded(_content(file)))
 
-class DepthFiles(ImageFiles):
-    """Depth images as files of one channel.
-
-    Whole numbers count ``units_per_m`` to the metre, with 0 for unknown; floating-point numbers are metres.
-    """
-
-    _expected = "depth images (one channel of 16 bits), found none of {}"
-
-    def __init__(self, files: Sequence[Path | None], units_per_m: float = UNITS_PER_M) -> None:
-        self._units_per_m = units_per_m
-        super().__init__(files)
-
-    def scaled(self, units_per_m: float) -> DepthFiles:
-        """The same files with another scale."""
-        return DepthFiles(self._files, units_per_m)
-
-    def _read(self, file: Path) -> AnyArray | None:
-        return read_depth(file)
-
-    def _prepare(self, first: AnyArray) -> None:
-        """Depth has no colour."""
-
-    def _given(self, stored: AnyArray) -> AnyArray:
-        return metres(stored, self._units_per_m)
+    there = [file for file in files if file]
+    folder = there[0].parent if there else Path()
+    return Images(str(folder), len(files), pixels, read, (decoded(_content(file)) for file in there))
 
 
 def metres(stored: AnyArray, units_per_m: float) -> F32:
@@ -170,31 +193,23 @@ def metres(stored: AnyArray, units_per_m: float) -> F32:
 
 def read_depth(file: Path) -> AnyArray | None:
     """(H, W) uint16 or float32 as stored; None when it cannot be decoded or holds anything else."""
-    data = _content(file)
-    stored = decode(data, cv2.IMREAD_UNCHANGED) if data else None
-    return stored if stored is not None and stored.ndim == 2 and stored.dtype in (np.uint16, np.float32) else None
+    stored = decode(_content(file), cv2.IMREAD_UNCHANGED)
+    return stored if stored is not None and Depth().fits(stored) else None
 
 
 def read_image(file: Path, bits: int | None = None) -> U8 | None:
-    """(H, W) or (H, W, 3) uint8 BGR, None when it cannot be decoded or its end is cut off.
-
-    Args:
-        bits: that the values of a 16-bit image use; None: 16.
-    """
-    stored = _stored(file)
+    """(H, W) or (H, W, 3) uint8 BGR, None when it cannot be decoded or its end is cut off; values of a 16-bit image use
+    ``bits``, or 16."""
+    stored = decode_image(_content(file))
     return None if stored is None else to_8_bits(stored, bits)
 
 
-def _stored(file: Path) -> AnyArray | None:
-    data = _content(file)
-    return decode_image(data) if data else None
-
-
-def _content(file: Path) -> bytes | None:
+def _content(file: Path) -> bytes:
+    """What a file holds; nothing where it cannot be read or is larger than any image."""
     try:
-        return file.read_bytes() if file.is_file() and file.stat().st_size <= MAX_BYTES else None
+        return file.read_bytes() if file.is_file() and file.stat().st_size <= MAX_BYTES else b""
     except (OSError, ValueError):  # a name with a zero byte
-        return None
+        return b""
 
 
 def decode_image(data: bytes) -> AnyArray | None:
@@ -225,7 +240,7 @@ def bits_of(*cameras: Sequence[Path | None]) -> int | None:
     for files in cameras:
         there = [file for file in files if file]
         for at in sorted({round(i) for i in np.linspace(0, len(there) - 1, FRAMES)} if there else ()):
-            image = _stored(there[at])
+            image = decode_image(_content(there[at]))
             if image is None or image.dtype != np.uint16:
                 break
             images.append(image)

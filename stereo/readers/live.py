@@ -6,7 +6,7 @@ import re
 import time
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
-from functools import partial
+from dataclasses import replace
 from itertools import count, islice
 from pathlib import Path
 
@@ -26,11 +26,9 @@ _CAMERA = re.compile(r"\d{1,3}|(?:rtsps?|https?|rtmps?|udp|tcp|srt):/.*", re.IGN
 
 
 class LiveSource:
-    """Images of a device or an address from now on (a ``FrameSource`` whose end is not known).
-
-    Their times are the stream's own while these increase, else the machine's clock. Frames that come while earlier
-    ones are tracked are dropped; a file that is served over HTTP waits.
-    """
+    """Images of a device or an address from now on (a ``FrameSource`` without a known end). Their times are the
+    stream's own while these increase, else the machine's clock. Frames that come while earlier ones are tracked are
+    dropped; a file that is served over HTTP waits."""
 
     n_frames, fps, raw, is_grey = 0, DEFAULT_FPS, False, False
 
@@ -99,43 +97,38 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     sources = [LiveSource(address) for address in addresses(path)]
     if len(sources) > 2:
         raise InputError(f"{path}: expected one or two cameras, found {len(sources)}")
+    first, second = sources[0], sources[-1]
     named, calibration = Path(",".join(source.name for source in sources)), options.calibration
     waits = all(source.waits for source in sources)
     # world.toml lies next to the calibration.
-    folder = Path("no-calibration") if calibration is None else calibration
+    folder = calibration or Path("no-calibration")
     folder = folder.parent if folder.is_file() else folder
 
     def rig() -> StereoRig:
         if calibration is None:
             raise InputError(f"{named}: expected the calibration of the cameras, found none: calibration= gives it")
-        return load_rig(calibration, sources[0].size)
+        return load_rig(calibration, first.size)
 
     if len(sources) == 1:
         return packed_layout(
-            named, named, folder, sources[0], sources[0].pictures, options,
-            rig=None if calibration else rig, live_waits=waits,
-        )  # fmt: skip
-    size = same_size(sources[0], sources[1], sources[0].name, sources[1].name)
-    streams = tuple(
-        Stream(name, size, 0, None, pixel_text(source.is_grey, None))
-        for name, source in zip(("left", "right"), sources, strict=True)
-    )
-    clock = FrameClock(options.fps or sources[0].fps, even=options.fps is not None)
+            named, named, folder, first, first.pictures, options, rig=None if calibration else rig, live_waits=waits
+        )
+
+    def pairs(indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
+        one, other = (iter(source) if indices is None else source.at(indices) for source in sources)
+        for left, right in zip(one, other, strict=False):
+            yield left, replace(right, index=left.index)
+
+    size = same_size(first, second, first.name, second.name)
+    named_sources = zip(("left", "right"), sources, strict=True)
+    streams = tuple(Stream(name, size, 0, None, pixel_text(one.is_grey, None)) for name, one in named_sources)
+    clock = FrameClock(options.fps or first.fps, even=options.fps is not None)
     note = "two cameras that run freely: their images are paired as they come"
-    return stereo_layout(
-        named, partial(_together, sources), streams, 0, clock, rig, (note,), folder=folder, live_waits=waits
-    )
-
-
-def _together(sources: Sequence[LiveSource], indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
-    one, other = (iter(source) if indices is None else source.at(indices) for source in sources)
-    for left, right in zip(one, other, strict=False):
-        yield left, Decoded(left.index, right.timestamp_s, right.image, right.why)
+    return stereo_layout(named, pairs, streams, 0, clock, rig, (note,), folder=folder, live_waits=waits)
 
 
 def addresses(path: Path) -> list[str]:
-    """Numbers and addresses of cameras with commas between them, of whose two slashes a path leaves one; none of
-    anything else."""
+    """Numbers and addresses of cameras with commas between them (a path leaves one of two slashes); else none."""
     parts = re.split(r",(?=\d|\w+:/)", str(path))
     return [re.sub(":/+", "://", part, count=1) for part in parts] if all(map(_CAMERA.fullmatch, parts)) else []
 

@@ -18,13 +18,8 @@ AnyFrame = StereoFrame | RgbdFrame
 
 @dataclass(frozen=True, eq=False)
 class MultiRigFrame:
-    """The frames of one moment.
-
-    Attributes:
-        index: moments counted from 0.
-        timestamp_s: mean time of the frames on the common clock, seconds since the first frame of the earliest rig.
-        frames: one per rig, None for a rig without a frame at that time.
-    """
+    """The frames of moment ``index``, from 0: their mean time on the common clock [s since the first frame of the
+    earliest rig], and one frame per rig, None for a rig without a frame at that time."""
 
     index: int
     timestamp_s: float
@@ -33,13 +28,7 @@ class MultiRigFrame:
 
 @dataclass(frozen=True, eq=False)
 class RigRecording:
-    """One rig of a recording.
-
-    Attributes:
-        name: its folder.
-        recording: its frames, on its own clock.
-        start_s: of its first frame on the common clock [s].
-    """
+    """One rig of a recording: its folder, its frames on its own clock, and the time of the first on the common one."""
 
     name: str
     recording: AnyRecording
@@ -65,11 +54,7 @@ class MultiRigRecording:
     @property
     def skipped(self) -> list[Skipped]:
         """Frames that one of the rigs passed over; indices are those of the rig."""
-        return [
-            Skipped(skipped.index, f"{rig.name}: {skipped.why}")
-            for rig in self.rigs
-            for skipped in rig.recording.skipped
-        ]
+        return [Skipped(s.index, f"{rig.name}: {s.why}") for rig in self.rigs for s in rig.recording.skipped]
 
     def __iter__(self) -> Iterator[MultiRigFrame]:
         with ExitStack() as stack:

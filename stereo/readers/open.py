@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Generator, Sequence
-from contextlib import closing
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 
 from calib.errors import InputError
 from calib.io import entries, reason
 from calib.world import RIGS_FILE, load_rigs
 from stereo.readers.bags.layout import READER as BAG
-from stereo.readers.base import AnyRecording, FrameSource, Layout, Reader, clock_of, frames_of
+from stereo.readers.base import AnyRecording, FrameSource, Layout, Reader, clock_of, together
 from stereo.readers.datasets import EUROC, KITTI, KITTI_SEQUENCE, MIDDLEBURY, TUM_RGBD
 from stereo.readers.folders import READER as FOLDERS
 from stereo.readers.folders import folder_pair
-from stereo.readers.images import ImageFiles, bits_note, bits_of, image_files
+from stereo.readers.images import Colour, bits_note, bits_of, image_files, images_of
 from stereo.readers.live import READER as LIVE
 from stereo.readers.rgbd import READER as RGBD_FOLDERS
 from stereo.readers.side_by_side import READER as SIDE_BY_SIDE
 from stereo.readers.video import READER as VIDEO_PAIR
 from stereo.readers.video import VideoFile, video_files, video_pair
-from stereo.recording import Decoded, OpenOptions, StereoRecording, Video
+from stereo.recording import OpenOptions, StereoRecording, Video
 
 _POINTER = re.compile(rb"\Aversion https://git-lfs\.github\.com/spec/v1\noid [^\n]+\nsize (\d+)")
 _NAMED = {
@@ -76,7 +74,7 @@ def _refuse_several(path: Path, _options: OpenOptions) -> Layout:
     file = rigs_file(path)
     folders = ", ".join(str(file.parent / entry.folder) for entry in load_rigs(file))
     raise InputError(
-        f"{path}: expected one stereo pair, found a recording of several heads, which planview run tracks whole: "
+        f"{path}: expected one stereo pair, found a recording of several heads, which a run tracks whole: "
         f"give one of {folders}"
     )
 
@@ -84,34 +82,17 @@ def _refuse_several(path: Path, _options: OpenOptions) -> Layout:
 MULTI_RIG = Reader(
     "heads", "several heads", "rigs.toml and the folders of several heads", is_multi_rig, _refuse_several
 )
-
-
 READERS: tuple[Reader, ...] = (
-    MULTI_RIG,
-    BAG,
-    EUROC,
-    KITTI,
-    KITTI_SEQUENCE,
-    TUM_RGBD,
-    MIDDLEBURY,
-    FOLDERS,
-    RGBD_FOLDERS,
-    VIDEO_PAIR,
-    SIDE_BY_SIDE,
+    MULTI_RIG, BAG, EUROC, KITTI, KITTI_SEQUENCE, TUM_RGBD, MIDDLEBURY, FOLDERS, RGBD_FOLDERS, VIDEO_PAIR, SIDE_BY_SIDE,
     LIVE,
-)
-"""In the order in which they are asked: the first that a path fits opens it."""
+)  # fmt: skip
+"""In this order: the first that a path fits opens it."""
 
 
 def find_reader(path: Path) -> Reader:
-    """The reader whose layout a path has.
-
-    Raises:
-        InputError: nothing there, or no layout that is known.
-    """
-    for reader in READERS:
-        if reader.fits(path):
-            return reader
+    """The reader whose layout a path has. Raises InputError: nothing there, or no layout that is known."""
+    if reader := next((reader for reader in READERS if reader.fits(path)), None):
+        return reader
     if not path.exists():
         raise InputError(f"{path}: expected a recording (folder or file), found nothing there")
     if foreign := _foreign_text(path) or _nearly_text(path):
@@ -188,11 +169,8 @@ def holds_pair(path: Path, options: OpenOptions | None = None) -> bool:
 
 
 def find_layout(path: Path | str, options: OpenOptions | None = None) -> tuple[Reader, Layout]:
-    """What is at a path; no calibration is needed yet.
-
-    Raises:
-        InputError: no recording there, unreadable, or sides that differ in size.
-    """
+    """What is at a path; no calibration is needed yet. Raises InputError: no recording there, unreadable, or sides that
+    differ in size."""
     path, options = Path(path), options or OpenOptions()
     reader = TWO_PATHS if options.right is not None else find_reader(path)
     if options.topics and reader is not BAG:
@@ -225,13 +203,9 @@ def open_recording(path: Path | str, options: OpenOptions | None = None) -> Ster
 
 
 def open_video(path: Path | str, options: OpenOptions | None = None) -> Video:
-    """Open a single-camera recording: a video file, or a folder of images (and timestamps.csv).
-
-    Args:
-        options: the rate that replaces the recording's own times.
-    Raises:
-        InputError: nothing there, not a video or images, or options that only recordings with depth have.
-    """
+    """Open a single-camera recording: a video file, or a folder of images (and timestamps.csv); the options may give a
+    rate in place of the recording's own times. Raises InputError: nothing there, not a video or images, or options that
+    only recordings with depth have."""
     path, options = Path(path), options or OpenOptions()
     if not path.exists():
         raise InputError(f"{path}: expected a video or a folder of images, found nothing there")
@@ -243,15 +217,9 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Video:
     if not files and len(videos) != 1:
         raise InputError(f"{path}: expected images or one video, found {len(videos)} videos and no image")
     bits = bits_of(files)
-    source: FrameSource = ImageFiles(files, bits) if files else VideoFile(videos[0])
+    source: FrameSource = images_of(files, Colour(bits)) if files else VideoFile(videos[0])
     clock = clock_of(path, options, source.n_frames, source.fps, source.raw)
     notes = (*clock.notes, *bits_note(bits))
-    video = Video(path, partial(_alone, source), source.size, source.n_frames, clock, notes)
+    video = Video(path, together(source), source.size, source.n_frames, clock, notes)
     video.options = options
     return video
-
-
-def _alone(source: FrameSource, indices: Sequence[int] | None) -> Generator[tuple[Decoded], None, None]:
-    """The frames of one camera."""
-    with closing(frames_of(source, indices)) as frames:
-        yield from zip(frames, strict=True)

@@ -17,21 +17,17 @@ from calib.types import F64, I64
 from stereo.readers.images import frame_number
 from stereo.recording import DEFAULT_FPS
 
-_WORD = re.compile(r"left|right|(?<![a-z])[lr](?![a-z])", re.IGNORECASE)
+_WORD = re.compile(r"()()(left|right|(?<![a-z])[lr](?![a-z]))", re.IGNORECASE)
 _NUMBERS = [
     re.compile(rf"(?<![a-z])({words})([_-]?)(\d{{1,2}})(?!\d)", re.IGNORECASE)
     for words in ("cam|camera|view|infra|infrared|ir|c|eye|sensor|lens|device", "im|img|image|i")
 ]
-"""A number of what can only be a camera, and of what can be a frame too."""
+"""A side, a number of what can only be a camera, and of what can be a frame too: each the third group."""
 
 
 class Sided(NamedTuple):
-    """Names of two cameras.
-
-    Attributes:
-        left, right: positions in the list of names.
-        rest: of every name, what is left without the side; empty where it has none.
-    """
+    """Names of two cameras: positions of the left and the right ones in the list of names, and of every name what is
+    left without the side; empty where it has none."""
 
     left: list[int]
     right: list[int]
@@ -39,36 +35,20 @@ class Sided(NamedTuple):
 
 
 def split_sides(names: Sequence[str]) -> Sided | None:
-    """Tell left from right by the words left and right (or L and R), else by two camera numbers, the lower one left.
-
-    Args:
-        names: without folder and ending; names without a side are passed over.
-    Returns:
-        None when the names have no two sides.
-    """
-    by_word = [_by_word(name) for name in names]
-    sides = [found[0] if found else "" for found in by_word]
-    if not {"l", "r"} <= set(sides):
-        for pattern in _NUMBERS:
-            by_word = [_by_number(name, pattern) for name in names]
-            numbers = sorted({found[0] for found in by_word if found}, key=int)
-            if len(numbers) == 2:
-                break
-        else:
-            return None
-        sides = ["" if not found else "l" if found[0] == numbers[0] else "r" for found in by_word]
-    left, right = ([i for i, side in enumerate(sides) if side == one] for one in ("l", "r"))
-    return Sided(left, right, [found[1] if found else "" for found in by_word])
-
-
-def _by_word(name: str) -> tuple[str, str] | None:
-    found = {word[0].lower() for word in _WORD.findall(name)}
-    return (found.pop(), _WORD.sub("*", name)) if len(found) == 1 else None
-
-
-def _by_number(name: str, pattern: re.Pattern[str]) -> tuple[str, str] | None:
-    found = {number for _, _, number in pattern.findall(name)}
-    return (found.pop(), pattern.sub(r"\1\2*", name)) if len(found) == 1 else None
+    """Left and right by these words (or L and R) in names without folder and ending, else by two camera numbers, the
+    lower one left; names without a side are passed over. None when the names have no two sides."""
+    for pattern in (_WORD, *_NUMBERS):
+        found = [{match[3].lower().removesuffix("eft").removesuffix("ight") for match in pattern.finditer(name)}
+                 for name in names]  # fmt: skip
+        sides = sorted({side for own in found if len(own) == 1 for side in own})
+        sides.sort(key=lambda side: int(side) if side.isdecimal() else 0)
+        if len(sides) == 2:
+            left, right = ([i for i, own in enumerate(found) if own == {side}] for side in sides)
+            rest = [
+                pattern.sub(r"\1\2*", name) if len(own) == 1 else "" for name, own in zip(names, found, strict=True)
+            ]
+            return Sided(left, right, rest)
+    return None
 
 
 Pair = tuple[Path | None, Path | None]
@@ -121,10 +101,8 @@ def _numbered(files: list[Path], number: Callable[[Path], int | None]) -> dict[i
 
 
 def _unpaired(file: Path, left: list[Path], right: list[Path]) -> InputError:
-    return InputError(
-        f"{file}: expected a mate in the other folder for every image, "
-        f"found none ({len(left)} left, {len(right)} right images)"
-    )
+    found = f"found none ({len(left)} left, {len(right)} right images)"
+    return InputError(f"{file}: expected a mate in the other folder for every image, {found}")
 
 
 TOLERANCE = 0.25
@@ -257,21 +235,14 @@ period, as for the pairs of two cameras, where that is more."""
 
 
 def nearest_mates(images: I64, depths: I64) -> I64:
-    """Position of each image's depth image, -1 without one: nearest to each other, and near enough.
-
-    Args:
-        images, depths: (n,) and (m,) int64 [ns].
-    """
+    """Position of the depth image of each of (n,) images among (m,) int64 [ns], -1 without one: nearest to each other,
+    and near enough."""
     period = float(np.median(np.diff(np.sort(images)))) if len(images) > 1 else 0.0
     return _mates(images, depths, max(MAX_APART_S * 1e9, TOLERANCE * period))[0]
 
 
 def depth_note(mates: I64, where: str = "") -> list[str]:
-    """How many images have no depth image.
-
-    Args:
-        where: they were looked for; by their times when empty.
-    """
+    """How many images have no depth image, and where they were looked for: by their times when empty."""
     alone = int((mates < 0).sum())
     where = where or f"within {MAX_APART_S * 1e3:g} ms"
     return [f"{alone} of {len(mates)} images without a depth image {where}, skipped"] if alone else []

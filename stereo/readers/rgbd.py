@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -19,18 +18,8 @@ from calib.io import entries, size_text
 from calib.rig import DepthSensor, RgbdRig
 from calib.types import F32, F64
 from stereo.depth import median_image
-from stereo.readers.base import (
-    FrameSource,
-    ItemSource,
-    Layout,
-    Reader,
-    Stream,
-    both,
-    clock_of,
-    rate_of,
-    world_pose,
-)
-from stereo.readers.images import DepthFiles, ImageFiles, Size, image_files, read_depth
+from stereo.readers.base import Layout, Reader, Stream, clock_of, rate_of, together, world_pose
+from stereo.readers.images import Colour, Depth, Images, Size, image_files, images_of, read_depth
 from stereo.readers.pairing import Pair, depth_note, nearest_mates, pair_files
 from stereo.readers.times import stamps_in_names
 from stereo.recording import DEFAULT_FPS, FrameClock, OpenOptions, RgbdFrame, RgbdRecording
@@ -101,19 +90,10 @@ SENSOR_OF_SIZE: dict[Size, DepthSensor] = {
 being those of Kinect, Xtion and Astra."""
 
 
-class DepthSource(ItemSource, Protocol):
-    """Depth of one camera: (H, W) float32 [m]."""
-
-    size: Size
-
-    def scaled(self, units_per_m: float) -> DepthSource:
-        """The same depth, its stored values so many to the metre."""
-
-
 def rgbd_layout(
     path: Path,
-    images: FrameSource,
-    depths: DepthSource,
+    images: Images,
+    depths: Images,
     streams: tuple[Stream, ...],
     clock: FrameClock,
     rig: Callable[[], RgbdRig],
@@ -140,10 +120,11 @@ def rgbd_layout(
             remarks.append(f"depth of {size_text(depth)} without a calibration of its own counts as registered")
             found = replace(found, depth_camera=found.camera.scaled(*depth))
         sensor = found.sensor or SENSOR_OF_SIZE.get(depth, "structured-light")
-        measured = depths if found.units_per_m is None else depths.scaled(found.units_per_m)
+        if isinstance(depths.pixels, Depth) and found.units_per_m is not None:
+            depths.pixels.units_per_m = found.units_per_m
         folder = path if path.is_dir() else path.parent
         recording = RgbdRecording(
-            path, found, sensor, DepthRegistration(found), partial(both, images, measured), images.n_frames, clock,
+            path, found, sensor, DepthRegistration(found), together(images, depths), images.n_frames, clock,
             remarks, world_pose(folder),
         )  # fmt: skip
         if assumed:
@@ -191,7 +172,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     timed = None if (path / "timestamps.csv").is_file() else _timed(*sides)
     pairs = timed[0] if timed else pair_files(*sides)
     clock = timed[1] if timed and options.fps is None else clock_of(path, options, len(pairs))
-    images, depths = ImageFiles([pair[0] for pair in pairs]), DepthFiles([pair[1] for pair in pairs])
+    images, depths = images_of([pair[0] for pair in pairs], Colour()), images_of([pair[1] for pair in pairs], Depth())
     streams = (
         Stream("image", images.size, len(sides[0]), clock.times_s),
         Stream("depth", depths.size, len(sides[1]), clock.times_s),

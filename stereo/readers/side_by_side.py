@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -39,14 +40,8 @@ ROWS_PX = 1.5
 
 
 class Order(NamedTuple):
-    """What the corners show.
-
-    Attributes:
-        swapped: the first view is the right camera's.
-        rectified: the views are rectified already.
-        nearer: share of corners nearer than infinity, in this order.
-        rows_px: median row offset [px of 640].
-    """
+    """What the corners show: whether the first view is the right camera's and whether the views are rectified already;
+    the share of corners nearer than infinity then, and their median row offset [px of 640]."""
 
     swapped: bool
     rectified: bool
@@ -54,7 +49,7 @@ class Order(NamedTuple):
     rows_px: float
 
 
-def tell_order(matches: F64, rig: StereoRig, rectified: StereoRig) -> Order | None:
+def find_order(matches: F64, rig: StereoRig, rectified: StereoRig) -> Order | None:
     """The order and the calibration under which corners lie nearer than infinity and on their rows.
 
     Args:
@@ -64,24 +59,18 @@ def tell_order(matches: F64, rig: StereoRig, rectified: StereoRig) -> Order | No
     Returns:
         The most usual one that fits; None when there are too few corners (our choice), or none fits.
     """
-    if len(matches) < 40:
-        return None
     cases = (
         _case(matches, one, swapped, is_rectified)
         for is_rectified, one in ((False, rig), (True, rectified))
         for swapped in (False, True)
+        if len(matches) >= 40
     )
     return next((case for case in cases if case.nearer >= NEARER and case.rows_px <= ROWS_PX), None)
 
 
 def rectified_rig(load: Callable[[], StereoRig], rig: StereoRig) -> tuple[StereoRig, str]:
-    """The calibration of rectified images: from the file, else as OpenCV computes it.
-
-    Args:
-        load: reads the file's calibration of rectified images, or its other one when it holds none.
-    Returns:
-        The rig, and what was assumed; empty when the file gives it.
-    """
+    """The calibration of rectified images: from the file (``load`` gives that, or its other one when it holds none),
+    else as OpenCV computes it; and what was assumed, empty when the file gives it."""
     held = rig if is_ideal(rig) else load()
     if is_ideal(held):
         return held, ""
@@ -123,43 +112,32 @@ Halves = tuple[U8, U8]
 
 
 class Packing(NamedTuple):
-    """Where the two views lie in a picture.
-
-    Attributes:
-        stacked: one above the other, else side by side.
-        squeezed: each was reduced to half along the axis on which they share the picture, and is stretched again.
-    """
+    """Where the two views lie in a picture: stacked one above the other, else side by side; squeezed to half along the
+    axis on which they share the picture, and stretched again."""
 
     stacked: bool
     squeezed: bool
 
     def size(self, picture: Size) -> Size:
         """(width, height) of one view as it is given [px]."""
-        width, height = picture
-        if self.squeezed:
-            return picture
-        return (width, height // 2) if self.stacked else (width // 2, height)
+        return picture if self.squeezed else self.stored(picture)
+
+    def stored(self, picture: Size) -> Size:
+        """(width, height) of one view as it is stored [px]."""
+        return (picture[0], picture[1] // 2) if self.stacked else (picture[0] // 2, picture[1])
 
     def split(self, picture: U8) -> Halves:
         """The first (left or upper) and the second view."""
-        height, width = picture.shape[:2]
-        if self.stacked:
-            parts = picture[: height // 2], picture[height // 2 : height // 2 * 2]
-        else:
-            parts = picture[:, : width // 2], picture[:, width // 2 : width // 2 * 2]
-        if not self.squeezed:
-            return np.ascontiguousarray(parts[0]), np.ascontiguousarray(parts[1])
-        first, second = (np.asarray(cv2.resize(part, (width, height)), dtype=np.uint8) for part in parts)
-        return first, second
+        size = picture.shape[1], picture.shape[0]
+        width, height = self.stored(size)
+        parts = picture[:height, :width], picture[-height:, -width:]
+        first, second = (cv2.resize(part, size) if self.squeezed else np.ascontiguousarray(part) for part in parts)
+        return np.asarray(first, dtype=np.uint8), np.asarray(second, dtype=np.uint8)
 
 
 class Common(NamedTuple):
-    """What the two views of some pictures have in common.
-
-    Attributes:
-        corners: that were looked for.
-        matches: (N, 4) float64 [px of the view as it is given]: u, v in the first view, u, v in the second.
-    """
+    """What the two views of some pictures have in common: of so many corners (N, 4) float64 matches [px of the view as
+    it is given], u, v in the first view, u, v in the second."""
 
     corners: int
     matches: F64
@@ -247,10 +225,9 @@ def packed_layout(
     rig: Callable[[], StereoRig] | None = None,
     live_waits: bool | None = None,
 ) -> Layout:
-    """Tell how the two views share a source's pictures, and which is the left one.
+    """How the two views share a source's pictures, and which is the left one.
 
     Args:
-        path: of the recording.
         named: the video, for messages.
         folder: where calibration, times and world.toml lie.
         pictures: a few of the source.
@@ -267,48 +244,14 @@ def packed_layout(
     if packing is None:
         raise InputError(f"{named}: {_no_pair(source.size, pictures, shared)}")
     size = packing.size(source.size)
-    order, assumed = _order(calibration, size, shared)
-    swapped, rectified = (order.swapped, order.rectified) if order else (False, False)
-    width, height = size
-    if packing.squeezed:
-        width, height = (width, height // 2) if packing.stacked else (width // 2, height)
-    pixels = pixel_text(is_grey(pictures[0]), None)
-    streams = tuple(Stream(name, (width, height), source.n_frames, None, pixels) for name in ("left", "right"))
-
-    def views(picture: U8) -> Halves:
-        first, second = packing.split(picture)
-        return (second, first) if swapped else (first, second)
-
-    def own_rig() -> StereoRig:
-        found = load_rig(calibration, size)
-        return rectified_rig(partial(load_rig, calibration, size, rectified=True), found)[0] if rectified else found
-
-    n_frames = 0 if live_waits is not None else source.n_frames
-    clock = clock_of(folder, options, n_frames, source.fps, source.raw)
-    return stereo_layout(
-        path, partial(split_pairs, source, views), streams, n_frames, clock, rig or own_rig,
-        _notes(packing, order, assumed), folder=folder, live_waits=live_waits,
-    )  # fmt: skip
-
-
-def sampled(source: FrameSource) -> list[U8]:
-    """Three pictures of a source, one at least: its announced length is believed only as far as it is read."""
-    spread = sorted({round(float(i)) for i in np.linspace(0, max(0, source.n_frames - 1), 3)})
-    found = [frame.image for frame in source.at(spread) if frame.image is not None]
-    return found or [frame.image for frame in source.at([0]) if frame.image is not None]
-
-
-def _order(calibration: Path, size: Size, shared: Common) -> tuple[Order | None, str]:
-    """What the corners show, and what was assumed of rectified images; nothing without a calibration."""
-    try:
-        rig = load_rig(calibration, size)
-        rectified, assumed = rectified_rig(partial(load_rig, calibration, size, rectified=True), rig)
-    except InputError:
-        return None, ""
-    return tell_order(shared.matches, rig, rectified), assumed
-
-
-def _notes(packing: Packing, order: Order | None, assumed: str) -> list[str]:
+    rectified_of = partial(load_rig, calibration, size, rectified=True)
+    order, assumed = None, ""
+    with suppress(InputError):  # without a calibration nothing shows the order
+        own = load_rig(calibration, size)
+        rectified, assumed = rectified_rig(rectified_of, own)
+        order = find_order(shared.matches, own, rectified)
+    pixels, stored = pixel_text(is_grey(pictures[0]), None), packing.stored(source.size)
+    streams = tuple(Stream(name, stored, source.n_frames, None, pixels) for name in ("left", "right"))
     notes = []
     if packing != (False, False):
         kind = "one above the other" if packing.stacked else "side by side"
@@ -318,7 +261,28 @@ def _notes(packing: Packing, order: Order | None, assumed: str) -> list[str]:
         notes.append(f"the right camera's view comes first: left and right are exchanged ({near})")
     if order and order.rectified:
         notes.append("the images are rectified already" + (f"; {assumed}" if assumed else ""))
-    return notes
+
+    def views(picture: U8) -> Halves:
+        first, second = packing.split(picture)
+        return (second, first) if order and order.swapped else (first, second)
+
+    def own_rig() -> StereoRig:
+        found = load_rig(calibration, size)
+        return rectified_rig(rectified_of, found)[0] if order and order.rectified else found
+
+    n_frames = 0 if live_waits is not None else source.n_frames
+    clock = clock_of(folder, options, n_frames, source.fps, source.raw)
+    return stereo_layout(
+        path, partial(split_pairs, source, views), streams, n_frames, clock, rig or own_rig,
+        notes, folder=folder, live_waits=live_waits,
+    )  # fmt: skip
+
+
+def sampled(source: FrameSource) -> list[U8]:
+    """Three pictures of a source, one at least: its announced length is believed only as far as it is read."""
+    spread = sorted({round(float(i)) for i in np.linspace(0, max(0, source.n_frames - 1), 3)})
+    found = [frame.image for frame in source.at(spread) if frame.image is not None]
+    return found or [frame.image for frame in source.at([0]) if frame.image is not None]
 
 
 def _no_pair(size: Size, pictures: Sequence[U8], shared: Common) -> str:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from decimal import Decimal
 from io import StringIO
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,12 +33,8 @@ _NAME = re.compile(r"(?<![\d.])(\d{7,20}(?:\.\d{1,9}|_\d{6,9})?|\d{1,6}\.\d{2,9}
 
 
 class Stamps(NamedTuple):
-    """Times of one camera's frames in the order of the recording.
-
-    Attributes:
-        ns: (n,) int64 [ns] by the recorder's clock.
-        unit: in which they were written: "ns", "us", "ms", "s" or "date".
-    """
+    """Times of one camera's frames in the order of the recording: (n,) int64 [ns] by the recorder's clock, and the unit
+    in which they were written: "ns", "us", "ms", "s" or "date"."""
 
     ns: I64
     unit: str
@@ -90,23 +88,18 @@ def stamps_in_names(stems: Sequence[str]) -> Stamps | None:
     if any(text.startswith("00") for text in texts):
         return None  # a counter with leading zeros
     numbers = [Decimal(text) for text in texts]
-    steps = {b - a for a, b in zip(sorted(numbers), sorted(numbers)[1:], strict=False)}
-    if steps == {Decimal(1)} or max(numbers) == min(numbers):
+    if {b - a for a, b in pairwise(sorted(numbers))} == {1} or max(numbers) == min(numbers):
         return None
-    try:
+    with suppress(ValueError):  # larger than any clock counts
         return read_stamps(texts)
-    except ValueError:
-        return None  # larger than any clock counts
+    return None
 
 
 def _number(text: str) -> Decimal:
     text = text.strip()
-    if not _NUMBER.fullmatch(text):
+    if not _NUMBER.fullmatch(text) or abs(Decimal(text)) > 10**19:
         raise ValueError(f"expected a time, found {text[:40]!r}")
-    number = Decimal(text)
-    if abs(number) > 10**19:
-        raise ValueError(f"expected a time, found {text[:40]!r}")
-    return number
+    return Decimal(text)
 
 
 LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")
@@ -119,11 +112,8 @@ _UNITS = {"sec": "s", "nsec": "ns", "usec": "us", "msec": "ms"}
 
 
 class TimeTable(NamedTuple):
-    """Times by frame index, and what was found on the way.
-
-    Attributes:
-        times_s: (last frame + 1,) float64 [s] since the first row; NaN for frames without a row.
-    """
+    """(last frame + 1,) float64 [s] by frame index since the first row, NaN for frames without one; and what was found
+    on the way."""
 
     times_s: F64
     notes: tuple[str, ...]
@@ -219,20 +209,18 @@ class Rate:
 
 
 def rate_of_times(times_s: F64) -> Rate | None:
-    """Rate and gaps.
-
-    Args:
-        times_s: (n,) float64 [s], in any order.
-    Returns:
-        None of fewer than two different times.
-    """
+    """Rate and gaps of (n,) times [s] in any order; None of fewer than two different ones."""
     steps = np.diff(np.sort(times_s[np.isfinite(times_s)]))
     steps = steps[(steps > 0) & (steps < JUMP_S)]
     if not steps.size:
         return None
     period = float(np.median(steps))
     wide = steps > 1.5 * period
-    dropped = int(np.sum(np.round(steps[wide] / period) - 1))
-    longest = float(steps[wide].max()) if wide.any() else 0.0
-    jitter = float(np.std(steps[~wide])) * 1e3
-    return Rate(1.0 / period, jitter, float(steps.sum()), int(wide.sum()), dropped, longest)
+    return Rate(
+        fps=1.0 / period,
+        jitter_ms=float(np.std(steps[~wide])) * 1e3,
+        duration_s=float(steps.sum()),
+        gaps=int(wide.sum()),
+        dropped=int(np.sum(np.round(steps[wide] / period) - 1)),
+        longest_gap_s=float(steps[wide].max(initial=0.0)),
+    )

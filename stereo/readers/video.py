@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
+from itertools import takewhile
 from pathlib import Path
 
 import cv2
@@ -18,12 +19,12 @@ from stereo.readers.base import (
     Layout,
     Reader,
     Stream,
-    both,
     clock_of,
     clock_of_pairs,
     rig_in,
     same_size,
     stereo_layout,
+    together,
 )
 from stereo.readers.images import is_grey
 from stereo.readers.pairing import TimePairs, pair_stamps, split_sides
@@ -45,19 +46,14 @@ class VideoFile:
         capture = _open(path)
         with path.open("rb") as file:
             self.raw = file.read(4).startswith(_RAW)
-        try:
-            found, first = capture.read()
-            self._start_ms = float(capture.get(cv2.CAP_PROP_POS_MSEC))
-            fps, announced = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
-            self.n_frames = int(announced) if np.isfinite(announced) and announced > 0 else 0
-            # A file of less than 200 bytes a frame is too small for so many: counting them costs nothing.
-            if self.n_frames > path.stat().st_size / 200:
-                count = 1
-                while count < self.n_frames and capture.grab():
-                    count += 1
-                self.n_frames = count
-        finally:
-            capture.release()
+        found, first = capture.read()
+        self._start_ms = float(capture.get(cv2.CAP_PROP_POS_MSEC))
+        fps, announced = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        self.n_frames = int(announced) if np.isfinite(announced) and announced > 0 else 0
+        # A file of less than 200 bytes a frame is too small for so many: counting them costs nothing.
+        if self.n_frames > path.stat().st_size / 200:
+            self.n_frames = 1 + sum(1 for _ in takewhile(lambda _: capture.grab(), range(1, self.n_frames)))
+        capture.release()
         if self.raw and not self.n_frames:
             self.n_frames = len(_packets(path))
         if not found or first is None:
@@ -115,16 +111,12 @@ class VideoFile:
     def _seeks(self) -> bool:
         """Whether a seek gives the image and time that reading in order gives, at a frame near the beginning."""
         ordered, sought = _open(self._path), _open(self._path)
-        try:
-            for _ in range(100):
-                ordered.grab()
-            (found, image), at = ordered.read(), ordered.get(cv2.CAP_PROP_POS_MSEC)
-            sought.set(cv2.CAP_PROP_POS_FRAMES, 100)
-            (again, other), then = sought.read(), sought.get(cv2.CAP_PROP_POS_MSEC)
-            return bool(found and again and at == then and np.array_equal(image, other))
-        finally:
-            ordered.release()
-            sought.release()
+        for _ in range(100):
+            ordered.grab()
+        (found, image), at = ordered.read(), ordered.get(cv2.CAP_PROP_POS_MSEC)
+        sought.set(cv2.CAP_PROP_POS_FRAMES, 100)
+        (again, other), then = sought.read(), sought.get(cv2.CAP_PROP_POS_MSEC)
+        return bool(found and again and at == then and np.array_equal(image, other))
 
     def _sought(self, capture: cv2.VideoCapture, index: int) -> bool:
         """Seek so that the frame is read next; whether that succeeded, as far as the time of the one before shows."""
@@ -159,12 +151,9 @@ def _open(path: Path) -> cv2.VideoCapture:
 def _packets(path: Path) -> F64:
     """(n,) float64 [s], when the frames of a video are shown, by its container; nothing is decoded."""
     capture, times = _open(path), []
-    try:
-        capture.set(cv2.CAP_PROP_FORMAT, -1)
-        while capture.grab():
-            times.append(float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0)
-    finally:
-        capture.release()
+    capture.set(cv2.CAP_PROP_FORMAT, -1)
+    while capture.grab():
+        times.append(float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0)
     own = np.sort(np.array(times, dtype=np.float64))  # packets come in the order of decoding
     return np.asarray(own - own[:1], dtype=np.float64)
 
@@ -219,12 +208,12 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
         if pairs := _by_time(*own):
             timed = tuple(Stream(name, size, len(s), s) for name, s in zip(("left", "right"), own, strict=True))
             return stereo_layout(
-                path, partial(both, _PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right)), timed, len(pairs.left),
+                path, together(_PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right)), timed, len(pairs.left),
                 clock_of_pairs(pairs, options), rig, unpaired=pairs.unpaired, folder=folder,
             )  # fmt: skip
     streams = tuple(Stream(name, size, source.n_frames) for name, source in (("left", a), ("right", b)))
     clock = clock_of(folder, options, min(a.n_frames, b.n_frames), a.fps, a.raw)
-    return stereo_layout(path, partial(both, a, b), streams, max(a.n_frames, b.n_frames), clock, rig, folder=folder)
+    return stereo_layout(path, together(a, b), streams, max(a.n_frames, b.n_frames), clock, rig, folder=folder)
 
 
 def _sides(folder: Path) -> tuple[Path, Path] | None:

@@ -25,20 +25,20 @@ from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
 from stereo.readers.bags.messages import camera_fields, field, frame_id, transforms
 from stereo.readers.bags.storage import Bag, error_text, open_bag
-from stereo.readers.bags.topics import TopicDepth, TopicFrames, TopicImages, choose_topics, info_topic
+from stereo.readers.bags.topics import TopicImages, choose_topics, frames_of_topic, info_topic
 from stereo.readers.base import (
     Layout,
     Reader,
     Stream,
-    both,
     check_paired,
     clock_of_pairs,
     own_times,
     pixel_text,
     same_size,
     stereo_layout,
+    together,
 )
-from stereo.readers.images import Size, bits_note, true_bits
+from stereo.readers.images import Colour, Depth, Size, bits_note, true_bits
 from stereo.readers.pairing import depth_note, nearest_mates, pair_stamps
 from stereo.readers.rgbd import rgbd_layout
 from stereo.recording import OpenOptions
@@ -51,8 +51,8 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
     """
     first, second = infos = [info_of(bag, topic) for topic in topics]
     of_sdk = all(_SDK.fullmatch(topic) for topic in topics)
-    if of_sdk:  # K alone is set
-        first, second = infos = [info._replace(fields=_rectified_fields(info.fields)) for info in infos]
+    for info in infos if of_sdk else ():  # K alone is set
+        info.fields["P"] = np.column_stack([np.reshape(info.fields["K"], (3, 3)), np.zeros(3)]).ravel().tolist()
     rectified, source = of_sdk or all(is_rectified(topic) for topic in topics), f"camera_info of {bag.path.name}"
     (left, rect_SE3_left), (right, rect_SE3_right) = (_camera(bag, info, rectified) for info in infos)
     pose = rect_SE3_right.inverse() @ rect_SE3_left
@@ -63,36 +63,25 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
         else:
             found = None if same else pose_between(static_poses(bag), second.frame, first.frame)
         if found is None:
-            other = (
-                f"both camera_info in the frame {first.frame!r}"
-                if same
-                else (f"no transform from {first.frame} to {second.frame} in {where}")
-            )
+            other = f"no transform from {first.frame} to {second.frame} in {where}"
+            other = f"both camera_info in the frame {first.frame!r}" if same else other
             raise InputError(f"{bag.path}: expected a baseline, found none in P and {other}: calibration= gives one")
         pose, source = found, f"{source} and {where.lstrip('/')}"
     rig = StereoRig(left, right, pose, source)
     if not left.size == right.size == size:
+        own, wanted = size_text(left.size), size_text(size)
         if any(region_of(info.fields) for info in infos):
             raise InputError(
-                f"{bag.path}: expected images of {size_text(left.size)}, the region of interest in camera_info, found "
-                f"{size_text(size)}"
+                f"{bag.path}: expected images of {own}, the region of interest in camera_info, found {wanted}"
             )
         if left.size != right.size or size[0] * left.height != size[1] * left.width:
-            raise InputError(
-                f"{bag.path}: expected camera_info for images of {size_text(size)}, found {size_text(left.size)}"
-            )
-        rig = replace(rig.scaled(*size), source=f"{source} (scaled from {size_text(left.size)})")
+            raise InputError(f"{bag.path}: expected camera_info for images of {wanted}, found {own}")
+        rig = replace(rig.scaled(*size), source=f"{source} (scaled from {own})")
     return rig.check(f"{bag.path} (camera_info)")
 
 
 _SDK = re.compile(r"(/device_\d+/sensor_\d+/Infrared_[12])/image/data")
 """Topics of infrared images in recordings of the RealSense SDK (librealsense, media/ros); the SDK rectifies them."""
-
-
-def _rectified_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """A camera_info of rectified images in which only K counts."""
-    projection = np.column_stack([np.reshape(np.asarray(fields["K"], dtype=np.float64), (3, 3)), np.zeros(3)])
-    return {**fields, "P": projection.ravel().tolist()}
 
 
 def _sdk_pose(bag: Bag, topics: tuple[str, str]) -> SE3 | None:
@@ -103,7 +92,7 @@ def _sdk_pose(bag: Bag, topics: tuple[str, str]) -> SE3 | None:
         message = next(bag.messages(f"{match[1]}/tf/0"), None) if match else None
         if message is None:
             return None
-        place = field(message.decode(message.data), "translation")
+        place = field(message.decoded(), "translation")
         places.append([float(field(place, axis)) for axis in "xyz"])
     distance = float(np.linalg.norm(np.subtract(places[0], places[1])))
     return SE3(np.eye(3), np.array([-distance, 0.0, 0.0])) if distance else None
@@ -142,20 +131,17 @@ def info_of(bag: Bag, topic: str) -> CameraMessage:
     name = info_topic(bag.topics, topic)
     try:
         message = next(bag.messages(name), None) if name else None
-        decoded = message.decode(message.data) if message else None
+        decoded = message.decoded() if message else None
         fields, frame = (camera_fields(decoded), frame_id(decoded)) if message else ({}, "")
+        problem = ""
     except Exception as error:  # libraries raise whatever a damaged file provokes
-        raise InputError(
-            f"{bag.path}: expected a camera_info in {name}, found {error_text(error)}: calibration= gives one"
-        ) from error
+        message, problem = None, f"a camera_info in {name}, found {error_text(error)}"
     if name is None or message is None:
-        raise InputError(
-            f"{bag.path}: expected a camera_info of {topic} in the bag, found none: calibration= gives one"
-        )
-    if not any(fields["K"]):
-        raise InputError(
-            f"{bag.path}: expected a calibrated camera in {name}, found K of zeros: calibration= gives one"
-        )
+        problem = problem or f"a camera_info of {topic} in the bag, found none"
+    elif not any(fields["K"]):
+        problem = f"a calibrated camera in {name}, found K of zeros"
+    if problem or name is None:
+        raise InputError(f"{bag.path}: expected {problem}: calibration= gives one")
     return CameraMessage(name, fields, frame.lstrip("/"))
 
 
@@ -166,7 +152,7 @@ def static_poses(bag: Bag) -> dict[str, tuple[str, SE3]]:
         # A type that the library does not know, or a damaged message, leaves the frames that were read before.
         with suppress(Exception):
             for message in islice(bag.messages(topic), 2000):  # drivers send some dozens
-                for parent, child, pose in transforms(message.decode(message.data)):
+                for parent, child, pose in transforms(message.decoded()):
                     poses[child] = parent, pose
     return poses
 
@@ -240,14 +226,16 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         if not (mates >= 0).any():
             raise InputError(f"{path}: expected images and depth of the same times, found none")
         bits = true_bits(samples[0])
-        images, depths = TopicFrames(first, pairs.left, samples[0], bits), TopicDepth(second, mates, samples[1])
+        images = frames_of_topic(first, pairs.left, Colour(bits), samples[0])
+        depths = frames_of_topic(second, mates, Depth(), samples[1])
         sizes, kinds = (images.size, depths.size), (pixel_text(images.is_grey, bits), "depth")
         remarks += (*depth_note(mates), *bits_note(bits))
     else:
         pairs = pair_stamps(*stamps, names)
         check_paired(pairs, path)
         bits = true_bits([*samples[0], *samples[1]])
-        a, b = TopicFrames(first, pairs.left, samples[0], bits), TopicFrames(second, pairs.right, samples[1], bits)
+        a = frames_of_topic(first, pairs.left, Colour(bits), samples[0])
+        b = frames_of_topic(second, pairs.right, Colour(bits), samples[1])
         sizes = (same_size(a, b, *names),) * 2
         kinds = pixel_text(a.is_grey, bits), pixel_text(b.is_grey, bits)
         remarks += bits_note(bits)
@@ -268,7 +256,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         return load_rig(options.calibration, sizes[0]) if options.calibration else rig_of(bag, names, sizes[0])
 
     return stereo_layout(
-        path, partial(both, a, b), streams, len(pairs.left), clock, stereo_rig, remarks, unpaired=pairs.unpaired,
+        path, together(a, b), streams, len(pairs.left), clock, stereo_rig, remarks, unpaired=pairs.unpaired,
         folder=path if path.is_dir() else path.parent,
     )  # fmt: skip
 

@@ -5,18 +5,16 @@ from __future__ import annotations
 import bz2
 import json
 import re
-import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO, Literal, Protocol
+from typing import Any, BinaryIO, Literal, NamedTuple, Protocol
 
 from calib.errors import InputError
 from calib.io import entries
-from stereo.readers.bags.messages import stamp_ns
 
 Kind = Literal["image", "compressed", "info", "tf", "other"]
 
@@ -42,21 +40,16 @@ class Topic:
     count: int
 
 
-@dataclass(frozen=True)
-class Message:
-    """One message, not decoded yet.
-
-    Attributes:
-        log_ns: when it was recorded [ns].
-        data: as stored.
-        stamp: reads the header's time [ns].
-        decode: gives an object or a mapping with the message's fields.
-    """
+class Message(NamedTuple):
+    """One message: when it was recorded [ns], its data as stored, and what makes an object or a mapping of them."""
 
     log_ns: int
     data: bytes
-    stamp: Callable[[bytes], int]
     decode: Callable[[bytes], Any]
+
+    def decoded(self) -> Any:
+        """The object or mapping with the message's fields."""
+        return self.decode(self.data)
 
 
 class Bag(Protocol):
@@ -89,18 +82,6 @@ def require(module: str, path: Path) -> Any:
             f"{path}: expected the library {module.split('.')[0]} for bags, which is not installed: "
             "pip install planview[ros]"
         ) from error
-
-
-def ros1_stamp(data: bytes) -> int:
-    """Time of a std_msgs/Header at the beginning of a ROS 1 message [ns]."""
-    _, seconds, nanoseconds = struct.unpack_from("<III", data)
-    return int(seconds) * 10**9 + int(nanoseconds)
-
-
-def cdr_stamp(data: bytes) -> int:
-    """Time of a std_msgs/Header at the beginning of a CDR message [ns] (the second byte gives the order of bytes)."""
-    seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
-    return int(seconds) * 10**9 + int(nanoseconds)
 
 
 def sorted_topics(topics: Sequence[Topic]) -> tuple[Topic, ...]:
@@ -185,14 +166,13 @@ class RosBag:
 
     def messages(self, topic: str, start_ns: int | None = None) -> Iterator[Message]:
         """See ``Bag``."""
-        stamp = ros1_stamp if self._ros1 else cdr_stamp
         for file in self._files:
             with self._reader(file) as reader:
                 connections = [c for c in reader.connections if c.topic == topic]
                 for connection, log_ns, data in reader.messages(connections, start=start_ns) if connections else ():
                     text = getattr(connection.msgdef, "data", connection.msgdef) if self._ros1 else ""
                     decode = partial(decode_ros, schema=connection.msgtype, ros1=self._ros1, definition=text)
-                    yield Message(log_ns, _unpacked_message(data), stamp, decode)
+                    yield Message(log_ns, _unpacked_message(data), decode)
 
 
 def _refuse_expanding_chunks(file: Path, places: Sequence[tuple[int, int]]) -> None:
@@ -269,11 +249,11 @@ class McapFiles:
         """See ``Bag``."""
         for name in self._files:
             with name.open("rb") as file:
-                codecs: dict[int, tuple[Callable[[bytes], int], Callable[[bytes], Any]]] = {}
+                codecs: dict[int, Callable[[bytes], Any]] = {}
                 for schema, channel, message in self._reader(file).iter_messages([topic], starting_at=start_ns):
                     if channel.id not in codecs:
                         codecs[channel.id] = _codec(channel.message_encoding, schema, self.path)
-                    yield Message(message.log_time, _unpacked_message(message.data), *codecs[channel.id])
+                    yield Message(message.log_time, _unpacked_message(message.data), codecs[channel.id])
 
     def _reader(self, file: Any) -> Any:
         # Larger records are damage (recorders write chunks of some megabytes).
@@ -291,19 +271,15 @@ def _check_chunks(file: BinaryIO, chunks: Sequence[Any]) -> None:
             raise ValueError(_TOO_LARGE)
 
 
-def _codec(encoding: str, schema: Any, path: Path) -> tuple[Callable[[bytes], int], Callable[[bytes], Any]]:
-    """How messages of a channel give their time, and themselves."""
-    decode: Callable[[bytes], Any]
+def _codec(encoding: str, schema: Any, path: Path) -> Callable[[bytes], Any]:
+    """How messages of a channel are decoded."""
     if encoding in ("cdr", "ros1"):
         name = schema.name if "/msg/" in schema.name else schema.name.replace("/", "/msg/")
         text = schema.data.decode("utf-8", "replace") if schema.encoding in ("ros1msg", "ros2msg") else ""
-        decode = partial(decode_ros, schema=name, ros1=encoding == "ros1", definition=text)
-        if name.startswith("sensor_msgs/"):  # they begin with a std_msgs/Header
-            return (ros1_stamp if encoding == "ros1" else cdr_stamp), decode
-    elif encoding == "json":
-        decode = json.loads
-    elif encoding == "protobuf":
-        decode = require("mcap_protobuf.decoder", path).DecoderFactory().decoder_for(encoding, schema)
-    else:
-        raise InputError(f"{path}: expected messages as cdr, ros1, protobuf or json, found {encoding!r}")
-    return lambda data: stamp_ns(decode(data)), decode
+        return partial(decode_ros, schema=name, ros1=encoding == "ros1", definition=text)
+    if encoding == "json":
+        return json.loads
+    if encoding == "protobuf":
+        factory = require("mcap_protobuf.decoder", path).DecoderFactory()
+        return factory.decoder_for(encoding, schema)  # type: ignore[no-any-return]
+    raise InputError(f"{path}: expected messages as cdr, ros1, protobuf or json, found {encoding!r}")

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from contextlib import closing
-from itertools import takewhile
+from contextlib import closing, suppress
+from itertools import islice, takewhile
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from calib.errors import InputError
-from calib.images import as_grey
-from calib.io import size_text
 from calib.types import I64, AnyArray
-from stereo.readers.bags.messages import image_message, stored_pixels
+from stereo.readers.bags.messages import image_message, stamp_ns, stored_pixels
 from stereo.readers.bags.storage import Bag, Message, Topic, error_text
-from stereo.readers.images import FRAMES, UNITS_PER_M, is_grey, metres, to_8_bits
+from stereo.readers.images import FRAMES, Colour, Depth, Images, Stored
 from stereo.readers.pairing import split_sides
-from stereo.recording import Decoded
 
 _TRANSPORT = re.compile(r"/(compressed|compressedDepth|theora|ffmpeg|zstd)$")
 _DEPTH = re.compile(r"depth|disparity", re.IGNORECASE)
@@ -53,7 +50,7 @@ def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
         raise InputError(f"{bag.path}: expected image topics of two cameras, found {_listed(bag.topics)}")
     by_base: dict[str, Topic] = {}  # each image once: raw before compressed
     for topic in sorted(there, key=lambda topic: topic.kind == "compressed"):
-        by_base.setdefault(_base(topic.name), topic)
+        by_base.setdefault(_TRANSPORT.sub("", topic.name), topic)
     pairs = _stereo(list(by_base))
     if not pairs:
         depths = _depths(bag, list(by_base.values()))
@@ -76,7 +73,7 @@ def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
 def info_topic(topics: Iterable[Topic], image: str) -> str | None:
     """The camera_info topic of an image topic: of the same camera, else the one that shares most of its name."""
     infos = [topic.name for topic in topics if topic.kind == "info" and topic.count]
-    base = _base(image)
+    base = _TRANSPORT.sub("", image)
     for name in (f"{base.rsplit('/', 1)[0]}/camera_info", f"{base}/camera_info"):
         if name in infos:
             return name
@@ -91,22 +88,18 @@ def info_topic(topics: Iterable[Topic], image: str) -> str | None:
     return min((name for name in infos if shared(name) == best), key=len, default=None)
 
 
-def is_depth(topic: str) -> bool:
-    """Whether a topic is one of depth by its name."""
-    return _DEPTH.search(topic) is not None
-
-
 def _depths(bag: Bag, topics: Sequence[Topic]) -> set[str]:
     """Names of the topics that hold depth by their name, or by the encoding of their first image where not all of the
     topics have it (drivers of infrared pairs send 16UC1, too)."""
+    named = {topic.name for topic in topics if _DEPTH.search(topic.name)}
     encoded = {topic.name for topic in topics if _is_encoded_depth(bag, topic)}
-    return {topic.name for topic in topics if is_depth(topic.name)} | (encoded if len(encoded) < len(topics) else set())
+    return named | encoded if len(encoded) < len(topics) else named
 
 
 def _is_encoded_depth(bag: Bag, topic: Topic) -> bool:
     try:
         message = next(iter(bag.messages(topic.name)))
-        found = image_message(message.decode(message.data), topic.kind == "compressed").encoding
+        found = image_message(message.decoded(), topic.kind == "compressed").encoding
     except Exception:  # a damaged message has no encoding; reading the topic reports it
         return False
     return found.upper() in ("16UC1", "32FC1") or "compressedDepth" in found
@@ -114,7 +107,7 @@ def _is_encoded_depth(bag: Bag, topic: Topic) -> bool:
 
 def _stereo(bases: Sequence[str]) -> list[TopicChoice]:
     """Left and right topics whose names differ in the side alone, one pair for each rig."""
-    images = [base for base in bases if not is_depth(base) and not _COLOUR.search(base.rsplit("/", 1)[0])]
+    images = [base for base in bases if not _DEPTH.search(base) and not _COLOUR.search(base.rsplit("/", 1)[0])]
     parts = [image.split("/") for image in images]
     # What all have in common is no side, such as the numbers of a device and its sensor.
     shared = sum(1 for _ in takewhile(lambda same: len(set(same)) == 1, zip(*parts, strict=False)))
@@ -144,10 +137,6 @@ def _preferred(names: Iterable[str]) -> list[str]:
     return [min(own, key=lambda name: rank.get(name.rsplit("/", 1)[-1], len(rank))) for own in by_camera.values()]
 
 
-def _base(topic: str) -> str:
-    return _TRANSPORT.sub("", topic)
-
-
 def _listed(topics: Sequence[Topic]) -> str:
     names = ", ".join(topic.name for topic in topics[:8]) or "no topics"
     return names + (f" and {len(topics) - 8} more" if len(topics) > 8 else "")
@@ -174,10 +163,9 @@ class TopicImages:
             for message in bag.messages(topic.name):
                 if not 0 <= message.log_ns <= MAX_NS:
                     raise ValueError(f"a message recorded at {message.log_ns} ns")
-                try:
-                    taken = message.stamp(message.data)
-                except Exception:  # a damaged header leaves the time of recording
-                    taken = message.log_ns
+                taken = message.log_ns
+                with suppress(Exception):  # a damaged header leaves the time of recording
+                    taken = stamp_ns(message.decoded())
                 log.append(message.log_ns)
                 stamp.append(taken if abs(taken) <= MAX_NS else message.log_ns)
         except Exception as error:  # libraries raise whatever a damaged file provokes
@@ -209,71 +197,24 @@ class TopicImages:
 
     def _read(self, stream: Iterator[Message], skip: int) -> AnyArray | None:
         try:
-            for _ in range(skip):
-                next(stream)
-            message = next(stream)
-            return stored_pixels(image_message(message.decode(message.data), self.topic.kind == "compressed"))
+            message = next(islice(stream, skip, None))
+            return stored_pixels(image_message(message.decoded(), self.topic.kind == "compressed"))
         except Exception:  # a damaged message is a frame that is skipped, whatever it provoked in the libraries
             return None
 
 
-class TopicFrames:
-    """The images of a topic in the order of the recording (a ``FrameSource``)."""
+def frames_of_topic(images: TopicImages, places: I64, pixels: Colour | Depth, sample: Sequence[AnyArray]) -> Images:
+    """The images of a topic in the order of the recording.
 
-    fps, raw = np.nan, False
-    _expected = "images in {}, found none that can be decoded"
+    Args:
+        places: in the topic by frame index, -1 where the camera has none.
+        sample: a few of its images.
+    """
+    name = images.topic.name
 
-    def __init__(self, images: TopicImages, places: I64, sample: Sequence[AnyArray], bits: int | None = None) -> None:
-        """Args: places in the topic by frame index, -1 where the camera has none; a few of its images."""
-        if not sample or not self._fits(sample[0]):
-            raise InputError(f"{images.bag.path}: expected {self._expected.format(images.topic.name)}")
-        self._images, self._places, self._sample, self._bits = images, places, sample, bits
-        self.n_frames = len(places)
-        self.size = sample[0].shape[1], sample[0].shape[0]
-        self.is_grey = sample[0].dtype in (np.uint8, np.uint16) and is_grey(to_8_bits(sample[0], bits))
+    def read(indices: Sequence[int]) -> Iterator[Stored]:
+        with closing(images.at(int(places[i]) for i in indices if places[i] >= 0)) as found:
+            for i in indices:
+                yield ("", None) if places[i] < 0 else (f"a message of {name}", next(found))
 
-    def __iter__(self) -> Iterator[Decoded]:
-        return self.at(range(self.n_frames))
-
-    def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
-        """See ``FrameSource``."""
-        listed, name = list(indices), self._images.topic.name
-        with closing(self._images.at(int(self._places[i]) for i in listed if self._places[i] >= 0)) as found:
-            for index in listed:
-                if self._places[index] < 0:
-                    yield Decoded(index, None, None, "image is missing")
-                    continue
-                stored = next(found)
-                if stored is None or not self._fits(stored):
-                    yield Decoded(index, None, None, f"a message of {name} cannot be decoded")
-                elif (size := (stored.shape[1], stored.shape[0])) != self.size:
-                    why = f"an image of {name} is {size_text(size)}, not {size_text(self.size)}"
-                    yield Decoded(index, None, None, why)
-                else:
-                    yield Decoded(index, None, self._given(stored))
-
-    def _fits(self, stored: AnyArray) -> bool:
-        return stored.dtype in (np.uint8, np.uint16)
-
-    def _given(self, stored: AnyArray) -> AnyArray:
-        image = to_8_bits(stored, self._bits)
-        return as_grey(image) if self.is_grey else image
-
-
-class TopicDepth(TopicFrames):
-    """The images of a depth topic: 16UC1 in millimetres, 32FC1 in metres (REP 118)."""
-
-    _expected = "depth in {} (16UC1, 32FC1, compressedDepth), found none"
-    _units_per_m = UNITS_PER_M
-
-    def scaled(self, units_per_m: float) -> TopicDepth:
-        """The same topic with another scale."""
-        other = TopicDepth(self._images, self._places, self._sample)
-        other._units_per_m = units_per_m
-        return other
-
-    def _fits(self, stored: AnyArray) -> bool:
-        return stored.ndim == 2 and stored.dtype in (np.uint16, np.float32, np.float64)
-
-    def _given(self, stored: AnyArray) -> AnyArray:
-        return metres(stored, self._units_per_m)
+    return Images(f"{images.bag.path}: {name}", len(places), pixels, read, sample)

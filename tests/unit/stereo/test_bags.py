@@ -457,7 +457,7 @@ class Sent(Listed):
 
     def messages(self, topic, start_ns=None):
         image = {"data": b"", "width": 1, "height": 1, "step": 2, "encoding": self._encodings[topic]}
-        yield Message(0, b"", lambda data: 0, lambda data: image)
+        yield Message(0, b"", lambda data: image)
 
 
 RGB, STEREO = "/oak/rgb/image_raw", "/oak/stereo/image_raw"

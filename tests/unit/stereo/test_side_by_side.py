@@ -10,7 +10,7 @@ from calib.errors import InputError
 from calib.rig import save_rig
 from calib.types import U8
 from stereo.readers import open_recording
-from stereo.readers.side_by_side import Packing, common, find_packing, rectified_rig, tell_order
+from stereo.readers.side_by_side import Packing, common, find_order, find_packing, rectified_rig
 
 SIDE_BY_SIDE, STACKED = Packing(False, False), Packing(True, False)
 W, H = 320, 240
@@ -50,14 +50,14 @@ def test_picture_of_one_camera_is_no_packing() -> None:
 def test_order_is_told_by_which_corners_lie_nearer_than_infinity(swapped: bool) -> None:
     picture = np.hstack([RIGHT, LEFT] if swapped else [LEFT, RIGHT])
     rig = toy_rig((W, H))
-    order = tell_order(common([picture], SIDE_BY_SIDE.split).matches, rig, rig)
+    order = find_order(common([picture], SIDE_BY_SIDE.split).matches, rig, rig)
     assert order is not None and order.swapped == swapped and not order.rectified
 
 
 def test_images_whose_rows_agree_already_are_rectified() -> None:
     turned = toy_rig((W, H), rotation_deg=(3.0, 0.0, 0.0))
     rectified, assumed = rectified_rig(lambda: turned, turned)
-    order = tell_order(common([np.hstack([LEFT, RIGHT])], SIDE_BY_SIDE.split).matches, turned, rectified)
+    order = find_order(common([np.hstack([LEFT, RIGHT])], SIDE_BY_SIDE.split).matches, turned, rectified)
     assert order is not None and order.rectified and not order.swapped
     assert "alpha 0" in assumed and rectified.baseline_m == pytest.approx(turned.baseline_m)
 
