@@ -11,6 +11,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -131,12 +132,11 @@ def align_rigs(first: list[WalkedPath], second: list[WalkedPath], params: AlignP
         raise WorkError(
             f"expected people in both heads' views for at least {SHARED_S:g} s, found {best.shared_s:.1f} s"
         )
-    values = (
+    for name, std, limit, unit in (
         ("position", 100 * best.position_std_m, 100 * POSITION_STD_MAX_M, "cm"),
         ("heading", math.degrees(best.heading_std_rad), HEADING_STD_MAX_DEG, "degrees"),
         ("clock", 1000 * best.clock_std_s, 1000 * CLOCK_STD_MAX_S, "ms"),
-    )
-    for name, std, limit, unit in values:
+    ):
         if not std <= limit:
             raise WorkError(
                 f"expected the {name} within {limit:g} {unit}, found a deviation of {std:.1f} {unit}: people walked "
@@ -176,8 +176,7 @@ def _hypotheses(first: list[WalkedPath], second: list[WalkedPath], clock_s: floa
     for path in first:
         for start in range(0, len(path.xy_m) - length + 1, length // 2):
             piece = path.xy_m[start : start + length]
-            # The largest deviation of a piece from its middle along any direction.
-            # Shortest half axis sum of a piece: a person who stands gives no heading [m].
+            # The largest deviation of a piece from its middle: a person who stands gives no heading [m].
             if np.sqrt(np.linalg.eigvalsh(np.cov(piece.T))[-1]) < 0.5:
                 continue
             for other in second:
@@ -256,14 +255,8 @@ def _refined(
     )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class _Meeting:
-    """A path of each rig that are one person's.
-
-    Attributes:
-        first, second: the paths.
-        ticks: (N,) of the first one's samples that meet the second one.
-    """
+class _Meeting(NamedTuple):
+    """A path of each rig that are one person's, and the (N,) ticks of the first one that meet the second one."""
 
     first: WalkedPath
     second: WalkedPath
@@ -296,24 +289,16 @@ def _meetings(
 
 
 def after(before: RigAlignment, nearer: RigAlignment) -> RigAlignment:
-    """The alignment of a third rig to the first, from that of the second to the first and of the third to the second.
-
-    Deviations are those of the nearer one.
-    """
+    """The alignment of a third rig to the first, from that of the second to the first and of the third to the second;
+    deviations are those of the nearer one."""
     x, y = before.apply(np.array([nearer.x_m, nearer.y_m]))
     heading = math.remainder(before.heading_rad + nearer.heading_rad, 2 * math.pi)
     return replace(nearer, heading_rad=heading, x_m=float(x), y_m=float(y), clock_s=before.clock_s + nearer.clock_s)
 
 
 def align_records(records: Sequence[RigRecord], params: AlignParams | None = None) -> list[RigAlignment]:
-    """Alignments of all rigs but the first to the first.
-
-    A rig is laid over every rig that has its place already, and takes the most certain result: not every rig needs
-    to see what the first one sees.
-
-    Raises:
-        WorkError: people do not determine where a rig is; it is named.
-    """
+    """Alignments of all rigs but the first to the first: a rig is laid over every rig that has its place already, and
+    takes the most certain result. Raises WorkError: people do not determine where a rig is; it is named."""
     paths = [paths_of(record.tracks, record.effect) for record in records]
     placed: dict[int, RigAlignment | None] = {0: None}
     waiting = list(range(1, len(records)))
@@ -339,21 +324,16 @@ def align_records(records: Sequence[RigRecord], params: AlignParams | None = Non
 
 def rig_entries(records: Sequence[RigRecord], alignments: Sequence[RigAlignment], folder: Path) -> list[RigEntry]:
     """The rigs as ``rigs.toml`` in a folder lists them. Raises InputError: a rig that is not inside the folder."""
-    entries = [RigEntry(_inside(records[0].path, folder), records[0].effect.world_SE3_left)]
+    entries = [RigEntry(relative_to(records[0].path, folder), records[0].effect.world_SE3_left)]
     for record, alignment in zip(records[1:], alignments, strict=True):
         common_SE3_own = SE3.from_rotvec([0.0, 0.0, alignment.heading_rad], [alignment.x_m, alignment.y_m, 0.0])
         pose = common_SE3_own @ record.effect.world_SE3_left
-        entries.append(RigEntry(_inside(record.path, folder), pose, alignment.clock_s))
+        entries.append(RigEntry(relative_to(record.path, folder), pose, alignment.clock_s))
     return entries
 
 
-def check_inside(heads: Sequence[Path], folder: Path) -> None:
-    """Rigs must lie in the folder of ``rigs.toml``, which becomes the recording. Raises InputError: one does not."""
-    for head in heads:
-        _inside(head, folder)
-
-
-def _inside(head: Path, folder: Path) -> str:
+def relative_to(head: Path, folder: Path) -> str:
+    """The path of a rig in the folder of ``rigs.toml``, which becomes the recording. Raises InputError: not in it."""
     relative = os.path.relpath(head.resolve(), folder.resolve())
     if relative.startswith("..") or relative == ".":
         raise InputError(f"expected rigs.toml in a folder above all heads, found {folder} for {head}")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from calib.board.detect import (
@@ -26,15 +26,12 @@ from calib.board.solve import BoardCalibration, RejectedView, solve_board
 from calib.camera import LensModel
 from calib.errors import InputError
 from calib.images import as_grey
-from calib.io import entries
+from calib.io import entries, size_text
 from calib.types import U8
-from stereo.readers.images import frame_number, image_files, read_image
+from stereo.readers.images import bits_of, frame_number, image_files, read_image
 from stereo.readers.pairing import split_sides
 from stereo.readers.video import SUFFIXES as VIDEO_SUFFIXES
 from stereo.readers.video import VideoFile, video_files
-
-_DEEP_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".pgm", ".ppm"})
-"""Formats that can hold more than 8 bits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +93,7 @@ class BoardImages:
             if len(found) < len(files):
                 yield BoardPair(_name(files), None, None, "has no mate from the other camera")
                 continue
-            images = [_read(file) for file in found]
+            images = [read_image(file, bits_of([file])) for file in found]
             broken = [f"{f.parent.name}/{f.name} " for f, image in zip(found, images, strict=True) if image is None]
             yield _pair(_name(files), images, broken[0] if broken and len(files) == 2 else "")
 
@@ -152,10 +149,8 @@ def _paired(left: Sequence[Path], right: Sequence[Path]) -> list[tuple[Path | No
             order = [key(f) for f in left] + [key(f) for f in right if key(f) not in lefts]
             return [(lefts.get(k), rights.get(k)) for k in order]
     if len(left) != len(right):
-        raise InputError(
-            f"{left[0].parent}: expected as many left as right images, or names that pair up, "
-            f"found {len(left)} and {len(right)}"
-        )
+        found = f"found {len(left)} and {len(right)}"
+        raise InputError(f"{left[0].parent}: expected as many left as right images, or names that pair up, {found}")
     return list(zip(left, right, strict=True))
 
 
@@ -164,27 +159,10 @@ def _plain(file: Path) -> str:
     return re.sub(r"(?<![a-z])[lr](?![a-z])", "*", name)
 
 
-def _read(file: Path) -> U8 | None:
-    """(H, W) or (H, W, 3) uint8, None when it cannot be decoded; deeper images are stretched to fill 8 bits."""
-    image = read_image(file)
-    if image is None or file.suffix.lower() not in _DEEP_SUFFIXES:
-        return image
-    deep = cv2.imdecode(np.fromfile(file, dtype=np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
-    if deep is None or deep.dtype == np.uint8:
-        return image
-    return np.asarray(cv2.normalize(deep, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U), dtype=np.uint8)  # type: ignore[call-overload]
-
-
 @dataclass(frozen=True, eq=False)
 class BoardRequest:
-    """What the user asks for.
-
-    Attributes:
-        board: None to find a chessboard's counts.
-        square_m: side of a square [m].
-        any_dictionary, any_marker: parts of a ChArUco board that were left open.
-        model: lens model; None to choose.
-    """
+    """What is known of a board: None finds a chessboard's counts; its square's side [m]; parts of a ChArUco board that
+    were left open; the lens model, None to choose."""
 
     board: Board | None
     square_m: float
@@ -239,8 +217,7 @@ def _board(images: BoardImages, request: BoardRequest) -> Board:
     return request.board
 
 
-@dataclass(frozen=True, eq=False)
-class _Detected:
+class _Detected(NamedTuple):
     """The pairs that show the board, how sharp each is, the others, and the size of all images (width, height)."""
 
     views: list[BoardView]
@@ -259,13 +236,11 @@ def _detect(images: BoardImages, board: Board, progress: Callable[[int, int], No
             found.rejected.append(RejectedView(pair.name, pair.why))
             continue
         for side, image in (("left", pair.left), ("right", pair.right)):
-            its_size = (image.shape[1], image.shape[0])
-            if size not in {(0, 0), its_size}:
-                raise InputError(
-                    f"{images.path}: expected images of one size, {size[0]}x{size[1]}, "
-                    f"found {its_size[0]}x{its_size[1]} in {pair.name} ({side})"
-                )
-            size = its_size
+            own = (image.shape[1], image.shape[0])
+            if size not in {(0, 0), own}:
+                sizes = f"{size_text(size)}, found {size_text(own)} in {pair.name} ({side})"
+                raise InputError(f"{images.path}: expected images of one size, {sizes}")
+            size = own
         left, right = detector(pair.left), detector(pair.right)
         if left is None or right is None:
             missing = " and ".join(side for side, corners in (("left", left), ("right", right)) if corners is None)
@@ -281,4 +256,4 @@ def _detect(images: BoardImages, board: Board, progress: Callable[[int, int], No
     if size == (0, 0):
         why = f", e.g. {found.rejected[0].name}: {found.rejected[0].why}" if found.rejected else ""
         raise InputError(f"{images.path}: expected pairs of images, found none that can be read{why}")
-    return replace(found, size=size)
+    return found._replace(size=size)

@@ -29,13 +29,8 @@ AXIS = (60, 200, 255)
 
 @dataclass(frozen=True, eq=False)
 class FloorDepths:
-    """Depth over some frames of a recording.
-
-    Attributes:
-        estimator: of the floor, for the recording's rig.
-        pairs: rectified frames.
-        depths: one (H, W) float32 [m] per frame, NaN without depth.
-    """
+    """Rectified frames of a recording, the (H, W) float32 depth of each [m], NaN where unknown, and the estimator of
+    the floor in them."""
 
     estimator: FloorEstimator
     pairs: tuple[RectifiedPair, ...]
@@ -99,15 +94,8 @@ def view_floor(recording: StereoRecording, search: FloorSearch) -> FloorDepths:
 def floor_from_tracks(
     recording: StereoRecording, view: FloorDepths, tracks: Trajectories, used: Floor, path: Path
 ) -> Floor:
-    """Refine a floor by where tracked people's heads and feet are (see ``calib.floor.points.floor_from_people``).
-
-    Args:
-        recording: that was tracked.
-        view: of the same recording.
-        tracks: from a run on it.
-        used: the floor of that run.
-        path: of the tracks, for messages.
-    """
+    """Refine the floor ``used`` in a run on a recording by where its tracks' heads and feet are (see
+    ``calib.floor.find.floor_from_people``); ``path`` is that of the tracks, for messages."""
     rows = tracks.where(np.array(tracks.state == "confirmed") & np.isfinite(tracks.height_m))
     frames = np.unique(rows.frame)
     picked = frames[np.unique(np.linspace(0, len(frames) - 1, 60).astype(int))] if len(frames) else frames

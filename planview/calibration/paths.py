@@ -43,27 +43,20 @@ class WalkedPath:
         """The tick after the last sample."""
         return self.first + len(self.xy_m)
 
-    def at(self, ticks: F64) -> F64:
-        """(N, 2) positions at fractional ticks; NaN outside of the path."""
-        return self._interpolated(ticks, self.xy_m)
-
     def per_px_at(self, ticks: F64) -> F64:
         """(N, 2) ``per_px_m`` at fractional ticks; NaN outside of the path."""
-        return self._interpolated(ticks, self.per_px_m)
+        return self.at(ticks, self.per_px_m)
 
-    def _interpolated(self, ticks: F64, values: F64) -> F64:
-        known = np.arange(self.first, self.end)
+    def at(self, ticks: F64, values: F64 | None = None) -> F64:
+        """(N, 2) positions, or other (n, 2) values of the samples, at fractional ticks; NaN outside of the path."""
+        known, values = np.arange(self.first, self.end), self.xy_m if values is None else values
         return np.column_stack([np.interp(ticks, known, column, left=np.nan, right=np.nan) for column in values.T])
 
 
 @dataclass(frozen=True, eq=False)
 class DisparityEffect:
-    """What an offset of a rig's disparities does to floor positions.
-
-    Attributes:
-        world_SE3_left: pose of the rectified left camera.
-        disparity_metre: f b [px m].
-    """
+    """What an offset of a rig's disparities does to floor positions, by the pose of the rectified left camera and by
+    f b [px m]."""
 
     world_SE3_left: SE3
     disparity_metre: float
@@ -105,14 +98,8 @@ def _path(own: Trajectories, effect: DisparityEffect) -> WalkedPath | None:
 
 @dataclass(frozen=True, eq=False)
 class RigRecord:
-    """One rig, in its own world and on its own clock.
-
-    Attributes:
-        path: of its recording.
-        effect: pose above its own floor, and what an offset of the disparities does.
-        tracks: of all people.
-        scene: (N, 3) float32 points that stand still [m].
-    """
+    """One rig, in its own world and on its own clock: its recording, its pose and what an offset of the disparities
+    does, tracks of all people, and (N, 3) float32 points that stand still [m]."""
 
     path: Path
     effect: DisparityEffect
@@ -142,8 +129,7 @@ def _scene(view: StereoView, disparities: list[F32]) -> F32:
     """Points of the median disparity that are known well enough."""
     if not disparities:
         return np.empty((0, 3), dtype=np.float32)
-    geometry = view.geometry
-    disparity = median_image(disparities)
+    geometry, disparity = view.geometry, median_image(disparities)
     # Points of the scene with a larger predicted depth deviation are left out [m] (our choice).
     farthest = (0.30 / geometry.depth_std_m(1.0)) ** 0.5
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -152,7 +152,7 @@ def bodies_of(mask: U8, frame: int) -> list[HumanSample]:
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((7, 5), np.uint8))
     blobs = find_blobs(np.asarray(closed, dtype=np.uint8))
     large = [i for i in range(1, len(blobs)) if max(blobs.box_px[i][2:]) >= MIN_SIZE * mask.shape[0]]
-    samples = [_whole_person(blobs, i, mask.shape, frame) for i in large if not _crowded(blobs, i)]
+    samples = (_whole_person(blobs, i, mask.shape, frame) for i in large if not _crowded(blobs, i))
     return [sample for sample in samples if sample is not None]
 
 
@@ -221,26 +221,22 @@ def _whole_person(blobs: Blobs, label: int, shape: tuple[int, ...], frame: int) 
     if cut or not 0.3 <= fill <= 0.95:  # the share that a standing person fills; streaks and lit rectangles do not
         return None
     inside: Bool = np.asarray(blobs.labels[top : top + height, left : left + width] == label)
-    head, foot = _ends(inside)
+    ends = _ends(inside)
+    (u, v), (foot_u, foot_v) = (ends + np.array([left, top])).tolist()
     # A box of pixels ends half a pixel beyond their centres.
-    return HumanSample(
-        (left - 0.5, top - 0.5, float(width), float(height)),
-        (left + float(head[0]), top + float(head[1])),
-        (left + float(foot[0]), top + float(foot[1])),
-        frame,
-    )
+    return HumanSample((left - 0.5, top - 0.5, float(width), float(height)), (u, v), (foot_u, foot_v), frame)
 
 
-def _ends(inside: Bool) -> tuple[F64, F64]:
-    """Head and foot (u, v) within the box."""
+def _ends(inside: Bool) -> F64:
+    """(2, 2) head and foot (u, v) within the box."""
     v, u = np.nonzero(inside)
     points = np.column_stack([u, v]).astype(np.float64)
     centre = points.mean(axis=0)
     spread, axes = np.linalg.eigh(np.cov((points - centre).T))
     # Variance along a body over that across it from which head and feet are its ends [1] (our choice).
     if spread[1] < 2.0 * spread[0]:
-        return centre, centre
+        return np.stack([centre, centre])
     axis = axes[:, 1] if axes[1, 1] > 0 else -axes[:, 1]
     along = (points - centre) @ axis
     low, high = np.quantile(along, (0.002, 0.998))
-    return centre + (low - 0.5) * axis, centre + (high + 0.5) * axis
+    return np.stack([centre + (low - 0.5) * axis, centre + (high + 0.5) * axis])

@@ -22,7 +22,7 @@ from calib.errors import InputError, WorkError
 from calib.formats import FORMATS, calibration_files, load_rig, write_rig
 from calib.io import parse_length, parse_size
 from calib.world import save_rigs
-from planview.calibration.align import AlignParams, RigAlignment, align_records, check_inside, rig_entries
+from planview.calibration.align import AlignParams, RigAlignment, align_records, relative_to, rig_entries
 from planview.calibration.board import BoardRequest, calibrate_images
 from planview.calibration.board_report import write_report
 from planview.calibration.paths import RigRecord, record_rig
@@ -72,7 +72,8 @@ def calibrate_align(first: Path, second: Path, /, *others: Path, options: AlignO
     if len({head.resolve() for head in heads}) < len(heads):
         raise InputError(f"expected every head once, found {', '.join(map(str, heads))}")
     if options.out is not None:
-        check_inside(heads, options.out.parent)
+        for head in heads:
+            relative_to(head, options.out.parent)
     console = PlainConsole(stderr=True)
     records = _records(heads, load_config(options.config, options.set_), console)
     alignments = align_records(records, AlignParams(clock_s=options.clock))

@@ -30,12 +30,7 @@ class Draft:
 
 
 class Handle(NamedTuple):
-    """A part of a sample, or a floor point, that is picked up.
-
-    Attributes:
-        number: of the sample or the floor point.
-        part: "point" for a floor point, "whole" for all of a person.
-    """
+    """A part of a numbered sample, "whole" for all of a person, or a numbered floor point ("point")."""
 
     number: int
     part: Part
@@ -79,14 +74,9 @@ def moved(sample: HumanSample, part: Part, by: Point) -> HumanSample:
         return replace(sample, head_px=_add(sample.head_px, by))
     if part == "foot":
         return replace(sample, foot_px=_add(sample.foot_px, by))
-    if part in ("nw", "sw"):
-        left, width = left + du, width - du
-    else:
-        width += du
-    if part in ("nw", "ne"):
-        top, height = top + dv, height - dv
-    else:
-        height += dv
+    right, bottom = CORNERS[part]  # 1 for the edge that moves, else the opposite one does
+    left, width = (left, width + du) if right else (left + du, width - du)
+    top, height = (top, height + dv) if bottom else (top + dv, height - dv)
     return replace(sample, box_px=(left, top, width, height))
 
 

@@ -8,7 +8,7 @@ import math
 import tempfile
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any
 
@@ -63,15 +63,12 @@ class SidePanel:
                 ui.checkbox("draw people all over the floor", on_change=self._on_everywhere).props("dense")
                 ui.label("known values").classes("text-caption q-mt-sm")
                 with ui.grid(columns=2).classes("w-full gap-x-2 gap-y-0"):
-                    self._known = {
-                        name: ui.number(text, value=getattr(self._session.known, name), on_change=self._on_known).props(
-                            "dense debounce=600 clearable"
-                        )
-                        for name, text in KNOWN.items()
-                    }
-                ui.select(LENSES, value=self._session.lens or "", on_change=self._on_lens, label="lens").props(
-                    "dense"
-                ).classes("w-full")
+                    self._known = {}
+                    for name, text in KNOWN.items():
+                        field = ui.number(text, value=getattr(session.known, name), on_change=self._on_known)
+                        self._known[name] = field.props("dense debounce=600 clearable")
+                lens = ui.select(LENSES, value=session.lens or "", on_change=self._on_lens, label="lens")
+                lens.props("dense").classes("w-full")
                 self._note = ui.label().classes("text-caption")
                 with ui.row().classes("gap-1"):
                     _picker("Focal length of a photo", "image/*", self._on_photo)
@@ -83,13 +80,8 @@ class SidePanel:
         session = self._session
         self._spinner.visible = self._busy.visible = solving
         points = f", {len(session.floor_points)} floor points" if session.floor_points else ""
-        marked = len(session.samples)
-        people = (
-            f"{marked} {'person' if marked == 1 else 'people'}"
-            if session.view is None
-            else "floor of a stereo recording"
-        )
-        self._count.text = f"{people}{points}"
+        people = f"{len(session.samples)} {'person' if len(session.samples) == 1 else 'people'}"
+        self._count.text = f"{people if session.view is None else 'floor of a stereo recording'}{points}"
         assessment = session.solution.assessment()
         self._assessment.visible = assessment is not None
         if assessment is not None:
@@ -147,18 +139,13 @@ class SidePanel:
         await self._page.solve()
 
     async def _on_known(self) -> None:
-        values = {
-            name: None if field.value in (None, "") else float(field.value) for name, field in self._known.items()
-        }
-        try:
-            known = KnownValues(**values)
-        except ValueError as error:
-            text = str(error)
-            for name, meaning in KNOWN.items():
-                text = text.replace(name, meaning)
-            self._note.text = text
-            return
+        given = {name: field.value for name, field in self._known.items() if field.value not in (None, "")}
         self._note.text = ""
+        try:
+            known = KnownValues(**{name: float(value) for name, value in given.items()})
+        except ValueError as error:
+            self._note.text = reduce(lambda text, item: text.replace(*item), KNOWN.items(), str(error))
+            return
         if known != self._session.known:
             self._session.known = known
             await self._page.solve()
@@ -211,13 +198,9 @@ class Page:
             with ui.row().classes("w-full gap-0 no-wrap pv-row"):
                 with ui.element("div").classes("pv-view"), ui.element("div").classes("pv-stage"):
                     self._image = ui.interactive_image(
-                        _source(session.frames[session.shown]),
-                        on_mouse=self._on_mouse,
-                        events=["mousedown", "mousemove", "mouseup"],
-                        cross="#ffffff80",
-                        size=session.size,
-                        sanitize=False,
-                    )
+                        _source(session.frames[session.shown]), on_mouse=self._on_mouse, cross="#ffffff80",
+                        events=["mousedown", "mousemove", "mouseup"], size=session.size, sanitize=False,
+                    )  # fmt: skip
                 self._panel = SidePanel(session, self)
             with ui.row().classes("items-center w-full q-px-sm gap-3 no-wrap"):
                 self._status = ui.label().classes("text-subtitle1")
@@ -284,19 +267,15 @@ class Page:
 
     async def load(self, name: str, content: bytes) -> None:
         """Take samples from a file in place of the marks."""
-        session = self._session
-        try:
-            with tempfile.TemporaryDirectory() as folder:
-                path = Path(folder) / f"samples{Path(name).suffix}"
-                path.write_bytes(content)
-                try:
-                    session.load(read_samples(path), read_image_size(path))
-                except InputError as error:
-                    raise InputError(str(error).replace(str(path), name)) from error
-        except InputError as error:
-            session.message = str(error)
-            self.refresh()
-            return
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"samples{Path(name).suffix}"
+            path.write_bytes(content)
+            try:
+                self._session.load(read_samples(path), read_image_size(path))
+            except InputError as error:
+                self._session.message = str(error).replace(str(path), name)
+                self.refresh()
+                return
         self._reload()
         await self.solve()
 
@@ -310,12 +289,11 @@ class Page:
         u, v = event.image_x - 0.5, event.image_y - 0.5
         if event.type == "mousedown" and event.button == 0:
             session.press(u, v, GRAB_PX * session.size[0] / 1000)
-        elif event.type == "mouseup" and event.button == 0:
-            if session.release(u, v):
-                await self.solve()
+        elif event.type == "mouseup" and event.button == 0 and session.release(u, v):
+            await self.solve()
         elif event.type == "mousemove" and event.buttons == 1:
             session.drag(u, v)
-        else:
+        elif event.type != "mouseup" or event.button:
             return
         self.refresh()
 

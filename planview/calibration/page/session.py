@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -38,14 +38,6 @@ KEPT = 50
 PHOTOGRAPHS = (".jpg", ".jpeg", ".heic", ".tif", ".tiff")
 
 
-class Pictures(Protocol):
-    """Pictures by their number."""
-
-    def __len__(self) -> int: ...
-
-    def __getitem__(self, index: int, /) -> U8: ...
-
-
 @dataclass
 class CalibrationSession:
     """State of one calibration.
@@ -70,7 +62,7 @@ class CalibrationSession:
     """
 
     name: str
-    frames: Pictures
+    frames: Sequence[U8] | VideoPictures
     indices: Sequence[int]
     view: FloorDepths | None = None
     plain_floor: Floor | None = None
@@ -142,20 +134,13 @@ class CalibrationSession:
         self.lens = lens or None
 
     def press(self, u: float, v: float, reach_px: float = GRAB_PX) -> None:
-        """The mouse goes down at a pixel.
-
-        Args:
-            reach_px: a point this near is picked up [px of the image].
-        """
+        """The mouse goes down at a pixel; a point as near as ``reach_px`` is picked up [px of the image]."""
         u, v = self._inside(u, v)
         if self.tool == "person":
-            step = self.draft.step
-            if step == "box":
+            if self.draft.step == "box":
                 self._start, self.draft = (u, v), Draft()
-            elif step == "head":
-                self.draft.head_px = (u, v)
             else:
-                self.draft.foot_px = (u, v)
+                setattr(self.draft, f"{self.draft.step}_px", (u, v))
             return
         self.selected = nearest(self.floor_points, (u, v), reach_px)
         if self.tool == "select" and self.selected is None:
@@ -179,17 +164,12 @@ class CalibrationSession:
             self.draft.box_px = (min(u, u0), min(v, v0), abs(u - u0), abs(v - v0))
 
     def release(self, u: float, v: float) -> bool:
-        """The mouse goes up: the mark is finished.
-
-        Returns:
-            Whether the result must be computed again (``solve``, up to seconds long).
-        """
+        """The mouse goes up: the mark is finished. Whether the result must be computed again (``solve``)."""
         self.drag(u, v)
         if self._held is not None:
             self._held = None
             unchanged = bool(self._past) and self._past[-1] == (self.samples, self.floor_points)
-            if unchanged:
-                self._past.pop()
+            del self._past[len(self._past) - unchanged :]
             self.message = self.next_step()
             return not unchanged
         if self._start is not None:
@@ -197,9 +177,9 @@ class CalibrationSession:
             # A smaller box is a slip of the hand.
             if self.draft.box_px is None or min(self.draft.box_px[2:]) < 8.0:
                 self.draft = Draft()
-        if self.draft.foot_px is not None:
-            draft, self.draft = self.draft, Draft()
-            assert draft.box_px is not None and draft.head_px is not None and draft.foot_px is not None
+        draft, added = self.draft, False
+        if draft.box_px and draft.head_px and draft.foot_px:
+            self.draft = Draft()
             try:
                 sample = HumanSample(draft.box_px, draft.head_px, draft.foot_px, self.indices[self.shown])
             except ValueError as error:
@@ -207,10 +187,9 @@ class CalibrationSession:
                 return False
             self._remember()
             self.samples.append(sample)
-            self.message = self.next_step()
-            return True
+            added = True
         self.message = self.next_step()
-        return False
+        return added
 
     def nudge(self, du: float, dv: float) -> bool:
         """Move what is selected by some pixels; whether something moved."""
@@ -255,16 +234,8 @@ class CalibrationSession:
 
     def task(self) -> CalibrationTask:
         """What is to be solved now, apart from later marks."""
-        return CalibrationTask(
-            self.name,
-            self.size,
-            tuple(self.samples),
-            self.lens,
-            self.known,
-            tuple(self.floor_points),
-            self.view,
-            self.walked,
-        )
+        samples, points = tuple(self.samples), tuple(self.floor_points)
+        return CalibrationTask(self.name, self.size, samples, self.lens, self.known, points, self.view, self.walked)
 
     def export(self, folder: Path, solution: bool = True) -> tuple[Path, ...]:
         """Write samples.json and, with ``solution``, camera.toml or world.toml (errors of ``solution.export``)."""
@@ -279,10 +250,8 @@ class CalibrationSession:
         if self.tool == "floor":
             missing = max(0, 3 - len(self.floor_points)) if self.view is not None else 0
             return f"click {missing} more points on the floor" if missing else "click points on the floor; drag them"
-        if self.draft.step == "head":
-            return "click the top of the head"
-        if self.draft.step == "foot":
-            return "click the middle between the feet"
+        if self.draft.step != "box":
+            return {"head": "click the top of the head", "foot": "click the middle between the feet"}[self.draft.step]
         missing = max(0, MIN_SAMPLES - len(self.samples))
         where = f" ({missing} more people at other places needed)" if missing else ""
         return f"draw a box around a standing person{where}"
@@ -308,25 +277,18 @@ class CalibrationSession:
 
 
 def open_session(path: Path, calibration: Path | None = None) -> CalibrationSession:
-    """Every frame of a video of one camera to draw on, or the depth of a stereo recording.
-
-    Both views of a side-by-side video, and the two cameras of a bag, are a stereo recording. The focal length of
-    photographs that give it is taken as known.
-
-    Args:
-        calibration: of a stereo recording, which the recording then must be.
-    """
+    """Every frame of a video of one camera to draw on, or the depth of a stereo recording, which it must be with its
+    ``calibration``: also both views of a side-by-side video, and the two cameras of a bag. The focal length of
+    photographs that give it is taken as known."""
     stereo = calibration is not None or holds_pair(path)
     with suppress(InputError):  # the pictures of a video may be two views of one scene
         stereo = stereo or find_layout(path)[0].key == "side-by-side"
     if stereo:
-        recording = open_recording(path, OpenOptions(calibration))
-        view = view_floor(recording, FloorSearch())
-        try:
-            plain_floor = view.find()
-        except WorkError:
-            plain_floor = None
-        return CalibrationSession(str(path), [view.image], [0], view, plain_floor)
+        view = view_floor(open_recording(path, OpenOptions(calibration)), FloorSearch())
+        session = CalibrationSession(str(path), [view.image], [0], view)
+        with suppress(WorkError):
+            session.plain_floor = view.find()
+        return session
     video = open_video(path)
     if not any(True for _ in video):
         raise InputError(f"{path}: expected a video with frames, found none that can be decoded")

@@ -26,13 +26,8 @@ from planview.calibration.page.marks import Point
 
 
 class FloorFit(NamedTuple):
-    """A floor and the residual of every point.
-
-    Attributes:
-        floor: through the points that are used.
-        distance_m: (n,) signed distance of every point from it, up positive [m].
-        used: (n,) whether the point lies on it.
-    """
+    """A floor through the points that are used, (n,) signed distances of every point from it [m], up positive, and
+    (n,) whether the point lies on it."""
 
     floor: Floor
     distance_m: F64
@@ -95,14 +90,18 @@ FLOOR_VALUES = {"height above the floor": "{:.2f} m", "tilt from straight down":
 """Names of a floor's values and how they are written."""
 
 
+def _rows(values: Sequence[float], deviations: Sequence[float]) -> list[ValueRow]:
+    """The FLOOR_VALUES with their deviations."""
+    named = zip(FLOOR_VALUES.items(), values, deviations, strict=True)
+    return [ValueRow(name, form.format(value), f"± {form.format(std)}") for (name, form), value, std in named]
+
+
 def floor_rows(fit: FloorFit, found: Floor | None) -> list[ValueRow]:
     """The values of a floor from points with their deviations, and in brackets those of the floor found without."""
-    values, std = _floor_values(fit.floor), _floor_std(fit.floor)
-    other = _floor_values(found) if found else (math.nan,) * 3
-    rows = [
-        ValueRow(name, form.format(value), f"± {form.format(dev)}" + (f" (found {form.format(old)})" if found else ""))
-        for (name, form), value, dev, old in zip(FLOOR_VALUES.items(), values, std, other, strict=True)
-    ]
+    rows = _rows(_floor_values(fit.floor), _floor_std(fit.floor))
+    if found:
+        others = _rows(_floor_values(found), (0.0,) * 3)
+        rows = [r._replace(deviation=f"{r.deviation} (found {o.value})") for r, o in zip(rows, others, strict=True)]
     return [*rows, ValueRow("points from the plane", f"{100 * fit.floor.residual_m:.1f} cm rms", "")]
 
 
@@ -113,18 +112,14 @@ def floor_assessment(fit: FloorFit) -> Assessed:
     if n_off and n_used < n_off + 3:
         return Assessed(False, f"not enough: {n_off} of {n_used + n_off} points lie off the plane of the others")
     if n_used < 4:
-        return Assessed(
-            False, "not enough: three points fit any plane; add a fourth one far from them, which checks it"
-        )
+        return Assessed(False, "not enough: three points fit any plane; add a fourth one far from them as a check")
     height, *angles = _floor_std(fit.floor)
     known = f"height known to {100 * height:.0f} cm and angles to {max(angles):.1f}°"
     limit = MAX_HEIGHT_STD * fit.floor.height_m
     if not (height <= limit and max(angles) <= MAX_ANGLE_STD_DEG):
-        return Assessed(
-            False,
-            f"not enough: {known} only (at most {100 * limit:.0f} cm and {MAX_ANGLE_STD_DEG:g}°); "
-            "add points far from the others, near and far, left and right",
-        )
+        most = f"at most {100 * limit:.0f} cm and {MAX_ANGLE_STD_DEG:g}°"
+        way = "add points far from the others, near and far, left and right"
+        return Assessed(False, f"not enough: {known} only ({most}); {way}")
     off = f"; {n_off} off the plane not used" if n_off else ""
     return Assessed(True, f"enough: {n_used} points lie on one plane, {known}{off}")
 
@@ -140,13 +135,9 @@ def _floor_std(floor: Floor) -> tuple[float, ...]:
     return height, math.degrees(tilt), math.degrees(roll)
 
 
-def _angle(name: str, value_rad: float, std_rad: float) -> ValueRow:
-    return ValueRow(name, f"{math.degrees(value_rad):.1f}°", f"± {math.degrees(std_rad):.1f}°")
-
-
 @dataclass(frozen=True, eq=False)
 class CalibrationTask:
-    """Everything that a solution depends on (see ``CalibrationSession``)."""
+    """What a solution depends on (see ``CalibrationSession``)."""
 
     name: str
     size: tuple[int, int]
@@ -160,34 +151,22 @@ class CalibrationTask:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A camera, or the floor of a stereo recording.
-
-    Attributes:
-        found: camera from the samples (one camera).
-        fit: floor from the points (stereo).
-        problem: why there is no solution, empty where there is one or nothing was solved.
-    """
+    """A camera from samples, or the floor of a stereo recording from points; else the problem, empty where nothing was
+    solved."""
 
     found: HumanCalibration | None = None
     fit: FloorFit | None = None
     problem: str = ""
 
     def rows(self, plain_floor: Floor | None = None) -> list[ValueRow]:
-        """Values with their deviations; empty without a solution.
-
-        Args:
-            plain_floor: found without points, to compare with.
-        """
+        """Values with their deviations, next to those of a floor found without points; empty without a solution."""
         if self.found is not None:
             camera, std = self.found.camera, self.found.std
-            focal_std = std.focal * camera.focal_px
+            values = camera.height_m, math.degrees(camera.tilt_rad), math.degrees(camera.roll_rad)
+            deviations = std.height * camera.height_m, math.degrees(std.tilt_rad), math.degrees(std.roll_rad)
             return [
-                ValueRow(
-                    "height above the floor", f"{camera.height_m:.2f} m", f"± {std.height * camera.height_m:.2f} m"
-                ),
-                _angle("tilt from straight down", camera.tilt_rad, std.tilt_rad),
-                _angle("roll", camera.roll_rad, std.roll_rad),
-                ValueRow("focal length", f"{camera.focal_px:.0f} px", f"± {focal_std:.0f} px"),
+                *_rows(values, deviations),
+                ValueRow("focal length", f"{camera.focal_px:.0f} px", f"± {std.focal * camera.focal_px:.0f} px"),
                 ValueRow("lens", camera.lens, ""),
                 ValueRow("floor positions", "", f"± {self.found.assessment.floor_error_m:.2f} m"),
             ]
@@ -216,11 +195,8 @@ def solve(task: CalibrationTask) -> Solution:
             return Solution(fit=fit_floor(task.view, task.floor_points)) if len(task.floor_points) >= 3 else Solution()
         if len(task.samples) < MIN_SAMPLES:
             return Solution()
-        return Solution(
-            calibrate_from_people(
-                task.samples, task.size, task.lens, known=task.known, name=task.name, walked=task.walked
-            )
-        )
+        options = {"known": task.known, "name": task.name, "walked": task.walked}
+        return Solution(calibrate_from_people(task.samples, task.size, task.lens, **options))  # type: ignore[arg-type]
     except (InputError, WorkError) as error:
         return Solution(problem=str(error))
 
