@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import cv2
@@ -68,13 +68,7 @@ class Camera:
         return np.array(self.distortion or (0.0,) * 4)
 
     def project(self, points: ArrayLike) -> F64:
-        """Pixels of points in the camera frame.
-
-        Args:
-            points: (N, 3) [m], z forward; a point at z <= 0 gives NaN.
-        Returns:
-            (N, 2) float64 [px].
-        """
+        """(N, 2) float64 pixels of (N, 3) points in the camera frame [m], z forward; a point at z <= 0 gives NaN."""
         p = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         pixels = np.full((len(p), 2), np.nan)
         front = p[:, 2] > 0
@@ -83,12 +77,9 @@ class Camera:
         return pixels
 
     def unproject(self, pixels: ArrayLike) -> F64:
-        """Rays through pixels, at unit z, exact to the last digits (Newton's method on the lens equation).
+        """(N, 3) float64 rays through (N, 2) pixels in the camera frame, z = 1; NaN where the lens model has none.
 
-        Args:
-            pixels: (N, 2) [px].
-        Returns:
-            (N, 3) float64, camera frame, z = 1; NaN where the lens model has no ray for the pixel.
+        Exact to the last digits (Newton's method on the lens equation).
         """
         uv = np.ascontiguousarray(np.asarray(pixels, dtype=np.float64).reshape(-1, 2))
         if len(uv) == 0:
@@ -150,12 +141,8 @@ class Camera:
             trial_size = np.linalg.norm(trial_error, axis=1)
             better = trial_size < size[i]
             j = i[better]
-            xy[j], error[j], by_xy[j], size[j] = (
-                trial[better],
-                trial_error[better],
-                trial_by_xy[better],
-                trial_size[better],
-            )
+            xy[j], error[j], by_xy[j] = trial[better], trial_error[better], trial_by_xy[better]
+            size[j] = trial_size[better]
             scale[i] = np.where(better, np.minimum(1.0, 2 * scale[i]), scale[i] / 4)
         # A pixel whose ray still misses by more has none in this lens model.
         return xy, size < 1e-6
@@ -167,13 +154,5 @@ class Camera:
     def scaled(self, width: int, height: int) -> Camera:
         """The same lens at another resolution of the same field of view."""
         sx, sy = width / self.width, height / self.height
-        return Camera(
-            width,
-            height,
-            self.fx * sx,
-            self.fy * sy,
-            (self.cx + 0.5) * sx - 0.5,
-            (self.cy + 0.5) * sy - 0.5,
-            self.model,
-            self.distortion,
-        )
+        cx, cy = (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5
+        return replace(self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=cx, cy=cy)

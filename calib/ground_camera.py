@@ -59,14 +59,12 @@ class GroundCamera:
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
             raise ValueError(f"expected a positive image size, got {self.width}x{self.height}")
-        if not (math.isfinite(self.focal_px) and self.focal_px > 0):
-            raise ValueError(f"expected a positive focal length, got {self.focal_px}")
-        if not (math.isfinite(self.height_m) and self.height_m > 0):
-            raise ValueError(f"expected a positive camera height, got {self.height_m}")
-        if not (math.isfinite(self.tilt_rad) and abs(self.tilt_rad) < math.pi / 2):
-            raise ValueError(f"expected a tilt within (-90, 90) degrees, got {math.degrees(self.tilt_rad)}")
-        if not (math.isfinite(self.roll_rad) and abs(self.roll_rad) < math.pi / 4):
-            raise ValueError(f"expected a roll within (-45, 45) degrees, got {math.degrees(self.roll_rad)}")
+        for name, value in (("focal length", self.focal_px), ("camera height", self.height_m)):
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"expected a positive {name}, got {value}")
+        for name, value, limit in (("tilt", self.tilt_rad, 90), ("roll", self.roll_rad, 45)):
+            if not abs(value) < math.radians(limit):
+                raise ValueError(f"expected a {name} within (-{limit}, {limit}) degrees, got {math.degrees(value)}")
         if self.lens not in LENS_K_320:
             raise ValueError(f"expected a lens of {', '.join(LENS_K_320)}, got {self.lens!r}")
 
@@ -118,14 +116,10 @@ class GroundCamera:
         return np.array([c * x - s * y + (self.width - 1) / 2, s * x + c * y + (self.height - 1) / 2])
 
     def back_project(self, pixels: ArrayLike, height_m: float = 0.0) -> F64:
-        """World (x, y) of pixels known to show a point at a height above the floor.
+        """(..., 2) world (x, y) [m] of (..., 2) pixels [px] that show points at a height above the floor [m].
 
-        Args:
-            pixels: (..., 2) [px].
-            height_m: height of the points [m].
-        Returns:
-            (..., 2) float64 [m]; NaN where the ray does not meet that height ahead of the camera: of what is lower than
-            the camera it does below the horizon, of what is higher above it.
+        NaN where the ray does not meet that height ahead of the camera: of what is lower than the camera it does below
+        the horizon, of what is higher above it.
         """
         if np.ndim(pixels) == 1:
             u, v = np.asarray(pixels, dtype=np.float64).tolist()
@@ -194,15 +188,10 @@ def load_ground_camera(path: Path) -> GroundCamera:
         data = load_toml(path, "a camera.toml")
         if unknown := set(data) - keys:
             raise InputError(f"{path}: expected the keys {sorted(keys)}, found {sorted(unknown)[0]!r}")
-        return GroundCamera(
-            int(data["width"]),
-            int(data["height"]),
-            float(data["focal_px"]),
-            float(data["height_m"]),
-            math.radians(float(data["tilt_deg"])),
-            str(data.get("lens", "pinhole")),
-            math.radians(float(data.get("roll_deg", 0.0))),
-        )
+        width, height = int(data["width"]), int(data["height"])
+        focal_px, height_m, tilt_deg = (float(data[key]) for key in ("focal_px", "height_m", "tilt_deg"))
+        lens, roll_deg = str(data.get("lens", "pinhole")), float(data.get("roll_deg", 0.0))
+        return GroundCamera(width, height, focal_px, height_m, math.radians(tilt_deg), lens, math.radians(roll_deg))
     except KeyError as error:
         raise InputError(f"{path}: expected a camera.toml with the key {error}, found none") from error
     except (ValueError, TypeError, OverflowError) as error:

@@ -26,14 +26,9 @@ def as_colour(image: U8) -> U8:
 
 
 def encode_image(image: U8, suffix: str = ".jpg", quality: int = 90) -> bytes:
-    """The content of an image file.
-
-    Raises:
-        ValueError: OpenCV knows no such format, or the image does not fit it.
-    """
-    settings = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix.lower() in {".jpg", ".jpeg"} else []
-    if suffix.lower() == ".png":
-        settings = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+    """The content of an image file. Raises ValueError: OpenCV knows no such format, or the image does not fit it."""
+    jpeg = [cv2.IMWRITE_JPEG_QUALITY, quality]
+    settings = {".jpg": jpeg, ".jpeg": jpeg, ".png": [cv2.IMWRITE_PNG_COMPRESSION, 1]}.get(suffix.lower(), [])
     with suppress(cv2.error):
         done, data = cv2.imencode(suffix, image, settings)
         if done:
@@ -51,9 +46,6 @@ def write_image(path: Path, image: U8, quality: int = 90) -> None:
     write_whole(path, content)
 
 
-EXIF = 0x8769
-
-
 def focal_share(photo: Path | bytes) -> float:
     """Focal length over the diagonal of the image [1]: times the diagonal in pixels, the focal length in pixels. Raises
     InputError: no photograph, or one without it."""
@@ -62,13 +54,11 @@ def focal_share(photo: Path | bytes) -> float:
     name = "the photograph" if isinstance(photo, bytes) else str(photo)
     try:
         with Image.open(BytesIO(photo) if isinstance(photo, bytes) else photo) as image:
-            millimetres = float(image.getexif().get_ifd(EXIF).get(0xA405, 0))  # focal length in 35 mm film
+            millimetres = float(image.getexif().get_ifd(0x8769).get(0xA405, 0))  # focal length in 35 mm film
     except (OSError, UnidentifiedImageError, ValueError, TypeError, SyntaxError) as error:
         raise InputError(f"{name}: expected a photograph, found {reason(error)}") from error
     if not 5 <= millimetres <= 2000:
-        raise InputError(
-            f"{name}: expected EXIF with the focal length in 35 mm film, found "
-            f"{f'{millimetres:g} mm' if millimetres else 'none'}"
-        )
+        found = f"{millimetres:g} mm" if millimetres else "none"
+        raise InputError(f"{name}: expected EXIF with the focal length in 35 mm film, found {found}")
     # Of film, whose diagonal angle defines it (Exif 2.32, tag 41989).
     return millimetres / math.hypot(36.0, 24.0)

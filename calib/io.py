@@ -22,22 +22,11 @@ MAX_TOML = 200_000
 MAX_DEPTH = 32
 """Deepest nesting of tables and lists: parsers recurse, and what people write has five (our choice)."""
 REASONS = {
-    errno.ENOENT: "nothing there",
-    errno.EACCES: "no permission",
-    errno.EPERM: "no permission",
-    errno.EEXIST: "something else in its place",
-    errno.ENOTDIR: "a file where a folder is expected",
-    errno.EISDIR: "a folder",
+    errno.ENOENT: "nothing there", errno.EACCES: "no permission", errno.EPERM: "no permission",
+    errno.ENOTDIR: "a file where a folder is expected", errno.EISDIR: "a folder",
     errno.ENOSPC: "no space left on the disk",
-    errno.EFBIG: "no room for a file of this size",
-    errno.EDQUOT: "no space left in the quota",
-    errno.EROFS: "a file system that is read-only",
-    errno.ENAMETOOLONG: "a name that is too long",
-    errno.ELOOP: "links that lead in a circle",
-    errno.EMFILE: "too many open files",
-    errno.EIO: "a disk that fails",
-}
-"""What the system's error numbers mean, for people."""
+}  # fmt: skip
+"""The system's most frequent errors, in words that end "found ..."."""
 _PARTS = re.compile(r"[=,\n]")
 _BRACKETS = re.compile(r"[\[\]{}]")
 
@@ -49,8 +38,8 @@ def entries(folder: Path) -> list[Path]:
 
 def reason(error: Exception) -> str:
     """Why a file cannot be read or written, in words that end "found ..." or "cannot be written (...)"."""
-    text = REASONS.get(error.errno or 0) if isinstance(error, OSError) else None
-    return text or " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
+    known = REASONS.get(error.errno or 0) if isinstance(error, OSError) else None
+    return known or " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
 
 
 def require_file(path: Path, what: str) -> int:
@@ -67,13 +56,8 @@ def require_file(path: Path, what: str) -> int:
 
 
 def read_text(path: Path, what: str, max_bytes: int = MAX_BYTES) -> str:
-    """The text of a small file in UTF-8, with or without a byte order mark.
-
-    Args:
-        what: the file should be, for messages.
-    Raises:
-        InputError: no regular file, larger than ``max_bytes``, unreadable, or not text.
-    """
+    """The text of a small file in UTF-8, with or without a byte order mark; messages name ``what`` it should be. Raises
+    InputError: no regular file, larger than ``max_bytes``, unreadable, or not text."""
     size = require_file(path, what)
     if size > max_bytes:
         raise InputError(f"{path}: expected {what} of up to {max_bytes} bytes, found {size}")
@@ -121,14 +105,11 @@ PART = ".part"
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """The place to write a file to, which becomes ``path`` in one step when the block ends without an error.
+    """The place to write a file to, which becomes ``path`` in one step when the block ends without an error; its folder
+    is made if need be.
 
-    Its folder is made if need be.
     After an error nothing is left of it, and an earlier file at ``path`` is as it was. Links are followed; a device or
-    a pipe, which cannot be replaced, is written directly.
-
-    Raises:
-        OSError: the file cannot be written, synced or renamed.
+    a pipe, which cannot be replaced, is written directly. Raises OSError: it cannot be written, synced or renamed.
     """
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file():
@@ -175,14 +156,8 @@ _LENGTH = re.compile(r"\s*([0-9.,eE+-]*?)\s*([a-zA-Zµ]+)\s*")
 
 
 def parse_length(text: str, what: str = "length") -> float:
-    """A positive length in metres.
-
-    Args:
-        text: a number with its unit; a unit alone means one of it.
-        what: name of the option, for the message.
-    Raises:
-        InputError: no unit, an unknown one, or no positive finite number.
-    """
+    """A positive length in metres, from a number with its unit; a unit alone means one of it. Messages name ``what`` it
+    is. Raises InputError: no unit, an unknown one, or no positive finite number."""
     match = _LENGTH.fullmatch(text.replace("µ", "u"))
     known = ", ".join(UNITS_M)
     if match is None or match[2].lower() not in UNITS_M:

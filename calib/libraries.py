@@ -13,7 +13,6 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -49,28 +48,19 @@ def usual_places() -> list[Path]:
 def first_writable(places: Sequence[Path]) -> Path | None:
     """The first place in which a file can be made, or that can be made itself; nothing is written."""
     for place in places:
-        with suppress(OSError):
-            there = next(folder for folder in (place, *place.parents) if folder.exists())
-            if there.is_dir() and os.access(there, os.W_OK | os.X_OK):
-                return place
+        there = next(folder for folder in (place, *place.parents) if folder.exists())
+        if there.is_dir() and os.access(there, os.W_OK | os.X_OK):
+            return place
     return None
 
 
-SYSTEM_LIBRARIES = "libegl1 libgl1 libusb-1.0-0 libgomp1"
-"""Debian's packages that open3d's wheel needs."""
-
-
 def import_open3d(purpose: str) -> Any:
-    """The module.
-
-    Args:
-        purpose: what it is needed for, the subject of the sentence when it is missing.
-    """
+    """The module; its ``purpose`` is the subject of the sentence when it is missing."""
     try:
         import open3d
     except (ImportError, OSError) as error:
         raise WorkError(
             f"{purpose} needs open3d (pip install open3d) and its system libraries "
-            f"(on Debian: apt install {SYSTEM_LIBRARIES}): {reason(error)}"
+            f"(on Debian: apt install libegl1 libgl1 libusb-1.0-0 libgomp1): {reason(error)}"
         ) from error
     return open3d

@@ -57,12 +57,8 @@ def dotted(location: Location) -> str:
 
 
 def first_problem(error: ValidationError, name: Callable[[Location], str] = dotted) -> str:
-    """The first problem that pydantic found, in words that end an ``InputError``'s sentence.
-
-    Args:
-        error: as raised by a model's validation.
-        name: how a value is called in the sentence.
-    """
+    """The first problem that pydantic found, in words that end an ``InputError``'s sentence, in which a value is called
+    as ``name`` gives it."""
     first = error.errors()[0]
     where = name(first["loc"])
     if first["type"] == "extra_forbidden":

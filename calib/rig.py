@@ -74,9 +74,7 @@ class StereoRig:
 
     def scaled(self, width: int, height: int) -> StereoRig:
         """The same rig at another resolution of the same field of view."""
-        return StereoRig(
-            self.left.scaled(width, height), self.right.scaled(width, height), self.right_SE3_left, self.source
-        )
+        return replace(self, left=self.left.scaled(width, height), right=self.right.scaled(width, height))
 
     def rectifying_rotations(self) -> tuple[F64, F64]:
         """(3, 3) rotations of the left and the right camera into frames whose x axis is the baseline.
@@ -99,43 +97,27 @@ class StereoRig:
     def check(self, source: str) -> StereoRig:
         """Return self, or refuse a geometry that cannot be a stereo rig. Raises InputError: baseline out of range
         (wrong units), cameras that look apart, or a right camera above, below, ahead of or to the left of the other."""
-        if not MIN_BASELINE_M <= self.baseline_m <= MAX_BASELINE_M:
-            raise InputError(
-                f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, "
-                f"found {self.baseline_m:g} m ({_likely_cause(self.baseline_m)})"
-            )
-        turn = math.degrees(self.right_SE3_left.angle_rad)
-        # Cameras turned further against each other share no view worth matching (our choice).
-        if turn > 45.0:
-            raise InputError(
-                f"{source}: expected cameras that look the same way, found {turn:.0f} degrees between them"
-            )
-        t = self.right_SE3_left.translation
-        if abs(t[2]) > max(abs(t[0]), abs(t[1])):
-            raise InputError(
-                f"{source}: expected cameras side by side, found T = {[round(float(v), 4) for v in t]} m: "
-                "one lies ahead of the other"
-            )
-        if abs(t[1]) > abs(t[0]):
-            where = "below" if t[1] < 0 else "above"
-            raise InputError(
-                f"{source}: expected cameras side by side, found the right camera {abs(t[1]):.3f} m {where} the left "
-                "one: turn the images by 90 degrees and calibrate them so"
-            )
-        if t[0] > 0:
-            raise InputError(
-                f"{source}: expected the right camera on the right (negative x translation), "
-                f"found T = {t[0]:+.4f} m: left and right are swapped"
-            )
+        baseline_m, t = self.baseline_m, self.right_SE3_left.translation
+        turn, problem = math.degrees(self.right_SE3_left.angle_rad), ""
+        if not MIN_BASELINE_M <= baseline_m <= MAX_BASELINE_M:
+            cause = "wrong units?" if baseline_m else "the file holds no distance between the cameras"
+            if MIN_BASELINE_M <= baseline_m / 1000 <= MAX_BASELINE_M:
+                cause = f"millimetres? converted with that unit it is {baseline_m / 1000:g} m"
+            problem = f"a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, found {baseline_m:g} m ({cause})"
+        elif turn > 45.0:  # they share no view worth matching (our choice)
+            problem = f"cameras that look the same way, found {turn:.0f} degrees between them"
+        elif abs(t[2]) > max(abs(t[0]), abs(t[1])):
+            found = f"T = {[round(float(v), 4) for v in t]} m"
+            problem = f"cameras side by side, found {found}: one lies ahead of the other"
+        elif abs(t[1]) > abs(t[0]):
+            found = f"the right camera {abs(t[1]):.3f} m {'below' if t[1] < 0 else 'above'} the left one"
+            problem = f"cameras side by side, found {found}: turn the images by 90 degrees and calibrate them so"
+        elif t[0] > 0:
+            found = f"T = {t[0]:+.4f} m: left and right are swapped"
+            problem = f"the right camera on the right (negative x translation), found {found}"
+        if problem:
+            raise InputError(f"{source}: expected {problem}")
         return self
-
-
-def _likely_cause(baseline_m: float) -> str:
-    if baseline_m == 0:
-        return "the file holds no distance between the cameras"
-    if MIN_BASELINE_M <= baseline_m / 1000 <= MAX_BASELINE_M:
-        return f"millimetres? converted with that unit it is {baseline_m / 1000:g} m"
-    return "wrong units?"
 
 
 def save_rig(rig: StereoRig, path: Path) -> None:
@@ -147,15 +129,9 @@ def rig_text(rig: StereoRig) -> str:
     """The content of ``rig.toml``; floats keep all their digits."""
     lines = ["# planview stereo rig: p_right = rotation @ p_left + translation_m", f"source = {quoted(rig.source)}", ""]
     for name, camera in (("left", rig.left), ("right", rig.right)):
-        lines += [
-            f"[{name}]",
-            f"width = {camera.width}",
-            f"height = {camera.height}",
-            *(f"{key} = {float(getattr(camera, key))!r}" for key in ("fx", "fy", "cx", "cy")),
-            f'model = "{camera.model}"',
-            f"distortion = {[float(k) for k in camera.distortion]!r}",
-            "",
-        ]
+        lines += [f"[{name}]", f"width = {camera.width}", f"height = {camera.height}"]
+        lines += [f"{key} = {float(getattr(camera, key))!r}" for key in ("fx", "fy", "cx", "cy")]
+        lines += [f'model = "{camera.model}"', f"distortion = {list(camera.distortion)!r}", ""]
     return "\n".join([*lines, "[right_SE3_left]", *rig.right_SE3_left.toml(), ""])
 
 

@@ -40,11 +40,8 @@ def save_world(floor: Floor, path: Path) -> None:
         "",
         "[floor]",
     ]
-    lines += [
-        f"{key} = {float(getattr(floor, key))!r}"
-        for key in ("inlier_fraction", "residual_m")
-        if math.isfinite(getattr(floor, key))
-    ]
+    shares = {"inlier_fraction": floor.inlier_fraction, "residual_m": floor.residual_m}
+    lines += [f"{key} = {float(value)!r}" for key, value in shares.items() if math.isfinite(value)]
     if floor.covariance is not None:
         lines += ["# of height [m], tilt [rad], roll [rad]", f"covariance = {floor.covariance.tolist()!r}"]
     if floor.extent_m is not None:
@@ -88,13 +85,8 @@ RIGS_FILE = "rigs.toml"
 
 @dataclass(frozen=True, eq=False)
 class RigEntry:
-    """One head of a recording.
-
-    Attributes:
-        folder: its own recording, relative to the folder of ``rigs.toml``.
-        world_SE3_left: pose of the rectified left camera in the common world.
-        start_s: when the head's first frame was taken, on the clock of the first head, whose first frame is at 0 [s].
-    """
+    """One head: the folder of its own recording, relative to that of ``rigs.toml``; pose of the rectified
+    left camera in the common world; time of its first frame on the clock of the first head, whose first is at 0 [s]."""
 
     folder: str
     world_SE3_left: SE3
@@ -110,14 +102,8 @@ def save_rigs(entries: Sequence[RigEntry], path: Path, comment: str = "") -> Non
         *(f"# {line}" for line in comment.splitlines()),
     ]
     for entry in entries:
-        lines += [
-            "",
-            "[[head]]",
-            f"folder = {quoted(entry.folder)}",
-            f"start_s = {entry.start_s!r}",
-            "[head.world_SE3_left]",
-            *entry.world_SE3_left.toml(),
-        ]
+        lines += ["", "[[head]]", f"folder = {quoted(entry.folder)}", f"start_s = {entry.start_s!r}"]
+        lines += ["[head.world_SE3_left]", *entry.world_SE3_left.toml()]
     write_whole(path, "\n".join(lines) + "\n")
 
 

@@ -45,9 +45,8 @@ class Board:
 
     def __post_init__(self) -> None:
         if not all(MIN_CORNERS <= n <= MAX_CORNERS for n in (self.cols, self.rows)):
-            raise ValueError(
-                f"expected {MIN_CORNERS} to {MAX_CORNERS} inner corners a side, found {self.cols}x{self.rows}"
-            )
+            found = f"{self.cols}x{self.rows}"
+            raise ValueError(f"expected {MIN_CORNERS} to {MAX_CORNERS} inner corners a side, found {found}")
         if not MIN_SQUARE_M <= self.square_m <= MAX_SQUARE_M:
             raise ValueError(f"expected squares of {MIN_SQUARE_M} to {MAX_SQUARE_M} m, found {self.square_m:g} m")
         if self.dictionary and not 0 < self.marker_m < self.square_m:
@@ -88,13 +87,8 @@ class Corners:
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """Corners of the board that both images of a pair show.
-
-    Attributes:
-        name: of the pair, for messages.
-        ids: (n,) into the board's points.
-        left, right: (n, 2) image points [px].
-    """
+    """Corners of the board that both images of a named pair show: (n,) ids into the board's points and (n, 2) image
+    points of each camera [px]."""
 
     name: str
     ids: I64
@@ -113,17 +107,11 @@ def common_view(name: str, left: Corners, right: Corners) -> BoardView:
 
 
 class Detector:
-    """Finds one board in images.
-
-    Attributes:
-        board: what to look for.
-        thorough: take the slow detector before the quick one; for images that were taken to show the board.
-    """
+    """Finds one board in images; ``thorough`` takes the slow detector before the quick one, for images that were taken
+    to show the board."""
 
     def __init__(self, board: Board, *, thorough: bool = True) -> None:
-        self.board = board
-        self.thorough = thorough
-        self._charuco = None
+        self.board, self.thorough, self._charuco = board, thorough, None
         if board.dictionary:
             dictionary = cv2.aruco.getPredefinedDictionary(dictionaries()[board.dictionary])
             cols, rows = board.cols + 1, board.rows + 1
@@ -283,11 +271,8 @@ def complete_charuco(board: Board, images: Sequence[U8], *, any_dictionary: bool
 def _markers(dictionary: str, wanted: int, greys: Sequence[U8]) -> int:
     """Markers of a dictionary in the images whose ids a board with so many of them can hold."""
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(dictionaries()[dictionary]))
-    found = 0
-    for grey in greys:
-        _, ids, _ = detector.detectMarkers(grey)
-        found += 0 if ids is None else len({int(i) for i in np.asarray(ids).ravel() if i < wanted})
-    return found
+    found = [detector.detectMarkers(grey)[1] for grey in greys]
+    return sum(len({int(i) for i in np.asarray(ids).ravel() if i < wanted}) for ids in found if ids is not None)
 
 
 def _found(board: Board, images: Sequence[U8]) -> int:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -20,7 +21,6 @@ from calib.board.fit import (
     fit_rig,
     held_out_error,
     rig_parameters,
-    rms,
     standard_deviations,
 )
 from calib.camera import LensModel
@@ -42,8 +42,7 @@ RATIONAL = Lens("rational (k1-k6 p1 p2)", "rational", 8)
 """Only by name: its eight coefficients follow noise, and turn back inside the image."""
 
 
-@dataclass(frozen=True)
-class LensChoice:
+class LensChoice(NamedTuple):
     """A lens model that was tried, and its rms over views left out of its fit (k-fold) [px]."""
 
     lens: Lens
@@ -81,18 +80,18 @@ def compare_lenses(views: Sequence[BoardView], points: F64, fits: Mapping[Lens, 
     tried, folds = [], np.arange(len(views)) % min(FOLDS, len(views))
     for lens, fit in fits.items():
         with suppress(FitError):  # a fold leaves too little to fit the lens to
-            squares = np.concatenate([_held_out(views, points, fit, lens, folds == k) for k in np.unique(folds)])
-            tried.append(LensChoice(lens, float(np.sqrt(squares.mean()))))
+            squares = [s for k in range(folds.max() + 1) for s in _held_out(views, points, fit, lens, folds == k)]
+            tried.append(LensChoice(lens, float(np.sqrt(np.mean(squares)))))
     if not tried:
         raise FitError("no lens model fits the views")
     return tuple(tried)
 
 
-def _held_out(views: Sequence[BoardView], points: F64, full: RigFit, lens: Lens, out: Bool) -> F64:
+def _held_out(views: Sequence[BoardView], points: F64, full: RigFit, lens: Lens, out: Bool) -> list[float]:
     """Mean square errors [px^2] of the fold's views by a rig fitted without them."""
     inside = [view for view, left_out in zip(views, out, strict=True) if not left_out]
     rig = fit_rig(inside, points, (full.rig.left, full.rig.right), lens, REFIT_ITERATIONS).rig
-    return np.array([held_out_error(rig, views[i], points, full.poses[i]) for i in np.flatnonzero(out).tolist()])
+    return [held_out_error(rig, views[i], points, full.poses[i]) for i in np.flatnonzero(out).tolist()]
 
 
 def choose_lens(tried: Sequence[LensChoice]) -> LensChoice:
@@ -154,13 +153,13 @@ class BoardCalibration:
     @property
     def row_rms_px(self) -> float:
         """Rms difference of the rows of a corner in the rectified images [px]: what a matcher must bear."""
-        errors = []
-        for view in self.views:
-            rays = self.rig.left.unproject(view.left), self.rig.right.unproject(view.right)
-            rows = [(ray @ turn.T) for ray, turn in zip(rays, self.rig.rectifying_rotations(), strict=True)]
-            away = (rows[0][:, 1] / rows[0][:, 2] - rows[1][:, 1] / rows[1][:, 2]) * self.rig.left.fy
-            errors.append(np.column_stack([np.zeros(len(away)), away]))
-        return rms(errors)
+        rows = []
+        for camera, side, turn in zip(
+            (self.rig.left, self.rig.right), SIDES, self.rig.rectifying_rotations(), strict=True
+        ):
+            rays = camera.unproject(np.concatenate([view.image_points(side) for view in self.views])) @ turn.T
+            rows.append(rays[:, 1] / rays[:, 2])
+        return float(np.sqrt(np.mean((rows[0] - rows[1]) ** 2))) * self.rig.left.fy
 
     def coverage(self, side: Side, cols: int = 8, rows: int = 6) -> F64:
         """(rows, cols) number of corners in each cell of the image."""
@@ -185,11 +184,9 @@ def solve_board(
     rejected: Sequence[RejectedView] = (),
     source: str = "board images",
 ) -> BoardCalibration:
-    """Calibrate a stereo rig.
+    """Calibrate a stereo rig from views of a board.
 
     Args:
-        views: corners per pair.
-        board: the board they belong to.
         size: (width, height) of all images [px].
         model: lens model; None chooses by the error of views left out of the fit.
         rejected: pairs that were refused before, to be named with those refused here.
@@ -276,10 +273,8 @@ def _refuse_unfit(fit: RigFit, size: tuple[int, int], source: str, slack: float 
     """Refuse views that no fixed pair of cameras explains."""
     # Share of the image width; a worse fit means images that do not belong together.
     if not fit.rms_px <= slack * 0.003 * size[0]:
-        raise InputError(
-            f"{source}: expected pairs taken at the same moment by two fixed cameras, found a reprojection error "
-            f"of {fit.rms_px:.2f} px"
-        )
+        found = f"a reprojection error of {fit.rms_px:.2f} px"
+        raise InputError(f"{source}: expected pairs taken at the same moment by two fixed cameras, found {found}")
 
 
 def _checked_rig(fit: RigFit, std: dict[str, float], size: tuple[int, int], source: str) -> StereoRig:

@@ -28,7 +28,7 @@ from calib.floor.plane import (
 )
 from calib.people.model import ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M
 from calib.rig import Floor, world_from_plane
-from calib.types import F32, F64, I64, AnyArray, Bool
+from calib.types import F32, F64, I64, Bool
 
 N_CANDIDATES = 8
 """Planes looked for; a room has a floor, three walls and some furniture (our choice)."""
@@ -43,7 +43,7 @@ MIN_POINTS = 1000
 """Fewer points than this are not reported."""
 
 TRIPLES, SCORED = 250, 4000
-"""Planes tried at a time and points that each is held against; bounds on time and memory."""
+"""Planes tried at a time, and points that each is compared with; bounds on time and memory."""
 
 
 def find_floor(
@@ -158,51 +158,39 @@ def _floor(best: Candidate, points: Rays) -> Floor:
 
 def _pose_covariance(plane: Plane) -> F64:
     """Covariance of (height, tilt, roll) by central differences over q."""
-
-    def values(q: F64) -> F64:
-        moved = Plane(q, plane.scale, plane.covariance)
-        return np.array([moved.distance_m, moved.tilt_rad, moved.roll_rad])
-
-    step = 1e-6 * float(np.linalg.norm(plane.q))
-    columns = [(values(plane.q + d) - values(plane.q - d)) / (2 * step) for d in step * np.eye(3)]
+    step, columns = 1e-6 * float(np.linalg.norm(plane.q)), []
+    for d in step * np.eye(3):
+        ahead, behind = replace(plane, q=plane.q + d), replace(plane, q=plane.q - d)
+        values = [np.array([p.distance_m, p.tilt_rad, p.roll_rad]) for p in (ahead, behind)]
+        columns.append((values[0] - values[1]) / (2 * step))
     jacobian = np.stack(columns, axis=1)
     return np.asarray(jacobian @ plane.covariance @ jacobian.T)
 
 
 def _points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None) -> Rays:
     """Valid points of all clouds, thinned evenly to what the fit looks at."""
-    for cloud in clouds:
-        if np.ndim(cloud) != 2 or np.shape(cloud)[1] != 3:
-            raise ValueError(f"expected clouds of (N, 3) points, got {np.shape(cloud)}")
+    if shapes := [np.shape(cloud) for cloud in clouds if np.ndim(cloud) != 2 or np.shape(cloud)[1] != 3]:
+        raise ValueError(f"expected clouds of (N, 3) points, got {shapes[0]}")
     if sigma_z is not None and [len(s) for s in sigma_z] != [len(c) for c in clouds]:
         raise ValueError("expected one depth deviation per point")
     stride = max(1, math.ceil(sum(len(c) for c in clouds) / FIT_POINTS))
-    parts = [
-        # Another offset per frame, so that every pixel is looked at in some frame.
-        _rays(np.asarray(c)[i % stride :: stride], None if sigma_z is None else sigma_z[i][i % stride :: stride])
-        for i, c in enumerate(clouds)
-    ]
-    if not parts:
-        return Rays(np.empty((0, 3)), np.empty(0), np.empty(0))
-    return Rays(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("rays", "inverse", "sigma")))
-
-
-def _rays(cloud: AnyArray, sigma_z: AnyArray | None) -> Rays:
-    valid = np.isfinite(cloud).all(axis=1) & (np.nan_to_num(cloud[:, 2]) > 1e-3)
-    p = cloud[valid].astype(np.float64)
-    z = p[:, 2]
-    sigma = np.ones(len(p)) if sigma_z is None else np.maximum(np.asarray(sigma_z)[valid] / z**2, 1e-9)
-    return Rays(np.stack([p[:, 0] / z, p[:, 1] / z, np.ones(len(p))], axis=1), 1.0 / z, sigma.astype(np.float64))
+    # Another offset per frame, so that every pixel is looked at in some frame.
+    thinned = [np.asarray(c)[i % stride :: stride] for i, c in enumerate(clouds)]
+    points = np.concatenate([np.empty((0, 3)), *thinned]).astype(np.float64)
+    sigma = np.ones(len(points))
+    if sigma_z is not None:
+        sigma = np.concatenate([np.empty(0), *(np.asarray(s)[i % stride :: stride] for i, s in enumerate(sigma_z))])
+    valid = np.isfinite(points).all(axis=1) & (np.nan_to_num(points[:, 2]) > 1e-3)
+    z = points[valid, 2:]
+    sigma = sigma[valid] if sigma_z is None else np.maximum(sigma[valid] / z[:, 0] ** 2, 1e-9)
+    return Rays(points[valid] / z, 1.0 / z[:, 0], sigma.astype(np.float64))
 
 
 def _ransac(points: Rays) -> F64:
     """(3,) q of the likeliest plane, in (x/z, y/z, 1/z), where planes stay planes.
 
     A point counts by how near it is (MSAC, Torr and Zisserman 2000): a plane that cuts through a floor and what stands
-    on it is near to more points, but not as near.
-
-    Ours, since open3d's tries its triples on several threads: which it tries, and so the floor, differed from run to
-    run.
+    on it is near to more points, but not as near. Not open3d's, whose threads give another floor from run to run.
     """
     rng = np.random.default_rng(0)
     few = np.linspace(0, len(points) - 1, min(len(points), SCORED)).astype(np.int64)
@@ -252,17 +240,16 @@ def floor_from_points(points: ArrayLike, name: str = "points", depth_std_m: Arra
         raise InputError(f"{name}: expected finite floor points in metres, found NaN or infinity")
     centre = p.mean(axis=0)
     _, spread, axes = np.linalg.svd(p - centre)
-    if spread[1] < 0.05 * max(spread[0], 1e-9) or spread[0] < 0.1:
-        raise InputError(f"{name}: expected floor points that span a triangle, found them on one line or in one place")
     normal = axes[2] if axes[2] @ centre < 0 else -axes[2]
-    height = float(-normal @ centre)
-    if height < 0.1:
-        raise InputError(f"{name}: expected a camera above the floor, found one {height:.2f} m above the points' plane")
-    if abs(normal[0]) > math.sin(math.radians(60.0)):
-        raise InputError(
-            f"{name}: expected a floor, found a wall (the camera's x axis points "
-            f"{math.degrees(math.asin(normal[0])):.0f} degrees out of the plane)"
-        )
+    height, out_deg, problem = float(-normal @ centre), math.degrees(math.asin(normal[0])), ""
+    if spread[1] < 0.05 * max(spread[0], 1e-9) or spread[0] < 0.1:
+        problem = "floor points that span a triangle, found them on one line or in one place"
+    elif height < 0.1:
+        problem = f"a camera above the floor, found one {height:.2f} m above the points' plane"
+    elif abs(out_deg) > 60.0:
+        problem = f"a floor, found a wall (the camera's x axis points {out_deg:.0f} degrees out of the plane)"
+    if problem:
+        raise InputError(f"{name}: expected {problem}")
     residual = float(np.sqrt(np.mean(((p - centre) @ normal) ** 2)))
     pose = world_from_plane(normal, height)
     covariance = None
@@ -278,13 +265,8 @@ def floor_from_points(points: ArrayLike, name: str = "points", depth_std_m: Arra
 
 @dataclass(frozen=True, eq=False)
 class PeopleSeen:
-    """Tracked people in the rectified left camera frame; a row without one of the points has NaN there.
-
-    Attributes:
-        track_id: (n,) int64.
-        head_m: (n, 3) float64, top of the head [m].
-        foot_m: (n, 3) float64, where a foot meets the floor [m].
-    """
+    """Tracked people in the rectified left camera frame: (n,) ids, and (n, 3) tops of heads and places where a foot
+    meets the floor [m], NaN where unknown."""
 
     track_id: I64
     head_m: F64

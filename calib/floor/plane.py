@@ -134,17 +134,13 @@ class Plane:
 
 
 def cells(points: Rays, q: F64 | None = None) -> tuple[Rays, I64]:
-    """Median inverse depth in square cells of the view, over all frames.
+    """Median inverse depth in square cells of the view, over all frames, and the counts of points in them: one row per
+    cell that holds at least a tenth of the mean count.
 
     The median forgets people who pass and most matching errors, and leaves so little noise that a wall is distinct
-    from the floor it stands on close to their corner. Where a plane is known already, points beyond the gate are left
-    out of cells that mostly show it: what passes is always nearer and would pull the median.
-
-    Args:
-        points: of any number of frames.
-        q: (3,) plane against which the medians are taken; a slope within a cell then does no harm.
-    Returns:
-        One row per cell that holds at least a tenth of the mean count of points, and those counts.
+    from the floor it stands on close to their corner. Where a plane q (3,) is known already, the medians are taken
+    against it, so that a slope within a cell does no harm, and points beyond the gate are left out of cells that mostly
+    show it: what passes is always nearer and would pull the median.
     """
     low, high = np.quantile(points.rays[:, :2], (0.0005, 0.9995), axis=0)
     width, height = (float(v) for v in high - low)
@@ -253,27 +249,14 @@ LEANING_DEG, LEVEL_DEG = -5.0, 88.0
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A plane and what speaks for and against it.
-
-    Attributes:
-        plane: fitted plane.
-        inlier_fraction: share of the points on it.
-        below_fraction: share of the points beneath it.
-        closeness: share of the points on it, each counted by how near it is (MSAC).
-        refused: why it cannot be the floor; empty when it can.
-    """
+    """A fitted plane and what speaks for and against it: shares of the points on and beneath it, the share on it with
+    each point counted by how near it is (MSAC), and why it cannot be the floor; empty when it can."""
 
     plane: Plane
     inlier_fraction: float
     below_fraction: float
     closeness: float
     refused: str
-
-
-def _sharpness(plane: Plane, points: Rays) -> float:
-    """How points crowd on a plane before any median: share of those near it that are within half that distance."""
-    distance = np.abs(points.residuals(plane.q))
-    return float((distance < GATE / 2).sum() / max((distance < GATE).sum(), 1))
 
 
 def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, params: FloorParams) -> Candidate:
@@ -285,7 +268,9 @@ def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, param
     below = float(share[_beneath(plane, view)].sum())
     above = float(share[(residuals > INLIER_SIGMAS) & (residuals < 2 * INLIER_SIGMAS)].sum())
     tilt, roll = math.degrees(plane.tilt_rad), math.degrees(plane.roll_rad)
-    height = plane.distance_m
+    height, distance = plane.distance_m, np.abs(points.residuals(plane.q))
+    # How points crowd on the plane before any median: share of those near it that are within half that distance.
+    sharpness = float((distance < GATE / 2).sum() / max((distance < GATE).sum(), 1))
     refused = ""
     if not params.min_tilt_deg <= tilt <= params.max_tilt_deg or abs(roll) > params.max_roll_deg:
         turned = ", or the floor of an upside-down camera" if -88 < tilt < 0 and abs(roll) < params.max_roll_deg else ""
@@ -296,7 +281,7 @@ def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, param
         refused = f"{on:.1%} of the depth lies on it (at least {MIN_INLIER_FRACTION:.0%} needed)"
     elif below > params.max_below_fraction * (on + below):
         refused = f"{below:.0%} of the depth lies beneath it"
-    elif above > MAX_BLUR_FRACTION * on or _sharpness(plane, points) < MIN_SHARPNESS:
+    elif above > MAX_BLUR_FRACTION * on or sharpness < MIN_SHARPNESS:
         refused = "it only cuts through a surface that is not flat"
     elif (high := _above_people(plane, moved)) > MAX_HIGH_FRACTION:
         refused = f"{high:.0%} of what moves is higher than people above it"
@@ -334,19 +319,13 @@ def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candid
     possible = [c for c in candidates if not c.refused]
     if not possible:
         return None
-    for lowest, highest in ((LEANING_DEG, LEVEL_DEG), (LEANING_DEG, math.inf)):
-        if usual := [c for c in possible if lowest < math.degrees(c.plane.tilt_rad) <= highest]:
-            possible = usual
-            break
+    upright = [c for c in possible if math.degrees(c.plane.tilt_rad) > LEANING_DEG] or possible
+    possible = [c for c in upright if math.degrees(c.plane.tilt_rad) <= LEVEL_DEG] or upright
     largest = max(possible, key=_log_likelihood)
     enough = largest.inlier_fraction * params.max_below_fraction / (1.0 - params.max_below_fraction)
-    parallel = [
-        c
-        for c in possible
-        if c.inlier_fraction >= enough
-        and float(c.plane.normal @ largest.plane.normal) > math.cos(math.radians(PARALLEL_DEG))
-    ]
-    return max(parallel, key=lambda c: c.plane.distance_m)
+    least_cos = math.cos(math.radians(PARALLEL_DEG))
+    parallel = [c for c in possible if float(c.plane.normal @ largest.plane.normal) > least_cos]
+    return max((c for c in parallel if c.inlier_fraction >= enough), key=lambda c: c.plane.distance_m)
 
 
 def doubt(chosen: Candidate, candidates: Sequence[Candidate], moved: F64) -> str:
@@ -370,10 +349,8 @@ def _log_likelihood(c: Candidate) -> float:
 def nothing_found(candidates: Sequence[Candidate], n_frames: int) -> str:
     """Why none of the planes is the floor: the plane most like one, what spoke against it, and how to accept it."""
     if not candidates:
-        return (
-            f"no floor found in {n_frames} frames: no plane holds even "
-            f"{0.5 * MIN_INLIER_FRACTION:.1%} of the valid depth"
-        )
+        least = f"{0.5 * MIN_INLIER_FRACTION:.1%} of the valid depth"
+        return f"no floor found in {n_frames} frames: no plane holds even {least}"
     # What a camera could stand above comes first, whatever else speaks against it.
     best = max(
         candidates, key=lambda c: (not c.refused.startswith("a wall"), "moves" not in c.refused, c.inlier_fraction)
@@ -383,11 +360,9 @@ def nothing_found(candidates: Sequence[Candidate], n_frames: int) -> str:
     named = [
         f"best plane, {plane.distance_m:.2f} m from the camera at tilt {tilt:.1f} and roll {roll:.1f} degrees with "
         f"{best.inlier_fraction:.0%} of the depth, refused: {best.refused}"
-    ] + [
-        f"plane with {c.inlier_fraction:.0%} of the depth: {c.refused}"
-        for c in sorted(candidates, key=lambda c: -c.inlier_fraction)[:3]
-        if c is not best
     ]
+    largest = sorted(candidates, key=lambda c: -c.inlier_fraction)[:3]
+    named += [f"plane with {c.inlier_fraction:.0%} of the depth: {c.refused}" for c in largest if c is not best]
     text = f"no floor found in {n_frames} frames ({'; '.join(named)})"
     if abs(roll) > 60 or not -30 < tilt < 120:
         return text

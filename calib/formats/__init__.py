@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,10 +58,7 @@ def find_rig(path: Path) -> Found:
 
 
 def _recognise(source: Source) -> tuple[Format, str] | None:
-    for form in FORMATS:
-        if part := form.part(source):
-            return form, part
-    return None
+    return next(((form, part) for form in FORMATS if (part := form.part(source))), None)
 
 
 def _files(folder: Path) -> Iterator[Path]:
@@ -74,11 +73,8 @@ def _files(folder: Path) -> Iterator[Path]:
 
 def _readable(paths: Iterable[Path]) -> Iterator[Source]:
     for path in paths:
-        try:
+        with suppress(InputError):  # folders hold more than calibrations; a file that is not text is none
             yield read_source(path)
-        except InputError:
-            # Folders hold more than calibrations; a file that is not text is none.
-            continue
 
 
 def _plain(path: Path) -> str:
@@ -174,14 +170,11 @@ def calibration_files(path: Path) -> list[Path]:
 
 
 def write_rig(rig: StereoRig, path: Path, format_key: str | None = None, keep: Collection[Path] = ()) -> list[Path]:
-    """Write a rig in a format.
+    """Write a rig in a format, to a file, or to a folder for formats of two files, and return the files.
 
     Args:
-        path: file, or folder for formats of two files.
         format_key: ``Format.key``; None takes the first format that writes files of this suffix.
         keep: files that must not be written over.
-    Returns:
-        The files written.
     Raises:
         InputError: no such format, a format that cannot hold this rig exactly, a place that cannot be written, or a
             file to be kept.
@@ -202,15 +195,16 @@ def write_rig(rig: StereoRig, path: Path, format_key: str | None = None, keep: C
 
 def _format_for(path: Path, format_key: str | None) -> Format:
     keys = ", ".join(f.key for f in FORMATS)
+    suffix = path.suffix.lower()
     if format_key is not None:
-        for one in FORMATS:
-            if one.key == format_key:
-                return one
-        raise InputError(f"{path}: expected a format of {keys}, found {format_key!r}")
-    for one in FORMATS:
-        if one.suffix and one.suffix == path.suffix.lower():
-            return one
-    raise InputError(f"{path}: expected the name of a format ({keys}), because none has the suffix of {path.name!r}")
+        found = next((one for one in FORMATS if one.key == format_key), None)
+        problem = f"a format of {keys}, found {format_key!r}"
+    else:
+        found = next((one for one in FORMATS if one.suffix and one.suffix == suffix), None)
+        problem = f"the name of a format ({keys}), because none has the suffix of {path.name!r}"
+    if found is None:
+        raise InputError(f"{path}: expected {problem}")
+    return found
 
 
 def refuse_strange_camera(one: Camera, side: str) -> None:
@@ -240,19 +234,12 @@ def refuse_strange_camera(one: Camera, side: str) -> None:
 
 
 def _fitted(rig: StereoRig, name: str, size: tuple[int, int] | None) -> StereoRig:
-    if rig.left.size != rig.right.size:
-        raise InputError(
-            f"{name}: expected two cameras of one image size, "
-            f"found {size_text(rig.left.size)} and {size_text(rig.right.size)}"
-        )
-    own = rig.left.size
-    if size is None or size == own:
+    own, other = size_text(rig.left.size), size_text(rig.right.size)
+    if own != other:
+        raise InputError(f"{name}: expected two cameras of one image size, found {own} and {other}")
+    if size is None or size == rig.left.size:
         return rig
-    if size[0] * own[1] != size[1] * own[0]:
-        raise InputError(
-            f"{name}: expected a calibration for images of {size_text(size)}, "
-            f"found one for {size_text(own)} (another aspect)"
-        )
-    scaled = rig.scaled(*size)
-    source = f"{rig.source} (scaled from {size_text(own)} to {size_text(size)})"
-    return StereoRig(scaled.left, scaled.right, rig.right_SE3_left, source)
+    wanted = size_text(size)
+    if size[0] * rig.left.height != size[1] * rig.left.width:
+        raise InputError(f"{name}: expected a calibration for images of {wanted}, found one for {own} (another aspect)")
+    return replace(rig.scaled(*size), source=f"{rig.source} (scaled from {own} to {wanted})")

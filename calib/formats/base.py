@@ -15,7 +15,7 @@ import yaml
 
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
-from calib.io import MAX_DEPTH, read_text
+from calib.io import read_text
 from calib.pose import SE3
 from calib.rig import StereoRig, parse_rig, rig_text
 from calib.types import F64
@@ -103,9 +103,7 @@ def side_of(name: str) -> str | None:
     words = set(re.split(r"[^a-z0-9]+", name.lower()))
     left = bool(words & {"l", "cam0", "camera0"}) or "left" in name.lower()
     right = bool(words & {"r", "cam1", "camera1"}) or "right" in name.lower()
-    if left == right:
-        return None
-    return "left" if left else "right"
+    return None if left == right else "left" if left else "right"
 
 
 def table(value: Any, name: str) -> Mapping[str, Any]:
@@ -232,6 +230,12 @@ def rigid(value: Any, name: str, unit_m: float) -> SE3:
     return transform(m[:, :3].ravel(), m[:, 3] * unit_m, name)
 
 
+def joined(left: tuple[Camera, SE3], right: tuple[Camera, SE3], source: str) -> StereoRig:
+    """The rig of two cameras, each with its camera_SE3_common of a frame that both share."""
+    (one, left_SE3_common), (other, right_SE3_common) = left, right
+    return StereoRig(one, other, right_SE3_common @ left_SE3_common.inverse(), source)
+
+
 def projected(size: Size, value: Any, name: str, unit_m: float) -> tuple[Camera, SE3]:
     """The camera of a (3, 4) projection P = K [I | t] of rectified images, and its pose."""
     p = numbers(value, name, 12).reshape(3, 4)
@@ -283,21 +287,13 @@ _OPENCV_TAG = re.compile(r"!!opencv-[a-z-]+")
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Values only: without references, by which a small file can stand for gigabytes, and of limited depth."""
-
-    _depth = 0
+    """Values only, without references, by which a small file can stand for gigabytes."""
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """One value; those inside it are composed by the same method."""
         if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError("a reference (*name)")
-        if self._depth >= MAX_DEPTH:
-            raise yaml.YAMLError(f"values nested deeper than {MAX_DEPTH}")
-        self._depth += 1
-        try:
-            return super().compose_node(parent, index)
-        finally:
-            self._depth -= 1
+        return super().compose_node(parent, index)
 
 
 def parse_yaml(text: str) -> Mapping[str, Any]:
@@ -320,15 +316,11 @@ def parse_yaml(text: str) -> Mapping[str, Any]:
     return data
 
 
-def _native_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
-    return parse_rig(sources[0].text, sources[0].path.name)
-
-
 NATIVE = Format(
     "rig",
     "planview rig.toml",
     whole_with(r"^\s*\[right_SE3_left\]"),
-    _native_read,
+    lambda sources, choice: parse_rig(sources[0].text, sources[0].path.name),
     lambda rig, path: {path: rig_text(rig)},
     ".toml",
 )

@@ -34,31 +34,23 @@ def _euroc_part(source: Source) -> str | None:
 
 
 def _euroc_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
-    (left, body_SE3_left), (right, body_SE3_right) = (_half(source, choice) for source in sources)
     names = "+".join(f"{source.path.parent.name}/{source.path.name}" for source in sources)
-    return StereoRig(left, right, body_SE3_right.inverse() @ body_SE3_left, names)
+    return base.joined(_half(sources[0], choice), _half(sources[1], choice), names)
 
 
 def _half(source: Source, choice: Choice) -> tuple[Camera, SE3]:
     data = base.parse_yaml(source.text)
     name = f"{source.path.parent.name}/{source.path.name}"
-    model = base.lens_of(data, _EUROC_MODELS, name)
-    one = base.camera(
-        base.size_of(base.entry(data, "resolution"), "resolution"),
-        base.numbers_at(data, 4, "intrinsics"),
-        base.numbers_at(data, (0, 4), "distortion_coefficients"),
-        model,
-        name,
-    )
-    return one, base.rigid(base.entry(data, "T_BS"), f"T_BS of {name}", choice.unit())
+    size, model = base.size_of(base.entry(data, "resolution"), "resolution"), base.lens_of(data, _EUROC_MODELS, name)
+    lens = base.numbers_at(data, (0, 4), "distortion_coefficients")
+    one = base.camera(size, base.numbers_at(data, 4, "intrinsics"), lens, model, name)
+    return one, base.rigid(base.entry(data, "T_BS"), f"T_BS of {name}", choice.unit()).inverse()
 
 
 def _euroc_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     texts = {}
-    for name, one, body_SE3_camera in (
-        ("cam0", rig.left, SE3.identity()),
-        ("cam1", rig.right, rig.right_SE3_left.inverse()),
-    ):
+    poses = SE3.identity(), rig.right_SE3_left.inverse()
+    for name, one, body_SE3_camera in zip(("cam0", "cam1"), (rig.left, rig.right), poses, strict=True):
         model, coefficients = base.held("EuRoC", one, {"brown": 4, "fisheye": 4})
         values = [float(v) for v in np.asarray(body_SE3_camera.matrix).ravel()]
         texts[path / name / "sensor.yaml"] = (
@@ -94,31 +86,25 @@ def _kitti_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
         return _of_sequence(source, data, choice)
     left, right = choice.cameras or _pair(data)
     rectified = choice.rectified
-    if rectified is None:
-        rectified = (
-            choice.size is not None
-            and f"S_rect_{left}" in data
-            and (_size(data, f"S_rect_{left}") == choice.size != _size(data, f"S_{left}"))
-        )
-    (one, left_SE3_zero), (other, right_SE3_zero) = (
-        base.projected(
-            _size(data, f"S_rect_{name}"), base.entry(data, f"P_rect_{name}"), f"P_rect_{name}", choice.unit()
-        )
-        if rectified
-        else _raw(data, name, choice.unit())
-        for name in (left, right)
-    )
+    if rectified is None and choice.size is not None and f"S_rect_{left}" in data:
+        rectified = _size(data, f"S_rect_{left}") == choice.size != _size(data, f"S_{left}")
+
+    def reading(name: str) -> tuple[Camera, SE3]:
+        if not rectified:
+            return _raw(data, name, choice.unit())
+        p = f"P_rect_{name}"
+        return base.projected(_size(data, f"S_rect_{name}"), base.entry(data, p), p, choice.unit())
+
     kind = "rectified images" if rectified else "unrectified images"
-    name = f"{source.path.name} [cameras {left} {right}, {kind}]"
-    return StereoRig(one, other, right_SE3_zero @ left_SE3_zero.inverse(), name)
+    return base.joined(reading(left), reading(right), f"{source.path.name} [cameras {left} {right}, {kind}]")
 
 
 def _pair(data: Mapping[str, str]) -> tuple[str, str]:
     """The colour pair, else the grey pair."""
-    for left, right in _PAIRS:
-        if f"K_{left}" in data and f"K_{right}" in data:
-            return left, right
-    raise ValueError("expected cameras 02 and 03, or 00 and 01, found neither")
+    found = next((pair for pair in _PAIRS if all(f"K_{name}" in data for name in pair)), None)
+    if found is None:
+        raise ValueError("expected cameras 02 and 03, or 00 and 01, found neither")
+    return found
 
 
 def _size(data: Mapping[str, str], key: str) -> Size:
@@ -137,14 +123,11 @@ def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> Ste
     """The rectified cameras of an odometry sequence, whose image size the file does not give."""
     if choice.size is None:
         raise ValueError("expected the size of the images, which the calib.txt of a KITTI sequence does not hold")
-    left, right = choice.cameras or next(
-        (pair for pair in (("2", "3"), ("0", "1")) if f"P{pair[1]}" in data), ("0", "1")
-    )
-    (one, left_SE3_zero), (other, right_SE3_zero) = (
+    left, right = choice.cameras or (("2", "3") if "P3" in data else ("0", "1"))
+    one, other = (
         base.projected(choice.size, base.entry(data, f"P{name}"), f"P{name}", choice.unit()) for name in (left, right)
     )
-    name = f"{source.path.name} [cameras {left} {right}, rectified images]"
-    return StereoRig(one, other, right_SE3_zero @ left_SE3_zero.inverse(), name)
+    return base.joined(one, other, f"{source.path.name} [cameras {left} {right}, rectified images]")
 
 
 def _kitti_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
@@ -178,10 +161,8 @@ def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
         for name in ("cam0", "cam1")
     )
     offset = base.number(data.get("doffs", right.cx - left.cx), "doffs")
-    if abs(offset - (right.cx - left.cx)) > 0.5:
-        raise ValueError(
-            f"expected doffs to be the principal points' distance {right.cx - left.cx:g}, found {offset:g}"
-        )
+    if abs(offset - (apart := right.cx - left.cx)) > 0.5:
+        raise ValueError(f"expected doffs to be the principal points' distance {apart:g}, found {offset:g}")
     baseline = base.number_at(data, "baseline") * choice.unit(UNITS_M["mm"])
     return StereoRig(left, right, SE3(np.eye(3), np.array([-baseline, 0.0, 0.0])), sources[0].path.name)
 
@@ -196,12 +177,9 @@ def _middlebury_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
         f"{name}=[{one.fx!r} 0 {one.cx!r}; 0 {one.fy!r} {one.cy!r}; 0 0 1]"
         for name, one in (("cam0", rig.left), ("cam1", rig.right))
     ]
-    lines += [
-        f"doffs={rig.right.cx - rig.left.cx!r}",
-        f"baseline={float(-pose.translation[0]) / UNITS_M['mm']!r}",
-        f"width={rig.left.width}",
-        f"height={rig.left.height}",
-    ]
+    baseline_mm = float(-pose.translation[0]) / UNITS_M["mm"]
+    lines += [f"doffs={rig.right.cx - rig.left.cx!r}", f"baseline={baseline_mm!r}"]
+    lines += [f"width={rig.left.width}", f"height={rig.left.height}"]
     return {path: "\n".join(lines) + "\n"}
 
 

@@ -25,21 +25,16 @@ from calib.rig import StereoRig
 def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     data = base.table(base.parse_json(sources[0].text), "the file")
     listed = base.entry(data, "cameraData")
-    if not isinstance(listed, list):
+    if not isinstance(listed, list) or not all(isinstance(item, list) and len(item) == 2 for item in listed):
         raise ValueError("expected cameraData to be a list of [socket, camera]")
-    cameras = {}
-    for item in listed:
-        if not isinstance(item, list) or len(item) != 2:
-            raise ValueError("expected cameraData to be a list of [socket, camera]")
-        cameras[int(base.number(item[0], "socket"))] = base.table(item[1], "camera")
+    cameras = {int(base.number(socket, "socket")): base.table(values, "camera") for socket, values in listed}
     left, right = _sockets(data, cameras, choice)
     for socket in (left, right):
         if socket not in cameras:
             raise ValueError(f"expected a camera at socket {socket}, found sockets {sorted(cameras)}")
     pose = _between(cameras, left, right, choice.unit(UNITS_M["cm"]))
-    return StereoRig(
-        _depthai_camera(cameras[left], left), _depthai_camera(cameras[right], right), pose, sources[0].path.name
-    )
+    one, other = (_depthai_camera(cameras[socket], socket) for socket in (left, right))
+    return StereoRig(one, other, pose, sources[0].path.name)
 
 
 def _sockets(data: Mapping[str, Any], cameras: Mapping[int, Any], choice: Choice) -> tuple[int, int]:
@@ -76,17 +71,12 @@ def _depthai_camera(values: Mapping[str, Any], socket: int) -> Camera:
 def _between(cameras: Mapping[int, Mapping[str, Any]], left: int, right: int, unit_m: float) -> SE3:
     """Compose the links from left to right; each is a dst_SE3_src that may be walked both ways."""
     known = {left: SE3.identity()}
-    frontier = [left]
     links = [link for socket in sorted(cameras) if (link := _link(socket, cameras[socket], unit_m))]
-    while frontier and right not in known:
-        here = frontier.pop(0)
-        for src, dst, dst_SE3_src in links:
-            if src == here and dst not in known:
-                known[dst] = dst_SE3_src @ known[here]
-                frontier.append(dst)
-            elif dst == here and src not in known:
-                known[src] = dst_SE3_src.inverse() @ known[here]
-                frontier.append(src)
+    for src, dst, dst_SE3_src in links * len(links):
+        if src in known and dst not in known:
+            known[dst] = dst_SE3_src @ known[src]
+        elif dst in known and src not in known:
+            known[src] = dst_SE3_src.inverse() @ known[dst]
     if right not in known:
         raise ValueError(f"expected extrinsics that link socket {left} to socket {right}, found none")
     return known[right]
@@ -114,29 +104,17 @@ def _depthai_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
 def _entry(one: Camera, pose: SE3, to: int) -> dict[str, Any]:
     model, coefficients = base.held("DepthAI", one, {"rational": 14, "brown": 14, "fisheye": 4})
     translation = dict(zip("xyz", (pose.translation / UNITS_M["cm"]).tolist(), strict=True))
+    extrinsics = {"rotationMatrix": pose.rotation.tolist(), "specTranslation": translation, "toCameraSocket": to}
     return {
         "cameraType": 1 if model == "fisheye" else 0,
         "distortionCoeff": [*coefficients, *[0.0] * (14 - len(coefficients))],
-        "extrinsics": {
-            "rotationMatrix": pose.rotation.tolist(),
-            "specTranslation": translation,
-            "toCameraSocket": to,
-            "translation": translation,
-        },
-        "height": one.height,
-        "intrinsicMatrix": one.matrix.tolist(),
-        "width": one.width,
-    }
+        "extrinsics": extrinsics | {"translation": translation},
+        "height": one.height, "intrinsicMatrix": one.matrix.tolist(), "width": one.width,
+    }  # fmt: skip
 
 
-DEPTHAI = Format(
-    "depthai",
-    "DepthAI EEPROM JSON",
-    base.whole_with(r"\A\s*\{", '"cameraData"'),
-    _depthai_read,
-    _depthai_texts,
-    ".json",
-)
+_IS_DEPTHAI = base.whole_with(r"\A\s*\{", '"cameraData"')
+DEPTHAI = Format("depthai", "DepthAI EEPROM JSON", _IS_DEPTHAI, _depthai_read, _depthai_texts, ".json")
 
 
 RESOLUTIONS: dict[str, Size] = {
@@ -194,11 +172,9 @@ def _pose(stereo: Mapping[str, str], resolution: str, unit_m: float) -> SE3:
     """Rotation vector (RX, CV, RZ) and shift (-Baseline, TY, TZ) from left to right."""
 
     def value(*keys: str) -> float:
-        for key in keys:
-            for full in (f"{key}_{resolution}", key):
-                if full in stereo:
-                    return base.number(stereo[full], full)
-        return 0.0
+        names = (full for key in keys for full in (f"{key}_{resolution}", key) if full in stereo)
+        name = next(names, "")
+        return base.number(stereo[name], name) if name else 0.0
 
     baseline = base.number_at(stereo, "Baseline", "BaseLine")
     translation = np.array([-baseline, value("TY"), value("TZ")]) * unit_m

@@ -53,10 +53,8 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     name = "+".join(source.path.name for source in sources) + remark
     if choice.rectified and any(key in data for key in _P1):
         # The cameras of images that P1 and P2 rectified: P = K [I | t].
-        (left, left_SE3_zero), (right, right_SE3_zero) = (
-            base.projected(size, base.entry(data, *names), names[0], choice.unit()) for names in (_P1, _P2)
-        )
-        return StereoRig(left, right, right_SE3_zero @ left_SE3_zero.inverse(), f"{name} [rectified images]")
+        one, other = (base.projected(size, base.entry(data, *p), p[0], choice.unit()) for p in (_P1, _P2))
+        return base.joined(one, other, f"{name} [rectified images]")
     model = _model(data)
     lenses = [base.numbers_at(data, (0, 4, 5, 8, 12, 14), *names) for names in (_D1, _D2)]
     if model is None and any(_is_column(base.entry(data, *names)) for names in (_D1, _D2)) and lenses[0].any():
@@ -82,10 +80,8 @@ def _is_column(value: Any) -> bool:
 
 def _translation(data: Mapping[str, Any], choice: Choice) -> F64:
     """T in metres; a key may name its unit."""
-    for key, unit_m in _T_UNITS_M.items():
-        if key in data:
-            return np.asarray(base.numbers(data[key], key, 3) * choice.unit(unit_m), dtype=np.float64)
-    return np.asarray(base.numbers_at(data, 3, "T", "t") * choice.unit(), dtype=np.float64)
+    key = next((key for key in _T_UNITS_M if key in data), "T")
+    return np.asarray(base.numbers_at(data, 3, key, "t") * choice.unit(_T_UNITS_M.get(key, 1.0)), dtype=np.float64)
 
 
 def parse_storage(text: str) -> Mapping[str, Any]:

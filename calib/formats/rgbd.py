@@ -59,10 +59,8 @@ def load_rgbd(path: Path, size: Size, depth_size: Size) -> RgbdRig:
         depth = rig.depth_camera
         for own, wanted in ((rig.camera.size, size), (depth.size if depth else depth_size, depth_size)):
             if own[0] * wanted[1] != own[1] * wanted[0]:
-                raise InputError(
-                    f"{source}: expected a calibration for images of {size_text(wanted)}, "
-                    f"found one for {size_text(own)} (another aspect)"
-                )
+                found_text = f"found one for {size_text(own)} (another aspect)"
+                raise InputError(f"{source}: expected a calibration for images of {size_text(wanted)}, {found_text}")
         if rig.camera.size == size and (depth is None or depth.size == depth_size):
             return replace(rig, source=source)
         note = f"{source} (scaled from {size_text(rig.camera.size)} to {size_text(size)})"
@@ -153,9 +151,8 @@ def _is_empty(value: Any) -> bool:
 def _matrix(table: Mapping[str, Any]) -> F64:
     if "fx" in table:
         cx, cy = (table.get(a, table.get(b)) for a, b in (("cx", "ppx"), ("cy", "ppy")))
-        return np.array(
-            [base.number(v, n) for v, n in ((table["fx"], "fx"), (table["fy"], "fy"), (cx, "cx"), (cy, "cy"))]
-        )
+        values = {"fx": table["fx"], "fy": table["fy"], "cx": cx, "cy": cy}
+        return np.array([base.number(value, name) for name, value in values.items()])
     value = next(table[name] for name in _MATRIX if name in table)
     matrix = base.numbers(value, "camera matrix", 9).reshape(3, 3)
     return np.asarray((matrix.T if matrix[0, 2] == 0 and matrix[2, 0] != 0 else matrix).ravel(), dtype=np.float64)

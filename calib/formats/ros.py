@@ -33,19 +33,14 @@ def _ros_part(source: Source) -> str | None:
     if not (_MATRIX.search(source.text) and _MODEL.search(source.text)):
         return None
     name = _NAME.search(source.text)
-    return (
-        (base.side_of(name[1]) if name else None)
-        or base.side_of(source.path.stem)
-        or base.side_of(source.path.parent.name)
-    )
+    named = (name[1] if name else "", source.path.stem, source.path.parent.name)
+    return next(filter(None, map(base.side_of, named)), None)
 
 
 def _ros_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
-    (left, rectified_SE3_left), (right, rectified_SE3_right) = (
-        camera_from(base.parse_yaml(source.text), source.path.name, choice.unit()) for source in sources
-    )
-    pose = rectified_SE3_right.inverse() @ rectified_SE3_left
-    return StereoRig(left, right, pose, "+".join(source.path.name for source in sources))
+    readings = [camera_from(base.parse_yaml(source.text), source.path.name, choice.unit()) for source in sources]
+    left, right = ((one, rectified_SE3_camera.inverse()) for one, rectified_SE3_camera in readings)
+    return base.joined(left, right, "+".join(source.path.name for source in sources))
 
 
 def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tuple[Camera, SE3]:
@@ -56,9 +51,7 @@ def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tupl
     size, k, projection = windowed(data)
     model = base.lens_of(data, _ROS_MODELS, name)
     counts = {"brown": (0, 4, 5, 8, 12, 14), "rational": (8, 12, 14), "fisheye": (4,)}[model]
-    coefficients = base.numbers(
-        base.entry(data, "distortion_coefficients", "D", "d"), "distortion_coefficients", counts
-    )
+    coefficients = base.numbers_at(data, counts, "distortion_coefficients", "D", "d")
     if model == "brown" and len(coefficients) > 5:
         model = "rational"  # some drivers call every polynomial plumb_bob
     one = base.camera(size, k.ravel(), coefficients, model, name)
@@ -105,10 +98,8 @@ def _ros_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     left_rotation, right_rotation = rig.rectifying_rotations()
     focal = (rig.left.fy + rig.right.fy) / 2
     texts = {}
-    for name, one, rotation, shift in (
-        ("left", rig.left, left_rotation, 0.0),
-        ("right", rig.right, right_rotation, -rig.baseline_m),
-    ):
+    sides = ("left", rig.left, left_rotation, 0.0), ("right", rig.right, right_rotation, -rig.baseline_m)
+    for name, one, rotation, shift in sides:
         k = np.array([[focal, 0.0, rig.left.cx], [0.0, focal, rig.left.cy], [0.0, 0.0, 1.0]])
         projection = np.column_stack([k, [focal * shift, 0.0, 0.0]])
         model, coefficients = base.held("ROS", one, {"brown": 5, "rational": 8, "fisheye": 4})
@@ -141,11 +132,8 @@ _KALIBR_MODELS: dict[str, tuple[LensModel, int]] = {
 def _kalibr_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     data = base.parse_yaml(sources[0].text)
     left, right = choice.cameras or ("cam0", "cam1")
-    tables = {name: base.table(base.entry(data, name), name) for name in (left, right)}
-    pose = _pose(data, left, right, choice.unit())
-    return StereoRig(
-        _kalibr_camera(tables[left], left), _kalibr_camera(tables[right], right), pose, sources[0].path.name
-    )
+    one, other = (_kalibr_camera(base.table(base.entry(data, name), name), name) for name in (left, right))
+    return StereoRig(one, other, _pose(data, left, right, choice.unit()), sources[0].path.name)
 
 
 def _kalibr_camera(values: Mapping[str, Any], name: str) -> Camera:
@@ -205,11 +193,5 @@ def _camera_lines(name: str, one: Camera) -> list[str]:
     ]
 
 
-KALIBR = Format(
-    "kalibr",
-    "Kalibr camchain",
-    base.whole_with(r"^\s*[\"']?cam\d+[\"']?\s*:", r"^\s*(camera_model|distortion_coeffs)\s*:"),
-    _kalibr_read,
-    _kalibr_texts,
-    ".yaml",
-)
+_IS_KALIBR = base.whole_with(r"^\s*[\"']?cam\d+[\"']?\s*:", r"^\s*(camera_model|distortion_coeffs)\s*:")
+KALIBR = Format("kalibr", "Kalibr camchain", _IS_KALIBR, _kalibr_read, _kalibr_texts, ".yaml")

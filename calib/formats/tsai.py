@@ -72,15 +72,8 @@ class TsaiCamera:
     def scaled(self, width: int, height: int) -> TsaiCamera:
         """The same camera at another resolution of the same field of view."""
         sx, sy = width / self.width, height / self.height
-        return replace(
-            self,
-            width=width,
-            height=height,
-            cx=(self.cx + 0.5) * sx - 0.5,
-            cy=(self.cy + 0.5) * sy - 0.5,
-            dx_mm=self.dx_mm / sx,
-            dy_mm=self.dy_mm / sy,
-        )
+        cx, cy = (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5
+        return replace(self, width=width, height=height, cx=cx, cy=cy, dx_mm=self.dx_mm / sx, dy_mm=self.dy_mm / sy)
 
     def project(self, points_world: ArrayLike) -> F64:
         """(N, 2) pixels of (N, 3) world points [m]; NaN behind the camera and beyond where the lens turns back."""
@@ -120,12 +113,8 @@ def is_tsai(source: Source) -> bool:
 
 
 def load_tsai(path: Path, size: Size | None = None, unit_m: float = UNITS_M["mm"]) -> TsaiCamera:
-    """Read a Tsai camera.
-
-    Args:
-        size: (width, height) of the images [px]; scales the file's camera.
-        unit_m: length of the world's unit [m]; PETS uses millimetres.
-    """
+    """Read a Tsai camera, scaled to images of (width, height) [px]; ``unit_m`` is the length of the world's unit [m],
+    in PETS a millimetre."""
     source = base.read_source(path)
     if not is_tsai(source):
         raise InputError(f"{path}: expected a Tsai camera (XML with Geometry, Intrinsic, Extrinsic), found none")
@@ -162,22 +151,9 @@ def _from_xml(text: str, unit_m: float) -> TsaiCamera:
         if nfx <= 0:
             raise ValueError(f"expected a positive nfx, found {nfx:g}")
         pitch = dx * ncx / nfx
-    # R = Rz Ry Rx (Tsai's order).
-    return TsaiCamera(
-        base.whole_at(geometry, "width"),
-        base.whole_at(geometry, "height"),
-        focal,
-        kappa1,
-        cx,
-        cy,
-        pitch / sx,
-        base.number_at(geometry, "dpy", "dy"),
-        SE3(
-            np.asarray(
-                SE3.from_rotvec([0.0, 0.0, rz]).rotation
-                @ SE3.from_rotvec([0.0, ry, 0.0]).rotation
-                @ SE3.from_rotvec([rx, 0.0, 0.0]).rotation
-            ),
-            np.array(translation) * unit_m,
-        ),
-    )
+    rotation = SE3.identity()
+    for turn in ([rx, 0.0, 0.0], [0.0, ry, 0.0], [0.0, 0.0, rz]):  # R = Rz Ry Rx (Tsai's order)
+        rotation = SE3.from_rotvec(turn) @ rotation
+    pose = SE3(rotation.rotation, np.array(translation) * unit_m)
+    size = base.whole_at(geometry, "width"), base.whole_at(geometry, "height")
+    return TsaiCamera(*size, focal, kappa1, cx, cy, pitch / sx, base.number_at(geometry, "dpy", "dy"), pose)

@@ -45,10 +45,8 @@ half of those that three people give)."""
 
 
 def assess(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, walked: Bool | None = None) -> Assessment:
-    """How well camera and floor are known over the region that the samples cover, and what would help most.
-
-    More people are asked for only where ``walked`` (height, width) is set; None for anywhere.
-    """
+    """How well camera and floor are known over the region that the samples cover, and what would help most: more people
+    only where ``walked`` (height, width) is set; None for anywhere."""
     # (m, 2) pixels: the feet and the middles between any two of them.
     feet = people.rows[:, 6:]
     first, second = np.triu_indices(len(feet))
@@ -82,10 +80,9 @@ class _FloorError:
         self.pixels, self.floor = pixels[known], floor[known]
         low, high = np.quantile(self.floor, (0.05, 0.95), axis=0) if len(self.floor) else (np.zeros(2), np.zeros(2))
         self.size_m = float(np.hypot(*(high - low)))
-        centred = self.floor - self.floor.mean(axis=0)
-        rigid = np.zeros((len(self.floor), 2, 3))
-        rigid[:, 0, 0] = rigid[:, 1, 1] = 1.0
-        rigid[:, 0, 2], rigid[:, 1, 2] = -centred[:, 1], centred[:, 0]
+        x, y = (self.floor - self.floor.mean(axis=0)).T
+        one, zero = np.ones(len(x)), np.zeros(len(x))
+        rigid = np.stack([np.column_stack([one, zero, -y]), np.column_stack([zero, one, x])], axis=1)
         self._rigid = np.linalg.qr(rigid.reshape(-1, 3))[0]
         self._camera, self._shared = fit.camera, fit.shared
 
@@ -105,12 +102,10 @@ class _FloorError:
             shared = self._shared + step
             shared[[TILT, ROLL]] = np.clip(shared[[TILT, ROLL]], *_TURNS_RAD)
             moved = shared_camera(shared, self._camera).back_project(self.pixels)
-            off = np.nan_to_num(moved - self.floor).reshape(-1, 1)
-            total += (self._without_motion(off).reshape(-1, 2) ** 2).sum(axis=1)
+            off = np.nan_to_num(moved - self.floor).ravel()
+            off -= self._rigid @ (self._rigid.T @ off)
+            total += (off.reshape(-1, 2) ** 2).sum(axis=1)
         return math.sqrt(float(np.median(total)) / len(steps) / 2)
-
-    def _without_motion(self, field: F64) -> F64:
-        return np.asarray(field - self._rigid @ (self._rigid.T @ field))
 
 
 def _possible(fit: GroundCameraFit, model: HumanModel) -> tuple[F64, F64]:
@@ -140,8 +135,8 @@ class _Advisor:
     @property
     def limits(self) -> F64:
         """(3,) largest ``deviations`` that are enough."""
-        # Floor positions must be known this well [m] (our choice: half the gate within which tracks are matched)...
-        # ...and to this share of the region's size [1] (our choice: small rooms).
+        # Floor positions must be known to half the gate within which tracks are matched [m], and to a tenth of the
+        # region's size in small rooms (our choice).
         return np.array([min(0.5, 0.1 * self.floor.size_m), MAX_HEIGHT_STD, MAX_TILT_STD])
 
     def deviations(self, covariance: F64) -> F64:

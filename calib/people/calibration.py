@@ -102,9 +102,8 @@ def calibrate_from_people(
         size: (width, height) of the image [px].
         lens: class of table 2; None tries all.
         known: focal length or field of view, camera height, height of the people, as far as known.
-        independent: so many of the samples are independent, as of few people observed often, found by outlines of
-            foreground; None for all, marked by hand. The others repeat the same body height, gait and shadow, and are
-            weighted down.
+        independent: number of independent samples, where few people were observed often by outlines of foreground;
+            None for all, marked by hand. The others repeat body height, gait and shadow, and are weighted down.
         name: of the samples' source, for messages.
         walked: (height, width), where something moved in the recording: more people are asked for there only.
     Raises:
@@ -144,10 +143,7 @@ def _best(
 ) -> GroundCameraFit:
     """The likeliest of the fits of every lens and every reading of the samples."""
     readings: tuple[Reading, ...] = ("boxes", "level", "outline")
-    if only_boxes(people.rows):
-        readings = readings[:1]
-    elif level_ends(people.rows):
-        readings = readings[:2]
+    readings = readings[: 1 if only_boxes(people.rows) else 2 if level_ends(people.rows) else 3]
     priors = [(lens, prior_of(lens, size[0], known, reading)) for lens in lenses for reading in readings]
     quick = []
     for lens, prior in priors:
@@ -221,23 +217,19 @@ def _refuse_unfit(fit: GroundCameraFit, errors: F64, name: str) -> None:
     """Most samples must fit well, and determine the camera; how badly the odd ones fit does not matter."""
     fits = fit.deviations <= ODD_FROM
     error = float(np.median(errors[fits])) if fits.any() else math.inf
+    roll_deg, height_std, problem = math.degrees(fit.camera.roll_rad), float(fit.std[HEIGHT]), ""
     if error > MAX_ERROR or fits.mean() < 0.5:
-        raise WorkError(
-            f"{name}: no camera fits the samples: error {error:.2f} (at most {MAX_ERROR:g}), "
-            f"{1.0 - fits.mean():.0%} of the samples far off; "
-            "are they standing people of one size in upright images of this size?"
-        )
-    roll_deg = math.degrees(fit.camera.roll_rad)
+        found = f"error {error:.2f} (at most {MAX_ERROR:g}), {1.0 - fits.mean():.0%} of the samples far off"
+        way = "are they standing people of one size in upright images of this size?"
+        problem = f"no camera fits the samples: {found}; {way}"
     # A larger roll is none of a camera, but of wrong samples (our choice: 3.5 deviations of the prior).
-    if abs(roll_deg) > 7.0:
-        raise WorkError(
-            f"{name}: expected an upright image, found people who lean as in one turned by {roll_deg:.0f} degrees: "
-            "blobs that are not one person each, or a camera to be turned"
-        )
-    height_std = float(fit.std[HEIGHT])
-    if not height_std <= MAX_HEIGHT_STD:
-        raise WorkError(
-            f"{name}: camera height and focal length cannot be separated by these samples (height known to "
-            f"{min(height_std, 10):.0%}): add people nearer to and farther from the camera, or give the focal length "
-            "or the camera's height"
-        )
+    elif abs(roll_deg) > 7.0:
+        found = f"people who lean as in one turned by {roll_deg:.0f} degrees"
+        way = "blobs that are not one person each, or a camera to be turned"
+        problem = f"expected an upright image, found {found}: {way}"
+    elif not height_std <= MAX_HEIGHT_STD:
+        found = f"height known to {min(height_std, 10):.0%}"
+        way = "add people nearer to and farther from the camera, or give the focal length or the camera's height"
+        problem = f"camera height and focal length cannot be separated by these samples ({found}): {way}"
+    if problem:
+        raise WorkError(f"{name}: {problem}")

@@ -44,8 +44,7 @@ class GroundCameraFit:
     """Result of ``fit_camera``.
 
     Attributes:
-        camera: at the minimum.
-        prior: what it was fitted with.
+        camera, prior: at the minimum, and what it was fitted with.
         log_evidence: of the samples under this lens and prior (Laplace's approximation), up to a constant.
         covariance: (N_SHARED, N_SHARED) of ``shared``, larger where people fit worse than expected; inf when
             undetermined.
@@ -116,16 +115,11 @@ def fit_camera(
     shared = values[:N_SHARED]
     squares = residuals.of_samples(values).reshape(-1, 8) ** 2
     deviations = np.sqrt(squares.sum(axis=1) * people.repeats / 6.0)
+    covariance = covariance * max(1.0, float(np.median(deviations))) ** 2
     return GroundCameraFit(
-        shared_camera(shared, camera),
-        prior,
-        float(evidence),
-        covariance * max(1.0, float(np.median(deviations))) ** 2,
-        shared,
-        values[N_SHARED:].reshape(-1, 2),
-        residuals.variation,
-        deviations,
-    )
+        shared_camera(shared, camera), prior, float(evidence), covariance, shared, values[N_SHARED:].reshape(-1, 2),
+        residuals.variation, deviations,
+    )  # fmt: skip
 
 
 class Residuals:
@@ -140,7 +134,7 @@ class Residuals:
         values: F64,
         variation: float,
     ) -> None:
-        """Args as of ``fit_camera``; ``values`` are the unknowns at which the covariances of people are taken."""
+        """Prepare; ``values`` are the unknowns at which the covariances of people are taken."""
         self.camera, self.people, self.prior, self.variation = camera, people, prior, variation
         self.body = body_points(model)
         covariance = people.repeats * self._person_covariance(values, variation)

@@ -167,8 +167,7 @@ class KnownValues:
     """Values known besides the samples; None where not known.
 
     Attributes:
-        focal_px: focal length [px of the samples' image].
-        field_deg: horizontal field of view [deg], in place of the focal length.
+        focal_px, field_deg: focal length [px of the samples' image], or the horizontal field of view [deg].
         height_m: camera height above the floor [m].
         person_height_m: mean height of the people [m]; a sample may have its own (``HumanSample.height_m``).
     Raises:

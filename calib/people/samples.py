@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.io import read_text, write_whole
-from calib.types import F64, I64, Bool
+from calib.types import F64, Bool
 
 COLUMNS = (
     "left_px", "top_px", "width_px", "height_px", "head_x_px", "head_y_px", "foot_x_px", "foot_y_px",
@@ -137,10 +137,7 @@ def read_samples(path: Path) -> tuple[HumanSample, ...]:
 
     JSON is a list of objects, or an object with such a list under "samples"; each has "box" [left, top, width,
     height], "head" [u, v], "foot" [u, v] and optionally "frame" and the person's "height_m", or the columns of the CSV
-    as keys.
-
-    Raises:
-        InputError: unreadable, columns missing, or values that cannot be a person's.
+    as keys. Raises InputError: unreadable, columns missing, or values that cannot be a person's.
     """
     samples = []
     for i, row in enumerate(_rows(_text(path), path), 1):
@@ -173,12 +170,12 @@ def read_image_size(path: Path) -> tuple[int, int] | None:
 def write_samples(samples: Sequence[HumanSample], path: Path, image_size: tuple[int, int] | None = None) -> None:
     """Write samples as JSON with the (width, height) of their image, or as CSV when the name ends so."""
     if path.suffix.lower() == ".csv":
-        given = any(s.height_m is not None for s in samples)
-        lines = [",".join(("frame", *COLUMNS, *(["height_m"] if given else [])))]
+        columns = ("frame", *COLUMNS, *["height_m"] * any(s.height_m is not None for s in samples))
+        lines = [",".join(columns)]
         for s in samples:
-            cells = [str(s.frame), *(repr(float(v)) for v in (*s.box_px, *s.head_px, *s.foot_px))]
             body = "" if s.height_m is None else repr(float(s.height_m))
-            lines.append(",".join([*cells, *([body] if given else [])]))
+            cells = [str(s.frame), *(repr(float(v)) for v in (*s.box_px, *s.head_px, *s.foot_px)), body]
+            lines.append(",".join(cells[: len(columns)]))
         write_whole(path, "\n".join(lines) + "\n")
         return
     rows = [
@@ -234,16 +231,14 @@ def _number(value: Any) -> float:
 
 
 def choose_spread(samples: Sequence[HumanSample], count: int) -> tuple[HumanSample, ...]:
-    """Samples that cover the places where people were observed.
-
-    The feet are divided into ``count`` areas. Of each area the sample is taken
-    whose box is the median in height among those near the area's centre: a stoop, a stride or half a person differ
-    from the median, so no odd one is taken.
-    """
+    """Samples that cover the places where people were observed: of each of ``count`` areas of feet the one whose box is
+    the median in height among those near the area's centre, which no stoop, stride or half a person is."""
     if len(samples) <= count:
         return tuple(samples)
+    from scipy.cluster.vq import kmeans2  # a tenth of a second, and only many samples need it
+
     feet = np.array([s.foot_px for s in samples])
-    area = _areas(feet, count)
+    area = kmeans2(feet, count, minit="++", rng=0)[1]
     heights = np.array([s.box_px[3] for s in samples])
     chosen = []
     for k in np.unique(area):
@@ -251,27 +246,7 @@ def choose_spread(samples: Sequence[HumanSample], count: int) -> tuple[HumanSamp
         distance = np.hypot(*(feet[members] - feet[members].mean(axis=0)).T)
         near = members[np.argsort(distance, kind="stable")[: max(3, len(members) // 2)]]
         # Height follows the foot's row; what is left over is the person.
-        x = feet[near, 1]
-        y = heights[near]
-        spread = float(np.var(x))
-        slope = float(np.mean((x - x.mean()) * (y - y.mean()))) / spread if spread > 0 else 0.0
-        line = np.asarray(y.mean() + slope * (x - x.mean()))
-        left_over = heights[near] - line
+        rows = np.column_stack([np.ones(len(near)), feet[near, 1]])
+        left_over = heights[near] - rows @ np.linalg.lstsq(rows, heights[near], rcond=None)[0]
         chosen.append(int(near[np.argsort(left_over, kind="stable")[len(near) // 2]]))
     return tuple(samples[i] for i in sorted(chosen))
-
-
-def _areas(feet: F64, count: int) -> I64:
-    """(n,) number of the area of every foot (k-means from farthest-point seeds)."""
-    centres = feet[[int(np.argmin(feet[:, 1]))]]
-    for _ in range(count - 1):
-        centres = np.vstack([centres, feet[np.argmax(_apart(feet, centres).min(axis=1))]])
-    for _ in range(20):
-        area = np.argmin(_apart(feet, centres), axis=1)
-        centres = np.array([feet[area == k].mean(axis=0) if (area == k).any() else centres[k] for k in range(count)])
-    return np.asarray(area)
-
-
-def _apart(feet: F64, centres: F64) -> F64:
-    """(n, k) distances [px]."""
-    return np.asarray(np.linalg.norm(feet[:, None] - centres, axis=2))
