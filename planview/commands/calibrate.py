@@ -101,18 +101,9 @@ def sentence(name: str, a: RigAlignment) -> str:
 
 def report(path: Path, a: RigAlignment) -> dict[str, Any]:
     """One alignment for ``--json``."""
-    return {
-        "head": str(path),
-        "heading_deg": math.degrees(a.heading_rad),
-        "heading_std_deg": math.degrees(a.heading_std_rad),
-        "x_m": a.x_m,
-        "y_m": a.y_m,
-        "position_std_m": a.position_std_m,
-        "start_s": a.clock_s,
-        "start_std_s": a.clock_std_s,
-        "residual_m": a.residual_m,
-        "shared_s": a.shared_s,
-    }
+    values = {name: getattr(a, name) for name in ("x_m", "y_m", "position_std_m", "residual_m", "shared_s")}
+    heading = {"heading_deg": math.degrees(a.heading_rad), "heading_std_deg": math.degrees(a.heading_std_rad)}
+    return {"head": str(path), **heading, **values, "start_s": a.clock_s, "start_std_s": a.clock_std_s}
 
 
 def _records(heads: Sequence[Path], config: Config, console: PlainConsole) -> list[RigRecord]:
@@ -215,11 +206,9 @@ def calibrate_board(images: Path, /, *, square: str, options: BoardOptions | Non
         raise InputError(f"--out: expected a name that ends in .toml, found {options.out.name!r}")
     options.out.parent.mkdir(parents=True, exist_ok=True)
     result = _calibrate(images, request)
-    files = [
-        *write_rig(result.rig, options.out, "rig"),
-        *write_rig(result.rig, options.out.with_suffix(".yml"), "opencv"),
-    ]
-    files.append(write_report(result, images, options.out.with_suffix(".html")))
+    out = options.out
+    files = [*write_rig(result.rig, out, "rig"), *write_rig(result.rig, out.with_suffix(".yml"), "opencv")]
+    files.append(write_report(result, images, out.with_suffix(".html")))
     _print_summary(result, files)
     if options.json_:
         print(json.dumps(_as_json(result, files)))

@@ -151,10 +151,8 @@ def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> 
 
 
 def _draw(view: FloorDepths, floor: Floor, path: Path) -> None:
-    entries = (
-        Entry(as_bgr(GRID), "a line per metre of floor"),
-        Entry(as_bgr(AXIS), "x and y, 1 m from below the camera"),
-    )
+    colours = {GRID: "a line per metre of floor", AXIS: "x and y, 1 m from below the camera"}
+    entries = [Entry(as_bgr(colour), text) for colour, text in colours.items()]
     write_image(path, with_legend(view.picture(floor), entries))
 
 
@@ -191,12 +189,12 @@ def _sentence(floor: Floor) -> str:
 
 
 def _report(floor: Floor, target: Path | None, image: Path | None) -> dict[str, Any]:
+    fit = {name: getattr(floor, name) for name in ("inlier_fraction", "residual_m")}
     values: dict[str, Any] = {
         "height_m": floor.height_m,
         "tilt_deg": math.degrees(floor.tilt_rad),
         "roll_deg": math.degrees(floor.roll_rad),
-        "inlier_fraction": floor.inlier_fraction if math.isfinite(floor.inlier_fraction) else None,
-        "residual_m": floor.residual_m if math.isfinite(floor.residual_m) else None,
+        **{name: value if math.isfinite(value) else None for name, value in fit.items()},
     }
     if floor.covariance is not None:
         height, tilt, roll = np.sqrt(floor.covariance.diagonal()).tolist()
@@ -288,14 +286,17 @@ def _known(options: HumanOptions) -> KnownValues:
         return KnownValues(options.focal, options.field, options.camera_height, options.person_height)
     except ValueError as error:
         text = str(error)
-        for option, name in (
-            ("--person-height", "person_height_m"),
-            ("--camera-height", "height_m"),
-            ("--focal", "focal_px"),
-            ("--field", "field_deg"),
-        ):
+        for name, option in _KNOWN.items():
             text = text.replace(name, option)
         raise InputError(text) from error
+
+
+_KNOWN = {
+    "person_height_m": "--person-height",
+    "height_m": "--camera-height",
+    "focal_px": "--focal",
+    "field_deg": "--field",
+}
 
 
 def _summarise(found: HumanCalibration, n_samples: int, console: Console) -> None:

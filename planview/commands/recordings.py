@@ -1,17 +1,16 @@
-"""``planview check``: what a recording holds, and whether it is to be trusted."""
+"""``planview check``: what a recording holds, and whether it can be trusted."""
 
 from __future__ import annotations
 
 import json
 import math
 import shlex
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.markup import escape
+from cyclopts import Parameter
 from rich.table import Column, Table
 
 from calib.errors import InputError, WorkError
@@ -29,21 +28,34 @@ from stereo.readers.times import Rate, rate_of_times
 from stereo.recording import StereoRecording
 
 
-def check(
-    recording: Path,
-    right: Path | None = None,
-    *,
-    quick: Flag = False,
-    calibration: Path | None = None,
-    topics: str | None = None,
-    fps: float | None = None,
-    person_height: str | None = None,
-    frames: int = 60,
-    out: Path | None = None,
-    corrected_rig: Path | None = None,
-    config: Path | None = None,
-    json_output: JsonFlag = False,
-) -> None:
+@Parameter(name="*")
+@dataclass(frozen=True)
+class CheckOptions:
+    """What is looked at, and what is written."""
+
+    quick: Flag = False
+    """Print what it holds: layout, cameras, rates, gaps, calibration, and what is missing. The options below --fps do
+    not concern this."""
+    calibration: Path | None = None
+    """Calibration file or folder, instead of the recording's own; or camera.toml or Tsai XML of one camera."""
+    topics: str | None = None
+    """Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names."""
+    fps: float | None = None
+    """Frames per second, in place of the recording's own times."""
+    person_height: str | None = None
+    """Height of a person who walks through, e.g. 1.78m: checks baseline and units."""
+    frames: int = 60
+    """Consecutive frames to look at for movement, besides those in which a run measures its floor."""
+    out: Path | None = None
+    """Folder for pictures: rectified rows, disparity, floor, exposure."""
+    corrected_rig: Path | None = None
+    """File to write the calibration to as the recording corrects it (rig.toml), for other recordings of the rig."""
+    config: Path | None = None
+    """TOML file with parameters of the run to come: analysis.setup_frames and tables rectify, sgbm, range, floor."""
+    json_output: JsonFlag = False
+
+
+def check(recording: Path, right: Path | None = None, *, options: CheckOptions | None = None) -> None:
     """Check a recording and its calibration before trusting results; exit status 1 when a check fails.
 
     Example: planview check recording --person-height 1.78m --out pictures
@@ -56,63 +68,41 @@ def check(
         Folder, video, bag or address of a recording; or the left one of two videos or folders of images.
     right
         The right one.
-    quick
-        Say what it holds: layout, cameras, rates, gaps, calibration, and what is missing. The options below --fps do
-        not concern this.
-    calibration
-        Calibration file or folder, instead of the recording's own; or camera.toml or Tsai XML of one camera.
-    topics
-        Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names.
-    fps
-        Frames per second, in place of the recording's own times.
-    person_height
-        Height of a person who walks through, e.g. 1.78m: checks baseline and units.
-    frames
-        Consecutive frames to look at for movement, besides those in which a run measures its floor.
-    out
-        Folder for pictures: rectified rows, disparity, floor, exposure.
-    corrected_rig
-        File to write the calibration to as the recording corrects it (rig.toml), for other recordings of the rig.
-    config
-        TOML file with the parameters of the run to come: analysis.setup_frames and tables rectify, sgbm, range, floor.
     """
-    opening = open_options(calibration, fps, topics, right)
-    if quick:
+    options = options or CheckOptions()
+    opening = open_options(options.calibration, options.fps, options.topics, right)
+    if options.quick:
         reader, layout = find_layout(recording, opening)
         found = _found(recording, reader, layout)
-        if json_output:
+        if options.json_output:
             print(json.dumps(found, allow_nan=False))
         else:
-            _show(found, Console(), reader.name)
+            _show(found, reader.name)
         return
-    if not 4 <= frames <= 2000:
-        raise InputError(f"--frames: expected 4 to 2000, found {frames}")
-    known = None if person_height is None else _height(person_height)
-    search = floor_search(load_config(config))
-    diagnosis = examine(recording, opening, frames=frames, person_height_m=known, search=search)
-    if json_output:
+    if not 4 <= options.frames <= 2000:
+        raise InputError(f"--frames: expected 4 to 2000, found {options.frames}")
+    known = None if options.person_height is None else _height(options.person_height)
+    search = floor_search(load_config(options.config))
+    diagnosis = examine(recording, opening, frames=options.frames, person_height_m=known, search=search)
+    if options.json_output:
         print(json.dumps(diagnosis.to_json(), allow_nan=False))
     else:
         for line in verdict(diagnosis):
             PlainConsole(soft_wrap=True).print(typed(line), highlight=False)
         PlainConsole(markup=True).print(table(diagnosis))
-    if out is not None:
-        written = write_pictures(diagnosis.evidence, out) if diagnosis.evidence else []
-        for line in [f"wrote {path}" for path in written] or [f"{out}: no pictures, which show a pair or depth"]:
-            PlainConsole(stderr=True).print(line, highlight=False)
-    _correct(recording, diagnosis.evidence.pair if diagnosis.evidence else None, corrected_rig)
-    failed = [check for check in diagnosis.checks if check.failed]
+    if options.out is not None:
+        written = write_pictures(diagnosis.evidence, options.out) if diagnosis.evidence else []
+        lines = [f"wrote {path}" for path in written] or [f"{options.out}: no pictures, which show a pair or depth"]
+        PlainConsole(stderr=True, highlight=False).print("\n".join(lines))
+    _correct(recording, diagnosis.evidence.pair if diagnosis.evidence else None, options.corrected_rig)
+    failed = [check.name for check in diagnosis.checks if check.failed]
     if failed:
-        names = ", ".join(check.name for check in failed)
-        raise WorkError(f"{recording}: {len(failed)} of {len(diagnosis.checks)} checks failed: {names}")
+        raise WorkError(f"{recording}: {len(failed)} of {len(diagnosis.checks)} checks failed: {', '.join(failed)}")
 
 
 def _correct(recording: Path, pair: PairEvidence | None, corrected_rig: Path | None) -> None:
     """Write the calibration as the recording corrects it where a file is named, else print how; nothing where it fits.
-
-    Raises:
-        WorkError: asked for, and there is nothing to correct.
-    """
+    Raises WorkError: a file is named, and there is nothing to correct."""
     if pair is None or not pair.correction.is_applied.any():
         if corrected_rig is not None:
             why = pair.correction if pair else "no pair"
@@ -210,19 +200,18 @@ def _camera(stream: Stream, nominal_fps: float) -> dict[str, Any]:
     return {"name": stream.name, "size": size, "frames": stream.n_frames, "pixels": stream.pixels, **known}
 
 
-def _show(found: dict[str, Any], console: Console, name: str) -> None:
-    console.print(f"{escape(found['path'])}: {name}", highlight=False)
-    table = Table()
-    for title in ("camera", "size", "pixels", "frames", "fps", "jitter", "gaps"):
-        table.add_column(title, justify="left" if title in ("camera", "pixels") else "right")
+def _show(found: dict[str, Any], name: str) -> None:
+    console, right = PlainConsole(highlight=False), partial(Column, justify="right")
+    console.print(f"{found['path']}: {name}")
+    titles = "camera", right("size"), "pixels", right("frames"), right("fps"), right("jitter"), right("gaps")
+    table = Table(*titles)
     for camera in found["cameras"]:
         jitter, gaps = "-", "-"
         if camera["jitter_ms"] is not None:
             jitter = f"{camera['jitter_ms']:.2f} ms"
             gaps = f"{camera['gaps']} ({camera['dropped']} frames)" if camera["gaps"] else "none"
-        size = "x".join(map(str, camera["size"]))
-        rate = f"{camera['fps']:.3f}"
-        table.add_row(escape(camera["name"]), size, camera["pixels"], str(camera["frames"]), rate, jitter, gaps)
+        size, rate = "x".join(map(str, camera["size"])), f"{camera['fps']:.3f}"
+        table.add_row(camera["name"], size, camera["pixels"], str(camera["frames"]), rate, jitter, gaps)
     console.print(table)
     alone = f", {found['unpaired']} without a mate" if found["unpaired"] else ""
     calibration, text = found["calibration"], "missing"
@@ -231,15 +220,15 @@ def _show(found: dict[str, Any], console: Console, name: str) -> None:
         baseline = f", baseline {calibration['baseline_m'] * 100:.2f} cm" if "baseline_m" in calibration else ""
         text = (
             f"focal length {calibration['focal_px']:.1f} px{baseline}, view {across:.0f} x {down:.0f} degrees, "
-            f"lens {calibration['lens']} ({escape(calibration['source'])})"
+            f"lens {calibration['lens']} ({calibration['source']})"
         )
     facts = Table(show_header=False, box=None, pad_edge=False)
     facts.add_row("frames", f"{found['frames']} at {found['fps']:.3f} per second, {found['duration_s']:.2f} s{alone}")
     facts.add_row("calibration", text)
     facts.add_row("floor", found["floor"])
-    for title, key in (("missing", "missing"), ("note", "notes")):
-        for line in found[key]:
-            facts.add_row(title, escape(line))
+    for title, lines in (("missing", found["missing"]), ("note", found["notes"])):
+        for line in lines:
+            facts.add_row(title, line)
     if not found["missing"]:
-        facts.add_row("next", escape(f"planview run {shlex.quote(found['path'])} --out out --rrd"))
+        facts.add_row("next", f"planview run {shlex.quote(found['path'])} --out out --rrd")
     console.print(facts)

@@ -68,14 +68,18 @@ def sweep(
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     if options.jobs < 1:
         raise InputError(f"--jobs: expected at least 1, found {options.jobs}")
-    address = options.cluster
-    open_pool = partial(ClusterPool, address) if address is not None else partial(ProcessPool, options.jobs)
+    open_pool = partial(ClusterPool, options.cluster) if options.cluster else partial(ProcessPool, options.jobs)
     results = run_study(study, names, out, open_pool, console)
+    failed = results.failed
     if options.json_output:
-        print(json.dumps(_json(results, out)))
+        found = {"out": str(out), "objective": results.study.objective, "failed": len(failed)}
+        found |= {
+            "runs": [run.to_json() for run in results.runs],
+            "ranking": [row.to_json() for row in results.ranking],
+        }
+        print(json.dumps(found | {"no_intervals": why_no_intervals(results.runs) or None}))
     else:
         print_ranking(results, out)
-    failed = results.failed
     for run in failed[:FAILED_MAX]:
         console.print(f"failed: {run.recording}, {run.configuration.label}, seed {run.seed}: {run.error}")
     if len(failed) > FAILED_MAX:
@@ -144,14 +148,3 @@ def print_ranking(results: StudyResults, out: Path) -> None:
     if results.ranking and (why := why_no_intervals(results.runs)):
         print(why)
     print(f"{out / 'report.html'}")
-
-
-def _json(results: StudyResults, out: Path) -> dict[str, Any]:
-    return {
-        "out": str(out),
-        "objective": results.study.objective,
-        "runs": [run.to_json() for run in results.runs],
-        "ranking": [row.to_json() for row in results.ranking],
-        "no_intervals": why_no_intervals(results.runs) or None,
-        "failed": len(results.failed),
-    }

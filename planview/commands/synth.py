@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -78,12 +79,5 @@ def _render(
     renderer = SceneRenderer(description, scale)
     with Progress(console=PlainConsole(stderr=True), transient=True) as progress:
         task = progress.add_task(f"Rendering {scene.name}", total=min(renderer.n_frames, frames or renderer.n_frames))
-        return write_recording(
-            renderer,
-            out,
-            frames=frames,
-            storage=storage,
-            opencv=opencv,
-            world=world,
-            done=lambda: progress.advance(task),
-        )
+        done = partial(progress.advance, task)
+        return write_recording(renderer, out, frames=frames, storage=storage, opencv=opencv, world=world, done=done)

@@ -36,7 +36,7 @@ from planview.checks.timing import (
     thumbnails,
 )
 from planview.cli import main
-from planview.commands.recordings import check, verdict
+from planview.commands.recordings import CheckOptions, check, verdict
 from planview.evaluation.align import FloorAlignment, align_tracks, fit_rigid, moved
 from planview.trajectories.table import Trajectories, positions_table
 from stereo.readers import OpenOptions
@@ -390,14 +390,17 @@ def test_fault_is_told_with_its_size(fault, name, value, within, tmp_path, pairs
 
 def test_check_writes_the_rig_that_the_recording_corrects(tmp_path, pairs, capsys):
     folder = write_toy_recording(tmp_path / "r", RIG, pairs[:8], claimed=turned(RIG, (0.1, 0.0, 0.3)))
-    check(folder, frames=8)
+    check(folder, options=CheckOptions(frames=8))
     assert "--corrected-rig rig.toml writes the corrected calibration" in " ".join(capsys.readouterr().err.split())
-    check(folder, frames=8, corrected_rig=tmp_path / "rig.toml")
+    check(folder, options=CheckOptions(frames=8, corrected_rig=tmp_path / "rig.toml"))
     assert "roll corrected by" in capsys.readouterr().err
     left = (load_rig(tmp_path / "rig.toml").right_SE3_left @ RIG.right_SE3_left.inverse()).rotvec
     assert np.degrees(np.abs(left)).max() < 0.03
     with pytest.raises(WorkError, match="nothing to write to"):  # it needs no other correction
-        check(folder, frames=8, calibration=tmp_path / "rig.toml", corrected_rig=tmp_path / "other.toml")
+        check(
+            folder,
+            options=CheckOptions(frames=8, calibration=tmp_path / "rig.toml", corrected_rig=tmp_path / "other.toml"),
+        )
 
 
 def test_fault_gaps_in_the_timestamps(tmp_path, pairs):

@@ -18,7 +18,7 @@ from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_ca
 from calib.rig import save_rig
 from calib.world import load_world
 from planview.cli import main
-from planview.commands.recordings import check
+from planview.commands.recordings import CheckOptions, check
 from planview.commands.run import TrackingOptions, _is_of_one_camera
 from planview.counting.events import read_events
 from planview.synthetic.scene import load_scene
@@ -227,7 +227,7 @@ def recording(folder: Path) -> Path:
 
 
 def inspected(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
-    check(path, quick=True, json_output=True)
+    check(path, options=CheckOptions(quick=True, json_output=True))
     found: dict[str, object] = json.loads(capsys.readouterr().out)
     return found
 
@@ -244,7 +244,7 @@ def test_inspect_tells_sizes_rates_calibration_and_unpaired_frames(tmp_path, cap
 def test_inspect_names_the_option_that_supplies_what_is_missing_and_shows_people_a_table(tmp_path, capsys):
     found = inspected(recording(tmp_path), capsys)
     assert found["calibration"] is None and "--calibration gives one" in str(found["missing"])
-    check(tmp_path, quick=True)
+    check(tmp_path, options=CheckOptions(quick=True))
     shown = capsys.readouterr().out
     assert "32x24" in shown and "1 without a mate" in shown
 
