@@ -16,26 +16,21 @@ from calib.board.detect import Board, BoardView
 from calib.board.solve import solve_board
 from calib.camera import Camera, LensModel
 from calib.errors import WorkError
-from calib.formats.tsai import load_tsai
 from calib.ground_camera import GroundCamera
 from calib.people.calibration import calibrate_from_people
 from calib.people.model import HumanModel
 from calib.people.samples import HumanSample, choose_spread
 from calib.pose import SE3
 from calib.rig import Floor, StereoRig
-from calib.types import F64
 from calib.world import RIGS_FILE, RigEntry, load_rigs
 from planview.calibration.align import align_records, rig_entries
-from planview.calibration.board import BoardRequest, calibrate_images
 from planview.calibration.paths import record_rig
 from planview.engine.config import Config
-from planview.evaluation.align import fit_rigid
-from planview.synthetic.assets import SCENES, real_recordings
+from planview.synthetic.assets import SCENES
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import load_scene
 from planview.synthetic.write import write_rigs
-from stereo.floor import FloorEstimator, setup_frames
-from stereo.readers.open import open_recording
+from stereo.floor import FloorEstimator
 from stereo.recording import StereoFrame
 from stereo.rectify import aligned_rectifier
 
@@ -57,7 +52,6 @@ CAMERAS = {
 }
 PEOPLE_SEEDS, CLICK_NOISE_PX = 10, 2.0
 PEOPLE_LIMITS = {"height": 5.0, "tilt": 2.0, "focal": 6.0}
-PETS_SIZE = 480, 360
 RIG_LIMITS = {"place": ("cm", 5.0), "heading": ("deg", 0.5), "clock": ("ms", 30.0)}
 
 
@@ -124,7 +118,7 @@ def calibration_errors(truth: StereoRig, found: StereoRig) -> tuple[float, float
 
 
 def board_rows() -> list[Row]:
-    """Worst errors over the random rigs of every lens; and OpenCV's pairs where they are at hand."""
+    """Worst errors over the random rigs of every lens."""
     rows, board = [], Board(9, 6, 0.03)
     n_rigs = 3
     for lens in LENSES:
@@ -143,22 +137,11 @@ def board_rows() -> list[Row]:
             Row(f"{name}: baseline", baseline, "%", 0.3),
             Row(f"{name}: rotation", rotation, "deg", turn if lens == "tele" else 0.05),
         ]
-    pairs, square_m = real_recordings() / "opencv-stereo-chessboard", 0.025
-    if pairs.is_dir():
-        progress("OpenCV's pairs")
-        result = calibrate_images(pairs, BoardRequest(None, square_m))
-        # Of the reference extrinsics.yml that comes with OpenCV's pairs.
-        off = 100 * abs(result.rig.baseline_m / square_m / 3.3427 - 1)
-        rows += [
-            Row("boards, OpenCV pairs: stereo rms", result.fit.rms_px, "px", 0.25),
-            Row("boards, OpenCV pairs: pairs not used", len(result.rejected), ""),
-            Row("boards, OpenCV pairs: baseline against reference", off, "%", 1.0),
-        ]
     return rows
 
 
 def floor_rows() -> list[Row]:
-    """The committed lobby rendered from cameras at several tilts, and the real overhead pair where it is at hand."""
+    """The committed lobby rendered from cameras at several tilts."""
     rows = []
     for tilt_deg in (0, 15, 30, 45, 60, 75):
         progress(f"floor at {tilt_deg} degrees")
@@ -172,13 +155,6 @@ def floor_rows() -> list[Row]:
         rows.append(Row(f"{name}: height", 100 * abs(found.height_m - truth.height_m), "cm", HEIGHT_LIMIT_CM))
         rows.append(Row(f"{name}: tilt", math.degrees(abs(tilt)), "deg", ANGLE_LIMIT_DEG))
         rows.append(Row(f"{name}: roll", math.degrees(abs(roll)), "deg", ANGLE_LIMIT_DEG))
-    real = real_recordings() / "overhead-stereo"
-    if real.is_dir():
-        progress("floor of the real overhead pair")
-        recording = open_recording(real)
-        # Its height [m] by its disparity (see its README).
-        off = 100 * abs(floor_found(recording.rig, setup_frames(recording)).height_m - 2.74)
-        rows.append(Row("floor, real overhead pair: height", off, "cm", 5.0))
     return rows
 
 
@@ -205,7 +181,7 @@ def floor_found(rig: StereoRig, frames: list[StereoFrame]) -> Floor:
 
 
 def human_rows() -> list[Row]:
-    """Errors over seeds for several cameras, with noise on every point and edge; then PETS, where it is at hand."""
+    """Errors over seeds for several cameras, with noise on every point and edge."""
     rows = []
     for name, truth in CAMERAS.items():
         progress(f"people, {name} camera")
@@ -222,10 +198,6 @@ def human_rows() -> list[Row]:
             rows.append(Row(f"{what}, median of {PEOPLE_SEEDS}", float(np.median(values)), unit))
             rows.append(Row(f"{what}, worst of {PEOPLE_SEEDS}", max(values), unit, PEOPLE_LIMITS[key]))
         rows.append(Row(f"people, {name}: search", max(f.search_s for f in found), "s", 2.0))
-    pets = real_recordings() / "pets09-s2l1-view001"
-    for marked in (True, False) if pets.is_dir() else ():
-        progress(f"people, PETS view 1, {'heads and feet' if marked else 'boxes'}")
-        rows += _pets_rows(pets, marked)
     return rows
 
 
@@ -240,70 +212,10 @@ def noisy_people(camera: GroundCamera, seed: int) -> list[HumanSample]:
     for xy in feet[whole & (boxes[:, 3] > 40.0)]:
         left, top, width, height = model.boxes(camera, xy)
         ends = np.array([left, top, left + width, top + height, *model.head(camera, xy), *model.foot(camera, xy)])
-        samples.append(_clicked(ends, rng))
+        left, top, right, bottom, *points = (float(v) for v in ends + rng.normal(0.0, CLICK_NOISE_PX, 8))
+        box = left, top, right - left, bottom - top
+        samples.append(HumanSample(box, (points[0], points[1]), (points[2], points[3])))
     return list(choose_spread(samples, 8))
-
-
-def _clicked(ends: F64, rng: np.random.Generator) -> HumanSample:
-    """Of left, top, right, bottom, head u, v, foot u, v, each off by noise."""
-    left, top, right, bottom, *points = (float(v) for v in ends + rng.normal(0.0, CLICK_NOISE_PX, 8))
-    return HumanSample((left, top, right - left, bottom - top), (points[0], points[1]), (points[2], points[3]))
-
-
-def _pets_rows(folder: Path, marked: bool) -> list[Row]:
-    """Cameras from 12 people of PETS at random, clicked with noise, by their floor positions of all annotated people.
-
-    Args:
-        marked: heads and feet are clicked where the Tsai camera shows a person of the model's height; else they are the
-            middles of the boxes' edges.
-    """
-    table, tsai = np.loadtxt(folder / "gt.txt", delimiter=","), load_tsai(folder / "View_001.xml")
-    scale = 768 / PETS_SIZE[0]
-    low, size, middle = table[:, 2:4], table[:, 4:6], table[:, 2] + table[:, 4] / 2
-    head, foot = np.column_stack([middle, low[:, 1]]), np.column_stack([middle, low[:, 1] + size[:, 1]])
-    truth = tsai.back_project((foot + 0.5) * scale - 0.5)
-    ends = np.column_stack([low, low + size, head, foot])
-    if marked:
-        for at, height_m in ((4, HumanModel().height_m), (6, 0.0)):
-            shown = tsai.project(np.column_stack([table[:, 7:9], np.full(len(table), height_m)]))
-            ends[:, at : at + 2] = (shown + 0.5) / scale - 0.5
-    inside = (low > 2).all(axis=1) & (low + size < np.array(PETS_SIZE) - 2).all(axis=1)
-    alone = [i for i in np.flatnonzero(inside) if not _touched(table, int(i))]
-    errors, trusted = list[float](), list[float]()
-    for seed in range(PEOPLE_SEEDS):
-        rng = np.random.default_rng(seed)
-        clicks = [_clicked(row, rng) for row in ends[rng.choice(alone, 12, replace=False)]]
-        try:
-            found = calibrate_from_people(clicks, PETS_SIZE, "pinhole")
-        except WorkError:
-            continue
-        errors.append(_aligned_error(found.camera.back_project(foot), truth))
-        if found.assessment.enough:
-            trusted.append(errors[-1])
-    name = f"people, PETS view 1, 12 scripted clicks, {'heads and feet' if marked else 'boxes'}"
-    return [
-        Row(f"{name}: median floor error", float(np.median(errors)) if errors else math.nan, "m", 0.5),
-        Row(f"{name}: worst of those called enough", max(trusted, default=math.nan), "m", 1.0),
-        Row(f"{name}: called enough, of {PEOPLE_SEEDS}", len(trusted), ""),
-    ]
-
-
-def _touched(table: F64, row: int) -> bool:
-    """Whether a box touches another one of its frame."""
-    others = table[(table[:, 0] == table[row, 0]) & (np.arange(len(table)) != row)]
-    low, high = table[row, 2:4], table[row, 2:4] + table[row, 4:6]
-    return bool(((others[:, 2:4] < high) & (others[:, 2:4] + others[:, 4:6] > low)).all(axis=1).any())
-
-
-def _aligned_error(ours: F64, truth: F64) -> float:
-    """Median distance after the rotation and shift that fit best without the farthest tenth."""
-    known = np.isfinite(ours).all(axis=1) & np.isfinite(truth).all(axis=1)
-    ours, truth = ours[known], truth[known]
-    used = np.ones(len(ours), dtype=np.bool_)
-    for _ in range(5):
-        errors = np.hypot(*(fit_rigid(ours[used], truth[used]).apply(ours) - truth).T)
-        used = errors <= np.quantile(errors, 0.9)
-    return float(np.median(errors))
 
 
 def rig_rows() -> list[Row]:
