@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
-from planview.output.report.compare import Cell, Table, comparison_page
+from planview.drawing.style import page_of
 from planview.output.report.plots import COLOURS, Picture, new_figure, picture, plain_text, png_bytes
 from planview.sweep.results import DRAWS, LEVEL, JobResult, Ranked, why_no_intervals
 from planview.sweep.study import FIGURES, FigureName, Study
@@ -76,54 +75,25 @@ def _short(text: str) -> str:
     return text if len(text) <= LABEL_MAX else f"...{text[-LABEL_MAX:]}"
 
 
-def study_page(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked], out: Path) -> str:
+def study_page(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked], title: str) -> str:
     """The page as text."""
-    failed, objective = [run for run in runs if run.error], FIGURES[study.objective]
-    columns = [name for name in FIGURES if any(name in row.figures for row in ranking)]
-    of_each = f", {study.frames} frames of each recording" if study.frames else ""
-    notes = [f"{study.tracker}, {study.method}{of_each}, ranked by {objective.label}"]
-    if study.objective not in columns:
-        notes.append(
-            f"No run has {objective.label}: configurations are not ranked. Truth is read from truth.csv, gt.txt or "
-            "gt/gt.txt of each recording."
-        )
-    why = why_no_intervals(runs) or (
-        f"in brackets the {LEVEL:.0%} interval of {DRAWS} bootstrap draws of recordings and of seeds; where that of a "
-        "difference holds no 0, the two differ by more than the choice of recordings explains"
+    return page_of(
+        "planview.sweep",
+        "study.html.j2",
+        title=title,
+        study=study,
+        runs=runs,
+        failed=[run for run in runs if run.error],
+        ranking=ranking,
+        rows_max=ROWS_MAX,
+        figures=FIGURES,
+        columns=[name for name in FIGURES if any(name in row.figures for row in ranking)],
+        objective=FIGURES[study.objective],
+        why_no_intervals=why_no_intervals(runs),
+        level=LEVEL,
+        draws=DRAWS,
+        pictures=_pictures(study, runs, ranking),
     )
-    notes.append(
-        f'Means over recordings of the means over seeds; {why}. "Less first" is the difference to the first '
-        "configuration, run by run."
-    )
-    if any(run.from_maps for run in runs):
-        notes.append(
-            "Tracked from plan-view recordings made with the default tracker: with other tracker parameters an "
-            "approximation of a full run (maps = false runs everything from the images)."
-        )
-    head = [f"{objective.label} less first", *(FIGURES[name].label for name in columns), "runs"]
-    rows = []
-    for place, row in enumerate(ranking[:ROWS_MAX], 1):
-        figures = [f.text(FIGURES[n].digits) if (f := row.figures.get(n)) else "-" for n in columns]
-        n_runs = f"{row.runs}" + (f", {row.failed} failed" if row.failed else "")
-        behind = row.behind.text(objective.digits, "+")
-        rows.append([Cell(text) for text in (f"{place}. {row.configuration.label}", behind, *figures, n_runs)])
-    more, more_in = max(0, len(ranking) - ROWS_MAX), " in summary.csv"
-    tables = [Table("Ranking", ["configuration", *head], rows, more=more, more_in=more_in)]
-    if failed:
-        cells = [
-            [Cell(text) for text in (run.recording, run.configuration.label, f"{run.seed}", run.error)]
-            for run in failed[:ROWS_MAX]
-        ]
-        head, more = ["recording", "configuration", "seed", "why"], max(0, len(failed) - ROWS_MAX)
-        tables.append(Table("Failed runs", head, cells, of_numbers=False, more=more, more_in=more_in))
-    tiles = [
-        ("configurations", f"{len(ranking)}"),
-        ("recordings", f"{len({run.recording for run in runs})}"),
-        ("seeds", f"{len({run.seed for run in runs})}"),
-        ("runs", f"{len(runs)}"),
-        ("failed", f"{len(failed)}"),
-    ]
-    return comparison_page(out.name, notes, tables, _pictures(study, runs, ranking), tiles=tiles)
 
 
 def _pictures(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked]) -> list[Picture]:

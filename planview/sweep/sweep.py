@@ -66,7 +66,7 @@ def run_study(
             from planview.sweep.page import study_page
 
             write_result(summary, text)
-            write_result(page, study_page(study, runs, results.ranking, out))
+            write_result(page, study_page(study, runs, results.ranking, out.name))
     return results
 
 

@@ -1,4 +1,4 @@
-"""One page that compares: runs by settings, errors and time, or the configurations of a study."""
+"""One page that compares runs by settings, errors and time."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from planview.evaluation.result import KINDS
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import write_result
 from planview.output.report import plots
-from planview.output.report.page import Figure, errors_of, figure_text, flat_settings, scores_of, words_of
-from planview.output.report.plots import Picture, picture
+from planview.output.report.page import errors_of, figure_text, flat_settings, scores_of, words_of
+from planview.output.report.plots import picture
 from planview.output.report.timelines import identity_pictures
 from planview.output.run_folder import RunFolder
 
@@ -27,37 +27,12 @@ _LOWER = (
 )  # fmt: skip
 
 
-class Cell(NamedTuple):
-    """A value, ready to print."""
+class ComparedFigure(NamedTuple):
+    """A figure of every run, ready to print, and the numbers of the runs that have the best one."""
 
-    text: str
-    is_best: bool = False
-
-
-class Table(NamedTuple):
-    """Rows of cells; of a table of numbers all but the first column. ``more``: rows that are left out."""
-
-    title: str
-    head: list[str]
-    rows: list[list[Cell]]
-    of_numbers: bool = True
-    more: int = 0
-    more_in: str = ""
-
-
-def comparison_page(
-    title: str,
-    notes: Sequence[str],
-    tables: Sequence[Table],
-    pictures: Sequence[Picture],
-    *,
-    tiles: Sequence[Figure] = (),
-) -> str:
-    """The page as text; it makes no outside requests."""
-    return page_of(
-        "planview.output.report", "compare.html.j2",
-        title=title, notes=notes, tables=tables, pictures=pictures, tiles=tiles,
-    )  # fmt: skip
+    name: str
+    texts: list[str]
+    best: list[int]
 
 
 class SharedError(NamedTuple):
@@ -92,22 +67,23 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
         results = RunFolder(folder, truth)
         scores = scores_of(results)
         runs.append(_ComparedRun(name, results, scores, errors_of(scores)))
-    names = [run.name for run in runs]
-    tables = [Table("What differs in settings", ["parameter", *names], _settings(runs))]
-    if any(run.scores for run in runs):
-        tables.append(Table("Against truth", ["figure", *names], _scores(runs)))
-    errors = shared_errors([run.errors for run in runs], runs[0].results.clock.frame_s)
-    if errors:
-        rows = [[Cell(t) for t in (str(e.frame), e.kind, e.person, *e.notes)] for e in errors[:ERRORS_MAX]]
-        head = ["frame", "kind", "person", *names]
-        tables.append(Table("Significant errors", head, rows, of_numbers=False, more=max(0, len(errors) - ERRORS_MAX)))
-    tables.append(Table("Time", ["median per frame", *names], _stages(runs)))
     pictures = [picture(f"Floor: {run.name}", plots.floor_plot(run.results)) for run in runs]
     for run in runs:
         for bars in identity_pictures(run.results, run.errors)[-1:]:
             pictures.append(bars._replace(title=f"{bars.title}: {run.name}"))
-    title, notes = f"{len(runs)} runs", ["The best figure of a row is bold."]
-    write_result(path, comparison_page(title, notes, tables, pictures))
+    page = page_of(
+        "planview.output.report",
+        "compare.html.j2",
+        title=f"{len(runs)} runs",
+        names=[run.name for run in runs],
+        settings=_settings(runs),
+        scores=_scores(runs) if any(run.scores for run in runs) else [],
+        errors=shared_errors([run.errors for run in runs], runs[0].results.clock.frame_s),
+        errors_max=ERRORS_MAX,
+        stages=_stages(runs),
+        pictures=pictures,
+    )
+    write_result(path, page)
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
@@ -120,37 +96,39 @@ def _names(folders: Sequence[Path]) -> list[str]:
     return [str(folder) for folder in folders]
 
 
-def _settings(runs: Sequence[_ComparedRun]) -> list[list[Cell]]:
+def _settings(runs: Sequence[_ComparedRun]) -> list[ComparedFigure]:
     flat: list[dict[str, JsonValue]] = []
     for info in (run.results.info for run in runs):
         versions = {f"version of {name}": version for name, version in info.versions.items()}
         flat.append({"recording": info.input, "tracker": info.tracker, **versions, **flat_settings(info.config)})
     names = list(dict.fromkeys(name for settings in flat for name in settings))
-    rows = [[Cell(name), *(Cell(figure_text(settings.get(name))) for settings in flat)] for name in names]
-    return [row for row in rows if len(set(row[1:])) > 1]
+    rows = [ComparedFigure(name, [figure_text(settings.get(name)) for settings in flat], []) for name in names]
+    return [row for row in rows if len(set(row.texts)) > 1]
 
 
-def _scores(runs: Sequence[_ComparedRun]) -> list[list[Cell]]:
-    rows = [_line(words_of(n), [run.scores.get(n) for run in runs], max) for n in _HIGHER]
-    rows += [_line(words_of(n), [run.scores.get(n) for run in runs], min) for n in _LOWER]
+def _scores(runs: Sequence[_ComparedRun]) -> list[ComparedFigure]:
+    rows = [_row(words_of(n), [run.scores.get(n) for run in runs], max) for n in _HIGHER]
+    rows += [_row(words_of(n), [run.scores.get(n) for run in runs], min) for n in _LOWER]
     for kind in ("total", *KINDS):
         values = [(run.scores.get("significant_errors") or {}).get(kind) for run in runs]
-        rows.append(_line(f"significant errors, {words_of(kind)}", values, min))
+        rows.append(_row(f"significant errors, {words_of(kind)}", values, min))
     return rows
 
 
-def _line(name: str, values: Sequence[float | None], best: Callable[[Sequence[float]], float]) -> list[Cell]:
+def _row(name: str, values: Sequence[float | None], best: Callable[[Sequence[float]], float]) -> ComparedFigure:
     known = [value for value in values if value is not None and not math.isnan(value)]
-    top = best(known) if len(set(known)) > 1 else None
-    return [Cell(name), *(Cell(figure_text(value), value is not None and value == top) for value in values)]
+    top = best(known) if len(set(known)) > 1 else math.nan
+    return ComparedFigure(
+        name, [figure_text(value) for value in values], [n for n, value in enumerate(values) if value == top]
+    )
 
 
-def _stages(runs: Sequence[_ComparedRun]) -> list[list[Cell]]:
+def _stages(runs: Sequence[_ComparedRun]) -> list[ComparedFigure]:
     infos = [run.results.info for run in runs]
     names = list(dict.fromkeys(stage for info in infos for stage in info.stages_ms))
-    rows = [_line(f"{name} [ms]", [info.stages_ms.get(name) for info in infos], min) for name in names]
+    rows = [_row(f"{name} [ms]", [info.stages_ms.get(name) for info in infos], min) for name in names]
     rates = [info.frames_read / info.elapsed_s if info.elapsed_s > 0 else None for info in infos]
-    return [*rows, _line("frames per second", rates, max)]
+    return [*rows, _row("frames per second", rates, max)]
 
 
 def shared_errors(errors: Sequence[Sequence[SignificantError]], frame_s: float) -> list[SharedError]:

@@ -78,7 +78,7 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
         "report.html.j2",
         run=results,
         info=results.info,
-        name=Path(results.info.input).name or results.path.resolve().name,
+        title=Path(results.info.input).name or results.path.resolve().name,
         recorded_s=results.clock.span(results.n_frames).duration_s if results.n_frames else 0.0,
         scenes=scene_pictures(results, errors),
         identities=identity_pictures(results, errors),
