@@ -85,7 +85,14 @@ class Camera:
         if len(uv) == 0:
             return np.empty((0, 3))
         ideal = (uv - [self.cx, self.cy]) / [self.fx, self.fy]
-        xy = self._undistorted(uv)
+        # OpenCV's fixed-point guess at the ray, (N, 2).
+        k, d = self.matrix, self.coefficients
+        if self.model == "fisheye":
+            criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 20, 1e-9)
+            guess = cv2.fisheye.undistortPoints(uv.reshape(-1, 1, 2), k, d, criteria=criteria)
+        else:
+            guess = cv2.undistortPoints(uv.reshape(-1, 1, 2), k, d)
+        xy = np.array(guess, dtype=np.float64).reshape(-1, 2)
         # Tangent of the widest ray taken from OpenCV, which marks failures with huge numbers.
         failed = ~np.isfinite(xy).all(axis=1) | (np.abs(xy).max(axis=1) > 1e3)
         xy[failed] = ideal[failed]
@@ -109,16 +116,6 @@ class Camera:
             # Columns: rotation (3), translation (3), f (2), c (2), k.
             by_xy = jacobian[:, 3:5]
         return np.asarray(uv, dtype=np.float64).reshape(-1, 2), np.asarray(by_xy, dtype=np.float64).reshape(-1, 2, 2)
-
-    def _undistorted(self, uv: F64) -> F64:
-        """OpenCV's fixed-point guess at the ray, (N, 2)."""
-        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 20, 1e-9)
-        k, d, uv = self.matrix, self.coefficients, uv.reshape(-1, 1, 2)
-        if self.model == "fisheye":
-            xy = cv2.fisheye.undistortPoints(uv, k, d, criteria=criteria)
-        else:
-            xy = cv2.undistortPoints(uv, k, d)
-        return np.array(xy, dtype=np.float64).reshape(-1, 2)
 
     def _newton(self, uv: F64, start: F64) -> tuple[F64, Bool]:
         """Solve project(x, y, 1) = uv by Newton steps, halved while they do not help."""

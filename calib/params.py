@@ -1,6 +1,5 @@
 """Base of every parameter table, and the messages for values that it refuses."""
 
-import itertools
 from collections.abc import Callable
 from typing import Self
 
@@ -30,25 +29,6 @@ class Params(BaseModel):
                 if not SMALLEST <= abs(value) <= largest:
                     raise ValueError(f"expected {name} of 0 or from {SMALLEST:g} to {largest:g}, found {value:g}")
         return self
-
-
-def field_docs(table: type[BaseModel]) -> dict[str, str]:
-    """The docstring beneath each field of a table, from its source.
-
-    pydantic could collect them when a class is made (``use_attribute_docstrings``); reading the source of fifty tables
-    takes half a second of every start.
-    """
-    import ast
-    import inspect
-    import textwrap
-
-    found = {}
-    for base in reversed([c for c in table.__mro__ if c is not BaseModel and issubclass(c, BaseModel)]):
-        body = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0].body  # type: ignore[attr-defined]
-        for field, text in itertools.pairwise(body):
-            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
-                found[ast.unparse(field.target)] = inspect.cleandoc(str(text.value.value))
-    return found
 
 
 def dotted(location: Location) -> str:

@@ -55,13 +55,18 @@ def load_world(path: Path) -> Floor:
     try:
         data = load_toml(path, "a world.toml")
         table, pose = data.get("floor", {}), data["world_SE3_left"]
-        covariance = table.get("covariance")
+        covariance, extent = table.get("covariance"), None
+        if "extent_m" in table:
+            x_min, y_min, x_max, y_max = (float(v) for v in table["extent_m"])
+            extent = x_min, y_min, x_max, y_max
+            if not (-math.inf < x_min < x_max < math.inf and -math.inf < y_min < y_max < math.inf):
+                raise ValueError(f"an extent_m of {table['extent_m']!r:.80}")
         floor = Floor(
             SE3.from_table(pose) if isinstance(pose, dict) else SE3.from_matrix(pose),
             float(table.get("inlier_fraction", math.nan)),
             float(table.get("residual_m", math.nan)),
             None if covariance is None else np.array(covariance, dtype=np.float64).reshape(3, 3),
-            _extent(table["extent_m"]) if "extent_m" in table else None,
+            extent,
         )
         refuse_strange_pose(floor.world_SE3_left)
     except KeyError as error:
@@ -71,13 +76,6 @@ def load_world(path: Path) -> Floor:
         what = text if text.startswith("expected a camera") else f"expected a world.toml, found {text}"
         raise InputError(f"{path}: {what}") from error
     return floor
-
-
-def _extent(values: Any) -> tuple[float, float, float, float]:
-    x_min, y_min, x_max, y_max = (float(v) for v in values)
-    if not (-math.inf < x_min < x_max < math.inf and -math.inf < y_min < y_max < math.inf):
-        raise ValueError(f"an extent_m of {values!r:.80}")
-    return x_min, y_min, x_max, y_max
 
 
 RIGS_FILE = "rigs.toml"

@@ -10,15 +10,7 @@ from pydantic import Field
 
 from calib.errors import WorkError
 from calib.floor.find import find_floor
-from calib.floor.plane import (
-    FLOOR_DISPARITY_STD_PX,
-    INLIER_SIGMAS,
-    MAD_TO_SIGMA,
-    TUKEY_C,
-    FloorParams,
-    Plane,
-    sandwich,
-)
+from calib.floor.plane import FLOOR_DISPARITY_STD_PX, INLIER_SIGMAS, MAD_TO_SIGMA, TUKEY_C, FloorParams, Plane, sandwich
 from calib.params import Params
 from calib.rig import Floor
 from calib.types import F32, F64, AnyArray
@@ -46,8 +38,6 @@ on a factory calibration: up to 0.55 px)."""
 MIN_VALID = 0.03
 """Smallest share of pixels with disparity in the median frame: a bare room still has more, unrelated images less
 (our choice)."""
-
-
 _BLIND_PAIR = "left and right are swapped, the calibration belongs to another rig, or the images show no texture"
 BLIND_SENSOR = "the depth has another scale than the calibration has, or everything is out of the sensor's range"
 
@@ -89,14 +79,8 @@ class FloorEstimator:
         return self._to_depth(self.disparity(pair))
 
     def floor(self, pairs: Sequence[RectifiedPair], depths: Sequence[F32]) -> Floor:
-        """The floor common to some frames: found in their depth, then aligned with their images.
-
-        Args:
-            pairs: of the frames.
-            depths: (H, W) float32 [m] of each, as from ``depth``.
-        Raises:
-            WorkError: hardly any disparity is valid, or no floor is visible.
-        """
+        """The floor common to some frames: found in the (H, W) float32 depth of each [m], then aligned with their
+        images. Raises WorkError: hardly any disparity is valid, or no floor is visible."""
         geometry, params = self.rectifier.geometry, self._search.floor
 
         def align(plane: Plane) -> Plane:
@@ -179,11 +163,9 @@ def floor_in(
     blind: str,
     align: Callable[[Plane], Plane] | None = None,
 ) -> Floor:
-    """The floor common to the depth images of some frames.
+    """The floor common to the (H, W) float32 depth images of some frames [m], NaN where unknown.
 
     Args:
-        depths: (H, W) float32 [m] of each, NaN where unknown.
-        geometry: of those images.
         blind: what may be wrong when there is hardly any depth, for the message.
         align: improves the plane that was chosen.
     Raises:
@@ -217,11 +199,7 @@ def _moved(grids: list[F32]) -> F64 | None:
 
 
 def setup_frames(recording: Recorded[Frame], count: int = SETUP_FRAMES) -> list[Frame]:
-    """Usable frames spread over a recording.
-
-    Raises:
-        WorkError: there is none.
-    """
+    """Usable frames spread over a recording. Raises WorkError: there is none."""
     frames = recording.sample(count)
     if not frames:
         raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used")

@@ -112,15 +112,8 @@ class Skipped:
 
 @dataclass(frozen=True, eq=False)
 class Decoded:
-    """One frame of one camera.
-
-    Attributes:
-        index: position in the recording, from 0.
-        timestamp_s: the file's own time of the frame, None when it has none.
-        image: (H, W) or (H, W, 3) uint8 BGR, or (H, W) float32 depth [m] in the sensor's own pixels; None when it could
-            not be had.
-        why: the reason when image is None.
-    """
+    """Frame ``index``, from 0, of one camera: the file's own time, where it has one, and the image, (H, W) or (H, W, 3)
+    uint8 BGR, or (H, W) float32 depth [m] in the sensor's own pixels; None for the reason ``why``."""
 
     index: int
     timestamp_s: float | None
@@ -158,11 +151,8 @@ class FrameClock(NamedTuple):
 
 
 def prefetch(items: Iterable[T], depth: int = 8) -> Generator[T, None, None]:
-    """The same items, made by a background thread at most ``depth`` ahead: 8 frames bridge a slow key frame.
-
-    An exception of the source is raised here, in its place. Leaving the iteration early stops the thread, which closes
-    the source where that is a generator.
-    """
+    """The same items, made by a background thread up to ``depth`` ahead: 8 frames bridge a slow key frame. An exception
+    of the source is raised in its place; leaving early stops the thread, which closes a source that is a generator."""
     return _ahead(items, depth, None)
 
 
@@ -302,13 +292,11 @@ class Recorded(ABC, Generic[Frame]):
 
 
 class StereoRecording(Recorded[StereoFrame]):
-    """Frames of two cameras.
+    """Frames of two cameras with their calibration at the images' size.
 
     Attributes:
-        rig: calibration at the images' size.
         world_SE3_left: from ``world.toml``, else None (the floor is then found from the recording).
-        is_live: frames come from cameras as they run.
-        waits: such a source waits until its frames are read (a file behind an address), as a device does not.
+        is_live, waits: frames come from cameras as they run, and wait until they are read (a file behind an address).
     """
 
     sides = ("left: ", "right: ")
@@ -354,12 +342,10 @@ class LiveRecording(StereoRecording):
 
 
 class RgbdRecording(Recorded[RgbdFrame]):
-    """Images with registered depth.
+    """Images with registered depth, which a sensor measured.
 
     Attributes:
-        camera: calibration of the images at their size; depth has been moved into it.
-        source: where the calibration came from, for messages and run.json.
-        sensor: how the depth was measured.
+        camera, source: calibration of the images at their size, and where it came from, for messages and run.json.
         world_SE3_camera: from ``world.toml``, else None (the floor is then found from the recording).
     """
 
@@ -389,11 +375,7 @@ class RgbdRecording(Recorded[RgbdFrame]):
 
 
 class Video(Recorded[VideoFrame]):
-    """Frames of one camera: a video file or a folder of images.
-
-    Attributes:
-        size: (width, height) [px].
-    """
+    """Frames of one camera, (width, height) [px] large: a video file or a folder of images."""
 
     sides = ("",)
 

@@ -43,13 +43,8 @@ class DepthRegistration:
         self._half_px = max(0.5, 0.625 * max(image.fx / depth.fx, image.fy / depth.fy))
 
     def __call__(self, depth_m: F32) -> F32:
-        """(H, W) float32 [m] along the image's optical axis, NaN where unknown.
-
-        Args:
-            depth_m: (h, w) float32 [m] as measured, NaN (or 0) where unknown.
-        Raises:
-            ValueError: depth of another size than the calibration's.
-        """
+        """(H, W) float32 [m] along the image's optical axis, NaN where unknown, of (h, w) float32 [m] as measured, NaN
+        (or 0) where unknown. Raises ValueError: depth of another size than the calibration's."""
         image, depth = self._rig.camera, self._rig.depth_camera or self._rig.camera
         if depth_m.shape != (depth.height, depth.width):
             raise ValueError(f"expected depth of {(depth.height, depth.width)}, got {depth_m.shape}")
@@ -76,22 +71,17 @@ Stereo: sigma_d / (f b) of an active stereo camera, 0.1 px of 848 over 5 cm (our
 
 @dataclass(frozen=True, eq=False)
 class RectifiedRgbd:
-    """One image without distortion and its depth.
-
-    Attributes:
-        left: (H, W) or (H, W, 3) uint8, as recorded; it stands where a pair's left image does.
-        depth_m: (H, W) float32 [m], NaN where unknown.
-    """
+    """One image without distortion, (H, W) or (H, W, 3) uint8 in the place of a pair's left one, and its (H, W) float32
+    depth [m], NaN where unknown."""
 
     left: U8
     depth_m: F32
 
 
 class RgbdRectifier:
-    """Takes the lens distortion out of images with depth; their orientation stays.
+    """Takes the lens distortion out of images of a camera with depth; their orientation stays.
 
     Attributes:
-        camera: of the images as recorded.
         geometry: the pinhole, with the baseline of a pair that has the sensor's noise.
         mask: (H, W) uint8, 255 where the image shows something.
     """
@@ -107,11 +97,7 @@ class RgbdRectifier:
         self.mask = self._warp.mask
 
     def __call__(self, frame: RgbdFrame) -> RectifiedRgbd:
-        """Rectify one frame.
-
-        Raises:
-            ValueError: an image or a depth of another size than the camera's.
-        """
+        """Rectify one frame. Raises ValueError: an image or a depth of another size than the camera's."""
         size = self.camera.size[::-1]
         if frame.image.shape[:2] != size or frame.depth_m.shape != size:
             raise ValueError(f"expected image and depth of {size}, got {frame.image.shape} and {frame.depth_m.shape}")

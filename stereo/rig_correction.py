@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -104,11 +105,9 @@ def measure_correction(
         pairs: left and right (H, W) uint8, rectified by the calibration as it is.
         disparity_max_px: largest disparity that can occur [px].
     """
-    search_px = math.ceil(_SEARCH * geometry.width)
+    match = partial(match_corners, disparity_max_px=disparity_max_px, search_px=math.ceil(_SEARCH * geometry.width))
     with ThreadPoolExecutor(THREADS) as pool:  # correlation releases Python's lock
-        found = list(
-            pool.map(lambda pair: match_corners(pair[0], pair[1], disparity_max_px, search_px=search_px), pairs)
-        )
+        found = list(pool.map(lambda pair: match(*pair), pairs))
     return fit_correction(np.concatenate([np.empty((0, 4)), *found]), geometry)
 
 
@@ -217,7 +216,11 @@ def match_corners(
     Returns:
         (N, 4) float64 [px]: u and v in the left image, u in the right image, v_right - v_left.
     """
-    corners = cv2.goodFeaturesToTrack(left, features, 0.01, 2.0 * _PATCH, mask=_matchable(left))
+    # Corners whose patch is inside the picture and not saturated.
+    usable = ((left > 0) & (left < 250)).astype(np.uint8)
+    patch = np.ones((2 * _PATCH + 1, 2 * _PATCH + 1), np.uint8)
+    matchable = cv2.erode(usable, patch, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    corners = cv2.goodFeaturesToTrack(left, features, 0.01, 2.0 * _PATCH, mask=matchable)
     if corners is None:
         return np.empty((0, 4))
     points = np.asarray(corners, dtype=np.float32).reshape(-1, 2)
@@ -227,9 +230,16 @@ def match_corners(
     points, guesses = points[good], guesses[good]
     if len(points) == 0:
         return np.empty((0, 4))
-    refined, kept = _refine(left, _as_bright(left, right, points, guesses), points, guesses)
+    # Sub-pixel places in the right image, of those that lead back to where they came from.
+    bright = _as_bright(left, right, points, guesses)
+    a, b = points.reshape(-1, 1, 2), guesses.reshape(-1, 1, 2)
+    there, found, _ = _track(left, bright, a, b.copy())
+    back, found_back, _ = _track(bright, left, there, a.copy())
+    there, back = there.reshape(-1, 2).astype(np.float64), back.reshape(-1, 2)
+    kept = (found.reshape(-1) == 1) & (found_back.reshape(-1) == 1)
+    kept &= (np.hypot(*(back - points).T) < 0.3) & (np.hypot(*(there - guesses).T) < 2.0)
     u, v = points[kept].T.astype(np.float64)
-    return np.column_stack([u, v, refined[kept, 0], refined[kept, 1] - v])
+    return np.column_stack([u, v, there[kept, 0], there[kept, 1] - v])
 
 
 def _as_bright(left: U8, right: U8, points: F32, guesses: F32) -> U8:
@@ -242,13 +252,6 @@ def _as_bright(left: U8, right: U8, points: F32, guesses: F32) -> U8:
     )
     gain = float(std.item() / max(other_std.item(), 1.0))
     return np.asarray(cv2.convertScaleAbs(right, alpha=gain, beta=mean.item() - gain * other_mean.item()), np.uint8)
-
-
-def _matchable(image: U8) -> U8:
-    """255 where a patch around a pixel is inside the picture and not saturated."""
-    kernel = np.ones((2 * _PATCH + 1, 2 * _PATCH + 1), np.uint8)
-    usable = ((image > 0) & (image < 250)).astype(np.uint8) * np.uint8(255)
-    return np.asarray(cv2.erode(usable, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0), dtype=np.uint8)
 
 
 def _search(left: U8, right: U8, point: F32, span: tuple[int, int], search_px: int) -> tuple[float, float]:
@@ -273,25 +276,9 @@ def _search(left: U8, right: U8, point: F32, span: tuple[int, int], search_px: i
     return float(start + col + _PATCH) + float(point[0]) - u, float(top + row + _PATCH) + float(point[1]) - v
 
 
-def _refine(left: U8, right: U8, points: F32, guesses: F32) -> tuple[F64, Bool]:
-    """Sub-pixel places in the right image, and which of them lead back to where they came from."""
-    a, b = points.reshape(-1, 1, 2), guesses.reshape(-1, 1, 2)
-    there, found, _ = _track(left, right, a, b.copy())
-    back, found_back, _ = _track(right, left, there, a.copy())
-    there, back = there.reshape(-1, 2).astype(np.float64), back.reshape(-1, 2)
-    kept = (found.reshape(-1) == 1) & (found_back.reshape(-1) == 1)
-    kept &= (np.hypot(*(back - points).T) < 0.3) & (np.hypot(*(there - guesses).T) < 2.0)
-    return there, np.asarray(kept, dtype=np.bool_)
-
-
 def _track(source: U8, target: U8, points: F32, guesses: F32) -> tuple[AnyArray, AnyArray, AnyArray]:
+    window, criteria = (2 * _PATCH + 1,) * 2, (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003)
+    flags = cv2.OPTFLOW_USE_INITIAL_FLOW
     return cv2.calcOpticalFlowPyrLK(
-        source,
-        target,
-        points,
-        guesses,
-        winSize=(2 * _PATCH + 1, 2 * _PATCH + 1),
-        maxLevel=0,
-        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003),
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        source, target, points, guesses, winSize=window, maxLevel=0, criteria=criteria, flags=flags
     )

@@ -141,11 +141,8 @@ def spans_a_plane(board: Board, ids: I64) -> bool:
 
 
 def find_chessboard(grey: U8, cols: int, rows: int, *, thorough: bool = True) -> F64 | None:
-    """(cols * rows, 2) corners, coarse, in rows of ``cols``, in the order of a board viewed from its front.
-
-    OpenCV's sector-based detector comes first where time allows: it finds blurred boards, and is not content with a
-    part of a larger board, which the older one is.
-    """
+    """(cols * rows, 2) corners, coarse, in rows of ``cols``, in the order of a board viewed from its front. OpenCV's
+    sector-based detector comes first where time allows: it finds blurred boards, and no part of a larger board."""
     sized, scale = at_detection_width(grey)
     found, pixels = False, None
     if thorough:
@@ -166,10 +163,8 @@ def find_chessboard(grey: U8, cols: int, rows: int, *, thorough: bool = True) ->
 
 
 def at_detection_width(grey: U8) -> tuple[U8, float]:
-    """The image at a width that OpenCV's detectors like, and how many times larger it is now.
-
-    They want squares of some 20 pixels, and take seconds for large images. Corners are refined at full size.
-    """
+    """The image at a width at which OpenCV's detectors find squares of some 20 pixels in good time, and how many times
+    larger it is then. Corners are refined at full size."""
     width, low, high = grey.shape[1], 640, 1280  # [px]
     if low <= width <= high:
         return grey, 1.0
@@ -192,11 +187,8 @@ def refine(grey: U8, corners: F64, cols: int) -> F64:
 
 
 def same_order(board: Board, left: Corners, right: Corners) -> Corners:
-    """The right corners in the order of the left ones.
-
-    A chessboard looks the same when turned by half (a square one by a quarter), so that each image's order is a guess;
-    in two cameras side by side it is turned nearly alike.
-    """
+    """The right corners in the order of the left ones: a chessboard looks the same when turned by half (a square one by
+    a quarter), and in two cameras side by side it is turned nearly alike."""
     if board.dictionary:
         return right
     grid = right.pixels.reshape(board.rows, board.cols, 2)
@@ -209,11 +201,9 @@ def same_order(board: Board, left: Corners, right: Corners) -> Corners:
 
 
 def find_counts(images: Iterable[U8]) -> tuple[int, int] | None:
-    """Inner corners (more, fewer) of the chessboard in the images, None when none is found.
-
-    A small pattern is grown as far as it goes in each image. Of the sizes so found the largest that is in most images
-    wins: parts of a board are found as well, and an edge of the board can look like another row of squares in a few.
-    """
+    """Inner corners (more, fewer) of the chessboard in the images, None when none is found: a small pattern is grown as
+    far as it goes in each image, and the largest size that is in most images wins, since parts of a board are found as
+    well, and an edge of the board can look like another row of squares in a few."""
     greys = [as_grey(image) for image in images]
     votes = Counter(size for grey in greys if (size := _grown(grey)) is not None)
     # Counts that are tried on all images, the most frequent ones.
@@ -227,10 +217,7 @@ def find_counts(images: Iterable[U8]) -> tuple[int, int] | None:
 
 
 def larger_counts(images: Iterable[U8], given: tuple[int, int]) -> tuple[int, int] | None:
-    """Inner corners (more, fewer) of the chessboard that the given one is only a part of; None when it is whole.
-
-    Left and right images of a part of a board need not show the same part.
-    """
+    """Inner corners (more, fewer) of the chessboard that the given one is only a part of; None when it is whole."""
     greys = [as_grey(image) for image in images]
     given = max(given), min(given)
     found = find_counts(greys)

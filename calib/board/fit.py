@@ -25,13 +25,8 @@ from calib.types import F64, U8
 
 @dataclass(frozen=True, eq=False)
 class RigFit:
-    """A rig fitted to views of a board.
-
-    Attributes:
-        rig: both cameras and the transform between them.
-        poses: (n_views, 6) rotation vector and translation [m] of left_SE3_board.
-        errors: per view the (2, n, 2) reprojection errors in the left and the right image [px].
-    """
+    """A rig fitted to views of a board, (n_views, 6) rotation vectors and translations [m] of left_SE3_board, and per
+    view the (2, n, 2) reprojection errors in the left and the right image [px]."""
 
     rig: StereoRig
     poses: F64
@@ -102,23 +97,23 @@ def sharpness(grey: U8, corners: Corners) -> float:
 def select_views(
     views: Sequence[BoardView], points: F64, sharp: Sequence[float], size: tuple[int, int], limit: int = MAX_VIEWS
 ) -> list[int]:
-    """Indices of the views to use, in order.
+    """Indices of up to ``limit`` views of the board's (m, 3) points [m] to use, in order.
 
-    Blurred ones go first; then views are taken one by one, each the most different from those taken already in where
-    the left image shows the ends of the board.
-
-    Args:
-        views: of the board's (m, 3) ``points`` [m].
-        sharp: ``sharpness`` of each.
-        size: (width, height) of the images [px].
-        limit: how many to take.
+    Blurred ones (``sharp``: the ``sharpness`` of each) are left out first; then views are taken one by one, each the
+    most different from those taken already in where the left image, of ``size`` [px], shows the ends of the board.
     """
     if len(views) <= limit:
         return list(range(len(views)))
     # Frames less sharp than this share of the take's best tenth are moved or out of focus (our choice).
     floor = 0.6 * float(np.quantile(np.asarray(sharp), 0.9))
     good = [i for i, value in enumerate(sharp) if value >= floor]
-    features = np.array([_outer_corners(view, points) for view in views]) / size[0]
+    # (n, 8) where the left image shows the four outer corners of the board, visible or not [image widths].
+    flat, features = points[:, :2], np.empty((len(views), 8))
+    (x0, y0), (x1, y1) = flat.min(axis=0), flat.max(axis=0)
+    ends = np.array([[[x0, y0], [x1, y0], [x1, y1], [x0, y1]]])
+    for i, view in enumerate(views):
+        homography, _ = cv2.findHomography(flat[view.ids], view.left)
+        features[i] = cv2.perspectiveTransform(ends, homography).ravel() / size[0]
     taken = [max(good, key=lambda i: sharp[i])]
     away = np.linalg.norm(features - features[taken[0]], axis=1)
     while len(taken) < min(limit, len(good)):
@@ -126,15 +121,6 @@ def select_views(
         taken.append(best)
         away = np.minimum(away, np.linalg.norm(features - features[best], axis=1))
     return sorted(taken)
-
-
-def _outer_corners(view: BoardView, points: F64) -> F64:
-    """(8,) where the left image shows the four outer corners of the board, visible or not [px]."""
-    flat = points[:, :2]
-    homography, _ = cv2.findHomography(flat[view.ids], view.left)
-    (x0, y0), (x1, y1) = flat.min(axis=0), flat.max(axis=0)
-    ends = np.array([[[x0, y0], [x1, y0], [x1, y1], [x0, y1]]])
-    return np.asarray(cv2.perspectiveTransform(ends, homography), dtype=np.float64).ravel()
 
 
 opencv: Any = cv2
@@ -150,14 +136,7 @@ class FitError(Exception):
 
 @dataclass(frozen=True)
 class Lens:
-    """A lens model to fit.
-
-    Attributes:
-        name: for messages.
-        model: OpenCV's family.
-        count: number of coefficients, in OpenCV's order.
-        fixed: OpenCV's flags of coefficients that stay zero.
-    """
+    """A lens model to fit, of OpenCV's families: its number of coefficients, and flags of those that stay zero."""
 
     name: str
     model: LensModel
@@ -249,10 +228,7 @@ def view_errors(rig: StereoRig, view: BoardView, points: F64, pose: F64) -> F64:
 
 
 def held_out_error(rig: StereoRig, view: BoardView, points: F64, start: F64) -> float:
-    """Mean square error [px^2] of a view that the rig was not fitted to, its board's pose fitted alone.
-
-    OpenCV has no pose of one board for a rig of two cameras: scipy's Levenberg-Marquardt finds it.
-    """
+    """Mean square error [px^2] of a view that the rig was not fitted to, its board's pose fitted alone."""
 
     def residuals(pose: F64) -> F64:
         return np.nan_to_num(view_errors(rig, view, points, pose).ravel(), nan=1e3)
@@ -262,11 +238,9 @@ def held_out_error(rig: StereoRig, view: BoardView, points: F64, start: F64) -> 
 
 
 def standard_deviations(views: Sequence[BoardView], points: F64, fit: RigFit) -> dict[str, float]:
-    """Standard deviation of every parameter of the rig, computed as OpenCV does for one camera.
-
-    From the scatter of the residuals and their Jacobian by rig and board poses, whose share is eliminated view by view
-    (Schur complement). OpenCV has none for the transform between two cameras, nor for a fisheye.
-    """
+    """Standard deviation of every parameter of the rig, computed as OpenCV does for one camera: from the scatter of the
+    residuals and their Jacobian by rig and board poses, whose share is eliminated view by view (Schur complement).
+    OpenCV has none for the transform between two cameras, nor for a fisheye."""
     names = list(rig_parameters(fit.rig))
     values = np.array(list(rig_parameters(fit.rig).values()))[:-1]  # without the baseline
     free = values != 0.0  # the coefficients that the lens does not have are exactly 0
@@ -304,10 +278,8 @@ def _criteria(max_iterations: int) -> tuple[int, int, float]:
 
 
 def _same_lengths(views: Sequence[BoardView]) -> list[BoardView]:
-    """Views with equal numbers of corners, the first ones repeated where some are hidden.
-
-    OpenCV's fisheye calibration demands equal numbers (opencv/opencv issues 6388 and 21748).
-    """
+    """Views with equal numbers of corners, the first ones repeated where some are hidden, which OpenCV's fisheye
+    calibration demands (opencv/opencv issues 6388 and 21748)."""
     longest = max(len(view.ids) for view in views)
     repeats = [np.resize(np.arange(len(view.ids)), longest) for view in views]
     return [BoardView(v.name, v.ids[i], v.left[i], v.right[i]) for v, i in zip(views, repeats, strict=True)]

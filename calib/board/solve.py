@@ -115,17 +115,9 @@ class RejectedView:
 
 @dataclass(frozen=True, eq=False)
 class BoardCalibration:
-    """A rig and how far to trust it.
-
-    Attributes:
-        rig: the result.
-        board: the board it was made from.
-        views: the pairs used, with their corners.
-        fit: reprojection errors and board poses.
-        std: standard deviation of every parameter, by the names of ``rig_parameters``.
-        rejected: pairs that were not used.
-        lenses: models tried, simplest first.
-    """
+    """A rig and how far to trust it: the board and the views it was made from, reprojection errors and board poses,
+    the standard deviation of every parameter by the names of ``rig_parameters``, pairs that were not used, and the lens
+    models tried, simplest first."""
 
     rig: StereoRig
     board: Board
@@ -154,9 +146,8 @@ class BoardCalibration:
     def row_rms_px(self) -> float:
         """Rms difference of the rows of a corner in the rectified images [px]: what a matcher must bear."""
         rows = []
-        for camera, side, turn in zip(
-            (self.rig.left, self.rig.right), SIDES, self.rig.rectifying_rotations(), strict=True
-        ):
+        for side, turn in zip(SIDES, self.rig.rectifying_rotations(), strict=True):
+            camera = self.rig.left if side == "left" else self.rig.right
             rays = camera.unproject(np.concatenate([view.image_points(side) for view in self.views])) @ turn.T
             rows.append(rays[:, 1] / rays[:, 2])
         return float(np.sqrt(np.mean((rows[0] - rows[1]) ** 2))) * self.rig.left.fy
@@ -164,11 +155,10 @@ class BoardCalibration:
     def coverage(self, side: Side, cols: int = 8, rows: int = 6) -> F64:
         """(rows, cols) number of corners in each cell of the image."""
         pixels = np.concatenate([view.image_points(side) for view in self.views])
-        edges = (
-            np.linspace(-0.5, self.rig.left.height - 0.5, rows + 1),
-            np.linspace(-0.5, self.rig.left.width - 0.5, cols + 1),
-        )
-        return np.asarray(np.histogram2d(pixels[:, 1], pixels[:, 0], bins=edges)[0], dtype=np.float64)
+        width, height = self.rig.left.size
+        limits = [(-0.5, height - 0.5), (-0.5, width - 0.5)]
+        found = np.histogramdd(pixels[:, ::-1], bins=(rows, cols), range=limits)[0]
+        return np.asarray(found, dtype=np.float64)
 
     def coverage_share(self, side: Side) -> float:
         """Share of the image's cells that hold a corner."""
@@ -259,12 +249,10 @@ def _without_outliers(
         why = f"reprojection error {each[worst]:.2f} px, {each[worst] / median:.0f} times the median of {median:.2f} px"
         out.append(RejectedView(views[worst].name, why))
         views = views[:worst] + views[worst + 1 :]
-        # When more views than this disagree, there is no telling which half is right.
+        # When more views than this disagree, nothing shows which half is right.
         if len(views) < max(MIN_PAIRS, 0.5 * total):
-            raise InputError(
-                f"{source}: expected views that agree on one rig, found {total - len(views)} of {total} that do not, "
-                f"the last {out[-1].name} with a {why}"
-            )
+            found = f"{total - len(views)} of {total} that do not, the last {out[-1].name} with a {why}"
+            raise InputError(f"{source}: expected views that agree on one rig, found {found}")
         # From the start: what the bad view did to the cameras must not linger.
         fit = fit_lens(views, points, fit.rig.left.size, lens)
 
@@ -283,10 +271,8 @@ def _checked_rig(fit: RigFit, std: dict[str, float], size: tuple[int, int], sour
         focal_px, std_px = getattr(fit.rig, side).fx, std[f"{side} fx"]
         # Relative standard deviation above which the views do not determine it (depth errs as much).
         if std_px > 0.02 * focal_px:
-            raise InputError(
-                f"{source}: expected views that determine the {side} focal length, found {focal_px:.0f} +- "
-                f"{std_px:.0f} px: tilt the board more, towards all sides"
-            )
+            found = f"{focal_px:.0f} +- {std_px:.0f} px: tilt the board more, towards all sides"
+            raise InputError(f"{source}: expected views that determine the {side} focal length, found {found}")
     rig = replace(fit.rig, source=source)
     if not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:
         raise InputError(

@@ -222,17 +222,10 @@ MIN_FEET = 8
 
 
 def floor_from_points(points: ArrayLike, name: str = "points", depth_std_m: ArrayLike | None = None) -> Floor:
-    """The plane through points on the floor, by least squares; the camera is on its upper side.
-
-    Args:
-        points: (N, 3) [m], rectified left camera frame, N >= 3, not on one line.
-        name: of their source, for messages.
-        depth_std_m: (N,) standard deviation of each point's depth [m], where known.
-    Returns:
-        Floor with its residual, and with its covariance where ``depth_std_m`` is given; inlier fraction unknown.
-    Raises:
-        InputError: too few points, not finite, on a line, or a plane no camera stands above.
-    """
+    """The plane through (N, 3) points on the floor [m] in the rectified left camera frame, not on one line, by least
+    squares; the camera is on its upper side. With a residual, and with a covariance where the (N,) standard deviation
+    of each point's depth [m] is given; ``name`` is that of their source, for messages. Raises InputError: too few
+    points, not finite, on a line, or a plane no camera stands above."""
     p = np.asarray(points, dtype=np.float64)
     if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < 3:
         raise InputError(f"{name}: expected three or more floor points, found {len(p)}")

@@ -74,13 +74,7 @@ MAX_ASPECT = 16.0
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """Points as rays and inverse depths.
-
-    Attributes:
-        rays: (N, 3) float64 (x/z, y/z, 1).
-        inverse: (N,) float64 1/z [1/m].
-        sigma: (N,) float64 predicted deviation of ``inverse`` [1/m].
-    """
+    """Points as (N, 3) float64 rays (x/z, y/z, 1), (N,) inverse depths [1/m] and their predicted deviation [1/m]."""
 
     rays: F64
     inverse: F64
@@ -99,13 +93,8 @@ class Rays:
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """A fitted plane.
-
-    Attributes:
-        q: (3,) float64, -normal / distance [1/m].
-        scale: robust deviation of its inliers' residuals, in predicted deviations.
-        covariance: (3, 3) float64 of q, from the scatter between parts of the view.
-    """
+    """A fitted plane: (3,) q = -normal / distance [1/m], robust deviation of its inliers' residuals in predicted
+    deviations, and (3, 3) covariance of q from the scatter between parts of the view."""
 
     q: F64
     scale: float
@@ -192,9 +181,11 @@ def fit_plane(points: Rays, q: F64) -> Plane | None:
         scale = float(MAD_TO_SIGMA * np.median(-far)) if len(far) else 0.0
         width = min(INLIER_SIGMAS, max(TUKEY_C * scale, MIN_WIDTH))
         weights = np.where(np.abs(r) < width, (1.0 - (r / width) ** 2) ** 2, 0.0)
-        solved = _solve(points, weights)
-        if solved is None:
+        w = weights / points.sigma**2
+        normal_matrix = (points.rays * w[:, None]).T @ points.rays
+        if not np.isfinite(normal_matrix).all() or np.linalg.cond(normal_matrix) > 1e12:
             return None
+        solved = np.asarray(np.linalg.solve(normal_matrix, (points.rays * w[:, None]).T @ points.inverse))
         done = np.abs(points.rays[near] @ (solved - q) / points.sigma[near]).max() < 1e-4
         q = solved
         if done:
@@ -202,20 +193,9 @@ def fit_plane(points: Rays, q: F64) -> Plane | None:
     return Plane(q, scale, _cluster_covariance(points, weights, q))
 
 
-def _solve(points: Rays, weights: F64) -> F64 | None:
-    w = weights / points.sigma**2
-    normal_matrix = (points.rays * w[:, None]).T @ points.rays
-    if not np.isfinite(normal_matrix).all() or np.linalg.cond(normal_matrix) > 1e12:
-        return None
-    return np.asarray(np.linalg.solve(normal_matrix, (points.rays * w[:, None]).T @ points.inverse))
-
-
 def _cluster_covariance(points: Rays, weights: F64, q: F64, parts: int = 6) -> F64:
-    """Sandwich estimate with the view cut into parts x parts clusters.
-
-    Neighbouring disparities share a matching window and sub-pixel bias, so counting them as independent would
-    promise far too much; clusters large against the window do not share them (Liang and Zeger 1986).
-    """
+    """Sandwich estimate with the view cut into parts x parts clusters: neighbouring disparities share a matching window
+    and sub-pixel bias, clusters large compared with the window do not (Liang and Zeger 1986)."""
     used = weights > 0
     w = weights[used] / points.sigma[used] ** 2
     rays = points.rays[used]
@@ -265,13 +245,19 @@ def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, param
     residuals = view.residuals(plane.q)
     share = counts / counts.sum()
     on = float(share[np.abs(residuals) < INLIER_SIGMAS].sum())
-    below = float(share[_beneath(plane, view)].sum())
+    # Further beneath the plane than noise and a warped calibration explain.
+    depth_m = np.where(view.inverse > 0, (view.rays @ plane.q) / np.maximum(view.inverse, 1e-6) - 1.0, 0.0)
+    beneath = (depth_m * plane.distance_m > BELOW_MARGIN_M) & (residuals < -INLIER_SIGMAS)
+    below = float(share[beneath].sum())
     above = float(share[(residuals > INLIER_SIGMAS) & (residuals < 2 * INLIER_SIGMAS)].sum())
     tilt, roll = math.degrees(plane.tilt_rad), math.degrees(plane.roll_rad)
     height, distance = plane.distance_m, np.abs(points.residuals(plane.q))
     # How points crowd on the plane before any median: share of those near it that are within half that distance.
     sharpness = float((distance < GATE / 2).sum() / max((distance < GATE).sum(), 1))
-    refused = ""
+    # Share of what moves that is higher above the plane than people are, 0 where hardly anything moves: a wall seen
+    # straight on looks like a floor from above, but people walk metres in front of it.
+    above_people = moved @ plane.normal + plane.distance_m > PEOPLE_M
+    high, refused = float(np.mean(above_people)) if len(moved) >= MIN_MOVED else 0.0, ""
     if not params.min_tilt_deg <= tilt <= params.max_tilt_deg or abs(roll) > params.max_roll_deg:
         turned = ", or the floor of an upside-down camera" if -88 < tilt < 0 and abs(roll) < params.max_roll_deg else ""
         refused = f"a wall or ceiling{turned} (tilt {tilt:.0f}, roll {roll:.0f} degrees)"
@@ -283,27 +269,10 @@ def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, param
         refused = f"{below:.0%} of the depth lies beneath it"
     elif above > MAX_BLUR_FRACTION * on or sharpness < MIN_SHARPNESS:
         refused = "it only cuts through a surface that is not flat"
-    elif (high := _above_people(plane, moved)) > MAX_HIGH_FRACTION:
+    elif high > MAX_HIGH_FRACTION:
         refused = f"{high:.0%} of what moves is higher than people above it"
     near = np.maximum(1.0 - (residuals / INLIER_SIGMAS) ** 2, 0.0)
     return Candidate(plane, on, below, float(share @ near), refused)
-
-
-def _above_people(plane: Plane, moved: F64) -> float:
-    """Share of what moves that is higher above a plane than people are, 0 where hardly anything moves.
-
-    A wall seen straight on looks like a floor from above, but people walk metres in front of it.
-    """
-    if len(moved) < MIN_MOVED:
-        return 0.0
-    return float(np.mean(moved @ plane.normal + plane.distance_m > PEOPLE_M))
-
-
-def _beneath(plane: Plane, view: Rays) -> Bool:
-    """(N,) whether points are further beneath the plane than noise and a warped calibration explain."""
-    depth_m = np.where(view.inverse > 0, (view.rays @ plane.q) / np.maximum(view.inverse, 1e-6) - 1.0, 0.0)
-    far = depth_m * plane.distance_m > BELOW_MARGIN_M
-    return np.asarray(far & (view.residuals(plane.q) < -INLIER_SIGMAS))
 
 
 def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candidate | None:

@@ -63,9 +63,7 @@ def _recognise(source: Source) -> tuple[Format, str] | None:
 
 def _files(folder: Path) -> Iterator[Path]:
     """Small files of the folder and of its usual camera folders."""
-    for place in (folder, *(folder / name for name in _NESTED)):
-        if not place.is_dir():
-            continue
+    for place in filter(Path.is_dir, (folder, *(folder / name for name in _NESTED))):
         for path in entries(place):
             if path.suffix.lower() in _SUFFIXES and path.is_file() and path.stat().st_size <= MAX_BYTES:
                 yield path
@@ -110,13 +108,10 @@ def _in_folder(folder: Path) -> Found:
 def _paired(halves: Sequence[tuple[Format, str, Source]]) -> list[Found]:
     """Match halves of one format: by name, or as the only two there are."""
     rigs: list[Found] = []
-    for form in {form.name: form for form, _, _ in halves}.values():
-        lefts = [s for f, part, s in halves if f.name == form.name and part == "left"]
-        rights = [s for f, part, s in halves if f.name == form.name and part == "right"]
-        if len(lefts) == len(rights) == 1:
-            rigs.append((form, (lefts[0], rights[0])))
-            continue
-        rigs += [(form, (a, b)) for a in lefts for b in rights if _plain(a.path) == _plain(b.path)]
+    for form in dict.fromkeys(form for form, _, _ in halves):
+        lefts, rights = ([s for f, part, s in halves if (f, part) == (form, one)] for one in ("left", "right"))
+        only = len(lefts) == len(rights) == 1
+        rigs += [(form, (a, b)) for a in lefts for b in rights if only or _plain(a.path) == _plain(b.path)]
     return rigs
 
 

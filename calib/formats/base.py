@@ -58,8 +58,7 @@ class Format:
     """How one tool writes a rig.
 
     Attributes:
-        key: short name for the command line.
-        name: as messages show it.
+        key, name: short, and as messages show it.
         part: what a text holds in this format: "whole" (a rig), "left" or "right" (a half), or None (not this format).
         read: a rig from a whole, or from its left and right half; raises ValueError for bad content.
         texts: the text of each file that a rig is written to; raises ValueError when the format cannot hold it.

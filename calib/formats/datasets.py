@@ -84,7 +84,10 @@ def _kitti_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     data = dict(line.split(":", 1) for line in source.text.splitlines() if ":" in line)
     if f"K_{_PAIRS[1][0]}" not in data and _ODOMETRY.search(source.text):
         return _of_sequence(source, data, choice)
-    left, right = choice.cameras or _pair(data)
+    found = (pair for pair in _PAIRS if all(f"K_{name}" in data for name in pair))  # colour, else grey
+    left, right = choice.cameras or next(found, ("", ""))
+    if not left:
+        raise ValueError("expected cameras 02 and 03, or 00 and 01, found neither")
     rectified = choice.rectified
     if rectified is None and choice.size is not None and f"S_rect_{left}" in data:
         rectified = _size(data, f"S_rect_{left}") == choice.size != _size(data, f"S_{left}")
@@ -97,14 +100,6 @@ def _kitti_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
 
     kind = "rectified images" if rectified else "unrectified images"
     return base.joined(reading(left), reading(right), f"{source.path.name} [cameras {left} {right}, {kind}]")
-
-
-def _pair(data: Mapping[str, str]) -> tuple[str, str]:
-    """The colour pair, else the grey pair."""
-    found = next((pair for pair in _PAIRS if all(f"K_{name}" in data for name in pair)), None)
-    if found is None:
-        raise ValueError("expected cameras 02 and 03, or 00 and 01, found neither")
-    return found
 
 
 def _size(data: Mapping[str, str], key: str) -> Size:

@@ -128,21 +128,17 @@ _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 def _zed_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     source = sources[0]
-    sections = _sections(source.text)
+    parser = configparser.ConfigParser(interpolation=None, strict=False, default_section="\0")
+    parser.optionxform = str  # type: ignore[assignment,method-assign]
+    try:
+        parser.read_string(source.text)
+    except configparser.Error as error:
+        raise ValueError(f"expected sections with key=value lines, found {' '.join(str(error).split())}") from error
+    sections = {name: dict(parser[name]) for name in parser.sections()}
     name, remark = _resolution(sections, choice.size)
     left, right = (_zed_camera(sections, f"{side}_CAM_{name}", RESOLUTIONS[name]) for side in ("LEFT", "RIGHT"))
     pose = _pose(base.entry(sections, "STEREO"), name, choice.unit(UNITS_M["mm"]))
     return StereoRig(left, right, pose, f"{source.path.name} [{name}]{remark}")
-
-
-def _sections(text: str) -> dict[str, Mapping[str, str]]:
-    parser = configparser.ConfigParser(interpolation=None, strict=False, default_section="\0")
-    parser.optionxform = str  # type: ignore[assignment,method-assign]
-    try:
-        parser.read_string(text)
-    except configparser.Error as error:
-        raise ValueError(f"expected sections with key=value lines, found {' '.join(str(error).split())}") from error
-    return {name: dict(parser[name]) for name in parser.sections()}
 
 
 def _resolution(sections: Mapping[str, Mapping[str, str]], size: Size | None) -> tuple[str, str]:

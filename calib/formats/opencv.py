@@ -55,7 +55,11 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
         # The cameras of images that P1 and P2 rectified: P = K [I | t].
         one, other = (base.projected(size, base.entry(data, *p), p[0], choice.unit()) for p in (_P1, _P2))
         return base.joined(one, other, f"{name} [rectified images]")
-    model = _model(data)
+    # For what the file names OpenCV itself has no key; a polynomial's terms follow from their number.
+    named = str(data.get("distortion_model", "")).strip().lower()
+    model: LensModel | None = "brown" if named else None
+    if named in {"fisheye", "equidistant", "kannala_brandt"} or str(data.get("fisheye", 0)).strip() == "1":
+        model = "fisheye"
     lenses = [base.numbers_at(data, (0, 4, 5, 8, 12, 14), *names) for names in (_D1, _D2)]
     if model is None and any(_is_column(base.entry(data, *names)) for names in (_D1, _D2)) and lenses[0].any():
         raise ValueError(
@@ -67,8 +71,9 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
         base.camera(size, k, lens, lens_model, names[0])
         for k, lens, names in zip(matrices, lenses, (_K1, _K2), strict=True)
     )
-    pose = base.transform(base.numbers_at(data, 9, "R"), _translation(data, choice), "R")
-    return StereoRig(left, right, pose, name)
+    key = next((key for key in _T_UNITS_M if key in data), "T")
+    translation = base.numbers_at(data, 3, key, "t") * choice.unit(_T_UNITS_M.get(key, 1.0))
+    return StereoRig(left, right, base.transform(base.numbers_at(data, 9, "R"), translation, "R"), name)
 
 
 def _is_column(value: Any) -> bool:
@@ -76,12 +81,6 @@ def _is_column(value: Any) -> bool:
     if isinstance(value, Mapping):
         return (value.get("rows"), value.get("cols")) == (4, 1)
     return isinstance(value, list) and len(value) == 4 and all(isinstance(row, list) for row in value)
-
-
-def _translation(data: Mapping[str, Any], choice: Choice) -> F64:
-    """T in metres; a key may name its unit."""
-    key = next((key for key in _T_UNITS_M if key in data), "T")
-    return np.asarray(base.numbers_at(data, 3, key, "t") * choice.unit(_T_UNITS_M.get(key, 1.0)), dtype=np.float64)
 
 
 def parse_storage(text: str) -> Mapping[str, Any]:
@@ -97,14 +96,6 @@ def parse_storage(text: str) -> Mapping[str, Any]:
         shape = {key: int(base.number(node.findtext(key, "0"), key)) for key in ("rows", "cols")}
         data[str(node.tag)] = value if inner is None else {**shape, "data": value}
     return data
-
-
-def _model(data: Mapping[str, Any]) -> LensModel | None:
-    """What the file names, for which OpenCV itself has no key; a polynomial's terms follow from their number."""
-    name = str(data.get("distortion_model", "")).strip().lower()
-    if name in {"fisheye", "equidistant", "kannala_brandt"} or str(data.get("fisheye", 0)).strip() == "1":
-        return "fisheye"
-    return "brown" if name else None
 
 
 def _size(data: Mapping[str, Any], choice: Choice, centres: Sequence[tuple[float, float]]) -> tuple[Size, str]:

@@ -139,7 +139,9 @@ def _camera(table: Mapping[str, Any], lens: Any, size: Size, name: str) -> Camer
     width, height = (table.get(key, table.get(f"image_{key}")) for key in ("width", "height"))
     if width is not None and height is not None:
         size = base.whole(width, "width"), base.whole(height, "height")
-    result = base.camera(size, _matrix(table), coefficients, _model(table), name)
+    lens_name = str(table.get("distortion_model", table.get("model", ""))).lower()
+    model: LensModel | None = "fisheye" if "fisheye" in lens_name or "equidistant" in lens_name else None
+    result = base.camera(size, _matrix(table), coefficients, model, name)
     refuse_strange_camera(result, name)
     return result
 
@@ -156,11 +158,6 @@ def _matrix(table: Mapping[str, Any]) -> F64:
     value = next(table[name] for name in _MATRIX if name in table)
     matrix = base.numbers(value, "camera matrix", 9).reshape(3, 3)
     return np.asarray((matrix.T if matrix[0, 2] == 0 and matrix[2, 0] != 0 else matrix).ravel(), dtype=np.float64)
-
-
-def _model(table: Mapping[str, Any]) -> LensModel | None:
-    name = str(table.get("distortion_model", table.get("model", ""))).lower()
-    return "fisheye" if "fisheye" in name or "equidistant" in name else None
 
 
 def _pose(data: Mapping[str, Any], by_columns: bool) -> SE3 | None:

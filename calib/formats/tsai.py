@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,10 +23,8 @@ class TsaiCamera:
     """Tsai's camera (Tsai 1987): radial distortion from image to ideal, Xu = Xd (1 + kappa1 Rd^2), in millimetres.
 
     Attributes:
-        width, height: image size [px].
-        focal_mm: focal length.
-        kappa1: radial coefficient [1/mm^2].
-        cx, cy: principal point [px].
+        width, height, cx, cy: image size and principal point [px].
+        focal_mm, kappa1: focal length, and radial coefficient [1/mm^2].
         dx_mm, dy_mm: pixel pitch, Tsai's dpx / sx and dpy.
         camera_SE3_world: pose; the world's Z is up, floor at Z = 0 [m].
     Raises:
@@ -69,12 +67,6 @@ class TsaiCamera:
         """(3,) camera centre in the world [m]."""
         return self.camera_SE3_world.inverse().translation
 
-    def scaled(self, width: int, height: int) -> TsaiCamera:
-        """The same camera at another resolution of the same field of view."""
-        sx, sy = width / self.width, height / self.height
-        cx, cy = (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5
-        return replace(self, width=width, height=height, cx=cx, cy=cy, dx_mm=self.dx_mm / sx, dy_mm=self.dy_mm / sy)
-
     def project(self, points_world: ArrayLike) -> F64:
         """(N, 2) pixels of (N, 3) world points [m]; NaN behind the camera and beyond where the lens turns back."""
         p = self.camera_SE3_world @ np.asarray(points_world, dtype=np.float64).reshape(-1, 3)
@@ -112,19 +104,13 @@ def is_tsai(source: Source) -> bool:
     return "<Geometry" in source.text and "<Extrinsic" in source.text
 
 
-def load_tsai(path: Path, size: Size | None = None, unit_m: float = UNITS_M["mm"]) -> TsaiCamera:
-    """Read a Tsai camera, scaled to images of (width, height) [px]; ``unit_m`` is the length of the world's unit [m],
-    in PETS a millimetre."""
+def load_tsai(path: Path, unit_m: float = UNITS_M["mm"]) -> TsaiCamera:
+    """Read a Tsai camera; ``unit_m`` is the length of the world's unit [m], in PETS a millimetre."""
     source = base.read_source(path)
     if not is_tsai(source):
         raise InputError(f"{path}: expected a Tsai camera (XML with Geometry, Intrinsic, Extrinsic), found none")
     try:
-        camera = _from_xml(source.text, unit_m)
-        if size is None:
-            return camera
-        if size[0] * camera.height != size[1] * camera.width:
-            raise ValueError(f"expected images of the aspect {camera.width}:{camera.height}, found {size[0]}x{size[1]}")
-        return camera.scaled(*size)
+        return _from_xml(source.text, unit_m)
     except (ValueError, OverflowError) as error:
         raise InputError(f"{path}: expected a Tsai camera, but {error}") from error
 

@@ -30,7 +30,7 @@ class Assessment:
         floor_error_m: standard deviation of floor positions [m], the median over the region between the samples' feet,
             after the shift and turn of the floor that fit best (they move no person against another).
         next_sample: where one more person helps most; None where none does.
-        sentence: all of this in plain words, beginning with "enough" or "not enough".
+        sentence: all of this in words, beginning with "enough" or "not enough".
     """
 
     enough: bool
@@ -108,22 +108,6 @@ class _FloorError:
         return math.sqrt(float(np.median(total)) / len(steps) / 2)
 
 
-def _possible(fit: GroundCameraFit, model: HumanModel) -> tuple[F64, F64]:
-    """Places (k, 2) [m] all over the image where a whole person of a useful size would be, and their rows (k, 8)."""
-    camera = fit.camera
-    # Places tried for the next sample, across and down the image (our choice).
-    across, down = (np.linspace(0, extent - 1, n) for extent, n in zip(camera.size, (13, 10), strict=True))
-    places = camera.back_project(np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2))
-    places = places[np.isfinite(places).all(axis=1)]
-    size, width = np.full(len(places), fit.stature), np.full(len(places), fit.girth)
-    upright = np.zeros_like(places)
-    rows = predict(camera, body_points(model), places, upright, size, width, fit.prior)
-    inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
-    # A person lower than this in the image carries no information [px] (our choice).
-    tall = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1]) >= 20.0
-    return places[inside & tall], rows[inside & tall]
-
-
 @dataclass(eq=False)
 class _Advisor:
     """What would make the camera known well enough: another person, many, or a known value."""
@@ -148,7 +132,17 @@ class _Advisor:
         """The place where one more person brings the deviations nearest to their limits."""
         if not np.isfinite(self.fit.covariance).all():
             return None
-        places, rows = _possible(self.fit, model)
+        # Places [m] all over the image, 13 across and 10 down (our choice), where a whole person would be.
+        fit, camera = self.fit, self.fit.camera
+        across, down = (np.linspace(0, extent - 1, n) for extent, n in zip(camera.size, (13, 10), strict=True))
+        places = camera.back_project(np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2))
+        places = places[np.isfinite(places).all(axis=1)]
+        size, width = np.full(len(places), fit.stature), np.full(len(places), fit.girth)
+        rows = predict(camera, body_points(model), places, np.zeros_like(places), size, width, fit.prior)
+        inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
+        # A person lower than this in the image carries no information [px] (our choice).
+        inside &= np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1]) >= 20.0
+        places, rows = places[inside], rows[inside]
         if walked is not None:
             u, v = rows[:, 6:8].round().astype(int).T
             met = walked[v.clip(0, walked.shape[0] - 1), u.clip(0, walked.shape[1] - 1)]

@@ -58,12 +58,9 @@ class HumanCalibration:
     """A camera from people, and how far to trust it.
 
     Attributes:
-        camera: the best one.
-        model: the person it was found with.
-        error: mean weighted error E = whf Ehf + wbb Ebb over the samples (Zhang 2008).
-        sample_errors: (n,) float64 E per sample.
-        std: standard deviations of height, tilt, focal length and roll.
-        assessment: expected floor error, whether it is enough, and where to add the next sample.
+        camera, model: the best one, and the person it was found with.
+        error, sample_errors: weighted error E = whf Ehf + wbb Ebb (Zhang 2008), mean and (n,) per sample.
+        std, assessment: deviations, whether they are enough, and where to add the next sample.
         odd: numbers of the samples that fit badly and were weighted down.
         stature: mean height of the sampled people against the model's [1], as far as a known camera height fixes it.
         boxes_only: whether heads and feet were read as but the middles of the boxes' edges.
@@ -92,13 +89,12 @@ def calibrate_from_people(
     name: str = "samples",
     walked: Bool | None = None,
 ) -> HumanCalibration:
-    """The camera whose projected people fit the samples best, its deviations and a verdict.
+    """The camera whose projected people fit at least 3 samples at different places best, its deviations and a verdict.
 
     A camera that is not known well enough is returned all the same, and its assessment shows it; one of which height
     and focal length cannot be separated at all is refused.
 
     Args:
-        samples: at least 3 people at different places.
         size: (width, height) of the image [px].
         lens: class of table 2; None tries all.
         known: focal length or field of view, camera height, height of the people, as far as known.

@@ -46,9 +46,8 @@ class GroundCameraFit:
     Attributes:
         camera, prior: at the minimum, and what it was fitted with.
         log_evidence: of the samples under this lens and prior (Laplace's approximation), up to a constant.
-        covariance: (N_SHARED, N_SHARED) of ``shared``, larger where people fit worse than expected; inf when
-            undetermined.
-        shared: (N_SHARED,) unknowns that all people share (see ``calib.people.model``).
+        shared, covariance: (N_SHARED,) unknowns that all people share (see ``calib.people.model``) and their (N_SHARED,
+            N_SHARED) covariance, larger where people fit worse than expected; inf when undetermined.
         places_m: (n, 2) where the people stand.
         variation: how much people vary, over what is expected [1].
         deviations: (n,) root mean square of the whitened residuals of every person; 1 is expected.
@@ -82,20 +81,16 @@ class GroundCameraFit:
 def fit_camera(
     camera: GroundCamera, people: MarkedPeople, model: HumanModel, prior: CameraPrior, variation: float | None = None
 ) -> GroundCameraFit:
-    """Move camera, people and their common width and height to the least squares of all edges and points.
-
-    Args:
-        camera: to start with.
-        people: marked in its image.
-        model: of a person.
-        prior: of the camera, and how the marks are to be read.
-        variation: how much people vary, over what is expected [1]; None finds it, which takes longer.
-    """
+    """Move a camera to start with, people marked in its image, and their common width and height to the least squares
+    of all edges and points; None finds the variation of people, over what is expected [1], which takes longer."""
     # People stand at their feet, or below their heads where the foot is above the horizon.
     feet = camera.back_project(people.rows[:, 6:])
     heads = camera.back_project(people.rows[:, 4:6], model.height_m)
     stand = np.nan_to_num(np.where(np.isfinite(feet), feet, heads))
-    values, scale = np.append(_shared_of(camera), stand), variation or 1.0
+    shared = np.zeros(N_SHARED)
+    shared[[FOCAL, HEIGHT]] = math.log(camera.focal_px), math.log(camera.height_m)
+    shared[[TILT, ROLL]] = camera.tilt_rad, camera.roll_rad
+    values, scale = np.append(shared, stand), variation or 1.0
     for evaluations in (12, 40) if variation is None else (12,):
         # What people vary by moves head, foot and box together; how much depends on where the camera is.
         residuals = Residuals(camera, people, model, prior, values, scale)
@@ -237,13 +232,6 @@ def predict(camera: GroundCamera, body: F64, places: F64, lean: F64, size: F64, 
     if prior.reading == "level":
         low[:, 1], high[:, 1] = pixels[:, -2:, 1].min(axis=1), pixels[:, -2:, 1].max(axis=1)
     return np.concatenate([low, high, pixels[:, -2], pixels[:, -1]], axis=1)
-
-
-def _shared_of(camera: GroundCamera) -> F64:
-    shared = np.zeros(N_SHARED)
-    shared[[FOCAL, HEIGHT]] = math.log(camera.focal_px), math.log(camera.height_m)
-    shared[[TILT, ROLL]] = camera.tilt_rad, camera.roll_rad
-    return shared
 
 
 def shared_camera(shared: F64, like: GroundCamera) -> GroundCamera:

@@ -49,11 +49,7 @@ Files = Sequence[Path | None]
 
 
 class BoardImages:
-    """The pairs at a path; iterating reads them one by one.
-
-    Attributes:
-        names: of the pairs in order.
-    """
+    """The pairs at a path, named in order; iterating reads them one by one."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

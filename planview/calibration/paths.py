@@ -24,14 +24,8 @@ TICK_S = 0.1
 
 @dataclass(frozen=True, eq=False)
 class WalkedPath:
-    """One person without a gap.
-
-    Attributes:
-        first: tick of the first sample.
-        xy_m: (N, 2) floor positions, one per tick [m].
-        height_m: median height [m]; NaN when unknown.
-        per_px_m: (N, 2) how far the positions move when all disparities grow by a pixel [m].
-    """
+    """One person without a gap: from tick ``first`` on (N, 2) floor positions, one per tick [m], median height [m], NaN
+    when unknown, and (N, 2) how far the positions move when all disparities grow by a pixel [m]."""
 
     first: int
     xy_m: F64
@@ -79,21 +73,17 @@ def paths_of(tracks: Trajectories, effect: DisparityEffect) -> list[WalkedPath]:
         # Over longer gaps a path is not interpolated [s] (our choice).
         cuts = np.flatnonzero(np.diff(own.timestamp_s) > 0.5) + 1
         for part in np.split(np.arange(len(own)), cuts):
-            path = _path(own.where(part), effect)
-            if path is not None:
-                paths.append(path)
+            times_s, columns = own.timestamp_s[part], (own.x_m[part], own.y_m[part])
+            first, last = math.ceil(times_s[0] / TICK_S), math.floor(times_s[-1] / TICK_S)
+            # Shorter pieces are left out [s] (our choice).
+            if (last - first) * TICK_S < 2.0:
+                continue
+            ticks = np.arange(first, last + 1) * TICK_S
+            xy = np.column_stack([np.interp(ticks, times_s, column) for column in columns])
+            heights = own.height_m[part][np.isfinite(own.height_m[part])]
+            height_m = float(np.median(heights)) if len(heights) else math.nan
+            paths.append(WalkedPath(first, xy, height_m, effect.per_px_m(xy)))
     return paths
-
-
-def _path(own: Trajectories, effect: DisparityEffect) -> WalkedPath | None:
-    first, last = math.ceil(own.timestamp_s[0] / TICK_S), math.floor(own.timestamp_s[-1] / TICK_S)
-    # Shorter pieces are left out [s] (our choice).
-    if (last - first) * TICK_S < 2.0:
-        return None
-    ticks = np.arange(first, last + 1) * TICK_S
-    xy = np.column_stack([np.interp(ticks, own.timestamp_s, column) for column in (own.x_m, own.y_m)])
-    known = own.height_m[np.isfinite(own.height_m)]
-    return WalkedPath(first, xy, float(np.median(known)) if len(known) else math.nan, effect.per_px_m(xy))
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -99,8 +100,7 @@ class _Path:
         return len(self.samples) >= 4 and float(np.hypot(*np.ptp(middles, axis=0))) >= 0.5 * size
 
 
-@dataclass(frozen=True)
-class CollectedSamples:
+class CollectedSamples(NamedTuple):
     """Samples of people walking, and how many of them are independent of each other."""
 
     samples: tuple[HumanSample, ...]
@@ -129,11 +129,11 @@ def collect_samples(video: Video, count: int = 50, done: Callable[[], None] = la
     upright = [s for s in walkers if s.head_px != s.foot_px]
     bodies = upright if len(upright) >= 0.5 * len(walkers) else list(walkers)
     if len(bodies) < MIN_SAMPLES:
+        found = f"{len(bodies)} sightings of a whole person apart from others in {video.n_frames} frames"
         raise WorkError(
-            f"{name}: expected people who walk by, found {len(bodies)} sightings of a whole person apart from others "
-            f"in {video.n_frames} frames (at least {MIN_SAMPLES} needed): the camera must stand still, and people must "
-            f"cross the view one by one, head and feet inside it and at least {MIN_SIZE:.0%} of its height; else mark "
-            "people by hand"
+            f"{name}: expected people who walk by, found {found} (at least {MIN_SAMPLES} needed): the camera must "
+            "stand still, and people must cross the view one by one, head and feet inside it and at least "
+            f"{MIN_SIZE:.0%} of its height; else mark people by hand"
         )
     usual = usual_sizes(bodies)
     # Share of the blobs that must have one person's size to have a usual size [1] (our choice).
@@ -182,7 +182,10 @@ def _continue(paths: list[_Path], bodies: Sequence[HumanSample], frame: int) -> 
     """Append every body to the path of the frame before that it overlaps most, or begin one."""
     open_paths = [path for path in paths if 0 < frame - path.last_frame <= 2]
     for body in bodies:
-        overlaps = [_overlap(body, path.samples[-1]) for path in open_paths]
+        overlaps, (a, b, w, h) = [], body.box_px
+        for c, d, v, g in (path.samples[-1].box_px for path in open_paths):
+            common = max(0.0, min(a + w, c + v) - max(a, c)) * max(0.0, min(b + h, d + g) - max(b, d))
+            overlaps.append(common / (w * h + v * g - common))
         best = int(np.argmax(overlaps)) if overlaps else -1
         # Boxes of one walker in frames that follow each other overlap by this part of their union [1] (our choice).
         if best >= 0 and overlaps[best] >= 0.3:
@@ -191,12 +194,6 @@ def _continue(paths: list[_Path], bodies: Sequence[HumanSample], frame: int) -> 
             path.last_frame = frame
         else:
             paths.append(_Path([body], frame))
-
-
-def _overlap(one: HumanSample, other: HumanSample) -> float:
-    (a, b, w, h), (c, d, v, g) = one.box_px, other.box_px
-    common = max(0.0, min(a + w, c + v) - max(a, c)) * max(0.0, min(b + h, d + g) - max(b, d))
-    return common / (w * h + v * g - common)
 
 
 def _crowded(blobs: Blobs, label: int) -> bool:

@@ -62,12 +62,7 @@ class Steadiness:
         self._cuts: list[int] = []
 
     def update(self, frame: int, timestamp_s: float, grey: U8) -> Steady:
-        """Judge the next frame.
-
-        Args:
-            frame: its index, for the checks.
-            grey: (H, W) uint8.
-        """
+        """Judge the next frame, (H, W) uint8, by its index for the checks."""
         thumbnail = np.asarray(cv2.resize(grey, THUMBNAIL, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         step_s, self._now_s = max(0.0, timestamp_s - self._now_s), timestamp_s
         found = self._judge(frame, timestamp_s, thumbnail)

@@ -14,10 +14,8 @@ class Check:
     """A measured value against its limit.
 
     Attributes:
-        name: what was looked at.
         ok: whether the value keeps the limit; true when it could not be measured and need not be.
-        value: what was found; NaN when it could not be measured.
-        unit: unit of value and limit; empty for plain numbers.
+        value, unit: NaN when it could not be measured; no unit for plain numbers.
         limit: the bound, or (low, high); None when the value is only reported.
         rule: "at most", "at least", "between" or "reported".
         note: what it means, in one clause.

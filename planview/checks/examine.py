@@ -104,12 +104,7 @@ def exposure_picture(image: U8) -> U8:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What was found.
-
-    Attributes:
-        checks: every question and its answer.
-        evidence: what they looked at; None of one camera, and when the recording could not even be opened.
-    """
+    """What was found: every check, and what they looked at; None of one camera, and of a recording that was refused."""
 
     checks: tuple[Check, ...]
     evidence: Evidence | None
@@ -179,11 +174,8 @@ def examine(
 
 
 def _video_of_one(path: Path, options: OpenOptions) -> tuple[Video, GroundCamera | None] | None:
-    """The video of one camera and its camera.toml where one is given; None of everything else.
-
-    Raises:
-        InputError: a camera.toml that is not of this video.
-    """
+    """The video of one camera and its camera.toml where one is given; None of everything else. Raises InputError: a
+    camera.toml that is not of this video."""
     if options.calibration is not None:
         if not holds_one_camera(options.calibration):
             return None
@@ -224,9 +216,9 @@ def _checks_of_one(video: Video, camera: GroundCamera | None, frames: int, searc
 
 
 STEP = 10
-"""Depth and heights are looked at in every n-th frame (our choice, for speed)."""
+"""Depth and heights are measured in every n-th frame (our choice, for speed)."""
 KEPT = 1000
-"""Checks that the height of people depends on."""
+"""Measurements that the height of people depends on."""
 
 
 class RecordingWatch:

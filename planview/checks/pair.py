@@ -19,13 +19,9 @@ MIN_MATCHES = 60
 
 
 def alignment_checks(plain: Rectifier, matches: F64, correction: RigCorrection) -> list[Check]:
-    """Row offset and what turn of a camera explains it, left-right order and mirrored pose.
-
-    Args:
-        plain: rectifier of the calibration as it is.
-        matches: (N, 4) float64 [px] in its images, as from ``match_corners``; rows far off were searched.
-        correction: that a run makes, from rows less far off.
-    """
+    """Row offset and what turn of a camera explains it, left-right order and mirrored pose, from the rectifier of the
+    calibration as it is, (N, 4) matches in its images (``match_corners``), whose rows may be far off, and the
+    correction that a run makes."""
     enough = len(matches) >= MIN_MATCHES
     offset = float(np.median(np.abs(matches[:, 3]))) * 640.0 / plain.geometry.width if enough else math.nan
     positive = float(np.mean(matches[:, 0] - matches[:, 2] > -0.5)) if enough else math.nan

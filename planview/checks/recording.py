@@ -23,15 +23,9 @@ from stereo.rig_correction import RigCorrection, match_corners
 
 
 class PairEvidence(NamedTuple):
-    """What is known of a stereo pair alone.
-
-    Attributes:
-        plain: rectifier of the calibration as it is.
-        matches: (N, 4) float64 [px] of ``plain``'s images: u, v, u in the right image, row offset; disparities of
-            both signs were searched.
-        correction: of the calibration, as a run makes it.
-        rectified: spread frames, by the corrected rig.
-    """
+    """What is known of a pair alone: the rectifier of the calibration as it is, (N, 4) float64 matches [px] in its
+    images (u, v, u in the right one, row offset; disparities of both signs were searched), the correction of the
+    calibration that a run makes, and the spread frames rectified by it."""
 
     plain: Rectifier
     matches: F64
@@ -44,15 +38,12 @@ class Evidence:
     """A recording under examination.
 
     Attributes:
-        spread: frames spread over the recording, those that a run measures its floor in.
-        run: consecutive frames where most moves.
-        rectifier: of a pair by the corrected rig.
+        spread, run: frames spread over the recording, in which a run measures its floor, and consecutive ones where
+            most moves; ``frames_asked`` is how many both were meant to have.
+        rectifier, pair: of a pair by the corrected rig; None of images with depth.
         lefts: (H, W) uint8 grey of each spread frame, rectified; the left one of a pair.
-        disparities: (H, W) float32 [px] of each; of images with depth equivalent to it.
-        searched: range of the disparities.
+        disparities: (H, W) float32 [px] of each, in the range ``searched``; of images with depth equivalent to it.
         floor: found in them, None when ``floor_refused`` gives the reason.
-        frames_asked: how many frames ``spread`` and ``run`` were meant to have.
-        pair: None of images with depth.
     """
 
     recording: StereoRecording | RgbdRecording

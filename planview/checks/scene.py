@@ -70,14 +70,8 @@ def heights_above_floor(points: F32, world_SE3_left: SE3) -> F32:
 
 
 def standing_things(above: F32, depth: F32, moved: Bool) -> F64:
-    """What stands out of the background.
-
-    Args:
-        above, depth: (H, W) float32 [m], NaN where unknown.
-        moved: (H, W) bool.
-    Returns:
-        (N, 2) height [m] and surface (in units that all things share).
-    """
+    """(N, 2) height [m] and surface (in units that all things share) of what stands out of the background, from (H, W)
+    heights above the floor and depth [m], NaN where unknown, and (H, W) whether a pixel moved."""
     stands_out = moved & (above > 0.25)  # [m]
     mask = cv2.morphologyEx(stands_out.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     blobs = find_blobs(np.asarray(mask, dtype=np.uint8))

@@ -55,13 +55,8 @@ def thumbnails(left: U8, right: U8) -> Thumbnails:
 
 
 class Lag(NamedTuple):
-    """Where the movement of two cameras over time is most alike.
-
-    Attributes:
-        frames: of the right camera behind the left one; NaN where they are not alike.
-        std: its deviation [frames], by the jackknife over parts of the time; NaN where one part holds four fifths of
-            what moves.
-    """
+    """Frames of the right camera behind the left one at which their movement over time is most alike, NaN where it is
+    not; and the deviation, by the jackknife over parts of the time, NaN where one part holds most of what moves."""
 
     frames: float
     std: float
@@ -105,7 +100,17 @@ class MotionWatch:
         both = list(zip(before, pair, strict=True))
         moved = [np.asarray(cv2.absdiff(a, b) > MOVED_LEVEL, dtype=np.bool_) for a, b in both]
         active = max(float(m.mean()) for m in moved) >= ACTIVE_SHARE
-        self._count(active, [bool((a == b).all()) for a, b in both])
+        same = [bool((a == b).all()) for a, b in both]
+        # A camera that stands still repeats its image to the last bit; one in which nobody moves has noise.
+        frozen = active and any(same)
+        self._active += active
+        self._frozen += frozen
+        self._stall = self._stall + 1 if frozen else 0 if active else self._stall
+        self._longest = max(self._longest, self._stall)
+        # Copies of a pair between moving ones; a scene in which nothing moves may repeat for hours.
+        if not all(same):
+            self._repeated += self._still_for if active and self._still_for in (1, 2) else 0
+        self._still_for = self._still_for + 1 if all(same) else 0 if active else 3
         self._calm_for = 0 if active else self._calm_for + 1
         if self._calm_for <= LONGEST_LAG:
             # The root of the share of pixels that changed, so that near walkers do not drown far ones.
@@ -124,21 +129,6 @@ class MotionWatch:
         repeated = self._repeated / (self._active + self._repeated)
         return MotionFindings(lag, self._frozen / self._active, float(self._longest), repeated)
 
-    def _count(self, active: bool, same: list[bool]) -> None:
-        # A camera that stands still repeats its image to the last bit; one in which nobody moves has noise.
-        frozen = active and any(same)
-        self._active += active
-        self._frozen += frozen
-        self._stall = self._stall + 1 if frozen else 0 if active else self._stall
-        self._longest = max(self._longest, self._stall)
-        # Copies of a pair between moving ones; a scene in which nothing moves may repeat for hours.
-        if all(same):
-            self._still_for += 1
-        else:
-            if active and self._still_for in (1, 2):
-                self._repeated += self._still_for
-            self._still_for = 0 if active else 3
-
 
 def lag_of(left: F64, right: F64) -> Lag:
     """Lag at which the (T, bands) movement of both cameras correlates best, and how far it moves when parts of the
@@ -146,7 +136,9 @@ def lag_of(left: F64, right: F64) -> Lag:
     frames = len(left)
     if frames < MIN_FRAMES:
         return Lag(np.nan, np.nan)
-    left, right = (_without_mean(signal) for signal in (left, right))
+    # Each less its mean over every WINDOW frames.
+    parts = (np.array_split(signal, max(1, round(frames / WINDOW))) for signal in (left, right))
+    left, right = (np.concatenate([part - part.mean(axis=0) for part in each]) for each in parts)
     longest, part_of = min(LONGEST_LAG, frames // 3), np.arange(frames) * GROUPS // frames
     # Of every part and lag: left by right that much later, and each by itself.
     sums = np.zeros((GROUPS, 2 * LONGEST_LAG + 1, 3))
@@ -160,12 +152,6 @@ def lag_of(left: F64, right: F64) -> Lag:
         return Lag(_best(whole), np.nan)
     without = np.array([_best(whole - part) for part in sums])
     return Lag(_best(whole), float(np.sqrt((GROUPS - 1) / GROUPS * np.sum((without - without.mean()) ** 2))))
-
-
-def _without_mean(signal: F64) -> F64:
-    """A (T, bands) signal less its mean over every WINDOW frames."""
-    windows = np.array_split(signal, max(1, round(len(signal) / WINDOW)))
-    return np.concatenate([window - window.mean(axis=0) for window in windows])
 
 
 def _best(sums: F64) -> float:

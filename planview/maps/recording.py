@@ -30,7 +30,7 @@ from planview.maps.colour import CODES
 from planview.maps.grid import MAX_CELLS, Grid
 from planview.maps.pixels import NO_DEPTH, SeenPixels
 from planview.maps.view import StereoView
-from planview.trajectories.hdf5 import SIGNATURE, opened
+from planview.trajectories.binary_formats import SIGNATURE, opened
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
 from stereo.recording import Skipped

@@ -41,15 +41,8 @@ CHANGE_COLUMNS = ("id", "first_frame", "last_frame", "kind", "reason", "value")
 
 
 class Change(NamedTuple):
-    """A row of refinement.csv.
-
-    Attributes:
-        track_id: the id after refinement.
-        first_frame, last_frame: the frames that changed.
-        kind: "join" (another id made one with this) or "smooth" (positions moved).
-        reason: one clause with the numbers that decided it.
-        value: log-odds of the join, or root mean square movement [m].
-    """
+    """A row of refinement.csv: the id after refinement, the frames that changed, "join" (another id made one with this)
+    or "smooth" (positions moved), the reason, and the log-odds of the join or root mean square movement [m]."""
 
     track_id: int
     first_frame: int
@@ -69,16 +62,16 @@ def changes_csv(changes: Iterable[Change]) -> str:
 
 
 def smoothed(times_s: F64, xy_m: F64, measured: Bool) -> tuple[F64, F64]:
-    """Positions and velocities from the measurements before and after (Rauch, Tung, Striebel 1965).
-
-    Args:
-        times_s: (N,) rising times [s].
-        xy_m: (N, 2) positions [m]; used where measured.
-        measured: (N,); the first must be.
-    Returns:
-        (N, 2) positions [m] and (N, 2) velocities [m/s].
-    """
-    filtered, predicted = _forward(times_s, xy_m, measured)
+    """(N, 2) positions [m] and velocities [m/s] at (N,) rising times [s] from (N, 2) positions where measured, the
+    first among them, before and after (Rauch, Tung, Striebel 1965)."""
+    state = FloorKalman.at(float(xy_m[0, 0]), float(xy_m[0, 1]), POSITION_STD_M, SPEED_STD_MPS)
+    filtered, predicted = [state], [state]  # after, and before, the measurement of every row
+    for k in range(1, len(times_s)):
+        state = state.predicted(float(times_s[k] - times_s[k - 1]), ACCELERATION_STD_MPS2)
+        predicted.append(state)
+        if measured[k]:
+            state = state.updated(float(xy_m[k, 0]), float(xy_m[k, 1]), POSITION_STD_M)
+        filtered.append(state)
     states = np.array([s.mean for s in filtered])
     for k in range(len(filtered) - 2, -1, -1):
         ahead, step = predicted[k + 1], np.eye(4)
@@ -86,19 +79,6 @@ def smoothed(times_s: F64, xy_m: F64, measured: Bool) -> tuple[F64, F64]:
         gain = np.linalg.solve(ahead.covariance, step @ filtered[k].covariance).T
         states[k] += gain @ (states[k + 1] - ahead.mean)
     return states[:, :2], states[:, 2:]
-
-
-def _forward(times_s: F64, xy_m: F64, measured: Bool) -> tuple[list[FloorKalman], list[FloorKalman]]:
-    """The filter after, and before, the measurement of every row."""
-    state = FloorKalman.at(float(xy_m[0, 0]), float(xy_m[0, 1]), POSITION_STD_M, SPEED_STD_MPS)
-    filtered, predicted = [state], [state]
-    for k in range(1, len(times_s)):
-        state = state.predicted(float(times_s[k] - times_s[k - 1]), ACCELERATION_STD_MPS2)
-        predicted.append(state)
-        if measured[k]:
-            state = state.updated(float(xy_m[k, 0]), float(xy_m[k, 1]), POSITION_STD_M)
-        filtered.append(state)
-    return filtered, predicted
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +105,9 @@ def refine(tracks: Trajectories) -> Refined:
         raise InputError("expected floor positions in all confirmed rows to refine them, found rows without")
     known_s = np.isfinite(tracks.timestamp_s)
     untimed = not known_s.any()
-    times_s = (
-        tracks.frame / 30.0 if untimed else np.interp(tracks.frame, tracks.frame[known_s], tracks.timestamp_s[known_s])
-    )
+    times_s = tracks.frame / 30.0
+    if not untimed:
+        times_s = np.interp(tracks.frame, tracks.frame[known_s], tracks.timestamp_s[known_s])
     tracks = replace(tracks, timestamp_s=times_s)
     own = {i: tracks.where(rows) for i, rows in rows_by_id(tracks.track_id)}
     known = [table for table in own.values() if (table.state == "confirmed").any()]
@@ -145,13 +125,8 @@ def refine(tracks: Trajectories) -> Refined:
 
 
 def _joined(tracks: Sequence[Trajectories]) -> tuple[list[Trajectories], list[Change]]:
-    """One table per person, under the first id: the joins whose log-odds sum to most, each above zero.
-
-    A track needs no partner at either end: that is worth zero.
-
-    Args:
-        tracks: each of one id, by rising first frame.
-    """
+    """One table per person, under the first id, from tracks of one id each by rising first frame: the joins whose
+    log-odds sum to most, each above zero, which an end without a partner is worth."""
     odds = np.array([[_log_odds(a, b) for b in tracks] for a in tracks]).reshape(len(tracks), len(tracks))
     ends, starts = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
     former = {int(j): int(i) for i, j in zip(ends, starts, strict=True) if odds[i, j] > 0}

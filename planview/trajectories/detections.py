@@ -24,14 +24,12 @@ PERSON = 1
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """Boxes per frame.
+    """Boxes per frame, and where they are from, for messages.
 
     Attributes:
         frames: per frame of the recording, from 0, (N, 5) float64: left, top, width, height [px], score; frames after
             the last have none.
-        scored: scores are probabilities that a box shows a person; false where they are all alike or of another scale,
-            and mean nothing.
-        source: where they are from, for messages.
+        scored: scores are probabilities that a box shows a person; false where they are all alike or of another scale.
     """
 
     frames: tuple[F64, ...]

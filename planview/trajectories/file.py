@@ -26,13 +26,11 @@ _WKT = re.compile(r"(POLYGON|MULTIPOLYGON|GEOMETRYCOLLECTION)[\s(),.\dA-Za-z+-]*
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryFile:
-    """Trajectories and what their file holds for all of them.
+    """The rows of trajectories, and what their file gives for all of them.
 
     Attributes:
-        table: the rows.
         fps: frames per second; None where the file does not give it.
-        walkable_wkt: the floor where people may walk, a polygon in well-known text [m]; None where the file does not
-            say.
+        walkable_wkt: the floor where people may walk, a polygon in well-known text [m]; None where it is not given.
         note: what was assumed about the file, in a sentence; empty when nothing was.
     """
 

@@ -21,9 +21,15 @@ from planview.trajectories.binary_formats import (
 )
 from planview.trajectories.file import TrajectoryFile, checked_rate, replaced, surrounding_area, timed_by_rate
 from planview.trajectories.motchallenge import read_motchallenge, write_motchallenge
-from planview.trajectories.simulations import read_simulation, simulation_of
 from planview.trajectories.table import Trajectories, frame_period_s, read_tracks, read_truth, write_table
-from planview.trajectories.text_formats import read_jsonl, read_petrack, write_jsonl, write_petrack
+from planview.trajectories.text_formats import (
+    read_jsonl,
+    read_petrack,
+    read_simulation,
+    simulation_of,
+    write_jsonl,
+    write_petrack,
+)
 
 BINARY = {b"\x89HDF\r\n\x1a\n": read_ped_data_archive, b"SQLite format 3\x00": read_jupedsim, b"PAR1": read_parquet}
 """Readers by the first bytes of a file."""
@@ -48,12 +54,8 @@ def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
     """Trajectories of any layout: our own, MOTChallenge and PETS, PeTrack and PedPy, laboratory rows without comments,
     Vadere, Pathfinder, crowdit, Viswalk, Ped Data Archive, JuPedSim, Parquet, JSON lines.
 
-    Rows without times get them from the frame rate, where the file gives one.
-
-    Args:
-        truth: the file is ground truth.
-    Raises:
-        InputError: unreadable or none of these.
+    Rows without times get them from the frame rate, where the file gives one; ground truth is read as such with
+    ``truth``. Raises InputError: unreadable or none of these.
     """
     require_file(path, "trajectories")
     try:
@@ -85,7 +87,8 @@ def _load_text(path: Path, first: bytes, truth: bool) -> TrajectoryFile:
 
 
 class ExportFormat(NamedTuple):
-    """Its usual ending, its writer, and whether it keeps the state of a row (else it holds confirmed rows)."""
+    """Its usual ending, its writer, and whether it keeps the state of a row (else it holds confirmed rows) and needs
+    floor positions."""
 
     suffix: str
     write: Callable[[Path, TrajectoryFile], None]
@@ -142,8 +145,7 @@ def measured_rate(table: Trajectories) -> float | None:
     period = frame_period_s(table, 0.0)
     if period <= 0:
         return None
-    known = np.flatnonzero(np.isfinite(table.timestamp_s))
-    first, last = int(known[0]), int(known[-1])
+    first, last = np.flatnonzero(np.isfinite(table.timestamp_s))[[0, -1]].tolist()
     mean = (table.timestamp_s[last] - table.timestamp_s[first]) / (table.frame[last] - table.frame[first])
     # Decimals of a rate that is measured from times rounded to 0.1 ms.
     return round(1 / float(mean if abs(mean - period) < 0.01 * period else period), 3)
@@ -210,12 +212,8 @@ def file_pairs(tracks: Path, truth: Path) -> list[FilePair]:
 def _by_name(folder: Path, inside: tuple[str, ...]) -> dict[str, Path]:
     if not folder.is_dir():
         raise InputError(f"{folder}: expected a folder, since the truth is one, found none")
-    files: dict[str, Path] = {}
-    for entry in entries(folder):
-        if entry.is_file() and entry.suffix in _TABLES:
-            files[entry.stem] = entry
-        elif entry.is_dir():
-            first = next((entry / name for name in inside if (entry / name).is_file()), None)
-            if first is not None:
-                files[entry.name] = first
+    files = {entry.stem: entry for entry in entries(folder) if entry.is_file() and entry.suffix in _TABLES}
+    for entry in filter(Path.is_dir, entries(folder)):
+        if first := next((entry / name for name in inside if (entry / name).is_file()), None):
+            files[entry.name] = first
     return files

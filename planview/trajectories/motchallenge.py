@@ -88,12 +88,9 @@ def read_motchallenge(path: Path, *, truth: bool) -> TrajectoryFile:
     truth of MOT16 and later: distractors get the visibility IGNORED, other classes than 1 and flag 0 are left out of
     truth, and of results where class 1 is among them.
     Otherwise the columns are confidence, X, Y (and Z) as in MOT15 results and ground truth and in PETS: X and Y are
-    metres on the floor, unknown where all are -1, and ground truth with the confidence 0 is left out.
-
-    Args:
-        truth: the file is ground truth; every row of results counts, whatever its confidence.
-    Raises:
-        InputError: a row of another length, values that are not numbers, or truth of which no row counts.
+    metres on the floor, unknown where all are -1, and ground truth with the confidence 0 is left out; every row of
+    results counts. Raises InputError: a row of another length, values that are not numbers, or truth of which no row
+    counts.
     """
     table = motchallenge_rows(path)
     if truth and not len(table):

@@ -42,13 +42,8 @@ IGNORED = -1.0
 
 def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Trajectories:
     """A table of columns named as in ``tracks.csv``, and "visible", with rows in any order; a column that is missing is
-    unknown, and rows without a state are "confirmed".
-
-    Args:
-        source: where they are from, for messages.
-    Raises:
-        InputError: no frame, id, x_m or y_m, values that are not what a column holds, or two rows of one frame and id.
-    """
+    unknown, and rows without a state are "confirmed". Messages name their source. Raises InputError: no frame, id, x_m
+    or y_m, values that are not what a column holds, or two rows of one frame and id."""
     import pandas  # half a second
 
     for name in ("frame", "id", "x_m", "y_m"):
@@ -199,11 +194,10 @@ def positions_table(
     box_px: F64 | None = None, visible: F64 | None = None,
 ) -> Trajectories:  # fmt: skip
     """A table of confirmed rows from arrays of length N; what is not given is unknown."""
-    given = {"height_m": height_m, "timestamp_s": timestamp_s, "visible": visible}
-    boxes = {} if box_px is None else dict(zip(BOX_COLUMNS, box_px.T, strict=True))
-    known = {name: values for name, values in given.items() if values is not None}
-    x, y = xy_m.T
-    return table_of({"frame": frame, "id": track_id, "x_m": x, "y_m": y, **known, **boxes}, "tracks")
+    columns = {"frame": frame, "id": track_id, "x_m": xy_m[:, 0], "y_m": xy_m[:, 1], "height_m": height_m}
+    columns |= {"timestamp_s": timestamp_s, "visible": visible}
+    columns |= {} if box_px is None else dict(zip(BOX_COLUMNS, box_px.T, strict=True))
+    return table_of({name: values for name, values in columns.items() if values is not None}, "tracks")
 
 
 def concatenated(tables: Sequence[Trajectories]) -> Trajectories:
@@ -286,10 +280,8 @@ def _cell(value: float, digits: int) -> str:
 
 
 def frame_period_s(table: Trajectories, fallback_s: float) -> float:
-    """Median time per frame [s] over rows with timestamps.
-
-    The mean where most frames share a timestamp; ``fallback_s`` where fewer than two frames have one or time stands.
-    """
+    """Median time per frame [s] over rows with timestamps: the mean where most frames share one, ``fallback_s`` where
+    fewer than two frames have one or time stands."""
     known = np.isfinite(table.timestamp_s)
     frames, first = np.unique(table.frame[known], return_index=True)
     times = table.timestamp_s[known][first]

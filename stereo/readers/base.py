@@ -89,14 +89,12 @@ AnyRecording = StereoRecording | RgbdRecording
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """One camera of a recording, as it was stored.
+    """One camera of a recording ("left", "right", "depth", or a topic), as it was stored.
 
     Attributes:
-        name: "left", "right", "depth", or a topic.
-        size: (width, height) [px].
         n_frames: images that are there.
         times_s: (n_frames,) float64 [s] since the recording's first stamp, in order; None without stamps of its own.
-        pixels: what a pixel is, e.g. "grey", "colour", "12 bits grey in 16".
+        pixels: what a pixel is, e.g. "grey", "colour", "grey, 12 bits in 16".
     """
 
     name: str

@@ -224,18 +224,11 @@ def _tum_find(path: Path, options: OpenOptions) -> Layout:
         Stream("image", image_files.size, len(images.ns), own_times(images.ns)),
         Stream("depth", depth_files.size, len(depths.ns), (depths.ns - images.ns[0]) / 1e9),
     )
-    return rgbd_layout(
-        path, image_files, depth_files, streams, FrameClock(rate_of(times), times),
-        partial(_tum_rig, path, options.calibration, image_files.size, depth_files.size),
-        (*images.notes, *depths.notes, *notes),
-    )  # fmt: skip
-
-
-def _tum_rig(path: Path, calibration: Path | None, size: tuple[int, int], depth_size: tuple[int, int]) -> RgbdRig:
-    """The calibration that was named or lies in the folder, else the benchmark's own."""
-    if calibration is None and find_rgbd(path) is None:
-        return RgbdRig(TUM_CAMERA, source="nominal Kinect camera").scaled(size, depth_size)
-    return load_rgbd(calibration or path, size, depth_size)
+    sizes, remarks = (image_files.size, depth_files.size), (*images.notes, *depths.notes, *notes)
+    rig = partial(load_rgbd, options.calibration or path, *sizes)
+    if options.calibration is None and find_rgbd(path) is None:
+        rig = partial(RgbdRig(TUM_CAMERA, source="nominal Kinect camera").scaled, *sizes)
+    return rgbd_layout(path, image_files, depth_files, streams, FrameClock(rate_of(times), times), rig, remarks)
 
 
 def _tum_associated(file: Path, images: Listed, depths: Listed) -> I64:

@@ -25,7 +25,7 @@ from stereo.readers.base import (
     together,
 )
 from stereo.readers.images import Colour, bits_note, bits_of, frame_number, image_files, images_of
-from stereo.readers.pairing import Pair, pair_files, split_sides
+from stereo.readers.pairing import Pair, one_of_each, pair_files, split_sides
 from stereo.readers.times import read_stamps, stamp_list, stamps_in_names
 from stereo.recording import OpenOptions
 
@@ -39,10 +39,10 @@ class _Sides(NamedTuple):
 
 
 def _find(path: Path, options: OpenOptions) -> Layout:
-    folders = _folders(path)
-    if folders is not None:
-        return folder_pair(path, *folders, path, options)
-    return _sides_layout(path, _flat(path) or _Sides((path, path), ([], [])), path, options)
+    folders, flat = _folders(path), _flat(path)
+    if folders is not None or flat is None:
+        return folder_pair(path, *(folders or (path, path)), path, options)
+    return _sides_layout(path, flat, path, options)
 
 
 def folder_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenOptions) -> Layout:
@@ -84,11 +84,8 @@ def _folders(path: Path) -> tuple[Path, Path] | None:
     if left.is_dir() and right.is_dir():
         return left, right
     subfolders = [f for f in entries(path) if f.is_dir()]
-    sided = split_sides([f.name for f in subfolders])
-    if sided is None or len(sided.left) != 1 or len(sided.right) != 1:
-        return None
-    left, right = subfolders[sided.left[0]], subfolders[sided.right[0]]
-    return (left, right) if image_files(left) and image_files(right) else None
+    sides = one_of_each(subfolders)
+    return sides if sides and all(map(image_files, sides)) else None
 
 
 def _flat(path: Path) -> _Sides | None:

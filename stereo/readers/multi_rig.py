@@ -89,10 +89,8 @@ class _Stream:
 
 
 def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[MultiRigFrame]:
-    """Frames by time: the earliest that waits, and those of other rigs taken within 0.6 of the slowest rig's period.
-
-    Half of it would let rigs that run half a period apart flicker between together and apart (our choice).
-    """
+    """Frames by time: the earliest that waits, and those of other rigs taken within 0.6 of the slowest rig's period:
+    half of it would let rigs that run half a period apart flicker between together and apart (our choice)."""
     index = 0
     while any(stream.next is not None for stream in streams):
         until = min(stream.time_s for stream in streams) + 0.6 * period_s
@@ -120,8 +118,7 @@ def open_rigs(path: Path) -> MultiRigRecording:
 
 
 def _share_rate(recordings: Sequence[AnyRecording]) -> None:
-    """Give recordings without any times the rate of those that have times, else the lowest: that is how fast what moves
-    is seen to walk, where the others were only assumed."""
+    """Give recordings without any times the rate of those that have times, else the lowest."""
     assumed = [recording for recording in recordings if recording.clock.assumed]
     rates = [recording.fps for recording in recordings if not recording.clock.assumed]
     for recording in assumed:

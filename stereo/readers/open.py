@@ -38,7 +38,7 @@ _ARCHIVES = frozenset({".zip", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".ra
 
 
 def _foreign_text(path: Path) -> str | None:
-    """What is known to be no recording, or none that can be read here, and the way out."""
+    """What is known to be no recording, or none that is read here, and the way out."""
     if path.is_dir():
         bags = [file.name for file in entries(path) if file.suffix in (".bag", ".mcap", ".db3")]
         if len(bags) < 2:

@@ -51,6 +51,14 @@ def split_sides(names: Sequence[str]) -> Sided | None:
     return None
 
 
+def one_of_each(paths: Sequence[Path]) -> tuple[Path, Path] | None:
+    """The one path of the left and the one of the right camera, by their names; None unless there is one of each."""
+    sided = split_sides([path.name for path in paths])
+    if sided is None or len(sided.left) != 1 or len(sided.right) != 1:
+        return None
+    return paths[sided.left[0]], paths[sided.right[0]]
+
+
 Pair = tuple[Path | None, Path | None]
 
 

@@ -31,14 +31,8 @@ STEP_PX = 8
 
 
 def rate_by_movement(at: Callable[[Sequence[int]], list[RgbdFrame]], n_frames: int, camera: Camera) -> float | None:
-    """Frames per second at which what moves is as fast as a walker.
-
-    Args:
-        at: decodes frames of these ascending indices.
-        camera: of the images.
-    Returns:
-        None where too little moves.
-    """
+    """Frames per second at which what moves is as fast as a walker, in frames that ``at`` decodes by their ascending
+    indices; None where too little moves."""
     # Consecutive frames at 24 places in the recording are compared (our choice).
     firsts = np.unique(np.linspace(0, max(0, n_frames - 2), 24).astype(int))
     indices = np.unique(np.concatenate([firsts, firsts + 1]))
@@ -101,14 +95,8 @@ def rgbd_layout(
     *,
     unpaired: int = 0,
 ) -> Layout:
-    """Images and depth whose frames are paired.
-
-    Images without times get the rate at which people walk, where that is clearly less than usual.
-
-    Args:
-        rig: reads the calibration; raises InputError.
-        unpaired: images without depth.
-    """
+    """Images and depth whose frames are paired; ``rig`` reads the calibration, or raises InputError. Images without
+    times get the rate at which people walk, where that is clearly less than usual."""
     assumed = clock.times_s is None and not clock.even
     notes = tuple(notes)
 

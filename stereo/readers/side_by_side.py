@@ -18,16 +18,7 @@ from calib.images import as_grey
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64, U8
-from stereo.readers.base import (
-    FrameSource,
-    Layout,
-    Reader,
-    Stream,
-    clock_of,
-    pixel_text,
-    split_pairs,
-    stereo_layout,
-)
+from stereo.readers.base import FrameSource, Layout, Reader, Stream, clock_of, pixel_text, split_pairs, stereo_layout
 from stereo.readers.images import Size, is_grey
 from stereo.readers.video import SUFFIXES, VideoFile, video_files
 from stereo.recording import OpenOptions
@@ -171,13 +162,8 @@ def common(pictures: Iterable[U8], split: Callable[[U8], Halves]) -> Common:
 
 
 def find_packing(pictures: Sequence[U8], aspect: float | None) -> tuple[Packing | None, Common]:
-    """The packing whose two views have most in common.
-
-    Args:
-        aspect: width over height of one camera's images by the calibration; None when unknown.
-    Returns:
-        None when no packing gives two views of one scene, and what the best one has in common.
-    """
+    """The packing whose two views have most in common, None when none gives two views of one scene, and what they have
+    in common; ``aspect`` is the width over the height of one camera's images by the calibration, None when unknown."""
     height, width = pictures[0].shape[:2]
     candidates = _possible((width, height), aspect) or _possible((width, height), None)
     if not candidates:

@@ -41,12 +41,8 @@ class Stamps(NamedTuple):
 
 
 def read_stamps(texts: Sequence[str], unit: str | None = None) -> Stamps:
-    """Times from text, exactly.
-
-    Args:
-        texts: all numbers, or all dates as ISO 8601 writes them (UTC).
-        unit: of the numbers, when the file names it; else it is recognised from their magnitude and steps.
-    """
+    """Times from text, exactly: all numbers, or all dates as ISO 8601 writes them (UTC); the unit of numbers is
+    recognised from their magnitude and steps where the file does not name it."""
     dates = [_DATE.fullmatch(text.strip()) for text in texts]
     if texts and all(dates):
         # Of a date the whole seconds and the digits behind them.
@@ -76,11 +72,8 @@ def unit_of(numbers: Sequence[Decimal]) -> str:
 
 
 def stamps_in_names(stems: Sequence[str]) -> Stamps | None:
-    """Times that the names of files hold: one number each, with a decimal part or as large as only a clock counts.
-
-    Returns:
-        None where the names number the frames instead, or hold no number.
-    """
+    """Times that the names of files hold: one number each, with a decimal part or as large as only a clock counts; None
+    where the names number the frames instead, or hold no number."""
     found = [_NAME.findall(stem) for stem in stems]
     if len(stems) < 2 or any(len(numbers) != 1 for numbers in found):
         return None
@@ -120,14 +113,9 @@ class TimeTable(NamedTuple):
 
 
 def load_timestamps(path: Path) -> TimeTable:
-    """Times by frame index.
-
-    The unit is recognised from magnitude and steps (``unit_of``), whatever the column is called; a clock that
-    jumps ahead runs on at the nominal rate.
-
-    Args:
-        path: CSV with the columns ``frame,timestamp_s`` (also time, timestamp_ns and the like); frames count from 0.
-    """
+    """Times by frame index, from 0, in a CSV with the columns ``frame,timestamp_s`` (also time, timestamp_ns and the
+    like). The unit is recognised from magnitude and steps (``unit_of``), whatever the column is called; a clock that
+    jumps ahead runs on at the nominal rate."""
     rows, unit = _rows(path)
     try:
         stamps = read_stamps([text for _, text in rows], unit)

@@ -27,7 +27,7 @@ from stereo.readers.base import (
     together,
 )
 from stereo.readers.images import is_grey
-from stereo.readers.pairing import TimePairs, pair_stamps, split_sides
+from stereo.readers.pairing import TimePairs, one_of_each, pair_stamps
 from stereo.readers.times import rate_of_times
 from stereo.recording import Decoded, OpenOptions
 
@@ -174,10 +174,10 @@ def _by_time(left_s: F64, right_s: F64) -> TimePairs | None:
 
 
 class _PlacedVideo:
-    """The frames of a video by the frames of a recording (an ``ItemSource``)."""
+    """The frames of a video by the frames of a recording (an ``ItemSource``), of which each has a place in the video,
+    ascending; -1 where the camera lost it."""
 
     def __init__(self, video: VideoFile, places: I64) -> None:
-        """Args: places in the video by frame index, ascending; -1 where the camera lost the frame."""
         self._video, self._places = video, places
 
     def __iter__(self) -> Iterator[Decoded]:
@@ -221,10 +221,7 @@ def _sides(folder: Path) -> tuple[Path, Path] | None:
     by_name = {video.stem.lower(): video for video in videos}
     if {"left", "right"} <= by_name.keys():
         return by_name["left"], by_name["right"]
-    sided = split_sides([video.stem for video in videos])
-    if sided is None or len(sided.left) != 1 or len(sided.right) != 1:
-        return None
-    return videos[sided.left[0]], videos[sided.right[0]]
+    return one_of_each(videos)
 
 
 READER = Reader(

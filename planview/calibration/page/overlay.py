@@ -22,11 +22,8 @@ _TEMPLATE = Environment(autoescape=True, undefined=StrictUndefined).from_string(
 
 
 def overlay(session: CalibrationSession, everywhere: bool = False) -> str:
-    """SVG of the floor grid, computed people, the marks of this frame, and the floor points; no script.
-
-    Args:
-        everywhere: also people computed all over the floor.
-    """
+    """SVG of the floor grid, computed people (with ``everywhere`` all over the floor), the marks of this frame, and the
+    floor points; no script."""
     found, people, place = session.solution.found, [], None
     if found is not None:
 

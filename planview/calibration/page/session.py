@@ -44,20 +44,13 @@ class CalibrationSession:
 
     Attributes:
         name: of the video, for messages.
-        frames: pictures to choose from, (H, W[, 3]) uint8.
-        indices: their positions in the video.
-        view: depth of a stereo recording, None for one camera.
-        plain_floor: floor found without points (stereo), None where none is.
+        frames, indices: pictures to choose from, (H, W[, 3]) uint8, and their positions in the video.
+        view, plain_floor: depth of a stereo recording and the floor found without points, None where there is none.
         walked: (height, width), where something moves in a video; None where that is not known.
-        shown: number of the frame shown.
-        tool: what the mouse does.
-        lens: class of table 2, None to try all.
-        known: values known besides the samples.
-        draft: the person being marked.
-        samples: finished people.
-        floor_points: (u, v) on the floor, in the order made.
-        selected: what was picked up last.
-        solution: what was computed last.
+        shown, tool: number of the frame shown, and what the mouse does.
+        lens, known: class of table 2, None to try all, and values known besides the samples.
+        draft, samples, floor_points: the person being marked, finished people, and (u, v) on the floor.
+        selected, solution: what was picked up and what was computed last.
         message: for the person at the screen.
     """
 

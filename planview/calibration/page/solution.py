@@ -135,8 +135,7 @@ def _floor_std(floor: Floor) -> tuple[float, ...]:
     return height, math.degrees(tilt), math.degrees(roll)
 
 
-@dataclass(frozen=True, eq=False)
-class CalibrationTask:
+class CalibrationTask(NamedTuple):
     """What a solution depends on (see ``CalibrationSession``)."""
 
     name: str

@@ -20,12 +20,8 @@ from stereo.readers.images import MAX_PIXELS, decode_image
 
 @dataclass(frozen=True, eq=False)
 class ImageMessage:
-    """An image as it was sent.
-
-    Attributes:
-        encoding: of a raw image the name of its pixels, e.g. "mono8"; of a compressed one its format, e.g. "jpeg".
-        width, height, step: of a raw image [px, px, bytes]; 0 of a compressed one.
-    """
+    """An image as it was sent: of a raw one the name of its pixels ("mono8"), its size and step [px, px, bytes], of a
+    compressed one its format ("jpeg")."""
 
     encoding: str
     data: bytes

@@ -6,12 +6,12 @@ import bz2
 import json
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO, Literal, NamedTuple, Protocol
+from typing import Any, BinaryIO, Literal, NamedTuple
 
 from calib.errors import InputError
 from calib.io import entries
@@ -27,13 +27,7 @@ _PACKAGES = re.compile(r"(sensor_msgs|tf2_msgs|tf|foxglove|foxglove_msgs)[./](ms
 
 @dataclass(frozen=True)
 class Topic:
-    """A series of messages.
-
-    Attributes:
-        name: e.g. "/stereo/left/image_raw".
-        kind: what they are to a recording.
-        count: number of messages.
-    """
+    """A named series of messages, e.g. "/stereo/left/image_raw": what they are to a recording, and their number."""
 
     name: str
     kind: Kind
@@ -52,19 +46,27 @@ class Message(NamedTuple):
         return self.decode(self.data)
 
 
-class Bag(Protocol):
-    """A file or folder of messages; every iteration opens it again, so that threads do not meet.
+@dataclass(frozen=True)
+class Bag:
+    """Files of messages, one after the other.
 
     Attributes:
-        path: as given.
-        topics: by name.
+        topics: by name; several connections of one topic count as one.
+        read: the messages of a topic in a file by the time of recording, from a time on [ns]; each call opens the file
+            again, so that threads do not meet.
+        kept: what must live as long as the files.
     """
 
     path: Path
     topics: tuple[Topic, ...]
+    files: Sequence[Path]
+    read: Callable[[Path, str, int | None], Iterator[Message]]
+    kept: object
 
     def messages(self, topic: str, start_ns: int | None = None) -> Iterator[Message]:
         """Messages of a topic by the time of recording, from a time on."""
+        for file in self.files:
+            yield from self.read(file, topic, start_ns)
 
 
 def kind_of(schema: str) -> Kind:
@@ -78,20 +80,8 @@ def require(module: str, path: Path) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        raise InputError(
-            f"{path}: expected the library {module.split('.')[0]} for bags, which is not installed: "
-            "pip install planview[ros]"
-        ) from error
-
-
-def sorted_topics(topics: Sequence[Topic]) -> tuple[Topic, ...]:
-    """By name; several connections of one topic count as one."""
-    merged: dict[str, Topic] = {}
-    for topic in topics:
-        before = merged.setdefault(topic.name, topic)
-        if before is not topic:
-            merged[topic.name] = replace(before, count=before.count + topic.count)
-    return tuple(merged[name] for name in sorted(merged))
+        found = "which is not installed: pip install planview[ros]"
+        raise InputError(f"{path}: expected the library {module.split('.')[0]} for bags, {found}") from error
 
 
 def error_text(error: Exception) -> str:
@@ -107,11 +97,8 @@ STORAGES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 
 
 def open_bag(path: Path, kind: str) -> Bag:
-    """Open a file, or a ROS 2 folder by its files: what its metadata.yaml holds is in them, too.
-
-    Args:
-        kind: "ros1", "sqlite" or "mcap" of a file; empty for a folder.
-    """
+    """Open a file ("ros1", "sqlite" or "mcap"), or a ROS 2 folder ("") by its files, which hold what its metadata.yaml
+    does."""
     what, repair = {
         "ros1": ("a ROS 1 bag", "rosbag reindex"), "mcap": ("an MCAP file", "mcap recover"),
     }.get(kind, ("a ROS 2 bag", "ros2 bag reindex"))  # fmt: skip
@@ -121,16 +108,23 @@ def open_bag(path: Path, kind: str) -> Bag:
             raise ValueError("no .db3 or .mcap file in it")
         unpacked = TemporaryDirectory()
         files = [_unpacked_file(file, Path(unpacked.name)) if file.suffix == ".zstd" else file for file in files]
-        bag = McapFiles(path, files) if files[0].suffix == ".mcap" or kind == "mcap" else RosBag(path, files, kind)
-        bag.kept = unpacked
-        return bag
+        read: Callable[[Path, str, int | None], Iterator[Message]]
+        if files[0].suffix == ".mcap" or kind == "mcap":
+            # Larger records are damage (recorders write chunks of some megabytes).
+            reader = partial(require("mcap.reader", path).SeekingReader, record_size_limit=1 << 30)
+            listed, read = [_mcap_topics(reader, file) for file in files], partial(_mcap_messages, reader, path)
+        else:
+            reader = require("rosbags.rosbag1" if kind == "ros1" else "rosbags.rosbag2", path).Reader
+            listed, read = [_ros_topics(reader, file) for file in files], partial(_ros_messages, reader, kind == "ros1")
+        topics = [topic for of_file in listed for topic in of_file]
+        kinds = {topic.name: topic.kind for topic in reversed(topics)}
+        counts = {name: sum(topic.count for topic in topics if topic.name == name) for name in kinds}
+        return Bag(path, tuple(Topic(n, kinds[n], counts[n]) for n in sorted(kinds)), files, read, unpacked)
+    except InputError:
+        raise
     except Exception as error:  # libraries raise whatever a damaged file provokes
-        if isinstance(error, InputError):
-            raise
-        found = error_text(error).rstrip(".")
-        raise InputError(
-            f"{path}: expected {what}, found one that is damaged or was cut off ({found}): {repair} may repair it"
-        ) from error
+        found = f"one that is damaged or was cut off ({error_text(error).rstrip('.')})"
+        raise InputError(f"{path}: expected {what}, found {found}: {repair} may repair it") from error
 
 
 def _unpacked_file(file: Path, folder: Path) -> Path:
@@ -147,32 +141,21 @@ def _unpacked_file(file: Path, folder: Path) -> Path:
     return folder / file.stem
 
 
-class RosBag:
-    """A ROS 1 bag, or the SQLite files of a ROS 2 bag one after the other, through rosbags (a ``Bag``)."""
+def _ros_topics(reader: Any, file: Path) -> list[Topic]:
+    """Those of a ROS 1 bag, or of a SQLite file of a ROS 2 bag."""
+    with reader(file) as bag:
+        places = [(chunk.datapos, chunk.datasize) for chunk in getattr(bag, "chunks", {}).values()]
+        _refuse_expanding_chunks(file, places)
+        return [Topic(c.topic, kind_of(c.msgtype), c.msgcount) for c in bag.connections]
 
-    kept: object = None
 
-    def __init__(self, path: Path, files: Sequence[Path], kind: str) -> None:
-        self.path, self._files, self._ros1 = path, files, kind == "ros1"
-        self._reader = require("rosbags.rosbag1" if self._ros1 else "rosbags.rosbag2", path).Reader
-        topics = []
-        for file in files:
-            with self._reader(file) as reader:
-                topics += [Topic(c.topic, kind_of(c.msgtype), c.msgcount) for c in reader.connections]
-                _refuse_expanding_chunks(
-                    file, [(c.datapos, c.datasize) for c in getattr(reader, "chunks", {}).values()]
-                )
-        self.topics = sorted_topics(topics)
-
-    def messages(self, topic: str, start_ns: int | None = None) -> Iterator[Message]:
-        """See ``Bag``."""
-        for file in self._files:
-            with self._reader(file) as reader:
-                connections = [c for c in reader.connections if c.topic == topic]
-                for connection, log_ns, data in reader.messages(connections, start=start_ns) if connections else ():
-                    text = getattr(connection.msgdef, "data", connection.msgdef) if self._ros1 else ""
-                    decode = partial(decode_ros, schema=connection.msgtype, ros1=self._ros1, definition=text)
-                    yield Message(log_ns, _unpacked_message(data), decode)
+def _ros_messages(reader: Any, ros1: bool, file: Path, topic: str, start_ns: int | None) -> Iterator[Message]:
+    with reader(file) as bag:
+        connections = [c for c in bag.connections if c.topic == topic]
+        for connection, log_ns, data in bag.messages(connections, start=start_ns) if connections else ():
+            text = getattr(connection.msgdef, "data", connection.msgdef) if ros1 else ""
+            decode = partial(decode_ros, schema=connection.msgtype, ros1=ros1, definition=text)
+            yield Message(log_ns, _unpacked_message(data), decode)
 
 
 def _refuse_expanding_chunks(file: Path, places: Sequence[tuple[int, int]]) -> None:
@@ -203,12 +186,8 @@ def _unpacked_message(data: bytes) -> bytes:
 
 
 def decode_ros(data: bytes, schema: str, ros1: bool, definition: str = "") -> Any:
-    """The object that a serialised ROS message holds.
-
-    Args:
-        schema: type, e.g. "sensor_msgs/msg/Image".
-        definition: of the type, for types that rosbags does not know.
-    """
+    """The object that a serialised ROS message of a type ("sensor_msgs/msg/Image") holds; its definition is for types
+    that rosbags does not know."""
     store = _store(ros1)
     if schema not in store.types and definition:
         from rosbags.typesys import get_types_from_msg
@@ -224,40 +203,25 @@ def _store(ros1: bool) -> Any:
     return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
 
 
-class McapFiles:
-    """MCAP files one after the other (a ``Bag``)."""
+def _mcap_topics(reader: Any, name: Path) -> list[Topic]:
+    with name.open("rb") as file:
+        summary = reader(file).get_summary()
+        if summary is None or summary.statistics is None:
+            raise ValueError("it has no summary section")
+        _check_chunks(file, summary.chunk_indexes)
+        counts = summary.statistics.channel_message_counts
+        schemas = {0: "", **{key: schema.name for key, schema in summary.schemas.items()}}
+        channels = summary.channels.values()
+        return [Topic(c.topic, kind_of(schemas[c.schema_id]), counts.get(c.id, 0)) for c in channels]
 
-    kept: object = None
 
-    def __init__(self, path: Path, files: Sequence[Path]) -> None:
-        self.path, self._files = path, files
-        self._library = require("mcap.reader", path)
-        topics = []
-        for name in files:
-            with name.open("rb") as file:
-                summary = self._reader(file).get_summary()
-                if summary is None or summary.statistics is None:
-                    raise ValueError("it has no summary section")
-                _check_chunks(file, summary.chunk_indexes)
-                counts = summary.statistics.channel_message_counts
-                schemas = {0: "", **{key: schema.name for key, schema in summary.schemas.items()}}
-                channels = summary.channels.values()
-                topics += [Topic(c.topic, kind_of(schemas[c.schema_id]), counts.get(c.id, 0)) for c in channels]
-        self.topics = sorted_topics(topics)
-
-    def messages(self, topic: str, start_ns: int | None = None) -> Iterator[Message]:
-        """See ``Bag``."""
-        for name in self._files:
-            with name.open("rb") as file:
-                codecs: dict[int, Callable[[bytes], Any]] = {}
-                for schema, channel, message in self._reader(file).iter_messages([topic], starting_at=start_ns):
-                    if channel.id not in codecs:
-                        codecs[channel.id] = _codec(channel.message_encoding, schema, self.path)
-                    yield Message(message.log_time, _unpacked_message(message.data), codecs[channel.id])
-
-    def _reader(self, file: Any) -> Any:
-        # Larger records are damage (recorders write chunks of some megabytes).
-        return self._library.SeekingReader(file, record_size_limit=1 << 30)
+def _mcap_messages(reader: Any, path: Path, name: Path, topic: str, start_ns: int | None) -> Iterator[Message]:
+    with name.open("rb") as file:
+        codecs: dict[int, Callable[[bytes], Any]] = {}
+        for schema, channel, message in reader(file).iter_messages([topic], starting_at=start_ns):
+            if channel.id not in codecs:
+                codecs[channel.id] = _codec(channel.message_encoding, schema, path)
+            yield Message(message.log_time, _unpacked_message(message.data), codecs[channel.id])
 
 
 def _check_chunks(file: BinaryIO, chunks: Sequence[Any]) -> None:

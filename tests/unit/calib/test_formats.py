@@ -374,16 +374,12 @@ def write(folder: Path, focal: str = "8", kappa: str = "0", rx: str = "3.1415926
     return folder / "view.xml"
 
 
-def test_tsai_camera_projects_as_by_hand_the_same_at_another_resolution_and_nothing_above_the_horizon(tmp_path):
+def test_tsai_camera_projects_as_by_hand_and_nothing_above_the_horizon(tmp_path):
     # 5 m above the origin looking straight down; dpx = 0.0096 * 800 / 768 = 0.01 mm, so 800 px of focal length.
     camera = load_tsai(write(tmp_path))
     np.testing.assert_allclose(camera.centre_m, [0.0, 0.0, 5.0], atol=1e-12)
     np.testing.assert_allclose(camera.project([[1.0, 0.0, 0.0]]), [[384 + 160, 288]], atol=1e-9)
     np.testing.assert_allclose(camera.project([[0.0, 1.0, 0.0]]), [[384, 288 - 160]], atol=1e-9)
-    path = write(tmp_path, kappa="0.01", rx="2.2")
-    full, small = load_tsai(path), load_tsai(path, (384, 288))
-    pixel = full.project([[0.3, 0.2, 0.0]])
-    np.testing.assert_allclose(small.project([[0.3, 0.2, 0.0]]), (pixel + 0.5) / 2 - 0.5, atol=1e-9)
     camera = load_tsai(write(tmp_path, rx="-1.5707963267948966"))
     assert np.isnan(camera.back_project([[384.0, 0.0]])).all()
 

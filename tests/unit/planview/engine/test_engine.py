@@ -16,7 +16,6 @@ from toy_rgbd import CAMERA
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
-from calib.params import field_docs
 from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import F32
@@ -32,6 +31,7 @@ from planview.trajectories.state import State, TrackState
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
 from stereo.rgbd import RgbdRectifier
+from tools.reference import field_docs
 
 
 def test_a_file_and_overrides_which_beat_it_change_what_they_name_and_nothing_else(tmp_path: Path) -> None:
