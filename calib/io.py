@@ -18,7 +18,7 @@ from calib.errors import InputError
 MAX_BYTES = 2_000_000
 """Settings, rules and calibrations are kilobytes; anything larger is something else and is not read."""
 MAX_TOML = 200_000
-"""TOML that people write has some thousand characters; the parser takes a second for so many."""
+"""TOML that people write has some thousand characters; the parser takes a second for 200,000."""
 MAX_DEPTH = 32
 """Deepest nesting of tables and lists: parsers recurse, and what people write has five (our choice)."""
 REASONS = {

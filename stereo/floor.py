@@ -24,7 +24,7 @@ SETUP_FRAMES = 24
 STEP_PX = 3
 """The floor is fitted to every n-th row and column."""
 MIN_WATCHED, NEARER = 5, 1.15
-"""What moves shows in so many frames at least; it is nearer by this factor than the usual depth of its pixel: a
+"""What moves shows in at least 5 frames; it is nearer by this factor than the usual depth of its pixel: a
 person half a metre in front of a wall 4 m away (our choice)."""
 ALIGN_WINDOW, ALIGN_NOISE = 1 / 30, 3.0
 """Side of the windows in which light is taken out, of the image's width, and the least deviation in them [grey levels]
@@ -43,7 +43,7 @@ BLIND_SENSOR = "the depth has another scale than the calibration has, or everyth
 
 
 class FloorSearch(Params):
-    """How the floor of a recording is looked for; the defaults are those of a run."""
+    """How the floor of a recording is found; the defaults are those of a run."""
 
     frames: int = Field(SETUP_FRAMES, ge=1, le=1000)
     """Frames to look at, spread over the recording."""

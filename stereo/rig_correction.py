@@ -25,7 +25,7 @@ _PATCH = 7
 _SIMILARITY_MIN = 0.9
 """Smallest normalised correlation of two patches that count as a match (our choice)."""
 _SEARCH = 0.02
-"""Largest row offset looked for, each way, over the image's width: more is not age but a wrong calibration."""
+"""Largest row offset searched, each way, over the image's width: more is not age but a wrong calibration."""
 _CELLS = 12
 """Square cells across the image, each of which counts once (our choice)."""
 _CELLS_MIN = 20
@@ -40,9 +40,9 @@ _YAW_DEG = 0.15
 _NOISE_MIN_PX = 0.1
 """Least noise of a cell [px]: what interpolation leaves (our choice)."""
 _HUBER = 2.0
-"""Residuals beyond so many standard deviations count linearly (our choice)."""
+"""Residuals beyond this many standard deviations count linearly (our choice)."""
 _DEVIATIONS = 3.0
-"""An angle is corrected when it is so many standard deviations from its calibration."""
+"""An angle is corrected when it is this many standard deviations from its calibration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +212,7 @@ def match_corners(
     Args:
         disparity_max_px, disparity_min_px: disparities to search [px]; negative ones show swapped images.
         features: corners tried (our choice).
-        search_px: largest row offset looked for, each way.
+        search_px: largest row offset searched, each way.
     Returns:
         (N, 4) float64 [px]: u and v in the left image, u in the right image, v_right - v_left.
     """

@@ -67,7 +67,7 @@ class Board:
 
 
 def dictionaries() -> dict[str, int]:
-    """Names of the ArUco dictionaries this OpenCV knows, with their numbers."""
+    """Names of the ArUco dictionaries of this OpenCV, with their numbers."""
     found = {name: int(getattr(cv2.aruco, name)) for name in dir(cv2.aruco) if name.startswith("DICT_")}
     # Aliases differ in case only; keep one name for each.
     return {name: number for name, number in found.items() if name.upper() == name or name.upper() not in found}
@@ -256,7 +256,7 @@ def complete_charuco(board: Board, images: Sequence[U8], *, any_dictionary: bool
 
 
 def _markers(dictionary: str, wanted: int, greys: Sequence[U8]) -> int:
-    """Markers of a dictionary in the images whose ids a board with so many of them can hold."""
+    """Markers of a dictionary in the images whose ids a board with ``wanted`` markers can hold."""
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(dictionaries()[dictionary]))
     found = [detector.detectMarkers(grey)[1] for grey in greys]
     return sum(len({int(i) for i in np.asarray(ids).ravel() if i < wanted}) for ids in found if ids is not None)

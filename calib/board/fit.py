@@ -273,7 +273,7 @@ def _rig_of(values: F64, like: StereoRig) -> StereoRig:
 
 
 def _criteria(max_iterations: int) -> tuple[int, int, float]:
-    """OpenCV's: so many steps, or parameters that change by less than this share."""
+    """OpenCV's: ``max_iterations`` steps, or parameters that change by less than 1e-8 of themselves."""
     return cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, max_iterations, 1e-8
 
 

@@ -31,11 +31,11 @@ from calib.rig import Floor, world_from_plane
 from calib.types import F32, F64, I64, Bool
 
 N_CANDIDATES = 8
-"""Planes looked for; a room has a floor, three walls and some furniture (our choice)."""
+"""Planes searched; a room has a floor, three walls and some furniture (our choice)."""
 RANSAC_ITERATIONS = 2000
 """Triples tried per candidate: one of 2000 hits a plane of 12 % of the remaining points with 97 % (our choice)."""
 FIT_POINTS = 400_000
-"""Points looked at over all frames, evenly thinned (our choice, for speed)."""
+"""Points used over all frames, evenly thinned (our choice, for speed)."""
 EDGE_CELLS = 2.5
 """Floor this close to something on it is left out of the last fits, in cells (our choice: 25 px at 640 px, what
 semi-global matching smooths over)."""
@@ -132,7 +132,7 @@ def _away_from_edges(plane: Plane, view: Rays) -> Bool:
     if not other.any():
         return np.ones(len(view), dtype=np.bool_)
     across = view.rays[:, 0].max() - view.rays[:, 0].min()
-    from scipy.spatial import cKDTree  # half a second, and only a floor that is looked for needs it
+    from scipy.spatial import cKDTree  # half a second, and only a floor that is searched needs it
 
     distance, _ = cKDTree(view.rays[other, :2]).query(view.rays[:, :2])
     free = np.asarray(distance > EDGE_CELLS * across / CELLS_ACROSS)
@@ -174,7 +174,7 @@ def _points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None) -> Rays:
     if sigma_z is not None and [len(s) for s in sigma_z] != [len(c) for c in clouds]:
         raise ValueError("expected one depth deviation per point")
     stride = max(1, math.ceil(sum(len(c) for c in clouds) / FIT_POINTS))
-    # Another offset per frame, so that every pixel is looked at in some frame.
+    # Another offset per frame, so that every pixel is used in some frame.
     thinned = [np.asarray(c)[i % stride :: stride] for i, c in enumerate(clouds)]
     points = np.concatenate([np.empty((0, 3)), *thinned]).astype(np.float64)
     sigma = np.ones(len(points))

@@ -221,7 +221,7 @@ MIN_MOVED = 500
 MOUNT_M, MOUNT_SPREAD = 2.7, 0.5
 """Median height of cameras over floors [m], that of a ceiling, and the deviation of its logarithm (our choice)."""
 STRAIGHT_DEG = 15.0
-"""Planes seen this nearly straight on are looked at twice: cameras are mounted level, or overhead, by eye (our choice).
+"""Planes seen this nearly straight on are judged twice: cameras are mounted level, or overhead, by eye (our choice).
 """
 LEANING_DEG, LEVEL_DEG = -5.0, 88.0
 """Below this tilt a camera leans backwards (an overhead mount is off by a few degrees), beyond this one it is level."""

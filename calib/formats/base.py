@@ -280,7 +280,7 @@ def parse_xml(text: str) -> ElementTree.Element:
 
 _HEADER = re.compile(r"\A%YAML[ :][0-9.]+[^\n]*\n", re.MULTILINE)
 MAX_CHARACTERS = 100_000
-"""A calibration in YAML has a few thousand; the parser takes a second for so many."""
+"""A calibration in YAML has a few thousand; the parser takes a second for 100,000."""
 _DOCUMENT_END = re.compile(r"^(?:---|\.\.\.)\s*$", re.MULTILINE)
 _OPENCV_TAG = re.compile(r"!!opencv-[a-z-]+")
 

@@ -19,7 +19,7 @@ ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M = 1.70, 0.12
 CIRCLE_POINTS = 16
 """Points sampled on each circle; with 16 the polygon's box equals the circle's along both axes."""
 HULL_POINTS = 24
-"""Vertices of a projected hull: its extreme points in so many directions (our choice; within 1 % of the area)."""
+"""Vertices of a projected hull: its extreme points in 24 directions (our choice; within 1 % of the area)."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ FOCAL, HEIGHT, TILT, ROLL, GIRTH, STATURE = range(6)
 mean height over the model's; two per person, its place, follow."""
 N_SHARED = 6
 N_CAMERA = 4
-"""The first so many of them are the camera's."""
+"""The first of them, which are the camera's."""
 FIELDS_DEG: dict[str, tuple[float, float]] = {
     "pinhole": (20.0, 90.0),
     "normal": (20.0, 90.0),

@@ -80,7 +80,7 @@ class MarkedPeople:
         rows: (n, 8) float64 (see ``HumanSample.row``).
         scale: (n,) float64 height that is expected of each over the model's [1]; scale_std: its deviation.
         given: (n,) bool whose height was given; the others' follows the people's mean.
-        repeats: so many samples are worth one independent one [1].
+        repeats: number of samples that are worth one independent sample [1].
     """
 
     rows: F64

@@ -143,7 +143,7 @@ def collect_samples(video: Video, count: int = 50, done: Callable[[], None] = la
             "one size: people hide each other too much, mark samples by hand instead"
         )
     chosen = choose_spread([s for s, ok in zip(bodies, usual, strict=True) if ok], count)
-    # A lone walker is worth so many independent samples (our choice: the same body at other places).
+    # A lone walker is worth eight independent samples (our choice: the same body at other places).
     return CollectedSamples(chosen, max(len(walking), 8))
 
 

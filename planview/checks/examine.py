@@ -104,7 +104,7 @@ def exposure_picture(image: U8) -> U8:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What was found: every check, and what they looked at; None of one camera, and of a recording that was refused."""
+    """What was found: every check, and its evidence; None of one camera, and of a recording that was refused."""
 
     checks: tuple[Check, ...]
     evidence: Evidence | None

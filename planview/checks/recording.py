@@ -60,7 +60,7 @@ class Evidence:
 
 
 def gather(recording: StereoRecording | RgbdRecording, frames: int, search: FloorSearch | None = None) -> Evidence:
-    """Decode, rectify and match what the checks need, of so many consecutive ``frames`` and with the ``search`` for the
+    """Decode, rectify and match what the checks need, of consecutive ``frames`` and with the ``search`` for the
     floor of a run. Raises WorkError: not one frame can be used."""
     search = search or FloorSearch()
     count = max(3, min(frames, recording.n_frames))
@@ -79,7 +79,7 @@ def gather(recording: StereoRecording | RgbdRecording, frames: int, search: Floo
         # Frames in which corners are matched (our choice, for speed).
         for frame in spread[:: max(1, len(spread) // 8)]:
             p = plain(frame.left, frame.right)
-            # Row offsets looked for in a pair that may be badly calibrated: a rig turned by 2 degrees still matches.
+            # Row offsets searched in a pair that may be badly calibrated: a rig turned by 2 degrees still matches.
             found.append(match_corners(p.left_grey, p.right_grey, largest, -largest, search_px=24, features=200))
         pair = PairEvidence(plain, np.concatenate(found), correction, pairs)
     else:

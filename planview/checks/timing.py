@@ -28,7 +28,7 @@ ACTIVE_SHARE = 0.001
 MIN_LIKENESS = 0.5
 """Correlation of the cameras' movement below which their lag is not reported."""
 LONGEST_LAG = 30
-"""Longest lag looked for [frames]: two seconds at 15 Hz (our choice)."""
+"""Longest lag searched [frames]: two seconds at 15 Hz (our choice)."""
 WINDOW = 120
 """Frames over which the mean movement is taken out (our choice)."""
 MIN_FRAMES = 12
@@ -200,7 +200,7 @@ def frame_checks(recording: Recorded[Any], spread: list[Any], run: list[Any], fr
     known = np.array([f.timestamp_s for f in run]) if times is None else times[np.isfinite(times)]
     gap = "longest step between frames over the usual one"
     return [
-        at_least("usable frames", usable, MIN_USABLE, "", "share of the frames looked at that can be decoded"),
+        at_least("usable frames", usable, MIN_USABLE, "", "share of the frames read that can be decoded"),
         at_most("timestamp gap", longest_step(known), MAX_GAP, "steps", gap, warns=True),
     ]
 

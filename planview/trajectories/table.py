@@ -292,7 +292,7 @@ def frame_period_s(table: Trajectories, fallback_s: float) -> float:
 
 
 def is_person(confirmed_frames: I64, frame_s: float) -> Bool:
-    """(N,) whether tracks confirmed in so many frames are people."""
+    """(N,) whether tracks confirmed in these numbers of frames are people."""
     return np.asarray(confirmed_frames * frame_s >= PERSON_S - 1e-9)
 
 

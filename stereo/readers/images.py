@@ -28,7 +28,7 @@ Size = tuple[int, int]
 MAX_PIXELS = 100_000_000
 """Largest image that is decoded: larger than any camera's, and 0.6 GB at 16 bits in three channels (our choice)."""
 FRAMES = 5
-"""Frames of each camera in which the largest value is looked for (our choice)."""
+"""Frames of each camera in which the largest value is searched (our choice)."""
 
 
 def true_bits(images: Iterable[AnyArray]) -> int | None:

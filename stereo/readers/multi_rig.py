@@ -67,7 +67,7 @@ class MultiRigRecording:
 
 
 class _Stream:
-    """A rig's frames with one looked at ahead."""
+    """A rig's frames with one read ahead."""
 
     def __init__(self, frames: Generator[AnyFrame, None, None], start_s: float, period_s: float) -> None:
         self._frames, self._start_s = frames, start_s

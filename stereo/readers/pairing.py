@@ -250,7 +250,7 @@ def nearest_mates(images: I64, depths: I64) -> I64:
 
 
 def depth_note(mates: I64, where: str = "") -> list[str]:
-    """How many images have no depth image, and where they were looked for: by their times when empty."""
+    """How many images have no depth image, and where they were searched: by their times when empty."""
     alone = int((mates < 0).sum())
     where = where or f"within {MAX_APART_S * 1e3:g} ms"
     return [f"{alone} of {len(mates)} images without a depth image {where}, skipped"] if alone else []

@@ -27,7 +27,7 @@ from stereo.recording import DEFAULT_FPS, FrameClock, OpenOptions, RgbdFrame, Rg
 MIN_PAIRS = 4
 """With movement in fewer of them there is no rate (our choice)."""
 STEP_PX = 8
-"""Every n-th row and column is looked at."""
+"""Every n-th row and column is used."""
 
 
 def rate_by_movement(at: Callable[[Sequence[int]], list[RgbdFrame]], n_frames: int, camera: Camera) -> float | None:
@@ -40,7 +40,7 @@ def rate_by_movement(at: Callable[[Sequence[int]], list[RgbdFrame]], n_frames: i
     if len(depths) < MIN_PAIRS:
         return None
     background = median_image(list(depths.values()))
-    # (h, w, 3) rays at unit depth of the pixels looked at.
+    # (h, w, 3) rays at unit depth of the pixels used.
     columns, rows = np.meshgrid(np.arange(0, camera.width, STEP_PX), np.arange(0, camera.height, STEP_PX))
     rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()])).reshape(*columns.shape, 3)
     places = {index: _place(depth, background, rays, camera) for index, depth in depths.items()}

@@ -265,7 +265,7 @@ def packed_layout(
 
 
 def sampled(source: FrameSource) -> list[U8]:
-    """Three pictures of a source, one at least: its announced length is believed only as far as it is read."""
+    """Three pictures of a source, one at least, since its announced length may be wrong."""
     spread = sorted({round(float(i)) for i in np.linspace(0, max(0, source.n_frames - 1), 3)})
     found = [frame.image for frame in source.at(spread) if frame.image is not None]
     return found or [frame.image for frame in source.at([0]) if frame.image is not None]

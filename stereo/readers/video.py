@@ -50,7 +50,7 @@ class VideoFile:
         self._start_ms = float(capture.get(cv2.CAP_PROP_POS_MSEC))
         fps, announced = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
         self.n_frames = int(announced) if np.isfinite(announced) and announced > 0 else 0
-        # A file of less than 200 bytes a frame is too small for so many: counting them costs nothing.
+        # A file of less than 200 bytes a frame is too small for its number of frames: counting them costs nothing.
         if self.n_frames > path.stat().st_size / 200:
             self.n_frames = 1 + sum(1 for _ in takewhile(lambda _: capture.grab(), range(1, self.n_frames)))
         capture.release()

@@ -99,7 +99,7 @@ def draw(browser: Browser, picture: Picture, sample: HumanSample, number: int) -
 
 
 @pytest.mark.slow
-def test_people_drawn_with_the_mouse_become_a_camera(browser, page, people, tmp_path):
+def test_people_marked_with_the_mouse_become_a_camera(browser, page, people, tmp_path):
     browser.open(page)
     browser.wait("return document.querySelector('.pv-stage img')?.naturalWidth > 0 && document.body.dataset.zoom")
     picture = Picture(browser)

@@ -1,1 +1,1 @@
-"""Calibration in the browser: what it knows (session), how it draws (overlay), the page (page)."""
+"""Calibration in the browser: its state (session), marks over a picture (overlay), the page (page)."""

@@ -39,7 +39,7 @@ def fit_floor(view: FloorDepths, pixels: Sequence[Point]) -> FloorFit:
     fewer than three points, a point without depth, or no three that span a floor."""
     points = view.points_at(np.array(pixels, dtype=np.float64).reshape(-1, 2))
     # A point this far from the plane of the others is not on the floor [m] (our choice: lower than a step)...
-    # ...or so many deviations of its depth, where that is more (our choice).
+    # ...or three deviations of its depth, where that is more (our choice).
     limit = np.array([max(0.06, 3.0 * view.geometry.depth_std_m(float(p[2]))) for p in points])
     return fit_plane(points, limit, view.depth_std_m(points))
 

@@ -52,7 +52,7 @@ def test_corners_are_found_to_a_hundredth_of_a_pixel_and_in_a_small_image_at_its
     assert min(np.abs(order - expected).max() for order in (corners.pixels, corners.pixels[::-1])) < 0.1
 
 
-def test_counts_of_a_board_are_found_and_a_part_is_told_from_the_whole() -> None:
+def test_counts_of_a_board_are_found_and_a_part_is_distinguished_from_the_whole() -> None:
     images = [board_image(8, 5)] * 3
     assert find_counts(images) == (8, 5) and larger_counts(images, (4, 3)) == (8, 5)
     assert larger_counts(images, (5, 8)) is None

@@ -127,7 +127,7 @@ def test_refusal_names_the_best_plane_and_the_world_that_accepts_it(tmp_path: Pa
     assert load_world(tmp_path / "world.toml").height_m == pytest.approx(0.7, abs=0.01)
 
 
-def test_floor_tells_its_uncertainty_and_extent() -> None:
+def test_floor_has_its_uncertainty_and_extent() -> None:
     room = Room(pose_of(45, 3.0))
     room.add((0.0, 0.0, 1.0), 0.0, (-2, 2, 1.5, 6))
     floor = found(room.clouds())

@@ -85,7 +85,7 @@ def test_arrays_are_refused_with_the_way_out_that_is_read(tmp_path):
     assert load_rig(tmp_path / "cal.json").baseline_m == pytest.approx(0.1)
 
 
-def test_format_is_told_by_content_not_by_name(tmp_path):
+def test_format_is_recognised_by_content_not_by_name(tmp_path):
     for form in FORMATS:
         if form.suffix and form.key != "middlebury":
             write_rig(RIG.scaled(1280, 960) if form.key != "zed" else hd_rig(), tmp_path / "x", form.key)
@@ -111,12 +111,12 @@ def test_size_of_a_calibration_is_scaled_to_the_same_aspect_or_taken_from_the_pr
         load_rig(tmp_path, (640, 360))
 
 
-def test_size_that_a_file_lacks_is_taken_from_the_principal_point_and_said(tmp_path):
+def test_size_that_a_file_lacks_is_taken_from_the_principal_point_with_a_note(tmp_path):
     rig = load_rig(opencv_pair(tmp_path))
     assert rig.left.size == (640, 480) and "taken from the principal points" in rig.source
 
 
-def test_millimetres_and_positive_translations_are_refused_with_the_way_to_mend_them(tmp_path):
+def test_millimetres_and_positive_translations_are_refused_with_the_way_out(tmp_path):
     opencv_pair(tmp_path, tx="-100.")
     with pytest.raises(InputError, match=r"found 100 m \(millimetres\? converted with that unit it is 0.1 m"):
         load_rig(tmp_path, (640, 480))

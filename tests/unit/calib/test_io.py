@@ -212,7 +212,7 @@ def test_first_writable_place_is_taken(tmp_path):
     assert not (tmp_path / "b").exists()
 
 
-def test_temporary_cache_is_used_and_told_where_no_place_can_be_written(tmp_path, monkeypatch):
+def test_temporary_cache_is_used_with_a_warning_where_no_place_can_be_written(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(libraries, "usual_places", lambda: [tmp_path / "file" / "cache"])
     monkeypatch.delitem(libraries.sys.modules, "numba", raising=False)

@@ -157,7 +157,7 @@ def test_calibration_of_noisy_samples_is_within_its_own_deviation(name):
     ],
     ids=["too few", "one place", "another image size"],
 )
-def test_calibration_refuses_samples_that_tell_no_camera(people, size, message):
+def test_calibration_refuses_samples_that_determine_no_camera(people, size, message):
     with pytest.raises(InputError, match=message):
         calibrate_from_people(people, size, "normal")
 
@@ -264,7 +264,7 @@ def test_field_of_view_is_a_focal_length_and_both_are_refused():
         KnownValues(focal_px=700.0, field_deg=60.0)
 
 
-def test_known_camera_height_tells_the_stature_of_the_people() -> None:
+def test_known_camera_height_gives_the_stature_of_the_people() -> None:
     # People of 1.76 m under a camera at 7 m give the images of people of 1.69 m under a camera at 6.7 m.
     found = calibrate_from_people(
         standing_people(STREET, 12, seed=1), STREET.size, "pinhole", known=KnownValues(focal_px=740.0, height_m=6.7)

@@ -76,7 +76,7 @@ def kitti(folder: Path, suffix: str) -> Path:
 
 
 @pytest.mark.parametrize(("suffix", "focal_px", "baseline_m"), [("sync", 25.0, 0.1), ("extract", 30.0, 0.12)])
-def test_kitti_drive_is_rectified_when_its_name_says_so(tmp_path, suffix, focal_px, baseline_m):
+def test_kitti_drive_is_rectified_by_its_name(tmp_path, suffix, focal_px, baseline_m):
     recording = open_recording(kitti(tmp_path, suffix))
     assert recording.rig.left.fx == focal_px and recording.rig.baseline_m == pytest.approx(baseline_m)
     assert [f.timestamp_s for f in recording] == pytest.approx([0.0, 0.1, 0.3])
@@ -120,7 +120,7 @@ def test_images_in_one_folder_pair_by_any_naming_of_the_sides(tmp_path, names):
     assert [(int(f.left[0, 0]), int(f.right[0, 0])) for f in frames] == [(10 + i, 200 + i) for i in range(COUNT)]
 
 
-def test_names_that_tell_no_side_are_no_pair():
+def test_names_without_a_side_are_no_pair():
     assert split_sides(["frame1", "frame2", "frame3"]) is None
     assert split_sides(["camera1", "camera2", "camera3"]) is None
     assert split_sides(["calibration", "result"]) is None
@@ -131,7 +131,7 @@ def test_nanoseconds_in_file_names_give_the_rate(tmp_path):
     assert recording.fps == pytest.approx(20.0)
 
 
-def test_nanoseconds_in_timestamps_csv_are_told_as_such(tmp_path):
+def test_nanoseconds_in_timestamps_csv_are_recognised(tmp_path):
     folder = folder_recording(tmp_path / "r", COUNT)
     rows = "".join(f"{i},{stamp}\n" for i, stamp in enumerate(STAMPS))
     (folder / "timestamps.csv").write_text("frame,timestamp_s\n" + rows)
@@ -184,7 +184,7 @@ LFS = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 727\n"
     ("name", "content", "found"),
     [("a.bag", LFS, "git-lfs pointer instead of the file of 727 bytes"), ("a.svo2", "SVO", "ZED SDK")],
 )
-def test_file_that_is_no_recording_is_told_as_what_it_is(tmp_path, name, content, found):
+def test_file_that_is_no_recording_is_named_as_what_it_is(tmp_path, name, content, found):
     (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=found):
         find_layout(tmp_path / name)
@@ -271,7 +271,7 @@ def test_clocks_that_differ_by_a_constant_or_stand_still_pair_in_order():
     assert pairs.times_s[2] == pytest.approx(2 / 30) and "fps gives another rate" in pairs.notes[0]
 
 
-def test_rate_tells_jitter_gaps_and_dropped_frames() -> None:
+def test_rate_has_jitter_gaps_and_dropped_frames() -> None:
     rate = rate_of_times(np.array([0.0, 0.1, 0.2, 0.5, 0.6, 0.7]))
     assert rate.fps == pytest.approx(10.0) and rate.jitter_ms == pytest.approx(0.0, abs=1e-9)
     assert (rate.gaps, rate.dropped) == (1, 2) and rate.longest_gap_s == pytest.approx(0.3)

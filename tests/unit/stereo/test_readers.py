@@ -105,7 +105,7 @@ def test_videos_are_read_and_grey_detected_and_the_shorter_trims_the_pair(tmp_pa
     assert recording.n_frames == 8 and [s.index for s in recording.skipped] == list(range(right, 8))
 
 
-def test_truncated_video_ends_early_and_says_so(tmp_path: Path) -> None:
+def test_truncated_video_ends_early_with_a_note(tmp_path: Path) -> None:
     video_pair(tmp_path, (30, 30), 320, 240)
     data = (tmp_path / "right.avi").read_bytes()
     (tmp_path / "right.avi").write_bytes(data[: len(data) // 2])
@@ -213,7 +213,7 @@ def test_prefetch_left_early_stops_its_thread_and_closes_its_source() -> None:
     assert closed.is_set() and threading.active_count() == before
 
 
-def test_images_of_one_camera_without_times_say_which_rate_is_assumed(tmp_path: Path) -> None:
+def test_images_of_one_camera_without_times_note_the_assumed_rate(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r") / "left"
     video = open_video(folder)
     assert video.fps == 30.0

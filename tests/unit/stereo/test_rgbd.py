@@ -120,7 +120,7 @@ def _open(path: Path, options: OpenOptions | None = None) -> RgbdRecording:
 
 
 @pytest.mark.parametrize("names", [("rgb", "depth"), ("color", "depth"), ("Color", "aligned_depth_to_color")])
-def test_folders_hold_millimetres_unless_they_say_otherwise(tmp_path: Path, names: tuple[str, str]) -> None:
+def test_folders_hold_millimetres_unless_a_file_gives_another_unit(tmp_path: Path, names: tuple[str, str]) -> None:
     (frame, *_), recording = list(rec := _open(_folders(tmp_path, COLOUR, names))), rec
     assert (recording.n_frames, recording.camera.fx, recording.sensor) == (3, 60.0, "structured-light")
     assert frame.image.shape == (48, 64, 3)
@@ -151,7 +151,7 @@ def test_open3d_intrinsics_are_stored_by_columns_and_name_the_sensor(tmp_path: P
     assert (recording.camera.fy, recording.camera.cx, recording.sensor) == (61.0, 31.5, "time-of-flight")
 
 
-def test_images_and_depth_in_one_folder_are_told_apart_by_name(tmp_path: Path) -> None:
+def test_images_and_depth_in_one_folder_are_distinguished_by_name(tmp_path: Path) -> None:
     _write(tmp_path, [f"frame-00000{i}.color" for i in range(3)])
     _write(tmp_path, [f"frame-00000{i}.depth" for i in range(3)], depth=2000)
     (tmp_path / "intrinsic.json").write_text(json.dumps(COLOUR))

@@ -35,7 +35,7 @@ LEFT, RIGHT = view(), view(12)
         (cv2.resize(np.vstack([LEFT, RIGHT]), (W, H)), W / H, Packing(True, True)),
     ],
 )
-def test_packing_is_told_from_what_the_views_share(picture: U8, aspect: float | None, packing: Packing) -> None:
+def test_packing_is_found_from_what_the_views_share(picture: U8, aspect: float | None, packing: Packing) -> None:
     found, shared = find_packing([picture], aspect)
     assert found == packing and shared.fraction > 0.3
     assert found.size((picture.shape[1], picture.shape[0])) == (W, H)
@@ -47,7 +47,7 @@ def test_picture_of_one_camera_is_no_packing() -> None:
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_order_is_told_by_which_corners_lie_nearer_than_infinity(swapped: bool) -> None:
+def test_order_is_found_by_which_corners_lie_nearer_than_infinity(swapped: bool) -> None:
     picture = np.hstack([RIGHT, LEFT] if swapped else [LEFT, RIGHT])
     rig = toy_rig((W, H))
     order = find_order(common([picture], SIDE_BY_SIDE.split).matches, rig, rig)
@@ -62,7 +62,7 @@ def test_images_whose_rows_agree_already_are_rectified() -> None:
     assert "alpha 0" in assumed and rectified.baseline_m == pytest.approx(turned.baseline_m)
 
 
-def test_swapped_video_is_mended_and_told(tmp_path: Path) -> None:
+def test_swapped_video_is_exchanged_with_a_note(tmp_path: Path) -> None:
     write_frames(tmp_path / "pair.avi", [np.hstack([RIGHT, LEFT])] * 3)
     save_rig(toy_rig((W, H)), tmp_path / "rig.toml")
     recording = open_recording(tmp_path)
@@ -71,7 +71,7 @@ def test_swapped_video_is_mended_and_told(tmp_path: Path) -> None:
     assert "left and right are exchanged" in recording.notes[0]
 
 
-def test_depth_beside_its_image_is_refused(tmp_path: Path) -> None:
+def test_depth_next_to_its_image_is_refused(tmp_path: Path) -> None:
     colour = cv2.applyColorMap(view(), cv2.COLORMAP_JET)
     rng = np.random.default_rng(5)
     depth = cv2.resize(rng.integers(0, 255, (30, 40), dtype=np.uint8), (W, H), interpolation=cv2.INTER_NEAREST)

@@ -108,7 +108,7 @@ def curve(t: F64) -> F64:
     return np.column_stack([1.5 * np.sin(0.5 * t) + 0.3 * np.sin(1.3 * t), 3.0 + 1.2 * np.cos(0.4 * t)])
 
 
-def test_a_walk_with_turns_tells_heading_place_and_clock() -> None:
+def test_a_walk_with_turns_gives_heading_place_and_clock() -> None:
     first, second = both_heads(curve(0.05 * np.arange(600)))
     found = align_rigs([first], [second], PARAMS)
     assert math.degrees(abs(found.heading_rad - TRUE.heading_rad)) < 0.5
@@ -128,7 +128,7 @@ def test_a_walk_with_turns_tells_heading_place_and_clock() -> None:
     ],
     ids=["one straight line at one speed", "to and fro on a line", "standing"],
 )
-def test_walks_that_tell_no_alignment_are_refused(x_m, noise_m, found):
+def test_walks_that_determine_no_alignment_are_refused(x_m, noise_m, found):
     first, second = both_heads(np.column_stack([x_m, np.full(len(x_m), 3.0)]), noise_m)
     with pytest.raises(WorkError, match=found):
         align_rigs([first], [second], PARAMS)

@@ -67,7 +67,7 @@ def test_fixed_camera_is_still_when_its_exposure_halves_and_a_panning_one_moves_
     assert set(found[5:20]) == {Steady.MOVING} and found[-1] is Steady.STILL
 
 
-def test_cut_is_told_a_second_after_its_break() -> None:
+def test_cut_is_reported_a_second_after_its_break() -> None:
     watch = Steadiness()
     found = [watch.update(i, 0.1 * i, window(SCENE if i < 4 else OTHER)) for i in range(18)]
     assert found[4:15] == [Steady.BREAK] * 10 + [Steady.CUT]
@@ -186,7 +186,7 @@ def failing(found: MotionFindings) -> set[str]:
     return {check.name for check in motion_checks(found) if not check.ok}
 
 
-def test_cameras_in_step_and_still_scenes_pass_and_frozen_cameras_and_copies_are_told(sides):
+def test_cameras_in_step_and_still_scenes_pass_and_frozen_cameras_and_copies_are_reported(sides):
     found = watched(*sides)
     assert abs(found.lag.frames) < 0.2 and failing(found) == set()
     still = watched(*[[picture(0, 0)] * FRAMES] * 2)
@@ -198,19 +198,19 @@ def test_cameras_in_step_and_still_scenes_pass_and_frozen_cameras_and_copies_are
 
 
 @pytest.mark.parametrize("late", [1, 2, 3, 8, -2])
-def test_images_that_are_late_are_told_with_their_lag_negative_on_the_left(sides, late):
+def test_images_that_are_late_are_reported_with_their_lag_negative_on_the_left(sides, late):
     left, right = sides
     found = watched(left[late:], right[:-late]) if late > 0 else watched(left[:late], right[-late:])
     assert found.lag.frames == pytest.approx(late, abs=0.3) and "synchronisation" in failing(found)
 
 
-def test_camera_that_stalls_once_is_told_by_the_length_of_the_stall(sides: tuple[list[U8], list[U8]]) -> None:
+def test_camera_that_stalls_once_is_reported_by_the_length_of_the_stall(sides: tuple[list[U8], list[U8]]) -> None:
     left, right = sides
     found = watched(left * 5, (right[:20] + [right[19]] * 12 + right[32:]) + right * 4)
     assert found.frozen < 0.1 and 10 <= found.stall <= 12 and failing(found) == {"stalled camera"}
 
 
-def test_second_half_that_is_late_is_told(sides: tuple[list[U8], list[U8]]) -> None:
+def test_second_half_that_is_late_is_reported(sides: tuple[list[U8], list[U8]]) -> None:
     long = [[picture(i * 1.0 + 0.001 * i * i, shift) for i in range(360)] for shift in (0, 6)]
     found = watched(long[0], long[1][:180] + long[1][165:345])
     assert found.lag.frames == pytest.approx(15, abs=1.0)
@@ -381,7 +381,7 @@ def test_fault_of_scale_against_a_known_height(tmp_path, pairs):
     ],
     ids=["panned since calibration", "right camera late"],
 )
-def test_fault_is_told_with_its_size(fault, name, value, within, tmp_path, pairs):
+def test_fault_is_reported_with_its_size(fault, name, value, within, tmp_path, pairs):
     shown, rig = fault(pairs)
     diagnosis = examine(write_toy_recording(tmp_path / "r", RIG, shown, claimed=rig), frames=COUNT)
     check = next(c for c in diagnosis.checks if c.name == name)
@@ -467,7 +467,7 @@ def test_command_refuses_a_height_without_sense(refused, tmp_path):
     assert "0.5 to 2.5 m" in refused("check", tmp_path, "--person-height", "175m")
 
 
-def test_what_is_no_recording_is_refused_or_told(tmp_path):
+def test_what_is_no_recording_is_refused_or_reported(tmp_path):
     with pytest.raises(InputError, match="nothing there"):
         examine(tmp_path / "absent")
     diagnosis = examine(tmp_path)

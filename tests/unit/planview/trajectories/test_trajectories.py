@@ -139,7 +139,7 @@ def test_rows_that_are_not_flag_class_visibility_are_metres(tmp_path: Path, colu
     assert [truth.x_m[0], truth.y_m[0]] == [float(value) for value in columns.split(",")[1:3]]
 
 
-def test_laboratory_rows_become_metres_and_seconds_and_our_own_are_told_by_their_header(tmp_path: Path) -> None:
+def test_laboratory_rows_become_metres_and_seconds_and_our_own_are_recognised_by_their_header(tmp_path: Path) -> None:
     tracks = load_tracks(written(tmp_path, "3 32 100 -50 175\n"))
     assert (tracks.track_id[0], tracks.frame[0], tracks.timestamp_s[0]) == (3, 32, 2.0)
     assert (tracks.x_m[0], tracks.y_m[0], tracks.height_m[0]) == (1.0, -0.5, 1.75)
@@ -186,7 +186,7 @@ def two_walkers(frames: int = 4, fps: float = 15.0) -> Trajectories:
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_every_format_is_told_by_its_content_and_gives_positions_within_a_millimetre(name, tmp_path):
+def test_every_format_is_recognised_by_its_content_and_gives_positions_within_a_millimetre(name, tmp_path):
     table, path = two_walkers(), tmp_path / "anything"
     FORMATS[name].write(path, prepared(TrajectoryFile(table), name, area=AREA))
     again = load_tracks(path)

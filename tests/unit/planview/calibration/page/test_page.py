@@ -21,7 +21,7 @@ BLACK = np.zeros((480, 640, 3), np.uint8)
 
 
 @pytest.mark.asyncio
-async def test_page_says_what_to_do_and_exports(tmp_path: Path) -> None:
+async def test_page_shows_the_next_step_and_exports(tmp_path: Path) -> None:
     session = CalibrationSession("clip.mp4", [BLACK] * 2, [0, 5], lens="pinhole")
     async with user_simulation(root=lambda: Page(session, tmp_path)) as user:
         await user.open("/")

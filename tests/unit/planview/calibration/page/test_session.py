@@ -57,7 +57,7 @@ def solved() -> CalibrationSession:
     return session
 
 
-def test_session_turns_drawn_people_into_a_camera_whose_values_have_deviations_and_a_verdict(solved):
+def test_session_turns_marked_people_into_a_camera_whose_values_have_deviations_and_a_verdict(solved):
     assert solved.solution.found.camera.height_m == pytest.approx(3.5, rel=0.02)
     assert [s.frame for s in solved.samples] == [0, 10, 20, 0, 10, 20]
     rows = {row.name: row for row in solved.solution.rows()}
