@@ -280,14 +280,14 @@ def one_camera_and_mog2(
     times of ours and of MOG2 [ms], and confirmed people."""
     camera = GroundCamera(width_px, width_px * 3 // 4, 260.0 * width_px / 320, 3.5, math.radians(60))
     follower = image_tracker(tracker, config, camera)
-    front_end = OneCamera(config.single_camera, camera.size, follower.foreground_columns)
+    front_end = OneCamera(config.single_camera, camera.size, follower)
     mog2 = cv2.createBackgroundSubtractorMOG2()
     rows: list[tuple[float, float, float]] = []
     for i, image in enumerate(walking_people(camera, people, SETTLED + n_frames)):
         start = time.process_time()
         mog2.apply(image)
         between = time.process_time()
-        result = front_end.track(VideoFrame(i, i / PAINTED_FPS, image), None, follower, StageClock())
+        result = front_end.prepare(VideoFrame(i, i / PAINTED_FPS, image), StageClock())()
         rows.append((1e3 * (time.process_time() - between), 1e3 * (between - start), people_in(result)))
     ours_ms, theirs_ms, found = np.array(rows[SETTLED:]).T
     return ours_ms, theirs_ms, found

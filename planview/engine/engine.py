@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, NoReturn, Protocol
 
 import numpy as np
 
@@ -28,12 +28,19 @@ from planview.engine.info import (
     stereo_floor_info,
 )
 from planview.maps.pixels import SeenPixels
+from planview.maps.recording import MapsFrame
 from planview.maps.view import StereoView
 from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
 from stereo.depth import DepthFromDisparity, StereoFloorCamera, back_project
 from stereo.matcher import Levels, SampledDisparity
-from stereo.recording import Skipped, prefetch
+from stereo.readers.multi_rig import MultiRigFrame
+from stereo.recording import RgbdFrame, Skipped, StereoFrame, VideoFrame, prefetch
+
+if TYPE_CHECKING:
+    from open3d.geometry import PointCloud
+
+Frame = StereoFrame | RgbdFrame | MultiRigFrame | VideoFrame | MapsFrame
 
 STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
 """Stages timed, in order."""
@@ -152,7 +159,7 @@ class FrameResult:
         """Of the first rig's images; None without a pair."""
         return self.first.prepared.thumbnails if self.first else None
 
-    def point_cloud(self) -> Any:
+    def point_cloud(self) -> PointCloud:
         """What the first rig measured, as an ``open3d.geometry.PointCloud``: metres on the axes of the tracks, colours
         of the image. Raises InputError: one camera without depth, or recorded maps."""
         if self.stereo is None or self.first is None or self.disparity is None:
@@ -200,13 +207,14 @@ class AnyRecording(Protocol):
     @property
     def skipped(self) -> Sequence[Skipped]: ...
 
-    def __iter__(self) -> Iterator[Any]: ...
+    def __iter__(self) -> Iterator[Frame]: ...
 
 
 class FrontEnd(Protocol):
-    """The stages around the tracker, for one kind of recording.
+    """The stages of one kind of recording, its tracker among them.
 
     Attributes:
+        tracker: follows people.
         ahead: so many frames are prepared ahead in a thread of their own; 0 for none.
         camera: the (rectified left) camera above the floor; None for one camera that is not calibrated.
         size: (width, height) of its images [px].
@@ -214,6 +222,9 @@ class FrontEnd(Protocol):
     """
 
     ahead: int
+
+    @property
+    def tracker(self) -> Tracker: ...
 
     @property
     def camera(self) -> StereoFloorCamera | GroundCamera | None: ...
@@ -234,11 +245,12 @@ class FrontEnd(Protocol):
     def memory(self) -> dict[str, object]:
         """By name, the objects that hold all that is carried from frame to frame."""
 
-    def prepare(self, frame: Any, clock: StageClock) -> Any:
-        """The part of the work that depends on no other frame."""
+    def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
+        """Do the part of the work that depends on no other frame; what is returned does the rest, in order of frames.
 
-    def track(self, frame: Any, prepared: Any, tracker: Any, clock: StageClock) -> FrameResult:
-        """The rest of it: follow people in the next frame, and learn from that."""
+        Raises:
+            InputError: a frame of another kind of recording.
+        """
 
 
 class Engine:
@@ -247,14 +259,14 @@ class Engine:
     Attributes:
         recording: what is read.
         front_end: the stages around the tracker.
-        tracker: who follows people.
+        tracker: follows people.
         config: the full effective configuration.
         camera, size: see ``FrontEnd``.
         ahead: frames that iteration prepares ahead in a thread of their own; 0 for one thread.
     """
 
-    def __init__(self, recording: AnyRecording, front_end: FrontEnd, tracker: Tracker, config: Config) -> None:
-        self.recording, self.front_end, self.tracker, self.config = recording, front_end, tracker, config
+    def __init__(self, recording: AnyRecording, front_end: FrontEnd, config: Config) -> None:
+        self.recording, self.front_end, self.tracker, self.config = recording, front_end, front_end.tracker, config
         self.camera, self.size, self.ahead = front_end.camera, front_end.size, front_end.ahead
 
     @property
@@ -294,14 +306,14 @@ class Engine:
         """By name, the objects that hold all that the engine carries from frame to frame."""
         return {"tracker": self.tracker, **self.front_end.memory()}
 
-    def step(self, frame: Any) -> FrameResult:
+    def step(self, frame: Frame) -> FrameResult:
         """Track the next frame, of the kind that ``recording`` gives; frames come in order.
 
         Raises:
-            InputError, ValueError: images of another size than the calibration's.
+            InputError, ValueError: a frame of another kind of recording, or images of another size than the
+                calibration's.
         """
-        clock = StageClock()
-        return self._track(frame, self.front_end.prepare(frame, clock), clock)
+        return self.front_end.prepare(frame, StageClock())()
 
     def __iter__(self) -> Iterator[FrameResult]:
         """Track the recording from its first frame; each iteration starts with ``reset``."""
@@ -311,18 +323,19 @@ class Engine:
     def after(self, frame: int) -> Iterator[FrameResult]:
         """Go on tracking after a frame, with the memory of the frames up to it."""
         with closing(prefetch(self._prepared(frame), self.ahead) if self.ahead else self._prepared(frame)) as frames:
-            for prepared in frames:
-                yield self._track(*prepared)
+            for track in frames:
+                yield track()
 
-    def _prepared(self, last: int) -> Generator[tuple[Any, Any, StageClock], None, None]:
+    def _prepared(self, last: int) -> Generator[Callable[[], FrameResult], None, None]:
         """The frames after one. Those before are read and passed over: what could not be read is noted again."""
         clock = StageClock()
         for frame in self.recording:
             if frame.index > last:
                 clock.record("read")
-                yield frame, self.front_end.prepare(frame, clock), clock
+                yield self.front_end.prepare(frame, clock)
             clock = StageClock()
 
-    def _track(self, frame: Any, prepared: Any, clock: StageClock) -> FrameResult:
-        clock.start()
-        return replace(self.front_end.track(frame, prepared, self.tracker, clock), stereo=self.stereo)
+
+def refuse_frame(expected: str, frame: Frame) -> NoReturn:
+    """Raises InputError: a frame of another kind of recording."""
+    raise InputError(f"frame: expected {expected}, found a {type(frame).__name__}")

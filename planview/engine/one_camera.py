@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Protocol, runtime_checkable
 
 import cv2
@@ -17,7 +18,7 @@ from calib.types import U8
 from planview.checks.camera import Steadiness, Steady
 from planview.checks.check import Check
 from planview.engine.config import Config, SingleCameraParams
-from planview.engine.engine import Engine, FrameResult, StageClock
+from planview.engine.engine import Engine, Frame, FrameResult, StageClock, refuse_frame
 from planview.foreground.blobs import find_blobs
 from planview.foreground.ghosts import (
     SEARCH_INTERVAL_S,
@@ -31,7 +32,7 @@ from planview.foreground.ghosts import (
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.maps.view import StereoView
-from planview.tracking.base import ImageTracker, Observation
+from planview.tracking.base import ImageTracker, Observation, followed
 from stereo.recording import Video, VideoFrame
 
 OVERVIEW_HZ = 10.0
@@ -51,7 +52,7 @@ class OneCamera:
     """Separates the foreground and the motion of one camera, and lets a tracker follow people: a ``FrontEnd``.
 
     Attributes:
-        ahead, camera, size, views: see ``FrontEnd``.
+        tracker, ahead, camera, size, views: see ``FrontEnd``.
     """
 
     ahead = 0
@@ -61,18 +62,21 @@ class OneCamera:
         self,
         params: SingleCameraParams,
         size: tuple[int, int],
-        columns: int | None = None,
+        tracker: ImageTracker | None = None,
         camera: GroundCamera | None = None,
     ) -> None:
         """Start without a background.
 
         Args:
             size: (width, height) of all frames [px].
-            columns: foreground and motion of so many columns are enough; wider frames are reduced by the smallest
-                whole factor that does it, and averaged pixels are less noisy. None: those of the frames.
+            tracker: follows people; None to ``observe`` only. Frames wider than it needs are reduced by a whole factor:
+                averaged pixels are less noisy.
             camera: calibration above the floor, None where the tracker needs none.
         """
         self.params, self.size, self.camera = params, size, camera
+        if tracker is not None:
+            self.tracker: ImageTracker = tracker
+        columns = None if tracker is None else tracker.foreground_columns
         factor = 1 if columns is None else -(-size[0] // columns)
         self._reduced = max(1, size[0] // factor), max(1, size[1] // factor)
         shape = self._reduced[::-1]
@@ -104,20 +108,22 @@ class OneCamera:
         """See ``FrontEnd``."""
         return {"one camera": self}
 
-    def prepare(self, frame: VideoFrame, clock: StageClock) -> None:
-        """See ``FrontEnd``."""
-
-    def track(self, frame: VideoFrame, prepared: None, tracker: ImageTracker, clock: StageClock) -> FrameResult:
+    def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
         """See ``FrontEnd``.
 
         Raises:
-            InputError: a frame of another size.
+            InputError: a frame of another kind of recording, and when it is tracked, one of another size.
         """
-        observation = self.observe(frame, tracker.feedback())
+        if not isinstance(frame, VideoFrame):
+            refuse_frame("an image of one camera", frame)
+        return partial(self._track, frame, clock)
+
+    def _track(self, frame: VideoFrame, clock: StageClock) -> FrameResult:
+        observation = self.observe(frame, self.tracker.feedback())
         clock.record("foreground")
-        tracks = tracker.update(observation)
+        tracks, decisions = followed(self.tracker, observation), self.tracker.decisions
         clock.record("track")
-        return FrameResult(frame.index, frame.timestamp_s, tracks, tracker.decisions, observation, clock.stages_ms)
+        return FrameResult(frame.index, frame.timestamp_s, tracks, decisions, observation, clock.stages_ms)
 
     def observe(self, frame: VideoFrame, feedback: U8 | None = None) -> Observation:
         """Foreground and motion of one frame; none while the camera moves and when the scene is cut.
@@ -223,9 +229,9 @@ def one_camera_engine(
             everything while it tracks, as from a camera that runs.
     """
     config = config or Config()
-    front_end = OneCamera(config.single_camera, recording.size, tracker.foreground_columns, camera)
+    front_end = OneCamera(config.single_camera, recording.size, tracker, camera)
     if overview and isinstance(tracker, LearnsFirst):
         step = max(1, round(recording.fps / OVERVIEW_HZ))
         tracker.study(front_end.observe(frame) for frame in recording if frame.index % step == 0)
         front_end.reset()
-    return Engine(recording, front_end, tracker, config)
+    return Engine(recording, front_end, config)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,12 +13,12 @@ from calib.errors import InputError
 from calib.types import U8
 from planview.checks.check import Check
 from planview.engine.config import Config
-from planview.engine.engine import Engine, FrameResult, StageClock
+from planview.engine.engine import Engine, Frame, FrameResult, StageClock, refuse_frame
 from planview.engine.feedback import BodyBoxes
 from planview.maps.builder import floor_in_view
 from planview.maps.pixels import Cloud
 from planview.maps.recording import MapsFrame, MapsRecording
-from planview.tracking.base import Observation, Tracker
+from planview.tracking.base import Observation, Tracker, followed
 
 FIXED_TABLES = ("analysis", "rectify", "range", "sgbm", "matching", "floor", "foreground", "feedback")
 FIXED_MAP_PARAMETERS = ("height_max_m", "depth_std_max_m")
@@ -45,13 +46,13 @@ class MapsReplay:
     the feedback that the recording's tracker gave to its foreground stays in the points.
 
     Attributes:
-        ahead, camera, size, views, checks: see ``FrontEnd``.
+        tracker, ahead, camera, size, views, checks: see ``FrontEnd``.
     """
 
     ahead = 0
     checks: tuple[Check, ...] = ()
 
-    def __init__(self, recording: MapsRecording, config: Config) -> None:
+    def __init__(self, recording: MapsRecording, tracker: Tracker, config: Config) -> None:
         """Compose the stages.
 
         Raises:
@@ -59,7 +60,7 @@ class MapsReplay:
         """
         recorded = recorded_config(recording)
         _refuse_fixed(recording.path, recorded, config)
-        self._path, view = recording.path, recording.view
+        self._path, self.tracker, view = recording.path, tracker, recording.view
         pose = view.floor.world_SE3_left
         try:
             if floor_in_view(view.geometry, pose, recorded.maps) != view.grid:
@@ -67,7 +68,8 @@ class MapsReplay:
             self._cloud = Cloud(view.geometry, pose, config.maps, view.reduction)
         except ValueError as error:
             raise InputError(f"{recording.path}: {error}") from error
-        self.views = {"": replace(view, grid=self._cloud.grid)}
+        self._view = replace(view, grid=self._cloud.grid)
+        self.views = {"": self._view}
         self.camera, self.size = view.camera, view.geometry.size
         self._boxes = BodyBoxes(view.geometry, pose)
 
@@ -79,15 +81,17 @@ class MapsReplay:
         """See ``FrontEnd``."""
         return {"background": self._cloud.background}
 
-    def prepare(self, frame: MapsFrame, clock: StageClock) -> None:
-        """See ``FrontEnd``."""
-
-    def track(self, frame: MapsFrame, prepared: None, tracker: Tracker, clock: StageClock) -> FrameResult:
+    def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
         """See ``FrontEnd``.
 
         Raises:
-            InputError: damaged maps.
+            InputError: a frame of another kind of recording, and when it is tracked, damaged maps.
         """
+        if not isinstance(frame, MapsFrame):
+            refuse_frame("the points of plan-view maps", frame)
+        return partial(self._track, frame, clock)
+
+    def _track(self, frame: MapsFrame, clock: StageClock) -> FrameResult:
         disparity, mask = np.full(self._cloud.shape, np.nan, np.float32), np.zeros(self._cloud.shape, np.uint8)
         disparity.reshape(-1)[frame.pixels] = frame.disparities
         mask.reshape(-1)[frame.pixels] = mask.reshape(-1)[frame.unmatched] = 255
@@ -105,9 +109,11 @@ class MapsReplay:
         observation = Observation(
             frame.index, frame.timestamp_s, views=(view,), build_maps=partial(self._cloud.maps.of, view.points)
         )
-        tracks = self._boxes(tracker.update(observation))
+        tracks, decisions = self._boxes(followed(self.tracker, observation)), self.tracker.decisions
         clock.record("track")
-        return FrameResult(frame.index, frame.timestamp_s, tracks, tracker.decisions, observation, clock.stages_ms)
+        return FrameResult(
+            frame.index, frame.timestamp_s, tracks, decisions, observation, clock.stages_ms, stereo=self._view
+        )
 
 
 def replay_engine(recording: MapsRecording, tracker: Tracker, config: Config | None = None) -> Engine:
@@ -119,7 +125,7 @@ def replay_engine(recording: MapsRecording, tracker: Tracker, config: Config | N
         InputError: as of ``MapsReplay``.
     """
     config = config or recorded_config(recording)
-    return Engine(recording, MapsReplay(recording, config), tracker, config)
+    return Engine(recording, MapsReplay(recording, tracker, config), config)
 
 
 def _refuse_fixed(path: Path, recorded: Config, config: Config) -> None:

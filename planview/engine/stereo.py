@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Protocol
@@ -16,7 +16,16 @@ from calib.world import RIGS_FILE
 from planview.checks.check import Check
 from planview.checks.timing import thumbnails
 from planview.engine.config import Config
-from planview.engine.engine import Disparity, Engine, FrameResult, Prepared, RigFrame, StageClock
+from planview.engine.engine import (
+    Disparity,
+    Engine,
+    Frame,
+    FrameResult,
+    Prepared,
+    RigFrame,
+    StageClock,
+    refuse_frame,
+)
 from planview.engine.feedback import BodyBoxes, Feedback
 from planview.engine.setup import Setup, set_up
 from planview.foreground.mixture import Foreground
@@ -24,13 +33,14 @@ from planview.maps.builder import Raster
 from planview.maps.multi_rig import joint_grid, joint_maps
 from planview.maps.pixels import Cloud
 from planview.maps.view import StereoView
-from planview.tracking.base import Observation, Tracker
+from planview.tracking.base import Observation, Tracker, followed
 from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState
 from stereo.matcher import Matcher, SampledDisparity
 from stereo.readers.multi_rig import MultiRigFrame, MultiRigRecording
 from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import RectifiedPair
+from stereo.rgbd import RgbdRectifier
 
 
 class Remembers(Protocol):
@@ -77,8 +87,11 @@ class RigStages:
         )  # fmt: skip
         self.boxes = BodyBoxes(geometry, pose)
 
-    def prepare(self, frame: StereoFrame | RgbdFrame, clock: StageClock) -> Prepared:
-        """Rectify a frame, and match it where that depends on no other frame."""
+    def prepare(self, frame: Frame, clock: StageClock) -> Prepared:
+        """Rectify a frame, and match it where that depends on no other frame (errors as of ``FrontEnd``)."""
+        kind = RgbdFrame if isinstance(self.setup.rectifier, RgbdRectifier) else StereoFrame
+        if not isinstance(frame, kind):
+            refuse_frame("a stereo pair" if kind is StereoFrame else "an image with depth", frame)
         if self.gated is not None and isinstance(frame, StereoFrame):
             pair = self.setup.reduced(frame, self._step)
             levels = self.gated.levels(pair.left_grey, pair.right_grey)
@@ -137,57 +150,53 @@ class StereoFrontEnd:
 
     Attributes:
         rigs: one for a pair.
-        ahead, camera, size, views: see ``FrontEnd``.
+        tracker, ahead, camera, size, views: see ``FrontEnd``.
     """
 
     ahead = 2
 
-    def __init__(self, rigs: Sequence[RigStages], config: Config) -> None:
+    def __init__(self, rigs: Sequence[RigStages], tracker: Tracker, config: Config) -> None:
         """Join the maps of the rigs.
 
         Raises:
             ValueError: the floor covered together is larger than a grid may be.
         """
-        self.rigs = tuple(rigs)
+        self.rigs, self.tracker = tuple(rigs), tracker
         self._raster = Raster(joint_grid([rig.cloud.grid for rig in rigs]), config.maps)
-        first = replace(rigs[0].view, grid=self._raster.grid)
+        self._first = first = replace(rigs[0].view, grid=self._raster.grid)
         self.views: Mapping[str, StereoView] = {rig.name: rig.view for rig in rigs} | {rigs[0].name: first}
         self.camera, self.size = first.camera, first.geometry.size
 
-    def prepare(self, frame: StereoFrame | RgbdFrame | MultiRigFrame, clock: StageClock) -> tuple[Prepared | None, ...]:
-        """See ``FrontEnd``; None for a rig without a frame at that time.
+    def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
+        """See ``FrontEnd``.
 
         Raises:
+            InputError: a frame of another kind of recording.
             ValueError: images of another size than the calibration's.
         """
-        recorded = frame.frames if isinstance(frame, MultiRigFrame) else (frame,)
-        return tuple(
-            None if one is None else rig.prepare(one, clock) for rig, one in zip(self.rigs, recorded, strict=True)
-        )
+        frames = frame.frames if isinstance(frame, MultiRigFrame) else (frame,)
+        prepared = tuple(None if f is None else r.prepare(f, clock) for r, f in zip(self.rigs, frames, strict=True))
+        return partial(self._track, frame.index, frame.timestamp_s, prepared, clock)
 
-    def track(
-        self,
-        frame: StereoFrame | RgbdFrame | MultiRigFrame,
-        prepared: tuple[Prepared | None, ...],
-        tracker: Tracker,
-        clock: StageClock,
-    ) -> FrameResult:
-        """See ``FrontEnd``."""
-        now_s = frame.timestamp_s
+    def _track(self, index: int, now_s: float, prepared: Sequence[Prepared | None], clock: StageClock) -> FrameResult:
+        """Follow people; ``prepared`` is None for a rig without a frame at that time."""
+        clock.start()
         shown = tuple(
             None if one is None else rig.look(one, now_s, clock) for rig, one in zip(self.rigs, prepared, strict=True)
         )
         views = tuple(one.view for one in shown if one)
         build_maps = partial(joint_maps, [view.points for view in views], self._raster)
         image, mask = (shown[0].prepared.image, shown[0].foreground) if shown[0] else (None, None)
-        observation = Observation(frame.index, now_s, image, mask, views=views, build_maps=build_maps)
-        people = tracker.update(observation)
+        observation = Observation(index, now_s, image, mask, views=views, build_maps=build_maps)
+        people = followed(self.tracker, observation)
         boxed = tuple(rig.boxes(people) for rig in self.rigs)
         for rig, one, tracks in zip(self.rigs, shown, boxed, strict=True):
             if one:
                 rig.learn(one, tracks)
         clock.record("track")
-        return FrameResult(frame.index, now_s, boxed[0], tracker.decisions, observation, clock.stages_ms, shown, boxed)
+        return FrameResult(
+            index, now_s, boxed[0], self.tracker.decisions, observation, clock.stages_ms, shown, boxed, self._first
+        )
 
     @property
     def checks(self) -> tuple[Check, ...]:
@@ -225,7 +234,7 @@ def stereo_engine(
     """
     config = config or Config()
     rig = _rig(recording, setup or set_up(recording, config), config, matcher)
-    return Engine(recording, StereoFrontEnd([rig], config), tracker or JointTracker(config.joint), config)
+    return Engine(recording, StereoFrontEnd([rig], tracker or JointTracker(config.joint), config), config)
 
 
 def multi_rig_engine(recording: MultiRigRecording, config: Config, tracker: Tracker) -> Engine:
@@ -240,10 +249,10 @@ def multi_rig_engine(recording: MultiRigRecording, config: Config, tracker: Trac
         for rig in recording.rigs
     ]
     try:
-        front_end = StereoFrontEnd(rigs, config)
+        front_end = StereoFrontEnd(rigs, tracker, config)
     except ValueError as error:
         raise InputError(f"{recording.path}: expected heads of one place, found them far apart: {error}") from error
-    return Engine(recording, front_end, tracker, config)
+    return Engine(recording, front_end, config)
 
 
 def _rig(

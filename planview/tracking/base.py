@@ -148,6 +148,16 @@ class ImageTracker(Tracker, Protocol):
         """What the tracker knows about pixels, for ``Foreground``; None when it gives no feedback."""
 
 
+def followed(tracker: Tracker, observation: Observation) -> tuple[TrackState, ...]:
+    """What a tracker makes of the next frame. Raises InputError: one's own tracker returns anything but TrackStates."""
+    people: object = tracker.update(observation)
+    if not isinstance(people, Sequence) or not all(isinstance(person, TrackState) for person in people):
+        found = type(people).__name__ if not isinstance(people, Sequence) else "a sequence of something else"
+        name = type(tracker).__name__
+        raise InputError(f"tracker=: expected a sequence of TrackState from {name}.update, found {found}")
+    return tuple(people)
+
+
 def refuse_tracker(tracker: object, names: Sequence[str]) -> None:
     """Raises InputError for a name that is none of ``names``, and for an object that lacks a part of ``Tracker``."""
     if isinstance(tracker, str) and tracker not in names:

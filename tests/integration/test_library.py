@@ -18,6 +18,7 @@ from planview.engine.open import open_engine
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.ellipse_particle import EllipseParticleTracker
 from planview.trajectories.state import TrackState
+from stereo.recording import VideoFrame
 
 
 def test_run_without_a_folder_gives_what_a_folder_would_hold(engine: planview.Engine, tmp_path: Path) -> None:
@@ -68,7 +69,7 @@ SHOWN = EMPTY + 12
 
 def stepped(engine: Engine, frames: int) -> list[FrameResult]:
     engine.reset()
-    return [engine.step(frame) for frame, _ in zip(engine.recording, range(frames), strict=False)]  # type: ignore[call-overload]
+    return [engine.step(frame) for frame, _ in zip(engine.recording, range(frames), strict=False)]
 
 
 def test_steps_of_a_stereo_engine_give_the_tracks_of_its_iteration_timed_by_stage_without_reading(engine):
@@ -86,6 +87,19 @@ def test_reset_forgets_the_background_of_a_stereo_engine(engine: Engine) -> None
 def test_steps_of_a_single_camera_engine_give_the_tracks_of_its_iteration() -> None:
     engine = one_camera_engine(CrossingVideo(), EllipseParticleTracker())
     assert [r.tracks for r in stepped(engine, CrossingVideo.n_frames)] == [r.tracks for r in engine]
+
+
+def test_frames_of_another_kind_of_recording_are_refused(engine: Engine) -> None:
+    with pytest.raises(InputError, match="expected a stereo pair, found a VideoFrame"):
+        engine.step(VideoFrame(0, 0.0, np.zeros((48, 64), np.uint8)))
+
+
+@pytest.mark.parametrize(("returned", "found"), [(None, "NoneType"), ([(1.0, 2.0)], "a sequence of something else")])
+def test_trackers_that_return_anything_but_track_states_are_refused(returned: object, found: str) -> None:
+    tracker = EllipseParticleTracker()
+    tracker.update = lambda observation: returned  # type: ignore[method-assign,assignment,return-value]
+    with pytest.raises(InputError, match=f"sequence of TrackState from EllipseParticleTracker.update, found {found}"):
+        next(iter(one_camera_engine(CrossingVideo(), tracker)))
 
 
 @pytest.mark.parametrize("known", [True, False])

@@ -58,7 +58,7 @@ def test_frames_that_are_all_unusable_are_a_failure(engine, recording, tmp_path)
         def __iter__(self) -> Iterator[FrameResult]:
             return iter(())
 
-    nothing = Engine(Empty(), engine.front_end, engine.tracker, engine.config)  # type: ignore[arg-type]
+    nothing = Engine(Empty(), engine.front_end, engine.config)  # type: ignore[arg-type]
     with pytest.raises(WorkError, match="none of 3 frames can be used"):
         run(nothing, tmp_path)
     assert not read_run_info(tmp_path / "run.json").finished
