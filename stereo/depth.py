@@ -5,13 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import overload
+from typing import TYPE_CHECKING, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calib.images import as_colour
+from calib.libraries import import_open3d
 from calib.pose import SE3
-from calib.types import F32, F64, AnyArray
+from calib.types import F32, F64, U8, AnyArray
+
+if TYPE_CHECKING:
+    from open3d.geometry import PointCloud
 
 DISPARITY_STD_PX = 0.25
 """Standard deviation of a matched disparity [px] (``python -m benchmarks matching``: 0.24 to 0.30 on people)."""
@@ -150,6 +155,20 @@ def back_project(depth: F32, geometry: RectifiedGeometry) -> F32:
     np.multiply(depth, y[:, None], out=points[..., 1])
     points[..., 2] = depth
     return points
+
+
+def point_cloud(disparity: F32, image: U8, geometry: RectifiedGeometry, world_SE3_left: SE3) -> PointCloud:
+    """Points [m] of a disparity (H, W) in the world, with the colours of the rectified left image (H, W[, 3]).
+
+    Raises:
+        WorkError: open3d is missing.
+    """
+    o3d = import_open3d("a cloud of points")
+    points = back_project(DepthFromDisparity(geometry)(disparity), geometry).reshape(-1, 3)
+    known = np.isfinite(points).all(axis=1)
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(world_SE3_left @ points[known].astype(np.float64)))
+    cloud.colors = o3d.utility.Vector3dVector(as_colour(image).reshape(-1, 3)[known, ::-1] / 255.0)
+    return cast("PointCloud", cloud)
 
 
 def median_image(images: Sequence[AnyArray]) -> F32:

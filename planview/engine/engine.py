@@ -9,12 +9,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple, NoReturn, Protocol
 
-import numpy as np
-
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
-from calib.images import as_colour
-from calib.libraries import import_open3d
 from calib.types import F32, U8
 from planview.checks.check import Check
 from planview.checks.timing import Thumbnails
@@ -32,7 +28,7 @@ from planview.maps.recording import MapsFrame
 from planview.maps.view import StereoView
 from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
-from stereo.depth import DepthFromDisparity, StereoFloorCamera, back_project
+from stereo.depth import StereoFloorCamera, point_cloud
 from stereo.matcher import Levels, SampledDisparity
 from stereo.readers.multi_rig import MultiRigFrame
 from stereo.recording import RgbdFrame, Skipped, StereoFrame, VideoFrame, prefetch
@@ -164,14 +160,8 @@ class FrameResult:
         of the image. Raises InputError: one camera without depth, or recorded maps."""
         if self.stereo is None or self.first is None or self.disparity is None:
             raise InputError("expected a stereo pair or images with depth for a point cloud, found no disparity")
-        o3d, geometry = import_open3d("a cloud of points"), self.stereo.geometry
-        points = back_project(DepthFromDisparity(geometry)(self.disparity), geometry).reshape(-1, 3)
-        known = np.isfinite(points).all(axis=1)
-        world = self.stereo.floor.world_SE3_left @ points[known].astype(np.float64)
-        cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(world))
-        colours = as_colour(self.first.image).reshape(-1, 3)[known, ::-1]
-        cloud.colors = o3d.utility.Vector3dVector(colours / 255.0)
-        return cloud
+        pose = self.stereo.floor.world_SE3_left
+        return point_cloud(self.disparity, self.first.image, self.stereo.geometry, pose)
 
 
 class StageClock:

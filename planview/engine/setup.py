@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,19 +14,22 @@ from calib.images import as_colour
 from calib.io import reason
 from calib.libraries import import_open3d
 from calib.rig import DepthSensor, Floor
-from calib.types import F32, F64, U8
+from calib.types import F32, F64
 from planview.checks.check import Check
 from planview.checks.pair import alignment_checks, image_checks
 from planview.checks.scene import floor_checks
 from planview.engine.config import Config
 from planview.engine.gated import GatedMatching
-from stereo.depth import DepthFromDisparity, back_project, median_image
+from stereo.depth import median_image, point_cloud
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
 from stereo.matcher import BODY_LAG, DisparityRange, Matcher, SgbmMatcher, disparity_range
 from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
-from stereo.rectify import RectifiedPair, Rectifier, ReducedPair, aligned_rectifier
+from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
 from stereo.rgbd import RectifiedRgbd, RgbdRectifier
 from stereo.rig_correction import RigCorrection, match_corners
+
+if TYPE_CHECKING:
+    from open3d.geometry import PointCloud
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,11 +81,6 @@ class Setup:
         if not isinstance(self.rectifier, Rectifier):
             return None
         return GatedMatching(self._sgbm(self.rectifier, config, step), self.floor, config.matching)
-
-    def reduced(self, frame: StereoFrame, step: int) -> ReducedPair:
-        """A pair, rectified (ValueError: images of another size than the calibration's)."""
-        assert isinstance(self.rectifier, Rectifier)
-        return self.rectifier.reduced(frame.left, frame.right, step)
 
     def _sgbm(self, rectifier: Rectifier, config: Config, step: int | None = None) -> SgbmMatcher:
         masks = rectifier.mask, rectifier.right_mask
@@ -237,21 +236,8 @@ def refuse_foreign(path: Path, rectifier: Rectifier, matches: F64) -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class SceneCloud:
-    """Points of what does not move.
-
-    Attributes:
-        points_m: (N, 3) float32 [m], world frame.
-        colours: (N, 3) uint8, red, green, blue.
-    """
-
-    points_m: F32
-    colours: U8
-
-
-def scene_cloud(recording: StereoRecording | RgbdRecording, setup: Setup, config: Config) -> SceneCloud:
-    """Median depth and median colour of frames spread over a recording: people who move are not in it.
+def scene_cloud(recording: StereoRecording | RgbdRecording, setup: Setup, config: Config) -> PointCloud:
+    """Median disparity and median colour of frames spread over a recording: people who move are not in it.
 
     Raises:
         WorkError: no usable frame.
@@ -261,17 +247,12 @@ def scene_cloud(recording: StereoRecording | RgbdRecording, setup: Setup, config
         rectified = [whole(frame) for frame in setup_frames(recording, count)]
     else:
         rectified = [whole(frame) for frame in setup_frames(recording, count)]
-    images = [as_colour(one.left) for one in rectified]
-    disparities = [whole.disparity(one) for one in rectified]
-    depth = DepthFromDisparity(whole.geometry)(median_image(disparities))
-    points = back_project(depth, whole.geometry).reshape(-1, 3)
-    colours = np.median(np.stack(images), axis=0).astype(np.uint8).reshape(-1, 3)[:, ::-1]
-    known = np.isfinite(points).all(axis=1)
-    world = setup.floor.world_SE3_left @ points[known].astype(np.float64)
-    return SceneCloud(np.asarray(world, dtype=np.float32), np.ascontiguousarray(colours[known]))
+    colours = np.median(np.stack([as_colour(one.left) for one in rectified]), axis=0).astype(np.uint8)
+    disparity = median_image([whole.disparity(one) for one in rectified])
+    return point_cloud(disparity, colours, whole.geometry, setup.floor.world_SE3_left)
 
 
-def write_cloud(path: Path, cloud: SceneCloud) -> int:
+def write_cloud(path: Path, cloud: PointCloud) -> int:
     """Write a cloud, thinned and without outliers, in the format of the file's name (.ply, .pcd, .xyz).
 
     Returns:
@@ -283,12 +264,10 @@ def write_cloud(path: Path, cloud: SceneCloud) -> int:
     if path.suffix.lower() not in (".ply", ".pcd", ".xyz"):
         raise InputError(f"{path}: expected a name that ends in .ply, .pcd or .xyz")
     o3d = import_open3d("a cloud of points")
-    full = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_m.astype(np.float64)))
-    full.colors = o3d.utility.Vector3dVector(cloud.colours / 255.0)
     # Points are thinned to one in a cube of this side [m] (our choice: half a cell of the maps).
     # Out goes a point whose mean distance to 16 neighbours is 2 deviations above the mean of all (values of open3d's
     # documentation, rounded).
-    thin, _ = full.voxel_down_sample(0.015).remove_statistical_outlier(16, 2.0)
+    thin, _ = cloud.voxel_down_sample(0.015).remove_statistical_outlier(16, 2.0)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

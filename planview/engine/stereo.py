@@ -39,8 +39,7 @@ from planview.trajectories.state import TrackState
 from stereo.matcher import Matcher, SampledDisparity
 from stereo.readers.multi_rig import MultiRigFrame, MultiRigRecording
 from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
-from stereo.rectify import RectifiedPair
-from stereo.rgbd import RgbdRectifier
+from stereo.rectify import RectifiedPair, Rectifier
 
 
 class Remembers(Protocol):
@@ -89,11 +88,12 @@ class RigStages:
 
     def prepare(self, frame: Frame, clock: StageClock) -> Prepared:
         """Rectify a frame, and match it where that depends on no other frame (errors as of ``FrontEnd``)."""
-        kind = RgbdFrame if isinstance(self.setup.rectifier, RgbdRectifier) else StereoFrame
+        rectifier = self.setup.rectifier
+        kind = StereoFrame if isinstance(rectifier, Rectifier) else RgbdFrame
         if not isinstance(frame, kind):
             refuse_frame("a stereo pair" if kind is StereoFrame else "an image with depth", frame)
-        if self.gated is not None and isinstance(frame, StereoFrame):
-            pair = self.setup.reduced(frame, self._step)
+        if self.gated is not None and isinstance(rectifier, Rectifier) and isinstance(frame, StereoFrame):
+            pair = rectifier.reduced(frame.left, frame.right, self._step)
             levels = self.gated.levels(pair.left_grey, pair.right_grey)
             prepared = Prepared(pair.image, pair.left, levels, thumbnails(pair.left_grey, pair.right_grey))
             clock.record("rectify")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from calib.types import U8
 from planview.drawing.image import ImageCamera
 from planview.engine.config import Config, config_of
 from planview.engine.info import FloorInfo
-from planview.engine.setup import SceneCloud, scene_cloud, set_up
+from planview.engine.setup import scene_cloud, set_up
 from planview.output.run_folder import RunFolder
 from stereo.depth import StereoFloorCamera
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
@@ -24,6 +24,9 @@ from stereo.readers.open import is_multi_rig
 from stereo.recording import RgbdRecording
 from stereo.rectify import Rectifier
 from stereo.rgbd import RgbdRectifier
+
+if TYPE_CHECKING:
+    from open3d.geometry import PointCloud
 
 _BATCH = 16
 
@@ -104,7 +107,7 @@ def _of_recording(
     return StereoFloorCamera(geometry, SE3(pose[:3, :3], pose[:3, 3])), image_of
 
 
-def scene_of(path: Path, options: OpenOptions | None = None) -> SceneCloud:
+def scene_of(path: Path, options: OpenOptions | None = None) -> PointCloud:
     """Points of what does not move, in the world frame of the tracks, of a run's folder or a recording of one rig.
 
     Raises:

@@ -45,7 +45,7 @@ class Births:
         """
         p = self._params
         fresh = np.flatnonzero(~self._unchanged(frame, owned))
-        fresh_points = np.concatenate(points, axis=1)[:, fresh]
+        fresh_points = np.take(np.concatenate(points, axis=1), fresh, axis=1)
         if float(np.maximum(fresh_points[3], 0.0).sum()) < p.birth_evidence:
             return []
         low, high = (edge(fresh_points[:2], axis=1).astype(np.float64) for edge in (np.min, np.max))
@@ -68,13 +68,8 @@ class Births:
             box[max(0, row - reach) : row + reach + 1, max(0, col - reach) : col + reach + 1] = 0
             people = people or side_by_side(known)
             near = np.abs(fresh_points[:2] - place[:, None]).max(axis=0) < reach * CELL_M
-            person = _tried(
-                frame,
-                p.birth_evidence,
-                people,
-                fresh_points[:, near & (fresh_points[3] > 0)].T.astype(np.float64),
-                now_s,
-            )
+            lacking = fresh_points[:, near & (fresh_points[3] > 0)].T.astype(np.float64)
+            person = _tried(frame, p.birth_evidence, people, lacking, now_s)
             tried[fresh[near]] = True
             if person is None:
                 continue

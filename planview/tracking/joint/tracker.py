@@ -218,12 +218,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             self._learn(owned, [gap >= body.REACH_M for gap in gaps], dt)
         self._forget_gone()
         for newcomer in self._births.find(frame, self._people, owned, points, self._log.now_s):
-            self._add(
-                newcomer,
-                "spawned",
-                f"evidence {newcomer.evidence:.1f}, {newcomer.height_m:.2f} m tall",
-                newcomer.evidence,
-            )
+            reason = f"evidence {newcomer.evidence:.1f}, {newcomer.height_m:.2f} m tall"
+            self._add(newcomer, "spawned", reason, newcomer.evidence)
         self._recognise()
         return tuple(self._state(person) for person in self._people)
 
@@ -285,12 +281,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
 
     def _forget_gone(self) -> None:
         for person in self._people:
-            beyond = (
-                person.inside < 0.15
-                and person.share < self.params.visible_min
-                and self._log.now_s - person.seen_s > body.LEAVE_S
-            )
-            if person.existence < 0.05 or beyond:
+            unseen_s = self._log.now_s - person.seen_s if person.share < self.params.visible_min else 0.0
+            if person.existence < 0.05 or (person.inside < 0.15 and unseen_s > body.LEAVE_S):
                 self._end(person, f"existence {person.existence:.2f}, evidence {person.evidence:.1f}", person.confirmed)
 
     def _recognise(self) -> None:
