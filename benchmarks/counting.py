@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -26,7 +27,7 @@ from planview.engine.engine import Engine
 from planview.engine.open import open_engine
 from planview.output.script import run
 from planview.synthetic.assets import SCENES
-from planview.synthetic.scene import load_scene
+from planview.synthetic.scene import Scene, load_scene
 from planview.trajectories.table import Trajectories, read_truth
 
 SINGLE = SCENES / "single"
@@ -112,13 +113,14 @@ class Scorer:
             raise InputError(f"{recording}: expected the recording of a single camera, found a stereo pair")
         return engine, run(engine, self.out / name, overwrite=True)
 
-    def scene(self, rules: Path, tracker: SingleTracker) -> dict[str, list[Row]]:
-        """Score a committed scene NAME.toml with its rules, NAME.rules.toml."""
-        name = rules.name.removesuffix(RULES)
-        recording = rendered(load_scene(rules.with_name(f"{name}.toml")), name, self.rendering)
+    def scene(
+        self, scene: Scene, name: str, tracker: SingleTracker, rules_on: Callable[[RulePlane], Rules]
+    ) -> dict[str, list[Row]]:
+        """Score a scene, with rules on the floor below its camera."""
+        recording = rendered(scene, name, self.rendering)
         engine, tracks = self.track(recording, tracker, recording / "camera.toml", name)
         truth, n_frames = read_truth(recording / "truth.csv"), self.rendering.frames or engine.recording.n_frames
-        scores = score_rules(load_rules(rules, RulePlane(engine.camera)), tracks, truth, engine.recording.fps, n_frames)
+        scores = score_rules(rules_on(RulePlane(engine.camera)), tracks, truth, engine.recording.fps, n_frames)
         frames = [{"recording": name, **count_frames(tracks, truth, n_frames)}]
         return score_rows(name, scores) | {"frames": frames}
 
@@ -145,6 +147,11 @@ class Scorer:
             "wrong_frames": count_frames(tracks, truth, n)["error"],
             "occupancy": right / max(1, sum(g.frames for g in middle)),
         }  # fmt: skip
+
+
+def room_rules(room: RandomScene, plane: RulePlane) -> Rules:
+    """The floor of a conference room that its camera sees, as a zone."""
+    return parse_rules({"zone": [{"name": "room", "polygon_m": [list(at) for at in room.zone_m]}]}, plane, "room")
 
 
 def score_rules(rules: Rules, tracks: Trajectories, truth: Trajectories, fps: float, n_frames: int) -> CountScores:
@@ -214,6 +221,9 @@ class CountingOptions(BenchOptions):
     seeds: Annotated[Sequence[int], Parameter(negative="", show_default=False)] = ()
     """Seeds of the random views of data/synthetic/views (--scene names some of these then). Seeds 0 to 9 were used to
     tune the engine."""
+    rooms: Annotated[Sequence[int], Parameter(negative="", show_default=False)] = ()
+    """Seeds of random conference rooms: another camera, other clothes and seats each. Seeds 0 to 9 were used to tune
+    the engine."""
     out: Path | None = None
     """Folder that keeps the runs; a temporary one by default."""
 
@@ -226,10 +236,13 @@ def counting(*, options: CountingOptions | None = None) -> None:
     Example of wrong numbers of people: python -m benchmarks counting --scene station --tracker ellipse-particle
 
     Example with random views: python -m benchmarks counting --seeds 501 --seeds 502
+
+    Example with random conference rooms: python -m benchmarks counting --rooms 501 --rooms 502
     """
     o = options or CountingOptions()
-    if (o.frames is not None and o.frames < 1) or any(seed < 0 for seed in o.seeds):
-        raise InputError(f"expected --frames from 1 and --seeds from 0, found {o.frames} and {list(o.seeds)}")
+    if (o.frames is not None and o.frames < 1) or any(seed < 0 for seed in (*o.seeds, *o.rooms)):
+        found = f"{o.frames}, {list(o.seeds)} and {list(o.rooms)}"
+        raise InputError(f"expected --frames from 1, --seeds and --rooms from 0, found {found}")
     with tempfile.TemporaryDirectory() as temporary:
         scorer = Scorer(Rendering(o.cache_folder, frames=o.frames), o.out or Path(temporary), o.settings())
         if o.seeds:
@@ -241,5 +254,10 @@ def counting(*, options: CountingOptions | None = None) -> None:
             ]
             report(o.json_output, views=views, means=view_means(views))
             return
-        scored = [scorer.scene(path, o.tracker) for path in scene_files(o.scene, o.scenes, RULES)]
+        rooms = {f"conference-{seed}": random_scene("conference", seed) for seed in o.rooms}
+        scored = [scorer.scene(r.scene, name, o.tracker, partial(room_rules, r)) for name, r in rooms.items()]
+        for path in () if rooms else scene_files(o.scene, o.scenes, RULES):
+            name = path.name.removesuffix(RULES)
+            scene = load_scene(path.with_name(f"{name}.toml"))
+            scored.append(scorer.scene(scene, name, o.tracker, partial(load_rules, path)))
     report(o.json_output, **{key: [row for rows in scored for row in rows[key]] for key in scored[0]})

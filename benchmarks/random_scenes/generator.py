@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from benchmarks.random_scenes.challenge import challenge
-from benchmarks.random_scenes.rooms import two_rigs
+from benchmarks.random_scenes.rooms import conference, two_rigs
 from benchmarks.random_scenes.tables import NoPlaceError, RandomScene, resolved
 from benchmarks.random_scenes.views import view
 from calib.errors import InputError, WorkError
@@ -20,10 +20,11 @@ from calib.params import first_problem
 from planview.synthetic.assets import SCENES
 
 SUITE, VIEWS = SCENES / "suite", SCENES / "views"
-SceneKind = Literal["suite", "views", "rigs"]
+SceneKind = Literal["suite", "views", "conference", "rigs"]
 KINDS: dict[SceneKind, tuple[Path, Callable[[dict[str, Any], np.random.Generator], RandomScene]]] = {
     "suite": (SUITE, challenge),
     "views": (VIEWS, view),
+    "conference": (SCENES / "single" / "conference.toml", conference),
     "rigs": (SCENES / "rigs" / "two.toml", two_rigs),
 }
 """The committed table of a kind of scene, or the folder with its tables, and what makes a scene of a table."""

@@ -58,11 +58,13 @@ class RandomScene:
 
     Attributes:
         wire_px: both ends of a line in the image, of a view.
+        zone_m: corners of a zone on the floor in the camera's frame, of a conference room.
         rigs: the stereo rigs in the room; empty where the scene's own camera is the only one.
     """
 
     scene: Scene
     wire_px: tuple[Pair, Pair] = ((0.0, 0.0), (0.0, 0.0))
+    zone_m: tuple[Pair, ...] = ()
     rigs: tuple[RigScene, ...] = ()
 
 

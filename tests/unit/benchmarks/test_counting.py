@@ -49,7 +49,7 @@ def test_accuracy_and_occupancy_below_the_limits_are_not_ok() -> None:
 def test_bad_numbers_of_frames_and_seeds_are_refused(capsys, word, value):
     with pytest.raises(SystemExit, match="2"):
         main(["counting", word, value])
-    assert "expected --frames from 1 and --seeds from 0" in capsys.readouterr().err
+    assert "expected --frames from 1, --seeds and --rooms from 0" in capsys.readouterr().err
 
 
 def test_view_that_nobody_crosses_is_right_when_nobody_is_counted():

@@ -181,6 +181,20 @@ def test_person_in_the_middle_of_a_view_is_as_large_as_its_table_has_it():
     assert abs(rows[1] - rows[0]) / 240 == pytest.approx(0.5, abs=0.06)
 
 
+def test_room_fills_with_twelve_people_who_all_leave() -> None:
+    people = random_scene("conference", 1).scene.people
+    assert len(people) == 12 and all(person.leaves for person in people)
+    seats = [seat for person in people for seat in person.seats]
+    assert len(seats) == len(set(seats)) >= 8
+
+
+def test_middle_of_a_standing_person_on_the_zone_is_in_the_image() -> None:
+    room = random_scene("conference", 2)
+    corners = np.array(room.zone_m)
+    u, v = ground_camera(room.scene.camera).project(np.column_stack([corners, np.full(len(corners), 0.8)])).T
+    assert ((u >= 0) & (u < 320) & (v >= 0) & (v < 240)).all()
+
+
 def test_rigs_of_a_seed_share_their_scene_and_begin_apart() -> None:
     one, other = random_scene("rigs", 5).rigs
     assert one.scene.people == other.scene.people and one.mount.start_s == 0.0 < other.mount.start_s
