@@ -129,14 +129,6 @@ class Wire:
         return left / unit, np.where(np.isfinite(x + y + unit), ahead / self._length, np.nan)
 
 
-class WireStep(NamedTuple):
-    """A step through a wire: the first frame at or after it, its moment, and whether it was too fast for a person."""
-
-    frame: int
-    timestamp_s: float
-    is_jump: bool
-
-
 class WireState:
     """One person at one wire.
 
@@ -152,7 +144,7 @@ class WireState:
         self._last: Sight | None = None
         self._side = 0  # 1 left, -1 right, 0 not yet observed far enough from the line
         self._net = 0  # steps through the wire since then, 1 to the left, -1 to the right
-        self._step = WireStep(0, 0.0, False)  # the last of them
+        self._step = 0, 0.0, False  # the last of them: first frame after it, moment, whether too fast for a person
         self._crossed_s = -math.inf
         self._waiting: tuple[Passage, float] | None = None  # a crossing in a jump, and how long it waits [s]
 
@@ -160,39 +152,29 @@ class WireState:
         """The crossing that is certain now; dated to when the line was passed."""
         if not math.isfinite(along):
             return None
-        self._follow(Sight(frame, timestamp_s, side_m, along))
-        crossing = self._changed_side(side_m)
-        if crossing is not None and self._waiting is not None:
-            crossing = self._waiting = None
-        elif crossing is not None and self._step.is_jump:
-            # A jump soon after a crossing is likely to be its undoing.
-            soon = crossing.timestamp_s - self._crossed_s <= UNDO_S
-            self._waiting, crossing = (crossing, UNDO_S if soon else self._wire.min_age_s), None
+        last, now, side = self._last, Sight(frame, timestamp_s, side_m, along), 1 if side_m >= 0 else -1
+        self._last, crossing = now, None
+        is_over = last is not None and (last.inside_m >= 0) != (side_m >= 0)
+        # Beyond the ends of the wire its extension is passed, which does not count.
+        if last and is_over and 0.0 <= last.along + last.share_to(now) * (along - last.along) <= 1.0:
+            step_m, step_s = abs(side_m - last.inside_m), timestamp_s - last.timestamp_s
+            self._step = *last.passed(now), step_m > JUMP_M and step_m > JUMP_MPS * step_s
+            self._net += side
+        if abs(side_m) >= self._wire.hysteresis_m:
+            if self._side == -side and self._net * side > 0:
+                first, moment, is_jump = self._step
+                crossing = Passage(first, moment, "crossing", "right_to_left" if side > 0 else "left_to_right")
+                if self._waiting is not None:
+                    crossing = self._waiting = None
+                elif is_jump:  # soon after a crossing it is likely to be its undoing
+                    is_soon = moment - self._crossed_s <= UNDO_S
+                    self._waiting, crossing = (crossing, UNDO_S if is_soon else self._wire.min_age_s), None
+            self._side, self._net = side, 0
         if self._waiting is not None and timestamp_s - self._waiting[0].timestamp_s >= self._waiting[1]:
             crossing, self._waiting = self._waiting[0], None
         if crossing is not None:
             self._crossed_s = crossing.timestamp_s
         return crossing
-
-    def _follow(self, now: Sight) -> None:
-        """Note a step through the wire; beyond its ends its extension is passed, which does not count."""
-        last, self._last = self._last, now
-        if last is None or (last.inside_m >= 0) == (now.inside_m >= 0):
-            return
-        if 0.0 <= last.along + last.share_to(now) * (now.along - last.along) <= 1.0:
-            self._net += 1 if now.inside_m >= 0 else -1
-            step_m, step_s = abs(now.inside_m - last.inside_m), now.timestamp_s - last.timestamp_s
-            self._step = WireStep(*last.passed(now), step_m > JUMP_M and step_m > JUMP_MPS * step_s)
-
-    def _changed_side(self, side_m: float) -> Passage | None:
-        """The passage that took the person to the other side, once far enough on it."""
-        if abs(side_m) < self._wire.hysteresis_m:
-            return None
-        side = 1 if side_m >= 0 else -1
-        has_crossed = self._side == -side and self._net * side > 0
-        self._side, self._net = side, 0
-        way: Direction = "right_to_left" if side > 0 else "left_to_right"
-        return Passage(self._step.frame, self._step.timestamp_s, "crossing", way) if has_crossed else None
 
 
 @dataclass(eq=False)

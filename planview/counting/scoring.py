@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from calib.types import F64, I64
+from calib.types import I64
 from planview.counting.events import Direction, Event
 from planview.counting.totals import Counts
+from planview.evaluation.metrics import best_pairs
 from planview.evaluation.result import PEOPLE_GROUPS
 
 
@@ -115,30 +116,23 @@ def _count(events: Sequence[Event], direction: Direction) -> int:
 def occupancy_groups(true: I64, found: I64) -> list[OccupancyGroup]:
     """Table 4 of two (N,) series: how often the number is right and by how much it is off, by the true number."""
     difference = (found - true).astype(np.float64)
-    return [_group(name, difference[(true >= low) & (true <= high)]) for name, low, high in PEOPLE_GROUPS]
-
-
-def _group(name: str, difference: F64) -> OccupancyGroup:
-    if not len(difference):
-        return OccupancyGroup(name, 0, None, None, None)
-    right = 100.0 * float((difference == 0).mean())
-    return OccupancyGroup(name, len(difference), right, float(difference.mean()), float(np.abs(difference).mean()))
+    groups = []
+    for name, low, high in PEOPLE_GROUPS:
+        mine = difference[(true >= low) & (true <= high)]
+        figures = [float(v.mean()) if len(mine) else None for v in (100.0 * (mine == 0), mine, np.abs(mine))]
+        groups.append(OccupancyGroup(name, len(mine), *figures))
+    return groups
 
 
 def _match(true: Sequence[Event], found: Sequence[Event], window_s: float, *, same: bool) -> I64:
     """(K, 2) indices of matches of the same, or of opposite, directions."""
-    if not true or not found:
-        return np.empty((0, 2), dtype=np.int64)
-    apart = np.abs(np.array([[f.timestamp_s - t.timestamp_s for f in found] for t in true]))
-    alike = np.array([[f.direction == t.direction for f in found] for t in true])
-    allowed = (apart <= window_s) & (alike == same)
-    from scipy.optimize import linear_sum_assignment  # half a second and 60 MB, and only truth needs it
-
-    # A pair that is not allowed costs more than all that are: the number of matches comes first.
-    far = (window_s + 1.0) * (min(len(true), len(found)) + 1)
-    rows, cols = linear_sum_assignment(np.where(allowed, apart, far))
-    good = allowed[rows, cols]
-    return np.column_stack([rows[good], cols[good]])
+    apart = np.array([[abs(f.timestamp_s - t.timestamp_s) for f in found] for t in true]).reshape(len(true), len(found))
+    alike = np.array([[f.direction == t.direction for f in found] for t in true]).reshape(apart.shape)
+    rows, cols = np.nonzero((apart <= window_s) & (alike == same))
+    # One pair more weighs more than all time differences: the number of matches comes first.
+    weight = (window_s + 1.0) * (min(apart.shape) + 1) - apart[rows, cols]
+    chosen = best_pairs(rows, cols, weight, np.zeros(len(rows), dtype=np.int64))
+    return np.column_stack([rows[chosen], cols[chosen]])
 
 
 def _of(events: Sequence[Event], rule: str) -> list[Event]:

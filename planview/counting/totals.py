@@ -129,7 +129,7 @@ class Counts:
 
     def occupancy(self, zone: str, times_s: F64) -> I64:
         """(N,) people in a zone at times [s]."""
-        return occupancy_at(self.stays[zone], times_s, self.span.frame_s)
+        return self._number(self.stays[zone], times_s)
 
     def _wire(self, wire: Placed) -> dict[str, Any]:
         crossings = [event for event in self.events if event.rule == wire.name]
@@ -199,10 +199,14 @@ class Counts:
 
     def _changes(self, stays: Sequence[Stay]) -> list[tuple[float, int]]:
         """(time, people from then on) at the beginning and at every change."""
-        starts, ends = _times(stays, self.span.frame_s)
-        times = np.unique([self.span.start_s, *starts, *ends])
-        numbers = occupancy_at(stays, times, self.span.frame_s)
-        return [(round(float(t), 4), int(n)) for t, n in zip(times, numbers, strict=True)]
+        times = np.unique([self.span.start_s, *np.concatenate(_times(stays, self.span.frame_s))])
+        return [(round(float(t), 4), int(n)) for t, n in zip(times, self._number(stays, times), strict=True)]
+
+    def _number(self, stays: Sequence[Stay], times_s: F64) -> I64:
+        """(N,) stays under way at times [s], which have four decimals in files."""
+        starts, ends = (np.sort(times) for times in _times(stays, self.span.frame_s))
+        begun = np.searchsorted(starts, times_s + 1e-6, side="right")
+        return begun - np.searchsorted(ends, times_s + 1e-6, side="right")
 
     def _mean(self, stays: Sequence[Stay], start_s: float, end_s: float) -> float:
         """Mean number of people from one time to another."""
@@ -221,17 +225,6 @@ def _times(stays: Sequence[Stay], frame_s: float) -> tuple[F64, F64]:
     """(N,) begins and ends [s]; a stay whose end was not observed lasts to the end of its frame."""
     ends = [stay.end_s if stay.left else stay.end_s + frame_s for stay in stays]
     return np.array([stay.start_s for stay in stays], dtype=np.float64), np.array(ends, dtype=np.float64)
-
-
-SLACK_S = 1e-6
-"""Timestamps in files have four decimals."""
-
-
-def occupancy_at(stays: Sequence[Stay], times_s: F64, frame_s: float) -> I64:
-    """(N,) number of stays under way at times [s]."""
-    starts, ends = (np.sort(times) for times in _times(stays, frame_s))
-    begun = np.searchsorted(starts, times_s + SLACK_S, side="right")
-    return begun - np.searchsorted(ends, times_s + SLACK_S, side="right")
 
 
 def _place(rule: Placed) -> dict[str, Any]:

@@ -76,7 +76,12 @@ class ImagePainter:
         self, camera: ImageCamera | None, rules: Sequence[Rule] = (), bounds: PlanBounds | None = None
     ) -> None:
         self._camera, self._rules = camera, rules
-        self._grid = _grid(camera, bounds) if camera is not None and bounds is not None else []
+        self._grid: list[GridLine] = []
+        if camera is not None and bounds is not None:
+            extent = bounds.x_min_m, bounds.y_min_m, bounds.x_max_m, bounds.y_max_m
+            # Lines each way; of larger floors not every metre.
+            step = max(1, round(max(extent[2] - extent[0], extent[3] - extent[1]) / 40))
+            self._grid = grid_lines(camera.project, extent, camera.size, step)
 
     def __call__(self, image: U8, snapshot: Snapshot) -> U8:
         """(h, w, 3) uint8 BGR: the (H, W[, 3]) uint8 image, enlarged where it is small, with everything on it."""
@@ -92,13 +97,14 @@ class ImagePainter:
                 cv2.polylines(over, [_pixels(line, scale)], False, (255, 255, 255), width, cv2.LINE_AA)
             cv2.addWeighted(over, GRID_STRENGTH, picture, 1 - GRID_STRENGTH, 0, dst=picture)
         for rule in self._rules:
-            points = rule.points if rule.is_line else np.vstack([rule.points, rule.points[:1]])
-            for line in self._visible(points) if rule.on_floor else [points]:
-                colour = as_bgr(TRIPWIRE if rule.is_line else ZONE)
-                cv2.polylines(picture, [_pixels(line, scale)], False, colour, 2, cv2.LINE_AA)
-            first = next(iter(self._visible(points) if rule.on_floor else [points]), None)
-            if first is not None:
-                labels.put(rule.name, first[0] * scale, TRIPWIRE if rule.is_line else ZONE)
+            points, colour = rule.points, TRIPWIRE
+            if not rule.is_line:
+                points, colour = np.vstack([points, points[:1]]), ZONE
+            lines = self._visible(points) if rule.on_floor else [points]
+            for line in lines:
+                cv2.polylines(picture, [_pixels(line, scale)], False, as_bgr(colour), 2, cv2.LINE_AA)
+            if lines:
+                labels.put(rule.name, lines[0][0] * scale, colour)
         known = [person for person in snapshot.people if person.state != "tentative"]
         for person in known:
             for line in self._visible(snapshot.trails.get(person.track_id, np.empty((0, 2)))):
@@ -159,10 +165,3 @@ def _paint_box(picture: U8, person: TrackState, scale: int) -> None:
 
 def _pixels(points: F64, scale: int) -> np.ndarray[tuple[int, ...], np.dtype[np.int32]]:
     return np.round(points * scale).astype(np.int32)
-
-
-def _grid(camera: ImageCamera, bounds: PlanBounds) -> list[GridLine]:
-    extent = bounds.x_min_m, bounds.y_min_m, bounds.x_max_m, bounds.y_max_m
-    # Lines each way; of larger floors not every metre.
-    step = max(1, round(max(extent[2] - extent[0], extent[3] - extent[1]) / 40))
-    return grid_lines(camera.project, extent, camera.size, step)

@@ -34,10 +34,9 @@ def person_rgb(track_id: int, state: State | Literal[""] = "confirmed") -> Rgb:
     red, green, blue = colorsys.hsv_to_rgb(0.618034 * track_id % 1.0, 0.85, 0.95)
     # Colours are darkened to this luma, so that they are legible on white paper and on images [levels of 255].
     darker = min(1.0, 150.0 / max(1.0, 255 * (0.299 * red + 0.587 * green + 0.114 * blue)))
-    rgb = [255 * darker * channel for channel in (red, green, blue)]
-    if state == "lost":
-        rgb = [0.55 * channel + 0.45 * 190 for channel in rgb]
-    return round(rgb[0]), round(rgb[1]), round(rgb[2])
+    rgb = 255 * darker * np.array([red, green, blue])
+    red, green, blue = (0.55 * rgb + 0.45 * 190 if state == "lost" else rgb).tolist()
+    return round(red), round(green), round(blue)
 
 
 def as_bgr(rgb: Rgb) -> Rgb:
@@ -58,11 +57,8 @@ def person_hex(track_id: int) -> str:
 def disparity_colours(disparity: F32, smallest_px: float, largest_px: float) -> U8:
     """(H, W, 3) uint8 BGR of (H, W) disparity [px]: near red, far blue, unknown (NaN) black."""
     scaled = (np.nan_to_num(disparity) - smallest_px) * (255.0 / (largest_px - smallest_px))
-    picture = np.asarray(
-        cv2.applyColorMap(np.clip(scaled, 0, 255).astype(np.uint8), cv2.COLORMAP_TURBO), dtype=np.uint8
-    )
-    picture[np.isnan(disparity)] = 0
-    return picture
+    picture = cv2.applyColorMap(np.clip(scaled, 0, 255).astype(np.uint8), cv2.COLORMAP_TURBO)
+    return np.where(np.isnan(disparity)[..., None], 0, picture).astype(np.uint8)
 
 
 FONT = cv2.FONT_HERSHEY_SIMPLEX
@@ -76,29 +72,21 @@ class Labels:
         self._picture, self._size = picture, 0.45 * size
         self._taken: list[tuple[int, int, int, int]] = []
 
-    def put(self, text: str, at_px: Sequence[float] | F64, background: Rgb | None) -> None:
-        """Text whose lower left corner is at a pixel or, where that is taken or outside, as near above as possible.
-
-        Args:
-            background: of the box behind the text; None for dark text with a light outline.
-        """
+    def put(self, text: str, at_px: Sequence[float] | F64, background: Rgb) -> None:
+        """Text in a box whose lower left corner is at a pixel or, where that is occupied or outside, as near above as
+        possible."""
         (width, height), base = cv2.getTextSize(text, FONT, self._size, 1)
         width, height = width + 2 * _PAD_PX, height + base + _PAD_PX
         left = int(np.clip(at_px[0], 0, max(0, self._picture.shape[1] - width)))
         top = int(np.clip(at_px[1] - height, 0, max(0, self._picture.shape[0] - height)))
         for place in [*range(top, -1, -2), *range(top, self._picture.shape[0] - height, 2)]:
-            box = left, place, left + width, place + height
-            a = box
+            box = a = left, place, left + width, place + height
             if not any(a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3] for b in self._taken):
                 break
         else:
             box = left, top, left + width, top + height
         self._taken.append(box)
         at = box[0] + _PAD_PX, box[3] - base
-        if background is None:
-            cv2.putText(self._picture, text, at, FONT, self._size, (255, 255, 255), 3, cv2.LINE_AA)
-            cv2.putText(self._picture, text, at, FONT, self._size, (30, 30, 30), 1, cv2.LINE_AA)
-            return
         cv2.rectangle(self._picture, box[:2], box[2:], as_bgr(background), -1)
         # Text is white on backgrounds darker than this [levels of 255].
         dark = float(np.dot(background, (0.299, 0.587, 0.114))) < 152.0
