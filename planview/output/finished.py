@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -62,14 +61,16 @@ def edit_run(folder: Path, lines: Sequence[str]) -> EditedRun:
         InputError: no finished run in the folder, another process writes there, or an edit that cannot be applied.
     """
     step = EditStep(at=datetime.now(UTC).isoformat(timespec="seconds"), edits=list(lines))
-    with _held(folder):
+    _readable_run(folder)
+    with folder_lock(folder):
         return _rewrite(folder, [*read_steps(folder), step])
 
 
 def undo_edits(folder: Path, steps: int) -> EditedRun:
     """Undo the last calls; without any left, ``tracks.csv`` is what it was, byte for byte. Raises InputError: as
     ``edit_run``, or fewer calls than that."""
-    with _held(folder):
+    _readable_run(folder)
+    with folder_lock(folder):
         done = read_steps(folder)
         if not 0 < steps <= len(done):
             raise InputError(f"{folder}: expected at least {max(steps, 1)} edits to undo, found {len(done)}")
@@ -92,17 +93,14 @@ def read_steps(folder: Path) -> list[EditStep]:
     return steps
 
 
-def _held(folder: Path) -> AbstractContextManager[None]:
-    if not folder.is_dir() or finished_run(folder) is None:
+def _readable_run(folder: Path) -> RunInfo:
+    """run.json; refuses, before anything changes, what is no finished run or what no page could be written from."""
+    info = finished_run(folder) if folder.is_dir() else None
+    if info is None:
         raise InputError(f"{folder}: expected the folder of a finished run, found none")
-    _refuse_unreadable(folder)
-    return folder_lock(folder)
-
-
-def _refuse_unreadable(folder: Path) -> None:
-    """Refuse, before anything changes, what the page cannot be written from afterwards."""
     tracks = RunFolder(folder).read_all().tracks
     read_decision_log(folder / "decisions.csv", set(tracks.track_id.tolist()))
+    return info
 
 
 def _rewrite(folder: Path, steps: list[EditStep]) -> EditedRun:
@@ -139,15 +137,12 @@ def refine_run(folder: Path) -> tuple[Refined, RunInfo]:
         InputError: no finished run in the folder, an edited one, a refined one without its online tracks, or tracks
             without floor positions.
     """
-    info = finished_run(folder) if folder.is_dir() else None
-    if info is None:
-        raise InputError(f"{folder}: expected the folder of a finished run, found none")
+    info = _readable_run(folder)
     if read_steps(folder):
         raise InputError(f"{folder}: its tracks were edited; undo the edits first")
     tracks, online = folder / "tracks.csv", folder / "tracks_online.csv"
     if info.refined and not online.is_file():
         raise InputError(f"{online}: expected the online tracks of a refined run, found no file")
-    _refuse_unreadable(folder)
     source = online if info.refined else tracks
     found = read_tracks(source)
     try:

@@ -33,7 +33,12 @@ class MapsLog:
         if engine.stereo is None:
             raise InputError("expected a stereo pair or images with depth, found a camera without depth")
         self._engine, self._step, self._path = engine, engine.stereo.reduction, path
-        self._parts = 0 if position is None else self._kept_parts(position["parts"])
+        self._parts = 0 if position is None else position["parts"]
+        kept = self._part_paths
+        for missing in (part for part in kept if not part.is_file()):
+            raise InputError(f"{missing}: expected the points before the checkpoint, found no file")
+        for part in set(path.parent.glob(f"{path.stem}-[0-9]*.h5")) - set(kept) if position else ():
+            part.unlink()
         self._writer: MapsWriter | None = self._new_writer(self._open_path)
 
     def frame(self, result: FrameResult) -> None:
@@ -58,7 +63,7 @@ class MapsLog:
         self._end_part()
         with whole_file(self._path) as whole:
             writer = self._new_writer(whole)
-            for path in self._part_paths():
+            for path in self._part_paths:
                 for frame in MapsRecording(path):
                     writer.add(frame)
             writer.close(self._engine.recording.skipped)
@@ -67,19 +72,9 @@ class MapsLog:
     def _open_path(self) -> Path:
         return self._path.with_name(self._path.name + PART)
 
-    def _kept_parts(self, count: int) -> int:
-        kept = self._part_paths(count)
-        missing = [path for path in kept if not path.is_file()]
-        if missing:
-            raise InputError(f"{missing[0]}: expected the points before the checkpoint, found no file")
-        for path in self._path.parent.glob(f"{self._path.stem}-[0-9]*.h5"):
-            if path not in kept:
-                path.unlink()
-        return count
-
-    def _part_paths(self, count: int | None = None) -> list[Path]:
-        last = self._parts if count is None else count
-        return [self._path.with_name(f"{self._path.stem}-{n}.h5") for n in range(1, last + 1)]
+    @property
+    def _part_paths(self) -> list[Path]:
+        return [self._path.with_name(f"{self._path.stem}-{n}.h5") for n in range(1, self._parts + 1)]
 
     def _new_writer(self, path: Path) -> MapsWriter:
         stereo = self._engine.stereo
@@ -95,7 +90,7 @@ class MapsLog:
         writer.close()
         sync(self._open_path)
         self._parts += 1
-        self._open_path.replace(self._part_paths()[-1])
+        self._open_path.replace(self._part_paths[-1])
 
 
 def at_step(sampled: SampledDisparity, step: int) -> F32:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,15 +50,14 @@ class Tally:
         def count(rule: str, what: str) -> int:
             return bisect_right(self._frames.get((rule, what), []), frame)
 
-        def line(rule: str, kind: str) -> str:
+        lines = []
+        for rule, kind in self._kinds.items():
+            parts = [f"{count(rule, 'entry') - count(rule, 'exit')} inside", f"{count(rule, 'entry')} entries"]
             if kind == "tripwire":
-                ways = ("left_to_right", "right_to_left")
-                return f"{rule}: " + ", ".join(
-                    f"{count(rule, way)} {way_words(way, self._inward.get(rule))}" for way in ways
-                )
-            return f"{rule}: {count(rule, 'entry') - count(rule, 'exit')} inside, {count(rule, 'entry')} entries"
-
-        return [line(rule, kind) for rule, kind in self._kinds.items()]
+                words = {way: way_words(way, self._inward.get(rule)) for way in ("left_to_right", "right_to_left")}
+                parts = [f"{count(rule, way)} {text}" for way, text in words.items()]
+            lines.append(f"{rule}: {', '.join(parts)}")
+        return lines
 
 
 class SceneComposer:
@@ -140,7 +140,12 @@ class VideoWriter:
 
     def add(self, picture: U8) -> None:
         if self._writer is None:
-            self._writer = self._open((picture.shape[1], picture.shape[0]))
+            with writing(self._path):
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+            codec = cv2.VideoWriter.fourcc(*CODECS[self._path.suffix.lower()])
+            self._writer = cv2.VideoWriter(str(self._part), codec, self._fps, picture.shape[1::-1])
+            if not self._writer.isOpened():
+                raise WorkError(f"{self._path}: the video cannot be written")
         self._writer.write(picture)
         self.count += 1
 
@@ -155,31 +160,18 @@ class VideoWriter:
             else:
                 self._part.unlink(missing_ok=True)
 
-    def _open(self, size: tuple[int, int]) -> cv2.VideoWriter:
-        codec = cv2.VideoWriter.fourcc(*CODECS[self._path.suffix.lower()])
-        with writing(self._path):
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-        writer = cv2.VideoWriter(str(self._part), codec, self._fps, size)
-        if not writer.isOpened():
-            raise WorkError(f"{self._path}: the video cannot be written")
-        return writer
-
 
 def scene_pictures_of(
     composer: SceneComposer, frames: SceneFrames | None, first: int, last: int, every: int
 ) -> Iterator[U8]:
     """Pictures of every n-th frame; a frame that cannot be read shows the image before it."""
-    wanted = iter(range(first, last + 1, every))
-    frame = next(wanted, None)
+    wanted = deque(range(first, last + 1, every))
     if frames is None:
-        while frame is not None:
-            yield composer(frame, None)
-            frame = next(wanted, None)
+        yield from (composer(frame, None) for frame in wanted)
         return
     for index, image in frames.through(first, last):
-        while frame is not None and frame <= index:
-            yield composer(frame, image)
-            frame = next(wanted, None)
+        while wanted and wanted[0] <= index:
+            yield composer(wanted.popleft(), image)
 
 
 def write_still(composer: SceneComposer, frames: SceneFrames | None, frame: int, path: Path) -> None:

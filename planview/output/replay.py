@@ -81,11 +81,9 @@ def _people(before: Trajectories, after: Trajectories) -> list[str]:
         apart = float(np.hypot(known[0].x_m[a] - known[1].x_m[b], known[0].y_m[a] - known[1].y_m[b]))
         old, new = _described(known[0], a), _described(known[1], b)
         lines.append(f"{old} -> {new}, {100 * apart:.0f} cm apart")
-    for table, taken, which in (
-        (known[0], {a for a, _ in matches}, "only before"),
-        (known[1], {b for _, b in matches}, "only now"),
-    ):
-        lines += [f"{which}: {_described(table, row)}" for row in range(len(table)) if row not in taken]
+    for n, which in enumerate(("only before", "only now")):
+        alone = set(range(len(known[n]))) - {pair[n] for pair in matches}
+        lines += [f"{which}: {_described(known[n], row)}" for row in sorted(alone)]
     return lines
 
 
@@ -108,9 +106,8 @@ def _decisions(path: Path, replayed: ReplayedRun, last: int) -> list[str]:
     only += [(frame, f"only now, frame {frame}: {text}") for frame, text in now if (frame, text) not in set(rows)]
     only.sort(key=lambda item: item[0])
     more = len(only) - DECISIONS_MAX
-    return ([f"{more} earlier decisions that differ are left out"] if more > 0 else []) + [
-        t for _, t in only[-DECISIONS_MAX:]
-    ]
+    left_out = [f"{more} earlier decisions that differ are left out"] if more > 0 else []
+    return left_out + [text for _, text in only[-DECISIONS_MAX:]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -67,29 +67,24 @@ def return_unused_memory() -> None:
             ctypes.CDLL(None).malloc_trim(0)
 
 
-class Interrupts:
-    """A signal that came, to be asked for where stopping loses nothing."""
-
-    noted = False
-
-    def note(self, *_: object) -> None:
-        """Take a signal: the first is noted, the second raises KeyboardInterrupt."""
-        if self.noted:
-            raise KeyboardInterrupt
-        self.noted = True
-
-
 @contextmanager
-def noted_interrupts() -> Iterator[Interrupts]:
-    """Note SIGINT, SIGTERM and SIGHUP until the block ends; those that are ignored (``nohup``) stay ignored, and
-    outside of the main thread Python takes no signals."""
-    found, before = Interrupts(), {}
+def noted_interrupts() -> Iterator[threading.Event]:
+    """Set an event at the first SIGINT, SIGTERM or SIGHUP until the block ends, so that a run stops where that loses
+    nothing; the second raises KeyboardInterrupt. Signals that are ignored (``nohup``) stay ignored, and outside of the
+    main thread Python takes none."""
+    noted, before = threading.Event(), {}
+
+    def note(*_: object) -> None:
+        if noted.is_set():
+            raise KeyboardInterrupt
+        noted.set()
+
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             if signal.getsignal(number) is not signal.SIG_IGN:
-                before[number] = signal.signal(number, found.note)
+                before[number] = signal.signal(number, note)
     try:
-        yield found
+        yield noted
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -97,23 +92,20 @@ def noted_interrupts() -> Iterator[Interrupts]:
 
 @dataclass
 class RunOptions:
-    """What a run writes besides tracks.
-
-    Attributes:
-        tracker: name for run.json.
-        analytics: counts while running; None for no rules.
-        max_frames: stop after so many frames; 0 for all.
-        checkpoint_every_s: time between two checkpoints [s]; 0 for none.
-        strict: refuse a recording that fails a check instead of warning.
-        pace: plays the recording in real time, without checkpoints; None for as fast as it goes.
-    """
+    """What a run writes besides tracks."""
 
     tracker: str = "joint"
+    """Name for run.json."""
     analytics: Analytics | None = None
+    """Counts while running; None for no rules."""
     max_frames: int = 0
+    """Stop after so many frames; 0 for all."""
     checkpoint_every_s: float = 0.0
+    """Time between two checkpoints [s]; 0 for none."""
     strict: bool = False
+    """Refuse a recording that fails a check instead of warning."""
     pace: Pace | None = None
+    """Plays the recording in real time, without checkpoints; None for as fast as it goes."""
 
 
 def run(
@@ -196,14 +188,14 @@ class _Run:
                     watch(result)
                 self._checks.update(result)
                 now_s = time.monotonic()
-                if every_s and (now_s - marked_s >= every_s or interrupts.noted):
+                if every_s and (now_s - marked_s >= every_s or interrupts.is_set()):
                     every_s, marked_s = every_s if self._mark(tables) else 0.0, now_s
                 if now_s - trimmed_s >= 30.0:  # it takes some milliseconds
                     return_unused_memory()
                     trimmed_s = now_s
-                if interrupts.noted and is_live:
+                if interrupts.is_set() and is_live:
                     break  # the usual end of cameras that run
-                if interrupts.noted:
+                if interrupts.is_set():
                     raise KeyboardInterrupt
         recording = self._engine.recording
         if self._totals.frames == 0:
