@@ -10,6 +10,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -155,17 +156,24 @@ def _apart(one: RigAlignment, other: RigAlignment) -> bool:
 
 def _score(motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath]) -> float:
     """Seconds of the first rig's paths that meet the second's under a motion; nearer ones count more."""
-    shift, total = motion.clock_s / TICK_S, 0.0
+    total = 0.0
     for path in first:
-        ticks = np.arange(path.first, path.end, dtype=np.float64)
-        best = np.zeros(len(ticks))
+        best = np.zeros(len(path.xy_m))
         for other in second:
-            apart_in_time = other.first + shift >= path.end or other.end + shift <= path.first
-            if not apart_in_time and not abs(path.height_m - other.height_m) > HEIGHT_M:
-                square = ((motion.apply(other.at(ticks - shift)) - path.xy_m) ** 2).sum(axis=1)
-                best = np.fmax(best, 1.0 - square / MEET_M**2)
+            if not abs(path.height_m - other.height_m) > HEIGHT_M:
+                best = np.fmax(best, 1.0 - (_apart_m(motion, path, other) / MEET_M) ** 2)
         total += float(best.sum()) * TICK_S
     return total
+
+
+def _apart_m(motion: RigAlignment, path: WalkedPath, other: WalkedPath) -> F64:
+    """(N,) distance of the samples of a path of the first rig from one of the second under a motion [m]; NaN where the
+    other path has no sample."""
+    shift = motion.clock_s / TICK_S
+    if other.first + shift >= path.end or other.end + shift <= path.first:
+        return np.full(len(path.xy_m), np.nan)
+    ticks = np.arange(path.first, path.end, dtype=np.float64)
+    return np.asarray(np.hypot(*(motion.apply(other.at(ticks - shift)) - path.xy_m).T))
 
 
 def _hypotheses(first: list[WalkedPath], second: list[WalkedPath], clock_s: float) -> list[RigAlignment]:
@@ -219,7 +227,7 @@ def _refined(
     motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath], meet_m: float, disparity_px: float
 ) -> RigAlignment:
     """The motion and clock that fit all people best who meet under a motion."""
-    meetings = [m for m in _meetings(motion, first, second, meet_m, HEIGHT_M) if len(m.ticks) >= 5]
+    meetings = [m for m in _meetings(motion, first, second, meet_m) if len(m.ticks) >= 5]
     if not meetings:
         return motion
     met = np.concatenate([m.second.at(m.ticks - motion.clock_s / TICK_S) for m in meetings])
@@ -270,21 +278,14 @@ class _Meeting(NamedTuple):
         return np.nan_to_num(((theirs - pivot) @ floor_rotation(v[0]).T + v[1:3] - ours).ravel(), nan=0.0)
 
 
-def _meetings(
-    motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath], meet_m: float, height_m: float
-) -> list[_Meeting]:
+def _meetings(motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath], meet_m: float) -> list[_Meeting]:
     """Where people of both rigs meet under a motion."""
     pairs = []
-    for path in first:
-        ticks = np.arange(path.first, path.end, dtype=np.float64)
-        for other in second:
-            if abs(path.height_m - other.height_m) > height_m:
-                continue
-            apart = np.hypot(*(motion.apply(other.at(ticks - motion.clock_s / TICK_S)) - path.xy_m).T)
-            near = np.nan_to_num(apart, nan=np.inf) <= meet_m
-            # Two paths that meet for a shorter time are of people who pass each other [s].
-            if near.sum() * TICK_S >= 1.0:
-                pairs.append(_Meeting(path, other, ticks[near]))
+    for path, other in product(first, second):
+        near = np.nan_to_num(_apart_m(motion, path, other), nan=np.inf) <= meet_m
+        # Two paths that meet for a shorter time are of people who pass each other [s].
+        if near.sum() * TICK_S >= 1.0 and not abs(path.height_m - other.height_m) > HEIGHT_M:
+            pairs.append(_Meeting(path, other, path.first + np.flatnonzero(near).astype(np.float64)))
     return pairs
 
 

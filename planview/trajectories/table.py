@@ -78,6 +78,7 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
 def _read(file: Path | str, required: Sequence[str], what: str) -> Trajectories:
     path = Path(file)
     require_file(path, f"a {what} file")
+    missing: list[str] = []
     try:
         with path.open(encoding="utf-8-sig", newline="") as text:
             names = next(csv.reader(text), [])
@@ -90,7 +91,7 @@ def _read(file: Path | str, required: Sequence[str], what: str) -> Trajectories:
             raise InputError(f"{path}: {fault}")
         return table_of(cells, path)
     except (OSError, ValueError, csv.Error, InputError) as error:
-        if fault := _first_fault(path):
+        if not missing and (fault := _first_fault(path)):
             raise InputError(f"{path}: {fault}") from error
         if isinstance(error, InputError):
             raise
