@@ -26,7 +26,7 @@ from planview.calibration.align import AlignParams, RigAlignment, align_records,
 from planview.calibration.board import BoardRequest, calibrate_images
 from planview.calibration.board_report import write_report
 from planview.calibration.paths import RigRecord, record_rig
-from planview.commands.options import Flag, JsonFlag
+from planview.commands.options import Flag, JsonFlag, OneSetting, Settings
 from planview.engine.config import Config, load_config
 from planview.output.progress import PlainConsole
 
@@ -40,10 +40,8 @@ class AlignOptions:
     """rigs.toml to write, in a folder above all heads; that folder is then a recording of several heads."""
     clock: float = 10.0
     """Largest difference of the times at which the recordings begin [s]; a longer search takes longer."""
-    config: Path | None = None
-    """TOML file with the parameters of a run."""
-    set_: Annotated[Sequence[str], Parameter(name="--set")] = ()
-    """One parameter of a run; may be given several times."""
+    config: Settings = None
+    set_: OneSetting = ()
     json_output: JsonFlag = False
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -16,6 +17,25 @@ from stereo.readers import OpenOptions
 Flag = Annotated[bool, Parameter(negative="")]
 """A switch that is off unless it is given; there is no --no-... of it."""
 JsonFlag = Annotated[bool, Parameter(name="--json", negative="", help="Print one JSON object to standard output.")]
+
+Topics = Annotated[
+    str | None, Parameter(help="Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names.")
+]
+FrameRate = Annotated[float | None, Parameter(help="Frames per second, in place of the recording's own times.")]
+Settings = Annotated[Path | None, Parameter(help="TOML file with parameters of a run, a table per stage.")]
+OneSetting = Annotated[
+    Sequence[str],
+    Parameter(
+        name="--set", negative="",
+        help="One parameter, e.g. --set foreground.learning_rate=0.002; may be given several times.",
+    ),
+]  # fmt: skip
+Region = Annotated[
+    str | None, Parameter(help="Polygon in well-known text [m], or a file with it: rows outside are left out.")
+]
+Ignored = Annotated[
+    str | None, Parameter(help="Polygon in well-known text [m], or a file with it: rows inside are left out.")
+]
 
 _OPTIONS = {"camera": "calibration", "refined": "refine"}
 """Options that are not called as the arguments of the Python functions are."""

@@ -18,7 +18,7 @@ from calib.io import parse_length
 from calib.rig import save_rig
 from planview.checks.examine import Diagnosis, examine, sentence, write_pictures
 from planview.checks.recording import PairEvidence
-from planview.commands.options import Flag, JsonFlag, open_options, typed
+from planview.commands.options import Flag, FrameRate, JsonFlag, Topics, open_options, typed
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search
 from planview.output.progress import PlainConsole
@@ -38,10 +38,8 @@ class CheckOptions:
     not concern this."""
     calibration: Path | None = None
     """Calibration file or folder, instead of the recording's own; or camera.toml or Tsai XML of one camera."""
-    topics: str | None = None
-    """Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names."""
-    fps: float | None = None
-    """Frames per second, in place of the recording's own times."""
+    topics: Topics = None
+    fps: FrameRate = None
     person_height: str | None = None
     """Height of a person who walks through, e.g. 1.78m: checks baseline and units."""
     frames: int = 60

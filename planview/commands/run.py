@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +12,7 @@ from rich.console import Console
 from calib.errors import InputError
 from calib.formats.one_camera import holds_one_camera
 from calib.images import write_image
-from planview.commands.options import Flag, JsonFlag, frame_span, open_options
+from planview.commands.options import Flag, FrameRate, JsonFlag, OneSetting, Settings, Topics, frame_span, open_options
 from planview.commands.results import RenderOptions, render
 from planview.commands.scores import EvaluateOptions, evaluate, print_counts
 from planview.counting.geometry import RulePlane
@@ -51,10 +50,8 @@ class TrackingOptions:
     calibration: Annotated[Path | None, _In, Parameter(name=["--calibration", "--camera"])] = None
     """Calibration of the stereo pair, when it does not lie in the recording; or camera.toml of a single camera
     (planview calibrate human writes it), or its Tsai XML."""
-    topics: Annotated[str | None, _In] = None
-    """Topics of a bag, LEFT,RIGHT or IMAGE,DEPTH, where they are not clear from their names."""
-    fps: Annotated[float | None, _In] = None
-    """Frames per second, in place of the recording's own times."""
+    topics: Annotated[Topics, _In] = None
+    fps: Annotated[FrameRate, _In] = None
     strict: Annotated[Flag, _In] = False
     """Refuse a recording that fails one of the cheap checks (exit status 2) instead of warning of it."""
     tracker: Annotated[TrackerName, _How] = "joint"
@@ -63,16 +60,14 @@ class TrackingOptions:
     detections: Annotated[Path | None, _How] = None
     """Boxes of people from a detector of your own (MOTChallenge det.txt or COCO results), tracked instead of what
     moves; one camera only."""
-    config: Annotated[Path | None, _How] = None
-    """TOML file with parameters, a table per stage."""
-    set_: Annotated[Sequence[str], _How, Parameter(name="--set", negative="")] = ()
-    """One parameter, e.g. --set foreground.learning_rate=0.002; may be given several times."""
+    config: Annotated[Settings, _How] = None
+    set_: Annotated[OneSetting, _How] = ()
     refine: Annotated[Flag, _How] = False
     """Refine the tracks afterwards, knowing the whole recording (as planview edit --refine does)."""
     rules: Annotated[Path | None, _How] = None
     """rules.toml with tripwires and zones to count while tracking."""
     rrd: Annotated[Flag, _Out] = False
-    """Also write run.rrd, to be looked at with planview view."""
+    """Also write run.rrd, which planview view opens."""
     maps: Annotated[Flag, _Out, Parameter(name=["--maps", "--save-maps"])] = False
     """Also write maps.h5: foreground points of every frame as disparities and coarse colour codes, without images."""
     frames: Annotated[str | None, _In] = None
@@ -80,7 +75,7 @@ class TrackingOptions:
     overwrite: Annotated[Flag, _Out] = False
     """Replace the results of an earlier run in the folder."""
     resume: Annotated[Flag, _Out] = False
-    """Go on with the run that was interrupted or killed in this folder: the same results as without interruption."""
+    """Resume the run that was interrupted or killed in this folder: the same results as without interruption."""
 
 
 def run(
@@ -221,10 +216,11 @@ def replay(
     folder: Path,
     *,
     frame: int,
-    set_: Annotated[Sequence[str], Parameter(name="--set", negative="")] = (),
+    set_: OneSetting = (),
     out: Annotated[Path | None, Parameter(name=["--out", "--png"])] = None,
 ) -> None:
     """Track a run again up to a frame with a parameter changed, and show both: a picture, and what differs in words.
+    Without a parameter to change, the run is repeated as it was.
 
     Tracking begins with the first frame, of the run's maps.h5 (planview run --maps) where the parameter does not
     concern what comes before the maps: that takes a tenth of the time.
@@ -237,8 +233,6 @@ def replay(
         Output folder of a run.
     frame
         The frame to look at.
-    set_
-        Parameter to change, as of planview run; may be given several times. Without one the run is repeated as it was.
     out
         Picture to write; replay-N.png in the folder when not given.
     """

@@ -17,7 +17,7 @@ from rich.table import Table
 from calib.errors import InputError
 from calib.formats.one_camera import load_one_camera
 from calib.io import reason, require_file
-from planview.commands.options import Flag, JsonFlag, checked, frame_span
+from planview.commands.options import Flag, Ignored, JsonFlag, Region, checked, frame_span
 from planview.counting.events import read_events, write_event_header, write_event_rows
 from planview.counting.geometry import RulePlane, stereo_plane
 from planview.counting.rules import AnalyticsParams, load_rules
@@ -240,10 +240,8 @@ class CountOptions:
     """How deep inside or outside a zone people must be observed to enter or leave it, in metres."""
     min_age: float = _DEFAULTS.min_age_s
     """Tracks younger than this count nothing yet, in seconds."""
-    region: str | None = None
-    """Polygon in well-known text [m], or a file with it: rows outside do not count."""
-    ignore: str | None = None
-    """Polygon in well-known text [m], or a file with it: rows inside do not count."""
+    region: Region = None
+    ignore: Ignored = None
     fps: float | None = None
     """Frame rate where the tracks have no timestamps. [default: that of the run, else 30]"""
     out: Path | None = None

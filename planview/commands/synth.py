@@ -21,7 +21,7 @@ def synth(
     scene: Path,
     out: Path,
     *,
-    frames: Annotated[int | None, Parameter(help="render at most so many frames")] = None,
+    frames: Annotated[int | None, Parameter(help="render the first frames only")] = None,
     scale: Annotated[float, Parameter(help="factor on the image size, e.g. 0.5")] = 1.0,
     seed: Annotated[int | None, Parameter(help="instead of the scene's own: other wanderers and noise")] = None,
     video: Annotated[bool, Parameter(help="videos instead of PNG images")] = False,

@@ -14,7 +14,7 @@ from cyclopts import Parameter
 
 from calib.errors import InputError
 from calib.io import read_text
-from planview.commands.options import Flag, JsonFlag, open_options
+from planview.commands.options import Flag, Ignored, JsonFlag, Region, open_options
 from planview.output.finished import edit_run, read_steps, refine_run, undo_edits
 from planview.output.progress import PlainConsole
 from planview.output.run_folder import RunFolder
@@ -42,10 +42,8 @@ class EditOptions:
     """ID deletes a track, ID@FIRST:LAST its rows of these frames."""
     rename: _Many = ()
     """ID:NEW gives a track another id."""
-    region: str | None = None
-    """Well-known text, or a file with it: rows outside are deleted."""
-    ignore: str | None = None
-    """Well-known text, or a file with it: rows inside are deleted."""
+    region: Region = None
+    ignore: Ignored = None
     join_gaps: str | None = None
     """SECONDS:METRES joins tracks that begin within this time and distance of another one's end, nearest first."""
     shorter: float | None = None
@@ -141,10 +139,8 @@ class ExportOptions:
     area: str | None = None
     """Walkable area as well-known text in metres, or a file with it, e.g. "POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0))"; that
     of the trajectories by default, else the rectangle 1 m around them."""
-    region: str | None = None
-    """Polygon in well-known text [m], or a file with it: rows outside are left out."""
-    ignore: str | None = None
-    """Polygon in well-known text [m], or a file with it: rows inside are left out."""
+    region: Region = None
+    ignore: Ignored = None
     lost: Flag = False
     """Formats without states also get rows in which a person was hidden and only predicted."""
     overwrite: Flag = False

@@ -117,7 +117,7 @@ def build_sequence(truth: Trajectories, tracks: Trajectories, similarity: Simila
 
 
 def _pairs_in_frames(truth_frame: I64, track_frame: I64) -> Iterator[tuple[I64, I64]]:
-    """All pairs of rows in one frame, by truth row, then track row, so many at a time."""
+    """All pairs of rows in one frame, by truth row, then track row, in blocks."""
     first = np.searchsorted(track_frame, truth_frame)
     counts = np.searchsorted(track_frame, truth_frame, side="right") - first
     ends = np.cumsum(counts)

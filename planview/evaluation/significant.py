@@ -154,7 +154,7 @@ def grouped_events(errors: Sequence[SignificantError], within_frames: float) -> 
 
 
 def poisson_upper(count: int, confidence: float = 0.95) -> float:
-    """The largest mean of a Poisson distribution that gives at most so many events with a probability of at least
+    """The largest mean of a Poisson distribution that gives at most this many events with a probability of at least
     1 - confidence: chi2.ppf(confidence, 2 count + 2) / 2 (Garwood 1936, one-sided)."""
     from scipy.special import gammaincinv  # only where something is scored
 

@@ -99,7 +99,7 @@ class RunOptions:
     analytics: Analytics | None = None
     """Counts while running; None for no rules."""
     max_frames: int = 0
-    """Stop after so many frames; 0 for all."""
+    """Stop after this many frames; 0 for all."""
     checkpoint_every_s: float = 0.0
     """Time between two checkpoints [s]; 0 for none."""
     strict: bool = False
@@ -273,7 +273,7 @@ class _Run:
                 "end_s": span.end_s if totals.frames else None,
                 "notes": [*self._info.notes, *getattr(self._engine.tracker, "notes", ())],
                 "frames_skipped": len(skipped),
-                # run.json names at most so many skipped frames.
+                # The first thousand, as run.json stays small.
                 "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:1000]],
                 "stages_ms": {stage: float(np.median(list(times))) for stage, times in totals.stages.items()},
                 "pace": self._options.pace and self._options.pace.info(),

@@ -48,7 +48,7 @@ class SceneFrames:
     def at(self, frames: Sequence[int]) -> Iterator[SceneImage]:
         """The images of ascending frames, as far as they can be read."""
         if isinstance(self._recording, MultiRigRecording):
-            # Recordings of several rigs are read from their beginning; pictures are made of so many moments at most.
+            # Recordings of several rigs are read from their beginning; pictures show no later ones.
             wanted = {frame for frame in frames if frame < 5000}
             yield from (image for image in self.through(0, max(wanted, default=-1)) if image.frame in wanted)
             return

@@ -113,7 +113,7 @@ class Pace:
 
     Args:
         now_s: time that only grows [s].
-        sleep: waits so many seconds.
+        sleep: waits this many seconds.
     """
 
     def __init__(

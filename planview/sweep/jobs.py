@@ -20,7 +20,7 @@ from planview.sweep.study import Configuration, RecordingEntry, Study
 from planview.trajectories.formats import truth_file
 from stereo.readers.open import is_multi_rig, rigs_file
 
-_BESIDE = frozenset((".yml", ".yaml", ".json", ".xml", ".conf"))
+_COMPANIONS = frozenset((".yml", ".yaml", ".json", ".xml", ".conf"))
 _TABLES = frozenset(("rig.toml", "world.toml", "camera.toml", "timestamps.csv"))
 MAPS_FILE = "maps.h5"
 
@@ -30,7 +30,7 @@ def companion_files(path: Path) -> list[Path]:
     if path.is_dir():
         return []
     files = sorted(path.parent.iterdir()) if path.parent.is_dir() else []
-    known = [file for file in files if file.suffix.lower() in _BESIDE or file.name in _TABLES]
+    known = [file for file in files if file.suffix.lower() in _COMPANIONS or file.name in _TABLES]
     return [file for file in known if file.name not in (path.name, "truth.csv", "gt.txt") and file.is_file()]
 
 

@@ -180,7 +180,7 @@ class Study(Params):
     tracker: TrackerName = "joint"
     """The tracker of all runs."""
     frames: int = Field(0, ge=0)
-    """Stop each run after so many frames; 0 for all."""
+    """Stop each run after this many frames; 0 for all."""
     seeds: list[int] = Field([0], min_length=1)
     """Seeds of the random generators: every configuration runs once with each."""
     method: Literal["grid", "random"] = "grid"

@@ -117,7 +117,7 @@ class RerunLog:
         self._stream.log(path, *shapes, static=True)
 
     def _thinned(self) -> int:
-        """Of every so many frames the images are logged now."""
+        """Images of every n-th frame are logged from now on."""
         return self._asked_every * rarer(sum(part.stat().st_size for part in self._parts if part.is_file()))
 
     def mark(self) -> dict[str, int]:
