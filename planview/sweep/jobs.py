@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import product, starmap
 from pathlib import Path
 from typing import NamedTuple
 
@@ -72,58 +73,43 @@ Planned = StudyJob | JobResult
 """A run, or why it cannot begin."""
 
 
-class Planner:
-    """Makes the jobs of configurations (arguments of ``run_study``); recordings are looked at once."""
+_Keyed = tuple[Config, str]
 
-    def __init__(self, study: Study, out: Path, names: Sequence[str]) -> None:
-        self._study, self._out = study, out
-        self._recordings = [_looked_at(entry, name) for entry, name in zip(study.recordings, names, strict=True)]
-        # Recordings that begin with the same parameters share their configurations: a study may have RUNS_MAX runs.
-        self._effective = cache(self._effective_of)
 
-    def jobs(self, configurations: Sequence[Configuration]) -> list[Planned]:
-        """Configuration by configuration, recording by recording, seed by seed. Raises InputError: a setting that is no
-        parameter or out of its range."""
-        for configuration in configurations:
-            load_config(self._study.config, configuration.settings)
-        return [
-            self._job(configuration, recording, seed)
-            for configuration in configurations
-            for recording in self._recordings
-            for seed in self._study.seeds
-        ]
+def planned(study: Study, out: Path, names: Sequence[str], configurations: Sequence[Configuration]) -> list[Planned]:
+    """The jobs of a study (arguments of ``run_study``), configuration by configuration, recording by recording, seed by
+    seed. Raises InputError: a setting that is no parameter or out of its range."""
+    recordings = [_looked_at(entry, name) for entry, name in zip(study.recordings, names, strict=True)]
+    for configuration in configurations:
+        load_config(study.config, configuration.settings)
 
-    def _job(self, configuration: Configuration, recording: _Recording, seed: int) -> Planned:
+    @cache  # recordings that begin with the same parameters share their configurations: there may be RUNS_MAX runs
+    def effective(configuration: Configuration, seed: int, base: Config) -> tuple[_Keyed, _Keyed]:
+        """The full configuration of a run, and that which records its plan-view maps."""
+        full = load_config(study.config, [*configuration.settings, f"seed={seed}"], base)
+        points = points_config(full)
+        full_key, points_key = (key_of(config.model_dump(mode="json")) for config in (full, points))
+        return (full, full_key), (points, points_key)
+
+    def run_job(source: RecordingEntry, source_key: str, keyed: _Keyed, kind: str) -> RunJob:
+        version, (config, config_key), frames = code_version(), keyed, study.frames
+        key = key_of(source_key, config_key, study.tracker, frames, version, kind)
+        report = study.reports and kind == "jobs"
+        return RunJob(source, config, study.tracker, frames, key, out / kind / key, version, kind == "maps", report)
+
+    def job(configuration: Configuration, recording: _Recording, seed: int) -> Planned:
         if recording.error:
             return JobResult(recording.name, configuration, seed, error=recording.error)
-        entry, study, maps = recording.entry, self._study, None
-        full, points = self._effective(configuration, seed, recording.base)
+        entry, maps = recording.entry, None
+        full, points = effective(configuration, seed, recording.base)
         single = is_maps(entry.path) or is_multi_rig(entry.path) or study.tracker == "human-model"
         if study.maps and not single and (study.tracker == "joint" or is_stereo(entry.path, entry.calibration)):
-            maps = self._run(entry, recording.key, points, "maps")
+            maps = run_job(entry, recording.key, points, "maps")
         source = RecordingEntry(path=maps.folder / MAPS_FILE) if maps else entry
-        run = self._run(source, maps.key if maps else recording.key, full, "jobs")
+        run = run_job(source, maps.key if maps else recording.key, full, "jobs")
         return StudyJob(recording.name, configuration, seed, run, maps, recording.truth, recording.truth_key)
 
-    def _effective_of(self, configuration: Configuration, seed: int, base: Config) -> tuple[_Keyed, _Keyed]:
-        """The full configuration of a run, and that which records its plan-view maps; ``base`` is the recording's."""
-        settings = [*configuration.settings, f"seed={seed}"]
-        full = load_config(self._study.config, settings, base)
-        return _keyed(full), _keyed(points_config(full))
-
-    def _run(self, source: RecordingEntry, source_key: str, config: _Keyed, kind: str) -> RunJob:
-        study, version, (parameters, config_key) = self._study, code_version(), config
-        key = key_of(source_key, config_key, study.tracker, study.frames, version, kind)
-        report = study.reports and kind == "jobs"
-        folder = self._out / kind / key
-        return RunJob(source, parameters, study.tracker, study.frames, key, folder, version, kind == "maps", report)
-
-
-def _keyed(config: Config) -> _Keyed:
-    return config, key_of(config.model_dump(mode="json"))
-
-
-_Keyed = tuple[Config, str]
+    return list(starmap(job, product(configurations, recordings, study.seeds)))
 
 
 class _Recording(NamedTuple):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from pandas import DataFrame
 
 from planview.drawing.style import page_of
 from planview.output.report.plots import COLOURS, Picture, new_figure, picture, plain_text, png_bytes
@@ -57,13 +58,12 @@ def recordings_plot(ranking: Sequence[Ranked], runs: Sequence[JobResult], figure
     """A figure by recording, a line per configuration (of the first ones, best first)."""
     picture, axes = new_figure(8.0, 3.6)
     names = list(dict.fromkeys(run.recording for run in runs))
+    table = DataFrame([[run.configuration.label, run.recording, run.figures.get(figure)] for run in runs])
+    means = table.groupby([0, 1])[2].mean().unstack()[names]  # by configuration and recording
     for place, (ranked, colour) in enumerate(zip(ranking, COLOURS, strict=False), 1):
-        values: dict[int, list[float]] = {}
-        for run in runs:
-            if run.configuration == ranked.configuration and figure in run.figures:
-                values.setdefault(names.index(run.recording), []).append(run.figures[figure])
-        means = [np.mean(values[x]) for x in sorted(values)]
-        axes.plot(sorted(values), means, marker="o", markersize=4, color=colour, label=f"{place}.", linewidth=1)
+        row = means.loc[ranked.configuration.label].to_numpy(np.float64)
+        known = np.flatnonzero(np.isfinite(row))
+        axes.plot(known, row[known], marker="o", markersize=4, color=colour, label=f"{place}.", linewidth=1)
     axes.set_xticks(range(len(names)), list(map(_short, names)), fontsize=8, rotation=30, ha="right")
     axes.set_ylabel(FIGURES[figure].label)
     axes.legend(fontsize=8, ncols=5, frameon=False)

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from planview.output.folder import folder_lock, write_result
-from planview.sweep.jobs import Planned, Planner, StudyJob
+from planview.sweep.jobs import Planned, StudyJob, planned
 from planview.sweep.results import JobResult, Ranked, ranked, summary_csv
 from planview.sweep.study import Study, grid, random_draws
 from planview.sweep.work import Done, Pool, earlier_figures, is_done, remove_attempts, run_tasks, track, track_and_score
@@ -52,7 +52,7 @@ def run_study(
         if study.method == "grid"
         else random_draws(study.parameters, study.samples, study.search_seed)
     )
-    jobs = Planner(study, out, names).jobs(configurations)
+    jobs = planned(study, out, names, configurations)
     with folder_lock(out):
         remove_attempts(out)
         write_result(out / STUDY_FILE, study.model_dump_json(indent=2) + "\n")
@@ -70,11 +70,11 @@ def run_study(
     return results
 
 
-def _run(planned: Sequence[Planned], open_pool: Callable[[], Pool], console: Console) -> list[JobResult]:
+def _run(study_jobs: Sequence[Planned], open_pool: Callable[[], Pool], console: Console) -> list[JobResult]:
     """Results in the order of the jobs."""
     results: dict[int, JobResult] = {}
     waiting: dict[str, list[tuple[int, StudyJob]]] = {}
-    for i, job in enumerate(planned):
+    for i, job in enumerate(study_jobs):
         if isinstance(job, JobResult):
             results[i] = job
         elif (figures := earlier_figures(job)) is not None:
@@ -89,7 +89,7 @@ def _run(planned: Sequence[Planned], open_pool: Callable[[], Pool], console: Con
     )  # fmt: skip
     with ExitStack() as stack:
         watch = stack.enter_context(Progress(*columns, console=console))
-        bar = watch.add_task("runs", total=len(planned), state="")
+        bar = watch.add_task("runs", total=len(study_jobs), state="")
         recording = watch.add_task("plan-view recordings", total=len(maps), state="", visible=bool(maps))
         counts = {"done before": 0, "failed": 0}
 
@@ -107,7 +107,7 @@ def _run(planned: Sequence[Planned], open_pool: Callable[[], Pool], console: Con
 
         show(results.values())
         if not jobs:
-            return [results[i] for i in range(len(planned))]
+            return [results[i] for i in range(len(study_jobs))]
         pool = open_pool()
         stack.callback(pool.close)
         errors: dict[str, str] = {}
@@ -122,7 +122,7 @@ def _run(planned: Sequence[Planned], open_pool: Callable[[], Pool], console: Con
                 ready[key] = job
         for done in run_tasks(track_and_score, ready, pool):
             end(done)
-    return [results[i] for i in range(len(planned))]
+    return [results[i] for i in range(len(study_jobs))]
 
 
 def _result(job: StudyJob, figures: dict[str, float], error: str, *, reused: bool = False) -> JobResult:
