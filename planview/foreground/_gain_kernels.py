@@ -7,8 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from calib.types import F32, U8
-from planview.foreground._leader_kernels import BLOCK, VAR_Y, Y
+from calib.types import F32
 
 LADDER_STEP = 0.05
 """Distance of the gains tried, in log gain: 5 % of mid grey is within the tolerance of an unchanged pixel."""
@@ -32,23 +31,6 @@ PIXELS_MIN = 16
 """Smallest number of pixels for a fit."""
 ANY_LUMA = 0.1
 """Share of the pixels that may have any luma, all alike: a wall all of one luma carries a little information, too."""
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def sample_lumas(lead: F32, image: U8, colour: bool, n_pixels: int, stride: int, model: F32, luma: F32) -> int:
-    """Background luma and image luma of every stride-th pixel, bounds and black left out. Returns their number."""
-    n = 0
-    for p in range(0, n_pixels, stride):
-        block, i = p // BLOCK, p % BLOCK
-        if lead[block, VAR_Y * BLOCK + i] <= 0 or lead[block, Y * BLOCK + i] <= BLACK:
-            continue
-        model[n] = lead[block, Y * BLOCK + i]
-        if not colour:
-            luma[n] = image[p]
-        else:
-            luma[n] = 0.114 * image[3 * p] + 0.587 * image[3 * p + 1] + 0.299 * image[3 * p + 2]
-        n += 1
-    return n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.types import F32, U8
+from calib.types import F32, U8, AnyArray
 from planview.foreground import _gain_kernels as kernels
 
 INLIERS_MIN = 0.3
@@ -15,6 +15,9 @@ INLIERS_MIN = 0.3
 camera (our choice)."""
 KEPT_GAIN_MAX = 32.0
 """A refined gain beyond this, or below its reciprocal, is not taken over: the fit failed (our choice)."""
+
+
+BGR_TO_LUMA = np.array([0.114, 0.587, 0.299], np.float32)
 
 
 class Exposure(NamedTuple):
@@ -68,15 +71,19 @@ class GainFollower:
         """Back to gain 1: the model is in the exposure of the image."""
         self.gain, self.offset = 1.0, 0.0
 
-    def update(self, lead: F32, image: U8) -> None:
+    def update(self, leaders: AnyArray, image: U8) -> None:
         """Follow one image.
 
         Args:
-            lead: the leading Gaussians of ``Foreground``. image: (N,) grey or (3 N,) BGR uint8.
+            leaders: (H, W) leading Gaussians. image: (H, W, 1) grey or (H, W, 3) BGR uint8.
         """
-        colour = image.size > self._n_pixels
-        n = kernels.sample_lumas(lead, image, colour, self._n_pixels, self._stride, self._model, self._luma)
-        pixels = self._model[:n], self._luma[:n], self._information[:n]
+        model, bgr = leaders.reshape(-1)[:: self._stride], image.reshape(-1, image.shape[2])[:: self._stride]
+        # Bounds and black are left out.
+        known = (model["var_y"] > 0) & (model["y"] > kernels.BLACK)
+        model, bgr = model["y"][known], bgr[known]
+        luma = bgr @ BGR_TO_LUMA if image.shape[2] == 3 else bgr[:, 0].astype(np.float32)
+        n = len(model)
+        pixels = model, luma, np.empty(n, np.float32)
         kernels.fill_information(pixels[1], self._tolerance, pixels[2])
         best = self._refined(pixels, self.gain, self.offset)
         # Fraction of inliers above which no other gain is searched (our choice).

@@ -2,8 +2,7 @@
 
 Every value becomes itself (None, bool, int, float, str) or a reference ``{"#": n}`` to a node ``[kind, content, ...]``
 of a list, so that shared objects and cycles stay so. No code is taken from a file: classes are found by name among
-those of the project, instances are made without calling anything of theirs, and attributes are set. Threads come from
-the object in whose place the restored one goes.
+those of the project, instances are made without calling anything of theirs, and attributes are set.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from __future__ import annotations
 import sys
 from collections import deque
 from collections.abc import Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -104,8 +102,6 @@ class _Writer:
             return ["dict", [self._all(pair, path) for pair in value.items()]]
         if cls in _GROUPS.values():
             return [cls.__name__, self._all(value, path), getattr(value, "maxlen", None)]
-        if cls is ThreadPoolExecutor:
-            return ["threads", None]
         if (cls is np.ndarray or isinstance(value, np.generic)) and not value.dtype.hasobject:
             self.arrays.append(np.array(value))
             return ["array" if cls is np.ndarray else "scalar", len(self.arrays) - 1]
@@ -136,17 +132,17 @@ class _Reader:
         self._made[number] = present
         for extra in set(getattr(present, "__dict__", ())) - attributes.keys():
             object.__delattr__(present, extra)
-        self._set(present, attributes, present)
+        self._set(present, attributes)
 
-    def value(self, value: Any, present: Any = None) -> Any:
-        """The value of a plain value or reference; ``present`` is what is in its place now."""
+    def value(self, value: Any) -> Any:
+        """The value of a plain value or reference."""
         if type(value) in PLAIN:
             return value
         if value["#"] not in self._made:
-            self._make(value["#"], present)
+            self._make(value["#"])
         return self._made[value["#"]]
 
-    def _make(self, number: int, present: Any) -> None:
+    def _make(self, number: int) -> None:
         kind, content, *more = self._state.nodes[number]
         made: Any
         if kind in ("dict", "list", "set", "deque"):  # these may hold themselves: made first, filled then
@@ -156,7 +152,7 @@ class _Reader:
             (made.update if kind in ("dict", "set") else made.extend)(held)
         elif kind == "object":
             self._made[number] = made = object.__new__(_class_of(more[0]))
-            self._set(made, content, present)
+            self._set(made, content)
         elif kind in _GROUPS:
             self._made[number] = _GROUPS[kind](self._all(content))
         elif kind == "record":
@@ -164,19 +160,17 @@ class _Reader:
         elif kind in ("array", "scalar"):
             array = self._state.arrays[content]
             self._made[number] = array if kind == "array" else array[()]
-        elif kind == "generator":
+        else:
             self._made[number] = generator = np.random.default_rng()
             generator.bit_generator.state = self.value(content)
-        else:
-            self._made[number] = present  # threads
 
     def _all(self, values: list[Any]) -> list[Any]:
         return [self.value(value) for value in values]
 
-    def _set(self, made: object, attributes: dict[str, Any], present: object) -> None:
+    def _set(self, made: object, attributes: dict[str, Any]) -> None:
         """Set all attributes, also of frozen classes."""
         for name, value in attributes.items():
-            object.__setattr__(made, name, self.value(value, getattr(present, name, None)))
+            object.__setattr__(made, name, self.value(value))
 
 
 def _class_of(name: str) -> Any:

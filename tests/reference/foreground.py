@@ -1,18 +1,29 @@
 """What planview's foreground kernels compute, in plain numpy: all pixels at once, mixtures as (K, N) arrays.
 
-True weights, no blocks, no order of evaluation to exploit; float32 throughout, as the kernels.
+float32 throughout, as the kernels.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from planview.foreground._leader_kernels import Rates, UpdateConstants
+from planview.foreground._kernels import NEW_VARIANCE, Constants
 from planview.foreground.params import BACKGROUND, FOREGROUND, NEARER, PERSON, SHADOW
 
 F32 = np.float32
+
+
+class Rates(NamedTuple):
+    """Shares of the new observation: of weights, of means and variances, of both where the background is known or was
+    uncovered, of the activity."""
+
+    weight: float
+    mean: float
+    fast: float
+    activity: float
 
 
 @dataclass
@@ -46,7 +57,7 @@ class Pixels:
     chroma: np.ndarray
 
 
-def observe(image: np.ndarray, disparity: np.ndarray | None, s: UpdateConstants) -> Pixels:
+def observe(image: np.ndarray, disparity: np.ndarray | None, s: Constants) -> Pixels:
     """Y, U, V in the exposure of the model, and whether chroma is usable, from (N,) grey or (N, 3) BGR uint8."""
     none = np.full(len(image), np.nan, F32) if disparity is None else disparity
     inv_gain = F32(1) / s.gain
@@ -60,7 +71,7 @@ def observe(image: np.ndarray, disparity: np.ndarray | None, s: UpdateConstants)
     return Pixels(y, F32(0.492) * (b - luma) * inv_gain, F32(0.877) * (r - luma) * inv_gain, none, ~clipped)
 
 
-def start(o: Pixels, k: int, s: UpdateConstants) -> Mixtures:
+def start(o: Pixels, k: int, s: Constants) -> Mixtures:
     """The first frame: one Gaussian with all the weight."""
     n = len(o.y)
     ones = {name: np.ones((k, n), F32) for name in Mixtures.NUMBERS}
@@ -71,7 +82,7 @@ def start(o: Pixels, k: int, s: UpdateConstants) -> Mixtures:
 
 
 def update(
-    m: Mixtures, o: Pixels, feedback: np.ndarray, s: UpdateConstants, rates: Rates, measured: np.ndarray
+    m: Mixtures, o: Pixels, feedback: np.ndarray, s: Constants, rates: Rates, measured: np.ndarray
 ) -> np.ndarray:
     """One frame: changes the mixtures, returns the mask (N,): 0, SHADOW (by colour), NEARER (by depth), FOREGROUND.
 
@@ -104,28 +115,28 @@ def update(
     return np.where(measured, mask, np.uint8(0))
 
 
-def changes(m: Mixtures, o: Pixels, s: UpdateConstants) -> np.ndarray:
+def changes(m: Mixtures, o: Pixels, s: Constants) -> np.ndarray:
     """(N,) uint8, 255 where depth must be measured: the leader does not match, is young, or the luma keeps changing."""
     changed = (_match_kind(m, 0, o, s) == 0) | (m.weight[0] <= s.background_weight) | (m.activity > s.active)
     return np.where(changed, np.uint8(255), np.uint8(0))
 
 
-def _shown(m: Mixtures, k: int, s: UpdateConstants) -> np.ndarray:
+def _shown(m: Mixtures, k: int, s: Constants) -> np.ndarray:
     return np.maximum(np.minimum(m.y[k], s.clip), s.black)
 
 
-def _chroma(m: Mixtures, k: int, o: Pixels, s: UpdateConstants) -> np.ndarray:
+def _chroma(m: Mixtures, k: int, o: Pixels, s: Constants) -> np.ndarray:
     return o.chroma & (np.minimum(_shown(m, k, s), o.y) > s.dark) & (m.var_y[k] > 0)
 
 
-def _other_light(m: Mixtures, k: int, o: Pixels, chroma: np.ndarray, darkest: float, s: UpdateConstants) -> np.ndarray:
+def _other_light(m: Mixtures, k: int, o: Pixels, chroma: np.ndarray, darkest: float, s: Constants) -> np.ndarray:
     ratio = (o.y - s.black) / np.maximum(_shown(m, k, s) - s.black, F32(1))
     du, dv = o.u - ratio * m.u[k], o.v - ratio * m.v[k]
     like = (du * du / m.var_u[k] + dv * dv / m.var_v[k] < s.beta) | ~chroma
     return like & (ratio >= darkest) & (ratio * darkest <= 1)
 
 
-def _match_kind(m: Mixtures, k: int, o: Pixels, s: UpdateConstants) -> np.ndarray:
+def _match_kind(m: Mixtures, k: int, o: Pixels, s: Constants) -> np.ndarray:
     """0 no match, 1 by colour, 2 other light where depth agrees."""
     dy, du, dv, dd = o.y - _shown(m, k, s), o.u - m.u[k], o.v - m.v[k], o.d - m.d[k]
     chroma = _chroma(m, k, o, s)
@@ -143,7 +154,7 @@ def _match_kind(m: Mixtures, k: int, o: Pixels, s: UpdateConstants) -> np.ndarra
     return np.where(both & ~agree, 0, kind)
 
 
-def _uncovered(m: Mixtures, o: Pixels, s: UpdateConstants) -> tuple[np.ndarray, np.ndarray]:
+def _uncovered(m: Mixtures, o: Pixels, s: Constants) -> tuple[np.ndarray, np.ndarray]:
     dd = o.d - m.d[0]
     both = ~np.isnan(o.d) & (m.depth_fraction[0] >= s.min_depth_fraction)
     agree = dd * dd < s.beta * m.var_d[0]
@@ -151,7 +162,7 @@ def _uncovered(m: Mixtures, o: Pixels, s: UpdateConstants) -> tuple[np.ndarray, 
     return unclipped, both & ~agree & (dd < 0)
 
 
-def _classify(m: Mixtures, found: np.ndarray, unclipped: np.ndarray, o: Pixels, s: UpdateConstants) -> np.ndarray:
+def _classify(m: Mixtures, found: np.ndarray, unclipped: np.ndarray, o: Pixels, s: Constants) -> np.ndarray:
     """The background set: leading weight up to T, and the deepest Gaussian above T_D (Harville et al. 2001)."""
     before = np.cumsum(m.weight, axis=0) - m.weight
     leading = before <= s.background_weight
@@ -171,7 +182,7 @@ def _classify(m: Mixtures, found: np.ndarray, unclipped: np.ndarray, o: Pixels, 
 
 def _learn(
     m: Mixtures, found: np.ndarray, kind: np.ndarray, o: Pixels, rate_w: np.ndarray, rate_m: np.ndarray,
-    s: UpdateConstants, measured: np.ndarray,
+    s: Constants, measured: np.ndarray,
 ) -> None:  # fmt: skip
     frozen = (found != 0) & (rate_w <= 0)
     m.weight *= np.where(frozen, F32(1), F32(1) - rate_w)
@@ -189,7 +200,7 @@ def _learn(
 
 def _learn_gaussian(
     m: Mixtures, k: int, chosen: np.ndarray, kind: np.ndarray, o: Pixels, rate: np.ndarray,
-    s: UpdateConstants, measured: np.ndarray,
+    s: Constants, measured: np.ndarray,
 ) -> None:  # fmt: skip
     rate_var = np.where(kind == 1, rate, F32(0))
     bound, clipped, same = m.var_y[k] < 0, o.y >= s.clip, kind == 1
@@ -202,11 +213,11 @@ def _learn_gaussian(
     rate_d = np.where(learns_d, rate / np.maximum(depth_fraction, np.maximum(rate, F32(1e-30))), F32(0))
     dd = np.where(has_depth, o.d - m.d[k], F32(0))
     var_y = np.maximum(np.abs(m.var_y[k]) + rate_var * (dy * dy - np.abs(m.var_y[k])), s.floor_y)
-    floor_d = s.floor_d + s.floor_d_per_d4 * _fourth(m.d[k])
-    var_d = np.maximum(m.var_d[k] + rate_d * (dd * dd - m.var_d[k]), floor_d)
+    var_d = np.maximum(m.var_d[k] + rate_d * (dd * dd - m.var_d[k]), _smallest_var_d(m.d[k], s))
+    first_depth = learns_d & (m.depth_fraction[k] <= 0)
     new = {
         "var_y": np.where(still, -var_y, var_y),
-        "var_d": np.where(learns_d & (m.depth_fraction[k] <= 0), s.init_d + s.init_d_per_d4 * _fourth(o.d), var_d),
+        "var_d": np.where(first_depth, NEW_VARIANCE * _smallest_var_d(o.d, s), var_d),
         "y": np.where(still & same, np.maximum(m.y[k], s.clip), m.y[k] + rate * dy),
         "d": m.d[k] + rate_d * dd,
         "depth_fraction": depth_fraction,
@@ -221,20 +232,21 @@ def _learn_gaussian(
         array[k] = np.where(chosen, values, array[k])
 
 
-def _start_gaussians(m: Mixtures, k: np.ndarray, chosen: np.ndarray, o: Pixels, s: UpdateConstants) -> None:
+def _start_gaussians(m: Mixtures, k: np.ndarray, chosen: np.ndarray, o: Pixels, s: Constants) -> None:
     has_depth = ~np.isnan(o.d)
+    d, var_y = np.where(has_depth, o.d, F32(0)), NEW_VARIANCE * s.floor_y
     values = {
-        "depth_fraction": has_depth.astype(F32), "y": o.y, "u": o.u, "v": o.v, "d": np.where(has_depth, o.d, F32(0)),
-        "var_y": np.where(o.y >= s.clip, -s.init_y, s.init_y), "var_u": s.init_uv, "var_v": s.init_uv,
-        "var_d": np.where(has_depth, s.init_d + s.init_d_per_d4 * _fourth(o.d), s.init_d),
+        "depth_fraction": has_depth.astype(F32), "y": o.y, "u": o.u, "v": o.v, "d": d,
+        "var_y": np.where(o.y >= s.clip, -var_y, var_y), "var_u": NEW_VARIANCE * s.floor_uv,
+        "var_v": NEW_VARIANCE * s.floor_uv, "var_d": NEW_VARIANCE * _smallest_var_d(d, s),
     }  # fmt: skip
     pixels = np.flatnonzero(chosen)
     for name, value in values.items():
         getattr(m, name)[k[pixels], pixels] = np.broadcast_to(value, chosen.shape)[pixels]
 
 
-def _fourth(d: np.ndarray) -> np.ndarray:
-    return (d * d) * (d * d)
+def _smallest_var_d(d: np.ndarray, s: Constants) -> np.ndarray:
+    return s.floor_d + s.floor_d_per_d4 * ((d * d) * (d * d))
 
 
 def _order(m: Mixtures, chosen: np.ndarray) -> None:

@@ -6,26 +6,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import foreground as reference
 
-from planview.foreground import _mixture_kernels as kernels
-from planview.foreground._leader_kernels import BLOCK, N_FIELDS, N_LEAD, Rates
+from planview.foreground import _kernels as kernels
 from planview.foreground.ghosts import moved_lately
-from planview.foreground.mixture import TURNS, Foreground
+from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 
-SHAPE = (7, 31)  # more than one block, the last one not full
+SHAPE = (7, 31)
 N = SHAPE[0] * SHAPE[1]
+START = np.float32([[1, 1, 1, 0]])
 
 
-def _mixtures(foreground: Foreground) -> reference.Mixtures:
-    """The state of the kernels as the twin has it."""
-    k = foreground.params.gaussians
-    lead = foreground._lead.reshape(-1, N_LEAD, BLOCK).transpose(1, 0, 2).reshape(N_LEAD, -1)
-    rest = foreground._rest.reshape(N, k - 1, N_FIELDS).transpose(1, 2, 0)
-    both = np.concatenate([lead[None, :N_FIELDS, :N], rest])
-    both[1:, 0] *= 1 - both[0, 0]
-    names = reference.Mixtures.NUMBERS
+def _mixtures(model: kernels.Model) -> reference.Mixtures:
+    """The kernels' model as the twin has it."""
+    gaussians, activity, last_y = (array.reshape(*array.shape[:-2], N) for array in model)
     return reference.Mixtures(
-        **{name: both[:, f] for f, name in enumerate(names)}, activity=lead[10, :N], last_y=lead[11, :N]
+        **{name: gaussians[name] for name in reference.Mixtures.NUMBERS}, activity=activity, last_y=last_y
     )
 
 
@@ -53,34 +48,28 @@ def test_kernels_agree_with_numpy(seed, colour, depth, feedback, gated, k, shado
     rng = np.random.default_rng(seed)
     params = ForegroundParams(gaussians=k, remove_colour_shadows=shadows)
     foreground = Foreground(params, SHAPE)
-    constants = foreground._constants()
-    image, disparity = _frames(rng, colour, depth)
-    none = np.zeros(0, np.float32)
-    kernels.start_blocks(
-        foreground._lead, foreground._rest, image.reshape(-1), none if disparity is None else disparity, N, constants
-    )
-    twin = reference.start(reference.observe(image, disparity, constants), k, constants)
+    model, constants, mask = foreground._model, foreground._constants(), np.empty(SHAPE, np.uint8)
     for frame in range(12):
         image, disparity = _frames(rng, colour, depth)
-        known = rng.integers(0, 3, N).astype(np.uint8) if feedback else np.zeros(0, np.uint8)
+        known = rng.integers(0, 3, N).astype(np.uint8) if feedback and frame else np.zeros(N, np.uint8)
         rates = np.float32([0.1, 0.2, 0.3, 0.1] if frame % 3 else [0, 0, 0, 0])
-        # The first block holds nothing that is measured.
-        measured = (rng.random(N) < 0.5) & (np.arange(N) >= BLOCK) if gated else np.ones(N, bool)
+        measured = rng.random(N) < 0.5 if gated and frame else np.ones(N, bool)
         if disparity is not None:
             disparity[~measured] = np.nan
-        looked = measured.astype(np.uint8) if gated else np.zeros(0, np.uint8)
-        args = image.reshape(-1), none if disparity is None else disparity, known, looked, foreground._mask
-        kernels.update_blocks(
-            foreground._lead, foreground._rest, *args, 0, len(foreground._lead), constants, np.tile(rates, (TURNS, 1))
-        )
+        depths = np.full(N, np.nan, np.float32) if disparity is None else disparity
+        flat = depths, known, measured.astype(np.uint8)
+        images = kernels.Frame(image.reshape(*SHAPE, -1), *(values.reshape(SHAPE) for values in flat))
+        kernels.update(model, images, mask, constants, rates[None] if frame else START)
         pixels = reference.observe(image, disparity, constants)
-        expected = reference.update(
-            twin, pixels, known if feedback else np.zeros(N, np.uint8), constants, Rates(*rates), measured
-        )
-        np.testing.assert_array_equal(foreground._mask, expected)
-        state = _mixtures(foreground)
+        if frame == 0:
+            twin = reference.start(pixels, k, constants)
+        else:
+            expected = reference.update(twin, pixels, known, constants, reference.Rates(*rates), measured)
+            np.testing.assert_array_equal(mask.reshape(N), expected)
+        state, used = _mixtures(model), twin.weight > 0
         for name in (*reference.Mixtures.NUMBERS, "activity", "last_y"):
             got, want = getattr(state, name), getattr(twin, name)
+            got, want = (np.where(used, a, 0) for a in (got, want)) if got.ndim == 2 else (got, want)
             np.testing.assert_allclose(got, want, rtol=2e-4, atol=2e-4, err_msg=f"frame {frame}: {name}")
 
 
@@ -92,34 +81,33 @@ def test_changes_agree_with_numpy_at_every_second_pixel(colour):
     for n, (image, disparity) in enumerate(frames[:3]):
         foreground.update(image.reshape(*SHAPE, -1), np.reshape(disparity, SHAPE), 0.1 * n)
     found = foreground.changed(frames[3][0].reshape(*SHAPE, -1), 2)
-    pixels = reference.observe(frames[3][0], None, foreground._constants())
-    expected = reference.changes(_mixtures(foreground), pixels, foreground._constants()).reshape(SHAPE)[::2, ::2]
+    constants = foreground._constants()
+    pixels = reference.observe(frames[3][0], None, constants)
+    expected = reference.changes(_mixtures(foreground._model), pixels, constants).reshape(SHAPE)[::2, ::2]
     np.testing.assert_array_equal(found, expected)
     assert 0 < (found > 0).mean() < 1
 
 
-def test_blocks_learn_only_in_their_turn():
-    foreground = Foreground(ForegroundParams(), (1, 3 * BLOCK))
-    image = np.full((1, 3 * BLOCK), 100, np.uint8)
-    foreground.update(image, None, 0.0)
-    rates = np.zeros((TURNS, 4), np.float32)
-    rates[1] = 0.5
-    before = foreground._lead.copy()
-    empty = np.zeros(0, np.uint8)
-    kernels.update_blocks(
-        foreground._lead, foreground._rest, (image + 2).reshape(-1), np.zeros(0, np.float32), empty, empty,
-        foreground._mask, 0, 3, foreground._constants(), rates,
-    )  # fmt: skip
-    changed = (foreground._lead != before).any(axis=1)
-    assert changed.tolist() == [False, True, False]
+def test_rows_learn_only_in_their_turn():
+    model = Foreground(ForegroundParams(), (3, 8))._model
+    constants, mask = Foreground(ForegroundParams(), (3, 8))._constants(), np.empty((3, 8), np.uint8)
+    nothing = np.zeros((3, 8), np.uint8)
+    frame = kernels.Frame(nothing[:, :, None] + 100, np.full((3, 8), np.nan, np.float32), nothing, nothing + 255)
+    kernels.update(model, frame, mask, constants, START)
+    before = model.gaussians.copy()
+    turns = np.float32([[0, 0, 0, 0], [0.5, 0.5, 0.5, 0.5]])
+    kernels.update(model, frame._replace(image=frame.image + 2), mask, constants, turns)
+    assert (model.gaussians != before).any(axis=(0, 2)).tolist() == [False, True, False]
 
 
-def test_rebase_brings_means_into_the_exposure_of_the_image():
+def test_model_moves_to_an_exposure_that_is_far_away():
     foreground = Foreground(ForegroundParams(), SHAPE)
-    foreground.update(np.full(SHAPE, 100, np.uint8), None, 0.0)
-    kernels.rebase(foreground._lead, foreground._rest, 2.0, 5.0)
-    state = _mixtures(foreground)
-    assert state.y[0] == pytest.approx(205) and state.var_y[0] == pytest.approx(4 * 64)
+    image = np.linspace(20, 100, N).astype(np.uint8).reshape(SHAPE)
+    foreground.update(image, None, 0.0)
+    foreground.changed(np.asarray(2 * image + 5, np.uint8), 1)
+    state = _mixtures(foreground._model)
+    assert state.y[0] == pytest.approx(2 * image.reshape(N) + 5.0, abs=1)
+    assert state.var_y[0] == pytest.approx(4 * 64, rel=0.02)
 
 
 def test_motion_is_remembered_for_a_while() -> None:

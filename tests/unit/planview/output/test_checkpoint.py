@@ -90,13 +90,11 @@ def test_a_random_generator_goes_on_with_the_same_numbers() -> None:
     assert back.normal(size=4).tolist() == rng.normal(size=4).tolist()
 
 
-def test_a_present_object_gets_the_memory_and_keeps_its_threads() -> None:
+def test_a_present_object_gets_the_memory() -> None:
     image = np.full((4, 6, 3), 90, np.uint8)
     one, other = (Foreground(ForegroundParams(), (4, 6)) for _ in range(2))
-    worker = other._worker
     one.update(image, None, 0.0)
     decode(encode({"foreground": one}), {"foreground": other})
-    assert other._worker is worker
     assert other.background_luma().tolist() == one.background_luma().tolist() != np.zeros((4, 6)).tolist()
 
 
