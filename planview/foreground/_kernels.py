@@ -58,7 +58,7 @@ class Constants(NamedTuple):
     colour_shadow_ratio: Real  # darkest shadow recognised by colour alone, 0: none
 
 
-class Model(NamedTuple):
+class PixelMixtures(NamedTuple):
     """What is learned of each pixel."""
 
     gaussians: AnyArray  # (K, H, W) GAUSSIAN, by decreasing weight / deviation of luma; weights add up to 1
@@ -291,7 +291,7 @@ def settle(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def update(model: Model, frame: Frame, mask: U8, s: Constants, turns: F32) -> None:
+def update(model: PixelMixtures, frame: Frame, mask: U8, s: Constants, turns: F32) -> None:
     """Match and classify each pixel, which writes the mask, and learn those whose turn it is.
 
     A model of zeros matches nothing and begins with the frame.
@@ -338,7 +338,7 @@ def update(model: Model, frame: Frame, mask: U8, s: Constants, turns: F32) -> No
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def find_changes(model: Model, image: U8, step: int, s: Constants, out: U8) -> None:
+def find_changes(model: PixelMixtures, image: U8, step: int, s: Constants, out: U8) -> None:
     """255 at every ``step``-th row and column whose leading Gaussian does not match by colour, is not background yet,
     or whose luma keeps changing; 0 elsewhere."""
     for i in range(out.shape[0]):

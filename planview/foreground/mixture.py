@@ -65,7 +65,7 @@ class Foreground:
         self._noise_per_px2, self._body_over_metre = disparity_noise_per_px2, BODY_M / disparity_metre
         self.shape = shape
         self._reduction = reduction
-        self._model = kernels.Model(
+        self._model = kernels.PixelMixtures(
             np.zeros((params.gaussians, *shape), kernels.GAUSSIAN),
             np.zeros(shape, np.float32),
             np.zeros(shape, np.float32),

@@ -16,7 +16,7 @@ N = SHAPE[0] * SHAPE[1]
 START = np.float32([[1, 1, 1, 0]])
 
 
-def _mixtures(model: kernels.Model) -> reference.Mixtures:
+def _mixtures(model: kernels.PixelMixtures) -> reference.Mixtures:
     """The kernels' model as the twin has it."""
     gaussians, activity, last_y = (array.reshape(*array.shape[:-2], N) for array in model)
     return reference.Mixtures(
