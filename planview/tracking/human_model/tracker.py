@@ -254,11 +254,12 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
 
         Who somebody is is decided when the odds are, at the latest when the person is reported.
         """
-        p, known = self.params, self._known(self._places.floor_m2)
+        p, new = self.params, [person for person in self._people if not person.confirmed]
+        known = {q.track_id: (before, odds) for q, before, odds in self._known(new, self._places.floor_m2)}
         for person in self._people:
             if person.motion == "stationary" and person.share >= p.visible_min:
                 person.moved -= dt / p.inanimate_s
-        for newcomer in [person for person in self._people if not person.confirmed]:
+        for newcomer in new:
             sure = newcomer.existence > p.report and newcomer.walked_m >= p.walked_m and newcomer.share >= p.visible_min
             before, odds = known.get(newcomer.track_id, (None, 0.0))
             if before is not None:

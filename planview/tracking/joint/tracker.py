@@ -145,14 +145,13 @@ class ExplainingTracker(Generic[P, Q]):
         self._people.append(newcomer)
         self._note(newcomer, kind, reason, value)
 
-    def _known(self, floor_m2: float) -> dict[int, tuple[P, float]]:
-        """By id, the lost or departed whom newcomers continue, with the log-odds."""
+    def _known(self, new: Sequence[P], floor_m2: float) -> list[tuple[P, P, float]]:
+        """Which of some newcomers continue whom of the lost or departed, with the log-odds."""
         p = self.params
         self._departed = [person for person in self._departed if self._log.now_s - person.seen_s <= p.remember_s]
-        new = [person for person in self._people if not person.confirmed]
         lost = [person for person in self._people if person.confirmed and person.share < p.visible_min]
         known = continued(new, lost + self._departed, floor_m2, p.low_share) if new else {}
-        return {new[i].track_id: found for i, found in known.items()}
+        return [(new[i], *found) for i, found in known.items()]
 
     def _continue(self, newcomer: P, known: P, odds: float) -> None:
         """A newcomer is somebody known before."""
@@ -290,16 +289,17 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
 
         Who somebody is is decided when the odds are, at the latest when the person is reported.
         """
-        report, known = math.log(self.params.report / (1 - self.params.report)), self._known(self.params.floor_m2)
-        for newcomer in [person for person in self._people if not person.confirmed]:
-            personhood = self._personhood(newcomer)
-            sure = min(newcomer.log_odds, newcomer.proven, personhood) > report
-            sure = sure and newcomer.share >= self.params.visible_min
-            before, odds = known.get(newcomer.track_id, (None, 0.0))
-            if before is not None and (sure or odds > KNOWN_ODDS):
+        p, new = self.params, [person for person in self._people if not person.confirmed]
+        report, visible = math.log(p.report / (1 - p.report)), [q for q in new if q.share >= p.visible_min]
+        sure = [q for q in visible if min(q.log_odds, q.proven, self._personhood(q)) > report]
+        for newcomer, before, odds in self._known(sure, p.floor_m2):  # before those who may be nobody
+            self._continue(newcomer, before, odds)
+        for q in sure:
+            if not q.confirmed:
+                self._confirm(q, f"existence {q.existence:.2f}, log-odds of a person {self._personhood(q):.1f}")
+        for newcomer, before, odds in self._known([q for q in new if not q.confirmed], p.floor_m2):
+            if odds > KNOWN_ODDS:
                 self._continue(newcomer, before, odds)
-            elif sure:
-                self._confirm(newcomer, f"existence {newcomer.existence:.2f}, log-odds of a person {personhood:.1f}")
 
     def _personhood(self, person: Person) -> float:
         """Log-odds of a person against a thing, by shape and own movement, and by height as far as the head is in view:

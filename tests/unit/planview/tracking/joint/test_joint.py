@@ -14,6 +14,8 @@ from planview.tracking.joint import JointTracker
 from planview.tracking.joint import _kernels as kernels
 from planview.tracking.joint.explanation import Explanation, People, likelihood_of_ranges
 from planview.tracking.joint.params import JointParams
+from planview.tracking.joint.person import Person
+from planview.tracking.kalman import PositionNoise
 from planview.trajectories.state import TrackState
 
 CAMERA = oblique_camera()
@@ -101,6 +103,21 @@ def test_a_person_behind_another_is_lost_and_found_with_the_same_id():
     before, behind, after = ({s.track_id: s.state for s in seen[n]} for n in (16, 30, 48))
     assert list(before.values()) == ["confirmed", "confirmed"]
     assert sorted(behind.values()) == ["confirmed", "lost"] and after == before
+
+
+def newcomer(track_id: int, x_m: float, now_s: float, log_odds: float) -> Person:
+    person = Person.born(np.array([x_m, 3.0, 1.75]), PositionNoise(1e-3, 0.0, 1e-3), 100.0, log_odds, now_s)
+    person.track_id, person.proven, person.moved = track_id, log_odds, log_odds
+    return person
+
+
+def test_a_newcomer_who_may_be_nobody_claims_no_identity_before_one_who_is_reported():
+    tracker = JointTracker()
+    gone, sure, ghost = newcomer(1, 0.0, 0.0, 8.0), newcomer(2, 0.2, 1.0, 8.0), newcomer(3, 0.0, 1.0, -2.0)
+    tracker._departed, tracker._people = [gone], [ghost, sure]
+    tracker._log.begin(1.3)
+    tracker._recognise()
+    assert (sure.track_id, sure.confirmed, ghost.track_id, ghost.confirmed) == (1, True, 3, False)
 
 
 def test_who_enters_far_from_where_another_left_is_someone_else():
