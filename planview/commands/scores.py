@@ -87,13 +87,14 @@ def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOption
     """
     options = options or EvaluateOptions()
     truth = truth or _truth_of(tracks)
+    run = RunFolder.around(tracks)
     params = checked(
         EvaluationParams,
         gate_m=options.gate,
         match_on="boxes" if options.boxes else "floor",
         min_visible=options.min_visible,
         align=options.align,
-        fps=options.fps or (run.info.fps if (run := RunFolder.around(tracks)) is not None else None) or 30.0,
+        fps=options.fps or (run and run.info.fps) or 30.0,
     )
     rated = options.fps is not None
     span = None if options.frames is None else frame_span(options.frames)

@@ -180,11 +180,17 @@ MAP_LAYERS = [
 
 
 def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint:
-    """Image and disparity, 3D view, both maps, decisions and series; the views show where people were, else the visible
-    floor."""
-    stereo = engine.stereo
-    if stereo is None:
-        return _single(engine, people)
+    """Image and disparity, 3D view, both maps, decisions and series; of one camera its image large, and the floor from
+    above where it is known. The views show where people were, else the visible floor."""
+    return rrb.Blueprint(
+        _of_one_camera(engine, people) if engine.stereo is None else _of_depth(engine, engine.stereo, people),
+        rrb.TimePanel(state="collapsed", timeline="frame"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )
+
+
+def _of_depth(engine: Engine, stereo: StereoView, people: PlanBounds | None) -> rrb.Vertical:
     image: rrb.Spatial2DView | rrb.Tabs = rrb.Spatial2DView(origin="image", name="image, foreground, people")
     bounds = people or PlanBounds(*shown_floor(stereo))
     others = [rrb.Spatial2DView(origin=f"{name}/image", name=name) for name in list(engine.views)[1:]]
@@ -194,41 +200,24 @@ def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint
         origin="world", name="3D", eye_controls=_eye(bounds, (0.0, -0.75, 0.55)), line_grid=False,
         overrides={"world/trails": _LAST_SECONDS},
     )  # fmt: skip
-    height, occupancy = (
-        _plan_view(f"{name} from above", [f"plan/{name}", *MAP_LAYERS], bounds) for name in ("height", "occupancy")
-    )
+    maps = [_plan_view(f"{name} from above", [f"plan/{name}", *MAP_LAYERS], bounds) for name in ("height", "occupancy")]
     disparity = rrb.Tabs(
         rrb.Spatial2DView(origin="disparity", name="disparity"),
         rrb.Spatial2DView(origin="templates", name="owners of pixels, templates"),
         active_tab=0,
     )
-    return rrb.Blueprint(
-        rrb.Vertical(
-            rrb.Horizontal(image, world),
-            rrb.Horizontal(disparity, height, occupancy, _series()),
-            row_shares=[3, 2],
-        ),
-        rrb.TimePanel(state="collapsed", timeline="frame"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
-    )
+    return rrb.Vertical(rrb.Horizontal(image, world), rrb.Horizontal(disparity, *maps, _series()), row_shares=[3, 2])
 
 
-def _single(engine: Engine, people: PlanBounds | None) -> rrb.Blueprint:
-    """One camera: its image large; the floor from above where it is known."""
-    image = rrb.Spatial2DView(origin="image", name="image, people")
+def _of_one_camera(engine: Engine, people: PlanBounds | None) -> rrb.Horizontal:
     right: list[rrb.View | rrb.Container] = []
     if engine.camera is not None:
         bounds = people or PlanBounds(-8.0, 0.0, 8.0, 16.0)
         right.append(_plan_view("floor from above", ["plan/trails", *MAP_LAYERS], bounds))
     # Number of people, which every tracker of one camera gives; not all have match scores.
     right.append(_series(active_tab=2))
-    return rrb.Blueprint(
-        rrb.Horizontal(image, rrb.Vertical(*right), column_shares=[3, 2]),
-        rrb.TimePanel(state="collapsed", timeline="frame"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
-    )
+    image = rrb.Spatial2DView(origin="image", name="image, people")
+    return rrb.Horizontal(image, rrb.Vertical(*right), column_shares=[3, 2])
 
 
 def _series(active_tab: int = 0) -> rrb.Tabs:
