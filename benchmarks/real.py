@@ -18,7 +18,6 @@ from calib.types import I64
 from planview.engine.config import load_config
 from planview.engine.open import base_config
 from planview.evaluation.evaluate import evaluate_tracks
-from planview.evaluation.result import Evaluation
 from planview.output.script import run
 from planview.synthetic.assets import real_recordings
 from planview.trajectories.table import Trajectories, positions_table, read_truth
@@ -29,22 +28,6 @@ WALKER_PATH = "walker_path_from_depth.csv"
 WALKER_VISIBLE_FRAMES, BESIDE_WALKER_M = 30, 0.3
 """The walker's path comes without ids: later the walker stands cut by the image's border, and so does a second person
 to the right [m] (README of the recording). Its frames without a row are not judged."""
-
-
-@dataclass(frozen=True)
-class RealScore:
-    """One tracker in the frames of a recording that are judged."""
-
-    frames: int
-    right_number: float
-    """Share of frames with the right number of confirmed people: at least those who show, and at most those and the
-    doubtful ones (``visible`` 0 in the truth), whom nobody need find."""
-    exact: float
-    """Share of frames with exactly the number of those who show."""
-    ids: int
-    people: int
-    """Confirmed ids, and people who show at any time."""
-    evaluation: Evaluation
 
 
 def recordings_with_truth(data: Path, names: Sequence[str] = ()) -> list[Path]:
@@ -71,21 +54,24 @@ def truth_of(folder: Path) -> Trajectories:
     return positions_table(frame[order], ids[order], rows[order, 1:3], rows[order, 3], visible=visible[order])
 
 
-def score_real(tracks: Trajectories, truth: Trajectories, frames: I64) -> RealScore:
-    """Score tracks of a recording in the (F,) frames that are judged."""
-    tracks = tracks.where(np.isin(tracks.frame, frames))
-    confirmed = tracks.where(tracks.state == "confirmed")
+def score_real(tracks: Trajectories, truth: Trajectories, frames: I64) -> dict[str, float]:
+    """Figures of the confirmed tracks of a recording in the (F,) frames that are judged.
+
+    Returns:
+        right_number: share of frames with the right number of people: at least those who show, and at most those and
+        the doubtful ones (``visible`` 0 in the truth), whom nobody need find. exact: share of frames with exactly the
+        number of those who show. ids, people: confirmed ids, and people who show at any time.
+    """
+    confirmed = tracks.where(np.isin(tracks.frame, frames) & (tracks.state == "confirmed"))
     shown = truth.where(~(truth.visible <= 0))
     n = int(frames.max()) + 1
     found, least, most = (np.bincount(t.frame, minlength=n)[frames] for t in (confirmed, shown, truth))
-    return RealScore(
-        len(frames),
-        float(((found >= least) & (found <= most)).mean()),
-        float((found == least).mean()),
-        len(np.unique(confirmed.track_id)),
-        len(np.unique(shown.track_id)),
-        evaluate_tracks(tracks, truth),
-    )
+    return {
+        "right_number": float(((found >= least) & (found <= most)).mean()),
+        "exact": float((found == least).mean()),
+        "ids": len(np.unique(confirmed.track_id)),
+        "people": len(np.unique(shown.track_id)),
+    }
 
 
 @Parameter(name="*")
@@ -124,13 +110,9 @@ def real(*, options: RealOptions | None = None) -> None:
             judged = np.unique(truth.frame)
             if (folder / "truth.csv").is_file():  # frames without a row are empty
                 judged = np.arange(max(engine.recording.n_frames, int(judged.max()) + 1))
-            score = score_real(tracks, truth, judged)
-            figures = score.evaluation.to_json()
+            figures = evaluate_tracks(tracks.where(np.isin(tracks.frame, judged)), truth).to_json()
             names = figures if o.json_output else ("mota", "idf1", "position_error_mean_m", "misses", "false_positives")
-            counts = {
-                "recording": folder.name, "tracker": tracker, "right_number": score.right_number, "exact": score.exact,
-                "ids": score.ids, "people": score.people,
-            }  # fmt: skip
+            counts = {"recording": folder.name, "tracker": tracker, **score_real(tracks, truth, judged)}
             rows.append(counts | {name: figures[name] for name in names})
     report(o.json_output, scores=rows)
     progress("right number: as many confirmed people as show, or some of the doubtful ones more")

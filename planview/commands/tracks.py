@@ -111,18 +111,14 @@ def edit(out: Path, *, options: EditOptions | None = None) -> None:
 
 def _lines(options: EditOptions) -> list[str]:
     """The options as lines of ``planview.offline.edit``."""
-    lines = [] if options.list is None else _listed(options.list)
+    listed = "" if options.list is None else read_text(options.list, "a list of edits")
+    lines = [line for text in listed.splitlines() if (line := text.partition("#")[0].strip())]
     for kind in ("join", "split", "delete", "rename"):
         lines += [f"{kind} {edit.replace(':', ' ').replace('@', ' ')}" for edit in getattr(options, kind)]
     for kind, text in (("region", options.region), ("ignore", options.ignore)):
         lines += [f"{kind} {region_of(text, f'--{kind}').wkt}"] if text is not None else []
     lines += [f"join-gaps {options.join_gaps.replace(':', ' ')}"] if options.join_gaps is not None else []
     return lines + ([f"shorter {options.shorter:g}"] if options.shorter is not None else [])
-
-
-def _listed(path: Path) -> list[str]:
-    lines = (line.partition("#")[0].strip() for line in read_text(path, "a list of edits").splitlines())
-    return [line for line in lines if line]
 
 
 @Parameter(name="*")

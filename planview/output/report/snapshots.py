@@ -183,21 +183,17 @@ def _paint(results: RunFolder, frames: SceneFrames, wanted: Sequence[_Wanted]) -
     """Read every frame once, in order; a picture whose frames cannot be read is None."""
     painter = ImagePainter(frames.camera, results.rules, results.bounds())
     tiles: dict[tuple[int, int], U8] = {}
-    users: dict[int, list[int]] = {}
-    for n, want in enumerate(wanted):
-        for frame in dict.fromkeys(want.frames):
-            users.setdefault(frame, []).append(n)
     # Trails of 4 s.
     trail = round(4.0 / results.clock.frame_s)
-    for frame, image in frames.at(sorted(users)):
+    for frame, image in frames.at(sorted({frame for want in wanted for frame in want.frames})):
         snapshot = snapshot_at(results.tracks, frame, trail, results.truth)
         picture = painter(image, snapshot)
         scale = picture.shape[1] / image.shape[1]
-        for n in users[frame]:
-            focus = wanted[n].focus
-            tiles[n, frame] = (
-                picture if focus is None else _crop(picture, _place(snapshot, focus, frames.camera), scale)
-            )
+        for n, want in enumerate(wanted):
+            if frame in want.frames and want.focus is None:
+                tiles[n, frame] = picture
+            elif frame in want.frames and want.focus is not None:
+                tiles[n, frame] = _crop(picture, _place(snapshot, want.focus, frames.camera), scale)
     return [_picture(want, [tiles.get((n, frame)) for frame in want.frames]) for n, want in enumerate(wanted)]
 
 
