@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,10 @@ class FloorAlignment:
     y_m: float
     rms_m: float
     pairs: int
+
+    def to_json(self) -> dict[str, float]:
+        values = asdict(self)
+        return {"rotation_deg": math.degrees(values.pop("rotation_rad")), **values}
 
     def apply(self, xy: F64) -> F64:
         """(N, 2) positions in the frame of the truth."""
@@ -45,8 +49,8 @@ def align_tracks(tracks: Trajectories, truth: Trajectories, gate_m: float) -> tu
     common = np.intersect1d(tracks.frame, truth.frame)
     # Frames on which candidates are compared.
     sample = common[:: 1 + len(common) // 200]
-    thin = _thinned(tracks, sample), _thinned(truth, sample)
-    best = max((_score(c, *thin, gate_m) for c in candidates), key=lambda a: (a.pairs, -a.rms_m))
+    thin = tuple(table.where(np.isin(table.frame, sample)) for table in (tracks, truth))
+    best = max((_score(c, thin[0], thin[1], gate_m) for c in candidates), key=lambda a: (a.pairs, -a.rms_m))
     best = _score(best, tracks, truth, gate_m)
     for _ in range(10):
         pairs = _pairs(truth, moved(tracks, best), floor_similarity(gate_m))
@@ -122,10 +126,6 @@ def _score(alignment: FloorAlignment, tracks: Trajectories, truth: Trajectories,
     pairs = _pairs(truth, laid, floor_similarity(gate_m))
     offset = _xy(laid)[pairs[:, 1]] - _xy(truth)[pairs[:, 0]]
     return replace(alignment, pairs=len(pairs), rms_m=_rms(offset) if len(pairs) else math.inf)
-
-
-def _thinned(table: Trajectories, frames: I64) -> Trajectories:
-    return table.where(np.isin(table.frame, frames))
 
 
 def _xy(table: Trajectories) -> F64:

@@ -190,7 +190,7 @@ class Evaluation:
             "track_frames": self.track_frames,
             "covered_frames": self.covered_frames,
             **breakdown_json(self.rows),
-            "alignment": _alignment_json(self.alignment),
+            "alignment": self.alignment and self.alignment.to_json(),
         }
 
     def _per(self, seconds: float, count: float) -> float | None:
@@ -216,10 +216,3 @@ def pooled(parts: Items[Evaluation]) -> Evaluation:
 
 def _mean(values: F64) -> float | None:
     return float(values.mean()) if len(values) else None
-
-
-def _alignment_json(alignment: FloorAlignment | None) -> dict[str, float] | None:
-    if alignment is None:
-        return None
-    values = asdict(alignment)
-    return {"rotation_deg": math.degrees(values.pop("rotation_rad")), **values}
