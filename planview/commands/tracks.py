@@ -104,8 +104,8 @@ def edit(out: Path, *, options: EditOptions | None = None) -> None:
         print(json.dumps(figures))
         return
     PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(
-        f"{out / 'tracks.csv'}: {figures['people_before']} people became {figures['people']}, "
-        f"{figures['rows_before']} rows {figures['rows']} ({figures['steps']} calls of edit to undo)"
+        f"{out / 'tracks.csv'}: people {figures['people_before']} -> {figures['people']}, "
+        f"rows {figures['rows_before']} -> {figures['rows']}; edits that can be undone: {figures['steps']}"
     )
 
 

@@ -29,7 +29,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_edits_are_applied_written_down_and_taken_back(run: Path, cli: Cli) -> None:
     before = (run / "tracks.csv").read_bytes()
     assert cli("edit", run, "--split", "1@10", "--delete", "2") == (
-        0, f"{run}/tracks.csv: 2 people became 2, 40 rows 20 (1 calls of edit to undo)\n"
+        0, f"{run}/tracks.csv: people 2 -> 2, rows 40 -> 20; edits that can be undone: 1\n"
     )  # fmt: skip
     cli("edit", run, "--rename", "3:7")
     assert set(read_tracks(run / "tracks.csv").track_id.tolist()) == {1, 7}
