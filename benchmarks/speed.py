@@ -282,7 +282,7 @@ def one_camera_and_mog2(
     times of ours and of MOG2 [ms], and confirmed people."""
     camera = GroundCamera(width_px, width_px * 3 // 4, 260.0 * width_px / 320, 3.5, math.radians(60))
     follower = image_tracker(tracker, config, camera)
-    front_end = OneCamera(config.single_camera, camera.size, follower)
+    front_end = OneCamera(config.single_camera, camera.size, follower, camera)
     mog2 = cv2.createBackgroundSubtractorMOG2()
     rows: list[tuple[float, float, float]] = []
     for i, image in enumerate(walking_people(camera, people, SETTLED + n_frames)):

@@ -48,35 +48,18 @@ MOTION_INTERVAL_S = 0.12
 about a pixel, whatever the frame rate."""
 
 
-class OneCamera:
-    """Separates the foreground and the motion of one camera, and lets a tracker follow people: a ``FrontEnd``.
+class ImageStages:
+    """Separates the foreground and the motion of one camera."""
 
-    Attributes:
-        tracker, ahead, camera, size, views: see ``FrontEnd``.
-    """
-
-    ahead = 0
-    views: Mapping[str, StereoView] = {}
-
-    def __init__(
-        self,
-        params: SingleCameraParams,
-        size: tuple[int, int],
-        tracker: ImageTracker | None = None,
-        camera: GroundCamera | None = None,
-    ) -> None:
+    def __init__(self, params: SingleCameraParams, size: tuple[int, int], columns: int | None = None) -> None:
         """Start without a background.
 
         Args:
             size: (width, height) of all frames [px].
-            tracker: follows people; None to ``observe`` only. Frames wider than it needs are reduced by a whole factor:
-                averaged pixels are less noisy.
-            camera: calibration above the floor, None where the tracker needs none.
+            columns: of foreground and motion that are enough. Wider frames are reduced by a whole factor: averaged
+                pixels are less noisy. None: those of the frames.
         """
-        self.params, self.size, self.camera = params, size, camera
-        if tracker is not None:
-            self.tracker: ImageTracker = tracker
-        columns = None if tracker is None else tracker.foreground_columns
+        self.size = size
         factor = 1 if columns is None else -(-size[0] // columns)
         self._reduced = max(1, size[0] // factor), max(1, size[1] // factor)
         shape = self._reduced[::-1]
@@ -103,27 +86,6 @@ class OneCamera:
     def checks(self) -> list[Check]:
         """Whether the camera stands still and shows one scene, from the frames so far."""
         return self._steadiness.checks()
-
-    def memory(self) -> dict[str, object]:
-        """See ``FrontEnd``."""
-        return {"one camera": self}
-
-    def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
-        """See ``FrontEnd``.
-
-        Raises:
-            InputError: a frame of another kind of recording, and when it is tracked, one of another size.
-        """
-        if not isinstance(frame, VideoFrame):
-            refuse_frame("an image of one camera", frame)
-        return partial(self._track, frame, clock)
-
-    def _track(self, frame: VideoFrame, clock: StageClock) -> FrameResult:
-        observation = self.observe(frame, self.tracker.feedback())
-        clock.record("foreground")
-        tracks, decisions = followed(self.tracker, observation), self.tracker.decisions
-        clock.record("track")
-        return FrameResult(frame.index, frame.timestamp_s, tracks, decisions, observation, clock.stages_ms)
 
     def observe(self, frame: VideoFrame, feedback: U8 | None = None) -> Observation:
         """Foreground and motion of one frame; none while the camera moves and when the scene is cut.
@@ -206,6 +168,51 @@ class OneCamera:
         return np.asarray(motion, dtype=np.uint8)
 
 
+class OneCamera:
+    """Lets a tracker follow people in the images of one camera: a ``FrontEnd``.
+
+    Attributes:
+        stages: before the tracker.
+        tracker, ahead, camera, size, views: see ``FrontEnd``.
+    """
+
+    ahead = 0
+    views: Mapping[str, StereoView] = {}
+
+    def __init__(
+        self, params: SingleCameraParams, size: tuple[int, int], tracker: ImageTracker, camera: GroundCamera | None
+    ) -> None:
+        """Compose the stages; ``camera`` is None where the tracker needs no calibration."""
+        self.tracker, self.size, self.camera = tracker, size, camera
+        self.stages = ImageStages(params, size, tracker.foreground_columns)
+
+    @property
+    def checks(self) -> list[Check]:
+        """See ``FrontEnd``."""
+        return self.stages.checks
+
+    def reset(self) -> None:
+        """See ``FrontEnd``."""
+        self.stages.reset()
+
+    def memory(self) -> dict[str, object]:
+        """See ``FrontEnd``."""
+        return {"one camera": self.stages}
+
+    def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
+        """See ``FrontEnd``. Raises InputError: a frame of another kind of recording, or (when tracked) size."""
+        if not isinstance(frame, VideoFrame):
+            refuse_frame("an image of one camera", frame)
+        return partial(self._track, frame, clock)
+
+    def _track(self, frame: VideoFrame, clock: StageClock) -> FrameResult:
+        observation = self.stages.observe(frame, self.tracker.feedback())
+        clock.record("foreground")
+        tracks, decisions = followed(self.tracker, observation), self.tracker.decisions
+        clock.record("track")
+        return FrameResult(frame.index, frame.timestamp_s, tracks, decisions, observation, clock.stages_ms)
+
+
 @runtime_checkable
 class LearnsFirst(Protocol):
     """A tracker that learns from a recording before its first frame is tracked."""
@@ -232,6 +239,6 @@ def one_camera_engine(
     front_end = OneCamera(config.single_camera, recording.size, tracker, camera)
     if overview and isinstance(tracker, LearnsFirst):
         step = max(1, round(recording.fps / OVERVIEW_HZ))
-        tracker.study(front_end.observe(frame) for frame in recording if frame.index % step == 0)
+        tracker.study(front_end.stages.observe(frame) for frame in recording if frame.index % step == 0)
         front_end.reset()
     return Engine(recording, front_end, config)

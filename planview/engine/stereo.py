@@ -16,16 +16,7 @@ from calib.world import RIGS_FILE
 from planview.checks.check import Check
 from planview.checks.timing import thumbnails
 from planview.engine.config import Config
-from planview.engine.engine import (
-    Disparity,
-    Engine,
-    Frame,
-    FrameResult,
-    Prepared,
-    RigFrame,
-    StageClock,
-    refuse_frame,
-)
+from planview.engine.engine import Disparity, Engine, Frame, FrameResult, Prepared, RigFrame, StageClock, refuse_frame
 from planview.engine.feedback import BodyBoxes, Feedback
 from planview.engine.setup import Setup, set_up
 from planview.foreground.mixture import Foreground

@@ -9,7 +9,7 @@ from reference import gain as reference
 
 from calib.types import U8
 from planview.engine.config import SingleCameraParams
-from planview.engine.one_camera import OneCamera
+from planview.engine.one_camera import ImageStages
 from planview.foreground import _gain_kernels as kernels
 from planview.foreground.blobs import find_blobs
 from planview.foreground.ghosts import find_ghosts, find_still, find_uncovered
@@ -478,7 +478,7 @@ def test_background_luma_is_the_luma_of_the_first_images():
 
 
 def test_person_there_at_the_start_leaves_no_ghost_even_if_a_tracker_protects_it():
-    camera = OneCamera(SingleCameraParams(), GHOST_SHAPE[::-1])
+    camera = ImageStages(SingleCameraParams(), GHOST_SHAPE[::-1])
     protected = np.ones(GHOST_SHAPE, np.uint8)  # PERSON everywhere: nothing would be learned
     masks = []
     for k in range(60):
