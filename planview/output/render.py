@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,34 +29,21 @@ ALONE_PX = (960, 720)
 _INK, _BACK, _FONT = (40, 40, 40), (255, 255, 255), cv2.FONT_HERSHEY_SIMPLEX
 
 
-class Tally:
-    """What rules have counted up to a frame; ``inward``: the direction that is in, by rule, where there is one."""
-
-    def __init__(self, events: Sequence[Event], inward: Mapping[str, str] | None = None) -> None:
-        self._inward = inward or {}
-        self._frames: dict[tuple[str, str], list[int]] = {}
-        self._kinds: dict[str, str] = {}
-        for event in sorted(events, key=lambda e: e.frame):
-            self._frames.setdefault((event.rule, event.direction or event.kind), []).append(event.frame)
-            self._kinds[event.rule] = "tripwire" if event.kind == "crossing" else "zone"
-
-    def __len__(self) -> int:
-        return len(self._kinds)
-
-    def lines(self, frame: int) -> list[str]:
-        """A line per rule."""
-
-        def count(rule: str, what: str) -> int:
-            return bisect_right(self._frames.get((rule, what), []), frame)
-
-        lines = []
-        for rule, kind in self._kinds.items():
-            parts = [f"{count(rule, 'entry') - count(rule, 'exit')} inside", f"{count(rule, 'entry')} entries"]
-            if kind == "tripwire":
-                words = {way: way_words(way, self._inward.get(rule)) for way in ("left_to_right", "right_to_left")}
-                parts = [f"{count(rule, way)} {text}" for way, text in words.items()]
-            lines.append(f"{rule}: {', '.join(parts)}")
-        return lines
+def tally(events: Sequence[Event], inward: Mapping[str, str], frame: int) -> list[str]:
+    """What each rule of (all) events has counted up to a frame; ``inward``: the direction that is in, where there is
+    one."""
+    count: Counter[tuple[str, str]] = Counter(
+        (event.rule, event.direction or event.kind) for event in events if event.frame <= frame
+    )
+    lines = []
+    for rule, kind in {event.rule: event.kind for event in sorted(events, key=lambda e: e.frame)}.items():
+        entries = count[rule, "entry"]
+        parts = [f"{entries - count[rule, 'exit']} inside", f"{entries} entries"]
+        if kind == "crossing":
+            ways = ("left_to_right", "right_to_left")
+            parts = [f"{count[rule, way]} {way_words(way, inward.get(rule))}" for way in ways]
+        lines.append(f"{rule}: {', '.join(parts)}")
+    return lines
 
 
 class SceneComposer:
@@ -82,7 +68,6 @@ class SceneComposer:
         self._bounds = bounds or results.bounds()
         self._trail = round(trail_s / results.clock.frame_s)
         self._truth = results.truth if truth else None
-        self._tally = Tally(results.events, inward_ways(results.rule_counts))
         self._with_plan = plan and results.on_floor
         self._image = ImagePainter(frames.camera if frames else None, results.rules, self._bounds)
         self._plan: PlanPainter | None = None
@@ -90,30 +75,31 @@ class SceneComposer:
     def __call__(self, frame: int, image: U8 | None) -> U8:
         """(H, W, 3) uint8 BGR with even H and W; ``image``: (h, w[, 3]) uint8 BGR, None where it cannot be read."""
         snapshot = snapshot_at(self._results.tracks, frame, self._trail, self._truth)
+        counted = tally(self._results.events, inward_ways(self._results.rule_counts), frame)
         panels = [] if image is None else [self._image(image, snapshot)]
         if self._with_plan or image is None:
             height = panels[0].shape[0] if panels else ALONE_PX[1]
-            panels.append(self._floor(snapshot, height, alone=not panels))
+            panels.append(self._floor(snapshot, height, counted, alone=not panels))
         picture = np.hstack(panels)
         header: U8 = np.full((HEADER_PX, picture.shape[1], 3), _BACK, dtype=np.uint8)
         time_s = float(self._results.clock.at(np.array([frame]))[0])
         people = np.count_nonzero(self._results.tracks.frame[self._results.of_people] == frame)
         text = f"frame {frame}   {time_s:.2f} s   {people} {'person' if people == 1 else 'people'}"
         if image is not None and not self._with_plan:  # which has room for what rules count
-            text = "   ".join([text, *self._tally.lines(frame)])
+            text = "   ".join([text, *counted])
         cv2.putText(header, text, (8, HEADER_PX - 10), _FONT, 0.5, _INK, 1, cv2.LINE_AA)
         whole = np.vstack([header, picture])
         return np.ascontiguousarray(whole[: whole.shape[0] // 2 * 2, : whole.shape[1] // 2 * 2])
 
-    def _floor(self, snapshot: Snapshot, height: int, *, alone: bool) -> U8:
+    def _floor(self, snapshot: Snapshot, height: int, counted: list[str], *, alone: bool) -> U8:
         """The floor from above, with the counts below it."""
-        below = LINE_PX * len(self._tally) + (8 if len(self._tally) else 0)
+        below = LINE_PX * len(counted) + (8 if counted else 0)
         # Width of the floor as a share of the image's height.
         size = ALONE_PX[0] if alone else round(0.75 * height), height - below
         if self._plan is None:
             self._plan = PlanPainter(self._bounds, size, self._results.cameras, self._results.rules)
         text: U8 = np.full((below, size[0], 3), _BACK, dtype=np.uint8)
-        for n, line in enumerate(self._tally.lines(snapshot.frame)):
+        for n, line in enumerate(counted):
             cv2.putText(text, line, (8, LINE_PX * (n + 1) - 4), _FONT, 0.45, _INK, 1, cv2.LINE_AA)
         return np.vstack([self._plan(snapshot), text])
 

@@ -16,7 +16,6 @@ from planview.output.folder import write_result
 from planview.output.report import plots
 from planview.output.report.page import errors_of, figure_text, flat_settings, scores_of, words_of
 from planview.output.report.plots import picture
-from planview.output.report.timelines import identity_pictures
 from planview.output.run_folder import RunFolder
 
 ERRORS_MAX = 100
@@ -69,7 +68,7 @@ def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = N
         runs.append(_ComparedRun(name, results, scores, errors_of(scores)))
     pictures = [picture(f"Floor: {run.name}", plots.floor_plot(run.results)) for run in runs]
     for run in runs:
-        for bars in identity_pictures(run.results, run.errors)[-1:]:
+        for bars in plots.identity_pictures(run.results, run.errors)[-1:]:
             pictures.append(bars._replace(title=f"{bars.title}: {run.name}"))
     page = page_of(
         "planview.output.report",

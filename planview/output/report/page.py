@@ -11,7 +11,9 @@ from pydantic import JsonValue, TypeAdapter, ValidationError
 
 from calib.errors import InputError, WorkError
 from calib.params import first_problem
+from calib.types import I64
 from planview.counting.events import inward_ways, way_words
+from planview.counting.totals import Clock
 from planview.drawing.style import page_of, person_hex
 from planview.engine.info import CameraInfo
 from planview.evaluation.significant import SignificantError
@@ -19,8 +21,8 @@ from planview.output.folder import RunInfo, write_result
 from planview.output.report import plots
 from planview.output.report.plots import Picture, picture
 from planview.output.report.snapshots import ERRORS_MAX, read_decision_log, scene_pictures
-from planview.output.report.timelines import identity_pictures, people_rows
 from planview.output.run_folder import RunFolder, read_object
+from planview.trajectories.table import Trajectories
 
 
 def scores_of(results: RunFolder) -> dict[str, Any]:
@@ -81,7 +83,7 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
         title=Path(results.info.input).name or results.path.resolve().name,
         recorded_s=results.clock.span(results.n_frames).duration_s if results.n_frames else 0.0,
         scenes=scene_pictures(results, errors),
-        identities=identity_pictures(results, errors),
+        identities=plots.identity_pictures(results, errors),
         pictures=_pictures(results),
         figures=_figures,
         evaluation=evaluation,
@@ -109,10 +111,10 @@ def _pictures(results: RunFolder) -> list[Picture]:
         pictures.append(picture("Floor", plots.floor_plot(results), note))
     observed = places.observed()
     if len(observed):
-        longest = plots.heat_map(observed, results.clock.frame_s).seconds.max()
+        png, longest = plots.heat_plot(observed, results)
         note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale: yellow "
         note += f"{longest:.1f} s, dark blue a {plots.HEAT_RANGE:.0f}th of it."
-        pictures.append(picture("Heat map", plots.heat_plot(observed, results), note, keep_colours=True))
+        pictures.append(picture("Heat map", png, note, keep_colours=True))
     if results.n_frames:
         frames = np.arange(results.n_frames, dtype=np.int64)
         people = plots.people_plot(results.tracks, results.clock.at(frames), frames)
@@ -135,6 +137,33 @@ def _pictures(results: RunFolder) -> list[Picture]:
     if known:
         pictures.append(picture("Occupancy and queues", plots.steps_plot(known, end_s, "people")))
     return pictures
+
+
+def people_rows(tracks: Trajectories, clock: Clock, ids: I64) -> list[dict[str, Any]]:
+    """Of confirmed people, (P,) ids ascending: times [s], way [m], mean speed [m/s], median height [m]; empty where
+    unknown."""
+    rows = np.flatnonzero((tracks.state == "confirmed") & np.isin(tracks.track_id, ids))
+    rows = rows[np.argsort(tracks.track_id[rows], kind="stable")]
+    cuts = np.searchsorted(tracks.track_id[rows], ids[1:])
+    return [_row(tracks.where(mine), clock) for mine in np.split(rows, cuts) if len(mine)]
+
+
+def _row(person: Trajectories, clock: Clock) -> dict[str, Any]:
+    when = clock.at(person.frame)
+    # From places half a second apart, so that noise does not add up (our choice).
+    picked = np.concatenate([[True], np.diff(np.floor((when - when[0]) / 0.5)) > 0])
+    way = float(np.hypot(np.diff(person.x_m[picked]), np.diff(person.y_m[picked])).sum())
+    span = float(when[-1] - when[0])
+    known = person.height_m[np.isfinite(person.height_m)]
+    return {
+        "track_id": int(person.track_id[0]),
+        "first": f"{when[0]:.1f}",
+        "last": f"{when[-1]:.1f}",
+        "observed": f"{len(person) * clock.frame_s:.1f}",
+        "way": f"{way:.1f}" if np.isfinite(way) else "",
+        "speed": f"{way / span:.2f}" if span > 0 and np.isfinite(way) else "",
+        "height": f"{np.median(known):.2f}" if len(known) else "",
+    }
 
 
 def _figures(values: dict[str, Any]) -> list[Figure]:

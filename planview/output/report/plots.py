@@ -1,4 +1,4 @@
-"""Pictures of a run as PNG bytes: the floor as in videos, curves by matplotlib without a display."""
+"""Pictures of a run as PNG bytes: the floor as in videos, curves and bars by matplotlib without a display."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ import numpy as np
 
 from calib.images import encode_image
 from calib.types import F64, I64, Bool
+from planview.counting.totals import Clock
 from planview.drawing.plan import PlanPainter
-from planview.drawing.style import TRUTH, Labels, as_bgr, person_rgb
+from planview.drawing.style import ERRORS, TRUTH, Labels, as_bgr, as_hex, person_hex, person_rgb
+from planview.evaluation.significant import SignificantError
 from planview.output.run_folder import RunFolder
 from planview.trajectories.table import Trajectories
 
@@ -146,12 +148,16 @@ class Places(NamedTuple):
 
         A way begins with the last row of the one before, where that leads to it.
         """
-        if not len(self.frame):
-            return []
-        joined = (np.diff(self.track_id) == 0) & (np.diff(self.frame) == 1)
-        starts = np.flatnonzero(~joined | (np.diff(self.is_lost) != 0)) + 1
-        first = starts - joined[starts - 1]
-        return list(map(slice, [0, *first], [*starts, len(self.frame)]))
+        first, last = stretches(self.track_id, self.frame, self.is_lost)
+        follows = (np.diff(self.track_id, prepend=-1) == 0) & (np.diff(self.frame, prepend=-1) == 1)
+        return list(map(slice, first - follows[first], last + 1))
+
+
+def stretches(person: I64, frame: I64, value: I64 | Bool) -> tuple[I64, I64]:
+    """The first and the last row of each stretch of one person with one value in frames that follow each other; of (N,)
+    rows by person, then frame."""
+    cuts = np.flatnonzero((np.diff(person) != 0) | (np.diff(frame) != 1) | (np.diff(value) != 0)) + 1
+    return np.append(0, cuts)[: len(person)], np.append(cuts, len(person))[: len(person)] - 1
 
 
 def floor_plot(run: RunFolder) -> bytes:
@@ -185,35 +191,88 @@ def _painter(run: RunFolder) -> PlanPainter:
     return PlanPainter(bounds, size, run.cameras, run.rules)
 
 
-class HeatMap(NamedTuple):
-    """(n_rows, n_cols) time per cell [s], the side of a cell [m], and (x, y) of the first cell's outer corner [m]."""
-
-    seconds: F64
-    cell_m: float
-    corner_m: F64
-
-
-def heat_map(xy_m: F64, frame_s: float) -> HeatMap:
-    """Time at (N, 2) places [m], at least one, of ``frame_s`` each; cells are coarser where they would be too many."""
-    low, high = xy_m.min(axis=0), xy_m.max(axis=0)
-    cell = max(HEAT_CELL_M, float(np.hypot(*(high - low))) / 1000)
-    corner = (np.floor(low / cell) - 1) * cell
-    edges = [
-        start + cell * np.arange(np.ceil((stop - start) / cell) + 2) for start, stop in zip(corner, high, strict=True)
-    ]
-    return HeatMap(frame_s * np.histogram2d(xy_m[:, 1], xy_m[:, 0], edges[::-1])[0], cell, corner)
-
-
-def heat_plot(xy_m: F64, run: RunFolder) -> bytes:
-    """Where people spent their time, smoothed by a cell (arguments of ``heat_map``)."""
-    painter, heat = _painter(run), heat_map(xy_m, run.clock.frame_s)
-    seconds = cv2.GaussianBlur(heat.seconds, (0, 0), 0.7)
+def heat_plot(xy_m: F64, run: RunFolder) -> tuple[bytes, float]:
+    """Where people spent their time, by (N, 2) places [m] of a frame each, smoothed by a cell; and the longest time in
+    a cell [s]."""
+    painter = _painter(run)
+    height, width = painter.paper.shape[:2]
+    side_px, at = max(1.0, HEAT_CELL_M * painter.scale), painter.px(xy_m)
+    edges = [np.arange(0.0, size + side_px, side_px) for size in (height, width)]
+    cells = run.clock.frame_s * np.histogram2d(at[:, 1], at[:, 0], edges)[0]
+    seconds = cv2.GaussianBlur(cells, (0, 0), 0.7)
     share = np.log(np.maximum(seconds / max(float(seconds.max()), 1e-9) * HEAT_RANGE, 1e-9)) / np.log(HEAT_RANGE)
     colours = cv2.applyColorMap(np.clip(share * 255, 0, 255).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
-    # From cells to pixels, where y points down.
-    step, (left, bottom) = heat.cell_m * painter.scale, painter.px(heat.corner_m[None] + heat.cell_m / 2)[0]
-    to_px = np.array([[step, 0, left], [0, -step, bottom]], dtype=np.float64)
-    size = painter.paper.shape[1::-1]
-    cells = np.dstack([colours, np.where(share >= 0, 255, 0).astype(np.uint8)])
-    laid = cv2.warpAffine(cells, to_px, size, flags=cv2.INTER_NEAREST)
-    return encode_image(np.where(laid[..., 3:] > 0, laid[..., :3], painter.paper), ".png")
+    rows, cols = ((np.arange(size) / side_px).astype(np.int64) for size in (height, width))
+    of_pixel = rows[:, None], cols
+    picture = np.where((share >= 0)[of_pixel][..., None], colours[of_pixel], painter.paper)
+    return encode_image(picture, ".png"), float(cells.max())
+
+
+UNHELD = -1
+"""In place of a track's id: no track."""
+ROWS_MAX = 60
+"""Rows of a picture, those of the people seen longest."""
+
+
+def identity_pictures(run: RunFolder, errors: Sequence[SignificantError]) -> list[Picture]:
+    """A row per track, then a row per true person, with a triangle for each error."""
+    shown, truth = run.tracks.where(run.tracks.state != "tentative"), run.truth
+    if not len(shown):
+        return []
+    marks = [(error.track_id, error) for error in errors if error.truth_id is None]
+    png = _bars(shown, shown.track_id, shown.state == "lost", run.clock, marks, "")
+    note = "A row per track, thin where only predicted."
+    found = [picture("Identities over time", png, note, keep_colours=True)]
+    if truth is not None and len(truth):
+        marks = [(error.truth_id, error) for error in errors if error.truth_id is not None]
+        png = _bars(truth, held_by(run.tracks, truth), np.zeros(len(truth), np.bool_), run.clock, marks, "P")
+        note = "A row per true person in the colour of the track that holds the person, grey where none does. A change "
+        note += "of colour is a change of identity; triangles are significant errors."
+        found.append(picture("True people", png, note, keep_colours=True))
+    return found
+
+
+def held_by(tracks: Trajectories, truth: Trajectories) -> I64:
+    """(N,) id of the confirmed track matched to every row of the truth, UNHELD where there is none."""
+    from planview.evaluation.metrics import clear_scores  # brings scipy
+    from planview.evaluation.sequence import build_sequence, floor_similarity
+
+    claimed = tracks.where((tracks.state == "confirmed") & np.isfinite(tracks.x_m))
+    matches = clear_scores(build_sequence(truth, claimed, floor_similarity(0.5))).matches
+    holder = np.full(len(truth), UNHELD, dtype=np.int64)
+    holder[matches[:, 0]] = claimed.track_id[matches[:, 1]]
+    return holder
+
+
+def _bars(
+    rows: Trajectories, track_id: I64, is_thin: Bool, clock: Clock,
+    marks: Sequence[tuple[int | None, SignificantError]], prefix: str,
+) -> bytes:  # fmt: skip
+    """Bars over time by person, in the order of first frames, in the colours of the tracks of the (N,) rows, with a
+    triangle per error in its person's row."""
+    order = np.lexsort((rows.frame, rows.track_id))
+    (person, frame, track), thin = (c[order] for c in (rows.track_id, rows.frame, track_id)), is_thin[order]
+    people, start, counts = np.unique(person, return_index=True, return_counts=True)
+    longest = np.argsort(-counts, kind="stable")[:ROWS_MAX]
+    shown = people[longest][np.argsort(frame[start[longest]], kind="stable")].tolist()
+    row_of = {one: row for row, one in enumerate(shown)}
+    figure, axes = new_figure(12.0, 0.8 + 0.19 * len(shown))
+    first, last = stretches(person, frame, 2 * track + thin)
+    begin, end = clock.at(frame[first]), clock.at(frame[last] + 1)
+    for i, n in enumerate(first.tolist()):
+        if (row := row_of.get(int(person[n]))) is not None:
+            colour = "#c9ced8" if track[n] == UNHELD else person_hex(int(track[n]))
+            axes.barh(row, end[i] - begin[i], 0.2 if thin[n] else 0.75, begin[i], color=colour)
+    for kind, rgb in ERRORS.items():
+        at = [(error.frame, row_of[p]) for p, error in marks if error.kind == kind and p in row_of]
+        if at:
+            at_frame, at_row = np.array(at).T
+            label = kind.replace("_", " ")
+            axes.plot(clock.at(at_frame), at_row - 0.35, "v", color=as_hex(rgb), markeredgecolor="white", label=label)
+    axes.set_yticks(range(len(shown)), [f"{prefix}{one}" for one in shown], fontsize=8)
+    axes.set_ylim(len(shown) - 0.3, -0.9)
+    axes.set_xlabel("time [s]")
+    axes.margins(x=0)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, fontsize=8, frameon=False)
+    return png_bytes(figure)

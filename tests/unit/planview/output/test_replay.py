@@ -19,7 +19,7 @@ from planview.drawing.style import as_bgr, person_rgb
 from planview.engine.config import Config, load_config
 from planview.engine.open import open_engine
 from planview.output.folder import rrd_parts
-from planview.output.render import Tally
+from planview.output.render import tally
 from planview.output.replay import difference_text, replay_run
 from planview.output.report.page import write_report
 from planview.output.rerun.log import rarer
@@ -137,10 +137,8 @@ def test_tally_counts_what_happened_up_to_a_frame():
         Event(3, 0.3, "gate", "crossing", 1, "left_to_right"), Event(5, 0.5, "gate", "crossing", 2, "right_to_left"),
         Event(2, 0.2, "room", "entry", 1), Event(6, 0.6, "room", "exit", 1),
     ]  # fmt: skip
-    tally = Tally(events)
-    assert tally.lines(4) == ["room: 1 inside, 1 entries", "gate: 1 to its right, 0 to its left"]
-    assert Tally(events, {"gate": "right_to_left"}).lines(6)[1] == "gate: 1 out, 1 in"
-    assert tally.lines(6)[0] == "room: 0 inside, 1 entries"
+    assert tally(events, {}, 4) == ["room: 1 inside, 1 entries", "gate: 1 to its right, 0 to its left"]
+    assert tally(events, {"gate": "right_to_left"}, 6) == ["room: 0 inside, 1 entries", "gate: 1 out, 1 in"]
 
 
 def test_viewer_sends_no_statistics(monkeypatch):
