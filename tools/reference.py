@@ -161,8 +161,9 @@ build = planview.MapBuilder(geometry, planview.SE3.from_rotvec([np.radians(180 +
 maps = build(geometry.disparity_metre / depth_m, people)
 ```
 
-`maps.height` and `maps.occupancy` are arrays, `maps.grid` places their cells on the floor, and
-`result.point_cloud()` of a tracked frame gives its points for open3d.
+`maps.height` and `maps.occupancy` are arrays, `maps.grid` places their cells on the floor, and `maps.around(x_m, y_m)`
+cuts a person's template (T_H, T_O) out of them. Of a tracked frame, `result.template(track)` is the template of a
+person, and `result.point_cloud()` gives the points for open3d.
 """
 
 

@@ -155,6 +155,11 @@ class FrameResult:
         """Of the first rig's images; None without a pair."""
         return self.first.prepared.thumbnails if self.first else None
 
+    def template(self, track: TrackState) -> tuple[F32, F32] | None:
+        """T_H [m] and T_O [m^2] of a person, as ``PlanViewMaps.around`` gives them; None for one camera."""
+        maps = self.observation.maps
+        return None if maps is None else maps.around(track.x_m, track.y_m)
+
     def point_cloud(self) -> PointCloud:
         """What the first rig measured, as an ``open3d.geometry.PointCloud``: metres on the axes of the tracks, colours
         of the image. Raises InputError: one camera without depth, or recorded maps."""

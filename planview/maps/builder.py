@@ -18,6 +18,8 @@ from planview.maps.grid import Grid, GridParams
 from stereo.depth import RectifiedGeometry
 
 REFERENCE = Exposure()
+TEMPLATE_M = 0.8
+"""Side of a person's template, 2 W_avg [m] (Harville 2002, section 4)."""
 
 
 class MapParams(GridParams):
@@ -82,6 +84,18 @@ class PlanViewMaps:
     occupancy: F32
     occupancy_min: float
     points: FloorPoints
+
+    def around(self, x_m: float, y_m: float) -> tuple[F32, F32]:
+        """The maps around a place as a template (Harville 2002, section 4), 0 outside of the grid.
+
+        Returns:
+            T_H [m] and T_O [m^2], (n, n) float32 of TEMPLATE_M, centred on the cell of the place.
+        """
+        half = round(TEMPLATE_M / 2 / self.grid.cell_m)
+        row, col = (round(i) for i in self.grid.index_of(x_m, y_m))
+        row, col = min(max(row, 0), self.grid.n_rows - 1), min(max(col, 0), self.grid.n_cols - 1)
+        window = np.s_[row : row + 2 * half + 1, col : col + 2 * half + 1]
+        return np.pad(self.height, half)[window], np.pad(self.occupancy, half)[window]
 
 
 class Raster:

@@ -173,6 +173,12 @@ def test_point_cloud_of_a_frame_lies_on_the_floor_and_on_the_person(engine: Engi
     assert len(points) == len(result.point_cloud().colors)
 
 
+def test_template_of_a_person_is_as_high_as_the_person(engine: Engine) -> None:
+    result = next(r for r in engine if r.frame == EMPTY + 5)
+    height, occupancy = result.template(result.tracks[0]) or pytest.fail("no template")
+    assert height.max() == pytest.approx(result.tracks[0].height_m, abs=0.15) and occupancy.max() > 0
+
+
 def test_paths_may_be_text(recording: Path, tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text("seed = 7\n")
     (tmp_path / "t.csv").write_text("frame,timestamp_s,id,x_m,y_m,state\n0,0,1,0,0,confirmed\n")

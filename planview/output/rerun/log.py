@@ -36,6 +36,7 @@ from planview.output.rerun.shapes import (
     scene_cloud,
     shown_floor,
     strips_of,
+    templates,
 )
 from planview.output.run_folder import RunFolder
 from planview.trajectories.state import TrackState
@@ -235,9 +236,9 @@ class RerunLog:
             path = f"{'plan' if drawing.plane == 'floor' else 'image'}/{drawing.name}"
             names.add(path)
             self._stream.log(path, strips_of(drawing))
-        if debug.tiles:
+        if tiles := templates(result) | debug.tiles:
             names.add("templates")
-            self._stream.log("templates", rr.Image(mosaic(debug.tiles)))
+            self._stream.log("templates", rr.Image(mosaic(tiles)))
         for name in self._shown - names:
             self._stream.log(name, rr.Clear(recursive=False))
         self._shown = names

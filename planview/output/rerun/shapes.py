@@ -75,6 +75,15 @@ def mosaic(tiles: Mapping[str, F32 | U8]) -> U8:
     return np.hstack([np.pad(tile, ((0, height - tile.shape[0]), (0, 1))) for tile in grey])
 
 
+def templates(result: FrameResult) -> dict[str, F32 | U8]:
+    """T_H and T_O of everybody, by name."""
+    tiles: dict[str, F32 | U8] = {}
+    for track in result.tracks:
+        if (template := result.template(track)) is not None:
+            tiles[f"template/{track.track_id}/height"], tiles[f"template/{track.track_id}/occupancy"] = template
+    return tiles
+
+
 def label_of(track: TrackState) -> str:
     """Id, height and state."""
     height = "" if math.isnan(track.height_m) else f" {track.height_m:.2f} m"

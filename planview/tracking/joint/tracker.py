@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from calib.types import F32, F64, I64
+from calib.types import F64, I64
 from planview.maps.colour import CODES
 from planview.tracking import body
 from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug
@@ -185,10 +185,10 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         """Forget everybody; ids start again at 1."""
         super().reset()
         self._births = Births(self.params)
-        self._shown: list[tuple[tuple[int, ...], Owned, F32]] = []
+        self._shown: list[tuple[tuple[int, ...], Owned]] = []
 
     def debug(self) -> TrackerDebug:
-        """Who owns each pixel, the people on the floor, and the height and occupancy of each."""
+        """The people on the floor, and who owns each pixel."""
         return draw(self._people, self._shown)
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
@@ -206,7 +206,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             self._explain(frame, side_by_side(self._people, ratios), dt)
         owned = frame.assign_pixels(side_by_side(self._people, ratios))
         points = [points_of(v, o) for v, o in zip(views, owned, strict=True)]
-        self._shown = [(v.kind.shape, o, at) for v, o, at in zip(views, owned, points, strict=True)]
+        self._shown = [(v.kind.shape, o) for v, o in zip(views, owned, strict=True)]
         for i, person in enumerate(self._people):
             if not person.confirmed:
                 mine = [(v, o, o.owner == i) for v, o in zip(views, owned, strict=True)]

@@ -48,6 +48,14 @@ def mask_at(rows: slice, columns: slice) -> np.ndarray:
     return mask
 
 
+def test_a_template_is_the_maps_around_a_place_and_zero_outside_the_grid() -> None:
+    maps = builder()(flat(2.0), mask_at(np.s_[20:28], np.s_[28:36]))
+    height, occupancy = maps.around(0.0, 0.0)
+    assert height.shape == occupancy.shape == (21, 21)
+    assert height[10, 10] == pytest.approx(1.0, abs=1e-5) and occupancy.sum() == pytest.approx(maps.occupancy.sum())
+    assert (maps.around(maps.grid.x_max_m + 1, 0.0)[0] == 0).all()
+
+
 def test_height_of_a_table_below_an_overhead_camera_is_its_height_and_occupancy_its_area_at_any_distance() -> None:
     assert builder()(flat(2.0), mask_at(np.s_[20:28], np.s_[28:36])).height_raw.max() == pytest.approx(1.0, abs=1e-5)
     mask = mask_at(np.s_[10:30], np.s_[20:40])

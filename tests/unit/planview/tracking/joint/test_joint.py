@@ -151,16 +151,6 @@ def test_every_frame_says_why_each_person_is_where_it_is_and_shows_the_owners_of
     assert owners.shape == CAMERA.shape and (owners > 40).sum() > 300
 
 
-def test_the_templates_of_a_person_are_its_own_pixels_from_above():
-    tracker = JointTracker()
-    for n in range(10):
-        tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
-    tiles = tracker.debug().tiles
-    height, occupancy = tiles["template/1/height"], tiles["template/1/occupancy"]
-    assert height.shape == occupancy.shape == (16, 16)
-    assert height.max() == pytest.approx(1.75, abs=0.1) and (height[:2] == 0).all() and (occupancy[4:12] > 0).any()
-
-
 PARAMS = JointParams()
 ADULT = (0.0, 3.0, 1.75)
 TALL = np.array([1.75, 0.12])
