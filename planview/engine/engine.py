@@ -150,11 +150,6 @@ class FrameResult:
         """Where the first rig's disparity is of this frame (see ``Disparity``)."""
         return self.first.disparity.measured if self.first else None
 
-    @property
-    def thumbnails(self) -> Thumbnails | None:
-        """Of the first rig's images; None without a pair."""
-        return self.first.prepared.thumbnails if self.first else None
-
     def template(self, track: TrackState) -> tuple[F32, F32] | None:
         """T_H [m] and T_O [m^2] of a person, as ``PlanViewMaps.around`` gives them; None for one camera."""
         maps = self.observation.maps

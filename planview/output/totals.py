@@ -79,7 +79,8 @@ class RunChecks:
 
     def update(self, result: FrameResult) -> None:
         if self._watch is not None:
-            self._watch.update(result.thumbnails, result.sampled, result.observation.foreground)
+            thumbnails = result.first.prepared.thumbnails if result.first else None
+            self._watch.update(thumbnails, result.sampled, result.observation.foreground)
         self._frames += 1
         if self._frames % 60 == 0:
             self.refuse()
