@@ -185,7 +185,11 @@ class MapBuilder:
         Raises:
             ValueError: the arrays do not have the size of the geometry.
         """
-        return self._raster.maps(self.points(disparity, mask, image, exposure))
+        return self.of(self.points(disparity, mask, image, exposure))
+
+    def of(self, points: FloorPoints) -> PlanViewMaps:
+        """The maps of points that ``points`` gave."""
+        return self._raster.maps(points)
 
     def points(self, disparity: F32, mask: U8, image: U8 | None = None, exposure: Exposure = REFERENCE) -> FloorPoints:
         """Foreground points of one frame; arguments and errors are those of a call."""
