@@ -92,8 +92,7 @@ class PlanViewMaps:
             T_H [m] and T_O [m^2], (n, n) float32 of TEMPLATE_M, centred on the cell of the place.
         """
         half = round(TEMPLATE_M / 2 / self.grid.cell_m)
-        row, col = (round(i) for i in self.grid.index_of(x_m, y_m))
-        row, col = min(max(row, 0), self.grid.n_rows - 1), min(max(col, 0), self.grid.n_cols - 1)
+        row, col = self.grid.nearest(x_m, y_m)
         window = np.s_[row : row + 2 * half + 1, col : col + 2 * half + 1]
         return np.pad(self.height, half)[window], np.pad(self.occupancy, half)[window]
 

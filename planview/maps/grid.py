@@ -79,3 +79,8 @@ class Grid:
     def index_of(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Fractional (row, col) at which ``centre_of`` gives (x, y)."""
         return (y_m - self.y_min_m) / self.cell_m - 0.5, (x_m - self.x_min_m) / self.cell_m - 0.5
+
+    def nearest(self, x_m: float, y_m: float) -> tuple[int, int]:
+        """(row, col) of the cell at or nearest to a place."""
+        row, col = self.index_of(x_m, y_m)
+        return min(max(round(row), 0), self.n_rows - 1), min(max(round(col), 0), self.n_cols - 1)

@@ -77,11 +77,13 @@ def mosaic(tiles: Mapping[str, F32 | U8]) -> U8:
 
 def templates(result: FrameResult) -> dict[str, F32 | U8]:
     """T_H and T_O of everybody, by name."""
-    found = {f"template/{track.track_id}": result.template(track) for track in result.tracks}
-    parts = [
-        (f"{name}/{part}", k, both) for name, both in found.items() for k, part in enumerate(("height", "occupancy"))
-    ]
-    return {name: both[k] for name, k, both in parts if both is not None}
+    tiles: dict[str, F32 | U8] = {}
+    for track in result.tracks:
+        if (template := result.template(track)) is not None:
+            tiles |= zip(
+                (f"template/{track.track_id}/{part}" for part in ("height", "occupancy")), template, strict=True
+            )
+    return tiles
 
 
 def label_of(track: TrackState) -> str:

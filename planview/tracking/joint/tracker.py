@@ -8,13 +8,12 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from calib.types import F64, I64
+from calib.types import F32, F64, I64, U8
 from planview.maps.colour import CODES
 from planview.tracking import body
-from planview.tracking.base import Decision, DecisionKind, Observation, TrackerDebug
+from planview.tracking.base import Decision, DecisionKind, Drawing, Observation, TrackerDebug
 from planview.tracking.joint._kernels import PARTS
 from planview.tracking.joint.births import EVIDENCE_MAX, LOOSE, Births, points_of
-from planview.tracking.joint.drawing import draw
 from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, People, Samples, likelihood_of_ranges
 from planview.tracking.joint.identity import Exchanges, continued
 from planview.tracking.joint.params import JointParams, PeopleParams
@@ -188,8 +187,18 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         self._shown: list[tuple[tuple[int, ...], Owned]] = []
 
     def debug(self) -> TrackerDebug:
-        """The people on the floor, and who owns each pixel."""
-        return draw(self._people, self._shown)
+        """Circles of bodies with existence and visible share, and images of the owners of all pixels."""
+        angles = np.linspace(0.0, 2.0 * math.pi, 25)
+        circle = body.TORSO.torso_radius_m * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        strips = tuple(np.asarray(circle + q.at_m, dtype=np.float32) for q in self._people)
+        labels = tuple(f"{q.track_id}: existence {q.existence:.2f}, visible {q.share:.2f}" for q in self._people)
+        grey = np.array([40, *(80 + (37 * q.track_id) % 176 for q in self._people)], np.uint8)
+        tiles: dict[str, F32 | U8] = {}
+        for k, (shape, of) in enumerate(self._shown):
+            tile: U8 = np.zeros(shape, np.uint8)
+            tile.reshape(-1)[of.pixels] = grey[np.minimum(of.owner + 1, len(self._people))]
+            tiles[f"owners/{k}"] = tile
+        return TrackerDebug((Drawing("bodies", "floor", strips, labels),), tiles)
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Follow everybody into the next frame.

@@ -77,9 +77,7 @@ class FreeMaps:
 
     def window(self, at_m: Place) -> tuple[slice, slice]:
         """Cells of the padded maps under a template at a place, of which the grid's nearest cell is the centre."""
-        grid = self.maps.grid
-        row, col = (round(i) for i in grid.index_of(*at_m))
-        row, col = min(max(row, 0), grid.n_rows - 1), min(max(col, 0), grid.n_cols - 1)
+        row, col = self.maps.grid.nearest(*at_m)
         return slice(row, row + self.n), slice(col, col + self.n)
 
     def clear(self, at_m: Place) -> None:
