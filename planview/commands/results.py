@@ -20,7 +20,7 @@ from calib.io import reason
 from planview.commands.options import Flag, frame_span
 from planview.output.folder import rrd_parts
 from planview.output.progress import PlainConsole
-from planview.output.render import SceneComposer, VideoWriter, scene_pictures_of, write_still
+from planview.output.render import SceneComposer, scene_pictures_of, write_still, write_video
 from planview.output.report.compare import write_comparison
 from planview.output.report.page import write_report
 from planview.output.run_folder import RunFolder
@@ -118,17 +118,10 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
     if first > end or not len(known):
         raise InputError(f"{folder}: expected frames from {first} on, found {int(np.max(known, initial=-1)) + 1}")
     last = min(last, end)
-    writer = VideoWriter(path, min(240.0, 1.0 / results.clock.frame_s))
-    complete = False
-    try:
-        pictures = scene_pictures_of(composer, frames, first, last, options.every)
-        total = len(range(first, last + 1, options.every))
-        for picture in track(pictures, "drawing", total, console=PlainConsole(stderr=True)):
-            writer.add(picture)
-        complete = True
-    finally:
-        writer.close(complete=complete)
-    if not writer.count:
+    pictures = scene_pictures_of(composer, frames, first, last, options.every)
+    total = len(range(first, last + 1, options.every))
+    shown = track(pictures, "drawing", total, console=PlainConsole(stderr=True))
+    if not write_video(path, min(240.0, 1.0 / results.clock.frame_s), shown):
         raise WorkError(f"{path}: none of the frames {first} to {last} can be read")
     console.print(str(path))
 

@@ -201,7 +201,7 @@ def _track(
     if options.maps:
         logs.append(MapsLog(engine, out / "maps.h5", positions.get("MapsLog")))
     if options.rrd:
-        from planview.output.rerun.log import RerunLog  # rerun takes a second, and few runs write for it
+        from planview.output.rerun_log import RerunLog  # rerun takes a second, and few runs write for it
 
         logs.append(RerunLog(engine, out / "run.rrd", settings.rrd_every, resumed=checkpoint is not None))
     announced = engine.recording.n_frames

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -108,43 +108,29 @@ CODECS = {".mp4": "vp09", ".webm": "VP80", ".avi": "MJPG", ".mkv": "VP80"}
 """By ending: what OpenCV's wheels write and browsers play, VP9 in .mp4 and VP8 in .webm; they have no H.264 encoder."""
 
 
-class VideoWriter:
-    """Writes pictures of one size into a video, which is at its place when all are written.
-
-    Raises:
-        InputError: the path does not end like a video.
-        WorkError: it cannot be written, in the methods.
-    """
-
-    def __init__(self, path: Path, fps: float) -> None:
-        if path.suffix.lower() not in CODECS:
-            raise InputError(f"{path}: expected a video's name ({', '.join(CODECS)}), found {path.name!r}")
-        self._path, self._fps = path, fps
-        self._part = path.with_name(f"{path.stem}{PART}{path.suffix}")
-        self._writer: cv2.VideoWriter | None = None
-        self.count = 0
-
-    def add(self, picture: U8) -> None:
-        if self._writer is None:
-            with writing(self._path):
-                self._path.parent.mkdir(parents=True, exist_ok=True)
-            codec = cv2.VideoWriter.fourcc(*CODECS[self._path.suffix.lower()])
-            self._writer = cv2.VideoWriter(str(self._part), codec, self._fps, picture.shape[1::-1])
-            if not self._writer.isOpened():
-                raise WorkError(f"{self._path}: the video cannot be written")
-        self._writer.write(picture)
-        self.count += 1
-
-    def close(self, *, complete: bool) -> None:
-        """End the video; an incomplete one is removed."""
-        if self._writer is None:
-            return
-        self._writer.release()
-        with writing(self._path):
-            if complete:
-                self._part.replace(self._path)
-            else:
-                self._part.unlink(missing_ok=True)
+def write_video(path: Path, fps: float, pictures: Iterable[U8]) -> int:
+    """Write pictures of one size into a video, which is at its place when all are written; how many there were. Raises
+    InputError: the path does not end like a video. WorkError: it cannot be written."""
+    codec = CODECS.get(path.suffix.lower())
+    if codec is None:
+        raise InputError(f"{path}: expected a video's name ({', '.join(CODECS)}), found {path.name!r}")
+    part, writer, count = path.with_name(f"{path.stem}{PART}{path.suffix}"), cv2.VideoWriter(), 0
+    try:
+        for count, picture in enumerate(pictures, 1):
+            if count == 1:
+                with writing(path):
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                if not writer.open(str(part), cv2.VideoWriter.fourcc(*codec), fps, picture.shape[1::-1]):
+                    raise WorkError(f"{path}: the video cannot be written")
+            writer.write(picture)
+        writer.release()
+        if count:
+            with writing(path):
+                part.replace(path)
+    finally:
+        writer.release()
+        part.unlink(missing_ok=True)
+    return count
 
 
 def scene_pictures_of(

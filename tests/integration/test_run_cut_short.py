@@ -61,7 +61,7 @@ def test_a_full_disk_from_the_start_is_told(refused, copy, tiny_disk):
 
 
 def test_rerun_is_stopped_before_the_disk_is_full(engine, tmp_path, monkeypatch):
-    from planview.output.rerun import log as rerun_log
+    from planview.output import rerun_log
 
     room = iter([200 << 20] * 4 + [10 << 20] * 100)
     monkeypatch.setattr(rerun_log.shutil, "disk_usage", lambda _: SimpleNamespace(free=next(room)))

@@ -193,13 +193,13 @@ def rows_of(recording: Path) -> dict[tuple[str, int | None], dict[str, object]]:
 def test_the_rerun_recording_of_a_run_that_was_stopped_twice_shows_what_one_left_alone_shows(
     engine: Engine, tmp_path: Path, rules: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from planview.output.rerun.log import RerunLog
+    from planview.output.rerun_log import RerunLog
 
     out, alone = tmp_path / "out", tmp_path / "alone"
     out.mkdir()
     alone.mkdir()
     run(engine, alone, options_with(rules), [RerunLog(engine, alone / "run.rrd")])
-    monkeypatch.setattr("planview.output.rerun.log.PART_FRAMES", 10)
+    monkeypatch.setattr("planview.output.rerun_log.PART_FRAMES", 10)
     options, checkpoint = options_with(rules), None
     for frame in (12, 24, None):
         logs = [RerunLog(engine, out / "run.rrd", resumed=checkpoint is not None)]

@@ -22,8 +22,8 @@ from planview.output.folder import rrd_parts
 from planview.output.render import tally
 from planview.output.replay import difference_text, replay_run
 from planview.output.report.page import write_report
-from planview.output.rerun.log import rarer
-from planview.output.rerun.shapes import mosaic, outlines
+from planview.output.rerun_log import rarer
+from planview.output.rerun_shapes import mosaic, outlines
 from planview.output.run import RunOptions, run
 from planview.output.run_folder import RunFolder
 

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import planview.tracking
-from planview.output.rerun.shapes import MAP_LAYERS
+from planview.output.rerun_shapes import MAP_LAYERS
 
 
 def test_the_maps_show_every_shape_that_a_tracker_draws_on_the_floor():

@@ -21,7 +21,7 @@ from planview.engine.engine import Engine, FrameResult
 from planview.maps.view import StereoView
 from planview.output.folder import rrd_parts
 from planview.output.report.page import errors_of, scores_of
-from planview.output.rerun.shapes import (
+from planview.output.rerun_shapes import (
     LABEL_M,
     blueprint,
     disparity_photo,

@@ -1,1 +1,0 @@
-"""The rerun recording of a run."""
