@@ -10,8 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from benchmarks.options import BenchOptions, Rendering, json_text, progress, rendered, scene_files
-from benchmarks.passes import bench_engine
-from benchmarks.scores import SceneScore, print_scores, scores_json, together
+from benchmarks.passes import SceneScore, bench_engine, print_scores, scores_json, together
 from calib.errors import InputError
 from planview.engine.config import Config
 from planview.evaluation.evaluate import evaluate_tracks

@@ -15,9 +15,8 @@ import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.options import ChallengeOptions, Flag, Rendering, json_text, progress, rendered
-from benchmarks.passes import Pass, provenance, run_pass, watched
+from benchmarks.passes import Pass, SceneScore, print_scores, provenance, run_pass, scores_json, watched
 from benchmarks.random_scenes.generator import random_scene
-from benchmarks.scores import SceneScore, print_scores, scores_json
 from calib.errors import WorkError
 from calib.io import load_toml, write_whole
 from planview.engine.config import Config

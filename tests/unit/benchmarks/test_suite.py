@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from benchmarks import pets
-from benchmarks.passes import Pass
+from benchmarks.passes import Pass, together
 from benchmarks.pets import score_pets, spread
 from benchmarks.random_scenes.generator import SUITE, random_scene
 from benchmarks.real import WALKER_PATH, recordings_with_truth, score_real, truth_of
-from benchmarks.scores import together
 from benchmarks.suite import (
     SuiteJob,
     SuiteOptions,
