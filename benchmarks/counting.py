@@ -18,8 +18,7 @@ from benchmarks.options import BenchOptions, Rendering, progress, rendered, repo
 from benchmarks.random_scenes.generator import VIEWS, random_scene
 from benchmarks.random_scenes.tables import RandomScene
 from calib.errors import InputError
-from planview.counting.geometry import RulePlane
-from planview.counting.rules import Rules, load_rules, parse_rules
+from planview.counting.rules import RulePlane, Rules, load_rules, parse_rules
 from planview.counting.scoring import CountScores, CrossingScores, score_counts
 from planview.counting.totals import Clock, count_tracks, count_truth
 from planview.engine.config import Config

@@ -20,14 +20,17 @@ from calib.images import as_colour, as_grey, write_image
 from calib.types import F32, F64, U8
 from planview.checks.camera import Steadiness
 from planview.checks.check import Check, at_least, between
-from planview.checks.pair import SATURATED_LEVEL, alignment_checks, image_checks, light_checks
 from planview.checks.recording import Evidence, busiest, gather
 from planview.checks.scene import (
     CAMERA_HEIGHTS_M,
     MIN_VALID,
+    SATURATED_LEVEL,
+    alignment_checks,
     height_check,
     heights_above_floor,
+    image_checks,
     large_heights,
+    light_checks,
     person_heights,
     scene_checks,
     standing_things,

@@ -15,8 +15,7 @@ from calib.images import write_image
 from planview.commands.options import Flag, FrameRate, JsonFlag, OneSetting, Settings, Topics, frame_span, open_options
 from planview.commands.results import RenderOptions, render
 from planview.commands.scores import EvaluateOptions, evaluate, print_counts
-from planview.counting.geometry import RulePlane
-from planview.counting.rules import load_rules
+from planview.counting.rules import RulePlane, load_rules
 from planview.counting.stream import Analytics
 from planview.engine.config import Config, config_of, load_config
 from planview.engine.engine import Engine

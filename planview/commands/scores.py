@@ -19,8 +19,7 @@ from calib.formats.one_camera import load_one_camera
 from calib.io import reason, require_file
 from planview.commands.options import Flag, Ignored, JsonFlag, Region, checked, frame_span
 from planview.counting.events import read_events, write_event_header, write_event_rows
-from planview.counting.geometry import RulePlane, stereo_plane
-from planview.counting.rules import AnalyticsParams, load_rules
+from planview.counting.rules import AnalyticsParams, RulePlane, load_rules, stereo_plane
 from planview.counting.scoring import score_counts, score_events
 from planview.counting.totals import Clock, Counts, count_tracks, count_truth
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
@@ -29,6 +28,7 @@ from planview.output.folder import unfinished_note, write_result, writing
 from planview.output.progress import PlainConsole
 from planview.output.report.page import evaluation_rows, figure_text
 from planview.output.run_folder import RunFolder
+from planview.trajectories.boxes import refuse_outside
 from planview.trajectories.file import limited
 from planview.trajectories.formats import (
     FilePair,
@@ -39,7 +39,6 @@ from planview.trajectories.formats import (
     sequence_size,
     tracks_file,
 )
-from planview.trajectories.motchallenge import refuse_outside
 
 FINISHES = " (planview run --resume finishes it)"
 

@@ -17,8 +17,7 @@ from planview.commands.options import JsonFlag
 from planview.output.progress import PlainConsole
 from planview.sweep.results import why_no_intervals
 from planview.sweep.study import FIGURES, RecordingEntry, Space, Study, load_study
-from planview.sweep.sweep import StudyResults, run_study
-from planview.sweep.work import ClusterPool, ProcessPool
+from planview.sweep.work import ClusterPool, ProcessPool, StudyResults, run_study
 
 FAILED_MAX = 20
 """Failed runs that are printed; summary.csv has them all."""

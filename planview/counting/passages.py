@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.types import F64, I64, Bool
 from planview.counting.events import Direction, EventKind
-from planview.counting.geometry import Outline, PlaneName
+from planview.counting.rules import Outline, PlaneName
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import Trajectories
 

@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 from calib.types import F64
 from planview.counting.events import Event
-from planview.counting.geometry import PlaneName
 from planview.counting.passages import Area, AreaState, Stay, TrackPlaces, Wire, WireState
-from planview.counting.rules import AnalyticsParams, Placed, Rules
+from planview.counting.rules import AnalyticsParams, Placed, PlaneName, Rules
 from planview.trajectories.state import TrackState
 
 

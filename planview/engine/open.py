@@ -21,7 +21,7 @@ from planview.tracking.base import ImageTracker, Tracker, refuse_tracker
 from planview.tracking.detections import DetectionTracker
 from planview.tracking.joint import JointTracker
 from planview.tracking.template import TemplateTracker
-from planview.trajectories.detections import Detections, load_detections
+from planview.trajectories.boxes import Detections, load_detections
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
 from stereo.readers.multi_rig import open_rigs

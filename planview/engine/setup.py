@@ -16,8 +16,7 @@ from calib.libraries import import_open3d
 from calib.rig import DepthSensor, Floor
 from calib.types import F32, F64
 from planview.checks.check import Check
-from planview.checks.pair import alignment_checks, image_checks
-from planview.checks.scene import floor_checks
+from planview.checks.scene import alignment_checks, floor_checks, image_checks
 from planview.engine.config import Config
 from planview.engine.gated import GatedMatching
 from stereo.depth import median_image, point_cloud

@@ -17,7 +17,7 @@ from calib.io import reason
 from calib.pose import SE3
 from calib.types import F64, I64, Bool
 from planview.counting.events import Event, read_events
-from planview.counting.geometry import RulePlane
+from planview.counting.rules import RulePlane
 from planview.counting.totals import Clock, Span
 from planview.drawing.plan import PlanBounds, Rule, bounds_of, rules_of
 from planview.output.folder import RunInfo, read_run_info

@@ -17,7 +17,7 @@ from planview.tracking import body
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.kalman import FloorKalman, PositionNoise
 from planview.tracking.lifecycle import Existence, LifeCycle
-from planview.trajectories.detections import Detections
+from planview.trajectories.boxes import Detections
 from planview.trajectories.state import TrackState
 
 FORGOTTEN = 0.05

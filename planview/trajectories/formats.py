@@ -19,8 +19,8 @@ from planview.trajectories.binary_formats import (
     write_parquet,
     write_ped_data_archive,
 )
+from planview.trajectories.boxes import read_motchallenge, write_motchallenge
 from planview.trajectories.file import TrajectoryFile, checked_rate, replaced, surrounding_area, timed_by_rate
-from planview.trajectories.motchallenge import read_motchallenge, write_motchallenge
 from planview.trajectories.table import Trajectories, frame_period_s, read_tracks, read_truth, write_table
 from planview.trajectories.text_formats import (
     read_jsonl,

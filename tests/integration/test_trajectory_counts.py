@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planview.counting.geometry import RulePlane
-from planview.counting.rules import parse_rules
+from planview.counting.rules import RulePlane, parse_rules
 from planview.counting.totals import count_tracks
 from planview.trajectories.formats import load_tracks
 from planview.trajectories.table import Trajectories

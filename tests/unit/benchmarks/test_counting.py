@@ -18,8 +18,7 @@ from benchmarks.options import scene_files
 from benchmarks.random_scenes.generator import VIEWS, random_scene
 from calib.errors import InputError
 from planview.counting.events import Event
-from planview.counting.geometry import RulePlane
-from planview.counting.rules import parse_rules
+from planview.counting.rules import RulePlane, parse_rules
 from planview.counting.scoring import CountScores, OccupancyGroup, crossing_scores
 from planview.synthetic.camera import ground_camera
 from planview.trajectories.table import read_tracks, read_truth

@@ -22,8 +22,7 @@ from calib.types import F64, U8
 from planview.checks.camera import THUMBNAIL, Steadiness, Steady
 from planview.checks.check import Check, at_least, at_most, between
 from planview.checks.examine import Diagnosis, examine, refuse_unless_ok
-from planview.checks.pair import light_checks
-from planview.checks.scene import floor_checks, height_check
+from planview.checks.scene import floor_checks, height_check, light_checks
 from planview.checks.timing import (
     LONGEST_LAG,
     WINDOW,

@@ -16,8 +16,16 @@ from calib.pose import SE3
 from calib.rig import Floor, StereoRig, save_rig
 from calib.world import save_world
 from planview.counting.events import Direction, Event
-from planview.counting.geometry import Outline, RulePlane, problem_of, stereo_plane
-from planview.counting.rules import AnalyticsParams, Rules, load_rules, parse_rules
+from planview.counting.rules import (
+    AnalyticsParams,
+    Outline,
+    RulePlane,
+    Rules,
+    load_rules,
+    parse_rules,
+    problem_of,
+    stereo_plane,
+)
 from planview.counting.scoring import crossing_scores, occupancy_groups
 from planview.counting.stream import Analytics
 from planview.counting.totals import INTERVALS_MAX, Clock, count_tracks

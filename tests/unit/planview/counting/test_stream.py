@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from planview.counting.events import Event
-from planview.counting.geometry import RulePlane
-from planview.counting.rules import AnalyticsParams, load_rules, parse_rules
+from planview.counting.rules import AnalyticsParams, RulePlane, load_rules, parse_rules
 from planview.counting.stream import Analytics
 from planview.counting.totals import Clock, Counts, count_tracks, count_truth
 from planview.trajectories.state import State, TrackState

@@ -13,7 +13,7 @@ from planview.tracking.base import Observation
 from planview.tracking.detections import DetectionParams, DetectionTracker
 from planview.tracking.kalman import FloorKalman, PositionNoise
 from planview.tracking.lifecycle import LifeCycle
-from planview.trajectories.detections import Detections, load_detections
+from planview.trajectories.boxes import Detections, load_detections
 from planview.trajectories.state import TrackState
 from tests.human_model_world import CAMERA
 

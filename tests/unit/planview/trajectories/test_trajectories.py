@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from planview.trajectories.detections import Detections, load_detections
+from planview.trajectories.boxes import Detections, load_detections, motchallenge_rows
 from planview.trajectories.file import TrajectoryFile
 from planview.trajectories.formats import (
     FORMATS,
@@ -22,7 +22,6 @@ from planview.trajectories.formats import (
     sequence_rate,
     sequence_size,
 )
-from planview.trajectories.motchallenge import motchallenge_rows
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import (
     IGNORED,
