@@ -21,8 +21,7 @@ from planview.commands.options import Flag, frame_span
 from planview.output.folder import rrd_parts
 from planview.output.progress import PlainConsole
 from planview.output.render import SceneComposer, scene_pictures_of, write_still, write_video
-from planview.output.report.compare import write_comparison
-from planview.output.report.page import write_report
+from planview.output.report.page import write_comparison, write_report
 from planview.output.run_folder import RunFolder
 
 
