@@ -13,34 +13,23 @@ from calib.types import F64, I64, Bool
 from planview.counting.events import Direction, EventKind
 from planview.counting.rules import Outline, PlaneName
 from planview.trajectories.state import TrackState
-from planview.trajectories.table import Trajectories
-
-
-class InPlane(NamedTuple):
-    """(N,) positions in a plane and its units per metre there; NaN where the plane is not known."""
-
-    x: F64
-    y: F64
-    unit: F64
+from planview.trajectories.table import Trajectories, WordColumn
 
 
 @dataclass(frozen=True, eq=False)
 class TrackPlaces:
-    """Rows of tracks, (N,) each."""
+    """Rows of tracks: (N,) ids and states, (N, 2) places on the floor [m], and (N, 4) boxes left, top, width, height
+    [px]."""
 
     track_id: I64
-    confirmed: Bool
-    observed: Bool
-    """Whether the row has a place and is more than a prediction."""
+    state: WordColumn
     floor_m: F64
-    """(N, 2) position [m]."""
     box_px: F64
-    """(N, 4) left, top, width, height."""
 
     @staticmethod
     def of_states(tracks: Sequence[TrackState]) -> TrackPlaces:
         """One frame's tracks."""
-        return _places(
+        return TrackPlaces(
             np.array([track.track_id for track in tracks], dtype=np.int64),
             np.array([track.state for track in tracks], dtype=np.str_),
             np.array([(track.x_m, track.y_m) for track in tracks], dtype=np.float64).reshape(-1, 2),
@@ -51,27 +40,26 @@ class TrackPlaces:
     def of_rows(tracks: Trajectories, rows: slice | I64) -> TrackPlaces:
         """Rows of a table."""
         floor_m = np.column_stack([tracks.x_m[rows], tracks.y_m[rows]])
-        return _places(tracks.track_id[rows], tracks.state[rows], floor_m, tracks.box_px[rows])
+        return TrackPlaces(tracks.track_id[rows], tracks.state[rows], floor_m, tracks.box_px[rows])
 
-    def within(self, plane: PlaneName) -> InPlane:
-        """The positions in a plane: on the floor, or of the foot in the image, the middle of the box's lower edge."""
+    @property
+    def observed(self) -> Bool:
+        """(N,) whether a row has a place and is more than a prediction."""
+        return np.asarray((self.state != "lost") & np.isfinite(self.metres().sum(axis=1)))
+
+    def within(self, plane: PlaneName) -> tuple[F64, F64, F64]:
+        """(N,) x and y in a plane and its units per metre there, NaN where unknown: on the floor, or of the foot in the
+        image, the middle of the box's lower edge."""
         if plane == "floor":
-            return InPlane(self.floor_m[:, 0], self.floor_m[:, 1], np.ones(len(self.floor_m)))
+            return self.floor_m[:, 0], self.floor_m[:, 1], np.ones(len(self.floor_m))
         left, top, width, height = self.box_px.T
         # Height that a box is taken to show where only boxes are known: it gives metres to pixels [m].
-        return InPlane(left + width / 2, top + height, np.where(height > 0, height / 1.7, np.nan))
+        return left + width / 2, top + height, np.where(height > 0, height / 1.7, np.nan)
 
     def metres(self) -> F64:
         """(N, 2) places in metres: on the floor where known, else from the image."""
-        foot = self.within("image")
-        image_m = np.column_stack([foot.x, foot.y]) / foot.unit[:, None]
-        return np.where(np.isfinite(self.floor_m[:, :1]), self.floor_m, image_m)
-
-
-def _places(track_id: I64, state: np.ndarray[tuple[int], np.dtype[np.str_]], floor_m: F64, box_px: F64) -> TrackPlaces:
-    places = TrackPlaces(track_id, state == "confirmed", state != "lost", floor_m, box_px)
-    known = np.isfinite(places.metres().sum(axis=1))
-    return TrackPlaces(track_id, places.confirmed, places.observed & known, floor_m, box_px)
+        x, y, unit = self.within("image")
+        return np.where(np.isfinite(self.floor_m[:, :1]), self.floor_m, np.column_stack([x, y]) / unit[:, None])
 
 
 class Sight(NamedTuple):

@@ -127,7 +127,7 @@ def test_memory_is_released_when_people_are_gone() -> None:
     counter = analytics()
     for k in range(50):
         feed(counter, way(DOWN, track_id=k + 1, start=50 * k))
-    assert len(counter._memory) <= 2
+    assert len(counter._of_id) <= 2
 
 
 def totals(rows: Sequence[Row], rules: dict[str, Any], **params: float) -> tuple[Counts, dict[str, Any]]:
