@@ -15,9 +15,9 @@ from calib.errors import InputError, WorkError, printable
 from calib.io import parse_toml
 from planview.commands.options import JsonFlag
 from planview.output.progress import PlainConsole
-from planview.sweep.results import why_no_intervals
-from planview.sweep.study import FIGURES, RecordingEntry, Space, Study, load_study
-from planview.sweep.work import ClusterPool, ProcessPool, StudyResults, run_study
+from planview.sweep.results import JobResult, Ranked, why_no_intervals
+from planview.sweep.study import FIGURES, FigureName, RecordingEntry, Space, Study, load_study
+from planview.sweep.work import ClusterPool, ProcessPool, run_study
 
 FAILED_MAX = 20
 """Failed runs that are printed; summary.csv has them all."""
@@ -68,23 +68,20 @@ def sweep(
     if options.jobs < 1:
         raise InputError(f"--jobs: expected at least 1, found {options.jobs}")
     open_pool = partial(ClusterPool, options.cluster) if options.cluster else partial(ProcessPool, options.jobs)
-    results = run_study(study, names, out, open_pool, console)
-    failed = results.failed
+    runs, ranking = run_study(study, names, out, open_pool, console)
+    failed = [run for run in runs if run.error]
     if options.json_output:
-        found = {"out": str(out), "objective": results.study.objective, "failed": len(failed)}
-        found |= {
-            "runs": [run.to_json() for run in results.runs],
-            "ranking": [row.to_json() for row in results.ranking],
-        }
-        print(json.dumps(found | {"no_intervals": why_no_intervals(results.runs) or None}))
+        found = {"out": str(out), "objective": study.objective, "failed": len(failed)}
+        found |= {"runs": [run.to_json() for run in runs], "ranking": [row.to_json() for row in ranking]}
+        print(json.dumps(found | {"no_intervals": why_no_intervals(runs) or None}))
     else:
-        print_ranking(results, out)
+        print_ranking(study.objective, runs, ranking, out)
     for run in failed[:FAILED_MAX]:
         console.print(f"failed: {run.recording}, {run.configuration.label}, seed {run.seed}: {run.error}")
     if len(failed) > FAILED_MAX:
         console.print(f"and {len(failed) - FAILED_MAX} more, in summary.csv")
     if failed:
-        raise WorkError(f"{len(failed)} of {len(results.runs)} runs failed; the others are done")
+        raise WorkError(f"{len(failed)} of {len(runs)} runs failed; the others are done")
 
 
 def _study(sources: Sequence[Path], options: SweepOptions) -> tuple[Study, list[str], Path]:
@@ -136,14 +133,13 @@ def _value(text: str) -> Any:
         return text.strip()
 
 
-def print_ranking(results: StudyResults, out: Path) -> None:
+def print_ranking(objective: FigureName, runs: Sequence[JobResult], ranking: Sequence[Ranked], out: Path) -> None:
     """Configurations with their whole names, best first."""
-    objective = results.study.objective
     known = [objective, *(name for name in FIGURES if name != objective)]
-    for place, row in enumerate(results.ranking, 1):
+    for place, row in enumerate(ranking, 1):
         print(f"{place}. {printable(row.configuration.label)}")
         figures = [f"{FIGURES[n].label} {row.figures[n].text(FIGURES[n].digits)}" for n in known if n in row.figures]
         print("   " + ", ".join([*figures, f"{row.runs} runs" + (f", {row.failed} failed" if row.failed else "")]))
-    if results.ranking and (why := why_no_intervals(results.runs)):
+    if ranking and (why := why_no_intervals(runs)):
         print(why)
     print(f"{out / 'report.html'}")

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from threading import get_ident
@@ -259,23 +258,11 @@ def _attempt(final: Path) -> Iterator[Path]:
 STUDY_FILE, SUMMARY_FILE, PAGE_FILE = "study.json", "summary.csv", "report.html"
 
 
-@dataclass(frozen=True)
-class StudyResults:
-    """All runs of a study, in its order, and its configurations, best first."""
-
-    study: Study
-    runs: list[JobResult]
-    ranking: list[Ranked]
-
-    @property
-    def failed(self) -> list[JobResult]:
-        return [run for run in self.runs if run.error]
-
-
 def run_study(
     study: Study, names: Sequence[str], out: Path, open_pool: Callable[[], Pool], console: Console
-) -> StudyResults:
-    """Run all that is not done and write study.json, summary.csv and report.html.
+) -> tuple[list[JobResult], list[Ranked]]:
+    """Run all that is not done and write study.json, summary.csv and report.html; all runs in the order of the study,
+    and its configurations, best first.
 
     Args:
         study: with absolute paths.
@@ -298,7 +285,7 @@ def run_study(
         write_result(out / STUDY_FILE, study.model_dump_json(indent=2) + "\n")
         runs = _run(jobs, open_pool, console)
         remove_attempts(out)
-        results = StudyResults(study, runs, ranked(runs, study.objective))
+        ranking = ranked(runs, study.objective)
         # The page is written again where a run was made or failed.
         summary, page, text = out / SUMMARY_FILE, out / PAGE_FILE, summary_csv(runs)
         written = page.is_file() and summary.is_file() and summary.read_text(encoding="utf-8") == text
@@ -306,8 +293,8 @@ def run_study(
             from planview.sweep.page import study_page
 
             write_result(summary, text)
-            write_result(page, study_page(study, runs, results.ranking, out.name))
-    return results
+            write_result(page, study_page(study, runs, ranking, out.name))
+    return runs, ranking
 
 
 def _run(study_jobs: Sequence[Planned], open_pool: Callable[[], Pool], console: Console) -> list[JobResult]:
