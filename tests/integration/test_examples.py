@@ -26,27 +26,20 @@ def test_every_example_is_tested() -> None:
     assert found == {"own_matcher.py", "own_tracker.py", "ablation.py", "sweep.py", "first_steps.ipynb"}
 
 
-def test_own_matcher_finds_the_visitor(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    example("own_matcher.py")["main"](frames=FRAMES)
-    assert "block matching: 1 people" in capsys.readouterr().out
-
-
-def test_own_tracker_finds_the_visitor(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    example("own_tracker.py")["main"](frames=FRAMES)
-    assert "switches 0" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_ablation_prints_a_row_for_each_variant(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    example("ablation.py")["main"](frames=FRAMES)
-    rows = capsys.readouterr().out.splitlines()
-    assert [row[:16].strip() for row in rows] == ["as configured", "half the image", "more foreground", "template"]
-
-
-def test_sweep_prints_a_row_for_each_value(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    example("sweep.py")["main"](frames=FRAMES, sizes_px=(160, 320))
-    rows = capsys.readouterr().out.splitlines()
-    assert [row.split(",")[0] for row in rows] == ["working_px", "160", "320"]
+@pytest.mark.parametrize(
+    ("name", "options", "rows"),
+    [
+        ("own_matcher.py", {}, ["block matching: 1 people"]),
+        ("own_tracker.py", {}, ["switches 0"]),
+        ("sweep.py", {"sizes_px": (160, 320)}, ["working_px,", "\n160,", "\n320,"]),
+        pytest.param("ablation.py", {}, ["as configured", "half the image", "more foreground", "template"],
+                     marks=pytest.mark.slow),
+    ],
+)  # fmt: skip
+def test_example_finds_the_visitor_and_prints_its_rows(example, name, options, rows, capsys):
+    example(name)["main"](frames=FRAMES, **options)
+    printed = capsys.readouterr().out
+    assert all(row in printed for row in rows)
 
 
 def test_cells_of_the_notebook_run_in_order(short_clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:

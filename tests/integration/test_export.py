@@ -76,14 +76,6 @@ def test_evaluate_reads_exports_as_tracks_and_as_truth(to: str, cli: Cli, tracks
     assert json_of("evaluate", tracks, out)["mota"] == 1.0 and json_of("evaluate", out, out)["idf1"] == 1.0
 
 
-def test_count_reads_an_export(cli: Cli, tracks: Path, json_of: JsonOf) -> None:
-    rules = tracks.with_name("rules.toml")
-    rules.write_text('[[tripwire]]\nname = "door"\nfrom_m = [-2.0, 5.0]\nto_m = [2.0, 5.0]\n')
-    assert cli("export", tracks, "--to", "jupedsim", "--out", tracks.with_name("t"))[0] == 0
-    counted = json_of("count", tracks.with_name("t"), "--rules", rules)["rules"]["door"]
-    assert counted["left_to_right"] + counted["right_to_left"] == 4
-
-
 def test_json_lines_go_to_standard_output(tracks: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="0"):
         main(["export", str(tracks), "--to", "jsonl", "--out", "-"])

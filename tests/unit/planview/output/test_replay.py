@@ -1,6 +1,7 @@
 """Pictures of a run: stills, videos, rerun recordings, and a run again with a parameter changed."""
 
 import json
+import re
 import subprocess
 import sys
 import time
@@ -10,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+import planview.tracking
 from calib.errors import InputError
 from planview.cli import main
 from planview.commands import results as command
@@ -23,7 +25,7 @@ from planview.output.render import tally
 from planview.output.replay import difference_text, replay_run
 from planview.output.report.page import write_report
 from planview.output.rerun_log import rarer
-from planview.output.rerun_shapes import mosaic, outlines
+from planview.output.rerun_shapes import MAP_LAYERS, mosaic, outlines
 from planview.output.run import RunOptions, run
 from planview.output.run_folder import RunFolder
 
@@ -203,3 +205,10 @@ def test_parts_of_a_rerun_recording_are_in_the_order_of_their_numbers(tmp_path):
     for name in names:
         (tmp_path / name).touch()
     assert [part.name for part in rrd_parts(tmp_path / "run.rrd")] == names
+
+
+def test_the_maps_show_every_shape_that_a_tracker_draws_on_the_floor():
+    sources = Path(planview.tracking.__path__[0]).rglob("*.py")
+    names = {name for path in sources for name in re.findall(r'Drawing\("(\w+)", "floor"', path.read_text("utf-8"))}
+    assert {"bodies", "footprints"} <= names
+    assert {f"plan/{name}" for name in names} <= set(MAP_LAYERS)

@@ -1,0 +1,187 @@
+"""``planview calibrate board`` and ``floor``."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from cli import Cli, JsonOf, Refused
+from toy_recordings import write_frames
+from toy_run import FEW, Pair
+from toy_stereo import toy_rig, write_toy_recording
+
+from calib.formats import load_rig
+from calib.world import load_world
+from planview.checks.examine import examine
+from planview.engine.config import load_config
+from planview.engine.setup import floor_search, set_up
+from stereo.readers.open import open_recording
+
+
+@pytest.fixture(scope="module")
+def photos(shared_data: Path) -> Path:
+    return shared_data / "opencv-stereo-chessboard"
+
+
+def copy(photos: Path, folder: Path, numbers: tuple[str, ...]) -> Path:
+    folder.mkdir(exist_ok=True)
+    for number in numbers:
+        for side in ("left", "right"):
+            shutil.copy(photos / f"{side}{number}.jpg", folder / f"{side}{number}.jpg")
+            (folder / f"{side}{number}.jpg").chmod(0o644)
+    return folder
+
+
+SIX = ("01", "03", "05", "07", "09", "13")
+
+
+def test_opencv_pairs_reach_the_accuracy_asked(photos: Path, tmp_path: Path, json_of: JsonOf) -> None:
+    out = tmp_path / "rig.toml"
+    result = json_of("calibrate", "board", photos, "--square", "25mm", "--out", out)
+    assert result["stereo_rms_px"] <= 0.25 and result["views_used"] == 13 and result["views_rejected"] == []
+    assert result["baseline_m"] / 0.025 == pytest.approx(3.34, rel=0.01)
+    assert load_rig(out, (640, 480)).baseline_m == pytest.approx(result["baseline_m"])
+    assert load_rig(tmp_path / "rig.yml", (640, 480)).baseline_m == pytest.approx(result["baseline_m"])
+    page = (tmp_path / "rig.html").read_text()
+    assert page.count("data:image/") == 2 and "://" not in page
+
+
+@pytest.mark.parametrize("kind", ["RGBA", "12 bits in 16"])
+def test_small_images_of_a_named_board_give_the_rig(kind: str, photos: Path, tmp_path: Path, json_of: JsonOf) -> None:
+    for number in (*SIX, "02", "04"):
+        for side in ("left", "right"):
+            grey = cv2.imread(str(photos / f"{side}{number}.jpg"), cv2.IMREAD_GRAYSCALE)
+            small = cv2.resize(grey, (320, 240), interpolation=cv2.INTER_AREA)
+            stored = cv2.cvtColor(small, cv2.COLOR_GRAY2BGRA) if kind == "RGBA" else small.astype(np.uint16) * 16
+            cv2.imwrite(str(tmp_path / f"{side}_{number}.png"), stored)
+    out = ("--board", "9x6", "--square", "25mm", "--model", "brown", "--out", tmp_path / "rig.toml")
+    result = json_of("calibrate", "board", tmp_path, *out)
+    assert result["views_used"] == 8 and result["stereo_rms_px"] < 0.15
+    assert result["baseline_squares"] == pytest.approx(3.34, rel=0.01)
+
+
+def test_wrong_counts_are_refused(photos: Path, tmp_path: Path, refused: Refused) -> None:
+    folder = copy(photos, tmp_path / "p", SIX)
+    expected = refused("calibrate", "board", folder, "--square", "25mm", "--board", "8x6", "--out", tmp_path / "r.toml")
+    assert "expected a board of 8x6 inner corners, found one of 9x6" in expected
+
+
+def test_swapped_images_are_refused(photos: Path, tmp_path: Path, refused: Refused) -> None:
+    for number in SIX:
+        for side, other in (("left", "right"), ("right", "left")):
+            shutil.copy(photos / f"{side}{number}.jpg", tmp_path / f"{other}{number}.jpg")
+    words = ("--square", "25mm", "--model", "brown", "--out", tmp_path / "o" / "r.toml")
+    expected = refused("calibrate", "board", tmp_path, *words)
+    assert "left and right are swapped" in expected and not (tmp_path / "o" / "r.toml").exists()
+
+
+def test_too_few_blank_mixed_and_unreadable_images_are_refused(photos: Path, tmp_path: Path, refused: Refused) -> None:
+    out = ("--square", "25mm", "--board", "9x6", "--out", tmp_path / "r.toml")
+    few = copy(photos, tmp_path / "few", SIX[:2])
+    assert "found 2 of 2" in refused("calibrate", "board", few, *out)
+    mixed = copy(photos, tmp_path / "mixed", SIX[:3])
+    cv2.imwrite(str(mixed / "right03.jpg"), np.zeros((240, 320), np.uint8))
+    sizes = "expected images of one size, 640x480, found 320x240 in left03.jpg right03.jpg"
+    assert sizes in refused("calibrate", "board", mixed, *out)
+    blank = tmp_path / "blank"
+    blank.mkdir()
+    for name in ("left1.png", "right1.png"):
+        cv2.imwrite(str(blank / name), np.full((120, 160), 128, np.uint8))
+    assert "blank" in refused("calibrate", "board", blank, *out)
+    (blank / "left1.png").write_bytes(b"no image")
+    assert "left1.png cannot be decoded" in refused("calibrate", "board", blank, *out)
+
+
+def test_pairs_side_by_side_in_a_video_give_the_same_rig(photos: Path, tmp_path: Path, json_of: JsonOf) -> None:
+    frames = [
+        np.hstack([cv2.imread(str(photos / f"{side}{n}.jpg")) for side in ("left", "right")])
+        for n in (*SIX, "02", "04", "06", "11", "12")
+    ]
+    write_frames(tmp_path / "v.avi", frames)
+    out = str(tmp_path / "rig.toml")
+    result = json_of("calibrate", "board", tmp_path / "v.avi", "--square", "25mm", "--model", "brown", "--out", out)
+    assert result["baseline_m"] / 0.025 == pytest.approx(3.34, rel=0.01) and result["views_used"] >= 10
+
+
+KEYS = {"height_m", "tilt_deg", "roll_deg", "inlier_fraction"}
+HEIGHT_M = 2.5
+"""Of the toy camera."""
+
+
+@pytest.fixture(scope="module")
+def small(pairs: list[Pair], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_toy_recording(tmp_path_factory.mktemp("floor") / "recording", toy_rig(), pairs[::9])
+
+
+@pytest.fixture
+def own(small: Path, tmp_path: Path) -> Path:
+    """A copy that may be written into."""
+    return Path(shutil.copytree(small, tmp_path / "own"))
+
+
+def files(folder: Path) -> set[str]:
+    return {str(p.relative_to(folder)) for p in folder.rglob("*")}
+
+
+def test_check_and_calibration_find_the_floor_of_a_run(small: Path, json_of: JsonOf) -> None:
+    of_run = set_up(open_recording(small), load_config()).floor
+    evidence = examine(small, frames=4).evidence
+    assert evidence is not None and evidence.floor is not None
+    assert evidence.floor.world_SE3_left.matrix.tolist() == of_run.world_SE3_left.matrix.tolist()
+    printed = json_of("calibrate", "floor", small)
+    assert printed["height_m"] == of_run.height_m and printed["inlier_fraction"] == of_run.inlier_fraction
+
+
+def test_configured_search_is_that_of_the_run() -> None:
+    config = load_config(None, [FEW, "sgbm.block_px=7", "floor.max_height_m=5", "range.nearest_m=1"])
+    search = floor_search(config)
+    assert (search.frames, search.sgbm, search.floor, search.range) == (4, config.sgbm, config.floor, config.range)
+
+
+def test_nothing_is_written_without_a_place_to_write_to_and_how_to_keep_it_is_printed(cli, small, json_of):
+    before = files(small)
+    found = json_of("calibrate", "floor", small, "--frames", 2)
+    assert found.keys() >= KEYS and found["height_m"] == pytest.approx(HEIGHT_M, abs=0.05)
+    assert found["world"] is None
+    assert "--save keeps this floor" in " ".join(cli("calibrate", "floor", small, "--frames", 2)[1].split())
+    assert files(small) == before
+
+
+def test_out_writes_the_floor_and_its_picture_there(cli: Cli, small: Path, tmp_path: Path) -> None:
+    before = files(small)
+    status, printed = cli("calibrate", "floor", small, "--frames", 2, "--out", tmp_path / "new" / "world.toml")
+    assert status == 0, printed
+    assert load_world(tmp_path / "new" / "world.toml").height_m == pytest.approx(HEIGHT_M, abs=0.05)
+    assert files(tmp_path / "new") == {"world.toml", "world.png"} and files(small) == before
+
+
+def test_save_gives_the_recording_a_floor_that_runs_take(cli: Cli, own: Path) -> None:
+    status, printed = cli("calibrate", "floor", own, "--frames", 2, "--save")
+    assert status == 0, printed
+    assert set_up(open_recording(own), load_config()).floor_source == "world.toml"
+
+
+def test_points_in_metres_give_their_plane_and_in_pixels_lie_on_the_floor_by_their_depth(small, json_of):
+    words = ["--points", "1,2,3", "2,2,3", "1,2,5", "--frames", "1"]
+    found = json_of("calibrate", "floor", small, *words)
+    assert (found["height_m"], found["tilt_deg"], found["roll_deg"]) == pytest.approx((2.0, 90.0, 0.0), abs=1e-6)
+    assert found["inlier_fraction"] is None
+    words = ["--points", "80,200", "240,200", "160,160", "--frames", "2"]
+    assert json_of("calibrate", "floor", small, *words)["height_m"] == pytest.approx(HEIGHT_M, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--frames", "0"], "--frames: expected 1 to 1000, found 0"),
+        (["--points", "1,2", "3,4"], "--points: expected three or more, found 2"),
+        (["--points", "1,2", "3,4", "5,6", "--tracks", "t.csv"], "expected either --points or --tracks, found both"),
+        (["--out", "w.toml", "--save"], "expected either --out or --save, found both"),
+        (["--points", "10,10", "900,10", "50,90", "--frames", "1"], "expected pixels inside 320x240"),
+        (["--tracks", "none.csv", "--frames", "1"], "none.csv"),
+        (["--picture", "floor.txt", "--frames", "1"], "floor.txt: expected a picture's name"),
+    ],
+)
+def test_bad_input_is_refused_in_one_sentence(refused: Refused, small: Path, words: list[str], sentence: str) -> None:
+    assert sentence in refused("calibrate", "floor", small, *words)

@@ -1,0 +1,282 @@
+"""``planview run`` on maps, several heads, the boxes of a detector, and a pair at two paths."""
+
+import json
+import math
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from cli import Cli, JsonOf, Refused
+from toy_recordings import video_pair, write_frames
+from toy_run import EMPTY, FEW, FRAMES, run_few
+
+import planview
+from calib.errors import InputError
+from calib.ground_camera import save_ground_camera
+from planview.cli import main
+from planview.engine.engine import Engine, FrameResult
+from planview.engine.open import open_engine
+from planview.engine.replay import recorded_config, replay_engine
+from planview.maps.recording import MapsRecording
+from planview.output.folder import read_run_info
+from planview.output.maps_log import MapsLog
+from planview.output.run import RunOptions, run
+from planview.output.run_folder import RunFolder
+from planview.output.scene import open_frames
+from planview.tracking.joint import JointTracker
+from planview.trajectories.table import read_tracks
+from stereo.readers import OpenOptions, open_recording
+from tests.human_model_world import CAMERA
+
+PRODUCTS = ("tracks.csv", "decisions.csv")
+
+
+@pytest.fixture(scope="module")
+def live(engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[FrameResult]]:
+    """The folder of a run that saved its maps, and its results."""
+    folder = tmp_path_factory.mktemp("live")
+    results: list[FrameResult] = []
+    run(engine, folder, RunOptions(), [MapsLog(engine, folder / "maps.h5")], results.append)
+    return folder, results
+
+
+@pytest.fixture
+def maps(live: tuple[Path, list[FrameResult]], tmp_path: Path) -> Path:
+    """A copy to be damaged."""
+    return Path(shutil.copy(live[0] / "maps.h5", tmp_path / "maps.h5"))
+
+
+def test_maps_are_tracked_again_bit_for_bit(cli, live, maps, tmp_path):
+    status, printed = cli("run", maps, "--out", tmp_path / "again")
+    assert status == 0, printed
+    for name in PRODUCTS:
+        assert (tmp_path / "again" / name).read_bytes() == (live[0] / name).read_bytes()
+    again, before = read_run_info(tmp_path / "again" / "run.json"), read_run_info(live[0] / "run.json")
+    assert (again.floor, again.rig, again.config) == (before.floor, before.rig, before.config)
+    assert again.frames_read == FRAMES
+
+
+def test_maps_built_from_the_recording_are_those_of_the_run(live, engine):
+    recording = MapsRecording(live[0] / "maps.h5")
+    config = recorded_config(recording)
+    again = list(replay_engine(recording, JointTracker(config.joint), config))
+    assert len(again) == len(live[1]) == FRAMES
+    for before, after in zip(live[1], again, strict=True):
+        old, new = before.observation.maps, after.observation.maps
+        np.testing.assert_array_equal(new.height, old.height, strict=True)
+        np.testing.assert_array_equal(new.occupancy, old.occupancy, strict=True)
+        for name in ("xyz", "area", "pixels", "colours"):
+            np.testing.assert_array_equal(getattr(new.points, name), getattr(old.points, name), strict=True)
+        assert after.tracks == before.tracks
+
+
+def test_another_tracker_follows_the_same_maps(cli, maps, tmp_path):
+    out = tmp_path / "out"
+    status, printed = cli("run", maps, "--out", out, "--tracker", "template", "--set", "seed=3")
+    assert status == 0, printed
+    info = read_run_info(out / "run.json")
+    assert (info.tracker, info.config["seed"], info.frames_read) == ("template", 3, FRAMES)
+
+
+def test_the_command_saves_maps_without_any_image(cli, copy, tmp_path):
+    status, printed = run_few(cli, copy, tmp_path / "out", "--maps", "--set", "run.frames=12")
+    assert status == 0, printed
+    with h5py.File(tmp_path / "out" / "maps.h5") as file:
+        assert set(file["points"]) == {"pixel", "disparity", "appearance"}
+        assert len(file["frames/index"]) == 12
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--set", "foreground.learning_rate=0.1"], "expected foreground as recorded"),
+        (["--set", "maps.height_max_m=3"], "expected maps.height_max_m as recorded"),
+        (["--tracker", "human-model"], "human-model"),
+        (["--calibration", "rig.toml"], "rig.toml"),
+        (["--maps"], "--maps"),
+    ],
+)
+def test_words_that_do_not_go_with_maps_are_refused(refused, maps, tmp_path, words, named):
+    assert named in refused("run", maps, "--out", tmp_path / "out", *words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_maps_are_not_replaced_by_their_own_tracking(refused, maps):
+    assert "another folder" in refused("run", maps, "--out", maps.parent, "--set", "run.overwrite=true")
+    assert maps.exists()
+
+
+def test_maps_cut_short_and_other_hdf5_files_are_refused(refused, maps, tmp_path):
+    maps.write_bytes(maps.read_bytes()[:-5000])
+    assert f"{maps}: expected plan-view maps" in refused("run", maps, "--out", tmp_path / "out")
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["x"] = [1, 2]
+    assert "expected plan-view maps" in refused("run", tmp_path / "other.h5", "--out", tmp_path / "out")
+
+
+def test_a_person_seen_by_two_heads_is_one_person(cli, heads, engine, tmp_path):
+    status, printed = run_few(cli, heads, tmp_path / "out", "--rrd")
+    assert status == 0, printed
+    tracks = read_tracks(tmp_path / "out" / "tracks.csv")
+    assert set(tracks.track_id[tracks.state == "confirmed"]) == {1}
+    info = read_run_info(tmp_path / "out" / "run.json")
+    assert info.rig is not None and [camera.name for camera in info.rig.heads] == ["left_one", "right_one"]
+    assert (tmp_path / "out" / "run.rrd").stat().st_size > 0
+    assert "right_one" in (tmp_path / "out" / "report.html").read_text()
+    # Two heads weigh against what was predicted as two looks do, so that places differ by a few centimetres.
+    alone = {(r.frame, t.track_id): t for r in engine for t in r.tracks}
+    sure = tracks.where(tracks.state == "confirmed")
+    for frame, track_id, x, y in zip(sure.frame, sure.track_id, sure.x_m, sure.y_m, strict=True):
+        assert (x, y) == pytest.approx((alone[frame, track_id].x_m, alone[frame, track_id].y_m), abs=0.04)
+
+
+def test_a_rig_without_a_frame_is_left_out_of_that_moment(heads, engine):
+    together = open_engine(heads, config=engine.config)
+    frames = [frame for frame, _ in zip(together.recording, range(EMPTY + 6), strict=False)]
+    for frame in frames[:-2]:
+        both = together.step(frame)
+    assert both.tracks and None not in both.rigs and both.boxed == (both.tracks, both.tracks)
+    left = together.step(replace(frames[-2], frames=(frames[-2].frames[0], None)))
+    assert left.rigs[1] is None and left.image is not None and len(left.observation.views) == 1
+    right = together.step(replace(frames[-1], frames=(None, frames[-1].frames[1])))
+    assert right.rigs[0] is None and right.image is None and right.sampled is None
+    assert [t.track_id for t in right.tracks] == [t.track_id for t in both.tracks]
+    assert not math.isnan(right.tracks[0].box_px[0])
+
+
+def test_maps_of_several_heads_are_not_saved_and_other_commands_ask_for_one_of_them(refused, heads, tmp_path):
+    assert "several heads" in refused("run", heads, "--out", tmp_path / "out", "--set", FEW, "--maps")
+    assert "left_one" in refused("calibrate", "floor", heads)
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("left_one", "left_one"), "every head once"),
+        (("left_one", "right_one", "--clock", "-1"), "--clock"),
+        (("left_one", "right_one", "--out", "left_one/rigs.toml"), "above all heads"),
+    ],
+)
+def test_heads_that_cannot_be_aligned_are_refused_at_once(refused, heads, words, found):
+    assert found in refused("calibrate", "align", *(heads / w if w[0] in "lr" else w for w in words))
+
+
+PERSON = CAMERA.project(np.array([(0.0, 6.0, 0.0), (0.0, 6.0, 1.75)]))
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    path = tmp_path / "street.avi"
+    write_frames(path, [np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8)] * 20)
+    save_ground_camera(CAMERA, tmp_path / "camera.toml")
+    return path
+
+
+def status(words: list[str]) -> int:
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    return int(end.value.code or 0)
+
+
+def box() -> list[float]:
+    (u, bottom), (_, top) = PERSON
+    height = bottom - top
+    return [u - 0.15 * height, top, 0.3 * height, height]
+
+
+def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(video, tmp_path, capsys):
+    rows = "".join(f"{i},-1,{','.join(map(str, box()))},1\n" for i in range(1, 21))
+    (tmp_path / "det.txt").write_text(rows)
+    truth = "".join(f"{i},0.0,6.0,1.75,7\n" for i in range(20))
+    (tmp_path / "truth.csv").write_text("frame,x_m,y_m,height_m,id\n" + truth)
+    out = tmp_path / "out"
+    words = ["--detections", tmp_path / "det.txt", "--calibration", tmp_path / "camera.toml", "--out", out]
+    assert status(["run", str(video), *map(str, words)]) == 0
+    info = read_run_info(out / "run.json")
+    assert (info.tracker, info.people) == ("detections", 1) and "det.txt" in info.notes[-1]
+    capsys.readouterr()
+    scored = ["evaluate", str(out / "tracks.csv"), str(tmp_path / "truth.csv")]
+    assert status(scored) == 0
+    printed = capsys.readouterr().out
+    assert "idf1" in printed and status([*scored, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["idf1"] > 0.5
+    assert status([*scored, "--boxes"]) == 2
+    capsys.readouterr()
+    assert status(["replay", str(out), "--frame", "5"]) == 2 and "--detections" in capsys.readouterr().err
+
+
+def test_python_takes_an_array_per_frame(video, tmp_path):
+    boxes = [np.array([box()])] * 20
+    tracks = planview.run(video, detections=boxes, camera=tmp_path / "camera.toml")
+    last = tracks.frame == 19
+    assert tracks.y_m[last] == pytest.approx([6.0], abs=0.3)
+
+
+def test_boxes_beyond_the_video_are_refused(video):
+    with pytest.raises(InputError, match="found frame 21"):
+        planview.open_engine(video, detections=[np.array([box()])] * 21)
+
+
+@pytest.fixture(scope="module")
+def two(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
+    """Folders of the left and the right camera in different places, and the calibration in a third one."""
+    place = tmp_path_factory.mktemp("two")
+    left, right, rig = place / "north" / "images", place / "south" / "pictures", place / "rigs" / "toy.toml"
+    for target, source in ((left, recording / "left"), (right, recording / "right")):
+        shutil.copytree(source, target)
+    rig.parent.mkdir()
+    shutil.copy(recording / "rig.toml", rig)
+    return left, right, rig
+
+
+@pytest.fixture(scope="module")
+def out(two: tuple[Path, Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("out") / "run"
+    options = OpenOptions(str(two[2]), right=str(two[1]))  # type: ignore[arg-type]
+    planview.run(str(two[0]), str(folder), options=options, config={"analysis": {"setup_frames": 4}})
+    return folder
+
+
+def test_run_of_two_folders_tracks_what_their_common_folder_gives(two, out, recording, cli: Cli, tmp_path: Path):
+    left, right, rig = two
+    status, printed = cli("run", left, right, "--calibration", rig, "--out", tmp_path / "two", "--set", FEW)
+    assert status == 0, printed
+    assert cli("run", recording, "--fps", 30, "--out", tmp_path / "one", "--set", FEW)[0] == 0
+    tracks = [(folder / "tracks.csv").read_bytes() for folder in (tmp_path / "two", tmp_path / "one")]
+    assert tracks[0] == tracks[1] and tracks[0].count(b"\n") > 10
+
+
+def test_images_of_the_run_are_found_again(out: Path) -> None:
+    image = next(iter(open_frames(RunFolder(out)).at([20]))).image
+    assert image.max() > 0
+
+
+def test_render_draws_the_images_of_both_paths(out: Path, cli: Cli, tmp_path: Path) -> None:
+    status, printed = cli("render", out, "--frame", 20, "--out", tmp_path / "a.png")
+    assert status == 0 and "only the floor" not in printed and (tmp_path / "a.png").is_file()
+
+
+def test_replay_tracks_both_paths_again(out: Path, cli: Cli, tmp_path: Path) -> None:
+    status, printed = cli("replay", out, "--frame", 20, "--out", tmp_path / "a.png")
+    assert status == 0 and "tracked from" in printed and (tmp_path / "a.png").is_file()
+
+
+def test_check_takes_two_paths(two: tuple[Path, Path, Path], json_of: JsonOf) -> None:
+    left, right, rig = two
+    found = json_of("check", left, right, "--quick", "--calibration", rig)
+    assert found["kind"] == "stereo" and found["frames"] == 36 and found["missing"] == []
+
+
+def test_two_videos_are_the_pair_of_their_folder(tmp_path: Path) -> None:
+    (tmp_path / "pair").mkdir()
+    folder = video_pair(tmp_path / "pair", (6, 6))
+    frames = [frame.left for frame in open_recording(folder)]
+    found = [frame.left for frame in open_recording(folder / "left.avi", OpenOptions(right=folder / "right.avi"))]
+    assert len(found) == len(frames) and all((a == b).all() for a, b in zip(found, frames, strict=True))
+
+
+def test_a_second_path_with_nothing_there_is_named(two: tuple[Path, Path, Path], refused: Refused) -> None:
+    assert "gone: expected a video or a folder of images" in refused("run", two[0], "gone", "--out", "out")
