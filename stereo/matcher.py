@@ -15,7 +15,6 @@ from calib.rig import Floor
 from calib.types import F32, U8
 from stereo._kernels import coarse_disparity, differences, shared_step
 from stereo.depth import RectifiedGeometry
-from stereo.gating import Window
 
 STEP = 16
 """SGBM counts disparities in multiples of 16, and returns sixteenths of a pixel."""
@@ -166,6 +165,29 @@ def valid_mask(mask: U8, params: SgbmParams) -> U8:
 BODY_LAG = 0.006
 """People are measured farther away by this share of the distance (``python -m benchmarks matching``: 0.06 px at 10 px,
 0.12 px at 20 px): windows at a body's outline hold some of what is behind it."""
+
+
+class Window(NamedTuple):
+    """Columns left ... right - 1 and rows top ... bottom - 1 of an image [px]."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Of the image's array."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
+    def grown(self, margin: int, size: tuple[int, int]) -> Window:
+        """With a margin, inside an image of (width, height)."""
+        left, top = max(0, self.left - margin), max(0, self.top - margin)
+        return Window(left, top, min(size[0], self.right + margin), min(size[1], self.bottom + margin))
+
+    def within(self, left: int, top: int) -> Window:
+        """In pixels of a window that begins there."""
+        return Window(self.left - left, self.top - top, self.right - left, self.bottom - top)
 
 
 class Levels(NamedTuple):

@@ -18,9 +18,9 @@ from calib.types import F32, F64
 from planview.checks.check import Check
 from planview.checks.scene import alignment_checks, floor_checks, image_checks
 from planview.engine.config import Config
-from planview.engine.gated import GatedMatching
 from stereo.depth import median_image, point_cloud
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
+from stereo.gating import GatedMatching
 from stereo.matcher import BODY_LAG, DisparityRange, Matcher, SgbmMatcher, disparity_range
 from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier

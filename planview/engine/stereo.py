@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -27,6 +28,7 @@ from planview.maps.view import StereoView
 from planview.tracking.base import Observation, Tracker, followed
 from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState
+from stereo.gating import SAMPLE
 from stereo.matcher import Matcher, SampledDisparity
 from stereo.readers.multi_rig import MultiRigFrame, MultiRigRecording
 from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
@@ -117,7 +119,8 @@ class RigStages:
             now = np.ascontiguousarray(prepared.matched.samples[:: self._step, :: self._step])
             return Disparity(prepared.matched, now)
         assert self.gated is not None
-        return Disparity(*self.gated(prepared.matched, prepared.image, self.foreground, now_s))
+        changed = self.foreground.changed(prepared.image, SAMPLE) if self.foreground.settled else None
+        return Disparity(*self.gated(prepared.matched, prepared.image, changed, now_s))
 
     def _renewed_background(self, now_s: float) -> F32 | None:
         due = self.foreground.settled and self.cloud.background.due(now_s)
@@ -127,7 +130,8 @@ class RigStages:
         """Keep where people are in the rig's image for the next frame's foreground and matching."""
         self.feedback(frame.view.points, people, self.cloud.shape)
         if self.gated is not None and frame.disparity.measured is not None:
-            self.gated.learn(frame.prepared.image, frame.foreground, frame.disparity.measured, people)
+            lost = [track.box_px for track in people if track.state == "lost" and not math.isnan(track.box_px[0])]
+            self.gated.learn(frame.prepared.image, frame.foreground, frame.disparity.measured, lost)
 
     def memory(self) -> dict[str, Remembers]:
         """What is carried from frame to frame."""

@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 
 from calib.floor.plane import Plane
+from calib.rig import Floor, world_from_plane
 from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, median_image
 from stereo.floor import align_plane
-from stereo.gating import Gate, MatchingParams, Window
+from stereo.gating import GatedMatching, MatchingParams
+from stereo.matcher import SgbmMatcher, Window
 
 GEOMETRY = RectifiedGeometry(4, 3, 400.0, 400.0, 1.5, 1.0, 0.1, disparity_std_px=0.25)
 
@@ -99,8 +101,10 @@ SAMPLES = (120, 160)
 NOTHING = np.zeros(SAMPLES, np.uint8)
 
 
-def gate(refresh_s: float = 600.0) -> Gate:
-    return Gate(SIZE[::-1], MatchingParams(refresh_s=refresh_s))
+def gated(refresh_s: float = 600.0) -> GatedMatching:
+    floor = Floor(world_from_plane(np.array([0.0, 0.0, -1.0]), 3.0))
+    matcher = SgbmMatcher(RectifiedGeometry(*SIZE, 260.0, 260.0, 159.5, 119.5, 0.2), step=1)
+    return GatedMatching(matcher, floor, MatchingParams(refresh_s=refresh_s))
 
 
 def changed_at(*places: tuple[int, int]) -> np.ndarray:
@@ -123,13 +127,15 @@ def changed_at(*places: tuple[int, int]) -> np.ndarray:
     ids=["no change", "a change", "far changes", "a person", "a box over the edge", "most of the image"],
 )
 def test_windows_hold_changes_and_people_and_what_is_near_them(changed, people, windows):
-    assert sorted(gate().windows(changed, people, 0.0)) == windows
+    matching = gated()
+    matching.memory.boxes = tuple(people)
+    assert sorted(matching.windows(changed, 0.0)) == windows
 
 
 def test_the_refresh_visits_every_pixel_in_its_time() -> None:
-    chosen, visited = gate(refresh_s=2.0), np.zeros(SIZE[::-1], bool)
+    chosen, visited = gated(refresh_s=2.0), np.zeros(SIZE[::-1], bool)
     for frame in range(31):
-        windows = chosen.windows(NOTHING, [], frame / 15)
+        windows = chosen.windows(NOTHING, frame / 15)
         assert sum((w.right - w.left) * (w.bottom - w.top) for w in windows) < 0.1 * visited.size
         for window in windows:
             visited[window.slices] = True
@@ -137,7 +143,7 @@ def test_the_refresh_visits_every_pixel_in_its_time() -> None:
 
 
 def test_the_refresh_does_not_hurry_after_a_gap_in_time() -> None:
-    chosen = gate(refresh_s=2.0)
-    chosen.windows(NOTHING, [], 0.0)
-    chosen.windows(NOTHING, [], 3600.0)
-    assert chosen.windows(NOTHING, [], 3600.0) == []
+    chosen = gated(refresh_s=2.0)
+    chosen.windows(NOTHING, 0.0)
+    chosen.windows(NOTHING, 3600.0)
+    assert chosen.windows(NOTHING, 3600.0) == []

@@ -11,12 +11,12 @@ from calib.rig import Floor, world_from_plane
 from calib.types import U8
 from stereo import _kernels
 from stereo.depth import RectifiedGeometry
-from stereo.gating import Window
 from stereo.matcher import (
     DisparityRange,
     RangeParams,
     SampledDisparity,
     SgbmMatcher,
+    Window,
     disparity_range,
     farthest_head_m,
 )

@@ -21,7 +21,6 @@ from calib.rig import Floor
 from calib.types import F32
 from planview.engine.config import Config, FeedbackParams, load_config
 from planview.engine.feedback import BODY_RADIUS_M, BodyBoxes, Feedback
-from planview.engine.gated import SAME_LEVELS, alike, solid
 from planview.engine.info import ground_camera_info
 from planview.engine.setup import Setup, refuse_foreign_disparity
 from planview.engine.stereo import stereo_engine
@@ -29,6 +28,7 @@ from planview.foreground.params import BACKGROUND, NO_FEEDBACK, PERSON
 from planview.maps.builder import FloorPoints
 from planview.trajectories.state import State, TrackState
 from stereo.depth import RectifiedGeometry
+from stereo.gating import SAME_LEVELS, alike, solid
 from stereo.matcher import DisparityRange
 from stereo.rgbd import RgbdRectifier
 from tools.reference import field_docs
