@@ -112,11 +112,7 @@ def rendered(scene: Scene, name: str, options: Rendering) -> Path:
     """The recording of a scene, rendered unless the cache has it.
 
     The key is a hash of everything in the scene, the renderer's version and the size; a recording appears in the cache
-    only when it is whole.
-
-    Raises:
-        WorkError: the cache cannot be written.
-    """
+    only when it is whole. Raises WorkError: the cache cannot be written."""
     without = {"capture"} if scene.capture is None else None
     text = f"{scene.model_dump_json(exclude=without)} {RENDERER_VERSION} {options.scale} {options.frames}"
     folder = options.cache / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"

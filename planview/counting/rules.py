@@ -270,12 +270,9 @@ class Rules:
 
 
 def load_rules(path: Path, plane: RulePlane | None = None) -> Rules:
-    """Read ``rules.toml``; pixels stay pixels without a camera in ``plane``.
-
-    Raises:
-        InputError: unreadable, empty, a key or value that does not belong, duplicate names, a line of zero length or
-            outside the view, a polygon that crosses itself or has no area, a queue of an unknown zone.
-    """
+    """Read ``rules.toml``; pixels stay pixels without a camera in ``plane``. Raises InputError: unreadable, empty, a
+    key or value that does not belong, duplicate names, a line of zero length or outside the view, a polygon that
+    crosses itself or has no area, a queue of an unknown zone."""
     return parse_rules(load_toml(path, "a rules.toml"), plane or RulePlane(), str(path))
 
 

@@ -38,11 +38,7 @@ def align_tracks(tracks: Trajectories, truth: Trajectories, gate_m: float) -> tu
     """Find the rigid motion (no scale, no mirror) that lets most rows match, and apply it.
 
     Candidates come from pairs of boxes that overlap (IoU 0.5) where both tables have boxes, else from laying long
-    tracks over long true paths; the best is refined on its own matches.
-
-    Raises:
-        WorkError: nothing to align on.
-    """
+    tracks over long true paths; the best is refined on its own matches. Raises WorkError: nothing to align on."""
     candidates = [*_from_boxes(tracks, truth), *_from_paths(tracks, truth)]
     if not candidates:
         raise WorkError("expected tracks that move along with the truth to align them, found none in common frames")

@@ -55,11 +55,8 @@ def edit_run(folder: Path, lines: Sequence[str]) -> EditedRun:
     """Apply edits to ``tracks.csv``; the tracks without any edit are kept in ``tracks_before.csv``.
 
     All edits so far are applied to these again, so that the tracks always follow from ``edits.json``. An edit that is
-    refused changes nothing.
-
-    Raises:
-        InputError: no finished run in the folder, another process writes there, or an edit that cannot be applied.
-    """
+    refused changes nothing. Raises InputError: no finished run in the folder, another process writes there, or an edit
+    that cannot be applied."""
     step = EditStep(at=datetime.now(UTC).isoformat(timespec="seconds"), edits=list(lines))
     _readable_run(folder)
     with folder_lock(folder):
@@ -129,14 +126,10 @@ def _rewrite(folder: Path, steps: list[EditStep]) -> EditedRun:
 def refine_run(folder: Path) -> tuple[Refined, RunInfo]:
     """Write ``tracks.csv`` again from ``tracks_online.csv``, and ``refinement.csv`` with the reason of every change.
 
-    The first time the online tracks become ``tracks_online.csv``; every time is a refinement of these. ``run.json``
-    has ``refined: true`` before tracks.csv changes, so that refined tracks never pass for online ones. report.html is
-    written last: a folder without it is refined again when its run is resumed.
-
-    Raises:
-        InputError: no finished run in the folder, an edited one, a refined one without its online tracks, or tracks
-            without floor positions.
-    """
+    The first time the online tracks become ``tracks_online.csv``; every time is a refinement of these. ``run.json`` has
+    ``refined: true`` before tracks.csv changes, so that refined tracks never pass for online ones. report.html is
+    written last: a folder without it is refined again when its run is resumed. Raises InputError: no finished run in
+    the folder, an edited one, a refined one without its online tracks, or tracks without floor positions."""
     info = _readable_run(folder)
     if read_steps(folder):
         raise InputError(f"{folder}: its tracks were edited; undo the edits first")

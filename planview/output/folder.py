@@ -169,11 +169,7 @@ _held: set[Path] = set()
 @contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
     """Hold a folder, made if need be, until the block ends; the system's lock on ``run.lock`` ends with its process.
-
-    Raises:
-        InputError: another process holds the folder.
-        WorkError: the lock file cannot be written.
-    """
+    Raises InputError: another process holds the folder. WorkError: the lock file cannot be written."""
     place = folder.resolve()
     if place in _held:
         yield

@@ -124,12 +124,8 @@ def replay_run(
     results: RunFolder, config: Config, frame: int, watch: Callable[[FrameResult], None] | None = None
 ) -> ReplayedRun:
     """Track up to a frame with other parameters: the plan-view recording of the run where they leave it valid, else the
-    recording.
-
-    Raises:
-        InputError: no recording any more, or parameters that its maps exclude.
-        WorkError: the recording ends before the frame.
-    """
+    recording. Raises InputError: no recording any more, or parameters that its maps exclude. WorkError: the recording
+    ends before the frame."""
     base = config_of(results.info.config, str(results.path / "run.json"))
     path = _source(results, base, config)
     engine = _engine(path, results, config)

@@ -109,11 +109,7 @@ def _of_recording(
 
 def scene_of(path: Path, options: OpenOptions | None = None) -> PointCloud:
     """Points of what does not move, in the world frame of the tracks, of a run's folder or a recording of one rig.
-
-    Raises:
-        InputError: no recording of a pair or of images with depth.
-        WorkError: no floor is visible.
-    """
+    Raises InputError: no recording of a pair or of images with depth. WorkError: no floor is visible."""
     config, recording, options = Config(), path, options or OpenOptions()
     if (path / "run.json").is_file():
         run = RunFolder(path)

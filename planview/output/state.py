@@ -30,11 +30,8 @@ class SavedState(NamedTuple):
 
 
 def encode(roots: Mapping[str, object]) -> SavedState:
-    """Encode objects and everything that they refer to.
-
-    Raises:
-        TypeError: something of a class that is not the project's, with the place where it was found.
-    """
+    """Encode objects and everything that they refer to. Raises TypeError: something of a class that is not the
+    project's, with the place where it was found."""
     writer = _Writer()
     values = {name: writer.value(root, name) for name, root in roots.items()}
     return SavedState(values, writer.nodes, writer.arrays)

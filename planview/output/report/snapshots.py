@@ -34,12 +34,8 @@ EVENTS_MAX = 80
 def read_decision_log(path: Path, people: set[int]) -> dict[int, dict[str, Any]]:
     """The decisions of some people, as the page shows them; empty where there is no decisions.csv.
 
-    Of each person ``events`` (frame, time [s], kind and reason of all but matches), ``more`` of them that are left
-    out, and ``scores``, the matches in one sentence.
-
-    Raises:
-        InputError: not a table of decisions.
-    """
+    Of each person ``events`` (frame, time [s], kind and reason of all but matches), ``more`` of them that are left out,
+    and ``scores``, the matches in one sentence. Raises InputError: not a table of decisions."""
     if not path.is_file():
         return {}
     decided: dict[int, list[tuple[str, ...]]] = {}
