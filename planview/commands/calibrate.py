@@ -23,8 +23,7 @@ from calib.formats import FORMATS, calibration_files, load_rig, write_rig
 from calib.io import parse_length, parse_size
 from calib.world import save_rigs
 from planview.calibration.align import AlignParams, RigAlignment, align_records, relative_to, rig_entries
-from planview.calibration.board import BoardRequest, calibrate_images
-from planview.calibration.board_report import write_report
+from planview.calibration.board import BoardRequest, calibrate_images, write_report
 from planview.calibration.paths import RigRecord, record_rig
 from planview.commands.options import Flag, JsonFlag, OneSetting, Settings
 from planview.engine.config import Config, load_config

@@ -20,7 +20,6 @@ from calib.io import reason
 from planview.commands.options import Flag, frame_span
 from planview.output.folder import rrd_parts
 from planview.output.progress import PlainConsole
-from planview.output.render import SceneComposer, scene_pictures_of, write_still, write_video
 from planview.output.report.page import write_comparison, write_report
 from planview.output.run_folder import RunFolder
 
@@ -98,7 +97,8 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
     if options.frame is None and options.out is not None and options.out.suffix.lower() in (".png", ".jpg", ".jpeg"):
         raise InputError(f"--out: expected --frame N with a picture, found none with {options.out}")
     console = PlainConsole(stderr=True, soft_wrap=True)
-    from planview.output.scene import frames_or_none  # the engine's parts take half a second
+    # The engine's parts take half a second.
+    from planview.output.render import SceneComposer, frames_or_none, scene_pictures_of, write_still, write_video
 
     results = RunFolder(folder, options.truth)
     frames = frames_or_none(results, console.print)

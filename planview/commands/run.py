@@ -25,6 +25,7 @@ from planview.output.finished import refine_run
 from planview.output.folder import HoldsResultsError, RunInfo, check_folder, finished_run, folder_lock
 from planview.output.maps_log import MapsLog
 from planview.output.progress import FrameProgress, PlainConsole, compile_notice, summary
+from planview.output.render import frames_or_none
 from planview.output.replay import difference_picture, difference_text, replay_run
 from planview.output.report.page import write_report
 from planview.output.report.snapshots import busiest_frame
@@ -32,7 +33,6 @@ from planview.output.resume import checkpoint_of, remove_checkpoint
 from planview.output.run import RunLog, RunOptions, begin_run, run_identity
 from planview.output.run import run as run_engine
 from planview.output.run_folder import RunFolder
-from planview.output.scene import frames_or_none
 from planview.output.totals import Pace
 from planview.synthetic.assets import DEMO
 from stereo.readers.open import is_multi_rig

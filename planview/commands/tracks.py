@@ -175,7 +175,7 @@ def export(tracks: Path, *, to: ExportName | None = None, options: ExportOptions
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     if options.cloud is not None:
         from planview.engine.setup import write_cloud
-        from planview.output.scene import scene_of
+        from planview.output.render import scene_of
 
         _refuse_existing(options.cloud, tracks, options.overwrite)
         with console.status("opening the recording, finding the floor, matching"):

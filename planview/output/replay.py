@@ -21,9 +21,8 @@ from planview.engine.replay import FIXED_TABLES
 from planview.evaluation.metrics import clear_scores
 from planview.evaluation.sequence import build_sequence, floor_similarity
 from planview.maps.recording import is_maps
-from planview.output.render import SceneComposer
+from planview.output.render import SceneComposer, SceneFrames
 from planview.output.run_folder import RunFolder
-from planview.output.scene import SceneFrames
 from planview.output.tables import reading_decisions
 from planview.tracking.base import Decision
 from planview.trajectories.table import Trajectories, TrajectoryCollector

@@ -29,7 +29,7 @@ from planview.output.folder import finished_run, folder_lock, write_result
 from planview.output.resume import code_version
 from planview.output.run import RunLog, RunOptions, run
 from planview.sweep.jobs import MAPS_FILE, Planned, RunJob, StudyJob, planned
-from planview.sweep.results import JobResult, Ranked, ranked, summary_csv
+from planview.sweep.results import JobResult, Ranked, ranked, study_page, summary_csv
 from planview.sweep.study import Study, grid, random_draws, run_figures
 from planview.trajectories.formats import load_tracks, load_truth
 from stereo.readers import OpenOptions
@@ -290,8 +290,6 @@ def run_study(
         summary, page, text = out / SUMMARY_FILE, out / PAGE_FILE, summary_csv(runs)
         written = page.is_file() and summary.is_file() and summary.read_text(encoding="utf-8") == text
         if not written or not all(run.reused for run in runs):
-            from planview.sweep.page import study_page
-
             write_result(summary, text)
             write_result(page, study_page(study, runs, ranking, out.name))
     return runs, ranking

@@ -23,9 +23,9 @@ from planview.engine.replay import recorded_config, replay_engine
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info
 from planview.output.maps_log import MapsLog
+from planview.output.render import open_frames
 from planview.output.run import RunOptions, run
 from planview.output.run_folder import RunFolder
-from planview.output.scene import open_frames
 from planview.tracking.joint import JointTracker
 from planview.trajectories.table import read_tracks
 from stereo.readers import OpenOptions, open_recording

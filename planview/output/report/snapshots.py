@@ -23,7 +23,7 @@ from planview.output.tables import reading_decisions
 from planview.tracking.base import ScoreTerms
 
 if TYPE_CHECKING:
-    from planview.output.scene import SceneFrames
+    from planview.output.render import SceneFrames
 
 
 TERMS = ScoreTerms._fields
@@ -116,7 +116,7 @@ def scene_pictures(results: RunFolder, errors: Sequence[SignificantError]) -> Sc
     if path is None or not path.exists():
         why = f"No pictures of the scene: {path}: expected the recording of the run, found nothing there."
         return ScenePictures([], [], [], why)
-    from planview.output.scene import open_frames
+    from planview.output.render import open_frames
 
     groups = _overview(results), _strips(results, errors), _crossings(results)
     try:

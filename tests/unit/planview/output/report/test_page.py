@@ -19,11 +19,11 @@ from planview.engine.config import Config
 from planview.engine.info import CameraInfo, FloorInfo
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import PaceInfo, RunInfo, SkippedFrame, read_run_info, write_run_info
+from planview.output.render import open_frames
 from planview.output.report.page import changed_settings, errors_of, scores_of, shared_errors, write_report
 from planview.output.report.plots import UNHELD, heat_plot, held_by, identity_pictures, stretches
 from planview.output.report.snapshots import busiest_frame, scene_pictures
 from planview.output.run_folder import RunFolder
-from planview.output.scene import open_frames
 from planview.output.tables import DECISION_COLUMNS
 from planview.trajectories.table import Trajectories, positions_table
 
