@@ -20,11 +20,10 @@ from planview.checks.scene import alignment_checks, floor_checks, image_checks
 from planview.engine.config import Config
 from stereo.depth import median_image, point_cloud
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
-from stereo.gating import GatedMatching
-from stereo.matcher import BODY_LAG, DisparityRange, Matcher, SgbmMatcher, disparity_range
-from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
-from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
-from stereo.rgbd import RectifiedRgbd, RgbdRectifier
+from stereo.matcher import BODY_LAG, DisparityRange, SgbmMatcher, disparity_range
+from stereo.recording import RgbdRecording, StereoRecording
+from stereo.rectify import Rectifier, aligned_rectifier
+from stereo.rgbd import RgbdRectifier
 from stereo.rig_correction import RigCorrection, match_corners
 
 if TYPE_CHECKING:
@@ -57,69 +56,11 @@ class Setup:
     checks: tuple[Check, ...] = ()
     correction: RigCorrection | None = None
 
-    def whole(self, config: Config, matcher: Matcher | None = None) -> WholeMatching:
-        """Rectification, and the disparity of all pixels; with SGBM over the disparities when there is no matcher.
-
-        Raises:
-            InputError: a matcher for images with depth.
-        """
-        if matcher is not None and isinstance(self.rectifier, RgbdRectifier):
-            raise InputError(
-                f"{self.calibration}: expected a stereo pair for a matcher of your own, found images with depth"
-            )
-        if matcher is None and isinstance(self.rectifier, Rectifier):
-            matcher = self._sgbm(self.rectifier, config)
-        return WholeMatching(self.rectifier, matcher, self.disparities)
-
-    def gated(self, config: Config, step: int) -> GatedMatching | None:
-        """Matching where something may have changed, of a pair; None for images with depth.
-
-        Args:
-            step: of the foreground's pixels [px].
-        """
-        if not isinstance(self.rectifier, Rectifier):
-            return None
-        return GatedMatching(self._sgbm(self.rectifier, config, step), self.floor, config.matching)
-
-    def _sgbm(self, rectifier: Rectifier, config: Config, step: int | None = None) -> SgbmMatcher:
-        masks = rectifier.mask, rectifier.right_mask
-        return SgbmMatcher(rectifier.geometry, config.sgbm, self.disparities, *masks, step, BODY_LAG)
-
-
-class WholeMatching:
-    """Rectification, and the disparity of all pixels.
-
-    Args:
-        matcher: of pairs; None for images with depth.
-        searched: disparities that people on the floor can have.
-    """
-
-    def __init__(self, rectifier: Rectifier | RgbdRectifier, matcher: Matcher | None, searched: DisparityRange) -> None:
-        self._rectifier, self._matcher, self._searched = rectifier, matcher, searched
-        self.geometry = rectifier.geometry
-        self._matched = 0
-
-    def __call__(self, frame: StereoFrame | RgbdFrame) -> RectifiedPair | RectifiedRgbd:
-        """Rectify one frame (ValueError: images of another size than the calibration's)."""
-        if isinstance(self._rectifier, Rectifier) and isinstance(frame, StereoFrame):
-            return self._rectifier(frame.left, frame.right)
-        assert isinstance(self._rectifier, RgbdRectifier) and isinstance(frame, RgbdFrame)
-        return self._rectifier(frame)
-
-    def disparity(self, rectified: RectifiedPair | RectifiedRgbd) -> F32:
-        """(H, W) float32 [px] of the rectified image, NaN where unknown.
-
-        Raises:
-            InputError: what is no disparity in pixels, from a matcher of the user's.
-        """
-        if isinstance(rectified, RectifiedRgbd):
-            return np.asarray(np.float32(self.geometry.disparity_metre) / rectified.depth_m, dtype=np.float32)
-        assert self._matcher is not None
-        disparity = self._matcher(rectified.left_grey, rectified.right_grey)
-        if self._matched % 50 == 0:  # our choice, for speed
-            refuse_foreign_disparity(disparity, self.geometry.size[::-1], self._searched)
-        self._matched += 1
-        return disparity
+    def matcher(self, config: Config, step: int | None = None) -> SgbmMatcher:
+        """SGBM over the disparities of a pair; ``step`` as of ``SgbmMatcher``."""
+        assert isinstance(self.rectifier, Rectifier)
+        masks = self.rectifier.mask, self.rectifier.right_mask
+        return SgbmMatcher(self.rectifier.geometry, config.sgbm, self.disparities, *masks, step, BODY_LAG)
 
 
 def refuse_foreign_disparity(disparity: F32, shape: tuple[int, int], searched: DisparityRange) -> None:
@@ -241,14 +182,18 @@ def scene_cloud(recording: StereoRecording | RgbdRecording, setup: Setup, config
     Raises:
         WorkError: no usable frame.
     """
-    whole, count = setup.whole(config), config.analysis.setup_frames
-    if isinstance(recording, StereoRecording):
-        rectified = [whole(frame) for frame in setup_frames(recording, count)]
+    rectifier, count = setup.rectifier, config.analysis.setup_frames
+    if isinstance(rectifier, RgbdRectifier) and isinstance(recording, RgbdRecording):
+        images = [rectifier(frame) for frame in setup_frames(recording, count)]
+        seen = [(image.left, rectifier.disparity(image)) for image in images]
     else:
-        rectified = [whole(frame) for frame in setup_frames(recording, count)]
-    colours = np.median(np.stack([as_colour(one.left) for one in rectified]), axis=0).astype(np.uint8)
-    disparity = median_image([whole.disparity(one) for one in rectified])
-    return point_cloud(disparity, colours, whole.geometry, setup.floor.world_SE3_left)
+        assert isinstance(rectifier, Rectifier) and isinstance(recording, StereoRecording)
+        match = setup.matcher(config)
+        pairs = [rectifier(frame.left, frame.right) for frame in setup_frames(recording, count)]
+        seen = [(pair.left, match(pair.left_grey, pair.right_grey)) for pair in pairs]
+    colours = np.median(np.stack([as_colour(left) for left, _ in seen]), axis=0).astype(np.uint8)
+    disparity = median_image([disparity for _, disparity in seen])
+    return point_cloud(disparity, colours, rectifier.geometry, setup.floor.world_SE3_left)
 
 
 def write_cloud(path: Path, cloud: PointCloud) -> int:

@@ -12,14 +12,14 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError
-from calib.types import F32
+from calib.types import F32, U8
 from calib.world import RIGS_FILE
 from planview.checks.check import Check
-from planview.checks.timing import thumbnails
+from planview.checks.timing import Thumbnails, thumbnails
 from planview.engine.config import Config
 from planview.engine.engine import Disparity, Engine, Frame, FrameResult, Prepared, RigFrame, StageClock, refuse_frame
 from planview.engine.feedback import BodyBoxes, Feedback
-from planview.engine.setup import Setup, set_up
+from planview.engine.setup import Setup, refuse_foreign_disparity, set_up
 from planview.foreground.mixture import Foreground
 from planview.maps.builder import Raster
 from planview.maps.multi_rig import joint_grid, joint_maps
@@ -28,11 +28,12 @@ from planview.maps.view import StereoView
 from planview.tracking.base import Observation, Tracker, followed
 from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState
-from stereo.gating import SAMPLE
+from stereo.gating import SAMPLE, GatedMatching
 from stereo.matcher import Matcher, SampledDisparity
 from stereo.readers.multi_rig import MultiRigFrame, MultiRigRecording
 from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
-from stereo.rectify import RectifiedPair, Rectifier
+from stereo.rectify import Rectifier
+from stereo.rgbd import RgbdRectifier
 
 
 class Remembers(Protocol):
@@ -47,7 +48,6 @@ class RigStages:
     Attributes:
         name: among several rigs.
         setup: rectification, floor and disparity range.
-        whole: rectifies, and finds the disparity of all pixels.
         gated: matches pairs in part; None for images with depth, and with a matcher of the user's.
         foreground, cloud, feedback: the stages after it.
         boxes: of people in its image.
@@ -58,20 +58,26 @@ class RigStages:
         """Compose the stages.
 
         Args:
-            matcher: of whole pairs; SGBM over the setup's disparities when None, gated as configured.
+            matcher: of whole pairs; SGBM over the setup's disparities, gated as configured, when None.
         Raises:
             InputError: a matcher for images with depth.
         """
-        self.name, self.setup = name, setup
-        self.whole = setup.whole(config, matcher)
-        geometry, pose = self.whole.geometry, setup.floor.world_SE3_left
+        self.name, self.setup, self._matcher = name, setup, matcher
+        of_pairs = isinstance(setup.rectifier, Rectifier)
+        if matcher is not None and not of_pairs:
+            raise InputError(
+                f"{setup.calibration}: expected a stereo pair for a matcher of your own, found images with depth"
+            )
+        geometry, pose = setup.rectifier.geometry, setup.floor.world_SE3_left
         self._step = step = -(-geometry.width // config.analysis.width_px)
         self.cloud = Cloud(geometry, pose, config.maps, step)
         shape = self.cloud.shape
         self.foreground = Foreground(
             config.foreground, shape, geometry.disparity_std_per_px2, step, geometry.disparity_metre
         )  # fmt: skip
-        self.gated = setup.gated(config, step) if matcher is None else None
+        self.gated: GatedMatching | None = None
+        if of_pairs and matcher is None:
+            self.gated = GatedMatching(setup.matcher(config, step), setup.floor, config.matching)
         self.feedback = Feedback(config.feedback)
         self.view = StereoView(
             geometry, setup.floor, setup.floor_source, setup.calibration, setup.vertical_residual_px,
@@ -82,24 +88,34 @@ class RigStages:
     def prepare(self, frame: Frame, clock: StageClock) -> Prepared:
         """Rectify a frame, and match it where that depends on no other frame (errors as of ``FrontEnd``)."""
         rectifier = self.setup.rectifier
-        kind = StereoFrame if isinstance(rectifier, Rectifier) else RgbdFrame
-        if not isinstance(frame, kind):
-            refuse_frame("a stereo pair" if kind is StereoFrame else "an image with depth", frame)
-        if self.gated is not None and isinstance(rectifier, Rectifier) and isinstance(frame, StereoFrame):
-            pair = rectifier.reduced(frame.left, frame.right, self._step)
-            levels = self.gated.levels(pair.left_grey, pair.right_grey)
-            prepared = Prepared(pair.image, pair.left, levels, thumbnails(pair.left_grey, pair.right_grey))
+        if isinstance(rectifier, RgbdRectifier):
+            if not isinstance(frame, RgbdFrame):
+                refuse_frame("an image with depth", frame)
+            seen = rectifier(frame)
             clock.record("rectify")
-            return prepared
-        rectified = self.whole(frame)
-        image, size = rectified.left, self.cloud.shape[::-1]
-        if self._step > 1:
-            image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+            return self._prepared(seen.left, rectifier.disparity(seen), None, clock)
+        if not isinstance(frame, StereoFrame):
+            refuse_frame("a stereo pair", frame)
+        if self._matcher is not None:
+            whole = rectifier(frame.left, frame.right)
+            clock.record("rectify")
+            disparity = self._matcher(whole.left_grey, whole.right_grey)
+            refuse_foreign_disparity(disparity, rectifier.geometry.size[::-1], self.setup.disparities)
+            small = thumbnails(whole.left_grey, whole.right_grey)
+            return self._prepared(whole.left, disparity, small, clock)
+        assert self.gated is not None
+        pair = rectifier.reduced(frame.left, frame.right, self._step)
+        levels, small = self.gated.levels(pair.left_grey, pair.right_grey), thumbnails(pair.left_grey, pair.right_grey)
         clock.record("rectify")
-        disparity = SampledDisparity(self.whole.disparity(rectified))
+        return Prepared(pair.image, pair.left, levels, small)
+
+    def _prepared(self, left: U8, disparity: F32, small: Thumbnails | None, clock: StageClock) -> Prepared:
+        """A frame of which all pixels have been matched."""
+        image = left
+        if self._step > 1:
+            image = np.asarray(cv2.resize(left, self.cloud.shape[::-1], interpolation=cv2.INTER_AREA), dtype=np.uint8)
         clock.record("match")
-        small = thumbnails(rectified.left_grey, rectified.right_grey) if isinstance(rectified, RectifiedPair) else None
-        return Prepared(image, lambda: rectified.left, disparity, small)
+        return Prepared(image, lambda: left, SampledDisparity(disparity), small)
 
     def look(self, prepared: Prepared, now_s: float, clock: StageClock) -> RigFrame:
         """What the rig shows, from what was learned of the frames before."""
