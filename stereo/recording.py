@@ -150,6 +150,12 @@ class FrameClock(NamedTuple):
         return float(np.interp(index, known, times[known]) + beyond / self.fps)
 
 
+def assumed_clock(fps: float, even: bool = False, why: str = "") -> FrameClock:
+    """Of images without any times, with a note; ``why`` follows the rate in it."""
+    note = f"no timestamps: {fps:g} frames per second are assumed{why}; fps= gives another rate"
+    return FrameClock(fps, None, (note,), even, assumed=True)
+
+
 def prefetch(items: Iterable[T], depth: int = 8) -> Generator[T, None, None]:
     """The same items, made by a background thread up to ``depth`` ahead: 8 frames bridge a slow key frame. An exception
     of the source is raised in its place; leaving early stops the thread, which closes a source that is a generator."""
@@ -254,6 +260,11 @@ class Recorded(ABC, Generic[Frame]):
     @property
     def times_s(self) -> F64 | None:
         return self.clock.times_s
+
+    def assume(self, clock: FrameClock) -> None:
+        """Take other times and their notes."""
+        self.notes = [note for note in self.notes if note not in self.clock.notes] + list(clock.notes)
+        self.clock = clock
 
     @abstractmethod
     def _joined(self, index: int, timestamp_s: float, *images: Any) -> Frame:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -33,20 +35,24 @@ def load_one_camera(path: Path, size: Size | None = None) -> GroundCamera:
     Raises:
         InputError: unreadable, a lens without a place above the floor, or a camera for images of another aspect.
     """
-    if path.is_dir() or path.suffix.lower() == ".toml":
-        return _fitted(load_ground_camera(path), path, size)
+    if path.is_dir():
+        return load_ground_camera(path)
     source = read_source(path)
     if is_tsai(source):
         try:
             return _fitted(_nearest(load_tsai(path)), path, size)
         except ValueError as error:
             raise InputError(f"{path}: {error}") from error
-    if lens := _lens_alone(source):
-        raise InputError(
-            f"{path}: expected where the camera is above the floor, found its lens alone ({lens}): find height and "
-            "tilt from people who stand or walk, with this focal length as a known value, and use the camera.toml"
-        )
-    return _fitted(load_ground_camera(path), path, size)
+    if (lens := _lens_of_pair(path) or _lens_alone(source)) is None:
+        if not _is_camera_toml(path, source):
+            raise InputError(f"{path}: expected a camera.toml or a Tsai XML, found neither")
+        return _fitted(load_ground_camera(path), path, size)
+    width, height = lens.size or (0, 0)
+    scale = size[0] / width if size and width and size[0] * height == size[1] * width else 1.0
+    raise InputError(
+        f"{path}: expected a camera.toml, which holds where the camera is above the floor, found a lens "
+        f"({lens.name}, focal_px={lens.focal_px * scale:.0f})"
+    )
 
 
 def holds_one_camera(path: Path) -> bool:
@@ -58,14 +64,13 @@ def holds_one_camera(path: Path) -> bool:
     except InputError:
         return False
     if path.suffix.lower() == ".toml":
-        return any(line.split("=")[0].strip() in {"focal_px", "tilt_deg", "lens"} for line in source.text.splitlines())
-    if is_tsai(source):
-        return True
-    try:
-        load_rig(path)  # a camera of a pair whose other one lies next to it
-    except InputError:
-        return bool(_lens_alone(source))
-    return False
+        return _is_camera_toml(path, source)
+    return is_tsai(source) or (_lens_of_pair(path) is None and _lens_alone(source) is not None)
+
+
+def _is_camera_toml(path: Path, source: Source) -> bool:
+    keys = {line.split("=")[0].strip() for line in source.text.splitlines()}
+    return bool(keys & {"focal_px", "tilt_deg", "lens"}) or (path.suffix.lower() == ".toml" and "height_m" in keys)
 
 
 def _fitted(camera: GroundCamera, path: Path, size: Size | None) -> GroundCamera:
@@ -122,23 +127,44 @@ def _nearest(tsai: TsaiCamera) -> GroundCamera:
     return camera(fits[lens].x, lens)
 
 
-def _lens_alone(source: Source) -> str:
-    """The focal length in words where a file holds one camera's lens and nothing else; empty where it does not."""
+class _Lens(NamedTuple):
+    """What a file of a lens is, its focal length [px] and the size of its images [px], None where it is not given."""
+
+    name: str
+    focal_px: float
+    size: Size | None = None
+
+
+def _lens_of_pair(path: Path) -> _Lens | None:
+    """The left camera of a pair, in a file of both or with the other one next to it."""
+    try:
+        left = load_rig(path).left
+    except InputError:
+        return None
+    return _Lens("left camera of a pair", left.fx, left.size)
+
+
+def _lens_alone(source: Source) -> _Lens | None:
+    """The lens that a file holds of one camera, without a pose that is read here; None of everything else."""
     words = [line.split() for line in source.text.splitlines() if line.strip() and not line.startswith("#")]
     if words and len(words[0]) >= 5 and words[0][0].isdigit() and words[0][1].isupper():
-        return f"COLMAP, {words[0][1]}, focal length {words[0][4]} px of {words[0][2]}x{words[0][3]}"
+        with suppress(ValueError):
+            return _Lens(f"COLMAP, {words[0][1]}", float(words[0][4]), (int(words[0][2]), int(words[0][3])))
     if petrack := re.search(r'<(?:OLD|EXT)_MODEL [^>]*FX="([0-9.]+)"', source.text):
-        return f"PeTrack, focal length {float(petrack[1]):.0f} px"
+        return _Lens("PeTrack project, whose pose is not read", float(petrack[1]))
     try:
         data = parse_storage(source.text)
     except ValueError:
-        return ""
+        return None
     held = data["cam0"] if "cam1" not in data and isinstance(data.get("cam0"), Mapping) else data
     name = next((key for key in _LENS_KEYS if key in held), None)
     if name is None or {"M2", "K2", "R", "T"} & held.keys():
-        return ""
+        return None
     value = held[name]
     while isinstance(value, Mapping):
         value = value.get("data", value.get("doubles"))
     values = str(value).replace("[", " ").replace("]", " ").replace(",", " ").split()
-    return f"{name}, focal length {float(values[0]):.0f} px" if values else ""
+    try:
+        return _Lens(name, float(values[0]))
+    except (ValueError, IndexError):
+        return None

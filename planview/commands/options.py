@@ -37,17 +37,23 @@ Ignored = Annotated[
     str | None, Parameter(help="Polygon in well-known text [m], or a file with it: rows inside are left out.")
 ]
 
-_OPTIONS = {"camera": "calibration", "refined": "refine"}
+_OPTIONS = {"camera": "calibration", "refined": "refine", "overrides": "set"}
 """Options that are not called as the arguments of the Python functions are."""
 
 
 def typed(sentence: str) -> str:
-    """A sentence whose arguments of Python functions, ``fps=`` or ``tracker='template'``, are options to type."""
+    """A sentence whose arguments of Python functions, ``fps=`` or ``tracker='template'``, and parameters of a run,
+    ``maps.cell_m=N``, are options to type, and which names the command that writes a file it lacks."""
 
     def option(match: re.Match[str]) -> str:
         return f"--{_OPTIONS.get(match[1], match[1]).replace('_', '-')}" + (f" {match[2]}" if match[2] else "")
 
     sentence = sentence.replace("match_on='boxes'", "--boxes")
+    sentence = re.sub(r"(?<!--set )\b((?:[a-z]\w*\.)+\w+=N)\b", r"--set \1", sentence)
+    known = re.search(r"focal_px=(\d+)", sentence)
+    if "a camera.toml" in sentence and "planview calibrate" not in sentence:
+        focal = f" --focal {known[1]}" if known else ""
+        sentence += f"; planview calibrate human VIDEO --auto{focal} --out camera.toml writes one"
     return re.sub(r"\b([a-z][a-z_]*)=(?:'([^']*)'|(?=[\s:;,.)]|$))", option, sentence)
 
 

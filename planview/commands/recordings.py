@@ -187,7 +187,7 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
         "calibration": calibration,
         "floor": "world.toml" if has_world else "to be found in the recording",
         "missing": missing,
-        "notes": list(getattr(opened, "notes", layout.notes)),
+        "notes": list(map(typed, getattr(opened, "notes", layout.notes))),
     }
 
 

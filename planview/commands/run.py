@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_args
 
 from cyclopts import Group, Parameter
 from rich.console import Console
@@ -12,14 +12,24 @@ from rich.console import Console
 from calib.errors import InputError
 from calib.formats.one_camera import holds_one_camera
 from calib.images import write_image
-from planview.commands.options import Flag, FrameRate, JsonFlag, OneSetting, Settings, Topics, frame_span, open_options
+from planview.commands.options import (
+    Flag,
+    FrameRate,
+    JsonFlag,
+    OneSetting,
+    Settings,
+    Topics,
+    frame_span,
+    open_options,
+    typed,
+)
 from planview.commands.results import RenderOptions, render
 from planview.commands.scores import EvaluateOptions, evaluate, print_counts
 from planview.counting.rules import RulePlane, load_rules
 from planview.counting.stream import Analytics
 from planview.engine.config import Config, config_of, load_config
 from planview.engine.engine import Engine
-from planview.engine.open import TrackerName, base_config, open_engine
+from planview.engine.open import ImageTrackerName, TrackerName, base_config, open_engine
 from planview.maps.recording import is_maps
 from planview.output.finished import refine_run
 from planview.output.folder import HoldsResultsError, RunInfo, check_folder, finished_run, folder_lock
@@ -152,7 +162,8 @@ def _run(recording: Path, right: Path | None, out: Path, options: TrackingOption
     else:
         with compile_notice(console):
             info = _opened_and_tracked(recording, right, out, options, settings, console)
-    summary(console, info, out)
+    warnings = [warning.model_copy(update={"text": typed(warning.text)}) for warning in info.warnings]
+    summary(console, info.model_copy(update={"notes": [*map(typed, info.notes)], "warnings": warnings}), out)
     if info.counts:
         print_counts(info.counts, console)
 
@@ -175,8 +186,8 @@ def _opened_and_tracked(
 
 def _is_of_one_camera(calibration: Path, options: TrackingOptions) -> bool:
     """Whether a calibration is of one camera rather than of a pair."""
-    of_one = options.tracker == "human-model" or bool(options.detections) or calibration.name == "camera.toml"
-    return of_one or holds_one_camera(calibration)
+    of_images = options.tracker in get_args(ImageTrackerName) or options.detections is not None
+    return of_images or calibration.name == "camera.toml" or holds_one_camera(calibration)
 
 
 def _track(

@@ -1,4 +1,4 @@
-"""The whole configuration: a table per stage, from one TOML file and ``--set`` overrides."""
+"""The whole configuration: a table per stage, from one TOML file and overrides."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def load_config(path: Path | str | None = None, overrides: Sequence[str] = (), b
         _validate(tables, str(path), base)
     for override in overrides:
         _apply(tables, override)
-    return _validate(tables, "--set" if overrides else str(path), base)
+    return _validate(tables, "overrides=" if overrides else str(path), base)
 
 
 def config_of(tables: Mapping[str, Any], source: str) -> Config:
@@ -123,7 +123,7 @@ def _apply(tables: dict[str, Any], override: str) -> None:
     name, equals, text = override.partition("=")
     keys = name.strip().split(".")
     if not equals or not all(keys) or len(keys) > MAX_DEPTH:
-        raise InputError(f"--set: expected table.key=value, found {override!r:.80}")
+        raise InputError(f"overrides=: expected table.key=value, found {override!r:.80}")
     try:
         value = parse_toml(f"value = {text}")["value"]
     except ValueError:
@@ -131,7 +131,7 @@ def _apply(tables: dict[str, Any], override: str) -> None:
     for key in keys[:-1]:
         tables = tables.setdefault(key, {})
         if not isinstance(tables, dict):
-            raise InputError(f"--set: expected a table at {key!r}, found a value in {override!r}")
+            raise InputError(f"overrides=: expected a table at {key!r}, found a value in {override!r}")
     tables[keys[-1]] = value
 
 

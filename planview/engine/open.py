@@ -146,7 +146,7 @@ def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamer
 
         return EllipseParticleTracker(config.ellipse_particle, camera, config.seed)
     if camera is None:
-        raise InputError("camera=: the human-model tracker needs a camera.toml (planview calibrate human writes it)")
+        raise InputError("camera=: expected a camera.toml, which the human-model tracker needs, found None")
     from planview.tracking.human_model.tracker import HumanModelTracker
 
     return HumanModelTracker(config.human_model, camera)

@@ -271,4 +271,4 @@ def _reading(path: Path) -> Iterator[None]:
         ValueError,
     ) as error:
         text = " ".join(str(error).split())
-        raise InputError(f"{path}: expected plan-view maps (planview run --maps), found {text}") from error
+        raise InputError(f"{path}: expected plan-view maps, found {text}") from error

@@ -20,6 +20,7 @@ from calib.rig import StereoRig
 from calib.types import F64, I64, U8
 from calib.world import load_world
 from stereo.readers.images import Colour, Size, bits_note, bits_of, images_of
+from stereo.readers.movement import assume_rate, image_step_m, reduced
 from stereo.readers.pairing import TimePairs, pair_stamps
 from stereo.readers.times import load_timestamps, rate_of_times
 from stereo.recording import (
@@ -32,6 +33,7 @@ from stereo.recording import (
     PairsOf,
     RgbdRecording,
     StereoRecording,
+    assumed_clock,
     prefetch,
 )
 
@@ -169,6 +171,7 @@ def stereo_layout(
         kind = StereoRecording if live_waits is None else LiveRecording
         recording = kind(path, rig(), pairs, n_frames, clock, remarks, world_pose(folder or path))
         recording.waits = bool(live_waits)
+        assume_rate(recording, lambda frame: reduced(frame.left), image_step_m)
         return recording
 
     return Layout("stereo", streams, n_frames, clock, remarks, unpaired, opened)
@@ -197,9 +200,7 @@ def clock_of(
         return FrameClock(fps, times, notes)
     if math.isfinite(file_fps) and not raw:
         return FrameClock(file_fps)
-    fps = file_fps if math.isfinite(file_fps) else DEFAULT_FPS
-    note = f"no timestamps: {fps:g} frames per second are assumed; fps gives another rate"
-    return FrameClock(fps, None, (note,), even=raw, assumed=True)
+    return assumed_clock(file_fps if math.isfinite(file_fps) else DEFAULT_FPS, even=raw)
 
 
 def clock_of_pairs(pairs: TimePairs, options: OpenOptions) -> FrameClock:

@@ -26,7 +26,7 @@ from stereo.readers.base import (
 )
 from stereo.readers.images import Colour, bits_note, bits_of, frame_number, image_files, images_of
 from stereo.readers.pairing import Pair, one_of_each, pair_files, split_sides
-from stereo.readers.times import read_stamps, stamp_list, stamps_in_names
+from stereo.readers.times import stamps_of
 from stereo.recording import OpenOptions
 
 
@@ -101,19 +101,9 @@ def _timed(path: Path, sides: _Sides) -> tuple[TimedFiles, TimedFiles] | None:
     """Times in lists next to the images, or in their names; None without, or with a timestamps.csv of the recording."""
     if (path / "timestamps.csv").is_file():
         return None
-    listed = [stamp_list(folder) or stamp_list(path) for folder in sides.folders]
     timed = []
-    for folder, files, found in zip(sides.folders, sides.files, listed, strict=True):
-        if found is None:
-            stamps = stamps_in_names([file.stem for file in files])
-        elif len(found[1]) != len(files):
-            raise InputError(f"{found[0]}: expected a time for each of {len(files)} images, found {len(found[1])}")
-        else:
-            try:
-                stamps = read_stamps(found[1])
-            except ValueError as error:
-                raise InputError(f"{found[0]}: {error}") from error
-        if stamps is None:
+    for folder, files in zip(sides.folders, sides.files, strict=True):
+        if (stamps := stamps_of(files, folder, path)) is None:
             return None
         timed.append(TimedFiles(folder, files, stamps.ns))
     return timed[0], timed[1]

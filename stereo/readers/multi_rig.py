@@ -11,7 +11,7 @@ from calib.errors import InputError
 from calib.world import load_rigs
 from stereo.readers.base import AnyRecording
 from stereo.readers.open import open_any, rigs_file
-from stereo.recording import RgbdFrame, Skipped, StereoFrame, StereoRecording, prefetch
+from stereo.recording import RgbdFrame, Skipped, StereoFrame, StereoRecording, assumed_clock, prefetch
 
 AnyFrame = StereoFrame | RgbdFrame
 
@@ -124,6 +124,4 @@ def _share_rate(recordings: Sequence[AnyRecording]) -> None:
     for recording in assumed:
         fps = min(rates or [other.fps for other in assumed])
         if fps != recording.fps:
-            recording.clock = recording.clock._replace(fps=fps)
-            recording.notes = [note for note in recording.notes if not note.startswith("no timestamps")]
-            recording.notes.append(f"no timestamps: {fps:g} frames per second are assumed, as of the other rigs")
+            recording.assume(assumed_clock(fps, recording.clock.even, ", as of the other rigs"))

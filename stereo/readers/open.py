@@ -11,14 +11,17 @@ from calib.errors import InputError
 from calib.io import entries, reason
 from calib.world import RIGS_FILE, load_rigs
 from stereo.readers.bags.layout import READER as BAG
-from stereo.readers.base import AnyRecording, FrameSource, Layout, Reader, clock_of, together
+from stereo.readers.base import AnyRecording, FrameSource, Layout, Reader, clock_of, clock_of_pairs, together
 from stereo.readers.datasets import EUROC, KITTI, KITTI_SEQUENCE, MIDDLEBURY, TUM_RGBD
 from stereo.readers.folders import READER as FOLDERS
 from stereo.readers.folders import folder_pair
 from stereo.readers.images import Colour, bits_note, bits_of, image_files, images_of
 from stereo.readers.live import READER as LIVE
+from stereo.readers.movement import assume_rate, image_step_m, reduced
+from stereo.readers.pairing import pair_stamps
 from stereo.readers.rgbd import READER as RGBD_FOLDERS
 from stereo.readers.side_by_side import READER as SIDE_BY_SIDE
+from stereo.readers.times import stamps_of
 from stereo.readers.video import READER as VIDEO_PAIR
 from stereo.readers.video import VideoFile, video_files, video_pair
 from stereo.recording import OpenOptions, StereoRecording, Video
@@ -216,10 +219,13 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Video:
     files, videos = ([], [path]) if path.is_file() else (image_files(path), video_files(path))
     if not files and len(videos) != 1:
         raise InputError(f"{path}: expected images or one video, found {len(videos)} videos and no image")
-    bits = bits_of(files)
-    source: FrameSource = images_of(files, Colour(bits)) if files else VideoFile(videos[0])
-    clock = clock_of(path, options, source.n_frames, source.fps, source.raw)
-    notes = (*clock.notes, *bits_note(bits))
-    video = Video(path, together(source), source.size, source.n_frames, clock, notes)
+    bits, clock, frames = bits_of(files), None, list[Path | None](files)
+    if files and not (path / "timestamps.csv").is_file() and (stamps := stamps_of(files, path)):
+        own = pair_stamps(stamps.ns, stamps.ns)
+        frames, clock = [files[i] if i >= 0 else None for i in own.left], clock_of_pairs(own, options)
+    source: FrameSource = images_of(frames, Colour(bits)) if files else VideoFile(videos[0])
+    clock = clock or clock_of(path, options, source.n_frames, source.fps, source.raw)
+    video = Video(path, together(source), source.size, source.n_frames, clock, (*clock.notes, *bits_note(bits)))
     video.options = options
+    assume_rate(video, lambda frame: reduced(frame.image), image_step_m)
     return video

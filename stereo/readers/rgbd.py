@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,40 +16,29 @@ from calib.errors import InputError
 from calib.formats.rgbd import load_rgbd
 from calib.io import entries, size_text
 from calib.rig import DepthSensor, RgbdRig
-from calib.types import F32, F64
-from stereo.depth import median_image
+from calib.types import F32, F64, AnyArray
 from stereo.readers.base import Layout, Reader, Stream, clock_of, rate_of, together, world_pose
 from stereo.readers.images import Colour, Depth, Images, Size, image_files, images_of, read_depth
+from stereo.readers.movement import StepM, assume_rate
 from stereo.readers.pairing import Pair, depth_note, nearest_mates, pair_files
 from stereo.readers.times import stamps_in_names
-from stereo.recording import DEFAULT_FPS, FrameClock, OpenOptions, RgbdFrame, RgbdRecording
+from stereo.recording import FrameClock, OpenOptions, RgbdRecording
 
-MIN_PAIRS = 4
-"""With movement in fewer of them there is no rate (our choice)."""
 STEP_PX = 8
 """Every n-th row and column is used."""
 
 
-def rate_by_movement(at: Callable[[Sequence[int]], list[RgbdFrame]], n_frames: int, camera: Camera) -> float | None:
-    """Frames per second at which what moves is as fast as a walker, in frames that ``at`` decodes by their ascending
-    indices; None where too little moves."""
-    # Consecutive frames at 24 places in the recording are compared (our choice).
-    firsts = np.unique(np.linspace(0, max(0, n_frames - 2), 24).astype(int))
-    indices = np.unique(np.concatenate([firsts, firsts + 1]))
-    depths = {f.index: f.depth_m[::STEP_PX, ::STEP_PX] for f in at([int(i) for i in indices if i < n_frames])}
-    if len(depths) < MIN_PAIRS:
-        return None
-    background = median_image(list(depths.values()))
+def depth_step_m(camera: Camera) -> StepM:
+    """How far what stands before the background moves, in depth of every ``STEP_PX``-th row and column."""
     # (h, w, 3) rays at unit depth of the pixels used.
     columns, rows = np.meshgrid(np.arange(0, camera.width, STEP_PX), np.arange(0, camera.height, STEP_PX))
     rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()])).reshape(*columns.shape, 3)
-    places = {index: _place(depth, background, rays, camera) for index, depth in depths.items()}
-    pairs = [(places.get(int(i)), places.get(int(i) + 1)) for i in firsts]
-    steps = np.array([np.linalg.norm(b - a) for a, b in pairs if a is not None and b is not None])
-    # Shorter steps are noise and people who stand, longer ones are not of one person [m].
-    steps = steps[(steps > 0.03) & (steps < 1.5)]
-    # Comfortable walking speed of adults (Bohannon 1997, Age and Ageing 26: 1.27 to 1.46 m/s), less a little indoors.
-    return float(1.3 / np.median(steps)) if len(steps) >= MIN_PAIRS else None
+
+    def step_m(first: AnyArray, second: AnyArray, background: F32) -> float | None:
+        before, after = (_place(depth, background, rays, camera) for depth in (first, second))
+        return None if before is None or after is None else float(np.linalg.norm(after - before))
+
+    return step_m
 
 
 def _place(depth: F32, background: F32, rays: F64, camera: Camera) -> F64 | None:
@@ -97,15 +86,14 @@ def rgbd_layout(
 ) -> Layout:
     """Images and depth whose frames are paired; ``rig`` reads the calibration, or raises InputError. Images without
     times get the rate at which people walk, where that is clearly less than usual."""
-    assumed = clock.times_s is None and not clock.even
-    notes = tuple(notes)
+    remarks = (*clock.notes, *notes)
 
     def opened() -> RgbdRecording:
         from stereo.rgbd import DepthRegistration  # its kernels: only images with depth need numba here
 
-        found, depth, remarks = rig(), depths.size, list(clock.notes if not assumed else ()) + list(notes)
+        found, depth, own = rig(), depths.size, list(remarks)
         if found.depth_camera is None and images.size != depth:
-            remarks.append(f"depth of {size_text(depth)} without a calibration of its own counts as registered")
+            own.append(f"depth of {size_text(depth)} without a calibration of its own counts as registered")
             found = replace(found, depth_camera=found.camera.scaled(*depth))
         sensor = found.sensor or SENSOR_OF_SIZE.get(depth, "structured-light")
         if isinstance(depths.pixels, Depth) and found.units_per_m is not None:
@@ -113,20 +101,12 @@ def rgbd_layout(
         folder = path if path.is_dir() else path.parent
         recording = RgbdRecording(
             path, found, sensor, DepthRegistration(found), together(images, depths), images.n_frames, clock,
-            remarks, world_pose(folder),
+            own, world_pose(folder),
         )  # fmt: skip
-        if assumed:
-            rate = rate_by_movement(recording.at, recording.n_frames, recording.camera)
-            # At the usual rate people would move faster than a fast walker of 2.2 m/s (our choice).
-            slow = rate is not None and rate < 0.6 * DEFAULT_FPS
-            recording.clock = FrameClock(round(rate, 1) if slow and rate else DEFAULT_FPS, assumed=True)
-            why = ", at which what moves is as fast as a walker" if slow else ""
-            recording.notes.append(
-                f"no timestamps: {recording.fps:g} frames per second are assumed{why}; fps gives another rate"
-            )
+        assume_rate(recording, lambda frame: frame.depth_m[::STEP_PX, ::STEP_PX], depth_step_m(recording.camera))
         return recording
 
-    return Layout("rgbd", streams, images.n_frames, clock, (*clock.notes, *notes), unpaired, opened)
+    return Layout("rgbd", streams, images.n_frames, clock, remarks, unpaired, opened)
 
 
 _COLOUR = re.compile(r"(?<![a-z])(rgb|colou?r|image|images|img|left)(?![a-z])|^(rgb|colou?r)", re.IGNORECASE)

@@ -150,6 +150,20 @@ def stamp_list(folder: Path) -> tuple[Path, list[str]] | None:
     return path, list(first)
 
 
+def stamps_of(files: Sequence[Path], *folders: Path) -> Stamps | None:
+    """Times of images, of the list in the first folder that has one, else in the names of the files; None without."""
+    found = next(filter(None, map(stamp_list, folders)), None)
+    if found is None:
+        return stamps_in_names([file.stem for file in files])
+    path, texts = found
+    if len(texts) != len(files):
+        raise InputError(f"{path}: expected a time for each of {len(files)} images, found {len(texts)}")
+    try:
+        return read_stamps(texts)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
 def _rows(path: Path) -> tuple[list[tuple[int, str]], str | None]:
     """Frame and time of every row, and the unit that the column names; a column of seconds may hold anything."""
     expected = f"{path}: expected the columns frame,timestamp_s with numbers"

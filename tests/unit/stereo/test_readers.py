@@ -217,7 +217,27 @@ def test_images_of_one_camera_without_times_note_the_assumed_rate(tmp_path: Path
     folder = folder_recording(tmp_path / "r") / "left"
     video = open_video(folder)
     assert video.fps == 30.0
-    assert video.notes == ["no timestamps: 30 frames per second are assumed; fps gives another rate"]
+    assert video.notes == ["no timestamps: 30 frames per second are assumed; fps= gives another rate"]
+
+
+@pytest.mark.parametrize("step_px", [20, 60])
+def test_rate_of_images_without_times_is_that_of_a_walker(tmp_path: Path, step_px: int) -> None:
+    for index in range(24):
+        image = np.full((240, 320), 90, np.uint8)
+        left = step_px * index % 300
+        image[60:180, left : left + 40] = 200  # 120 px for 1.7 m
+        cv2.imwrite(str(tmp_path / f"{index:04d}.png"), image)
+    video = open_video(tmp_path)
+    assert video.fps == pytest.approx(1.3 / (1.7 * step_px / 120), rel=0.1)
+    assert "as fast as a walker; fps= gives another rate" in video.notes[0]
+
+
+def test_times_of_one_camera_are_those_of_its_list_or_names(tmp_path: Path) -> None:
+    folder, names = folder_recording(tmp_path / "a").joinpath("left"), [f"{1700000000 + i / 5:.3f}" for i in range(6)]
+    (folder / "timestamps.txt").write_text("\n".join(names))
+    assert open_video(folder).fps == pytest.approx(5.0)
+    named = open_video(folder_recording(tmp_path / "b", names) / "left")
+    assert [frame.timestamp_s for frame in named] == pytest.approx([i / 5 for i in range(6)]) and not named.notes
 
 
 def test_table_of_times_that_is_too_short_is_reported(tmp_path: Path) -> None:
@@ -233,7 +253,7 @@ def test_rate_of_pictures_without_a_container_is_reported(tmp_path: Path) -> Non
     (tmp_path / "a.mjpeg").write_bytes(7 * coded)
     video = open_video(tmp_path)
     assert video.n_frames == 7
-    assert video.notes == ["no timestamps: 25 frames per second are assumed; fps gives another rate"]
+    assert video.notes == ["no timestamps: 25 frames per second are assumed; fps= gives another rate"]
 
 
 def test_hidden_files_of_macos_are_passed_over(tmp_path: Path) -> None:

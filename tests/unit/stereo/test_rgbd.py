@@ -1,6 +1,7 @@
 """RGB-D recordings: readers and registration."""
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -16,8 +17,9 @@ from stereo._kernels import register_depth
 from stereo.depth import DepthFromDisparity
 from stereo.readers import OpenOptions, find_reader, open_any
 from stereo.readers.images import metres
+from stereo.readers.movement import rate_by_movement
 from stereo.readers.pairing import nearest_mates
-from stereo.readers.rgbd import rate_by_movement
+from stereo.readers.rgbd import STEP_PX, depth_step_m
 from stereo.recording import RgbdFrame, RgbdRecording
 from stereo.rgbd import DepthRegistration, RgbdRectifier
 
@@ -262,8 +264,8 @@ def _walker(step_m: float) -> list[RgbdFrame]:
 
 @pytest.mark.parametrize(("step_m", "fps"), [(0.13, 10.0), (0.26, 5.0), (0.0, None)])
 def test_rate_is_that_at_which_people_walk_and_unknown_where_nothing_moves(step_m, fps):
-    frames = _walker(step_m)
-    found = rate_by_movement(lambda indices: [frames[i] for i in indices], len(frames), WALK_CAMERA)
+    depths = [frame.depth_m[::STEP_PX, ::STEP_PX] for frame in _walker(step_m)]
+    found = rate_by_movement(list(pairwise(depths)), depth_step_m(WALK_CAMERA))
     assert found is None if fps is None else found == pytest.approx(fps, rel=0.25)  # of 8 pixels each
 
 

@@ -1,7 +1,9 @@
 """The commands: what they do, print and refuse."""
 
+import ast
 import csv
 import json
+import re
 from pathlib import Path
 
 import cv2
@@ -21,13 +23,14 @@ from calib.world import load_world
 from planview.cli import main
 from planview.commands.calibrate import parse_board, parse_square
 from planview.commands.calibrate_pose import parse_points
+from planview.commands.options import typed
 from planview.commands.recordings import CheckOptions, check
 from planview.commands.run import TrackingOptions, _is_of_one_camera
 from planview.commands.sweep import SweepOptions, sweep, varied
 from planview.counting.events import read_events
 from planview.synthetic.scene import load_scene
 from planview.trajectories.table import read_truth
-from stereo.readers import open_any, open_recording, open_video, rgbd
+from stereo.readers import movement, open_any, open_recording, open_video
 
 
 def test_a_camera_above_the_floor_is_known_by_its_keys_and_a_rig_is_that_of_a_pair_to_trackers_of_pairs(tmp_path):
@@ -256,11 +259,11 @@ def test_inspect_names_the_option_that_supplies_what_is_missing_and_shows_people
 def test_the_rate_of_images_without_times_is_the_one_that_a_run_takes(tmp_path, capsys, monkeypatch):
     folder = write_toy_rgbd(tmp_path / "rgbd")
     (folder / "timestamps.csv").unlink(missing_ok=True)
-    monkeypatch.setattr(rgbd, "rate_by_movement", lambda *_: 6.7)
+    monkeypatch.setattr(movement, "rate_by_movement", lambda *_: 6.7)
     found = inspected(folder, capsys)
     assert found["fps"] == open_any(folder).fps == 6.7
     notes = [note for note in found["notes"] if "frames per second are assumed" in note]  # type: ignore[attr-defined]
-    assert len(notes) == 1 and "no timestamps: 6.7" in notes[0]
+    assert len(notes) == 1 and "no timestamps: 6.7" in notes[0] and "--fps gives another rate" in notes[0]
 
 
 @pytest.mark.parametrize("words", [["check", "--quick"], ["run", "--out", "out"]])
@@ -308,3 +311,37 @@ def test_varied_values_are_those_of_a_parameter_and_seeds_those_of_the_study() -
 def test_sweep_without_a_process_is_refused(tmp_path) -> None:
     with pytest.raises(InputError, match="--jobs: expected at least 1"):
         sweep([tmp_path], options=SweepOptions(out=tmp_path / "out", jobs=0))
+
+
+@pytest.mark.parametrize(
+    ("sentence", "shown"),
+    [
+        ("a rate is assumed; fps= gives another", "a rate is assumed; --fps gives another"),
+        ("one camera takes tracker='ellipse-particle'", "one camera takes --tracker ellipse-particle"),
+        ("overrides=: expected table.key=value", "--set: expected table.key=value"),
+        ("(maps.cell_m=N gives another)", "(--set maps.cell_m=N gives another)"),
+        ("--set maps.cell_m=1: below the least", "--set maps.cell_m=1: below the least"),
+        (
+            "expected a camera.toml, found a lens (focal_px=410)",
+            "expected a camera.toml, found a lens (focal_px=410); planview calibrate human VIDEO --auto --focal 410 "
+            "--out camera.toml writes one",
+        ),
+    ],
+)
+def test_arguments_of_python_are_shown_as_options(sentence, shown):
+    assert typed(sentence) == shown
+
+
+@pytest.mark.parametrize("room", ["calib", "stereo", "planview"])
+def test_messages_below_the_commands_name_no_option_and_no_command(room):
+    root = Path(__file__).parents[4]
+    option = re.compile(
+        r"(?<![\w<!-])--[a-z]|planview (calibrate|check|count|edit|export|render|replay|report|run|view)\b"
+    )
+    found = []
+    for file in (root / room).rglob("*.py"):
+        if file.name != "cli.py" and file.parent.name != "commands":
+            calls = (node for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Call))
+            texts = {node for call in calls for node in ast.walk(call) if isinstance(node, ast.Constant)}
+            found += [f"{file}:{text.lineno}" for text in texts if option.search(str(text.value))]
+    assert not found
