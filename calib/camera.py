@@ -18,7 +18,8 @@ _COEFFICIENTS: dict[str, tuple[int, ...]] = {"brown": (0, 4, 5), "rational": (8,
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics of one camera; pixel (0, 0) is the centre of the top-left pixel.
+    """Intrinsics of one camera; pixel (0, 0) is the centre of the top-left pixel. Raises ValueError: a size, focal
+    length or coefficient that cannot be a camera's.
 
     Attributes:
         width, height: image size [px].
@@ -26,8 +27,6 @@ class Camera:
         model: "brown" (k1 k2 p1 p2 k3), "rational" (OpenCV's 8, 12 or 14 coefficients) or
             "fisheye" (equidistant, k1..k4).
         distortion: coefficients in OpenCV's order; empty means none.
-    Raises:
-        ValueError: a size, focal length or coefficient that cannot be a camera's.
     """
 
     width: int

@@ -34,7 +34,8 @@ def distortion_k(lens: str, width: int) -> float:
 class GroundCamera:
     """Camera at (0, 0, height_m) looking down along +Y, principal point at the image centre.
 
-    World frame: Z up, floor at Z = 0, X right, Y forward (as ``calib.rig.world_from_plane`` defines it).
+    World frame: Z up, floor at Z = 0, X right, Y forward (as ``calib.rig.world_from_plane`` defines it). Raises
+    ValueError: a parameter out of its range.
 
     Attributes:
         width, height: image size [px].
@@ -44,8 +45,6 @@ class GroundCamera:
         lens: class of table 2; its K is scaled to this image's width.
         roll_rad: the image's rotation about its centre, clockwise on a screen, against an upright camera's [rad]. The
             paper assumes none (section 3, assumption 3); at 25 m, 3 degrees move a floor position by a metre.
-    Raises:
-        ValueError: a parameter out of its range.
     """
 
     width: int

@@ -16,13 +16,12 @@ from calib.types import F64
 
 @dataclass(frozen=True, eq=False)
 class SE3:
-    """A rotation and a translation.
+    """A rotation and a translation. Raises ValueError: wrong shapes, values that are not finite, or a matrix that is no
+    rotation.
 
     Attributes:
         rotation: (3, 3) float64, orthonormal, determinant +1.
         translation: (3,) float64 [m].
-    Raises:
-        ValueError: wrong shapes, values that are not finite, or a matrix that is no rotation.
     """
 
     rotation: F64

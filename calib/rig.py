@@ -195,13 +195,12 @@ class Floor:
 
 
 def world_from_plane(normal: np.ndarray[Any, np.dtype[np.float64]], offset_m: float) -> SE3:
-    """Canonical world frame: origin on the floor below the left camera, Z up, X along the camera's x axis.
+    """Canonical world frame: origin on the floor below the left camera, Z up, X along the camera's x axis. Raises
+    ValueError: the camera's x axis is vertical, so that X is not defined.
 
     Args:
         normal: (3,) the floor's upward normal in the rectified left camera frame; need not be unit.
         offset_m: height of the camera centre above the floor [m].
-    Raises:
-        ValueError: the camera's x axis is vertical, so that X is not defined.
     """
     up = np.asarray(normal, dtype=np.float64)
     up = up / np.linalg.norm(up)

@@ -158,11 +158,8 @@ def back_project(depth: F32, geometry: RectifiedGeometry) -> F32:
 
 
 def point_cloud(disparity: F32, image: U8, geometry: RectifiedGeometry, world_SE3_left: SE3) -> PointCloud:
-    """Points [m] of a disparity (H, W) in the world, with the colours of the rectified left image (H, W[, 3]).
-
-    Raises:
-        WorkError: open3d is missing.
-    """
+    """Points [m] of a disparity (H, W) in the world, with the colours of the rectified left image (H, W[, 3]). Raises
+    WorkError: open3d is missing."""
     o3d = import_open3d("a cloud of points")
     points = back_project(DepthFromDisparity(geometry)(disparity), geometry).reshape(-1, 3)
     known = np.isfinite(points).all(axis=1)

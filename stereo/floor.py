@@ -163,13 +163,12 @@ def floor_in(
     blind: str,
     align: Callable[[Plane], Plane] | None = None,
 ) -> Floor:
-    """The floor common to the (H, W) float32 depth images of some frames [m], NaN where unknown.
+    """The floor common to the (H, W) float32 depth images of some frames [m], NaN where unknown. Raises WorkError:
+    there is hardly any depth, or no floor is visible.
 
     Args:
         blind: what may be wrong when there is hardly any depth, for the message.
         align: improves the plane that was chosen.
-    Raises:
-        WorkError: there is hardly any depth, or no floor is visible.
     """
     grids = [back_project(d, geometry)[::STEP_PX, ::STEP_PX] for d in depths]
     clouds = [grid.reshape(-1, 3) for grid in grids]

@@ -8,17 +8,18 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from calib.camera import Camera
 from calib.errors import InputError
 from calib.images import as_colour
 from calib.pose import SE3
-from calib.rig import DepthSensor, RgbdRig, StereoRig
+from calib.rig import DepthSensor, StereoRig
 from calib.types import F32, F64, U8, AnyArray
 
 T = TypeVar("T")
@@ -43,11 +44,13 @@ class OpenOptions:
 
     calibration: Path | None = None
     fps: float | None = None
-    topics: tuple[str, ...] = ()
+    topics: Sequence[str] = ()
     right: Path | None = None
 
     def __post_init__(self) -> None:
-        """Paths may be given as text."""
+        """Paths may be given as text, topics with a comma between them."""
+        named = self.topics.split(",") if isinstance(self.topics, str) else self.topics
+        self.topics = tuple(name.strip() for name in named)
         self.calibration, self.right = (None if path is None else Path(path) for path in (self.calibration, self.right))
         if self.fps is not None and not 0.01 <= self.fps <= 10_000:
             raise InputError(f"fps=: expected 0.01 to 10000 frames per second, found {self.fps:g}")
@@ -222,6 +225,7 @@ PairsOf = Callable[[Sequence[int] | None], Generator[DecodedPair, None, None]]
 """Decodes the pairs of these ascending indices, or all."""
 
 
+@dataclass(eq=False, repr=False)
 class Recorded(ABC, Generic[Frame]):
     """Frames made of the images of one or two cameras; each iteration starts at the first frame.
 
@@ -229,6 +233,7 @@ class Recorded(ABC, Generic[Frame]):
 
     Attributes:
         path: the folder or file it came from.
+        decode: gives the images of ascending indices, or of all.
         n_frames: frames announced by the files (an upper bound).
         fps, times_s: see ``FrameClock``.
         notes: what the reader assumed, repaired or missed, a sentence each.
@@ -236,22 +241,15 @@ class Recorded(ABC, Generic[Frame]):
         options: what it was opened with.
     """
 
-    options = OpenOptions()
-    sides: tuple[str, ...]
+    path: Path
+    decode: Callable[[Sequence[int] | None], Generator[Any, None, None]]
+    n_frames: int
+    clock: FrameClock
+    notes: list[str]
+    skipped: list[Skipped] = field(default_factory=list, init=False)
+    options: OpenOptions = field(default_factory=OpenOptions, kw_only=True)
+    sides: ClassVar[tuple[str, ...]]
     """Before the reasons why a camera has no image."""
-
-    def __init__(
-        self,
-        path: Path,
-        decode: Callable[[Sequence[int] | None], Generator[tuple[Decoded, ...], None, None]],
-        n_frames: int,
-        clock: FrameClock,
-        notes: Iterable[str] = (),
-    ) -> None:
-        """Prepare; ``decode`` gives the images of ascending indices, or of all."""
-        self.path, self.n_frames, self.clock, self.notes = path, n_frames, clock, list(notes)
-        self.skipped: list[Skipped] = []
-        self._decode = decode
 
     @property
     def fps(self) -> float:
@@ -273,7 +271,7 @@ class Recorded(ABC, Generic[Frame]):
     def __iter__(self) -> Iterator[Frame]:
         self.skipped = skipped = []
         last = -1
-        with closing(self._decode(None)) as decoded:
+        with closing(self.decode(None)) as decoded:
             for parts in decoded:
                 last = parts[0].index
                 frame = self._frame(parts)
@@ -290,7 +288,7 @@ class Recorded(ABC, Generic[Frame]):
 
     def at(self, indices: Sequence[int]) -> list[Frame]:
         """The usable ones of these frames, whose indices ascend; ``skipped`` is not touched."""
-        with closing(self._decode(indices)) as decoded:
+        with closing(self.decode(indices)) as decoded:
             frames = [self._frame(parts) for parts in decoded]
         return [frame for frame in frames if not isinstance(frame, Skipped)]
 
@@ -302,6 +300,7 @@ class Recorded(ABC, Generic[Frame]):
         return Skipped(first.index, "; ".join(side + part.why for side, part in reasons if part.why))
 
 
+@dataclass(eq=False, repr=False)
 class StereoRecording(Recorded[StereoFrame]):
     """Frames of two cameras with their calibration at the images' size.
 
@@ -310,21 +309,11 @@ class StereoRecording(Recorded[StereoFrame]):
         is_live, waits: frames come from cameras as they run, and wait until they are read (a file behind an address).
     """
 
+    rig: StereoRig
+    world_SE3_left: SE3 | None = None
+    waits: bool = False
     sides = ("left: ", "right: ")
-    is_live = waits = False
-
-    def __init__(
-        self,
-        path: Path,
-        rig: StereoRig,
-        pairs: PairsOf,
-        n_frames: int,
-        clock: FrameClock,
-        notes: Iterable[str] = (),
-        world_SE3_left: SE3 | None = None,
-    ) -> None:
-        super().__init__(path, pairs, n_frames, clock, notes)
-        self.rig, self.world_SE3_left = rig, world_SE3_left
+    is_live: ClassVar = False
 
     def _joined(self, index: int, timestamp_s: float, *images: Any) -> StereoFrame:
         a, b = images
@@ -341,7 +330,7 @@ class LiveRecording(StereoRecording):
     def sample(self, count: int) -> list[StereoFrame]:
         """Up to ``count`` usable frames from now on, 0.25 s apart (our choice: 12 for the floor take 3 s)."""
         frames: list[StereoFrame] = []
-        with closing(self._decode(None)) as pairs:
+        with closing(self.decode(None)) as pairs:
             for frame in map(self._frame, pairs):
                 if isinstance(frame, StereoFrame) and (
                     not frames or frame.timestamp_s - frames[-1].timestamp_s >= 0.25
@@ -352,55 +341,34 @@ class LiveRecording(StereoRecording):
         return frames
 
 
+@dataclass(eq=False, repr=False)
 class RgbdRecording(Recorded[RgbdFrame]):
     """Images with registered depth, which a sensor measured.
 
     Attributes:
         camera, source: calibration of the images at their size, and where it came from, for messages and run.json.
+        registration: moves depth into the pixels of the image.
         world_SE3_camera: from ``world.toml``, else None (the floor is then found from the recording).
     """
 
+    camera: Camera
+    source: str
+    sensor: DepthSensor
+    registration: Callable[[F32], F32]
+    world_SE3_camera: SE3 | None
     sides = ("image: ", "depth: ")
-
-    def __init__(
-        self,
-        path: Path,
-        rig: RgbdRig,
-        sensor: DepthSensor,
-        register: Callable[[F32], F32],
-        pairs: PairsOf,
-        n_frames: int,
-        clock: FrameClock,
-        notes: Iterable[str] = (),
-        world_SE3_camera: SE3 | None = None,
-    ) -> None:
-        """Prepare; ``register`` moves depth into the pixels of the image."""
-        super().__init__(path, pairs, n_frames, clock, notes)
-        self.camera, self.source, self.sensor = rig.camera, rig.source, sensor
-        self.world_SE3_camera = world_SE3_camera
-        self._register = register
 
     def _joined(self, index: int, timestamp_s: float, *images: Any) -> RgbdFrame:
         image, depth_m = images
-        return RgbdFrame(index, timestamp_s, image, self._register(depth_m))
+        return RgbdFrame(index, timestamp_s, image, self.registration(depth_m))
 
 
+@dataclass(eq=False, repr=False)
 class Video(Recorded[VideoFrame]):
     """Frames of one camera, (width, height) [px] large: a video file or a folder of images."""
 
+    size: tuple[int, int]
     sides = ("",)
-
-    def __init__(
-        self,
-        path: Path,
-        decode: Callable[[Sequence[int] | None], Generator[tuple[Decoded], None, None]],
-        size: tuple[int, int],
-        n_frames: int,
-        clock: FrameClock,
-        notes: Iterable[str] = (),
-    ) -> None:
-        super().__init__(path, decode, n_frames, clock, notes)
-        self.size = size
 
     def _joined(self, index: int, timestamp_s: float, *images: Any) -> VideoFrame:
         return VideoFrame(index, timestamp_s, images[0])

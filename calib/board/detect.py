@@ -24,7 +24,7 @@ MARKER_SHARES = (0.75, 0.7, 0.8, 0.6, 0.5)
 
 @dataclass(frozen=True)
 class Board:
-    """A printed board.
+    """A printed board. Raises ValueError: counts or sizes that no board has.
 
     Attributes:
         cols, rows: inner corners along a row and a column.
@@ -32,8 +32,6 @@ class Board:
         dictionary: ArUco dictionary of a ChArUco board; empty for a chessboard.
         marker_m: side of a marker [m].
         legacy: ChArUco layout of OpenCV before 4.6.
-    Raises:
-        ValueError: counts or sizes that no board has.
     """
 
     cols: int

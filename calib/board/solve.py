@@ -174,15 +174,14 @@ def solve_board(
     rejected: Sequence[RejectedView] = (),
     source: str = "board images",
 ) -> BoardCalibration:
-    """Calibrate a stereo rig from views of a board.
+    """Calibrate a stereo rig from views of a board. Raises InputError: too few or degenerate views, or views that no
+    two cameras side by side can have taken.
 
     Args:
         size: (width, height) of all images [px].
         model: lens model; None chooses by the error of views left out of the fit.
         rejected: pairs that were refused before, to be named with those refused here.
         source: for messages and the rig.
-    Raises:
-        InputError: too few or degenerate views, or views that no two cameras side by side can have taken.
     """
     if len(views) < MIN_PAIRS:
         first = f", e.g. {rejected[0].name}: {rejected[0].why}" if rejected else ""

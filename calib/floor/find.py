@@ -58,9 +58,10 @@ def find_floor(
 ) -> Floor:
     """The floor plane common to many frames.
 
-    Candidates come from RANSAC; the floor is the likeliest plane that a camera looking down with little roll
-    could stand above, with next to nothing seen beneath it (``choose_floor``). It is refined by robust least squares in
-    inverse depth. Medians over all frames in cells of the view are fitted: people who walk through do not count.
+    Candidates come from RANSAC; the floor is the likeliest plane that a camera looking down with little roll could
+    stand above, with next to nothing seen beneath it (``choose_floor``). It is refined by robust least squares in
+    inverse depth. Medians over all frames in cells of the view are fitted: people who walk through do not count. Raises
+    WorkError: no floor is visible; the message names what was seen instead. Raises ValueError: shapes do not fit.
 
     Args:
         clouds: one (N, 3) array of points per frame [m], rectified left camera frame; rows with NaN are skipped.
@@ -71,9 +72,6 @@ def find_floor(
         params: what counts as a floor.
     Returns:
         Floor with inlier fraction, residual, covariance and extent.
-    Raises:
-        WorkError: no floor is visible; the message names what was seen instead.
-        ValueError: shapes do not fit.
     """
     params = params or FloorParams()
     points = _points(clouds, sigma_z)

@@ -129,7 +129,8 @@ def load_rig(
     swap: bool = False,
     rectified: bool | None = None,
 ) -> StereoRig:
-    """Read a stereo calibration in any supported format, recognised by its content.
+    """Read a stereo calibration in any supported format, recognised by its content. Raises InputError: nothing readable
+    there, not a stereo rig, or a rig for another image size.
 
     Args:
         path: a calibration file (of a pair, either half), or a folder that holds one calibration.
@@ -142,8 +143,6 @@ def load_rig(
         rectified: whether the images are, where a file holds both calibrations; None decides by their size.
     Returns:
         The rig, checked (``StereoRig.check``).
-    Raises:
-        InputError: nothing readable there, not a stereo rig, or a rig for another image size.
     """
     choice = Choice(size, cameras, unit_m, rectified)
     found, sources = find_rig(path)
@@ -165,14 +164,13 @@ def calibration_files(path: Path) -> list[Path]:
 
 
 def write_rig(rig: StereoRig, path: Path, format_key: str | None = None, keep: Collection[Path] = ()) -> list[Path]:
-    """Write a rig in a format, to a file, or to a folder for formats of two files, and return the files.
+    """Write a rig in a format, to a file, or to a folder for formats of two files, and return the files. Raises
+    InputError: no such format, a format that cannot hold this rig exactly, a place that cannot be written, or a file to
+    be kept.
 
     Args:
         format_key: ``Format.key``; None takes the first format that writes files of this suffix.
         keep: files that must not be written over.
-    Raises:
-        InputError: no such format, a format that cannot hold this rig exactly, a place that cannot be written, or a
-            file to be kept.
     """
     chosen = _format_for(path, format_key)
     try:

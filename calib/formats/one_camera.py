@@ -7,7 +7,6 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -28,12 +27,11 @@ _LENS_KEYS = {"camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M1", "K1",
 
 
 def load_one_camera(path: Path, size: Size | None = None) -> GroundCamera:
-    """The camera of a camera.toml or of a Tsai XML; the world is that of a camera.toml.
+    """The camera of a camera.toml or of a Tsai XML; the world is that of a camera.toml. Raises InputError: unreadable,
+    a lens without a place above the floor, or a camera for images of another aspect.
 
     Args:
         size: (width, height) of the images [px]; a camera of another size and the same aspect is scaled.
-    Raises:
-        InputError: unreadable, a lens without a place above the floor, or a camera for images of another aspect.
     """
     if path.is_dir():
         return load_ground_camera(path)
@@ -47,11 +45,12 @@ def load_one_camera(path: Path, size: Size | None = None) -> GroundCamera:
         if not _is_camera_toml(path, source):
             raise InputError(f"{path}: expected a camera.toml or a Tsai XML, found neither")
         return _fitted(load_ground_camera(path), path, size)
-    width, height = lens.size or (0, 0)
-    scale = size[0] / width if size and width and size[0] * height == size[1] * width else 1.0
+    name, focal_px, own = lens
+    if size and own and size[0] * own[1] == size[1] * own[0]:
+        focal_px *= size[0] / own[0]
     raise InputError(
         f"{path}: expected a camera.toml, which holds where the camera is above the floor, found a lens "
-        f"({lens.name}, focal_px={lens.focal_px * scale:.0f})"
+        f"({name}, focal_px={focal_px:.0f})"
     )
 
 
@@ -127,12 +126,8 @@ def _nearest(tsai: TsaiCamera) -> GroundCamera:
     return camera(fits[lens].x, lens)
 
 
-class _Lens(NamedTuple):
-    """What a file of a lens is, its focal length [px] and the size of its images [px], None where it is not given."""
-
-    name: str
-    focal_px: float
-    size: Size | None = None
+_Lens = tuple[str, float, Size | None]
+"""What a file of a lens is, the focal length [px] and the size of its images [px], None where it is not given."""
 
 
 def _lens_of_pair(path: Path) -> _Lens | None:
@@ -141,7 +136,7 @@ def _lens_of_pair(path: Path) -> _Lens | None:
         left = load_rig(path).left
     except InputError:
         return None
-    return _Lens("left camera of a pair", left.fx, left.size)
+    return "left camera of a pair", left.fx, left.size
 
 
 def _lens_alone(source: Source) -> _Lens | None:
@@ -149,9 +144,9 @@ def _lens_alone(source: Source) -> _Lens | None:
     words = [line.split() for line in source.text.splitlines() if line.strip() and not line.startswith("#")]
     if words and len(words[0]) >= 5 and words[0][0].isdigit() and words[0][1].isupper():
         with suppress(ValueError):
-            return _Lens(f"COLMAP, {words[0][1]}", float(words[0][4]), (int(words[0][2]), int(words[0][3])))
+            return f"COLMAP, {words[0][1]}", float(words[0][4]), (int(words[0][2]), int(words[0][3]))
     if petrack := re.search(r'<(?:OLD|EXT)_MODEL [^>]*FX="([0-9.]+)"', source.text):
-        return _Lens("PeTrack project, whose pose is not read", float(petrack[1]))
+        return "PeTrack project, whose pose is not read", float(petrack[1]), None
     try:
         data = parse_storage(source.text)
     except ValueError:
@@ -164,7 +159,4 @@ def _lens_alone(source: Source) -> _Lens | None:
     while isinstance(value, Mapping):
         value = value.get("data", value.get("doubles"))
     values = str(value).replace("[", " ").replace("]", " ").replace(",", " ").split()
-    try:
-        return _Lens(name, float(values[0]))
-    except (ValueError, IndexError):
-        return None
+    return (name, float(values[0]), None) if values else None

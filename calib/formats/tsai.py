@@ -21,14 +21,13 @@ from calib.types import F64
 @dataclass(frozen=True)
 class TsaiCamera:
     """Tsai's camera (Tsai 1987): radial distortion from image to ideal, Xu = Xd (1 + kappa1 Rd^2), in millimetres.
+    Raises ValueError: a size, focal length or pitch that cannot be a camera's.
 
     Attributes:
         width, height, cx, cy: image size and principal point [px].
         focal_mm, kappa1: focal length, and radial coefficient [1/mm^2].
         dx_mm, dy_mm: pixel pitch, Tsai's dpx / sx and dpy.
         camera_SE3_world: pose; the world's Z is up, floor at Z = 0 [m].
-    Raises:
-        ValueError: a size, focal length or pitch that cannot be a camera's.
     """
 
     width: int

@@ -92,7 +92,8 @@ def calibrate_from_people(
     """The camera whose projected people fit at least 3 samples at different places best, its deviations and a verdict.
 
     A camera that is not known well enough is returned all the same, and its assessment shows it; one of which height
-    and focal length cannot be separated at all is refused.
+    and focal length cannot be separated at all is refused. Raises InputError: samples from which no camera can be
+    determined. Raises WorkError: no camera fits them, or too many do. Raises ValueError: an unknown lens.
 
     Args:
         size: (width, height) of the image [px].
@@ -102,10 +103,6 @@ def calibrate_from_people(
             None for all, marked by hand. The others repeat body height, gait and shadow, and are weighted down.
         name: of the samples' source, for messages.
         walked: (height, width), where something moved in the recording: more people are asked for there only.
-    Raises:
-        InputError: samples from which no camera can be determined.
-        WorkError: no camera fits them, or too many do.
-        ValueError: an unknown lens.
     """
     check_samples(samples, size, name)
     if lens is not None and lens not in LENS_K_320:

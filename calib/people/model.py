@@ -24,13 +24,12 @@ HULL_POINTS = 24
 
 @dataclass(frozen=True)
 class HumanModel:
-    """Head, torso and leg cylinders of one person (figure 2, table 1).
+    """Head, torso and leg cylinders of one person (figure 2, table 1). Raises ValueError: a size that is not positive
+    and finite.
 
     Attributes:
         head_m, torso_m, leg_m: heights of the cylinders [m]; their sum is the person's height.
         head_radius_m, torso_radius_m, leg_radius_m: their radii [m].
-    Raises:
-        ValueError: a size that is not positive and finite.
     """
 
     head_m: float = 0.27
@@ -164,14 +163,13 @@ LEAN_M = 0.04
 
 @dataclass(frozen=True)
 class KnownValues:
-    """Values known besides the samples; None where not known.
+    """Values known besides the samples; None where not known. Raises ValueError: a value out of range, or both focal
+    length and field of view.
 
     Attributes:
         focal_px, field_deg: focal length [px of the samples' image], or the horizontal field of view [deg].
         height_m: camera height above the floor [m].
         person_height_m: mean height of the people [m]; a sample may have its own (``HumanSample.height_m``).
-    Raises:
-        ValueError: a value out of range, or both focal length and field of view.
     """
 
     focal_px: float | None = None

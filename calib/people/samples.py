@@ -27,7 +27,8 @@ MIN_SAMPLES = 3
 
 @dataclass(frozen=True)
 class HumanSample:
-    """One standing person.
+    """One standing person. Raises ValueError: values that are not finite, an empty box, a head or foot far outside the
+    box, or no body height.
 
     Attributes:
         box_px: left, top, width, height [px].
@@ -35,8 +36,6 @@ class HumanSample:
         foot_px: middle between the feet (u, v) [px].
         frame: index in the video it was taken from, -1 when unknown.
         height_m: of this person, with shoes [m]; None when unknown.
-    Raises:
-        ValueError: values that are not finite, an empty box, a head or foot far outside the box, or no body height.
     """
 
     box_px: tuple[float, float, float, float]

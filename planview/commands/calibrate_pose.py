@@ -69,12 +69,11 @@ class FloorOptions:
 
 
 def parse_points(texts: Sequence[str]) -> tuple[F64, bool]:
-    """Points as typed: ``u,v`` in pixels of the rectified left image or ``x,y,z`` in metres.
+    """Points as typed: ``u,v`` in pixels of the rectified left image or ``x,y,z`` in metres. Raises InputError: not
+    numbers, or of both kinds.
 
     Returns:
         (N, 2) or (N, 3) float64, and whether they are pixels.
-    Raises:
-        InputError: not numbers, or of both kinds.
     """
     rows = []
     for text in texts:

@@ -71,9 +71,8 @@ def checked(table: type[_Table], **values: Any) -> _Table:
 def open_options(
     calibration: Path | None = None, fps: float | None = None, topics: str | None = None, right: Path | None = None
 ) -> OpenOptions:
-    """Options of the command line as a reader takes them; topics are two names with a comma between them."""
-    names = () if topics is None else tuple(name.strip() for name in topics.split(","))
-    return OpenOptions(calibration, fps, names, right)
+    """Options of the command line as a reader takes them."""
+    return OpenOptions(calibration, fps, topics or (), right)
 
 
 def frame_span(text: str) -> tuple[int, int]:

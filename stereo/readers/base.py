@@ -20,7 +20,7 @@ from calib.rig import StereoRig
 from calib.types import F64, I64, U8
 from calib.world import load_world
 from stereo.readers.images import Colour, Size, bits_note, bits_of, images_of
-from stereo.readers.movement import assume_rate, image_step_m, reduced
+from stereo.readers.movement import assume_rate, place_in_image, reduced
 from stereo.readers.pairing import TimePairs, pair_stamps
 from stereo.readers.times import load_timestamps, rate_of_times
 from stereo.recording import (
@@ -169,9 +169,8 @@ def stereo_layout(
 
     def opened() -> StereoRecording:
         kind = StereoRecording if live_waits is None else LiveRecording
-        recording = kind(path, rig(), pairs, n_frames, clock, remarks, world_pose(folder or path))
-        recording.waits = bool(live_waits)
-        assume_rate(recording, lambda frame: reduced(frame.left), image_step_m)
+        recording = kind(path, pairs, n_frames, clock, [*remarks], rig(), world_pose(folder or path), bool(live_waits))
+        assume_rate(recording, lambda frame: reduced(frame.left), place_in_image)
         return recording
 
     return Layout("stereo", streams, n_frames, clock, remarks, unpaired, opened)

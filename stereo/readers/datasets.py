@@ -63,14 +63,7 @@ def _euroc_camera(folder: Path) -> TimedFiles:
         files = image_files(data)
         texts = [file.stem for file in files]
     # The format gives nanoseconds; converted recordings hold seconds under the same name.
-    return TimedFiles(data, files, _stamps(listed if listed.is_file() else data, texts))
-
-
-def _stamps(source: Path, texts: Sequence[str]) -> I64:
-    try:
-        return read_stamps(texts).ns
-    except ValueError as error:
-        raise InputError(f"{source}: {error}") from error
+    return TimedFiles(data, files, read_stamps(listed if listed.is_file() else data, texts).ns)
 
 
 EUROC = Reader(
@@ -153,7 +146,7 @@ def _pair_in(folder: Path, pairs: Sequence[tuple[str, str]], inside: str = "") -
 
 def _kitti_camera(folder: Path, times: Path, texts: Sequence[str]) -> TimedFiles:
     """Image number n has the time of line n, counted from 0; numbers may be missing."""
-    files, ns = image_files(folder), _stamps(times, texts)
+    files, ns = image_files(folder), read_stamps(times, texts).ns
     numbers = [frame_number(file) for file in files]
     if any(number is None or number >= len(ns) for number in numbers):
         raise InputError(f"{times}: expected a time for each of {len(files)} images, found {len(ns)}")

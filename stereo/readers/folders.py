@@ -101,12 +101,9 @@ def _timed(path: Path, sides: _Sides) -> tuple[TimedFiles, TimedFiles] | None:
     """Times in lists next to the images, or in their names; None without, or with a timestamps.csv of the recording."""
     if (path / "timestamps.csv").is_file():
         return None
-    timed = []
-    for folder, files in zip(sides.folders, sides.files, strict=True):
-        if (stamps := stamps_of(files, folder, path)) is None:
-            return None
-        timed.append(TimedFiles(folder, files, stamps.ns))
-    return timed[0], timed[1]
+    each = zip(sides.folders, sides.files, strict=True)
+    timed = [TimedFiles(at, files, own.ns) for at, files in each if (own := stamps_of(files, at, path))]
+    return (timed[0], timed[1]) if len(timed) == 2 else None
 
 
 READER = Reader(

@@ -113,15 +113,10 @@ def open_rigs(path: Path) -> MultiRigRecording:
         else:
             recording.world_SE3_camera = entry.world_SE3_left
         rigs.append(RigRecording(entry.folder, recording, entry.start_s))
-    _share_rate([rig.recording for rig in rigs])
-    return MultiRigRecording(folder, rigs)
-
-
-def _share_rate(recordings: Sequence[AnyRecording]) -> None:
-    """Give recordings without any times the rate of those that have times, else the lowest."""
-    assumed = [recording for recording in recordings if recording.clock.assumed]
-    rates = [recording.fps for recording in recordings if not recording.clock.assumed]
-    for recording in assumed:
-        fps = min(rates or [other.fps for other in assumed])
-        if fps != recording.fps:
+    recordings = [rig.recording for rig in rigs]
+    # Recordings without any times have the rate of those that have times, else the lowest.
+    fps = min([one.fps for one in recordings if not one.clock.assumed] or [one.fps for one in recordings])
+    for recording in recordings:
+        if recording.clock.assumed and fps != recording.fps:
             recording.assume(assumed_clock(fps, recording.clock.even, ", as of the other rigs"))
+    return MultiRigRecording(folder, rigs)

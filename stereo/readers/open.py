@@ -17,7 +17,7 @@ from stereo.readers.folders import READER as FOLDERS
 from stereo.readers.folders import folder_pair
 from stereo.readers.images import Colour, bits_note, bits_of, image_files, images_of
 from stereo.readers.live import READER as LIVE
-from stereo.readers.movement import assume_rate, image_step_m, reduced
+from stereo.readers.movement import assume_rate, place_in_image, reduced
 from stereo.readers.pairing import pair_stamps
 from stereo.readers.rgbd import READER as RGBD_FOLDERS
 from stereo.readers.side_by_side import READER as SIDE_BY_SIDE
@@ -116,8 +116,8 @@ def _nearly_text(path: Path) -> str | None:
     if len(videos) == 2:
         left, right = "left" + Path(videos[0]).suffix, "right" + Path(videos[1]).suffix
         return (
-            f"two videos without left and right in their names, {_listed(videos)}: rename that of the left camera "
-            f"{left}, the other {right}"
+            f"two videos without left and right in their names, {_listed(videos)}: give both, that of the left camera "
+            f"first, or rename it {left}, the other {right}"
         )
     if videos:
         return (
@@ -194,11 +194,8 @@ def open_recording(path: Path | str, options: OpenOptions | None = None) -> Ster
     Videos of different lengths are cut to the shorter one and the missing frames are reported in ``skipped``: a video
     that ends early is a recorder that was stopped, and its frames still pair by position. Image folders whose names do
     not pair are refused (see ``pair_files``): there, any pairing would be a guess. A calibration for another resolution
-    of the same aspect is scaled, which ``rig.source`` then notes.
-
-    Raises:
-        InputError: no recording there, unreadable, sides that differ in size, or a calibration for another image.
-    """
+    of the same aspect is scaled, which ``rig.source`` then notes. Raises InputError: no recording there, unreadable,
+    sides that differ in size, or a calibration for another image."""
     recording = open_any(path, options)
     if not isinstance(recording, StereoRecording):
         raise InputError(f"{path}: expected a stereo pair, found images with depth")
@@ -225,7 +222,7 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Video:
         frames, clock = [files[i] if i >= 0 else None for i in own.left], clock_of_pairs(own, options)
     source: FrameSource = images_of(frames, Colour(bits)) if files else VideoFile(videos[0])
     clock = clock or clock_of(path, options, source.n_frames, source.fps, source.raw)
-    video = Video(path, together(source), source.size, source.n_frames, clock, (*clock.notes, *bits_note(bits)))
-    video.options = options
-    assume_rate(video, lambda frame: reduced(frame.image), image_step_m)
+    notes = [*clock.notes, *bits_note(bits)]
+    video = Video(path, together(source), source.n_frames, clock, notes, source.size, options=options)
+    assume_rate(video, lambda frame: reduced(frame.image), place_in_image)
     return video

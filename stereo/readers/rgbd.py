@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from calib.camera import Camera
@@ -19,7 +18,7 @@ from calib.rig import DepthSensor, RgbdRig
 from calib.types import F32, F64, AnyArray
 from stereo.readers.base import Layout, Reader, Stream, clock_of, rate_of, together, world_pose
 from stereo.readers.images import Colour, Depth, Images, Size, image_files, images_of, read_depth
-from stereo.readers.movement import StepM, assume_rate
+from stereo.readers.movement import Place, assume_rate, largest
 from stereo.readers.pairing import Pair, depth_note, nearest_mates, pair_files
 from stereo.readers.times import stamps_in_names
 from stereo.recording import FrameClock, OpenOptions, RgbdRecording
@@ -28,32 +27,24 @@ STEP_PX = 8
 """Every n-th row and column is used."""
 
 
-def depth_step_m(camera: Camera) -> StepM:
-    """How far what stands before the background moves, in depth of every ``STEP_PX``-th row and column."""
+def place_in_depth(camera: Camera) -> Place:
+    """Where what stands before the background is [m], in depth of every ``STEP_PX``-th row and column."""
     # (h, w, 3) rays at unit depth of the pixels used.
     columns, rows = np.meshgrid(np.arange(0, camera.width, STEP_PX), np.arange(0, camera.height, STEP_PX))
     rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()])).reshape(*columns.shape, 3)
 
-    def step_m(first: AnyArray, second: AnyArray, background: F32) -> float | None:
-        before, after = (_place(depth, background, rays, camera) for depth in (first, second))
-        return None if before is None or after is None else float(np.linalg.norm(after - before))
+    def place(depth: AnyArray, background: F32) -> tuple[F64, float] | None:
+        # What stands this far in front of the background is a person or a thing that was moved (our choice).
+        with np.errstate(invalid="ignore"):
+            of_it = largest((background - depth > 0.3).astype(np.uint8))
+        if of_it is None:
+            return None
+        area = depth[of_it] ** 2 * (STEP_PX**2 / (camera.fx * camera.fy))
+        if not 0.1 <= float(area.sum()) <= 1.5:  # [m^2], the surface that a person shows
+            return None
+        return np.median(rays[of_it] * depth[of_it][:, None], axis=0), 1.0
 
-    return step_m
-
-
-def _place(depth: F32, background: F32, rays: F64, camera: Camera) -> F64 | None:
-    """Middle [m] of the largest thing in front of the background; None without one of a person's size."""
-    # What stands this far in front of the background is a person or a thing that was moved (our choice).
-    with np.errstate(invalid="ignore"):
-        nearer = (background - depth > 0.3).astype(np.uint8)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(nearer)
-    if count < 2:
-        return None
-    of_it = labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    area = depth[of_it] ** 2 * (STEP_PX**2 / (camera.fx * camera.fy))
-    if not 0.1 <= float(area.sum()) <= 1.5:  # [m^2], the surface that a person shows
-        return None
-    return np.asarray(np.median(rays[of_it] * depth[of_it][:, None], axis=0), dtype=np.float64)
+    return place
 
 
 SENSOR_OF_SIZE: dict[Size, DepthSensor] = {
@@ -84,8 +75,7 @@ def rgbd_layout(
     *,
     unpaired: int = 0,
 ) -> Layout:
-    """Images and depth whose frames are paired; ``rig`` reads the calibration, or raises InputError. Images without
-    times get the rate at which people walk, where that is clearly less than usual."""
+    """Images and depth whose frames are paired; ``rig`` reads the calibration, or raises InputError."""
     remarks = (*clock.notes, *notes)
 
     def opened() -> RgbdRecording:
@@ -100,10 +90,10 @@ def rgbd_layout(
             depths.pixels.units_per_m = found.units_per_m
         folder = path if path.is_dir() else path.parent
         recording = RgbdRecording(
-            path, found, sensor, DepthRegistration(found), together(images, depths), images.n_frames, clock,
-            own, world_pose(folder),
+            path, together(images, depths), images.n_frames, clock, own, found.camera, found.source, sensor,
+            DepthRegistration(found), world_pose(folder),
         )  # fmt: skip
-        assume_rate(recording, lambda frame: frame.depth_m[::STEP_PX, ::STEP_PX], depth_step_m(recording.camera))
+        assume_rate(recording, lambda frame: frame.depth_m[::STEP_PX, ::STEP_PX], place_in_depth(recording.camera))
         return recording
 
     return Layout("rgbd", streams, images.n_frames, clock, remarks, unpaired, opened)

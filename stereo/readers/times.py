@@ -40,20 +40,20 @@ class Stamps(NamedTuple):
     unit: str
 
 
-def read_stamps(texts: Sequence[str], unit: str | None = None) -> Stamps:
-    """Times from text, exactly: all numbers, or all dates as ISO 8601 writes them (UTC); the unit of numbers is
-    recognised from their magnitude and steps where the file does not name it."""
+def read_stamps(source: Path, texts: Sequence[str], unit: str | None = None) -> Stamps:
+    """Times from the text of a source, exactly: all numbers, or all dates as ISO 8601 writes them (UTC); the unit of
+    numbers is recognised from their magnitude and steps where the file does not name it."""
     dates = [_DATE.fullmatch(text.strip()) for text in texts]
     if texts and all(dates):
         # Of a date the whole seconds and the digits behind them.
         days = [(datetime.fromisoformat(match[1]).replace(tzinfo=UTC), match[2] or "0") for match in dates if match]
         unit, values = "date", [round(day.timestamp()) * NS["s"] + int(digits.ljust(9, "0")) for day, digits in days]
     else:
-        numbers = [_number(text) for text in texts]
+        numbers = [_number(text, source) for text in texts]
         unit = unit or unit_of(numbers)
         values = [int(number * NS[unit]) for number in numbers]
-    if values and max(map(abs, values)) > 2**62:
-        raise ValueError(f"expected times, found {texts[int(np.argmax([abs(v) for v in values]))][:40]!r} ({unit})")
+    if beyond := [text for text, value in zip(texts, values, strict=True) if abs(value) > 2**62]:
+        raise InputError(f"{source}: expected times, found {beyond[0][:40]!r} ({unit})")
     return Stamps(np.array(values, dtype=np.int64), unit)
 
 
@@ -83,15 +83,15 @@ def stamps_in_names(stems: Sequence[str]) -> Stamps | None:
     numbers = [Decimal(text) for text in texts]
     if {b - a for a, b in pairwise(sorted(numbers))} == {1} or max(numbers) == min(numbers):
         return None
-    with suppress(ValueError):  # larger than any clock counts
-        return read_stamps(texts)
+    with suppress(InputError):  # larger than any clock counts
+        return read_stamps(Path(), texts)
     return None
 
 
-def _number(text: str) -> Decimal:
+def _number(text: str, source: Path) -> Decimal:
     text = text.strip()
     if not _NUMBER.fullmatch(text) or abs(Decimal(text)) > 10**19:
-        raise ValueError(f"expected a time, found {text[:40]!r}")
+        raise InputError(f"{source}: expected a time, found {text[:40]!r}")
     return Decimal(text)
 
 
@@ -117,10 +117,7 @@ def load_timestamps(path: Path) -> TimeTable:
     like). The unit is recognised from magnitude and steps (``unit_of``), whatever the column is called; a clock that
     jumps ahead runs on at the nominal rate."""
     rows, unit = _rows(path)
-    try:
-        stamps = read_stamps([text for _, text in rows], unit)
-    except ValueError as error:
-        raise InputError(f"{path}: expected the columns frame,timestamp_s with numbers, found {error}") from error
+    stamps = read_stamps(path, [text for _, text in rows], unit)
     frames = [frame for frame, _ in rows]
     in_seconds = np.array([float(text) for _, text in rows]) if stamps.unit == "s" else stamps.ns / 1e9
     seconds = in_seconds - in_seconds[0]
@@ -158,10 +155,7 @@ def stamps_of(files: Sequence[Path], *folders: Path) -> Stamps | None:
     path, texts = found
     if len(texts) != len(files):
         raise InputError(f"{path}: expected a time for each of {len(files)} images, found {len(texts)}")
-    try:
-        return read_stamps(texts)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from error
+    return read_stamps(path, texts)
 
 
 def _rows(path: Path) -> tuple[list[tuple[int, str]], str | None]:

@@ -242,7 +242,9 @@ def out(two: tuple[Path, Path, Path], tmp_path_factory: pytest.TempPathFactory) 
 
 def test_run_of_two_folders_tracks_what_their_common_folder_gives(two, out, recording, cli: Cli, tmp_path: Path):
     left, right, rig = two
-    status, printed = cli("run", left, right, "--calibration", rig, "--out", tmp_path / "two", "--set", FEW)
+    status, printed = cli(
+        "run", left, right, "--calibration", rig, "--fps", 30, "--out", tmp_path / "two", "--set", FEW
+    )
     assert status == 0, printed
     assert cli("run", recording, "--fps", 30, "--out", tmp_path / "one", "--set", FEW)[0] == 0
     tracks = [(folder / "tracks.csv").read_bytes() for folder in (tmp_path / "two", tmp_path / "one")]

@@ -210,20 +210,20 @@ EVEN = NOW + STEP * np.arange(10)
     ],
 )
 def test_unit_of_times_is_recognised_and_no_digit_is_lost(texts: list[str], unit: str, first: int, step: int) -> None:
-    stamps = read_stamps(texts)
+    stamps = read_stamps(Path(), texts)
     assert (stamps.unit, stamps.ns[0], stamps.ns[1] - stamps.ns[0]) == (unit, first, step)
 
 
 @pytest.mark.parametrize("text", ["nan", "1e300", "9" * 30, "soon", ""])
 def test_what_is_no_time_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="expected"):
-        read_stamps([text, "1"])
+    with pytest.raises(InputError, match="expected"):
+        read_stamps(Path(), [text, "1"])
 
 
 @pytest.mark.parametrize("date", ["0001-01-01 00:00:00", "9999-12-31 23:59:59", "2262-04-12 00:00:00"])
 def test_dates_that_no_clock_shows_are_refused(date: str) -> None:
-    with pytest.raises(ValueError, match=f"expected times, found '{date}'"):
-        read_stamps([date, "2022-04-15 05:20:00"])
+    with pytest.raises(InputError, match=f"expected times, found '{date}'"):
+        read_stamps(Path(), [date, "2022-04-15 05:20:00"])
 
 
 def test_names_hold_times_only_when_no_counter_is_like_them() -> None:

@@ -428,7 +428,7 @@ def test_frames_of_a_video_by_number_are_those_of_reading_in_order(tmp_path: Pat
     [
         (
             ("camA.avi", "camB.avi"),
-            "camA.avi and camB.avi: rename that of the left camera left.avi, the other right.avi",
+            "camA.avi and camB.avi: give both, that of the left camera first, or rename it left.avi",
         ),
         (("a.avi", "b.avi", "c.avi", "d.avi"), "4 videos, a.avi, b.avi, c.avi and 1 more: give one of them"),
         (("one/0.png", "two/0.png"), "two folders of images, one and two: rename that of the left camera left"),

@@ -19,7 +19,7 @@ from stereo.readers import OpenOptions, find_reader, open_any
 from stereo.readers.images import metres
 from stereo.readers.movement import rate_by_movement
 from stereo.readers.pairing import nearest_mates
-from stereo.readers.rgbd import STEP_PX, depth_step_m
+from stereo.readers.rgbd import STEP_PX, place_in_depth
 from stereo.recording import RgbdFrame, RgbdRecording
 from stereo.rgbd import DepthRegistration, RgbdRectifier
 
@@ -265,7 +265,7 @@ def _walker(step_m: float) -> list[RgbdFrame]:
 @pytest.mark.parametrize(("step_m", "fps"), [(0.13, 10.0), (0.26, 5.0), (0.0, None)])
 def test_rate_is_that_at_which_people_walk_and_unknown_where_nothing_moves(step_m, fps):
     depths = [frame.depth_m[::STEP_PX, ::STEP_PX] for frame in _walker(step_m)]
-    found = rate_by_movement(list(pairwise(depths)), depth_step_m(WALK_CAMERA))
+    found = rate_by_movement(list(pairwise(depths)), place_in_depth(WALK_CAMERA))
     assert found is None if fps is None else found == pytest.approx(fps, rel=0.25)  # of 8 pixels each
 
 
