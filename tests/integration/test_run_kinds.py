@@ -1,6 +1,5 @@
 """``planview run`` on maps, several heads, the boxes of a detector, and a pair at two paths."""
 
-import json
 import math
 import shutil
 from dataclasses import replace
@@ -16,7 +15,6 @@ from toy_run import EMPTY, FEW, FRAMES, run_few
 import planview
 from calib.errors import InputError
 from calib.ground_camera import save_ground_camera
-from planview.cli import main
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import open_engine
 from planview.engine.replay import recorded_config, replay_engine
@@ -175,37 +173,26 @@ def video(tmp_path: Path) -> Path:
     return path
 
 
-def status(words: list[str]) -> int:
-    with pytest.raises(SystemExit) as end:
-        main(words)
-    return int(end.value.code or 0)
-
-
 def box() -> list[float]:
     (u, bottom), (_, top) = PERSON
     height = bottom - top
     return [u - 0.15 * height, top, 0.3 * height, height]
 
 
-def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(video, tmp_path, capsys):
+def test_run_tracks_the_boxes_of_a_file_and_is_evaluated_as_any_run(video, tmp_path, cli, json_of, refused):
     rows = "".join(f"{i},-1,{','.join(map(str, box()))},1\n" for i in range(1, 21))
     (tmp_path / "det.txt").write_text(rows)
     truth = "".join(f"{i},0.0,6.0,1.75,7\n" for i in range(20))
     (tmp_path / "truth.csv").write_text("frame,x_m,y_m,height_m,id\n" + truth)
     out = tmp_path / "out"
     words = ["--detections", tmp_path / "det.txt", "--calibration", tmp_path / "camera.toml", "--out", out]
-    assert status(["run", str(video), *map(str, words)]) == 0
+    assert cli("run", video, *words)[0] == 0
     info = read_run_info(out / "run.json")
     assert (info.tracker, info.people) == ("detections", 1) and "det.txt" in info.notes[-1]
-    capsys.readouterr()
-    scored = ["evaluate", str(out / "tracks.csv"), str(tmp_path / "truth.csv")]
-    assert status(scored) == 0
-    printed = capsys.readouterr().out
-    assert "idf1" in printed and status([*scored, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["idf1"] > 0.5
-    assert status([*scored, "--boxes"]) == 2
-    capsys.readouterr()
-    assert status(["replay", str(out), "--frame", "5"]) == 2 and "--detections" in capsys.readouterr().err
+    scored = ["evaluate", out / "tracks.csv", tmp_path / "truth.csv"]
+    assert json_of(*scored)["idf1"] > 0.5
+    refused(*scored, "--boxes")
+    assert "--detections" in refused("replay", out, "--frame", "5")
 
 
 def test_python_takes_an_array_per_frame(video, tmp_path):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli import Cli, Refused
+from cli import Cli
 from crossing_video import CAMERA, CrossingVideo
 from rerun.chunk import RrdReader
 from toy_run import FEW
@@ -67,9 +67,7 @@ def rules(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     "stops", [pytest.param((2,), marks=pytest.mark.slow), (20,), pytest.param((5, 20), marks=pytest.mark.slow)]
 )
-def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(
-    engine: Engine, tmp_path: Path, rules: Path, stops: tuple[int, ...]
-) -> None:
+def test_a_resumed_run_writes_what_an_uninterrupted_one_writes(engine, tmp_path, rules, stops):
     alone, stopped = tmp_path / "alone", tmp_path / "stopped"
     run(engine, alone, options_with(rules), [MapsLog(engine, folder_of(alone) / "maps.h5")])
     with pytest.raises(StoppedError):
@@ -97,9 +95,7 @@ def folder_of(folder: Path) -> Path:
     return folder
 
 
-def test_a_table_that_was_cut_short_since_the_checkpoint_is_not_resumed_from(
-    engine: Engine, tmp_path: Path, rules: Path
-) -> None:
+def test_a_table_that_was_cut_short_since_the_checkpoint_is_not_resumed_from(engine, tmp_path, rules):
     with pytest.raises(StoppedError):
         run(engine, tmp_path, options_with(rules), (), stop_at(30))
     (tmp_path / "tracks.csv").write_text("frame\n")
@@ -108,9 +104,7 @@ def test_a_table_that_was_cut_short_since_the_checkpoint_is_not_resumed_from(
     assert [text.count("changed since") for text in output] == [1, 0]
 
 
-def test_another_recording_or_option_is_not_resumed_with(
-    cli: Cli, refused: Refused, copy: Path, tmp_path: Path
-) -> None:
+def test_another_recording_or_option_is_not_resumed_with(cli, refused, copy, tmp_path):
     out = tmp_path / "out"
     often = f"run.checkpoint_every_s={FREQUENT_S}"
     assert cli("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3", "--set", often)[0] == 0
@@ -119,9 +113,7 @@ def test_another_recording_or_option_is_not_resumed_with(
     assert "expected the beginning of this run, found another" in output
 
 
-def test_a_run_resumes_with_a_new_read_me_and_with_its_rules_under_another_name(
-    copy: Path, tmp_path: Path, rules: Path
-) -> None:
+def test_a_run_resumes_with_a_new_read_me_and_with_its_rules_under_another_name(copy, tmp_path, rules):
     config = load_config(None, [FEW])
     with pytest.raises(StoppedError):
         run(open_engine(copy, config=config), tmp_path / "out", options_with(rules), (), stop_at(5))
@@ -146,9 +138,7 @@ def test_another_image_or_calibration_is_another_recording(copy: Path, tmp_path:
 
 
 @pytest.mark.parametrize("left", [["run.json", "run.rrd", "maps.h5.part"], ["run.json.part"]])
-def test_a_run_that_was_killed_before_its_first_checkpoint_starts_again(
-    cli: Cli, copy: Path, tmp_path: Path, left: list[str]
-) -> None:
+def test_a_run_that_was_killed_before_its_first_checkpoint_starts_again(cli, copy, tmp_path, left):
     out = tmp_path / "out"
     assert cli("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3")[0] == 0
     kept = (out / "run.json").read_text().replace('"finished": true', '"finished": false')
@@ -163,9 +153,7 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_starts_again(
 
 
 @pytest.mark.parametrize("refine", [[], ["--refine"]])
-def test_what_a_kill_after_the_last_frame_left_undone_is_done(
-    cli: Cli, copy: Path, tmp_path: Path, refine: list[str]
-) -> None:
+def test_what_a_kill_after_the_last_frame_left_undone_is_done(cli, copy, tmp_path, refine):
     out = tmp_path / "out"
     words = ("run", copy, "--out", out, "--set", FEW, *refine)
     assert cli(*words)[0] == 0
@@ -205,9 +193,9 @@ def rows_of(recording: Path) -> dict[tuple[str, int | None], dict[str, object]]:
 
 
 @pytest.mark.slow
-def test_the_rerun_recording_of_a_run_that_was_stopped_twice_shows_what_one_left_alone_shows(
-    engine: Engine, tmp_path: Path, rules: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_rerun_recording_of_a_run_stopped_twice_shows_what_one_left_alone_shows(
+    engine, tmp_path, rules, monkeypatch
+):
     from planview.output.rerun_log import RerunLog
 
     out, alone = tmp_path / "out", tmp_path / "alone"

@@ -58,9 +58,7 @@ def rows(out: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_study_tracks_maps_of_a_recording_that_it_records_once(
-    cli: Cli, pool: InlinePool, copy: Path, tmp_path: Path
-) -> None:
+def test_study_tracks_maps_of_a_recording_that_it_records_once(cli, pool, copy, tmp_path):
     (copy / "truth.csv").write_text(TRUTH)
     (tmp_path / "c.toml").write_text("[analysis]\nsetup_frames = 4\n")
     text = 'recordings = ["copy"]\nconfig = "c.toml"\n[parameters]\njoint.stay_s = [0.35, {}]\n'
@@ -100,18 +98,14 @@ def test_recordings_of_one_name_do_not_get_each_others_results(cli: Cli, pool: I
     assert rows(out)[0]["folder"] != folder_of_a
 
 
-def test_recordings_of_equal_content_are_scored_against_their_own_truth(
-    cli: Cli, pool: InlinePool, halls: Path
-) -> None:
+def test_recordings_of_equal_content_are_scored_against_their_own_truth(cli, pool, halls):
     (halls / "b" / "truth.csv").write_text(TRUTH.replace(",1,", ",7,").replace("1.75", "1.95"))
     assert cli("sweep", halls / "a" / "maps.h5", halls / "b" / "maps.h5", "--out", halls / "out")[0] == 0
     errors = [float(row["height_error_mean_m"]) for row in rows(halls / "out")]
     assert abs(errors[1] - errors[0]) > 0.1
 
 
-def test_bad_recordings_are_reported_at_the_end_and_the_others_are_done(
-    cli: Cli, pool: InlinePool, halls: Path
-) -> None:
+def test_bad_recordings_are_reported_at_the_end_and_the_others_are_done(cli, pool, halls):
     (halls / "b" / "maps.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
     path = study(halls, 'recordings = ["b/maps.h5", "none", "a/maps.h5"]\nseeds = [0, 1]\n')
     status, output = cli("sweep", path)
@@ -123,9 +117,7 @@ def test_bad_recordings_are_reported_at_the_end_and_the_others_are_done(
     assert "2 of 6 runs failed" in cli("sweep", path)[1]
 
 
-def test_ranking_prints_whole_names_and_json_has_runs_and_intervals(
-    cli: Cli, pool: InlinePool, halls: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ranking_prints_whole_names_and_json_has_runs_and_intervals(cli, pool, halls, capsys):
     path = study(halls, 'recordings = ["a/maps.h5"]\n[parameters]\njoint.stay_s = [0.5]\n')
     with pytest.raises(SystemExit):
         main(["sweep", str(path)])
@@ -172,9 +164,7 @@ def test_what_killed_processes_left_is_removed(cli: Cli, pool: InlinePool, halls
     assert not left.exists()
 
 
-def test_runs_fail_with_the_plan_view_recording_that_they_need(
-    cli: Cli, pool: InlinePool, copy: Path, halls: Path
-) -> None:
+def test_runs_fail_with_the_plan_view_recording_that_they_need(cli, pool, copy, halls):
     (copy / "rig.toml").write_text("focal = 1")
     path = study(halls, 'recordings = ["copy", "a/maps.h5"]\nseeds = [0, 1]\n')
     status, output = cli("sweep", path)
