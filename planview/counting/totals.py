@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -138,10 +138,7 @@ class Counts:
             **({"inward": wire.inward} if wire.inward else {}),
             **_by_direction(crossings, wire.inward),
             "people": self.people[wire.name],
-            "intervals": [
-                {"start_s": start_s, **_by_direction(_between(crossings, start_s, end_s), wire.inward)}
-                for start_s, end_s in self._intervals
-            ],
+            "intervals": self._intervals(lambda *span: _by_direction(_between(crossings, *span), wire.inward)),
         }
 
     def _zone(self, name: str) -> dict[str, Any]:
@@ -160,14 +157,9 @@ class Counts:
             "appeared_inside": sum(not stay.entered for stay in stays),
             "vanished_inside": sum(not stay.left for stay in stays),
             "occupancy": changes,
-            "intervals": [
-                {
-                    "start_s": start_s,
-                    **_passages(_between(events, start_s, end_s)),
-                    "mean_occupancy": self._mean(stays, start_s, end_s),
-                }
-                for start_s, end_s in self._intervals
-            ],
+            "intervals": self._intervals(
+                lambda *span: _passages(_between(events, *span)) | {"mean_occupancy": self._mean(stays, *span)}
+            ),
         }
 
     def _queue(self, queue: Queue) -> dict[str, Any]:
@@ -184,18 +176,15 @@ class Counts:
             "waited": len(waits),
             "served": sum(stay.left for stay in waits),
             "length": changes,
-            "intervals": [
-                {"start_s": start_s, "mean_length": self._mean(waits, start_s, end_s)}
-                for start_s, end_s in self._intervals
-            ],
+            "intervals": self._intervals(lambda *span: {"mean_length": self._mean(waits, *span)}),
         }
 
-    @property
-    def _intervals(self) -> list[tuple[float, float]]:
-        """Beginning and end of every interval; the last one ends with the recording."""
+    def _intervals(self, figures: Callable[[float, float], Mapping[str, float]]) -> list[dict[str, float]]:
+        """Figures from the beginning to the end of every interval [s]; the last one ends with the recording."""
         count = max(1, math.ceil((self.span.duration_s - 1e-9) / self.interval_s))
         starts = [self.span.start_s + n * self.interval_s for n in range(count)]
-        return list(zip(starts, [*starts[1:], max(self.span.end_s, starts[-1])], strict=True))
+        ends = [*starts[1:], max(self.span.end_s, starts[-1])]
+        return [{"start_s": start, **figures(start, end)} for start, end in zip(starts, ends, strict=True)]
 
     def _changes(self, stays: Sequence[Stay]) -> list[tuple[float, int]]:
         """(time, people from then on) at the beginning and at every change."""
