@@ -10,7 +10,8 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -119,24 +120,26 @@ def rendered(scene: Scene, name: str, options: Rendering) -> Path:
     if folder.is_dir():
         return folder
     progress(f"rendering {name}")
-    part = new_folder(options.cache, name)
-    try:
+    with new_folder(folder) as part:
         write_recording(SceneRenderer(scene, options.scale), part, frames=options.frames, storage="jpg")
+    return folder
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """An empty folder that gets its place in the cache when all went well. Raises WorkError: the cache cannot be
+    written."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    except OSError as error:
+        raise WorkError(f"{folder.parent}: the cache cannot be written: {reason(error)}") from error
+    try:
+        yield part
         if not folder.is_dir():
             part.rename(folder)
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    return folder
-
-
-def new_folder(parent: Path, name: str) -> Path:
-    """An empty folder in which something is written before it gets its place in the cache. Raises WorkError: the cache
-    cannot be written."""
-    try:
-        parent.mkdir(parents=True, exist_ok=True)
-        return Path(tempfile.mkdtemp(prefix=f".{name}-", dir=parent))
-    except OSError as error:
-        raise WorkError(f"{parent}: the cache cannot be written: {reason(error)}") from error
 
 
 def show(rows: Sequence[Mapping[str, Any]]) -> None:

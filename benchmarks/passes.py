@@ -70,14 +70,10 @@ def run_pass(job: Pass) -> Path:
     if finished_run(job.folder) is not None:
         return job.folder
     shutil.rmtree(job.folder, ignore_errors=True)
-    part = new_folder(job.folder.parent, job.folder.name)
-    try:
+    with new_folder(job.folder) as part:
         engine = bench_engine(job.recording, job.tracker, job.config)
         logs: list[RunLog] = [MapsLog(engine, part / "maps.h5")] if job.recorded else []
         run(engine, part, RunOptions(tracker=job.tracker), logs)
-        part.rename(job.folder)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return job.folder
 
 
