@@ -247,6 +247,9 @@ class Rules:
     queues: tuple[Queue, ...]
     source: str
 
+    def __repr__(self) -> str:
+        return f"Rules({', '.join(self.names)})"
+
     @property
     def names(self) -> list[str]:
         return [rule.name for rule in self.tripwires + self.zones] + [queue.name for queue in self.queues]

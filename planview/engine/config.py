@@ -96,11 +96,8 @@ class Config(Params):
 
 
 def load_config(path: Path | str | None = None, overrides: Sequence[str] = (), base: Config | None = None) -> Config:
-    """The base (the defaults when None), then the file, then overrides like ``foreground.learning_rate=0.002``.
-
-    Raises:
-        InputError: an unreadable file, an unknown key, or a value out of range, by name.
-    """
+    """The base (the defaults when None), then the file, then overrides like ``foreground.learning_rate=0.002``. Raises
+    InputError: an unreadable file, an unknown key, or a value out of range, by name."""
     tables: dict[str, Any] = {}
     if path is not None:
         tables = load_toml(Path(path), "a TOML configuration")
@@ -111,11 +108,10 @@ def load_config(path: Path | str | None = None, overrides: Sequence[str] = (), b
 
 
 def config_of(tables: Mapping[str, Any], source: str) -> Config:
-    """A configuration from its tables, as ``run.json`` has them.
-
-    Raises:
-        InputError: tables of another version; ``source`` begins the sentence.
-    """
+    """A configuration from its tables, as ``run.json`` has them. Raises InputError: tables of another version;
+    ``source`` begins the sentence."""
+    if not isinstance(tables, Mapping):
+        raise InputError(f"{source}: expected a table per stage, found {type(tables).__name__}")
     return _validate(dict(tables), source, None)
 
 

@@ -125,6 +125,9 @@ class FrameResult:
     boxed: tuple[tuple[TrackState, ...], ...] = ()
     stereo: StereoView | None = None
 
+    def __repr__(self) -> str:
+        return f"FrameResult(frame {self.frame}, {self.timestamp_s:.2f} s, {len(self.tracks)} tracks)"
+
     @property
     def first(self) -> RigFrame | None:
         """What the first rig measured; None for one camera, for recorded maps, and where it has no frame."""

@@ -60,7 +60,7 @@ class ImageStages:
                 pixels are less noisy. None: those of the frames.
         """
         self.size = size
-        factor = 1 if columns is None else -(-size[0] // columns)
+        factor = -(-size[0] // columns) if columns else 1
         self._reduced = max(1, size[0] // factor), max(1, size[1] // factor)
         shape = self._reduced[::-1]
         self._foreground = Foreground(params.foreground, shape)
@@ -150,7 +150,10 @@ class ImageStages:
             return None
         known = np.zeros(self._ghosts.shape, np.uint8)
         if feedback is not None:
-            known[:] = self._resized(feedback, cv2.INTER_NEAREST)
+            labels = self._resized(feedback, cv2.INTER_NEAREST)
+            if np.shape(labels) != known.shape:
+                raise InputError(f"tracker=: expected feedback of {known.shape} labels, found {np.shape(labels)}")
+            known[:] = labels
         if haunted:
             known[(self._ghosts > 0) & (known != WALKER)] = BACKGROUND
         np.copyto(known, np.uint8(PERSON), where=known == WALKER)

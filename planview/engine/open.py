@@ -45,8 +45,9 @@ def open_engine(
 ) -> Engine:
     """Open a recording, or the plan-view maps of one, with the tracker asked for.
 
-    The joint and template trackers need a stereo recording, images with depth, or the maps of either; the
-    human-model tracker a video and its ``camera.toml``; the ellipse-particle tracker a video.
+    The joint and template trackers need a stereo recording, images with depth, or the maps of either; the human-model
+    tracker a video and its ``camera.toml``; the ellipse-particle tracker a video. Raises InputError: a recording,
+    camera or calibration that is missing or does not fit. Raises WorkError: no floor is visible.
 
     Args:
         tracker: a name, or a tracker of your own: an ``ImageTracker`` where the recording is of one camera without
@@ -56,12 +57,9 @@ def open_engine(
         detections: boxes of people that another program found in a video, which are tracked in place of ``tracker``: a
             file (see ``load_detections``), or per frame (N, 4) left, top, width, height [px] or (N, 5) with a score.
         config: every parameter, or tables of those that differ; the defaults, or those that made the maps, when None.
-    Raises:
-        InputError: a recording, camera or calibration that is missing or does not fit.
-        WorkError: no floor is visible.
     """
     path, camera = Path(path), None if camera is None else Path(camera)
-    config = config_of(config, "config") if isinstance(config, dict) else config
+    config = config if isinstance(config, Config | None) else config_of(config, "config=")
     refuse_tracker(tracker, get_args(TrackerName))
     options = options or OpenOptions()
     stereo = is_stereo(path, options.calibration or options.right)
@@ -119,11 +117,8 @@ def is_stereo(path: Path, given: Path | None = None) -> bool:
 
 
 def base_config(path: Path) -> Config:
-    """What parameters are changed from: those that made the plan-view maps (but ``run``), else the defaults.
-
-    Raises:
-        InputError: maps that cannot be read.
-    """
+    """What parameters are changed from: those that made the plan-view maps (but ``run``), else the defaults. Raises
+    InputError: maps that cannot be read."""
     if not is_maps(path):
         return Config()
     return recorded_config(MapsRecording(path)).model_copy(update={"run": RunParams()})
@@ -136,11 +131,8 @@ def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:
 
 
 def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamera | None) -> ImageTracker:
-    """A tracker of one camera's images with its parameters.
-
-    Raises:
-        InputError: the human-model tracker without a camera, or nobody can be seen by it.
-    """
+    """A tracker of one camera's images with its parameters. Raises InputError: the human-model tracker without a
+    camera, or nobody can be seen by it."""
     if tracker == "ellipse-particle":
         from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
 

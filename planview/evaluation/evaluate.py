@@ -55,17 +55,14 @@ def evaluate_tracks(
 ) -> Evaluation:
     """Score tracks against truth.
 
-    Confirmed rows count. Tentative rows are not yet claimed and never count; lost rows are predictions: they
-    match nothing and are no false positives, but a prediction within the gate keeps a hidden person from being a
-    significant loss, and one that strays from its person for long is a significant error.
+    Confirmed rows count. Tentative rows are not yet claimed and never count; lost rows are predictions: they match
+    nothing and are no false positives, but a prediction within the gate keeps a hidden person from being a significant
+    loss, and one that strays from its person for long is a significant error. Raises InputError: no row has what the
+    matching needs (floor positions, or boxes). Raises WorkError: alignment was asked for and is not possible.
 
     Args:
-        tracks, truth: as read from their files.
         frames: first and last frame to score, both included; all by default. A frame without truth rows is an
             empty scene, a frame without track rows one without detections.
-    Raises:
-        InputError: no row has what the matching needs (floor positions, or boxes).
-        WorkError: alignment was asked for and is not possible.
     """
     params = params or EvaluationParams()
     n_frames = 0

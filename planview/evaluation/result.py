@@ -122,7 +122,14 @@ class Evaluation:
     alignment: FloorAlignment | None
 
     def __repr__(self) -> str:
-        return f"Evaluation(MOTA {self.clear.mota}, {len(self.significant)} errors, {self.duration_s:.1f} s)"
+        mota = math.nan if self.clear.mota is None else self.clear.mota
+        return f"Evaluation(MOTA {mota:.3f}, {len(self.significant)} errors, {self.duration_s:.1f} s)"
+
+    def _repr_html_(self) -> str:
+        import pandas  # half a second
+
+        figures = [(name, value) for name, value in self.to_json().items() if isinstance(value, int | float)]
+        return str(pandas.DataFrame(figures, columns=["figure", "value"]).to_html(index=False))
 
     @property
     def uncovered(self) -> str:

@@ -71,6 +71,8 @@ def run(
         InputError: a recording, calibration or camera that is missing or does not fit; results in the folder.
         WorkError: no floor is visible, or the folder cannot be written.
     """
+    if not hasattr(frames, "__index__") or frames < 0:
+        raise InputError(f"frames=: expected how many to track, 0 for all, found {frames!r}")
     if out is not None:
         try:
             check_folder(Path(out), overwrite)
@@ -100,6 +102,9 @@ def run(
 
 
 def _table(tracks: Trajectories | DataFrame) -> Trajectories:
+    if not (isinstance(tracks, Trajectories) or hasattr(tracks, "columns")):
+        found = type(tracks).__name__
+        raise InputError(f"expected a table (Trajectories or DataFrame), a file or a folder, found {found}")
     return tracks if isinstance(tracks, Trajectories) else Trajectories.from_dataframe(tracks)
 
 
@@ -122,6 +127,8 @@ def evaluate(
         InputError: a file that cannot be read, or rows without what the matching needs.
         WorkError: alignment was asked for and is not possible.
     """
+    if frames is not None and not 0 <= frames[0] <= frames[1]:
+        raise InputError(f"frames=: expected the first and the last frame, found {frames}")
     run = None
     if isinstance(tracks, Path | str):
         path = tracks_file(Path(tracks))

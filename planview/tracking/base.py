@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 from calib.errors import InputError
 from calib.types import F32, U8
 from planview.trajectories.state import TrackState
+from planview.trajectories.table import TrajectoryCollector
 
 if TYPE_CHECKING:  # its kernels: readers of decisions need no numba
     from planview.maps.builder import PlanViewMaps
@@ -151,10 +152,19 @@ class ImageTracker(Tracker, Protocol):
 def followed(tracker: Tracker, observation: Observation) -> tuple[TrackState, ...]:
     """What a tracker makes of the next frame. Raises InputError: one's own tracker returns anything but TrackStates."""
     people: object = tracker.update(observation)
+    expected = f"tracker=: expected a sequence of TrackState from {type(tracker).__name__}.update"
     if not isinstance(people, Sequence) or not all(isinstance(person, TrackState) for person in people):
         found = type(people).__name__ if not isinstance(people, Sequence) else "a sequence of something else"
-        name = type(tracker).__name__
-        raise InputError(f"tracker=: expected a sequence of TrackState from {name}.update, found {found}")
+        raise InputError(f"{expected}, found {found}")
+    if not all(isinstance(decision, Decision) for decision in tracker.decisions):
+        raise InputError(f"tracker=: expected Decisions in {type(tracker).__name__}.decisions, found something else")
+    if not type(tracker).__module__.startswith("planview."):  # one's own may return what no table can hold
+        rows = TrajectoryCollector()
+        try:
+            rows.add(observation.frame, observation.timestamp_s, people)
+            rows.trajectories()
+        except (InputError, TypeError, ValueError) as error:
+            raise InputError(f"{expected} for tracks.csv, found one that it cannot hold: {error}") from error
     return tuple(people)
 
 
@@ -164,6 +174,6 @@ def refuse_tracker(tracker: object, names: Sequence[str]) -> None:
         raise InputError(f"tracker=: expected one of {', '.join(names)}, found {tracker!r}")
     parts = "update", "decisions", "debug", "reset"
     missing = [part for part in parts if not isinstance(tracker, str) and not hasattr(tracker, part)]
-    if missing:
-        found = f"{type(tracker).__name__} without {', '.join(missing)}"
+    if missing or isinstance(tracker, type):
+        found = f"{type(tracker).__name__} without {', '.join(missing)}" if missing else "a class in its place"
         raise InputError(f"tracker=: expected an object with {', '.join(parts)}, found {found}")

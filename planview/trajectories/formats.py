@@ -116,14 +116,12 @@ def prepared(
     file: TrajectoryFile, name: ExportName, *, fps: float | None = None, area: str | None = None, lost: bool = False
 ) -> TrajectoryFile:
     """What an export of a file holds: of a format without states the confirmed rows with a floor position or, where it
-    has boxes, a box.
+    has boxes, a box. Raises InputError: no frame rate anywhere, or no row with a floor position.
 
     Args:
         fps: in place of the file's own; where neither is known the rate that the timestamps have.
         area: in place of the file's own; where neither is known the rectangle around all positions.
         lost: rows that were only predicted count as confirmed.
-    Raises:
-        InputError: no frame rate anywhere, or no row with a floor position.
     """
     table = file.table
     if not FORMATS[name].keeps_state:

@@ -30,3 +30,7 @@ class TrackState:
     vy_mps: float = math.nan
     height_m: float = math.nan
     box_px: tuple[float, float, float, float] = (math.nan, math.nan, math.nan, math.nan)
+
+    def __repr__(self) -> str:
+        place = f"x_m={self.x_m:.2f}, y_m={self.y_m:.2f}, height_m={self.height_m:.2f}"
+        return f"TrackState({self.track_id}, {self.state}, {place})"

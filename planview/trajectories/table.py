@@ -223,13 +223,14 @@ def write_header(file: IO[str]) -> None:
 def write_rows(file: IO[str], frame: int, timestamp_s: float, tracks: Sequence[TrackState]) -> None:
     """Append one frame's tracks; an unknown value is an empty cell."""
     for track in tracks:
+        left, top, width, height = track.box_px
         cells = [
             str(frame),
             _cell(timestamp_s, 4),
             str(track.track_id),
             *(_cell(v, 4) for v in (track.x_m, track.y_m, track.vx_mps, track.vy_mps, track.height_m)),
             track.state,
-            *(_cell(v, 1) for v in track.box_px),
+            *(_cell(v, 1) for v in (left, top, width, height)),
         ]
         file.write(",".join(cells) + "\n")
 

@@ -102,6 +102,52 @@ def test_trackers_that_return_anything_but_track_states_are_refused(returned: ob
         next(iter(one_camera_engine(CrossingVideo(), tracker)))
 
 
+class OwnTracker(EllipseParticleTracker):
+    """A tracker of somebody else's module."""
+
+
+@pytest.mark.parametrize(
+    ("rows", "found"),
+    [
+        ([TrackState(1, "Confirmed", 1.0, 1.0)], "a state of tentative, confirmed, lost, found 'Confirmed'"),  # type: ignore[arg-type]
+        ([TrackState(1, "lost"), TrackState(1, "lost")], "found two for frame 0, id 1"),
+        ([TrackState(1, "lost", x_m=None)], "must be real number"),  # type: ignore[arg-type]
+        ([TrackState(1, "lost", box_px=(1.0, 2.0))], "expected 4"),  # type: ignore[arg-type]
+    ],
+)
+def test_rows_that_no_table_holds_are_named_at_the_first_frame(rows: list[TrackState], found: str) -> None:
+    tracker = OwnTracker()
+    tracker.update = lambda observation: rows  # type: ignore[method-assign,assignment,return-value]
+    with pytest.raises(InputError, match=f"OwnTracker.update for tracks.csv, .*{found}"):
+        next(iter(one_camera_engine(CrossingVideo(), tracker)))
+
+
+def test_labels_of_another_size_are_named() -> None:
+    tracker = OwnTracker()
+    tracker.feedback = lambda: np.zeros((3, 3), np.uint8)  # type: ignore[method-assign]
+    with pytest.raises(InputError, match=r"tracker=: expected feedback of .* labels, found \(3, 3\)"):
+        next(iter(one_camera_engine(CrossingVideo(), tracker)))
+
+
+def test_results_are_short_in_a_console() -> None:
+    result = next(iter(one_camera_engine(CrossingVideo(), EllipseParticleTracker())))
+    assert repr(result) == "FrameResult(frame 0, 0.00 s, 0 tracks)"
+    assert repr(TrackState(3, "lost", 1.234, 2.0)) == "TrackState(3, lost, x_m=1.23, y_m=2.00, height_m=nan)"
+
+
+def test_arguments_of_another_type_are_refused_by_name(recording: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="config=: expected a table per stage, found list"):
+        planview.open_engine(recording, config=[1])  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"tracker=: expected an object with .*, found a class"):
+        planview.open_engine(recording, EllipseParticleTracker)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"expected a table .*, found NoneType"):
+        planview.count_tracks(None, tmp_path / "rules.toml")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"frames=: expected the first and the last frame, found \(9, 1\)"):
+        planview.evaluate(tmp_path, frames=(9, 1))
+    with pytest.raises(InputError, match="frames=: expected how many"):
+        planview.run(recording, frames=-1)
+
+
 @pytest.mark.parametrize("known", [True, False])
 def test_an_engine_without_stereo_says_what_it_knows_of_its_camera(known: bool) -> None:
     engine = one_camera_engine(CrossingVideo(), EllipseParticleTracker(), camera=CAMERA if known else None)
@@ -190,5 +236,5 @@ def test_paths_may_be_text(recording: Path, tmp_path: Path) -> None:
 def test_configuration_may_be_tables_of_what_differs(recording: Path) -> None:
     engine = planview.open_engine(str(recording), config={"analysis": {"setup_frames": 4}})
     assert engine.config.analysis.setup_frames == 4
-    with pytest.raises(planview.InputError, match=r"config: .*did you mean analysis\.setup_frames"):
+    with pytest.raises(planview.InputError, match=r"config=: .*did you mean analysis\.setup_frames"):
         planview.open_engine(str(recording), config={"analysis": {"setup_frame": 4}})

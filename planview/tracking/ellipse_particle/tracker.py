@@ -128,12 +128,10 @@ class EllipseParticleTracker:
         self._studied = self._learned
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
-        """Track one frame.
+        """Track one frame. Raises ValueError: the foreground is not (H, W) uint8.
 
         Returns:
             one state per object, tentative ones included; x, y, velocity and height are NaN without a camera.
-        Raises:
-            ValueError: the foreground is not (H, W) uint8.
         """
         now_s = observation.timestamp_s
         self._cycle.begin(now_s)

@@ -101,14 +101,12 @@ class HumanModelMap:
 def build_model_map(
     camera: GroundCamera, model: HumanModel | None = None, params: HumanModelMapParams | None = None
 ) -> HumanModelMap:
-    """Compute the map once per camera.
+    """Compute the map once per camera. Raises ValueError: the grid would be larger than MAX_NODES.
 
     Args:
         camera: of the images.
         model: the person; the paper's by default.
         params: where people are expected.
-    Raises:
-        ValueError: the grid would be larger than MAX_NODES.
     """
     model, params = model or HumanModel(), params or HumanModelMapParams()
     # A foot can be outside by at most a person's image size; the largest visible person is near the image's.

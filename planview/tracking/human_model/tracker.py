@@ -47,13 +47,9 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
     """
 
     def __init__(self, params: HumanModelParams, camera: GroundCamera, model_map: HumanModelMap | None = None) -> None:
-        """Args:
-            params: of the tracker.
-            camera: calibrated from people.
-            model_map: computed before for this camera; built here if None.
-        Raises:
-            InputError: the map is another camera's, or holds no place where people are looked for.
-        """
+        """Args: params: of the tracker. camera: calibrated from people. model_map: computed before for this camera;
+        built here if None. Raises InputError: the map is another camera's, or holds no place where people are looked
+        for."""
         if model_map is not None and model_map.camera != camera:
             raise InputError(f"expected a human model map of {camera}, found one of {model_map.camera}")
         self.camera, self.model = camera, HumanModel()
@@ -101,12 +97,8 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         )
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
-        """Track one frame.
-
-        Raises:
-            InputError: images of another size than the camera's.
-            ValueError: foreground or motion are missing.
-        """
+        """Track one frame. Raises InputError: images of another size than the camera's. Raises ValueError: foreground
+        or motion are missing."""
         foreground, motion = observation.foreground, observation.motion
         if foreground is None or motion is None:
             raise ValueError("the human-model tracker needs foreground and motion")

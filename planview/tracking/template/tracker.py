@@ -123,12 +123,10 @@ class TemplateTracker:
         return self._life.decisions
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
-        """Track one frame.
+        """Track one frame. Raises ValueError: no maps, or time does not advance.
 
         Args:
             observation: with maps.
-        Raises:
-            ValueError: no maps, or time does not advance.
         """
         maps, before_s = observation.maps, self._life.now_s
         if maps is None:
