@@ -121,8 +121,8 @@ def align_plane(plane: Plane, left: AnyArray, right: AnyArray, depth: F32, geome
     window = 2 * round(width * ALIGN_WINDOW / 2) + 1
     texture, gate_px = _without_light(left, window), INLIER_SIGMAS * FLOOR_DISPARITY_STD_PX
     with np.errstate(invalid="ignore", divide="ignore"):
-        disparity = geometry.focal_u_px * geometry.baseline_m / depth
-    found = np.append(plane.q, np.zeros(3))
+        disparity = to_disparity / depth
+    slope, found = cv2.Sobel(texture, cv2.CV_32F, 1, 0), np.append(plane.q, np.zeros(3))
     for _ in range(ALIGN_STEPS):
         predicted = (basis @ found).astype(np.float32)
         with np.errstate(invalid="ignore"):
@@ -131,19 +131,20 @@ def align_plane(plane: Plane, left: AnyArray, right: AnyArray, depth: F32, geome
         if on.sum() < MIN_ALIGNED:
             return plane
         moved = _without_light(cv2.remap(right.astype(np.float32), u - predicted, v, cv2.INTER_CUBIC), window)
-        slopes = [cv2.Sobel(image, cv2.CV_32F, 1, 0)[on].astype(np.float64) / 8 for image in (texture, moved)]
+        slopes = [image[on].astype(np.float64) / 8 for image in (slope, cv2.Sobel(moved, cv2.CV_32F, 1, 0))]
         error = (texture - moved)[on].astype(np.float64)
         deviation = max(MAD_TO_SIGMA * float(np.median(np.abs(error))), 1e-9)
         weight = np.maximum(1.0 - (error / (TUKEY_C * deviation)) ** 2, 0.0) ** 2 / (ALIKE_PX * deviation**2)
         # The noise of the two images is not the same, so that only texture is information.
-        information = prior + (basis[on] * (weight * slopes[0] * slopes[1])[:, None]).T @ basis[on]
+        used = basis[on]
+        information = prior + (used * (weight * slopes[0] * slopes[1])[:, None]).T @ used
         if np.linalg.eigvalsh(information)[0] <= 0:
             return plane
         inverse = np.linalg.inv(information)
-        scores = basis[on] * (weight * error * 0.5 * (slopes[0] + slopes[1]))[:, None]
+        scores = used * (weight * error * 0.5 * (slopes[0] + slopes[1]))[:, None]
         found = found - inverse @ (scores.sum(axis=0) + prior @ found)
     covariance = sandwich(inverse, scores, np.column_stack([u[on], v[on]])) + inverse @ prior @ inverse
-    plane_px = basis[on][:, :3]
+    plane_px = used[:, :3]
     unsure_px = float(np.sqrt(np.einsum("ni,ij,nj->n", plane_px, covariance[:3, :3], plane_px).max()))
     return Plane(found[:3], plane.scale, covariance[:3, :3]) if unsure_px < gate_px else plane
 

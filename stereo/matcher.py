@@ -344,7 +344,8 @@ class SgbmMatcher:
         first = (self.step - side) // 2
         error, slope = np.empty_like(disparity), np.empty_like(disparity)
         corner = self.step * window.top + first, self.step * window.left + first
-        differences(means[0][window.slices], means[1], disparity, corner, self.step, apart, error, slope)
+        ours = np.ascontiguousarray(means[0][window.slices])
+        differences(ours, means[1], disparity, corner, self.step, apart, error, slope)
         # The two cameras' gains differ, by place too.
         known = np.isfinite(disparity).astype(np.float32)
         box = EVEN_SIDE, EVEN_SIDE

@@ -134,7 +134,7 @@ class Warp:
             working_px: longest side that images are averaged down to [px]; 0 keeps their size.
         """
         self._reduced = _reduced_size(camera.size, working_px)
-        pixels = source_pixels(camera, rotation, pixel_to_ray, size)
+        self._pixels = pixels = source_pixels(camera, rotation, pixel_to_ray, size)
         inside: Bool = np.all((pixels > -0.5) & (pixels < np.array(camera.size) - 0.5), axis=-1)
         self.mask: U8 = np.where(inside, np.uint8(255), np.uint8(0))
         nearest = np.where(inside[..., None], np.round(np.nan_to_num(pixels)), 0.0).astype(np.int16)
@@ -165,7 +165,9 @@ class Warp:
 
         The depth along the optical axis stays what it is only when the pinhole has the camera's orientation.
         """
-        return np.where(self.mask > 0, depth[self._rows, self._columns], np.float32(np.nan))
+        u, v = cv2.split(self._pixels)
+        found = cv2.remap(depth, u, v, cv2.INTER_NEAREST, borderValue=math.nan)
+        return np.where(self.mask > 0, found, np.float32(np.nan))
 
 
 def _reduced_size(size: tuple[int, int], working_px: int) -> tuple[int, int]:

@@ -10,20 +10,18 @@ from functools import partial
 
 import cv2
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from calib.pose import SE3
 from calib.rig import StereoRig
-from calib.types import F32, F64, U8, AnyArray, Bool
+from calib.types import F32, F64, U8, Bool
 from stereo.depth import RectifiedGeometry
 
-THREADS = 2
-"""Frames that are measured at a time."""
 _PATCH = 7
 """Half side of a matched patch [px]."""
 _SIMILARITY_MIN = 0.9
 """Smallest normalised correlation of two patches that count as a match (our choice)."""
+_SEARCHED_PX = 640
+"""Width near which images are reduced to search for a patch, which is then refined at full size (our choice)."""
 _SEARCH = 0.02
 """Largest row offset searched, each way, over the image's width: more is not age but a wrong calibration."""
 _CELLS = 12
@@ -41,6 +39,8 @@ _NOISE_MIN_PX = 0.1
 """Least noise of a cell [px]: what interpolation leaves (our choice)."""
 _HUBER = 2.0
 """Residuals beyond this many standard deviations count linearly (our choice)."""
+_ROUNDS = 8
+"""Rounds of reweighted least squares: offsets are nearly linear in the angles, four settle them (our choice)."""
 _DEVIATIONS = 3.0
 """An angle is corrected when it is this many standard deviations from its calibration."""
 
@@ -76,7 +76,7 @@ class RigCorrection:
         """The calibration with the right camera turned by the applied angles; the rig itself when there are none."""
         if not self.is_applied.any():
             return rig
-        turn = Rotation.from_rotvec(self.applied).as_matrix()
+        turn = SE3.from_rotvec(self.applied).rotation
         left, right = rig.rectifying_rotations()
         rotation = right.T @ turn.T @ left
         return replace(rig, right_SE3_left=SE3(rotation, -rotation @ rig.right_SE3_left.inverse().translation))
@@ -106,7 +106,7 @@ def measure_correction(
         disparity_max_px: largest disparity that can occur [px].
     """
     match = partial(match_corners, disparity_max_px=disparity_max_px, search_px=math.ceil(_SEARCH * geometry.width))
-    with ThreadPoolExecutor(THREADS) as pool:  # correlation releases Python's lock
+    with ThreadPoolExecutor(2) as pool:  # correlation releases Python's lock
         found = list(pool.map(lambda pair: match(*pair), pairs))
     return fit_correction(np.concatenate([np.empty((0, 4)), *found]), geometry)
 
@@ -137,27 +137,9 @@ def fit_correction(matches: F64, geometry: RectifiedGeometry) -> RigCorrection:
     # Turns a, b of the cameras are independent, and so are b - a, the pose, and -(a + b) / 2, the baseline.
     prior = np.array([math.radians(_MOUNT_DEG)] * 5 + [_LENS] * 2) * np.sqrt([2.0] * 3 + [0.5] * 2 + [2.0] * 2)
     values, deviations, free = np.zeros(7), np.full(7, np.nan), np.ones(7, dtype=np.bool_)
-    least = scale = _NOISE_MIN_PX / geometry.focal_v_px
-
-    def offsets(some: F64) -> F64:
-        every = np.zeros(7)
-        every[free] = some
-        return _row_offset(every, left_cells, right_cells)
-
-    def huber(squared: F64) -> F64:  # of the cells; the prior is Gaussian
-        far = (squared > _HUBER**2) & (np.arange(len(squared)) < len(cells))
-        root = np.sqrt(np.where(far, squared, _HUBER**2))
-        loss = np.where(far, 2.0 * _HUBER * root - _HUBER**2, squared)
-        return np.stack([loss, _HUBER / root, np.where(far, -0.5 * _HUBER / root**3, 0.0)])
-
     while True:
-        for _ in range(4):  # the noise of the cells is known from what the fit leaves only
-            fit = least_squares(
-                lambda some: np.concatenate([offsets(some) / scale, some / prior[free]]),  # noqa: B023
-                np.zeros(free.sum()), loss=huber, x_scale=1e-3,
-            )  # fmt: skip
-            scale = max(1.4826 * float(np.median(np.abs(offsets(fit.x)))), least)
-        values[free], deviations[free] = fit.x, np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))
+        values[free], covariance = _fitted(left_cells, right_cells, free, prior, _NOISE_MIN_PX / geometry.focal_v_px)
+        deviations[free] = np.sqrt(np.diag(covariance))
         if free[1]:
             deviations[1] = math.hypot(deviations[1], math.radians(_YAW_DEG))
         ratio = np.where(free, np.abs(values) / deviations, np.inf)[:3]
@@ -170,6 +152,23 @@ def fit_correction(matches: F64, geometry: RectifiedGeometry) -> RigCorrection:
     return RigCorrection(values[:3], deviations[:3], before, after)
 
 
+def _fitted(left: F64, right: F64, free: Bool, prior: F64, noise_min: float) -> tuple[F64, F64]:
+    """The free ones of the values, the others 0, by reweighted least squares on (N, 3) rays, and their covariance; with
+    (7,) deviations of a Gaussian prior, and the least noise of an offset at unit depth."""
+    values, small, penalty = np.zeros(7), 1e-6, np.diag(prior[free] ** -2.0)
+    for _ in range(_ROUNDS):
+        error = _row_offset(values, left, right)
+        slopes = [(_row_offset(values + step, left, right) - error) / small for step in small * np.eye(7)[free]]
+        # The noise is known from what the last round left only.
+        scale = max(1.4826 * float(np.median(np.abs(error))), noise_min)
+        outlying = np.maximum(np.abs(error) / (_HUBER * scale), 1.0)
+        scores = np.stack(slopes) / (outlying * scale**2)
+        information = scores @ np.stack(slopes, axis=1) + penalty
+        values[free] -= np.linalg.solve(information, scores @ error + penalty @ values[free])
+    near = np.stack(slopes, axis=1)[outlying == 1.0] / scale
+    return values[free], np.linalg.inv(near.T @ near + penalty)
+
+
 def _row_offset(values: F64, left: F64, right: F64) -> F64:
     """(N,) row offsets at unit depth between left and right rays of unit depth (N, 3) that values leave.
 
@@ -177,11 +176,10 @@ def _row_offset(values: F64, left: F64, right: F64) -> F64:
         values: (7,) angles of a ``RigCorrection``, turn of the baseline about y and z [rad], and decentring of the
             right lens against the left one.
     """
-    turned = right @ Rotation.from_rotvec(values[:3]).as_matrix().T
-    x, y = left[:, 0], left[:, 1]
-    decentred = values[5] * (x * x + 3.0 * y * y) + values[6] * 2.0 * x * y
-    offset = np.cross(turned, left) @ np.array([1.0, values[4], -values[3]]) / (turned[:, 2] * left[:, 2])
-    return np.asarray(offset + decentred, dtype=np.float64)
+    u, v, w = SE3.from_rotvec(values[:3]).rotation @ right.T
+    x, y, _ = left.T
+    normal = v - w * y + values[4] * (w * x - u) - values[3] * (u * y - v * x)
+    return np.asarray(normal / w + values[5] * (x * x + 3.0 * y * y) + values[6] * 2.0 * x * y, dtype=np.float64)
 
 
 def _rays(matches: F64, geometry: RectifiedGeometry) -> tuple[F64, F64]:
@@ -218,23 +216,29 @@ def match_corners(
     """
     # Corners whose patch is inside the picture and not saturated.
     usable = ((left > 0) & (left < 250)).astype(np.uint8)
-    patch = np.ones((2 * _PATCH + 1, 2 * _PATCH + 1), np.uint8)
+    n = max(1, round(left.shape[1] / _SEARCHED_PX))
+    patch = np.ones((2 * n * (_PATCH + 1) - 1,) * 2, np.uint8)
     matchable = cv2.erode(usable, patch, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     corners = cv2.goodFeaturesToTrack(left, features, 0.01, 2.0 * _PATCH, mask=matchable)
     if corners is None:
         return np.empty((0, 4))
     points = np.asarray(corners, dtype=np.float32).reshape(-1, 2)
-    span = math.floor(disparity_min_px), math.ceil(disparity_max_px)
-    guesses = np.array([_search(left, right, point, span, search_px) for point in points], dtype=np.float32)
+    size = left.shape[1] // n, left.shape[0] // n
+    a, b = (np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8) for image in (left, right))
+    span = math.floor(disparity_min_px / n), math.ceil(disparity_max_px / n)
+    places = [_search(a, b, point, span, math.ceil(search_px / n)) for point in (points + 0.5) / n - 0.5]
+    guesses = np.asarray(n * (np.array(places, dtype=np.float32) + 0.5) - 0.5, dtype=np.float32)
     good = np.isfinite(guesses).all(axis=1)
     points, guesses = points[good], guesses[good]
     if len(points) == 0:
         return np.empty((0, 4))
     # Sub-pixel places in the right image, of those that lead back to where they came from.
     bright = _as_bright(left, right, points, guesses)
-    a, b = points.reshape(-1, 1, 2), guesses.reshape(-1, 1, 2)
-    there, found, _ = _track(left, bright, a, b.copy())
-    back, found_back, _ = _track(bright, left, there, a.copy())
+    start, window = points.reshape(-1, 1, 2), (2 * _PATCH + 1, 2 * _PATCH + 1)
+    criteria, flags = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003), cv2.OPTFLOW_USE_INITIAL_FLOW
+    track = partial(cv2.calcOpticalFlowPyrLK, winSize=window, maxLevel=0, criteria=criteria, flags=flags)
+    there, found, _ = track(left, bright, start, guesses.reshape(-1, 1, 2).copy())
+    back, found_back, _ = track(bright, left, there, start.copy())
     there, back = there.reshape(-1, 2).astype(np.float64), back.reshape(-1, 2)
     kept = (found.reshape(-1) == 1) & (found_back.reshape(-1) == 1)
     kept &= (np.hypot(*(back - points).T) < 0.3) & (np.hypot(*(there - guesses).T) < 2.0)
@@ -247,7 +251,7 @@ def _as_bright(left: U8, right: U8, points: F32, guesses: F32) -> U8:
     values, and each camera may expose for itself."""
     side = 2 * _PATCH + 1
     (mean, std), (other_mean, other_std) = (
-        np.median([cv2.meanStdDev(cv2.getRectSubPix(image, (side, side), at.tolist())) for at in places], axis=0)
+        np.median([cv2.meanStdDev(cv2.getRectSubPix(image, (side, side), at.tolist())) for at in places[:50]], axis=0)
         for image, places in ((left, points), (right, guesses))
     )
     gain = float(std.item() / max(other_std.item(), 1.0))
@@ -274,11 +278,3 @@ def _search(left: U8, right: U8, point: F32, span: tuple[int, int], search_px: i
     if float(score.max()) > 0.5 * (1.0 + best) - 0.02:
         return nothing
     return float(start + col + _PATCH) + float(point[0]) - u, float(top + row + _PATCH) + float(point[1]) - v
-
-
-def _track(source: U8, target: U8, points: F32, guesses: F32) -> tuple[AnyArray, AnyArray, AnyArray]:
-    window, criteria = (2 * _PATCH + 1,) * 2, (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003)
-    flags = cv2.OPTFLOW_USE_INITIAL_FLOW
-    return cv2.calcOpticalFlowPyrLK(
-        source, target, points, guesses, winSize=window, maxLevel=0, criteria=criteria, flags=flags
-    )

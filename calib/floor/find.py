@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -16,10 +17,10 @@ from calib.floor.plane import (
     INLIER_SIGMAS,
     MIN_INLIER_FRACTION,
     Candidate,
+    Cells,
     FloorParams,
     Plane,
     Rays,
-    cells,
     choose_floor,
     doubt,
     fit_plane,
@@ -36,14 +37,13 @@ RANSAC_ITERATIONS = 2000
 """Triples tried per candidate: one of 2000 hits a plane of 12 % of the remaining points with 97 % (our choice)."""
 FIT_POINTS = 400_000
 """Points used over all frames, evenly thinned (our choice, for speed)."""
-EDGE_CELLS = 2.5
-"""Floor this close to something on it is left out of the last fits, in cells (our choice: 25 px at 640 px, what
+EDGE_CELLS = (np.hypot(*np.mgrid[-2:3, -2:3]) <= 2.5).astype(np.uint8)
+"""Floor this close to something on it is left out of the last fits: within 2.5 cells (our choice: 25 px at 640 px, what
 semi-global matching smooths over)."""
 MIN_POINTS = 1000
 """Fewer points than this are not reported."""
-
-TRIPLES, SCORED = 250, 4000
-"""Planes tried at a time, and points that each is compared with; bounds on time and memory."""
+SCORED = 1500
+"""Points that each plane tried is compared with (our choice, for speed)."""
 
 
 def find_floor(
@@ -83,19 +83,19 @@ def find_floor(
             noise = FLOOR_DISPARITY_STD_PX / (focal_px * baseline_m)
         points = Rays(points.rays, points.inverse, np.full(len(points), noise))
     moved = np.empty((0, 3)) if moved is None else moved
-    candidates = floor_candidates(points, params, moved)
+    cells = Cells(points)
+    candidates = floor_candidates(cells, params, moved)
     best = choose_floor(candidates, params)
     if best is None:
         raise WorkError(nothing_found(candidates, len(clouds)))
     if align is not None:
         best = replace(best, plane=align(best.plane))
-    return replace(_floor(best, points), doubt=doubt(best, candidates, moved))
+    return replace(_floor(best, cells), doubt=doubt(best, candidates, moved))
 
 
-def floor_candidates(points: Rays, params: FloorParams, moved: F64) -> list[Candidate]:
+def floor_candidates(cells: Cells, params: FloorParams, moved: F64) -> list[Candidate]:
     """Planes in the points, each judged, about the likeliest first; ``moved`` as in ``find_floor``."""
-    view, counts = cells(points)
-    rest = view
+    rest = view = cells.medians()
     found: list[Candidate] = []
     for _ in range(N_CANDIDATES):
         if len(rest) < max(3, 0.5 * MIN_INLIER_FRACTION * len(view)):
@@ -108,40 +108,37 @@ def floor_candidates(points: Rays, params: FloorParams, moved: F64) -> list[Cand
         rest = rest.where(off >= INLIER_SIGMAS / 3)
         rough = fit_plane(view, guess)
         if rough is not None and not any(_same(rough, other.plane, view) for other in found):
-            plane, view_on, counts = _refined(rough, points)
-            found.append(judge(plane, view_on, counts, points, moved, params))
+            plane, view_on = _refined(rough, cells)
+            found.append(judge(plane, view_on, cells, moved, params))
     return found
 
 
-def _refined(plane: Plane, points: Rays) -> tuple[Plane, Rays, I64]:
+def _refined(plane: Plane, cells: Cells) -> tuple[Plane, Rays]:
     """Fit again to cells without the points that the plane shows to be of something else."""
-    view, counts = cells(points, plane.q)
+    view = cells.medians(plane.q)
     for _ in range(2):
-        inside = view.where(_away_from_edges(plane, view))
+        inside = view.where(_away_from_edges(plane, cells, view))
         plane = fit_plane(inside, plane.q) or plane
-        view, counts = cells(points, plane.q)
-    return plane, view, counts
+        view = cells.medians(plane.q)
+    return plane, view
 
 
-def _away_from_edges(plane: Plane, view: Rays) -> Bool:
+def _away_from_edges(plane: Plane, cells: Cells, view: Rays) -> Bool:
     """(N,) which cells have nothing but floor around them: matching smooths what meets the floor into it."""
     residuals = view.residuals(plane.q)
     on, other = np.abs(residuals) < INLIER_SIGMAS, residuals >= INLIER_SIGMAS
-    if not other.any():
-        return np.ones(len(view), dtype=np.bool_)
-    across = view.rays[:, 0].max() - view.rays[:, 0].min()
-    from scipy.spatial import cKDTree  # half a second, and only a floor that is searched needs it
-
-    distance, _ = cKDTree(view.rays[other, :2]).query(view.rays[:, :2])
-    free = np.asarray(distance > EDGE_CELLS * across / CELLS_ACROSS)
+    rows, columns = cells.places.T
+    image = np.zeros((rows.max() + 1, CELLS_ACROSS), np.uint8)
+    image[rows, columns] = other
+    free = cv2.dilate(image, EDGE_CELLS)[rows, columns] == 0
     # A floor in small pieces is all edge: better fitted with them than not at all.
     return free if (on & free).sum() > 0.3 * on.sum() else np.ones(len(view), dtype=np.bool_)
 
 
-def _floor(best: Candidate, points: Rays) -> Floor:
+def _floor(best: Candidate, cells: Cells) -> Floor:
     plane = best.plane
     pose = world_from_plane(plane.normal, plane.distance_m)
-    view, _ = cells(points, plane.q)
+    view = cells.medians(plane.q)
     inliers = view.where(np.abs(view.residuals(plane.q)) < INLIER_SIGMAS)
     world = pose @ (inliers.rays / inliers.inverse[:, None])
     low, high = np.quantile(world[:, :2], (0.01, 0.99), axis=0)
@@ -191,19 +188,15 @@ def _ransac(points: Rays) -> F64:
     on it is near to more points, but not as near. Not open3d's, whose threads give another floor from run to run.
     """
     rng = np.random.default_rng(0)
+    three = rng.integers(0, len(points), (RANSAC_ITERATIONS, 3))
+    corners = points.rays[three]
+    sound = np.abs(np.linalg.det(corners)) > 1e-9
+    planes = np.linalg.solve(corners[sound], points.inverse[three][sound][..., None])[..., 0]
     few = np.linspace(0, len(points) - 1, min(len(points), SCORED)).astype(np.int64)
-    rays, inverse, sigma = points.rays[few], points.inverse[few], points.sigma[few]
-    best, most = np.zeros(3), -1.0
-    for _ in range(-(-RANSAC_ITERATIONS // TRIPLES)):
-        three = rng.integers(0, len(points), (TRIPLES, 3))
-        corners = points.rays[three]
-        sound = np.abs(np.linalg.det(corners)) > 1e-9
-        planes = np.linalg.solve(corners[sound], points.inverse[three][sound][..., None])[..., 0]
-        off = (planes @ rays.T - inverse) / (INLIER_SIGMAS * sigma)
-        held = np.maximum(1.0 - off * off, 0.0).sum(axis=1)
-        if len(held) and held.max() > most:
-            best, most = planes[int(np.argmax(held))], float(held.max())
-    return np.asarray(best, dtype=np.float64)
+    scored = np.column_stack([points.rays, points.inverse])[few] / (INLIER_SIGMAS * points.sigma[few, None])
+    off = np.column_stack([planes, np.full(len(planes), -1.0)]).astype(np.float32) @ scored.T.astype(np.float32)
+    held = np.maximum(np.float32(1.0) - off * off, np.float32(0.0)).sum(axis=1)
+    return planes[int(np.argmax(held))] if len(held) else np.zeros(3)
 
 
 def _same(a: Plane, b: Plane, points: Rays) -> bool:

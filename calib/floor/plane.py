@@ -122,47 +122,54 @@ class Plane:
         return float(np.arcsin(np.clip(self.normal[0], -1.0, 1.0)))
 
 
-def cells(points: Rays, q: F64 | None = None) -> tuple[Rays, I64]:
-    """Median inverse depth in square cells of the view, over all frames, and the counts of points in them: one row per
-    cell that holds at least a tenth of the mean count.
+class Cells:
+    """Points of all frames in square cells of the view; cells with less than a tenth of the mean count are left out.
 
-    The median forgets people who pass and most matching errors, and leaves so little noise that a wall is distinct
-    from the floor it stands on close to their corner. Where a plane q (3,) is known already, the medians are taken
-    against it, so that a slope within a cell does no harm, and points beyond the gate are left out of cells that mostly
-    show it: what passes is always nearer and would pull the median.
+    Attributes:
+        points: those in the cells.
+        counts: (N,) of the points in each cell.
+        places: (N, 2) row and column of each cell.
     """
-    low, high = np.quantile(points.rays[:, :2], (0.0005, 0.9995), axis=0)
-    width, height = (float(v) for v in high - low)
-    step = max(width, height / MAX_ASPECT, 1e-9) / CELLS_ACROSS
-    last = np.maximum(1, np.ceil((high - low) / step)).astype(np.int64) - 1
-    place = np.clip(np.floor((points.rays[:, :2] - low) / step).astype(np.int64), 0, last)
-    index = np.asarray(place[:, 1] * CELLS_ACROSS + place[:, 0])
-    value = points.inverse if q is None else points.inverse - points.rays @ q
-    n = int(index.max()) + 1
-    counts = np.bincount(index, minlength=n)
-    full = counts >= max(1.0, 0.1 * counts[counts > 0].mean())
-    medians = _medians(index, value, n)
-    if q is not None:
-        near = np.abs(value) < GATE * points.sigma
-        mostly = np.bincount(index[near], minlength=n) > 0.5 * counts
-        medians = np.where(mostly, _medians(index[near], value[near], n), medians)
-    safe = np.maximum(counts, 1)
-    rays = np.stack([np.bincount(index, points.rays[:, k], n) / safe for k in range(3)], axis=1)
-    inverse = medians if q is None else medians + rays @ q
-    return Rays(rays, inverse, np.bincount(index, points.sigma, n) / safe).where(full), counts[full]
 
+    def __init__(self, points: Rays) -> None:
+        low, high = np.quantile(points.rays[:, :2], (0.0005, 0.9995), axis=0)
+        width, height = (float(v) for v in high - low)
+        step = max(width, height / MAX_ASPECT, 1e-9) / CELLS_ACROSS
+        last = np.maximum(1, np.ceil((high - low) / step)).astype(np.int64) - 1
+        place = np.clip(np.floor((points.rays[:, :2] - low) / step).astype(np.int64), 0, last)
+        index = place[:, 1] * CELLS_ACROSS + place[:, 0]
+        counts = np.bincount(index)
+        full = counts >= max(1.0, 0.1 * counts[counts > 0].mean())
+        kept = full[index]
+        self.points, self.counts = points.where(kept), counts[full]
+        self.places = np.stack(np.divmod(np.flatnonzero(full), CELLS_ACROSS), axis=1)
+        self._index: I64 = (np.cumsum(full) - 1)[index[kept]]
+        means = [np.bincount(self._index, v) / self.counts for v in (*self.points.rays.T, self.points.sigma)]
+        self._rays, self._sigma = np.stack(means[:3], axis=1), means[3]
 
-def _medians(index: I64, value: F64, n: int) -> F64:
-    """(n,) upper median of the values of each index; NaN where there is none."""
-    medians = np.full(n, np.nan)
-    # Small integers are sorted by radix, twenty times as fast as pairs of index and value.
-    order = np.argsort(index.astype(np.uint16) if n <= 1 << 16 else index, kind="stable")
-    grouped, counts = value[order], np.bincount(index, minlength=n)
-    ends = np.cumsum(counts)
-    for i in np.flatnonzero(counts):
-        group = grouped[ends[i] - counts[i] : ends[i]]
-        medians[i] = np.partition(group, counts[i] // 2)[counts[i] // 2]
-    return medians
+    def medians(self, q: F64 | None = None) -> Rays:
+        """The median inverse depth of each cell.
+
+        The median forgets people who pass and most matching errors, and leaves so little noise that a wall is distinct
+        from the floor it stands on close to their corner. Where a plane q (3,) is known already, the medians are taken
+        against it, so that a slope within a cell does no harm, and points beyond the gate are left out of cells that
+        mostly show it: what passes is always nearer and would pull the median.
+        """
+        if q is None:
+            return Rays(self._rays, self._medians(self._index, self.points.inverse), self._sigma)
+        value = self.points.inverse - self.points.rays @ q
+        near = np.abs(value) < GATE * self.points.sigma
+        mostly = np.bincount(self._index[near], minlength=len(self.counts)) > 0.5 * self.counts
+        used = near | ~mostly[self._index]
+        return Rays(self._rays, self._medians(self._index[used], value[used]) + self._rays @ q, self._sigma)
+
+    def _medians(self, index: I64, value: F64) -> F64:
+        """(N,) upper median of the values of each cell, which are sorted as fractions that follow its number."""
+        low, span = value.min(), max(float(np.ptp(value)), 1e-9) * (1.0 + 1e-9)
+        ordered = np.sort(index + (value - low) / span)
+        counts = np.bincount(index)
+        middle = ordered[np.cumsum(counts) - counts + counts // 2]
+        return np.asarray((middle - np.arange(len(counts))) * span + low)
 
 
 def fit_plane(points: Rays, q: F64) -> Plane | None:
@@ -239,11 +246,11 @@ class Candidate:
     refused: str
 
 
-def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, params: FloorParams) -> Candidate:
-    """What speaks for and against a plane as the floor: its cells of the view with their counts, the points before any
-    median, and (M, 3) points of what moves [m]."""
+def judge(plane: Plane, view: Rays, cells: Cells, moved: F64, params: FloorParams) -> Candidate:
+    """What speaks for and against a plane as the floor: the cells of the view, their medians against the plane, and
+    (M, 3) points of what moves [m]."""
     residuals = view.residuals(plane.q)
-    share = counts / counts.sum()
+    share = cells.counts / cells.counts.sum()
     on = float(share[np.abs(residuals) < INLIER_SIGMAS].sum())
     # Further beneath the plane than noise and a warped calibration explain.
     depth_m = np.where(view.inverse > 0, (view.rays @ plane.q) / np.maximum(view.inverse, 1e-6) - 1.0, 0.0)
@@ -251,7 +258,7 @@ def judge(plane: Plane, view: Rays, counts: I64, points: Rays, moved: F64, param
     below = float(share[beneath].sum())
     above = float(share[(residuals > INLIER_SIGMAS) & (residuals < 2 * INLIER_SIGMAS)].sum())
     tilt, roll = math.degrees(plane.tilt_rad), math.degrees(plane.roll_rad)
-    height, distance = plane.distance_m, np.abs(points.residuals(plane.q))
+    height, distance = plane.distance_m, np.abs(cells.points.residuals(plane.q))
     # How points crowd on the plane before any median: share of those near it that are within half that distance.
     sharpness = float((distance < GATE / 2).sum() / max((distance < GATE).sum(), 1))
     # Share of what moves that is higher above the plane than people are, 0 where hardly anything moves: a wall seen
