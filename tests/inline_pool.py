@@ -12,4 +12,7 @@ class InlinePool:
         self.submitted += 1
         return function(argument)
 
-    def close(self) -> None: ...
+    def __enter__(self) -> "InlinePool":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...

@@ -11,11 +11,11 @@ import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from threading import get_ident
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import cv2
 from rich.console import Console
@@ -44,87 +44,79 @@ WORKERS_S = 60.0
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
 
-class ProcessPool:
+class Pool(NamedTuple):
+    """Calls functions elsewhere, up to ``at_once`` at a time, each from a thread that waits for it; ``call`` raises
+    WorkError when a call will not end."""
+
+    at_once: int
+    call: Callable[[Callable[..., Any], object], Any]
+
+
+@contextmanager
+def processes(count: int) -> Iterator[Pool]:
     """Processes of this machine, each with one job and one core: a job that kills its process fails alone.
 
     They are joblib's (loky): fresh ones, since forked ones would share OpenCV's threads.
     """
+    from joblib.externals.loky import ProcessPoolExecutor
 
-    def __init__(self, processes: int) -> None:
-        self.at_once = processes
-        self._process_of: dict[int, Any] = {}  # by the thread that waits for it
+    process_of: dict[int, Any] = {}  # by the thread that waits for it
 
-    def call(self, function: Callable[..., Any], argument: object) -> Any:
-        """The value of a call in the process of this thread. Raises WorkError: it was killed."""
-        from joblib.externals.loky import ProcessPoolExecutor
-
+    def call(function: Callable[..., Any], argument: object) -> Any:
         me = get_ident()
-        if me not in self._process_of:
-            self._process_of[me] = ProcessPoolExecutor(1, env=ONE_THREAD)
+        if me not in process_of:
+            process_of[me] = ProcessPoolExecutor(1, env=ONE_THREAD)
         try:
-            return self._process_of[me].submit(function, argument).result()
+            return process_of[me].submit(function, argument).result()
         except BrokenProcessPool:
-            del self._process_of[me]
+            del process_of[me]
             raise WorkError("its process was killed") from None
 
-    def close(self) -> None:
-        for process in list(self._process_of.values()):
+    try:
+        yield Pool(count, call)
+    finally:
+        for process in list(process_of.values()):
             process.shutdown(wait=True, kill_workers=True)
 
 
-class ClusterPool:
+@contextmanager
+def cluster(address: str) -> Iterator[Pool]:
     """Workers of a Dask cluster that share the file system with this machine.
 
-    Dask gives the job of a worker that died to another one, up to three times (``allowed-failures``).
+    Dask gives the job of a worker that died to another one, up to three times (``allowed-failures``). Raises
+    InputError: ``distributed`` is not installed, no scheduler at the address, or no worker arrives. Calls raise
+    WorkError: the scheduler is lost, or there was no worker for WORKERS_S.
     """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError("expected the package distributed; install planview[cluster]") from error
+    try:
+        client = Client(address, timeout=CONNECT_S)
+        client.wait_for_workers(1, timeout=WORKERS_S)
+    except TimeoutError as error:
+        raise InputError(f"expected a worker at {address}, found none in {WORKERS_S:.0f} s") from error
+    except (OSError, ValueError) as error:
+        raise InputError(f"expected a Dask scheduler at {address}, found none ({error})") from error
+    with_workers_s = time.monotonic()
 
-    def __init__(self, address: str) -> None:
-        """Connect to a scheduler. Raises InputError: ``distributed`` is not installed, no scheduler at the address, or
-        no worker arrives."""
-        try:
-            from distributed import Client
-        except ImportError as error:
-            raise InputError("expected the package distributed; install planview[cluster]") from error
-        try:
-            self._client = Client(address, timeout=CONNECT_S)
-            self._client.wait_for_workers(1, timeout=WORKERS_S)
-        except TimeoutError as error:
-            raise InputError(f"expected a worker at {address}, found none in {WORKERS_S:.0f} s") from error
-        except (OSError, ValueError) as error:
-            raise InputError(f"expected a Dask scheduler at {address}, found none ({error})") from error
-        self.at_once = JOBS_PER_THREAD * sum(self._client.ncores().values())
-        self._with_workers_s = time.monotonic()
-
-    def call(self, function: Callable[..., Any], argument: object) -> Any:
-        """The value of a call on a worker. Raises WorkError: the scheduler is lost, or there was no worker for
-        WORKERS_S."""
-        future = self._client.submit(function, argument, pure=False)
+    def call(function: Callable[..., Any], argument: object) -> Any:
+        nonlocal with_workers_s
+        future = client.submit(function, argument, pure=False)
         while True:
             try:
                 return future.result(timeout=CHECK_S)
             except TimeoutError:
                 now = time.monotonic()
-            if self._client.status in ("closed", "closing"):
+            if client.status in ("closed", "closing"):
                 raise WorkError("the scheduler of the cluster was lost")
-            if self._client.ncores():
-                self._with_workers_s = now
-            elif now - self._with_workers_s > WORKERS_S:
-                raise WorkError(f"all workers of the cluster were lost {now - self._with_workers_s:.0f} s ago")
+            if client.ncores():
+                with_workers_s = now
+            elif now - with_workers_s > WORKERS_S:
+                raise WorkError(f"all workers of the cluster were lost {now - with_workers_s:.0f} s ago")
 
-    def close(self) -> None:
-        self._client.close()
-
-
-class Pool(Protocol):
-    """Calls functions elsewhere, up to ``at_once`` at a time, each from a thread that waits for it."""
-
-    at_once: int
-
-    def call(self, function: Callable[..., Any], argument: object) -> Any:
-        """The value of a call; raises WorkError when it will not end."""
-
-    def close(self) -> None:
-        """End all calls."""
+    with closing(client):
+        yield Pool(JOBS_PER_THREAD * sum(client.ncores().values()), call)
 
 
 class Done(NamedTuple):
@@ -259,7 +251,7 @@ STUDY_FILE, SUMMARY_FILE, PAGE_FILE = "study.json", "summary.csv", "report.html"
 
 
 def run_study(
-    study: Study, names: Sequence[str], out: Path, open_pool: Callable[[], Pool], console: Console
+    study: Study, names: Sequence[str], out: Path, pool: AbstractContextManager[Pool], console: Console
 ) -> tuple[list[JobResult], list[Ranked]]:
     """Run all that is not done and write study.json, summary.csv and report.html; all runs in the order of the study,
     and its configurations, best first.
@@ -268,7 +260,7 @@ def run_study(
         study: with absolute paths.
         names: of the recordings, all different.
         out: folder for results; of earlier studies in it, what has the same input, configuration and version is kept.
-        open_pool: called when there is something to run.
+        pool: entered when there is something to run.
     Raises:
         InputError: a setting that is no parameter, a cluster that cannot be reached, or another study in the folder.
         WorkError: the folder cannot be written.
@@ -283,7 +275,7 @@ def run_study(
     with folder_lock(out):
         remove_attempts(out)
         write_result(out / STUDY_FILE, study.model_dump_json(indent=2) + "\n")
-        runs = _run(jobs, open_pool, console)
+        runs = _run(jobs, pool, console)
         remove_attempts(out)
         ranking = ranked(runs, study.objective)
         # The page is written again where a run was made or failed.
@@ -295,7 +287,7 @@ def run_study(
     return runs, ranking
 
 
-def _run(study_jobs: Sequence[Planned], open_pool: Callable[[], Pool], console: Console) -> list[JobResult]:
+def _run(study_jobs: Sequence[Planned], pool: AbstractContextManager[Pool], console: Console) -> list[JobResult]:
     """Results in the order of the jobs."""
     results: dict[int, JobResult] = {}
     waiting: dict[str, list[tuple[int, StudyJob]]] = {}
@@ -333,10 +325,9 @@ def _run(study_jobs: Sequence[Planned], open_pool: Callable[[], Pool], console: 
         show(results.values())
         if not jobs:
             return [results[i] for i in range(len(study_jobs))]
-        pool = open_pool()
-        stack.callback(pool.close)
+        opened = stack.enter_context(pool)
         errors: dict[str, str] = {}
-        for done in run_tasks(track, maps, pool):
+        for done in run_tasks(track, maps, opened):
             watch.advance(recording)
             errors[done.key] = done.error
         ready = {}
@@ -345,7 +336,7 @@ def _run(study_jobs: Sequence[Planned], open_pool: Callable[[], Pool], console: 
                 end(Done(key, error=error))
             else:
                 ready[key] = job
-        for done in run_tasks(track_and_score, ready, pool):
+        for done in run_tasks(track_and_score, ready, opened):
             end(done)
     return [results[i] for i in range(len(study_jobs))]
 

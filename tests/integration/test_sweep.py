@@ -25,7 +25,7 @@ TRUTH = "frame,id,x_m,y_m,height_m\n" + "".join(
 def pool(monkeypatch: pytest.MonkeyPatch) -> InlinePool:
     """Jobs run in this process, and are counted."""
     inline = InlinePool()
-    monkeypatch.setattr("planview.commands.sweep.ProcessPool", lambda processes: inline)
+    monkeypatch.setattr("planview.commands.sweep.processes", lambda count: inline)
     return inline
 
 

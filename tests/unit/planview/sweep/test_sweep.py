@@ -18,7 +18,7 @@ from planview.output.resume import code_version, content_key
 from planview.sweep.jobs import companion_files
 from planview.sweep.results import JobResult, estimate, ranked, summary_csv, why_no_intervals
 from planview.sweep.study import Configuration, Range, grid, load_study, random_draws
-from planview.sweep.work import ClusterPool, ProcessPool, run_tasks
+from planview.sweep.work import cluster, processes, run_tasks
 
 
 @pytest.fixture
@@ -224,18 +224,15 @@ def test_random_draws_are_the_same_for_a_seed_lie_in_their_ranges_and_stop_where
 
 
 def test_processes_are_limited_to_one_thread_of_numerical_libraries() -> None:
-    pool = ProcessPool(1)
-    try:
+    with processes(1) as pool:
         (ended,) = run_tasks(os.getenv, {"threads": "OMP_NUM_THREADS"}, pool)
-    finally:
-        pool.close()
     assert ended.value == "1"
 
 
 def test_cluster_that_is_not_there_is_refused(monkeypatch):
     monkeypatch.setattr("planview.sweep.work.CONNECT_S", 0.2)
-    with pytest.raises(InputError, match="expected a Dask scheduler"):
-        ClusterPool("tcp://127.0.0.1:9")
+    with pytest.raises(InputError, match="expected a Dask scheduler"), cluster("tcp://127.0.0.1:9"):
+        pass
 
 
 def by_key(numbers: Iterable[int]) -> dict[str, int]:
@@ -262,11 +259,8 @@ def test_task_that_kills_its_process_is_reported_once_and_takes_no_other_with_it
             os.kill(os.getpid(), signal.SIGKILL)
         return argument
 
-    pool = ProcessPool(2)
-    try:
+    with processes(2) as pool:
         ended = sorted((d.key, d.error) for d in run_tasks(deadly, by_key(range(4)), pool))
-    finally:
-        pool.close()
     assert ended == [("0", ""), ("1", ""), ("2", "its process was killed"), ("3", "")]
 
 
