@@ -25,6 +25,7 @@ from calib.errors import InputError
 from calib.io import PART, reason, whole_file
 from planview.output.folder import LOCK_NAME, PRODUCTS, HoldsResultsError, products_in, read_run_info, writing
 from planview.output.state import SavedState
+from planview.output.tables import is_as_marked
 
 
 def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:
@@ -179,7 +180,7 @@ def remove_checkpoint(folder: Path) -> None:
 
 def checkpoint_of(folder: Path, identity: dict[str, Any], warn: Callable[[str], None]) -> Checkpoint | None:
     """The checkpoint in a folder; None where the run starts from the first frame, since it was interrupted before its
-    first checkpoint, or this is damaged, or a table was cut short since.
+    first checkpoint, or this is damaged, or a table was changed since.
 
     Args:
         identity: of the run to resume.
@@ -196,11 +197,11 @@ def checkpoint_of(folder: Path, identity: dict[str, Any], warn: Callable[[str], 
         else:
             if other := difference(checkpoint.identity, identity):
                 raise HoldsResultsError(f"{path}: expected a checkpoint of this run, found one of {other}")
-            tables = {folder / name: size for name, size in checkpoint.written["tables"].items()}
-            short = [table for table, size in tables.items() if not table.is_file() or table.stat().st_size < size]
-            if not short:
+            tables = checkpoint.written["tables"].items()
+            changed = [folder / name for name, mark in tables if not is_as_marked(folder / name, *mark)]
+            if not changed:
                 return checkpoint
-            warn(f"{short[0]}: changed since {path.name} was written")
+            warn(f"{changed[0]}: changed since {path.name} was written")
     _refuse_other_run(folder, identity)
     if products_in(folder):
         warn(f"{folder}: no checkpoint to resume from; the run starts again")

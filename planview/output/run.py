@@ -168,8 +168,8 @@ class _Run:
             frames = self._frames(checkpoint)
             if checkpoint is not None or not (self._folder / "run.json").is_file():
                 write_run_info(self._information("running"), self._folder / "run.json")
-            sizes = checkpoint and checkpoint.written["tables"]
-            tables = RunTables(self._folder, options.analytics is not None, sizes)
+            marks = checkpoint and checkpoint.written["tables"]
+            tables = RunTables(self._folder, options.analytics is not None, marks)
             stack.callback(tables.close)
             is_live = getattr(self._engine.recording, "is_live", False)
             every_s = 0.0 if is_live or options.pace else options.checkpoint_every_s

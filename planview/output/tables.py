@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import math
 import os
@@ -37,6 +38,7 @@ class FrameFile:
         with writing(path):
             self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT, 0o644)
             self._cut()
+            self._digest = hashlib.blake2b(path.read_bytes(), digest_size=16)
         if size is None:
             try:
                 self.add(write_header)
@@ -48,11 +50,11 @@ class FrameFile:
         os.ftruncate(self._descriptor, self._size)
         os.lseek(self._descriptor, self._size, os.SEEK_SET)
 
-    def mark(self) -> int:
-        """Bring everything to the disk; the size of the file [bytes]."""
+    def mark(self) -> tuple[int, str]:
+        """Bring everything to the disk; size [bytes] and digest of what was written (see ``is_as_marked``)."""
         with writing(self.path, KEPT):
             os.fsync(self._descriptor)
-        return self._size
+        return self._size, self._digest.hexdigest()
 
     def add(self, write: Callable[[IO[str]], object]) -> None:
         """Append what ``write`` writes."""
@@ -68,9 +70,18 @@ class FrameFile:
                 self._cut()
                 raise
         self._size += len(data)
+        self._digest.update(data)
 
     def close(self) -> None:
         os.close(self._descriptor)
+
+
+def is_as_marked(path: Path, size: int, digest: str) -> bool:
+    """Whether a file begins with what a ``FrameFile`` had written at its mark."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return hashlib.blake2b(file.read(size), digest_size=16).hexdigest() == digest
 
 
 DECISION_COLUMNS = ("frame", "timestamp_s", "id", "kind", "reason", "value", *ScoreTerms._fields)
@@ -94,9 +105,9 @@ def reading_decisions(path: Path) -> Iterator[csv.DictReader[str]]:
 
 
 class RunTables:
-    """The tables of a run; ``events``: with those of rules; ``sizes``: by file name, to resume from [bytes]."""
+    """The tables of a run; ``events``: with those of rules; ``marks``: by file name, to resume from."""
 
-    def __init__(self, folder: Path, events: bool, sizes: Mapping[str, int] | None = None) -> None:
+    def __init__(self, folder: Path, events: bool, marks: Mapping[str, tuple[int, str]] | None = None) -> None:
         self._files: dict[str, FrameFile] = {}
         headers: dict[str, Callable[[IO[str]], object]] = {
             "tracks.csv": write_header,
@@ -104,7 +115,7 @@ class RunTables:
         }
         headers |= {"events.csv": write_event_header} if events else {}
         for name, header in headers.items():
-            self._files[name] = FrameFile(folder / name, header, sizes[name] if sizes else None)
+            self._files[name] = FrameFile(folder / name, header, marks[name][0] if marks else None)
 
     def add(self, result: FrameResult, events: Sequence[Event]) -> None:
         frame, moment = result.frame, result.timestamp_s
@@ -118,7 +129,7 @@ class RunTables:
         ]
         self._files["decisions.csv"].add(lambda file: csv.writer(file, lineterminator="\n").writerows(rows))
 
-    def mark(self) -> dict[str, int]:
+    def mark(self) -> dict[str, tuple[int, str]]:
         return {name: file.mark() for name, file in self._files.items()}
 
     def close(self) -> None:

@@ -95,10 +95,11 @@ def folder_of(folder: Path) -> Path:
     return folder
 
 
-def test_a_table_that_was_cut_short_since_the_checkpoint_is_not_resumed_from(engine, tmp_path, rules):
+@pytest.mark.parametrize("change", [lambda text: "frame\n", lambda text: text.replace(",confirmed,", ",tentative,")])
+def test_a_table_that_was_changed_since_the_checkpoint_is_not_resumed_from(engine, tmp_path, rules, change):
     with pytest.raises(StoppedError):
         run(engine, tmp_path, options_with(rules), (), stop_at(30))
-    (tmp_path / "tracks.csv").write_text("frame\n")
+    (tmp_path / "tracks.csv").write_text(change((tmp_path / "tracks.csv").read_text()))
     output: list[str] = []
     assert checkpoint_of(tmp_path, run_identity(engine, options_with(rules), []), output.append) is None
     assert [text.count("changed since") for text in output] == [1, 0]
