@@ -148,7 +148,7 @@ class AnalyticsParams(Params):
     than the position noise of a tracker. Smaller than for a line: a crossing counted wrongly stays counted, occupancy
     is right again with the next step, and a person walking along the outline is inside all the same."""
     min_age_s: float = Field(PERSON_S, ge=0, le=60)
-    """Who has been confirmed for less counts nothing yet; what they did before counts once they have [s]. By default
+    """People confirmed for less do not count yet; once they do, what they did before counts too [s]. By default
     what makes a track a person everywhere (``people_of``)."""
     stitch_s: float = Field(2.0, ge=0, le=60)
     """A track that begins within this time of another one's end, where that one was heading, is the same person [s].

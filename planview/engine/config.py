@@ -57,7 +57,7 @@ class SingleCameraParams(Params):
 
 
 class RunParams(Params):
-    """How a run goes on in time and what it keeps; the tracks of a frame do not depend on it, but in real time."""
+    """The pace of a run and what it keeps; tracks do not depend on it, except in real time."""
 
     real_time: bool = False
     """Frames come at their timestamps, those that cannot be kept up with are dropped, and the latency from a

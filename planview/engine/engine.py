@@ -63,7 +63,7 @@ class Prepared:
 
     Attributes:
         image: (h, w[, 3]) uint8, rectified, at the analysis size; the left image of a pair.
-        picture: makes it at the size that boxes of people are in, which is seldom needed.
+        picture: makes it at the size that boxes of people are in; few callers need it.
         matched: disparity of all pixels; or a pair that is matched in part.
         thumbnails: of both rectified images; None without a pair.
     """
@@ -230,7 +230,7 @@ class FrontEnd(Protocol):
 
     @property
     def checks(self) -> Sequence[Check]:
-        """What is known of the recording so far."""
+        """Checks of the recording so far."""
 
     def reset(self) -> None:
         """Forget all frames."""
@@ -274,7 +274,7 @@ class Engine:
 
     @property
     def checks(self) -> Sequence[Check]:
-        """What is known of the recording so far, before its first frame or from those tracked; none where nothing is
+        """Checks of the recording so far: before its first frame, and from the frames tracked; empty where nothing is
         checked."""
         return self.front_end.checks
 

@@ -86,7 +86,7 @@ class RigStages:
         self.boxes = BodyBoxes(geometry, pose)
 
     def prepare(self, frame: Frame, clock: StageClock) -> Prepared:
-        """Rectify a frame, and match it where that depends on no other frame (errors as of ``FrontEnd``)."""
+        """Rectify a frame, and match it where that depends on no other frame (errors: see ``FrontEnd``)."""
         rectifier = self.setup.rectifier
         if isinstance(rectifier, RgbdRectifier):
             if not isinstance(frame, RgbdFrame):

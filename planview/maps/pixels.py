@@ -111,7 +111,7 @@ class SeenPixels:
 
 
 class KeptBackground:
-    """How far the background is, measured again every RENEW_S: furniture that hides people seldom moves.
+    """How far the background is, measured again every RENEW_S: furniture that hides people rarely moves.
 
     Attributes:
         range_m: (H, W) float32 along the rays [m], 0 where unknown; None before the first look.

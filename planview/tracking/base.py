@@ -34,7 +34,7 @@ DecisionKind = Literal[
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Everything earlier stages know about one frame; a stage that did not run leaves None.
+    """Everything that earlier stages found in one frame; None where a stage did not run.
 
     Attributes:
         frame: index in the recording, from 0.
@@ -79,7 +79,7 @@ class Decision:
     """Why a tracker did something: goes to the rerun log and to ``--debug`` output.
 
     Attributes:
-        track_id: whom it concerns.
+        track_id: of the person it concerns.
         kind: what was decided.
         reason: one clause for people, with the numbers that decided it ("score 0.31 < 0.55").
         value: the deciding number, NaN when there is none.

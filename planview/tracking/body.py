@@ -1,4 +1,4 @@
-"""The human body that every tracker believes in: anthropometric numbers and how a body looks along a ray."""
+"""The human body of every tracker: anthropometric numbers, and how a body looks along a ray."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""People from the boxes of a detector elsewhere: placed on the floor, assigned, and believed in as they are found."""
+"""People from the boxes of another program's detector: placed on the floor, assigned to tracks."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from planview.trajectories.boxes import Detections
 from planview.trajectories.state import TrackState
 
 FORGOTTEN = 0.05
-"""Probability of existence below which somebody is forgotten."""
+"""Probability of existence below which a person is forgotten."""
 GATE = 13.8
 """Squared distance in deviations beyond which a box shows somebody else: one in a thousand (chi-square, 2 axes)."""
 SAME = 0.5
@@ -122,7 +122,7 @@ class DetectionTracker:
         return (f"people are {sum(map(len, found.frames))} boxes of {name}, {len(found.frames)} frames; {scores}",)
 
     def feedback(self) -> U8 | None:
-        """Nothing is known of pixels."""
+        """No feedback: the boxes say nothing about pixels."""
         return None
 
     def debug(self) -> TrackerDebug:

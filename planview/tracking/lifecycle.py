@@ -16,7 +16,7 @@ from planview.trajectories.state import State
 
 @dataclass(slots=True, eq=False)
 class Existence:
-    """What is known of the existence of one tracked person.
+    """The existence of one tracked person.
 
     Attributes:
         track_id: positive, unique in a run.
@@ -100,7 +100,7 @@ class LifeCycle(TrackLog):
             self.note(who.track_id, "confirmed", reason, value)
 
     def observe(self, who: Existence, reason: str = "", value: float = math.nan, terms: ScoreTerms = NO_TERMS) -> None:
-        """The track is observed in this frame; a lost one is thereby reacquired, for the reason given."""
+        """The track is observed in this frame; a lost one is reacquired, for the reason given."""
         if who.lost:
             self.note(who.track_id, "reacquired", reason, value, terms)
         elif reason:

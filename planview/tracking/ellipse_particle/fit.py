@@ -20,7 +20,7 @@ SIZE_SPREAD = 0.12
 choice: the height of adults varies by 7 %, a walker's silhouette by about 10 % over a step."""
 BACKGROUND_WEIGHT = 0.4
 """Cost of covering a background cell, against 1 gained per foreground cell. Our choice: less than 1, because a
-silhouette fills only two thirds of its ellipse and detection leaves holes in people, seldom people in holes."""
+silhouette fills only two thirds of its ellipse, and detection leaves holes in people."""
 MIN_GAIN = 0.2
 """Smallest gain that an ellipse must add on its own, as a share of its area. Our choice: a silhouette that fills
 two thirds gains 0.53, so a person hidden by half is measured, and a bag or a shadow of a third of a person is not.
@@ -62,7 +62,7 @@ def fit_ellipses(mask: F32, size: Size) -> F64:
     # 3. The soft union of all ellipses is matched to the mask: who is hidden in part keeps a full size, so that a
     # merged region is explained by several.
     kernels.refine(mask, ellipses, size, match, STEPS)
-    # 4. Who adds least to the others is dropped while that is too little: a split region keeps one.
+    # 4. The ellipse that adds least is dropped while that is too little: a split region keeps one.
     n_before = len(ellipses)
     while len(ellipses):
         gains = own_gains(mask, ellipses, BACKGROUND_WEIGHT)

@@ -51,4 +51,4 @@ class EllipseParticleParams(Params):
     filter: ParticleFilterParams = ParticleFilterParams()
     """Particles."""
     existence: ExistenceParams = ExistenceParams()
-    """Who exists."""
+    """When objects exist."""

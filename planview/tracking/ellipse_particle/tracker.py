@@ -43,7 +43,7 @@ GAMMA_SHAPE = 4.0
 
 @dataclass
 class Tracked:
-    """What is known of the existence of one object (section V).
+    """The existence of one object (section V).
 
     Attributes:
         who: its id and state.
@@ -115,7 +115,7 @@ class EllipseParticleTracker:
     def study(self, observations: Iterable[Observation]) -> None:
         """Learn the size of people from a recording's beginning, before its first frame is tracked; kept by ``reset``.
 
-        Who comes first, and whether alone, then decides nothing.
+        The result then does not depend on which person comes first.
         """
         self.reset()
         if self._given() is not None:

@@ -9,7 +9,7 @@ from planview.tracking.joint.params import PeopleParams
 
 
 class HumanModelParams(PeopleParams):
-    """What is believed of masks, bodies, walking and of who comes and goes (Zhang et al. 2008; values are ours)."""
+    """Assumptions about masks, bodies and walking, and how people come and go (Zhang et al. 2008; values are ours)."""
 
     map: HumanModelMapParams = HumanModelMapParams()
     """Where people are expected."""
@@ -32,10 +32,10 @@ class HumanModelParams(PeopleParams):
     """Visibility ratio from which newcomers are looked for (section 4: visibility criterion), and below which a person
     has left: whoever shows there next is a stranger."""
     walked_m: float = Field(0.4, ge=0, le=5)
-    """Way after which a newcomer is believed to be a person [m] (section 4: motion salience): a torso's width."""
+    """Distance that a newcomer must walk to count as a person [m] (section 4: motion salience): a torso's width."""
     inanimate_s: float = Field(20.0, gt=0, le=600)
     """Time without any motion after which something that has moved by a metre is a thing [s] (section 4: the chair);
-    who walked farther is believed in for longer in proportion."""
+    a person who walked farther is kept for longer in proportion."""
     window_s: float = Field(0.8, gt=0, le=10)
     """Time over which motion and trends are judged [s]: one and a half steps."""
     moving_mps: float = Field(0.25, gt=0, le=3)

@@ -31,8 +31,8 @@ WALKER_M = 2.0
 BOX_WIDTH = 1.35
 """Width of a person's box over the hull's: arms and stride."""
 RETURNS = 0.2
-"""Share of those who are gone inside the view that come back: the others went through a door, out of which anybody may
-come."""
+"""Share of people who vanish inside the view and come back; the others left through a door, and anybody may come out
+of it."""
 HIDES = -3.0
 """Log-odds, before anybody has walked there, that something hides people at a pixel."""
 LIVELY = 0.01
@@ -146,7 +146,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
             person.inside = self._visibility(pose)
             person.share = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * person.inside)
             self._measure(person, samples[i], pose, curvature[i], dt)
-        # Who is surer has the better standing, and who came first.
+        # The surer person wins; of two equally sure ones the one that came first.
         ranks = sorted(range(len(self._people)), key=lambda k: (
             self._people[k].confirmed, self._people[k].log_odds, -self._people[k].track_id))  # fmt: skip
         rivals = frame.rivals(people, np.argsort(ranks).astype(np.float64))
@@ -166,7 +166,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
                 person.moved += farther
 
     def _learn_hiding(self, frame: MaskExplanation, seen: Bool, hulls: list[F64 | None], dt: float) -> None:
-        """What hides people, from the bodies of those who walk: background where one is, or foreground."""
+        """Learn what hides people: pixels that stay background where a person walks."""
         p, walkers = self.params, np.zeros(seen.shape, np.uint8)
         for person, hull in zip(self._people, hulls, strict=True):
             if person.confirmed and person.motion == "moving" and person.share >= p.visible_min and hull is not None:
@@ -209,7 +209,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
                 )  # fmt: skip
 
     def _paint_known(self, frame: MaskExplanation, owned: Owned, motion: U8, dt: float) -> None:
-        """For the foreground model: people, and what has been still and unexplained for long."""
+        """Mark people for the foreground model, and what has been still and unexplained for long."""
         labels = np.zeros(len(self._people) + 1, np.uint8)
         for i, person in enumerate(self._people):
             if person.confirmed:
@@ -228,7 +228,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         self._known_pixels, self._still_s = known.reshape(motion.shape), still_s.reshape(motion.shape)
 
     def _clean(self, dt: float) -> None:
-        """People without evidence or beyond the border end, and things that somebody moved."""
+        """End people without evidence or beyond the border, and things that somebody moved."""
         p = self.params
         for person in self._people:
             beyond = person.inside < p.birth_visible
@@ -242,9 +242,9 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
             person.kalman = person.kalman.slowed(dt, body.SLOW_DOWN_S).predicted(dt, body.ACCELERATION_MPS2)
 
     def _recognise(self, dt: float) -> None:
-        """Confirm newcomers, as the lost or departed whom they continue best or as strangers.
+        """Confirm newcomers, either as a lost or departed person or as a stranger.
 
-        Who somebody is is decided when the odds are, at the latest when the person is reported.
+        An identity is decided as soon as its odds suffice, and no later than when the person is first reported.
         """
         p, new = self.params, [person for person in self._people if not person.confirmed]
         known = {q.track_id: (before, odds) for q, before, odds in self._known(new, self._places.floor_m2)}

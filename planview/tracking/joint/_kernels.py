@@ -420,7 +420,7 @@ def log_ratio(x: float, y: float, h: float, tall_m: float, ratios: F32, samples,
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def log_prior(x: float, y: float, h: float, tall, others, model) -> float:  # type: ignore[no-untyped-def]
-    """Logarithm of the prior of a pose: upright, seldom lower, and no body inside another.
+    """Logarithm of the prior of a pose: upright, rarely lower, and no body inside another.
 
     ``tall``: height when upright and its deviation; ``others``: poses, existence and which. Relative to standing so
     with nobody near.
@@ -574,7 +574,7 @@ def visible(pose: F64, tall_m: float, samples, table, model):  # type: ignore[no
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def assign_pixels(pixels: I64, people, around: I64, view, table, model, owned) -> None:  # type: ignore[no-untyped-def]
-    """Who owns each of some pixels of one kind, see ``Owned``; ``around``: (N, 4) boxes of people [px]."""
+    """The owner of each of some pixels of one kind, see ``Owned``; ``around``: (N, 4) boxes of people [px]."""
     m = model[0]
     poses, sure, tall, ratios = people
     centre, direction, level, stretch, range_m = view.centre_m, view.direction, view.level, view.stretch, view.range_m
@@ -640,7 +640,7 @@ def assign_pixels(pixels: I64, people, around: I64, view, table, model, owned) -
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def map_lacking(points: F32, low_m: F64, cell_m: float, out: F32) -> None:
-    """Add what points lack of an explanation, as of ``assign_pixels``, to the cells of a map of the floor."""
+    """Add what points lack of an explanation, as ``assign_pixels`` gives it, to the cells of a map of the floor."""
     for i in range(points.shape[1]):
         row, col = int((points[0, i] - low_m[0]) / cell_m), int((points[1, i] - low_m[1]) / cell_m)
         out[row, col] += points[3, i]

@@ -30,7 +30,7 @@ LOOSE = np.array([1.0, 0.0, 1.0, body.TORSO.torso_radius_m**2]) / body.TORSO.tor
 
 
 class Births:
-    """Tries one more person wherever the pixels lack enough of an explanation."""
+    """Tries one more person wherever enough pixels lack an explanation."""
 
     def __init__(self, params: JointParams) -> None:
         self._params = params
@@ -39,7 +39,7 @@ class Births:
     def find(
         self, frame: Explanation, known: Sequence[Person], owned: Sequence[Owned], points: Sequence[F32], now_s: float
     ) -> list[Person]:
-        """People who are born in this frame, without ids; ``owned`` and ``points`` are of each view.
+        """New people of this frame, without ids; ``owned`` and ``points`` are of each view.
 
         Pixels that have been tried count again when they have changed.
         """

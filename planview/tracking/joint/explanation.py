@@ -40,7 +40,7 @@ MAX_SAMPLES = 4000
 GAP_PX = 6
 """People whose boxes are nearer than this in an image are explained together [px]."""
 ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
-"""Height when upright of somebody of whom nothing is known, and its deviation [m]."""
+"""Height when upright of an unknown person, and its deviation [m]."""
 THING_START = np.array([1.0, 1.0, 0.8])
 """The best thing is searched from a person's place and shoulders."""
 ANYWHERE = np.array([1.0, 0.0, 1.0, 0.0]) / body.TORSO.torso_radius_m**2
@@ -77,7 +77,7 @@ def likelihood_of_ranges(p: JointParams) -> Likelihood:
 
 
 class Owned(NamedTuple):
-    """Who owns M pixels of one camera.
+    """The owners of M pixels of one camera.
 
     Attributes:
         pixels: (M,) int64, row * width + column.
@@ -102,7 +102,7 @@ class Owned(NamedTuple):
 
 
 class People:
-    """What an explanation knows of people, side by side: all arrays have one row a person.
+    """The people of an explanation: all arrays have one row per person.
 
     Attributes:
         poses: (N, 3) float64 x, y, height [m].
@@ -120,7 +120,7 @@ class People:
         return self.poses, self.sure, self.tall, self.ratios
 
     def with_one(self, pose: F64) -> People:
-        """With one more, of whom nothing is known."""
+        """With one more, unknown person."""
         return People(
             np.concatenate([self.poses, pose[None]]),
             np.append(self.sure, 1.0),
@@ -188,7 +188,7 @@ class Explanation:
         return np.asarray(touch, dtype=np.bool_)
 
     def nearest_first(self, poses: F64) -> I64:
-        """(N,) int64 order of people by their distance from below the first camera: who is nearer is in front."""
+        """(N,) int64 order of people by their distance from the point below the first camera: nearer people are in front."""
         return np.argsort(np.hypot(*(poses[:, :2] - self.views[0].rays.centre_m[:2]).T))
 
     def whole_patches(self, pose: F64) -> float:
@@ -203,11 +203,11 @@ class Explanation:
         return total / len(self.views)
 
     def assign_pixels(self, people: People, kind: int = SURFACE) -> list[Owned]:
-        """Who owns the pixels of a kind in each view."""
+        """The owners of the pixels of a kind in each view."""
         return [self.owned(k, people, np.flatnonzero(v.kind == kind)) for k, v in enumerate(self.views)]
 
     def owned(self, k: int, people: People, pixels: I64) -> Owned:
-        """Who owns some pixels, all of one kind, of view k."""
+        """The owners of some pixels of view k, all of one kind."""
         view, n = self._arrays[k], len(pixels)
         found = np.empty(n, np.int64), *np.empty((4, n), np.float32), np.empty(n, np.bool_)
         boxes = self.boxes(self.views[k].rays, people.poses, self._reach_m)
@@ -239,7 +239,7 @@ class Samples:
         return float(kernels.log_ratio(x, y, h, float(tall[0]), ratios, self.arrays, of.table, of.model))
 
     def log_prior(self, pose: F64, tall: F64, others: I64 | None = None) -> float:
-        """What is known of a pose before any pixel is seen; ``others`` are those of the layers unless given."""
+        """Logarithm of the prior of a pose; ``others`` are those of the layers unless given."""
         (x, y, h), people = pose.tolist(), self._people
         near = people.poses, people.sure, self._others if others is None else others
         return float(kernels.log_prior(x, y, h, tuple(tall.tolist()), near, self._of.model))

@@ -1,4 +1,4 @@
-"""Who is who: people who were in contact may have each other's place, and newcomers may be people known before."""
+"""Identities: people who were in contact may have been exchanged, and newcomers may be people seen before."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from planview.tracking.joint.person import KNOWN_LOOKS, Person, colour_counts, c
 CONTACT_M = 0.7
 """People nearer than this may be confused [m]: a body, and an arm's movement."""
 KNOWN_AGAIN = 0.3
-"""Log-odds from which a newcomer is somebody known before: without evidence, a stranger."""
+"""Log-odds from which a newcomer is recognised; without evidence it is a stranger."""
 DECIDED = 6.0
 """Log-odds at which two people exchange identities: one error in 400."""
 PART_MAX = 2.0
@@ -83,7 +83,7 @@ def owned_colours(k: int, owned: Sequence[Owned]) -> tuple[F64, float]:
 
 
 def continued(born: Sequence[P], known: Sequence[P], floor_m2: float, low_share: float) -> dict[int, tuple[P, float]]:
-    """Newcomers, by index, who are people known before, with the log-odds: the best joint assignment.
+    """Newcomers, by index, who were seen before, with the log-odds: the best joint assignment.
 
     Args:
         floor_m2: over which strangers may appear.
@@ -96,7 +96,7 @@ def continued(born: Sequence[P], known: Sequence[P], floor_m2: float, low_share:
 
 
 def _log_odds(q: Person, b: Person, known: Sequence[Person], floor_m2: float, low_share: float) -> float:
-    """Of a newcomer being a person known before rather than a stranger: by place, height and colours."""
+    """Log-odds of a newcomer being a known person rather than a stranger, by place, height and colours."""
     gone_s, away = b.born_s - q.seen_s, math.dist(q.at_m, b.born_m)
     if away > body.TORSO.torso_radius_m + body.SPEED_MAX_MPS * gone_s or gone_s <= 0:
         return -1.0
@@ -110,7 +110,7 @@ def _log_odds(q: Person, b: Person, known: Sequence[Person], floor_m2: float, lo
 
 
 def _alike(q: Person, b: Person, known: Sequence[Person]) -> float:
-    """Log-odds of a newcomer's colours being those of a person rather than of anybody."""
+    """Log-odds of a newcomer's colours being those of a known person rather than of anybody."""
     if q.looks < KNOWN_LOOKS:
         return 0.0
     ratio = np.log(colour_ratios(known)[list(known).index(q)])

@@ -8,12 +8,12 @@ from calib.params import Params
 
 
 class PeopleParams(Params):
-    """What is assumed of bodies, walking and of who comes and goes, whatever the sensor."""
+    """Assumptions about bodies and walking, and how people come and go; the same for all sensors."""
 
     seen_near_people: float = Field(0.3, gt=0, lt=1)
     """Share of the background's pixels that are foreground within an arm's reach of a person: arms, what is carried."""
     patch_m: float = Field(0.10, gt=0.01, le=1)
-    """Errors of pixels nearer than this are one error [m]; one look per patch (Harville's unit of occupancy)."""
+    """Errors of pixels nearer than this are one error [m]: one observation per patch (Harville's unit of occupancy)."""
     low_share: float = Field(0.1, gt=0, lt=1)
     """Share of people who sit, bend, or are children."""
     errors_s: float = Field(0.25, gt=0, le=10)

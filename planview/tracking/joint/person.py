@@ -58,7 +58,7 @@ class Person:
         densities: (PARTS, CODES) float32 of colours, neighbours and anybody's prior taken in.
         looks: frames in which colours were learned.
         confirmed: has been reported, and is until the end.
-        evidence: of the last frame: Lam with and without the person, and what is believed of the pose.
+        evidence: of the last frame: Lam with the person less Lam without, plus the prior of the pose.
         share: visible share of the body in the last frame.
         inside: share of the body inside the image.
         patches: of the body in view in the last frame.
@@ -146,7 +146,7 @@ class Person:
         self.likeness += share_new * self.shape
 
     def learn_height(self, looks: float, low_share: float) -> None:
-        """The present height determines the one when upright, as far as the person is upright now."""
+        """Learn the height when upright from the present height, as far as the person is upright now."""
         _, std = self.upright
         off = self.height_m - self.tall_m
         upright = (1 - low_share) * math.exp(-0.5 * (off / std) ** 2) / std
@@ -165,7 +165,7 @@ class Person:
         self.densities = mass / mass.sum(axis=1, keepdims=True)
 
     def take_identity(self, other: Person) -> None:
-        """Exchange with another all that belongs to who it is and not to where."""
+        """Exchange with another person everything that belongs to the identity and not to the place."""
         owned = "track_id", "colours", "densities", "looks", "tall_m", "tall_var", "origin_m", "walked_m", "moved"
         for name in owned:
             mine = getattr(self, name)
@@ -190,7 +190,7 @@ def colour_ratios(people: Sequence[Person]) -> F32:
 
 
 def side_by_side(people: Sequence[Person], ratios: F32 | None = None) -> People:
-    """What an explanation knows of these people; their colours' ratios where they are known already."""
+    """The arrays of these people; ``ratios`` of their colours where they are known already."""
     poses = np.array([(*q.at_m, q.height_m) for q in people]).reshape(-1, 3)
     tall = np.array([q.upright for q in people]).reshape(-1, 2)
     return People(

@@ -26,7 +26,7 @@ HEIGHT_CHANGE_MPS = 0.6
 KNOWN_ODDS = 3.0
 """Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
 LOW_WALKERS = 0.01
-"""Share of low people who walk, which are children; the others sit or bend, and stay where they are."""
+"""Share of low people who walk: these are children. The others sit or bend, and stay where they are."""
 NO_BOX = (math.nan,) * 4
 INSIDE = 0.3
 """Share of a body in the image below which a person is at the border."""
@@ -37,7 +37,7 @@ Q = TypeVar("Q", bound=PeopleParams)
 
 
 class ExplainingTracker(Generic[P, Q]):
-    """What follows people by the likelihood of all pixels given who stands where, whatever the sensor.
+    """Follows people by the likelihood of all pixels, given where people stand; the same for all sensors.
 
     Existence by the Bernoulli filter of Vo, Vo and Pham 2010.
     """
@@ -107,7 +107,7 @@ class ExplainingTracker(Generic[P, Q]):
         person.seen_s = self._log.now_s
 
     def _weigh(self, person: P, dt: float, away_s: float) -> None:
-        """Existence: survival, ``away_s`` on average while unseen, then the evidence of this look."""
+        """Update the existence: a person who is not seen stays for ``away_s`` on average; then add this frame's evidence."""
         p, looks = self.params, min(1.0, dt / self.params.errors_s)
         if person.share < p.visible_min:
             stays = person.existence * math.exp(-dt / away_s)
@@ -119,7 +119,7 @@ class ExplainingTracker(Generic[P, Q]):
 
     # -- identities, births, deaths ---------------------------------------------------------------------------------
     def _learn(self, owned: Sequence[Owned], apart: Sequence[bool], dt: float) -> None:
-        """Colours of those whom nobody touches; who has taken another's place."""
+        """Learn the colours of people who touch nobody, and undo exchanged identities."""
         counts = np.zeros((len(self._people), PARTS, CODES), np.float32)
         for o in owned:
             sure = (o.share > 0.8) & (o.owner >= 0)
@@ -132,20 +132,20 @@ class ExplainingTracker(Generic[P, Q]):
             self._note(one, "identity", f"exchanged with {other.track_id}: colours, log-odds {odds:.1f}", odds)
 
     def _end(self, person: P, reason: str, may_return: bool) -> None:
-        """Follow a person no longer, who may be recognised later."""
+        """Stop following a person, who may be recognised later."""
         self._note(person, "pruned", reason, person.existence)
         self._people = [o for o in self._people if o is not person]
         if may_return:
             self._departed.append(person)
 
     def _add(self, newcomer: P, kind: DecisionKind, reason: str, value: float) -> None:
-        """Follow a newcomer, under an id of its own until it is known who it is."""
+        """Follow a newcomer under a new id, until it is recognised or confirmed."""
         newcomer.track_id = self._log.new_id()
         self._people.append(newcomer)
         self._note(newcomer, kind, reason, value)
 
     def _known(self, new: Sequence[P], floor_m2: float) -> list[tuple[P, P, float]]:
-        """Which of some newcomers continue whom of the lost or departed, with the log-odds."""
+        """Newcomers and the lost or departed people they continue, with the log-odds."""
         p = self.params
         self._departed = [person for person in self._departed if self._log.now_s - person.seen_s <= p.remember_s]
         lost = [person for person in self._people if person.confirmed and person.share < p.visible_min]
@@ -153,7 +153,7 @@ class ExplainingTracker(Generic[P, Q]):
         return [(new[i], *found) for i, found in known.items()]
 
     def _continue(self, newcomer: P, known: P, odds: float) -> None:
-        """A newcomer is somebody known before."""
+        """Give a newcomer the identity of a person known before."""
         self._note(known, "reacquired", f"log-odds {odds:.1f} after {newcomer.born_s - known.seen_s:.1f} s", odds)
         self._departed = [o for o in self._departed if o is not known]
         self._people = [o for o in self._people if o is not known]
@@ -259,7 +259,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             self._note(person, kind, reason, person.evidence)
 
     def _rival(self, i: int, people: People) -> int:
-        """The person of better standing in whose place this one is; -1 for none."""
+        """The more established person in whose place this one stands; -1 for none."""
         gaps = np.hypot(*(people.poses[:, :2] - people.poses[i, :2]).T)
         gaps[i] = np.inf
         j = int(np.argmin(gaps))
@@ -268,7 +268,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         return j if gaps[j] < body.APART_M and better else -1
 
     def _beside(self, i: int, j: int, samples: Sequence[Samples], people: People) -> float:
-        """Evidence for a person in another's place: both, against the other alone who may stand anywhere near."""
+        """Evidence for a person in another's place: both people, compared with the other one alone anywhere nearby."""
         poses, tall, ratios, s = people.poses, people.tall, people.ratios, samples[j]
         rest = np.array([k for k in range(len(poses)) if k not in (i, j)], dtype=np.int64)
         s.layer(people, rest)
@@ -280,7 +280,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         return first + s.log_ratio(poses[j], tall[j], ratios[j]) + prior - alone
 
     def _note_movement(self, person: Person, alone: bool) -> None:
-        """Moving by itself makes a person; what moves before, behind or next to one may be carried or a shadow."""
+        """Count independent movement as evidence for a person; next to a person it may be a shadow or something carried."""
         farther = max(0.0, math.dist(person.origin_m, person.at_m) - person.walked_m)
         person.walked_m += farther
         if alone:
@@ -294,9 +294,9 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
                 self._end(person, f"existence {person.existence:.2f}, evidence {person.evidence:.1f}", person.confirmed)
 
     def _recognise(self) -> None:
-        """Confirm newcomers, as the lost or departed whom they continue best or as strangers.
+        """Confirm newcomers, either as a lost or departed person or as a stranger.
 
-        Who somebody is is decided when the odds are, at the latest when the person is reported.
+        An identity is decided as soon as its odds suffice, and no later than when the person is first reported.
         """
         p, new = self.params, [person for person in self._people if not person.confirmed]
         report, visible = math.log(p.report / (1 - p.report)), [q for q in new if q.share >= p.visible_min]
