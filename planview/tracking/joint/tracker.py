@@ -107,7 +107,7 @@ class ExplainingTracker(Generic[P, Q]):
         person.seen_s = self._log.now_s
 
     def _weigh(self, person: P, dt: float, away_s: float) -> None:
-        """Update the existence: a person who is not seen stays for ``away_s`` on average; then add this frame's evidence."""
+        """Update the existence: an unseen person stays for ``away_s`` on average; then add the frame's evidence."""
         p, looks = self.params, min(1.0, dt / self.params.errors_s)
         if person.share < p.visible_min:
             stays = person.existence * math.exp(-dt / away_s)
@@ -280,7 +280,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         return first + s.log_ratio(poses[j], tall[j], ratios[j]) + prior - alone
 
     def _note_movement(self, person: Person, alone: bool) -> None:
-        """Count independent movement as evidence for a person; next to a person it may be a shadow or something carried."""
+        """Count movement as evidence for a person; next to somebody it may be a shadow or something carried."""
         farther = max(0.0, math.dist(person.origin_m, person.at_m) - person.walked_m)
         person.walked_m += farther
         if alone:
