@@ -188,7 +188,7 @@ class Explanation:
         return np.asarray(touch, dtype=np.bool_)
 
     def nearest_first(self, poses: F64) -> I64:
-        """(N,) int64 order of people by their distance from the first camera on the floor: nearer people are in front."""
+        """(N,) int64 order of people by their distance from the first camera on the floor, nearest first."""
         return np.argsort(np.hypot(*(poses[:, :2] - self.views[0].rays.centre_m[:2]).T))
 
     def whole_patches(self, pose: F64) -> float:
