@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import math
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import cv2
@@ -38,7 +41,7 @@ from stereo.gating import SAMPLE
 from stereo.readers import open_recording
 from stereo.recording import StereoFrame, VideoFrame
 
-Part = Literal["engine", "foreground", "after-disparity", "full-resolution", "one-camera"]
+Part = Literal["engine", "foreground", "after-disparity", "full-resolution", "one-camera", "start"]
 BLOCK_PX = 5
 """Side of the yardstick's matched block [px]."""
 SETTLED = 100
@@ -168,7 +171,7 @@ def measure(recording: Path | None, n_frames: int, parts: Sequence[Part], overri
     """Measure parts on one recording (the committed clip when None); medians are taken over n_frames after SETTLED."""
     speed, config = Speed(), load_config(overrides=overrides)
     speed.detail("recording", str(recording or DEMO))
-    if set(parts) - {"full-resolution", "one-camera"}:
+    if set(parts) - {"full-resolution", "one-camera", "start"}:
         progress("opening the recording")
         clip = Clip(recording, SETTLED + n_frames, overrides=overrides)
         speed.detail("image", "{}x{}".format(*clip.rig.left.size))
@@ -205,7 +208,26 @@ def measure(recording: Path | None, n_frames: int, parts: Sequence[Part], overri
             speed.add(f"{name}_to_mog2", ours_ms / theirs_ms)
             speed.detail(f"{name}_ms", ours_ms)
             speed.detail(f"{name}_found", found)
+    if "start" in parts:
+        start_up(recording or DEMO, speed)
     return speed
+
+
+def start_up(recording: Path, speed: Speed) -> None:
+    """Kernels that a run compiles, how long that takes, and how long a run whose kernels are there takes to start."""
+    code = (
+        "import sys; from itertools import islice; from planview import open_engine; "
+        "list(islice(open_engine(sys.argv[1]), int(sys.argv[2])))"
+    )
+    with TemporaryDirectory() as cache:
+        for name, n_frames in (("compiled", SETTLED), ("again", SETTLED), ("to_first_frame", 1)):
+            progress(f"a process of its own: {n_frames} frames, {name.replace('_', ' ')}")
+            start, before = time.perf_counter(), os.times()
+            command = [sys.executable, "-c", code, str(recording), str(n_frames)]
+            subprocess.run(command, env=os.environ | {"NUMBA_CACHE_DIR": cache}, check=True)
+            speed.detail(f"{name}_s", time.perf_counter() - start)
+            speed.detail(f"{name}_processor_s", sum(os.times()[2:4]) - sum(before[2:4]))
+        speed.detail("kernels", float(len(list(Path(cache).rglob("*.nbc")))))
 
 
 def full_resolution(speed: Speed) -> None:
@@ -385,7 +407,8 @@ class SpeedOptions:
     """Number of frames over which medians are taken, after 100 in which the background is learned."""
     part: Annotated[Sequence[Part], Parameter(negative="", show_default=False)] = ()
     """Measure only this; repeat for more: engine, foreground, after-disparity (at 320x240), full-resolution (the real
-    overhead pair of the shared recordings), one-camera (its trackers on painted people). All by default."""
+    overhead pair of the shared recordings), one-camera (its trackers on painted people), start (kernels, compiling
+    them, which is what the first of two equal processes takes longer, and the first frame). All by default."""
     set_: Annotated[Sequence[str], Parameter(name="--set", negative="", show_default=False)] = ()
     """Set one parameter of the engine, like analysis.width_px=1280; repeat for more."""
     json_output: JsonFlag = False
