@@ -94,14 +94,12 @@ class Evaluation:
     """Scores of one run, or of several together.
 
     Attributes:
-        sequence: truth and track rows that count, side by side.
-        clear: the CLEAR scores of the sequence.
+        sequence, clear: truth and track rows that count, side by side, and their CLEAR scores.
         rows: every truth row that counts. Position errors are unknown for boxes without alignment, since the world
             frames may then differ.
         ignored_rows: truth rows that are too little visible.
         height_error_m: (K,) absolute height difference of every match whose heights are known.
-        significant: errors in the order of frames.
-        events: number of moments that they come from (``grouped_events``).
+        significant, events: errors by frame, and from how many moments they come (``grouped_events``).
         strict_identity_changes: every persistent change of an identity, also after coming back.
         duration_s: time scored [s].
         track_frames, covered_frames: frames with confirmed tracks, and those of them in which the truth has rows.
@@ -133,7 +131,9 @@ class Evaluation:
 
     @property
     def uncovered(self) -> str:
-        """A sentence where the truth has no rows in most frames with tracks; empty elsewhere."""
+        """A sentence where nothing matches or the truth lacks most frames with tracks; empty elsewhere."""
+        if self.covered_frames and self.track_rows and not len(self.clear.matches):
+            return "no track is near any truth row: another unit, swapped axes, or another world (align=)"
         if 2 * self.covered_frames >= self.track_frames:
             return ""
         return (

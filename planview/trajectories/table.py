@@ -104,7 +104,7 @@ def _cells(text: IO[str], names: Sequence[str]) -> DataFrame:
     kinds = {name: "str" if name == "state" else "f8" for name in COLUMNS if name in names}
     return pandas.read_csv(
         text, usecols=list({*kinds, names[-1]}), dtype=kinds, index_col=False, keep_default_na=False,
-        na_values=["", " "], skipinitialspace=True, float_precision="round_trip", encoding="utf-8-sig",
+        na_values=["", " ", "nan", "NaN"], skipinitialspace=True, float_precision="round_trip", encoding="utf-8-sig",
     )  # fmt: skip
 
 

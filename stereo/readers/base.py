@@ -191,6 +191,8 @@ def clock_of(
     file = folder / "timestamps.csv"
     if file.is_file():
         times, notes = load_timestamps(file)
+        if len(times) == n_frames + 1 and not math.isfinite(times[0]):
+            times, notes = times[1:], (*notes, f"frames of {file.name} are counted from 1")
         known, fps = int(np.count_nonzero(np.isfinite(times[:n_frames]))), rate_of(times)
         if known < n_frames:
             notes += (

@@ -248,6 +248,16 @@ def test_table_of_times_that_is_too_short_is_reported(tmp_path: Path) -> None:
     assert note in open_recording(folder).notes
 
 
+def test_table_of_times_whose_frames_count_from_1_is_taken_so(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r")
+    (folder / "timestamps.csv").write_text(
+        "frame,timestamp_s\n" + "".join(f"{i + 1},{i * i / 100}\n" for i in range(6))
+    )
+    recording = open_recording(folder)
+    assert [frame.timestamp_s for frame in recording] == pytest.approx([i * i / 100 for i in range(6)])
+    assert recording.notes == ["frames of timestamps.csv are counted from 1"]
+
+
 def test_rate_of_pictures_without_a_container_is_reported(tmp_path: Path) -> None:
     coded = cv2.imencode(".jpg", np.full((48, 64), 90, np.uint8))[1].tobytes()
     (tmp_path / "a.mjpeg").write_bytes(7 * coded)

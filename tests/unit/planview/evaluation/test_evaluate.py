@@ -204,6 +204,12 @@ def test_truth_without_rows_in_most_frames_is_told(files, capsys):
     assert "the truth covers 20 of 60 frames with tracks" in " ".join(capsys.readouterr().err.split())
 
 
+def test_truth_in_another_unit_is_told(files, capsys):
+    write(files[1], "frame,id,x_m,y_m,height_m,visible", [f"{t},4,900,{9000 + 30 * t},1700,1" for t in range(60)])
+    assert run(str(files[0]), str(files[1])) == 0
+    assert "no track is near any truth row: another unit, swapped axes" in " ".join(capsys.readouterr().err.split())
+
+
 def test_truth_of_other_frames_is_refused_naming_both_files(files, refused):
     files[1].write_text("frame,id,x_m,y_m,height_m\n500,1,0,0,1.7\n501,1,0,0,1.7\n")
     printed = refused("evaluate", *files)
