@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from calib.camera import Camera
 from calib.errors import InputError
-from calib.formats import FORMATS, load_rig, write_rig
+from calib.formats import FORMATS, base, load_rig, write_rig
 from calib.formats.base import parse_yaml
 from calib.formats.one_camera import holds_one_camera, load_one_camera
 from calib.formats.ros import camera_from
@@ -496,3 +496,8 @@ def test_lens_without_a_place_is_refused_with_its_focal_length(name, text, lens,
     assert holds_one_camera(tmp_path / name)
     with pytest.raises(InputError, match=rf"above the floor, found a lens \(.*{lens}"):
         load_one_camera(tmp_path / name)
+
+
+def test_transposed_camera_matrix_is_named() -> None:
+    with pytest.raises(ValueError, match="for M1, found it transposed"):
+        base.camera((640, 480), np.array([500.0, 0, 0, 0, 500, 0, 320, 240, 1]), np.zeros(5), name="M1")

@@ -232,6 +232,10 @@ def test_rate_of_images_without_times_is_that_of_a_walker(tmp_path: Path, step_p
     assert "as fast as a walker; fps= gives another rate" in video.notes[0]
 
 
+def test_topics_may_be_one_text() -> None:
+    assert OpenOptions(topics="/a, /b").topics == ("/a", "/b")
+
+
 def test_times_of_one_camera_are_those_of_its_list_or_names(tmp_path: Path) -> None:
     folder, names = folder_recording(tmp_path / "a").joinpath("left"), [f"{1700000000 + i / 5:.3f}" for i in range(6)]
     (folder / "timestamps.txt").write_text("\n".join(names))
