@@ -1,6 +1,6 @@
 """Mixtures of Gaussians in (Y, U, V, disparity), pixel by pixel; tests/reference/foreground.py defines the results.
 
-Helpers are inlined, but those that few pixels need. All numbers are float32.
+Helpers are inlined, but those that few pixels need: they are compiled once. All numbers are float32.
 """
 
 from __future__ import annotations
@@ -13,8 +13,10 @@ from numba import njit
 from calib.types import F32, U8, AnyArray
 from planview.foreground.params import BACKGROUND, FOREGROUND, NEARER, PERSON, SHADOW
 
-GAUSSIAN = np.dtype([(n, "f4") for n in ("depth_fraction", "y", "u", "v", "d", "var_y", "var_u", "var_v", "var_d")])
-"""A Gaussian: fraction of its observations with depth, means and variances. A negative variance of luma marks a
+GAUSSIAN = np.dtype(
+    [(n, "f4") for n in ("weight", "depth_fraction", "y", "u", "v", "d", "var_y", "var_u", "var_v", "var_d")]
+)
+"""A Gaussian: weight, fraction of its observations with depth, means and variances. A negative variance of luma marks a
 mean learned from clipped pixels, which is a lower bound of the surface's luma."""
 
 F = np.float32
@@ -59,8 +61,7 @@ class Constants(NamedTuple):
 class PixelMixtures(NamedTuple):
     """What is learned of each pixel."""
 
-    gaussians: AnyArray  # (K, H, W) GAUSSIAN, by decreasing weight / deviation of luma
-    weights: F32  # (H, W, K), which add up to 1
+    gaussians: AnyArray  # (K, H, W) GAUSSIAN, by decreasing weight / deviation of luma; weights add up to 1
     activity: F32  # (H, W) mean absolute change of luma
     last_y: F32  # (H, W) luma when the pixel last learned
 
@@ -195,10 +196,10 @@ def learn(g: Gaussian, o: Pixel, kind: int, rate: Real, measured: bool, s: Const
 
 
 @njit(nogil=True, error_model="numpy")
-def start(g: Gaussian, o: Pixel, s: Constants) -> None:
+def start(g: Gaussian, weight: Real, o: Pixel, s: Constants) -> None:
     """Begin a Gaussian at an observation."""
     has_depth = o.d == o.d
-    g.depth_fraction = ONE if has_depth else ZERO
+    g.weight, g.depth_fraction = weight, ONE if has_depth else ZERO
     g.y, g.u, g.v, g.d = o.y, o.u, o.v, o.d if has_depth else ZERO
     g.var_y = -NEW_VARIANCE * s.floor_y if o.y >= s.clip else NEW_VARIANCE * s.floor_y
     g.var_u = g.var_v = NEW_VARIANCE * s.floor_uv
@@ -206,20 +207,20 @@ def start(g: Gaussian, o: Pixel, s: Constants) -> None:
 
 
 @njit(nogil=True, error_model="numpy")
-def is_deep(g: Gaussian, weight: Real, s: Constants) -> Any:
+def is_deep(g: Gaussian, s: Constants) -> Any:
     """Whether a Gaussian has depth and a weight above T_D."""
-    return weight > s.deepest_weight and g.depth_fraction >= s.min_depth_fraction
+    return g.weight > s.deepest_weight and g.depth_fraction >= s.min_depth_fraction
 
 
 @njit(nogil=True, error_model="numpy")
-def is_background(mixture: AnyArray, weights: F32, found: int, s: Constants) -> Any:
+def is_background(mixture: AnyArray, found: int, s: Constants) -> Any:
     """Whether a Gaussian is one of the leading ones up to weight T, or the deepest above T_D (Harville et al. 2001)."""
     before = ZERO
     for k in range(found):
-        before += weights[k]
-    deepest = is_deep(mixture[found], weights[found], s)
+        before += mixture[k].weight
+    deepest = is_deep(mixture[found], s)
     for k in range(len(mixture)):
-        deepest &= not is_deep(mixture[k], weights[k], s) or mixture[k].d >= mixture[found].d
+        deepest &= not is_deep(mixture[k], s) or mixture[k].d >= mixture[found].d
     return before <= s.background_weight or deepest
 
 
@@ -234,30 +235,31 @@ def classify(leader: Gaussian, o: Pixel, s: Constants) -> int:
 
 
 @njit(nogil=True, error_model="numpy")
-def sort(mixture: AnyArray, weights: F32, spare: AnyArray, s: Constants) -> None:
+def sort(mixture: AnyArray, spare: AnyArray, s: Constants) -> None:
     """Make the weights add up to 1 and order by decreasing weight / deviation of luma (insertion sort, stable)."""
     total = ZERO
-    for k in range(len(weights)):
-        total += weights[k]
+    for k in range(len(mixture)):
+        total += mixture[k].weight
     scale = ONE / total
     for k in range(len(mixture)):
-        spare[0], weight = mixture[k], weights[k] * scale
+        mixture[k].weight *= scale
+        spare[0] = mixture[k]
         place = k
-        while place > 0 and rank(spare[0], weight, s) > rank(mixture[place - 1], weights[place - 1], s):
-            mixture[place], weights[place] = mixture[place - 1], weights[place - 1]
+        while place > 0 and rank(spare[0], s) > rank(mixture[place - 1], s):
+            mixture[place] = mixture[place - 1]
             place -= 1
-        mixture[place], weights[place] = spare[0], weight
+        mixture[place] = spare[0]
 
 
 @njit(nogil=True, error_model="numpy")
-def rank(g: Gaussian, weight: Real, s: Constants) -> Real:
+def rank(g: Gaussian, s: Constants) -> Real:
     """Squared weight / deviation of luma; 0 where nothing was learned."""
-    return weight * weight / max(abs(g.var_y), s.floor_y)
+    return g.weight * g.weight / max(abs(g.var_y), s.floor_y)
 
 
 @njit(nogil=True, error_model="numpy")
 def settle(
-    mixture: AnyArray, weights: F32, spare: AnyArray, o: Pixel, rate_w: Real, rate_m: Real, fast: Real, s: Constants
+    mixture: AnyArray, spare: AnyArray, o: Pixel, rate_w: Real, rate_m: Real, fast: Real, s: Constants
 ) -> int:  # fmt: skip
     """Find what a pixel is that its leader does not match, and learn it by another Gaussian or in place of the last."""
     leader, last = mixture[0], len(mixture) - 1
@@ -271,21 +273,20 @@ def settle(
     both, agree = both_have_depth(leader, o, s), dd * dd < s.beta * leader.var_d
     unclipped = leader.var_y < ZERO and o.y > leader.y and (agree or not both)
     behind = both and not agree and dd < ZERO
-    background = unclipped or (kind != NO_MATCH and is_background(mixture, weights, found, s))
+    background = unclipped or (kind != NO_MATCH and is_background(mixture, found, s))
     what = 0 if background else classify(leader, o, s)
     if rate_w <= ZERO:
         return what
-    if (unclipped or behind) and (kind == NO_MATCH or weights[found] <= s.deepest_weight):
+    if (unclipped or behind) and (kind == NO_MATCH or mixture[found].weight <= s.deepest_weight):
         rate_w, rate_m = max(rate_w, fast), max(rate_m, fast)
-    for k in range(len(weights)):
-        weights[k] *= ONE - rate_w
+    for k in range(len(mixture)):
+        mixture[k].weight *= ONE - rate_w
     if kind != NO_MATCH:
-        weights[found] += rate_w
+        mixture[found].weight += rate_w
         learn(mixture[found], o, kind, rate_m, True, s)
     else:
-        start(mixture[last], o, s)
-        weights[last] = rate_w
-    sort(mixture, weights, spare, s)
+        start(mixture[last], rate_w, o, s)
+    sort(mixture, spare, s)
     return what
 
 
@@ -300,7 +301,7 @@ def update(model: PixelMixtures, frame: Frame, mask: U8, s: Constants, turns: F3
         turns: (T, 4) rates of rows r = t modulo T: of weights, of means and variances, of both where the background is
             known or was uncovered, of the activity. Rows of zeros do not learn.
     """
-    gaussians, weights, activities, last_y = model
+    gaussians, activities, last_y = model
     spare = np.empty(1, GAUSSIAN)
     for row in range(mask.shape[0]):
         rates = turns[row % len(turns)]
@@ -327,14 +328,12 @@ def update(model: PixelMixtures, frame: Frame, mask: U8, s: Constants, turns: F3
             leader = gaussians[0, row, column]
             kind = match(leader, o, s)
             if kind == NO_MATCH and measured:
-                mask[row, column] = settle(  # without names for the views, whose references would be counted
-                    gaussians[:, row, column], weights[row, column], spare, o, rate_w, rate_m, fast, s
-                )
+                mask[row, column] = settle(gaussians[:, row, column], spare, o, rate_w, rate_m, fast, s)
             elif kind != NO_MATCH and fast > ZERO:
                 # Nearly every pixel. A view of its mixture would cost more than the loop.
                 for k in range(len(gaussians)):
-                    weights[row, column, k] *= ONE - rate_w
-                weights[row, column, 0] += rate_w
+                    gaussians[k, row, column].weight *= ONE - rate_w
+                leader.weight += rate_w
                 learn(leader, o, kind, rate_m, measured, s)
 
 
@@ -347,5 +346,5 @@ def find_changes(model: PixelMixtures, image: U8, step: int, s: Constants, out: 
             row, column = step * i, step * j
             leader = model.gaussians[0, row, column]
             o = observe(image, row, column, F(np.nan), s)
-            young, active = model.weights[row, column, 0] <= s.background_weight, model.activity[row, column] > s.active
+            young, active = leader.weight <= s.background_weight, model.activity[row, column] > s.active
             out[i, j] = 255 if young or active or match(leader, o, s) == NO_MATCH else 0

@@ -67,7 +67,6 @@ class Foreground:
         self._reduction = reduction
         self._model = kernels.PixelMixtures(
             np.zeros((params.gaussians, *shape), kernels.GAUSSIAN),
-            np.zeros((*shape, params.gaussians), np.float32),
             np.zeros(shape, np.float32),
             np.zeros(shape, np.float32),
         )
@@ -205,7 +204,7 @@ class Foreground:
         # comparable, or by 20 levels, beyond which ratios of luma mean little.
         if 0.5 < gain < 2.0 and abs(offset) <= 20.0:
             return
-        gaussians, _, activity, last_y = self._model
+        gaussians, activity, last_y = self._model
         for luma in (gaussians["y"], last_y):
             luma[:] = np.float32(gain) * luma + np.float32(offset)
         for scaled in (gaussians["u"], gaussians["v"], activity):

@@ -18,10 +18,9 @@ START = np.float32([[1, 1, 1, 0]])
 
 def _mixtures(model: kernels.PixelMixtures) -> reference.Mixtures:
     """The kernels' model as the twin has it."""
-    gaussians, weights = model.gaussians.reshape(-1, N), model.weights.reshape(N, -1).T
-    numbers = {name: gaussians[name] for name in kernels.GAUSSIAN.names}
+    gaussians, activity, last_y = (array.reshape(*array.shape[:-2], N) for array in model)
     return reference.Mixtures(
-        weight=weights, **numbers, activity=model.activity.reshape(N), last_y=model.last_y.reshape(N)
+        **{name: gaussians[name] for name in reference.Mixtures.NUMBERS}, activity=activity, last_y=last_y
     )
 
 
