@@ -33,6 +33,8 @@ class RectifiedGeometry:
         baseline_m: distance between the cameras along x [m].
         disparity_std_px: standard deviation of a matched disparity [px].
         depth_std_min_m: deviation of the depth however near [m]: 0 for triangulation, not for time of flight.
+    Raises:
+        ValueError: a focal length or a baseline that is not above 0.
     """
 
     width: int
@@ -44,6 +46,10 @@ class RectifiedGeometry:
     baseline_m: float
     disparity_std_px: float = DISPARITY_STD_PX
     depth_std_min_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not min(self.focal_u_px, self.focal_v_px, self.baseline_m) > 0:
+            raise ValueError(f"expected focal lengths and a baseline above 0, got {self}")
 
     @property
     def size(self) -> tuple[int, int]:

@@ -113,6 +113,8 @@ def _is_camera(table: Any) -> bool:
 
 def _rig(data: Mapping[str, Any], size: Size, depth_size: Size) -> RgbdRig:
     tables = _tables(data)
+    if tables["colour"] is data.get("left") and _is_camera(data.get("right")):
+        raise ValueError("it is that of a stereo pair: name the camera of the images alone")
     colour = _camera(tables["colour"], _lens_of(data, _COLOUR), size, "image")
     rig = RgbdRig(colour, units_per_m=_units(data, tables.get("depth", {})), sensor=_sensor(data))
     if "depth" not in tables:

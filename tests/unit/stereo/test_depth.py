@@ -21,6 +21,11 @@ def test_depth_is_focal_times_baseline_over_disparity_and_back():
     assert GEOMETRY.disparity_at(2.0) == pytest.approx(20.0)
 
 
+def test_a_pair_without_a_baseline_is_refused():
+    with pytest.raises(ValueError, match="baseline above 0"):
+        RectifiedGeometry(640, 480, 525.0, 525.0, 319.5, 239.5, 0.0)
+
+
 def test_depth_is_nan_without_disparity_and_its_deviation_grows_with_its_square():
     disparity = np.array([[np.nan, 0.0, -1.0, 3.9, 4.1]], np.float32)
     depth = DepthFromDisparity(GEOMETRY, depth_max_m=10.0)(disparity)

@@ -146,6 +146,11 @@ def test_depth_in_its_own_frame_is_moved_by_the_pose(tmp_path: Path, key: str, s
     np.testing.assert_allclose(frame.depth_m[24, 32], 3.0)
 
 
+def test_calibration_of_a_pair_is_refused_for_images_with_depth(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="that of a stereo pair: name the camera of the images alone"):
+        _open(_folders(tmp_path, {"left": COLOUR, "right": COLOUR}))
+
+
 def test_open3d_intrinsics_are_stored_by_columns_and_name_the_sensor(tmp_path: Path) -> None:
     matrix = [60.0, 0, 0, 0, 61.0, 0, 31.5, 23.5, 1.0]
     content = {"width": 64, "height": 48, "intrinsic_matrix": matrix, "depth_mode": "NFOV_UNBINNED"}
