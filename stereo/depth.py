@@ -33,8 +33,6 @@ class RectifiedGeometry:
         baseline_m: distance between the cameras along x [m].
         disparity_std_px: standard deviation of a matched disparity [px].
         depth_std_min_m: deviation of the depth however near [m]: 0 for triangulation, not for time of flight.
-    Raises:
-        ValueError: a focal length or a baseline that is not above 0.
     """
 
     width: int

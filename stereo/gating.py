@@ -107,7 +107,8 @@ class GatedMatching:
         now, measured = np.full(self._matcher.shape, np.nan, np.float32), np.zeros(self._matcher.shape, np.uint8)
         for window in windows:  # from a larger one whose margin is thrown away
             outer = window.grown(MARGIN, self._size)
-            now[window.slices] = self._matcher.part(levels, outer)[window.within(outer.left, outer.top).slices]
+            own = Window(*(edge - first for edge, first in zip(window, 2 * outer[:2], strict=True)))
+            now[window.slices] = self._matcher.part(levels, outer)[own.slices]
             measured[window.slices] = 255
         self.memory.disparity = np.where(measured > 0, now, self.memory.disparity)
         geometry = self._matcher.geometry

@@ -185,10 +185,6 @@ class Window(NamedTuple):
         left, top = max(0, self.left - margin), max(0, self.top - margin)
         return Window(left, top, min(size[0], self.right + margin), min(size[1], self.bottom + margin))
 
-    def within(self, left: int, top: int) -> Window:
-        """In pixels of a window that begins there."""
-        return Window(self.left - left, self.top - top, self.right - left, self.bottom - top)
-
 
 class Levels(NamedTuple):
     """A rectified pair at the sizes in which it is matched.

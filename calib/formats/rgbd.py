@@ -54,8 +54,7 @@ def load_rgbd(path: Path, size: Size, depth_size: Size) -> RgbdRig:
         )
     file, data = found
     try:
-        rig = _rig(data, size, depth_size)
-        source = str(file)
+        rig, source = _rig(data, size, depth_size), str(file)
         depth = rig.depth_camera
         for own, wanted in ((rig.camera.size, size), (depth.size if depth else depth_size, depth_size)):
             if own[0] * wanted[1] != own[1] * wanted[0]:
@@ -76,9 +75,8 @@ def find_rgbd(path: Path) -> tuple[Path, Mapping[str, Any]] | None:
         if file.name.lower() in _OTHER_FILES or not file.is_file():
             continue
         try:
-            text = base.read_source(file).text
             parse: Callable[[str], Any] = PARSERS.get(file.suffix.lower(), base.parse_yaml)
-            data = _lower(parse(text))
+            data = _lower(parse(base.read_source(file).text))
         except (InputError, ValueError, RecursionError):
             continue
         if _tables(data):
