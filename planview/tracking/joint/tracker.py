@@ -235,11 +235,15 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         """Places, then the frame's evidence on each person's existence."""
         samples, others, evidence, curvature = self._ascend(frame, people)
         flooded = all(np.count_nonzero(v.kind) > 0.5 * v.kind.size for v in frame.views)
+        stood_up: list[tuple[Person, F64]] = []
         for i, person in enumerate(self._people):
             person.evidence, pose = float(evidence[i]), people.poses[i]
             if (rival := self._rival(i, people)) >= 0:
-                person.evidence = min(person.evidence, self._beside(i, rival, samples, people))
+                both, alone = self._beside(i, rival, samples, people)
+                person.evidence = min(person.evidence, both)
                 samples[rival].layer(people, others[rival])
+                if both < 0.0 and alone[2] > people.poses[rival, 2] + body.HEIGHT_STD_M:
+                    stood_up.append((self._people[rival], alone))
             mine, total = samples[i].visible(pose, people.tall[i])
             person.inside = min(1.0, total / frame.whole_patches(pose))
             person.share, person.patches = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * person.inside), total
@@ -257,6 +261,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             if len(others[i]):
                 reason += ", next to " + ", ".join(str(self._people[k].track_id) for k in others[i])
             self._note(person, kind, reason, person.evidence)
+        for person, (x, y, h) in stood_up:  # one upright body explains more than a low one and another
+            person.kalman, person.height_m = person.kalman.moved_to(float(x), float(y)), float(h)
 
     def _rival(self, i: int, people: People) -> int:
         """The more established person in whose place this one stands; -1 for none."""
@@ -267,17 +273,19 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         better = (newcomer.confirmed, newcomer.log_odds, -newcomer.track_id) > (a.confirmed, a.log_odds, -a.track_id)
         return j if gaps[j] < body.APART_M and better else -1
 
-    def _beside(self, i: int, j: int, samples: Sequence[Samples], people: People) -> float:
-        """Evidence for a person in another's place: both people, compared with the other one alone anywhere nearby."""
+    def _beside(self, i: int, j: int, samples: Sequence[Samples], people: People) -> tuple[float, F64]:
+        """Evidence for a person in another's place: both people, compared with the other one alone anywhere nearby, and
+        (3,) where that one would be."""
         poses, tall, ratios, s = people.poses, people.tall, people.ratios, samples[j]
         rest = np.array([k for k in range(len(poses)) if k not in (i, j)], dtype=np.int64)
         s.layer(people, rest)
         first = s.log_ratio(poses[i], tall[i], ratios[i])
         starts = poses[j].copy(), np.array([*poses[i, :2], tall[j, 0]])
-        alone = max(s.ascend(start, poses[j], LOOSE, tall[j], ratios[j])[0] for start in starts)
+        worth = [s.ascend(start, poses[j], LOOSE, tall[j], ratios[j])[0] for start in starts]
         prior = s.log_prior(poses[j], tall[j]) + s.log_prior(poses[i], tall[i], np.array([j]))
         s.layer(people, np.append(rest, i))
-        return first + s.log_ratio(poses[j], tall[j], ratios[j]) + prior - alone
+        both = first + s.log_ratio(poses[j], tall[j], ratios[j]) + prior
+        return both - max(worth), starts[int(np.argmax(worth))]
 
     def _note_movement(self, person: Person, alone: bool) -> None:
         """Count movement as evidence for a person; next to somebody it may be a shadow or something carried."""

@@ -130,6 +130,18 @@ def test_who_enters_far_from_where_another_left_is_someone_else():
     assert len({s.track_id for states in frames for s in confirmed(states)}) == 2
 
 
+def test_a_low_body_and_another_in_its_place_become_the_upright_person_that_explains_more():
+    tracker, noise = JointTracker(), PositionNoise.isotropic(0.05)
+    tracker.update(observed(0, 0.0, look_at(CAMERA, [])))
+    for pose in ((0.0, 2.95, 1.0), (0.0, 3.15, 1.7)):
+        person = Person.born(np.array(pose), noise, 100.0, 4.0, 0.0)
+        person.track_id = len(tracker._people) + 1
+        tracker._people.append(person)
+    tracker._people[0].confirmed = True
+    states = tracker.update(observed(1, 1 / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
+    assert [(s.track_id, s.height_m > 1.6) for s in confirmed(states)] == [(1, True)]
+
+
 def test_light_that_floods_the_image_ends_nobody_and_a_reset_everybody():
     tracker = JointTracker()
     for n in range(20):
