@@ -75,7 +75,9 @@ class Births:
                 continue
             born.append(person)
             people = people.with_one(np.array([*person.at_m, person.height_m]))
-        self._keep(frame, owned, tried)
+        ends = np.cumsum([len(o.pixels) for o in owned])[:-1]
+        for v, o, mine in zip(frame.views, owned, np.split(tried, ends), strict=True):
+            self._tried_m[v.rays.key].reshape(-1)[o.pixels[mine]] = v.range_m.reshape(-1)[o.pixels[mine]]
         return born
 
     def _unchanged(self, frame: Explanation, owned: Sequence[Owned]) -> Bool:
@@ -88,12 +90,6 @@ class Births:
             std_m = np.hypot(SURFACE_STD_M, self._params.disparity_std_px / v.rays.disparity_metre * now_m**2)
             same.append(np.abs(now_m - before_m) < CHANGED * std_m)
         return np.concatenate(same)
-
-    def _keep(self, frame: Explanation, owned: Sequence[Owned], tried: Bool) -> None:
-        """Remember at what range pixels were tried."""
-        ends = np.cumsum([len(o.pixels) for o in owned])[:-1]
-        for v, o, mine in zip(frame.views, owned, np.split(tried, ends), strict=True):
-            self._tried_m[v.rays.key].reshape(-1)[o.pixels[mine]] = v.range_m.reshape(-1)[o.pixels[mine]]
 
 
 def points_of(view: SeenPixels, o: Owned) -> F32:
