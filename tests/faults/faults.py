@@ -110,7 +110,7 @@ SIDE_FILE_FAULTS = (
     Fault("empty timestamps", replaced("timestamps.csv", ""), 2, "timestamps.csv"),
     Fault("timestamps without rows", replaced("timestamps.csv", "frame,timestamp_s\n"), 2, "found none"),
     Fault("time that stands", replaced("timestamps.csv", rows(SHIFTED)), 2, "increase"),
-    Fault("time of words", replaced("timestamps.csv", rows(["noon", *EVEN[1:]])), 2, "numbers"),
+    Fault("time of words", replaced("timestamps.csv", rows(["noon", *EVEN[1:]])), 2, "expected a time, found .noon"),
     Fault("time that is no number", replaced("timestamps.csv", rows(["nan", *EVEN[1:]])), 2, "timestamps.csv"),
     Fault("time of 1e300", replaced("timestamps.csv", rows([*EVEN[:-1], "1e300"])), 2, "timestamps.csv"),
     Fault("frame of 30 digits in timestamps", replaced("timestamps.csv", rows(EVEN, "9" * 30)), 2, "timestamps.csv"),
