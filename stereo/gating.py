@@ -107,8 +107,8 @@ class GatedMatching:
         now, measured = np.full(self._matcher.shape, np.nan, np.float32), np.zeros(self._matcher.shape, np.uint8)
         for window in windows:  # from a larger one whose margin is thrown away
             outer = window.grown(MARGIN, self._size)
-            own = Window(*(edge - first for edge, first in zip(window, 2 * outer[:2], strict=True)))
-            now[window.slices] = self._matcher.part(levels, outer)[own.slices]
+            top, left, (height, width) = window.top - outer.top, window.left - outer.left, now[window.slices].shape
+            now[window.slices] = self._matcher.part(levels, outer)[top : top + height, left : left + width]
             measured[window.slices] = 255
         self.memory.disparity = np.where(measured > 0, now, self.memory.disparity)
         geometry = self._matcher.geometry

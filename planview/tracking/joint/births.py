@@ -36,15 +36,14 @@ class Births:
         self._params = params
         self._tried_m: dict[tuple[float, ...], F32] = {}
 
-    def find(
-        self, frame: Explanation, known: Sequence[Person], owned: Sequence[Owned], points: Sequence[F32], now_s: float
-    ) -> list[Person]:
-        """New people of this frame, without ids; ``owned`` and ``points`` are of each view.
+    def find(self, frame: Explanation, known: Sequence[Person], owned: Sequence[Owned], now_s: float) -> list[Person]:
+        """New people of this frame, without ids; ``owned`` is of each view.
 
         Pixels that have been tried count again when they have changed.
         """
         p = self._params
         fresh = np.flatnonzero(~self._unchanged(frame, owned))
+        points = [points_of(v, o) for v, o in zip(frame.views, owned, strict=True)]
         fresh_points = np.take(np.concatenate(points, axis=1), fresh, axis=1)
         if float(np.maximum(fresh_points[3], 0.0).sum()) < p.birth_evidence:
             return []

@@ -13,7 +13,7 @@ from planview.maps.colour import CODES
 from planview.tracking import body
 from planview.tracking.base import Decision, DecisionKind, Drawing, Observation, TrackerDebug
 from planview.tracking.joint._kernels import PARTS
-from planview.tracking.joint.births import EVIDENCE_MAX, LOOSE, Births, points_of
+from planview.tracking.joint.births import EVIDENCE_MAX, LOOSE, Births
 from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, People, Samples, likelihood_of_ranges
 from planview.tracking.joint.identity import Exchanges, continued
 from planview.tracking.joint.params import JointParams, PeopleParams
@@ -214,7 +214,6 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         if self._people:
             self._explain(frame, side_by_side(self._people, ratios), dt)
         owned = frame.assign_pixels(side_by_side(self._people, ratios))
-        points = [points_of(v, o) for v, o in zip(views, owned, strict=True)]
         self._shown = [(v.kind.shape, o) for v, o in zip(views, owned, strict=True)]
         for i, person in enumerate(self._people):
             if not person.confirmed:
@@ -225,7 +224,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             gaps = [min((math.dist(a, b) for b in places if b is not a), default=math.inf) for a in places]
             self._learn(owned, [gap >= body.REACH_M for gap in gaps], dt)
         self._forget_gone()
-        for newcomer in self._births.find(frame, self._people, owned, points, self._log.now_s):
+        for newcomer in self._births.find(frame, self._people, owned, self._log.now_s):
             reason = f"evidence {newcomer.evidence:.1f}, {newcomer.height_m:.2f} m tall"
             self._add(newcomer, "spawned", reason, newcomer.evidence)
         self._recognise()
