@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import cv2
@@ -30,8 +31,8 @@ from calib.people.model import HumanModel
 from calib.rig import StereoRig
 from calib.types import F64, I64, U8, AnyArray, Bool
 from planview.engine.config import Config, load_config
-from planview.engine.engine import STAGES, FrameResult, StageClock
-from planview.engine.one_camera import OneCamera
+from planview.engine.engine import STAGES, FrameResult
+from planview.engine.one_camera import OneCameraEngine
 from planview.engine.open import ImageTrackerName, image_tracker
 from planview.engine.stereo import stereo_engine
 from planview.foreground.mixture import Foreground
@@ -297,24 +298,21 @@ def after_disparity_to_sgbm(clip: Clip, speed: Speed) -> None:
         speed.add("one_more_person", np.asarray(np.polyfit(counts, times, 1)[0] / np.median(after[chosen])))
 
 
-def one_camera_and_mog2(
-    tracker: ImageTrackerName, people: int, width_px: int, n_frames: int, config: Config
-) -> tuple[F64, F64, F64]:
-    """Foreground and tracker of one camera in turns with MOG2 on the same painted frames, after SETTLED: (N,) processor
-    times of ours and of MOG2 [ms], and confirmed people."""
+def one_camera_and_mog2(tracker: ImageTrackerName, people: int, width_px: int, n_frames: int, config: Config) -> F64:
+    """Foreground and tracker of one camera in turns with MOG2 on the same painted frames, after SETTLED: (3, N)
+    processor times of ours and of MOG2 [ms], and confirmed people."""
     camera = GroundCamera(width_px, width_px * 3 // 4, 260.0 * width_px / 320, 3.5, math.radians(60))
-    follower = image_tracker(tracker, config, camera)
-    front_end = OneCamera(config.single_camera, camera.size, follower, camera)
+    video: Any = SimpleNamespace(size=camera.size)
+    engine = OneCameraEngine(video, image_tracker(tracker, config, camera), config, camera)
     mog2 = cv2.createBackgroundSubtractorMOG2()
     rows: list[tuple[float, float, float]] = []
     for i, image in enumerate(walking_people(camera, people, SETTLED + n_frames)):
         start = time.process_time()
         mog2.apply(image)
         between = time.process_time()
-        result = front_end.prepare(VideoFrame(i, i / PAINTED_FPS, image), StageClock())()
+        result = engine.step(VideoFrame(i, i / PAINTED_FPS, image))
         rows.append((1e3 * (time.process_time() - between), 1e3 * (between - start), people_in(result)))
-    ours_ms, theirs_ms, found = np.array(rows[SETTLED:]).T
-    return ours_ms, theirs_ms, found
+    return np.array(rows[SETTLED:]).T
 
 
 def walking_people(camera: GroundCamera, people: int, n_frames: int) -> Iterator[U8]:

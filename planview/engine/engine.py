@@ -7,7 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, NamedTuple, NoReturn, Protocol
+from typing import TYPE_CHECKING, NoReturn, Protocol
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
@@ -42,21 +42,6 @@ STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
 """Stages timed, in order."""
 
 
-class Disparity(NamedTuple):
-    """Disparity of one frame of one rig.
-
-    Attributes:
-        sampled: of every pixel, or of those that foreground and maps are made of; where it was not measured in this
-            frame, as measured last.
-        now: (h, w) float32 [px] at the analysis size, NaN also where it was not measured in this frame.
-        measured: (h, w) uint8, 0 where it was not measured in this frame; None where all of it was.
-    """
-
-    sampled: SampledDisparity
-    now: F32
-    measured: U8 | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """A frame of one rig, as far as it depends on no other frame.
@@ -81,14 +66,19 @@ class RigFrame:
     Attributes:
         name: of the rig among several.
         prepared: images.
-        disparity: where it was measured.
+        sampled: disparity of every pixel, or of those that foreground and maps are made of; where it was not measured
+            in this frame, as measured last.
+        disparity: (h, w) float32 [px] at the analysis size, NaN also where it was not measured in this frame.
+        measured: (h, w) uint8, 0 where it was not measured in this frame; None where all of it was.
         foreground: (h, w) uint8 mask at the analysis size.
         view: what every pixel shows.
     """
 
     name: str
     prepared: Prepared
-    disparity: Disparity
+    sampled: SampledDisparity
+    disparity: F32
+    measured: U8 | None
     foreground: U8
     view: SeenPixels
 
@@ -141,7 +131,7 @@ class FrameResult:
     @property
     def sampled(self) -> SampledDisparity | None:
         """Disparity of the first rig; None for one camera."""
-        return self.first.disparity.sampled if self.first else None
+        return self.first.sampled if self.first else None
 
     @property
     def disparity(self) -> F32 | None:
@@ -150,8 +140,8 @@ class FrameResult:
 
     @property
     def measured(self) -> U8 | None:
-        """Where the first rig's disparity is of this frame (see ``Disparity``)."""
-        return self.first.disparity.measured if self.first else None
+        """Where the first rig's disparity is of this frame (see ``RigFrame``)."""
+        return self.first.measured if self.first else None
 
     def template(self, track: TrackState) -> tuple[F32, F32] | None:
         """T_H [m] and T_O [m^2] of a person, as ``PlanViewMaps.around`` gives them; None for one camera."""
@@ -203,69 +193,40 @@ class AnyRecording(Protocol):
     def __iter__(self) -> Iterator[Frame]: ...
 
 
-class FrontEnd(Protocol):
-    """The stages of one kind of recording, its tracker among them.
+class Remembers(Protocol):
+    """What is carried from frame to frame."""
 
-    Attributes:
-        tracker: follows people.
-        ahead: so many frames are prepared ahead in a thread of their own; 0 for none.
-        camera: the (rectified left) camera above the floor; None for one camera that is not calibrated.
-        size: (width, height) of its images [px].
-        views: of every rig by its name, the first over the grid of the maps; empty for one camera.
-    """
-
-    ahead: int
-
-    @property
-    def tracker(self) -> Tracker: ...
-
-    @property
-    def camera(self) -> StereoFloorCamera | GroundCamera | None: ...
-
-    @property
-    def size(self) -> tuple[int, int]: ...
-
-    @property
-    def views(self) -> Mapping[str, StereoView]: ...
-
-    @property
-    def checks(self) -> Sequence[Check]:
-        """Checks of the recording so far."""
-
-    def reset(self) -> None:
-        """Forget all frames."""
-
-    def memory(self) -> dict[str, object]:
-        """By name, the objects that hold all that is carried from frame to frame."""
-
-    def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
-        """Do the part of the work that depends on no other frame; what is returned does the rest, in order of frames.
-
-        Raises:
-            InputError: a frame of another kind of recording.
-        """
+    def reset(self) -> None: ...
 
 
 class Engine:
     """Tracks people: iterate it for a FrameResult per frame of its recording, or ``step`` through frames of your own.
 
+    Each kind of recording has a subclass with the stages around the tracker: its ``prepare`` and ``memory``.
+
     Attributes:
         recording: what is read.
-        front_end: the stages around the tracker.
         tracker: follows people.
         config: the full effective configuration.
-        camera, size: see ``FrontEnd``.
+        camera: the (rectified left) camera above the floor; None for one camera that is not calibrated.
+        size: (width, height) of its images [px].
+        views: by name, the rigs above the floor, the first over the grid of the maps; empty for one camera.
         ahead: frames that iteration prepares ahead in a thread of their own; 0 for one thread.
     """
 
-    def __init__(self, recording: AnyRecording, front_end: FrontEnd, config: Config) -> None:
-        self.recording, self.front_end, self.tracker, self.config = recording, front_end, front_end.tracker, config
-        self.camera, self.size, self.ahead = front_end.camera, front_end.size, front_end.ahead
+    ahead = 0
 
-    @property
-    def views(self) -> Mapping[str, StereoView]:
-        """By name, the rigs above the floor; empty for one camera."""
-        return self.front_end.views
+    def __init__(
+        self,
+        recording: AnyRecording,
+        tracker: Tracker,
+        config: Config,
+        camera: StereoFloorCamera | GroundCamera | None,
+        size: tuple[int, int],
+        views: Mapping[str, StereoView] = {},
+    ) -> None:
+        self.recording, self.tracker, self.config = recording, tracker, config
+        self.camera, self.size, self.views = camera, size, views
 
     @property
     def stereo(self) -> StereoView | None:
@@ -276,7 +237,7 @@ class Engine:
     def checks(self) -> Sequence[Check]:
         """Checks of the recording so far: before its first frame, and from the frames tracked; empty where nothing is
         checked."""
-        return self.front_end.checks
+        return ()
 
     def camera_info(self) -> CameraInfo | None:
         """The camera as ``run.json`` has it; None for one that is not calibrated."""
@@ -290,14 +251,22 @@ class Engine:
             return stereo_floor_info(self.stereo)
         return ground_floor_info(self.camera) if isinstance(self.camera, GroundCamera) else None
 
+    def memory(self) -> dict[str, Remembers]:
+        """By name, the objects that hold all that the engine carries from frame to frame."""
+        return {"tracker": self.tracker}
+
     def reset(self) -> None:
         """Forget all frames: people, background and feedback."""
-        self.tracker.reset()
-        self.front_end.reset()
+        for part in self.memory().values():
+            part.reset()
 
-    def memory(self) -> dict[str, object]:
-        """By name, the objects that hold all that the engine carries from frame to frame."""
-        return {"tracker": self.tracker, **self.front_end.memory()}
+    def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
+        """Do the part of the work that depends on no other frame; what is returned does the rest, in order of frames.
+
+        Raises:
+            InputError, ValueError: as of ``step``.
+        """
+        raise NotImplementedError
 
     def step(self, frame: Frame) -> FrameResult:
         """Track the next frame, of the kind that ``recording`` gives; frames come in order.
@@ -306,7 +275,7 @@ class Engine:
             InputError, ValueError: a frame of another kind of recording, or images of another size than the
                 calibration's.
         """
-        return self.front_end.prepare(frame, StageClock())()
+        return self.prepare(frame, StageClock())()
 
     def __iter__(self) -> Iterator[FrameResult]:
         """Track the recording from its first frame; each iteration starts with ``reset``."""
@@ -325,7 +294,7 @@ class Engine:
         for frame in self.recording:
             if frame.index > last:
                 clock.record("read")
-                yield self.front_end.prepare(frame, clock)
+                yield self.prepare(frame, clock)
             clock = StageClock()
 
 

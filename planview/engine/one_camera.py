@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Protocol, runtime_checkable
 
@@ -18,7 +18,7 @@ from calib.types import U8
 from planview.checks.camera import Steadiness, Steady
 from planview.checks.check import Check
 from planview.engine.config import Config, SingleCameraParams
-from planview.engine.engine import Engine, Frame, FrameResult, StageClock, refuse_frame
+from planview.engine.engine import Engine, Frame, FrameResult, Remembers, StageClock, refuse_frame
 from planview.foreground.blobs import find_blobs
 from planview.foreground.ghosts import (
     SEARCH_INTERVAL_S,
@@ -31,7 +31,6 @@ from planview.foreground.ghosts import (
 )
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
-from planview.maps.view import StereoView
 from planview.tracking.base import ImageTracker, Observation, followed
 from stereo.recording import Video, VideoFrame
 
@@ -171,39 +170,33 @@ class ImageStages:
         return np.asarray(motion, dtype=np.uint8)
 
 
-class OneCamera:
-    """Lets a tracker follow people in the images of one camera: a ``FrontEnd``.
+class OneCameraEngine(Engine):
+    """Lets a tracker follow people in the images of one camera.
 
     Attributes:
         stages: before the tracker.
-        tracker, ahead, camera, size, views: see ``FrontEnd``.
     """
 
-    ahead = 0
-    views: Mapping[str, StereoView] = {}
+    tracker: ImageTracker
 
     def __init__(
-        self, params: SingleCameraParams, size: tuple[int, int], tracker: ImageTracker, camera: GroundCamera | None
+        self, recording: Video, tracker: ImageTracker, config: Config, camera: GroundCamera | None = None
     ) -> None:
         """Compose the stages; ``camera`` is None where the tracker needs no calibration."""
-        self.tracker, self.size, self.camera = tracker, size, camera
-        self.stages = ImageStages(params, size, tracker.foreground_columns)
+        super().__init__(recording, tracker, config, camera, recording.size)
+        self.stages = ImageStages(config.single_camera, recording.size, tracker.foreground_columns)
 
     @property
     def checks(self) -> list[Check]:
-        """See ``FrontEnd``."""
+        """Whether the camera stands still and shows one scene, from the frames so far."""
         return self.stages.checks
 
-    def reset(self) -> None:
-        """See ``FrontEnd``."""
-        self.stages.reset()
-
-    def memory(self) -> dict[str, object]:
-        """See ``FrontEnd``."""
-        return {"one camera": self.stages}
+    def memory(self) -> dict[str, Remembers]:
+        """The tracker, and what the foreground learned."""
+        return super().memory() | {"one camera": self.stages}
 
     def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
-        """See ``FrontEnd``. Raises InputError: a frame of another kind of recording, or (when tracked) size."""
+        """See ``Engine``."""
         if not isinstance(frame, VideoFrame):
             refuse_frame("an image of one camera", frame)
         return partial(self._track, frame, clock)
@@ -238,10 +231,9 @@ def one_camera_engine(
         overview: a tracker that can learn from the beginning of the recording sees it first; otherwise it learns
             everything while it tracks, as from a camera that runs.
     """
-    config = config or Config()
-    front_end = OneCamera(config.single_camera, recording.size, tracker, camera)
+    engine = OneCameraEngine(recording, tracker, config or Config(), camera)
     if overview and isinstance(tracker, LearnsFirst):
         step = max(1, round(recording.fps / OVERVIEW_HZ))
-        tracker.study(front_end.stages.observe(frame) for frame in recording if frame.index % step == 0)
-        front_end.reset()
-    return Engine(recording, front_end, config)
+        tracker.study(engine.stages.observe(frame) for frame in recording if frame.index % step == 0)
+        engine.stages.reset()
+    return engine

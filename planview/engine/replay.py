@@ -11,11 +11,10 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import U8
-from planview.checks.check import Check
 from planview.engine.config import Config
-from planview.engine.engine import Engine, Frame, FrameResult, StageClock, refuse_frame
+from planview.engine.engine import Engine, Frame, FrameResult, Remembers, StageClock, refuse_frame
 from planview.engine.feedback import BodyBoxes
-from planview.maps.builder import floor_in_view
+from planview.maps.builder import floor_in_view, plan_view
 from planview.maps.pixels import Cloud
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.tracking.base import Observation, Tracker, followed
@@ -39,54 +38,39 @@ def recorded_config(recording: MapsRecording) -> Config:
         ) from error
 
 
-class MapsReplay:
-    """Builds maps from recorded points, and lets a tracker follow people in them: a ``FrontEnd``.
+class ReplayEngine(Engine):
+    """Builds maps from recorded points, and lets a tracker follow people in them.
 
     With the parameters of the recording the tracks are the same bit for bit. With others they are an approximation:
     the feedback that the recording's tracker gave to its foreground stays in the points.
-
-    Attributes:
-        tracker, ahead, camera, size, views, checks: see ``FrontEnd``.
     """
 
-    ahead = 0
-    checks: tuple[Check, ...] = ()
-
-    def __init__(self, recording: MapsRecording, tracker: Tracker, config: Config) -> None:
-        """Compose the stages.
+    def __init__(self, recording: MapsRecording, tracker: Tracker, config: Config | None = None) -> None:
+        """Compose the stages, with the parameters of the recording when ``config`` is None.
 
         Raises:
             InputError: a parameter that decided which points were recorded differs, or maps of another rig.
         """
         recorded = recorded_config(recording)
+        config = config or recorded
         _refuse_fixed(recording.path, recorded, config)
-        self._path, self.tracker, view = recording.path, tracker, recording.view
-        pose = view.floor.world_SE3_left
+        view, pose = recording.view, recording.view.floor.world_SE3_left
         try:
             if floor_in_view(view.geometry, pose, recorded.maps) != view.grid:
                 raise ValueError("expected the grid of the rig and floor in the file, found one of another rig")
             self._cloud = Cloud(view.geometry, pose, config.maps, view.reduction)
         except ValueError as error:
             raise InputError(f"{recording.path}: {error}") from error
-        self._view = replace(view, grid=self._cloud.grid)
-        self.views = {"": self._view}
-        self.camera, self.size = view.camera, view.geometry.size
+        self._path, self._view = recording.path, replace(view, grid=self._cloud.grid)
         self._boxes = BodyBoxes(view.geometry, pose)
+        super().__init__(recording, tracker, config, view.camera, view.geometry.size, {"": self._view})
 
-    def reset(self) -> None:
-        """See ``FrontEnd``."""
-        self._cloud.background.reset()
-
-    def memory(self) -> dict[str, object]:
-        """See ``FrontEnd``."""
-        return {"background": self._cloud.background}
+    def memory(self) -> dict[str, Remembers]:
+        """The tracker, and how far away the background is."""
+        return super().memory() | {"background": self._cloud.background}
 
     def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
-        """See ``FrontEnd``.
-
-        Raises:
-            InputError: a frame of another kind of recording, and when it is tracked, damaged maps.
-        """
+        """See ``Engine``. Raises InputError, too, when the frame is tracked: damaged maps."""
         if not isinstance(frame, MapsFrame):
             refuse_frame("the points of plan-view maps", frame)
         return partial(self._track, frame, clock)
@@ -99,33 +83,20 @@ class MapsReplay:
         if frame.colours is not None:
             codes = np.zeros(mask.shape, np.uint8)
             codes.reshape(-1)[frame.pixels] = frame.colours
-        view = self._cloud(disparity, mask, frame.timestamp_s, frame.background, codes=codes)
+        view = self._cloud.seen(disparity, mask, frame.timestamp_s, frame.background, codes=codes)
         if len(view.points.pixels) != len(frame.pixels):
             raise InputError(
                 f"{self._path}: frame {frame.index}: expected {len(frame.pixels)} points in reach of the rig, "
                 f"found {len(view.points.pixels)}: the maps are damaged or another rig's"
             )
         clock.record("maps")
-        observation = Observation(
-            frame.index, frame.timestamp_s, views=(view,), build_maps=partial(self._cloud.maps.of, view.points)
-        )
+        build_maps = partial(plan_view, view.points, self._cloud.grid, self.config.maps)
+        observation = Observation(frame.index, frame.timestamp_s, views=(view,), build_maps=build_maps)
         tracks, decisions = self._boxes(followed(self.tracker, observation)), self.tracker.decisions
         clock.record("track")
         return FrameResult(
             frame.index, frame.timestamp_s, tracks, decisions, observation, clock.stages_ms, stereo=self._view
         )
-
-
-def replay_engine(recording: MapsRecording, tracker: Tracker, config: Config | None = None) -> Engine:
-    """An engine for plan-view maps.
-
-    Args:
-        config: that of the recording when None.
-    Raises:
-        InputError: as of ``MapsReplay``.
-    """
-    config = config or recorded_config(recording)
-    return Engine(recording, MapsReplay(recording, tracker, config), config)
 
 
 def _refuse_fixed(path: Path, recorded: Config, config: Config) -> None:

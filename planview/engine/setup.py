@@ -13,48 +13,37 @@ from calib.errors import InputError, WorkError
 from calib.images import as_colour
 from calib.io import reason
 from calib.libraries import import_open3d
-from calib.rig import DepthSensor, Floor
+from calib.rig import Floor
 from calib.types import F32, F64
 from planview.checks.check import Check
 from planview.checks.scene import alignment_checks, floor_checks, image_checks
 from planview.engine.config import Config
-from stereo.depth import median_image, point_cloud
+from planview.maps.builder import floor_in_view
+from planview.maps.grid import Grid
+from planview.maps.view import StereoView
+from stereo.depth import RectifiedGeometry, median_image, point_cloud
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
 from stereo.matcher import BODY_LAG, DisparityRange, SgbmMatcher, disparity_range
 from stereo.recording import RgbdRecording, StereoRecording
 from stereo.rectify import Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
-from stereo.rig_correction import RigCorrection, match_corners
+from stereo.rig_correction import match_corners
 
 if TYPE_CHECKING:
     from open3d.geometry import PointCloud
 
 
-@dataclass(frozen=True, eq=False)
-class Setup:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Setup(StereoView):
     """A recording of a pair, or of images with depth, made ready.
 
     Attributes:
         rectifier: of a pair, of the calibration as the recording corrects it; of images with depth without distortion.
-        floor: found in the recording or read from ``world.toml``.
-        disparities: range that people on that floor can have; of images with depth equivalent ones.
-        floor_source: "found" or the file that gave it.
-        calibration: file or folder it came from.
-        sensor: how depth was measured; None for a pair.
-        vertical_residual_px: row offset left after rectification [px]; NaN for images with depth.
         checks: what these frames show of the calibration.
-        correction: the correction of a pair's calibration found in the recording; None for images with depth.
     """
 
     rectifier: Rectifier | RgbdRectifier
-    floor: Floor
-    disparities: DisparityRange
-    floor_source: str
-    calibration: str
-    sensor: DepthSensor | None = None
-    vertical_residual_px: float = math.nan
-    checks: tuple[Check, ...] = ()
-    correction: RigCorrection | None = None
+    checks: tuple[Check, ...]
 
     def matcher(self, config: Config, step: int | None = None) -> SgbmMatcher:
         """SGBM over the disparities of a pair; ``step`` as of ``SgbmMatcher``."""
@@ -91,14 +80,17 @@ def refuse_foreign_disparity(disparity: F32, shape: tuple[int, int], searched: D
         )
 
 
-def set_up(recording: StereoRecording | RgbdRecording, config: Config) -> Setup:
+def set_up(recording: StereoRecording | RgbdRecording, config: Config, pose_file: str = "world.toml") -> Setup:
     """Find the floor in frames spread over a recording; of a pair correct the calibration first.
 
+    Args:
+        pose_file: name of the file that gave the recording its pose, where it has one.
     Raises:
+        InputError: a floor of which the camera sees nothing or too much.
         WorkError: no usable frame, left and right swapped, hardly any disparity or depth, or no floor visible.
     """
     if isinstance(recording, RgbdRecording):
-        return _set_up_rgbd(recording, config)
+        return _set_up_rgbd(recording, config, pose_file)
     search = floor_search(config)
     frames = setup_frames(recording, search.frames)
     plain = Rectifier(recording.rig, config.rectify)
@@ -114,25 +106,39 @@ def set_up(recording: StereoRecording | RgbdRecording, config: Config) -> Setup:
     refuse_foreign(recording.path, plain, matches)
     rectifier, correction = aligned_rectifier(recording.rig, frames, config.rectify)
     if recording.world_SE3_left is not None:
-        floor, source = Floor(recording.world_SE3_left), "world.toml"
+        floor, source = Floor(recording.world_SE3_left), pose_file
     else:
         floor, source = FloorEstimator(rectifier, search)(frames), "found"
     checks = *image_checks(frames), *alignment_checks(plain, matches, correction), *floor_checks(floor)
-    searched = disparity_range(rectifier.geometry, config.range, floor)
+    geometry = rectifier.geometry
     return Setup(
-        rectifier, floor, searched, source, rectifier.rig.source, None, correction.after_px, checks, correction
+        geometry, floor, source, rectifier.rig.source, correction.after_px,
+        disparity_range(geometry, config.range, floor), *_analysed(recording.path, geometry, floor, source, config),
+        correction=str(correction), rectifier=rectifier, checks=checks,
     )  # fmt: skip
 
 
-def _set_up_rgbd(recording: RgbdRecording, config: Config) -> Setup:
+def _set_up_rgbd(recording: RgbdRecording, config: Config, pose_file: str) -> Setup:
     rectifier = RgbdRectifier(recording.camera, recording.sensor, config.rectify)
     if recording.world_SE3_camera is not None:
-        floor, source = Floor(recording.world_SE3_camera), "world.toml"
+        floor, source = Floor(recording.world_SE3_camera), pose_file
     else:
         depths = [rectifier(frame).depth_m for frame in setup_frames(recording, config.analysis.setup_frames)]
         floor, source = floor_in(depths, rectifier.geometry, config.floor, BLIND_SENSOR), "found"
-    checks = tuple(floor_checks(floor))
-    return Setup(rectifier, floor, rectifier.disparities(), source, recording.source, recording.sensor, checks=checks)
+    return Setup(
+        rectifier.geometry, floor, source, recording.source, math.nan, rectifier.disparities(),
+        *_analysed(recording.path, rectifier.geometry, floor, source, config),
+        sensor=recording.sensor, rectifier=rectifier, checks=tuple(floor_checks(floor)),
+    )  # fmt: skip
+
+
+def _analysed(path: Path, geometry: RectifiedGeometry, floor: Floor, source: str, config: Config) -> tuple[Grid, int]:
+    """Grid and reduction of a view. Raises InputError: a floor of which the camera sees nothing or too much."""
+    try:
+        grid = floor_in_view(geometry, floor.world_SE3_left, config.maps)
+    except ValueError as error:
+        raise InputError(f"{path} (floor: {source}): {error}") from error
+    return grid, -(-geometry.width // config.analysis.width_px)
 
 
 def floor_search(config: Config) -> FloorSearch:

@@ -97,39 +97,33 @@ class PlanViewMaps:
         return np.pad(self.height, half)[window], np.pad(self.occupancy, half)[window]
 
 
-class Raster:
-    """Points to maps on a grid: accumulate, smooth, mask (Harville 2002, section 3)."""
+def accumulated(points: FloorPoints, grid: Grid, height_min_m: float) -> tuple[F32, F32]:
+    """Highest point [m] and summed area [m^2] of every cell, of points above ``height_min_m``."""
+    height, total = np.empty(grid.shape, np.float32), np.empty(grid.shape, np.float32)
+    accumulate(points.xyz, points.area, height_min_m, grid.x_min_m, grid.y_min_m, grid.cell_m, height, total)
+    return height, total
 
-    def __init__(self, grid: Grid, params: MapParams) -> None:
-        self.grid, self._params = grid, params
-        self._occupancy_min = params.occupancy_min * grid.cell_m**2
 
-    def accumulate(self, points: FloorPoints) -> tuple[F32, F32]:
-        """Highest point [m] and summed area [m^2] of every cell."""
-        height, total = np.empty(self.grid.shape, np.float32), np.empty(self.grid.shape, np.float32)
-        g = self.grid
-        accumulate(points.xyz, points.area, self._params.height_min_m, g.x_min_m, g.y_min_m, g.cell_m, height, total)
-        return height, total
-
-    def maps(self, points: FloorPoints) -> PlanViewMaps:
-        """The maps of points. The height is smoothed over occupied cells only, or edges would sink."""
-        height_raw, occupancy_raw = self.accumulate(points)
-        height, occupancy = np.zeros_like(height_raw), np.zeros_like(occupancy_raw)
-        # Most of the floor is empty: only the part around occupied cells is worth smoothing.
-        sigma = self._params.smoothing_m / self.grid.cell_m
-        margin = 2 * math.ceil(3 * sigma)
-        left, top, width, n_rows = cv2.boundingRect((occupancy_raw > 0.0).view(np.uint8))
-        if width:
-            part = np.s_[max(0, top - margin) : top + n_rows + margin, max(0, left - margin) : left + width + margin]
-            raw = height_raw[part]
-            if sigma > 0.0:
-                occupancy[part] = _blur(occupancy_raw[part], sigma)
-                share = _blur((raw > 0.0).astype(np.float32), sigma)
-                smooth = np.divide(_blur(raw, sigma), np.maximum(share, 1e-3), dtype=np.float32)
-            else:
-                occupancy[part], smooth = occupancy_raw[part], raw
-            np.copyto(height[part], smooth, where=occupancy[part] >= np.float32(self._occupancy_min))
-        return PlanViewMaps(self.grid, height_raw, occupancy_raw, height, occupancy, self._occupancy_min, points)
+def plan_view(points: FloorPoints, grid: Grid, params: MapParams) -> PlanViewMaps:
+    """Points to maps: accumulate, smooth, mask. Height is smoothed over occupied cells only, or edges would sink."""
+    height_raw, occupancy_raw = accumulated(points, grid, params.height_min_m)
+    height, occupancy = np.zeros_like(height_raw), np.zeros_like(occupancy_raw)
+    occupancy_min = params.occupancy_min * grid.cell_m**2
+    # Most of the floor is empty: only the part around occupied cells is worth smoothing.
+    sigma = params.smoothing_m / grid.cell_m
+    margin = 2 * math.ceil(3 * sigma)
+    left, top, width, n_rows = cv2.boundingRect((occupancy_raw > 0.0).view(np.uint8))
+    if width:
+        part = np.s_[max(0, top - margin) : top + n_rows + margin, max(0, left - margin) : left + width + margin]
+        raw = height_raw[part]
+        if sigma > 0.0:
+            occupancy[part] = _blur(occupancy_raw[part], sigma)
+            share = _blur((raw > 0.0).astype(np.float32), sigma)
+            smooth = np.divide(_blur(raw, sigma), np.maximum(share, 1e-3), dtype=np.float32)
+        else:
+            occupancy[part], smooth = occupancy_raw[part], raw
+        np.copyto(height[part], smooth, where=occupancy[part] >= np.float32(occupancy_min))
+    return PlanViewMaps(grid, height_raw, occupancy_raw, height, occupancy, occupancy_min, points)
 
 
 def _blur(image: F32, sigma: float) -> F32:
@@ -162,7 +156,6 @@ class MapBuilder:
         self.world_SE3_left = world_SE3_left
         self.grid = floor_in_view(geometry, world_SE3_left, self.params)
         self.shape = (-(-geometry.height // reduction), -(-geometry.width // reduction))
-        self._raster = Raster(self.grid, self.params)
         n = self.shape[0] * self.shape[1]
         self._points = np.empty((n, 3), dtype=np.float32)
         self._area = np.empty(n, dtype=np.float32)
@@ -184,11 +177,7 @@ class MapBuilder:
         Raises:
             ValueError: the arrays do not have the size of the geometry.
         """
-        return self.of(self.points(disparity, mask, image, exposure))
-
-    def of(self, points: FloorPoints) -> PlanViewMaps:
-        """The maps of points that ``points`` gave."""
-        return self._raster.maps(points)
+        return plan_view(self.points(disparity, mask, image, exposure), self.grid, self.params)
 
     def points(self, disparity: F32, mask: U8, image: U8 | None = None, exposure: Exposure = REFERENCE) -> FloorPoints:
         """Foreground points of one frame; arguments and errors are those of a call."""

@@ -20,11 +20,8 @@ import cv2
 import numpy as np
 
 from calib.types import F32, AnyArray
-from planview.maps.builder import FloorPoints, PlanViewMaps, Raster
+from planview.maps.builder import TEMPLATE_M, FloorPoints, MapParams, PlanViewMaps, accumulated, plan_view
 from planview.maps.grid import Grid
-
-SHARED_M = 0.8
-"""Side of the square in which the rigs' shares of a body are compared [m]: 2 W_avg, a template."""
 
 
 def joint_grid(grids: Sequence[Grid]) -> Grid:
@@ -44,22 +41,21 @@ def joint_grid(grids: Sequence[Grid]) -> Grid:
     )
 
 
-def joint_maps(points: Sequence[FloorPoints], raster: Raster) -> PlanViewMaps:
+def joint_maps(points: Sequence[FloorPoints], grid: Grid, params: MapParams) -> PlanViewMaps:
     """One set of maps from the foreground points of every rig that has a frame, in the common world.
 
     Pixels of the maps' points are those of the rigs, one rig after the other.
     """
-    return raster.maps(points[0] if len(points) == 1 else _joined(points, raster))
+    return plan_view(points[0] if len(points) == 1 else _joined(points, grid, params.height_min_m), grid, params)
 
 
-def _joined(points: Sequence[FloorPoints], raster: Raster) -> FloorPoints:
+def _joined(points: Sequence[FloorPoints], g: Grid, height_min_m: float) -> FloorPoints:
     """All points together, each with the surface that it counts for."""
-    side = 2 * max(1, round(SHARED_M / 2 / raster.grid.cell_m)) + 1
-    surface = np.stack([_around(raster.accumulate(p)[1], side) for p in points])
+    side = 2 * max(1, round(TEMPLATE_M / 2 / g.cell_m)) + 1
+    surface = np.stack([_around(accumulated(p, g, height_min_m)[1], side) for p in points])
     total = surface.sum(axis=0)
     factor = surface.max(axis=0) / np.where(total > 0, total, np.float32(1.0))  # max S / sum S, 0 without S
     every = concatenated(points)
-    g = raster.grid
     cols = np.floor((every.xyz[:, 0] - g.x_min_m) / g.cell_m).astype(np.int64)
     rows = np.floor((every.xyz[:, 1] - g.y_min_m) / g.cell_m).astype(np.int64)
     inside = (cols >= 0) & (rows >= 0) & (cols < g.n_cols) & (rows < g.n_rows)

@@ -136,24 +136,21 @@ class KeptBackground:
         self.range_m = far
 
 
-class Cloud:
+class Cloud(MapBuilder):
     """Disparity and foreground of one rig to what its pixels show, in the world.
 
     Attributes:
-        maps: makes the points.
-        grid, shape: of the maps, and of the analysed image.
-        rays: of its pixels.
+        rays: of the analysed image's pixels.
         background: how far away it is.
     """
 
     def __init__(self, geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapParams, reduction: int) -> None:
         """Prepare; arguments and errors are those of ``MapBuilder``."""
-        self.maps = MapBuilder(geometry, world_SE3_left, params, reduction)
-        self.grid, self.shape = self.maps.grid, self.maps.shape
+        super().__init__(geometry, world_SE3_left, params, reduction)
         self.rays = PixelRays.of(geometry, world_SE3_left, self.shape, reduction)
         self.background = KeptBackground()
 
-    def __call__(
+    def seen(
         self, disparity: F32, mask: U8, timestamp_s: float, renewed: F32 | None = None,
         image: U8 | None = None, exposure: Exposure = REFERENCE, codes: U8 | None = None,
     ) -> SeenPixels:  # fmt: skip
@@ -169,13 +166,13 @@ class Cloud:
             exposure: of the image, relative to the recording's first.
             codes: (H, W) uint8 colour codes, where there is no image.
         """
-        points = self.maps.points(disparity, mask, image, exposure)
+        points = self.points(disparity, mask, image, exposure)
         if codes is not None:
             points = replace(points, colours=codes.reshape(-1)[points.pixels])
         if renewed is not None:
             self.background.renew(renewed, self.rays, timestamp_s)
         kind = np.where(mask.reshape(-1) > 0, np.uint8(NO_DEPTH), np.uint8(BACKGROUND_SEEN))
-        low = points.xyz[:, 2] < self.maps.params.height_min_m
+        low = points.xyz[:, 2] < self.params.height_min_m
         kind[points.pixels] = np.where(low, BACKGROUND_SEEN, SURFACE)
         range_m, colour = np.zeros(kind.size, np.float32), None
         if self.background.range_m is not None:

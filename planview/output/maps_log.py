@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
 from calib.errors import InputError
 from calib.io import PART, sync, whole_file
-from calib.types import F32
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.maps.writer import MapsWriter
-from stereo.matcher import SampledDisparity
 
 
 class MapsLog:
@@ -32,7 +28,7 @@ class MapsLog:
     def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None) -> None:
         if engine.stereo is None:
             raise InputError("expected a stereo pair or images with depth, found a camera without depth")
-        self._engine, self._step, self._path = engine, engine.stereo.reduction, path
+        self._engine, self._path = engine, path
         self._parts = 0 if position is None else position["parts"]
         kept = self._part_paths
         for missing in (part for part in kept if not part.is_file()):
@@ -45,9 +41,8 @@ class MapsLog:
         rig = result.first
         if rig is None:
             raise InputError("expected a recording with images, found recorded maps")
-        reduced = np.ascontiguousarray(at_step(rig.disparity.sampled, self._step))
         self._writer = self._writer or self._new_writer(self._open_path)
-        self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, reduced, rig.view))
+        self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, rig.disparity, rig.view))
 
     def mark(self) -> dict[str, int]:
         self._end_part()
@@ -91,8 +86,3 @@ class MapsLog:
         sync(self._open_path)
         self._parts += 1
         self._open_path.replace(self._part_paths[-1])
-
-
-def at_step(sampled: SampledDisparity, step: int) -> F32:
-    """(h, w) float32 [px]: disparity of every n-th row and column, as it was measured where that was there."""
-    return sampled.samples if sampled.step == step else sampled.image[::step, ::step]

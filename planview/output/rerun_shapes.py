@@ -16,7 +16,6 @@ from planview.drawing.plan import PlanBounds
 from planview.drawing.style import disparity_colours
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.view import StereoView
-from planview.output.maps_log import at_step
 from planview.tracking.base import Drawing
 from planview.trajectories.state import TrackState
 from stereo.depth import DepthFromDisparity, back_project
@@ -265,3 +264,8 @@ def shown_floor(stereo: StereoView) -> tuple[float, float, float, float]:
     grid = stereo.grid
     x_min, y_min, x_max, y_max = stereo.floor.extent_m or (grid.x_min_m, grid.y_min_m, grid.x_max_m, grid.y_max_m)
     return min(x_min, 0.0), min(y_min, 0.0), max(x_max, 0.0), max(y_max, 0.0)
+
+
+def at_step(sampled: SampledDisparity, step: int) -> F32:
+    """(h, w) float32 [px]: disparity of every n-th row and column, as it was measured where that was there."""
+    return sampled.samples if sampled.step == step else sampled.image[::step, ::step]

@@ -9,6 +9,7 @@ import sys
 import sysconfig
 import time
 from collections.abc import Iterator
+from copy import copy as same_parts
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,7 +21,7 @@ from toy_run import EMPTY, FEW, FRAMES, rows_in, run_few
 from toy_stereo import ToyWorld, toy_rig, write_toy_recording
 
 from calib.errors import WorkError
-from planview.engine.engine import Engine, FrameResult
+from planview.engine.engine import FrameResult
 from planview.output.folder import read_run_info
 from planview.output.run import run
 from planview.trajectories.table import read_tracks
@@ -70,7 +71,8 @@ def test_frames_that_are_all_unusable_are_a_failure(engine, recording, tmp_path)
         def __iter__(self) -> Iterator[FrameResult]:
             return iter(())
 
-    nothing = Engine(Empty(), engine.front_end, engine.config)  # type: ignore[arg-type]
+    nothing = same_parts(engine)
+    nothing.recording = Empty()  # type: ignore[assignment]
     with pytest.raises(WorkError, match="none of 3 frames can be used"):
         run(nothing, tmp_path)
     assert not read_run_info(tmp_path / "run.json").finished

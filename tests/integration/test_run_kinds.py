@@ -17,7 +17,7 @@ from calib.errors import InputError
 from calib.ground_camera import save_ground_camera
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import open_engine
-from planview.engine.replay import recorded_config, replay_engine
+from planview.engine.replay import ReplayEngine, recorded_config
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info
 from planview.output.maps_log import MapsLog
@@ -60,7 +60,7 @@ def test_maps_are_tracked_again_bit_for_bit(cli, live, maps, tmp_path):
 def test_maps_built_from_the_recording_are_those_of_the_run(live, engine):
     recording = MapsRecording(live[0] / "maps.h5")
     config = recorded_config(recording)
-    again = list(replay_engine(recording, JointTracker(config.joint), config))
+    again = list(ReplayEngine(recording, JointTracker(config.joint), config))
     assert len(again) == len(live[1]) == FRAMES
     for before, after in zip(live[1], again, strict=True):
         old, new = before.observation.maps, after.observation.maps

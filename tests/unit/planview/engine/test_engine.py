@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast
 
 import cv2
@@ -17,20 +16,18 @@ from toy_rgbd import CAMERA
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.pose import SE3
-from calib.rig import Floor
 from calib.types import F32
 from planview.engine.config import Config, FeedbackParams, load_config
 from planview.engine.feedback import BODY_RADIUS_M, BodyBoxes, Feedback
 from planview.engine.info import ground_camera_info
-from planview.engine.setup import Setup, refuse_foreign_disparity
-from planview.engine.stereo import stereo_engine
+from planview.engine.setup import refuse_foreign_disparity, set_up
 from planview.foreground.params import BACKGROUND, NO_FEEDBACK, PERSON
 from planview.maps.builder import FloorPoints
 from planview.trajectories.state import State, TrackState
 from stereo.depth import RectifiedGeometry
 from stereo.gating import SAME_LEVELS, alike, solid
 from stereo.matcher import DisparityRange
-from stereo.rgbd import RgbdRectifier
+from stereo.recording import RgbdRecording
 from tools.reference import field_docs
 
 
@@ -164,11 +161,13 @@ def test_view_reaches_far_in_its_directions_and_straight_down_is_the_image_on_th
 
 
 def test_a_floor_that_the_camera_does_not_see_is_refused_by_name() -> None:
-    rectifier = RgbdRectifier(CAMERA, "structured-light")
-    upwards = Floor(SE3(np.eye(3), np.array([0.0, 0.0, 3.0])))
-    setup = Setup(rectifier, upwards, rectifier.disparities(), "world.toml", "calib.json", "structured-light")
+    upwards, clock = SE3(np.eye(3), np.array([0.0, 0.0, 3.0])), cast(Any, None)
+    decode, register = cast(Any, None), np.asarray
+    hall = RgbdRecording(
+        Path("hall"), decode, 1, clock, [], CAMERA, "calib.json", "structured-light", register, upwards
+    )
     with pytest.raises(InputError, match=r"hall \(floor: world.toml\): expected a camera that sees"):
-        stereo_engine(cast(Any, SimpleNamespace(path="hall")), Config(), setup=setup)
+        set_up(hall, Config())
 
 
 GEOMETRY = RectifiedGeometry(320, 240, 100.0, 100.0, 160.0, 120.0, 0.1)

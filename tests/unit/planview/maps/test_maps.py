@@ -20,7 +20,7 @@ from calib.types import F64
 from planview.engine.open import open_engine
 from planview.foreground.gain import Exposure
 from planview.maps import _kernels as kernels
-from planview.maps.builder import FloorPoints, MapBuilder, MapParams, Raster
+from planview.maps.builder import FloorPoints, MapBuilder, MapParams
 from planview.maps.colour import CHROMA_EDGES, CODES, LUMA_CELLS, colour_codes, smoothing
 from planview.maps.grid import Grid
 from planview.maps.multi_rig import joint_grid, joint_maps
@@ -136,25 +136,25 @@ def side(x: float, y: float) -> FloorPoints:
     return points(np.column_stack([np.linspace(x - 0.2, x + 0.2, 400), np.full(400, y)]))
 
 
-RASTER = Raster(joint_grid([GRID, GRID]), PARAMS)
+JOINT = joint_grid([GRID, GRID])
 
 
 def test_surface_of_one_head_counts_whole_and_heights_are_the_highest_of_all_heads():
     alone = side(0.3, -0.1)
-    maps = joint_maps([alone], RASTER)
+    maps = joint_maps([alone], JOINT, PARAMS)
     assert maps.occupancy_raw.sum() == pytest.approx(0.5, rel=1e-4)
     np.testing.assert_array_equal(maps.points.area, alone.area)
     far_away = side(1.9, 1.9)
-    np.testing.assert_array_equal(joint_maps([alone, far_away], RASTER).points.area[:400], alone.area)
+    np.testing.assert_array_equal(joint_maps([alone, far_away], JOINT, PARAMS).points.area[:400], alone.area)
     low, high = side(0.0, 0.0), side(0.0, 0.0)
     low.xyz[:, 2] *= 0.5
-    assert joint_maps([low, high], RASTER).height_raw.max() == pytest.approx(1.7, abs=1e-6)
+    assert joint_maps([low, high], JOINT, PARAMS).height_raw.max() == pytest.approx(1.7, abs=1e-6)
 
 
 def test_two_sides_of_a_body_count_as_the_side_that_shows_most() -> None:
     front, back = side(0.0, -0.12), side(0.0, 0.12)
     back.area[:] *= 0.5
-    maps = joint_maps([front, back], RASTER)
+    maps = joint_maps([front, back], JOINT, PARAMS)
     assert maps.occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
     rows = maps.occupancy_raw.sum(axis=1)
     assert (rows > 0).sum() == 2 and rows.max() == pytest.approx(2 * rows[rows > 0].min(), rel=0.05)
@@ -162,10 +162,10 @@ def test_two_sides_of_a_body_count_as_the_side_that_shows_most() -> None:
 
 def test_bodies_that_different_heads_see_do_not_share_and_one_hidden_from_a_head_keeps_its_surface() -> None:
     here, there = side(-1.0, 0.0), side(1.0, 0.0)
-    assert joint_maps([here, there], RASTER).occupancy_raw.sum() == pytest.approx(1.0, rel=1e-4)
+    assert joint_maps([here, there], JOINT, PARAMS).occupancy_raw.sum() == pytest.approx(1.0, rel=1e-4)
     seen, rest = side(0.0, -0.12), side(0.0, 0.12)
     rest.area[:] *= 0.01
-    assert joint_maps([seen, rest], RASTER).occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
+    assert joint_maps([seen, rest], JOINT, PARAMS).occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
 
 
 FIELDS = (

@@ -33,8 +33,8 @@ from planview.output.folder import (
     read_run_info,
     write_run_info,
 )
-from planview.output.maps_log import at_step
 from planview.output.progress import PlainConsole, compile_notice
+from planview.output.rerun_shapes import at_step
 from planview.output.run import return_unused_memory
 from planview.output.run_folder import RunFolder
 from planview.output.tables import FrameFile
