@@ -119,7 +119,8 @@ class DetectionTracker:
         """Whose boxes these are, in a sentence."""
         found, name = self.detections, Path(self.detections.source).name
         scores = "scores count as probabilities" if found.scored else "scores have no meaning"
-        return (f"people are {sum(map(len, found.frames))} boxes of {name}, {len(found.frames)} frames; {scores}",)
+        boxes = f"people are {sum(map(len, found.frames))} boxes of {name}, {len(found.frames)} frames"
+        return ("; ".join(filter(None, (boxes, scores, found.note))),)
 
     def feedback(self) -> U8 | None:
         """No feedback: the boxes say nothing about pixels."""

@@ -21,15 +21,17 @@ from planview.trajectories.table import BOX_COLUMNS, IGNORED, table_of
 
 FRAMES_MAX = 10_000_000
 COLUMNS = "frame (from 1),id,left,top,width,height"
+FROM_ZERO = "frames count from 0, since there is a frame 0"
 OUTSIDE_MAX = 0.1
 """Share of boxes whose centre may lie outside of the image: people at its border (our choice)."""
+CORNERS_MIN, CORNERS_SPREAD = 10, 0.5
+"""Fewest boxes of a file of corners, and most that right less left may vary as a share of right (our choice)."""
 
 
 def motchallenge_rows(path: Path, *, of_detector: bool = False) -> F64:
     """(N, 6 to 10) rows of frame, id, left, top, width, height [px] and more, separated by commas or blanks; NaN where
-    a row is shorter than others, (0, 6) of an empty file. Rows ``of_detector`` are boxes that were found: frames count
-    from 1 and no box is unknown. Raises InputError: unreadable, a row of another length, values that are not numbers,
-    or boxes that cannot be in pixels."""
+    a row is shorter than others, (0, 6) of an empty file. Rows ``of_detector`` are boxes that were found: none is
+    unknown. Raises InputError: unreadable, a row of another length, values that are not numbers, or other boxes."""
     require_file(path, "rows of numbers")
     rows, longest = array("d"), 6
     try:
@@ -42,7 +44,7 @@ def motchallenge_rows(path: Path, *, of_detector: bool = False) -> F64:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: expected rows of {COLUMNS},..., found {reason(error)}") from error
     table = np.frombuffer(rows, dtype=np.float64).reshape(-1, 10)[:, :longest]
-    refuse_fractions(table[:, 2:6], str(path))
+    _refuse_misread(table[:, 2:6], str(path))
     return table
 
 
@@ -51,24 +53,31 @@ def _row(path: Path, number: int, line: str, of_detector: bool) -> list[float]:
         values = [float(cell) for cell in line.replace(",", " ").split()]
     except ValueError:
         values = []
-    good = 6 <= len(values) <= 10 and all(map(math.isfinite, values[:6]))
     expected = f"6 to 10 numbers, {COLUMNS},..."
-    if good and of_detector:
-        good = values[0].is_integer() and 1 <= values[0] <= FRAMES_MAX
-        if good and min(values[4:6]) <= 0:
-            good, expected = False, "boxes with a width and height above 0"
+    good = 6 <= len(values) <= 10 and all(map(math.isfinite, values[:6]))
+    if good and of_detector and min(values[4:6]) <= 0:
+        good, expected = False, "boxes with a width and height above 0"
+    elif of_detector:
+        good = good and values[0].is_integer() and 0 <= values[0] <= FRAMES_MAX
     if not good:
         raise InputError(f"{path}: expected {expected}, found in line {number} {line.strip()[:80]!r}")
     return values
 
 
-def refuse_fractions(boxes: F64, source: str) -> None:
-    """Refuse (N, 4) boxes of which none is larger than a pixel. Raises InputError: fractions of the image."""
-    sizes = boxes[(boxes[:, 2:] > 0).all(axis=1), 2:]  # unknown boxes are -1
-    if len(sizes) and (sizes <= 1.0).all():
+def _refuse_misread(boxes: F64, source: str) -> None:
+    """Refuse (N, 4) boxes that are not left, top, width, height [px]. Raises InputError: fractions of the image, or
+    two corners: a width that always exceeds the left edge, and grows with it, is a right edge."""
+    boxes = boxes[(boxes[:, 2:] > 0).all(axis=1)]  # unknown boxes are -1
+    if len(boxes) and boxes[:, 2:].max() <= 1.0:
         raise InputError(
-            f"{source}: expected boxes in pixels, found none larger than a pixel, up to {sizes.max():g}: "
+            f"{source}: expected boxes in pixels, found none larger than a pixel, up to {boxes[:, 2:].max():g}: "
             "fractions of the image"
+        )
+    corners = len(boxes) >= CORNERS_MIN and bool((boxes[:, 2:] > boxes[:, :2]).all())
+    if corners and np.std(boxes[:, 2] - boxes[:, 0]) < CORNERS_SPREAD * np.std(boxes[:, 2]):
+        raise InputError(
+            f"{source}: expected left, top, width, height of boxes, found left, top, right, bottom: every width is "
+            "larger than its left edge and grows with it"
         )
 
 
@@ -101,8 +110,7 @@ def read_motchallenge(path: Path, *, truth: bool) -> TrajectoryFile:
     if truth and not len(table):
         raise InputError(f"{path}: expected rows of truth, found none")
     from_zero = len(table) > 0 and table[:, 0].min() == 0
-    note = "frames count from 0, since there is a frame 0" if from_zero else ""
-    visible = np.ones(len(table))
+    note = FROM_ZERO if from_zero else ""
     if _has_classes(table):
         # Person on a vehicle, static person, distractor, reflection: tracks on them are no errors (Milan et
         # al. 2016, MOT16, section 3.2); all other classes and rows with flag 0 are left out.
@@ -116,9 +124,8 @@ def read_motchallenge(path: Path, *, truth: bool) -> TrajectoryFile:
             )
         counted = distractor | person if person.any() else np.ones(len(table), dtype=np.bool_)
         table, visible = table[counted, :8], np.where(distractor, IGNORED, table[:, 8])[counted]
-    elif truth and table.shape[1] > 6:
-        table = table[table[:, 6] != 0]
-        if not len(table):
+    else:
+        if truth and table.shape[1] > 6 and not len(table := table[table[:, 6] != 0]):
             raise InputError(f"{path}: expected truth rows that count, found the confidence 0 in all of them")
         visible = np.ones(len(table))
     floor = np.full((len(table), 2), np.nan)
@@ -143,8 +150,7 @@ def write_motchallenge(path: Path, file: TrajectoryFile) -> None:
 
 def _or_minus_one(values: F64) -> F64:
     """The rows of an (N, M) array, -1 throughout where a value is unknown."""
-    known = np.isfinite(values).all(axis=1, keepdims=True)
-    return np.where(known, values, -1.0)
+    return np.where(np.isfinite(values).all(axis=1, keepdims=True), values, -1.0)
 
 
 def _has_classes(table: F64) -> Bool | bool:
@@ -169,14 +175,16 @@ class Detections:
         frames: per frame of the recording, from 0, (N, 5) float64: left, top, width, height [px], score; frames after
             the last have none.
         scored: scores are probabilities that a box shows a person; false where they are all alike or of another scale.
+        note: what was assumed of the file, empty without an assumption.
     """
 
     frames: tuple[F64, ...]
     scored: bool
     source: str
+    note: str = ""
 
     @staticmethod
-    def of(frames: Sequence[ArrayLike], source: str = "detections") -> Detections:
+    def of(frames: Sequence[ArrayLike], source: str = "detections", note: str = "") -> Detections:
         """From an array per frame, (N, 4) boxes or (N, 5) with a score. Raises InputError: another shape, a value that
         is not finite, or a box without an area."""
         boxes = []
@@ -187,11 +195,11 @@ class Detections:
                 raise InputError(f"{source}: expected (N, 4) or (N, 5) boxes in frame {index}, found {array.shape}")
             if not np.isfinite(array).all() or (array[:, 2:4] <= 0).any():
                 raise InputError(f"{source}: expected finite boxes with an area in frame {index}, found others")
-            refuse_fractions(array[:, :4], source)
             boxes.append(np.column_stack([array, np.ones(len(array))]) if array.shape[1] == 4 else array)
-        scores = np.concatenate([frame[:, 4] for frame in boxes] or [np.empty(0)])
-        scored = len(scores) > 0 and 0 <= scores.min() < scores.max() <= 1
-        return Detections(tuple(boxes), bool(scored), source)
+        together = np.concatenate([*boxes, np.empty((0, 5))])
+        _refuse_misread(together[:, :4], source)
+        scored = len(together) > 0 and 0 <= together[:, 4].min() < together[:, 4].max() <= 1
+        return Detections(tuple(boxes), bool(scored), source, note)
 
     def within(self, size: tuple[int, int]) -> Detections:
         """Self for images of (width, height) [px]. Raises InputError: boxes that are not of such images."""
@@ -206,10 +214,10 @@ class Detections:
 def load_detections(path: Path) -> Detections:
     """Rows of a MOTChallenge det.txt, or a list of COCO results in JSON.
 
-    det.txt (motchallenge.net): frame (from 1), id (ignored), left, top, width, height and, where present, the score and
-    more. COCO results (cocodataset.org, "format-results"): objects with image_id, category_id, bbox and score; people
-    have the category 1, and the image_id counts the frames, from 0 where there is a 0, else from 1. Raises InputError:
-    neither, with the line or the entry, and what was found there.
+    det.txt (motchallenge.net): frame, id (ignored), left, top, width, height and, where present, the score and more.
+    COCO results (cocodataset.org, "format-results"): objects with image_id, category_id, bbox and score; people have
+    the category 1, and the image_id counts the frames. Frames count from 0 where there is a frame 0, else from 1.
+    Raises InputError: neither, with the line or the entry, and what was found there.
     """
     require_file(path, "detections (MOTChallenge det.txt or COCO results)")
     with path.open("rb") as file:
@@ -219,13 +227,15 @@ def load_detections(path: Path) -> Detections:
     else:
         rows = motchallenge_rows(path, of_detector=True)
         score = rows[:, 6] if rows.shape[1] > 6 else np.ones(len(rows))
-        table = np.column_stack([rows[:, 0] - 1, rows[:, 2:6], np.where(np.isfinite(score), score, 1.0)])
+        table = np.column_stack([rows[:, 0], rows[:, 2:6], np.where(np.isfinite(score), score, 1.0)])
     if not len(table):
         raise InputError(f"{path}: expected boxes of people, found none")
+    first = min(int(table[:, 0].min()), 1)
+    table[:, 0] -= first
     table = table[np.argsort(table[:, 0], kind="stable")]
     bounds = np.searchsorted(table[:, 0], np.arange(int(table[-1, 0]) + 2))
     frames = [table[a:b, 1:] for a, b in pairwise(bounds)]
-    return Detections.of(frames, str(path))
+    return Detections.of(frames, str(path), "" if first else FROM_ZERO)
 
 
 def _coco(path: Path, text: str) -> list[list[float]]:
@@ -252,8 +262,7 @@ def _coco(path: Path, text: str) -> list[list[float]]:
             raise InputError(f"{path}: expected {expected}, found in entry {number} {found!r}")
         if category == PERSON:
             rows.append([float(frame), *box, score])
-    first = min((row[0] for row in rows), default=0.0)
     if listed and not rows:
         others = sorted({str(entry["category_id"])[:20] for entry in listed})[:8]
         raise InputError(f"{path}: expected boxes of category {PERSON} (people), found category {', '.join(others)}")
-    return [[row[0] - min(first, 1.0), *row[1:]] for row in rows]
+    return rows

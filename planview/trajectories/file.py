@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from calib.errors import InputError, WorkError
-from calib.io import reason, whole_file
+from calib.io import read_text, reason, whole_file
 from calib.types import Bool
 from planview.trajectories.table import Trajectories
 
@@ -114,13 +114,9 @@ class Region:
 
 def region_of(text: str, option: str) -> Region:
     """A region of well-known text, or of a file with it. Raises InputError: neither."""
-    path = Path(text)
-    try:
-        if len(text) < 1000 and path.is_file():
-            with path.open(encoding="utf-8") as file:
-                return Region(file.read(1_000_000), text)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{text}: expected a file with a polygon, found {error}") from error
+    with suppress(OSError):  # text that is too long for a file's name
+        if Path(text).is_file():
+            return Region(read_text(Path(text), "a polygon"), text)
     return Region(text, option)
 
 

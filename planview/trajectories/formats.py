@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import IO, Literal, NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from planview.trajectories.text_formats import (
     read_petrack,
     read_simulation,
     simulation_of,
-    write_jsonl,
+    stream_jsonl,
     write_petrack,
 )
 
@@ -96,9 +97,9 @@ class ExportFormat(NamedTuple):
     needs_floor: bool = True
 
 
-def _write_csv(path: Path, file: TrajectoryFile) -> None:
+def _write_text(write: Callable[[IO[str], Trajectories], None], path: Path, file: TrajectoryFile) -> None:
     with replaced(path) as part, part.open("w", encoding="utf-8") as out:
-        write_table(out, file.table)
+        write(out, file.table)
 
 
 FORMATS: dict[ExportName, ExportFormat] = {
@@ -107,8 +108,8 @@ FORMATS: dict[ExportName, ExportFormat] = {
     "jupedsim": ExportFormat(".sqlite", write_jupedsim, False),
     "motchallenge": ExportFormat(".txt", write_motchallenge, False, needs_floor=False),
     "parquet": ExportFormat(".parquet", write_parquet, True),
-    "csv": ExportFormat(".csv", _write_csv, True),
-    "jsonl": ExportFormat(".jsonl", write_jsonl, True),
+    "csv": ExportFormat(".csv", partial(_write_text, write_table), True),
+    "jsonl": ExportFormat(".jsonl", partial(_write_text, stream_jsonl), True),
 }
 
 

@@ -81,12 +81,6 @@ def _comments(path: Path) -> tuple[float | None, float]:
     return (checked_rate(path, rate.group(1)) if rate else None), scale
 
 
-def write_jsonl(path: Path, file: TrajectoryFile) -> None:
-    """Write all rows. Raises WorkError: the file cannot be written."""
-    with replaced(path) as part, part.open("w", encoding="utf-8") as out:
-        stream_jsonl(out, file.table)
-
-
 def stream_jsonl(out: IO[str], table: Trajectories) -> None:
     """Write a line per frame that has rows."""
     frames, first = np.unique(table.frame, return_index=True)

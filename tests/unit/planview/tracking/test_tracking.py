@@ -172,7 +172,7 @@ def test_boxes_of_a_detector_are_read_from_motchallenge_and_coco(tmp_path: Path)
     ("name", "text", "expected"),
     [
         ("a.txt", "1,-1,10,20,30,60,1\n2,-1,10,20,thirty,60,1\n", "line 2 '2,-1,10,20,thirty,60,1'"),
-        ("a.txt", "0,-1,10,20,30,60,1\n", "line 1"),
+        ("a.txt", "-1,-1,10,20,30,60,1\n", "line 1"),
         ("a.txt", "1,-1,10,20,-30,60,1\n", "expected boxes with a width and height above 0, found in line 1"),
         ("a.txt", "", "found none"),
         ("a.json", '[{"image_id": 1, "bbox": [1, 2, 3]}]', "entry 1"),

@@ -11,6 +11,7 @@ import pytest
 
 from calib.errors import InputError
 from planview.trajectories.boxes import Detections, load_detections, motchallenge_rows
+from planview.trajectories.file import region_of
 from planview.trajectories.file import TrajectoryFile
 from planview.trajectories.formats import (
     FORMATS,
@@ -334,6 +335,23 @@ def test_boxes_in_fractions_of_the_image_are_refused(tmp_path: Path) -> None:
     for read in (load_tracks, load_detections):
         with pytest.raises(InputError, match="fractions of the image"):
             read(path)
+
+
+def test_corners_in_place_of_sizes_are_refused(tmp_path: Path) -> None:
+    path = motchallenge(tmp_path / "a.txt", *(f"{k},7,{50 * k},20,{50 * k + 30 + k % 3},90,1" for k in range(1, 12)))
+    for read in (load_tracks, load_detections):
+        with pytest.raises(InputError, match="found left, top, right, bottom"):
+            read(path)
+
+
+def test_detections_may_count_frames_from_0(tmp_path: Path) -> None:
+    found = load_detections(motchallenge(tmp_path / "a.txt", "0,-1,10,20,30,60,1", "1,-1,11,20,30,60,1"))
+    assert found.at(0)[0, 0] == 10 and found.at(1)[0, 0] == 11 and "frames count from 0" in found.note
+
+
+def test_a_polygon_too_long_for_a_file_name_is_a_region() -> None:
+    corners = [f"{k / 10:.3f} {y:.3f}" for y, ks in ((0, range(20)), (1, range(20, 0, -1))) for k in ks]
+    assert region_of(f"POLYGON (({', '.join(corners)}))", "region=").wkt.startswith("POLYGON ((0.000 0.000")
 
 
 def test_boxes_outside_of_the_image_are_refused() -> None:
