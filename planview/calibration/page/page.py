@@ -24,7 +24,6 @@ from calib.people.samples import read_image_size, read_samples
 from calib.types import U8
 from planview.calibration.page.overlay import overlay
 from planview.calibration.page.session import GRAB_PX, CalibrationSession
-from planview.calibration.page.solution import solve
 
 VIEWER = Path(__file__).with_name("viewer.html")
 """What the browser runs: zoom, pan, loupe."""
@@ -237,7 +236,7 @@ class Page:
                 self._asked = 0
                 self.refresh()
                 # In a thread: the page must go on answering, or the browser takes it for dead.
-                solution = await run.io_bound(solve, self._session.task())
+                solution = await run.io_bound(self._session.solve)
                 # None when the server is going down.
                 self._session.solution = solution or self._session.solution
         finally:

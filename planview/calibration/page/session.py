@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Literal
 
@@ -14,16 +14,18 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError, WorkError
-from calib.ground_camera import LENS_K_320
+from calib.ground_camera import LENS_K_320, save_ground_camera
 from calib.images import as_grey, focal_share
-from calib.io import entries
+from calib.io import entries, reason
+from calib.people.calibration import calibrate_from_people
 from calib.people.model import KnownValues
-from calib.people.samples import MIN_SAMPLES, HumanSample
+from calib.people.samples import MIN_SAMPLES, HumanSample, write_samples
 from calib.rig import Floor
 from calib.types import U8, Bool
+from calib.world import save_world
 from planview.calibration.floor import FloorDepths, view_floor
 from planview.calibration.page.marks import Draft, Handle, Point, grabbed, moved, nearest
-from planview.calibration.page.solution import CalibrationTask, Solution, export, solve
+from planview.calibration.page.solution import Solution, fit_floor
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_recording, open_video
 from stereo.recording import Video
@@ -221,19 +223,41 @@ class CalibrationSession:
         self.samples = list(samples)
         self.cancel()
 
-    def solve(self) -> None:
-        """Compute what the drawing allows."""
-        self.solution = solve(self.task())
-
-    def task(self) -> CalibrationTask:
-        """What is to be solved now, apart from later marks."""
+    def solve(self) -> Solution:
+        """The camera or the floor of the marks so far; takes up to seconds, in which marks may be added."""
         samples, points = tuple(self.samples), tuple(self.floor_points)
-        return CalibrationTask(self.name, self.size, samples, self.lens, self.known, points, self.view, self.walked)
+        try:
+            if self.view is not None and len(points) >= 3:
+                return Solution(fit=fit_floor(self.view, points))
+            if self.view is None and len(samples) >= MIN_SAMPLES:
+                return Solution(
+                    calibrate_from_people(
+                        samples, self.size, self.lens, known=self.known, name=self.name, walked=self.walked
+                    )
+                )
+        except (InputError, WorkError) as error:
+            return Solution(problem=str(error))
+        return Solution()
 
     def export(self, folder: Path, solution: bool = True) -> tuple[Path, ...]:
-        """Write samples.json and, with ``solution``, camera.toml or world.toml (errors of ``solution.export``)."""
-        written = export(folder, self.task(), self.solution if solution else Solution())
-        self.message = "wrote " + ", ".join(str(path) for path in written)
+        """Write samples.json and, with ``solution``, camera.toml or world.toml as far as there is one. Raises
+        InputError: nothing to write yet, or nowhere to write it."""
+        writers: dict[str, Callable[[Path], None]] = {}
+        if self.samples:
+            writers["samples.json"] = lambda path: write_samples(self.samples, path, self.size)
+        if solution and (found := self.solution.found):
+            writers["camera.toml"] = partial(save_ground_camera, found.camera)
+        if solution and (fit := self.solution.fit):
+            writers["world.toml"] = partial(save_world, fit.floor)
+        if not writers:
+            raise InputError(f"{self.name}: expected marks before an export, found nothing")
+        try:
+            for name, write in writers.items():
+                write(folder / name)
+        except OSError as error:
+            raise InputError(f"{folder}: expected a folder to write to, found {reason(error)}") from error
+        written = tuple(folder / name for name in writers)
+        self.message = "wrote " + ", ".join(map(str, written))
         return written
 
     def next_step(self) -> str:

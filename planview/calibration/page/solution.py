@@ -1,4 +1,4 @@
-"""What is solved, whether it is enough, and how it is exported."""
+"""What the marks are solved to, and whether it is enough."""
 
 from __future__ import annotations
 
@@ -6,21 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations, islice
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from calib.errors import InputError, WorkError
+from calib.errors import InputError
 from calib.floor.find import floor_from_points
-from calib.ground_camera import save_ground_camera
-from calib.io import reason
-from calib.people.calibration import HumanCalibration, calibrate_from_people
-from calib.people.model import KnownValues
-from calib.people.samples import MIN_SAMPLES, HumanSample, write_samples
+from calib.ground_camera import GroundCamera
+from calib.people.calibration import HumanCalibration
 from calib.rig import Floor
 from calib.types import F64, Bool
-from calib.world import save_world
 from planview.calibration.floor import FloorDepths
 from planview.calibration.page.marks import Point
 
@@ -90,19 +85,23 @@ FLOOR_VALUES = {"height above the floor": "{:.2f} m", "tilt from straight down":
 """Names of a floor's values and how they are written."""
 
 
-def _rows(values: Sequence[float], deviations: Sequence[float]) -> list[ValueRow]:
-    """The FLOOR_VALUES with their deviations."""
-    named = zip(FLOOR_VALUES.items(), values, deviations, strict=True)
-    return [ValueRow(name, form.format(value), f"± {form.format(std)}") for (name, form), value, std in named]
+def _rows(above: Floor | GroundCamera, deviations: Sequence[float], found: Floor | None = None) -> list[ValueRow]:
+    """The FLOOR_VALUES with their deviations, and in brackets those of a floor found without marks."""
+    shown = [_texts(above), [form.format(std) for form, std in zip(FLOOR_VALUES.values(), deviations, strict=True)]]
+    others = [f" (found {text})" for text in _texts(found)] if found else [""] * len(FLOOR_VALUES)
+    rows = zip(FLOOR_VALUES, *shown, others, strict=True)
+    return [ValueRow(name, text, f"± {std}{other}") for name, text, std, other in rows]
+
+
+def _texts(above: Floor | GroundCamera) -> list[str]:
+    values = above.height_m, math.degrees(above.tilt_rad), math.degrees(above.roll_rad)
+    return [form.format(value) for form, value in zip(FLOOR_VALUES.values(), values, strict=True)]
 
 
 def floor_rows(fit: FloorFit, found: Floor | None) -> list[ValueRow]:
-    """The values of a floor from points with their deviations, and in brackets those of the floor found without."""
-    rows = _rows(_floor_values(fit.floor), _floor_std(fit.floor))
-    if found:
-        others = _rows(_floor_values(found), (0.0,) * 3)
-        rows = [r._replace(deviation=f"{r.deviation} (found {o.value})") for r, o in zip(rows, others, strict=True)]
-    return [*rows, ValueRow("points from the plane", f"{100 * fit.floor.residual_m:.1f} cm rms", "")]
+    """The values of a floor from points."""
+    distance = ValueRow("points from the plane", f"{100 * fit.floor.residual_m:.1f} cm rms", "")
+    return [*_rows(fit.floor, _floor_std(fit.floor), found), distance]
 
 
 def floor_assessment(fit: FloorFit) -> Assessed:
@@ -124,28 +123,11 @@ def floor_assessment(fit: FloorFit) -> Assessed:
     return Assessed(True, f"enough: {n_used} points lie on one plane, {known}{off}")
 
 
-def _floor_values(floor: Floor) -> tuple[float, ...]:
-    """Height [m], tilt and roll [deg]."""
-    return floor.height_m, math.degrees(floor.tilt_rad), math.degrees(floor.roll_rad)
-
-
 def _floor_std(floor: Floor) -> tuple[float, ...]:
+    """Of height [m], tilt and roll [deg]."""
     assert floor.covariance is not None
     height, tilt, roll = np.sqrt(floor.covariance.diagonal()).tolist()
     return height, math.degrees(tilt), math.degrees(roll)
-
-
-class CalibrationTask(NamedTuple):
-    """What a solution depends on (see ``CalibrationSession``)."""
-
-    name: str
-    size: tuple[int, int]
-    samples: tuple[HumanSample, ...]
-    lens: str | None
-    known: KnownValues
-    floor_points: tuple[Point, ...]
-    view: FloorDepths | None
-    walked: Bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,10 +143,9 @@ class Solution:
         """Values with their deviations, next to those of a floor found without points; empty without a solution."""
         if self.found is not None:
             camera, std = self.found.camera, self.found.std
-            values = camera.height_m, math.degrees(camera.tilt_rad), math.degrees(camera.roll_rad)
             deviations = std.height * camera.height_m, math.degrees(std.tilt_rad), math.degrees(std.roll_rad)
             return [
-                *_rows(values, deviations),
+                *_rows(camera, deviations),
                 ValueRow("focal length", f"{camera.focal_px:.0f} px", f"± {std.focal * camera.focal_px:.0f} px"),
                 ValueRow("lens", camera.lens, ""),
                 ValueRow("floor positions", "", f"± {self.found.assessment.floor_error_m:.2f} m"),
@@ -185,38 +166,3 @@ class Solution:
             return [None] * len(pixels)
         xy = self.found.camera.back_project(np.array(pixels).reshape(-1, 2))
         return [(float(x), float(y)) if math.isfinite(x) and math.isfinite(y) else None for x, y in xy]
-
-
-def solve(task: CalibrationTask) -> Solution:
-    """The camera or the floor of the marks so far; takes up to seconds."""
-    try:
-        if task.view is not None:
-            return Solution(fit=fit_floor(task.view, task.floor_points)) if len(task.floor_points) >= 3 else Solution()
-        if len(task.samples) < MIN_SAMPLES:
-            return Solution()
-        options = {"known": task.known, "name": task.name, "walked": task.walked}
-        return Solution(calibrate_from_people(task.samples, task.size, task.lens, **options))  # type: ignore[arg-type]
-    except (InputError, WorkError) as error:
-        return Solution(problem=str(error))
-
-
-def export(folder: Path, task: CalibrationTask, solution: Solution) -> tuple[Path, ...]:
-    """Write samples.json, and camera.toml or world.toml as far as there is a solution. Raises InputError: nothing to
-    write yet, or nowhere to write it."""
-    written: list[Path] = []
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if task.samples:
-            written.append(folder / "samples.json")
-            write_samples(task.samples, written[-1], task.size)
-        if solution.found is not None:
-            written.append(folder / "camera.toml")
-            save_ground_camera(solution.found.camera, written[-1])
-        if solution.fit is not None:
-            written.append(folder / "world.toml")
-            save_world(solution.fit.floor, written[-1])
-    except OSError as error:
-        raise InputError(f"{folder}: expected a folder to write to, found {reason(error)}") from error
-    if not written:
-        raise InputError(f"{task.name}: expected marks before an export, found nothing")
-    return tuple(written)

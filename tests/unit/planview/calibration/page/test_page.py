@@ -29,7 +29,7 @@ async def test_page_shows_the_next_step_and_exports(tmp_path: Path) -> None:
         user.find("Export").click()
         await user.should_see("expected marks")
         session.samples += standing_people(CAMERA, 5)
-        session.solve()
+        session.solution = session.solve()
         user.find("Export").click()
         await user.should_see("wrote")
     assert (tmp_path / "camera.toml").is_file()
@@ -39,7 +39,7 @@ async def test_page_shows_the_next_step_and_exports(tmp_path: Path) -> None:
 async def test_camera_that_is_not_enough_is_exported_only_when_asked_again(tmp_path: Path) -> None:
     session = CalibrationSession("clip.mp4", [BLACK], [0], lens="pinhole")
     session.samples += standing_people(CAMERA, 4)
-    session.solve()
+    session.solution = session.solve()
     found = session.solution.found
     doubtful = replace(found.assessment, enough=False, sentence="not enough: add people nearer to the camera")
     session.solution = Solution(replace(found, assessment=doubtful))
