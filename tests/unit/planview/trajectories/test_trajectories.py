@@ -11,8 +11,7 @@ import pytest
 
 from calib.errors import InputError
 from planview.trajectories.boxes import Detections, load_detections, motchallenge_rows
-from planview.trajectories.file import region_of
-from planview.trajectories.file import TrajectoryFile
+from planview.trajectories.file import TrajectoryFile, region_of
 from planview.trajectories.formats import (
     FORMATS,
     load_file,
