@@ -70,14 +70,15 @@ def read_text(path: Path, what: str, max_bytes: int = MAX_BYTES) -> str:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The tables of a TOML text. Raises ValueError: not TOML, longer than MAX_TOML, or keys or lists nested deeper than
-    MAX_DEPTH."""
+    """The tables of a TOML text. Raises ValueError: not TOML, longer than MAX_TOML, or nested deeper than MAX_DEPTH."""
     if len(text) > MAX_TOML:
         raise ValueError(f"one of {len(text)} characters (at most {MAX_TOML})")
     if max(part.count(".") for part in _PARTS.split(text)) > MAX_DEPTH or _depth(text) > MAX_DEPTH:
         raise ValueError(f"keys or lists nested more than {MAX_DEPTH} deep")
     try:
         return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(str(error).replace("end of document", f"the end, line {len(text.splitlines())}")) from error
     except RecursionError as error:
         raise ValueError("keys or lists nested too deep") from error
 

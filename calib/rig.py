@@ -136,14 +136,13 @@ def rig_text(rig: StereoRig) -> str:
 
 
 def parse_rig(text: str, source: str) -> StereoRig:
-    """A rig from the text of ``rig.toml``. Raises ValueError: not TOML, keys missing, or values that cannot be a
-    rig."""
+    """A rig from the text of ``rig.toml``. Raises ValueError: not TOML, keys missing, or values of no rig."""
     try:
         data = parse_toml(text)
         pose = SE3.from_table(data["right_SE3_left"])
         return StereoRig(_camera(data["left"]), _camera(data["right"]), pose, str(data.get("source", source)))
     except KeyError as error:
-        raise ValueError(f"no key {error}") from error
+        raise ValueError(f"no key {error}; it ends in line {len(text.splitlines())}") from error
     # tomllib recurses into nested arrays; a table where a number belongs gives TypeError or AttributeError.
     except (TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ValueError(f"a value of the wrong kind ({error})") from error

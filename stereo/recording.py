@@ -27,8 +27,6 @@ Frame = TypeVar("Frame")
 
 DEFAULT_FPS = 30.0
 """Assumed for images without times."""
-KEPT = 2
-"""Frames of a live camera kept while the last one is tracked."""
 
 
 @dataclass
@@ -52,8 +50,8 @@ class OpenOptions:
         named = self.topics.split(",") if isinstance(self.topics, str) else self.topics
         self.topics = tuple(name.strip() for name in named)
         self.calibration, self.right = (None if path is None else Path(path) for path in (self.calibration, self.right))
-        if self.fps is not None and not 0.01 <= self.fps <= 10_000:
-            raise InputError(f"fps=: expected 0.01 to 10000 frames per second, found {self.fps:g}")
+        if self.fps is not None and not (isinstance(self.fps, int | float) and 0.01 <= self.fps <= 10_000):
+            raise InputError(f"fps=: expected 0.01 to 10000 frames per second, found {self.fps!r}")
         if self.topics and (len(self.topics) != 2 or not all(self.topics) or self.topics[0] == self.topics[1]):
             found = ",".join(self.topics)
             raise InputError(f"topics=: expected two topics, LEFT,RIGHT or IMAGE,DEPTH, found {found!r}")
@@ -166,7 +164,7 @@ def prefetch(items: Iterable[T], depth: int = 8) -> Generator[T, None, None]:
 
 
 def newest(
-    frames: Iterable[T], kept_max: int = KEPT, dropped: Callable[[T], None] = lambda frame: None
+    frames: Iterable[T], kept_max: int = 2, dropped: Callable[[T], None] = lambda frame: None
 ) -> Generator[T, None, None]:
     """The frames, taken as they come by a background thread; when more than ``kept_max`` wait while the last one is
     tracked, the oldest are dropped, each after a call of ``dropped`` in the thread."""

@@ -318,7 +318,7 @@ def parse_yaml(text: str) -> Mapping[str, Any]:
 NATIVE = Format(
     "rig",
     "planview rig.toml",
-    whole_with(r"^\s*\[right_SE3_left\]"),
+    whole_with(r"\A# planview stereo rig|^\s*\[right_SE3_left\]"),
     lambda sources, choice: parse_rig(sources[0].text, sources[0].path.name),
     lambda rig, path: {path: rig_text(rig)},
     ".toml",

@@ -184,7 +184,10 @@ class OneCameraEngine(Engine):
     ) -> None:
         """Compose the stages; ``camera`` is None where the tracker needs no calibration."""
         super().__init__(recording, tracker, config, camera, recording.size)
-        self.stages = ImageStages(config.single_camera, recording.size, tracker.foreground_columns)
+        columns: object = tracker.foreground_columns
+        if columns is not None and not (isinstance(columns, int) and columns > 0):
+            raise InputError(f"tracker=: expected foreground_columns above 0 or None, found {columns!r}")
+        self.stages = ImageStages(config.single_camera, recording.size, columns)
 
     @property
     def checks(self) -> list[Check]:

@@ -61,6 +61,8 @@ def open_engine(
     path, camera = Path(path), None if camera is None else Path(camera)
     config = config if isinstance(config, Config | None) else config_of(config, "config=")
     refuse_tracker(tracker, get_args(TrackerName))
+    if not isinstance(options, OpenOptions | None):
+        raise InputError(f"options=: expected OpenOptions, found {type(options).__name__}")
     options = options or OpenOptions()
     stereo = is_stereo(path, options.calibration or options.right)
     if matcher is not None and (is_maps(path) or is_multi_rig(path) or not stereo):

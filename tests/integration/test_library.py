@@ -138,8 +138,13 @@ def test_results_are_short_in_a_console() -> None:
 def test_arguments_of_another_type_are_refused_by_name(recording: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="config=: expected a table per stage, found list"):
         planview.open_engine(recording, config=[1])  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="options=: expected OpenOptions, found dict"):
+        planview.open_engine(recording, options={"fps": 30.0})  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"tracker=: expected an object with .*, found a class"):
         planview.open_engine(recording, EllipseParticleTracker)  # type: ignore[arg-type]
+    (tracker := EllipseParticleTracker()).foreground_columns = "a"  # type: ignore[assignment]
+    with pytest.raises(InputError, match="tracker=: expected foreground_columns above 0 or None, found 'a'"):
+        one_camera_engine(CrossingVideo(), tracker)
     with pytest.raises(InputError, match=r"expected a table .*, found NoneType"):
         planview.count_tracks(None, tmp_path / "rules.toml")  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"frames=: expected the first and the last frame, found \(9, 1\)"):

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -140,6 +141,21 @@ def test_lens_that_shows_no_picture_is_refused(k1, tmp_path):
     write_rig(replace(RIG, left=camera), tmp_path / "rig.toml")
     with pytest.raises(InputError, match=r"rig\.toml .*expected a left lens that shows the middle of its image"):
         load_rig(tmp_path / "rig.toml")
+
+
+@pytest.mark.parametrize(
+    ("end", "found"),
+    [
+        ("[right]", "no key 'right_SE3_left'; it ends in line 13"),
+        (", 0.0, 0.0]", "Unclosed array (at the end, line 12)"),
+    ],
+)
+def test_where_a_rig_that_is_cut_short_ends_is_named(end, found, tmp_path):
+    write_rig(RIG, tmp_path / "rig.toml")
+    text = (tmp_path / "rig.toml").read_text()
+    (tmp_path / "rig.toml").write_text(text[: text.index(end)])
+    with pytest.raises(InputError, match=re.escape(found)):
+        load_rig(tmp_path, (640, 480))
 
 
 def test_half_of_a_pair_is_refused(tmp_path):

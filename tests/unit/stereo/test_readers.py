@@ -232,8 +232,11 @@ def test_rate_of_images_without_times_is_that_of_a_walker(tmp_path: Path, step_p
     assert "as fast as a walker; fps= gives another rate" in video.notes[0]
 
 
-def test_topics_may_be_one_text() -> None:
+def test_topics_may_be_one_text_and_a_rate_must_be_a_number() -> None:
     assert OpenOptions(topics="/a, /b").topics == ("/a", "/b")
+    for fps in ("30", -1):
+        with pytest.raises(InputError, match=f"fps=: expected 0.01 to 10000 frames per second, found {fps!r}"):
+            OpenOptions(fps=fps)  # type: ignore[arg-type]
 
 
 def test_times_of_one_camera_are_those_of_its_list_or_names(tmp_path: Path) -> None:
