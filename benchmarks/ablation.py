@@ -149,8 +149,8 @@ def ablation_rows(scores: Mapping[Variant, Sequence[Evaluation]]) -> list[dict[s
     rows: list[dict[str, Any]] = []
     for variant, parts in scores.items():
         counts = [
-            (len(e.significant), e.strict_identity_changes, e.clear.misses, e.clear.false_positives, e.truth_rows,
-             e.position_error_m.sum(), len(e.position_error_m))
+            (len(e.significant), e.strict_identity_changes, e.clear.misses, e.clear.false_positives,
+             e.sequence.truth_rows, e.position_error_m.sum(), len(e.position_error_m))
             for e in parts
         ]  # fmt: skip
         errors, changes, misses, false, truth, distance_m, matches = np.array(counts, np.float64).T

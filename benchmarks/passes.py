@@ -161,7 +161,7 @@ def print_scores(what: str, scores: Sequence[SceneScore]) -> None:
 def _row(names: dict[str, Any], evaluation: Evaluation) -> dict[str, Any]:
     figures = evaluation.to_json()
     kinds = [f"{kind} {n}" for kind in KINDS if (n := figures["significant_errors"][kind])]
-    row = {**names, "rows": evaluation.truth_rows, "significant": ", ".join(kinds) or "none"}
+    row = {**names, "rows": evaluation.sequence.truth_rows, "significant": ", ".join(kinds) or "none"}
     row |= {key: figures[key] for key in ("events", "mota", "idf1", "switches")}
     for name, key in (("pos cm", "position_error_mean_m"), ("height cm", "height_error_mean_m")):
         row[name] = None if figures[key] is None else round(100 * figures[key], 1)

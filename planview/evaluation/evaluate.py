@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
@@ -15,7 +14,7 @@ from calib.types import I64, Bool
 from planview.evaluation.align import align_tracks, moved
 from planview.evaluation.metrics import clear_scores
 from planview.evaluation.result import Evaluation, TruthRows
-from planview.evaluation.sequence import box_similarity, build_sequence, floor_similarity
+from planview.evaluation.sequence import Similarity, box_similarity, build_sequence, floor_similarity
 from planview.evaluation.significant import (
     EVENT_S,
     PREDICTED,
@@ -28,6 +27,9 @@ from planview.evaluation.significant import (
     strict_identity_changes,
 )
 from planview.trajectories.table import Trajectories, frame_period_s, rows_by_id
+
+SHIFTED = 0.85
+"""Share of the error, without which truth and tracks may just as well count frames alike (our choice)."""
 
 
 class EvaluationParams(Params):
@@ -72,11 +74,10 @@ def evaluate_tracks(
     elif len(tracks) + len(truth):
         n_frames = int(np.ptp(np.concatenate([tracks.frame, truth.frame]))) + 1
     frame_s, on_floor = frame_period_s(tracks, 1.0 / params.fps), params.match_on == "floor"
-    usable = _has_floor if on_floor else _has_boxes
-    claimed, predicted = _rows_of(tracks, "confirmed", usable), _rows_of(tracks, "lost", usable)
-    people = _checked(truth, usable, params.match_on, "truth")
+    claimed, predicted = _rows_of(tracks, "confirmed", on_floor), _rows_of(tracks, "lost", on_floor)
+    people = _checked(truth, on_floor, "truth")
     if not len(claimed) and (tracks.state == "confirmed").any():
-        _checked(tracks.where(tracks.state == "confirmed"), usable, params.match_on, "tracks")
+        _checked(tracks.where(tracks.state == "confirmed"), on_floor, "tracks")
     alignment = None
     if params.align:
         claimed, alignment = align_tracks(claimed, people, params.gate_m)
@@ -124,7 +125,20 @@ def evaluate_tracks(
         track_frames=len(np.unique(claimed.frame)),
         covered_frames=len(np.intersect1d(claimed.frame, people.frame)),
         alignment=alignment,
+        shift=_shift(counted, followed, similarity),
     )
+
+
+def _shift(truth: Trajectories, tracks: Trajectories, similarity: Similarity) -> int:
+    """The frames, -1 or 1, by which tracks have to be moved for a median error below SHIFTED of what it is, else 0."""
+    errors = {}
+    for shift in (0, -1, 1):
+        pairs = build_sequence(truth, replace(tracks, frame=tracks.frame + shift), similarity)
+        nearest = np.zeros(pairs.truth_rows)
+        np.maximum.at(nearest, pairs.pair_truth, pairs.similarity)
+        errors[shift] = 1.0 - float(np.median(nearest[nearest > 0])) if nearest.any() else 1.0
+    best = min(errors, key=lambda shift: errors[shift])
+    return best if errors[best] < SHIFTED * errors[0] else 0
 
 
 def _prediction_histories(
@@ -162,23 +176,21 @@ def _prediction_histories(
     return histories
 
 
-def _has_floor(table: Trajectories) -> Bool:
-    return np.isfinite(table.x_m) & np.isfinite(table.y_m)
+def _usable(table: Trajectories, on_floor: bool) -> Bool:
+    """(N,) whether rows have what is matched on."""
+    needed = np.column_stack([table.x_m, table.y_m]) if on_floor else table.box_px
+    return np.asarray(np.isfinite(needed).all(axis=1))
 
 
-def _has_boxes(table: Trajectories) -> Bool:
-    return np.asarray(np.isfinite(table.box_px).all(axis=1))
-
-
-def _rows_of(table: Trajectories, state: str, usable: Callable[[Trajectories], Bool]) -> Trajectories:
-    rows = table.where((table.state == state) & usable(table))
+def _rows_of(table: Trajectories, state: str, on_floor: bool) -> Trajectories:
+    rows = table.where((table.state == state) & _usable(table, on_floor))
     return replace(rows, state=np.broadcast_to(np.array(state), len(rows)))
 
 
-def _checked(table: Trajectories, usable: Callable[[Trajectories], Bool], match_on: str, what: str) -> Trajectories:
-    good = usable(table)
+def _checked(table: Trajectories, on_floor: bool, what: str) -> Trajectories:
+    good = _usable(table, on_floor)
     if len(table) and not good.any():
-        need = "image boxes" if match_on == "boxes" else "floor positions"
-        hint = "" if match_on == "boxes" or not _has_boxes(table).any() else "; match_on='boxes' matches these"
+        need = "floor positions" if on_floor else "image boxes"
+        hint = "; match_on='boxes' matches these" if on_floor and _usable(table, False).any() else ""
         raise InputError(f"expected {what} with {need} to match on, found rows without them{hint}")
     return table.where(good)

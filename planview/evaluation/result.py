@@ -103,6 +103,7 @@ class Evaluation:
         strict_identity_changes: every persistent change of an identity, also after coming back.
         duration_s: time scored [s].
         track_frames, covered_frames: frames with confirmed tracks, and those of them in which the truth has rows.
+        shift: frames, -1 or 1, by which the tracks have to be moved to lie clearly nearer to the truth, else 0.
         alignment: the motion applied, if asked for.
     """
 
@@ -118,6 +119,7 @@ class Evaluation:
     track_frames: int
     covered_frames: int
     alignment: FloorAlignment | None
+    shift: int = 0
 
     def __repr__(self) -> str:
         mota = math.nan if self.clear.mota is None else self.clear.mota
@@ -131,25 +133,17 @@ class Evaluation:
 
     @property
     def uncovered(self) -> str:
-        """A sentence where nothing matches or the truth lacks most frames with tracks; empty elsewhere."""
-        if self.covered_frames and self.track_rows and not len(self.clear.matches):
+        """A sentence on what of truth and tracks does not fit together; empty where all does."""
+        if self.covered_frames and self.sequence.track_rows and not len(self.clear.matches):
             return "no track is near any truth row: another unit, swapped axes, or another world (align=)"
+        if self.shift:
+            return f"tracks moved by {self.shift:+d} frame fit clearly better: do both count frames from one number?"
         if 2 * self.covered_frames >= self.track_frames:
             return ""
         return (
             f"the truth covers {self.covered_frames} of {self.track_frames} frames with tracks: in the others "
             "every track counts as false"
         )
-
-    @property
-    def truth_rows(self) -> int:
-        """Truth rows that count."""
-        return self.sequence.truth_rows
-
-    @property
-    def track_rows(self) -> int:
-        """Confirmed rows that count (those on ignored people do not)."""
-        return self.sequence.track_rows
 
     @cached_property
     def identity(self) -> IdentityScores:
@@ -168,7 +162,7 @@ class Evaluation:
         """The ``--json`` object; a score that the data cannot give is null."""
         by_kind = Counter(error.kind for error in self.significant)
         return {
-            "truth_rows": self.truth_rows,
+            "truth_rows": self.sequence.truth_rows,
             "mota": self.clear.mota,
             "motp_m": _mean(self.position_error_m),
             "idf1": self.identity.idf1,
@@ -191,7 +185,7 @@ class Evaluation:
             "strict_per_10_min": self._per(600.0, self.strict_identity_changes),
             "significant_error_list": [asdict(error) for error in self.significant],
             "ignored_rows": self.ignored_rows,
-            "track_rows": self.track_rows,
+            "track_rows": self.sequence.track_rows,
             "matches": len(self.clear.matches),
             "duration_s": self.duration_s,
             "track_frames": self.track_frames,

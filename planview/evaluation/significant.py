@@ -136,12 +136,8 @@ def significant_errors(
 
 
 def grouped_events(errors: Sequence[SignificantError], within_frames: float) -> list[list[SignificantError]]:
-    """Errors that belong together: those that begin within some frames of an event's first error and concern a person
-    or a track of it.
-
-    Args:
-        errors: by frame.
-    """
+    """Errors, by frame, that belong together: those that begin within some frames of an event's first error and
+    concern a person or a track of it."""
     events: list[list[SignificantError]] = []
     for error in errors:
         for event in reversed(events):
@@ -275,7 +271,8 @@ def _persistent(visit: PersonHistory, min_frames: float) -> list[tuple[int, int,
     """
     rows = np.flatnonzero(visit.track_id > 0)
     ids = visit.track_id[rows]
-    parts = [(int(ids[a]), int(rows[a]), int(rows[b - 1]) + 1, b - a) for a, b in _equal_runs(ids)]
+    ends = np.flatnonzero(np.diff(ids, prepend=0, append=0)).tolist()
+    parts = [(int(ids[a]), int(rows[a]), int(rows[b - 1]) + 1, b - a) for a, b in pairwise(ends)]
     joined: list[tuple[int, int, int]] = []
     for track, start, stop, count in parts:
         if count < min_frames:
@@ -321,8 +318,3 @@ def runs(mask: Bool) -> list[tuple[int, int]]:
     """(start, stop) of every stretch of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-
-
-def _equal_runs(ids: I64) -> list[tuple[int, int]]:
-    """(start, stop) of every stretch of one id, all above 0."""
-    return list(pairwise(np.flatnonzero(np.diff(ids, prepend=0, append=0)).tolist()))

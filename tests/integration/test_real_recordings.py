@@ -94,7 +94,7 @@ def camera(tmp_path: Path) -> Path:
 @pytest.mark.slow
 def test_pets_boxes_reach_what_is_asked(shared_data: Path, camera: Path) -> None:
     (scores,) = score_pets("human-model", shared_data / "pets09-s2l1-view001", camera)
-    assert scores.frames == 400 and scores.boxes.truth_rows == 2396 and scores.boxes.clear.mota >= 0.80
+    assert scores.frames == 400 and scores.boxes.sequence.truth_rows == 2396 and scores.boxes.clear.mota >= 0.80
     assert scores.boxes.identity.idf1 >= 0.88 and scores.floor is not None
 
 

@@ -40,7 +40,7 @@ def test_job_scores_its_scene_and_totals_count_per_ten_minutes(challenge, record
     assert (tmp_path / "tiny-3" / "tracks.csv").is_file()
     whole = together([result, result])
     assert whole.duration_s == 16.0
-    assert whole.truth_rows == 2 * result.evaluation.truth_rows > 0
+    assert whole.sequence.truth_rows == 2 * result.evaluation.sequence.truth_rows > 0
     assert whole.to_json()["events_per_10_min"] == 37.5 * whole.events
 
 

@@ -42,6 +42,13 @@ def test_evaluation_measures_position_and_height_of_matches():
     assert result["significant_errors"] == dict.fromkeys(("total", *KINDS), 0)
 
 
+def test_truth_that_counts_frames_from_1_is_noticed():
+    assert evaluate_tracks(walk(x_m=0.01), walk()).shift == 0
+    late = walk()
+    result = evaluate_tracks(walk(x_m=0.01), replace(late, frame=late.frame + 1))
+    assert result.shift == 1 and "tracks moved by +1 frame fit clearly better" in result.uncovered
+
+
 def test_rates_are_over_the_time_scored():
     # 300 frames at 30 fps are 10 s; the id changes at frame 150: one switch, one significant error.
     tracks = replace(walk(300), track_id=np.repeat([1, 2], 150))
@@ -76,7 +83,7 @@ def test_tentative_and_lost_rows_are_neither_found_nor_false_and_frames_limit_bo
         result = evaluate_tracks(replace(tracks, state=np.full(100, state)), walk())
         assert (result.clear.misses, result.clear.false_positives) == (100, 0)
     result = evaluate_tracks(walk(50), walk(), frames=(10, 49))
-    assert (result.truth_rows, result.clear.misses, result.track_rows) == (40, 0, 40)
+    assert (result.sequence.truth_rows, result.clear.misses, result.sequence.track_rows) == (40, 0, 40)
 
 
 def test_scene_without_people_scores_false_tracks_only_and_a_run_without_tracks_misses_everybody():
@@ -115,9 +122,9 @@ def test_prediction_that_strays_from_its_person_is_a_false_track_where_the_truth
 def test_hidden_person_is_neither_missed_nor_a_reason_for_false_positives():
     truth = replace(walk(), visible=np.where(np.arange(100) < 40, 0.1, 1.0))
     for result in (evaluate_tracks(walk(60, start=40), truth), evaluate_tracks(walk(), truth)):
-        assert (len(result.significant), result.ignored_rows, result.truth_rows) == (0, 40, 60)
+        assert (len(result.significant), result.ignored_rows, result.sequence.truth_rows) == (0, 40, 60)
         assert (result.clear.misses, result.clear.false_positives, result.clear.mota) == (0, 0, 1.0)
-    assert evaluate_tracks(walk(), truth, EvaluationParams(min_visible=0.0)).truth_rows == 100
+    assert evaluate_tracks(walk(), truth, EvaluationParams(min_visible=0.0)).sequence.truth_rows == 100
 
 
 def test_hidden_person_excuses_no_second_track_and_keeps_their_own_beside_a_visible_one():
@@ -263,7 +270,7 @@ def test_motchallenge_distractor_is_neither_person_nor_error(tmp_path):
     truth = load_truth(path)
     tracks = replace(truth, visible=np.ones(len(truth)))
     result = evaluate_tracks(tracks, truth, EvaluationParams(match_on="boxes", min_visible=0.0))
-    assert (result.truth_rows, result.clear.false_positives, result.clear.mota) == (5, 0, 1.0)
+    assert (result.sequence.truth_rows, result.clear.false_positives, result.clear.mota) == (5, 0, 1.0)
 
 
 @pytest.mark.parametrize(
