@@ -70,25 +70,14 @@ class RectifiedGeometry:
         return self.focal_u_px * self.baseline_m
 
     def rays(self, pixels: ArrayLike) -> F64:
-        """Rays through pixels, in the rectified left camera frame.
-
-        Args:
-            pixels: (..., 2) u, v [px].
-        Returns:
-            (..., 3) float64 at unit z.
-        """
+        """(..., 3) float64 rays at unit z through (..., 2) pixels u, v, in the rectified left camera frame."""
         p = np.asarray(pixels, dtype=np.float64)
         u, v = (p[..., 0] - self.cu_px) / self.focal_u_px, (p[..., 1] - self.cv_px) / self.focal_v_px
         return np.stack([u, v, np.ones_like(u)], axis=-1)
 
     def project(self, points: ArrayLike) -> F64:
-        """Pixels of points; inverse of ``rays``.
-
-        Args:
-            points: (..., 3) [m], rectified left camera frame.
-        Returns:
-            (..., 2) float64 u, v [px]; NaN for points that are not in front of the camera.
-        """
+        """(..., 2) float64 u, v [px] of (..., 3) points [m] in the rectified left camera frame; NaN for those that are
+        not in front of the camera."""
         p = np.asarray(points, dtype=np.float64)
         z = np.where(p[..., 2] > 1e-6, p[..., 2], np.nan)
         u, v = self.focal_u_px * p[..., 0] / z + self.cu_px, self.focal_v_px * p[..., 1] / z + self.cv_px
@@ -132,25 +121,15 @@ class DepthFromDisparity:
         self._disparity_min = geometry.disparity_at(depth_max_m)
 
     def __call__(self, disparity: F32) -> F32:
-        """Depth along the optical axis.
-
-        Args:
-            disparity: (H, W) float32 [px], NaN invalid.
-        Returns:
-            (H, W) float32 [m]; NaN where the disparity is NaN, not positive, or means more than depth_max_m.
-        """
+        """(H, W) float32 depth along the optical axis [m] of a disparity (H, W) float32 [px]; NaN where that is NaN,
+        not positive, or means more than depth_max_m."""
         usable = np.where(disparity >= self._disparity_min, disparity, np.float32(np.nan))
         return np.asarray(np.float32(self.geometry.disparity_metre) / usable, dtype=np.float32)
 
 
 def back_project(depth: F32, geometry: RectifiedGeometry) -> F32:
-    """Points of a depth image.
-
-    Args:
-        depth: (H, W) float32 [m], NaN invalid.
-    Returns:
-        (H, W, 3) float32 [m], rectified left camera frame; NaN where the depth is.
-    """
+    """(H, W, 3) float32 points [m], in the rectified left camera frame, of a depth image (H, W) float32 [m], NaN where
+    that is."""
     rows, cols = depth.shape
     points = np.empty((rows, cols, 3), dtype=np.float32)
     x = geometry.rays(np.column_stack([np.arange(cols), np.zeros(cols)]))[:, 0].astype(np.float32)
@@ -173,13 +152,8 @@ def point_cloud(disparity: F32, image: U8, geometry: RectifiedGeometry, world_SE
 
 
 def median_image(images: Sequence[AnyArray]) -> F32:
-    """The background of some frames' disparities or depths, which people who move do not change.
-
-    Args:
-        images: (H, W), NaN invalid.
-    Returns:
-        (H, W) float32 median of the valid values of each pixel; NaN where there is none.
-    """
+    """The background of some frames, which people who move do not change: (H, W) float32 median of the valid values of
+    each pixel of (H, W) images, NaN invalid; NaN where there is none."""
     ordered = np.sort(np.stack(images, dtype=np.float32), axis=0)  # NaN comes last
     known = np.isfinite(ordered).sum(axis=0)[None]
     middle = [np.take_along_axis(ordered, np.maximum(n, 0), axis=0)[0] for n in ((known - 1) // 2, known // 2)]

@@ -29,23 +29,12 @@ class Matcher(Protocol):
     """Finds how far each left pixel moved."""
 
     def __call__(self, left_grey: U8, right_grey: U8) -> F32:
-        """Match one rectified pair.
-
-        Args:
-            left_grey, right_grey: (H, W) uint8.
-        Returns:
-            (H, W) float32 disparity of the left pixels [px]; NaN where there is none.
-        """
+        """(H, W) float32 disparity of the left pixels [px] of a rectified pair (H, W) uint8; NaN where unknown."""
 
 
 class SampledDisparity(NamedTuple):
-    """Disparity of every n-th row and column of an image.
-
-    Attributes:
-        samples: (h, w) float32 [px of the image], NaN invalid.
-        step: n.
-        shape: (H, W) of the image; not asked for when every pixel is a sample.
-    """
+    """Disparity (h, w) float32 [px of the image] of every ``step``-th row and column of an image (H, W), NaN invalid;
+    ``shape`` is not needed when every pixel is a sample."""
 
     samples: F32
     step: int = 1
@@ -245,11 +234,7 @@ class SgbmMatcher:
         self._texture = np.ones((side, side), np.uint8)
 
     def __call__(self, left_grey: U8, right_grey: U8) -> F32:
-        """Match one rectified pair (see ``Matcher``).
-
-        Raises:
-            ValueError: images that are not (H, W) uint8 of the geometry's size.
-        """
+        """See ``Matcher``. Raises ValueError: images that are not (H, W) uint8 of the geometry's size."""
         shape = self.geometry.height, self.geometry.width
         if left_grey.shape != shape or right_grey.shape != shape or left_grey.dtype != np.uint8:
             raise ValueError(f"expected two {shape} uint8 images, got {left_grey.shape} and {right_grey.shape}")
@@ -279,12 +264,8 @@ class SgbmMatcher:
         return np.asarray(cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE), dtype=np.uint8)
 
     def part(self, levels: Levels, window: Window) -> F32:
-        """Match a window of the samples; not in several threads at once.
-
-        Returns:
-            (h, w) float32 disparity [px]; NaN where there is none; less sure near the edges of the window, which end
-            the paths of the search.
-        """
+        """(h, w) float32 disparity [px] in a window of the samples, NaN where unknown; less sure near the edges of
+        the window, which end the paths of the search. Not in several threads at once."""
         n = self.step
         start = self._coarse(levels, window)
         refined = self._refined(levels.coarse, window, start, n, max(1, n // 2))

@@ -34,7 +34,7 @@ class OpenOptions:
     """What the caller supplies about a recording.
 
     Attributes:
-        calibration: calibration file or folder; found in the recording when None.
+        calibration: file or folder; found in the recording when None.
         fps: frames per second, in place of the recording's own times; None takes those.
         topics: names of the left and the right (or the image's and the depth's) topic of a bag; empty: chosen.
         right: video or folder of the right camera, where the recording is that of the left one alone.
@@ -157,21 +157,20 @@ def assumed_clock(fps: float, even: bool = False, why: str = "") -> FrameClock:
     return FrameClock(fps, None, (note,), even, assumed=True)
 
 
-def prefetch(items: Iterable[T], depth: int = 8) -> Generator[T, None, None]:
-    """The same items, made by a background thread up to ``depth`` ahead: 8 frames bridge a slow key frame. An exception
-    of the source is raised in its place; leaving early stops the thread, which closes a source that is a generator."""
-    return _ahead(items, depth, None)
-
-
 def newest(
     frames: Iterable[T], kept_max: int = 2, dropped: Callable[[T], None] = lambda frame: None
 ) -> Generator[T, None, None]:
     """The frames, taken as they come by a background thread; when more than ``kept_max`` wait while the last one is
     tracked, the oldest are dropped, each after a call of ``dropped`` in the thread."""
-    return _ahead(frames, kept_max, dropped)
+    return prefetch(frames, kept_max, dropped)
 
 
-def _ahead(items: Iterable[T], depth: int, dropped: Callable[[T], None] | None) -> Generator[T, None, None]:
+def prefetch(
+    items: Iterable[T], depth: int = 8, dropped: Callable[[T], None] | None = None
+) -> Generator[T, None, None]:
+    """The same items, made by a background thread up to ``depth`` ahead: 8 frames bridge a slow key frame; with
+    ``dropped``, see ``newest``. An exception of the source is raised in its place; leaving early stops the thread,
+    which closes a source that is a generator."""
     kept: deque[T] = deque()
     changed = threading.Condition()
     state = SimpleNamespace(ended=False, stop=False, error=None)

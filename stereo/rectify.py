@@ -89,7 +89,16 @@ def ideal_pinhole(
 
     Of a pair: of the left camera, turned into the rectified frame.
     """
-    left, right, top, bottom = _field(camera, rotation, field_quantile)
+    rays = border_rays(camera) @ rotation.T
+    plane = rays[..., :2] / np.maximum(rays[..., 2:], 0.1)  # at unit depth
+    centre = rotation @ np.array([0.0, 0.0, 1.0])
+    u, v = (plane.mean(axis=1) - centre[:2] / centre[2]).T
+    # Which of the four borders is now the left, the right, the top and the bottom one.
+    edges = (np.argmin(u), 0, -1), (np.argmax(u), 0, 1), (np.argmin(v), 1, -1), (np.argmax(v), 1, 1)
+    left, right, top, bottom = (
+        sign * min(float(np.quantile(sign * plane[edge, :, axis], field_quantile)), MAX_RAY_TAN)
+        for edge, axis, sign in edges
+    )
     width, height = camera.size
     if (right - left) * height < (bottom - top) * width and abs(rotation[0, 1]) > abs(rotation[0, 0]):
         width, height = height, width  # cameras one above the other: the rectified image lies on its side
@@ -98,20 +107,6 @@ def ideal_pinhole(
     focal = min(width / (right - left), height / (bottom - top))
     cu, cv = (width - 1) / 2 - focal * (left + right) / 2, (height - 1) / 2 - focal * (top + bottom) / 2
     return RectifiedGeometry(width, height, focal, focal, cu, cv, baseline_m)
-
-
-def _field(camera: Camera, rotation: F64, quantile: float) -> tuple[float, float, float, float]:
-    """Left, right, top and bottom of the field of view on the rectified plane at unit depth."""
-    rays = border_rays(camera) @ rotation.T
-    plane = rays[..., :2] / np.maximum(rays[..., 2:], 0.1)
-    centre = rotation @ np.array([0.0, 0.0, 1.0])
-    offsets = plane.mean(axis=1) - centre[:2] / centre[2]
-    edges = *(f(offsets[:, 0]) for f in (np.argmin, np.argmax)), *(f(offsets[:, 1]) for f in (np.argmin, np.argmax))
-    bounds = [
-        sign * min(float(np.quantile(sign * plane[edge, :, axis], quantile)), MAX_RAY_TAN)
-        for edge, axis, sign in zip(edges, (0, 0, 1, 1), (-1, 1, -1, 1), strict=True)
-    ]
-    return bounds[0], bounds[1], bounds[2], bounds[3]
 
 
 class Warp:
@@ -124,16 +119,14 @@ class Warp:
     def __init__(
         self, camera: Camera, rotation: F64, pixel_to_ray: F64, size: tuple[int, int], working_px: int
     ) -> None:
-        """Prepare the maps.
+        """Prepare the maps (arguments of ``source_pixels``).
 
-        Args:
-            camera: that recorded.
-            rotation: (3, 3) its frame to the pinhole's.
-            pixel_to_ray: (3, 3) homogeneous pixel of the pinhole to its ray.
-            size: (width, height) of the pinhole's image [px].
-            working_px: longest side that images are averaged down to [px]; 0 keeps their size.
+        ``working_px`` is about the longest side that images are averaged down to before the warp [px], by a whole
+        factor, which is the fast case; 0 keeps their size. Up to 1.7 source pixels per rectified one the warp alone
+        aliases little; averaging more would blur.
         """
-        self._reduced = _reduced_size(camera.size, working_px)
+        factor = max(1, math.floor(max(camera.size) / working_px + 0.3)) if working_px else 1
+        self._reduced = max(1, camera.width // factor), max(1, camera.height // factor)
         self._pixels = pixels = source_pixels(camera, rotation, pixel_to_ray, size)
         inside: Bool = np.all((pixels > -0.5) & (pixels < np.array(camera.size) - 0.5), axis=-1)
         self.mask: U8 = np.where(inside, np.uint8(255), np.uint8(0))
@@ -168,15 +161,6 @@ class Warp:
         u, v = cv2.split(self._pixels)
         found = cv2.remap(depth, u, v, cv2.INTER_NEAREST, borderValue=math.nan)
         return np.where(self.mask > 0, found, np.float32(np.nan))
-
-
-def _reduced_size(size: tuple[int, int], working_px: int) -> tuple[int, int]:
-    """Size to which recorded images are averaged before the warp: a whole fraction, which is the fast case.
-
-    Up to 1.7 source pixels per rectified one the warp alone aliases little; averaging more would blur.
-    """
-    factor = max(1, math.floor(max(size) / working_px + 0.3)) if working_px else 1
-    return max(1, size[0] // factor), max(1, size[1] // factor)
 
 
 class RectifyParams(Params):
@@ -238,20 +222,13 @@ class Rectifier:
         size_px, quantile = self.params.working_px, self.params.field_quantile
         self.geometry = ideal_pinhole(rig.left, left_rotation, size_px, quantile, rig.baseline_m)
         to_ray: F64 = np.asarray(np.linalg.inv(self.geometry.matrix), dtype=np.float64)
-        size, working_px = self.geometry.size, self.params.working_px
-        self._left = Warp(rig.left, left_rotation, to_ray, size, working_px)
-        self._right = Warp(rig.right, right_rotation, to_ray, size, working_px)
-        self._smaller: dict[int, Warp] = {}
+        self._left = Warp(rig.left, left_rotation, to_ray, self.geometry.size, size_px)
+        self._right = Warp(rig.right, right_rotation, to_ray, self.geometry.size, size_px)
+        self._smaller = {1: self._left}
         self.mask, self.right_mask = self._left.mask, self._right.mask
 
     def __call__(self, left: U8, right: U8) -> RectifiedPair:
-        """Rectify one pair.
-
-        Args:
-            left, right: (h, w) or (h, w, 3) uint8 at the rig's size, BGR.
-        Raises:
-            ValueError: images of another size.
-        """
+        """Rectify (h, w) or (h, w, 3) uint8 images at the rig's size, BGR. Raises ValueError: another size."""
         self._check(left, right)
         rectified = self._left(left)
         return RectifiedPair(rectified, as_grey(rectified), self._right(as_grey(right)))
@@ -266,8 +243,6 @@ class Rectifier:
 
     def _reduced(self, step: int) -> Warp:
         """Of the left image at an n-th of its size."""
-        if step == 1:
-            return self._left
         if step not in self._smaller:
             width, height = self.geometry.size
             size, middle = (-(-width // step), -(-height // step)), 0.5 * (step - 1)
@@ -288,11 +263,8 @@ def aligned_rectifier(
 ) -> tuple[Rectifier, RigCorrection]:
     """A rectifier of the calibration as some frames correct it.
 
-    Args:
-        rig: calibration at the recorded size.
-        frames: a dozen spread over the recording, so that light and movement differ.
-    Returns:
-        The rectifier, whose rig is the corrected one, and what was measured, in pixels of its images.
+    ``frames`` are a dozen spread over the recording, so that light and movement differ. Returns the rectifier, whose
+    rig is the corrected one, and what was measured, in pixels of its images.
     """
     params = params or RectifyParams()
     # Longest side of the images in which the calibration is corrected [px]: more cost time (our choice).

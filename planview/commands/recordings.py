@@ -157,7 +157,7 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
         opened = layout.open()
     except InputError as error:
         missing = [typed(f"{error} (calibration= gives one)" if "calibration=" not in str(error) else str(error))]
-    fps = layout.fps if opened is None else opened.fps  # estimated, where the images have no times
+    fps = layout.clock.fps if opened is None else opened.fps  # estimated, where the images have no times
     cameras = [_camera(stream, fps) for stream in layout.streams]
     durations = [camera["duration_s"] for camera in cameras if camera["duration_s"] is not None]
     size, calibration, has_world = layout.streams[0].size, None, False

@@ -13,7 +13,6 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from calib.errors import InputError
-from calib.formats import load_rig
 from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import StereoRig
@@ -127,11 +126,6 @@ class Layout:
     unpaired: int
     open: Callable[[], AnyRecording]
 
-    @property
-    def fps(self) -> float:
-        """Nominal frames per second."""
-        return self.clock.fps
-
 
 @dataclass(frozen=True)
 class Reader:
@@ -215,11 +209,6 @@ def rate_of(times_s: F64) -> float:
     """Nominal frames per second of a table of times, ``DEFAULT_FPS`` when it holds fewer than two."""
     rate = rate_of_times(times_s)
     return rate.fps if rate else DEFAULT_FPS
-
-
-def rig_in(folder: Path, options: OpenOptions, size: Size) -> Callable[[], StereoRig]:
-    """Reads the calibration that was named, or the one in the folder, at the size of the images."""
-    return lambda: load_rig(options.calibration or folder, size)
 
 
 def world_pose(folder: Path) -> SE3 | None:

@@ -18,7 +18,6 @@ from stereo.readers.base import (
     TimedFiles,
     clock_of,
     pixel_text,
-    rig_in,
     same_size,
     stereo_layout,
     timed_layout,
@@ -30,7 +29,7 @@ from stereo.readers.times import stamps_of
 from stereo.recording import OpenOptions
 
 
-class _Sides(NamedTuple):
+class Sides(NamedTuple):
     """Folder and files of each camera, and a file's number where its own name is not enough."""
 
     folders: tuple[Path, Path]
@@ -38,26 +37,23 @@ class _Sides(NamedTuple):
     number: Callable[[Path], int | None] = frame_number
 
 
-def _find(path: Path, options: OpenOptions) -> Layout:
-    folders, flat = _folders(path), _flat(path)
-    if folders is not None or flat is None:
-        return folder_pair(path, *(folders or (path, path)), path, options)
-    return _sides_layout(path, flat, path, options)
+def in_folders(left: Path, right: Path) -> Sides:
+    """The images of two folders."""
+    return Sides((left, right), (image_files(left), image_files(right)))
 
 
-def folder_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenOptions) -> Layout:
-    """Images in two folders; calibration, times and world.toml lie in a third."""
-    sides = _Sides((left, right), (image_files(left), image_files(right)))
-    for side, found in zip(sides.folders, sides.files, strict=True):
+def sides_layout(path: Path, sides: Sides, folder: Path, options: OpenOptions) -> Layout:
+    """Images of two cameras by the times in lists next to them or in their names, else, and where there is a
+    timestamps.csv, by their names; that, calibration and world.toml lie in ``folder``."""
+    each = list(zip(sides.folders, sides.files, strict=True))
+    for side, found in each:
         if not found:
             raise InputError(f"{side}: expected images ({', '.join(sorted(images.SUFFIXES))}), found none")
-    return _sides_layout(path, sides, folder, options)
-
-
-def _sides_layout(path: Path, sides: _Sides, folder: Path, options: OpenOptions) -> Layout:
-    timed = _timed(folder, sides)
-    if timed is not None:
-        return timed_layout(path, *timed, options, partial(load_rig, options.calibration or folder), folder=folder)
+    if not (folder / "timestamps.csv").is_file():
+        timed = [TimedFiles(at, files, own.ns) for at, files in each if (own := stamps_of(files, at, folder))]
+        if len(timed) == 2:
+            rig = partial(load_rig, options.calibration or folder)
+            return timed_layout(path, timed[0], timed[1], options, rig, folder=folder)
     return files_layout(path, pair_files(*sides.files, sides.number), options, folder)
 
 
@@ -74,42 +70,32 @@ def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions, folder
         for name, files, source in zip(("left", "right"), sides, (a, b), strict=True)
     )
     return stereo_layout(
-        path, together(a, b), streams, len(pairs), clock, rig_in(folder, options, size), bits_note(bits),
-        unpaired=sum(None in pair for pair in pairs), folder=folder,
+        path, together(a, b), streams, len(pairs), clock, partial(load_rig, options.calibration or folder, size),
+        bits_note(bits), unpaired=sum(None in pair for pair in pairs), folder=folder,
     )  # fmt: skip
 
 
-def _folders(path: Path) -> tuple[Path, Path] | None:
+def _sides(path: Path) -> Sides | None:
+    if not path.is_dir():
+        return None
     left, right = path / "left", path / "right"
     if left.is_dir() and right.is_dir():
-        return left, right
-    subfolders = [f for f in entries(path) if f.is_dir()]
-    sides = one_of_each(subfolders)
-    return sides if sides and all(map(image_files, sides)) else None
-
-
-def _flat(path: Path) -> _Sides | None:
+        return in_folders(left, right)
+    folders = one_of_each([f for f in entries(path) if f.is_dir()])
+    if folders and all(map(image_files, folders)):
+        return in_folders(*folders)
     files = image_files(path)
     sided = split_sides([file.stem for file in files])
     if sided is None or len(sided.left) + len(sided.right) < len(files):
         return None
     numbers = {file: frame_number(Path(rest)) for file, rest in zip(files, sided.rest, strict=True)}
-    return _Sides((path, path), ([files[i] for i in sided.left], [files[i] for i in sided.right]), numbers.get)
-
-
-def _timed(path: Path, sides: _Sides) -> tuple[TimedFiles, TimedFiles] | None:
-    """Times in lists next to the images, or in their names; None without, or with a timestamps.csv of the recording."""
-    if (path / "timestamps.csv").is_file():
-        return None
-    each = zip(sides.folders, sides.files, strict=True)
-    timed = [TimedFiles(at, files, own.ns) for at, files in each if (own := stamps_of(files, at, path))]
-    return (timed[0], timed[1]) if len(timed) == 2 else None
+    return Sides((path, path), ([files[i] for i in sided.left], [files[i] for i in sided.right]), numbers.get)
 
 
 READER = Reader(
     "folders",
     "images of two cameras",
     "folders left/ and right/ of images, or images with left and right in their names",
-    lambda path: path.is_dir() and (_folders(path) is not None or _flat(path) is not None),
-    _find,
+    lambda path: _sides(path) is not None,
+    lambda path, options: sides_layout(path, _sides(path) or in_folders(path, path), path, options),
 )

@@ -47,8 +47,8 @@ class MultiRigRecording:
     def __init__(self, path: Path, rigs: Sequence[RigRecording]) -> None:
         self.path, self.rigs = path, tuple(rigs)
         self.fps = min(rig.recording.fps for rig in rigs)
-        first = min(rig.start_s for rig in rigs)
-        ends = [rig.start_s - first + rig.recording.n_frames / rig.recording.fps for rig in rigs]
+        self._first_s = min(rig.start_s for rig in rigs)
+        ends = [rig.start_s - self._first_s + rig.recording.n_frames / rig.recording.fps for rig in rigs]
         self.n_frames = max(1, round(max(ends) * self.fps))
 
     @property
@@ -58,11 +58,11 @@ class MultiRigRecording:
 
     def __iter__(self) -> Iterator[MultiRigFrame]:
         with ExitStack() as stack:
-            first, streams = min(rig.start_s for rig in self.rigs), []
+            streams = []
             for rig in self.rigs:
                 items: Iterable[AnyFrame] = rig.recording
                 frames = stack.enter_context(closing(prefetch(items)))
-                streams.append(_Stream(frames, rig.start_s - first, 1 / rig.recording.fps))
+                streams.append(_Stream(frames, rig.start_s - self._first_s, 1 / rig.recording.fps))
             yield from moments(streams, 1 / self.fps)
 
 

@@ -14,7 +14,7 @@ from stereo.readers.bags.layout import READER as BAG
 from stereo.readers.base import AnyRecording, FrameSource, Layout, Reader, clock_of, clock_of_pairs, together
 from stereo.readers.datasets import EUROC, KITTI, KITTI_SEQUENCE, MIDDLEBURY, TUM_RGBD
 from stereo.readers.folders import READER as FOLDERS
-from stereo.readers.folders import folder_pair
+from stereo.readers.folders import in_folders, sides_layout
 from stereo.readers.images import Colour, bits_note, bits_of, image_files, images_of
 from stereo.readers.live import READER as LIVE
 from stereo.readers.movement import assume_rate, place_in_image, reduced
@@ -82,11 +82,9 @@ def _refuse_several(path: Path, _options: OpenOptions) -> Layout:
     )
 
 
-MULTI_RIG = Reader(
-    "heads", "several heads", "rigs.toml and the folders of several heads", is_multi_rig, _refuse_several
-)
 READERS: tuple[Reader, ...] = (
-    MULTI_RIG, BAG, EUROC, KITTI, KITTI_SEQUENCE, TUM_RGBD, MIDDLEBURY, FOLDERS, RGBD_FOLDERS, VIDEO_PAIR, SIDE_BY_SIDE,
+    Reader("heads", "several heads", "rigs.toml and the folders of several heads", is_multi_rig, _refuse_several), BAG,
+    EUROC, KITTI, KITTI_SEQUENCE, TUM_RGBD, MIDDLEBURY, FOLDERS, RGBD_FOLDERS, VIDEO_PAIR, SIDE_BY_SIDE,
     LIVE,
 )  # fmt: skip
 """In this order: the first that a path fits opens it."""
@@ -139,8 +137,8 @@ def _nearly_text(path: Path) -> str | None:
 
 def _listed(names: Sequence[str]) -> str:
     """Names, of many the first three."""
-    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    return ", ".join(names[:3]) + more if more or len(names) < 2 else ", ".join(names[:-1]) + f" and {names[-1]}"
+    shown = [*names[:3], f"{len(names) - 3} more"] if len(names) > 3 else list(names)
+    return " and ".join([", ".join(shown[:-1]), shown[-1]]) if len(shown) > 1 else "".join(shown)
 
 
 def _two_paths(left: Path, options: OpenOptions) -> Layout:
@@ -151,16 +149,11 @@ def _two_paths(left: Path, options: OpenOptions) -> Layout:
             raise InputError(f"{path}: expected a video or a folder of images of one camera, found nothing there")
     folder = Path(os.path.commonpath([path.resolve().parent for path in paths]))
     if all(map(image_files, filter(Path.is_dir, paths))) and all(map(Path.is_dir, paths)):
-        return folder_pair(left, *paths, folder, options)
+        return sides_layout(left, in_folders(*paths), folder, options)
     videos = [video_files(path) if path.is_dir() else [path] for path in paths]
     if [len(found) for found in videos] != [1, 1]:
         raise InputError(f"{left} and {paths[1]}: expected two videos or two folders of images, found others")
     return video_pair(left, videos[0][0], videos[1][0], folder, options)
-
-
-TWO_PATHS = Reader(
-    "two-paths", "two recordings of one camera each", "a left and a right recording", lambda path: False, _two_paths
-)
 
 
 def holds_pair(path: Path, options: OpenOptions | None = None) -> bool:
@@ -175,7 +168,8 @@ def find_layout(path: Path | str, options: OpenOptions | None = None) -> tuple[R
     """What is at a path; no calibration is needed yet. Raises InputError: no recording there, unreadable, or sides that
     differ in size."""
     path, options = Path(path), options or OpenOptions()
-    reader = TWO_PATHS if options.right is not None else find_reader(path)
+    two = Reader("two-paths", "two recordings of one camera each", "", lambda path: False, _two_paths)
+    reader = two if options.right is not None else find_reader(path)
     if options.topics and reader is not BAG:
         raise InputError(f"topics=: expected a bag, found {path}: {reader.name}")
     return reader, reader.find(path, options)
@@ -191,11 +185,9 @@ def open_any(path: Path | str, options: OpenOptions | None = None) -> AnyRecordi
 def open_recording(path: Path | str, options: OpenOptions | None = None) -> StereoRecording:
     """Open a recorded stereo pair; nothing is decoded but the first frame of each side.
 
-    Videos of different lengths are cut to the shorter one and the missing frames are reported in ``skipped``: a video
-    that ends early is a recorder that was stopped, and its frames still pair by position. Image folders whose names do
-    not pair are refused (see ``pair_files``): there, any pairing would be a guess. A calibration for another resolution
-    of the same aspect is scaled, which ``rig.source`` then notes. Raises InputError: no recording there, unreadable,
-    sides that differ in size, or a calibration for another image."""
+    Videos of different lengths end with the shorter one; the missing frames are reported in ``skipped``. A calibration
+    for another resolution of the same aspect is scaled, which ``rig.source`` then notes. Raises InputError: no
+    recording there, unreadable, sides that differ in size or do not pair, or a calibration for another image."""
     recording = open_any(path, options)
     if not isinstance(recording, StereoRecording):
         raise InputError(f"{path}: expected a stereo pair, found images with depth")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,13 +32,12 @@ ROWS_PX = 1.5
 
 
 class Order(NamedTuple):
-    """What the corners show: whether the first view is the right camera's and whether the views are rectified already;
-    the share of corners nearer than infinity then, and their median row offset [px of 640]."""
+    """What the corners show: whether the first view is the right camera's, whether the views are rectified already, and
+    the share of corners nearer than infinity then."""
 
     swapped: bool
     rectified: bool
     nearer: float
-    rows_px: float
 
 
 def find_order(matches: F64, rig: StereoRig, rectified: StereoRig) -> Order | None:
@@ -50,13 +50,18 @@ def find_order(matches: F64, rig: StereoRig, rectified: StereoRig) -> Order | No
     Returns:
         The most usual one that fits; None when there are too few corners (our choice), or none fits.
     """
-    cases = (
-        _case(matches, one, swapped, is_rectified)
-        for is_rectified, one in ((False, rig), (True, rectified))
-        for swapped in (False, True)
-        if len(matches) >= 40
-    )
-    return next((case for case in cases if case.nearer >= NEARER and case.rows_px <= ROWS_PX), None)
+    if len(matches) < 40:
+        return None
+    for is_rectified, swapped in product((False, True), repeat=2):
+        one = rectified if is_rectified else rig
+        pixels = (matches[:, 2:], matches[:, :2]) if swapped else (matches[:, :2], matches[:, 2:])
+        cameras = zip((one.left, one.right), pixels, one.rectifying_rotations(), strict=True)
+        first, second = (camera.unproject(own) @ rotation.T for camera, own, rotation in cameras)
+        offsets = (first[:, :2] / first[:, 2:] - second[:, :2] / second[:, 2:]) * one.left.fx * 640.0 / one.left.width
+        across, down = offsets[np.isfinite(offsets).all(axis=1)].T
+        if len(across) and np.mean(across > -0.5) >= NEARER and np.median(np.abs(down)) <= ROWS_PX:
+            return Order(swapped, is_rectified, float(np.mean(across > -0.5)))
+    return None
 
 
 def rectified_rig(load: Callable[[], StereoRig], rig: StereoRig) -> tuple[StereoRig, str]:
@@ -82,21 +87,6 @@ def is_ideal(rig: StereoRig) -> bool:
     """Whether a rig is that of rectified images: no distortion, no rotation."""
     turned = float(np.abs(rig.right_SE3_left.rotation - np.eye(3)).max())
     return turned < 1e-9 and not any(np.any(one.coefficients) for one in (rig.left, rig.right))
-
-
-def _case(matches: F64, rig: StereoRig, swapped: bool, rectified: bool) -> Order:
-    pixels = (matches[:, 2:], matches[:, :2]) if swapped else (matches[:, :2], matches[:, 2:])
-    rays = [
-        camera.unproject(own) @ rotation.T
-        for camera, own, rotation in zip((rig.left, rig.right), pixels, rig.rectifying_rotations(), strict=True)
-    ]
-    across, down = (
-        (rays[0][:, :2] / rays[0][:, 2:] - rays[1][:, :2] / rays[1][:, 2:]).T * rig.left.fx * 640.0 / rig.left.width
-    )
-    known = np.isfinite(across) & np.isfinite(down)
-    if not known.any():
-        return Order(swapped, rectified, 0.0, np.inf)
-    return Order(swapped, rectified, float(np.mean(across[known] > -0.5)), float(np.median(np.abs(down[known]))))
 
 
 Halves = tuple[U8, U8]
@@ -130,12 +120,8 @@ class Common(NamedTuple):
     """What the two views of some pictures have in common: of so many corners (N, 4) float64 matches [px of the view as
     it is given], u, v in the first view, u, v in the second."""
 
-    corners: int
-    matches: F64
-
-    @property
-    def fraction(self) -> float:
-        return len(self.matches) / self.corners if self.corners else 0.0
+    corners: int = 0
+    matches: F64 = np.empty((0, 4))
 
 
 def common(pictures: Iterable[U8], split: Callable[[U8], Halves]) -> Common:
@@ -167,14 +153,15 @@ def find_packing(pictures: Sequence[U8], aspect: float | None) -> tuple[Packing 
     height, width = pictures[0].shape[:2]
     candidates = _possible((width, height), aspect) or _possible((width, height), None)
     if not candidates:
-        return None, Common(0, np.empty((0, 4)))
-    shared = {packing.stacked: common(pictures, packing.split) for packing in candidates}
-    best = max(candidates, key=lambda packing: shared[packing.stacked].fraction)
-    found = shared[best.stacked]
+        return None, Common()
+    shared = [common(pictures, packing.split) for packing in candidates]
+    fractions = [len(one.matches) / max(1, one.corners) for one in shared]
+    best = int(np.argmax(fractions))
+    found = shared[best]
     if found.corners < 20:  # too few: what is most usual for the size
         return (None if candidates[0].squeezed else candidates[0]), found
     # Real pairs have 0.3 to 0.8 of the corners in common, halves of one picture under 0.03 (our choice).
-    return (best if found.fraction >= 0.12 else None), found
+    return (candidates[best] if fractions[best] >= 0.12 else None), found
 
 
 def _possible(picture: Size, aspect: float | None) -> list[Packing]:

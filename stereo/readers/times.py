@@ -43,10 +43,10 @@ class Stamps(NamedTuple):
 def read_stamps(source: Path, texts: Sequence[str], unit: str | None = None) -> Stamps:
     """Times from the text of a source, exactly: all numbers, or all dates as ISO 8601 writes them (UTC); the unit of
     numbers is recognised from their magnitude and steps where the file does not name it."""
-    dates = [_DATE.fullmatch(text.strip()) for text in texts]
-    if texts and all(dates):
+    dates = [match for text in texts if (match := _DATE.fullmatch(text.strip()))]
+    if texts and len(dates) == len(texts):
         # Of a date the whole seconds and the digits behind them.
-        days = [(datetime.fromisoformat(match[1]).replace(tzinfo=UTC), match[2] or "0") for match in dates if match]
+        days = [(datetime.fromisoformat(match[1]).replace(tzinfo=UTC), match[2] or "0") for match in dates]
         unit, values = "date", [round(day.timestamp()) * NS["s"] + int(digits.ljust(9, "0")) for day, digits in days]
     else:
         numbers = [_number(text, source) for text in texts]
@@ -81,7 +81,7 @@ def stamps_in_names(stems: Sequence[str]) -> Stamps | None:
     if any(text.startswith("00") for text in texts):
         return None  # a counter with leading zeros
     numbers = [Decimal(text) for text in texts]
-    if {b - a for a, b in pairwise(sorted(numbers))} == {1} or max(numbers) == min(numbers):
+    if {b - a for a, b in pairwise(sorted(numbers))} in ({1}, {0}):
         return None
     with suppress(InputError):  # larger than any clock counts
         return read_stamps(Path(), texts)
@@ -101,7 +101,7 @@ MAX_BYTES = 1 << 25
 """Larger tables are none of frames: half a day at 30 Hz has so much."""
 _FRAME = ("frame", "frame_id", "index", "id")
 _TIME = re.compile(r"#?\s*(timestamp|time|stamp|t)s?(?:[ _]?[\[(]?(ns|us|ms|s|sec|nsec|usec|msec)[\])]?)?")
-_UNITS = {"sec": "s", "nsec": "ns", "usec": "us", "msec": "ms"}
+_UNITS = {"nsec": "ns", "usec": "us", "msec": "ms", "ns": "ns", "us": "us", "ms": "ms"}
 
 
 class TimeTable(NamedTuple):
@@ -178,9 +178,7 @@ def _rows(path: Path) -> tuple[list[tuple[int, str]], str | None]:
         raise InputError(f"{path}: expected the columns frame,timestamp_s, found {error}") from error
     if not rows:
         raise InputError(f"{path}: expected rows of frame,timestamp_s, found none")
-    match = _TIME.fullmatch(names[time])
-    unit = match[2] if match else None
-    return sorted(rows, key=lambda row: row[0]), None if unit in (None, "s", "sec") else _UNITS.get(unit, unit)
+    return sorted(rows, key=lambda row: row[0]), _UNITS.get(_TIME.sub(r"\2", names[time]))
 
 
 @dataclass(frozen=True)

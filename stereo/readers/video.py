@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import takewhile
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError
+from calib.formats import load_rig
 from calib.images import as_grey
 from calib.io import entries
 from calib.types import F64, I64, U8
@@ -21,7 +22,6 @@ from stereo.readers.base import (
     Stream,
     clock_of,
     clock_of_pairs,
-    rig_in,
     same_size,
     stereo_layout,
     together,
@@ -202,7 +202,7 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
     world.toml lie in the folder."""
     a, b = VideoFile(left), VideoFile(right)
     size = same_size(a, b, left, right)
-    rig = rig_in(folder, options, size)
+    rig = partial(load_rig, options.calibration or folder, size)
     if not (folder / "timestamps.csv").is_file() and not (a.raw or b.raw):
         own = _packets(left), _packets(right)
         if pairs := _by_time(*own):

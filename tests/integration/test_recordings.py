@@ -61,7 +61,7 @@ def test_stereo_sample_opens_with_its_size_rate_and_calibration(
 def test_depth_topics_open_with_their_rate_and_camera(recordings):
     _, layout = find_layout(recordings / "ros1-bag" / "rgbd_compressed.bag")
     frame = layout.open().sample(1)[0]
-    assert layout.kind == "rgbd" and layout.n_frames == 15 and layout.fps == pytest.approx(5.0)
+    assert layout.kind == "rgbd" and layout.n_frames == 15 and layout.clock.fps == pytest.approx(5.0)
     assert frame.index == 0 and layout.streams[1].pixels == "depth"
 
 

@@ -37,13 +37,13 @@ LEFT, RIGHT = view(), view(12)
 )
 def test_packing_is_found_from_what_the_views_share(picture: U8, aspect: float | None, packing: Packing) -> None:
     found, shared = find_packing([picture], aspect)
-    assert found == packing and shared.fraction > 0.3
+    assert found == packing and len(shared.matches) > 0.3 * shared.corners
     assert found.size((picture.shape[1], picture.shape[0])) == (W, H)
 
 
 def test_picture_of_one_camera_is_no_packing() -> None:
     found, shared = find_packing([view()], None)
-    assert found is None and shared.fraction < 0.05
+    assert found is None and len(shared.matches) < 0.05 * shared.corners
 
 
 @pytest.mark.parametrize("swapped", [False, True])
