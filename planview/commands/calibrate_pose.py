@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -19,11 +20,10 @@ from calib.errors import InputError
 from calib.floor.find import floor_from_points
 from calib.ground_camera import LENS_K_320, save_ground_camera
 from calib.images import as_colour, write_image
-from calib.io import parse_size, reason
+from calib.io import parse_size
 from calib.people.calibration import HumanCalibration, calibrate_from_people
 from calib.people.model import KnownValues
 from calib.people.samples import HumanSample, check_samples, read_image_size, read_samples, write_samples
-from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import F64, U8
 from calib.world import load_world, save_world
@@ -33,8 +33,9 @@ from planview.commands.options import Flag, JsonFlag
 from planview.drawing.style import Entry, as_bgr, with_legend
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search
-from planview.output.folder import read_run_info
+from planview.output.folder import writing
 from planview.output.progress import PlainConsole
+from planview.output.run_folder import RunFolder
 from planview.trajectories.table import read_tracks
 from stereo.readers import OpenOptions, open_recording
 from stereo.readers.open import open_video
@@ -137,11 +138,9 @@ def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> 
     for path, write in ((target, partial(save_world, floor)), (image, partial(_draw, view, floor))):
         if path is None:
             continue
-        try:
+        with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             write(path)
-        except OSError as error:
-            raise InputError(f"{path}: expected a place to write to, found {reason(error)}") from error
         console.print(f"wrote {path}", highlight=False)
     if target is None:
         console.print("no world.toml written: --save keeps this floor in the recording, --out FILE elsewhere")
@@ -162,14 +161,11 @@ def _floor_of_run(recording: StereoRecording, tracks: Path) -> Floor:
     world = tracks.with_name("world.toml")
     if world.is_file():
         return load_world(world)
-    run = tracks.with_name("run.json")
-    info = read_run_info(run)
-    if info.floor is None or info.floor.world_SE3_left is None:
+    pose = RunFolder(tracks.parent).world_SE3_left
+    if pose is None:
+        run = tracks.with_name("run.json")
         raise InputError(f"{run}: expected the floor of that run (run.json or world.toml), found none")
-    try:
-        return Floor(SE3.from_matrix(info.floor.world_SE3_left))
-    except ValueError as error:
-        raise InputError(f"{run}: expected the floor of that run, {error}") from error
+    return Floor(pose)
 
 
 def _sentence(floor: Floor) -> str:
@@ -266,14 +262,12 @@ def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> No
     console.print(f"fitting a camera to {len(taken)} sightings of people")
     found = calibrate_from_people(taken, size, options.lens, known=known, independent=independent, name=str(samples))
     picture = options.out.with_suffix(".png")
-    try:
+    with writing(options.out):
         options.out.parent.mkdir(parents=True, exist_ok=True)
         save_ground_camera(found.camera, options.out)
         write_image(picture, _picture(found, taken, video))
         if options.auto:
             write_samples(taken, options.out.with_suffix(".samples.json"), found.camera.size)
-    except OSError as error:
-        raise InputError(f"{options.out}: expected a place to write to, found {reason(error)}") from error
     _summarise(found, len(taken), console)
     console.print(f"wrote {options.out} and {picture}")
     if options.json_output:
@@ -284,10 +278,7 @@ def _known(options: HumanOptions) -> KnownValues:
     try:
         return KnownValues(options.focal, options.field, options.camera_height, options.person_height)
     except ValueError as error:
-        text = str(error)
-        for name, option in _KNOWN.items():
-            text = text.replace(name, option)
-        raise InputError(text) from error
+        raise InputError(re.sub("|".join(_KNOWN), lambda name: _KNOWN[name[0]], str(error))) from error
 
 
 _KNOWN = {

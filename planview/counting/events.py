@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Literal, cast, get_args
+from typing import IO, Literal, cast, get_args
 
 from calib.errors import InputError
 from calib.io import reason, require_file
@@ -23,11 +23,6 @@ def way_words(direction: str, inward: object) -> str:
     if inward:
         return "in" if direction == inward else "out"
     return "to its right" if direction == "left_to_right" else "to its left"
-
-
-def inward_ways(rules: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
-    """The direction that is in, by rule, of the totals of a run (``RunInfo.counts``)."""
-    return {name: str(rule.get("inward", "")) for name, rule in rules.items()}
 
 
 @dataclass(frozen=True)

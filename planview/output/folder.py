@@ -186,19 +186,19 @@ def folder_lock(folder: Path) -> Iterator[None]:
             (place / LOCK_NAME).unlink(missing_ok=True)
 
 
-def check_unlocked(folder: Path) -> None:
-    """Refuse a folder that another process holds (same errors as ``folder_lock``)."""
-    path = folder.resolve() / LOCK_NAME
-    if path.parent not in _held and path.exists():
-        with path.open(encoding="utf-8", errors="replace") as file:
-            _lock(file, path)
-
-
 def _locked(path: Path) -> IO[str]:
     """The lock file, locked and with our name in it."""
     while True:
         file = path.open("a+", encoding="utf-8", errors="replace")
-        _lock(file, path)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            file.seek(0)
+            owner = file.read(1000).strip() or "another process"
+            file.close()
+            raise InputError(
+                f"{path.parent}: {owner} is writing into it; wait for it or choose another folder"
+            ) from error
         # Its owner may have removed it after we opened it: then the lock is on a file that nobody else sees.
         if path.exists() and os.path.samestat(os.fstat(file.fileno()), path.stat()):
             file.truncate(0)
@@ -206,15 +206,6 @@ def _locked(path: Path) -> IO[str]:
             file.flush()
             return file
         file.close()
-
-
-def _lock(file: IO[str], path: Path) -> None:
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        file.seek(0)
-        owner = file.read(1000).strip() or "another process"
-        raise InputError(f"{path.parent}: {owner} is writing into it; wait for it or choose another folder") from error
 
 
 _NAMES = (
@@ -241,7 +232,13 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder for the results, found a file")
-    _try_to_write(folder)
+    try:  # a file without a name where the folder is or will be
+        place = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        why = "files cannot be created there" if error.errno == errno.ENOENT else reason(error)
+        raise WorkError(f"{folder}: cannot be written ({why})") from error
     is_product = recording is not None and any(fnmatch(recording.name, pattern) for pattern in PRODUCTS)
     if recording is not None and is_product and recording.resolve().parent == folder.resolve():
         raise InputError(f"{folder}: expected another folder than that of the input, found {recording} in it")
@@ -249,7 +246,9 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
     for path in [*found, *folder.glob(LOCK_NAME)]:
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: expected a file of a run, found a folder, a pipe or a device")
-    check_unlocked(folder)
+    if (folder / LOCK_NAME).exists():
+        with folder_lock(folder):  # refuses a folder that another process holds
+            pass
     if overwrite or not found:
         return
     # Results of any kind are worth keeping: of a run, finished or not, and of others who use the same names.
@@ -260,19 +259,7 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
         resumable = finished_run(folder) is None
     except InputError:
         raise HoldsResultsError(f"{folder}: contains a run of another version of planview") from None
-    held = "an unfinished run" if resumable else "a finished run"
-    raise HoldsResultsError(f"{folder}: contains {held}", resumable)
-
-
-def _try_to_write(folder: Path) -> None:
-    """Make a file without a name where the folder is or will be."""
-    try:
-        place = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
-        with tempfile.TemporaryFile(dir=place):
-            pass
-    except OSError as error:
-        why = "files cannot be created there" if error.errno == errno.ENOENT else reason(error)
-        raise WorkError(f"{folder}: cannot be written ({why})") from error
+    raise HoldsResultsError(f"{folder}: contains {'an unfinished' if resumable else 'a finished'} run", resumable)
 
 
 def prepare_folder(folder: Path, overwrite: bool) -> None:

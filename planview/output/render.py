@@ -15,11 +15,10 @@ from calib.images import write_image
 from calib.io import PART
 from calib.pose import SE3
 from calib.types import U8
-from planview.counting.events import Event, inward_ways, way_words
+from planview.counting.events import Event, way_words
 from planview.drawing.image import ImageCamera, ImagePainter
 from planview.drawing.plan import PlanBounds, PlanPainter, Snapshot, snapshot_at
 from planview.engine.config import Config, config_of
-from planview.engine.info import FloorInfo
 from planview.engine.setup import scene_cloud, set_up
 from planview.output.folder import writing
 from planview.output.run_folder import RunFolder
@@ -41,9 +40,8 @@ ALONE_PX = (960, 720)
 _INK, _BACK, _FONT = (40, 40, 40), (255, 255, 255), cv2.FONT_HERSHEY_SIMPLEX
 
 
-def tally(events: Sequence[Event], inward: Mapping[str, str], frame: int) -> list[str]:
-    """What each rule of (all) events has counted up to a frame; ``inward``: the direction that is in, where there is
-    one."""
+def tally(events: Sequence[Event], rules: Mapping[str, Any], frame: int) -> list[str]:
+    """What each rule of (all) events has counted up to a frame; ``rules``: see ``RunFolder.rule_counts``."""
     count: Counter[tuple[str, str]] = Counter(
         (event.rule, event.direction or event.kind) for event in events if event.frame <= frame
     )
@@ -53,7 +51,8 @@ def tally(events: Sequence[Event], inward: Mapping[str, str], frame: int) -> lis
         parts = [f"{entries - count[rule, 'exit']} inside", f"{entries} entries"]
         if kind == "crossing":
             ways = ("left_to_right", "right_to_left")
-            parts = [f"{count[rule, way]} {way_words(way, inward.get(rule))}" for way in ways]
+            inward = rules.get(rule, {}).get("inward")
+            parts = [f"{count[rule, way]} {way_words(way, inward)}" for way in ways]
         lines.append(f"{rule}: {', '.join(parts)}")
     return lines
 
@@ -87,7 +86,7 @@ class SceneComposer:
     def __call__(self, frame: int, image: U8 | None) -> U8:
         """(H, W, 3) uint8 BGR with even H and W; ``image``: (h, w[, 3]) uint8 BGR, None where it cannot be read."""
         snapshot = snapshot_at(self._results.tracks, frame, self._trail, self._truth)
-        counted = tally(self._results.events, inward_ways(self._results.rule_counts), frame)
+        counted = tally(self._results.events, self._results.rule_counts, frame)
         panels = [] if image is None else [self._image(image, snapshot)]
         if self._with_plan or image is None:
             height = panels[0].shape[0] if panels else ALONE_PX[1]
@@ -212,11 +211,11 @@ def open_frames(run: RunFolder) -> SceneFrames:
     config = config_of(info.config, "run.json")
     if is_multi_rig(path):
         rigs = open_rigs(path)
-        return SceneFrames(rigs, *_of_recording(rigs.rigs[0].recording, info.floor, config))
+        return SceneFrames(rigs, *_of_recording(rigs.rigs[0].recording, run.world_SE3_left, config))
     if info.rig is None or (info.rig.baseline_m is None and info.rig.depth_sensor is None):
         return SceneFrames(open_video(path, run.options), run.ground_camera, lambda frame: frame.image)
     recording = open_any(path, run.options)
-    return SceneFrames(recording, *_of_recording(recording, info.floor, config))
+    return SceneFrames(recording, *_of_recording(recording, run.world_SE3_left, config))
 
 
 def frames_or_none(run: RunFolder, warn: Callable[[str], object]) -> SceneFrames | None:
@@ -229,7 +228,7 @@ def frames_or_none(run: RunFolder, warn: Callable[[str], object]) -> SceneFrames
 
 
 def _of_recording(
-    recording: AnyRecording, floor: FloorInfo | None, config: Config
+    recording: AnyRecording, pose: SE3 | None, config: Config
 ) -> tuple[ImageCamera | None, Callable[[Any], U8]]:
     """The camera above the floor, and what makes the image of a frame."""
     image_of: Callable[[Any], U8]
@@ -239,10 +238,7 @@ def _of_recording(
     else:
         pair = Rectifier(recording.rig, config.rectify)
         geometry, image_of = pair.geometry, lambda frame: pair(frame.left, frame.right).left
-    if floor is None or floor.world_SE3_left is None:
-        return None, image_of
-    pose = np.array(floor.world_SE3_left, dtype=np.float64)
-    return StereoFloorCamera(geometry, SE3(pose[:3, :3], pose[:3, 3])), image_of
+    return None if pose is None else StereoFloorCamera(geometry, pose), image_of
 
 
 def scene_of(path: Path, options: OpenOptions | None = None) -> PointCloud:

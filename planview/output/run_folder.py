@@ -136,17 +136,24 @@ class RunFolder:
             raise InputError(f"{self.path / 'run.json'}: expected a camera above the floor: {error}") from error
 
     @cached_property
+    def world_SE3_left(self) -> SE3 | None:
+        """Pose of the rectified left camera; None of one camera."""
+        floor = self.info.floor
+        if floor is None or floor.world_SE3_left is None:
+            return None
+        try:
+            return SE3.from_matrix(floor.world_SE3_left)
+        except ValueError as error:
+            raise InputError(f"{self.path / 'run.json'}: expected the pose of the camera: {error}") from error
+
+    @cached_property
     def camera(self) -> GroundCamera | StereoFloorCamera | None:
         """The camera in whose pixels the boxes are, above the floor; None where run.json does not hold it."""
-        rig, floor = self.info.rig, self.info.floor
-        if rig is None or floor is None or rig.center_px is None or floor.world_SE3_left is None:
+        rig, pose = self.info.rig, self.world_SE3_left
+        if rig is None or pose is None or rig.center_px is None:
             return self.ground_camera
         if rig.focal_px is None or rig.focal_v_px is None:
             return None
-        try:
-            pose = SE3.from_matrix(floor.world_SE3_left)
-        except ValueError as error:
-            raise InputError(f"{self.path / 'run.json'}: expected the pose of the camera: {error}") from error
         baseline_m = rig.baseline_m or 1.0  # pixels and places on the floor do not depend on it
         geometry = RectifiedGeometry(
             rig.width, rig.height, rig.focal_px, rig.focal_v_px, *rig.center_px, baseline_m=baseline_m

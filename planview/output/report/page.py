@@ -14,7 +14,7 @@ from pydantic import JsonValue, TypeAdapter, ValidationError
 from calib.errors import InputError, WorkError
 from calib.params import first_problem
 from calib.types import I64
-from planview.counting.events import inward_ways, way_words
+from planview.counting.events import way_words
 from planview.counting.totals import Clock
 from planview.drawing.style import page_of, person_hex
 from planview.engine.info import CameraInfo
@@ -126,12 +126,11 @@ def _pictures(results: RunFolder) -> list[Picture]:
     if stages:
         pictures.append(picture("Time per stage", plots.stage_plot(stages)))
     rules, end_s = results.rule_counts, results.clock.span(max(1, results.n_frames)).end_s
-    inward = inward_ways(rules)
     crossings: dict[str, list[tuple[float, int]]] = {}
     for name, rule in rules.items():
         for way in ("left_to_right", "right_to_left") if rule.get("kind") == "tripwire" else ():
             times = sorted(e.timestamp_s for e in results.events if (e.rule, e.direction) == (name, way))
-            label = f"{name}, {way_words(way, inward.get(name))}"
+            label = f"{name}, {way_words(way, rule.get('inward'))}"
             crossings[label] = [(0.0, 0), *((time_s, n) for n, time_s in enumerate(times, 1))]
     if crossings:
         pictures.append(picture("Crossings over time", plots.steps_plot(crossings, end_s, "crossings")))

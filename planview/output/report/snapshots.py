@@ -13,7 +13,7 @@ import numpy as np
 from calib.errors import InputError, WorkError
 from calib.images import encode_image
 from calib.types import F64, U8
-from planview.counting.events import inward_ways, way_words
+from planview.counting.events import way_words
 from planview.drawing.image import ImageCamera, ImagePainter
 from planview.drawing.plan import Snapshot, snapshot_at
 from planview.drawing.style import Labels
@@ -163,9 +163,9 @@ def _strips(results: RunFolder, errors: Sequence[SignificantError]) -> list[_Wan
 def _crossings(results: RunFolder) -> list[_Wanted]:
     events = [event for event in results.events if event.kind == "crossing"]
     spread = np.unique(np.linspace(0, len(events) - 1, min(len(events), ERRORS_MAX)).round().astype(int))
-    wanted, inward = [], inward_ways(results.rule_counts)
+    wanted = []
     for event in (events[i] for i in spread):
-        way = way_words(event.direction, inward.get(event.rule))
+        way = way_words(event.direction, results.rule_counts.get(event.rule, {}).get("inward"))
         note = f"{_when(results, event.frame)}: track {event.track_id} {way}"
         wanted.append(_Wanted(event.rule, note, (event.frame,)))
     return wanted

@@ -140,7 +140,7 @@ def test_tally_counts_what_happened_up_to_a_frame():
         Event(2, 0.2, "room", "entry", 1), Event(6, 0.6, "room", "exit", 1),
     ]  # fmt: skip
     assert tally(events, {}, 4) == ["room: 1 inside, 1 entries", "gate: 1 to its right, 0 to its left"]
-    assert tally(events, {"gate": "right_to_left"}, 6) == ["room: 0 inside, 1 entries", "gate: 1 out, 1 in"]
+    assert tally(events, {"gate": {"inward": "right_to_left"}}, 6) == ["room: 0 inside, 1 entries", "gate: 1 out, 1 in"]
 
 
 def test_viewer_sends_no_statistics(monkeypatch):
