@@ -36,12 +36,13 @@ def lines_of(room: str) -> int:
 
 def main(lower: bool) -> None:
     """Print the table, and rewrite the ceilings when they are to be lowered."""
-    text = FILE.read_text(encoding="utf-8")
+    text, table = FILE.read_text(encoding="utf-8"), []
     for room, budget in BUDGET["rooms"].items():
         lines = lines_of(room)
-        print(f"{room:22} {lines:6} lines, target {budget['target']:6}: {lines - budget['target']:+6}")
+        table.append(f"{room:22} {lines:6} lines, target {budget['target']:6}: {lines - budget['target']:+6}")
         ceiling = min(budget["ceiling"], max(lines, budget["target"]))
         text = re.sub(rf'(?m)^("{re.escape(room)}" = .*ceiling = )\d+', rf"\g<1>{ceiling}", text)
+    print("\n".join(table))  # in one piece, so that a pager may close early
     if lower:
         FILE.write_text(text, encoding="utf-8")
 

@@ -105,14 +105,13 @@ class ImagePainter:
                 cv2.polylines(picture, [_pixels(line, scale)], False, as_bgr(colour), 2, cv2.LINE_AA)
             if lines:
                 labels.put(rule.name, lines[0][0] * scale, colour)
-        known = [person for person in snapshot.people if person.state != "tentative"]
-        for person in known:
+        for person in snapshot.people:
             for line in self._visible(snapshot.trails.get(person.track_id, np.empty((0, 2)))):
                 colour = as_bgr(person_rgb(person.track_id))
                 cv2.polylines(picture, [_pixels(line, scale)], False, colour, 2, cv2.LINE_AA)
         for person in sorted(snapshot.people, key=lambda p: p.state == "confirmed"):
             _paint_box(picture, person, scale)
-        for person in known:
+        for person in snapshot.people:
             if (place := self._place(person)) is not None:
                 text = f"{person.track_id} lost" if person.state == "lost" else f"{person.track_id}"
                 labels.put(text, place * scale, person_rgb(person.track_id, person.state))
@@ -152,9 +151,8 @@ def _paint_box(picture: U8, person: TrackState, scale: int) -> None:
     left, top, width, height = (round(scale * value) for value in person.box_px)
     colour: Rgb = as_bgr(person_rgb(person.track_id, person.state))
     corners = np.array([(left, top), (left + width, top), (left + width, top + height), (left, top + height)])
-    if person.state != "lost":
-        thickness = 2 if person.state == "confirmed" else 1
-        cv2.polylines(picture, [corners.astype(np.int32)], True, colour, thickness, cv2.LINE_AA)
+    if person.state == "confirmed":
+        cv2.polylines(picture, [corners.astype(np.int32)], True, colour, 2, cv2.LINE_AA)
         return
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         steps = max(1, int(np.abs(b - a).max()) // 6)

@@ -28,8 +28,8 @@ class Rule:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """People at one frame, its time (NaN where unknown), (N, 2) places of the last seconds by id [m], the newest last,
-    and the true people."""
+    """Confirmed and lost people at a frame, its time (NaN where unknown), (N, 2) places of the last seconds by id [m],
+    the newest last, and the true people."""
 
     frame: int
     time_s: float
@@ -41,7 +41,7 @@ class Snapshot:
 def snapshot_at(tracks: Trajectories, frame: int, trail_frames: int = 0, truth: Trajectories | None = None) -> Snapshot:
     """A frame of tables that are sorted by frame, with trails of ``trail_frames``."""
     first, start, stop = np.searchsorted(tracks.frame, [frame - trail_frames, frame, frame + 1]).tolist()
-    people = row_states(tracks, slice(start, stop))
+    people = [person for person in row_states(tracks, slice(start, stop)) if person.state != "tentative"]
     ids = tracks.track_id[first:stop]
     xy = np.column_stack([tracks.x_m[first:stop], tracks.y_m[first:stop]])
     trails = {person.track_id: xy[ids == person.track_id] for person in people}
@@ -144,7 +144,7 @@ class PlanPainter:
         labels = Labels(picture)
         for person in snapshot.people:
             trail = snapshot.trails.get(person.track_id)
-            if trail is not None and len(trail) > 1 and person.state != "tentative":
+            if trail is not None and len(trail) > 1:
                 colour = as_bgr(person_rgb(person.track_id))
                 cv2.polylines(picture, [self.px(trail)], False, colour, 2, cv2.LINE_AA)
         for person in snapshot.truth:
@@ -157,8 +157,7 @@ class PlanPainter:
             x, y = self.px(np.array([(person.x_m, person.y_m)]))[0].tolist()
             colour = as_bgr(person_rgb(person.track_id, person.state))
             cv2.circle(picture, (x, y), 6, colour, 2 if person.state == "lost" else -1, cv2.LINE_AA)
-            if person.state != "tentative":
-                labels.put(str(person.track_id), (x + 8, y - 4), person_rgb(person.track_id, person.state))
+            labels.put(str(person.track_id), (x + 8, y - 4), person_rgb(person.track_id, person.state))
         return picture
 
     def px(self, places_m: F64) -> I32:

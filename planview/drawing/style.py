@@ -14,8 +14,6 @@ from calib.types import F32, F64, U8
 from planview.trajectories.state import State
 
 Rgb = tuple[int, int, int]
-GREY: Rgb = (150, 150, 150)
-"""Of tentative people."""
 TRUTH: Rgb = (20, 20, 20)
 ERRORS: dict[str, Rgb] = {
     "lost": (214, 39, 40), "missed": (255, 127, 14), "swapped": (148, 103, 189), "transferred": (227, 119, 194),
@@ -27,9 +25,7 @@ ZONE: Rgb = (160, 127, 0)
 
 
 def person_rgb(track_id: int, state: State | Literal[""] = "confirmed") -> Rgb:
-    """One colour per id; grey while tentative, pale while lost."""
-    if state == "tentative":
-        return GREY
+    """One colour per id; pale while lost."""
     # Step around the colour circle from id to id: neighbouring ids differ most.
     red, green, blue = colorsys.hsv_to_rgb(0.618034 * track_id % 1.0, 0.85, 0.95)
     # Colours are darkened to this luma, so that they are legible on white paper and on images [levels of 255].

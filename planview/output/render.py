@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -119,6 +121,19 @@ CODECS = {".mp4": "vp09", ".webm": "VP80", ".avi": "MJPG", ".mkv": "VP80"}
 """By ending: what OpenCV's wheels write and browsers play, VP9 in .mp4 and VP8 in .webm; they have no H.264 encoder."""
 
 
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Without what libraries in C print: OpenCV does not know that .webm holds VP8, and warns of it."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
 def write_video(path: Path, fps: float, pictures: Iterable[U8]) -> int:
     """Write pictures of one size into a video, which is at its place when all are written; how many there were. Raises
     InputError: the path does not end like a video. WorkError: it cannot be written."""
@@ -131,7 +146,9 @@ def write_video(path: Path, fps: float, pictures: Iterable[U8]) -> int:
             if count == 1:
                 with writing(path):
                     path.parent.mkdir(parents=True, exist_ok=True)
-                if not writer.open(str(part), cv2.VideoWriter.fourcc(*codec), fps, picture.shape[1::-1]):
+                with _silent():
+                    opened = writer.open(str(part), cv2.VideoWriter.fourcc(*codec), fps, picture.shape[1::-1])
+                if not opened:
                     raise WorkError(f"{path}: the video cannot be written")
             writer.write(picture)
         writer.release()

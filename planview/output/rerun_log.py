@@ -140,9 +140,9 @@ class RerunLog:
             self._log_images(result)
         for rig, tracks in zip(result.rigs[1:], result.boxed[1:], strict=True):
             if rig is not None:
-                self._log_boxes(f"{rig.name}/image", [t for t in tracks if not math.isnan(t.box_px[0])])
-        self._log_boxes("image", [track for track in result.tracks if not math.isnan(track.box_px[0])])
-        self._log_bodies([track for track in result.tracks if not math.isnan(track.x_m)])
+                self._log_boxes(f"{rig.name}/image", tracks)
+        self._log_boxes("image", result.tracks)
+        self._log_bodies([t for t in result.tracks if t.state != "tentative" and not math.isnan(t.x_m)])
         for decision in result.decisions:
             if decision.kind != "matched":
                 level = rr.TextLogLevel.WARN if decision.kind == "lost" else rr.TextLogLevel.INFO
@@ -270,7 +270,8 @@ class RerunLog:
         self._stream.log("plan/height", map_image(maps.height, self._engine.config.maps.height_max_m, stereo))
         self._stream.log("plan/occupancy", map_image(density, 4.0, stereo))
 
-    def _log_boxes(self, path: str, tracks: list[TrackState]) -> None:
+    def _log_boxes(self, path: str, people: Sequence[TrackState]) -> None:
+        tracks = [t for t in people if t.state != "tentative" and not math.isnan(t.box_px[0])]
         boxes = np.array([track.box_px for track in tracks], dtype=np.float32).reshape(-1, 4)
         self._stream.log(
             f"{path}/people",

@@ -63,6 +63,8 @@ def test_moment_holds_people_their_trails_and_the_truth_of_one_frame() -> None:
     assert [person.track_id for person in snapshot.people] == [1, 2]
     assert snapshot.trails[1].tolist() == [[0, 1], [4, 5]]
     assert (snapshot.time_s, len(snapshot.truth)) == (0.1, 2)
+    tracks.state[2] = "tentative"
+    assert [person.track_id for person in snapshot_at(tracks, 1, 5).people] == [2]
 
 
 def test_plan_view_shows_a_person_at_the_place_within_a_margin():
