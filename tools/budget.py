@@ -6,6 +6,7 @@ Run: python tools/budget.py [--lower]
 from __future__ import annotations
 
 import re
+import signal
 import sys
 import tomllib
 from pathlib import Path
@@ -36,16 +37,16 @@ def lines_of(room: str) -> int:
 
 def main(lower: bool) -> None:
     """Print the table, and rewrite the ceilings when they are to be lowered."""
-    text, table = FILE.read_text(encoding="utf-8"), []
+    text = FILE.read_text(encoding="utf-8")
     for room, budget in BUDGET["rooms"].items():
         lines = lines_of(room)
-        table.append(f"{room:22} {lines:6} lines, target {budget['target']:6}: {lines - budget['target']:+6}")
+        print(f"{room:22} {lines:6} lines, target {budget['target']:6}: {lines - budget['target']:+6}")
         ceiling = min(budget["ceiling"], max(lines, budget["target"]))
         text = re.sub(rf'(?m)^("{re.escape(room)}" = .*ceiling = )\d+', rf"\g<1>{ceiling}", text)
-    print("\n".join(table))  # in one piece, so that a pager may close early
     if lower:
         FILE.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # a pager may close early
     main("--lower" in sys.argv[1:])

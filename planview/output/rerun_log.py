@@ -277,13 +277,14 @@ class RerunLog:
             f"{path}/people",
             rr.Boxes2D(
                 array=boxes, array_format=rr.Box2DFormat.XYWH, labels=[label_of(track) for track in tracks],
-                colors=_colours(tracks),
+                colors=[person_rgb(track.track_id, track.state) for track in tracks],
             ),
         )  # fmt: skip
 
     def _log_bodies(self, tracks: list[TrackState]) -> None:
         heights = [1.7 if math.isnan(track.height_m) else track.height_m for track in tracks]
-        colours, labels = _colours(tracks), [label_of(track) for track in tracks]
+        colours = [person_rgb(track.track_id, track.state) for track in tracks]
+        labels = [label_of(track) for track in tracks]
         centres = [(track.x_m, track.y_m, height / 2) for track, height in zip(tracks, heights, strict=True)]
         sizes = [(BODY_M, BODY_M, height) for height in heights]
         self._stream.log("world/people", rr.Boxes3D(centers=centres, sizes=sizes, colors=colours, labels=labels))
@@ -321,7 +322,3 @@ def rarer(written: int, room: int = 2 * 2**30) -> int:
     choice of room: an hour that can be copied [bytes])."""
     left = 1.0 - written / room
     return 1 << math.floor(-math.log2(max(left, 1 / 4096)))  # one in five minutes at 15 Hz (our choice)
-
-
-def _colours(tracks: Sequence[TrackState]) -> list[tuple[int, int, int]]:
-    return [person_rgb(track.track_id, track.state) for track in tracks]
