@@ -202,16 +202,21 @@ def find_counts(images: Iterable[U8]) -> tuple[int, int] | None:
     """Inner corners (more, fewer) of the chessboard in the images, None when none is found: a small pattern is grown as
     far as it goes in each image, and the largest size that is in most images wins, since parts of a board are found as
     well, and an edge of the board can look like another row of squares in a few."""
-    greys = [as_grey(image) for image in images]
-    votes = Counter(size for grey in greys if (size := _grown(grey)) is not None)
+    greys, votes = [as_grey(image) for image in images], Counter[tuple[int, int]]()
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
+    for grey in greys:
+        sized = at_detection_width(grey)[0]
+        found, _, meta = cv2.findChessboardCornersSBWithMeta(sized, (MIN_CORNERS, MIN_CORNERS), flags)
+        if found and meta is not None and meta.ndim == 2 and meta.size > MIN_CORNERS**2:
+            votes[max(meta.shape), min(meta.shape)] += 1
     # Counts that are tried on all images, the most frequent ones.
     # A size that is found in a single image is chance: small ones are found in noise.
     tried = [size for size, count in votes.most_common(4) if count >= 2]
     if len(votes) < 2 or not tried:
         return tried[0] if tried else None
     tried.sort(key=lambda size: -size[0] * size[1])
-    found = {size: sum(find_chessboard(grey, *size) is not None for grey in greys) for size in tried}
-    return next((size for size in tried if 2 * found[size] > len(greys)), max(tried, key=lambda size: found[size]))
+    counts = {size: sum(find_chessboard(grey, *size) is not None for grey in greys) for size in tried}
+    return next((size for size in tried if 2 * counts[size] > len(greys)), max(tried, key=lambda size: counts[size]))
 
 
 def larger_counts(images: Iterable[U8], given: tuple[int, int]) -> tuple[int, int] | None:
@@ -228,15 +233,6 @@ def larger_counts(images: Iterable[U8], given: tuple[int, int]) -> tuple[int, in
         for size in (found, given)
     )
     return found if whole >= max(1, part) else None
-
-
-def _grown(grey: U8) -> tuple[int, int] | None:
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
-    found, _, meta = cv2.findChessboardCornersSBWithMeta(at_detection_width(grey)[0], (MIN_CORNERS, MIN_CORNERS), flags)
-    if not found or meta is None or meta.ndim != 2:
-        return None
-    rows, cols = (int(n) for n in meta.shape)
-    return (max(rows, cols), min(rows, cols)) if rows * cols > MIN_CORNERS**2 else None
 
 
 def complete_charuco(board: Board, images: Sequence[U8], *, any_dictionary: bool, any_marker: bool) -> Board:

@@ -41,10 +41,6 @@ class RigFit:
         """(n_views,) the same per view [px]."""
         return np.array([rms([error]) for error in self.errors])
 
-    def side_errors(self, side: Side) -> list[F64]:
-        """Per view the (n, 2) reprojection errors of one camera [px]."""
-        return [error[SIDES.index(side)] for error in self.errors]
-
 
 def rms(errors: Iterable[F64]) -> float:
     """Root mean square length of the 2-vectors in several (..., 2) arrays; NaN without any."""
@@ -241,8 +237,8 @@ def standard_deviations(views: Sequence[BoardView], points: F64, fit: RigFit) ->
     """Standard deviation of every parameter of the rig, computed as OpenCV does for one camera: from the scatter of the
     residuals and their Jacobian by rig and board poses, whose share is eliminated view by view (Schur complement).
     OpenCV has none for the transform between two cameras, nor for a fisheye."""
-    names = list(rig_parameters(fit.rig))
-    values = np.array(list(rig_parameters(fit.rig).values()))[:-1]  # without the baseline
+    parameters = rig_parameters(fit.rig)
+    values = np.array(list(parameters.values()))[:-1]  # without the baseline
     free = values != 0.0  # the coefficients that the lens does not have are exactly 0
     information, squares, n = np.zeros((free.sum(), free.sum())), 0.0, -int(free.sum())
     for view, pose, error in zip(views, fit.poses, fit.errors, strict=True):
@@ -259,7 +255,7 @@ def standard_deviations(views: Sequence[BoardView], points: F64, fit: RigFit) ->
     covariance[np.ix_(free, free)] = np.linalg.pinv(information) * (squares / max(n, 1))
     along = values[-3:] / np.linalg.norm(values[-3:])
     variances = np.append(covariance.diagonal(), along @ covariance[-3:, -3:] @ along)
-    return dict(zip(names, np.sqrt(variances).tolist(), strict=True))
+    return dict(zip(parameters, np.sqrt(variances).tolist(), strict=True))
 
 
 def _rig_of(values: F64, like: StereoRig) -> StereoRig:

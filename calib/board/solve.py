@@ -20,13 +20,12 @@ from calib.board.fit import (
     fit_camera,
     fit_rig,
     held_out_error,
-    rig_parameters,
     standard_deviations,
 )
 from calib.camera import LensModel
 from calib.errors import InputError
 from calib.rig import MAX_BASELINE_M, MIN_BASELINE_M, StereoRig
-from calib.types import F64, Bool
+from calib.types import F64
 
 FOLDS = 5
 """Parts of the views that are left out of a fit in turn."""
@@ -77,21 +76,20 @@ def fit_lenses(
 
 def compare_lenses(views: Sequence[BoardView], points: F64, fits: Mapping[Lens, RigFit]) -> tuple[LensChoice, ...]:
     """Judge lens models on views left out of their fit (k-fold)."""
-    tried, folds = [], np.arange(len(views)) % min(FOLDS, len(views))
-    for lens, fit in fits.items():
+    tried, folds = [], min(FOLDS, len(views))
+    for lens, full in fits.items():
+        squares = []  # mean square errors [px^2] of every view by a rig fitted without its fold
         with suppress(FitError):  # a fold leaves too little to fit the lens to
-            squares = [s for k in range(folds.max() + 1) for s in _held_out(views, points, fit, lens, folds == k)]
+            for k in range(folds):
+                inside = [view for i, view in enumerate(views) if i % folds != k]
+                rig = fit_rig(inside, points, (full.rig.left, full.rig.right), lens, REFIT_ITERATIONS).rig
+                squares += [
+                    held_out_error(rig, v, points, full.poses[i]) for i, v in enumerate(views) if i % folds == k
+                ]
             tried.append(LensChoice(lens, float(np.sqrt(np.mean(squares)))))
     if not tried:
         raise FitError("no lens model fits the views")
     return tuple(tried)
-
-
-def _held_out(views: Sequence[BoardView], points: F64, full: RigFit, lens: Lens, out: Bool) -> list[float]:
-    """Mean square errors [px^2] of the fold's views by a rig fitted without them."""
-    inside = [view for view, left_out in zip(views, out, strict=True) if not left_out]
-    rig = fit_rig(inside, points, (full.rig.left, full.rig.right), lens, REFIT_ITERATIONS).rig
-    return [held_out_error(rig, views[i], points, full.poses[i]) for i in np.flatnonzero(out).tolist()]
 
 
 def choose_lens(tried: Sequence[LensChoice]) -> LensChoice:
@@ -128,11 +126,6 @@ class BoardCalibration:
     lenses: tuple[LensChoice, ...]
 
     @property
-    def parameters(self) -> dict[str, float]:
-        """Every parameter by its name."""
-        return rig_parameters(self.rig)
-
-    @property
     def chosen_lens(self) -> LensChoice:
         """The lens that was chosen."""
         return choose_lens(self.lenses)
@@ -152,17 +145,12 @@ class BoardCalibration:
             rows.append(rays[:, 1] / rays[:, 2])
         return float(np.sqrt(np.mean((rows[0] - rows[1]) ** 2))) * self.rig.left.fy
 
-    def coverage(self, side: Side, cols: int = 8, rows: int = 6) -> F64:
-        """(rows, cols) number of corners in each cell of the image."""
-        pixels = np.concatenate([view.image_points(side) for view in self.views])
-        width, height = self.rig.left.size
-        limits = [(-0.5, height - 0.5), (-0.5, width - 0.5)]
-        found = np.histogramdd(pixels[:, ::-1], bins=(rows, cols), range=limits)[0]
-        return np.asarray(found, dtype=np.float64)
-
     def coverage_share(self, side: Side) -> float:
-        """Share of the image's cells that hold a corner."""
-        return float((self.coverage(side) > 0).mean())
+        """Share of 8 x 6 cells of the image that hold a corner."""
+        u, v = np.concatenate([view.image_points(side) for view in self.views]).T
+        width, height = self.rig.left.size
+        limits = [(-0.5, width - 0.5), (-0.5, height - 0.5)]
+        return float((np.histogram2d(u, v, bins=(8, 6), range=limits)[0] > 0).mean())
 
 
 def solve_board(

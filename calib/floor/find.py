@@ -136,7 +136,14 @@ def _away_from_edges(plane: Plane, cells: Cells, view: Rays) -> Bool:
 
 
 def _floor(best: Candidate, cells: Cells) -> Floor:
-    plane = best.plane
+    plane, columns = best.plane, []
+    # Covariance of (height, tilt, roll) by central differences over q.
+    step = 1e-6 * float(np.linalg.norm(plane.q))
+    for d in step * np.eye(3):
+        ahead, behind = replace(plane, q=plane.q + d), replace(plane, q=plane.q - d)
+        values = [np.array([p.distance_m, p.tilt_rad, p.roll_rad]) for p in (ahead, behind)]
+        columns.append((values[0] - values[1]) / (2 * step))
+    jacobian = np.stack(columns, axis=1)
     pose = world_from_plane(plane.normal, plane.distance_m)
     view = cells.medians(plane.q)
     inliers = view.where(np.abs(view.residuals(plane.q)) < INLIER_SIGMAS)
@@ -146,20 +153,9 @@ def _floor(best: Candidate, cells: Cells) -> Floor:
         pose,
         inlier_fraction=best.inlier_fraction,
         residual_m=float(np.sqrt(np.mean(world[:, 2] ** 2))),
-        covariance=_pose_covariance(plane),
+        covariance=np.asarray(jacobian @ plane.covariance @ jacobian.T),
         extent_m=(float(low[0]), float(low[1]), float(high[0]), float(high[1])),
     )
-
-
-def _pose_covariance(plane: Plane) -> F64:
-    """Covariance of (height, tilt, roll) by central differences over q."""
-    step, columns = 1e-6 * float(np.linalg.norm(plane.q)), []
-    for d in step * np.eye(3):
-        ahead, behind = replace(plane, q=plane.q + d), replace(plane, q=plane.q - d)
-        values = [np.array([p.distance_m, p.tilt_rad, p.roll_rad]) for p in (ahead, behind)]
-        columns.append((values[0] - values[1]) / (2 * step))
-    jacobian = np.stack(columns, axis=1)
-    return np.asarray(jacobian @ plane.covariance @ jacobian.T)
 
 
 def _points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None) -> Rays:

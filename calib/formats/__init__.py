@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -92,9 +92,12 @@ def _in_folder(folder: Path) -> Found:
                 rigs.append((form, (source,)))
             case (form, part):
                 halves.append((form, part, source))
-    rigs += _paired(halves)
-    own = [rig for rig in rigs if rig[0] is NATIVE]
-    rigs = own or rigs
+    # Halves of one format pair by name, or as the only two that there are.
+    for form in dict.fromkeys(form for form, _, _ in halves):
+        lefts, rights = ([s for f, part, s in halves if (f, part) == (form, one)] for one in ("left", "right"))
+        only = len(lefts) == len(rights) == 1
+        rigs += [(form, (a, b)) for a in lefts for b in rights if only or _plain(a.path) == _plain(b.path)]
+    rigs = [rig for rig in rigs if rig[0] is NATIVE] or rigs
     if len(rigs) == 1:
         return rigs[0]
     if not rigs:
@@ -103,16 +106,6 @@ def _in_folder(folder: Path) -> Found:
         raise InputError(f"{folder}: expected a stereo calibration in it, found {what}")
     names = ", ".join("+".join(s.path.name for s in sources) for _, sources in rigs[:4])
     raise InputError(f"{folder}: expected one calibration in it, found {len(rigs)} ({names}): name the file")
-
-
-def _paired(halves: Sequence[tuple[Format, str, Source]]) -> list[Found]:
-    """Match halves of one format: by name, or as the only two there are."""
-    rigs: list[Found] = []
-    for form in dict.fromkeys(form for form, _, _ in halves):
-        lefts, rights = ([s for f, part, s in halves if (f, part) == (form, one)] for one in ("left", "right"))
-        only = len(lefts) == len(rights) == 1
-        rigs += [(form, (a, b)) for a in lefts for b in rights if only or _plain(a.path) == _plain(b.path)]
-    return rigs
 
 
 FORMATS: tuple[Format, ...] = (NATIVE, OPENCV, DEPTHAI, KALIBR, ROS, ZED, KITTI, EUROC, MIDDLEBURY)
@@ -172,7 +165,14 @@ def write_rig(rig: StereoRig, path: Path, format_key: str | None = None, keep: C
         format_key: ``Format.key``; None takes the first format that writes files of this suffix.
         keep: files that must not be written over.
     """
-    chosen = _format_for(path, format_key)
+    keys, suffix = ", ".join(f.key for f in FORMATS), path.suffix.lower()
+    matches = [f for f in FORMATS if (f.key == format_key if format_key else suffix and f.suffix == suffix)]
+    if not matches:
+        problem = f"a format of {keys}, found {format_key!r}"
+        if format_key is None:
+            problem = f"the name of a format ({keys}), because none has the suffix of {path.name!r}"
+        raise InputError(f"{path}: expected {problem}")
+    chosen = matches[0]
     try:
         texts = chosen.texts(rig, path)
         if kept := {file.resolve() for file in texts} & {file.resolve() for file in keep}:
@@ -184,20 +184,6 @@ def write_rig(rig: StereoRig, path: Path, format_key: str | None = None, keep: C
         raise InputError(f"{path}: expected a rig that {chosen.name} can hold, but {error}") from error
     except OSError as error:
         raise InputError(f"{path}: expected a place to write to, found {reason(error)}") from error
-
-
-def _format_for(path: Path, format_key: str | None) -> Format:
-    keys = ", ".join(f.key for f in FORMATS)
-    suffix = path.suffix.lower()
-    if format_key is not None:
-        found = next((one for one in FORMATS if one.key == format_key), None)
-        problem = f"a format of {keys}, found {format_key!r}"
-    else:
-        found = next((one for one in FORMATS if one.suffix and one.suffix == suffix), None)
-        problem = f"the name of a format ({keys}), because none has the suffix of {path.name!r}"
-    if found is None:
-        raise InputError(f"{path}: expected {problem}")
-    return found
 
 
 def refuse_strange_camera(one: Camera, side: str) -> None:

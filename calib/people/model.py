@@ -98,11 +98,11 @@ class HumanModel:
 
     def head(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
         """(..., 2) float64 [px]: the top of the head's centre, for (..., 2) floor positions [m]."""
-        return camera.project(_at_height(xy_m, self.height_m))
+        return camera.project(np.insert(np.asarray(xy_m, dtype=np.float64), 2, self.height_m, axis=-1))
 
     def foot(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
         """(..., 2) float64 [px]: the middle between the feet, for (..., 2) floor positions [m]."""
-        return camera.project(_at_height(xy_m, 0.0))
+        return camera.project(np.insert(np.asarray(xy_m, dtype=np.float64), 2, 0.0, axis=-1))
 
     def boxes(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
         """(..., 4) float64 left, top, width, height [px] of the outline, for (..., 2) floor positions [m]."""
@@ -125,11 +125,6 @@ def _whitened(points: F64) -> F64:
     sy = np.sqrt(np.maximum(yy - (xy / sx) ** 2, 1e-12))
     x = centred[..., 0] / sx[..., None]
     return np.stack([x, (centred[..., 1] - (xy / sx)[..., None] * x) / sy[..., None]], axis=-1)
-
-
-def _at_height(xy_m: ArrayLike, height_m: float) -> F64:
-    xy = np.asarray(xy_m, dtype=np.float64)
-    return np.concatenate([xy, np.full((*xy.shape[:-1], 1), height_m)], axis=-1)
 
 
 FOCAL, HEIGHT, TILT, ROLL, GIRTH, STATURE = range(6)

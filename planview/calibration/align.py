@@ -233,21 +233,23 @@ def _refined(
     met = np.concatenate([m.second.at(m.ticks - motion.clock_s / TICK_S) for m in meetings])
     pivot = np.nanmean(met, axis=0)
 
-    def residual_m(v: F64, disparities_px: tuple[float, float]) -> F64:
-        return np.concatenate([m.residual(v, disparities_px, pivot) for m in meetings])
+    def residual_m(v: F64, first_px: float = disparity_px, second_px: float = disparity_px) -> F64:
+        return np.concatenate([m.residual(v, (first_px, second_px), pivot) for m in meetings])
 
-    here, std = disparity_px, DISPARITY_STD_PX
-    start = np.array([motion.heading_rad, *motion.apply(pivot), motion.clock_s])
+    start, worse_px = (
+        np.array([motion.heading_rad, *motion.apply(pivot), motion.clock_s]),
+        disparity_px + DISPARITY_STD_PX,
+    )
     result = least_squares(
-        lambda v: residual_m(v, (here, here)) / NOISE_M, start,
-        loss="soft_l1", x_scale=[0.05, 0.1, 0.1, 0.1], diff_step=1e-4,
-    )  # fmt: skip
-    left = residual_m(result.x, (here, here))
-    off = [residual_m(result.x, pair) - left for pair in ((here + std, here), (here, here + std))]
-    # (4, 4) of the values: of correlated noise, and of systematic errors of one deviation each (N, K) that are
+        lambda v: residual_m(v) / NOISE_M, start, loss="soft_l1", x_scale=[0.05, 0.1, 0.1, 0.1], diff_step=1e-4
+    )
+    left = residual_m(result.x)
+    # (4, 4) of the values: of correlated noise, and of systematic errors of one deviation each (N, 2) that are
     # not solved for (consider covariance).
     jacobian = result.jac * NOISE_M
-    systematic_m = np.column_stack(off)
+    worse_px = disparity_px + DISPARITY_STD_PX
+    off = [residual_m(result.x, first_px=worse_px), residual_m(result.x, second_px=worse_px)]
+    systematic_m = np.column_stack(off) - left[:, None]
     sigma = max(float(np.median(np.abs(left)) / 0.6745), 1e-3)
     normal = jacobian.T @ jacobian + 1e-9 * np.eye(4)
     effect = np.linalg.solve(normal, jacobian.T @ systematic_m)
@@ -273,8 +275,7 @@ class _Meeting(NamedTuple):
     def residual(self, v: F64, disparities_px: tuple[float, float], pivot: F64) -> F64:
         """(2 N,) differences [m] under (heading, x and y of the pivot, clock), with disparities corrected."""
         then = self.ticks - v[3] / TICK_S
-        ours = self.first.at(self.ticks) + disparities_px[0] * self.first.per_px_at(self.ticks)
-        theirs = self.second.at(then) + disparities_px[1] * self.second.per_px_at(then)
+        ours, theirs = self.first.at(self.ticks, disparities_px[0]), self.second.at(then, disparities_px[1])
         return np.nan_to_num(((theirs - pivot) @ floor_rotation(v[0]).T + v[1:3] - ours).ravel(), nan=0.0)
 
 
@@ -334,7 +335,7 @@ def rig_entries(records: Sequence[RigRecord], alignments: Sequence[RigAlignment]
 
 
 def relative_to(head: Path, folder: Path) -> str:
-    """The path of a rig in the folder of ``rigs.toml``, which becomes the recording. Raises InputError: not in it."""
+    """The path of a rig in the folder of ``rigs.toml``. Raises InputError: not in it."""
     relative = os.path.relpath(head.resolve(), folder.resolve())
     if relative.startswith("..") or relative == ".":
         raise InputError(f"expected rigs.toml in a folder above all heads, found {folder} for {head}")

@@ -26,7 +26,7 @@ from calib.board.detect import (
     same_order,
     spans_a_plane,
 )
-from calib.board.fit import MAX_VIEWS, rms, select_views, sharpness
+from calib.board.fit import MAX_VIEWS, rig_parameters, rms, select_views, sharpness
 from calib.board.solve import FOLDS, BoardCalibration, RejectedView, solve_board
 from calib.camera import LensModel
 from calib.errors import InputError
@@ -46,8 +46,8 @@ class BoardPair:
     """Two images taken together; without images ``why`` names what is wrong."""
 
     name: str
-    left: U8 | None
-    right: U8 | None
+    left: U8 | None = None
+    right: U8 | None = None
     why: str = ""
 
 
@@ -60,11 +60,9 @@ class BoardImages:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._files: Sequence[Files] = ()
-        self._videos: Sequence[Path] = ()
-        self._frames: list[int] = []
+        self._files, self._frames = list[Files](), list[int]()
         if path.is_file() and path.suffix.lower() in VIDEO_SUFFIXES:
-            self._videos = (path,)
+            self._videos: Sequence[Path] = (path,)
         elif path.is_dir():
             self._files, self._videos = _in_folder(path)
         else:
@@ -84,6 +82,11 @@ class BoardImages:
     def __iter__(self) -> Iterator[BoardPair]:
         return self.at(range(len(self)))
 
+    def sample(self, pairs: int) -> list[U8]:
+        """Images of a few pairs, to find or check the board's counts."""
+        indices = sorted({int(i) for i in np.linspace(0, len(self) - 1, min(len(self), pairs))})
+        return [image for pair in self.at(indices) for image in (pair.left, pair.right) if image is not None]
+
     def at(self, indices: Sequence[int]) -> Iterator[BoardPair]:
         """Only these pairs, in ascending order."""
         if self.is_video:
@@ -94,7 +97,7 @@ class BoardImages:
         for files in (self._files[index] for index in indices):
             found = [file for file in files if file is not None]
             if len(found) < len(files):
-                yield BoardPair(_name(files), None, None, "has no mate from the other camera")
+                yield BoardPair(_name(files), why="has no mate from the other camera")
                 continue
             images = [read_image(file, bits_of([file])) for file in found]
             broken = [f"{f.parent.name}/{f.name} " for f, image in zip(found, images, strict=True) if image is None]
@@ -109,7 +112,7 @@ def _pair(name: str, images: Sequence[U8 | None], which: str = "") -> BoardPair:
     """A pair of an image of each camera, or of one that holds both side by side."""
     left, right = images[0], images[-1]
     if left is None or right is None:
-        return BoardPair(name, None, None, f"{which}cannot be decoded")
+        return BoardPair(name, why=f"{which}cannot be decoded")
     if len(images) == 2:
         return BoardPair(name, left, right)
     height, width = left.shape[:2]
@@ -122,7 +125,7 @@ def _pair(name: str, images: Sequence[U8 | None], which: str = "") -> BoardPair:
     return BoardPair(name, left[:, : width // 2], left[:, width // 2 :])
 
 
-def _in_folder(folder: Path) -> tuple[Sequence[Files], Sequence[Path]]:
+def _in_folder(folder: Path) -> tuple[list[Files], Sequence[Path]]:
     """Images, or videos; those of the two cameras are distinguished by the names of their folders or their own."""
     folders = [f for f in entries(folder) if f.is_dir() and image_files(f)]
     sided = split_sides([f.name for f in folders])
@@ -136,14 +139,14 @@ def _in_folder(folder: Path) -> tuple[Sequence[Files], Sequence[Path]]:
     if images:
         return (_paired(left, right) if left else [(file,) for file in images]), ()
     if len(left) == len(right) == 1:
-        return (), (left[0], right[0])
+        return [], (left[0], right[0])
     if len(videos) == 1:
-        return (), videos
+        return [], videos
     wanted = "left and right images or videos, or images or a video side by side"
     raise InputError(f"{folder}: expected {wanted}, found {len(videos) or 'no images or'} videos")
 
 
-def _paired(left: Sequence[Path], right: Sequence[Path]) -> list[tuple[Path | None, Path | None]]:
+def _paired(left: Sequence[Path], right: Sequence[Path]) -> list[Files]:
     """Mates by name without the word for the side, else by number, else in order."""
     for key in (_plain, frame_number):
         lefts, rights = {key(f): f for f in left}, {key(f): f for f in right}
@@ -190,21 +193,15 @@ def calibrate_images(
     return solve_board(views, board, found.size, model=request.model, rejected=rejected, source=str(path))
 
 
-def _sample(images: BoardImages, pairs: int = 4) -> list[U8]:
-    """Images of a few pairs, to find or check the board's counts."""
-    indices = sorted({int(i) for i in np.linspace(0, len(images) - 1, min(len(images), pairs))})
-    return [image for pair in images.at(indices) for image in (pair.left, pair.right) if image is not None]
-
-
 def _board(images: BoardImages, request: BoardRequest) -> Board:
     """The board, its counts found or checked."""
-    sample = _sample(images)
+    sample = images.sample(4)
     if request.board is not None and request.board.dictionary:
         return complete_charuco(
             request.board, sample, any_dictionary=request.any_dictionary, any_marker=request.any_marker
         )
     if request.board is None:
-        counts = find_counts(sample) or find_counts(_sample(images, 20))
+        counts = find_counts(sample) or find_counts(images.sample(20))
         if counts is None:
             raise InputError(
                 f"{images.path}: expected images of a chessboard, found none in {len(sample)} of them: "
@@ -295,7 +292,7 @@ def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
 
 def _parameters(result: BoardCalibration) -> list[tuple[str, str, str]]:
     rows = []
-    for name, value in result.parameters.items():
+    for name, value in rig_parameters(result.rig).items():
         if name.startswith("rotation"):
             scale, unit, digits = math.degrees(1), "°", 4
         elif name.startswith("translation") or name == "baseline":
@@ -332,7 +329,7 @@ def _figure(result: BoardCalibration) -> bytes:
     bars = figure.add_subplot(grid[0, :])
     place, (w, h) = np.arange(len(result.views)), result.rig.left.size
     for column, (side, colour) in enumerate(zip(SIDES, ("tab:blue", "tab:orange"), strict=True)):
-        errors = result.fit.side_errors(side)
+        errors = [error[column] for error in result.fit.errors]
         bars.bar(place + 0.4 * column - 0.2, [rms([error]) for error in errors], 0.4, color=colour, label=side)
         axes = figure.add_subplot(grid[1, column])
         found = np.concatenate([view.image_points(side) for view in result.views])

@@ -37,13 +37,9 @@ class WalkedPath:
         """The tick after the last sample."""
         return self.first + len(self.xy_m)
 
-    def per_px_at(self, ticks: F64) -> F64:
-        """(N, 2) ``per_px_m`` at fractional ticks; NaN outside of the path."""
-        return self.at(ticks, self.per_px_m)
-
-    def at(self, ticks: F64, values: F64 | None = None) -> F64:
-        """(N, 2) positions, or other (n, 2) values of the samples, at fractional ticks; NaN outside of the path."""
-        known, values = np.arange(self.first, self.end), self.xy_m if values is None else values
+    def at(self, ticks: F64, disparity_px: float = 0.0) -> F64:
+        """(N, 2) positions at fractional ticks, with all disparities so much larger; NaN outside of the path."""
+        known, values = np.arange(self.first, self.end), self.xy_m + disparity_px * self.per_px_m
         return np.column_stack([np.interp(ticks, known, column, left=np.nan, right=np.nan) for column in values.T])
 
 
