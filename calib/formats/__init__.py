@@ -110,7 +110,7 @@ def _in_folder(folder: Path) -> Found:
 
 FORMATS: tuple[Format, ...] = (NATIVE, OPENCV, DEPTHAI, KALIBR, ROS, ZED, KITTI, EUROC, MIDDLEBURY)
 
-__all__ = ["FORMATS", "calibration_files", "load_rig", "refuse_strange_camera", "write_rig"]
+__all__ = ["FORMATS", "calibration_files", "fitted", "load_rig", "refuse_strange_camera", "write_rig"]
 
 
 def load_rig(
@@ -148,7 +148,7 @@ def load_rig(
         text = " ".join(str(error).split())
         detail = text if text.startswith("expected") else f"expected a calibration, found {text}"
         raise InputError(f"{name} ({found.name}): {detail}") from error
-    return _fitted((rig.swapped() if swap else rig).check(name), name, size)
+    return fitted((rig.swapped() if swap else rig).check(name), name, size)
 
 
 def calibration_files(path: Path) -> list[Path]:
@@ -212,7 +212,9 @@ def refuse_strange_camera(one: Camera, side: str) -> None:
         raise ValueError(f"expected a {side} lens that shows the middle of its image, found distortion ({shown})")
 
 
-def _fitted(rig: StereoRig, name: str, size: tuple[int, int] | None) -> StereoRig:
+def fitted(rig: StereoRig, name: str, size: tuple[int, int] | None) -> StereoRig:
+    """The rig for images of a size [px], which must have its aspect. Raises InputError: another aspect, or cameras of
+    two sizes; ``name`` is that of the calibration."""
     own, other = size_text(rig.left.size), size_text(rig.right.size)
     if own != other:
         raise InputError(f"{name}: expected two cameras of one image size, found {own} and {other}")

@@ -54,18 +54,22 @@ def load_rgbd(path: Path, size: Size, depth_size: Size) -> RgbdRig:
         )
     file, data = found
     try:
-        rig, source = _rig(data, size, depth_size), str(file)
-        depth = rig.depth_camera
-        for own, wanted in ((rig.camera.size, size), (depth.size if depth else depth_size, depth_size)):
-            if own[0] * wanted[1] != own[1] * wanted[0]:
-                found_text = f"found one for {size_text(own)} (another aspect)"
-                raise InputError(f"{source}: expected a calibration for images of {size_text(wanted)}, {found_text}")
-        if rig.camera.size == size and (depth is None or depth.size == depth_size):
-            return replace(rig, source=source)
-        note = f"{source} (scaled from {size_text(rig.camera.size)} to {size_text(size)})"
-        return replace(rig.scaled(size, depth_size), source=note)
+        return fitted_rgbd(replace(_rig(data, size, depth_size), source=str(file)), size, depth_size)
     except (ValueError, TypeError, KeyError, IndexError, OverflowError, np.linalg.LinAlgError) as error:
         raise InputError(f"{file}: expected a calibration of images with depth, but {error}") from error
+
+
+def fitted_rgbd(rig: RgbdRig, size: Size, depth_size: Size) -> RgbdRig:
+    """The rig for images and depth of these sizes [px], which must have its aspects. Raises InputError: others."""
+    depth = rig.depth_camera
+    for own, wanted in ((rig.camera.size, size), (depth.size if depth else depth_size, depth_size)):
+        if own[0] * wanted[1] != own[1] * wanted[0]:
+            found = f"found one for {size_text(own)} (another aspect)"
+            raise InputError(f"{rig.source}: expected a calibration for images of {size_text(wanted)}, {found}")
+    if rig.camera.size == size and (depth is None or depth.size == depth_size):
+        return rig
+    note = f"{rig.source} (scaled from {size_text(rig.camera.size)} to {size_text(size)})"
+    return replace(rig.scaled(size, depth_size), source=note)
 
 
 def find_rgbd(path: Path) -> tuple[Path, Mapping[str, Any]] | None:

@@ -51,8 +51,7 @@ def assess(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, walked
     feet = people.rows[:, 6:]
     first, second = np.triu_indices(len(feet))
     middles = 0.5 * (feet[first] + feet[second])
-    floor = _FloorError(fit, np.asarray(middles[:: max(1, len(middles) // 1000)]))
-    advisor = _Advisor(fit, floor)
+    advisor = _Advisor(fit, np.asarray(middles[:: max(1, len(middles) // 1000)]))
     found = advisor.next_sample(model, walked)
     values, limits = advisor.deviations(fit.covariance), advisor.limits
     enough = bool((values <= limits).all())
@@ -71,62 +70,50 @@ _TURNS_RAD = np.deg2rad([[-89.0, -44.0], [89.0, 44.0]])
 """Lowest and highest tilt and roll that a ``GroundCamera`` has."""
 
 
-class _FloorError:
-    """Errors of floor positions at pixels, without the rigid motion that moves all of them alike."""
+class _Advisor:
+    """What would make the camera known well enough: another person, many, or a known value.
+
+    Attributes:
+        limits: (3,) largest ``deviations`` that are enough.
+        gain: (N_SHARED, N_SHARED) information of the person that ``next_sample`` asks for; None without one.
+    """
 
     def __init__(self, fit: GroundCameraFit, pixels: F64) -> None:
+        """Prepare; floor positions are judged at (n, 2) pixels, without the rigid motion that moves all alike."""
         floor = fit.camera.back_project(pixels)
         known = np.isfinite(floor).all(axis=1)
-        self.pixels, self.floor = pixels[known], floor[known]
-        low, high = np.quantile(self.floor, (0.05, 0.95), axis=0) if len(self.floor) else (np.zeros(2), np.zeros(2))
-        self.size_m = float(np.hypot(*(high - low)))
-        x, y = (self.floor - self.floor.mean(axis=0)).T
+        self.fit, self._pixels, self._floor = fit, pixels[known], floor[known]
+        low, high = np.quantile(self._floor, (0.05, 0.95), axis=0) if known.any() else (np.zeros(2), np.zeros(2))
+        # Floor positions must be known to half the gate within which tracks are matched [m], and to a tenth of the
+        # region's size in small rooms (our choice).
+        self.limits = np.array([min(0.5, 0.1 * float(np.hypot(*(high - low)))), MAX_HEIGHT_STD, MAX_TILT_STD])
+        x, y = (self._floor - self._floor.mean(axis=0)).T
         one, zero = np.ones(len(x)), np.zeros(len(x))
         rigid = np.stack([np.column_stack([one, zero, -y]), np.column_stack([zero, one, x])], axis=1)
         self._rigid = np.linalg.qr(rigid.reshape(-1, 3))[0]
-        self._camera, self._shared = fit.camera, fit.shared
+        self.gain: F64 | None = None
 
-    def deviation_m(self, covariance: F64) -> float:
-        """Median over the pixels of the deviation [m], for a covariance of the shared unknowns.
+    def deviations(self, covariance: F64) -> F64:
+        """(3,) of floor positions [m], the median over the pixels, camera height [1] and tilt [rad].
 
         Far places move more than in proportion, so that cameras away from the fit are tried: the points of the
         unscented transform (Julier and Uhlmann 1997).
         """
-        if not np.isfinite(covariance).all() or not len(self.floor):
-            return math.inf
+        height_std, tilt_std = np.sqrt(covariance.diagonal()[[HEIGHT, TILT]])
+        if not np.isfinite(covariance).all() or not len(self._floor):
+            return np.array([math.inf, height_std, tilt_std])
         squares, axes = np.linalg.eigh(covariance[:N_CAMERA, :N_CAMERA])
         steps = np.zeros((N_CAMERA, N_SHARED))
         steps[:, :N_CAMERA] = (axes * np.sqrt(N_CAMERA * np.maximum(squares, 0.0))).T
-        total = np.zeros(len(self.floor))
+        total = np.zeros(len(self._floor))
         for step in (*steps, *-steps):
-            shared = self._shared + step
+            shared = self.fit.shared + step
             shared[[TILT, ROLL]] = np.clip(shared[[TILT, ROLL]], *_TURNS_RAD)
-            moved = shared_camera(shared, self._camera).back_project(self.pixels)
-            off = np.nan_to_num(moved - self.floor).ravel()
+            moved = shared_camera(shared, self.fit.camera).back_project(self._pixels)
+            off = np.nan_to_num(moved - self._floor).ravel()
             off -= self._rigid @ (self._rigid.T @ off)
             total += (off.reshape(-1, 2) ** 2).sum(axis=1)
-        return math.sqrt(float(np.median(total)) / len(steps) / 2)
-
-
-@dataclass(eq=False)
-class _Advisor:
-    """What would make the camera known well enough: another person, many, or a known value."""
-
-    fit: GroundCameraFit
-    floor: _FloorError
-    gain: F64 | None = None
-
-    @property
-    def limits(self) -> F64:
-        """(3,) largest ``deviations`` that are enough."""
-        # Floor positions must be known to half the gate within which tracks are matched [m], and to a tenth of the
-        # region's size in small rooms (our choice).
-        return np.array([min(0.5, 0.1 * self.floor.size_m), MAX_HEIGHT_STD, MAX_TILT_STD])
-
-    def deviations(self, covariance: F64) -> F64:
-        """(3,) of floor positions [m], camera height [1] and tilt [rad]."""
-        std = np.sqrt(np.diag(covariance))
-        return np.array([self.floor.deviation_m(covariance), std[HEIGHT], std[TILT]])
+        return np.array([math.sqrt(float(np.median(total)) / len(steps) / 2), height_std, tilt_std])
 
     def next_sample(self, model: HumanModel, walked: Bool | None) -> NextSample | None:
         """The place where one more person brings the deviations nearest to their limits."""

@@ -236,10 +236,7 @@ def _refined(
     def residual_m(v: F64, first_px: float = disparity_px, second_px: float = disparity_px) -> F64:
         return np.concatenate([m.residual(v, (first_px, second_px), pivot) for m in meetings])
 
-    start, worse_px = (
-        np.array([motion.heading_rad, *motion.apply(pivot), motion.clock_s]),
-        disparity_px + DISPARITY_STD_PX,
-    )
+    start = np.array([motion.heading_rad, *motion.apply(pivot), motion.clock_s])
     result = least_squares(
         lambda v: residual_m(v) / NOISE_M, start, loss="soft_l1", x_scale=[0.05, 0.1, 0.1, 0.1], diff_step=1e-4
     )

@@ -18,7 +18,7 @@ from PIL import Image
 from calib.errors import InputError
 from calib.images import as_colour, as_grey
 from calib.io import entries, size_text
-from calib.types import F32, U8, AnyArray
+from calib.types import F32, I64, U8, AnyArray
 from stereo.recording import Decoded
 
 warnings.filterwarnings("ignore", module="PIL")  # of damaged headers: what cannot be decoded is reported as such
@@ -120,16 +120,14 @@ class Depth:
         return metres(stored, self.units_per_m)
 
 
-Stored = tuple[str, AnyArray | None]
-"""What an image is called in messages, empty where there is none, and its values; None where they cannot be decoded."""
-
-
 class Images:
     """One camera's frames (a ``FrameSource``).
 
     Args:
         where: they are, for messages.
-        read: gives the images of ascending indices in turn.
+        places: of each frame in what ``read`` reads, -1 where the camera has none.
+        read: gives the values at places in turn, None where they cannot be decoded.
+        name: what the image at a place is called in messages.
         sample: some of them, of which the first that fits gives their size.
     """
 
@@ -138,16 +136,18 @@ class Images:
     def __init__(
         self,
         where: str,
-        n_frames: int,
+        places: Sequence[int] | I64,
         pixels: Colour | Depth,
-        read: Callable[[Sequence[int]], Iterator[Stored]],
+        read: Callable[[Iterable[int]], Iterator[AnyArray | None]],
+        name: Callable[[int], str],
         sample: Iterable[AnyArray | None],
     ) -> None:
-        first = next((stored for stored in sample if stored is not None and pixels.fits(stored)), None)
+        first, self.n_frames = next((one for one in sample if one is not None and pixels.fits(one)), None), len(places)
         if first is None:
-            raise InputError(f"{where}: expected {pixels.name}, found none of {n_frames} that can be decoded")
+            raise InputError(f"{where}: expected {pixels.name}, found none of {self.n_frames} that can be decoded")
         pixels.prepare(first)
-        self.n_frames, self.size, self.pixels, self._read = n_frames, (first.shape[1], first.shape[0]), pixels, read
+        self.size, self.pixels = (first.shape[1], first.shape[0]), pixels
+        self._places, self._read, self._name = places, read, name
 
     @property
     def is_grey(self) -> bool:
@@ -158,28 +158,29 @@ class Images:
 
     def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
         """Only these frames."""
-        listed = list(indices)
-        for index, (name, stored) in zip(listed, self._read(listed), strict=True):
-            why = "" if name else "image is missing"
+        each = [(index, int(self._places[index])) for index in indices]
+        values = self._read(place for _, place in each if place >= 0)
+        for index, place in each:
+            stored, why = (None, "image is missing") if place < 0 else (next(values), "")
             if stored is None or not self.pixels.fits(stored):
-                yield Decoded(index, None, None, why or f"{name} cannot be decoded")
+                why = why or f"{self._name(place)} cannot be decoded"
             elif (found := (stored.shape[1], stored.shape[0])) != self.size:
-                yield Decoded(index, None, None, f"{name} is {size_text(found)}, not {size_text(self.size)}")
-            else:
-                yield Decoded(index, None, self.pixels(stored))
+                why = f"{self._name(place)} is {size_text(found)}, not {size_text(self.size)}"
+            yield Decoded(index, None, None if why or stored is None else self.pixels(stored), why)
 
 
 def images_of(files: Sequence[Path | None], pixels: Colour | Depth) -> Images:
     """Frames as files; None stands for a file that is missing."""
     decoded = decode_image if isinstance(pixels, Colour) else partial(decode, flags=cv2.IMREAD_UNCHANGED)
-
-    def read(indices: Sequence[int]) -> Iterator[Stored]:
-        for file in (files[index] for index in indices):
-            yield ("", None) if file is None else (f"{file.parent.name}/{file.name}", decoded(_content(file)))
-
-    there = [file for file in files if file]
-    folder = there[0].parent if there else Path()
-    return Images(str(folder), len(files), pixels, read, (decoded(_content(file)) for file in there))
+    paths, there = [file or Path() for file in files], [file for file in files if file]
+    return Images(
+        str(there[0].parent if there else Path()),
+        [i if file else -1 for i, file in enumerate(files)],
+        pixels,
+        lambda places: (decoded(_content(paths[place])) for place in places),
+        lambda place: f"{paths[place].parent.name}/{paths[place].name}",
+        (decoded(_content(file)) for file in there),
+    )
 
 
 def metres(stored: AnyArray, units_per_m: float) -> F32:

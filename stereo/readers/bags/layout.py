@@ -16,9 +16,9 @@ import numpy as np
 
 from calib.camera import Camera
 from calib.errors import InputError
-from calib.formats import load_rig, refuse_strange_camera
+from calib.formats import fitted, load_rig, refuse_strange_camera
 from calib.formats.base import camera as camera_of
-from calib.formats.rgbd import load_rgbd
+from calib.formats.rgbd import fitted_rgbd, load_rgbd
 from calib.formats.ros import camera_from, region_of, windowed
 from calib.io import entries, size_text
 from calib.pose import SE3
@@ -67,17 +67,11 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
             other = f"both camera_info in the frame {first.frame!r}" if same else other
             raise InputError(f"{bag.path}: expected a baseline, found none in P and {other}: calibration= gives one")
         pose, source = found, f"{source} and {where.lstrip('/')}"
-    rig = StereoRig(left, right, pose, source)
-    if not left.size == right.size == size:
-        own, wanted = size_text(left.size), size_text(size)
-        if any(region_of(info.fields) for info in infos):
-            raise InputError(
-                f"{bag.path}: expected images of {own}, the region of interest in camera_info, found {wanted}"
-            )
-        if left.size != right.size or size[0] * left.height != size[1] * left.width:
-            raise InputError(f"{bag.path}: expected camera_info for images of {wanted}, found {own}")
-        rig = replace(rig.scaled(*size), source=f"{source} (scaled from {own})")
-    return rig.check(f"{bag.path} (camera_info)")
+    if not left.size == right.size == size and any(region_of(info.fields) for info in infos):
+        own = f"{size_text(left.size)}, the region of interest in camera_info"
+        raise InputError(f"{bag.path}: expected images of {own}, found {size_text(size)}")
+    name = f"{bag.path} (camera_info)"
+    return fitted(StereoRig(left, right, pose, source).check(name), name, size)
 
 
 _SDK = re.compile(r"(/device_\d+/sensor_\d+/Infrared_[12])/image/data")
@@ -197,12 +191,7 @@ def _rgbd_rig(bag: Bag, names: tuple[str, str], sizes: tuple[Size, Size], regist
         pose = None if same else pose_between(static_poses(bag), image.frame, depth.frame)
         depth_camera = _camera(bag, depth, is_rectified(names[1]))[0]
         rig = replace(rig, depth_camera=depth_camera, camera_SE3_depth=pose or IDENTITY)
-    cameras = [(rig.camera, sizes[0]), *([(rig.depth_camera, sizes[1])] if rig.depth_camera else [])]
-    for camera, size in cameras:
-        if camera.width * size[1] != camera.height * size[0]:
-            found = size_text(camera.size)
-            raise InputError(f"{bag.path}: expected camera_info for images of {size_text(size)}, found {found}")
-    return rig if all(camera.size == size for camera, size in cameras) else rig.scaled(*sizes)
+    return fitted_rgbd(rig, *sizes)
 
 
 _MAGIC = {b"#ROSBAG V2.0": "ros1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "sqlite"}

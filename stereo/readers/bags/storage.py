@@ -11,7 +11,7 @@ from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from calib.errors import InputError
 from calib.io import entries
@@ -142,10 +142,21 @@ def _unpacked_file(file: Path, folder: Path) -> Path:
 
 
 def _ros_topics(reader: Any, file: Path) -> list[Topic]:
-    """Those of a ROS 1 bag, or of a SQLite file of a ROS 2 bag."""
-    with reader(file) as bag:
-        places = [(chunk.datapos, chunk.datasize) for chunk in getattr(bag, "chunks", {}).values()]
-        _refuse_expanding_chunks(file, places)
+    """Those of a ROS 1 bag, or of a SQLite file of a ROS 2 bag. Raises ValueError: a chunk of a ROS 1 bag unpacks to
+    more than ``MAX_UNPACKED_BYTES``."""
+    with reader(file) as bag, file.open("rb") as content:
+        for chunk in getattr(bag, "chunks", {}).values():
+            content.seek(chunk.datapos)
+            data = content.read(chunk.datasize)
+            if data.startswith(b"BZh"):
+                stream = bz2.BZ2Decompressor()
+            elif data.startswith(b"\x04\x22\x4d\x18"):
+                stream = import_module("lz4.frame").LZ4FrameDecompressor()
+            else:
+                continue
+            stream.decompress(data, MAX_UNPACKED_BYTES)
+            if not stream.eof:
+                raise ValueError(_TOO_LARGE)
         return [Topic(c.topic, kind_of(c.msgtype), c.msgcount) for c in bag.connections]
 
 
@@ -156,23 +167,6 @@ def _ros_messages(reader: Any, ros1: bool, file: Path, topic: str, start_ns: int
             text = getattr(connection.msgdef, "data", connection.msgdef) if ros1 else ""
             decode = partial(decode_ros, schema=connection.msgtype, ros1=ros1, definition=text)
             yield Message(log_ns, _unpacked_message(data), decode)
-
-
-def _refuse_expanding_chunks(file: Path, places: Sequence[tuple[int, int]]) -> None:
-    """Refuse a ROS 1 bag with a chunk of more than ``MAX_UNPACKED_BYTES``, given places and sizes of chunks."""
-    with file.open("rb") as content:
-        for place, size in places:
-            content.seek(place)
-            data = content.read(size)
-            if data.startswith(b"BZh"):
-                stream = bz2.BZ2Decompressor()
-            elif data.startswith(b"\x04\x22\x4d\x18"):
-                stream = import_module("lz4.frame").LZ4FrameDecompressor()
-            else:
-                continue
-            stream.decompress(data, MAX_UNPACKED_BYTES)
-            if not stream.eof:
-                raise ValueError(_TOO_LARGE)
 
 
 def _unpacked_message(data: bytes) -> bytes:
@@ -208,7 +202,13 @@ def _mcap_topics(reader: Any, name: Path) -> list[Topic]:
         summary = reader(file).get_summary()
         if summary is None or summary.statistics is None:
             raise ValueError("it has no summary section")
-        _check_chunks(file, summary.chunk_indexes)
+        for chunk in summary.chunk_indexes:  # what they unpack to, by the index and by their own headers
+            size = chunk.uncompressed_size
+            if chunk.compression == "zstd":
+                file.seek(chunk.chunk_start_offset + 49 + len(chunk.compression))  # the fields before the data
+                size = max(size, import_module("zstandard").frame_content_size(file.read(18)))
+            if size > MAX_UNPACKED_BYTES:
+                raise ValueError(_TOO_LARGE)
         counts = summary.statistics.channel_message_counts
         schemas = {0: "", **{key: schema.name for key, schema in summary.schemas.items()}}
         channels = summary.channels.values()
@@ -222,17 +222,6 @@ def _mcap_messages(reader: Any, path: Path, name: Path, topic: str, start_ns: in
             if channel.id not in codecs:
                 codecs[channel.id] = _codec(channel.message_encoding, schema, path)
             yield Message(message.log_time, _unpacked_message(message.data), codecs[channel.id])
-
-
-def _check_chunks(file: BinaryIO, chunks: Sequence[Any]) -> None:
-    """Refuse chunks that unpack to more than ``MAX_UNPACKED_BYTES``, by the index and by their own headers."""
-    for chunk in chunks:
-        size = chunk.uncompressed_size
-        if chunk.compression == "zstd":
-            file.seek(chunk.chunk_start_offset + 49 + len(chunk.compression))  # the record's fields before the data
-            size = max(size, import_module("zstandard").frame_content_size(file.read(18)))
-        if size > MAX_UNPACKED_BYTES:
-            raise ValueError(_TOO_LARGE)
 
 
 def _codec(encoding: str, schema: Any, path: Path) -> Callable[[bytes], Any]:

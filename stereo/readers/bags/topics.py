@@ -14,7 +14,7 @@ from calib.errors import InputError
 from calib.types import I64, AnyArray
 from stereo.readers.bags.messages import image_message, stamp_ns, stored_pixels
 from stereo.readers.bags.storage import Bag, Message, Topic, error_text
-from stereo.readers.images import FRAMES, Colour, Depth, Images, Stored
+from stereo.readers.images import FRAMES, Colour, Depth, Images
 from stereo.readers.pairing import split_sides
 
 _TRANSPORT = re.compile(r"/(compressed|compressedDepth|theora|ffmpeg|zstd)$")
@@ -204,17 +204,6 @@ class TopicImages:
 
 
 def frames_of_topic(images: TopicImages, places: I64, pixels: Colour | Depth, sample: Sequence[AnyArray]) -> Images:
-    """The images of a topic in the order of the recording.
-
-    Args:
-        places: in the topic by frame index, -1 where the camera has none.
-        sample: a few of its images.
-    """
+    """The images of a topic in the order of the recording (arguments of ``Images``)."""
     name = images.topic.name
-
-    def read(indices: Sequence[int]) -> Iterator[Stored]:
-        with closing(images.at(int(places[i]) for i in indices if places[i] >= 0)) as found:
-            for i in indices:
-                yield ("", None) if places[i] < 0 else (f"a message of {name}", next(found))
-
-    return Images(f"{images.bag.path}: {name}", len(places), pixels, read, sample)
+    return Images(f"{images.bag.path}: {name}", places, pixels, images.at, lambda place: f"a message of {name}", sample)
