@@ -67,15 +67,6 @@ def test_wrong_counts_are_refused(photos: Path, tmp_path: Path, refused: Refused
     assert "expected a board of 8x6 inner corners, found one of 9x6" in expected
 
 
-def test_swapped_images_are_refused(photos: Path, tmp_path: Path, refused: Refused) -> None:
-    for number in SIX:
-        for side, other in (("left", "right"), ("right", "left")):
-            shutil.copy(photos / f"{side}{number}.jpg", tmp_path / f"{other}{number}.jpg")
-    words = ("--square", "25mm", "--model", "brown", "--out", tmp_path / "o" / "r.toml")
-    expected = refused("calibrate", "board", tmp_path, *words)
-    assert "left and right are swapped" in expected and not (tmp_path / "o" / "r.toml").exists()
-
-
 def test_too_few_blank_mixed_and_unreadable_images_are_refused(photos: Path, tmp_path: Path, refused: Refused) -> None:
     out = ("--square", "25mm", "--board", "9x6", "--out", tmp_path / "r.toml")
     few = copy(photos, tmp_path / "few", SIX[:2])

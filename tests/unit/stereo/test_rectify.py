@@ -139,7 +139,7 @@ def test_rectifier_takes_colour_on_the_left_and_refuses_other_sizes():
         Rectifier(toy_rig())(np.zeros((240, 321), np.uint8), np.zeros((240, 321), np.uint8))
 
 
-def test_a_reduced_pair_has_the_greys_of_the_whole_pair() -> None:
+def test_a_reduced_pair_has_the_greys_of_the_whole_pair_and_means_of_its_image() -> None:
     rig = toy_rig(rotation_deg=TURN, distortion=BROWN)
     rectifier = Rectifier(rig)
     left, right = ToyWorld().pair(rig)
@@ -147,19 +147,12 @@ def test_a_reduced_pair_has_the_greys_of_the_whole_pair() -> None:
     np.testing.assert_array_equal(reduced.left(), whole.left)
     np.testing.assert_array_equal(reduced.left_grey, whole.left_grey)
     np.testing.assert_array_equal(reduced.right_grey, whole.right_grey)
-
-
-def test_the_image_of_a_reduced_pair_holds_means_of_the_whole() -> None:
-    rig = toy_rig(rotation_deg=TURN, distortion=BROWN)
-    rectifier = Rectifier(rig)
-    pair = ToyWorld().pair(rig)
-    means = rectifier(*pair).left.reshape(120, 2, 160, 2).mean(axis=(1, 3))
-    reduced = rectifier.reduced(*pair, 2).image
-    assert reduced.shape == means.shape
+    means = whole.left.reshape(120, 2, 160, 2).mean(axis=(1, 3))
+    assert reduced.image.shape == means.shape
     inside = rectifier.mask[::2, ::2] > 0
-    assert abs((reduced - means)[inside].mean()) < 0.5
+    assert abs((reduced.image - means)[inside].mean()) < 0.5
     near = (0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)
-    off = [np.abs(np.roll(reduced, by, (0, 1)) - means)[inside].mean() for by in near]
+    off = [np.abs(np.roll(reduced.image, by, (0, 1)) - means)[inside].mean() for by in near]
     assert off[0] < 0.5 * min(off[1:])
 
 
