@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
+from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -25,7 +26,7 @@ from calib.world import save_rigs
 from planview.calibration.align import AlignParams, RigAlignment, align_records, relative_to, rig_entries
 from planview.calibration.board import BoardRequest, calibrate_images, write_report
 from planview.calibration.paths import RigRecord, record_rig
-from planview.commands.options import Flag, JsonFlag, OneSetting, Settings
+from planview.commands.options import Flag, JsonFlag, OneSetting, Settings, in_range
 from planview.engine.config import Config, load_config
 from planview.output.progress import PlainConsole
 
@@ -64,8 +65,7 @@ def calibrate_align(first: Path, second: Path, /, *others: Path, options: AlignO
     """
     options = options or AlignOptions()
     heads = (first, second, *others)
-    if not 0 <= options.clock <= 3600:
-        raise InputError(f"--clock: expected 0 to 3600 s, found {options.clock:g}")
+    in_range("--clock", options.clock, 0, 3600, " s")
     if len({head.resolve() for head in heads}) < len(heads):
         raise InputError(f"expected every head once, found {', '.join(map(str, heads))}")
     if options.out is not None:
@@ -202,16 +202,6 @@ def calibrate_board(images: Path, /, *, square: str, options: BoardOptions | Non
     if options.out.suffix.lower() != ".toml":
         raise InputError(f"--out: expected a name that ends in .toml, found {options.out.name!r}")
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    result = _calibrate(images, request)
-    out = options.out
-    files = [*write_rig(result.rig, out, "rig"), *write_rig(result.rig, out.with_suffix(".yml"), "opencv")]
-    files.append(write_report(result, images, out.with_suffix(".html")))
-    _print_summary(result, files)
-    if options.json_:
-        print(json.dumps(_as_json(result, files)))
-
-
-def _calibrate(images: Path, request: BoardRequest) -> BoardCalibration:
     console = PlainConsole(stderr=True)
     with Progress(console=console, transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("detecting the board", total=None)
@@ -220,11 +210,17 @@ def _calibrate(images: Path, request: BoardRequest) -> BoardCalibration:
             text = "calibrating" if done == total else "detecting the board"
             bar.update(task, completed=done, total=total, description=text)
 
-        return calibrate_images(images, request, progress)
+        result = calibrate_images(images, request, progress)
+    out = options.out
+    files = [*write_rig(result.rig, out, "rig"), *write_rig(result.rig, out.with_suffix(".yml"), "opencv")]
+    files.append(write_report(result, images, out.with_suffix(".html")))
+    _print_summary(result, files, console)
+    if options.json_:
+        print(json.dumps(_as_json(result, files)))
 
 
-def _print_summary(result: BoardCalibration, files: list[Path]) -> None:
-    console, rig, std = PlainConsole(stderr=True), result.rig, result.std
+def _print_summary(result: BoardCalibration, files: list[Path], console: Console) -> None:
+    rig, std = result.rig, result.std
     for one in result.rejected:
         console.print(f"not used: {one.name}: {one.why}", highlight=False)
     table = Table(title=f"{result.board.name}, {len(result.views)} pairs, {rig.left.width}x{rig.left.height}")
@@ -344,8 +340,7 @@ def calibrate_ui(recording: Path, *, out: Path = Path("."), calibration: Path | 
     port
         Port on 127.0.0.1; other machines cannot connect.
     """
-    if not 1024 <= port <= 65535:
-        raise InputError(f"--port: expected 1024 to 65535, found {port}")
+    in_range("--port", port, 1024, 65535)
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

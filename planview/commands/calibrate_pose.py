@@ -7,7 +7,6 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,9 +26,9 @@ from calib.people.samples import HumanSample, check_samples, read_image_size, re
 from calib.rig import Floor
 from calib.types import F64, U8
 from calib.world import load_world, save_world
-from planview.calibration.floor import AXIS, GRID, FloorDepths, draw_grid, floor_from_tracks, view_floor
+from planview.calibration.floor import AXIS, GRID, draw_grid, floor_from_tracks, view_floor
 from planview.calibration.people import COMPUTED, collect_samples, crowd, draw_person, draw_samples, floor_around
-from planview.commands.options import Flag, JsonFlag
+from planview.commands.options import Flag, JsonFlag, in_range
 from planview.drawing.style import Entry, as_bgr, with_legend
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search
@@ -107,14 +106,13 @@ def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> 
         Folder with left/ and right/ images or videos and a calibration.
     """
     options = options or FloorOptions()
-    if options.frames is not None and not 1 <= options.frames <= 1000:
-        raise InputError(f"--frames: expected 1 to 1000, found {options.frames}")
     if options.points and options.tracks:
         raise InputError("expected either --points or --tracks, found both")
     if options.out and options.save:
         raise InputError("expected either --out or --save, found both")
     search = floor_search(load_config(options.config))
     if options.frames is not None:
+        in_range("--frames", options.frames, 1, 1000)
         search = search.model_copy(update={"frames": options.frames})
     console = PlainConsole(stderr=True)
     given = parse_points(options.points) if options.points else None
@@ -135,12 +133,13 @@ def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> 
     console.print(_sentence(floor))
     if floor.doubt:
         console.print(f"is that the floor? {floor.doubt} (--points gives another floor)", highlight=False)
-    for path, write in ((target, partial(save_world, floor)), (image, partial(_draw, view, floor))):
-        if path is None:
-            continue
+    for path in filter(None, (target, image)):
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            write(path)
+            if path == target:
+                save_world(floor, path)
+            else:
+                write_image(path, with_legend(view.picture(floor), _LEGEND))
         console.print(f"wrote {path}", highlight=False)
     if target is None:
         console.print("no world.toml written: --save keeps this floor in the recording, --out FILE elsewhere")
@@ -148,10 +147,10 @@ def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> 
         print(json.dumps(_report(floor, target, image)))
 
 
-def _draw(view: FloorDepths, floor: Floor, path: Path) -> None:
-    colours = {GRID: "a line per metre of floor", AXIS: "x and y, 1 m from below the camera"}
-    entries = [Entry(as_bgr(colour), text) for colour, text in colours.items()]
-    write_image(path, with_legend(view.picture(floor), entries))
+_LEGEND = [
+    Entry(as_bgr(GRID), "a line per metre of floor"),
+    Entry(as_bgr(AXIS), "x and y, 1 m from below the camera"),
+]
 
 
 def _floor_of_run(recording: StereoRecording, tracks: Path) -> Floor:
@@ -246,8 +245,7 @@ def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> No
     if options.lens is not None and options.lens not in LENS_K_320:
         raise InputError(f"--lens: expected one of {', '.join(LENS_K_320)}, found {options.lens!r}")
     known = _known(options)
-    if not 3 <= options.count <= 200:
-        raise InputError(f"--count: expected 3 to 200, found {options.count}")
+    in_range("--count", options.count, 3, 200)
     video = open_video(samples) if options.auto else open_video(options.frames) if options.frames else None
     size = _size(options.image_size, video, None if options.auto else read_image_size(samples), samples)
     if options.auto and video is not None:

@@ -68,6 +68,12 @@ def checked(table: type[_Table], **values: Any) -> _Table:
         raise InputError(first_problem(error)) from error
 
 
+def in_range(option: str, value: float, least: float, most: float, unit: str = "") -> None:
+    """Raises InputError: a number of an option out of its range."""
+    if not least <= value <= most:
+        raise InputError(f"{option}: expected {least:g} to {most:g}{unit}, found {value:g}")
+
+
 def open_options(
     calibration: Path | None = None, fps: float | None = None, topics: str | None = None, right: Path | None = None
 ) -> OpenOptions:

@@ -18,7 +18,7 @@ from calib.io import parse_length
 from calib.rig import save_rig
 from planview.checks.examine import Diagnosis, examine, sentence, write_pictures
 from planview.checks.recording import PairEvidence
-from planview.commands.options import Flag, FrameRate, JsonFlag, Topics, open_options, typed
+from planview.commands.options import Flag, FrameRate, JsonFlag, Topics, in_range, open_options, typed
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search
 from planview.output.progress import PlainConsole
@@ -77,8 +77,7 @@ def check(recording: Path, right: Path | None = None, *, options: CheckOptions |
         else:
             _show(found, reader.name)
         return
-    if not 4 <= options.frames <= 2000:
-        raise InputError(f"--frames: expected 4 to 2000, found {options.frames}")
+    in_range("--frames", options.frames, 4, 2000)
     known = None if options.person_height is None else _height(options.person_height)
     search = floor_search(load_config(options.config))
     diagnosis = examine(recording, opening, frames=options.frames, person_height_m=known, search=search)
@@ -145,8 +144,7 @@ def table(diagnosis: Diagnosis) -> Table:
 def _height(text: str) -> float:
     bare = text.strip().replace(".", "", 1).isdigit()
     height = parse_length(f"{text}m" if bare else text, "--person-height")
-    if not 0.5 <= height <= 2.5:
-        raise InputError(f"--person-height: expected 0.5 to 2.5 m, found {height:g} m")
+    in_range("--person-height", height, 0.5, 2.5, " m")
     return height
 
 

@@ -17,7 +17,7 @@ from rich.progress import track
 
 from calib.errors import InputError, WorkError
 from calib.io import reason
-from planview.commands.options import Flag, frame_span
+from planview.commands.options import Flag, frame_span, in_range
 from planview.output.folder import rrd_parts
 from planview.output.progress import PlainConsole
 from planview.output.report.page import write_comparison, write_report
@@ -106,8 +106,7 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
     end = results.n_frames - 1
     if options.frame is not None:
         path = options.out or folder / f"frame-{options.frame}.png"
-        if not 0 <= options.frame <= end:
-            raise InputError(f"--frame: expected a frame from 0 to {end}, found {options.frame}")
+        in_range("--frame", options.frame, 0, end)
         write_still(composer, frames, options.frame, path)
         console.print(str(path))
         return

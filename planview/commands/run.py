@@ -20,6 +20,7 @@ from planview.commands.options import (
     Settings,
     Topics,
     frame_span,
+    in_range,
     open_options,
     typed,
 )
@@ -249,8 +250,7 @@ def replay(
     results = RunFolder(folder)
     if results.info.tracker == "detections":
         raise InputError(f"{folder}: expected a run without --detections, whose file a run does not keep; run it again")
-    if not 0 <= frame < results.n_frames:
-        raise InputError(f"--frame: expected a frame from 0 to {results.n_frames - 1}, found {frame}")
+    in_range("--frame", frame, 0, results.n_frames - 1)
     config = load_config(None, set_, config_of(results.info.config, str(folder / "run.json")))
     console = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
     with FrameProgress(console, frame + 1) as progress:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from calib.errors import InputError
-from planview.commands.options import JsonFlag
+from planview.commands.options import JsonFlag, in_range
 
 if TYPE_CHECKING:
     from planview.synthetic.write import Storage, Written
@@ -43,8 +43,7 @@ def synth(
         raise InputError("expected either --video or --jpeg, found both")
     if frames is not None and frames < 1:
         raise InputError(f"--frames: expected at least 1, found {frames}")
-    if not 0.05 <= scale <= 4:
-        raise InputError(f"--scale: expected 0.05 to 4, found {scale:g}")
+    in_range("--scale", scale, 0.05, 4)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: expected a new or empty folder for the recording, found one in use")
     storage: Storage = "video" if video else "jpg" if jpeg else "png"

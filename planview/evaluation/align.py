@@ -39,7 +39,7 @@ def align_tracks(tracks: Trajectories, truth: Trajectories, gate_m: float) -> tu
 
     Candidates come from pairs of boxes that overlap (IoU 0.5) where both tables have boxes, else from laying long
     tracks over long true paths; the best is refined on its own matches. Raises WorkError: nothing to align on."""
-    candidates = [*_from_boxes(tracks, truth), *_from_paths(tracks, truth)]
+    candidates = list(_candidates(tracks, truth))
     if not candidates:
         raise WorkError("expected tracks that move along with the truth to align them, found none in common frames")
     common = np.intersect1d(tracks.frame, truth.frame)
@@ -80,12 +80,9 @@ def fit_rigid(source: F64, target: F64) -> FloorAlignment:
     return replace(result, rms_m=_rms(result.apply(source) - target))
 
 
-def _from_boxes(tracks: Trajectories, truth: Trajectories) -> Iterator[FloorAlignment]:
+def _candidates(tracks: Trajectories, truth: Trajectories) -> Iterator[FloorAlignment]:
     if np.isfinite(tracks.box_px).all(axis=1).any() and np.isfinite(truth.box_px).all(axis=1).any():
         yield from _fit_pairs(tracks, truth, _pairs(truth, tracks, box_similarity))
-
-
-def _from_paths(tracks: Trajectories, truth: Trajectories) -> Iterator[FloorAlignment]:
     for person in _longest(truth):
         for track in _longest(tracks):
             p, k = np.flatnonzero(truth.track_id == person), np.flatnonzero(tracks.track_id == track)

@@ -103,7 +103,11 @@ class RerunLog:
             batcher_config=rr.ChunkBatcherConfig(flush_tick=10.0),
         )  # fmt: skip
         self._begin_part()
-        self._keep_scene()
+        self._keep("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        for n, (name, stereo) in enumerate(engine.views.items()):
+            self._keep_camera(f"world/{name}" if n else "world/camera", stereo)
+        if self._stereo:
+            self._keep("world/floor", metre_grid(PlanBounds(*shown_floor(self._stereo))))
 
     def _begin_part(self) -> None:
         """Open the last file, and repeat what has been kept, so that it can be seen without the others."""
@@ -177,14 +181,11 @@ class RerunLog:
             except (RuntimeError, ValueError) as error:
                 before, size = size, self._parts[-1].stat().st_size
                 if size == before:
-                    self._abandon()
+                    # The stream stays for ever: rerun may wait for its dead thread when one is collected, and at exit.
+                    ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._stream))
+                    rr.unregister_shutdown()
                     problem = f"{self._path}: cannot be written ({reason(error)}); earlier frames are kept"
                     raise WorkError(problem) from error
-
-    def _abandon(self) -> None:
-        """Keep the stream for ever: rerun may wait for its dead thread when a stream is collected, and at exit."""
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._stream))
-        rr.unregister_shutdown()
 
     def _check_room(self) -> None:
         free = shutil.disk_usage(self._path.parent).free
@@ -193,16 +194,6 @@ class RerunLog:
                 f"{self._path}: expected at least {FREE_BYTES_MIN >> 20} MB of free disk, found {free >> 20}: "
                 "the disk is full; earlier frames are kept"
             )
-
-    def _keep_scene(self) -> None:
-        """Axes, cameras and floor."""
-        self._keep("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        if self._stereo is None:
-            return
-        self._keep_camera("world/camera", self._stereo)
-        for name, stereo in list(self._engine.views.items())[1:]:
-            self._keep_camera(f"world/{name}", stereo)
-        self._keep("world/floor", metre_grid(PlanBounds(*shown_floor(self._stereo))))
 
     def _keep_camera(self, path: str, stereo: StereoView) -> None:
         pose, geometry = stereo.floor.world_SE3_left, stereo.geometry
@@ -229,7 +220,6 @@ class RerunLog:
             self._log_image(f"{rig.name}/image", rig.image, rig.foreground)
         if self._stereo:
             self._log_depth(self._stereo, result)
-            self._log_maps(self._stereo, result)
         debug = self._engine.tracker.debug()
         names = set[str]()
         for drawing in debug.drawings:
@@ -251,24 +241,19 @@ class RerunLog:
             self._stream.log(f"{path}/foreground", outlines(foreground, (image.shape[1], image.shape[0])))
 
     def _log_depth(self, stereo: StereoView, result: FrameResult) -> None:
-        """Disparity, and the foreground cloud in colour."""
+        """Disparity, the foreground cloud in colour, and the maps."""
         if result.sampled is not None:
             self._stream.log("disparity", disparity_photo(result.sampled, stereo))
-        if not result.rigs:
-            return
-        xyz, colours = foreground_points(result)
-        # Foreground points logged per frame at most: enough to recognise five people, in 24 kB (our choice).
-        step = -(-len(xyz) // 1500) or 1
-        cloud = rr.Points3D(xyz[::step], colors=colours[::step], radii=0.018)
-        self._stream.log("world/foreground", cloud)
-
-    def _log_maps(self, stereo: StereoView, result: FrameResult) -> None:
-        maps = result.observation.maps
-        if maps is None:
-            return
-        density = maps.occupancy / maps.grid.cell_m**2
-        self._stream.log("plan/height", map_image(maps.height, self._engine.config.maps.height_max_m, stereo))
-        self._stream.log("plan/occupancy", map_image(density, 4.0, stereo))
+        if result.rigs:
+            xyz, colours = foreground_points(result)
+            # Foreground points logged per frame at most: enough to recognise five people, in 24 kB (our choice).
+            step = -(-len(xyz) // 1500) or 1
+            cloud = rr.Points3D(xyz[::step], colors=colours[::step], radii=0.018)
+            self._stream.log("world/foreground", cloud)
+        if (maps := result.observation.maps) is not None:
+            density = maps.occupancy / maps.grid.cell_m**2
+            self._stream.log("plan/height", map_image(maps.height, self._engine.config.maps.height_max_m, stereo))
+            self._stream.log("plan/occupancy", map_image(density, 4.0, stereo))
 
     def _log_boxes(self, path: str, people: Sequence[TrackState]) -> None:
         tracks = [t for t in people if t.state != "tentative" and not math.isnan(t.box_px[0])]

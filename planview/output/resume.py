@@ -23,7 +23,7 @@ import numpy as np
 import planview
 from calib.errors import InputError
 from calib.io import PART, reason, whole_file
-from planview.output.folder import LOCK_NAME, PRODUCTS, HoldsResultsError, products_in, read_run_info, writing
+from planview.output.folder import LOCK_NAME, PRODUCTS, HoldsResultsError, RunInfo, products_in, read_run_info, writing
 from planview.output.state import SavedState
 from planview.output.tables import is_as_marked
 
@@ -202,18 +202,12 @@ def checkpoint_of(folder: Path, identity: dict[str, Any], warn: Callable[[str], 
             if not changed:
                 return checkpoint
             warn(f"{changed[0]}: changed since {path.name} was written")
-    _refuse_other_run(folder, identity)
-    if products_in(folder):
+    found = products_in(folder)
+    if not all(path.name.endswith(PART) for path in found):  # replaced only where it is the beginning of this run
+        info = read_run_info(folder / "run.json") if folder / "run.json" in found else RunInfo()
+        config = {name: table for name, table in info.config.items() if name != "run"}
+        if config != identity["configuration"] or info.tracker != identity["settings"]["tracker"]:
+            raise HoldsResultsError(f"{folder}: expected the beginning of this run, found another run")
+    if found:
         warn(f"{folder}: no checkpoint to resume from; the run starts again")
     return None
-
-
-def _refuse_other_run(folder: Path, identity: dict[str, Any]) -> None:
-    """What lies in a folder without a checkpoint is replaced only where it is this run's beginning."""
-    if all(path.name.endswith(PART) for path in products_in(folder)):
-        return
-    path = folder / "run.json"
-    info = read_run_info(path) if path.is_file() else None
-    config = {} if info is None else {name: table for name, table in info.config.items() if name != "run"}
-    if info is None or config != identity["configuration"] or info.tracker != identity["settings"]["tracker"]:
-        raise HoldsResultsError(f"{folder}: expected the beginning of this run, found another run")

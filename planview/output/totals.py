@@ -91,12 +91,13 @@ class RunChecks:
 
     def warnings(self) -> list[RunWarning]:
         """The checks that failed."""
-        failed = [check for check in self._all() if not check.ok]
-        values = [check.value if math.isfinite(check.value) else None for check in failed]
         return [
-            RunWarning(name=check.name, value=value, unit=check.unit, text=sentence(check))
-            for check, value in zip(failed, values, strict=True)
-        ]
+            RunWarning(
+                name=check.name, value=check.value if math.isfinite(check.value) else None, unit=check.unit,
+                text=sentence(check),
+            )
+            for check in self._all() if not check.ok
+        ]  # fmt: skip
 
     def _all(self) -> list[Check]:
         return list(self._engine.checks) + (self._watch.checks() if self._watch else [])
