@@ -48,12 +48,9 @@ class Check:
         return asdict(self) | {"value": round(self.value, 6) if math.isfinite(self.value) else None}
 
 
-def at_most(
-    name: str, value: float, limit: float, unit: str, note: str, *, needed: bool = False, warns: bool = False
-) -> Check:
-    """Passes when value <= limit; a value that could not be measured fails only when it is needed."""
-    ok = value <= limit or (math.isnan(value) and not needed)
-    return Check(name, ok, value, unit, limit, "at most", note, warns)
+def at_most(name: str, value: float, limit: float, unit: str, note: str, *, warns: bool = False) -> Check:
+    """Passes when value <= limit, or when the value could not be measured."""
+    return Check(name, value <= limit or math.isnan(value), value, unit, limit, "at most", note, warns)
 
 
 def at_least(name: str, value: float, limit: float, unit: str, note: str, *, needed: bool = False) -> Check:

@@ -68,7 +68,7 @@ def write_pictures(evidence: Evidence, folder: Path) -> list[Path]:
     pictures = {
         "disparity.png": with_colour_bar(turbo, cv2.COLORMAP_TURBO, *ends, [Entry((0, 0, 0), "unknown")]),
         "floor.png": floor_picture(evidence, left, disparity),
-        "exposure.png": np.hstack([exposure_picture(as_grey(image)) for image in recorded]),
+        "exposure.png": np.hstack([_saturated(as_grey(image)) for image in recorded]),
     }
     if evidence.pair is not None:
         rows = as_colour(np.hstack([left, evidence.pair.rectified[middle].right_grey]))
@@ -98,8 +98,7 @@ def floor_picture(evidence: Evidence, left: U8, disparity: F32) -> U8:
     return with_legend(picture, [*bands, Entry((255, 255, 255), "no tint: depth unknown")])
 
 
-def exposure_picture(image: U8) -> U8:
-    """The recorded image with saturated pixels in magenta."""
+def _saturated(image: U8) -> U8:
     picture = as_colour(image).copy()
     picture[image >= SATURATED_LEVEL] = as_bgr(SATURATED)
     return with_legend(picture, [Entry(SATURATED, f"saturated: {SATURATED_LEVEL:.0f} or brighter")])

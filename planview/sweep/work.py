@@ -8,10 +8,10 @@ import shutil
 import time
 import traceback
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from threading import get_ident
@@ -25,7 +25,7 @@ from calib.errors import InputError, WorkError
 from calib.io import reason
 from planview.engine.open import open_engine
 from planview.evaluation.evaluate import evaluate_tracks
-from planview.output.folder import finished_run, folder_lock, write_result
+from planview.output.folder import finished_run, folder_lock, read_run_info, write_result
 from planview.output.resume import code_version
 from planview.output.run import RunLog, RunOptions, run
 from planview.sweep.jobs import MAPS_FILE, Planned, RunJob, StudyJob, planned
@@ -197,14 +197,11 @@ def is_done(job: RunJob) -> bool:
 def track_and_score(job: StudyJob) -> dict[str, float]:
     """Run unless that is done, and score; the figures are written into its folder."""
     track(job.run)
-    info = finished_run(job.run.folder)
-    if info is None:
-        raise WorkError(f"{job.run.folder}: expected a finished run, found none")
     evaluation = None
     if job.truth is not None:
         span = (0, job.run.frames - 1) if job.run.frames else None
         evaluation = evaluate_tracks(load_tracks(job.run.folder / "tracks.csv"), load_truth(job.truth), None, span)
-    figures = run_figures(info, evaluation)
+    figures = run_figures(read_run_info(job.run.folder / "run.json"), evaluation)
     write_result(_scores_file(job), json.dumps(figures, indent=2) + "\n")
     return figures
 
@@ -289,55 +286,47 @@ def run_study(
 
 def _run(study_jobs: Sequence[Planned], pool: AbstractContextManager[Pool], console: Console) -> list[JobResult]:
     """Results in the order of the jobs."""
-    results: dict[int, JobResult] = {}
-    waiting: dict[str, list[tuple[int, StudyJob]]] = {}
+    known: dict[int, JobResult] = {}
+    waiting: dict[str, dict[int, StudyJob]] = {}
     for i, job in enumerate(study_jobs):
         if isinstance(job, JobResult):
-            results[i] = job
+            known[i] = job
         elif (figures := earlier_figures(job)) is not None:
-            results[i] = _result(job, figures, "", reused=True)
+            known[i] = _result(job, figures, "", reused=True)
         else:
-            waiting.setdefault(job.key, []).append((i, job))
-    jobs = {key: group[0][1] for key, group in waiting.items()}
+            waiting.setdefault(job.key, {})[i] = job
+    jobs = {key: next(iter(alike.values())) for key, alike in waiting.items()}
     maps = {job.maps.key: job.maps for job in jobs.values() if job.maps and not is_done(job.maps)}
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
         TextColumn("{task.fields[state]}"),
     )  # fmt: skip
-    with ExitStack() as stack:
-        watch = stack.enter_context(Progress(*columns, console=console))
+    results, counts = dict[int, JobResult](), {"done before": 0, "failed": 0}
+    with Progress(*columns, console=console) as watch:
         bar = watch.add_task("runs", total=len(study_jobs), state="")
         recording = watch.add_task("plan-view recordings", total=len(maps), state="", visible=bool(maps))
-        counts = {"done before": 0, "failed": 0}
 
-        def show(ended: Iterable[JobResult]) -> None:
-            for result in ended:
+        def take(ended: Mapping[int, JobResult]) -> None:
+            results.update(ended)
+            for result in ended.values():
                 counts["done before"] += result.reused
                 counts["failed"] += bool(result.error)
             parts = (f"{number} {how}" for how, number in counts.items() if number)
             watch.update(bar, completed=len(results), state=", ".join(parts))
 
-        def end(done: Done) -> None:
-            mine = {i: _result(job, done.value or {}, done.error) for i, job in waiting[done.key]}
-            results.update(mine)
-            show(mine.values())
-
-        show(results.values())
+        take(known)
         if not jobs:
             return [results[i] for i in range(len(study_jobs))]
-        opened = stack.enter_context(pool)
-        errors: dict[str, str] = {}
-        for done in run_tasks(track, maps, opened):
-            watch.advance(recording)
-            errors[done.key] = done.error
-        ready = {}
-        for key, job in jobs.items():
-            if job.maps and (error := errors.get(job.maps.key)):
-                end(Done(key, error=error))
-            else:
-                ready[key] = job
-        for done in run_tasks(track_and_score, ready, opened):
-            end(done)
+        with pool as opened:
+            errors: dict[str, str] = {}
+            for done in run_tasks(track, maps, opened):
+                watch.advance(recording)
+                errors[done.key] = done.error
+            ready = {key: job for key, job in jobs.items() if not (job.maps and errors.get(job.maps.key))}
+            for key in jobs.keys() - ready.keys():
+                take({i: _result(job, {}, errors[job.maps.key]) for i, job in waiting[key].items() if job.maps})
+            for done in run_tasks(track_and_score, ready, opened):
+                take({i: _result(job, done.value or {}, done.error) for i, job in waiting[done.key].items()})
     return [results[i] for i in range(len(study_jobs))]
 
 

@@ -112,19 +112,13 @@ def scene_pictures(results: RunFolder, errors: Sequence[SignificantError]) -> Sc
     """Pictures from the recording, opened again; a recording that is not there any more gives none."""
     if not len(results.tracks) or not results.has_run:
         return ScenePictures([], [], [])
-    path = results.recording
-    if path is None or not path.exists():
-        why = f"No pictures of the scene: {path}: expected the recording of the run, found nothing there."
-        return ScenePictures([], [], [], why)
     from planview.output.render import open_frames
 
     groups = _overview(results), _strips(results, errors), _crossings(results)
     try:
-        frames = open_frames(results)
-        pictures = _paint(results, frames, [wanted for group in groups for wanted in group])
+        made = iter(_paint(results, open_frames(results), [wanted for group in groups for wanted in group]))
     except (InputError, WorkError) as error:
         return ScenePictures([], [], [], f"No pictures of the scene: {error}.")
-    made = iter(pictures)
     overview, strips, crossings = ([p for p in [next(made) for _ in group] if p is not None] for group in groups)
     return ScenePictures(overview, strips, crossings)
 

@@ -271,8 +271,3 @@ def test_what_the_pool_cannot_finish_fails_with_its_sentence() -> None:
 
     ended = list(run_tasks(double, by_key((1, 2)), LostPool()))
     assert [d.error for d in ended] == ["the scheduler was lost"] * 2
-
-
-def test_every_task_comes_once() -> None:
-    ended = run_tasks(double, by_key(range(1, 8)), InlinePool())
-    assert sorted(d.key for d in ended) == [str(n) for n in range(1, 8)]
