@@ -21,9 +21,7 @@ from planview.engine.replay import ReplayEngine, recorded_config
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info
 from planview.output.maps_log import MapsLog
-from planview.output.render import open_frames
 from planview.output.run import RunOptions, run
-from planview.output.run_folder import RunFolder
 from planview.tracking.joint import JointTracker
 from planview.trajectories.table import read_tracks
 from stereo.readers import OpenOptions, open_recording
@@ -238,19 +236,10 @@ def test_run_of_two_folders_tracks_what_their_common_folder_gives(two, out, reco
     assert tracks[0] == tracks[1] and tracks[0].count(b"\n") > 10
 
 
-def test_images_of_the_run_are_found_again(out: Path) -> None:
-    image = next(iter(open_frames(RunFolder(out)).at([20]))).image
-    assert image.max() > 0
-
-
-def test_render_draws_the_images_of_both_paths(out: Path, cli: Cli, tmp_path: Path) -> None:
-    status, printed = cli("render", out, "--frame", 20, "--out", tmp_path / "a.png")
-    assert status == 0 and "only the floor" not in printed and (tmp_path / "a.png").is_file()
-
-
-def test_replay_tracks_both_paths_again(out: Path, cli: Cli, tmp_path: Path) -> None:
-    status, printed = cli("replay", out, "--frame", 20, "--out", tmp_path / "a.png")
-    assert status == 0 and "tracked from" in printed and (tmp_path / "a.png").is_file()
+@pytest.mark.parametrize(("command", "printed"), [("render", "a.png"), ("replay", "tracked from")])
+def test_both_paths_are_read_again(out: Path, cli: Cli, tmp_path: Path, command: str, printed: str) -> None:
+    status, output = cli(command, out, "--frame", 20, "--out", tmp_path / "a.png")
+    assert status == 0 and printed in output and "only the floor" not in output and (tmp_path / "a.png").is_file()
 
 
 def test_check_takes_two_paths(two: tuple[Path, Path, Path], json_of: JsonOf) -> None:

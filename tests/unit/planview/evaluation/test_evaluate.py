@@ -205,16 +205,21 @@ def test_evaluate_scores_the_frames_of_the_run_as_its_report_does(files, capsys)
     assert {key: result[key] for key in printed} == printed
 
 
-def test_truth_without_rows_in_most_frames_is_told(files, capsys):
-    write(files[1], "frame,id,x_m,y_m,height_m,visible", [f"{t},4,0.0,{0.03 * t:.2f},1.7,1" for t in range(20)])
+@pytest.mark.parametrize(
+    ("truth", "note"),
+    [
+        ([f"{t},4,0.0,{0.03 * t:.2f},1.7,1" for t in range(20)], "the truth covers 20 of 60 frames with tracks"),
+        (
+            [f"{t},4,900,{9000 + 30 * t},1700,1" for t in range(60)],
+            "no track is near any truth row: another unit, swapped axes",
+        ),
+    ],
+    ids=["no rows in most frames", "another unit"],
+)
+def test_truth_that_does_not_fit_is_noted(files, capsys, truth, note):
+    write(files[1], "frame,id,x_m,y_m,height_m,visible", truth)
     assert run(str(files[0]), str(files[1])) == 0
-    assert "the truth covers 20 of 60 frames with tracks" in " ".join(capsys.readouterr().err.split())
-
-
-def test_truth_in_another_unit_is_told(files, capsys):
-    write(files[1], "frame,id,x_m,y_m,height_m,visible", [f"{t},4,900,{9000 + 30 * t},1700,1" for t in range(60)])
-    assert run(str(files[0]), str(files[1])) == 0
-    assert "no track is near any truth row: another unit, swapped axes" in " ".join(capsys.readouterr().err.split())
+    assert note in " ".join(capsys.readouterr().err.split())
 
 
 def test_truth_of_other_frames_is_refused_naming_both_files(files, refused):

@@ -227,20 +227,6 @@ def test_petrack_text_in_centimetres_is_read_in_metres(tmp_path):
     assert (file.table.x_m[0], file.table.y_m[0], file.table.height_m[0]) == pytest.approx((-1.30147, 0.2, 1.8))
 
 
-def test_petrack_text_is_written_in_centimetres_on_request(tmp_path):
-    write_petrack(tmp_path / "x.txt", TrajectoryFile(two_walkers(1), 15.0), unit="cm")
-    header, rows = (
-        "# framerate: 15 fps\n# id frame x/cm y/cm z/cm\n",
-        "1 0 -50.00 100.00 175.00\n2 0 50.00 100.00 162.00\n",
-    )
-    assert (tmp_path / "x.txt").read_text() == header + rows
-
-
-def test_motchallenge_rows_count_frames_from_one_and_have_world_columns(tmp_path):
-    FORMATS["motchallenge"].write(tmp_path / "x.txt", TrajectoryFile(two_walkers(1)))
-    assert (tmp_path / "x.txt").read_text().splitlines()[0] == ("1,1,100.0,50.0,40.0,120.0,1,-0.5000,1.0000,0.0000")
-
-
 def test_json_lines_that_are_cut_short_are_read_up_to_the_last_whole_frame(tmp_path):
     FORMATS["jsonl"].write(tmp_path / "x", TrajectoryFile(two_walkers(3)))
     text = (tmp_path / "x").read_text()
@@ -298,53 +284,19 @@ def test_damaged_trajectories_are_refused_in_one_sentence(make, tmp_path):
     assert str(refused.value).startswith(str(path)) and "\n" not in str(refused.value)
 
 
-def motchallenge(path: Path, *rows: str) -> Path:
-    path.write_text("".join(row + "\n" for row in rows))
-    return path
-
-
 @pytest.mark.parametrize("row", ["1,7,10,20,30,60,1,-1,-1,-1", "1 7 10 20 30 60 1 -1 -1 -1"])
 def test_motchallenge_rows_are_separated_by_commas_or_blanks(tmp_path: Path, row: str) -> None:
-    table = load_tracks(motchallenge(tmp_path / "a.txt", row))
+    table = load_tracks(written(tmp_path, row))
     assert table.frame.tolist() == [0] and table.box_px.tolist() == [[10, 20, 30, 60]]
 
 
 def test_motchallenge_frames_from_0_are_kept_with_a_note(tmp_path: Path) -> None:
-    file = load_file(motchallenge(tmp_path / "a.txt", "0,7,10,20,30,60", "1,7,10,20,30,60"))
+    file = load_file(written(tmp_path, "0,7,10,20,30,60\n1,7,10,20,30,60\n"))
     assert file.table.frame.tolist() == [0, 1] and "from 0" in file.note
 
 
-def test_results_without_a_row_are_an_empty_table(tmp_path: Path) -> None:
-    assert len(load_tracks(motchallenge(tmp_path / "a.txt"))) == 0
-
-
-@pytest.mark.parametrize("end", ["1,2,1.0", "1,15,1.0", "1,0,1.0", "0,1,1.0", "0,-1,-1,-1"])
-def test_truth_of_which_no_row_counts_is_refused(tmp_path: Path, end: str) -> None:
-    with pytest.raises(InputError, match="truth rows that count"):
-        load_truth(motchallenge(tmp_path / "a.txt", f"1,7,10,20,30,60,{end}"))
-
-
-def test_class_columns_of_results_are_no_metres(tmp_path: Path) -> None:
-    table = load_tracks(motchallenge(tmp_path / "a.txt", "1,7,10,20,30,60,1,0,1.0"))
-    assert len(table) == 1 and np.isnan(table.x_m).all()
-
-
-def test_boxes_in_fractions_of_the_image_are_refused(tmp_path: Path) -> None:
-    path = motchallenge(tmp_path / "a.txt", "1,7,0.3,0.4,0.1,0.2,1")
-    for read in (load_tracks, load_detections):
-        with pytest.raises(InputError, match="fractions of the image"):
-            read(path)
-
-
-def test_corners_in_place_of_sizes_are_refused(tmp_path: Path) -> None:
-    path = motchallenge(tmp_path / "a.txt", *(f"{k},7,{50 * k},20,{50 * k + 30 + k % 3},90,1" for k in range(1, 12)))
-    for read in (load_tracks, load_detections):
-        with pytest.raises(InputError, match="found left, top, right, bottom"):
-            read(path)
-
-
 def test_detections_may_count_frames_from_0(tmp_path: Path) -> None:
-    found = load_detections(motchallenge(tmp_path / "a.txt", "0,-1,10,20,30,60,1", "1,-1,11,20,30,60,1"))
+    found = load_detections(written(tmp_path, "0,-1,10,20,30,60,1\n1,-1,11,20,30,60,1\n"))
     assert found.at(0)[0, 0] == 10 and found.at(1)[0, 0] == 11 and "frames count from 0" in found.note
 
 
@@ -361,29 +313,8 @@ def test_boxes_outside_of_the_image_are_refused() -> None:
 
 
 def test_rows_of_a_detector_may_be_shorter_than_others(tmp_path: Path) -> None:
-    rows = motchallenge_rows(motchallenge(tmp_path / "a.txt", "1 7 10 20 30 60", "2,7,10,20,30,60,0.5"))
+    rows = motchallenge_rows(written(tmp_path, "1 7 10 20 30 60\n2,7,10,20,30,60,0.5\n"))
     assert rows.shape == (2, 7) and np.isnan(rows[0, 6]) and rows[1, 6] == 0.5
-
-
-def test_a_bad_row_of_motchallenge_is_named_by_its_line(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="found in line 2 '1,7,10,20,wide,60'"):
-        load_tracks(motchallenge(tmp_path / "a.txt", "1,7,10,20,30,60", "1,7,10,20,wide,60"))
-
-
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [("a.txt", "1,-1,10,20,0,60,1\n"), ("a.json", '[{"image_id": 1, "category_id": 1, "bbox": [1, 2, 0, 60]}]')],
-)
-def test_a_box_of_width_0_is_refused_for_its_width(tmp_path: Path, name: str, text: str) -> None:
-    (tmp_path / name).write_text(text)
-    with pytest.raises(InputError, match="expected boxes with a width and height above 0, found in"):
-        load_detections(tmp_path / name)
-
-
-def test_category_of_coco_results_without_people_is_named(tmp_path: Path) -> None:
-    (tmp_path / "a.json").write_text('[{"image_id": 1, "category_id": 0, "bbox": [1, 2, 30, 60]}]')
-    with pytest.raises(InputError, match="found category 0"):
-        load_detections(tmp_path / "a.json")
 
 
 def test_rate_and_image_size_of_a_sequence_are_those_of_its_seqinfo(tmp_path: Path) -> None:
@@ -418,12 +349,45 @@ def test_footsteps_of_vadere_are_interpolated_to_even_times(tmp_path: Path) -> N
     np.testing.assert_allclose(file.table.x_m, np.arange(11) / 10)
 
 
-def test_bad_cell_of_a_simulation_is_refused_with_its_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"expected trajectories of crowdit, found .*'far'"):
-        load_file(written(tmp_path, "pedID,time,posX,posY\n1,0.0,far,2.0\n"))
+FRACTIONS = "1,7,0.3,0.4,0.1,0.2,1\n"
+CORNERS = "".join(f"{k},7,{50 * k},20,{50 * k + 30 + k % 3},90,1\n" for k in range(1, 12))
+NO_WIDTH = "expected boxes with a width and height above 0, found in"
 
 
-def test_pixels_of_petrack_are_refused_with_the_way_out(tmp_path: Path) -> None:
-    (tmp_path / "a.trc").write_text("version 4\n2\n")
-    with pytest.raises(InputError, match=r"found pixels of PeTrack: export its \.txt"):
-        load_file(tmp_path / "a.trc")
+@pytest.mark.parametrize(
+    ("read", "name", "text", "message"),
+    [
+        (load_tracks, "a.txt", FRACTIONS, "fractions of the image"),
+        (load_detections, "a.txt", FRACTIONS, "fractions of the image"),
+        (load_tracks, "a.txt", CORNERS, "found left, top, right, bottom"),
+        (load_detections, "a.txt", CORNERS, "found left, top, right, bottom"),
+        (load_tracks, "a.txt", "1,7,10,20,30,60\n1,7,10,20,wide,60\n", "found in line 2 '1,7,10,20,wide,60'"),
+        (load_detections, "a.txt", "1,-1,10,20,0,60,1\n", NO_WIDTH),
+        (load_detections, "a.json", '[{"image_id": 1, "category_id": 1, "bbox": [1, 2, 0, 60]}]', NO_WIDTH),
+        (load_detections, "a.json", '[{"image_id": 1, "category_id": 0, "bbox": [1, 2, 3, 6]}]', "found category 0"),
+        (load_tracks, "a.csv", "pedID,time,posX,posY\n1,0.0,far,2.0\n", "trajectories of crowdit, found .*'far'"),
+        (load_tracks, "a.trc", "version 4\n2\n", r"found pixels of PeTrack: export its \.txt"),
+        *(
+            (load_truth, "a.txt", f"1,7,10,20,30,60,{end}\n", "truth rows that count")
+            for end in ("1,2,1.0", "1,15,1.0", "1,0,1.0", "0,1,1.0", "0,-1,-1,-1")
+        ),
+    ],
+)
+def test_file_is_refused_for_what_is_wrong_in_it(tmp_path: Path, read, name, text, message) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=message):
+        read(tmp_path / name)
+
+
+@pytest.mark.parametrize(("text", "rows"), [("", 0), ("1,7,10,20,30,60,1,0,1.0\n", 1)], ids=["empty", "with classes"])
+def test_results_of_motchallenge_without_metres_have_none(tmp_path: Path, text: str, rows: int) -> None:
+    table = load_tracks(written(tmp_path, text))
+    assert len(table) == rows and np.isnan(table.x_m).all()
+
+
+def test_text_is_written_as_its_format_asks(tmp_path):
+    write_petrack(tmp_path / "x.txt", TrajectoryFile(two_walkers(1), 15.0), unit="cm")
+    rows = "1 0 -50.00 100.00 175.00\n2 0 50.00 100.00 162.00\n"
+    assert (tmp_path / "x.txt").read_text() == "# framerate: 15 fps\n# id frame x/cm y/cm z/cm\n" + rows
+    FORMATS["motchallenge"].write(tmp_path / "x.txt", TrajectoryFile(two_walkers(1)))
+    assert (tmp_path / "x.txt").read_text().startswith("1,1,100.0,50.0,40.0,120.0,1,-0.5000,1.0000,0.0000\n")
