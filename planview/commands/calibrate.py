@@ -45,7 +45,7 @@ class AlignOptions:
     json_output: JsonFlag = False
 
 
-def calibrate_align(first: Path, second: Path, /, *others: Path, options: AlignOptions | None = None) -> None:
+def calibrate_align(first: Path, second: Path, /, *others: Path, options: AlignOptions = AlignOptions()) -> None:
     """Find the relative pose of stereo heads from people who walk where both see them. No board, no markers.
 
     Every head is tracked by itself, above its own floor; heading, place and clock are those at which the people of one
@@ -63,7 +63,6 @@ def calibrate_align(first: Path, second: Path, /, *others: Path, options: AlignO
     others
         Recordings of further heads; each must share floor with a head named before or after it.
     """
-    options = options or AlignOptions()
     heads = (first, second, *others)
     in_range("--clock", options.clock, 0, 3600, " s")
     if len({head.resolve() for head in heads}) < len(heads):
@@ -175,7 +174,7 @@ def parse_board(text: str | None, square_m: float, marker: str | None, dictionar
         raise InputError(f"--board: {error}") from error
 
 
-def calibrate_board(images: Path, /, *, square: str, options: BoardOptions | None = None) -> None:
+def calibrate_board(images: Path, /, *, square: str, options: BoardOptions = BoardOptions()) -> None:
     """Calibrate a stereo rig from chessboard or ChArUco images.
 
     Writes the rig (OUT), the same for OpenCV (.yml) and a report page (.html) next to it.
@@ -190,7 +189,6 @@ def calibrate_board(images: Path, /, *, square: str, options: BoardOptions | Non
         Side of a square with its unit, e.g. 24.23mm; a bare number is refused. When it is not known, give any size: the
         baseline is also printed in squares, but distances measured with the rig are as wrong as the size.
     """
-    options = options or BoardOptions()
     square_m = parse_square(square)
     request = BoardRequest(
         parse_board(options.board, square_m, options.marker, options.dictionary),

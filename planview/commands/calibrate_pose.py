@@ -91,7 +91,7 @@ def parse_points(texts: Sequence[str]) -> tuple[F64, bool]:
     return np.array(rows), len(rows[0]) == 2
 
 
-def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> None:
+def calibrate_floor(recording: Path, *, options: FloorOptions = FloorOptions()) -> None:
     """Find the floor in a stereo recording as a run does; print it, and write world.toml where asked.
 
     Example: planview calibrate floor my_recording --out floor/world.toml
@@ -105,7 +105,6 @@ def calibrate_floor(recording: Path, *, options: FloorOptions | None = None) -> 
     recording
         Folder with left/ and right/ images or videos and a calibration.
     """
-    options = options or FloorOptions()
     if options.points and options.tracks:
         raise InputError("expected either --points or --tracks, found both")
     if options.out and options.save:
@@ -226,7 +225,7 @@ class HumanOptions:
     json_output: JsonFlag = False
 
 
-def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> None:
+def calibrate_human(samples: Path, *, options: HumanOptions = HumanOptions()) -> None:
     """Calibrate one camera from standing people: height, tilt and focal length, written to camera.toml.
 
     Example: planview calibrate human samples.csv --image-size 640x480 --lens normal-wide --out camera.toml
@@ -240,7 +239,6 @@ def calibrate_human(samples: Path, *, options: HumanOptions | None = None) -> No
         a list of {"box": [left, top, width, height], "head": [u, v], "foot": [u, v]}; 3 or more people at different
         places. With --auto, a video.
     """
-    options = options or HumanOptions()
     console = PlainConsole(stderr=True)
     if options.lens is not None and options.lens not in LENS_K_320:
         raise InputError(f"--lens: expected one of {', '.join(LENS_K_320)}, found {options.lens!r}")

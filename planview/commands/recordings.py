@@ -53,7 +53,7 @@ class CheckOptions:
     json_output: JsonFlag = False
 
 
-def check(recording: Path, right: Path | None = None, *, options: CheckOptions | None = None) -> None:
+def check(recording: Path, right: Path | None = None, *, options: CheckOptions = CheckOptions()) -> None:
     """Check a recording and its calibration before trusting results; exit status 1 when a check fails.
 
     Example: planview check recording --person-height 1.78m --out pictures
@@ -67,7 +67,6 @@ def check(recording: Path, right: Path | None = None, *, options: CheckOptions |
     right
         The right one.
     """
-    options = options or CheckOptions()
     opening = open_options(options.calibration, options.fps, options.topics, right)
     if options.quick:
         reader, layout = find_layout(recording, opening)

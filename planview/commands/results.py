@@ -77,7 +77,7 @@ class RenderOptions:
     """Leave out the floor from above."""
 
 
-def render(folder: Path, *, options: RenderOptions | None = None) -> None:
+def render(folder: Path, *, options: RenderOptions = RenderOptions()) -> None:
     """Draw a run: boxes, ids, trails, a metre grid on the floor, the floor from above, and what was counted.
 
     The images are read from the recording again; where it is not there any more, only the floor is shown.
@@ -91,7 +91,6 @@ def render(folder: Path, *, options: RenderOptions | None = None) -> None:
     folder
         Output folder of a run.
     """
-    options = options or RenderOptions()
     if options.every < 1 or not 0 <= options.trail <= 3600:
         raise InputError("--every, --trail: expected a number from 1 and a time of 0 to 3600 s, found others")
     if options.frame is None and options.out is not None and options.out.suffix.lower() in (".png", ".jpg", ".jpeg"):

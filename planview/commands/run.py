@@ -93,7 +93,7 @@ def run(
     right: Path | None = None,
     *,
     out: Annotated[Path, _Out],
-    options: TrackingOptions | None = None,
+    options: TrackingOptions = TrackingOptions(),
 ) -> None:
     """Track people in a recording: tracks.csv, run.json and report.html in a folder.
 
@@ -127,11 +127,11 @@ def run(
         Folder for the results; made if need be.
     """
     try:
-        _run(recording, right, out, options or TrackingOptions())
+        _run(recording, right, out, options)
     except HoldsResultsError as error:
         way = f"choose another folder, or add {'--resume or ' * error.resumable}--overwrite"
         again = "--overwrite instead of --resume starts again"
-        raise InputError(f"{error}; {again if options and options.resume else way}") from error
+        raise InputError(f"{error}; {again if options.resume else way}") from error
 
 
 def _run(recording: Path, right: Path | None, out: Path, options: TrackingOptions) -> None:

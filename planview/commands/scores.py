@@ -63,7 +63,7 @@ class EvaluateOptions:
     json_output: JsonFlag = False
 
 
-def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOptions | None = None) -> None:
+def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOptions = EvaluateOptions()) -> None:
     """Score tracks against truth: CLEAR, IDF1, HOTA, position errors and significant errors.
 
     Of two folders every recording is scored by name, then all together.
@@ -84,7 +84,6 @@ def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOption
         truth.csv (frame,id,x_m,y_m,height_m[,visible]), rows of PETS or MOTChallenge (gt.txt), another format of
         planview export, or a folder of these; truth.csv of the run's recording where not given.
     """
-    options = options or EvaluateOptions()
     truth = truth or _truth_of(tracks)
     run = RunFolder.around(tracks)
     params = checked(
@@ -250,7 +249,7 @@ class CountOptions:
     json_output: JsonFlag = False
 
 
-def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> None:
+def count(tracks: Path, *, rules: Path, options: CountOptions = CountOptions()) -> None:
     """Count line crossings, zone occupancy and queues in tracks; write events.csv and counts.json.
 
     Example: planview count out/tracks.csv --rules rules.toml --json
@@ -265,7 +264,6 @@ def count(tracks: Path, *, rules: Path, options: CountOptions | None = None) -> 
     rules
         rules.toml with tripwires, zones (in metres or in pixels) and queues.
     """
-    options = options or CountOptions()
     params = checked(
         AnalyticsParams, hysteresis_m=options.hysteresis, zone_hysteresis_m=options.zone_hysteresis,
         min_age_s=options.min_age, interval_s=options.interval,

@@ -42,7 +42,7 @@ class SweepOptions:
 
 
 def sweep(
-    sources: Annotated[Sequence[Path], Parameter(consume_multiple=True)], *, options: SweepOptions | None = None
+    sources: Annotated[Sequence[Path], Parameter(consume_multiple=True)], *, options: SweepOptions = SweepOptions()
 ) -> None:
     """Run recordings with many configurations and seeds, score them against truth and rank the configurations.
 
@@ -61,7 +61,6 @@ def sweep(
     sources
         A study file (.toml), or recordings: stereo, single-camera, or maps.h5 that planview run --maps wrote.
     """
-    options = options or SweepOptions()
     study, names, out = _study(sources, options)
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     if options.jobs < 1:

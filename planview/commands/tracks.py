@@ -58,7 +58,7 @@ class EditOptions:
     json_output: JsonFlag = False
 
 
-def edit(out: Path, *, options: EditOptions | None = None) -> None:
+def edit(out: Path, *, options: EditOptions = EditOptions()) -> None:
     """Join, split, delete and rename tracks of a finished run, one by one or by rule; every edit can be taken back.
 
     edits.json lists what was done, and tracks_before.csv keeps the tracks without any edit. Counts are not made again:
@@ -77,7 +77,6 @@ def edit(out: Path, *, options: EditOptions | None = None) -> None:
     out
         Folder of a finished run.
     """
-    options = options or EditOptions()
     lines = _lines(options)
     if options.undo + options.undo_all + options.refine + bool(lines) > 1:
         raise InputError("expected edits, --undo, --undo-all or --refine, found several of these")
@@ -147,7 +146,7 @@ class ExportOptions:
     """Calibration of the recording, for --cloud, when it does not lie in it."""
 
 
-def export(tracks: Path, *, to: ExportName | None = None, options: ExportOptions | None = None) -> None:
+def export(tracks: Path, *, to: ExportName | None = None, options: ExportOptions = ExportOptions()) -> None:
     """Write tracks in the format of another program: pedpy (PeTrack text), ped-data-archive (HDF5), jupedsim (sqlite),
     motchallenge, parquet, csv or jsonl; or the scene they walk in.
 
@@ -169,7 +168,6 @@ def export(tracks: Path, *, to: ExportName | None = None, options: ExportOptions
     to
         Format to write.
     """
-    options = options or ExportOptions()
     if (to is None) == (options.cloud is None):
         raise InputError(f"expected --to with a format ({', '.join(FORMATS)}) or --cloud with a file, one of them")
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
