@@ -65,7 +65,7 @@ def test_command_draws_both_and_prints_what_differs(ellipses, tmp_path, capsys):
 
 
 def test_frame_beyond_the_run_is_refused_and_a_recording_that_is_gone_named(ellipses, refused):
-    assert "from 0 to 29" in refused("replay", ellipses, "--frame", 99)
+    assert "expected 0 to 29" in refused("replay", ellipses, "--frame", 99)
     info = json.loads((ellipses / "run.json").read_text())
     (ellipses / "run.json").write_text(json.dumps({**info, "input": "gone", "recording": ""}))
     with pytest.raises(InputError, match="gone"):
