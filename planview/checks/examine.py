@@ -17,7 +17,7 @@ from calib.formats import load_rig
 from calib.formats.one_camera import holds_one_camera, load_one_camera
 from calib.ground_camera import GroundCamera
 from calib.images import as_colour, as_grey, write_image
-from calib.types import F32, F64, U8
+from calib.types import F64, U8
 from planview.checks.camera import Steadiness
 from planview.checks.check import Check, at_least, between
 from planview.checks.recording import Evidence, busiest, gather
@@ -38,7 +38,7 @@ from planview.checks.scene import (
 from planview.checks.timing import MotionWatch, Thumbnails, frame_checks, motion_checks, timing_checks
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
 from planview.maps.view import StereoView
-from stereo.depth import DepthFromDisparity, back_project
+from stereo.depth import DepthFromDisparity, back_project, median_image
 from stereo.floor import FloorSearch, setup_frames
 from stereo.matcher import SampledDisparity
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video
@@ -67,7 +67,7 @@ def write_pictures(evidence: Evidence, folder: Path) -> list[Path]:
     turbo, ends = disparity_colours(disparity, first_px, last_px), (f"far: {first_px} px", f"near: {last_px} px")
     pictures = {
         "disparity.png": with_colour_bar(turbo, cv2.COLORMAP_TURBO, *ends, [Entry((0, 0, 0), "unknown")]),
-        "floor.png": floor_picture(evidence, left, disparity),
+        "floor.png": floor_picture(evidence),
         "exposure.png": np.hstack([_saturated(as_grey(image)) for image in recorded]),
     }
     if evidence.pair is not None:
@@ -79,13 +79,13 @@ def write_pictures(evidence: Evidence, folder: Path) -> list[Path]:
     return [folder / name for name in pictures]
 
 
-def floor_picture(evidence: Evidence, left: U8, disparity: F32) -> U8:
-    """The left image with what lies on the floor tinted green, what stands above it red, below it blue."""
-    picture = as_colour(left).copy()
+def floor_picture(evidence: Evidence) -> U8:
+    """The left image, median of the frames, tinted green where it shows the floor, red above it and blue below it."""
+    picture = as_colour(median_image(evidence.lefts).astype(np.uint8))
     if evidence.floor is None:
         return with_legend(picture, [Entry(ABOVE, "no floor was found")])
     geometry = evidence.rectifier.geometry
-    points = back_project(DepthFromDisparity(geometry)(disparity), geometry)
+    points = back_project(DepthFromDisparity(geometry)(median_image(evidence.disparities)), geometry)
     above = heights_above_floor(points, evidence.floor.world_SE3_left)
     with np.errstate(invalid="ignore"):
         bands = {
