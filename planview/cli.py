@@ -16,6 +16,7 @@ from typing import Any, Literal, TextIO, cast
 
 from cyclopts import App, Group, Parameter
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads of small matrices wait for each other on a busy machine
 COMMANDS = {
     "Start here": {
         "demo": ("run", "Track the clip that comes with the package and print its scores."),

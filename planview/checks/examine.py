@@ -88,10 +88,12 @@ def floor_picture(evidence: Evidence) -> U8:
     points = back_project(DepthFromDisparity(geometry)(median_image(evidence.disparities)), geometry)
     above = heights_above_floor(points, evidence.floor.world_SE3_left)
     with np.errstate(invalid="ignore"):
+        slope = evidence.floor.height_m / points[..., 2]  # height above the floor by depth, along the ray of a pixel
+        within = FLOOR_BAND_M + 2 * slope * geometry.depth_std_m(points[..., 2])
         bands = {
-            Entry(ROW, f"on the floor, within {100 * FLOOR_BAND_M:.0f} cm"): np.abs(above) <= FLOOR_BAND_M,
-            Entry(ABOVE, "above it"): above > FLOOR_BAND_M,
-            Entry(BELOW, "below it: wrong floor or depth"): above < -FLOOR_BAND_M,
+            Entry(ROW, f"on the floor, within {100 * FLOOR_BAND_M:.0f} cm and noise"): np.abs(above) <= within,
+            Entry(ABOVE, "above it"): above > within,
+            Entry(BELOW, "below it: wrong floor or depth"): above < -within,
         }
     for band, mask in bands.items():
         picture[mask] = (0.5 * picture[mask] + 0.5 * np.array(as_bgr(band.colour))).astype(np.uint8)
