@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.types import F64, Bool
+from calib.types import F64
 
 LensModel = Literal["brown", "rational", "fisheye"]
 
@@ -69,83 +69,28 @@ class Camera:
     def project(self, points: ArrayLike) -> F64:
         """(N, 2) float64 pixels of (N, 3) points in the camera frame [m], z forward; a point at z <= 0 gives NaN."""
         p = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        pixels = np.full((len(p), 2), np.nan)
-        front = p[:, 2] > 0
+        pixels, front, zero = np.full((len(p), 2), np.nan), p[:, 2] > 0, np.zeros(3)
         if front.any():
-            pixels[front] = self._project(p[front])[0]
+            project = cv2.fisheye.projectPoints if self.model == "fisheye" else cv2.projectPoints
+            found, _ = project(p[front].reshape(-1, 1, 3), zero, zero, self.matrix, self.coefficients)
+            pixels[front] = np.asarray(found, dtype=np.float64).reshape(-1, 2)
         return pixels
 
     def unproject(self, pixels: ArrayLike) -> F64:
-        """(N, 3) float64 rays through (N, 2) pixels in the camera frame, z = 1; NaN where the lens model has none.
-
-        Exact to the last digits (Newton's method on the lens equation).
-        """
-        uv = np.ascontiguousarray(np.asarray(pixels, dtype=np.float64).reshape(-1, 2))
+        """(N, 3) float64 rays through (N, 2) pixels in the camera frame, z = 1; NaN where the lens model has none."""
+        uv = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
         if len(uv) == 0:
             return np.empty((0, 3))
-        ideal = (uv - [self.cx, self.cy]) / [self.fx, self.fy]
-        # OpenCV's fixed-point guess at the ray, (N, 2).
-        k, d = self.matrix, self.coefficients
-        if self.model == "fisheye":
-            criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 20, 1e-9)
-            guess = cv2.fisheye.undistortPoints(uv.reshape(-1, 1, 2), k, d, criteria=criteria)
-        else:
-            guess = cv2.undistortPoints(uv.reshape(-1, 1, 2), k, d)
-        xy = np.array(guess, dtype=np.float64).reshape(-1, 2)
-        # Tangent of the widest ray taken from OpenCV, which marks failures with huge numbers.
-        failed = ~np.isfinite(xy).all(axis=1) | (np.abs(xy).max(axis=1) > 1e3)
-        xy[failed] = ideal[failed]
-        xy, done = self._newton(uv, xy)
-        if not done.all():
-            # OpenCV's iteration can leave the basin of a strong lens: start again from the ideal ray.
-            again = ~done
-            xy[again], done[again] = self._newton(uv[again], ideal[again])
-        xy[~done] = np.nan
-        return np.column_stack([xy, np.ones(len(uv))])
-
-    def _project(self, points: F64) -> tuple[F64, F64]:
-        """Pixels of points in front of the camera and their (N, 2, 2) derivative by x and y."""
-        q, zero = np.ascontiguousarray(points).reshape(-1, 1, 3), np.zeros(3)
-        if self.model == "fisheye":
-            uv, jacobian = cv2.fisheye.projectPoints(q, zero, zero, self.matrix, self.coefficients)
-            # Columns: f (2), c (2), k (4), rotation (3), translation (3), alpha.
-            by_xy = jacobian[:, 11:13]
-        else:
-            uv, jacobian = cv2.projectPoints(q, zero, zero, self.matrix, self.coefficients)
-            # Columns: rotation (3), translation (3), f (2), c (2), k.
-            by_xy = jacobian[:, 3:5]
-        return np.asarray(uv, dtype=np.float64).reshape(-1, 2), np.asarray(by_xy, dtype=np.float64).reshape(-1, 2, 2)
-
-    def _newton(self, uv: F64, start: F64) -> tuple[F64, Bool]:
-        """Solve project(x, y, 1) = uv by Newton steps, halved while they do not help."""
-        xy = start.copy()
-        error, by_xy = self._miss(xy, uv)
-        size, scale = np.linalg.norm(error, axis=1), np.ones(len(uv))
-        for _ in range(30):
-            # Newton stops here; float64 has about 1e-13 px at 1000 px.
-            # A step cut to this share of Newton's still did not help: there is nothing to find nearby.
-            i = np.flatnonzero((size > 1e-11) & (scale > 1e-4))
-            if len(i) == 0:
-                break
-            # (N, 2) solutions of N 2x2 systems; zero where a matrix is singular.
-            a, b, c, d = np.moveaxis(by_xy[i].reshape(-1, 4), 1, 0)
-            det = a * d - b * c
-            safe = np.where(np.abs(det) > 1e-12, det, np.inf)
-            x, y = error[i].T
-            trial = xy[i] - scale[i, None] * np.stack([(d * x - b * y) / safe, (a * y - c * x) / safe], axis=-1)
-            trial_error, trial_by_xy = self._miss(trial, uv[i])
-            trial_size = np.linalg.norm(trial_error, axis=1)
-            better = trial_size < size[i]
-            j = i[better]
-            xy[j], error[j], by_xy[j] = trial[better], trial_error[better], trial_by_xy[better]
-            size[j] = trial_size[better]
-            scale[i] = np.where(better, np.minimum(1.0, 2 * scale[i]), scale[i] / 4)
-        # A pixel whose ray still misses by more has none in this lens model.
-        return xy, size < 1e-6
-
-    def _miss(self, xy: F64, uv: F64) -> tuple[F64, F64]:
-        pixels, by_xy = self._project(np.column_stack([xy, np.ones(len(xy))]))
-        return pixels - uv, by_xy
+        # Many iterations, so that rays are exact to their last digits near the edge of a strong lens, too. OpenCV 4 has
+        # a function of its own that takes them.
+        undistort: Any = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)
+        undistort = cv2.fisheye.undistortPoints if self.model == "fisheye" else undistort
+        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 500, 1e-13)
+        points = np.ascontiguousarray(uv).reshape(-1, 1, 2)
+        found = undistort(points, self.matrix, self.coefficients, R=None, P=None, criteria=criteria)
+        rays = np.column_stack([np.asarray(found, dtype=np.float64).reshape(-1, 2), np.ones(len(uv))])
+        rays[~(np.linalg.norm(self.project(rays) - uv, axis=1) < 1e-6), :2] = np.nan
+        return rays
 
     def scaled(self, width: int, height: int) -> Camera:
         """The same lens at another resolution of the same field of view."""
