@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 DISPARITY_STD_PX = 0.25
 """Standard deviation of a matched disparity [px] (``python -m benchmarks matching``: 0.24 to 0.30 on people)."""
+DEPTH_MAX_M = 30.0
+"""Farther points are left out [m]: their predicted deviation exceeds any room (our choice)."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,12 @@ class RectifiedGeometry:
         """Disparity [px] of a point at a depth [m]."""
         return self.disparity_metre / depth_m
 
+    def depth(self, disparity: F32, max_m: float = DEPTH_MAX_M) -> F32:
+        """(H, W) float32 depth along the optical axis [m] of a disparity (H, W) float32 [px]; NaN where that is NaN,
+        not positive, or means more than ``max_m``."""
+        usable = np.where(disparity >= self.disparity_at(max_m), disparity, np.float32(np.nan))
+        return np.asarray(np.float32(self.disparity_metre) / usable, dtype=np.float32)
+
     @property
     def depth_std_per_m2(self) -> float:
         """Growth of the depth deviation with squared depth [1/m], sigma_d / (f b): the derivative of z = f b / d."""
@@ -109,24 +117,6 @@ class RectifiedGeometry:
         return math.hypot(depth * depth * self.depth_std_per_m2, self.depth_std_min_m)
 
 
-DEPTH_MAX_M = 30.0
-"""Farther points are left out [m]: their predicted deviation exceeds any room (our choice)."""
-
-
-class DepthFromDisparity:
-    """Depth image of a disparity image, in the rectified left camera."""
-
-    def __init__(self, geometry: RectifiedGeometry, depth_max_m: float = DEPTH_MAX_M) -> None:
-        self.geometry = geometry
-        self._disparity_min = geometry.disparity_at(depth_max_m)
-
-    def __call__(self, disparity: F32) -> F32:
-        """(H, W) float32 depth along the optical axis [m] of a disparity (H, W) float32 [px]; NaN where that is NaN,
-        not positive, or means more than depth_max_m."""
-        usable = np.where(disparity >= self._disparity_min, disparity, np.float32(np.nan))
-        return np.asarray(np.float32(self.geometry.disparity_metre) / usable, dtype=np.float32)
-
-
 def back_project(depth: F32, geometry: RectifiedGeometry) -> F32:
     """(H, W, 3) float32 points [m], in the rectified left camera frame, of a depth image (H, W) float32 [m], NaN where
     that is."""
@@ -144,7 +134,7 @@ def point_cloud(disparity: F32, image: U8, geometry: RectifiedGeometry, world_SE
     """Points [m] of a disparity (H, W) in the world, with the colours of the rectified left image (H, W[, 3]). Raises
     WorkError: open3d is missing."""
     o3d = import_open3d("a cloud of points")
-    points = back_project(DepthFromDisparity(geometry)(disparity), geometry).reshape(-1, 3)
+    points = back_project(geometry.depth(disparity), geometry).reshape(-1, 3)
     known = np.isfinite(points).all(axis=1)
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(world_SE3_left @ points[known].astype(np.float64)))
     cloud.colors = o3d.utility.Vector3dVector(as_colour(image).reshape(-1, 3)[known, ::-1] / 255.0)

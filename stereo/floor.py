@@ -14,7 +14,7 @@ from calib.floor.plane import FLOOR_DISPARITY_STD_PX, INLIER_SIGMAS, MAD_TO_SIGM
 from calib.params import Params
 from calib.rig import Floor
 from calib.types import F32, F64, AnyArray
-from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, median_image
+from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.matcher import RangeParams, SgbmMatcher, SgbmParams, disparity_range
 from stereo.recording import Frame, Recorded, StereoFrame
 from stereo.rectify import RectifiedPair, Rectifier, RectifyParams
@@ -68,7 +68,6 @@ class FloorEstimator:
         self.disparities = disparity_range(geometry, self._search.range)
         masks = rectifier.mask, rectifier.right_mask
         self._match = SgbmMatcher(geometry, self._search.sgbm, self.disparities, *masks)
-        self._to_depth = DepthFromDisparity(geometry)
 
     def disparity(self, pair: RectifiedPair) -> F32:
         """(H, W) float32 disparity [px] of a pair; NaN where unknown."""
@@ -76,7 +75,7 @@ class FloorEstimator:
 
     def depth(self, pair: RectifiedPair) -> F32:
         """(H, W) float32 depth [m] of a pair; NaN where unknown."""
-        return self._to_depth(self.disparity(pair))
+        return self.rectifier.geometry.depth(self.disparity(pair))
 
     def floor(self, pairs: Sequence[RectifiedPair], depths: Sequence[F32]) -> Floor:
         """The floor common to some frames: found in the (H, W) float32 depth of each [m], then aligned with their

@@ -91,15 +91,13 @@ class GatedMatching:
         return self._matcher.levels(left_grey, right_grey)
 
     def __call__(self, levels: Levels, image: U8, changed: U8 | None, now_s: float) -> tuple[SampledDisparity, F32, U8]:
-        """Match the next frame.
+        """The disparity of every pixel as it was measured last; (h, w) float32 [px], NaN also where nothing was
+        measured in this frame; and (h, w) uint8, 255 where disparity was measured in this frame.
 
         Args:
             image: (h, w[, 3]) uint8, the samples of the left camera.
             changed: uint8, every SAMPLE-th row and column of the samples, non-zero where they differ from the
                 background; None while no background is known.
-        Returns:
-            The disparity of every pixel as it was measured last; (h, w) float32 [px], NaN also where nothing was
-            measured in this frame; and (h, w) uint8, 255 where disparity was measured in this frame.
         """
         windows = [Window(0, 0, *self._size)]
         if self._params.gated and changed is not None:
@@ -116,12 +114,7 @@ class GatedMatching:
         return SampledDisparity(self.memory.disparity, self._matcher.step, shape), now, measured
 
     def learn(self, image: U8, foreground: U8, measured: U8, lost: Sequence[tuple[float, float, float, float]]) -> None:
-        """Keep what the next frame is compared with.
-
-        Args:
-            image, foreground, measured: of this frame, of the samples.
-            lost: boxes of the people who were not found (see ``MatchingMemory``).
-        """
+        """Keep what the next frame is compared with, samples of this one; ``lost``: see ``MatchingMemory.boxes``."""
         memory, seen = self.memory, samples_of(image)
         if memory.background is None:
             memory.background = seen.copy()
@@ -141,11 +134,8 @@ class GatedMatching:
         return np.asarray(cv2.bitwise_or(solid(changed, self._grain), before), dtype=np.uint8)
 
     def windows(self, changed: U8, now_s: float) -> list[Window]:
-        """Windows of samples to match: one around each group of changes that touch, or all.
-
-        Args:
-            changed: every SAMPLE-th row and column of the samples, uint8, non-zero where something may have changed.
-        """
+        """Windows of samples to match, one around each group of changes that touch, or all; ``changed`` is non-zero
+        where something may have changed in every SAMPLE-th row and column of the samples, uint8."""
         # Two samples around a change are in question too: an outline, which blurs into the background (our choice).
         wide = cv2.dilate(changed, np.ones((5, 5), np.uint8))
         per_tile = TILE // SAMPLE

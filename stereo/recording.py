@@ -345,14 +345,14 @@ class RgbdRecording(Recorded[RgbdFrame]):
     Attributes:
         camera, source: calibration of the images at their size, and where it came from, for messages and run.json.
         registration: moves depth into the pixels of the image.
-        world_SE3_camera: from ``world.toml``, else None (the floor is then found from the recording).
+        world_SE3_left: of the image's camera, from ``world.toml``, else None (the floor is then found).
     """
 
     camera: Camera
     source: str
     sensor: DepthSensor
     registration: Callable[[F32], F32]
-    world_SE3_camera: SE3 | None
+    world_SE3_left: SE3 | None
     sides = ("image: ", "depth: ")
 
     def _joined(self, index: int, timestamp_s: float, *images: Any) -> RgbdFrame:

@@ -176,12 +176,7 @@ class RectifyParams(Params):
 
 @dataclass(frozen=True, eq=False)
 class RectifiedPair:
-    """One rectified pair.
-
-    Attributes:
-        left: (H, W) or (H, W, 3) uint8, as recorded.
-        left_grey, right_grey: (H, W) uint8 for matching; left_grey is left when that is grey.
-    """
+    """One rectified pair: the left image (H, W) or (H, W, 3) uint8, as recorded, and both in grey for matching."""
 
     left: U8
     left_grey: U8
@@ -190,11 +185,10 @@ class RectifiedPair:
 
 @dataclass(frozen=True, eq=False)
 class ReducedPair:
-    """One rectified pair, grey, with its left image as recorded at the analysis size.
+    """One rectified pair, (H, W) uint8 grey for matching, with its left image as recorded at the analysis size.
 
     Attributes:
         image: (h, w[, 3]) uint8, the left image: means of the pixels between its own.
-        left_grey, right_grey: (H, W) uint8 for matching.
         left: makes the (H, W[, 3]) uint8 left image as recorded.
     """
 

@@ -96,15 +96,8 @@ class RigCorrection:
 def measure_correction(
     pairs: Iterable[tuple[U8, U8]], geometry: RectifiedGeometry, disparity_max_px: float
 ) -> RigCorrection:
-    """Correction of a calibration from rectified pairs.
-
-    Corners of the left image are found again in the right one by correlation within the disparities that can occur and
-    refined by Lucas-Kanade; saturated surroundings are left out.
-
-    Args:
-        pairs: left and right (H, W) uint8, rectified by the calibration as it is.
-        disparity_max_px: largest disparity that can occur [px].
-    """
+    """Correction of a calibration from left and right (H, W) uint8 images, rectified by it as it is, with the largest
+    disparity that can occur [px] (see ``match_corners``)."""
     match = partial(match_corners, disparity_max_px=disparity_max_px, search_px=math.ceil(_SEARCH * geometry.width))
     with ThreadPoolExecutor(2) as pool:  # correlation releases Python's lock
         found = list(pool.map(lambda pair: match(*pair), pairs))
@@ -205,7 +198,7 @@ def match_corners(
     features: int = 300,
     search_px: int = 8,
 ) -> F64:
-    """Corners of the left image and where the right one shows them.
+    """Corners of the left image and where the right one shows them, found by correlation and refined by Lucas-Kanade.
 
     Args:
         disparity_max_px, disparity_min_px: disparities to search [px]; negative ones show swapped images.

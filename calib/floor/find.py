@@ -49,8 +49,8 @@ SCORED = 1500
 def find_floor(
     clouds: Sequence[F32],
     *,
-    focal_px: float | None = None,
-    baseline_m: float | None = None,
+    focal_px: float,
+    baseline_m: float,
     sigma_z: Sequence[F32] | None = None,
     moved: F64 | None = None,
     align: Callable[[Plane], Plane] | None = None,
@@ -65,7 +65,7 @@ def find_floor(
 
     Args:
         clouds: one (N, 3) array of points per frame [m], rectified left camera frame; rows with NaN are skipped.
-        focal_px, baseline_m: of the rectified pair, for the depth noise; without them 1.5 % of the median.
+        focal_px, baseline_m: of the rectified pair, for the depth noise.
         sigma_z: one (N,) array of depth deviations [m] per cloud; replaces the noise model.
         moved: (M, 3) points of what moves between the frames, mostly people [m]; None where that is not known.
         align: improves the plane that was chosen, e.g. by the images (see ``stereo.floor``).
@@ -78,9 +78,7 @@ def find_floor(
     if len(points) < MIN_POINTS:
         raise WorkError(f"no floor found: only {len(points)} points with valid depth in {len(clouds)} frames")
     if sigma_z is None:
-        noise = 0.01 * float(np.median(points.inverse))
-        if focal_px is not None and baseline_m is not None:
-            noise = FLOOR_DISPARITY_STD_PX / (focal_px * baseline_m)
+        noise = FLOOR_DISPARITY_STD_PX / (focal_px * baseline_m)
         points = Rays(points.rays, points.inverse, np.full(len(points), noise))
     moved = np.empty((0, 3)) if moved is None else moved
     cells = Cells(points)

@@ -71,20 +71,13 @@ class TsaiCamera:
         p = self.camera_SE3_world @ np.asarray(points_world, dtype=np.float64).reshape(-1, 3)
         depth = np.where(p[:, 2] > 0, p[:, 2], np.nan)
         ideal = self.focal_mm * p[:, :2] / depth[:, None]
-        radius = np.linalg.norm(ideal, axis=1)
-        # The smallest r with r + kappa1 r^3 = ideal, by Newton's method; NaN where there is none.
-        k, r = self.kappa1, radius.copy()
-        if k < 0:
-            # The cubic turns back at r = 1/sqrt(-3k); Newton from the left of it stays on the first branch.
-            turn = 1.0 / math.sqrt(-3.0 * k)
-            r = np.where(radius <= 2.0 / 3.0 * turn, np.minimum(radius, 0.999 * turn), np.nan)
-        for _ in range(50):
-            step = (r + k * r**3 - radius) / (1.0 + 3.0 * k * r**2)
-            r = r - step
-            if not np.nanmax(np.abs(step), initial=0.0) > 1e-14:
-                break
-        scale = np.where(radius > 0, r / np.where(radius > 0, radius, 1.0), 1.0)
-        return ideal * scale[:, None] / [self.dx_mm, self.dy_mm] + [self.cx, self.cy]
+        # The smallest r with r + kappa1 r^3 = |ideal|, by the sine of a third of an angle; NaN where there is none.
+        steep = math.sqrt(3.0 * abs(self.kappa1))
+        radius = np.maximum(np.linalg.norm(ideal, axis=1, keepdims=True), 1e-12)
+        sine, arcsine = (np.sinh, np.arcsinh) if self.kappa1 > 0 else (np.sin, np.arcsin)
+        with np.errstate(invalid="ignore"):
+            r = 2.0 / steep * sine(arcsine(1.5 * steep * radius) / 3.0) if steep else radius
+        return np.asarray(ideal * (r / radius) / [self.dx_mm, self.dy_mm] + [self.cx, self.cy])
 
     def back_project(self, pixels: ArrayLike, height_m: float = 0.0) -> F64:
         """(N, 2) world x, y [m] of (N, 2) pixels that show a point at a height [m]; NaN where there is none."""
@@ -103,18 +96,18 @@ def is_tsai(source: Source) -> bool:
     return "<Geometry" in source.text and "<Extrinsic" in source.text
 
 
-def load_tsai(path: Path, unit_m: float = UNITS_M["mm"]) -> TsaiCamera:
-    """Read a Tsai camera; ``unit_m`` is the length of the world's unit [m], in PETS a millimetre."""
+def load_tsai(path: Path) -> TsaiCamera:
+    """Read a Tsai camera in millimetres."""
     source = base.read_source(path)
     if not is_tsai(source):
         raise InputError(f"{path}: expected a Tsai camera (XML with Geometry, Intrinsic, Extrinsic), found none")
     try:
-        return _from_xml(source.text, unit_m)
+        return _from_xml(source.text)
     except (ValueError, OverflowError) as error:
         raise InputError(f"{path}: expected a Tsai camera, but {error}") from error
 
 
-def _from_xml(text: str, unit_m: float) -> TsaiCamera:
+def _from_xml(text: str) -> TsaiCamera:
     root = base.parse_xml(text)
 
     def values(tag: str) -> Mapping[str, str]:
@@ -139,6 +132,6 @@ def _from_xml(text: str, unit_m: float) -> TsaiCamera:
     rotation = SE3.identity()
     for turn in ([rx, 0.0, 0.0], [0.0, ry, 0.0], [0.0, 0.0, rz]):  # R = Rz Ry Rx (Tsai's order)
         rotation = SE3.from_rotvec(turn) @ rotation
-    pose = SE3(rotation.rotation, np.array(translation) * unit_m)
+    pose = SE3(rotation.rotation, np.array(translation) * UNITS_M["mm"])
     size = base.whole_at(geometry, "width"), base.whole_at(geometry, "height")
     return TsaiCamera(*size, focal, kappa1, cx, cy, pitch / sx, base.number_at(geometry, "dpy", "dy"), pose)

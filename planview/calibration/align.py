@@ -23,7 +23,7 @@ from calib.params import Params
 from calib.pose import SE3
 from calib.types import F64
 from calib.world import RigEntry
-from planview.calibration.paths import TICK_S, RigRecord, WalkedPath, paths_of
+from planview.calibration.paths import TICK_S, RigRecord, WalkedPath
 from planview.evaluation.align import floor_rotation
 
 PIECE_S = 6.0
@@ -298,7 +298,6 @@ def after(before: RigAlignment, nearer: RigAlignment) -> RigAlignment:
 def align_records(records: Sequence[RigRecord], params: AlignParams | None = None) -> list[RigAlignment]:
     """Alignments of all rigs but the first to the first: a rig is laid over every rig that has its place already, and
     takes the most certain result. Raises WorkError: people do not determine where a rig is; it is named."""
-    paths = [paths_of(record.tracks, record.effect) for record in records]
     placed: dict[int, RigAlignment | None] = {0: None}
     waiting = list(range(1, len(records)))
     while waiting:
@@ -307,7 +306,7 @@ def align_records(records: Sequence[RigRecord], params: AlignParams | None = Non
             found = []
             for j, before in placed.items():
                 try:
-                    nearer = align_rigs(paths[j], paths[k], params)
+                    nearer = align_rigs(records[j].paths, records[k].paths, params)
                 except WorkError as error:
                     reasons[k] = error
                     continue
@@ -323,10 +322,10 @@ def align_records(records: Sequence[RigRecord], params: AlignParams | None = Non
 
 def rig_entries(records: Sequence[RigRecord], alignments: Sequence[RigAlignment], folder: Path) -> list[RigEntry]:
     """The rigs as ``rigs.toml`` in a folder lists them. Raises InputError: a rig that is not inside the folder."""
-    entries = [RigEntry(relative_to(records[0].path, folder), records[0].effect.world_SE3_left)]
+    entries = [RigEntry(relative_to(records[0].path, folder), records[0].world_SE3_left)]
     for record, alignment in zip(records[1:], alignments, strict=True):
         common_SE3_own = SE3.from_rotvec([0.0, 0.0, alignment.heading_rad], [alignment.x_m, alignment.y_m, 0.0])
-        pose = common_SE3_own @ record.effect.world_SE3_left
+        pose = common_SE3_own @ record.world_SE3_left
         entries.append(RigEntry(relative_to(record.path, folder), pose, alignment.clock_s))
     return entries
 

@@ -43,24 +43,8 @@ class WalkedPath:
         return np.column_stack([np.interp(ticks, known, column, left=np.nan, right=np.nan) for column in values.T])
 
 
-@dataclass(frozen=True, eq=False)
-class DisparityEffect:
-    """What an offset of a rig's disparities does to floor positions, by the pose of the rectified left camera and by
-    f b [px m]."""
-
-    world_SE3_left: SE3
-    disparity_metre: float
-
-    def per_px_m(self, xy_m: F64) -> F64:
-        """(N, 2) movement [m/px] of (N, 2) positions: dZ/dd = -Z^2 / (f b), along the ray to a head at 1.6 m."""
-        heads = np.column_stack([xy_m, np.full(len(xy_m), 1.6)])  # [m]
-        out = heads - self.world_SE3_left.translation
-        depth = out @ self.world_SE3_left.rotation[:, 2]
-        return np.asarray(-out[:, :2] * depth[:, None] / self.disparity_metre)
-
-
-def paths_of(tracks: Trajectories, effect: DisparityEffect) -> list[WalkedPath]:
-    """Confirmed people as paths; predicted rows are gaps."""
+def paths_of(tracks: Trajectories, world_SE3_left: SE3, disparity_metre: float) -> list[WalkedPath]:
+    """Confirmed people as paths, for the pose of the rectified left camera and f b [px m]; predicted rows are gaps."""
     known = (tracks.state == "confirmed") & np.isfinite(tracks.x_m + tracks.y_m + tracks.timestamp_s)
     rows = tracks.where(known)
     paths = []
@@ -78,18 +62,22 @@ def paths_of(tracks: Trajectories, effect: DisparityEffect) -> list[WalkedPath]:
             xy = np.column_stack([np.interp(ticks, times_s, column) for column in columns])
             heights = own.height_m[part][np.isfinite(own.height_m[part])]
             height_m = float(np.median(heights)) if len(heights) else math.nan
-            paths.append(WalkedPath(first, xy, height_m, effect.per_px_m(xy)))
+            # What an offset of the disparities does: dZ/dd = -Z^2 / (f b), along the ray to a head at 1.6 m.
+            out = np.column_stack([xy, np.full(len(xy), 1.6)]) - world_SE3_left.translation
+            depth = out @ world_SE3_left.rotation[:, 2]
+            per_px_m = -out[:, :2] * depth[:, None] / disparity_metre
+            paths.append(WalkedPath(first, xy, height_m, np.asarray(per_px_m)))
     return paths
 
 
 @dataclass(frozen=True, eq=False)
 class RigRecord:
-    """One rig, in its own world and on its own clock: its recording, its pose and what an offset of the disparities
-    does, tracks of all people, and (N, 3) float32 points that stand still [m]."""
+    """One rig, in its own world and on its own clock: its recording, the pose of its rectified left camera, the paths
+    of all people, and (N, 3) float32 points that stand still [m]."""
 
     path: Path
-    effect: DisparityEffect
-    tracks: Trajectories
+    world_SE3_left: SE3
+    paths: list[WalkedPath]
     scene: F32
 
 
@@ -107,8 +95,9 @@ def record_rig(path: Path, config: Config | None = None, done: Callable[[], None
         if result.frame % every == 0 and result.disparity is not None:
             disparities.append(result.disparity)
         done()
-    effect = DisparityEffect(view.floor.world_SE3_left, view.geometry.disparity_metre)
-    return RigRecord(path, effect, collector.trajectories(), _scene(view, disparities))
+    pose = view.floor.world_SE3_left
+    paths = paths_of(collector.trajectories(), pose, view.geometry.disparity_metre)
+    return RigRecord(path, pose, paths, _scene(view, disparities))
 
 
 def _scene(view: StereoView, disparities: list[F32]) -> F32:
@@ -118,9 +107,6 @@ def _scene(view: StereoView, disparities: list[F32]) -> F32:
     geometry, disparity = view.geometry, median_image(disparities)
     # Points of the scene with a larger predicted depth deviation are left out [m] (our choice).
     farthest = (0.30 / geometry.depth_std_m(1.0)) ** 0.5
-    with np.errstate(invalid="ignore", divide="ignore"):
-        depth = np.float32(geometry.disparity_metre) / disparity
-        depth[~((disparity > 0) & (depth < farthest))] = np.nan
-    points = back_project(np.asarray(depth, dtype=np.float32), geometry).reshape(-1, 3)
+    points = back_project(geometry.depth(disparity, farthest), geometry).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
     return np.asarray(view.floor.world_SE3_left @ points, dtype=np.float32)

@@ -38,7 +38,7 @@ from planview.checks.scene import (
 from planview.checks.timing import MotionWatch, Thumbnails, frame_checks, motion_checks, timing_checks
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
 from planview.maps.view import StereoView
-from stereo.depth import DepthFromDisparity, back_project, median_image
+from stereo.depth import back_project, median_image
 from stereo.floor import FloorSearch, setup_frames
 from stereo.matcher import SampledDisparity
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video
@@ -85,7 +85,7 @@ def floor_picture(evidence: Evidence) -> U8:
     if evidence.floor is None:
         return with_legend(picture, [Entry(ABOVE, "no floor was found")])
     geometry = evidence.rectifier.geometry
-    points = back_project(DepthFromDisparity(geometry)(median_image(evidence.disparities)), geometry)
+    points = back_project(geometry.depth(median_image(evidence.disparities)), geometry)
     above = heights_above_floor(points, evidence.floor.world_SE3_left)
     with np.errstate(invalid="ignore"):
         slope = evidence.floor.height_m / points[..., 2]  # height above the floor by depth, along the ray of a pixel
@@ -231,7 +231,6 @@ class RecordingWatch:
     def __init__(self, view: StereoView) -> None:
         self._view = view
         self._motion = MotionWatch()
-        self._to_depth = DepthFromDisparity(view.geometry)
         self._frames = 0
         self._valid: deque[float] = deque(maxlen=KEPT)
         self._things: deque[F64] = deque(maxlen=KEPT)
@@ -245,7 +244,7 @@ class RecordingWatch:
             step, disparity = self._view.reduction, sampled.image
             self._valid.append(float(np.isfinite(disparity[::step, ::step]).mean()))
             if foreground is not None:
-                depth, pose = self._to_depth(disparity), self._view.floor.world_SE3_left
+                depth, pose = self._view.geometry.depth(disparity), self._view.floor.world_SE3_left
                 above = heights_above_floor(back_project(depth, self._view.geometry), pose)
                 self._things.append(standing_things(above[::step, ::step], depth[::step, ::step], foreground > 0))
         self._frames += 1

@@ -13,7 +13,6 @@ from calib.errors import WorkError
 from calib.images import as_grey
 from calib.rig import Floor
 from calib.types import F32, F64, U8
-from stereo.depth import DepthFromDisparity
 from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
 from stereo.matcher import DisparityRange
 from stereo.recording import RgbdRecording, StereoRecording
@@ -73,8 +72,8 @@ def gather(recording: StereoRecording | RgbdRecording, frames: int, search: Floo
         estimator = FloorEstimator(rectifier, search)
         pairs = [rectifier(f.left, f.right) for f in spread]
         lefts, disparities = [p.left_grey for p in pairs], [estimator.disparity(pair) for pair in pairs]
-        searched, to_depth = estimator.disparities, DepthFromDisparity(rectifier.geometry)
-        find = partial(estimator.floor, pairs, [to_depth(d) for d in disparities])
+        searched = estimator.disparities
+        find = partial(estimator.floor, pairs, [rectifier.geometry.depth(d) for d in disparities])
         largest, found = searched.first_px + searched.count, [np.empty((0, 4))]
         # Frames in which corners are matched (our choice, for speed).
         for frame in spread[:: max(1, len(spread) // 8)]:

@@ -16,7 +16,7 @@ from planview.checks.check import Check, at_least, at_most, between
 from planview.checks.recording import Evidence
 from planview.foreground.blobs import find_blobs
 from planview.maps.grid import GridParams
-from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, median_image
+from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.recording import StereoFrame
 from stereo.rectify import Rectifier
 from stereo.rig_correction import RigCorrection, fit_correction
@@ -156,9 +156,9 @@ def person_heights(evidence: Evidence) -> F64:
         return np.empty(0)
     geometry = evidence.rectifier.geometry
     background = median_image(evidence.disparities)
-    to_depth, found = DepthFromDisparity(geometry), []
+    found = []
     for disparity in evidence.disparities:
-        depth = to_depth(disparity)
+        depth = geometry.depth(disparity)
         above = heights_above_floor(back_project(depth, geometry), evidence.floor.world_SE3_left)
         # Disparity by which something must be nearer than the background to stand out of it: four deviations.
         found.append(standing_things(above, depth, disparity - background > 1.0))

@@ -160,7 +160,7 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
     size, calibration, has_world = layout.streams[0].size, None, False
     if opened is not None:
         camera = opened.rig.left if isinstance(opened, StereoRecording) else opened.camera
-        pose = opened.world_SE3_left if isinstance(opened, StereoRecording) else opened.world_SE3_camera
+        pose = opened.world_SE3_left
         size, has_world = camera.size, pose is not None  # squeezed halves are stretched
         calibration = {
             "source": opened.rig.source if isinstance(opened, StereoRecording) else opened.source,

@@ -120,8 +120,8 @@ def set_up(recording: StereoRecording | RgbdRecording, config: Config, pose_file
 
 def _set_up_rgbd(recording: RgbdRecording, config: Config, pose_file: str) -> Setup:
     rectifier = RgbdRectifier(recording.camera, recording.sensor, config.rectify)
-    if recording.world_SE3_camera is not None:
-        floor, source = Floor(recording.world_SE3_camera), pose_file
+    if recording.world_SE3_left is not None:
+        floor, source = Floor(recording.world_SE3_left), pose_file
     else:
         depths = [rectifier(frame).depth_m for frame in setup_frames(recording, config.analysis.setup_frames)]
         floor, source = floor_in(depths, rectifier.geometry, config.floor, BLIND_SENSOR), "found"

@@ -18,7 +18,7 @@ from planview.engine.engine import Engine, FrameResult
 from planview.maps.view import StereoView
 from planview.tracking.base import Drawing
 from planview.trajectories.state import TrackState
-from stereo.depth import DepthFromDisparity, back_project
+from stereo.depth import back_project
 from stereo.matcher import SampledDisparity
 
 LABEL_M = 0.45
@@ -115,7 +115,7 @@ def scene_cloud(result: FrameResult, stereo: StereoView) -> rr.Points3D | None:
     if (image := result.image) is None or result.disparity is None:
         return None
     geometry, pose, step = stereo.geometry, stereo.floor.world_SE3_left, stereo.reduction
-    seen = back_project(DepthFromDisparity(geometry)(result.disparity), geometry)[::step, ::step].reshape(-1, 3)
+    seen = back_project(geometry.depth(result.disparity), geometry)[::step, ::step].reshape(-1, 3)
     points = np.asarray(seen @ pose.rotation.T + pose.translation, dtype=np.float32)
     grid, (x, y, z), foreground = stereo.grid, points.T, result.observation.foreground
     near = (x > grid.x_min_m - 1) & (x < grid.x_max_m + 1) & (y > grid.y_min_m - 1) & (y < grid.y_max_m + 1)

@@ -11,7 +11,7 @@ from calib.errors import InputError
 from calib.world import load_rigs
 from stereo.readers.base import AnyRecording
 from stereo.readers.open import open_any, rigs_file
-from stereo.recording import RgbdFrame, Skipped, StereoFrame, StereoRecording, assumed_clock, prefetch
+from stereo.recording import RgbdFrame, Skipped, StereoFrame, assumed_clock, prefetch
 
 AnyFrame = StereoFrame | RgbdFrame
 
@@ -108,10 +108,7 @@ def open_rigs(path: Path) -> MultiRigRecording:
         if not (folder / entry.folder).exists():
             raise InputError(f"{folder}: expected a recording in {entry.folder!r}, found nothing there")
         recording = open_any(folder / entry.folder)
-        if isinstance(recording, StereoRecording):
-            recording.world_SE3_left = entry.world_SE3_left
-        else:
-            recording.world_SE3_camera = entry.world_SE3_left
+        recording.world_SE3_left = entry.world_SE3_left
         rigs.append(RigRecording(entry.folder, recording, entry.start_s))
     recordings = [rig.recording for rig in rigs]
     # Recordings without any times have the rate of those that have times, else the lowest.

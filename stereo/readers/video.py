@@ -159,11 +159,9 @@ def _packets(path: Path) -> F64:
 
 
 def _by_time(left_s: F64, right_s: F64) -> TimePairs | None:
-    """The pairs of two videos by the times of their frames; None where pairs in order are right, or times show nothing.
-
-    Times count where one video has frames that the other lost, as gaps of its own times confirm: times that only
-    waver, or a recorder that was stopped earlier, leave frames alone without gaps.
-    """
+    """The pairs of two videos by the times of their frames; None where pairs in order are right: times count where one
+    video has frames that the other lost, as gaps of its own times confirm. Times that only waver, or a recorder that
+    was stopped earlier, leave frames alone without gaps."""
     rates = rate_of_times(left_s), rate_of_times(right_s)
     lost = sum(rate.dropped for rate in rates if rate)
     if not lost or any((np.diff(own) <= 0).any() for own in (left_s, right_s)):

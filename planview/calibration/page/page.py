@@ -23,7 +23,7 @@ from calib.people.model import KnownValues
 from calib.people.samples import read_image_size, read_samples
 from calib.types import U8
 from planview.calibration.page.overlay import overlay
-from planview.calibration.page.session import GRAB_PX, CalibrationSession
+from planview.calibration.page.session import GRAB_PX, CalibrationSession, Tool
 
 VIEWER = Path(__file__).with_name("viewer.html")
 """What the browser runs: zoom, pan, loupe."""
@@ -35,7 +35,7 @@ KNOWN = {
     "person_height_m": "people's height [m]",
 }
 TOOLS = {"person": "Person (p)", "select": "Select (s)", "floor": "Floor points (f)"}
-KEYS = {"p": "person", "s": "select", "f": "floor"}
+KEYS: dict[str, Tool] = {"p": "person", "s": "select", "f": "floor"}
 ARROWS = {"ArrowLeft": (-1.0, 0.0), "ArrowRight": (1.0, 0.0), "ArrowUp": (0.0, -1.0), "ArrowDown": (0.0, 1.0)}
 HELP = (
     "wheel, + - 0: zoom; right button: pan; l: loupe; arrows: move what is selected, else the frame before or after; "
@@ -135,7 +135,7 @@ class SidePanel:
         self._page.refresh()
 
     async def _on_lens(self, event: events.ValueChangeEventArguments[Any]) -> None:
-        self._session.choose_lens(event.value or "")
+        self._session.lens = event.value or None
         await self._page.solve()
 
     async def _on_known(self) -> None:
@@ -305,7 +305,7 @@ class Page:
             if key.lower() == "z":
                 await self.undo()
         elif key.lower() in KEYS and KEYS[key.lower()] in self._tool.options:
-            session.choose(KEYS[key.lower()])  # type: ignore[arg-type]
+            session.choose(KEYS[key.lower()])
         elif key == "Escape":
             session.cancel()
         elif key in ("Delete", "Backspace"):

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError, WorkError
-from calib.ground_camera import LENS_K_320, save_ground_camera
+from calib.ground_camera import save_ground_camera
 from calib.images import as_grey, focal_share
 from calib.io import entries, reason
 from calib.people.calibration import calibrate_from_people
@@ -122,12 +122,6 @@ class CalibrationSession:
         self.draft, self._start, self._held, self.selected = Draft(), None, None, None
         self.message = self.next_step()
 
-    def choose_lens(self, lens: str) -> None:
-        """A class of table 2, or "" to try all."""
-        if lens and lens not in LENS_K_320:
-            raise ValueError(f"expected one of {', '.join(LENS_K_320)}, got {lens!r}")
-        self.lens = lens or None
-
     def press(self, u: float, v: float, reach_px: float = GRAB_PX) -> None:
         """The mouse goes down at a pixel; a point as near as ``reach_px`` is picked up [px of the image]."""
         u, v = self._inside(u, v)
@@ -186,13 +180,10 @@ class CalibrationSession:
         self.message = self.next_step()
         return added
 
-    def nudge(self, du: float, dv: float) -> bool:
-        """Move what is selected by some pixels; whether something moved."""
-        if self.selected is None:
-            return False
+    def nudge(self, du: float, dv: float) -> None:
+        """Move what is selected by some pixels."""
         self._remember()
         self._shift(du, dv)
-        return True
 
     def remove_selected(self) -> bool:
         """Delete the person or the floor point that is selected; whether something was."""

@@ -87,15 +87,17 @@ FLOOR_VALUES = {"height above the floor": "{:.2f} m", "tilt from straight down":
 
 def _rows(above: Floor | GroundCamera, deviations: Sequence[float], found: Floor | None = None) -> list[ValueRow]:
     """The FLOOR_VALUES with their deviations, and in brackets those of a floor found without marks."""
-    shown = [_texts(above), [form.format(std) for form, std in zip(FLOOR_VALUES.values(), deviations, strict=True)]]
-    others = [f" (found {text})" for text in _texts(found)] if found else [""] * len(FLOOR_VALUES)
-    rows = zip(FLOOR_VALUES, *shown, others, strict=True)
-    return [ValueRow(name, text, f"± {std}{other}") for name, text, std, other in rows]
+    others = _values(found) if found else (None, None, None)
+    rows = []
+    for (name, form), value, std, other in zip(FLOOR_VALUES.items(), _values(above), deviations, others, strict=True):
+        also = "" if other is None else f" (found {form.format(other)})"
+        rows.append(ValueRow(name, form.format(value), f"± {form.format(std)}{also}"))
+    return rows
 
 
-def _texts(above: Floor | GroundCamera) -> list[str]:
-    values = above.height_m, math.degrees(above.tilt_rad), math.degrees(above.roll_rad)
-    return [form.format(value) for form, value in zip(FLOOR_VALUES.values(), values, strict=True)]
+def _values(above: Floor | GroundCamera) -> tuple[float, float, float]:
+    """Height [m], tilt and roll [deg]."""
+    return above.height_m, math.degrees(above.tilt_rad), math.degrees(above.roll_rad)
 
 
 def floor_rows(fit: FloorFit, found: Floor | None) -> list[ValueRow]:

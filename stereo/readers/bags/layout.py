@@ -208,38 +208,35 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     if not all(own.any() and (len(own) < 2 or np.ptp(own)) for own in stamps):
         stamps = first.log_ns, second.log_ns
         remarks = ("headers hold no times: the times of recording are taken", *remarks)
-    samples = first.sample(), second.sample()
-    if choice.kind == "rgbd":
+    samples, is_rgbd = (first.sample(), second.sample()), choice.kind == "rgbd"
+    if is_rgbd:
         pairs = pair_stamps(stamps[0], stamps[0], (names[0], names[0]))
         mates = np.where(pairs.left >= 0, nearest_mates(*stamps)[pairs.left], -1)
         if not (mates >= 0).any():
             raise InputError(f"{path}: expected images and depth of the same times, found none")
-        bits = true_bits(samples[0])
-        images = frames_of_topic(first, pairs.left, Colour(bits), samples[0])
-        depths = frames_of_topic(second, mates, Depth(), samples[1])
-        sizes, kinds = (images.size, depths.size), (pixel_text(images.is_grey, bits), "depth")
-        remarks += (*depth_note(mates), *bits_note(bits))
+        remarks += tuple(depth_note(mates))
     else:
         pairs = pair_stamps(*stamps, names)
         check_paired(pairs, path)
-        bits = true_bits([*samples[0], *samples[1]])
-        a = frames_of_topic(first, pairs.left, Colour(bits), samples[0])
-        b = frames_of_topic(second, pairs.right, Colour(bits), samples[1])
-        sizes = (same_size(a, b, *names),) * 2
-        kinds = pixel_text(a.is_grey, bits), pixel_text(b.is_grey, bits)
-        remarks += bits_note(bits)
+        mates = pairs.right
+    bits = true_bits(samples[0] if is_rgbd else [*samples[0], *samples[1]])
+    remarks += bits_note(bits)
+    a = frames_of_topic(first, pairs.left, Colour(bits), samples[0])
+    b = frames_of_topic(second, mates, Depth() if is_rgbd else Colour(bits), samples[1])
+    sizes = (a.size, b.size) if is_rgbd else (same_size(a, b, *names),) * 2
+    kinds = pixel_text(a.is_grey, bits), "depth" if is_rgbd else pixel_text(b.is_grey, bits)
     streams = tuple(
         Stream(name, size, len(own), own_times(own), kind)
         for name, size, own, kind in zip(names, sizes, stamps, kinds, strict=True)
     )
     clock = clock_of_pairs(pairs, options)
-    if choice.kind == "rgbd":
+    if is_rgbd:
         registered, assumed = _is_registered(bag, names)
         rig = partial(_rgbd_rig, bag, names, sizes, registered)
         if options.calibration:
             rig = partial(load_rgbd, options.calibration, *sizes)
         lacking = int(np.count_nonzero(mates < 0))
-        return rgbd_layout(path, images, depths, streams, clock, rig, (*remarks, *assumed), unpaired=lacking)
+        return rgbd_layout(path, a, b, streams, clock, rig, (*remarks, *assumed), unpaired=lacking)
 
     def stereo_rig() -> StereoRig:
         return load_rig(options.calibration, sizes[0]) if options.calibration else rig_of(bag, names, sizes[0])

@@ -6,7 +6,7 @@ import pytest
 
 from calib.floor.plane import Plane
 from calib.rig import Floor, world_from_plane
-from stereo.depth import DepthFromDisparity, RectifiedGeometry, back_project, median_image
+from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.floor import align_plane
 from stereo.gating import GatedMatching, MatchingParams
 from stereo.matcher import SgbmMatcher, Window
@@ -15,7 +15,7 @@ GEOMETRY = RectifiedGeometry(4, 3, 400.0, 400.0, 1.5, 1.0, 0.1, disparity_std_px
 
 
 def test_depth_is_focal_times_baseline_over_disparity_and_back():
-    depth = DepthFromDisparity(GEOMETRY)(np.full((3, 4), 20.0, np.float32))
+    depth = GEOMETRY.depth(np.full((3, 4), 20.0, np.float32))
     assert depth.dtype == np.float32
     np.testing.assert_allclose(depth, 2.0)
     assert GEOMETRY.disparity_at(2.0) == pytest.approx(20.0)
@@ -28,7 +28,7 @@ def test_a_pair_without_a_baseline_is_refused():
 
 def test_depth_is_nan_without_disparity_and_its_deviation_grows_with_its_square():
     disparity = np.array([[np.nan, 0.0, -1.0, 3.9, 4.1]], np.float32)
-    depth = DepthFromDisparity(GEOMETRY, depth_max_m=10.0)(disparity)
+    depth = GEOMETRY.depth(disparity, max_m=10.0)
     assert np.isnan(depth[0, :4]).all() and depth[0, 4] == pytest.approx(40 / 4.1)
     # d z = z^2 / (f b) d d: 4 / 40 * 0.25 and 16 / 40 * 0.25.
     np.testing.assert_allclose(GEOMETRY.depth_std_m(np.array([2.0, 4.0], np.float32)), [0.025, 0.1], rtol=1e-6)

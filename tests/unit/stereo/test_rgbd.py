@@ -14,7 +14,6 @@ from calib.errors import InputError
 from calib.pose import SE3
 from calib.rig import RgbdRig
 from stereo._kernels import register_depth
-from stereo.depth import DepthFromDisparity
 from stereo.readers import OpenOptions, find_reader, open_any
 from stereo.readers.images import metres
 from stereo.readers.movement import rate_by_movement
@@ -42,7 +41,7 @@ def test_equivalent_disparity_gives_the_depth_back() -> None:
     depth[0, 0] = np.nan
     rectifier = RgbdRectifier(CAMERA, "structured-light")
     rectified = rectifier(RgbdFrame(0, 0.0, np.zeros((48, 64, 3), np.uint8), depth))
-    back = DepthFromDisparity(rectifier.geometry)(rectifier.disparity(rectified))
+    back = rectifier.geometry.depth(rectifier.disparity(rectified))
     np.testing.assert_allclose(back[10:, 10:], 3.0, rtol=1e-6)
     assert np.isnan(back[0, 0])
 
