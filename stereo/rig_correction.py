@@ -219,15 +219,23 @@ def match_corners(
     size = left.shape[1] // n, left.shape[0] // n
     a, b = (np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8) for image in (left, right))
     span = math.floor(disparity_min_px / n), math.ceil(disparity_max_px / n)
-    places = [_search(a, b, point, span, math.ceil(search_px / n)) for point in (points + 0.5) / n - 0.5]
-    guesses = np.asarray(n * (np.array(places, dtype=np.float32) + 0.5) - 0.5, dtype=np.float32)
+    found_at = [_search(a, b, point, span, math.ceil(search_px / n)) for point in (points + 0.5) / n - 0.5]
+    guesses = np.asarray(n * (np.array(found_at, dtype=np.float32) + 0.5) - 0.5, dtype=np.float32)
     good = np.isfinite(guesses).all(axis=1)
     points, guesses = points[good], guesses[good]
     if len(points) == 0:
         return np.empty((0, 4))
+    # Lucas-Kanade compares values, and each camera may expose for itself: the right image gets the brightness and
+    # contrast that the left one has in matched patches.
+    side = 2 * _PATCH + 1
+    (mean, std), (other_mean, other_std) = (
+        np.median([cv2.meanStdDev(cv2.getRectSubPix(image, (side, side), at.tolist())) for at in places[:50]], axis=0)
+        for image, places in ((left, points), (right, guesses))
+    )
+    gain = float(std.item() / max(other_std.item(), 1.0))
+    bright = cv2.convertScaleAbs(right, alpha=gain, beta=mean.item() - gain * other_mean.item())
     # Sub-pixel places in the right image, of those that lead back to where they came from.
-    bright = _as_bright(left, right, points, guesses)
-    start, window = points.reshape(-1, 1, 2), (2 * _PATCH + 1, 2 * _PATCH + 1)
+    start, window = points.reshape(-1, 1, 2), (side, side)
     criteria, flags = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003), cv2.OPTFLOW_USE_INITIAL_FLOW
     track = partial(cv2.calcOpticalFlowPyrLK, winSize=window, maxLevel=0, criteria=criteria, flags=flags)
     there, found, _ = track(left, bright, start, guesses.reshape(-1, 1, 2).copy())
@@ -237,18 +245,6 @@ def match_corners(
     kept &= (np.hypot(*(back - points).T) < 0.3) & (np.hypot(*(there - guesses).T) < 2.0)
     u, v = points[kept].T.astype(np.float64)
     return np.column_stack([u, v, there[kept, 0], there[kept, 1] - v])
-
-
-def _as_bright(left: U8, right: U8, points: F32, guesses: F32) -> U8:
-    """The right image with the brightness and contrast that the left one has in matched patches: Lucas-Kanade compares
-    values, and each camera may expose for itself."""
-    side = 2 * _PATCH + 1
-    (mean, std), (other_mean, other_std) = (
-        np.median([cv2.meanStdDev(cv2.getRectSubPix(image, (side, side), at.tolist())) for at in places[:50]], axis=0)
-        for image, places in ((left, points), (right, guesses))
-    )
-    gain = float(std.item() / max(other_std.item(), 1.0))
-    return np.asarray(cv2.convertScaleAbs(right, alpha=gain, beta=mean.item() - gain * other_mean.item()), np.uint8)
 
 
 def _search(left: U8, right: U8, point: F32, span: tuple[int, int], search_px: int) -> tuple[float, float]:

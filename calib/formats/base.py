@@ -281,7 +281,6 @@ def parse_xml(text: str) -> ElementTree.Element:
 _HEADER = re.compile(r"\A%YAML[ :][0-9.]+[^\n]*\n", re.MULTILINE)
 MAX_CHARACTERS = 100_000
 """A calibration in YAML has a few thousand; the parser takes a second for 100,000."""
-_DOCUMENT_END = re.compile(r"^(?:---|\.\.\.)\s*$", re.MULTILINE)
 _OPENCV_TAG = re.compile(r"!!opencv-[a-z-]+")
 
 
@@ -300,11 +299,9 @@ def parse_yaml(text: str) -> Mapping[str, Any]:
     not YAML, or no mapping at the top."""
     if len(text) > MAX_CHARACTERS:
         raise ValueError(f"expected YAML of up to {MAX_CHARACTERS} characters, found {len(text)}")
-    plain = _OPENCV_TAG.sub("", _HEADER.sub("", text.lstrip())).strip()
-    # Of several documents (ros2 topic echo prints one per message) the first.
-    plain = _DOCUMENT_END.split(plain.removeprefix("---"), maxsplit=1)[0]
     try:
-        data = yaml.load(plain, _PlainLoader)
+        # Of several documents (ros2 topic echo prints one per message) the first.
+        data = next(yaml.load_all(_OPENCV_TAG.sub("", _HEADER.sub("", text.lstrip())), _PlainLoader), None)
     except yaml.YAMLError as error:
         raise ValueError(f"expected YAML, found {' '.join(str(error).split())}") from error
     # PyYAML's own constructors leak these on odd scalars such as "!!bool x" or a day 99, and on deep nesting.
