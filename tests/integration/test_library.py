@@ -42,7 +42,6 @@ def test_evaluation_takes_tables_and_paths(engine: planview.Engine, tmp_path: Pa
 
 
 def test_dataframe_has_the_columns_of_the_file(engine: planview.Engine, tmp_path: Path) -> None:
-    pytest.importorskip("pandas", reason="the extra table is not installed")
     frame = planview.run(engine, tmp_path / "out", frames=EMPTY + 6).to_dataframe()
     header = (tmp_path / "out" / "tracks.csv").read_text().splitlines()[0]
     assert ",".join(frame.columns) == header and frame.state.iloc[-1] in ("tentative", "confirmed")
