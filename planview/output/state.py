@@ -32,9 +32,45 @@ class SavedState(NamedTuple):
 def encode(roots: Mapping[str, object]) -> SavedState:
     """Encode objects and everything that they refer to. Raises TypeError: something of a class that is not the
     project's, with the place where it was found."""
-    writer = _Writer()
-    values = {name: writer.value(root, name) for name, root in roots.items()}
-    return SavedState(values, writer.nodes, writer.arrays)
+    saved = SavedState({}, [], [])
+    numbers: dict[int, int] = {}
+    alive: list[object] = []  # as long as their ids are in use
+
+    def save(value: Any, path: str) -> Any:
+        """A plain value, or a reference to the node of anything else."""
+        if type(value) in PLAIN:
+            return value
+        if id(value) not in numbers:
+            number = numbers[id(value)] = len(saved.nodes)
+            alive.append(value)
+            saved.nodes.append([])
+            saved.nodes[number] = node(value, path)
+        return {"#": numbers[id(value)]}
+
+    def save_all(values: Iterable[Any], path: str) -> list[Any]:
+        return [save(value, f"{path}[{n}]") for n, value in enumerate(values)]
+
+    def node(value: Any, path: str) -> list[Any]:
+        cls = type(value)
+        if cls is dict:
+            return ["dict", [save_all(pair, path) for pair in value.items()]]
+        if cls in _GROUPS.values():
+            return [cls.__name__, save_all(value, path), getattr(value, "maxlen", None)]
+        if (cls is np.ndarray or isinstance(value, np.generic)) and not value.dtype.hasobject:
+            saved.arrays.append(np.array(value))
+            return ["array" if cls is np.ndarray else "scalar", len(saved.arrays) - 1]
+        if cls is np.random.Generator:
+            return ["generator", save(dict(value.bit_generator.state), path)]
+        if not _is_ours(cls):
+            raise TypeError(f"{path} is of class {cls.__module__}.{cls.__qualname__}, which a checkpoint cannot hold")
+        if isinstance(value, tuple):
+            return ["record", save_all(value, path), _name_of(cls)]
+        attributes = dict(getattr(value, "__dict__", {}))
+        attributes |= {name: getattr(value, name) for name in getattr(cls, "__slots__", ())}
+        return ["object", {n: save(held, f"{path}.{n}") for n, held in attributes.items()}, _name_of(cls)]
+
+    saved.roots.update({name: save(root, name) for name, root in roots.items()})
+    return saved
 
 
 def decode(state: SavedState, present: Mapping[str, object]) -> dict[str, Any]:
@@ -49,11 +85,55 @@ def decode(state: SavedState, present: Mapping[str, object]) -> dict[str, Any]:
     Raises:
         ValueError: a class that is not the project's, or another one than the present object's.
     """
-    reader = _Reader(state)
+    made: dict[int, Any] = {}
+
+    def restore(value: Any) -> Any:
+        if type(value) in PLAIN:
+            return value
+        if value["#"] not in made:
+            make(value["#"])
+        return made[value["#"]]
+
+    def restore_all(values: list[Any]) -> list[Any]:
+        return [restore(value) for value in values]
+
+    def make(number: int) -> None:
+        kind, content, *more = state.nodes[number]
+        new: Any
+        if kind in ("dict", "list", "set", "deque"):  # these may hold themselves: made first, filled then
+            new = {} if kind == "dict" else deque(maxlen=more[0]) if kind == "deque" else _GROUPS[kind]()
+            made[number] = new
+            held = map(restore_all, content) if kind == "dict" else restore_all(content)
+            (new.update if kind in ("dict", "set") else new.extend)(held)
+        elif kind == "object":
+            made[number] = new = object.__new__(_class_of(more[0]))
+            fill(new, content)
+        elif kind in _GROUPS:
+            made[number] = _GROUPS[kind](restore_all(content))
+        elif kind == "record":
+            made[number] = tuple.__new__(_class_of(more[0]), restore_all(content))
+        elif kind in ("array", "scalar"):
+            made[number] = state.arrays[content] if kind == "array" else state.arrays[content][()]
+        else:
+            made[number] = generator = np.random.default_rng()
+            generator.bit_generator.state = restore(content)
+
+    def fill(new: object, attributes: dict[str, Any]) -> None:
+        """Set all attributes, also of frozen classes."""
+        for name, value in attributes.items():
+            object.__setattr__(new, name, restore(value))
+
     for name, root in present.items():
         if _is_ours(type(root)):
-            reader.fill(state.roots[name]["#"], root)
-    return {name: reader.value(value) for name, value in state.roots.items()}
+            number = state.roots[name]["#"]
+            _, attributes, class_name = state.nodes[number]
+            if class_name != _name_of(type(root)):
+                raise ValueError(f"expected the state of {_name_of(type(root))}, found that of {class_name}")
+            made[number] = root
+            for extra in set(getattr(root, "__dict__", ())) - attributes.keys():
+                object.__delattr__(root, extra)
+            fill(root, attributes)
+    return {name: restore(value) for name, value in state.roots.items()}
 
 
 def _named(name: str) -> Any:
@@ -72,102 +152,6 @@ def _name_of(cls: type[Any]) -> str:
 def _is_ours(cls: type[Any]) -> bool:
     """Whether a class, found by its name, is of the project."""
     return _named(_name_of(cls)) is cls
-
-
-class _Writer:
-    def __init__(self) -> None:
-        self.nodes: list[list[Any]] = []
-        self.arrays: list[AnyArray] = []
-        self._numbers: dict[int, int] = {}
-        self._alive: list[object] = []  # as long as their ids are in use
-
-    def value(self, value: Any, path: str) -> Any:
-        """A plain value, or a reference to the node of anything else."""
-        if type(value) in PLAIN:
-            return value
-        number = self._numbers.get(id(value))
-        if number is None:
-            number = self._numbers[id(value)] = len(self.nodes)
-            self.nodes.append([])
-            self._alive.append(value)
-            self.nodes[number] = self._node(value, path)
-        return {"#": number}
-
-    def _node(self, value: Any, path: str) -> list[Any]:
-        cls = type(value)
-        if cls is dict:
-            return ["dict", [self._all(pair, path) for pair in value.items()]]
-        if cls in _GROUPS.values():
-            return [cls.__name__, self._all(value, path), getattr(value, "maxlen", None)]
-        if (cls is np.ndarray or isinstance(value, np.generic)) and not value.dtype.hasobject:
-            self.arrays.append(np.array(value))
-            return ["array" if cls is np.ndarray else "scalar", len(self.arrays) - 1]
-        if cls is np.random.Generator:
-            return ["generator", self.value(dict(value.bit_generator.state), path)]
-        if not _is_ours(cls):
-            raise TypeError(f"{path} is of class {cls.__module__}.{cls.__qualname__}, which a checkpoint cannot hold")
-        if isinstance(value, tuple):
-            return ["record", self._all(value, path), _name_of(cls)]
-        attributes = dict(getattr(value, "__dict__", {}))
-        attributes |= {name: getattr(value, name) for name in getattr(cls, "__slots__", ())}
-        return ["object", {n: self.value(held, f"{path}.{n}") for n, held in attributes.items()}, _name_of(cls)]
-
-    def _all(self, values: Iterable[Any], path: str) -> list[Any]:
-        return [self.value(value, f"{path}[{n}]") for n, value in enumerate(values)]
-
-
-class _Reader:
-    def __init__(self, state: SavedState) -> None:
-        self._state = state
-        self._made: dict[int, Any] = {}
-
-    def fill(self, number: int, present: object) -> None:
-        """Make the restored object of a node in place of the present one."""
-        _, attributes, class_name = self._state.nodes[number]
-        if class_name != _name_of(type(present)):
-            raise ValueError(f"expected the state of {_name_of(type(present))}, found that of {class_name}")
-        self._made[number] = present
-        for extra in set(getattr(present, "__dict__", ())) - attributes.keys():
-            object.__delattr__(present, extra)
-        self._set(present, attributes)
-
-    def value(self, value: Any) -> Any:
-        """The value of a plain value or reference."""
-        if type(value) in PLAIN:
-            return value
-        if value["#"] not in self._made:
-            self._make(value["#"])
-        return self._made[value["#"]]
-
-    def _make(self, number: int) -> None:
-        kind, content, *more = self._state.nodes[number]
-        made: Any
-        if kind in ("dict", "list", "set", "deque"):  # these may hold themselves: made first, filled then
-            made = {} if kind == "dict" else deque(maxlen=more[0]) if kind == "deque" else _GROUPS[kind]()
-            self._made[number] = made
-            held = map(self._all, content) if kind == "dict" else self._all(content)
-            (made.update if kind in ("dict", "set") else made.extend)(held)
-        elif kind == "object":
-            self._made[number] = made = object.__new__(_class_of(more[0]))
-            self._set(made, content)
-        elif kind in _GROUPS:
-            self._made[number] = _GROUPS[kind](self._all(content))
-        elif kind == "record":
-            self._made[number] = tuple.__new__(_class_of(more[0]), self._all(content))
-        elif kind in ("array", "scalar"):
-            array = self._state.arrays[content]
-            self._made[number] = array if kind == "array" else array[()]
-        else:
-            self._made[number] = generator = np.random.default_rng()
-            generator.bit_generator.state = self.value(content)
-
-    def _all(self, values: list[Any]) -> list[Any]:
-        return [self.value(value) for value in values]
-
-    def _set(self, made: object, attributes: dict[str, Any]) -> None:
-        """Set all attributes, also of frozen classes."""
-        for name, value in attributes.items():
-            object.__setattr__(made, name, self.value(value))
 
 
 def _class_of(name: str) -> Any:
