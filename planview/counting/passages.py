@@ -175,8 +175,6 @@ class Stay:
     """Came in over the outline; false for a track that began inside."""
     left: bool = False
     """Went out over the outline; false for a track that ended inside, or is still there."""
-    counted: bool = False
-    """The person is confirmed and old enough."""
 
     @property
     def dwell_s(self) -> float:

@@ -79,21 +79,9 @@ class Analytics:
             *(Wire(*self._settled(rule, p.hysteresis_m)) for rule in rules.tripwires),
             *(Area(*self._settled(rule, p.zone_hysteresis_m)) for rule in rules.zones),
         ]
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all people and all stays."""
         self._of_id: dict[int, CountedPerson] = {}
-        self._inside: dict[str, int] = {zone.name: 0 for zone in self.rules.zones}
-        self.stays: dict[str, list[Stay]] = {zone.name: [] for zone in self.rules.zones}
-        self.people: dict[str, int] = dict.fromkeys(
-            (rule.name for rule in (*self.rules.tripwires, *self.rules.zones)), 0
-        )
-
-    @property
-    def occupancy(self) -> dict[str, int]:
-        """People in each zone now, those only predicted included."""
-        return dict(self._inside)
+        self.stays: dict[str, list[Stay]] = {zone.name: [] for zone in rules.zones}
+        self.people: dict[str, int] = dict.fromkeys((rule.name for rule in (*rules.tripwires, *rules.zones)), 0)
 
     def update(self, frame: int, timestamp_s: float, tracks: Sequence[TrackState]) -> tuple[Event, ...]:
         """Take one frame's tracks and return the events that have become certain, by time.
@@ -112,7 +100,6 @@ class Analytics:
     def update_rows(self, frame: int, timestamp_s: float, rows: Sequence[TrackRow]) -> tuple[Event, ...]:
         """``update`` with rows of the frame as ``rows`` gives them."""
         events: list[Event] = []
-        self._inside = dict.fromkeys(self._inside, 0)
         for person in self._present(timestamp_s, rows):
             if person.row is not None:
                 values = iter(person.row.at_rules)
@@ -126,9 +113,6 @@ class Analytics:
                         person.stays.append((rule.name, state.stay))
             if person.confirmed_s is not None and (person.events or person.stays):
                 events += self._release(person, timestamp_s - person.confirmed_s)
-            for rule, state in zip(self._rules, person.states, strict=True):
-                if state.stay is not None and state.stay.counted:
-                    self._inside[rule.name] += 1
         return tuple(sorted(events, key=lambda e: e.timestamp_s))
 
     def _present(self, timestamp_s: float, rows: Sequence[TrackRow]) -> list[CountedPerson]:
@@ -173,14 +157,13 @@ class Analytics:
         return best
 
     def _release(self, person: CountedPerson, age_s: float) -> list[Event]:
-        """Events of a confirmed person old enough for their rules; stays become counted at the same time."""
+        """Events of a confirmed person old enough for their rules; stays count from the same time."""
         ready = {rule.name for rule in self._rules if age_s >= rule.min_age_s}
         for name, stay in person.stays:
             if name in ready:
-                stay.counted = True
                 self.stays[name].append(stay)
         released = [event for event in person.events if event.rule in ready]
-        visited = {event.rule for event in released} | {name for name, stay in person.stays if stay.counted}
+        visited = {event.rule for event in released} | {name for name, _ in person.stays if name in ready}
         for name in visited - person.visited:
             self.people[name] += 1
         person.visited |= visited

@@ -106,23 +106,6 @@ def test_stay_is_dated_to_the_outline_and_brushing_along_it_enters_nothing():
     assert [e for e in feed(analytics(), way([-1.0, *[0.1, -0.1] * 20, -1.0], x=3.0)) if e.rule == "room"] == []
 
 
-def test_live_occupancy_counts_people_inside_and_those_predicted_there() -> None:
-    counter = analytics()
-    rows = [*way(np.full(20, 2.0), x=2.0), *way(np.full(10, 3.0), track_id=2, x=3.0)]
-    rows += way(np.full(10, 3.0), track_id=2, x=3.0, start=10, state="lost")
-    feed(counter, rows)
-    assert counter.occupancy == {"room": 2}
-    counter.update(20, 2.0, [])
-    assert counter.occupancy == {"room": 0}
-
-
-def test_reset_forgets_everything() -> None:
-    counter = analytics()
-    feed(counter, way(np.full(20, 2.0), x=2.0))
-    counter.reset()
-    assert counter.stays == {"room": []} and crossings(way(DOWN)) == [(1, "left_to_right")]
-
-
 def test_memory_is_released_when_people_are_gone() -> None:
     counter = analytics()
     for k in range(50):
