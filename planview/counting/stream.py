@@ -6,7 +6,6 @@ import math
 from collections import deque
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
-from itertools import repeat
 from typing import NamedTuple
 
 from calib.types import F64
@@ -94,8 +93,7 @@ class Analytics:
         """Rows of tracks, of any number of frames, with where they are at every rule."""
         at_rules = [column.tolist() for rule in self._rules for column in rule.locate(places)]
         columns = (places.track_id, places.state == "confirmed", places.observed, *places.metres().T)
-        located = zip(*at_rules, strict=True) if at_rules else repeat((), len(places.track_id))
-        return list(map(TrackRow, *(column.tolist() for column in columns), located))
+        return list(map(TrackRow, *(column.tolist() for column in columns), zip(*at_rules, strict=True)))
 
     def update_rows(self, frame: int, timestamp_s: float, rows: Sequence[TrackRow]) -> tuple[Event, ...]:
         """``update`` with rows of the frame as ``rows`` gives them."""
