@@ -21,6 +21,7 @@ from planview.engine.replay import ReplayEngine, recorded_config
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info
 from planview.output.maps_log import MapsLog
+from planview.output.report.page import write_report
 from planview.output.run import RunOptions, run
 from planview.tracking.joint import JointTracker
 from planview.trajectories.table import read_tracks
@@ -67,6 +68,12 @@ def test_maps_built_from_the_recording_are_those_of_the_run(live, engine):
         for name in ("xyz", "area", "pixels", "colours"):
             np.testing.assert_array_equal(getattr(new.points, name), getattr(old.points, name), strict=True)
         assert after.tracks == before.tracks
+
+
+def test_report_of_a_run_with_maps_shows_the_templates_of_its_people(live, maps):
+    for name in ("tracks.csv", "run.json"):
+        shutil.copy(live[0] / name, maps.parent / name)
+    assert 'alt="Templates"' in write_report(maps.parent).read_text(encoding="utf-8")
 
 
 def test_another_tracker_follows_the_same_maps(cli, maps, tmp_path):

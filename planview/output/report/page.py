@@ -118,6 +118,9 @@ def _pictures(results: RunFolder) -> list[Picture]:
         note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale: yellow "
         note += f"{longest:.1f} s, dark blue a {plots.HEAT_RANGE:.0f}th of it."
         pictures.append(picture("Heat map", png, note, keep_colours=True))
+    if (templates := plots.template_plot(results)) is not None:
+        note = "Height (above, up to 2 m) and occupancy around each person in the middle of the track, 0.8 m wide."
+        pictures.append(picture("Templates", templates, note, keep_colours=True))
     if results.n_frames:
         frames = np.arange(results.n_frames, dtype=np.int64)
         people = plots.people_plot(results.tracks, results.clock.at(frames), frames)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Mapping, Sequence
+from itertools import takewhile
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
@@ -16,6 +17,7 @@ from planview.counting.totals import Clock
 from planview.drawing.plan import PlanPainter
 from planview.drawing.style import ERRORS, TRUTH, Labels, as_bgr, as_hex, person_hex, person_rgb
 from planview.evaluation.significant import SignificantError
+from planview.maps.recording import is_maps
 from planview.output.run_folder import RunFolder
 from planview.trajectories.table import Trajectories
 
@@ -206,6 +208,37 @@ def heat_plot(xy_m: F64, run: RunFolder) -> tuple[bytes, float]:
     of_pixel = rows[:, None], cols
     picture = np.where((share >= 0)[of_pixel][..., None], colours[of_pixel], painter.paper)
     return encode_image(picture, ".png"), float(cells.max())
+
+
+TEMPLATES_MAX = 12
+"""People whose templates are shown, the first ones."""
+
+
+def template_plot(run: RunFolder) -> bytes | None:
+    """T_H (above) and T_O of people in the middle of their tracks; None without the plan-view maps of the run."""
+    maps = next((path for path in (run.path / "maps.h5", run.tracked) if path is not None and is_maps(path)), None)
+    rows = [np.flatnonzero(run.of_people & (run.tracks.track_id == person)) for person in run.people[:TEMPLATES_MAX]]
+    if maps is None or not rows:
+        return None
+    from matplotlib.figure import Figure
+
+    from planview.engine.open import open_engine
+
+    engine, middle = open_engine(maps), run.tracks.where(np.array([mine[len(mine) // 2] for mine in rows]))
+    figure = Figure(figsize=(0.75 * len(rows) + 0.3, 1.9), layout="constrained")
+    axes = figure.subplots(2, len(rows), squeeze=False)
+    last = int(middle.frame.max())
+    for frame in takewhile(lambda frame: frame.index <= last, engine.recording):
+        for i in np.flatnonzero(middle.frame == frame.index).tolist():
+            shown = engine.step(frame).observation.maps
+            assert shown is not None
+            axes[0, i].set_title(f"{middle.track_id[i]}", fontsize=8)
+            height, occupancy = shown.around(middle.x_m[i], middle.y_m[i])
+            axes[0, i].imshow(height, origin="lower", vmin=0.0, vmax=2.0)
+            axes[1, i].imshow(occupancy, origin="lower")
+    for axis in axes.flat:
+        axis.set_axis_off()
+    return png_bytes(figure)
 
 
 UNHELD = -1
