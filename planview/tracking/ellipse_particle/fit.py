@@ -8,16 +8,15 @@ no equations for it; the steps below are our choice. Each frame is fitted from n
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
+import cv2
 import numpy as np
+from scipy.special import expit
 
 from calib.types import F32, F64, U8
-from planview.tracking.ellipse_particle import _kernels as kernels
 from planview.tracking.ellipse_particle.size import Size
 
-SIZE_SPREAD = 0.12
-"""Deviation of the logarithm of an object's length and width from what is expected; at most three are measured. Our
-choice: the height of adults varies by 7 %, a walker's silhouette by about 10 % over a step."""
 BACKGROUND_WEIGHT = 0.4
 """Cost of covering a background cell, against 1 gained per foreground cell. Our choice: less than 1, because a
 silhouette fills only two thirds of its ellipse, and detection leaves holes in people."""
@@ -32,6 +31,11 @@ STEPS = 3
 """Steps of expectation-maximisation, which starts within a third of a width, and rounds of Levenberg-Marquardt."""
 SOFT_EDGE = 0.7
 """Width of an ellipse's logistic edge in the refinement [cells]. Our choice: a cell is covered within about two."""
+SOFT_CELLS = 5.0 * SOFT_EDGE
+"""Beyond this from its edge an ellipse counts as over [cells]; 0.7 % are left there."""
+
+Window = tuple[slice, slice]
+"""Rows and columns of the grid."""
 
 
 def fit_ellipses(mask: F32, size: Size) -> F64:
@@ -43,35 +47,57 @@ def fit_ellipses(mask: F32, size: Size) -> F64:
     Returns:
         (N, 5) float64: x, y, half length, half width [cells], angle of the length axis from the +row direction [rad].
     """
-    match = kernels.Match(CELL_DEVIATION, BACKGROUND_WEIGHT, SOFT_EDGE, SIZE_SPREAD, size.lean, 3.0)
     # Where directions are not known yet, a circle of the same area.
     round_off = 1.0 if size.upright else math.sqrt(size.aspect)
     half = round_off * size.half_lengths(np.arange(mask.shape[0], dtype=np.float64))
     aspect = size.aspect / round_off**2
     # 1. A greedy cover with ellipses of the expected size proposes objects.
-    score = mask - np.float32(BACKGROUND_WEIGHT) * (1 - mask)
-    stride = max(1, round(0.4 * aspect * float(np.median(half))))
-    ellipses = kernels.cover(score, half, aspect, stride, MIN_GAIN / 2)
+    ellipses = cover(mask, half, aspect)
     if not len(ellipses):
-        return np.asarray(ellipses)
+        return ellipses
     # 2. Expectation-maximisation of a mixture of ellipses moves them, with a prior on their covariance.
     expect_and_maximise(mask, ellipses, half, aspect, size.upright)
-    expected = size.half_lengths(ellipses[:, 1])[:, None] * np.array([1.0, size.aspect])
-    ratio = math.exp(match.limit * match.size_spread)
-    ellipses[:, 2:4] = np.clip(ellipses[:, 2:4], expected / ratio, expected * ratio)
     # 3. The soft union of all ellipses is matched to the mask: who is hidden in part keeps a full size, so that a
     # merged region is explained by several.
-    kernels.refine(mask, ellipses, size, match, STEPS)
+    for ellipse in ellipses:
+        ellipse[2:] = bounded(ellipse, size)
+    refine(mask, ellipses, size)
     # 4. The ellipse that adds least is dropped while that is too little: a split region keeps one.
-    n_before = len(ellipses)
     while len(ellipses):
-        gains = own_gains(mask, ellipses, BACKGROUND_WEIGHT)
+        gains = own_gains(mask, ellipses)
         if gains.min() >= MIN_GAIN:
             break
         ellipses = np.delete(ellipses, int(np.argmin(gains)), axis=0)
-    if 0 < len(ellipses) < n_before:
-        kernels.refine(mask, ellipses, size, match, STEPS)
-    return np.asarray(ellipses)
+    return ellipses
+
+
+def cover(mask: F32, half: F64, aspect: float) -> F64:
+    """(N, 5) upright ellipses of the expected size, one after the other where foreground less background is most.
+
+    The sum is that of a box of an ellipse's area, as a share of its area in the grid, or of half of it where less is
+    inside: what lies outside speaks for nothing.
+
+    Args:
+        half: (R,) half length expected of an object centred in each row [cells].
+    """
+    n_rows, n_cols = mask.shape
+    stride = max(1, round(0.4 * aspect * float(np.median(half))))
+    y, x = np.arange(0, n_rows, stride)[:, None], np.arange(0, n_cols, stride)
+    a = half[y]
+    box_a = 0.5 * math.sqrt(math.pi) * a
+    top, bottom = (np.clip(np.rint(y + 0.5 + side * box_a), 0, n_rows).astype(np.int64) for side in (-1, 1))
+    left, right = (np.clip(np.rint(x + 0.5 + side * aspect * box_a), 0, n_cols).astype(np.int64) for side in (-1, 1))
+    area = np.maximum((bottom - top) * (right - left), 0.5 * math.pi * aspect * a * a)
+    score, found = gain_of(mask), np.zeros((0, 5))
+    while True:
+        total = cv2.integral(score, sdepth=cv2.CV_64F)
+        share = (total[bottom, right] - total[top, right] - total[bottom, left] + total[top, left]) / area
+        i, j = divmod(int(np.argmax(share)), len(x))
+        if share[i, j] < MIN_GAIN / 2:
+            break
+        found = np.vstack([found, [x[j], y[i, 0], a[i, 0], aspect * a[i, 0], 0.0]])
+        score[top[i, 0] : bottom[i, 0], left[i, j] : right[i, j]] = 0.0
+    return found
 
 
 def expect_and_maximise(mask: F32, ellipses: F64, half: F64, aspect: float, upright: bool) -> None:
@@ -112,20 +138,127 @@ def expect_and_maximise(mask: F32, ellipses: F64, half: F64, aspect: float, upri
         ellipses[:, 4] = np.where(lies, 0.0, np.arctan2(2 * vxy, vyy - vxx) / 2)
 
 
-def own_gains(mask: F32, ellipses: F64, background_weight: float) -> F64:
+def refine(mask: F32, ellipses: F64, size: Size) -> None:
+    """Levenberg-Marquardt of the union of (N, 5) soft ellipses against the mask, one at a time; in place.
+
+    Residual of a cell: mask - (1 - prod_k (1 - inside_k)), weight 1 for foreground and BACKGROUND_WEIGHT for the rest.
+    Size and angle have Gaussian priors around what is expected.
+    """
+    weight = np.asarray((mask + BACKGROUND_WEIGHT * (1.0 - mask)) / CELL_DEVIATION**2, dtype=np.float64)
+    outside = np.ones((len(ellipses), *mask.shape), np.float32)
+    for free, ellipse in zip(outside, ellipses, strict=True):
+        window = around(ellipse, mask.shape, SOFT_CELLS)
+        free[window] = 1.0 - inside(ellipse, window)
+    for k in [*range(len(ellipses))] * STEPS:
+        window = around(ellipses[k], mask.shape, SOFT_CELLS)  # a step beyond it is judged by what is inside it
+        others = np.delete(outside[:, *window], k, axis=0).prod(axis=0)
+        cells = Surroundings(window, mask[window], weight[window], others)
+        own = 1.0 - outside[k][window]
+        moved = stepped(ellipses[k], own, cells, size)
+        own_moved = inside(moved, window)
+        if cost(moved, own_moved, cells, size) <= cost(ellipses[k], own, cells, size):
+            ellipses[k], outside[k] = moved, 1.0
+            outside[k][window] -= own_moved
+
+
+class Surroundings(NamedTuple):
+    """The cells that an ellipse reaches: their window, mask, weight, and what the other ellipses leave of them."""
+
+    window: Window
+    mask: F32
+    weight: F64
+    others: F32
+
+    def residual(self, own: F64) -> F64:
+        """Mask less the union with an ellipse that covers ``own`` of each cell."""
+        return np.asarray(self.mask - 1.0 + self.others * (1.0 - own))
+
+
+def cost(ellipse: F64, own: F64, cells: Surroundings, size: Size) -> float:
+    """Sum of the squared residuals, and of the squared deviations of the ellipse from what is expected."""
+    off = deviations(ellipse, size) / size.spread
+    return float((cells.weight * cells.residual(own) ** 2).sum() + off @ off)
+
+
+def stepped(ellipse: F64, own: F64, cells: Surroundings, size: Size) -> F64:
+    """One step of Levenberg-Marquardt over x, y (at most 3 cells), ln a, ln b and the angle."""
+    rows = (cells.others * slopes(ellipse, own, cells.window)).reshape(5, -1)
+    gradient = rows @ (cells.weight * cells.residual(own)).ravel()
+    curvature = (rows * cells.weight.ravel()) @ rows.T
+    gradient[2:] -= deviations(ellipse, size) / size.spread**2
+    curvature[2:, 2:] += np.diag(size.spread**-2)
+    step = np.linalg.solve(curvature + np.diag(0.01 * curvature.diagonal() + 1e-3), gradient)
+    moved = ellipse + np.clip(step, -3.0, 3.0)
+    moved[2:4] = ellipse[2:4] * np.exp(step[2:4])
+    moved[2:] = bounded(moved, size)
+    return np.asarray(moved)
+
+
+def deviations(ellipse: F64, size: Size) -> F64:
+    """(3,) of ln half length, ln half width and angle from what is expected."""
+    half = float(size.half_lengths(ellipse[1]))
+    return np.array([math.log(ellipse[2] / half), math.log(ellipse[3] / (half * size.aspect)), ellipse[4]])
+
+
+def bounded(ellipse: F64, size: Size) -> F64:
+    """(3,) half length, half width and angle within three deviations of what is expected."""
+    limits = 3.0 * size.spread
+    length, width, angle = np.clip(deviations(ellipse, size), -limits, limits)
+    half = float(size.half_lengths(ellipse[1]))
+    return np.array([half * math.exp(length), half * size.aspect * math.exp(width), angle])
+
+
+def slopes(ellipse: F64, own: F64, window: Window) -> F64:
+    """(5, r, c) derivatives of ``inside``, which is ``own``, by x, y, ln a, ln b and the angle."""
+    (u, v), (_, _, a, b, angle) = along_and_across(ellipse, window), ellipse.tolist()
+    s, c = math.sin(angle), math.cos(angle)
+    steep = own * (1.0 - own) * b / SOFT_EDGE / np.maximum(np.hypot(u, v), 1e-6)
+    by = u * s / a + v * c / b, u * c / a - v * s / b, u * u, v * v, u * v * (a / b - b / a)
+    return np.asarray(steep * np.stack(by))
+
+
+def own_gains(mask: F32, ellipses: F64) -> F64:
     """(N,) gain of each ellipse over the union of the others, as a share of its area.
 
     Of an object that the border cuts only the part inside counts, or half of it all where less is inside.
     """
-    inside = painted(ellipses, mask.shape).reshape(len(ellipses), -1)
-    own = inside & (inside.sum(axis=0, dtype=np.uint8) == 1)
-    gain = mask - np.float32(background_weight) * (1 - mask)
-    area = np.maximum(inside.sum(axis=1, dtype=np.int64), 0.5 * np.pi * ellipses[:, 2] * ellipses[:, 3])
-    return np.asarray(own.astype(np.float32) @ gain.ravel() / area, dtype=np.float64)
+    masks = painted(ellipses, mask.shape).reshape(len(ellipses), -1)
+    own = masks & (masks.sum(axis=0, dtype=np.uint8) == 1)
+    area = np.maximum(masks.sum(axis=1, dtype=np.int64), 0.5 * np.pi * ellipses[:, 2] * ellipses[:, 3])
+    return np.asarray(own.astype(np.float32) @ gain_of(mask).ravel() / area, dtype=np.float64)
+
+
+def gain_of(mask: F32) -> F32:
+    """Gain of covering each cell: foreground less background at its weight."""
+    return mask - np.float32(BACKGROUND_WEIGHT) * (1 - mask)
 
 
 def painted(ellipses: F64, shape: tuple[int, int]) -> U8:
-    """(N, R, C) uint8, 1 inside each of (N, 5) ellipses."""
+    """(N, R, C) uint8, 1 in the cells whose centres lie inside each of (N, 5) ellipses."""
     masks = np.zeros((len(ellipses), *shape), dtype=np.uint8)
-    kernels.paint(ellipses, masks)
+    for mask, ellipse in zip(masks, ellipses, strict=True):
+        window = around(ellipse, shape)
+        mask[window] = np.hypot(*along_and_across(ellipse, window)) < 1.0
     return masks
+
+
+def inside(ellipse: F64, window: Window) -> F64:
+    """How far cells are inside an ellipse: from 1 to 0 by a logistic edge ``SOFT_EDGE`` cells wide."""
+    return np.asarray(expit((1.0 - np.hypot(*along_and_across(ellipse, window))) * ellipse[3] / SOFT_EDGE))
+
+
+def around(ellipse: F64, shape: tuple[int, int], margin: float = 0.0) -> Window:
+    """Rows and columns of the grid that an ellipse, a margin wider [cells], reaches."""
+    x, y, a, b, angle = ellipse.tolist()
+    s, c, grow = math.sin(angle), math.cos(angle), 1.0 + margin / b
+    ends = (y, grow * math.hypot(a * c, b * s), shape[0]), (x, grow * math.hypot(a * s, b * c), shape[1])
+    rows, cols = (slice(max(0, math.ceil(m - r)), max(0, min(n, math.floor(m + r) + 1))) for m, r, n in ends)
+    return rows, cols
+
+
+def along_and_across(ellipse: F64, window: Window) -> tuple[F64, F64]:
+    """Where cells lie along an ellipse's axes, in its half length and half width."""
+    x, y, a, b, angle = ellipse.tolist()
+    s, c = math.sin(angle), math.cos(angle)
+    dy, dx = np.arange(window[0].start, window[0].stop)[:, None] - y, np.arange(window[1].start, window[1].stop) - x
+    return (dx * s + dy * c) / a, (dx * c - dy * s) / b

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from calib.types import F64, I64, U8
+from calib.types import F64, I64, U8, Bool
 from planview.tracking import body
-from planview.tracking.ellipse_particle import _kernels as kernels
-from planview.tracking.ellipse_particle._kernels import ANGLE, LN_A, LN_B, VX, X, Y
 from planview.tracking.ellipse_particle.params import ParticleFilterParams
 from planview.tracking.ellipse_particle.size import Size
 
+X, Y, VX, VY, LN_A, LN_B, ANGLE = range(7)
+"""Columns of an object's state: position and velocity in cells (per second), logarithms of half length and half width
+over the expected ones, angle of the length axis [rad]."""
 SHAPE_SPREAD = 0.08
 """Stationary deviation of ln length and ln width of an object's ellipse about the expected. Our choice."""
 OVERLAP_DEVIATION = 0.12
@@ -22,6 +24,8 @@ JITTER_M = 0.03
 """Deviation of the position per frame besides the acceleration's [m]: an outline is not a rigid body. Our choice."""
 SHAPE_TIME_S = 1.0
 """Time in which size and angle forget [s]: a step."""
+ROWS = 16
+"""Rows in which what an ellipse covers is summed."""
 
 
 class ParticleFilter:
@@ -88,11 +92,10 @@ class ParticleFilter:
         Returns:
             (7,) the most probable particle, moved to the mean of its mode.
         """
-        p, out = self.particles[:, n].copy(), np.empty((self._params.particles, 2))
-        left, allowed = kernels.row_sums(measured & (1 - others)), kernels.row_sums(measured | others)
-        kernels.overlaps(p, left, allowed, size, out)
-        missed = out[:, 0].max() - out[:, 0]
-        log_likelihood = -0.5 * (missed**2 + out[:, 1] ** 2) / (OVERLAP_DEVIATION * area) ** 2
+        p = self.particles[:, n].copy()
+        covered, outside = overlaps(ellipses_of(p, size), [measured > others, (measured | others) == 0])
+        missed = covered.max() - covered
+        log_likelihood = -0.5 * (missed**2 + outside**2) / (OVERLAP_DEVIATION * area) ** 2
         weights = np.exp(log_likelihood - log_likelihood.max())
         weights /= weights.sum()
         # The largest likelihood times transition density; alone it is as noisy as the sampling.
@@ -110,3 +113,20 @@ def ellipses_of(states: F64, size: Size) -> F64:
     half = size.half_lengths(states[:, Y])
     wide = half * size.aspect * np.exp(states[:, LN_B])
     return np.column_stack([states[:, X], states[:, Y], half * np.exp(states[:, LN_A]), wide, states[:, ANGLE]])
+
+
+def overlaps(ellipses: F64, masks: Sequence[Bool]) -> F64:
+    """(K, N) areas of (N, 5) ellipses inside each of K masks (R, C) [cells]."""
+    x, y, a, b, angle = ellipses.T[..., None].astype(np.float32)
+    s, c, (n_rows, n_cols) = np.sin(angle), np.cos(angle), masks[0].shape
+    # In the row t * down below its centre an ellipse covers x + t * lean +- half.
+    down, t = np.hypot(a * c, b * s), ((2.0 * np.arange(ROWS) + 1.0) / ROWS - 1.0).astype(np.float32)
+    middle, half = x + t * ((a * a - b * b) * s * c / down), a * b / down * np.sqrt(1.0 - t * t)
+    sums = np.zeros(
+        (len(masks), n_rows + 2, n_cols + 1), np.int32
+    )  # left of each edge; nothing is covered beyond the border
+    np.cumsum(masks, axis=2, out=sums[:, 1:-1, 1:])
+    row = np.clip(np.rint(y + t * down), -1, n_rows).astype(np.int32) + 1
+    ends = (np.clip(np.rint(middle + side * half + 0.5), 0, n_cols).astype(np.int32) for side in (-1, 1))
+    first, last = (sums.reshape(len(masks), -1).take(row * (n_cols + 1) + end, axis=1) for end in ends)
+    return np.asarray(2.0 * down[:, 0] / ROWS * (last - first).sum(axis=2), dtype=np.float64)

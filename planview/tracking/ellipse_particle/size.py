@@ -16,6 +16,9 @@ BREADTH_M = 0.55
 """Breadth of a person in an image, arms and stride included [m], whatever the angle: from shoulders to a stride."""
 ASPECT = BREADTH_M / HEIGHT_MEAN_M
 """Width over length of a person whose length is given."""
+SPREAD = 0.12
+"""Deviation of the logarithm of an object's length and width from what is expected. Our choice: the height of adults
+varies by 7 %, a walker's silhouette by about 10 % over a step."""
 ONE = 0.6
 """Share of regions that are one person; others are longer (a group in depth) or shorter (pieces). Our choice."""
 FILLED = 0.75
@@ -48,6 +51,11 @@ class Size(NamedTuple):
     def lean(self) -> float:
         """Deviation of the length axis from the columns [rad]: 6 degrees of walkers, anything from straight above."""
         return math.radians(6.0) if self.upright else math.pi / 4
+
+    @property
+    def spread(self) -> F64:
+        """(3,) deviations of ln length, ln width and angle from what is expected."""
+        return np.array([SPREAD, SPREAD, self.lean])
 
     def half_lengths(self, rows: F64) -> F64:
         """Half lengths expected in rows, float64 of their shape."""
@@ -84,8 +92,7 @@ class SizeLearner:
     regions lie in all directions, people are seen from straight above: they have the area of one, and one size.
     """
 
-    def __init__(self, spread: float) -> None:
-        self._spread = spread
+    def __init__(self) -> None:
         self._before: F64 = np.zeros((0, 4))
         self._regions: F64 = np.zeros((0, CUT + 1))
         self._frames, self._every = 0, 1
@@ -152,10 +159,10 @@ class SizeLearner:
             i, steep = i[(steep > 0) & (steep < 1.5)], steep[(steep > 0) & (steep < 1.5)]
             levels, rise = np.concatenate([levels, length[i] - steep * foot[i]]), np.concatenate([rise, steep])
         expected = np.maximum(levels[:, None] + rise[:, None] * foot, 1.0)
-        best = int(np.argmax(log_density(length / expected, cut, self._spread) @ weight))
+        best = int(np.argmax(log_density(length / expected, cut) @ weight))
         level, slope = float(levels[best]), float(rise[best])
         for _ in range(3):
-            away = np.log(length / np.maximum(level + slope * foot, 1.0)) / self._spread
+            away = np.log(length / np.maximum(level + slope * foot, 1.0)) / (math.sqrt(2) * SPREAD)
             one = np.abs(away) < 1.5
             own = weight * one * np.exp(-0.5 * away**2) + 1e-9
             x, y = np.average(foot, weights=own), np.average(length, weights=own)
@@ -173,17 +180,16 @@ class SizeLearner:
         return Size(k * level / 2, k * slope / 2, least, min(max(aspect, 0.2), 1.0)), share
 
 
-def log_density(ratio: F64, cut: Bool, spread: float) -> F64:
+def log_density(ratio: F64, cut: Bool) -> F64:
     """Logarithm of the density of the logarithms of lengths over one person's, (..., N).
 
     Args:
         ratio: (..., N) lengths over that of one person.
         cut: (N,) whether the border cuts the region: then any part of a person may show.
-        spread: deviation of the logarithm of one person's length.
     """
     away = np.log(ratio)
-    bell = np.exp(-0.5 * (away / spread) ** 2)
-    one = np.where(cut, np.where(ratio < 1, ratio, bell), bell / (math.sqrt(2 * math.pi) * spread))
+    bell = np.exp(-0.5 * (away / (math.sqrt(2) * SPREAD)) ** 2)
+    one = np.where(cut, np.where(ratio < 1, ratio, bell), bell / (math.sqrt(2 * math.pi) * (math.sqrt(2) * SPREAD)))
     return np.asarray(np.log(ONE * one + (1 - ONE) * 0.5 * np.exp(-np.abs(away))))
 
 

@@ -15,10 +15,9 @@ from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import WALKER
 from planview.tracking.base import Decision, Drawing, Observation, TrackerDebug
-from planview.tracking.ellipse_particle._kernels import VX, VY, Y
-from planview.tracking.ellipse_particle.fit import BACKGROUND_WEIGHT, SIZE_SPREAD, fit_ellipses, painted
+from planview.tracking.ellipse_particle.fit import BACKGROUND_WEIGHT, fit_ellipses, painted
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
-from planview.tracking.ellipse_particle.particles import ParticleFilter, ellipses_of
+from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter, Y, ellipses_of
 from planview.tracking.ellipse_particle.size import ASPECT, BREADTH_M, Size, SizeLearner, size_of_camera
 from planview.tracking.lifecycle import Existence, LifeCycle
 from planview.trajectories.state import TrackState
@@ -84,7 +83,7 @@ class EllipseParticleTracker:
         self._filter = ParticleFilter(self._params.filter, np.random.default_rng(self._seed))
         self._objects: list[Tracked] = []
         self._states: F64 = np.zeros((0, 7))
-        self._learner = SizeLearner(math.sqrt(2) * SIZE_SPREAD)
+        self._learner = SizeLearner()
         self._learned = self._studied
         self._first_s = self._time_s = math.nan
         self._image_size: tuple[int, int] | None = None
