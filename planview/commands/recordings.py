@@ -23,7 +23,8 @@ from planview.engine.config import load_config
 from planview.engine.setup import floor_search
 from planview.output.progress import PlainConsole
 from stereo.readers import find_layout
-from stereo.readers.base import Layout, Reader, Stream
+from stereo.readers.base import Layout, Reader
+from stereo.readers.images import Stream
 from stereo.readers.times import Rate, rate_of_times
 from stereo.recording import StereoRecording
 

@@ -18,7 +18,7 @@ from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64, I64, U8
 from calib.world import load_world
-from stereo.readers.images import Colour, Size, bits_note, bits_of, images_of
+from stereo.readers.images import Colour, Size, Stream, bits_note, bits_of, images_of
 from stereo.readers.movement import assume_rate, place_in_image, reduced
 from stereo.readers.pairing import TimePairs, pair_stamps
 from stereo.readers.times import load_timestamps, rate_of_times
@@ -86,23 +86,6 @@ def split_pairs(
 
 AnyRecording = StereoRecording | RgbdRecording
 """What a layout opens to."""
-
-
-@dataclass(frozen=True, eq=False)
-class Stream:
-    """One camera of a recording ("left", "right", "depth", or a topic), as it was stored.
-
-    Attributes:
-        n_frames: images that are there.
-        times_s: (n_frames,) float64 [s] since the recording's first stamp, in order; None without stamps of its own.
-        pixels: what a pixel is, e.g. "grey", "colour", "grey, 12 bits in 16".
-    """
-
-    name: str
-    size: Size
-    n_frames: int
-    times_s: F64 | None = None
-    pixels: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,7 +239,7 @@ def timed_layout(
     )
     size = same_size(a, b, left.folder, right.folder)
     streams = tuple(
-        Stream(name, size, len(side.files), own_times(side.ns), pixel_text(source.is_grey, bits))
+        source.stream(name, len(side.files), own_times(side.ns))
         for name, side, source in (("left", left, a), ("right", right, b))
     )
     return stereo_layout(
@@ -277,9 +260,3 @@ def check_paired(pairs: TimePairs, path: Path) -> None:
 def own_times(ns: I64) -> F64:
     """(n,) float64 [s] since the first."""
     return np.asarray((ns - ns[:1]) / 1e9, dtype=np.float64)
-
-
-def pixel_text(grey: bool, bits: int | None) -> str:
-    """What a pixel is, for people."""
-    kind = "grey" if grey else "colour"
-    return kind if bits is None else f"{kind}, {bits} bits in 16"

@@ -25,7 +25,7 @@ from calib.formats.rgbd import find_rgbd, load_rgbd
 from calib.io import entries, read_text
 from calib.rig import RgbdRig
 from calib.types import I64
-from stereo.readers.base import Layout, Reader, Stream, TimedFiles, own_times, rate_of, timed_layout
+from stereo.readers.base import Layout, Reader, TimedFiles, own_times, rate_of, timed_layout
 from stereo.readers.folders import files_layout
 from stereo.readers.images import Colour, Depth, frame_number, image_files, images_of
 from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
@@ -214,8 +214,8 @@ def _tum_find(path: Path, options: OpenOptions) -> Layout:
         notes.append("no calibration: the nominal Kinect camera is taken (fx = fy = 525 at 640x480)")
     times = own_times(images.ns) if options.fps is None else np.arange(len(images.ns)) / options.fps
     streams = (
-        Stream("image", image_files.size, len(images.ns), own_times(images.ns)),
-        Stream("depth", depth_files.size, len(depths.ns), (depths.ns - images.ns[0]) / 1e9),
+        image_files.stream("image", len(images.ns), own_times(images.ns)),
+        depth_files.stream("depth", len(depths.ns), (depths.ns - images.ns[0]) / 1e9),
     )
     sizes, remarks = (image_files.size, depth_files.size), (*images.notes, *depths.notes, *notes)
     rig = partial(load_rgbd, options.calibration or path, *sizes)

@@ -14,10 +14,8 @@ from stereo.readers import images
 from stereo.readers.base import (
     Layout,
     Reader,
-    Stream,
     TimedFiles,
     clock_of,
-    pixel_text,
     same_size,
     stereo_layout,
     timed_layout,
@@ -66,7 +64,7 @@ def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions, folder
     names = (left, right) if left.parent == right.parent else (left.parent, right.parent)
     size, clock = same_size(a, b, *names), clock_of(folder, options, len(pairs))
     streams = tuple(
-        Stream(name, size, sum(file is not None for file in files), clock.times_s, pixel_text(source.is_grey, bits))
+        source.stream(name, sum(file is not None for file in files), clock.times_s)
         for name, files, source in zip(("left", "right"), sides, (a, b), strict=True)
     )
     return stereo_layout(

@@ -18,7 +18,7 @@ from PIL import Image
 from calib.errors import InputError
 from calib.images import as_colour, as_grey
 from calib.io import entries, size_text
-from calib.types import F32, I64, U8, AnyArray
+from calib.types import F32, F64, I64, U8, AnyArray
 from stereo.recording import Decoded
 
 warnings.filterwarnings("ignore", module="PIL")  # of damaged headers: what cannot be decoded is reported as such
@@ -86,6 +86,12 @@ class Colour:
     is_grey: bool = False
     name = "images"
 
+    @property
+    def text(self) -> str:
+        """What a pixel is, for people."""
+        kind = "grey" if self.is_grey else "colour"
+        return kind if self.bits is None else f"{kind}, {self.bits} bits in 16"
+
     def fits(self, stored: AnyArray) -> bool:
         """Whether stored values are those of an image."""
         return stored.dtype in (np.uint8, np.uint16)
@@ -107,7 +113,7 @@ class Depth:
     """
 
     units_per_m: float = UNITS_PER_M
-    name, is_grey = "depth images (one channel of 16 bits)", True
+    name, text = "depth images (one channel of 16 bits)", "depth"
 
     def fits(self, stored: AnyArray) -> bool:
         """Whether stored values are those of depth."""
@@ -118,6 +124,23 @@ class Depth:
 
     def __call__(self, stored: AnyArray) -> AnyArray:
         return metres(stored, self.units_per_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """One camera of a recording ("left", "right", "depth", or a topic), as it was stored.
+
+    Attributes:
+        n_frames: images that are there.
+        times_s: (n_frames,) float64 [s] since the recording's first stamp, in order; None without stamps of its own.
+        pixels: what a pixel is, e.g. "grey", "colour", "grey, 12 bits in 16".
+    """
+
+    name: str
+    size: Size
+    n_frames: int
+    times_s: F64 | None = None
+    pixels: str = ""
 
 
 class Images:
@@ -149,9 +172,9 @@ class Images:
         self.size, self.pixels = (first.shape[1], first.shape[0]), pixels
         self._places, self._read, self._name = places, read, name
 
-    @property
-    def is_grey(self) -> bool:
-        return self.pixels.is_grey
+    def stream(self, name: str, n_frames: int, times_s: F64 | None = None) -> Stream:
+        """What is found of this camera (see ``Stream``)."""
+        return Stream(name, self.size, n_frames, times_s, self.pixels.text)
 
     def __iter__(self) -> Iterator[Decoded]:
         return self.at(range(self.n_frames))

@@ -17,8 +17,8 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.images import as_grey
 from calib.rig import StereoRig
-from stereo.readers.base import Layout, Reader, Stream, pixel_text, same_size, stereo_layout
-from stereo.readers.images import is_grey
+from stereo.readers.base import Layout, Reader, same_size, stereo_layout
+from stereo.readers.images import Stream, is_grey
 from stereo.readers.side_by_side import packed_layout
 from stereo.recording import DEFAULT_FPS, Decoded, DecodedPair, FrameClock, OpenOptions, newest
 
@@ -121,7 +121,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
 
     size = same_size(first, second, first.name, second.name)
     named_sources = zip(("left", "right"), sources, strict=True)
-    streams = tuple(Stream(name, size, 0, None, pixel_text(one.is_grey, None)) for name, one in named_sources)
+    streams = tuple(Stream(name, size, 0, None, "grey" if one.is_grey else "colour") for name, one in named_sources)
     clock = FrameClock(options.fps or first.fps, even=options.fps is not None)
     note = "two cameras that run freely: their images are paired as they come"
     return stereo_layout(named, pairs, streams, 0, clock, rig, (note,), folder=folder, live_waits=waits)

@@ -16,8 +16,8 @@ from calib.formats.rgbd import load_rgbd
 from calib.io import entries, size_text
 from calib.rig import DepthSensor, RgbdRig
 from calib.types import F32, F64, AnyArray
-from stereo.readers.base import Layout, Reader, Stream, clock_of, rate_of, together, world_pose
-from stereo.readers.images import Colour, Depth, Images, Size, image_files, images_of, read_depth
+from stereo.readers.base import Layout, Reader, clock_of, rate_of, together, world_pose
+from stereo.readers.images import Colour, Depth, Images, Size, Stream, image_files, images_of, read_depth
 from stereo.readers.movement import Place, assume_rate, largest
 from stereo.readers.pairing import Pair, depth_note, nearest_mates, pair_files
 from stereo.readers.times import stamps_in_names
@@ -132,8 +132,8 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     clock = timed[1] if timed and options.fps is None else clock_of(path, options, len(pairs))
     images, depths = images_of([pair[0] for pair in pairs], Colour()), images_of([pair[1] for pair in pairs], Depth())
     streams = (
-        Stream("image", images.size, len(sides[0]), clock.times_s),
-        Stream("depth", depths.size, len(sides[1]), clock.times_s),
+        images.stream("image", len(sides[0]), clock.times_s),
+        depths.stream("depth", len(sides[1]), clock.times_s),
     )
     rig = partial(load_rgbd, options.calibration or path, images.size, depths.size)
     return rgbd_layout(path, images, depths, streams, clock, rig)

@@ -19,8 +19,8 @@ from calib.images import as_grey
 from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F64, U8
-from stereo.readers.base import FrameSource, Layout, Reader, Stream, clock_of, pixel_text, split_pairs, stereo_layout
-from stereo.readers.images import Size, is_grey
+from stereo.readers.base import FrameSource, Layout, Reader, clock_of, split_pairs, stereo_layout
+from stereo.readers.images import Size, Stream, is_grey
 from stereo.readers.video import SUFFIXES, VideoFile, video_files
 from stereo.recording import OpenOptions
 from stereo.rig_correction import match_corners
@@ -223,7 +223,7 @@ def packed_layout(
         own = load_rig(calibration, size)
         rectified, assumed = rectified_rig(rectified_of, own)
         order = find_order(shared.matches, own, rectified)
-    pixels, stored = pixel_text(is_grey(pictures[0]), None), packing.stored(source.size)
+    pixels, stored = "grey" if is_grey(pictures[0]) else "colour", packing.stored(source.size)
     streams = tuple(Stream(name, stored, source.n_frames, None, pixels) for name in ("left", "right"))
     notes = []
     if packing != (False, False):

@@ -19,14 +19,13 @@ from calib.types import F64, I64, U8
 from stereo.readers.base import (
     Layout,
     Reader,
-    Stream,
     clock_of,
     clock_of_pairs,
     same_size,
     stereo_layout,
     together,
 )
-from stereo.readers.images import is_grey
+from stereo.readers.images import Stream, is_grey
 from stereo.readers.pairing import TimePairs, one_of_each, pair_stamps
 from stereo.readers.times import rate_of_times
 from stereo.recording import Decoded, OpenOptions

@@ -29,11 +29,9 @@ from stereo.readers.bags.topics import TopicImages, choose_topics, frames_of_top
 from stereo.readers.base import (
     Layout,
     Reader,
-    Stream,
     check_paired,
     clock_of_pairs,
     own_times,
-    pixel_text,
     same_size,
     stereo_layout,
     together,
@@ -224,11 +222,8 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     a = frames_of_topic(first, pairs.left, Colour(bits), samples[0])
     b = frames_of_topic(second, mates, Depth() if is_rgbd else Colour(bits), samples[1])
     sizes = (a.size, b.size) if is_rgbd else (same_size(a, b, *names),) * 2
-    kinds = pixel_text(a.is_grey, bits), "depth" if is_rgbd else pixel_text(b.is_grey, bits)
-    streams = tuple(
-        Stream(name, size, len(own), own_times(own), kind)
-        for name, size, own, kind in zip(names, sizes, stamps, kinds, strict=True)
-    )
+    each = zip(names, (a, b), stamps, strict=True)
+    streams = tuple(source.stream(name, len(own), own_times(own)) for name, source, own in each)
     clock = clock_of_pairs(pairs, options)
     if is_rgbd:
         registered, assumed = _is_registered(bag, names)
