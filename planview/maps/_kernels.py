@@ -11,18 +11,15 @@ F = np.float32
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def back_project(  # type: ignore[no-untyped-def]
-    disparity: F32, mask: U8, disparity_min: float, focal_baseline: float,
-    intrinsics: F64, pose: F64, height_max_m: float,
-    points: F32, area: F32, pixels: I32,
-):  # fmt: skip
+def back_project(disparity: F32, mask: U8, camera: F64, pose: F64, limits, out):  # type: ignore[no-untyped-def]
     """Foreground pixels with a disparity to world points (Harville 2002, eq. 1 and 2).
 
-    ``intrinsics`` is (fu, fv, cu, cv), ``pose`` (3, 4) world_SE3_left. Fills ``points`` (N, 3), ``area`` (N)
-    = Z^2/(fu fv) and ``pixels`` (N) = row * width + column, and returns N. Points above ``height_max_m`` or with less
-    than ``disparity_min`` are dropped.
+    ``camera``: fu, fv, cu, cv, fu times the baseline; ``pose``: (3, 4) world_SE3_left. Fills ``out``, points (N, 3),
+    area (N) = Z^2/(fu fv) and pixels (N) = row * width + column, and returns N. Less disparity than the first of
+    ``limits`` and points above the second are dropped.
     """
-    fu, fv, cu, cv = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
+    fu, fv, cu, cv, focal_baseline = camera
+    (disparity_min, height_max_m), (points, area, pixels) = limits, out
     rows, cols = disparity.shape
     n = 0
     for row in range(rows):

@@ -160,7 +160,8 @@ class MapBuilder:
         self._points = np.empty((n, 3), dtype=np.float32)
         self._area = np.empty(n, dtype=np.float32)
         self._pixels = np.empty(n, dtype=np.int32)
-        self._intrinsics = geometry.reduced_matrix(reduction)[[0, 1, 0, 1], [0, 1, 2, 2]]
+        intrinsics = geometry.reduced_matrix(reduction)[[0, 1, 0, 1], [0, 1, 2, 2]]
+        self._camera = np.append(intrinsics, geometry.disparity_metre)
         self._pose = np.ascontiguousarray(world_SE3_left.matrix[:3])
         self._disparity_min = geometry.disparity_at(_reach_m(geometry, self.params))
 
@@ -183,10 +184,9 @@ class MapBuilder:
         """Foreground points of one frame; arguments and errors are those of a call."""
         if disparity.shape != self.shape or mask.shape != self.shape:
             raise ValueError(f"expected disparity and mask of {self.shape}, got {disparity.shape} and {mask.shape}")
-        n = back_project(
-            disparity, mask, self._disparity_min, self.geometry.disparity_metre,
-            self._intrinsics, self._pose, self.params.height_max_m, self._points, self._area, self._pixels,
-        )  # fmt: skip
+        out = self._points, self._area, self._pixels
+        limits = self._disparity_min, self.params.height_max_m
+        n = back_project(disparity, mask, self._camera, self._pose, limits, out)
         pixels = self._pixels[:n].copy()
         colours = None if image is None else colour_codes(image, pixels, exposure)
         return FloorPoints(self._points[:n].copy(), self._area[:n].copy(), pixels, colours)

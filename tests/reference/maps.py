@@ -6,14 +6,14 @@ from calib.types import F32, F64, I32, U8
 
 
 def back_project(
-    disparity: F32, mask: U8, disparity_min: float, focal_baseline: float, intrinsics: F64, pose: F64,
-    height_max_m: float, points: F32, area: F32, pixels: I32,
-) -> int:  # fmt: skip
-    fu, fv, cu, cv = intrinsics
+    disparity: F32, mask: U8, camera: F64, pose: F64, limits: tuple[float, float], out: tuple[F32, F32, I32]
+) -> int:
+    fu, fv, cu, cv, focal_baseline = camera
+    (disparity_min, height_max_m), (points, area, pixels) = limits, out
     row, col = np.nonzero((mask > 0) & (disparity >= disparity_min))
     z = focal_baseline / disparity[row, col].astype(np.float64)
-    camera = np.column_stack([(col - cu) / fu * z, (row - cv) / fv * z, z])
-    world = camera @ pose[:, :3].T + pose[:, 3]
+    seen = np.column_stack([(col - cu) / fu * z, (row - cv) / fv * z, z])
+    world = seen @ pose[:, :3].T + pose[:, 3]
     keep = world[:, 2] <= height_max_m
     n = int(keep.sum())
     points[:n] = world[keep]

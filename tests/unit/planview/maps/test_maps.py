@@ -107,12 +107,12 @@ def test_map_kernels_equal_their_reference(seed: int) -> None:
     disparity[rng.random((12, 16)) < 0.2] = np.nan
     mask = (rng.random((12, 16)) < 0.7).astype(np.uint8)
     pose = SE3.from_rotvec(rng.normal(size=3), rng.normal(size=3)).matrix[:3]
-    intrinsics = np.array([20.0, 22.0, 7.5, 5.5])
+    camera = np.array([20.0, 22.0, 7.5, 5.5, 10.0])
     results = []
     for module in (kernels, reference):
         points, area = np.zeros((192, 3), np.float32), np.zeros(192, np.float32)
         pixels = np.zeros(192, np.int32)
-        n = module.back_project(disparity, mask, 0.5, 10.0, intrinsics, pose, 2.4, points, area, pixels)
+        n = module.back_project(disparity, mask, camera, pose, (0.5, 2.4), (points, area, pixels))
         height, occupancy = np.empty((9, 11), np.float32), np.empty((9, 11), np.float32)
         module.accumulate(points[:n], area[:n], 0.15, -1.0, -2.0, 0.5, height, occupancy)
         results.append((n, points, area, pixels, height, occupancy))
