@@ -334,7 +334,7 @@ def calibrate_ui(recording: Path, *, out: Path = Path("."), calibration: Path | 
     out
         Folder that Export writes to.
     calibration
-        Calibration of a stereo recording, when it does not lie in it.
+        Calibration of a stereo recording, if it is not in it.
     port
         Port on 127.0.0.1; other machines cannot connect.
     """

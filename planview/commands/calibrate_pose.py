@@ -49,8 +49,8 @@ class FloorOptions:
     out: Path | None = None
     """world.toml to write, with a picture of a metric grid on the floor next to it."""
     save: Flag = False
-    """Write them into the recording (a video: next to it). Later runs and calibrations take that floor and search no
-    more."""
+    """Write them into the recording (a video: next to it). Later runs and calibrations then use that
+    floor."""
     points: Annotated[Sequence[str], Parameter(consume_multiple=True)] = ()
     """Three or more floor points instead: u,v pixels of the rectified left image (their depth is looked up), or
     x,y,z metres in the rectified left camera (x right, y down, z forward)."""
@@ -58,7 +58,7 @@ class FloorOptions:
     """tracks.csv of a run on this recording: refine its floor (run.json or world.toml) by where people's feet and
     heads are, for floors that are hidden or without texture."""
     calibration: Path | None = None
-    """Calibration of the pair, when it does not lie in the recording."""
+    """Calibration of the pair, if it is not in the recording."""
     frames: int | None = None
     """How many frames to look at, spread over the recording; analysis.setup_frames when not given."""
     picture: Path | None = None
@@ -92,7 +92,7 @@ def parse_points(texts: Sequence[str]) -> tuple[F64, bool]:
 
 
 def calibrate_floor(recording: Path, *, options: FloorOptions = FloorOptions()) -> None:
-    """Find the floor in a stereo recording as a run does; print it, and write world.toml where asked.
+    """Find the floor in a stereo recording as a run does; print it, and write world.toml with --out or --save.
 
     Example: planview calibrate floor my_recording --out floor/world.toml
 

@@ -27,7 +27,7 @@ OneSetting = Annotated[
     Sequence[str],
     Parameter(
         name="--set", negative="",
-        help="One parameter, e.g. --set foreground.learning_rate=0.002; may be given several times.",
+        help="One parameter, e.g. --set foreground.learning_rate=0.002; can be repeated.",
     ),
 ]  # fmt: skip
 Region = Annotated[

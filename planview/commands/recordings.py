@@ -35,8 +35,8 @@ class CheckOptions:
     """What is looked at, and what is written."""
 
     quick: Flag = False
-    """Print what it holds: layout, cameras, rates, gaps, calibration, and what is missing. The options below --fps do
-    not concern this."""
+    """Only list what it contains: layout, cameras, rates, gaps, calibration, and what is missing. The options below
+    --fps are not used."""
     calibration: Path | None = None
     """Calibration file or folder, instead of the recording's own; or camera.toml or Tsai XML of one camera."""
     topics: Topics = None
@@ -48,9 +48,9 @@ class CheckOptions:
     out: Path | None = None
     """Folder for pictures: rectified rows, disparity, floor, exposure."""
     corrected_rig: Path | None = None
-    """File to write the calibration to as the recording corrects it (rig.toml), for other recordings of the rig."""
+    """Write the calibration as corrected by this recording to this file, for other recordings of the rig."""
     config: Path | None = None
-    """TOML file with parameters of the run to come: analysis.setup_frames and tables rectify, sgbm, range, floor."""
+    """TOML file with parameters of the later run: analysis.setup_frames and tables rectify, sgbm, range, floor."""
     json_output: JsonFlag = False
 
 
@@ -59,7 +59,7 @@ def check(recording: Path, right: Path | None = None, *, options: CheckOptions =
 
     Example: planview check recording --person-height 1.78m --out pictures
 
-    Example of what it holds only, without looking at its images: planview check recording.bag --quick
+    Example of its contents only, without looking at its images: planview check recording.bag --quick
 
     Parameters
     ----------

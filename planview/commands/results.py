@@ -80,7 +80,7 @@ class RenderOptions:
 def render(folder: Path, *, options: RenderOptions = RenderOptions()) -> None:
     """Draw a run: boxes, ids, trails, a metre grid on the floor, the floor from above, and what was counted.
 
-    The images are read from the recording again; where it is not there any more, only the floor is shown.
+    The images are read from the recording again; if it is gone, only the floor is shown.
 
     Example: planview render out --out out.webm
 

@@ -58,12 +58,12 @@ class TrackingOptions:
     """How the recording is tracked, and what is written."""
 
     calibration: Annotated[Path | None, _In, Parameter(name=["--calibration", "--camera"])] = None
-    """Calibration of the stereo pair, when it does not lie in the recording; or camera.toml of a single camera
+    """Calibration of the stereo pair, if it is not in the recording; or camera.toml of a single camera
     (planview calibrate human writes it), or its Tsai XML."""
     topics: Annotated[Topics, _In] = None
     fps: Annotated[FrameRate, _In] = None
     strict: Annotated[Flag, _In] = False
-    """Refuse a recording that fails one of the cheap checks (exit status 2) instead of warning of it."""
+    """Refuse a recording that fails one of the cheap checks (exit status 2) instead of warning about it."""
     tracker: Annotated[TrackerName, _How] = "joint"
     """joint (every pixel explained by people) or template (Harville's) for stereo and depth; human-model or
     ellipse-particle for one camera."""
@@ -124,7 +124,7 @@ def run(
     right
         The right one of two videos or folders of images.
     out
-        Folder for the results; made if need be.
+        Folder for the results; created if needed.
     """
     try:
         _run(recording, right, out, options)
@@ -269,7 +269,7 @@ def demo(
     out: Path = Path("out/demo"),
     json_output: JsonFlag = False,
 ) -> None:
-    """Run the committed clip, write all results with a picture of the scene and run.rrd, and print its metrics.
+    """Track the clip that comes with the package, write all results, a picture and run.rrd, and print the scores.
 
     Example: planview demo
 

@@ -55,7 +55,7 @@ class EvaluateOptions:
     min_visible: float = 0.25
     """Ignore truth rows less visible than this fraction, and tracks on them."""
     align: Flag = False
-    """Lay the tracks over the truth first by a rotation and a shift of the floor (another world frame)."""
+    """First align the tracks with the truth by a rotation and a shift on the floor (if their world frames differ)."""
     frames: str | None = None
     """First and last frame to score, e.g. 0:399, or 400 for the first 400."""
     fps: float | None = None
@@ -66,7 +66,7 @@ class EvaluateOptions:
 def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOptions = EvaluateOptions()) -> None:
     """Score tracks against truth: CLEAR, IDF1, HOTA, position errors and significant errors.
 
-    Of two folders every recording is scored by name, then all together.
+    With two folders, recordings are paired by name, scored one by one, then all together.
 
     Example: planview evaluate out
 
@@ -82,7 +82,7 @@ def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOption
         tracks.csv of a run, the folder of the run, trajectories in a format of planview export, or a folder of these.
     truth
         truth.csv (frame,id,x_m,y_m,height_m[,visible]), rows of PETS or MOTChallenge (gt.txt), another format of
-        planview export, or a folder of these; truth.csv of the run's recording where not given.
+        planview export, or a folder of these; by default truth.csv of the run's recording.
     """
     truth = truth or _truth_of(tracks)
     run = RunFolder.around(tracks)
@@ -121,8 +121,7 @@ def _truth_of(tracks: Path) -> Path:
     if run is None:
         raise InputError(f"{tracks}: expected a file of truth after it, since no run.json names its recording")
     if run.truth_file is None:
-        where = (run.recording or Path()) / "truth.csv"
-        raise InputError(f"{where}: expected the truth of the run's recording, found none; name a file of truth")
+        raise InputError(f"{run.recording}: expected the truth of the run's recording, found none; name a file")
     return run.truth_file
 
 
@@ -238,7 +237,7 @@ class CountOptions:
     zone_hysteresis: float = _DEFAULTS.zone_hysteresis_m
     """How deep inside or outside a zone people must be observed to enter or leave it, in metres."""
     min_age: float = _DEFAULTS.min_age_s
-    """Tracks younger than this count nothing yet, in seconds."""
+    """Ignore tracks until they are this old, in seconds."""
     region: Region = None
     ignore: Ignored = None
     fps: float | None = None

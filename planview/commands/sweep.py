@@ -31,7 +31,7 @@ class SweepOptions:
     """Folder for results; a study file's own name without .toml by default. What an earlier study there has done with
     the same input, configuration and version is not repeated."""
     vary: Annotated[Sequence[str], Parameter(name="--vary")] = ()
-    """Without a study file: a parameter and its values, e.g. joint.stay_s=0.35,0.40; may be given several times."""
+    """Without a study file: a parameter and its values, e.g. joint.stay_s=0.35,0.40; can be repeated."""
     config: Path | None = None
     """Without a study file: TOML file with parameters common to all runs."""
     jobs: int = 1

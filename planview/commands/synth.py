@@ -21,13 +21,13 @@ def synth(
     scene: Path,
     out: Path,
     *,
-    frames: Annotated[int | None, Parameter(help="render the first frames only")] = None,
-    scale: Annotated[float, Parameter(help="factor on the image size, e.g. 0.5")] = 1.0,
-    seed: Annotated[int | None, Parameter(help="instead of the scene's own: other wanderers and noise")] = None,
-    video: Annotated[bool, Parameter(help="videos instead of PNG images")] = False,
-    jpeg: Annotated[bool, Parameter(help="JPEG instead of PNG images")] = False,
-    opencv: Annotated[bool, Parameter(help="also write intrinsics.yml and extrinsics.yml")] = False,
-    world: Annotated[bool, Parameter(help="also write world.toml, so that the floor need not be found")] = False,
+    frames: Annotated[int | None, Parameter(help="Render the first N frames only.")] = None,
+    scale: Annotated[float, Parameter(help="Factor on the image size, e.g. 0.5.")] = 1.0,
+    seed: Annotated[int | None, Parameter(help="In place of the scene's own: other walks and noise.")] = None,
+    video: Annotated[bool, Parameter(help="Write videos instead of PNG images.")] = False,
+    jpeg: Annotated[bool, Parameter(help="Write JPEG instead of PNG images.")] = False,
+    opencv: Annotated[bool, Parameter(help="Also write intrinsics.yml and extrinsics.yml.")] = False,
+    world: Annotated[bool, Parameter(help="Also write world.toml, so that the floor need not be found.")] = False,
     json_output: JsonFlag = False,
 ) -> None:
     """Render a recording with calibration and exact truth from a TOML scene.
@@ -36,6 +36,13 @@ def synth(
     with their true poses and clocks.
 
     Example: planview synth data/synthetic/crossing.toml /tmp/crossing --frames 150
+
+    Parameters
+    ----------
+    scene
+        TOML file of the scene.
+    out
+        New or empty folder for the recording.
     """
     from planview.synthetic.write import load_rig_scenes, with_seed, write_rigs
 

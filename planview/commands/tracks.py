@@ -49,9 +49,9 @@ class EditOptions:
     shorter: float | None = None
     """Delete tracks that were confirmed for less, in seconds."""
     undo: Flag = False
-    """Take the last call back."""
+    """Undo the last call."""
     undo_all: Flag = False
-    """Take all calls back: tracks.csv is what it was."""
+    """Undo all calls: tracks.csv is as the run wrote it."""
     refine: Flag = False
     """Improve the tracks instead, since the whole recording is known: fragments of one person are joined, and positions
     smoothed backwards. tracks_online.csv keeps the online tracks; refinement.csv gives the reason of every change."""
@@ -59,10 +59,10 @@ class EditOptions:
 
 
 def edit(out: Path, *, options: EditOptions = EditOptions()) -> None:
-    """Join, split, delete and rename tracks of a finished run, one by one or by rule; every edit can be taken back.
+    """Join, split, delete and rename tracks of a finished run, one by one or by rule; every edit can be undone.
 
-    edits.json lists what was done, and tracks_before.csv keeps the tracks without any edit. Counts are not made again:
-    planview count does.
+    edits.json lists what was done, and tracks_before.csv keeps the tracks without any edit. Counts are not updated: run
+    planview count again.
 
     Example: planview edit out --join 3:7 --split 5@120 --delete 9
 
@@ -143,7 +143,7 @@ class ExportOptions:
     cloud: Path | None = None
     """Write the static scene as a coloured cloud of points to this file (.ply, .pcd or .xyz), instead of tracks."""
     calibration: Path | None = None
-    """Calibration of the recording, for --cloud, when it does not lie in it."""
+    """Calibration of the recording, for --cloud, if it is not in it."""
 
 
 def export(tracks: Path, *, to: ExportName | None = None, options: ExportOptions = ExportOptions()) -> None:

@@ -78,7 +78,7 @@ class RulePlane:
         visible = self._raster() if raster is None else raster[np.isfinite(raster).all(axis=1)]
         if len(points) > 2 and (Outline(points).depth(*visible.T) > 0).any():
             return
-        raise InputError(f"{what}: expected a place inside the view of {width}x{height} pixels, found it outside")
+        raise InputError(f"{what}: expected a place inside the view of {width}x{height} pixels, found all outside")
 
     def _raster(self) -> F64:
         """(64, 2) pixels spread over the image."""
