@@ -95,16 +95,12 @@ def edit(out: Path, *, options: EditOptions = EditOptions()) -> None:
         result = edit_run(out, lines)
     else:
         raise InputError("expected at least one edit (--join, --delete, ...; planview edit --help), found none")
-    figures = {
-        "steps": len(result.steps), "rows_before": len(result.before), "rows": len(result.after),
-        "people_before": result.people_before, "people": result.people,
-    }  # fmt: skip
     if options.json_output:
-        print(json.dumps(figures))
+        print(json.dumps(result._asdict()))
         return
     PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(
-        f"{out / 'tracks.csv'}: people {figures['people_before']} -> {figures['people']}, "
-        f"rows {figures['rows_before']} -> {figures['rows']}; edits that can be undone: {figures['steps']}"
+        f"{out / 'tracks.csv'}: people {result.people_before} -> {result.people}, "
+        f"rows {result.rows_before} -> {result.rows}; edits that can be undone: {result.steps}"
     )
 
 

@@ -19,7 +19,7 @@ from planview.output.folder import RunInfo, finished_run, folder_lock, write_res
 from planview.output.report.page import write_report
 from planview.output.report.snapshots import read_decision_log
 from planview.output.run_folder import RunFolder
-from planview.trajectories.table import Trajectories, people_of, read_tracks, write_table
+from planview.trajectories.table import people_of, read_tracks, write_table
 
 EDITS = "edits.json"
 TRACKS_BEFORE = "tracks_before.csv"
@@ -42,11 +42,11 @@ class _EditsFile(BaseModel):
 
 
 class EditedRun(NamedTuple):
-    """The tracks and the number of people before and after, and the steps since ``tracks_before.csv``."""
+    """How many steps there are since ``tracks_before.csv``, and rows and people before and after the call."""
 
-    before: Trajectories
-    after: Trajectories
-    steps: list[EditStep]
+    steps: int
+    rows_before: int
+    rows: int
     people_before: int
     people: int
 
@@ -104,7 +104,7 @@ def _rewrite(folder: Path, steps: list[EditStep]) -> EditedRun:
     tracks, kept = folder / "tracks.csv", folder / TRACKS_BEFORE
     source = kept if kept.is_file() else tracks
     original, run = read_tracks(source), RunFolder(folder)
-    before = run.tracks
+    people_before, rows_before = len(run.people), len(run.tracks)
     after = edited(original, [line for step in steps for line in step.edits])
     if source is tracks:
         write_result(kept, tracks.read_text(encoding="utf-8"))
@@ -120,7 +120,7 @@ def _rewrite(folder: Path, steps: list[EditStep]) -> EditedRun:
     people = len(people_of(after, run.frame_s))
     write_run_info(run.info.model_copy(update={"people": people}), folder / "run.json")
     write_report(folder)
-    return EditedRun(before, after, steps, len(run.people), people)
+    return EditedRun(len(steps), rows_before, len(after), people_before, people)
 
 
 def refine_run(folder: Path) -> tuple[Refined, RunInfo]:

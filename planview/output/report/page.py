@@ -107,14 +107,14 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
 
 def _pictures(results: RunFolder) -> list[Picture]:
     pictures = []
-    places = plots.Places.of(results.tracks)
-    if len(places.frame):
+    placed = plots.placed(results.tracks)
+    if len(placed):
         note = "Each person from the dot to the square; thin where only predicted. Lines: metres."
         note += " Black: the truth." if results.truth is not None else ""
         pictures.append(picture("Floor", plots.floor_plot(results), note))
-    observed = places.observed()
+    observed = placed.where(placed.state != "lost")
     if len(observed):
-        png, longest = plots.heat_plot(observed, results)
+        png, longest = plots.heat_plot(np.column_stack([observed.x_m, observed.y_m]), results)
         note = f"Time that people spent in each cell of {plots.HEAT_CELL_M:.1f} m, on a logarithmic scale: yellow "
         note += f"{longest:.1f} s, dark blue a {plots.HEAT_RANGE:.0f}th of it."
         pictures.append(picture("Heat map", png, note, keep_colours=True))

@@ -33,17 +33,22 @@ COLOURS = (
 
 
 class Picture(NamedTuple):
-    """A PNG as a data URI; ``keep_colours``: its colours are a scale, which dark pages do not turn around."""
+    """A picture as a data URI; ``keep_colours``: its colours are a scale, which dark pages do not turn around;
+    ``is_strip``: several frames side by side."""
 
     title: str
     data: str
     note: str = ""
     keep_colours: bool = False
+    is_strip: bool = False
 
 
-def picture(title: str, png: bytes, note: str = "", *, keep_colours: bool = False) -> Picture:
-    """A PNG for a page."""
-    return Picture(title, "data:image/png;base64," + base64.b64encode(png).decode("ascii"), note, keep_colours)
+def picture(
+    title: str, data: bytes, note: str = "", *, keep_colours: bool = False, is_strip: bool = False, kind: str = "png"
+) -> Picture:
+    """A PNG or JPEG (``kind`` "jpeg") for a page."""
+    uri = f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
+    return Picture(title, uri, note, keep_colours, is_strip)
 
 
 def people_plot(tracks: Trajectories, times_s: F64, frames: I64) -> bytes:
@@ -125,34 +130,18 @@ HEAT_RANGE = 300.0
 """The scale of the heat map spans this factor: who stands for a minute does not hide who walks by."""
 
 
-class Places(NamedTuple):
-    """Where people were, columns of equal length, by person then frame: (N, 2) places [m], and which are predicted."""
+def placed(table: Trajectories) -> Trajectories:
+    """The rows with positions, without tentative ones, by person, then frame."""
+    rows = np.flatnonzero((table.state != "tentative") & np.isfinite(table.x_m) & np.isfinite(table.y_m))
+    return table.where(rows[np.lexsort((table.frame[rows], table.track_id[rows]))])
 
-    frame: I64
-    track_id: I64
-    xy_m: F64
-    is_lost: Bool
 
-    @staticmethod
-    def of(table: Trajectories) -> Places:
-        """Of rows with positions, without tentative ones."""
-        rows = np.flatnonzero((table.state != "tentative") & np.isfinite(table.x_m) & np.isfinite(table.y_m))
-        rows = rows[np.lexsort((table.frame[rows], table.track_id[rows]))]
-        xy = np.column_stack([table.x_m[rows], table.y_m[rows]])
-        return Places(table.frame[rows], table.track_id[rows], xy, np.asarray(table.state[rows] == "lost"))
-
-    def observed(self) -> F64:
-        """(K, 2) places that are not only predicted [m]."""
-        return self.xy_m[~self.is_lost]
-
-    def ways(self) -> list[slice]:
-        """Rows of one person in frames that follow each other, all observed or all predicted.
-
-        A way begins with the last row of the one before, where that leads to it.
-        """
-        first, last = stretches(self.track_id, self.frame, self.is_lost)
-        follows = (np.diff(self.track_id, prepend=-1) == 0) & (np.diff(self.frame, prepend=-1) == 1)
-        return list(map(slice, first - follows[first], last + 1))
+def _ways(rows: Trajectories) -> list[slice]:
+    """Rows of one person in frames that follow each other, all observed or all predicted, of rows by person, then
+    frame. A way begins with the last row of the one before, where that leads to it."""
+    first, last = stretches(rows.track_id, rows.frame, np.asarray(rows.state == "lost"))
+    follows = (np.diff(rows.track_id, prepend=-1) == 0) & (np.diff(rows.frame, prepend=-1) == 1)
+    return list(map(slice, first - follows[first], last + 1))
 
 
 def stretches(person: I64, frame: I64, value: I64 | Bool) -> tuple[I64, I64]:
@@ -164,17 +153,18 @@ def stretches(person: I64, frame: I64, value: I64 | Bool) -> tuple[I64, I64]:
 
 def floor_plot(run: RunFolder) -> bytes:
     """Tracks on the floor, thin where lost, over the truth in black, with the cameras, their views, and the rules."""
-    painter, tracks = _painter(run), Places.of(run.tracks)
-    truth = Places.of(run.truth) if run.truth is not None else None
+    painter, tracks = _painter(run), placed(run.tracks)
+    truth = placed(run.truth) if run.truth is not None else None
     picture = painter.paper.copy()
-    for places in (tracks,) if truth is None else (truth, tracks):
-        for way in places.ways():
-            colour = TRUTH if places is truth else person_rgb(int(places.track_id[way.stop - 1]))
-            width = 1 if places is truth or places.is_lost[way.stop - 1] else 2
-            cv2.polylines(picture, [painter.px(places.xy_m[way])], False, as_bgr(colour), width, cv2.LINE_AA)
+    for rows in (tracks,) if truth is None else (truth, tracks):
+        at = painter.px(np.column_stack([rows.x_m, rows.y_m]))
+        for way in _ways(rows):
+            colour = TRUTH if rows is truth else person_rgb(int(rows.track_id[way.stop - 1]))
+            width = 1 if rows is truth or rows.state[way.stop - 1] == "lost" else 2
+            cv2.polylines(picture, [at[way]], False, as_bgr(colour), width, cv2.LINE_AA)
     # A dot where each track begins, a square where it ends.
     ids, first, counts = np.unique(tracks.track_id, return_index=True, return_counts=True)
-    begin, end = painter.px(tracks.xy_m[first]), painter.px(tracks.xy_m[first + counts - 1])
+    begin, end = at[first], at[first + counts - 1]
     for track_id, dot, square in zip(ids.tolist(), begin, end, strict=True):
         colour = as_bgr(person_rgb(track_id))
         cv2.circle(picture, dot.tolist(), 4, colour, -1, cv2.LINE_AA)

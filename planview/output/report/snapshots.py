@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,6 +17,7 @@ from planview.drawing.image import ImageCamera, ImagePainter
 from planview.drawing.plan import Snapshot, snapshot_at
 from planview.drawing.style import Labels
 from planview.evaluation.significant import SignificantError
+from planview.output.report.plots import Picture, picture
 from planview.output.run_folder import RunFolder
 from planview.output.tables import reading_decisions
 from planview.tracking.base import ScoreTerms
@@ -75,18 +75,9 @@ ERRORS_MAX = 12
 """Pictures of errors at most, as of crossings: a page stays small enough for a phone."""
 STRIP_S = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Frames of a strip, around the beginning of an error [s]."""
-TILE_PX = 260
+TILE_PX, QUALITY = 260, 78
 SPREAD = 3
 """Pictures spread over the run besides the busiest frame."""
-
-
-class ScenePicture(NamedTuple):
-    """A JPEG as a data URI; ``is_strip``: several frames side by side."""
-
-    title: str
-    data: str
-    note: str
-    is_strip: bool = False
 
 
 class _Wanted(NamedTuple):
@@ -102,9 +93,9 @@ class _Wanted(NamedTuple):
 class ScenePictures(NamedTuple):
     """The pictures, or why there are none."""
 
-    overview: list[ScenePicture]
-    errors: list[ScenePicture]
-    crossings: list[ScenePicture]
+    overview: list[Picture]
+    errors: list[Picture]
+    crossings: list[Picture]
     why_none: str = ""
 
 
@@ -169,7 +160,7 @@ def _when(results: RunFolder, frame: int) -> str:
     return f"frame {frame}, {float(results.clock.at(np.array([frame]))[0]):.1f} s"
 
 
-def _paint(results: RunFolder, frames: SceneFrames, wanted: Sequence[_Wanted]) -> list[ScenePicture | None]:
+def _paint(results: RunFolder, frames: SceneFrames, wanted: Sequence[_Wanted]) -> list[Picture | None]:
     """Read every frame once, in order; a picture whose frames cannot be read is None."""
     painter = ImagePainter(frames.camera, results.rules, results.bounds())
     tiles: dict[tuple[int, int], U8] = {}
@@ -187,19 +178,20 @@ def _paint(results: RunFolder, frames: SceneFrames, wanted: Sequence[_Wanted]) -
     return [_picture(want, [tiles.get((n, frame)) for frame in want.frames]) for n, want in enumerate(wanted)]
 
 
-def _picture(want: _Wanted, tiles: Sequence[U8 | None]) -> ScenePicture | None:
+def _picture(want: _Wanted, tiles: Sequence[U8 | None]) -> Picture | None:
     known = [tile for tile in tiles if tile is not None]
     if not known:
         return None
     if want.focus is None:
-        return ScenePicture(want.title, _jpeg(known[0]), want.note)
+        return picture(want.title, encode_image(known[0], quality=QUALITY), want.note, kind="jpeg")
     gap = np.full((TILE_PX, 4, 3), 128, dtype=np.uint8)
     row = []
     for tile, time_s in zip(tiles, want.times_s, strict=True):
         shown = np.full((TILE_PX, TILE_PX, 3), 128, dtype=np.uint8) if tile is None else tile
         Labels(shown).put(f"{time_s:+.1f} s" if time_s else "0 s", (0, TILE_PX), (30, 30, 30))
         row += [shown, gap]
-    return ScenePicture(want.title, _jpeg(np.hstack(row[:-1])), want.note, is_strip=True)
+    strip = encode_image(np.hstack(row[:-1]), quality=QUALITY)
+    return picture(want.title, strip, want.note, is_strip=True, kind="jpeg")
 
 
 def _place(snapshot: Snapshot, focus: tuple[int | None, int | None], camera: ImageCamera | None) -> F64 | None:
@@ -225,7 +217,3 @@ def _crop(picture: U8, place: F64 | None, scale: float) -> U8:
     left, top = int(np.clip(x - side / 2, 0, width - side)), int(np.clip(y - side / 2, 0, height - side))
     part = picture[top : top + side, left : left + side]
     return np.asarray(cv2.resize(part, (TILE_PX, TILE_PX), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-def _jpeg(picture: U8) -> str:
-    return "data:image/jpeg;base64," + base64.b64encode(encode_image(picture, quality=78)).decode("ascii")
