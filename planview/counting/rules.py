@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import shapely
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 
 from calib.errors import InputError
 from calib.formats import load_rig
@@ -216,9 +216,7 @@ class Queue(_NamedRule):
     is crossed in 3 s at walking pace."""
 
 
-class _File(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
+class _File(Params):
     tripwire: list[Tripwire] = Field(default_factory=list, max_length=MAX_RULES)
     zone: list[Zone] = Field(default_factory=list, max_length=MAX_RULES)
     queue: list[Queue] = Field(default_factory=list, max_length=MAX_RULES)

@@ -7,7 +7,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -185,39 +185,33 @@ def write_still(composer: SceneComposer, frames: SceneFrames | None, frame: int,
 _BATCH = 16
 
 
-class SceneImage(NamedTuple):
-    """A frame's image: (H, W[, 3]) uint8 BGR, in whose pixels the boxes of tracks.csv are."""
-
-    frame: int
-    image: U8
-
-
 class SceneFrames:
-    """Images of a recording, of several rigs those of the first; ``camera`` is None where it is not calibrated."""
+    """Images of a recording, of several rigs those of the first, as frame and (H, W[, 3]) uint8 BGR, in whose pixels
+    the boxes of tracks.csv are; ``camera`` is None where it is not calibrated."""
 
     def __init__(self, recording: Any, camera: ImageCamera | None, image_of: Callable[[Any], U8]) -> None:
         self.camera = camera
         self._recording, self._image_of = recording, image_of
 
-    def at(self, frames: Sequence[int]) -> Iterator[SceneImage]:
+    def at(self, frames: Sequence[int]) -> Iterator[tuple[int, U8]]:
         """The images of ascending frames, as far as they can be read."""
         if isinstance(self._recording, MultiRigRecording):
             # Recordings of several rigs are read from their beginning; pictures show no later ones.
             wanted = {frame for frame in frames if frame < 5000}
-            yield from (image for image in self.through(0, max(wanted, default=-1)) if image.frame in wanted)
+            yield from (image for image in self.through(0, max(wanted, default=-1)) if image[0] in wanted)
             return
         for start in range(0, len(frames), _BATCH):
             for frame in self._recording.at(frames[start : start + _BATCH]):
-                yield SceneImage(frame.index, self._image_of(frame))
+                yield frame.index, self._image_of(frame)
 
-    def through(self, first: int, last: int) -> Iterator[SceneImage]:
+    def through(self, first: int, last: int) -> Iterator[tuple[int, U8]]:
         """All images from one frame to another, both included."""
         for moment in self._recording if last >= 0 else ():
             frame = moment.frames[0] if isinstance(self._recording, MultiRigRecording) else moment
             if moment.index > last:
                 return
             if moment.index >= first and frame is not None:
-                yield SceneImage(moment.index, self._image_of(frame))
+                yield moment.index, self._image_of(frame)
 
 
 def open_frames(run: RunFolder) -> SceneFrames:
