@@ -218,8 +218,6 @@ def prefetch(
 
 
 DecodedPair = tuple[Decoded, Decoded]
-PairsOf = Callable[[Sequence[int] | None], Generator[DecodedPair, None, None]]
-"""Decodes the pairs of these ascending indices, or all."""
 
 
 @dataclass(eq=False, repr=False)

@@ -48,12 +48,8 @@ def rms(errors: Iterable[F64]) -> float:
     return float(np.sqrt((stacked**2).sum(axis=1).mean())) if len(stacked) else math.nan
 
 
-def coefficient_names(camera: Camera) -> tuple[str, ...]:
-    """Names of the distortion coefficients in their order."""
-    if camera.model == "fisheye":
-        return ("k1", "k2", "k3", "k4")
-    order = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tx", "ty")
-    return order[: len(camera.coefficients)]
+_POLYNOMIAL = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tx", "ty")
+"""Names of OpenCV's coefficients in their order."""
 
 
 def rig_parameters(rig: StereoRig) -> dict[str, float]:
@@ -62,7 +58,8 @@ def rig_parameters(rig: StereoRig) -> dict[str, float]:
     for side, camera in (("left", rig.left), ("right", rig.right)):
         for name in ("fx", "fy", "cx", "cy"):
             values[f"{side} {name}"] = float(getattr(camera, name))
-        named = zip(coefficient_names(camera), camera.coefficients, strict=True)
+        names = ("k1", "k2", "k3", "k4") if camera.model == "fisheye" else _POLYNOMIAL
+        named = zip(names, camera.coefficients, strict=False)
         values |= {f"{side} {name}": float(value) for name, value in named}
     pose = rig.right_SE3_left
     for what, vector in (("rotation", pose.rotvec), ("translation", pose.translation)):

@@ -197,22 +197,19 @@ def fit_plane(points: Rays, q: F64) -> Plane | None:
         q = solved
         if done:
             break
-    return Plane(q, scale, _cluster_covariance(points, weights, q))
-
-
-def _cluster_covariance(points: Rays, weights: F64, q: F64, parts: int = 6) -> F64:
-    """Sandwich estimate with the view cut into parts x parts clusters: neighbouring disparities share a matching window
-    and sub-pixel bias, clusters large compared with the window do not (Liang and Zeger 1986)."""
     used = weights > 0
-    w = weights[used] / points.sigma[used] ** 2
-    rays = points.rays[used]
+    w, rays = weights[used] / points.sigma[used] ** 2, points.rays[used]
     scores = rays * (w * (points.inverse[used] - rays @ q))[:, None]
-    return sandwich(np.asarray(np.linalg.pinv((rays * w[:, None]).T @ rays)), scores, rays[:, :2], parts)
+    return Plane(q, scale, sandwich(np.asarray(np.linalg.pinv((rays * w[:, None]).T @ rays)), scores, rays[:, :2]))
 
 
 def sandwich(inverse_information: F64, scores: F64, places: F64, parts: int = 6) -> F64:
     """(k, k) covariance of an estimate whose errors are alike within parts of the view, from (N, k)
-    gradients of the points' halved squared residuals at (N, 2) places."""
+    gradients of the points' halved squared residuals at (N, 2) places.
+
+    The view is cut into parts x parts clusters: neighbouring disparities share a matching window and sub-pixel bias,
+    clusters large compared with the window do not (Liang and Zeger 1986).
+    """
     low, high = places.min(axis=0), places.max(axis=0)
     cell = np.clip((places - low) * (parts / np.maximum(high - low, 1e-9)), 0, parts - 1).astype(np.int64)
     index = cell[:, 0] * parts + cell[:, 1]

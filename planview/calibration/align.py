@@ -298,7 +298,7 @@ def after(before: RigAlignment, nearer: RigAlignment) -> RigAlignment:
 def align_records(records: Sequence[RigRecord], params: AlignParams | None = None) -> list[RigAlignment]:
     """Alignments of all rigs but the first to the first: a rig is laid over every rig that has its place already, and
     takes the most certain result. Raises WorkError: people do not determine where a rig is; it is named."""
-    placed: dict[int, RigAlignment | None] = {0: None}
+    placed = {0: RigAlignment(0.0, 0.0, 0.0, 0.0)}
     waiting = list(range(1, len(records)))
     while waiting:
         reasons: dict[int, WorkError] = {}
@@ -310,23 +310,22 @@ def align_records(records: Sequence[RigRecord], params: AlignParams | None = Non
                 except WorkError as error:
                     reasons[k] = error
                     continue
-                found.append(after(before, nearer) if before else nearer)
+                found.append(after(before, nearer))
             if found:
                 placed[k] = min(found, key=lambda a: a.position_std_m)
         if not set(waiting) & placed.keys():
             k = waiting[0]
             raise WorkError(f"{records[k].path}: {reasons[k]}") from reasons[k]
         waiting = [k for k in waiting if k not in placed]
-    return [alignment for k in range(1, len(records)) if (alignment := placed[k]) is not None]
+    return [placed[k] for k in range(1, len(records))]
 
 
 def rig_entries(records: Sequence[RigRecord], alignments: Sequence[RigAlignment], folder: Path) -> list[RigEntry]:
     """The rigs as ``rigs.toml`` in a folder lists them. Raises InputError: a rig that is not inside the folder."""
-    entries = [RigEntry(relative_to(records[0].path, folder), records[0].world_SE3_left)]
-    for record, alignment in zip(records[1:], alignments, strict=True):
-        common_SE3_own = SE3.from_rotvec([0.0, 0.0, alignment.heading_rad], [alignment.x_m, alignment.y_m, 0.0])
-        pose = common_SE3_own @ record.world_SE3_left
-        entries.append(RigEntry(relative_to(record.path, folder), pose, alignment.clock_s))
+    entries = []
+    for record, a in zip(records, [RigAlignment(0.0, 0.0, 0.0, 0.0), *alignments], strict=True):
+        common_SE3_own = SE3.from_rotvec([0.0, 0.0, a.heading_rad], [a.x_m, a.y_m, 0.0])
+        entries.append(RigEntry(relative_to(record.path, folder), common_SE3_own @ record.world_SE3_left, a.clock_s))
     return entries
 
 

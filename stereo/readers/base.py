@@ -29,7 +29,6 @@ from stereo.recording import (
     FrameClock,
     LiveRecording,
     OpenOptions,
-    PairsOf,
     RgbdRecording,
     StereoRecording,
     assumed_clock,
@@ -130,7 +129,7 @@ class Reader:
 
 def stereo_layout(
     path: Path,
-    pairs: PairsOf,
+    pairs: Callable[[Sequence[int] | None], Generator[DecodedPair, None, None]],
     streams: tuple[Stream, ...],
     n_frames: int,
     clock: FrameClock,
@@ -141,7 +140,8 @@ def stereo_layout(
     folder: Path | None = None,
     live_waits: bool | None = None,
 ) -> Layout:
-    """Two cameras whose frames are paired; world.toml lies in the folder, or at the path."""
+    """Two cameras whose frames are paired (``pairs`` decodes those of ascending indices, or all); world.toml lies in
+    the folder, or at the path."""
     remarks = (*clock.notes, *notes)
 
     def opened() -> StereoRecording:

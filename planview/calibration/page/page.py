@@ -111,7 +111,13 @@ class SidePanel:
                 if numbers:
                     ui.label(title).classes("text-caption")
                 for number in numbers:
-                    self._add_person(number, number in odd)
+                    sample, errors = session.samples[number], found.sample_errors if found else ()
+                    error = f", error {errors[number]:.2f}" if number < len(errors) else ""
+                    chosen = session.tool == "select" and session.selected and session.selected.number == number
+                    colour = "negative" if number in odd else "primary" if chosen else "grey-8"
+                    show = partial(self._page.show_sample, number)
+                    button = ui.button(f"{number + 1}: frame {sample.frame}{error}", on_click=show)
+                    button.props(f"dense flat no-caps color={colour}")
             first = {s.frame: i for i, s in reversed(list(enumerate(session.samples)))}
             others = [frame for frame in sorted(first) if frame != session.indices[session.shown]]
             if others:
@@ -120,15 +126,6 @@ class SidePanel:
                     for frame in others:
                         go = partial(self._page.show_sample, first[frame])
                         ui.button(str(frame), on_click=go).props("dense flat no-caps color=grey-8")
-
-    def _add_person(self, number: int, odd: bool) -> None:
-        session, found = self._session, self._session.solution.found
-        errors = found.sample_errors if found else ()
-        error = f", error {errors[number]:.2f}" if number < len(errors) else ""
-        text = f"{number + 1}: frame {session.samples[number].frame}{error}"
-        chosen = session.selected is not None and session.selected.number == number and session.tool == "select"
-        colour = "negative" if odd else "primary" if chosen else "grey-8"
-        ui.button(text, on_click=lambda: self._page.show_sample(number)).props(f"dense flat no-caps color={colour}")
 
     def _on_everywhere(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self.everywhere = bool(event.value)
