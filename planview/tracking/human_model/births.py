@@ -7,10 +7,9 @@ import math
 import cv2
 import numpy as np
 
-from calib.types import F32, F64, I32
+from calib.types import F32, F64, I32, I64
 from planview.maps.pixels import BACKGROUND_SEEN
 from planview.tracking import body
-from planview.tracking.human_model._kernels import TILE_PX, hull_scores, promising
 from planview.tracking.human_model.explanation import PATCH_PX, MaskExplanation
 from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.params import HumanModelParams
@@ -49,37 +48,39 @@ class FloorPlaces:
         corners = np.concatenate([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]], axis=1)
         self.boxes: I32 = np.clip(np.rint(corners), 0, limits).astype(np.int32)
         self.bands: I32 = np.clip(np.rint(_bands(model_map.hull_px[keep])), 0, limits).astype(np.int32)
+        self._around: I32 = np.concatenate([self.bands[..., :2].min(axis=1), self.bands[..., 2:].max(axis=1)], axis=1)
         # Depth along the optical axis of the middle of the body [m].
         drop = camera.height_m - 0.5 * model_map.model.height_m
         depth = self.floor_m[:, 1] * math.sin(camera.tilt_rad) + drop * math.cos(camera.tilt_rad)
         patch_px = np.maximum(camera.focal_px * patch_m / depth, PATCH_PX)
         self.scale: F32 = (1.0 / patch_px**2).astype(np.float32)
 
-    def scores(self, frame: MaskExplanation, people: People, owned: Owned, least: float) -> tuple[I32, F32]:
+    def scores(self, frame: MaskExplanation, people: People, owned: Owned, least: float) -> tuple[I64, F64]:
         """Places where one more person would gain at least so much, and what, about [log-odds of pixels].
 
         Args:
             owned: the foreground, as ``people`` own it.
         """
-        residual, (rows, cols), side = frame.residual(owned), frame.kind.shape, TILE_PX
-        tiles = np.pad(residual, ((0, -rows % side), (0, -cols % side)))
-        tiles = tiles.reshape(-(-rows // side), side, -(-cols // side), side).sum(axis=(1, 3))
-        found = np.empty(len(self.scale), np.int32)
-        wanted = np.zeros(tiles.shape, np.bool_)
-        n = promising(_integral(tiles), self.bands, self.scale, least, found, wanted)
-        scores = np.empty(n, np.float32)
-        if n:
-            near = wanted.repeat(side, 0)[:rows].repeat(side, 1)[:, :cols]
+        residual = frame.residual(owned)
+        # Background only takes away from what foreground gains.
+        found = np.flatnonzero(self.scale * _sums(residual, self._around) >= least)
+        if len(found):
+            low, high = self._around[found, :2].min(axis=0), self._around[found, 2:].max(axis=0)
+            near = np.zeros(frame.kind.shape, np.bool_)
+            near[low[1] : high[1], low[0] : high[0]] = True
             seen = np.flatnonzero(near & (frame.kind == BACKGROUND_SEEN))
-            hull_scores(
-                _integral(residual + frame.residual(frame.owned(0, people, seen))), self.bands, found[:n], scores
-            )
-        good = scores * self.scale[found[:n]] >= least
-        return found[:n][good], scores[good]
+            residual = residual + frame.residual(frame.owned(0, people, seen))
+        scores = _sums(residual, self.bands[found]).sum(axis=1)
+        good = scores * self.scale[found] >= least
+        return found[good], scores[good]
 
 
-def _integral(image: F32 | F64) -> F64:
-    return np.asarray(cv2.integral(image, sdepth=cv2.CV_64F), dtype=np.float64)
+def _sums(image: F32, boxes: I32) -> F64:
+    """(...) sums of an image (H, W) in boxes (..., 4) left, top, right, bottom."""
+    left, top, right, bottom = np.moveaxis(boxes, -1, 0)
+    total = np.asarray(cv2.integral(image, sdepth=cv2.CV_64F), dtype=np.float64)
+    sums = total[bottom, right] - total[top, right] - total[bottom, left] + total[top, left]
+    return np.where((right > left) & (bottom > top), sums, 0.0)
 
 
 def _bands(hull_px: F32) -> F64:

@@ -76,21 +76,12 @@ class HumanModelMap:
             (...) int32, -1 where no person is possible.
         """
         uv = np.asarray(pixels, dtype=np.float64)
-        if uv.ndim == 1:
-            return self._entry_at_one(*uv.tolist())
         known = np.where(np.isfinite(uv), uv, -1e6)
         grid = np.rint((known - self.origin_px) / self.params.step_px).astype(np.int64)
         col, row = grid[..., 0], grid[..., 1]
         inside = (row >= 0) & (row < self.index.shape[0]) & (col >= 0) & (col < self.index.shape[1])
         entry = self.index[np.where(inside, row, 0), np.where(inside, col, 0)]
         return np.where(inside, entry, -1).astype(np.int32)
-
-    def _entry_at_one(self, u: float, v: float) -> I32:
-        """``entry_at`` of one pixel, for which arrays cost more than the sums."""
-        rows, cols = self.index.shape
-        col, row = ((x - o) / self.params.step_px for x, o in zip((u, v), self.origin_px, strict=True))
-        inside = -0.5 <= row <= rows - 0.5 and -0.5 <= col <= cols - 0.5
-        return np.array(self.index[round(row), round(col)] if inside else -1, np.int32)
 
     def boxes(self) -> F32:
         """(N, 4) float32 left, top, width, height [px] of the entries' hulls."""

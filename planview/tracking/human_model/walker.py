@@ -96,42 +96,18 @@ def matches(hulls: Sequence[F64 | None], surface: U8) -> list[ModelMatch]:
         return []
     # Statistics of all regions take eight times as long as the regions.
     n, labels = cv2.connectedComponents((surface > 0).view(np.uint8), connectivity=8)
-    cover = np.zeros(surface.shape, np.uint8)
-    outlines: list[tuple[slice, slice, U8] | None] = []
-    for hull in hulls:
-        outlines.append(None)
-        if hull is None or not np.isfinite(hull).all():
-            continue
-        points = np.rint(hull).astype(np.int32)
-        left, top, width, height = cv2.boundingRect(points)
-        right, bottom = min(left + width, surface.shape[1]), min(top + height, surface.shape[0])
-        left, top = max(left, 0), max(top, 0)
-        if left >= right or top >= bottom:
-            continue
-        part = np.zeros((bottom - top, right - left), np.uint8)
-        cv2.fillConvexPoly(part, points - np.array([left, top], np.int32), 1)
-        rows, cols = slice(top, bottom), slice(left, right)
-        cover[rows, cols] += part
-        outlines[-1] = rows, cols, part
-    pixels = np.flatnonzero(surface)
-    on = labels.reshape(-1)[pixels]
-    areas, shared = np.bincount(on, minlength=n), np.bincount(on[cover.reshape(-1)[pixels] > 1], minlength=n)
+    masks = np.zeros((len(hulls), *surface.shape), np.uint8)
+    for mask, hull in zip(masks, hulls, strict=True):
+        if hull is not None and np.isfinite(hull).all():
+            cv2.fillConvexPoly(mask, np.rint(hull).astype(np.int32), 1)
+    areas = np.bincount(labels.reshape(-1), minlength=n)
+    shared = np.bincount(labels[masks.sum(axis=0, dtype=np.uint8) > 1], minlength=n)
     scores = []
-    for entry in outlines:
-        if entry is None:
-            scores.append(ModelMatch())
-            continue
-        rows, cols, part = entry
-        on = labels[rows, cols][part > 0]
-        inner = np.bincount(on, minlength=n)[1:]
-        total = int(inner.sum())
-        touched = np.flatnonzero(inner > 0.1 * total) + 1
-        blob = max(1, int(areas[touched].sum()))
-        scores.append(
-            ModelMatch(
-                float(inner[touched - 1].sum()) / blob,
-                total / max(1, len(on)),
-                float(shared[touched].sum()) / blob,
-            )
-        )
+    for mask in masks:
+        own = np.bincount(labels[mask > 0], minlength=n)
+        inner = own[1:].sum()
+        touched = np.flatnonzero(own[1:] > 0.1 * inner) + 1
+        blob = max(1, areas[touched].sum())
+        parts = own[touched].sum() / blob, inner / max(1, own.sum()), shared[touched].sum() / blob
+        scores.append(ModelMatch(*map(float, parts)))
     return scores
