@@ -15,7 +15,7 @@ from calib.params import Params
 from calib.types import F64, U8
 from planview.tracking import body
 from planview.tracking.base import Decision, Observation, TrackerDebug
-from planview.tracking.kalman import FloorKalman, PositionNoise
+from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import Existence, LifeCycle
 from planview.trajectories.boxes import Detections
 from planview.trajectories.state import TrackState
@@ -245,8 +245,7 @@ class DetectionTracker:
     def _found(self, q: Detected, box: F64, pose: F64, covariance: F64, looks: float, gain: float) -> None:
         p = self.params
         fresh = max(looks, 1e-3)
-        noise = _floor_noise(covariance).scaled(fresh**-0.5)
-        q.kalman = q.kalman.corrected(float(pose[0]), float(pose[1]), noise)
+        q.kalman = q.kalman.corrected(pose[:2], covariance[:2, :2] / fresh)
         share = q.height_var / (q.height_var + float(covariance[2, 2]) / fresh)
         q.height_m, q.height_var = q.height_m + share * (float(pose[2]) - q.height_m), (1 - share) * q.height_var
         q.box, q.foot = box[:4].copy(), self._foot(q.kalman)
@@ -274,7 +273,7 @@ class DetectionTracker:
         return _common(box, other) / float(box[2] * box[3])
 
     def _meet(self, box: F64, pose: F64, covariance: F64, worth: float) -> None:
-        kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), _floor_noise(covariance), body.SPEED_MAX_MPS / 2)
+        kalman = FloorKalman.measured(pose[:2], covariance[:2, :2], body.SPEED_MAX_MPS / 2)
         odds = math.log(NEW / (1 - NEW)) + worth
         who = self._cycle.spawn(f"a box that shows nobody known, {pose[2]:.2f} m tall", odds)
         height_m, height_var = float(pose[2]), float(covariance[2, 2])
@@ -286,10 +285,6 @@ class DetectionTracker:
             return TrackState(q.who.track_id, q.who.state, box_px=box)  # type: ignore[arg-type]
         place = k.x_m, k.y_m, k.vx_mps, k.vy_mps
         return TrackState(q.who.track_id, q.who.state, *place, q.height_m, box)  # type: ignore[arg-type]
-
-
-def _floor_noise(covariance: F64) -> PositionNoise:
-    return PositionNoise(float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1]))
 
 
 def _common(a: F64, b: F64) -> float:

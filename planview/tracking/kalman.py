@@ -10,28 +10,6 @@ import numpy as np
 from calib.types import F64
 
 
-class PositionNoise(NamedTuple):
-    """Covariance of a measured floor position [m^2]: along x, between x and y, along y."""
-
-    xx: float
-    xy: float
-    yy: float
-
-    @staticmethod
-    def isotropic(std_m: float) -> PositionNoise:
-        """The same deviation [m] in every direction."""
-        return PositionNoise(std_m**2, 0.0, std_m**2)
-
-    def scaled(self, factor: float) -> PositionNoise:
-        """With all deviations multiplied by a factor."""
-        return PositionNoise(factor**2 * self.xx, factor**2 * self.xy, factor**2 * self.yy)
-
-    @property
-    def matrix(self) -> F64:
-        """(2, 2)."""
-        return np.array([[self.xx, self.xy], [self.xy, self.yy]])
-
-
 class FloorKalman(NamedTuple):
     """Position and velocity of one person.
 
@@ -46,14 +24,14 @@ class FloorKalman(NamedTuple):
     @staticmethod
     def at(x_m: float, y_m: float, position_std_m: float, speed_std_mps: float) -> FloorKalman:
         """Standing at a place; how fast it will move is unknown."""
-        return FloorKalman.measured(x_m, y_m, PositionNoise.isotropic(position_std_m), speed_std_mps)
+        return FloorKalman.measured(np.array([x_m, y_m]), position_std_m**2 * np.eye(2), speed_std_mps)
 
     @staticmethod
-    def measured(x_m: float, y_m: float, noise: PositionNoise, speed_std_mps: float) -> FloorKalman:
-        """As ``at``, with a measured position's covariance."""
+    def measured(xy_m: F64, noise: F64, speed_std_mps: float) -> FloorKalman:
+        """As ``at``, with a measured position (2,) [m] and its covariance (2, 2) [m^2]."""
         covariance = np.diag([0.0, 0.0, speed_std_mps**2, speed_std_mps**2])
-        covariance[:2, :2] = noise.matrix
-        return FloorKalman(np.array([x_m, y_m, 0.0, 0.0]), covariance)
+        covariance[:2, :2] = noise
+        return FloorKalman(np.array([*xy_m, 0.0, 0.0]), covariance)
 
     @property
     def x_m(self) -> float:
@@ -97,23 +75,22 @@ class FloorKalman(NamedTuple):
 
     def updated(self, x_m: float, y_m: float, position_std_m: float) -> FloorKalman:
         """With a measured position."""
-        return self.corrected(x_m, y_m, PositionNoise.isotropic(position_std_m))
+        return self.corrected(np.array([x_m, y_m]), position_std_m**2 * np.eye(2))
 
-    def corrected(self, x_m: float, y_m: float, noise: PositionNoise) -> FloorKalman:
-        """With a measured position and its covariance."""
-        innovation = self.covariance[:2, :2] + noise.matrix
+    def corrected(self, xy_m: F64, noise: F64) -> FloorKalman:
+        """With a measured position (2,) [m] and its covariance (2, 2) [m^2]."""
+        innovation = self.covariance[:2, :2] + noise
         gain = np.linalg.solve(innovation, self.covariance[:2]).T
         covariance = self.covariance - gain @ innovation @ gain.T
-        return FloorKalman(self.mean + gain @ (np.array([x_m, y_m]) - self.mean[:2]), 0.5 * (covariance + covariance.T))
+        return FloorKalman(self.mean + gain @ (xy_m - self.mean[:2]), 0.5 * (covariance + covariance.T))
 
-    def found_at(self, x_m: float, y_m: float, noise: PositionNoise, fastest_mps: float) -> FloorKalman:
+    def found_at(self, xy_m: F64, noise: F64, fastest_mps: float) -> FloorKalman:
         """After a search for the likeliest position that has seen this prediction, no faster than people are.
 
         The search's place is that of the posterior: the measurement is what makes it so.
         """
-        found = np.array([x_m, y_m])
-        measured = found + noise.matrix @ np.linalg.solve(self.covariance[:2, :2], found - self.mean[:2])
-        mean, covariance = self.corrected(float(measured[0]), float(measured[1]), noise)
+        measured = xy_m + noise @ np.linalg.solve(self.covariance[:2, :2], xy_m - self.mean[:2])
+        mean, covariance = self.corrected(measured, noise)
         mean[2:] *= min(1.0, fastest_mps / max(float(np.hypot(mean[2], mean[3])), 1e-6))
         return FloorKalman(mean, covariance)
 

@@ -14,7 +14,6 @@ from planview.maps.pixels import SURFACE, PixelRays, SeenPixels
 from planview.tracking import body
 from planview.tracking.joint import _kernels as kernels
 from planview.tracking.joint.params import JointParams
-from planview.tracking.kalman import PositionNoise
 
 OUTLIERS = 0.08
 """Share of a body's disparities that are wrong."""
@@ -284,12 +283,14 @@ class Samples:
         mine, total = kernels.visible(pose, float(tall[0]), self.arrays, self._of.table, self._of.model)
         return float(mine), float(total)
 
-    def noise(self, pose: F64, curvature: F64) -> tuple[PositionNoise, float]:
-        """Covariance of the place and information on the height [1/m^2], from the curvature of Lam."""
+    def noise(self, pose: F64, curvature: F64) -> tuple[F64, float]:
+        """Covariance (2, 2) of the place [m^2] and information on the height [1/m^2], from the curvature of Lam."""
         s, (x, y, _) = self.arrays, pose.tolist()
         ax, ay = (x - float(s.cx[0]), y - float(s.cy[0])) if s.size[0] else (1.0, 0.0)
         norm = max(math.hypot(ax, ay), 1e-6)
         ax, ay = ax / norm, ay / norm
         va, vc = (max(1.0 / max(b, 5.0), PLACE_STD_MIN_M**2) for b in curvature[:2].tolist())
-        place = PositionNoise(va * ax * ax + vc * ay * ay, (va - vc) * ax * ay, va * ay * ay + vc * ax * ax)
-        return place, max(float(curvature[2]), 0.0)
+        xy = (va - vc) * ax * ay
+        return np.array([[va * ax * ax + vc * ay * ay, xy], [xy, va * ay * ay + vc * ax * ax]]), max(
+            float(curvature[2]), 0.0
+        )

@@ -16,7 +16,7 @@ from planview.maps.pixels import SeenPixels
 from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M
 from planview.tracking.joint._kernels import LEGS_TO, PARTS, TORSO_TO
 from planview.tracking.joint.explanation import People
-from planview.tracking.kalman import FloorKalman, PositionNoise
+from planview.tracking.kalman import FloorKalman
 
 SMOOTHING = smoothing()
 SPEED_STD_MPS = 1.0
@@ -96,9 +96,9 @@ class Person:
     counted: dict[tuple[float, ...], U8] = field(default_factory=dict)
 
     @classmethod
-    def born(cls, pose: F64, noise: PositionNoise, up: float, log_odds: float, now_s: float) -> Self:
+    def born(cls, pose: F64, noise: F64, up: float, log_odds: float, now_s: float) -> Self:
         """A newcomer without id at a pose, with what was measured there (``Samples.noise``)."""
-        kalman = FloorKalman.measured(float(pose[0]), float(pose[1]), noise, SPEED_STD_MPS)
+        kalman = FloorKalman.measured(pose[:2], noise, SPEED_STD_MPS)
         at_m = kalman.x_m, kalman.y_m
         height_var = 1.0 / (1.0 / HEIGHT_STD_M**2 + up)
         return cls(0, kalman, float(pose[2]), log_odds, now_s, height_var, born_s=now_s, born_m=at_m, origin_m=at_m)

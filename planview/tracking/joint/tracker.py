@@ -100,10 +100,9 @@ class ExplainingTracker(Generic[P, Q]):
         if person.share < self.params.visible_min:
             return
         noise, up = s.noise(pose, curvature)
-        x, y, h = pose
-        person.kalman = person.kalman.found_at(x, y, noise, body.SPEED_MAX_MPS)
+        person.kalman = person.kalman.found_at(pose[:2], noise, body.SPEED_MAX_MPS)
         information = 1.0 / person.height_var + up * min(1.0, dt / self.params.errors_s)
-        person.height_m, person.height_var = float(h), 1.0 / information
+        person.height_m, person.height_var = float(pose[2]), 1.0 / information
         person.seen_s = self._log.now_s
 
     def _weigh(self, person: P, dt: float, away_s: float) -> None:

@@ -11,7 +11,7 @@ from calib.errors import InputError
 from calib.types import F64
 from planview.tracking.base import Observation
 from planview.tracking.detections import DetectionParams, DetectionTracker
-from planview.tracking.kalman import FloorKalman, PositionNoise
+from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import LifeCycle
 from planview.trajectories.boxes import Detections, load_detections
 from planview.trajectories.state import TrackState
@@ -19,7 +19,7 @@ from tests.human_model_world import CAMERA
 
 
 def test_correlated_noise_gives_the_matrix_equations() -> None:
-    kalman = FloorKalman.measured(0.0, 0.0, PositionNoise(0.04, 0.01, 0.09), 1.5)
+    kalman = FloorKalman.measured(np.zeros(2), np.array([[0.04, 0.01], [0.01, 0.09]]), 1.5)
     state, covariance = np.zeros(4), np.diag([0.04, 0.09, 2.25, 2.25])
     covariance[0, 1] = covariance[1, 0] = 0.01
     dt, noise = 0.1, np.array([[0.05, -0.02], [-0.02, 0.03]])
@@ -30,16 +30,15 @@ def test_correlated_noise_gives_the_matrix_equations() -> None:
         state, covariance = forward @ state, forward @ covariance @ forward.T + 4.0 * push @ push.T
         gain = covariance[:, :2] @ np.linalg.inv(covariance[:2, :2] + noise)
         state, covariance = state + gain @ (measured - state[:2]), covariance - gain @ covariance[:2]
-        kalman = kalman.predicted(dt, 2.0).corrected(*measured, PositionNoise(0.05, -0.02, 0.03))
+        kalman = kalman.predicted(dt, 2.0).corrected(measured, noise)
     np.testing.assert_allclose(kalman.mean, state, atol=1e-12)
     np.testing.assert_allclose(kalman.covariance, covariance, atol=1e-12)
 
 
-def test_certain_direction_follows_the_measurement_and_noise_is_scaled_by_its_deviations():
-    kalman = FloorKalman.measured(0.0, 0.0, PositionNoise(1.0, 0.0, 1.0), 0.0)
-    found = kalman.corrected(1.0, 1.0, PositionNoise(1e-9, 0.0, 1e9))
+def test_certain_direction_follows_the_measurement():
+    kalman = FloorKalman.measured(np.zeros(2), np.eye(2), 0.0)
+    found = kalman.corrected(np.ones(2), np.diag([1e-9, 1e9]))
     assert (found.x_m, found.y_m) == pytest.approx((1.0, 0.0), abs=1e-6)
-    assert PositionNoise(1.0, 0.5, 4.0).scaled(2.0) == (4.0, 2.0, 16.0)
 
 
 def test_kalman_learns_a_constant_velocity_and_grows_uncertain_without_measurements():
@@ -53,12 +52,12 @@ def test_kalman_learns_a_constant_velocity_and_grows_uncertain_without_measureme
 
 
 def test_the_place_that_a_search_found_is_that_of_the_posterior() -> None:
-    noise = PositionNoise(0.05, -0.02, 0.03)
-    kalman = FloorKalman.measured(1.0, 2.0, PositionNoise(0.04, 0.01, 0.02), 1.0).predicted(0.1, 2.0)
-    measured = kalman.corrected(1.2, 1.9, noise)
-    found = kalman.found_at(measured.x_m, measured.y_m, noise, 2.5)
+    noise, start = np.array([[0.05, -0.02], [-0.02, 0.03]]), np.array([[0.04, 0.01], [0.01, 0.02]])
+    kalman = FloorKalman.measured(np.array([1.0, 2.0]), start, 1.0).predicted(0.1, 2.0)
+    measured = kalman.corrected(np.array([1.2, 1.9]), noise)
+    found = kalman.found_at(measured.mean[:2], noise, 2.5)
     np.testing.assert_allclose(found.mean, measured.mean)
-    fast = kalman.found_at(9.0, 2.0, noise, 0.5)
+    fast = kalman.found_at(np.array([9.0, 2.0]), noise, 0.5)
     assert np.hypot(fast.vx_mps, fast.vy_mps) == pytest.approx(0.5)
 
 

@@ -253,7 +253,7 @@ def test_place_is_known_better_across_the_ray_than_along_it():
     samples.layer(people_at((0.0, 6.0, 1.76)), NOBODY)
     _, curvature = samples.ascend(pose, pose.copy(), np.array([4.0, 0.0, 4.0, 60.0]), TALL, SAME)
     noise, _ = samples.noise(pose, curvature)
-    assert 0.0 < noise.xx < noise.yy
+    assert 0.0 < noise[0, 0] < noise[1, 1]
 
 
 def test_two_side_by_side_explain_two_better_than_one_does_and_a_second_in_the_outline_of_one_does_not():

@@ -15,7 +15,6 @@ from planview.tracking.joint import _kernels as kernels
 from planview.tracking.joint.explanation import Explanation, People, likelihood_of_ranges
 from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.person import Person
-from planview.tracking.kalman import PositionNoise
 from planview.trajectories.state import TrackState
 
 CAMERA = oblique_camera()
@@ -106,7 +105,7 @@ def test_a_person_behind_another_is_lost_and_found_with_the_same_id():
 
 
 def newcomer(track_id: int, x_m: float, now_s: float, log_odds: float) -> Person:
-    person = Person.born(np.array([x_m, 3.0, 1.75]), PositionNoise(1e-3, 0.0, 1e-3), 100.0, log_odds, now_s)
+    person = Person.born(np.array([x_m, 3.0, 1.75]), 1e-3 * np.eye(2), 100.0, log_odds, now_s)
     person.track_id, person.proven, person.moved = track_id, log_odds, log_odds
     return person
 
@@ -131,7 +130,7 @@ def test_who_enters_far_from_where_another_left_is_someone_else():
 
 
 def test_a_low_body_and_another_in_its_place_become_the_upright_person_that_explains_more():
-    tracker, noise = JointTracker(), PositionNoise.isotropic(0.05)
+    tracker, noise = JointTracker(), 0.05**2 * np.eye(2)
     tracker.update(observed(0, 0.0, look_at(CAMERA, [])))
     for pose in ((0.0, 2.95, 1.0), (0.0, 3.15, 1.7)):
         person = Person.born(np.array(pose), noise, 100.0, 4.0, 0.0)
