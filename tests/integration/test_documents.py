@@ -66,6 +66,15 @@ def test_command_of_the_documents_has_these_options(command: str) -> None:
     assert callable(function) and not unused
 
 
+def test_messages_in_troubleshooting_are_those_of_the_program() -> None:
+    files = [file for room in ("calib", "stereo", "planview") for file in (ROOT / room).rglob("*.py")]
+    sources = "\n".join(re.sub(r'"\n *f?"', "", file.read_text(encoding="utf-8")) for file in files)
+    page = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([^`]*)`", page, re.MULTILINE)
+    parts = [part.strip(" )%,") for row in rows for part in re.split(r"\.\.\.|\(", row)]
+    assert len(rows) > 8 and [part for part in parts if part not in sources] == []
+
+
 @pytest.mark.parametrize("pattern", CANNOT_RUN)
 def test_reason_not_to_run_is_still_needed(pattern: str) -> None:
     assert any(re.match(pattern, command) for command in [*ALL, "planview view"])
