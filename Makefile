@@ -13,7 +13,7 @@ $(STAMP): pyproject.toml requirements.lock tools/system_libraries.sh
 	$(PYTHON) -c 'import sys; sys.exit("planview needs Python 3.11 or newer, found " + sys.version.split()[0]) if sys.version_info < (3, 11) else None'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e . --config-settings editable_mode=compat  # which mypy and pyright see
 	touch $(STAMP)
 
 demo: setup
