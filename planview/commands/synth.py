@@ -14,7 +14,7 @@ from calib.errors import InputError
 from planview.commands.options import JsonFlag, in_range
 
 if TYPE_CHECKING:
-    from planview.synthetic.write import Storage, Written
+    from planview.synthetic.write import Storage
 
 
 def synth(
@@ -44,7 +44,12 @@ def synth(
     out
         New or empty folder for the recording.
     """
-    from planview.synthetic.write import load_rig_scenes, with_seed, write_rigs
+    from rich.progress import Progress
+
+    from planview.output.progress import PlainConsole
+    from planview.synthetic.render import SceneRenderer
+    from planview.synthetic.scene import load_scene
+    from planview.synthetic.write import load_rig_scenes, with_seed, write_recording, write_rigs
 
     if video and jpeg:
         raise InputError("expected either --video or --jpeg, found both")
@@ -60,30 +65,16 @@ def synth(
     if heads:
         written = write_rigs(with_seed(heads, seed), out, scale=scale, frames=frames, storage=storage)
     else:
-        written = [_render(scene, out, scale, frames, seed, storage=storage, opencv=opencv, world=world)]
+        description = load_scene(scene)
+        if seed is not None:
+            description = description.model_copy(update={"seed": seed})
+        renderer = SceneRenderer(description, scale)
+        with Progress(console=PlainConsole(stderr=True), transient=True) as progress:
+            total = min(renderer.n_frames, frames or renderer.n_frames)
+            done = partial(progress.advance, progress.add_task(f"Rendering {scene.name}", total=total))
+            one = write_recording(renderer, out, frames=frames, storage=storage, opencv=opencv, world=world, done=done)
+        written = [one]
     n_frames, rows = sum(part.frames for part in written), sum(part.truth_rows for part in written)
     print(f"{n_frames} frames, {rows} truth rows in {out}", file=sys.stderr)
     if json_output:
         print(json.dumps({"frames": n_frames, "truth_rows": rows, "folder": str(out)}))
-
-
-def _render(
-    scene: Path, out: Path, scale: float, frames: int | None, seed: int | None,
-    *, storage: Storage, opencv: bool, world: bool,
-) -> Written:  # fmt: skip
-    """One camera's recording, with progress."""
-    from rich.progress import Progress
-
-    from planview.output.progress import PlainConsole
-    from planview.synthetic.render import SceneRenderer
-    from planview.synthetic.scene import load_scene
-    from planview.synthetic.write import write_recording
-
-    description = load_scene(scene)
-    if seed is not None:
-        description = description.model_copy(update={"seed": seed})
-    renderer = SceneRenderer(description, scale)
-    with Progress(console=PlainConsole(stderr=True), transient=True) as progress:
-        task = progress.add_task(f"Rendering {scene.name}", total=min(renderer.n_frames, frames or renderer.n_frames))
-        done = partial(progress.advance, task)
-        return write_recording(renderer, out, frames=frames, storage=storage, opencv=opencv, world=world, done=done)

@@ -105,7 +105,13 @@ class RerunLog:
         self._begin_part()
         self._keep("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         for n, (name, stereo) in enumerate(engine.views.items()):
-            self._keep_camera(f"world/{name}" if n else "world/camera", stereo)
+            pose, geometry = stereo.floor.world_SE3_left, stereo.geometry
+            place = rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation)
+            lens = rr.Pinhole(
+                image_from_camera=geometry.matrix, resolution=geometry.size, camera_xyz=rr.ViewCoordinates.RDF,
+                image_plane_distance=0.4,
+            )  # fmt: skip
+            self._keep(f"world/{name}" if n else "world/camera", place, lens)
         if self._stereo:
             self._keep("world/floor", metre_grid(PlanBounds(*shown_floor(self._stereo))))
 
@@ -194,15 +200,6 @@ class RerunLog:
                 f"{self._path}: expected at least {FREE_BYTES_MIN >> 20} MB of free disk, found {free >> 20}: "
                 "the disk is full; earlier frames are kept"
             )
-
-    def _keep_camera(self, path: str, stereo: StereoView) -> None:
-        pose, geometry = stereo.floor.world_SE3_left, stereo.geometry
-        place = rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation)
-        lens = rr.Pinhole(
-            image_from_camera=geometry.matrix, resolution=geometry.size, camera_xyz=rr.ViewCoordinates.RDF,
-            image_plane_distance=0.4,
-        )  # fmt: skip
-        self._keep(path, place, lens)
 
     def _log_scene(self, result: FrameResult) -> None:
         due_s = self._scenes_at_s

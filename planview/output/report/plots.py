@@ -59,7 +59,6 @@ def people_plot(tracks: Trajectories, times_s: F64, frames: I64) -> bytes:
         rows = tracks.frame[np.isin(tracks.state, states)]
         count = np.searchsorted(rows, frames, side="right") - np.searchsorted(rows, frames)
         axes.fill_between(times_s, count, step="post", color=colour, label=label, linewidth=0)
-    axes.set_ylim(0, 1.1 * max(1.0, axes.get_ylim()[1]))
     _count_axes(axes, "people")
     return png_bytes(figure)
 
@@ -84,7 +83,6 @@ def steps_plot(series: Mapping[str, Sequence[tuple[float, int]]], end_s: float, 
         axes.step(
             [*times, max(end_s, times[-1])], [*numbers, numbers[-1]], where="post", color=colour, label=plain_text(name)
         )
-    axes.set_ylim(0, 1.1 * max(1.0, axes.get_ylim()[1]))
     _count_axes(axes, label)
     return png_bytes(figure)
 
@@ -103,6 +101,7 @@ def _count_axes(axes: Axes, label: str) -> None:
     """A whole number over time; the legend above the picture, where it hides nothing."""
     from matplotlib.ticker import MaxNLocator
 
+    axes.set_ylim(0, 1.1 * max(1.0, axes.get_ylim()[1]))
     axes.set_xlabel("time [s]")
     axes.set_ylabel(label)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
