@@ -30,8 +30,6 @@ EVIDENCE_MAX = 3.0
 """Largest log-odds that a score gives: detectors are surer than they are right."""
 RING = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0, 2 * np.pi, 8, endpoint=False)])
 STEPS = 6
-
-
 NEW = 0.3
 """Share of people among boxes that show nobody known."""
 ERRORS_S = 0.25
@@ -192,10 +190,8 @@ class DetectionTracker:
             information = weighted.transpose(0, 2, 1) @ weighted + prior + 1e-6 * np.eye(3)
             off = np.where(good[:, None], (edges - expected) * weight, 0.0)
             pull = (body.HEIGHT_MEAN_M - poses[:, 2])[:, None] * np.diagonal(prior)
-            step = np.linalg.solve(information, (weighted.transpose(0, 2, 1) @ off[..., None]) + pull[..., None])[
-                ..., 0
-            ]
-            poses = poses + np.clip(step, -2.0, 2.0)
+            step = np.linalg.solve(information, (weighted.transpose(0, 2, 1) @ off[..., None]) + pull[..., None])
+            poses = poses + np.clip(step[..., 0], -2.0, 2.0)
             poses[:, 2] = np.clip(poses[:, 2], body.HEIGHT_MIN_M, body.HEIGHT_MAX_M)
         return np.where(good[:, None], poses, np.nan), np.linalg.inv(information) if len(boxes) else information
 

@@ -85,7 +85,6 @@ class EllipseParticleTracker:
         self._states: F64 = np.zeros((0, 7))
         self._learner = SizeLearner()
         self._learned = self._studied
-        self._first_s = self._time_s = math.nan
         self._image_size: tuple[int, int] | None = None
         self._shape: tuple[int, int] | None = None
         self._mask: F32 | None = None
@@ -132,10 +131,7 @@ class EllipseParticleTracker:
         Returns:
             one state per object, tentative ones included; x, y, velocity and height are NaN without a camera.
         """
-        now_s = observation.timestamp_s
-        self._cycle.begin(now_s)
-        dt_s = 0.0 if math.isnan(self._time_s) else max(now_s - self._time_s, 0.0)
-        self._time_s = now_s
+        dt_s = self._cycle.begin(observation.timestamp_s)
         foreground = self._foreground(observation)
         if foreground is None or self._image_size is None:
             return ()
@@ -172,10 +168,7 @@ class EllipseParticleTracker:
         inside = painted(ellipses, union.shape)
         active = [n for n, t in enumerate(self._objects) if t.measured and t.own]
         for n in active:
-            others = np.zeros_like(union)
-            for k in active:
-                if k != n:
-                    others |= inside[k]
+            others = np.asarray(inside[[k for k in active if k != n]].any(axis=0), dtype=np.uint8)
             area = math.pi * ellipses[n, 2] * ellipses[n, 3]
             self._states[n] = self._filter.weigh(n, union, others, size, area)
             inside[n] = painted(ellipses_of(self._states[n : n + 1], size), union.shape)[0]

@@ -47,7 +47,6 @@ class HumanModelMap:
         origin_px: (u, v) of grid node (0, 0) [px].
         index: (rows, cols) int32, number of the node's entry, -1 where no person is possible.
         foot_px: (N, 2) float32, the node's pixel.
-        head_px: (N, 2) float32.
         floor_m: (N, 2) float32, world position of the foot.
         hull_px: (N, HULL_POINTS, 2) float32, convex outline.
         visibility: (N,) float32, fraction of the hull's area inside the image.
@@ -59,7 +58,6 @@ class HumanModelMap:
     origin_px: tuple[int, int]
     index: I32
     foot_px: F32
-    head_px: F32
     floor_m: F32
     hull_px: F32
     visibility: F32
@@ -149,5 +147,5 @@ def _entries(
     size = (hulls.max(axis=1) - hulls.min(axis=1)).max(axis=1)
     expected = (visibility > MIN_VISIBLE) & (size >= params.min_height_px)
     keep, hulls, visibility = keep[expected], hulls[expected], visibility[expected]
-    columns = (foot[keep], model.head(camera, floor[keep]), floor[keep], hulls, visibility)
+    columns = (foot[keep], floor[keep], hulls, visibility)
     return keep.astype(np.int32), tuple(c.astype(np.float32) for c in columns)

@@ -46,6 +46,8 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
     left over, and a person without evidence ends.
     """
 
+    foreground_columns: int | None = None
+
     def __init__(self, params: HumanModelParams, camera: GroundCamera, model_map: HumanModelMap | None = None) -> None:
         """Args: params: of the tracker. camera: calibrated from people. model_map: computed before for this camera;
         built here if None. Raises InputError: the map is another camera's, or holds no place where people are looked
@@ -70,11 +72,6 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         self._known_pixels: U8 = np.zeros(shape, np.uint8)
         self._still_s: F32 = np.zeros(shape, np.float32)
         self._hides: F32 = np.full(shape, HIDES, np.float32)
-
-    @property
-    def foreground_columns(self) -> int | None:
-        """Those of the image."""
-        return None
 
     def feedback(self) -> U8:
         """(H, W) uint8 for ``Foreground``: people who are tracked, and what has been still and unexplained for long."""

@@ -148,7 +148,10 @@ class TemplateTracker:
                 self._life.miss(person.existence, reason, person.score, terms)
                 continue
             self._life.observe(person.existence, f"score {person.score:.2f}", person.score, terms)
-            self._measure(person, found_m, free, dt)
+            # The velocity is not measured apart: in the filter the change in position carries it.
+            person.kalman = person.kalman.updated(*found_m, maps.grid.cell_m)  # the search measures whole cells
+            person.measured_m = found_m
+            self._adapt(person, free, 1.0 - math.exp(-dt / self.params.template_s))
             self._recentre(person, free)
             free.clear(person.measured_m)
             placed.append(person.measured_m)
@@ -203,16 +206,6 @@ class TemplateTracker:
                 p.separation_weight * separation,
             ]
         )
-
-    def _measure(self, person: MapPerson, found_m: Place, free: FreeMaps, dt: float) -> None:
-        """Update position, velocity and templates with what lies at the best match.
-
-        The velocity is not measured apart: in the filter the change in position carries it.
-        """
-        # The search measures whole cells.
-        person.kalman = person.kalman.updated(*found_m, free.maps.grid.cell_m)
-        person.measured_m = found_m
-        self._adapt(person, free, 1.0 - math.exp(-dt / self.params.template_s))
 
     def _adapt(self, person: MapPerson, free: FreeMaps, gain: float) -> None:
         """Blend the maps into the templates; a gain of 1 extracts new ones."""
