@@ -100,6 +100,7 @@ def render(folder: Path, *, options: RenderOptions = RenderOptions()) -> None:
     from planview.output.render import SceneComposer, frames_or_none, scene_pictures_of, write_still, write_video
 
     results = RunFolder(folder, options.truth)
+    known = results.tracks.frame
     frames = frames_or_none(results, console.print)
     composer = SceneComposer(results, frames, options.trail, plan=not options.no_plan, truth=not options.no_truth)
     end = results.n_frames - 1
@@ -111,7 +112,6 @@ def render(folder: Path, *, options: RenderOptions = RenderOptions()) -> None:
         return
     path = options.out or folder / "scene.webm"
     first, last = frame_span(options.frames) if options.frames else (0, end)
-    known = results.tracks.frame
     if first > end or not len(known):
         raise InputError(f"{folder}: expected frames from {first} on, found {int(np.max(known, initial=-1)) + 1}")
     last = min(last, end)

@@ -134,6 +134,10 @@ def test_wrong_options_are_refused_by_name(street, words, named, refused):
     assert named in refused("render", street, *words)
 
 
+def test_a_folder_that_is_no_run_is_refused_in_one_sentence(tmp_path, refused):
+    assert refused("render", tmp_path / "none").startswith(f"planview: {tmp_path / 'none' / 'tracks.csv'}: expected")
+
+
 def test_tally_counts_what_happened_up_to_a_frame():
     events = [
         Event(3, 0.3, "gate", "crossing", 1, "left_to_right"), Event(5, 0.5, "gate", "crossing", 2, "right_to_left"),
