@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -104,12 +105,24 @@ def edit(out: Path, *, options: EditOptions = EditOptions()) -> None:
     )
 
 
+_BY_ID = {
+    "join": ("A:B", r"\d+:\d+"),
+    "split": ("ID@FRAME", r"\d+@\d+"),
+    "delete": ("ID or ID@FIRST:LAST", r"\d+(@\d+:\d+)?"),
+    "rename": ("ID:NEW", r"\d+:\d+"),
+}
+"""How the options that name tracks are written."""
+
+
 def _lines(options: EditOptions) -> list[str]:
     """The options as lines of ``planview.offline.edit``."""
     listed = "" if options.list is None else read_text(options.list, "a list of edits")
     lines = [line for text in listed.splitlines() if (line := text.partition("#")[0].strip())]
-    for kind in ("join", "split", "delete", "rename"):
-        lines += [f"{kind} {edit.replace(':', ' ').replace('@', ' ')}" for edit in getattr(options, kind)]
+    for kind, (form, pattern) in _BY_ID.items():
+        for edit in getattr(options, kind):
+            if not re.fullmatch(pattern, edit):
+                raise InputError(f"--{kind}: expected {form}, found {edit!r}")
+            lines.append(f"{kind} {re.sub('[:@]', ' ', edit)}")
     for kind, text in (("region", options.region), ("ignore", options.ignore)):
         lines += [f"{kind} {region_of(text, f'--{kind}').wkt}"] if text is not None else []
     lines += [f"join-gaps {options.join_gaps.replace(':', ' ')}"] if options.join_gaps is not None else []

@@ -49,6 +49,10 @@ def test_an_edit_that_is_refused_changes_nothing(run: Path, cli: Cli) -> None:
     assert (run / "tracks.csv").read_bytes() == before and not (run / "edits.json").exists()
 
 
+def test_an_edit_written_in_another_form_is_refused_with_the_form_of_its_option(run: Path, cli: Cli) -> None:
+    assert cli("edit", run, "--join", "1-2") == (2, "planview: --join: expected A:B, found '1-2'\n")
+
+
 @pytest.mark.parametrize("name", ["decisions.csv", "events.csv", "counts.json"])
 def test_what_the_page_cannot_be_made_of_is_refused_before_anything_changes(run: Path, name: str, cli: Cli) -> None:
     (run / name).write_text("damaged\n")
