@@ -31,8 +31,8 @@ STEPS = 3
 """Steps of expectation-maximisation, which starts within a third of a width, and rounds of Levenberg-Marquardt."""
 SOFT_EDGE = 0.7
 """Width of an ellipse's logistic edge in the refinement [cells]. Our choice: a cell is covered within about two."""
-SOFT_CELLS = 5.0 * SOFT_EDGE
-"""Beyond this from its edge an ellipse counts as over [cells]; 0.7 % are left there."""
+SOFT_CELLS = 3.0 * SOFT_EDGE
+"""Beyond this from its edge an ellipse counts as over [cells]; 5 % are left there."""
 
 Window = tuple[slice, slice]
 """Rows and columns of the grid."""
@@ -63,11 +63,14 @@ def fit_ellipses(mask: F32, size: Size) -> F64:
         ellipse[2:] = bounded(ellipse, size)
     refine(mask, ellipses, size)
     # 4. The ellipse that adds least is dropped while that is too little: a split region keeps one.
+    n_before = len(ellipses)
     while len(ellipses):
         gains = own_gains(mask, ellipses)
         if gains.min() >= MIN_GAIN:
             break
         ellipses = np.delete(ellipses, int(np.argmin(gains)), axis=0)
+    if 0 < len(ellipses) < n_before:
+        refine(mask, ellipses, size)
     return ellipses
 
 
