@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -199,7 +200,7 @@ class Remembers(Protocol):
     def reset(self) -> None: ...
 
 
-class Engine:
+class Engine(ABC):
     """Tracks people: iterate it for a FrameResult per frame of its recording, or ``step`` through frames of your own.
 
     Each kind of recording has a subclass with the stages around the tracker: its ``prepare`` and ``memory``.
@@ -260,13 +261,10 @@ class Engine:
         for part in self.memory().values():
             part.reset()
 
+    @abstractmethod
     def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
         """Do the part of the work that depends on no other frame; what is returned does the rest, in order of frames.
-
-        Raises:
-            InputError, ValueError: as of ``step``.
-        """
-        raise NotImplementedError
+        Raises InputError, ValueError: as of ``step``."""
 
     def step(self, frame: Frame) -> FrameResult:
         """Track the next frame, of the kind that ``recording`` gives; frames come in order.

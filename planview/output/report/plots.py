@@ -216,11 +216,10 @@ def template_plot(run: RunFolder) -> bytes | None:
     engine, middle = open_engine(maps), run.tracks.where(np.array([mine[len(mine) // 2] for mine in rows]))
     figure = Figure(figsize=(0.75 * len(rows) + 0.3, 1.9), layout="constrained")
     axes = figure.subplots(2, len(rows), squeeze=False)
-    last = int(middle.frame.max())
-    for frame in takewhile(lambda frame: frame.index <= last, engine.recording):
-        for i in np.flatnonzero(middle.frame == frame.index).tolist():
-            shown = engine.step(frame).observation.maps
-            assert shown is not None
+    for frame in takewhile(lambda frame: frame.index <= middle.frame.max(), engine.recording):
+        here = np.flatnonzero(middle.frame == frame.index).tolist()
+        shown = engine.step(frame).observation.maps if here else None
+        for i in here if shown is not None else ():
             axes[0, i].set_title(f"{middle.track_id[i]}", fontsize=8)
             height, occupancy = shown.around(middle.x_m[i], middle.y_m[i])
             axes[0, i].imshow(height, origin="lower", vmin=0.0, vmax=2.0)
