@@ -218,12 +218,12 @@ def template_plot(run: RunFolder) -> bytes | None:
     axes = figure.subplots(2, len(rows), squeeze=False)
     for frame in takewhile(lambda frame: frame.index <= middle.frame.max(), engine.recording):
         here = np.flatnonzero(middle.frame == frame.index).tolist()
-        shown = engine.step(frame).observation.maps if here else None
-        for i in here if shown is not None else ():
-            axes[0, i].set_title(f"{middle.track_id[i]}", fontsize=8)
-            height, occupancy = shown.around(middle.x_m[i], middle.y_m[i])
-            axes[0, i].imshow(height, origin="lower", vmin=0.0, vmax=2.0)
-            axes[1, i].imshow(occupancy, origin="lower")
+        if here and (shown := engine.step(frame).observation.maps) is not None:
+            for i in here:
+                axes[0, i].set_title(f"{middle.track_id[i]}", fontsize=8)
+                height, occupancy = shown.around(middle.x_m[i], middle.y_m[i])
+                axes[0, i].imshow(height, origin="lower", vmin=0.0, vmax=2.0)
+                axes[1, i].imshow(occupancy, origin="lower")
     for axis in axes.flat:
         axis.set_axis_off()
     return png_bytes(figure)
