@@ -150,14 +150,14 @@ class SampleArrays(NamedTuple):
         return SampleArrays._make([*arrays, np.empty((n, 4, LAYERS + 1), np.float32), np.zeros(1, np.int64)])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _angle(depression, table):  # type: ignore[no-untyped-def]
     """Index of a ray's depression in the body's table."""
     angle = int((depression - table.angle_min_rad) / table.angle_step_rad + 0.5)
     return min(max(angle, 0), len(table.cover) - 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _covered(x: float, y: float, h: float, samples, table, m) -> int:  # type: ignore[no-untyped-def]
     """The samples within a body's table: their number, and which; fills rows u, w and range at the centre [m].
 
@@ -183,7 +183,7 @@ def _covered(x: float, y: float, h: float, samples, table, m) -> int:  # type: i
     return k
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _on_body(kind, seen, at, std, matched, hidden, colour, m):  # type: ignore[no-untyped-def]
     """Likelihood of a pixel on a body whose surface is at a range; the right camera sees nothing before ``matched``.
 
@@ -204,7 +204,7 @@ def _on_body(kind, seen, at, std, matched, hidden, colour, m):  # type: ignore[n
     return shown * (1.0 - m.no_depth) * ((1.0 - m.outliers) * normal + m.outliers / m.range_m) * colour
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _on_ground(kind, seen, near, m):  # type: ignore[no-untyped-def]
     """Likelihood of a pixel on which nobody is; ``near`` people there are arms, shadows and what is carried."""
     if kind == SHADOW:
@@ -218,7 +218,7 @@ def _on_ground(kind, seen, near, m):  # type: ignore[no-untyped-def]
     return 0.5 * (m.near_people / (2 * m.reach_m) if near else m.background / m.range_m)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _hidden(h, tall, z, m):  # type: ignore[no-untyped-def]
     """How probably furniture hides a pixel at a relative height of a person ``tall`` when upright."""
     if z >= m.hidden_to:
@@ -226,7 +226,7 @@ def _hidden(h, tall, z, m):  # type: ignore[no-untyped-def]
     return m.hidden_sitting if h < m.sitting_from * tall else m.hidden
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _behind(kind, seen, at, std, z, m):  # type: ignore[no-untyped-def]
     """Whether background nearer than a body hides it."""
     if kind != SEEN or seen <= 0.0 or z >= FURNITURE_TO:
@@ -234,7 +234,7 @@ def _behind(kind, seen, at, std, z, m):  # type: ignore[no-untyped-def]
     return seen < at - 3 * math.sqrt(m.surface_var + (std * at * at) ** 2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _ratio(ratios, z, code, m):  # type: ignore[no-untyped-def]
     """Ratio of a person's colours to anybody's, as far as colours count."""
     return 1.0 - m.colour + m.colour * ratios[0 if z < LEGS_TO else (1 if z < TORSO_TO else 2), code]
@@ -312,7 +312,7 @@ def gather(pose: F64, reach_m: float, view, samples, table, model) -> None:  # t
     samples.size[0] = n
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _mark_near(x: float, y: float, h: float, samples, near, m) -> None:  # type: ignore[no-untyped-def]
     """Mark the samples within a person's reach: by where their surface is, in masks by where their ray passes."""
     for i in range(samples.size[0]):
@@ -327,7 +327,7 @@ def _mark_near(x: float, y: float, h: float, samples, near, m) -> None:  # type:
         near[i] |= ox * ox + oy * oy < m.reach_m * m.reach_m
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _sum_layers(ray: F32, n: int, ground: float) -> None:
     """Cover and likelihood of each of n people on a ray to what passes them and what they explain (``lay_others``)."""
     ray[REST, n] = ground
@@ -342,7 +342,7 @@ def _sum_layers(ray: F32, n: int, ground: float) -> None:
     ray[THROUGH, n], ray[BEFORE, n] = passing, explained
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore[no-untyped-def]
     """The other people on every sample's ray, the nearest first, each covering as surely as it exists.
 
@@ -385,7 +385,7 @@ def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore
         _sum_layers(layers[i], count[i], _on_ground(samples.kind[i], samples.range_m[i], near[i], m))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def log_ratio(x: float, y: float, h: float, tall_m: float, ratios: F32, samples, table, model) -> float:  # type: ignore[no-untyped-def]
     """Lam of all samples with one person at a pose among the others, less Lam without that person."""
     m = model[0]
@@ -418,7 +418,7 @@ def log_ratio(x: float, y: float, h: float, tall_m: float, ratios: F32, samples,
     return total + weight * math.log(product)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def log_prior(x: float, y: float, h: float, tall, others, model) -> float:  # type: ignore[no-untyped-def]
     """Logarithm of the prior of a pose: upright, rarely lower, and no body inside another.
 
@@ -440,7 +440,7 @@ def log_prior(x: float, y: float, h: float, tall, others, model) -> float:  # ty
     return value
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _posterior(pose, prior, me, others, samples, table, model):  # type: ignore[no-untyped-def]
     """Lam - Mahalanobis / 2 plus the logarithm of the prior of a pose; Lam alone."""
     (x, y, h), (predicted, information, _), (tall_m, std, ratios) = pose, prior, me
@@ -451,7 +451,7 @@ def _posterior(pose, prior, me, others, samples, table, model):  # type: ignore[
     return lam - 0.5 * away + log_prior(x, y, h, (tall_m, std), others, model), lam
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _along_head(pose, height_m: float, camera):  # type: ignore[no-untyped-def]
     """A pose of another height whose head is on the same ray."""
     (x, y, h), (cx, cy, cz) = pose, camera
@@ -461,7 +461,7 @@ def _along_head(pose, height_m: float, camera):  # type: ignore[no-untyped-def]
     return cx + (x - cx) * f, cy + (y - cy) * f, height_m
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _moved(pose, way, far, ahead, camera, m):  # type: ignore[no-untyped-def]
     """A pose moved along (0) or across (1) the level direction ``ahead``, up (2), or up along the head's ray (3)."""
     x, y, h = pose
@@ -475,7 +475,7 @@ def _moved(pose, way, far, ahead, camera, m):  # type: ignore[no-untyped-def]
     return _along_head(pose, height_m, camera)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) -> float:  # type: ignore[no-untyped-def]
     """Ascent on Lam - Mahalanobis / 2 by parabolas along and across the first camera's ray, in height and, in masks,
     in height along the ray of the head.
@@ -544,7 +544,7 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
     return float(lam + log_prior(at[0], at[1], at[2], (me[0], me[1]), others, model))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def visible(pose: F64, tall_m: float, samples, table, model):  # type: ignore[no-untyped-def]
     """Patches of a body that it explains better than all else, and those in view."""
     m = model[0]
@@ -572,7 +572,7 @@ def visible(pose: F64, tall_m: float, samples, table, model):  # type: ignore[no
     return mine, total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def assign_pixels(pixels: I64, people, around: I64, view, table, model, owned) -> None:  # type: ignore[no-untyped-def]
     """The owner of each of some pixels of one kind, see ``Owned``; ``around``: (N, 4) boxes of people [px]."""
     m = model[0]
