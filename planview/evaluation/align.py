@@ -59,10 +59,11 @@ def align_tracks(tracks: Trajectories, truth: Trajectories, gate_m: float) -> tu
 
 
 def moved(tracks: Trajectories, alignment: FloorAlignment) -> Trajectories:
-    """Tracks with positions and velocities in the frame of the truth."""
+    """Tracks with positions, velocities and directions of facing in the frame of the truth."""
     xy = alignment.apply(_xy(tracks))
     velocity = tracks.velocity_mps @ floor_rotation(alignment.rotation_rad).T
-    return replace(tracks, x_m=xy[:, 0], y_m=xy[:, 1], velocity_mps=velocity)
+    facing = (tracks.facing_deg + math.degrees(alignment.rotation_rad) + 180.0) % 360.0 - 180.0
+    return replace(tracks, x_m=xy[:, 0], y_m=xy[:, 1], velocity_mps=velocity, facing_deg=facing)
 
 
 def floor_rotation(angle_rad: float) -> F64:

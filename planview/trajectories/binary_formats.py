@@ -135,12 +135,14 @@ def read_jupedsim(path: Path) -> TrajectoryFile:
 
 
 def write_jupedsim(path: Path, file: TrajectoryFile) -> None:
-    """Write rows with known positions; the orientation is the direction of the velocity, (0, 0) where unknown. Raises
-    WorkError: the file cannot be written."""
+    """Write rows with known positions; the orientation is where a person faces, else the direction of the velocity,
+    (0, 0) where both are unknown. Raises WorkError: the file cannot be written."""
     table, area = file.table, file.walkable_wkt or ""
     area_hash = int.from_bytes(hashlib.sha256(area.encode()).digest()[:8], "big", signed=True)
     speed = np.hypot(*table.velocity_mps.T)[:, None]
     heading = np.where(speed > 0, table.velocity_mps / np.where(speed > 0, speed, 1.0), 0.0)
+    facing = np.radians(table.facing_deg)[:, None]
+    heading = np.where(np.isfinite(facing), np.hstack([np.cos(facing), np.sin(facing)]), heading)
     rows = zip(*(c.tolist() for c in (table.frame, table.track_id, table.x_m, table.y_m, *heading.T)), strict=True)
     metadata = [("version", "2"), ("fps", f"{file.fps!r}")]
     for axis, values in (("x", table.x_m), ("y", table.y_m)) if len(table) else ():

@@ -20,6 +20,7 @@ class TrackState:
         vx_mps, vy_mps: velocity [m/s].
         height_m: height of the top of the head above the floor [m].
         box_px: (left, top, width, height) in the (rectified left) image [px].
+        facing_deg: where the chest points on the floor, 0 along X and 90 along Y, -180 to 180 [deg].
     """
 
     track_id: int
@@ -30,6 +31,7 @@ class TrackState:
     vy_mps: float = math.nan
     height_m: float = math.nan
     box_px: tuple[float, float, float, float] = (math.nan, math.nan, math.nan, math.nan)
+    facing_deg: float = math.nan
 
     def __repr__(self) -> str:
         place = f"x_m={self.x_m:.2f}, y_m={self.y_m:.2f}, height_m={self.height_m:.2f}"

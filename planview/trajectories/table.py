@@ -26,11 +26,11 @@ KEY_MAX = 2**53
 WordColumn = np.ndarray[tuple[int], np.dtype[np.str_]]
 TRACK_COLUMNS = (
     "frame", "timestamp_s", "id", "x_m", "y_m", "vx_mps", "vy_mps", "height_m", "state",
-    "left_px", "top_px", "width_px", "height_px",
+    "left_px", "top_px", "width_px", "height_px", "facing_deg",
 )  # fmt: skip
 NUMBER_COLUMNS = tuple(name for name in TRACK_COLUMNS if name != "state")
 COLUMNS = (*TRACK_COLUMNS, "visible")
-BOX_COLUMNS = TRACK_COLUMNS[9:]
+BOX_COLUMNS = TRACK_COLUMNS[9:13]
 TRUTH_COLUMNS = ("frame", "id", "x_m", "y_m", "height_m")
 STATES = ("tentative", "confirmed", "lost")
 PERSON_S = 0.5
@@ -71,7 +71,7 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
         column["frame"], column["id"], column["timestamp_s"], column["x_m"], column["y_m"], column["height_m"],
         column["state"].astype("<U9"), column["visible"],
         np.column_stack([column[name] for name in BOX_COLUMNS]),
-        np.column_stack([column["vx_mps"], column["vy_mps"]]),
+        np.column_stack([column["vx_mps"], column["vy_mps"]]), column["facing_deg"],
     )  # fmt: skip
 
 
@@ -144,6 +144,7 @@ class Trajectories:
         state: (N,) of "tentative", "confirmed" or "lost"; "confirmed" throughout for truth.
         visible: unoccluded fraction 0..1 of a truth row, or IGNORED; 1 for tracks.
         box_px, velocity_mps: (N, 4) left, top, width, height and (N, 2), float64; NaN where unknown.
+        facing_deg: float64, where the chest points on the floor: 0 along X, 90 along Y, -180 to 180; NaN where unknown.
     """
 
     frame: I64
@@ -156,6 +157,7 @@ class Trajectories:
     visible: F64
     box_px: F64
     velocity_mps: F64
+    facing_deg: F64
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -186,7 +188,7 @@ class Trajectories:
         states = pandas.Series(self.state, dtype="str")
         box, velocity = self.box_px.T, self.velocity_mps.T
         place = self.x_m, self.y_m, *velocity, self.height_m
-        columns = (self.frame, self.timestamp_s, self.track_id, *place, states, *box)
+        columns = (self.frame, self.timestamp_s, self.track_id, *place, states, *box, self.facing_deg)
         return pandas.DataFrame(dict(zip(TRACK_COLUMNS, columns, strict=True)))
 
 
@@ -230,7 +232,7 @@ def write_rows(file: IO[str], frame: int, timestamp_s: float, tracks: Sequence[T
             str(track.track_id),
             *(_cell(v, 4) for v in (track.x_m, track.y_m, track.vx_mps, track.vy_mps, track.height_m)),
             track.state,
-            *(_cell(v, 1) for v in (left, top, width, height)),
+            *(_cell(v, 1) for v in (left, top, width, height, track.facing_deg)),
         ]
         file.write(",".join(cells) + "\n")
 
@@ -246,8 +248,9 @@ def write_table(file: IO[str], table: Trajectories) -> None:
 def row_states(table: Trajectories, rows: slice) -> list[TrackState]:
     """Rows as a tracker gave them."""
     columns = (table.track_id, table.state, table.x_m, table.y_m, *table.velocity_mps.T, table.height_m)
-    boxes = map(tuple, table.box_px[rows].tolist())
-    return [TrackState(*cells) for cells in zip(*(column[rows].tolist() for column in columns), boxes, strict=True)]
+    numbers = [column[rows].tolist() for column in columns]
+    boxes, facing = map(tuple, table.box_px[rows].tolist()), table.facing_deg[rows].tolist()
+    return [TrackState(*cells) for cells in zip(*numbers, boxes, facing, strict=True)]
 
 
 class TrajectoryCollector:
@@ -262,7 +265,7 @@ class TrajectoryCollector:
         write_rows(self._text, frame, timestamp_s, tracks)
 
     def trajectories(self) -> Trajectories:
-        """Everything gathered so far, rounded as in ``tracks.csv``: 0.1 mm, 0.1 ms, 0.1 px."""
+        """Everything gathered so far, rounded as in ``tracks.csv``: 0.1 mm, 0.1 ms, 0.1 px, 0.1 degrees."""
         return table_of(_cells(io.StringIO(self._text.getvalue()), TRACK_COLUMNS), "tracks")
 
 

@@ -90,10 +90,11 @@ def stream_jsonl(out: IO[str], table: Trajectories) -> None:
         for row in range(start, end):
             vx, vy = table.velocity_mps[row]
             values = (table.x_m[row], table.y_m[row], vx, vy, table.height_m[row])
+            facing_deg = _known(float(table.facing_deg[row]))
             box = [_known(float(value)) for value in table.box_px[row]]
             person = {"id": int(table.track_id[row]), "state": str(table.state[row])}
             person |= {name: _known(float(value)) for name, value in zip(_VALUES, values, strict=True)}
-            people.append(person | {"box_px": None if None in box else box})
+            people.append(person | {"box_px": None if None in box else box, "facing_deg": facing_deg})
         out.write(json.dumps({"frame": frame, "timestamp_s": time, "people": people}) + "\n")
 
 
@@ -122,7 +123,8 @@ def read_jsonl(path: Path) -> TrajectoryFile:
                     raise InputError(f"{path}: expected a frame with people in line {line}, found {found}") from error
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: expected JSON lines, found {reason(error)}") from error
-    columns = dict(zip(NUMBER_COLUMNS, np.array(numbers, dtype=np.float64).reshape(-1, 12).T, strict=True))
+    table: F64 = np.array(numbers, dtype=np.float64).reshape(-1, len(NUMBER_COLUMNS))
+    columns = dict(zip(NUMBER_COLUMNS, table.T, strict=True))
     return TrajectoryFile(table_of({**columns, "state": np.array(states, dtype=np.str_)}, path))
 
 
@@ -131,7 +133,8 @@ def _numbers(frame: dict[str, Any], person: dict[str, Any]) -> list[float]:
     box = person.get("box_px") or [None] * 4
     if len(box) != 4:
         raise ValueError(f"a box of {len(box)} numbers")
-    cells = (frame["frame"], frame.get("timestamp_s"), person["id"], *(person.get(name) for name in _VALUES), *box)
+    values = (*(person.get(name) for name in _VALUES), *box, person.get("facing_deg"))
+    cells = (frame["frame"], frame.get("timestamp_s"), person["id"], *values)
     return [math.nan if cell is None else float(cell) for cell in cells]
 
 

@@ -289,7 +289,7 @@ def wild_tracks(seed: int) -> Trajectories:
     n = len(rows)
     return Trajectories(
         np.array(frame), np.array(ids), np.array(frame) / 10, np.array(x), np.array(y), np.full(n, 1.7),
-        np.array(state), np.ones(n), np.full((n, 4), np.nan), np.full((n, 2), np.nan),
+        np.array(state), np.ones(n), np.full((n, 4), np.nan), np.full((n, 2), np.nan), np.full(n, np.nan),
     )  # fmt: skip
 
 

@@ -3,7 +3,9 @@
 import json
 import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
+from typing import Literal
 
 import h5py
 import numpy as np
@@ -31,6 +33,7 @@ from planview.trajectories.table import (
     positions_table,
     read_tracks,
     read_truth,
+    table_of,
     write_header,
     write_rows,
 )
@@ -44,7 +47,7 @@ def test_nothing_collected_is_an_empty_table() -> None:
 
 
 def test_collected_tracks_are_those_of_a_round_trip_through_the_file(tmp_path: Path) -> None:
-    first = TrackState(9, "lost", 1 / 3, -0.00001, 0.25, 2 / 3, 1.71234, (10.05, -0.5, 20.25, 31.96))
+    first = TrackState(9, "lost", 1 / 3, -0.00001, 0.25, 2 / 3, 1.71234, (10.05, -0.5, 20.25, 31.96), -90.0)
     second = TrackState(7, "tentative", 1.00005, 2.0)
     path, collector = tmp_path / "tracks.csv", TrajectoryCollector()
     with path.open("w") as file:
@@ -56,7 +59,35 @@ def test_collected_tracks_are_those_of_a_round_trip_through_the_file(tmp_path: P
     for name in Trajectories.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(collected, name), getattr(read, name), strict=name != "state")
     assert (read.frame[1], read.track_id[1], read.state[1]) == (3, 9, "lost")
+    assert read.facing_deg[1] == -90.0 and np.isnan(read.facing_deg[0])
     assert (read.x_m[0], read.y_m[0]) == (1.0001, 2.0) and np.isnan(read.height_m[0]) and np.isnan(read.box_px[0]).all()
+
+
+@pytest.mark.parametrize("name", ["csv", "jsonl", "parquet"])
+def test_facing_survives_an_export(tmp_path: Path, name: Literal["csv", "jsonl", "parquet"]) -> None:
+    columns = {"frame": [0, 1], "id": [1, 1], "x_m": [0.0, 1.0], "y_m": [0.0, 0.0], "facing_deg": [135.5, np.nan]}
+    path = tmp_path / f"tracks.{name}"
+    FORMATS[name].write(path, TrajectoryFile(table_of(columns, "here"), 10.0))
+    np.testing.assert_array_equal(load_tracks(path).facing_deg, [135.5, np.nan])
+
+
+def test_jupedsim_is_given_where_a_person_faces_and_else_where_it_walks(tmp_path: Path) -> None:
+    columns = {"frame": [0, 1], "id": [1, 1], "x_m": [0, 1], "y_m": [0, 0], "vx_mps": [2, 2], "vy_mps": [0, 0]}
+    table = table_of(columns | {"facing_deg": [90.0, np.nan]}, "here")
+    FORMATS["jupedsim"].write(tmp_path / "tracks.sqlite", TrajectoryFile(table, 10.0, ""))
+    with closing(sqlite3.connect(tmp_path / "tracks.sqlite")) as database:
+        rows = database.execute("SELECT ori_x, ori_y FROM trajectory_data ORDER BY frame").fetchall()
+    np.testing.assert_allclose(rows, [[0, 1], [1, 0]], atol=1e-12)
+
+
+def test_tracks_without_facing_are_read(tmp_path: Path) -> None:
+    (tmp_path / "tracks.csv").write_text("frame,timestamp_s,id,x_m,y_m,state\n0,0,1,2,3,confirmed\n")
+    assert np.isnan(read_tracks(tmp_path / "tracks.csv").facing_deg).all()
+
+
+def test_truth_may_hold_facing(tmp_path: Path) -> None:
+    (tmp_path / "truth.csv").write_text("frame,id,x_m,y_m,height_m,visible,facing_deg\n0,1,2,3,1.7,1,-45\n")
+    assert read_truth(tmp_path / "truth.csv").facing_deg.tolist() == [-45.0]
 
 
 @pytest.mark.parametrize(
