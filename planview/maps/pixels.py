@@ -15,8 +15,9 @@ from planview.maps.builder import NO_POINTS, REFERENCE, FloorPoints, MapBuilder,
 from planview.maps.colour import CHROMA_CELLS
 from stereo.depth import RectifiedGeometry
 
-BACKGROUND_SEEN, SURFACE, NO_DEPTH = 0, 1, 2
-"""Kinds of pixels: the background is seen, foreground with depth, foreground without."""
+BACKGROUND_SEEN, SURFACE, NO_DEPTH, UNKNOWN = 0, 1, 2, 3
+"""Kinds of pixels: the background is seen, foreground with depth, foreground without, and pixels that show nothing:
+no evidence for or against anybody."""
 COLOURED = np.arange(256) % CHROMA_CELLS**2 != CHROMA_CELLS**2 // 2
 """(256,) bool, by code: not grey."""
 
@@ -94,7 +95,7 @@ class SeenPixels:
 
     Attributes:
         rays: of the camera.
-        kind: (H, W) uint8 of BACKGROUND_SEEN, SURFACE and NO_DEPTH.
+        kind: (H, W) uint8 of BACKGROUND_SEEN, SURFACE, NO_DEPTH and UNKNOWN.
         range_m: (H, W) float32 along the ray: the surface's, or the background's where that is seen; 0 unknown.
         colour: (H, W) uint8 colour codes (``planview.maps.colour``); None where all is grey:
             light alone does not distinguish clothes.

@@ -9,7 +9,7 @@ import numpy as np
 from toy_people import seen_body
 
 from calib.types import F64
-from planview.maps.pixels import SURFACE, PixelRays, SeenPixels
+from planview.maps.pixels import SURFACE, UNKNOWN, PixelRays, SeenPixels
 from planview.tracking import body
 from planview.tracking.human_model.explanation import MaskExplanation
 from planview.tracking.joint import explanation as given
@@ -26,6 +26,8 @@ def log_likelihood(seen: SeenPixels, people: Poses, p: JointParams, reaching: Po
     for row in range(seen.kind.shape[0]):
         for col in range(seen.kind.shape[1]):
             kind, z = int(seen.kind[row, col]), float(seen.range_m[row, col])
+            if kind == UNKNOWN:
+                continue
             stretch = float(seen.rays.stretch[row, col])
             std = p.disparity_std_px / seen.rays.disparity_metre / stretch
             point = camera + z * seen.rays.direction[row, col]
@@ -74,7 +76,7 @@ def log_likelihood_of_mask(frame: MaskExplanation, people: Poses, reaching: Pose
     m, table, rays = frame.likelihood.model[0], frame.likelihood.table, frame.views[0].rays
     bodies = [(*seen_body(rays, person, table), person[2]) for person in people]
     total = 0.0
-    for row, col in np.argwhere(frame.kind != 3).tolist():
+    for row, col in np.argwhere(frame.kind < UNKNOWN).tolist():
         seen = frame.kind[row, col] == 1
         near = any(_reaches(rays, person, row, col, m["reach_m"]) for person in reaching)
         passing, value = 1.0, 0.0

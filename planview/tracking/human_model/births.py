@@ -150,9 +150,9 @@ def _try(place: F64, frame: MaskExplanation, known: People, now_s: float, p: Hum
             samples.layer(people, others)
         elif strong and pair.gain > p.birth_evidence:
             known.poses[rival] = pair.alone
-    mine, total = samples.visible(pose, tall)
-    if evidence < p.birth_evidence or mine < 0.25 * total:
+    mine, seen, _ = samples.visible(pose, tall)
+    if evidence < p.birth_evidence or mine < 0.25 * seen:
         return None
     person = Walker.born(pose, *samples.noise(pose, curvature), BORN_LOG_ODDS, now_s)
-    person.evidence, person.share = evidence, mine / max(total, 1e-6)
+    person.evidence, person.share = evidence, mine / max(seen, 1e-6)
     return person

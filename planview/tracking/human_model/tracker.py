@@ -20,7 +20,7 @@ from planview.tracking.human_model.explanation import MaskExplanation, likelihoo
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker, matches
-from planview.tracking.joint._kernels import SHADOW
+from planview.tracking.joint._kernels import SHADOW, TINY
 from planview.tracking.joint.explanation import Owned, People
 from planview.tracking.joint.person import side_by_side
 from planview.tracking.joint.tracker import NO_BOX, ExplainingTracker
@@ -139,9 +139,9 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         samples, _, evidence, curvature = self._ascend(frame, people)
         for i, person in enumerate(self._people):
             person.evidence, pose = float(evidence[i]), people.poses[i]
-            mine, total = samples[i].visible(pose, people.tall[i])
-            person.inside = self._visibility(pose)
-            person.share = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * person.inside)
+            mine, known, total = samples[i].visible(pose, people.tall[i])
+            person.inside, person.known = self._visibility(pose), known / total if total else 1.0
+            person.share = mine / max(known, TINY) * min(1.0, 1.25 * person.inside)
             self._measure(person, samples[i], pose, curvature[i], dt)
         # The surer person wins; of two equally sure ones the one that came first.
         ranks = sorted(range(len(self._people)), key=lambda k: (

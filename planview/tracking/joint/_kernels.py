@@ -15,10 +15,10 @@ from numba import njit
 
 from calib.types import F32, F64, I64, U8
 from planview.maps.pixels import BACKGROUND_SEEN as SEEN
-from planview.maps.pixels import NO_DEPTH, SURFACE
+from planview.maps.pixels import NO_DEPTH, SURFACE, UNKNOWN
 
-SHADOW = 3
-"""Kind of pixels besides those of views: foreground that looks like a shadow and carries no information."""
+SHADOW = 4
+"""Kind of pixels besides those of views: a shadow or furniture, which is no evidence but hides a body."""
 AT, THROUGH, BEFORE, REST = range(4)
 LAYERS = 4
 """Other people on one ray, the nearest first."""
@@ -189,7 +189,7 @@ def _on_body(kind, seen, at, std, matched, hidden, colour, m):  # type: ignore[n
 
     ``hidden``: how probably furniture is in the way; ``colour``: ratio of the person's colours to anybody's.
     """
-    if kind == SHADOW:
+    if kind >= UNKNOWN:
         return 0.5
     if kind == SEEN:
         return (1.0 - hidden) * (1.0 - m.body) + hidden * (1.0 - m.background)
@@ -207,7 +207,7 @@ def _on_body(kind, seen, at, std, matched, hidden, colour, m):  # type: ignore[n
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _on_ground(kind, seen, near, m):  # type: ignore[no-untyped-def]
     """Likelihood of a pixel on which nobody is; ``near`` people there are arms, shadows and what is carried."""
-    if kind == SHADOW:
+    if kind >= UNKNOWN:
         return 0.5
     if kind == SEEN:
         return 1.0 - m.background
@@ -365,7 +365,7 @@ def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore
             angle, iu, iw, kind = samples.angle[i], int(samples.u[i]), int(samples.w[i]), samples.kind[i]
             k_on = count[i]
             pi = cover[angle, iu, iw] * sure[k]
-            if pi < 0.01 or k_on >= LAYERS:
+            if pi < 0.01:
                 continue
             at = samples.ahead[i] - front[angle, iu, iw] * h / m.body_m
             z = (samples.cz[i] - samples.sin[i] * at) / h
@@ -380,7 +380,7 @@ def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore
                     ray[row, j] = ray[row, j - 1]
                 j -= 1
             ray[AT, j], ray[THROUGH, j], ray[BEFORE, j] = at, pi, like
-            count[i] = k_on + 1
+            count[i] = min(k_on + 1, LAYERS)
     for i in range(n):
         _sum_layers(layers[i], count[i], _on_ground(samples.kind[i], samples.range_m[i], near[i], m))
 
@@ -546,11 +546,11 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def visible(pose: F64, tall_m: float, samples, table, model):  # type: ignore[no-untyped-def]
-    """Patches of a body that it explains better than all else, and those in view."""
+    """Patches of a body that it explains better than all else, those that show something, and those in view."""
     m = model[0]
     layers, count = samples.layers, samples.n_layers
     cover, front = table.cover, table.front
-    h, mine, total = pose[2], 0.0, 0.0
+    h, mine, known, total = pose[2], 0.0, 0.0, 0.0
     for q in range(_covered(pose[0], pose[1], h, samples, table, m)):
         i = samples.which[q]
         angle, iu, iw, kind = samples.angle[i], int(samples.u[i]), int(samples.w[i]), samples.kind[i]
@@ -558,6 +558,9 @@ def visible(pose: F64, tall_m: float, samples, table, model):  # type: ignore[no
         if pi < 0.02:
             continue
         total += pi * samples.weight[i]
+        if kind == UNKNOWN:
+            continue
+        known += pi * samples.weight[i]
         if kind in (SEEN, SHADOW):
             continue
         at = samples.ahead[i] - front[angle, iu, iw] * h / m.body_m
@@ -569,7 +572,7 @@ def visible(pose: F64, tall_m: float, samples, table, model):  # type: ignore[no
         unknown = m.unknown / m.range_m if kind == SURFACE else 0.0
         if ray[THROUGH, j] * pi * like > ray[BEFORE, j] + ray[THROUGH, j] * (1 - pi) * ray[REST, j] + unknown:
             mine += pi * samples.weight[i]
-    return mine, total
+    return mine, known, total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -581,8 +584,8 @@ def assign_pixels(pixels: I64, people, around: I64, view, table, model, owned) -
     owner, share, height, patches, lacking, reached = owned
     cover, front = table.cover, table.front
     cols, camera_z = range_m.shape[1], centre[2]
-    ats, pis, likes, zs = np.empty((4, LAYERS))
-    ks = np.empty(LAYERS, np.int64)
+    ats, pis, likes, zs = np.empty((4, LAYERS + 1))
+    ks = np.empty(LAYERS + 1, np.int64)
     for i in range(len(pixels)):
         r, c = pixels[i] // cols, pixels[i] % cols
         far, std, n, near = range_m[r, c], view.std_per_m2 / stretch[r, c], 0, False
@@ -594,7 +597,7 @@ def assign_pixels(pixels: I64, people, around: I64, view, table, model, owned) -
             ox, oy, h = x - poses[k, 0], y - poses[k, 1], poses[k, 2]
             if far > 0.0:
                 near = near or (sure[k] > 0.5 and ox * ox + oy * oy < m.reach_m * m.reach_m)
-            if c < around[k, 0] or c > around[k, 2] or r < around[k, 1] or r > around[k, 3] or n >= LAYERS:
+            if c < around[k, 0] or c > around[k, 2] or r < around[k, 1] or r > around[k, 3]:
                 continue
             if far <= 0.0:
                 near = near or sure[k] > 0.5
@@ -615,7 +618,7 @@ def assign_pixels(pixels: I64, people, around: I64, view, table, model, owned) -
                 ats[j], pis[j], likes[j], ks[j], zs[j] = ats[j - 1], pis[j - 1], likes[j - 1], ks[j - 1], zs[j - 1]
                 j -= 1
             ats[j], pis[j], likes[j], ks[j], zs[j] = at, pi, like, k, z
-            n += 1
+            n = min(n + 1, LAYERS)
         passing, total, best, who, at_z, at = 1.0, 0.0, 0.0, -1, 0.0, far
         for j in range(n):
             like = passing * pis[j] * likes[j]

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calib.types import F32, F64, Bool
-from planview.maps.pixels import SURFACE, SeenPixels
+from planview.maps.pixels import SURFACE, UNKNOWN, SeenPixels
 from planview.tracking import body
 from planview.tracking.joint._kernels import map_lacking
 from planview.tracking.joint.explanation import SURFACE_STD_M, Explanation, Owned, People
@@ -84,7 +84,8 @@ class Births:
         same = []
         for v, o in zip(frame.views, owned, strict=True):
             tried_m = self._tried_m.get(v.rays.key, np.float32(0.0))
-            tried_m = self._tried_m[v.rays.key] = np.where(v.kind == SURFACE, tried_m, np.float32(0.0))
+            lasting = np.isin(v.kind, (SURFACE, UNKNOWN))
+            tried_m = self._tried_m[v.rays.key] = np.where(lasting, tried_m, np.float32(0.0))
             now_m, before_m = v.range_m.reshape(-1)[o.pixels], tried_m.reshape(-1)[o.pixels]
             std_m = np.hypot(SURFACE_STD_M, self._params.disparity_std_px / v.rays.disparity_metre * now_m**2)
             same.append(np.abs(now_m - before_m) < CHANGED * std_m)
@@ -119,12 +120,12 @@ def _tried(frame: Explanation, birth_evidence: float, people: People, points: F6
         value, curved = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial.ratios[n])
         if value > worth:
             worth, pose, curvature = value, moved, curved
-    mine, total = samples.visible(pose, trial.tall[n])
-    if worth < birth_evidence or mine < 0.25 * total:
+    mine, known, _ = samples.visible(pose, trial.tall[n])
+    if worth < birth_evidence or mine < 0.25 * known:
         return None
     log_odds = BORN_LOG_ODDS + 0.25 * min(worth, EVIDENCE_MAX)
     person = Person.born(pose, *samples.noise(pose, curvature), log_odds, now_s)
-    person.evidence, person.share = worth, mine / max(total, 1e-6)
+    person.evidence, person.share = worth, mine / max(known, 1e-6)
     if frame.coloured:
         owner = np.zeros(len(points), np.int64)
         person.learn_colours(colour_counts(1, owner, points[:, 2] / person.height_m, points[:, 4].astype(np.uint8))[0])

@@ -278,10 +278,10 @@ class Samples:
             things.append(float(kernels.log_ratio(x, y, h, h, nobody, self.arrays, table, self._of.model)))
         return self.log_ratio(pose, tall, nobody) - max(things)
 
-    def visible(self, pose: F64, tall: F64) -> tuple[float, float]:
-        """Patches of a body that it explains better than all else, and those in view."""
-        mine, total = kernels.visible(pose, float(tall[0]), self.arrays, self._of.table, self._of.model)
-        return float(mine), float(total)
+    def visible(self, pose: F64, tall: F64) -> tuple[float, float, float]:
+        """Patches of a body that it explains better than all else, those that show something, and those in view."""
+        mine, known, total = kernels.visible(pose, float(tall[0]), self.arrays, self._of.table, self._of.model)
+        return float(mine), float(known), float(total)
 
     def noise(self, pose: F64, curvature: F64) -> tuple[F64, float]:
         """Covariance (2, 2) of the place [m^2] and information on the height [1/m^2], from the curvature of Lam."""

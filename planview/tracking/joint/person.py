@@ -59,7 +59,9 @@ class Person:
         looks: frames in which colours were learned.
         confirmed: has been reported, and is until the end.
         evidence: of the last frame: Lam with the person less Lam without, plus the prior of the pose.
-        share: visible share of the body in the last frame.
+        share: visible share of the body in the last frame, of what shows something.
+        known: share of the body in view of which the last frame shows something.
+        unseen_s: for how long it has been looked for in vain [s].
         inside: share of the body inside the image.
         patches: of the body in view in the last frame.
         head_in_view: whether the top of the head was inside of an image in the last frame.
@@ -89,6 +91,8 @@ class Person:
     confirmed: bool = False
     evidence: float = 0.0
     share: float = 1.0
+    known: float = 1.0
+    unseen_s: float = 0.0
     inside: float = 1.0
     patches: float = 0.0
     head_in_view: bool = False

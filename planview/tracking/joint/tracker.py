@@ -12,7 +12,7 @@ from calib.types import F32, F64, I64, U8
 from planview.maps.colour import CODES
 from planview.tracking import body
 from planview.tracking.base import Decision, DecisionKind, Drawing, Observation, TrackerDebug
-from planview.tracking.joint._kernels import PARTS
+from planview.tracking.joint._kernels import PARTS, TINY
 from planview.tracking.joint.births import EVIDENCE_MAX, LOOSE, Births
 from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, People, Samples, likelihood_of_ranges
 from planview.tracking.joint.identity import Exchanges, continued
@@ -103,13 +103,15 @@ class ExplainingTracker(Generic[P, Q]):
         person.kalman = person.kalman.found_at(pose[:2], noise, body.SPEED_MAX_MPS)
         information = 1.0 / person.height_var + up * min(1.0, dt / self.params.errors_s)
         person.height_m, person.height_var = float(pose[2]), 1.0 / information
-        person.seen_s = self._log.now_s
+        person.seen_s, person.unseen_s = self._log.now_s, 0.0
 
     def _weigh(self, person: P, dt: float, away_s: float) -> None:
-        """Update the existence: an unseen person stays for ``away_s`` on average; then add the frame's evidence."""
+        """Update the existence: an unseen person stays for ``away_s`` on average, as far as there is anything to see;
+        then add the frame's evidence."""
         p, looks = self.params, min(1.0, dt / self.params.errors_s)
         if person.share < p.visible_min:
-            stays = person.existence * math.exp(-dt / away_s)
+            person.unseen_s += dt * person.known
+            stays = person.existence * math.exp(-dt * person.known / away_s)
             person.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
         person.log_odds += looks * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, person.evidence))
         person.log_odds = max(-body.LOG_ODDS_MAX, min(body.LOG_ODDS_MAX, person.log_odds))
@@ -242,9 +244,9 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
                 samples[rival].layer(people, others[rival])
                 if both < 0.0 and alone[2] > people.poses[rival, 2] + body.HEIGHT_STD_M:
                     stood_up.append((self._people[rival], alone))
-            mine, total = samples[i].visible(pose, people.tall[i])
-            person.inside = min(1.0, total / frame.whole_patches(pose))
-            person.share, person.patches = (mine / total if total > 0 else 0.0) * min(1.0, 1.25 * person.inside), total
+            mine, known, total = samples[i].visible(pose, people.tall[i])
+            person.inside, person.known = min(1.0, total / frame.whole_patches(pose)), known / total if total else 1.0
+            person.share, person.patches = mine / max(known, TINY) * min(1.0, 1.25 * person.inside), total
             person.head_in_view = frame.in_view(pose)
             visible = person.share >= self.params.visible_min
             if not person.confirmed:
@@ -295,8 +297,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
 
     def _forget_gone(self) -> None:
         for person in self._people:
-            unseen_s = self._log.now_s - person.seen_s if person.share < self.params.visible_min else 0.0
-            if person.existence < 0.05 or (person.inside < 0.15 and unseen_s > body.LEAVE_S):
+            if person.existence < 0.05 or (person.inside < 0.15 and person.unseen_s > body.LEAVE_S):
                 self._end(person, f"existence {person.existence:.2f}, evidence {person.evidence:.1f}", person.confirmed)
 
     def _recognise(self) -> None:

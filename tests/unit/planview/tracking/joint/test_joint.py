@@ -7,7 +7,7 @@ import pytest
 from reference.explain import log_likelihood, patches_of
 from toy_people import look_at, oblique_camera, observed
 
-from planview.maps.pixels import SURFACE, SeenPixels
+from planview.maps.pixels import SURFACE, UNKNOWN, SeenPixels
 from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.joint import JointTracker
@@ -141,6 +141,18 @@ def test_a_low_body_and_another_in_its_place_become_the_upright_person_that_expl
     assert [(s.track_id, s.height_m > 1.6) for s in confirmed(states)] == [(1, True)]
 
 
+def test_a_walker_keeps_existence_and_id_while_nothing_is_known():
+    tracker, states, odds = JointTracker(), [], []
+    for n in range(35):
+        scene = look_at(CAMERA, [(-0.6 + 0.08 * n, 3.0, 1.75)])
+        if 15 <= n < 23:
+            scene.kind[:], scene.range_m[:] = UNKNOWN, 0.0
+        states.append([(s.track_id, s.state) for s in tracker.update(observed(n, n / 15, scene))])
+        odds.append(tracker._people[0].log_odds)
+    assert states[14] == states[34] == [(1, "confirmed")] and states[15:23] == [[(1, "lost")]] * 8
+    assert odds[22] == pytest.approx(odds[14], abs=1e-6)
+
+
 def test_light_that_floods_the_image_ends_nobody_and_a_reset_everybody():
     tracker = JointTracker()
     for n in range(20):
@@ -179,9 +191,11 @@ def explained(seen: SeenPixels) -> Explanation:
 
 
 @pytest.mark.parametrize("other", [(0.3, 3.8, 1.6), (0.1, 5.4, 1.8)], ids=["in front", "behind"])
-def test_evidence_of_a_person_is_the_difference_of_two_likelihoods(other):
+@pytest.mark.parametrize("unknown_rows", [0, 50])
+def test_evidence_of_a_person_is_the_difference_of_two_likelihoods(other, unknown_rows):
     far = (0.0, 4.6, 1.75)
     seen = look_at(oblique_camera(), [far, other])
+    seen.kind[:unknown_rows] = UNKNOWN
     every_pixel = JointParams(patch_m=0.011)
     dense = Explanation((seen,), likelihood_of_ranges(every_pixel)).around(np.array(far), 0.4)
     dense.arrays.weight[:] = 1.0
@@ -201,6 +215,37 @@ def test_the_surface_of_a_view_is_shared_out_and_lacks_an_explanation_where_nobo
     assert (owned.owner == 0).mean() > 0.95 and (owned.share > 0.8).mean() > 0.9
     per_patch = [float(o.lacking.sum() / patches.sum()) for o in (owned, alone)]
     assert abs(per_patch[0]) < 0.5 and per_patch[1] > 3.0
+
+
+def test_pixels_that_show_nothing_are_no_evidence_and_not_in_the_visible_share():
+    seen = look_at(oblique_camera(), [ADULT])
+    shares, evidence = [], []
+    for hidden in (slice(0), np.s_[:, :80], np.s_[:]):
+        seen.kind[hidden] = UNKNOWN
+        samples = explained(seen).around(np.array(ADULT), 0.3)
+        samples.layer(people_of(), np.zeros(0, np.int64))
+        mine, known, total = samples.visible(np.array(ADULT), TALL)
+        shares.append((mine / max(known, 1e-9), known / total))
+        evidence.append(samples.log_ratio(np.array(ADULT), TALL, SAME))
+    assert shares[0] == pytest.approx((shares[1][0], 1.0), abs=0.03) and 0.4 < shares[1][1] < 0.6
+    assert shares[2] == (0.0, 0.0) and evidence[2] == 0.0 and evidence[0] > evidence[1] > 5.0
+
+
+def test_of_five_people_on_a_ray_the_four_nearest_count_in_any_order():
+    row = [(0.0, 2.0 + 0.9 * k, 1.7) for k in range(6)]
+    frame = explained(look_at(oblique_camera(height_m=1.6, tilt_deg=88.0), row[:1]))
+    found = []
+    for order in ([1, 2, 3, 4, 5], [5, 4, 3, 2, 1]):
+        samples = frame.around(np.array(row[0]), 0.3)
+        samples.layer(people_of(*row), np.array(order))
+        n = samples.arrays.size[0]
+        assert samples.arrays.n_layers[:n].max() == kernels.LAYERS
+        past = np.arange(kernels.LAYERS + 1) > samples.arrays.n_layers[:n, None]
+        found.append(np.where(past, 0.0, samples.arrays.layers[:n, kernels.THROUGH]))
+        owned = frame.assign_pixels(people_of(*[row[k] for k in (0, *order)]))[0]
+        found.append((owned.owner == 0).mean())
+    np.testing.assert_allclose(found[0], found[2])
+    assert found[1] == found[3] > 0.9
 
 
 def test_a_person_where_the_background_is_seen_is_unlikely():
