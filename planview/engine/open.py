@@ -18,6 +18,7 @@ from planview.engine.replay import ReplayEngine, recorded_config
 from planview.engine.stereo import multi_rig_engine, stereo_engine
 from planview.maps.recording import MapsRecording, is_maps
 from planview.tracking.base import ImageTracker, Tracker, refuse_tracker
+from planview.tracking.boxes import BoxTracker
 from planview.tracking.detections import DetectionTracker
 from planview.tracking.joint import JointTracker
 from planview.tracking.template import TemplateTracker
@@ -87,10 +88,17 @@ def open_engine(
     video = open_video(path, options)
     ground_camera = load_one_camera(camera, video.size) if camera else None
     if detections is not None:
-        tracker = DetectionTracker(_boxes_for(video, detections), config.detections, ground_camera)
+        tracker = _box_tracker(_boxes_for(video, detections), config, ground_camera)
     if isinstance(tracker, str):
         tracker = image_tracker(cast(ImageTrackerName, tracker), config, ground_camera)
     return one_camera_engine(video, cast(ImageTracker, tracker), config, ground_camera, overview=True)
+
+
+def _box_tracker(boxes: Detections, config: Config, camera: GroundCamera | None) -> ImageTracker:
+    """A tracker of another program's boxes: on the floor with a camera, in the image without one."""
+    if camera is None:
+        return BoxTracker(boxes, config.detections.edge)
+    return DetectionTracker(boxes, config.detections, camera)
 
 
 def _boxes_for(video: Video, detections: Path | str | Sequence[ArrayLike]) -> Detections:

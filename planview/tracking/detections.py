@@ -1,10 +1,9 @@
-"""People from the boxes of another program's detector: placed on the floor, assigned to tracks."""
+"""People from the boxes of another program's detector, placed on the floor by a calibrated camera."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from pydantic import Field
@@ -58,7 +57,7 @@ class Detected:
     Attributes:
         who: id and state.
         log_odds: of existence.
-        kalman: place [m]; without a camera of the image, in metres of the usual person's size.
+        kalman: place [m].
         height_m, height_var: of the person [m, m^2].
         box: (left, top, width, height) [px], where the person is now.
         foot: pixel of the place that the box belongs to.
@@ -89,17 +88,13 @@ class DetectionTracker:
     Args:
         detections: boxes of every frame of the recording.
         params: all parameters.
-        camera: places people on the floor; None leaves places unknown and tracks in the image.
+        camera: places people on the floor.
     """
 
     foreground_columns: int | None = 80
 
-    def __init__(
-        self, detections: Detections, params: DetectionParams | None = None, camera: GroundCamera | None = None
-    ) -> None:
-        self.detections, self.params, self.camera = detections, params or DetectionParams(), camera
-        heights = np.concatenate([frame[:, 3] for frame in detections.frames] or [np.ones(1)])
-        self._px_per_m = float(np.median(heights)) / body.HEIGHT_MEAN_M if len(heights) else 1.0
+    def __init__(self, detections: Detections, params: DetectionParams, camera: GroundCamera) -> None:
+        self.detections, self.params, self.camera = detections, params, camera
         self.reset()
 
     def reset(self) -> None:
@@ -115,10 +110,7 @@ class DetectionTracker:
     @property
     def notes(self) -> tuple[str, ...]:
         """Whose boxes these are, in a sentence."""
-        found, name = self.detections, Path(self.detections.source).name
-        scores = "scores count as probabilities" if found.scored else "scores have no meaning"
-        boxes = f"people are {sum(map(len, found.frames))} boxes of {name}, {len(found.frames)} frames"
-        return ("; ".join(filter(None, (boxes, scores, found.note))),)
+        return (self.detections.summary,)
 
     def feedback(self) -> U8 | None:
         """No feedback: the boxes say nothing about pixels."""
@@ -170,9 +162,6 @@ class DetectionTracker:
         """(N, 3) x, y, height [m] of boxes, NaN of those on no floor, and (N, 3, 3) covariances."""
         std_px = self.params.edge * boxes[:, 3]
         edges = np.column_stack([boxes[:, 0], boxes[:, 1], boxes[:, 0] + boxes[:, 2], boxes[:, 1] + boxes[:, 3]])
-        if self.camera is None:
-            poses = np.column_stack([(edges[:, 0] + edges[:, 2]) / 2, edges[:, 3], boxes[:, 3]]) / self._px_per_m
-            return poses, (std_px[:, None, None] / self._px_per_m) ** 2 * np.eye(3)
         foot = np.column_stack([(edges[:, 0] + edges[:, 2]) / 2, edges[:, 3]])
         poses = np.column_stack([self.camera.back_project(foot), np.full(len(boxes), body.HEIGHT_MEAN_M)])
         # An edge on the border of the image is not the person's; arms and strides widen a box.
@@ -197,7 +186,6 @@ class DetectionTracker:
 
     def _edges(self, poses: F64) -> F64:
         """(N, 4) left, top, right, bottom [px] of standing bodies."""
-        assert self.camera is not None
         radius = body.TORSO.torso_radius_m
         around = np.concatenate([np.tile(radius * RING, (2, 1)), np.repeat([[0.0], [1.0]], len(RING), axis=0)], axis=1)
         points = around + np.concatenate([poses[:, None, :2], np.zeros((len(poses), 1, 1))], axis=2)
@@ -206,8 +194,7 @@ class DetectionTracker:
         return np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
 
     def _foot(self, kalman: FloorKalman) -> F64:
-        place = kalman.mean[:2]
-        return place * self._px_per_m if self.camera is None else self.camera.project(np.array([*place, 0.0]))
+        return self.camera.project(np.array([*kalman.mean[:2], 0.0]))
 
     def _move_box(self, q: Detected) -> None:
         foot = self._foot(q.kalman)
@@ -277,8 +264,6 @@ class DetectionTracker:
 
     def _state(self, q: Detected) -> TrackState:
         k, box = q.kalman, tuple(map(float, q.box))
-        if self.camera is None:
-            return TrackState(q.who.track_id, q.who.state, box_px=box)  # type: ignore[arg-type]
         place = k.x_m, k.y_m, k.vx_mps, k.vy_mps
         return TrackState(q.who.track_id, q.who.state, *place, q.height_m, box)  # type: ignore[arg-type]
 

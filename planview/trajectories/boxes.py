@@ -201,6 +201,13 @@ class Detections:
         scored = len(together) > 0 and 0 <= together[:, 4].min() < together[:, 4].max() <= 1
         return Detections(tuple(boxes), bool(scored), source, note)
 
+    @property
+    def summary(self) -> str:
+        """Whose boxes these are, in a sentence."""
+        scores = "scores count as probabilities" if self.scored else "scores have no meaning"
+        boxes = f"people are {sum(map(len, self.frames))} boxes of {Path(self.source).name}, {len(self.frames)} frames"
+        return "; ".join(filter(None, (boxes, scores, self.note)))
+
     def within(self, size: tuple[int, int]) -> Detections:
         """Self for images of (width, height) [px]. Raises InputError: boxes that are not of such images."""
         refuse_outside(np.concatenate([*self.frames, np.empty((0, 5))])[:, :4], size, self.source)

@@ -88,8 +88,8 @@ def box(x_m: float, y_m: float, height_m: float = 1.75, score: float = 1.0) -> l
     return [left, top, right - left, bottom - top, score]
 
 
-def track(frames: list[list[list[float]]], camera: bool = True) -> list[tuple[TrackState, ...]]:
-    tracker = DetectionTracker(Detections.of(frames), DetectionParams(), CAMERA if camera else None)
+def track(frames: list[list[list[float]]]) -> list[tuple[TrackState, ...]]:
+    tracker = DetectionTracker(Detections.of(frames), DetectionParams(), CAMERA)
     return [tracker.update(Observation(i, i / FPS, IMAGE)) for i in range(len(frames))]
 
 
@@ -136,11 +136,6 @@ def test_a_person_hidden_behind_another_is_kept() -> None:
     hidden = [[box(0.0, 5.0)] for _ in range(25)]  # two and a half seconds behind the one in front
     states = track(both + hidden)
     assert {s.track_id for s in states[-1]} == {1, 2}
-
-
-def test_without_a_camera_people_have_boxes_and_no_places() -> None:
-    last = track([[box(-1.5 + 0.1 * i, 6.0)] for i in range(30)], camera=False)[-1]
-    assert [s.state for s in last] == ["confirmed"] and math.isnan(last[0].x_m) and last[0].box_px[2] > 0
 
 
 def test_low_scores_are_not_believed_and_arrays_of_another_shape_refused():
