@@ -79,7 +79,7 @@ class ChallengeOptions(BenchOptions):
     jobs: int = 1
     """Recordings processed at the same time, each in a process of its own."""
     scenes: Path = SUITE
-    """Folder with challenges."""
+    """Folder with challenges; people who carry, push or sit in something are in data/synthetic/loads."""
 
     def files(self) -> list[Path]:
         """The challenges named. Raises InputError: there is none of a name, or a number out of its range."""
@@ -114,8 +114,7 @@ def rendered(scene: Scene, name: str, options: Rendering) -> Path:
 
     The key is a hash of everything in the scene, the renderer's version and the size; a recording appears in the cache
     only when it is whole. Raises WorkError: the cache cannot be written."""
-    without = {"capture"} if scene.capture is None else None
-    text = f"{scene.model_dump_json(exclude=without)} {RENDERER_VERSION} {options.scale} {options.frames}"
+    text = f"{scene.model_dump_json()} {RENDERER_VERSION} {options.scale} {options.frames}"
     folder = options.cache / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
     if folder.is_dir():
         return folder

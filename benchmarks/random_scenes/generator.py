@@ -19,7 +19,7 @@ from calib.io import load_toml
 from calib.params import first_problem
 from planview.synthetic.assets import SCENES
 
-SUITE, VIEWS = SCENES / "suite", SCENES / "views"
+SUITE, VIEWS, LOADS = SCENES / "suite", SCENES / "views", SCENES / "loads"
 SceneKind = Literal["suite", "views", "conference", "rigs"]
 KINDS: dict[SceneKind, tuple[Path, Callable[[dict[str, Any], np.random.Generator], RandomScene]]] = {
     "suite": (SUITE, challenge),

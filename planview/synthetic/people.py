@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.types import F64
+from planview.synthetic.loads import HeldLoad
 from planview.synthetic.mesh import Mesh, dome_rings, join, limb_rings, rotation_z, sweep
 from planview.synthetic.motion import ACTIONS, Handling, Motion, scripted_motion, step_length_m, wander
 from planview.synthetic.room import furniture_mesh
@@ -53,16 +54,18 @@ class PosedBody:
     """A body in the room.
 
     Attributes:
-        mesh: all parts, room frame; the lowest point touches the floor.
+        mesh: all parts and what is carried, pushed or sat in, room frame; the lowest point touches the floor.
         head: (3,) centre of the head [m].
         top_m: highest point of head and hair above the floor [m].
         hands: (3,) point between the hands [m].
+        chest: (3,) unit vector ahead of the chest.
     """
 
     mesh: Mesh
     head: F64
     top_m: float
     hands: F64
+    chest: F64
 
 
 class Body:
@@ -70,6 +73,7 @@ class Body:
 
     def __init__(self, person: ScenePerson, palette: Palette) -> None:
         self.height_m = person.height_m
+        self.load = None if person.load is None else HeldLoad(person.load, palette)
         h, b = person.height_m, person.build
         shirt = palette.add(person.shirt)
         trousers = palette.add(person.trousers)
@@ -122,8 +126,12 @@ class Body:
         if pose.wheel:
             roll = _rx(-pose.wheel)
             mesh, head = mesh.moved(roll, np.zeros(3)), head.moved(roll, np.zeros(3))
-            skull, neck, hands = roll @ skull, roll @ neck, [roll @ hand for hand in hands]
+            chest, skull, neck, hands = roll @ chest, roll @ skull, roll @ neck, [roll @ hand for hand in hands]
         lift = -float(mesh.vertices[:, 2].min())
+        if self.load is not None:
+            up = np.array([0.0, 0.0, lift])
+            held = self.load.placed(chest, up, [hand + up for hand in hands])
+            mesh = join([mesh, *(part.moved(eye, -up) for part in held)])
         turn, shift = rotation_z(heading_rad), np.array([x_m, y_m, lift])
         centre = skull @ np.array([0.0, 0.0, (0.935 - NECK) * h]) + neck
         return PosedBody(
@@ -131,6 +139,7 @@ class Body:
             turn @ centre + shift,
             float(head.vertices[:, 2].max()) + lift,
             turn @ np.mean(hands, axis=0) + shift,
+            turn @ chest[:, 0],
         )
 
     def _arm(self, placed: list[Mesh], pose: Pose, side: int, chest: F64) -> F64:
@@ -228,14 +237,16 @@ def _foot(h: float, shoes: int) -> Mesh:
     return Mesh(flat.vertices, flat.normals, flat.local, flat.triangles[:, ::-1].copy(), flat.material)
 
 
-def pose_at(person_index: int, height_m: float, motion: Motion, t: float) -> tuple[Pose, float, float, float]:
-    """Pose and hips (x, y, heading) at a time.
+def pose_at(
+    person_index: int, height_m: float, motion: Motion, t: float, posture: str | None = None
+) -> tuple[Pose, float, float, float]:
+    """Pose and hips (x, y, heading) at a time; ``posture``: of POSTURES, kept throughout.
 
     Walking legs follow the gait phase with the hip amplitude that makes feet stay on the floor; standing
     people shift their weight and look around; actions blend in by their weights.
     """
     xy, heading, phase, speed, actions = motion.at(t)
-    w = dict(zip(ACTIONS, actions, strict=True))
+    w = dict(zip(ACTIONS, actions, strict=True)) | ({posture: 1.0} if posture else {})
     still = float(np.clip(1.0 - speed / 0.35, 0.0, 1.0))
     turned = w["turns"] % 1.0
     wheel = float(np.clip(2.5 * np.sin(np.pi * turned), 0.0, 1.0))
@@ -261,8 +272,8 @@ def pose_at(person_index: int, height_m: float, motion: Motion, t: float) -> tup
         "hip": hip, "knee": knee, "foot": foot, "shoulder": shoulder + 0.1 * still * idle[4:6], "elbow": elbow,
         "spread": np.full(2, 0.02), "abduct": np.full(2, 0.12),
     }  # fmt: skip
-    for name, target in _ACTION_POSES.items():
-        weight = wheel if name == "turns" else w[name]
+    for name, target in POSTURES.items():
+        weight = wheel if name == "turns" else w.get(name, 0.0)
         for joint, value in target.items():
             pose[joint] = pose[joint] + weight * (np.asarray(value) - pose[joint])
     joints = {name: (float(both[0]), float(both[1])) for name, both in pose.items() if name != "lean"}
@@ -279,7 +290,7 @@ def pose_at(person_index: int, height_m: float, motion: Motion, t: float) -> tup
     return posed, x_m, y_m, heading + 0.06 * still * float(idle[2])
 
 
-_ACTION_POSES: dict[str, dict[str, tuple[float, ...]]] = {
+POSTURES: dict[str, dict[str, tuple[float, ...]]] = {
     "sit": {"hip": (1.5, 1.5), "knee": (1.5, 1.5), "lean": (0.08,), "shoulder": (0.35, 0.35), "elbow": (1.0, 1.0),
             "foot": (0.0, 0.0), "spread": (0.12, 0.12)},
     "floor": {"hip": (1.55, 1.55), "knee": (2.2, 2.2), "spread": (0.7, 0.7), "lean": (0.15,),
@@ -294,6 +305,7 @@ _ACTION_POSES: dict[str, dict[str, tuple[float, ...]]] = {
     "turns": {"shoulder": (0.0, 0.0), "elbow": (0.05, 0.05), "abduct": (2.6, 2.6), "hip": (0.0, 0.0),
               "knee": (0.05, 0.05), "lean": (0.0,)},
     "push": {"shoulder": (0.75, 0.75), "elbow": (0.55, 0.55), "lean": (0.15,), "abduct": (0.08, 0.08)},
+    "umbrella": {"shoulder": (0.1, 0.5), "elbow": (0.3, 2.0)},
 }  # fmt: skip
 
 
@@ -326,7 +338,8 @@ class Cast:
         actors, bodies = [], {}
         for i, (motion, body) in enumerate(zip(self.motions, self._bodies, strict=True)):
             if motion.exists(t):
-                bodies[i] = body.pose(*pose_at(i, body.height_m, motion, t))
+                posture = body.load.posture if body.load else None
+                bodies[i] = body.pose(*pose_at(i, body.height_m, motion, t, posture))
                 actors.append(Actor(bodies[i].mesh, i + 1, bodies[i]))
         for item, mesh in self._things:
             place, heading, z = self._place(item, t, bodies)

@@ -32,7 +32,7 @@ from planview.synthetic.truth import TruthRow, truth_row
 
 _BANK = 1 << 21
 """Normal numbers of a sensor; a frame takes them from another place each."""
-RENDERER_VERSION = 1
+RENDERER_VERSION = 2
 """Raised whenever the pixels or the truth of any scene change: rendered recordings are cached by it."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +27,8 @@ class TruthRow:
         x_m, y_m: vertical projection of the head's centre, canonical world frame [m].
         height_m: highest point of head and hair above the floor [m].
         visible: pixels that show the person over pixels of the whole person, hidden ones and ones outside the
-            image included.
+            image included; what is carried, pushed or sat in belongs to the person.
+        facing_deg: where the chest points on the floor, 0 along X and 90 along Y.
         box_px: left, top, width, height of the visible silhouette (unrectified image).
         full_box_px: the same of the whole silhouette inside the image, as if nothing hid it.
     """
@@ -36,6 +38,7 @@ class TruthRow:
     y_m: float
     height_m: float
     visible: float
+    facing_deg: float
     box_px: Box
     full_box_px: Box
 
@@ -48,9 +51,12 @@ def truth_row(actor: Actor, k: int, layer: Layer, view: View, world_SE3_room: SE
         return None
     whole = layer.alone[k] + outside_pixels(view, actor.mesh)
     x, y, _ = world_SE3_room @ actor.body.head
+    ahead = world_SE3_room.rotation @ actor.body.chest
+    facing_deg = math.degrees(math.atan2(ahead[1], ahead[0]))
     rows, cols = np.flatnonzero(mine.any(axis=1)), np.flatnonzero(mine.any(axis=0))
     box = (float(cols[0]), float(rows[0]), float(cols[-1] - cols[0] + 1), float(rows[-1] - rows[0] + 1))
-    return TruthRow(actor.person, float(x), float(y), actor.body.top_m, min(1.0, shown / whole), box, layer.boxes[k])
+    visible = min(1.0, shown / whole)
+    return TruthRow(actor.person, float(x), float(y), actor.body.top_m, visible, facing_deg, box, layer.boxes[k])
 
 
 def outside_pixels(view: View, mesh: Mesh) -> float:

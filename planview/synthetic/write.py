@@ -23,7 +23,7 @@ from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import Rig, Scene
 
 Storage = Literal["png", "jpg", "video"]
-TRUTH_HEADER = "frame,id,x_m,y_m,height_m,visible"
+TRUTH_HEADER = "frame,id,x_m,y_m,height_m,visible,facing_deg"
 BOX_HEADER = ",left_px,top_px,width_px,height_px,full_left_px,full_top_px,full_width_px,full_height_px"
 
 
@@ -111,7 +111,8 @@ def _write_frames(renderer: SceneRenderer, folder: Path, count: int, storage: St
             for row in frame.truth:
                 cells = [str(index), str(row.person), f"{row.x_m:.4f}", f"{row.y_m:.4f}", f"{row.height_m:.4f}"]
                 boxes = (*row.box_px, *row.full_box_px) if single else ()
-                cells += [f"{row.visible:.3f}", *("" if math.isnan(v) else f"{v:.1f}" for v in boxes)]
+                cells += [f"{row.visible:.3f}", f"{row.facing_deg:.1f}"]
+                cells += ["" if math.isnan(v) else f"{v:.1f}" for v in boxes]
                 truth.write(",".join(cells) + "\n")
             rows += len(frame.truth)
             done()
