@@ -29,6 +29,7 @@ from planview.output.maps_log import MapsLog
 from planview.output.resume import code_version, key_of
 from planview.output.run import RunLog, RunOptions, run
 
+FACING = "median difference of walkers to the truth, or where that has no facing, to their direction of walking"
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
@@ -151,6 +152,7 @@ def print_scores(what: str, scores: Sequence[SceneScore]) -> None:
     }
     per = 600.0 / every.duration_s
     rates = (f"{per * n:.1f} (at most {per * poisson_upper(n):.1f}) {name}" for name, n in counts.items())
+    print(f"facing deg: {FACING}")
     print(f"in 10 minutes, of {every.duration_s / 60:.1f}, with the 95 % bound of so few: {', '.join(rates)}")
     for score in scores:
         for error in score.evaluation.significant:
@@ -165,4 +167,5 @@ def _row(names: dict[str, Any], evaluation: Evaluation) -> dict[str, Any]:
     row |= {key: figures[key] for key in ("events", "mota", "idf1", "switches")}
     for name, key in (("pos cm", "position_error_mean_m"), ("height cm", "height_error_mean_m")):
         row[name] = None if figures[key] is None else round(100 * figures[key], 1)
+    row["facing deg"] = evaluation.facing.walkers_deg
     return row

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from pandas import read_csv
 
 from benchmarks.options import JsonFlag, progress, report
-from benchmarks.passes import bench_engine
+from benchmarks.passes import FACING, bench_engine
 from calib.errors import InputError
 from calib.types import I64
 from planview.engine.config import load_config
@@ -24,6 +24,7 @@ from planview.trajectories.table import Trajectories, positions_table, read_trut
 
 BASELINE = "peaks"
 """The tracker to beat, which is always scored too."""
+PRINTED = ("mota", "idf1", "position_error_mean_m", "misses", "false_positives", "facing deg")
 WALKER_PATH = "walker_path_from_depth.csv"
 WALKER_VISIBLE_FRAMES, BESIDE_WALKER_M = 30, 0.3
 """The walker's path comes without ids: later the walker stands cut by the image's border, and so does a second person
@@ -110,9 +111,11 @@ def real(*, options: RealOptions | None = None) -> None:
             judged = np.unique(truth.frame)
             if (folder / "truth.csv").is_file():  # frames without a row are empty
                 judged = np.arange(max(engine.recording.n_frames, int(judged.max()) + 1))
-            figures = evaluate_tracks(tracks.where(np.isin(tracks.frame, judged)), truth).to_json()
-            names = figures if o.json_output else ("mota", "idf1", "position_error_mean_m", "misses", "false_positives")
+            scores = evaluate_tracks(tracks.where(np.isin(tracks.frame, judged)), truth)
+            figures = scores.to_json() | {"facing deg": scores.facing.walkers_deg}
+            names = figures if o.json_output else PRINTED
             counts = {"recording": folder.name, "tracker": tracker, **score_real(tracks, truth, judged)}
             rows.append(counts | {name: figures[name] for name in names})
     report(o.json_output, scores=rows)
     progress("right number: as many confirmed people as show, or some of the doubtful ones more")
+    progress(f"facing deg: {FACING}")

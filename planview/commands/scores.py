@@ -81,8 +81,8 @@ def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOption
     tracks
         tracks.csv of a run, the folder of the run, trajectories in a format of planview export, or a folder of these.
     truth
-        truth.csv (frame,id,x_m,y_m,height_m[,visible]), rows of PETS or MOTChallenge (gt.txt), another format of
-        planview export, or a folder of these; by default truth.csv of the run's recording.
+        truth.csv (frame,id,x_m,y_m,height_m[,visible][,facing_deg]), rows of PETS or MOTChallenge (gt.txt), another
+        format of planview export, or a folder of these; by default truth.csv of the run's recording.
     """
     truth = truth or _truth_of(tracks)
     run = RunFolder.around(tracks)

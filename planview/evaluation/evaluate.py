@@ -12,6 +12,7 @@ from calib.errors import InputError
 from calib.params import Params
 from calib.types import I64, Bool
 from planview.evaluation.align import align_tracks, moved
+from planview.evaluation.facing import facing_errors, velocities
 from planview.evaluation.metrics import clear_scores
 from planview.evaluation.result import Evaluation, TruthRows
 from planview.evaluation.sequence import Similarity, box_similarity, build_sequence, floor_similarity
@@ -108,8 +109,9 @@ def evaluate_tracks(
     significant = significant_errors(persons, histories, frame_s, predictions)
     heights = np.abs(followed.height_m[k] - counted.height_m[t])
     matched, away = np.zeros(len(counted), dtype=np.bool_), np.full(len(counted), np.nan)
-    matched[t] = True
+    matched[t], facing_deg = True, np.full(len(k), np.nan)
     if on_floor or alignment is not None:  # else the world frames may differ
+        facing_deg = followed.facing_deg[k]
         away[t] = np.hypot(followed.x_m[k] - counted.x_m[t], followed.y_m[k] - counted.y_m[t])
     _, where, together = np.unique(counted.frame, return_inverse=True, return_counts=True)
     return Evaluation(
@@ -118,6 +120,7 @@ def evaluate_tracks(
         rows=TruthRows(np.hypot(counted.x_m, counted.y_m), counted.visible, together[where], matched, away),
         ignored_rows=int(ignored.sum()),
         height_error_m=heights[np.isfinite(heights)],
+        facing=facing_errors(facing_deg, counted.where(t), velocities(people, frame_s)[~ignored][t]),
         significant=significant,
         events=len(grouped_events(significant, EVENT_S / frame_s)),
         strict_identity_changes=strict_identity_changes(persons, frame_s),

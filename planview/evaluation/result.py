@@ -14,6 +14,7 @@ import numpy as np
 
 from calib.types import F64, I64, Bool
 from planview.evaluation.align import FloorAlignment
+from planview.evaluation.facing import FacingErrors
 from planview.evaluation.metrics import (
     ClearScores,
     HotaScores,
@@ -99,6 +100,7 @@ class Evaluation:
             frames may then differ.
         ignored_rows: truth rows that are too little visible.
         height_error_m: (K,) absolute height difference of every match whose heights are known.
+        facing: differences of direction, of every match whose track faces somewhere.
         significant, events: errors by frame, and from how many moments they come (``grouped_events``).
         strict_identity_changes: every persistent change of an identity, also after coming back.
         duration_s: time scored [s].
@@ -112,6 +114,7 @@ class Evaluation:
     rows: TruthRows
     ignored_rows: int
     height_error_m: F64
+    facing: FacingErrors
     significant: list[SignificantError]
     events: int
     strict_identity_changes: int
@@ -175,6 +178,7 @@ class Evaluation:
             "position_error_mean_m": _mean(self.position_error_m),
             "position_error_std_m": float(self.position_error_m.std()) if len(self.position_error_m) else None,
             "height_error_mean_m": _mean(self.height_error_m),
+            **({"facing": facing} if (facing := self.facing.to_json()) else {}),
             "significant_errors": {"total": len(self.significant), **{kind: by_kind[kind] for kind in KINDS}},
             "significant_errors_per_10_min": self._per(600.0, len(self.significant)),
             "significant_errors_per_10_min_upper": self._per(600.0, poisson_upper(len(self.significant))),
@@ -209,6 +213,7 @@ def pooled(parts: Items[Evaluation]) -> Evaluation:
         clear=clear_scores(sequence),
         rows=TruthRows.joined([part.rows for part in parts]),
         height_error_m=np.concatenate([part.height_error_m for part in parts]),
+        facing=FacingErrors.joined([part.facing for part in parts]),
         significant=[error for part in parts for error in part.significant],
         **{name: sum(getattr(part, name) for part in parts) for name in _SUMS},
         alignment=None,

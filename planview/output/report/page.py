@@ -179,6 +179,11 @@ def evaluation_rows(evaluation: dict[str, Any]) -> list[Figure]:
     """The scores of an evaluation, ready to print."""
     known = {k: v for k, v in evaluation.items() if v is None or isinstance(v, int | float)}
     rows = [(words_of(k), figure_text(v)) for k, v in known.items()]
+    for people, facing in evaluation.get("facing", {}).items():
+        rows.append((f"facing of {people}: median difference [deg]", figure_text(facing["median_deg"])))
+        rows.append(
+            (f"facing of {people}: with front and back alike [deg]", figure_text(facing["median_modulo_180_deg"]))
+        )
     errors = evaluation.get("significant_errors") or {}
     return rows + [(f"significant errors, {words_of(k)}", figure_text(v)) for k, v in errors.items()]
 

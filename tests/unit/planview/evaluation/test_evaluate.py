@@ -42,6 +42,27 @@ def test_evaluation_measures_position_and_height_of_matches():
     assert result["significant_errors"] == dict.fromkeys(("total", *KINDS), 0)
 
 
+def test_facing_is_compared_over_walkers_and_standers():
+    # The walker goes along y, the other stands; both face y, the walker by 30 degrees off, the other backwards.
+    walker, stander = walk(), walk(track_id=2, x_m=2.0)
+    stander = replace(stander, y_m=np.zeros(100))
+    truth = concatenated([walker, stander])
+    truth = replace(truth, facing_deg=np.full(200, 90.0))
+    tracks = replace(truth, facing_deg=np.where(truth.track_id == 1, 120.0, -85.0))
+    result = evaluate_tracks(tracks, truth)
+    walkers, standers = (result.to_json()["facing"][name] for name in ("walkers", "standers"))
+    assert walkers == {"rows": 100, "median_deg": pytest.approx(30), "median_modulo_180_deg": pytest.approx(30)}
+    assert standers == {"rows": 100, "median_deg": pytest.approx(175), "median_modulo_180_deg": pytest.approx(5)}
+    assert result.facing.walkers_deg == pytest.approx(30)
+
+
+def test_without_truth_of_facing_walkers_are_compared_with_their_way():
+    tracks = replace(walk(), facing_deg=np.full(100, 100.0))
+    result = evaluate_tracks(tracks, walk())
+    assert "facing" not in result.to_json() and result.facing.walkers_deg == pytest.approx(10)
+    assert evaluate_tracks(walk(), walk()).facing.walkers_deg is None
+
+
 def test_truth_that_counts_frames_from_1_is_noticed():
     assert evaluate_tracks(walk(x_m=0.01), walk()).shift == 0
     late = walk()
