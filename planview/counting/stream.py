@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Container, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from calib.types import F64
@@ -160,7 +160,8 @@ class Analytics:
         for name, stay in person.stays:
             if name in ready:
                 self.stays[name].append(stay)
-        released = [event for event in person.events if event.rule in ready]
+        events = [e if e.track_id > 0 else replace(e, track_id=person.track_id) for e in person.events]
+        released = [event for event in events if event.rule in ready]
         visited = {event.rule for event in released} | {name for name, _ in person.stays if name in ready}
         for name in visited - person.visited:
             self.people[name] += 1

@@ -13,6 +13,7 @@ from calib.types import U8
 from planview.engine.config import FeedbackParams
 from planview.foreground.params import BACKGROUND, PERSON
 from planview.maps.builder import FloorPoints
+from planview.tracking.base import Decision
 from planview.trajectories.state import TrackState
 from stereo.depth import RectifiedGeometry
 
@@ -44,19 +45,26 @@ class Feedback:
         self._origin: dict[int, tuple[float, float]] = {}
         self._walked: set[int] = set()
 
-    def __call__(self, points: FloorPoints, tracks: Sequence[TrackState], shape: tuple[int, int]) -> U8 | None:
+    def __call__(
+        self,
+        points: FloorPoints,
+        tracks: Sequence[TrackState],
+        shape: tuple[int, int],
+        decisions: Sequence[Decision] = (),
+    ) -> U8 | None:
         """The mask for the next frame.
 
         Args:
             points: foreground points of this frame; their pixels index an image of ``shape``.
             tracks: people after this frame.
+            decisions: of this frame, which may give people their ids.
         Returns:
             (H, W) uint8 of NO_FEEDBACK, PERSON and BACKGROUND; None when feedback is off.
         """
         p = self.params
         if not p.enabled:
             return None
-        self._remember(tracks)
+        self._remember(tracks, decisions)
         x, y, z = np.ascontiguousarray(points.xyz.T)
         near_any, near_walker = np.zeros(len(z), np.bool_), np.zeros(len(z), np.bool_)
         for track in tracks:
@@ -78,7 +86,11 @@ class Feedback:
             mask[rows, columns][spread > 0] = PERSON
         return mask
 
-    def _remember(self, tracks: Sequence[TrackState]) -> None:
+    def _remember(self, tracks: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
+        for known in decisions:
+            if known.was in self._origin:
+                self._origin.setdefault(known.track_id, self._origin[known.was])
+                self._walked |= {known.track_id} if known.was in self._walked else set()
         alive = {track.track_id for track in tracks}
         self._walked &= alive
         self._origin = {i: xy for i, xy in self._origin.items() if i in alive}

@@ -32,7 +32,7 @@ from planview.engine.setup import Setup, refuse_foreign_disparity, set_up
 from planview.foreground.mixture import Foreground
 from planview.maps.multi_rig import joint_grid, joint_maps
 from planview.maps.pixels import Cloud
-from planview.tracking.base import Observation, Tracker, followed
+from planview.tracking.base import Decision, Observation, Tracker, followed
 from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState
 from stereo.gating import SAMPLE, GatedMatching
@@ -136,9 +136,9 @@ class RigStages:
         due = self.foreground.settled and self.cloud.background.due(now_s)
         return self.foreground.background_disparity() if due else None
 
-    def learn(self, frame: RigFrame, people: Sequence[TrackState]) -> None:
+    def learn(self, frame: RigFrame, people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
         """Keep where people are in the rig's image for the next frame's foreground and matching."""
-        self.feedback(frame.view.points, people, self.cloud.shape)
+        self.feedback(frame.view.points, people, self.cloud.shape, decisions)
         if self.gated is not None and frame.measured is not None:
             lost = [track.box_px for track in people if track.state == "lost" and not math.isnan(track.box_px[0])]
             self.gated.learn(frame.prepared.image, frame.foreground, frame.measured, lost)
@@ -191,7 +191,7 @@ class StereoEngine(Engine):
         boxed = tuple(rig.boxes(people) for rig in self.rigs)
         for rig, one, tracks in zip(self.rigs, shown, boxed, strict=True):
             if one:
-                rig.learn(one, tracks)
+                rig.learn(one, tracks, self.tracker.decisions)
         clock.record("track")
         return FrameResult(
             index, now_s, boxed[0], self.tracker.decisions, observation, clock.stages_ms, shown, boxed, self._first

@@ -84,6 +84,7 @@ class Decision:
         reason: one clause for people, with the numbers that decided it ("score 0.31 < 0.55").
         value: the deciding number, NaN when there is none.
         terms: of a match score, NaN where the value is none.
+        was: the negative number that the person had until now, when this gives the id; else 0.
     """
 
     track_id: int
@@ -91,6 +92,7 @@ class Decision:
     reason: str
     value: float = math.nan
     terms: ScoreTerms = NO_TERMS
+    was: int = 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ class Existence:
     """The existence of one tracked person.
 
     Attributes:
-        track_id: positive, unique in a run.
+        track_id: negative until the track is confirmed, then positive; unique in a run.
         spawned_s: time of the first observation [s].
         observed_s: time of the last observation [s].
         confirmed: the track has been confirmed, and stays so until it is pruned.
@@ -56,8 +56,8 @@ class TrackLog:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all decisions; ids start again at 1."""
-        self._next_id = 1
+        """Forget all decisions; ids start again."""
+        self._tentative = self._confirmed = 0
         self._log: list[Decision] = []
         self.now_s = math.nan
 
@@ -67,10 +67,15 @@ class TrackLog:
         self.now_s, self._log = now_s, []
         return dt
 
-    def new_id(self) -> int:
-        """An id that nobody had."""
-        self._next_id += 1
-        return self._next_id - 1
+    def tentative_id(self) -> int:
+        """-1, -2, ... for a track that may be a person."""
+        self._tentative -= 1
+        return self._tentative
+
+    def person_id(self) -> int:
+        """1, 2, ... for a track that is confirmed now."""
+        self._confirmed += 1
+        return self._confirmed
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
@@ -78,10 +83,11 @@ class TrackLog:
         return tuple(self._log)
 
     def note(
-        self, track_id: int, kind: DecisionKind, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS
-    ) -> None:
-        """Write down a decision."""
-        self._log.append(Decision(track_id, kind, reason, value, terms))
+        self, track_id: int, kind: DecisionKind, reason: str, value: float = math.nan, terms: ScoreTerms = NO_TERMS,
+        was: int = 0,
+    ) -> None:  # fmt: skip
+        """Write down a decision; ``was`` is the negative number of the track that has this id from now on."""
+        self._log.append(Decision(track_id, kind, f"was {was}; {reason}" if was else reason, value, terms, was))
 
 
 class LifeCycle(TrackLog):
@@ -89,15 +95,15 @@ class LifeCycle(TrackLog):
 
     def spawn(self, reason: str, value: float = math.nan) -> Existence:
         """A new tentative track, observed now."""
-        who = Existence(self.new_id(), self.now_s, self.now_s)
+        who = Existence(self.tentative_id(), self.now_s, self.now_s)
         self.note(who.track_id, "spawned", reason, value)
         return who
 
     def confirm(self, who: Existence, reason: str, value: float = math.nan) -> None:
         """A tentative track is a person."""
         if not who.confirmed:
-            who.confirmed = True
-            self.note(who.track_id, "confirmed", reason, value)
+            was, who.track_id, who.confirmed = who.track_id, self.person_id(), True
+            self.note(who.track_id, "confirmed", reason, value, was=was)
 
     def observe(self, who: Existence, reason: str = "", value: float = math.nan, terms: ScoreTerms = NO_TERMS) -> None:
         """The track is observed in this frame; a lost one is reacquired, for the reason given."""

@@ -14,7 +14,7 @@ class TrackState:
     """One person in one frame: a row of ``tracks.csv``. NaN where a tracker cannot know.
 
     Attributes:
-        track_id: positive, unique in a run, never reused.
+        track_id: from 1 in the order in which people are confirmed, and negative while tentative; unique in a run.
         state: tentative (not yet confirmed), confirmed, or lost (predicted only).
         x_m, y_m: floor position of the head's vertical projection [m], world frame.
         vx_mps, vy_mps: velocity [m/s].

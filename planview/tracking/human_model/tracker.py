@@ -144,8 +144,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
             person.share = mine / max(known, TINY) * min(1.0, 1.25 * person.inside)
             self._measure(person, samples[i], pose, curvature[i], dt)
         # The surer person wins; of two equally sure ones the one that came first.
-        ranks = sorted(range(len(self._people)), key=lambda k: (
-            self._people[k].confirmed, self._people[k].log_odds, -self._people[k].track_id))  # fmt: skip
+        ranks = sorted(range(len(self._people)), key=lambda k: self._people[k].standing)
         rivals = frame.rivals(people, np.argsort(ranks).astype(np.float64))
         for i, person in enumerate(self._people):
             if rivals[i] >= 0 and person.share >= self.params.visible_min:

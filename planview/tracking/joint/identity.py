@@ -37,6 +37,11 @@ class Exchanges:
         self._params = params
         self._evidence: dict[tuple[int, int], float] = {}
 
+    def rename(self, was: int, track_id: int) -> None:
+        """A tentative track has an id from now on."""
+        pairs = [[track_id if one == was else one for one in pair] for pair in self._evidence]
+        self._evidence = {(min(p), max(p)): v for p, v in zip(pairs, self._evidence.values(), strict=True)}
+
     def update(self, people: Sequence[P], owned: Sequence[Owned], dt: float) -> list[tuple[P, P, float]]:
         """Pairs that must exchange their identities, with the log-odds.
 

@@ -42,7 +42,7 @@ class Person:
     """A person followed.
 
     Attributes:
-        track_id: positive, unique in a run.
+        track_id: negative until confirmed, then positive; unique in a run.
         kalman: place and speed on the floor.
         height_m, height_var: of the head's top now [m], and its variance.
         log_odds: of existence.
@@ -121,6 +121,11 @@ class Person:
     def upright(self) -> tuple[float, float]:
         """Height when upright and its deviation in one frame [m]."""
         return self.tall_m, math.hypot(math.sqrt(self.tall_var), GAIT_M)
+
+    @property
+    def standing(self) -> tuple[bool, float, int]:
+        """Larger for who is more surely there; of two equally sure ones, for who came first."""
+        return self.confirmed, self.log_odds, -abs(self.track_id)
 
     def count_evidence(self, owned: Sequence[tuple[SeenPixels, I64, F32]]) -> None:
         """Add the evidence of pixels that have not been evidence before.

@@ -140,8 +140,8 @@ class ExplainingTracker(Generic[P, Q]):
             self._departed.append(person)
 
     def _add(self, newcomer: P, kind: DecisionKind, reason: str, value: float) -> None:
-        """Follow a newcomer under a new id, until it is recognised or confirmed."""
-        newcomer.track_id = self._log.new_id()
+        """Follow a newcomer under a negative number, until it is recognised or confirmed."""
+        newcomer.track_id = self._log.tentative_id()
         self._people.append(newcomer)
         self._note(newcomer, kind, reason, value)
 
@@ -155,15 +155,18 @@ class ExplainingTracker(Generic[P, Q]):
 
     def _continue(self, newcomer: P, known: P, odds: float) -> None:
         """Give a newcomer the identity of a person known before."""
-        self._note(known, "reacquired", f"log-odds {odds:.1f} after {newcomer.born_s - known.seen_s:.1f} s", odds)
+        reason = f"log-odds {odds:.1f} after {newcomer.born_s - known.seen_s:.1f} s"
+        self._log.note(known.track_id, "reacquired", reason, odds, was=newcomer.track_id)
         self._departed = [o for o in self._departed if o is not known]
         self._people = [o for o in self._people if o is not known]
         newcomer.take_identity(known)
         newcomer.confirmed, newcomer.counted = True, {}
 
     def _confirm(self, newcomer: P, reason: str) -> None:
+        was, newcomer.track_id = newcomer.track_id, self._log.person_id()
         newcomer.confirmed, newcomer.counted = True, {}
-        self._note(newcomer, "confirmed", reason, newcomer.existence)
+        self._exchanges.rename(was, newcomer.track_id)
+        self._log.note(newcomer.track_id, "confirmed", reason, newcomer.existence, was=was)
 
     def _note(self, person: P, kind: DecisionKind, reason: str, value: float) -> None:
         self._log.note(person.track_id, kind, reason, value)
@@ -270,8 +273,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         gaps[i] = np.inf
         j = int(np.argmin(gaps))
         a, newcomer = self._people[i], self._people[j]
-        better = (newcomer.confirmed, newcomer.log_odds, -newcomer.track_id) > (a.confirmed, a.log_odds, -a.track_id)
-        return j if gaps[j] < body.APART_M and better else -1
+        return j if gaps[j] < body.APART_M and newcomer.standing > a.standing else -1
 
     def _beside(self, i: int, j: int, samples: Sequence[Samples], people: People) -> tuple[float, F64]:
         """Evidence for a person in another's place: both people, compared with the other one alone anywhere nearby, and

@@ -141,7 +141,7 @@ class TemplateTracker:
             person.kalman = person.kalman.predicted(dt, self.params.acceleration_std_mps2)
             person.predicted_m = person.at_m
         placed: list[Place] = []
-        for person in sorted(self._people, key=lambda q: (q.kalman.position_std_m, q.existence.track_id)):
+        for person in sorted(self._people, key=lambda q: (q.kalman.position_std_m, abs(q.existence.track_id))):
             found_m, terms = self._search(person, free, placed)
             if found_m is None:
                 reason = f"nothing like the templates within {person.reach_m:.2f} m, score {person.score:.2f}"

@@ -58,6 +58,9 @@ WAYS: dict[str, tuple[list[Row], list[tuple[int, str]]]] = {
     "young track that gets old enough": (way([0.5, 0.1, -0.5, -0.6, -0.7, -0.8]), [(1, RIGHT)]),
     "never confirmed": (way(DOWN, state="tentative"), []),
     "confirmed later": ([*way(DOWN[:15], state="tentative"), *way(DOWN[15:], start=15)], [(1, RIGHT)]),
+    "confirmed later under an id": (
+        [*way(DOWN[:15], track_id=-4, state="tentative"), *way(DOWN[15:], track_id=3, start=15)], [(3, RIGHT)],
+    ),
     "past the end of the line": (way(DOWN, x=2.1), []),
     "round the end and back over it": ([*AROUND, *way(DOWN[::-1], start=5)], [(1, LEFT)]),  # type: ignore[list-item]
     "prediction": ([*way(DOWN[:8]), *way(DOWN[8:], start=8, state="lost")], []),

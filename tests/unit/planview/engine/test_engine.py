@@ -23,6 +23,7 @@ from planview.engine.info import ground_camera_info
 from planview.engine.setup import refuse_foreign_disparity, set_up
 from planview.foreground.params import BACKGROUND, NO_FEEDBACK, PERSON
 from planview.maps.builder import FloorPoints
+from planview.tracking.base import Decision
 from planview.trajectories.state import State, TrackState
 from stereo.depth import RectifiedGeometry
 from stereo.gating import SAME_LEVELS, alike, solid
@@ -251,6 +252,13 @@ def test_body_of_a_track_that_has_walked_is_protected_and_widened_where_feedback
     mask = mask_after(walked(), point(1.0, 1.0, 20), person(1.0))
     assert mask[18:23] == [PERSON] * 5 and mask.count(PERSON) == 5 and mask.count(NO_FEEDBACK) == 35
     assert Feedback(FeedbackParams(enabled=False))(point(0, 1, 2), [], BELIEF_SHAPE) is None
+
+
+def test_a_track_that_is_given_an_id_has_walked_as_far_as_before() -> None:
+    feedback = Feedback(FeedbackParams(spread_px=0))
+    mask_after(feedback, point(0.0, 1.0, 20), person(0.0, "tentative", -3))
+    confirmed = Decision(1, "confirmed", "was -3", was=-3)
+    assert feedback(point(1.0, 1.0, 20), [person(1.0)], BELIEF_SHAPE, [confirmed])[0, 20] == PERSON
 
 
 @pytest.mark.parametrize(

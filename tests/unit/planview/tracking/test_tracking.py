@@ -61,6 +61,17 @@ def test_the_place_that_a_search_found_is_that_of_the_posterior() -> None:
     assert np.hypot(fast.vx_mps, fast.vy_mps) == pytest.approx(0.5)
 
 
+def test_ids_are_given_in_order_of_confirmation_and_the_log_says_who_was_whom() -> None:
+    life = LifeCycle()
+    life.begin(0.0)
+    first, second, third = (life.spawn("a head") for _ in range(3))
+    life.confirm(third, "tracked")
+    life.confirm(first, "tracked")
+    assert [who.track_id for who in (first, second, third)] == [2, -2, 1]
+    given = [(d.track_id, d.was, d.reason) for d in life.decisions if d.kind == "confirmed"]
+    assert given == [(1, -3, "was -3; tracked"), (2, -1, "was -1; tracked")]
+
+
 def test_life_cycle_tells_states_and_reasons() -> None:
     life = LifeCycle()
     life.begin(0.0)

