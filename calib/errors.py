@@ -1,5 +1,9 @@
 """The two kinds of failure that a user is shown, each as one line that a terminal can print."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 MESSAGE_MAX = 600
 """Characters of a message; of a longer one, e.g. with a damaged file's key in it, the middle is left out."""
 
@@ -9,17 +13,45 @@ class _OneLineError(Exception):
 
     def __str__(self) -> str:
         """The message."""
-        line = printable(" ".join(super().__str__().splitlines())).replace("\t", "\\t")
-        half = MESSAGE_MAX // 2 - 3
-        return line if len(line) <= MESSAGE_MAX else f"{line[:half]} ... {line[-half:]}"
+        return _one_line(super().__str__())
 
 
 class InputError(_OneLineError):
-    """Bad input or wrong usage: one sentence naming the file, what was expected and what was found (exit status 2)."""
+    """Bad input or wrong usage: one sentence naming the file, what was expected and what was found (exit status 2).
+
+    Attributes:
+        argument: of a Python function, whose value is refused; the sentence begins with it.
+        remedy: the argument that gives what is missing; the sentence ends with it.
+    """
+
+    def __init__(self, message: str, *, argument: str = "", remedy: str = "") -> None:
+        super().__init__(message)
+        self.argument, self.remedy = argument, remedy
+
+    def __str__(self) -> str:
+        """The sentence, about Python's arguments."""
+        return self.sentence(lambda argument: argument if argument.endswith("'") else f"{argument}=")
+
+    def sentence(self, name: Callable[[str], str]) -> str:
+        """The message with its arguments, which are called as ``name`` gives them."""
+        first = f"{name(self.argument)}: " if self.argument else ""
+        last = f"; use {name(self.remedy)}" if self.remedy else ""
+        return _one_line(f"{first}{self.args[0]}{last}")
+
+    def about(self, subject: str) -> InputError:
+        """The same error with what it is about in front, such as a file."""
+        return InputError(f"{subject}: {self.args[0]}", argument=self.argument, remedy=self.remedy)
 
 
 class WorkError(_OneLineError):
     """The input was acceptable but the work could not be done, e.g. no floor is visible (exit status 1)."""
+
+
+def _one_line(text: str) -> str:
+    """Printable text without line ends, and without its middle where it is longer than ``MESSAGE_MAX``."""
+    line = printable(" ".join(text.splitlines())).replace("\t", "\\t")
+    half = MESSAGE_MAX // 2 - 3
+    return line if len(line) <= MESSAGE_MAX else f"{line[:half]} ... {line[-half:]}"
 
 
 def printable(text: str) -> str:

@@ -119,7 +119,9 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
         _refuse_empty(words)
         (make or make_app)(words)(words, exit_on_error=False, print_error=False)
     except InputError as error:
-        _fail(str(error), 2)
+        from planview.commands.options import typed
+
+        _fail(typed(error), 2)
     except WorkError as error:
         _fail(str(error), 1)
     except KeyboardInterrupt:
@@ -191,7 +193,6 @@ def _refuse_empty(words: Sequence[str]) -> None:
 
 def _fail(message: str, status: int) -> None:
     from calib.errors import printable
-    from planview.commands.options import typed
 
-    print(f"planview: {printable(typed(message))}", file=sys.stderr)
+    print(f"planview: {printable(message)}", file=sys.stderr)
     raise SystemExit(status)

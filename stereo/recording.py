@@ -51,10 +51,10 @@ class OpenOptions:
         self.topics = tuple(name.strip() for name in named)
         self.calibration, self.right = (None if path is None else Path(path) for path in (self.calibration, self.right))
         if self.fps is not None and not (isinstance(self.fps, int | float) and 0.01 <= self.fps <= 10_000):
-            raise InputError(f"fps=: expected 0.01 to 10000 frames per second, found {self.fps!r}")
+            raise InputError(f"expected 0.01 to 10000 frames per second, found {self.fps!r}", argument="fps")
         if self.topics and (len(self.topics) != 2 or not all(self.topics) or self.topics[0] == self.topics[1]):
             found = ",".join(self.topics)
-            raise InputError(f"topics=: expected two topics, LEFT,RIGHT or IMAGE,DEPTH, found {found!r}")
+            raise InputError(f"expected two topics, LEFT,RIGHT or IMAGE,DEPTH, found {found!r}", argument="topics")
 
     def resolved(self) -> OpenOptions:
         """With absolute paths."""
@@ -153,7 +153,7 @@ class FrameClock(NamedTuple):
 
 def assumed_clock(fps: float, even: bool = False, why: str = "") -> FrameClock:
     """Of images without any times, with a note; ``why`` follows the rate in it."""
-    note = f"no timestamps: {fps:g} frames per second are assumed{why}; fps= gives another rate"
+    note = f"no timestamps: {fps:g} frames per second are assumed{why}; set the rate if it is another"
     return FrameClock(fps, None, (note,), even, assumed=True)
 
 

@@ -26,6 +26,15 @@ nearest to it (our choice: a hand's breadth at 5 m)."""
 _LENS_KEYS = {"camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M1", "K1", "intrinsics", "intrinsic"}
 
 
+class LensOnlyError(InputError):
+    """The calibration of a lens, which does not say where the camera is."""
+
+    def __init__(self, path: Path, name: str, focal_px: float) -> None:
+        found = f"found only a lens ({name}, focal length {focal_px:.0f} px)"
+        super().__init__(f"{path}: expected a camera.toml, which also says where the camera is, {found}")
+        self.focal_px = focal_px
+
+
 def load_one_camera(path: Path, size: Size | None = None) -> GroundCamera:
     """The camera of a camera.toml or of a Tsai XML; the world is that of a camera.toml. Raises InputError: unreadable,
     a lens without a place above the floor, or a camera for images of another aspect.
@@ -48,10 +57,7 @@ def load_one_camera(path: Path, size: Size | None = None) -> GroundCamera:
     name, focal_px, own = lens
     if size and own and size[0] * own[1] == size[1] * own[0]:
         focal_px *= size[0] / own[0]
-    raise InputError(
-        f"{path}: expected a camera.toml, which holds where the camera is above the floor, found a lens "
-        f"({name}, focal_px={focal_px:.0f})"
-    )
+    raise LensOnlyError(path, name, focal_px)
 
 
 def holds_one_camera(path: Path) -> bool:

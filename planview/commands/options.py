@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -11,6 +10,7 @@ from cyclopts import Parameter
 from pydantic import ValidationError
 
 from calib.errors import InputError
+from calib.formats.one_camera import LensOnlyError
 from calib.params import Params, first_problem
 from stereo.readers import OpenOptions
 
@@ -37,24 +37,20 @@ Ignored = Annotated[
     str | None, Parameter(help="Polygon in well-known text [m], or a file with it: rows inside are left out.")
 ]
 
-_OPTIONS = {"camera": "calibration", "refined": "refine", "overrides": "set"}
+_OPTIONS = {"camera": "calibration", "refined": "refine", "overrides": "set", "match_on='boxes'": "boxes"}
 """Options that are not called as the arguments of the Python functions are."""
 
 
-def typed(sentence: str) -> str:
-    """A sentence whose arguments of Python functions, ``fps=`` or ``tracker='template'``, and parameters of a run,
-    ``maps.cell_m=N``, are options to type, and which names the command that writes a file it lacks."""
-
-    def option(match: re.Match[str]) -> str:
-        return f"--{_OPTIONS.get(match[1], match[1]).replace('_', '-')}" + (f" {match[2]}" if match[2] else "")
-
-    sentence = sentence.replace("match_on='boxes'", "--boxes")
-    sentence = re.sub(r"(?<!--set )\b((?:[a-z]\w*\.)+\w+=N)\b", r"--set \1", sentence)
-    known = re.search(r"focal_px=(\d+)", sentence)
-    if "a camera.toml" in sentence and "planview calibrate" not in sentence:
-        focal = f" --focal {known[1]}" if known else ""
-        sentence += f"; planview calibrate human VIDEO --auto{focal} --out camera.toml writes one"
-    return re.sub(r"\b([a-z][a-z_]*)=(?:'([^']*)'|(?=[\s:;,.)]|$))", option, sentence)
+def typed(error: InputError) -> str:
+    """The sentence of an error with options in place of Python's arguments, and with the command that writes a
+    camera.toml, or the trackers of one camera, where these are needed."""
+    sentence = error.sentence(lambda argument: f"--{_OPTIONS.get(argument, argument).replace('_', '-')}")
+    if error.remedy == "camera" or isinstance(error, LensOnlyError):
+        focal = f" --focal {error.focal_px:.0f}" if isinstance(error, LensOnlyError) else ""
+        sentence += f" (planview calibrate human VIDEO --auto{focal} --out camera.toml writes one)"
+    if error.remedy == "tracker":
+        sentence += " ellipse-particle, or --tracker human-model and --calibration camera.toml"
+    return sentence
 
 
 _Table = TypeVar("_Table", bound=Params)

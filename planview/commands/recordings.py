@@ -85,7 +85,7 @@ def check(recording: Path, right: Path | None = None, *, options: CheckOptions =
         print(json.dumps(diagnosis.to_json(), allow_nan=False))
     else:
         for line in verdict(diagnosis):
-            PlainConsole(soft_wrap=True).print(typed(line), highlight=False)
+            PlainConsole(soft_wrap=True).print(line, highlight=False)
         PlainConsole(markup=True).print(table(diagnosis))
     if options.out is not None:
         written = write_pictures(diagnosis.evidence, options.out) if diagnosis.evidence else []
@@ -137,7 +137,7 @@ def table(diagnosis: Diagnosis) -> Table:
     for check in diagnosis.checks:
         mark = "[green]ok[/]" if check.ok else "[yellow]warning[/]" if check.warns else "[bold red]NO[/]"
         value = f"{check.value:.3g} {check.unit}".strip() if math.isfinite(check.value) else "-"
-        result.add_row(mark, check.name, value, check.limit_text, typed(check.note))
+        result.add_row(mark, check.name, value, check.limit_text, check.note)
     return result
 
 
@@ -154,7 +154,8 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
     try:
         opened = layout.open()
     except InputError as error:
-        missing = [typed(f"{error} (calibration= gives one)" if "calibration=" not in str(error) else str(error))]
+        error.remedy = error.remedy or "calibration"
+        missing = [typed(error)]
     fps = layout.clock.fps if opened is None else opened.fps  # estimated, where the images have no times
     cameras = [_camera(stream, fps) for stream in layout.streams]
     durations = [camera["duration_s"] for camera in cameras if camera["duration_s"] is not None]
@@ -185,7 +186,7 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
         "calibration": calibration,
         "floor": "world.toml" if has_world else "to be found in the recording",
         "missing": missing,
-        "notes": list(map(typed, getattr(opened, "notes", layout.notes))),
+        "notes": list(getattr(opened, "notes", layout.notes)),
     }
 
 

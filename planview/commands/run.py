@@ -22,7 +22,6 @@ from planview.commands.options import (
     frame_span,
     in_range,
     open_options,
-    typed,
 )
 from planview.commands.results import RenderOptions, render
 from planview.commands.scores import EvaluateOptions, evaluate, print_counts
@@ -44,9 +43,17 @@ from planview.output.resume import checkpoint_of, remove_checkpoint
 from planview.output.run import RunLog, RunOptions, begin_run, run_identity
 from planview.output.run import run as run_engine
 from planview.output.run_folder import RunFolder
-from planview.output.totals import Pace
 from planview.synthetic.assets import DEMO
 from stereo.readers.open import is_multi_rig
+
+_MOVED = {
+    "run.frames": "use --frames",
+    "run.overwrite": "use --overwrite",
+    "run.rrd_every": "use --rrd-every",
+    "run.checkpoint_every_s": "use --checkpoint-every",
+    "run.real_time": "a recording is no longer played at its own pace; a live camera sets the pace by itself",
+}
+"""What to type in place of parameters of earlier versions."""
 
 INPUT, TRACKING, OUTPUT = (Group(name, sort_key=place) for place, name in enumerate(("Input", "Tracking", "Output")))
 _In, _How, _Out = (Parameter(group=group) for group in (INPUT, TRACKING, OUTPUT))
@@ -78,14 +85,18 @@ class TrackingOptions:
     """rules.toml with tripwires and zones to count while tracking."""
     rrd: Annotated[Flag, _Out] = False
     """Also write run.rrd, which planview view opens."""
+    rrd_every: Annotated[int, _Out] = 1
+    """Images, clouds and maps of every n-th frame only go into run.rrd; people and curves of all."""
     maps: Annotated[Flag, _Out, Parameter(name=["--maps", "--save-maps"])] = False
     """Also write maps.h5: foreground points of every frame as disparities and coarse colour codes, without images."""
     frames: Annotated[str | None, _In] = None
-    """Track the first N frames only."""
+    """Frames to track, FIRST:LAST, or N for the first N: the background is learned from the first of them on."""
     overwrite: Annotated[Flag, _Out] = False
     """Replace the results of an earlier run in the folder."""
     resume: Annotated[Flag, _Out] = False
     """Resume the run that was interrupted or killed in this folder: the same results as without interruption."""
+    checkpoint_every: Annotated[float, Parameter(show=False)] = 30.0
+    """Time between two checkpoints to resume from, in seconds; 0 for none."""
 
 
 def run(
@@ -110,9 +121,6 @@ def run(
 
     Example with a detector's boxes: planview run street.mp4 --detections det.txt --calibration camera.toml --out out
 
-    Example in real time, with the latency of tracks printed: planview run my_recording --out out --set
-    run.real_time=true
-
     Parameters
     ----------
     recording
@@ -135,20 +143,16 @@ def run(
 
 
 def _run(recording: Path, right: Path | None, out: Path, options: TrackingOptions) -> None:
-    given = list(options.set_) + ["run.overwrite=true"] * options.overwrite
-    if options.frames is not None:
-        first, last = frame_span(options.frames)
-        if first:
-            raise InputError(f"--frames: expected a run from frame 0 on, found {options.frames}")
-        given.append(f"run.frames={last + 1}")
-    settings = load_config(options.config, given, base_config(recording))
-    overwrite = settings.run.overwrite
-    if options.resume and settings.run.real_time:
-        raise InputError("--resume and run.real_time cannot be combined: a run in real time has no checkpoints")
-    for name, is_given in (("--overwrite", overwrite), ("--detections", bool(options.detections))):
+    for setting in options.set_:
+        if now := _MOVED.get(setting.partition("=")[0].strip()):
+            raise InputError(f"--set {setting}: {now}")
+    in_range("--rrd-every", options.rrd_every, 1, 100_000)
+    in_range("--checkpoint-every", options.checkpoint_every, 0, 86_400, " s")
+    settings = load_config(options.config, options.set_, base_config(recording))
+    for name, is_given in (("--overwrite", options.overwrite), ("--detections", bool(options.detections))):
         if options.resume and is_given:
             raise InputError(f"--resume and {name} cannot be combined")
-    check_folder(out, overwrite or options.resume, recording)
+    check_folder(out, options.overwrite or options.resume, recording)
     console = PlainConsole(stderr=True)
     if options.resume and (info := finished_run(out)) is not None:
         with folder_lock(out):  # what a kill after the last frame left undone; the page comes last
@@ -163,8 +167,7 @@ def _run(recording: Path, right: Path | None, out: Path, options: TrackingOption
     else:
         with compile_notice(console):
             info = _opened_and_tracked(recording, right, out, options, settings, console)
-    warnings = [warning.model_copy(update={"text": typed(warning.text)}) for warning in info.warnings]
-    summary(console, info.model_copy(update={"notes": [*map(typed, info.notes)], "warnings": warnings}), out)
+    summary(console, info, out)
     if info.counts:
         print_counts(info.counts, console)
 
@@ -194,11 +197,13 @@ def _is_of_one_camera(calibration: Path, options: TrackingOptions) -> bool:
 def _track(
     engine: Engine, out: Path, options: TrackingOptions, analytics: Analytics | None, console: Console
 ) -> RunInfo:
-    settings = engine.config.run
+    announced = engine.recording.n_frames
+    first, last = frame_span(options.frames) if options.frames is not None else (0, -1)
+    if announced and first >= announced:
+        raise InputError(f"--frames: the recording has only {announced} frames, 0 to {announced - 1}")
     how = RunOptions(
-        "detections" if options.detections else options.tracker, analytics, settings.frames,
-        0.0 if options.detections else settings.checkpoint_every_s, options.strict,
-        Pace() if settings.real_time else None,
+        "detections" if options.detections else options.tracker, analytics, first, last - first + 1 if last >= 0 else 0,
+        0.0 if options.detections else options.checkpoint_every, options.strict,
     )  # fmt: skip
     checkpoint = None
     if options.resume:
@@ -206,7 +211,7 @@ def _track(
         identity = run_identity(engine, how, names)
         checkpoint = checkpoint_of(out, identity, lambda text: console.print(text, soft_wrap=True))
     if checkpoint is None:
-        begin_run(engine, out, how, overwrite=settings.overwrite or options.resume)
+        begin_run(engine, out, how, overwrite=options.overwrite or options.resume)
     positions = checkpoint.written["logs"] if checkpoint else {}
     logs: list[RunLog] = []
     if options.maps:
@@ -214,10 +219,10 @@ def _track(
     if options.rrd:
         from planview.output.rerun_log import RerunLog  # rerun takes a second, and few runs write for it
 
-        logs.append(RerunLog(engine, out / "run.rrd", settings.rrd_every, resumed=checkpoint is not None))
-    announced = engine.recording.n_frames
-    n_frames = min(settings.frames or announced, announced) if announced else settings.frames or None
-    with FrameProgress(console, n_frames) as progress:
+        logs.append(RerunLog(engine, out / "run.rrd", options.rrd_every, resumed=checkpoint is not None))
+    remaining = max(announced - first, 0)
+    n_frames = min(how.max_frames or remaining, remaining) if announced else how.max_frames or None
+    with FrameProgress(console, n_frames, first) as progress:
         info = run_engine(engine, out, how, logs, progress, checkpoint)
     write_report(out)
     return refine_run(out)[1] if options.refine else info
@@ -250,10 +255,11 @@ def replay(
     results = RunFolder(folder)
     if results.info.tracker == "detections":
         raise InputError(f"{folder}: expected a run without --detections, whose file a run does not keep; run it again")
-    in_range("--frame", frame, 0, results.n_frames - 1)
+    first = results.info.first_frame
+    in_range("--frame", frame, first, results.n_frames - 1)
     config = load_config(None, set_, config_of(results.info.config, str(folder / "run.json")))
     console = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
-    with FrameProgress(console, frame + 1) as progress:
+    with FrameProgress(console, frame + 1 - first, first) as progress:
         replayed = replay_run(results, config, frame, progress)
     console.print(f"tracked from {replayed.source}")
     for line in difference_text(results, replayed, frame):

@@ -17,7 +17,7 @@ from rich.table import Table
 from calib.errors import InputError
 from calib.formats.one_camera import load_one_camera
 from calib.io import reason, require_file
-from planview.commands.options import Flag, Ignored, JsonFlag, Region, checked, frame_span, typed
+from planview.commands.options import Flag, Ignored, JsonFlag, Region, checked, frame_span
 from planview.counting.events import read_events, write_event_header, write_event_rows
 from planview.counting.rules import AnalyticsParams, RulePlane, load_rules, stereo_plane
 from planview.counting.scoring import score_counts, score_events
@@ -159,9 +159,9 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
     try:
         result = evaluate_tracks(found, true, params, span) if run is None else run.evaluated(params, span)
     except InputError as error:
-        raise InputError(f"{pair.tracks} and {pair.truth}: {error}") from error
+        raise error.about(f"{pair.tracks} and {pair.truth}") from error
     if result.uncovered:
-        console.print(f"{pair.truth}: {typed(result.uncovered)}")
+        console.print(f"{pair.truth}: {result.uncovered}")
     return result
 
 

@@ -201,7 +201,7 @@ def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions, console
         found = limited(load_file(source), options.region, options.ignore)
         file = prepared(found, to, fps=options.fps, area=area, lost=options.lost)
     except InputError as error:
-        raise InputError(str(error) if str(source) in str(error) else f"{source}: {error}") from error
+        raise error if str(source) in str(error) else error.about(str(source)) from error
     if options.out == Path("-"):
         if to != "jsonl":
             raise InputError(f"--out -: expected --to jsonl, found {to}")

@@ -56,24 +56,8 @@ class SingleCameraParams(Params):
     where colours are all there is, clothes like the wall behind must differ from it, and noise above is learned."""
 
 
-class RunParams(Params):
-    """The pace of a run and what it keeps; tracks do not depend on it, except in real time."""
-
-    real_time: bool = False
-    """Frames come at their timestamps, those that cannot be kept up with are dropped, and the latency from a
-    frame's timestamp to its tracks is measured. Such a run writes no checkpoints."""
-    checkpoint_every_s: float = Field(30.0, ge=0, le=86_400)
-    """Time between two checkpoints to resume from [s]; 0 for none (our choice)."""
-    frames: int = Field(0, ge=0)
-    """Stop after so many frames; 0 for all."""
-    overwrite: bool = False
-    """Replace what a run, or another program under the same names, left in the folder."""
-    rrd_every: int = Field(1, ge=1, le=100_000)
-    """Images, clouds and maps of every n-th frame only go into run.rrd; people and curves of all (our choice)."""
-
-
 class Config(Params):
-    """Every parameter of a run."""
+    """Every parameter that tracks depend on."""
 
     seed: int = Field(0, ge=0, lt=2**63)
     """Seed of every random generator."""
@@ -92,7 +76,6 @@ class Config(Params):
     human_model: HumanModelParams = HumanModelParams()
     ellipse_particle: EllipseParticleParams = EllipseParticleParams()
     detections: DetectionParams = DetectionParams()
-    run: RunParams = RunParams()
 
 
 def load_config(path: Path | str | None = None, overrides: Sequence[str] = (), base: Config | None = None) -> Config:
@@ -104,22 +87,22 @@ def load_config(path: Path | str | None = None, overrides: Sequence[str] = (), b
         _validate(tables, str(path), base)
     for override in overrides:
         _apply(tables, override)
-    return _validate(tables, "overrides=" if overrides else str(path), base)
+    return _validate(tables, "" if overrides else str(path), base, "overrides" if overrides else "")
 
 
-def config_of(tables: Mapping[str, Any], source: str) -> Config:
+def config_of(tables: Mapping[str, Any], source: str = "", argument: str = "") -> Config:
     """A configuration from its tables, as ``run.json`` has them. Raises InputError: tables of another version;
-    ``source`` begins the sentence."""
+    ``source``, a file, or the argument begins the sentence."""
     if not isinstance(tables, Mapping):
-        raise InputError(f"{source}: expected a table per stage, found {type(tables).__name__}")
-    return _validate(dict(tables), source, None)
+        raise InputError(f"expected a table per stage, found {type(tables).__name__}", argument=argument)
+    return _validate(dict(tables), source, None, argument)
 
 
 def _apply(tables: dict[str, Any], override: str) -> None:
     name, equals, text = override.partition("=")
     keys = name.strip().split(".")
     if not equals or not all(keys) or len(keys) > MAX_DEPTH:
-        raise InputError(f"overrides=: expected table.key=value, found {override!r:.80}")
+        raise InputError(f"expected table.key=value, found {override!r:.80}", argument="overrides")
     try:
         value = parse_toml(f"value = {text}")["value"]
     except ValueError:
@@ -127,7 +110,7 @@ def _apply(tables: dict[str, Any], override: str) -> None:
     for key in keys[:-1]:
         tables = tables.setdefault(key, {})
         if not isinstance(tables, dict):
-            raise InputError(f"overrides=: expected a table at {key!r}, found a value in {override!r}")
+            raise InputError(f"expected a table at {key!r}, found a value in {override!r}", argument="overrides")
     tables[keys[-1]] = value
 
 
@@ -140,11 +123,12 @@ def _over(defaults: dict[str, Any], tables: dict[str, Any]) -> dict[str, Any]:
     return both
 
 
-def _validate(tables: dict[str, Any], source: str, base: Config | None) -> Config:
+def _validate(tables: dict[str, Any], source: str, base: Config | None, argument: str = "") -> Config:
     try:
         return Config.model_validate(_over((base or Config()).model_dump(), tables))
     except ValidationError as error:
-        raise InputError(f"{source}: {first_problem(error)}{_suggestion(error)}") from error
+        problem = f"{first_problem(error)}{_suggestion(error)}"
+        raise InputError(f"{source}: {problem}" if source else problem, argument=argument) from error
 
 
 def _suggestion(error: ValidationError) -> str:

@@ -151,7 +151,8 @@ class ImageStages:
         if feedback is not None:
             labels = self._resized(feedback, cv2.INTER_NEAREST)
             if np.shape(labels) != known.shape:
-                raise InputError(f"tracker=: expected feedback of {known.shape} labels, found {np.shape(labels)}")
+                expected = f"expected feedback of {known.shape} labels"
+                raise InputError(f"{expected}, found {np.shape(labels)}", argument="tracker")
             known[:] = labels
         if haunted:
             known[(self._ghosts > 0) & (known != WALKER)] = BACKGROUND
@@ -186,7 +187,7 @@ class OneCameraEngine(Engine):
         super().__init__(recording, tracker, config, camera, recording.size)
         columns: object = tracker.foreground_columns
         if columns is not None and not (isinstance(columns, int) and columns > 0):
-            raise InputError(f"tracker=: expected foreground_columns above 0 or None, found {columns!r}")
+            raise InputError(f"expected foreground_columns above 0 or None, found {columns!r}", argument="tracker")
         self.stages = ImageStages(config.single_camera, recording.size, columns)
 
     @property

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from calib.errors import InputError
 from calib.formats.one_camera import load_one_camera
 from calib.ground_camera import GroundCamera
-from planview.engine.config import Config, RunParams, config_of
+from planview.engine.config import Config, config_of
 from planview.engine.engine import Engine
 from planview.engine.one_camera import one_camera_engine
 from planview.engine.replay import ReplayEngine, recorded_config
@@ -60,10 +60,10 @@ def open_engine(
         config: every parameter, or tables of those that differ; the defaults, or those that made the maps, when None.
     """
     path, camera = Path(path), None if camera is None else Path(camera)
-    config = config if isinstance(config, Config | None) else config_of(config, "config=")
+    config = config if isinstance(config, Config | None) else config_of(config, argument="config")
     refuse_tracker(tracker, get_args(TrackerName))
     if not isinstance(options, OpenOptions | None):
-        raise InputError(f"options=: expected OpenOptions, found {type(options).__name__}")
+        raise InputError(f"expected OpenOptions, found {type(options).__name__}", argument="options")
     options = options or OpenOptions()
     stereo = is_stereo(path, options.calibration or options.right)
     if matcher is not None and (is_maps(path) or is_multi_rig(path) or not stereo):
@@ -77,7 +77,7 @@ def open_engine(
         return ReplayEngine(recording, _map_tracker(tracker, config, path), config)
     config = config or Config()
     if detections is not None and holds_pair(path, options):
-        raise InputError(f"{path}: expected a video of one camera for detections=, found a stereo recording")
+        raise InputError(f"{path} is a stereo recording, and boxes are tracked in one image", argument="detections")
     if is_multi_rig(path):
         if foreign is not None:
             raise InputError(f"{foreign}: expected the calibration of every head in its own folder")
@@ -127,11 +127,9 @@ def is_stereo(path: Path, given: Path | None = None) -> bool:
 
 
 def base_config(path: Path) -> Config:
-    """What parameters are changed from: those that made the plan-view maps (but ``run``), else the defaults. Raises
-    InputError: maps that cannot be read."""
-    if not is_maps(path):
-        return Config()
-    return recorded_config(MapsRecording(path)).model_copy(update={"run": RunParams()})
+    """What parameters are changed from: those that made the plan-view maps, else the defaults. Raises InputError: maps
+    that cannot be read."""
+    return recorded_config(MapsRecording(path)) if is_maps(path) else Config()
 
 
 def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:
@@ -148,7 +146,7 @@ def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamer
 
         return EllipseParticleTracker(config.ellipse_particle, camera, config.seed)
     if camera is None:
-        raise InputError("camera=: expected a camera.toml, which the human-model tracker needs, found None")
+        raise InputError("the human-model tracker needs a calibrated camera", remedy="camera")
     from planview.tracking.human_model.tracker import HumanModelTracker
 
     return HumanModelTracker(config.human_model, camera)

@@ -138,7 +138,7 @@ class Evaluation:
     def uncovered(self) -> str:
         """A sentence on what of truth and tracks does not fit together; empty where all does."""
         if self.covered_frames and self.sequence.track_rows and not len(self.clear.matches):
-            return "no track is near any truth row: another unit, swapped axes, or another world (align=)"
+            return "no track is near any truth row: another unit, swapped axes, or a world frame to align"
         if self.shift:
             return f"tracks moved by {self.shift:+d} frame fit clearly better: do both count frames from one number?"
         if 2 * self.covered_frames >= self.track_frames:

@@ -50,22 +50,6 @@ class RunWarning(InfoPart):
     """What was expected and found, in one sentence."""
 
 
-class PaceInfo(InfoPart):
-    """How a run in real time kept up (``run.real_time``).
-
-    Latency is the time from a frame's timestamp to its tracks in tracks.csv.
-    """
-
-    frames_dropped: int = 0
-    """Frames that were due while earlier ones were tracked, and gave way to newer ones."""
-    latency_median_ms: float | None = None
-    """None before the first frame, as are the two others; of the last 4096 frames."""
-    latency_95_ms: float | None = None
-    """95 % of the frames are not later [ms]."""
-    latency_99_ms: float | None = None
-    """99 % of the frames are not later [ms]."""
-
-
 class RunInfo(InfoPart):
     """All of run.json. Every field has a default, so that a page can be made of what there is."""
 
@@ -83,6 +67,8 @@ class RunInfo(InfoPart):
     """Beginning of the first frame and end of the last one, as tracks.csv has times [s]; None before the first."""
     plane: Literal["", "floor", "image"] = ""
     """Where people's places are known: on the floor in metres, or in the image alone."""
+    first_frame: int = 0
+    """Frame of the recording that the run began with."""
     tracker: str = ""
     """"joint", "human-model" or "ellipse-particle"."""
     state: Literal["", "running", "interrupted", "finished"] = ""
@@ -109,8 +95,6 @@ class RunInfo(InfoPart):
     floor: FloorInfo | None = None
     stages_ms: dict[str, float | None] = Field(default_factory=dict)
     """Median time of every stage per frame [ms], in the order of the pipeline."""
-    pace: PaceInfo | None = None
-    """Frames dropped and latency of a run in real time; None of others."""
     people: int = 0
     """Ids that were confirmed for at least half a second in all."""
     remark: str = ""

@@ -74,9 +74,7 @@ class MapsLog:
     def _new_writer(self, path: Path) -> MapsWriter:
         stereo = self._engine.stereo
         assert stereo is not None
-        return MapsWriter(
-            path, stereo, self._engine.config.model_dump_json(exclude={"run"}), self._engine.recording.fps
-        )
+        return MapsWriter(path, stereo, self._engine.config.model_dump_json(), self._engine.recording.fps)
 
     def _end_part(self) -> None:
         if self._writer is None:

@@ -70,7 +70,7 @@ def compile_notice(console: Console) -> Iterator[None]:
 class FrameProgress(Progress):
     """A bar with frames per second, remaining time and the people in view; call it with every frame."""
 
-    def __init__(self, console: Console, n_frames: int | None) -> None:
+    def __init__(self, console: Console, n_frames: int | None, first: int = 0) -> None:
         super().__init__(
             TextColumn("tracking"),
             BarColumn(),
@@ -80,7 +80,7 @@ class FrameProgress(Progress):
             TextColumn("{task.fields[people]}"),
             console=console,
         )
-        self._frames = 0
+        self._frames, self._first = 0, first
         self._task = self.add_task("tracking", total=n_frames, rate="", people="")
 
     def __call__(self, result: FrameResult) -> None:
@@ -88,7 +88,7 @@ class FrameProgress(Progress):
         self._frames += 1
         elapsed_s = self.tasks[0].elapsed
         rate = f"{self._frames / elapsed_s:.1f} frames/s" if elapsed_s else ""
-        self.update(self._task, completed=result.frame + 1, rate=rate, people=f"{people} in view")
+        self.update(self._task, completed=result.frame + 1 - self._first, rate=rate, people=f"{people} in view")
 
 
 def summary(console: Console, info: RunInfo, folder: Path) -> None:
@@ -109,14 +109,6 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
         )
     stages = ", ".join(f"{name} {ms:.1f}" for name, ms in info.stages_ms.items() if ms is not None)
     table.add_row("ms per stage", f"{stages} (median; reading overlaps)")
-    if info.pace and info.pace.latency_median_ms is not None:
-        pace = info.pace
-        table.add_row("dropped", f"{pace.frames_dropped} frames that were due while earlier ones were tracked")
-        table.add_row(
-            "latency",
-            f"median {pace.latency_median_ms:.1f} ms, 95 % within {pace.latency_95_ms:.1f}, "
-            f"99 % within {pace.latency_99_ms:.1f}",
-        )
     table.add_row("results", str(folder))
     for warning in info.warnings:
         table.add_row("warning", warning.text)

@@ -129,7 +129,8 @@ def replay_run(
     path = _source(results, base, config)
     engine = _engine(path, results, config)
     collector, decisions, reached = TrajectoryCollector(), [], -1
-    for result in engine:
+    engine.reset()
+    for result in engine.after(results.info.first_frame - 1):
         if result.frame <= frame:
             collector.add(result.frame, result.timestamp_s, result.tracks)
             decisions += [(result.frame, decision) for decision in result.decisions if decision.kind != "matched"]

@@ -205,8 +205,7 @@ def checkpoint_of(folder: Path, identity: dict[str, Any], warn: Callable[[str], 
     found = products_in(folder)
     if not all(path.name.endswith(PART) for path in found):  # replaced only where it is the beginning of this run
         info = read_run_info(folder / "run.json") if folder / "run.json" in found else RunInfo()
-        config = {name: table for name, table in info.config.items() if name != "run"}
-        if config != identity["configuration"] or info.tracker != identity["settings"]["tracker"]:
+        if info.config != identity["configuration"] or info.tracker != identity["settings"]["tracker"]:
             raise HoldsResultsError(f"{folder}: expected the beginning of this run, found another run")
     if found:
         warn(f"{folder}: no checkpoint to resume from; the run starts again")

@@ -43,7 +43,7 @@ from planview.output.resume import (
 )
 from planview.output.state import decode, encode
 from planview.output.tables import RunTables
-from planview.output.totals import Pace, RunChecks, RunTotals
+from planview.output.totals import RunChecks, RunTotals
 from planview.trajectories.table import is_person
 from stereo.recording import OpenOptions
 
@@ -98,14 +98,14 @@ class RunOptions:
     """Name for run.json."""
     analytics: Analytics | None = None
     """Counts while running; None for no rules."""
+    first_frame: int = 0
+    """Frame of the recording to begin with, as if it were the first: the background is learned from it on."""
     max_frames: int = 0
     """Stop after this many frames; 0 for all."""
     checkpoint_every_s: float = 0.0
     """Time between two checkpoints [s]; 0 for none."""
     strict: bool = False
     """Refuse a recording that fails a check instead of warning."""
-    pace: Pace | None = None
-    """Plays the recording in real time, without checkpoints; None for as fast as it goes."""
 
 
 def run(
@@ -172,7 +172,7 @@ class _Run:
             tables = RunTables(self._folder, options.analytics is not None, marks)
             stack.callback(tables.close)
             is_live = getattr(self._engine.recording, "is_live", False)
-            every_s = 0.0 if is_live or options.pace else options.checkpoint_every_s
+            every_s = 0.0 if is_live else options.checkpoint_every_s
             marked_s = trimmed_s = time.monotonic()
             for result in frames:
                 self._totals.take(result)
@@ -180,8 +180,6 @@ class _Run:
                 events = analytics.update(result.frame, result.timestamp_s, result.tracks) if analytics else ()
                 self._totals.events.extend(events)
                 tables.add(result, events)
-                if options.pace:
-                    options.pace.written(result.timestamp_s)
                 for log in self._logs.values():
                     log.frame(result)
                 if watch:
@@ -210,8 +208,7 @@ class _Run:
         limit = self._options.max_frames
         if limit and self._totals.frames >= limit:
             return
-        pace = self._options.pace
-        for result in pace.results(self._engine) if pace else self._engine.after(self._totals.last_frame):
+        for result in self._engine.after(max(self._totals.last_frame, self._options.first_frame - 1)):
             yield result
             if self._totals.frames == limit:
                 return
@@ -276,7 +273,6 @@ class _Run:
                 # The first thousand, as run.json stays small.
                 "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:1000]],
                 "stages_ms": {stage: float(np.median(list(times))) for stage, times in totals.stages.items()},
-                "pace": self._options.pace and self._options.pace.info(),
                 "people": people,
                 "remark": totals.remark(people),
                 "warnings": self._checks.warnings(),
@@ -294,7 +290,7 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> di
     right = getattr(recording, "options", OpenOptions()).right
     return {
         "version": library_versions() | {"planview": code_version()},
-        "configuration": engine.config.model_dump(mode="json", exclude={"run"}),
+        "configuration": engine.config.model_dump(mode="json"),
         "recording": {
             "images": [content_key(path, texts=False) for path in (recording.path, right) if path and path.exists()],
             "calibration": calibration_key(recording),
@@ -305,6 +301,7 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> di
         },
         "settings": {
             "tracker": options.tracker, "rules": joblib.hash(rules) if rules else "", "logs": sorted(logs),
+            "first_frame": options.first_frame,
         },
     }  # fmt: skip
 
@@ -319,6 +316,7 @@ def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
         fps=engine.recording.fps,
         plane="floor" if engine.camera is not None else "image",
         tracker=options.tracker,
+        first_frame=options.first_frame,
         started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
         versions=library_versions(),
         config=engine.config.model_dump(mode="json"),

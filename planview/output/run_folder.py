@@ -121,7 +121,7 @@ class RunFolder:
         if self.truth_file is None:
             return None
         people = load_truth(self.truth_file)
-        return people.where(people.frame < self.n_frames)
+        return people.where((people.frame >= self.info.first_frame) & (people.frame < self.n_frames))
 
     @cached_property
     def ground_camera(self) -> GroundCamera | None:
@@ -178,9 +178,9 @@ class RunFolder:
 
     @property
     def n_frames(self) -> int:
-        """Frames of the run."""
+        """Frames of the recording up to the last one that the run read."""
         last = int(self.tracks.frame.max()) + 1 if len(self.tracks) else 0
-        return max(last, self.info.frames_read + self.info.frames_skipped)
+        return max(last, self.info.first_frame + self.info.frames_read + self.info.frames_skipped)
 
     @property
     def truth_of_recording(self) -> Trajectories:
@@ -197,7 +197,8 @@ class RunFolder:
 
         truth = self.truth_of_recording
         params = params or EvaluationParams(fps=self.info.fps or 30.0)
-        return evaluate_tracks(self.tracks, truth, params, frames or (0, max(0, self.n_frames - 1)))
+        first = self.info.first_frame
+        return evaluate_tracks(self.tracks, truth, params, frames or (first, max(first, self.n_frames - 1)))
 
     @property
     def frame_s(self) -> float:

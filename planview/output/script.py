@@ -72,7 +72,7 @@ def run(
         WorkError: no floor is visible, or the folder cannot be written.
     """
     if not hasattr(frames, "__index__") or frames < 0:
-        raise InputError(f"frames=: expected how many to track, 0 for all, found {frames!r}")
+        raise InputError(f"expected how many to track, 0 for all, found {frames!r}", argument="frames")
     if out is not None:
         try:
             check_folder(Path(out), overwrite)
@@ -128,7 +128,7 @@ def evaluate(
         WorkError: alignment was asked for and is not possible.
     """
     if frames is not None and not 0 <= frames[0] <= frames[1]:
-        raise InputError(f"frames=: expected the first and the last frame, found {frames}")
+        raise InputError(f"expected the first and the last frame, found {frames}", argument="frames")
     run = None
     if isinstance(tracks, Path | str):
         path = tracks_file(Path(tracks))
@@ -139,7 +139,8 @@ def evaluate(
     if run is None and truth is None:
         raise InputError("expected a truth for tracks that are not those of a run's folder, found None")
     if run is not None:
-        frames = frames or (0, max(0, RunFolder(run.path, other_tracks=found).n_frames - 1))
+        first = run.info.first_frame
+        frames = frames or (first, max(first, RunFolder(run.path, other_tracks=found).n_frames - 1))
         truth = run.truth_of_recording if truth is None else truth
     return evaluate_tracks(found, _table(truth), params, frames)
 

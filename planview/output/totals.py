@@ -1,24 +1,17 @@
-"""What a run measures of itself: totals, stage times and failed checks, and how it keeps up in real time."""
+"""What a run measures of itself: totals, stage times and failed checks."""
 
 from __future__ import annotations
 
 import math
-import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator
-from contextlib import closing
 from dataclasses import dataclass, field
-from typing import Any
-
-import numpy as np
 
 from planview.checks.check import Check
 from planview.checks.examine import RecordingWatch, refuse_unless_ok, sentence
 from planview.counting.events import Event
 from planview.counting.totals import JUMP_S, jump_note
-from planview.engine.engine import AnyRecording, Engine, FrameResult
-from planview.output.folder import PaceInfo, RunWarning
-from stereo.recording import newest
+from planview.engine.engine import Engine, FrameResult
+from planview.output.folder import RunWarning
 
 
 def last_times() -> deque[float]:
@@ -101,76 +94,3 @@ class RunChecks:
 
     def _all(self) -> list[Check]:
         return list(self._engine.checks) + (self._watch.checks() if self._watch else [])
-
-
-class Pace:
-    """Plays a recording or a device in real time and measures how late tracks come.
-
-    A frame is due when the time since the first one, by its timestamp, has passed. The newest due frame is tracked,
-    earlier ones that wait are dropped. Rectifying does not run ahead of tracking here: a frame made ready ahead would
-    be older when its turn comes than the newest one.
-
-    A device gives its frames when it will: each is due as it comes. Its clock is set against the machine's by the frame
-    that came with the least delay so far, so that the delay inside of the device is not part of the latency.
-
-    Args:
-        now_s: time that only grows [s].
-        sleep: waits this many seconds.
-    """
-
-    def __init__(
-        self, now_s: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
-    ) -> None:
-        self._now_s, self._sleep = now_s, sleep
-        self._latencies = last_times()
-        self._start_s = math.inf
-        self._dropped = 0
-
-    def results(self, engine: Engine) -> Iterator[FrameResult]:
-        """Track the newest due frame of the engine's recording, again and again until the recording ends."""
-        recording = engine.recording
-        is_device = getattr(recording, "is_live", False) and not getattr(recording, "waits", False)
-        frames = newest(self._arriving(recording), 1, self._drop) if is_device else self._newest_due(recording)
-        with closing(frames):
-            for frame in frames:
-                yield engine.step(frame)
-
-    def written(self, timestamp_s: float) -> None:
-        """The tracks of the frame of this time are written."""
-        self._latencies.append(1e3 * (self._now_s() - self._start_s - timestamp_s))
-
-    def info(self) -> PaceInfo:
-        """Frames dropped and latencies so far."""
-        if not self._latencies:
-            return PaceInfo(frames_dropped=self._dropped)
-        median, late, latest = np.percentile(list(self._latencies), (50, 95, 99)).tolist()
-        return PaceInfo(
-            frames_dropped=self._dropped, latency_median_ms=median, latency_95_ms=late, latency_99_ms=latest
-        )
-
-    def _newest_due(self, recording: AnyRecording) -> Generator[Any, None, None]:
-        """Frames of a source that waits; the next one is read before this one is due."""
-        frames = iter(recording)
-        frame = next(frames, None)
-        if frame is not None:
-            self._start_s = self._now_s() - frame.timestamp_s
-        while frame is not None:
-            following = next(frames, None)
-            self._sleep(max(0.0, -self._lateness_s(frame)))
-            while following is not None and self._lateness_s(following) >= 0:
-                self._drop(frame)
-                frame, following = following, next(frames, None)
-            yield frame
-            frame = following
-
-    def _arriving(self, recording: AnyRecording) -> Generator[Any, None, None]:
-        """Frames of a device, which set its clock as they come."""
-        for frame in recording:
-            self._start_s = min(self._start_s, self._now_s() - frame.timestamp_s)
-            yield frame
-
-    def _lateness_s(self, frame: Any) -> float:
-        return self._now_s() - self._start_s - float(frame.timestamp_s)
-
-    def _drop(self, frame: Any) -> None:
-        self._dropped += 1

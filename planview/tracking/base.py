@@ -154,28 +154,30 @@ class ImageTracker(Tracker, Protocol):
 def followed(tracker: Tracker, observation: Observation) -> tuple[TrackState, ...]:
     """What a tracker makes of the next frame. Raises InputError: one's own tracker returns anything but TrackStates."""
     people: object = tracker.update(observation)
-    expected = f"tracker=: expected a sequence of TrackState from {type(tracker).__name__}.update"
+    expected = f"expected a sequence of TrackState from {type(tracker).__name__}.update"
     if not isinstance(people, Sequence) or not all(isinstance(person, TrackState) for person in people):
         found = type(people).__name__ if not isinstance(people, Sequence) else "a sequence of something else"
-        raise InputError(f"{expected}, found {found}")
+        raise InputError(f"{expected}, found {found}", argument="tracker")
     if not all(isinstance(decision, Decision) for decision in tracker.decisions):
-        raise InputError(f"tracker=: expected Decisions in {type(tracker).__name__}.decisions, found something else")
+        expected = f"expected Decisions in {type(tracker).__name__}.decisions"
+        raise InputError(f"{expected}, found something else", argument="tracker")
     if not type(tracker).__module__.startswith("planview."):  # one's own may return what no table can hold
         rows = TrajectoryCollector()
         try:
             rows.add(observation.frame, observation.timestamp_s, people)
             rows.trajectories()
         except (InputError, TypeError, ValueError) as error:
-            raise InputError(f"{expected} for tracks.csv, found one that it cannot hold: {error}") from error
+            unfit = f"{expected} for tracks.csv, found one that it cannot hold: {error}"
+            raise InputError(unfit, argument="tracker") from error
     return tuple(people)
 
 
 def refuse_tracker(tracker: object, names: Sequence[str]) -> None:
     """Raises InputError for a name that is none of ``names``, and for an object that lacks a part of ``Tracker``."""
     if isinstance(tracker, str) and tracker not in names:
-        raise InputError(f"tracker=: expected one of {', '.join(names)}, found {tracker!r}")
+        raise InputError(f"expected one of {', '.join(names)}, found {tracker!r}", argument="tracker")
     parts = "update", "decisions", "debug", "reset"
     missing = [part for part in parts if not isinstance(tracker, str) and not hasattr(tracker, part)]
     if missing or isinstance(tracker, type):
         found = f"{type(tracker).__name__} without {', '.join(missing)}" if missing else "a class in its place"
-        raise InputError(f"tracker=: expected an object with {', '.join(parts)}, found {found}")
+        raise InputError(f"expected an object with {', '.join(parts)}, found {found}", argument="tracker")

@@ -135,7 +135,7 @@ def prepared(
         table = table.where(confirmed & usable)
     rate = fps or file.fps or measured_rate(file.table)
     if rate is None and not FORMATS[name].keeps_state:
-        raise InputError("expected timestamps or a frame rate in the trajectories, found neither; fps= gives it")
+        raise InputError("the trajectories have neither timestamps nor a frame rate", remedy="fps")
     return TrajectoryFile(table, rate, area or file.walkable_wkt or surrounding_area(table))
 
 

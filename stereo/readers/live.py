@@ -106,7 +106,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
 
     def rig() -> StereoRig:
         if calibration is None:
-            raise InputError(f"{named}: expected the calibration of the cameras, found none: calibration= gives it")
+            raise InputError(f"{named}: the calibration of the cameras is missing", remedy="calibration")
         return load_rig(calibration, first.size)
 
     if len(sources) == 1:

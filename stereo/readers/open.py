@@ -171,7 +171,7 @@ def find_layout(path: Path | str, options: OpenOptions | None = None) -> tuple[R
     two = Reader("two-paths", "two recordings of one camera each", "", lambda path: False, _two_paths)
     reader = two if options.right is not None else find_reader(path)
     if options.topics and reader is not BAG:
-        raise InputError(f"topics=: expected a bag, found {path}: {reader.name}")
+        raise InputError(f"expected a bag, found {path}: {reader.name}", argument="topics")
     return reader, reader.find(path, options)
 
 
@@ -202,9 +202,10 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Video:
     if not path.exists():
         raise InputError(f"{path}: expected a video or a folder of images, found nothing there")
     if options.topics:
-        raise InputError(f"topics=: expected a bag, found {path}: one camera")
+        raise InputError(f"expected a bag, found {path}: one camera", argument="topics")
     if options.calibration is not None:
-        raise InputError(f"calibration=: expected a stereo pair or images with depth, found {path}: one camera")
+        expected = "expected a stereo pair or images with depth"
+        raise InputError(f"{expected}, found {path}: one camera", argument="calibration")
     files, videos = ([], [path]) if path.is_file() else (image_files(path), video_files(path))
     if not files and len(videos) != 1:
         raise InputError(f"{path}: expected images or one video, found {len(videos)} videos and no image")

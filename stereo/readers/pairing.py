@@ -156,7 +156,7 @@ def pair_stamps(left_ns: I64, right_ns: I64, names: tuple[str, str] = ("left", "
     if max(counts) > 1 and not any(np.ptp(own) for own in (left_ns, right_ns) if len(own)):  # clocks that stand still
         order = np.arange(max(counts))
         left, right = (np.where(order < n, order, -1) for n in counts)
-        note = f"all frames have one time: {DEFAULT_FPS:g} frames per second are assumed; fps= gives another rate"
+        note = f"all frames have one time: {DEFAULT_FPS:g} frames per second are assumed; set the rate if it is another"
         return TimePairs(left, right, order / DEFAULT_FPS, DEFAULT_FPS, (note,))
     # Median step of the camera that has more frames [ns].
     steps = np.diff(np.sort(left_ns if counts[0] >= counts[1] else right_ns))

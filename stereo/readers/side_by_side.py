@@ -215,7 +215,7 @@ def packed_layout(
         aspect = None
     packing, shared = find_packing(pictures, aspect)
     if packing is None:
-        raise InputError(f"{named}: {_no_pair(source.size, pictures, shared)}")
+        raise _no_pair(source.size, pictures, shared).about(str(named))
     size = packing.size(source.size)
     rectified_of = partial(load_rig, calibration, size, rectified=True)
     order, assumed = None, ""
@@ -258,19 +258,20 @@ def sampled(source: FrameSource) -> list[U8]:
     return found or [frame.image for frame in source.at([0]) if frame.image is not None]
 
 
-def _no_pair(size: Size, pictures: Sequence[U8], shared: Common) -> str:
+def _no_pair(size: Size, pictures: Sequence[U8], shared: Common) -> InputError:
     width, height = size
     expected = "expected two views of one scene (side by side, or one above the other), found"
     if width / height >= 1.8:
         left, right = (is_grey(np.ascontiguousarray(half)) for half in np.array_split(pictures[0], 2, axis=1)[:2])
         if left != right:
-            return (
+            return InputError(
                 f"{expected} a grey and a coloured half with {len(shared.matches)} of {shared.corners} corners alike: "
                 "a picture of depth next to its colour image holds no depth in metres"
             )
-    return (
-        f"{expected} one picture of {width}x{height}: a stereo recording needs both cameras; "
-        "one camera is tracked with tracker='ellipse-particle', or tracker='human-model' and camera='camera.toml'"
+    return InputError(
+        f"{expected} one picture of {width}x{height}: a stereo recording needs both cameras, and one camera another "
+        "tracker",
+        remedy="tracker",
     )
 
 

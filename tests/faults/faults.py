@@ -137,7 +137,7 @@ OPTION_FAULTS = (
     Fault("rule that is a formula", replaced("r", '[[tripwire]]\nname = "=1+1"\nfrom_m = [0, 1]\nto_m = [1, 1]'), 2, "= \\+ - @", words=("--rules", "{}/r")),
     Fault("zone of 100,000 corners", replaced("r", '[[zone]]\nname = "z"\npolygon_m = [' + "[0, 1]," * 100_000 + "]"), 2, "/r: expected", words=("--rules", "{}/r")),
     Fault("rule out of view", replaced("r", '[[tripwire]]\nname = "a"\nfrom_m = [900, 1]\nto_m = [901, 1]'), 2, "outside", words=("--rules", "{}/r")),
-    Fault("negative number of frames", nothing, 2, "run.frames", words=("--set", "run.frames=-1")),
+    Fault("negative number of frames", nothing, 2, "--frames", words=("--frames", "-1")),
     Fault("tracker that is none", nothing, 2, "telepathy", words=("--tracker", "telepathy")),
 )  # fmt: skip
 

@@ -91,11 +91,11 @@ def test_finished_run_survives_every_refusal(good, tmp_path, cli):
     (recording / "rig.toml").unlink()
     refused = [
         ("run", good, "--out", out),
-        ("run", recording, "--out", out, "--set", "run.overwrite=true"),
-        ("run", good, "--out", out, "--set", "run.overwrite=true", "--set", "maps.cell_m=0"),
+        ("run", recording, "--out", out, "--overwrite"),
+        ("run", good, "--out", out, "--overwrite", "--set", "maps.cell_m=0"),
         ("run", good, "--out", out / "tracks.csv"),
-        ("run", tmp_path / "none", "--out", out, "--set", "run.overwrite=true"),
-        ("run", os.devnull, "--out", out, "--set", "run.overwrite=true"),
+        ("run", tmp_path / "none", "--out", out, "--overwrite"),
+        ("run", os.devnull, "--out", out, "--overwrite"),
     ]
     for words in refused:
         status, printed = cli(*words)

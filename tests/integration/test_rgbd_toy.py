@@ -50,7 +50,7 @@ def test_a_matcher_of_ones_own_is_refused_for_depth(recording: Path) -> None:
 
 
 def test_run_names_the_sensor_and_no_baseline(recording: Path, tmp_path: Path, cli: Cli) -> None:
-    status, _ = cli("run", recording, "--out", tmp_path / "out", "--set", f"run.frames={EMPTY + 8}", "--rrd")
+    status, _ = cli("run", recording, "--out", tmp_path / "out", "--frames", EMPTY + 8, "--rrd")
     assert status == 0
     text = (tmp_path / "out" / "run.json").read_text()
     assert '"depth_sensor": "structured-light"' in text and '"baseline_m": null' in text

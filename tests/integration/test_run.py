@@ -100,7 +100,7 @@ def test_same_input_and_configuration_give_the_same_tracks(engine: Engine, folde
 
 def test_overwriting_leaves_foreign_files_alone(cli: Cli, copy: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert run_few(cli, copy, out, "--set", "run.frames=2")[0] == 0
+    assert run_few(cli, copy, out, "--frames", "2")[0] == 0
     (out / "notes.txt").write_text("mine")
     assert run_few(cli, copy, out, "--frames", "3", "--overwrite")[0] == 0
     assert (out / "notes.txt").read_text() == "mine" and read_run_info(out / "run.json").frames_read == 3

@@ -150,7 +150,7 @@ def test_rerun_is_stopped_before_the_disk_is_full(engine, tmp_path, monkeypatch)
 )
 def test_a_log_without_room_ends_the_run_in_a_sentence_and_keeps_the_tracks(engine, copy, tmp_path, option, name, room):
     list(engine)  # numba's caches are written while there is room
-    out, no_checkpoints = tmp_path / "out", ("--set", "run.checkpoint_every_s=0")  # which would end a slow run early
+    out, no_checkpoints = tmp_path / "out", ("--checkpoint-every", "0")  # which would end a slow run early
     output = subprocess.run(
         [sys.executable, "-m", "planview", "run", copy, "--out", out, "--set", FEW, *no_checkpoints, option],
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)),  # of a process of its own

@@ -85,7 +85,7 @@ def test_another_tracker_follows_the_same_maps(cli, maps, tmp_path):
 
 
 def test_the_command_saves_maps_without_any_image(cli, copy, tmp_path):
-    status, printed = run_few(cli, copy, tmp_path / "out", "--maps", "--set", "run.frames=12")
+    status, printed = run_few(cli, copy, tmp_path / "out", "--maps", "--frames", "12")
     assert status == 0, printed
     with h5py.File(tmp_path / "out" / "maps.h5") as file:
         assert set(file["points"]) == {"pixel", "disparity", "appearance"}
@@ -108,7 +108,7 @@ def test_words_that_do_not_go_with_maps_are_refused(refused, maps, tmp_path, wor
 
 
 def test_maps_are_not_replaced_by_their_own_tracking(refused, maps):
-    assert "another folder" in refused("run", maps, "--out", maps.parent, "--set", "run.overwrite=true")
+    assert "another folder" in refused("run", maps, "--out", maps.parent, "--overwrite")
     assert maps.exists()
 
 

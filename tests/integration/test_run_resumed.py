@@ -107,8 +107,7 @@ def test_a_table_that_was_changed_since_the_checkpoint_is_not_resumed_from(engin
 
 def test_another_recording_or_option_is_not_resumed_with(cli, refused, copy, tmp_path):
     out = tmp_path / "out"
-    often = f"run.checkpoint_every_s={FREQUENT_S}"
-    assert cli("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3", "--set", often)[0] == 0
+    assert cli("run", copy, "--out", out, "--set", FEW, "--frames", "3", "--checkpoint-every", FREQUENT_S)[0] == 0
     (out / "run.json").write_text((out / "run.json").read_text().replace('"finished": true', '"finished": false'))
     output = refused("run", copy, "--out", out, "--set", "analysis.setup_frames=5", "--resume")
     assert "expected the beginning of this run, found another" in output
@@ -141,14 +140,14 @@ def test_another_image_or_calibration_is_another_recording(copy: Path, tmp_path:
 @pytest.mark.parametrize("left", [["run.json", "run.rrd", "maps.h5.part"], ["run.json.part"]])
 def test_a_run_that_was_killed_before_its_first_checkpoint_starts_again(cli, copy, tmp_path, left):
     out = tmp_path / "out"
-    assert cli("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3")[0] == 0
+    assert cli("run", copy, "--out", out, "--set", FEW, "--frames", "3")[0] == 0
     kept = (out / "run.json").read_text().replace('"finished": true', '"finished": false')
     tracks = (out / "tracks.csv").read_bytes()
     for file in out.iterdir():
         file.unlink()
     for name in left:
         (out / name).write_text(kept if name == "run.json" else "half")
-    assert cli("run", copy, "--out", out, "--set", FEW, "--set", "run.frames=3", "--resume")[0] == 0
+    assert cli("run", copy, "--out", out, "--set", FEW, "--frames", "3", "--resume")[0] == 0
     assert (out / "tracks.csv").read_bytes() == tracks
     assert not (out / "maps.h5.part").exists()
 

@@ -105,7 +105,7 @@ class EllipseParticleTracker:
         way = "high" if size.upright else "long"
         learned = f"assumed size of people: {length_px:.0f} px {way} in the middle of the image"
         alike = "" if share >= 0.5 else f", though only {share:.0%} of it has that size"
-        other = "ellipse_particle.size.person_height_px=N gives another"
+        other = "parameter ellipse_particle.size.person_height_px sets another"
         return (
             f"{learned}, the size of whatever moves here{alike}: other things of that size count as people ({other})",
         )

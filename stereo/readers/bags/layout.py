@@ -63,7 +63,7 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
         if found is None:
             other = f"no transform from {first.frame} to {second.frame} in {where}"
             other = f"both camera_info in the frame {first.frame!r}" if same else other
-            raise InputError(f"{bag.path}: expected a baseline, found none in P and {other}: calibration= gives one")
+            raise InputError(f"{bag.path}: expected a baseline, found none in P and {other}", remedy="calibration")
         pose, source = found, f"{source} and {where.lstrip('/')}"
     if not left.size == right.size == size and any(region_of(info.fields) for info in infos):
         own = f"{size_text(left.size)}, the region of interest in camera_info"
@@ -114,7 +114,7 @@ def _camera(bag: Bag, info: CameraMessage, rectified: bool) -> tuple[Camera, SE3
             camera, pose = camera_from(info.fields, info.topic)
         refuse_strange_camera(camera, info.topic)
     except ValueError as error:
-        raise InputError(f"{bag.path}: {error}: calibration= gives another") from error
+        raise InputError(f"{bag.path}: {error}", remedy="calibration") from error
     return camera, pose
 
 
@@ -133,7 +133,7 @@ def info_of(bag: Bag, topic: str) -> CameraMessage:
     elif not any(fields["K"]):
         problem = f"a calibrated camera in {name}, found K of zeros"
     if problem or name is None:
-        raise InputError(f"{bag.path}: expected {problem}: calibration= gives one")
+        raise InputError(f"{bag.path}: expected {problem}", remedy="calibration")
     return CameraMessage(name, fields, frame.lstrip("/"))
 
 

@@ -38,9 +38,8 @@ def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
     if named:
         for name in named:
             if name not in [topic.name for topic in there]:
-                raise InputError(
-                    f"topics=: expected image topics of {bag.path.name} ({_listed(there)}), found {name!r}"
-                )
+                expected = f"expected image topics of {bag.path.name} ({_listed(there)})"
+                raise InputError(f"{expected}, found {name!r}", argument="topics")
         first, second = named
         depths = _depths(bag, [topic for topic in there if topic.name in named])
         if first in depths and second not in depths:
@@ -62,10 +61,8 @@ def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
         )
     if len(pairs) != 1:
         what = f"{len(pairs)} pairs" if pairs else "no clear pair"
-        raise InputError(
-            f"{bag.path}: expected one pair of image topics, found {what} among {_listed(there)}: "
-            "topics= names the two, left and right, or image and depth"
-        )
+        found = f"found {what} among {_listed(there)}"
+        raise InputError(f"{bag.path}: expected one pair of image topics, {found}", remedy="topics")
     kind, first, second = pairs[0]
     return TopicChoice(kind, by_base[first].name, by_base[second].name)
 

@@ -450,25 +450,25 @@ def test_tsai_camera_is_the_same_camera_above_the_floor_at_the_size_of_the_image
         (
             "opencv.yml",
             "%YAML:1.0\n---\ncamera_matrix: {data: [700., 0, 320, 0, 701, 240, 0, 0, 1]}\n",
-            "focal_px=700",
+            "focal length 700",
         ),
-        ("cameras.txt", "# Camera list\n1 PINHOLE 640 480 512.5 512.5 320 240\n", "COLMAP, PINHOLE, focal_px=512"),
+        ("cameras.txt", "# Camera list\n1 PINHOLE 640 480 512.5 512.5 320 240\n", "COLMAP, PINHOLE, focal length 512"),
         (
             "kalibr.yaml",
             "cam0:\n  intrinsics: [458.6, 457.2, 367.2, 248.3]\n  resolution: [752, 480]\n",
-            "focal_px=459",
+            "focal length 459",
         ),
         (
             "room.pet",
             '<PETRACK><OLD_MODEL CX="1" CY="2" FX="842.5" FY="842.7"/></PETRACK>',
-            "PeTrack .*focal_px=842",
+            "PeTrack .*focal length 842",
         ),
     ],
 )
 def test_lens_without_a_place_is_refused_with_its_focal_length(name, text, lens, tmp_path):
     (tmp_path / name).write_text(text)
     assert holds_one_camera(tmp_path / name)
-    with pytest.raises(InputError, match=rf"above the floor, found a lens \(.*{lens}"):
+    with pytest.raises(InputError, match=rf"found only a lens \(.*{lens}"):
         load_one_camera(tmp_path / name)
 
 

@@ -209,7 +209,7 @@ def test_images_of_one_camera_without_times_note_the_assumed_rate(tmp_path: Path
     folder = folder_recording(tmp_path / "r") / "left"
     video = open_video(folder)
     assert video.fps == 30.0
-    assert video.notes == ["no timestamps: 30 frames per second are assumed; fps= gives another rate"]
+    assert video.notes == ["no timestamps: 30 frames per second are assumed; set the rate if it is another"]
 
 
 @pytest.mark.parametrize("step_px", [20, 60])
@@ -221,7 +221,7 @@ def test_rate_of_images_without_times_is_that_of_a_walker(tmp_path: Path, step_p
         cv2.imwrite(str(tmp_path / f"{index:04d}.png"), image)
     video = open_video(tmp_path)
     assert video.fps == pytest.approx(1.3 / (1.7 * step_px / 120), rel=0.1)
-    assert "as fast as a walker; fps= gives another rate" in video.notes[0]
+    assert "as fast as a walker; set the rate if it is another" in video.notes[0]
 
 
 def test_topics_may_be_one_text_and_a_rate_must_be_a_number() -> None:
@@ -262,7 +262,7 @@ def test_rate_of_pictures_without_a_container_is_reported(tmp_path: Path) -> Non
     (tmp_path / "a.mjpeg").write_bytes(7 * coded)
     video = open_video(tmp_path)
     assert video.n_frames == 7
-    assert video.notes == ["no timestamps: 25 frames per second are assumed; fps= gives another rate"]
+    assert video.notes == ["no timestamps: 25 frames per second are assumed; set the rate if it is another"]
 
 
 def test_hidden_files_of_macos_are_passed_over(tmp_path: Path) -> None:
@@ -375,7 +375,7 @@ def test_two_streams_are_paired_as_they_come(served: str, tmp_path: Path) -> Non
 
 def test_live_camera_without_calibration_asks_for_one_and_an_address_without_answer_is_refused(served):
     _, layout = find_layout(Path(f"{served}/both.avi"))
-    with pytest.raises(InputError, match="calibration= gives it"):
+    with pytest.raises(InputError, match="use calibration="):
         layout.open()
     with pytest.raises(InputError, match=r"http://127\.0\.0\.1:9/x: .*nothing that answers"):
         find_layout(Path("http://127.0.0.1:9/x"))

@@ -17,6 +17,7 @@ from benchmarks.__main__ import main_benchmarks
 from benchmarks.options import Rendering, rendered, scene_files
 from calib.errors import InputError
 from calib.formats import load_rig, write_rig
+from calib.formats.one_camera import LensOnlyError
 from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
 from calib.rig import save_rig
 from calib.world import load_world
@@ -250,7 +251,7 @@ def test_inspect_tells_sizes_rates_calibration_and_unpaired_frames(tmp_path, cap
 
 def test_inspect_names_the_option_that_supplies_what_is_missing_and_shows_people_a_table(tmp_path, capsys):
     found = inspected(recording(tmp_path), capsys)
-    assert found["calibration"] is None and "--calibration gives one" in str(found["missing"])
+    assert found["calibration"] is None and "use --calibration" in str(found["missing"])
     check(tmp_path, options=CheckOptions(quick=True))
     shown = capsys.readouterr().out
     assert "32x24" in shown and "1 without a mate" in shown
@@ -263,7 +264,7 @@ def test_the_rate_of_images_without_times_is_the_one_that_a_run_takes(tmp_path, 
     found = inspected(folder, capsys)
     assert found["fps"] == open_any(folder).fps == 6.7
     notes = [note for note in found["notes"] if "frames per second are assumed" in note]  # type: ignore[attr-defined]
-    assert len(notes) == 1 and "no timestamps: 6.7" in notes[0] and "--fps gives another rate" in notes[0]
+    assert len(notes) == 1 and "no timestamps: 6.7" in notes[0] and "set the rate if it is another" in notes[0]
 
 
 @pytest.mark.parametrize("words", [["check", "--quick"], ["run", "--out", "out"]])
@@ -314,22 +315,22 @@ def test_sweep_without_a_process_is_refused(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("sentence", "shown"),
+    ("error", "in_python", "typed_as"),
     [
-        ("a rate is assumed; fps= gives another", "a rate is assumed; --fps gives another"),
-        ("one camera takes tracker='ellipse-particle'", "one camera takes --tracker ellipse-particle"),
-        ("overrides=: expected table.key=value", "--set: expected table.key=value"),
-        ("(maps.cell_m=N gives another)", "(--set maps.cell_m=N gives another)"),
-        ("--set maps.cell_m=1: below the least", "--set maps.cell_m=1: below the least"),
-        (
-            "expected a camera.toml, found a lens (focal_px=410)",
-            "expected a camera.toml, found a lens (focal_px=410); planview calibrate human VIDEO --auto --focal 410 "
-            "--out camera.toml writes one",
-        ),
+        (InputError("expected a rate", argument="fps"), "fps=: expected a rate", "--fps: expected a rate"),
+        (InputError("no floor", remedy="match_on='boxes'"), "no floor; use match_on='boxes'", "no floor; use --boxes"),
+        (InputError("/data/fps=: no images"), "/data/fps=: no images", "/data/fps=: no images"),
+        (InputError("expected a.b=1", argument="overrides"), "overrides=: expected a.b=1", "--set: expected a.b=1"),
     ],
 )
-def test_arguments_of_python_are_shown_as_options(sentence, shown):
-    assert typed(sentence) == shown
+def test_arguments_of_python_are_shown_as_options(error, in_python, typed_as):
+    assert (str(error), typed(error)) == (in_python, typed_as)
+    assert str(error.about("file")) == in_python.replace(error.args[0], f"file: {error.args[0]}")
+
+
+def test_lens_without_a_place_names_the_command_that_finds_it() -> None:
+    hint = "(planview calibrate human VIDEO --auto --focal 410 --out camera.toml writes one)"
+    assert typed(LensOnlyError(Path("lens.yaml"), "OpenCV", 410.2)).endswith(f"focal length 410 px) {hint}")
 
 
 @pytest.mark.parametrize("room", ["calib", "stereo", "planview"])

@@ -1,10 +1,9 @@
-"""Runs that stop, are continued, and keep pace."""
+"""Runs that stop and are continued."""
 
 import io
 import json
 import math
 from collections import deque
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,14 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli import Refused
 
 from calib.errors import InputError
-from planview.engine.open import open_engine
 from planview.foreground.gain import Exposure
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
-from planview.output.folder import PaceInfo, RunInfo, read_run_info, write_run_info
+from planview.output.folder import RunInfo, write_run_info
 from planview.output.resume import (
     CHECKPOINT,
     Checkpoint,
@@ -28,9 +25,7 @@ from planview.output.resume import (
     read_checkpoint,
     write_checkpoint,
 )
-from planview.output.run import RunOptions, run
 from planview.output.state import SavedState, decode, encode
-from planview.output.totals import Pace
 from planview.tracking.lifecycle import Existence
 
 IDENTITY: dict[str, Any] = {
@@ -152,107 +147,3 @@ def test_a_checkpoint_of_another_configuration_is_refused_and_the_first_differen
         checkpoint_of(tmp_path, IDENTITY | {"configuration": {"seed": 1}}, print)
     assert difference(IDENTITY, IDENTITY) == ""
     assert difference(IDENTITY, IDENTITY | {"version": {"numpy": "9"}}) == "another version (numpy)"
-
-
-class FakeClock:
-    def __init__(self) -> None:
-        self.time_s = 100.0
-
-    def now_s(self) -> float:
-        return self.time_s
-
-    def sleep(self, seconds: float) -> None:
-        self.time_s += seconds
-
-
-def paced(clock: FakeClock) -> Pace:
-    return Pace(clock.now_s, clock.sleep)
-
-
-class Engine:
-    """Takes the same time for every frame; its recording's first timestamp is not 0."""
-
-    def __init__(self, clock: FakeClock, step_s: float, recording: Any) -> None:
-        self._clock, self._step_s, self.recording = clock, step_s, recording
-
-    def step(self, frame: Any) -> Any:
-        self._clock.sleep(self._step_s)
-        return frame
-
-
-def frames_of(times_s: Iterable[float]) -> list[SimpleNamespace]:
-    return [SimpleNamespace(frame=n, timestamp_s=time_s) for n, time_s in enumerate(times_s)]
-
-
-def played(step_s: float, times_s: Iterable[float]) -> tuple[list[int], PaceInfo, float]:
-    """Frames tracked, their lines, and how long it took [s]."""
-    clock = FakeClock()
-    pace = paced(clock)
-    tracked = []
-    for result in pace.results(Engine(clock, step_s, frames_of(times_s))):  # type: ignore[arg-type]
-        pace.written(result.timestamp_s)
-        tracked.append(result.frame)
-    return tracked, pace.info(), clock.time_s - 100.0
-
-
-EIGHT_HZ = [2.0 + n / 8 for n in range(9)]
-
-
-@pytest.mark.parametrize(
-    ("step_s", "times_s", "tracked", "latency_ms", "took_s"),
-    [
-        (1 / 16, EIGHT_HZ, list(range(9)), 62.5, 1.0625),
-        (1 / 4, EIGHT_HZ, [0, 2, 4, 6, 8], 250.0, 1.25),
-        (1 / 4, [0.0, 10.0], [0, 1], 250.0, 10.25),
-    ],
-    ids=["in time: as late as a frame takes", "twice too slow: every second frame is dropped", "a pause is waited for"],
-)
-def test_engine_drops_the_frames_for_which_it_has_no_time(step_s, times_s, tracked, latency_ms, took_s):
-    late = dict.fromkeys(("latency_median_ms", "latency_95_ms", "latency_99_ms"), latency_ms)
-    info = PaceInfo(frames_dropped=len(times_s) - len(tracked), **late)
-    assert played(step_s, times_s) == (tracked, info, took_s) and played(1.0, []) == ([], PaceInfo(), 0.0)
-
-
-def test_latency_counts_from_when_the_frame_was_due_and_not_from_when_it_was_taken() -> None:
-    tracked, info, _ = played(3 / 16, EIGHT_HZ[:4])
-    # Frame 0 at 0 to 3/16; 1 (due 2/16) at 3/16 to 6/16; 3 (due 6/16; 2 was due 4/16) at 6/16 to 9/16.
-    assert tracked == [0, 1, 3] and info.frames_dropped == 1 and info.latency_median_ms == 187.5
-    assert info.latency_99_ms == pytest.approx(187.5 + 0.98 * 62.5)  # of 187.5, 250 and 187.5
-
-
-class Device:
-    """Frames of every second that come late by the delays given."""
-
-    is_live = True
-
-    def __init__(self, clock: FakeClock, delays_s: list[float]) -> None:
-        self._clock, self._delays_s = clock, delays_s
-
-    def __iter__(self) -> Iterator[SimpleNamespace]:
-        for n, delay_s in enumerate(self._delays_s):
-            self._clock.time_s = 100.0 + n + delay_s
-            yield SimpleNamespace(frame=n, timestamp_s=float(n))
-
-
-def test_clock_of_a_device_is_set_by_its_least_delayed_frame() -> None:
-    clock = FakeClock()
-    pace = paced(clock)
-    list(pace.results(Engine(FakeClock(), 0.0, Device(clock, [0.5, 0.25, 0.75]))))  # type: ignore[arg-type]
-    pace.written(2.0)
-    assert clock.time_s == 102.75 and pace.info().latency_median_ms == 500.0
-
-
-def test_run_in_real_time_keeps_its_pace_in_run_json_and_writes_no_checkpoint(street: Path, tmp_path: Path) -> None:
-    out = tmp_path / "paced"
-    out.mkdir()
-    options = RunOptions("ellipse-particle", max_frames=3, checkpoint_every_s=1e-9, pace=paced(FakeClock()))
-    run(open_engine(tmp_path / "street", "ellipse-particle"), out, options)
-    info = read_run_info(out / "run.json")
-    assert info.frames_read == 3 and info.pace is not None and info.pace.frames_dropped == 0
-    assert info.pace.latency_99_ms == pytest.approx(0.0, abs=1e-6)
-    assert sorted(path.name for path in out.iterdir()) == ["decisions.csv", "run.json", "tracks.csv"]
-
-
-def test_run_in_real_time_cannot_be_resumed(street: Path, tmp_path: Path, refused: Refused) -> None:
-    output = refused("run", tmp_path / "street", "--out", tmp_path / "paced", "--set", "run.real_time=true", "--resume")
-    assert "--resume and run.real_time cannot be combined" in output

@@ -18,7 +18,7 @@ from planview.counting.totals import Clock
 from planview.engine.config import Config
 from planview.engine.info import CameraInfo, FloorInfo
 from planview.evaluation.significant import SignificantError
-from planview.output.folder import PaceInfo, RunInfo, SkippedFrame, read_run_info, write_run_info
+from planview.output.folder import RunInfo, SkippedFrame, read_run_info, write_run_info
 from planview.output.render import open_frames
 from planview.output.report.page import changed_settings, errors_of, scores_of, shared_errors, write_report
 from planview.output.report.plots import UNHELD, heat_plot, held_by, identity_pictures, stretches
@@ -147,14 +147,6 @@ def test_run_info_survives_writing_and_reading(tmp_path: Path) -> None:
     assert read_run_info(tmp_path / "run.json") == full_info()
     assert json.loads((tmp_path / "run.json").read_text())["frames_read"] == 40
     assert [path.name for path in tmp_path.iterdir()] == ["run.json"]
-
-
-def test_latency_of_a_run_in_real_time_is_on_the_page(tmp_path: Path) -> None:
-    write_tracks(tmp_path)
-    pace = PaceInfo(frames_dropped=3, latency_median_ms=35.2, latency_95_ms=50.0, latency_99_ms=61.6)
-    write_run_info(full_info().model_copy(update={"pace": pace}), tmp_path / "run.json")
-    page = write_report(tmp_path).read_text()
-    assert "<b>3</b>frames dropped" in page and "<b>62 ms</b>latency, 99 % within" in page
 
 
 def table(rows: list[tuple[int, int, float]]) -> Trajectories:
