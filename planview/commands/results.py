@@ -20,12 +20,13 @@ from calib.io import reason
 from planview.commands.options import Flag, frame_span, in_range
 from planview.output.folder import rrd_parts
 from planview.output.progress import PlainConsole
-from planview.output.report.page import write_comparison, write_report
+from planview.output.report.page import write_report
 from planview.output.run_folder import RunFolder
+from planview.sweep.page import write_comparison
 
 
 def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -> None:
-    """Write report.html of a run again, or one page that compares several runs: settings, errors, time.
+    """Write report.html of a run again, or one page that compares several runs: settings, scores, errors.
 
     Example: planview report out
 

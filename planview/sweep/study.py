@@ -17,7 +17,6 @@ from calib.errors import InputError
 from calib.io import load_toml
 from calib.params import Params, first_problem
 from planview.engine.open import TrackerName
-from planview.evaluation.result import Evaluation
 from planview.output.folder import RunInfo
 
 FigureName = Literal[
@@ -49,13 +48,11 @@ FIGURES: dict[FigureName, Figure] = {
 }
 
 
-def run_figures(info: RunInfo, evaluation: Evaluation | None) -> dict[str, float]:
-    """Figures of a run, with its scores where there is truth; those that the data cannot give are left out."""
-    found: dict[str, Any] = {"people": info.people, "elapsed_s": info.elapsed_s}
-    if evaluation is not None:
-        scores = evaluation.to_json()
-        found |= {name: scores.get(name) for name in FIGURES if name not in found}
-        found["significant_errors"] = len(evaluation.significant)
+def run_figures(info: RunInfo, scores: dict[str, Any]) -> dict[str, float]:
+    """Figures of a run from its scores (``Evaluation.to_json``; empty without truth); those that the data cannot give
+    are left out."""
+    found = {name: scores.get(name) for name in FIGURES} | {"people": info.people, "elapsed_s": info.elapsed_s}
+    found["significant_errors"] = scores.get("significant_errors", {}).get("total")
     return {name: float(value) for name, value in found.items() if value is not None}
 
 

@@ -5,16 +5,13 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import time
 import traceback
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from threading import get_ident
 from typing import Any, NamedTuple
 
 import cv2
@@ -29,94 +26,15 @@ from planview.output.folder import finished_run, folder_lock, read_run_info, wri
 from planview.output.resume import code_version
 from planview.output.run import RunLog, RunOptions, run
 from planview.sweep.jobs import MAPS_FILE, Planned, RunJob, StudyJob, planned
-from planview.sweep.results import JobResult, Ranked, ranked, study_page, summary_csv
+from planview.sweep.page import study_page
+from planview.sweep.results import JobResult, Ranked, ranked, summary_csv
 from planview.sweep.study import Study, grid, random_draws, run_figures
 from planview.trajectories.formats import load_tracks, load_truth
 from stereo.readers import OpenOptions
 
 CONNECT_S = 10.0
-CHECK_S = 5.0
-"""A job that takes longer is waited for again, if the cluster is still there [s]."""
-JOBS_PER_THREAD = 3
-"""Jobs per thread of a cluster that are handed over at a time, so that the scheduler stays small."""
 WORKERS_S = 60.0
-"""A cluster may be without workers for so long [s]."""
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-
-
-class Pool(NamedTuple):
-    """Calls functions elsewhere, up to ``at_once`` at a time, each from a thread that waits for it; ``call`` raises
-    WorkError when a call will not end."""
-
-    at_once: int
-    call: Callable[[Callable[..., Any], object], Any]
-
-
-@contextmanager
-def processes(count: int) -> Iterator[Pool]:
-    """Processes of this machine, each with one job and one core: a job that kills its process fails alone.
-
-    They are joblib's (loky): fresh ones, since forked ones would share OpenCV's threads.
-    """
-    from joblib.externals.loky import ProcessPoolExecutor
-
-    process_of: dict[int, Any] = {}  # by the thread that waits for it
-
-    def call(function: Callable[..., Any], argument: object) -> Any:
-        me = get_ident()
-        if me not in process_of:
-            process_of[me] = ProcessPoolExecutor(1, env=ONE_THREAD)
-        try:
-            return process_of[me].submit(function, argument).result()
-        except BrokenProcessPool:
-            del process_of[me]
-            raise WorkError("its process was killed") from None
-
-    try:
-        yield Pool(count, call)
-    finally:
-        for process in list(process_of.values()):
-            process.shutdown(wait=True, kill_workers=True)
-
-
-@contextmanager
-def cluster(address: str) -> Iterator[Pool]:
-    """Workers of a Dask cluster that share the file system with this machine.
-
-    Dask gives the job of a worker that died to another one, up to three times (``allowed-failures``). Raises
-    InputError: ``distributed`` is not installed, no scheduler at the address, or no worker arrives. Calls raise
-    WorkError: the scheduler is lost, or there was no worker for WORKERS_S.
-    """
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise InputError("expected the package distributed; install planview[cluster]") from error
-    try:
-        client = Client(address, timeout=CONNECT_S)
-        client.wait_for_workers(1, timeout=WORKERS_S)
-    except TimeoutError as error:
-        raise InputError(f"expected a worker at {address}, found none in {WORKERS_S:.0f} s") from error
-    except (OSError, ValueError) as error:
-        raise InputError(f"expected a Dask scheduler at {address}, found none ({error})") from error
-    with_workers_s = time.monotonic()
-
-    def call(function: Callable[..., Any], argument: object) -> Any:
-        nonlocal with_workers_s
-        future = client.submit(function, argument, pure=False)
-        while True:
-            try:
-                return future.result(timeout=CHECK_S)
-            except TimeoutError:
-                now = time.monotonic()
-            if client.status in ("closed", "closing"):
-                raise WorkError("the scheduler of the cluster was lost")
-            if client.ncores():
-                with_workers_s = now
-            elif now - with_workers_s > WORKERS_S:
-                raise WorkError(f"all workers of the cluster were lost {now - with_workers_s:.0f} s ago")
-
-    with closing(client):
-        yield Pool(JOBS_PER_THREAD * sum(client.ncores().values()), call)
+"""A cluster may begin without workers for so long [s]; later the study waits for new ones."""
 
 
 class Done(NamedTuple):
@@ -127,35 +45,75 @@ class Done(NamedTuple):
     error: str = ""
 
 
-def guarded(function: Callable[..., Any], argument: object) -> tuple[Any, str]:
-    """The value of a call and an empty text, or None and what went wrong; runs in the other process."""
+Tasks = Callable[[Callable[..., Any], Mapping[str, object]], Iterator[Done]]
+"""Calls a function elsewhere with each of the arguments, by key; each comes once, in the order in which they end."""
+
+
+def guarded(function: Callable[..., Any], key: str, argument: object) -> Done:
+    """Call a function; runs in the other process."""
     try:
-        return function(argument), ""
+        return Done(key, function(argument))
     except (InputError, WorkError) as error:
-        return None, str(error)
+        return Done(key, error=str(error))
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         text = " ".join(str(error).split())[:300]
-        return None, f"unexpected {type(error).__name__} in {where.name}, line {where.lineno}: {text}"
+        return Done(key, error=f"unexpected {type(error).__name__} in {where.name}, line {where.lineno}: {text}")
 
 
-def run_tasks(function: Callable[..., Any], arguments: Mapping[str, object], pool: Pool) -> Iterator[Done]:
-    """Call a function with each of the arguments, by key; each comes once, in the order in which they end."""
+def on_processes(jobs: int, function: Callable[..., Any], arguments: Mapping[str, object]) -> Iterator[Done]:
+    """``Tasks`` in processes of this machine, ``jobs`` at a time, each on one core.
 
-    def end(key: str, argument: object) -> Done:
+    A process that is killed ends joblib's round and the tasks in its hands: these are divided until the one that
+    kills its process is alone, and fails.
+    """
+    from joblib import Parallel, delayed, parallel_config
+
+    rounds = [dict(arguments)]
+    while rounds:
+        left = rounds.pop()
+        calls = [delayed(guarded)(function, key, argument) for key, argument in left.items()]
         try:
-            return Done(key, *pool.call(partial(guarded, function), argument))
-        except WorkError as error:
-            return Done(key, error=str(error))
-        except (Exception, CancelledError) as failure:
-            return Done(key, error=f"the worker was lost ({type(failure).__name__})")
+            # Two at least, since joblib runs a single job in this process; one of them then has nothing to do.
+            with parallel_config("loky", n_jobs=max(2, jobs), inner_max_num_threads=1):
+                for done in Parallel(return_as="generator_unordered", pre_dispatch=jobs, batch_size=1)(calls):
+                    del left[done.key]
+                    yield done
+        except BrokenProcessPool:
+            tasks = list(left.items())
+            if len(tasks) == 1:
+                yield Done(tasks[0][0], error="its process was killed")
+                continue
+            begun = min(jobs, len(tasks) // 2)
+            rounds += [dict(tasks[begun:]), dict(tasks[:begun])]
 
-    threads = ThreadPoolExecutor(pool.at_once)
+
+def on_cluster(address: str, function: Callable[..., Any], arguments: Mapping[str, object]) -> Iterator[Done]:
+    """``Tasks`` on the workers of a Dask cluster that share the file system with this machine.
+
+    Dask gives the task of a worker that died to another one, up to three times (``allowed-failures``), and waits for
+    new workers when all are gone. Raises InputError: ``distributed`` is not installed, no scheduler at the address, or
+    no worker arrives.
+    """
+    if not arguments:
+        return
     try:
-        for future in as_completed([threads.submit(end, *task) for task in arguments.items()]):
-            yield future.result()
-    finally:
-        threads.shutdown(wait=False, cancel_futures=True)
+        from distributed import Client, as_completed
+    except ImportError as error:
+        raise InputError("expected the package distributed; install planview[cluster]") from error
+    try:
+        client = Client(address, timeout=CONNECT_S)
+        client.wait_for_workers(1, timeout=WORKERS_S)
+    except TimeoutError as error:
+        raise InputError(f"expected a worker at {address}, found none in {WORKERS_S:.0f} s") from error
+    except (OSError, ValueError) as error:
+        raise InputError(f"expected a Dask scheduler at {address}, found none ({error})") from error
+    with client:
+        tasks = client.map(partial(guarded, function), list(arguments), list(arguments.values()), pure=False)
+        keys = dict(zip(tasks, arguments, strict=True))
+        for task in as_completed(tasks):
+            lost = "its workers died" if task.status == "error" else "the scheduler of the cluster was lost"
+            yield task.result() if task.status == "finished" else Done(keys[task], error=lost)
 
 
 ATTEMPT = ".attempt-"
@@ -197,11 +155,12 @@ def is_done(job: RunJob) -> bool:
 def track_and_score(job: StudyJob) -> dict[str, float]:
     """Run unless that is done, and score; the figures are written into its folder."""
     track(job.run)
-    evaluation = None
+    scores: dict[str, Any] = {}
     if job.truth is not None:
         span = (0, job.run.frames - 1) if job.run.frames else None
-        evaluation = evaluate_tracks(load_tracks(job.run.folder / "tracks.csv"), load_truth(job.truth), None, span)
-    figures = run_figures(read_run_info(job.run.folder / "run.json"), evaluation)
+        tracks, truth = load_tracks(job.run.folder / "tracks.csv"), load_truth(job.truth)
+        scores = evaluate_tracks(tracks, truth, None, span).to_json()
+    figures = run_figures(read_run_info(job.run.folder / "run.json"), scores)
     write_result(_scores_file(job), json.dumps(figures, indent=2) + "\n")
     return figures
 
@@ -248,7 +207,7 @@ STUDY_FILE, SUMMARY_FILE, PAGE_FILE = "study.json", "summary.csv", "report.html"
 
 
 def run_study(
-    study: Study, names: Sequence[str], out: Path, pool: AbstractContextManager[Pool], console: Console
+    study: Study, names: Sequence[str], out: Path, run_tasks: Tasks, console: Console
 ) -> tuple[list[JobResult], list[Ranked]]:
     """Run all that is not done and write study.json, summary.csv and report.html; all runs in the order of the study,
     and its configurations, best first.
@@ -257,7 +216,7 @@ def run_study(
         study: with absolute paths.
         names: of the recordings, all different.
         out: folder for results; of earlier studies in it, what has the same input, configuration and version is kept.
-        pool: entered when there is something to run.
+        run_tasks: where jobs run.
     Raises:
         InputError: a setting that is no parameter, a cluster that cannot be reached, or another study in the folder.
         WorkError: the folder cannot be written.
@@ -272,7 +231,7 @@ def run_study(
     with folder_lock(out):
         remove_attempts(out)
         write_result(out / STUDY_FILE, study.model_dump_json(indent=2) + "\n")
-        runs = _run(jobs, pool, console)
+        runs = _run(jobs, run_tasks, console)
         remove_attempts(out)
         ranking = ranked(runs, study.objective)
         # The page is written again where a run was made or failed.
@@ -284,15 +243,15 @@ def run_study(
     return runs, ranking
 
 
-def _run(study_jobs: Sequence[Planned], pool: AbstractContextManager[Pool], console: Console) -> list[JobResult]:
+def _run(study_jobs: Sequence[Planned], run_tasks: Tasks, console: Console) -> list[JobResult]:
     """Results in the order of the jobs."""
-    known: dict[int, JobResult] = {}
+    results: dict[int, JobResult] = {}
     waiting: dict[str, dict[int, StudyJob]] = {}
     for i, job in enumerate(study_jobs):
         if isinstance(job, JobResult):
-            known[i] = job
+            results[i] = job
         elif (figures := earlier_figures(job)) is not None:
-            known[i] = _result(job, figures, "", reused=True)
+            results[i] = _result(job, figures, "", reused=True)
         else:
             waiting.setdefault(job.key, {})[i] = job
     jobs = {key: next(iter(alike.values())) for key, alike in waiting.items()}
@@ -301,32 +260,27 @@ def _run(study_jobs: Sequence[Planned], pool: AbstractContextManager[Pool], cons
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
         TextColumn("{task.fields[state]}"),
     )  # fmt: skip
-    results, counts = dict[int, JobResult](), {"done before": 0, "failed": 0}
     with Progress(*columns, console=console) as watch:
-        bar = watch.add_task("runs", total=len(study_jobs), state="")
         recording = watch.add_task("plan-view recordings", total=len(maps), state="", visible=bool(maps))
+        bar = watch.add_task("runs", total=len(study_jobs), state="")
 
-        def take(ended: Mapping[int, JobResult]) -> None:
-            results.update(ended)
-            for result in ended.values():
-                counts["done before"] += result.reused
-                counts["failed"] += bool(result.error)
-            parts = (f"{number} {how}" for how, number in counts.items() if number)
-            watch.update(bar, completed=len(results), state=", ".join(parts))
+        def show() -> None:
+            counts = {"done before": sum(r.reused for r in results.values())}
+            counts["failed"] = sum(bool(r.error) for r in results.values())
+            state = ", ".join(f"{number} {how}" for how, number in counts.items() if number)
+            watch.update(bar, completed=len(results), state=state)
 
-        take(known)
-        if not jobs:
-            return [results[i] for i in range(len(study_jobs))]
-        with pool as opened:
-            errors: dict[str, str] = {}
-            for done in run_tasks(track, maps, opened):
-                watch.advance(recording)
-                errors[done.key] = done.error
-            ready = {key: job for key, job in jobs.items() if not (job.maps and errors.get(job.maps.key))}
-            for key in jobs.keys() - ready.keys():
-                take({i: _result(job, {}, errors[job.maps.key]) for i, job in waiting[key].items() if job.maps})
-            for done in run_tasks(track_and_score, ready, opened):
-                take({i: _result(job, done.value or {}, done.error) for i, job in waiting[done.key].items()})
+        show()
+        errors: dict[str, str] = {}
+        for done in run_tasks(track, maps):
+            watch.advance(recording)
+            errors[done.key] = done.error
+        ready = {key: job for key, job in jobs.items() if not (job.maps and errors.get(job.maps.key))}
+        for key in jobs.keys() - ready.keys():
+            results |= {i: _result(job, {}, errors[job.maps.key]) for i, job in waiting[key].items() if job.maps}
+        for done in run_tasks(track_and_score, ready):
+            results |= {i: _result(job, done.value or {}, done.error) for i, job in waiting[done.key].items()}
+            show()
     return [results[i] for i in range(len(study_jobs))]
 
 

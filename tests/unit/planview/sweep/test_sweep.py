@@ -5,12 +5,11 @@ import os
 import shutil
 import signal
 import time
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from inline_pool import InlinePool
+from inline_tasks import InlineTasks
 
 import planview
 from calib.errors import InputError, WorkError
@@ -18,7 +17,7 @@ from planview.output.resume import code_version, content_key
 from planview.sweep.jobs import companion_files
 from planview.sweep.results import JobResult, estimate, ranked, summary_csv, why_no_intervals
 from planview.sweep.study import Configuration, Range, grid, load_study, random_draws
-from planview.sweep.work import cluster, processes, run_tasks
+from planview.sweep.work import on_cluster, on_processes
 
 
 @pytest.fixture
@@ -224,19 +223,14 @@ def test_random_draws_are_the_same_for_a_seed_lie_in_their_ranges_and_stop_where
 
 
 def test_processes_are_limited_to_one_thread_of_numerical_libraries() -> None:
-    with processes(1) as pool:
-        (ended,) = run_tasks(os.getenv, {"threads": "OMP_NUM_THREADS"}, pool)
+    (ended,) = on_processes(1, os.getenv, {"threads": "OMP_NUM_THREADS"})
     assert ended.value == "1"
 
 
 def test_cluster_that_is_not_there_is_refused(monkeypatch):
     monkeypatch.setattr("planview.sweep.work.CONNECT_S", 0.2)
-    with pytest.raises(InputError, match="expected a Dask scheduler"), cluster("tcp://127.0.0.1:9"):
-        pass
-
-
-def by_key(numbers: Iterable[int]) -> dict[str, int]:
-    return {str(n): n for n in numbers}
+    with pytest.raises(InputError, match="expected a Dask scheduler"):
+        list(on_cluster("tcp://127.0.0.1:9", double, {"1": 1}))
 
 
 def double(argument: object) -> int:
@@ -246,28 +240,19 @@ def double(argument: object) -> int:
 
 
 def test_task_that_fails_stops_no_other_and_has_one_sentence() -> None:
-    ended = {d.key: (d.value, d.error) for d in run_tasks(double, by_key((3, -1, 4)), InlinePool())}
+    ended = {d.key: (d.value, d.error) for d in InlineTasks()(double, {"3": 3, "-1": -1, "4": 4})}
     assert ended == {"3": (2, ""), "-1": (None, "expected a number from 0"), "4": (2, "")}
-    (unexpected,) = run_tasks(double, by_key((0,)), InlinePool())
+    (unexpected,) = InlineTasks()(double, {"0": 0})
     assert "ZeroDivisionError" in unexpected.error and "\n" not in unexpected.error
-    assert list(run_tasks(double, {}, InlinePool())) == []
 
 
-def test_task_that_kills_its_process_is_reported_once_and_takes_no_other_with_it() -> None:
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_task_that_kills_its_process_is_reported_once_and_takes_no_other_with_it(jobs: int) -> None:
     def deadly(argument: object) -> object:
         if argument == 2:
             os.kill(os.getpid(), signal.SIGKILL)
         return argument
 
-    with processes(2) as pool:
-        ended = sorted((d.key, d.error) for d in run_tasks(deadly, by_key(range(4)), pool))
-    assert ended == [("0", ""), ("1", ""), ("2", "its process was killed"), ("3", "")]
-
-
-def test_what_the_pool_cannot_finish_fails_with_its_sentence() -> None:
-    class LostPool(InlinePool):
-        def call(self, *_: object) -> object:
-            raise WorkError("the scheduler was lost")
-
-    ended = list(run_tasks(double, by_key((1, 2)), LostPool()))
-    assert [d.error for d in ended] == ["the scheduler was lost"] * 2
+    ended = sorted((d.key, d.error) for d in on_processes(jobs, deadly, {str(n): n for n in range(5)}))
+    assert ended == [("0", ""), ("1", ""), ("2", "its process was killed"), ("3", ""), ("4", "")]
+    assert list(on_processes(jobs, deadly, {})) == []

@@ -3,7 +3,6 @@
 import base64
 import json
 import re
-import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,7 +19,7 @@ from planview.engine.info import CameraInfo, FloorInfo
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import RunInfo, SkippedFrame, read_run_info, write_run_info
 from planview.output.render import open_frames
-from planview.output.report.page import changed_settings, errors_of, scores_of, shared_errors, write_report
+from planview.output.report.page import changed_settings, errors_of, scores_of, write_report
 from planview.output.report.plots import UNHELD, heat_plot, held_by, identity_pictures, stretches
 from planview.output.report.snapshots import busiest_frame, scene_pictures
 from planview.output.run_folder import RunFolder
@@ -205,32 +204,6 @@ def test_recording_that_is_gone_gives_a_sentence_instead_of_pictures(street: Pat
     pictures = scene_pictures(RunFolder(street), [])
     assert pictures.overview == []
     assert "gone: expected the recording of the run, found nothing there" in pictures.why_none
-
-
-def lost(frame: int, person: int = 1) -> SignificantError:
-    return SignificantError("lost", frame, person, 4, 1.5, "alone")
-
-
-def test_error_that_two_runs_make_at_about_one_time_is_one_row() -> None:
-    rows = shared_errors([[lost(10), lost(90)], [lost(14), lost(10, person=2)]], 0.1)
-    assert [(row.frame, row.person, [bool(note) for note in row.notes]) for row in rows] == [
-        (10, "P1", [True, True]), (10, "P2", [False, True]), (90, "P1", [True, False]),
-    ]  # fmt: skip
-
-
-def test_comparison_shows_only_settings_that_differ_and_marks_the_best_figure(street: Path, tmp_path: Path) -> None:
-    other = tmp_path / "<other>"
-    shutil.copytree(street, other)
-    info = json.loads((street / "run.json").read_text())
-    info["config"]["joint"]["stay_s"] = 0.7
-    info["stages_ms"] = {"match": 5.0}
-    (street / "run.json").write_text(json.dumps(info))
-    with pytest.raises(SystemExit, match="0"):
-        main(["report", str(street), str(other), "--out", str(tmp_path / "compare.html")])
-    page = (tmp_path / "compare.html").read_text()
-    assert "joint.stay_s" in page and "joint.errors_s" not in page
-    assert "&lt;other&gt;" in page and "<other>" not in page
-    assert '<td class="n">5</td><td class="n">-</td>' in page
 
 
 def test_report_of_one_run_is_written_into_its_folder_and_of_none_refused(street, capsys):
