@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from calib.ground_camera import GroundCamera
 from calib.images import as_colour
 from calib.types import F64, U8
-from planview.drawing.plan import PlanBounds, Rule, Snapshot
+from planview.drawing.plan import PlanBounds, Rule, Snapshot, facing_arrow
 from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, Rgb, as_bgr, person_rgb
 from planview.trajectories.state import TrackState
 from stereo.depth import StereoFloorCamera
@@ -112,6 +112,7 @@ class ImagePainter:
         for person in sorted(snapshot.people, key=lambda p: p.state == "confirmed"):
             _paint_box(picture, person, scale)
         for person in snapshot.people:
+            self._paint_arrow(picture, person, scale)
             if (place := self._place(person)) is not None:
                 text = f"{person.track_id} lost" if person.state == "lost" else f"{person.track_id}"
                 labels.put(text, place * scale, person_rgb(person.track_id, person.state))
@@ -133,6 +134,17 @@ class ImagePainter:
         feet = self._camera.project(np.array([person.x_m, person.y_m, 0.0]))
         inside = np.isfinite(feet).all() and (feet >= 0).all() and (feet < self._camera.size).all()
         return feet if inside else None
+
+    def _paint_arrow(self, picture: U8, person: TrackState, scale: int) -> None:
+        """Where a person faces, on the floor, with a white edge."""
+        arrow = facing_arrow(person)
+        if self._camera is None or arrow is None:
+            return
+        ends = self._camera.project(np.column_stack([arrow, np.zeros(2)]))
+        if np.isfinite(ends).all() and np.abs(ends).max() < 2**14:
+            start, tip = _pixels(ends, scale).tolist()
+            for colour, width in (((255, 255, 255), 5), (as_bgr(person_rgb(person.track_id, person.state)), 3)):
+                cv2.arrowedLine(picture, start, tip, colour, width, cv2.LINE_AA, tipLength=0.3)
 
     def _paint_truth(self, picture: U8, person: TrackState, scale: int) -> None:
         """A white and black cross at the true person's feet."""

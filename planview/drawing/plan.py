@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64, I32, U8
-from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, as_bgr, person_rgb
+from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, Rgb, as_bgr, person_rgb
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import Trajectories, row_states
 
@@ -65,6 +65,17 @@ def rules_of(counts: dict[str, object]) -> list[Rule]:
                 raise InputError(f"counts.json: expected points of rule {name!r:.40} up to 1e5, found {points!s:.80}")
             rules.append(Rule(name, rule.get("kind") == "tripwire", on_floor, places))
     return rules
+
+
+ARROW_M = 0.5
+"""Length of the arrow that shows where a person faces [m]: beyond the shoulders (our choice)."""
+
+
+def facing_arrow(person: TrackState) -> F64 | None:
+    """(2, 2) places on the floor [m], the person's and ARROW_M ahead of the chest; None where one is unknown."""
+    ahead = math.radians(person.facing_deg)
+    ends = np.array([person.x_m, person.y_m]) + np.outer([0.0, ARROW_M], [math.cos(ahead), math.sin(ahead)])
+    return ends if np.isfinite(ends).all() else None
 
 
 MARGIN_M = 0.6
@@ -151,14 +162,21 @@ class PlanPainter:
             if not math.isnan(person.x_m):
                 at = self.px(np.array([(person.x_m, person.y_m)]))[0].tolist()
                 cv2.drawMarker(picture, at, as_bgr(TRUTH), cv2.MARKER_TILTED_CROSS, 15, 2)
+                self._paint_arrow(picture, person, as_bgr(TRUTH), 1)
         for person in snapshot.people:
             if math.isnan(person.x_m):
                 continue
             x, y = self.px(np.array([(person.x_m, person.y_m)]))[0].tolist()
             colour = as_bgr(person_rgb(person.track_id, person.state))
+            self._paint_arrow(picture, person, colour, 2)
             cv2.circle(picture, (x, y), 6, colour, 2 if person.state == "lost" else -1, cv2.LINE_AA)
             labels.put(str(person.track_id), (x + 8, y - 4), person_rgb(person.track_id, person.state))
         return picture
+
+    def _paint_arrow(self, picture: U8, person: TrackState, colour: Rgb, width: int) -> None:
+        if (arrow := facing_arrow(person)) is not None:
+            start, tip = self.px(arrow).tolist()
+            cv2.arrowedLine(picture, start, tip, colour, width, cv2.LINE_AA, tipLength=0.35)
 
     def px(self, places_m: F64) -> I32:
         """(N, 2) pixels of (N, 2) places [m]; y points up."""

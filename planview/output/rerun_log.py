@@ -25,6 +25,7 @@ from planview.output.rerun_shapes import (
     LABEL_M,
     blueprint,
     disparity_photo,
+    facing_arrows,
     floor_image,
     foreground_points,
     label_of,
@@ -276,6 +277,9 @@ class RerunLog:
             "world/trails" if self._stereo else "plan/trails", rr.Points3D(heads, colors=colours, radii=0.03)
         )
         self._stream.log("plan/people", rr.Points3D(heads, colors=colours, radii=0.05))
+        floor, image = facing_arrows(tracks, self._engine.camera)
+        for path, arrows in (("world/facing", floor), ("plan/facing", floor), ("image/facing", image)):
+            self._stream.log(path, arrows)
         ids = [str(track.track_id) for track in tracks]
         places = [(track.x_m + LABEL_M, track.y_m, 0.06) for track in tracks]
         self._stream.log("plan/labels", rr.Points3D(places, colors=colours, labels=ids, radii=0.001))

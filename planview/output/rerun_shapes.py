@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -12,8 +12,9 @@ import rerun.blueprint as rrb
 
 from calib.images import as_colour, encode_image
 from calib.types import F32, U8
-from planview.drawing.plan import PlanBounds
-from planview.drawing.style import disparity_colours
+from planview.drawing.image import ImageCamera
+from planview.drawing.plan import PlanBounds, facing_arrow
+from planview.drawing.style import disparity_colours, person_rgb
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.view import StereoView
 from planview.tracking.base import Drawing
@@ -89,6 +90,19 @@ def label_of(track: TrackState) -> str:
     """Id, height and state."""
     height = "" if math.isnan(track.height_m) else f" {track.height_m:.2f} m"
     return f"{track.track_id}{height}" + ("" if track.state == "confirmed" else f" ({track.state})")
+
+
+def facing_arrows(tracks: Sequence[TrackState], camera: ImageCamera | None) -> tuple[rr.Arrows3D, rr.Arrows2D]:
+    """Where people face, on the floor [m] and in the image of a camera [px]."""
+    known = [(track, arrow) for track in tracks if (arrow := facing_arrow(track)) is not None]
+    colours = [person_rgb(track.track_id, track.state) for track, _ in known]
+    ends = np.array([np.column_stack([arrow, [0.05, 0.05]]) for _, arrow in known]).reshape(-1, 2, 3)
+    floor = rr.Arrows3D(origins=ends[:, 0], vectors=ends[:, 1] - ends[:, 0], colors=colours, radii=0.015)
+    pixels = np.empty((0, 2, 2)) if camera is None else camera.project(ends.reshape(-1, 3)).reshape(-1, 2, 2)
+    seen = np.flatnonzero(np.isfinite(pixels).all(axis=(1, 2)))
+    shown = [colours[n] for n in seen.tolist()]
+    ahead = pixels[seen, 1] - pixels[seen, 0]
+    return floor, rr.Arrows2D(origins=pixels[seen, 0], vectors=ahead, colors=shown, radii=-1.5)
 
 
 def foreground_points(result: FrameResult) -> tuple[F32, U8]:
@@ -184,8 +198,8 @@ _LAST_SECONDS = rrb.VisibleTimeRanges([
 ])  # fmt: skip
 """Trails behind people: ten seconds, which are 150 frames at 15 Hz."""
 MAP_LAYERS = [
-    "plan/floor", "plan/grid", "plan/people", "plan/labels", "plan/bodies", "plan/footprints", "plan/search",
-    "plan/template", "plan/ellipses", "plan/truth",
+    "plan/floor", "plan/grid", "plan/people", "plan/facing", "plan/labels", "plan/bodies", "plan/footprints",
+    "plan/search", "plan/template", "plan/ellipses", "plan/truth",
 ]  # fmt: skip
 
 

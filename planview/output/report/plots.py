@@ -14,12 +14,12 @@ import numpy as np
 from calib.images import encode_image
 from calib.types import F64, I64, Bool
 from planview.counting.totals import Clock
-from planview.drawing.plan import PlanPainter
+from planview.drawing.plan import PlanPainter, facing_arrow
 from planview.drawing.style import ERRORS, TRUTH, Labels, as_bgr, as_hex, person_hex, person_rgb
 from planview.evaluation.significant import SignificantError
 from planview.maps.recording import is_maps
 from planview.output.run_folder import RunFolder
-from planview.trajectories.table import Trajectories
+from planview.trajectories.table import Trajectories, row_states
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -151,7 +151,8 @@ def stretches(person: I64, frame: I64, value: I64 | Bool) -> tuple[I64, I64]:
 
 
 def floor_plot(run: RunFolder) -> bytes:
-    """Tracks on the floor, thin where lost, over the truth in black, with the cameras, their views, and the rules."""
+    """Tracks on the floor, thin where lost, with arrows where people face, over the truth in black, with the cameras,
+    their views, and the rules."""
     painter, tracks = _painter(run), placed(run.tracks)
     truth = placed(run.truth) if run.truth is not None else None
     picture = painter.paper.copy()
@@ -161,6 +162,12 @@ def floor_plot(run: RunFolder) -> bytes:
             colour = TRUTH if rows is truth else person_rgb(int(rows.track_id[way.stop - 1]))
             width = 1 if rows is truth or rows.state[way.stop - 1] == "lost" else 2
             cv2.polylines(picture, [at[way]], False, as_bgr(colour), width, cv2.LINE_AA)
+    # Where people face, every two seconds.
+    step = max(1, round(2.0 / run.clock.frame_s))
+    for person in row_states(tracks.where(tracks.frame % step == 0), slice(None)):
+        if (arrow := facing_arrow(person)) is not None:
+            start, tip = painter.px(arrow).tolist()
+            cv2.arrowedLine(picture, start, tip, as_bgr(person_rgb(person.track_id)), 1, cv2.LINE_AA, tipLength=0.35)
     # A dot where each track begins, a square where it ends.
     ids, first, counts = np.unique(tracks.track_id, return_index=True, return_counts=True)
     begin, end = at[first], at[first + counts - 1]

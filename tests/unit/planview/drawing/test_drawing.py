@@ -8,7 +8,17 @@ from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.types import U8
 from planview.drawing.image import ImagePainter
-from planview.drawing.plan import PlanBounds, PlanPainter, Rule, Snapshot, bounds_of, rules_of, snapshot_at
+from planview.drawing.plan import (
+    ARROW_M,
+    PlanBounds,
+    PlanPainter,
+    Rule,
+    Snapshot,
+    bounds_of,
+    facing_arrow,
+    rules_of,
+    snapshot_at,
+)
 from planview.drawing.style import STRIP_PX, Entry, Labels, as_bgr, person_rgb, with_colour_bar, with_legend
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import positions_table
@@ -73,6 +83,18 @@ def test_plan_view_shows_a_person_at_the_place_within_a_margin():
     assert found[160, 140]
     bounds = bounds_of(np.array([(0.0, 1.0), (np.nan, 2.0)]), np.array([(4.0, 3.0)]))
     assert (bounds.x_min_m, bounds.y_max_m) == pytest.approx((-0.6, 3.6))
+
+
+def test_arrow_points_from_a_person_to_where_the_chest_does() -> None:
+    person = TrackState(4, "confirmed", 1.0, 5.0, facing_deg=90.0)
+    arrow = facing_arrow(person)
+    assert arrow is not None and arrow.tolist() == [[1.0, 5.0], pytest.approx([1.0, 5.0 + ARROW_M])]
+    assert facing_arrow(TrackState(4, "confirmed", 1.0, 5.0)) is None
+    above = has(PlanPainter(PlanBounds(0, 4, 2, 6), (200, 200))(Snapshot(0, 0.0, [person])), person_rgb(4))
+    assert above[60, 100] and not above[140, 100] and not above[100, 140]  # up is y
+    seen = has(ImagePainter(CAMERA)(GREY, Snapshot(0, 0.0, [person])), person_rgb(4))
+    at = np.round(CAMERA.project(np.array([1.0, 5.25, 0.0]))).astype(int)
+    assert seen[at[1], at[0]]
 
 
 def test_rules_of_counts_keep_their_plane_and_kind() -> None:
