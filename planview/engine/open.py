@@ -103,12 +103,8 @@ def _box_tracker(boxes: Detections, config: Config, camera: GroundCamera | None)
 
 def _boxes_for(video: Video, detections: Path | str | Sequence[ArrayLike]) -> Detections:
     boxes = load_detections(Path(detections)) if isinstance(detections, str | Path) else Detections.of(detections)
-    if len(boxes.frames) > video.n_frames > 0:
-        raise InputError(
-            f"{boxes.source}: expected boxes of {video.path.name}, frames 1 to {video.n_frames}, found frame "
-            f"{len(boxes.frames)}"
-        )
-    return boxes.within(video.size)
+    boxes = boxes.within(video.size)
+    return boxes.of_frames(video.n_frames) if video.n_frames > 0 else boxes
 
 
 def _map_tracker(tracker: AnyTracker, config: Config, path: Path) -> Tracker:

@@ -27,7 +27,7 @@ from planview.evaluation.significant import (
     significant_errors,
     strict_identity_changes,
 )
-from planview.trajectories.table import Trajectories, frame_period_s, rows_by_id
+from planview.trajectories.table import Trajectories, frame_period_s, frame_step, rows_by_id
 
 SHIFTED = 0.85
 """Share of the error, without which truth and tracks may just as well count frames alike (our choice)."""
@@ -65,7 +65,8 @@ def evaluate_tracks(
 
     Args:
         frames: first and last frame to score, both included; all by default. A frame without truth rows is an
-            empty scene, a frame without track rows one without detections.
+            empty scene, a frame without track rows one without detections; where most frames between those with
+            truth rows have none, only some frames were annotated, and the others are left out.
     """
     params = params or EvaluationParams()
     n_frames = 0
@@ -74,6 +75,8 @@ def evaluate_tracks(
         tracks, truth = (t.where((t.frame >= frames[0]) & (t.frame <= frames[1])) for t in (tracks, truth))
     elif len(tracks) + len(truth):
         n_frames = int(np.ptp(np.concatenate([tracks.frame, truth.frame]))) + 1
+    if frame_step(np.unique(truth.frame)) > 1:
+        return _of_some_frames(tracks, truth, params)
     frame_s, on_floor = frame_period_s(tracks, 1.0 / params.fps), params.match_on == "floor"
     claimed, predicted = _rows_of(tracks, "confirmed", on_floor), _rows_of(tracks, "lost", on_floor)
     people = _checked(truth, on_floor, "truth")
@@ -129,6 +132,23 @@ def evaluate_tracks(
         covered_frames=len(np.intersect1d(claimed.frame, people.frame)),
         alignment=alignment,
         shift=_shift(counted, followed, similarity),
+        unplaced_rows=len(truth) - len(people) + int((tracks.state == "confirmed").sum()) - len(claimed),
+    )
+
+
+def _of_some_frames(tracks: Trajectories, truth: Trajectories, params: EvaluationParams) -> Evaluation:
+    """Scores in the frames that have truth rows, as if they followed one another."""
+    annotated = np.unique(truth.frame)
+    period_s = frame_period_s(tracks, 1.0 / params.fps) * frame_step(annotated)
+    own = tracks.where(np.isin(tracks.frame, annotated))
+    scored, known = (replace(t, frame=np.searchsorted(annotated, t.frame)) for t in (own, truth))
+    result = evaluate_tracks(scored, known, params.model_copy(update={"fps": 1.0 / period_s}), (0, len(annotated) - 1))
+    claimed = tracks.where(tracks.state == "confirmed").frame
+    return replace(
+        result,
+        significant=[replace(error, frame=int(annotated[error.frame])) for error in result.significant],
+        left_out_frames=len(np.setdiff1d(claimed, annotated)),
+        shift=0,
     )
 
 

@@ -107,6 +107,8 @@ class Evaluation:
         track_frames, covered_frames: frames with confirmed tracks, and those of them in which the truth has rows.
         shift: frames, -1 or 1, by which the tracks have to be moved to lie clearly nearer to the truth, else 0.
         alignment: the motion applied, if asked for.
+        left_out_frames: frames with confirmed tracks between those that a truth of only some frames has.
+        unplaced_rows: truth rows and confirmed rows without what they are matched on, which are left out.
     """
 
     sequence: Sequence
@@ -123,6 +125,8 @@ class Evaluation:
     covered_frames: int
     alignment: FloorAlignment | None
     shift: int = 0
+    left_out_frames: int = 0
+    unplaced_rows: int = 0
 
     def __repr__(self) -> str:
         mota = math.nan if self.clear.mota is None else self.clear.mota
@@ -137,6 +141,17 @@ class Evaluation:
     @property
     def uncovered(self) -> str:
         """A sentence on what of truth and tracks does not fit together; empty where all does."""
+        return "; ".join(filter(None, (*self._left_out(), self._misfit())))
+
+    def _left_out(self) -> tuple[str, ...]:
+        frames, rows = self.left_out_frames, self.unplaced_rows
+        return (
+            f"the truth has rows in {self.sequence.n_frames} frames only: {frames} frames with tracks between them are "
+            "left out" if frames else "",
+            f"{rows} rows of truth and tracks without a finite position or box are left out" if rows else "",
+        )  # fmt: skip
+
+    def _misfit(self) -> str:
         if self.covered_frames and self.sequence.track_rows and not len(self.clear.matches):
             return "no track is near any truth row: another unit, swapped axes, or a world frame to align"
         if self.shift:
@@ -202,7 +217,10 @@ class Evaluation:
         return count * seconds / self.duration_s if self.duration_s > 0 else None
 
 
-_SUMS = ("ignored_rows", "events", "strict_identity_changes", "duration_s", "track_frames", "covered_frames")
+_SUMS = (
+    "ignored_rows", "events", "strict_identity_changes", "duration_s", "track_frames", "covered_frames",
+    "left_out_frames", "unplaced_rows",
+)  # fmt: skip
 
 
 def pooled(parts: Items[Evaluation]) -> Evaluation:

@@ -85,20 +85,21 @@ def run(
     else:
         engine, name = source, type(source.tracker).__name__
     if out is None:
-        gathered = TrajectoryCollector()
+        gathered, n_frames = TrajectoryCollector(), 0
         for result in islice(engine, frames or None):
             gathered.add(result.frame, result.timestamp_s, result.tracks)
+            n_frames = result.frame + 1
             if watch:
                 watch(result)
         tracks = gathered.trajectories()
-        return refine(tracks).tracks if refined else tracks
+        return replace(refine(tracks).tracks if refined else tracks, n_frames=n_frames)
     folder = Path(out)
     prepare_folder(folder, overwrite)
     run_engine(engine, folder, RunOptions(name, max_frames=frames), watch=watch)
     write_report(folder)
     if refined:
         refine_run(folder)
-    return read_tracks(folder / "tracks.csv")
+    return replace(read_tracks(folder / "tracks.csv"), n_frames=RunFolder(folder).n_frames)
 
 
 def _table(tracks: Trajectories | DataFrame) -> Trajectories:
@@ -117,8 +118,8 @@ def evaluate(
     """Score tracks against truth; ``to_json()`` of the result gives every figure by name.
 
     Args:
-        tracks: a table, a file in any layout that ``planview evaluate`` reads, or the folder of a run, of which the
-            frames that it read are scored.
+        tracks: a table, a file in any layout that ``planview evaluate`` reads, or the folder of a run; of a folder and
+            of what ``run`` returns, the frames that were read are scored.
         truth: a table, a file, or the folder of a recording with its ``truth.csv``; that of the run's recording when
             None.
         params: what counts as a match; the defaults when None.
@@ -142,6 +143,8 @@ def evaluate(
         first = run.info.first_frame
         frames = frames or (first, max(first, RunFolder(run.path, other_tracks=found).n_frames - 1))
         truth = run.truth_of_recording if truth is None else truth
+    elif frames is None and found.n_frames:
+        frames = 0, found.n_frames - 1
     return evaluate_tracks(found, _table(truth), params, frames)
 
 

@@ -113,6 +113,8 @@ class BoxTracker:
         seen = [track.existence.observed for track in self._tracks]
         for track in self._tracks:
             track.predict(dt_s)
+        if not self.detections.looked(observation.frame):
+            return tuple(_state(track) for track in self._tracks if track.existence.observed)
         every = np.arange(len(self._tracks))
         found = self._match(every, boxes, sure, SURE_IOU)
         left = [i for i in every if i not in found and seen[i] and self._tracks[i].existence.confirmed]

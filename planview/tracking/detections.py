@@ -141,6 +141,8 @@ class DetectionTracker:
         gains = gains.reshape(len(self._people), len(boxes)) + worth
         matched = self._assign(gains)
         for i, q in enumerate(self._people):
+            if not self.detections.looked(observation.frame):
+                continue
             if i in matched:
                 self._found(
                     q, boxes[matched[i]], poses[matched[i]], covariances[matched[i]], looks, gains[i, matched[i]]

@@ -6,7 +6,7 @@ import json
 import math
 from array import array
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError
 from calib.io import read_text, reason, require_file
-from calib.types import F64, Bool
+from calib.types import F64
+from planview.trajectories.columns import box_columns, left_out, listed_numbers, people_among
 from planview.trajectories.file import TrajectoryFile, replaced
-from planview.trajectories.table import BOX_COLUMNS, IGNORED, table_of
+from planview.trajectories.table import BOX_COLUMNS, ordinal, table_of
 
 FRAMES_MAX = 10_000_000
 COLUMNS = "frame (from 1),id,left,top,width,height"
@@ -31,7 +32,7 @@ CORNERS_MIN, CORNERS_SPREAD = 10, 0.5
 def motchallenge_rows(path: Path, *, of_detector: bool = False) -> F64:
     """(N, 6 to 10) rows of frame, id, left, top, width, height [px] and more, separated by commas or blanks; NaN where
     a row is shorter than others, (0, 6) of an empty file. Rows ``of_detector`` are boxes that were found: none is
-    unknown. Raises InputError: unreadable, a row of another length, values that are not numbers, or other boxes."""
+    -1. Raises InputError: unreadable, a row of another length, values that are not numbers, or other boxes."""
     require_file(path, "rows of numbers")
     rows, longest = array("d"), 6
     try:
@@ -44,8 +45,15 @@ def motchallenge_rows(path: Path, *, of_detector: bool = False) -> F64:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: expected rows of {COLUMNS},..., found {reason(error)}") from error
     table = np.frombuffer(rows, dtype=np.float64).reshape(-1, 10)[:, :longest]
-    _refuse_misread(table[:, 2:6], str(path))
+    _refuse_misread(table[np.isfinite(table[:, :6]).all(axis=1), 2:6], str(path))
     return table
+
+
+def _finite(table: F64) -> tuple[F64, str]:
+    """The rows whose frame, id and box are numbers, and how many are not, in a sentence."""
+    finite = np.isfinite(table[:, :6]).all(axis=1)
+    odd = int((~finite).sum())
+    return table[finite], f"{odd} of {len(table)} rows hold inf or NaN and are left out" if odd else ""
 
 
 def _row(path: Path, number: int, line: str, of_detector: bool) -> list[float]:
@@ -54,11 +62,11 @@ def _row(path: Path, number: int, line: str, of_detector: bool) -> list[float]:
     except ValueError:
         values = []
     expected = f"6 to 10 numbers, {COLUMNS},..."
-    good = 6 <= len(values) <= 10 and all(map(math.isfinite, values[:6]))
-    if good and of_detector and min(values[4:6]) <= 0:
-        good, expected = False, "boxes with a width and height above 0"
-    elif of_detector:
-        good = good and values[0].is_integer() and 0 <= values[0] <= FRAMES_MAX
+    good = 6 <= len(values) <= 10
+    if good and of_detector and all(map(math.isfinite, values[:6])):
+        good = values[0].is_integer() and 0 <= values[0] <= FRAMES_MAX
+        if good and min(values[4:6]) <= 0:
+            good, expected = False, "boxes with a width and height above 0"
     if not good:
         raise InputError(f"{path}: expected {expected}, found in line {number} {line.strip()[:80]!r}")
     return values
@@ -95,45 +103,17 @@ def refuse_outside(boxes: F64, size: tuple[int, int], source: str) -> None:
 
 
 def read_motchallenge(path: Path, *, truth: bool) -> TrajectoryFile:
-    """Rows of frame (from 1; from 0 where there is a 0), id, left, top, width, height and, where present, three or four
-    more columns.
-
-    Nine columns whose values are a flag (0 or 1), a whole number and a visibility (0 to 1) in every row are the ground
-    truth of MOT16 and later: distractors get the visibility IGNORED, other classes than 1 and flag 0 are left out of
-    truth, and of results where class 1 is among them.
-    Otherwise the columns are confidence, X, Y (and Z) as in MOT15 results and ground truth and in PETS: X and Y are
-    metres on the floor, unknown where all are -1, and ground truth with the confidence 0 is left out; every row of
-    results counts. Raises InputError: a row of another length, values that are not numbers, or truth of which no row
-    counts.
-    """
-    table = motchallenge_rows(path)
+    """Rows of people, frame (from 1; from 0 where there is a 0), id, left, top, width, height and what ``box_columns``
+    knows. Raises InputError: a row of another length, values that are not numbers, or truth of which no row counts."""
+    table, note = _finite(motchallenge_rows(path))
     if truth and not len(table):
         raise InputError(f"{path}: expected rows of truth, found none")
     from_zero = len(table) > 0 and table[:, 0].min() == 0
-    note = FROM_ZERO if from_zero else ""
-    if _has_classes(table):
-        # Person on a vehicle, static person, distractor, reflection: tracks on them are no errors (Milan et
-        # al. 2016, MOT16, section 3.2); all other classes and rows with flag 0 are left out.
-        distractor = np.isin(table[:, 7], (2, 7, 8, 12))
-        person = (table[:, 7] == 1) & (table[:, 6] == 1)
-        if truth and not person.any():
-            found = f"classes {', '.join(f'{kind:g}' for kind in np.unique(table[:, 7])[:8])}"
-            flags = ", ".join(f"{flag:g}" for flag in np.unique(table[:, 6]))
-            raise InputError(
-                f"{path}: expected truth rows that count (flag 1, class 1: person), found {found}, flags {flags}"
-            )
-        counted = distractor | person if person.any() else np.ones(len(table), dtype=np.bool_)
-        table, visible = table[counted, :8], np.where(distractor, IGNORED, table[:, 8])[counted]
-    else:
-        if truth and table.shape[1] > 6 and not len(table := table[table[:, 6] != 0]):
-            raise InputError(f"{path}: expected truth rows that count, found the confidence 0 in all of them")
-        visible = np.ones(len(table))
-    floor = np.full((len(table), 2), np.nan)
-    if table.shape[1] >= 9:
-        floor = np.where((table[:, 7:] == -1).all(axis=1)[:, None], np.nan, table[:, 7:9])
-    columns = dict(zip((*BOX_COLUMNS, "x_m", "y_m"), (*table[:, 2:6].T, *floor.T), strict=True))
-    columns |= {"frame": table[:, 0] - (not from_zero), "id": table[:, 1], "visible": visible}
-    return TrajectoryFile(table_of(columns, path), note=note)
+    rows = box_columns(table, path, truth=truth)
+    columns = dict(zip((*BOX_COLUMNS, "x_m", "y_m"), (*rows.box_px.T, *rows.floor_m.T), strict=True))
+    columns |= {"frame": rows.frame - (not from_zero), "id": rows.track_id, "visible": rows.visible}
+    notes = FROM_ZERO if from_zero else "", rows.note, note
+    return TrajectoryFile(table_of(columns, path), note="; ".join(filter(None, notes)))
 
 
 def write_motchallenge(path: Path, file: TrajectoryFile) -> None:
@@ -153,16 +133,11 @@ def _or_minus_one(values: F64) -> F64:
     return np.where(np.isfinite(values).all(axis=1, keepdims=True), values, -1.0)
 
 
-def _has_classes(table: F64) -> Bool | bool:
-    """Columns 7 to 9 are flag, class and visibility; X and Y in metres are not integers and fractions throughout."""
-    if table.shape[1] != 9 or not len(table):
-        return False
-    flag, kind, visible = table[:, 6:9].T
-    classes = (kind == np.floor(kind)) & (kind >= 0)
-    return bool((np.isin(flag, (0, 1)) & classes & (visible >= 0) & (visible <= 1)).all())
-
-
 MAX_BYTES = 1 << 29
+ENDS_EARLY = 0.9
+"""Share of a video's frames up to which detections should go (our choice)."""
+STEP_MAX = 10
+"""Most frames that a detector moves on by at a time (our choice)."""
 PERSON = 1
 """Category of people in COCO."""
 
@@ -176,12 +151,14 @@ class Detections:
             the last have none.
         scored: scores are probabilities that a box shows a person; false where they are all alike or of another scale.
         note: what was assumed of the file, empty without an assumption.
+        step: 1, or n where only every n-th frame has boxes: the detector did not look at the others.
     """
 
     frames: tuple[F64, ...]
     scored: bool
     source: str
     note: str = ""
+    step: int = 1
 
     @staticmethod
     def of(frames: Sequence[ArrayLike], source: str = "detections", note: str = "") -> Detections:
@@ -199,7 +176,10 @@ class Detections:
         together = np.concatenate([*boxes, np.empty((0, 5))])
         _refuse_misread(together[:, :4], source)
         scored = len(together) > 0 and 0 <= together[:, 4].min() < together[:, 4].max() <= 1
-        return Detections(tuple(boxes), bool(scored), source, note)
+        with_boxes = np.flatnonzero([len(array) for array in boxes])
+        step = int(np.gcd.reduce(np.diff(with_boxes))) if len(with_boxes) > 2 else 1
+        skipped = f"boxes are of every {ordinal(step)} frame: nothing is concluded from the others" if step > 1 else ""
+        return Detections(tuple(boxes), bool(scored), source, "; ".join(filter(None, (note, skipped))), step)
 
     @property
     def summary(self) -> str:
@@ -217,24 +197,42 @@ class Detections:
         """(N, 5) boxes of a frame."""
         return self.frames[frame] if 0 <= frame < len(self.frames) else np.empty((0, 5))
 
+    def looked(self, frame: int) -> bool:
+        """Whether a frame without boxes shows that nobody was found in it."""
+        return self.step == 1 or len(self.at(frame)) > 0
+
+    def of_frames(self, frames: int) -> Detections:
+        """Self for a video of so many frames, with a doubt where the last of them have no boxes: those of every n-th
+        frame may be numbered 1, 2, 3. Raises InputError: boxes of later frames."""
+        last = len(self.frames)
+        if last > frames:
+            raise InputError(f"{self.source}: expected boxes of a video of {frames} frames, found frame {last}")
+        if last >= ENDS_EARLY * frames:
+            return self
+        step, doubt = round(frames / last), f"boxes end at frame {last} of {frames}"
+        if 1 < step <= STEP_MAX and abs(last - frames / step) <= 1:
+            doubt += f": are they of every {ordinal(step)} frame? Then number them as the video does"
+        return replace(self, note="; ".join(filter(None, (self.note, doubt))))
+
 
 def load_detections(path: Path) -> Detections:
     """Rows of a MOTChallenge det.txt, or a list of COCO results in JSON.
 
     det.txt (motchallenge.net): frame, id (ignored), left, top, width, height and, where present, the score and more.
     COCO results (cocodataset.org, "format-results"): objects with image_id, category_id, bbox and score; people have
-    the category 1, and the image_id counts the frames. Frames count from 0 where there is a frame 0, else from 1.
-    Raises InputError: neither, with the line or the entry, and what was found there.
+    the category 1 (0 where categories count from 0), and the image_id counts the frames. Frames count from 0 where
+    there is a frame 0, else from 1. Raises InputError: neither, with the line or the entry, and what was found there.
     """
     require_file(path, "detections (MOTChallenge det.txt or COCO results)")
     with path.open("rb") as file:
         is_json = file.read(1000).removeprefix(b"\xef\xbb\xbf").lstrip()[:1] in (b"[", b"{")
     if is_json:
-        table = np.array(_coco(path, read_text(path, "COCO results", MAX_BYTES)))
+        table, *notes = _coco(path, read_text(path, "COCO results", MAX_BYTES))
     else:
-        rows = motchallenge_rows(path, of_detector=True)
-        score = rows[:, 6] if rows.shape[1] > 6 else np.ones(len(rows))
-        table = np.column_stack([rows[:, 0], rows[:, 2:6], np.where(np.isfinite(score), score, 1.0)])
+        found, odd = _finite(motchallenge_rows(path, of_detector=True))
+        rows = box_columns(found, path)
+        score = np.where(np.isfinite(rows.score), rows.score, 1.0)
+        table, notes = np.column_stack([rows.frame, rows.box_px, score]), [rows.note, odd]
     if not len(table):
         raise InputError(f"{path}: expected boxes of people, found none")
     first = min(int(table[:, 0].min()), 1)
@@ -242,10 +240,11 @@ def load_detections(path: Path) -> Detections:
     table = table[np.argsort(table[:, 0], kind="stable")]
     bounds = np.searchsorted(table[:, 0], np.arange(int(table[-1, 0]) + 2))
     frames = [table[a:b, 1:] for a, b in pairwise(bounds)]
-    return Detections.of(frames, str(path), "" if first else FROM_ZERO)
+    return Detections.of(frames, str(path), "; ".join(filter(None, ["" if first else FROM_ZERO, *notes])))
 
 
-def _coco(path: Path, text: str) -> list[list[float]]:
+def _coco(path: Path, text: str) -> tuple[F64, str, str]:
+    """(N, 6) frame, box and score of people, and what was left out, in two sentences."""
     try:
         listed = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -257,9 +256,8 @@ def _coco(path: Path, text: str) -> list[list[float]]:
     for number, entry in enumerate(listed, 1):
         try:
             frame, box = entry["image_id"], [float(value) for value in entry["bbox"]]
-            category, score = entry.get("category_id", PERSON), float(entry.get("score", 1.0))
-            whole = isinstance(frame, int) and 0 <= frame <= FRAMES_MAX
-            if not whole or len(box) != 4 or not all(map(math.isfinite, [*box, score])):
+            category, score = float(entry.get("category_id", PERSON)), float(entry.get("score", 1.0))
+            if not (isinstance(frame, int) and 0 <= frame <= FRAMES_MAX) or len(box) != 4:
                 raise ValueError
             expected = "boxes with a width and height above 0" if min(box[2:]) <= 0 else ""
         except (TypeError, KeyError, ValueError, AttributeError, OverflowError):
@@ -267,9 +265,12 @@ def _coco(path: Path, text: str) -> list[list[float]]:
         if expected:
             found = json.dumps(entry)[:80]
             raise InputError(f"{path}: expected {expected}, found in entry {number} {found!r}")
-        if category == PERSON:
-            rows.append([float(frame), *box, score])
-    if listed and not rows:
-        others = sorted({str(entry["category_id"])[:20] for entry in listed})[:8]
-        raise InputError(f"{path}: expected boxes of category {PERSON} (people), found category {', '.join(others)}")
-    return rows
+        rows.append([float(frame), *box, score, category])
+    table, odd = _finite(np.array(rows, dtype=np.float64).reshape(-1, 7))
+    categories = np.unique(table[:, 6])
+    people = people_among(categories)
+    person = np.isin(table[:, 6], people)
+    if len(table) and not person.any():
+        raise InputError(f"{path}: expected boxes of category 1 (people), found category {listed_numbers(categories)}")
+    assumed = "class 0 in category_id is people" if people == (0,) and len(table) else ""
+    return table[person, :6], left_out(people, np.setdiff1d(categories, people), "category_id") or assumed, odd

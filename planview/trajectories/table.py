@@ -7,7 +7,7 @@ import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -145,6 +145,7 @@ class Trajectories:
         visible: unoccluded fraction 0..1 of a truth row, or IGNORED; 1 for tracks.
         box_px, velocity_mps: (N, 4) left, top, width, height and (N, 2), float64; NaN where unknown.
         facing_deg: float64, where the chest points on the floor: 0 along X, 90 along Y, -180 to 180; NaN where unknown.
+        n_frames: how many frames were tracked, where that is known; the last may show nobody.
     """
 
     frame: I64
@@ -158,6 +159,7 @@ class Trajectories:
     box_px: F64
     velocity_mps: F64
     facing_deg: F64
+    n_frames: int | None = None
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -166,7 +168,7 @@ class Trajectories:
         """The rows where a (N,) mask is true, or those of (M,) indices in that order; itself where all are kept."""
         if keep.dtype == np.bool_ and keep.all():
             return self
-        return Trajectories(**{name: getattr(self, name)[keep] for name in self.__dataclass_fields__})
+        return replace(self, **{name: getattr(self, name)[keep] for name in ROW_FIELDS})
 
     def __repr__(self) -> str:
         span = f", frames {self.frame.min()} to {self.frame.max()}" if len(self) else ""
@@ -192,6 +194,10 @@ class Trajectories:
         return pandas.DataFrame(dict(zip(TRACK_COLUMNS, columns, strict=True)))
 
 
+ROW_FIELDS = tuple(name for name in Trajectories.__dataclass_fields__ if name != "n_frames")
+"""What a table holds for every row."""
+
+
 def positions_table(
     frame: I64, track_id: I64, xy_m: F64, height_m: F64 | None = None, timestamp_s: F64 | None = None,
     box_px: F64 | None = None, visible: F64 | None = None,
@@ -205,8 +211,8 @@ def positions_table(
 
 def concatenated(tables: Sequence[Trajectories]) -> Trajectories:
     """The rows of at least one table together, sorted by frame, then id."""
-    names = Trajectories.__dataclass_fields__
-    table = Trajectories(**{name: np.concatenate([getattr(t, name) for t in tables]) for name in names})
+    joined = {name: np.concatenate([getattr(t, name) for t in tables]) for name in ROW_FIELDS}
+    table = replace(tables[0], **joined, n_frames=None)
     order = np.lexsort((table.track_id, table.frame))
     return table if (np.diff(order) == 1).all() else table.where(order)
 
@@ -272,7 +278,7 @@ class TrajectoryCollector:
 def read_tracks(path: Path | str) -> Trajectories:
     """Read ``tracks.csv``. Raises InputError: unreadable, columns missing, or a value that is not what its column
     holds."""
-    return _read(path, ("frame", "timestamp_s", "id", "x_m", "y_m", "state"), "tracks")
+    return _read(path, TRUTH_COLUMNS[:4], "tracks")
 
 
 def read_truth(path: Path | str) -> Trajectories:
@@ -294,6 +300,18 @@ def frame_period_s(table: Trajectories, fallback_s: float) -> float:
         return fallback_s
     period = float(np.median(np.diff(times) / np.diff(frames)))
     return period if period > 0 else float((times[-1] - times[0]) / (frames[-1] - frames[0]))
+
+
+def frame_step(frames: I64) -> int:
+    """The usual distance of (N,) rising frame numbers: above 1 where only about every n-th frame was looked at, and 1
+    of fewer than two."""
+    return max(1, int(np.median(np.diff(frames)))) if len(frames) > 1 else 1
+
+
+def ordinal(number: int) -> str:
+    """2nd, 3rd, 4th, 11th, 21st."""
+    last = 0 if number % 100 in (11, 12, 13) else number % 10
+    return f"{number}{('th', 'st', 'nd', 'rd')[last] if last < 4 else 'th'}"
 
 
 def is_person(confirmed_frames: I64, frame_s: float) -> Bool:

@@ -14,6 +14,7 @@ from planview.evaluation.result import KINDS
 from planview.output.folder import RunInfo, write_run_info
 from planview.output.report.page import scores_of
 from planview.output.run_folder import RunFolder
+from planview.output.script import evaluate
 from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, concatenated, positions_table
 
@@ -314,3 +315,27 @@ def test_evaluate_refuses_bad_options_and_a_missing_file_in_one_sentence(files, 
     if not words:
         files[0].unlink()
     assert sentence in refused("evaluate", *files, *words)
+
+
+def test_truth_of_every_fifth_frame_leaves_the_others_out():
+    tracks, truth = walk(101), walk(101)
+    truth = truth.where(truth.frame % 5 == 0)
+    result = evaluate_tracks(tracks, truth)
+    assert (result.clear.mota, result.clear.false_positives, result.left_out_frames) == (1.0, 0, 80)
+    assert result.duration_s == pytest.approx(21 * 5 / 30) and "21 frames only: 80 frames" in result.uncovered
+    stray = evaluate_tracks(replace(tracks, x_m=tracks.x_m + 5 * (tracks.frame >= 50)), truth)
+    assert [(error.kind, error.frame) for error in stray.significant] == [("false_track", 50), ("lost", 50)]
+
+
+def test_rows_without_a_position_are_counted():
+    tracks = walk(10)
+    tracks.x_m[3] = np.inf
+    result = evaluate_tracks(tracks, walk(10))
+    assert result.unplaced_rows == 1 and "1 rows of truth and tracks without a finite position" in result.uncovered
+
+
+def test_what_a_run_returns_is_scored_on_the_frames_that_it_read():
+    tracks = replace(walk(50), n_frames=60)
+    assert evaluate(tracks, walk()).clear.misses == 10
+    assert evaluate(tracks.where(tracks.frame < 40), walk()).clear.misses == 20
+    assert evaluate(walk(50), walk()).clear.misses == 50

@@ -395,7 +395,7 @@ NO_WIDTH = "expected boxes with a width and height above 0, found in"
         (load_tracks, "a.txt", "1,7,10,20,30,60\n1,7,10,20,wide,60\n", "found in line 2 '1,7,10,20,wide,60'"),
         (load_detections, "a.txt", "1,-1,10,20,0,60,1\n", NO_WIDTH),
         (load_detections, "a.json", '[{"image_id": 1, "category_id": 1, "bbox": [1, 2, 0, 60]}]', NO_WIDTH),
-        (load_detections, "a.json", '[{"image_id": 1, "category_id": 0, "bbox": [1, 2, 3, 6]}]', "found category 0"),
+        (load_detections, "a.json", '[{"image_id": 1, "category_id": 3, "bbox": [1, 2, 3, 6]}]', "found category 3"),
         (load_tracks, "a.csv", "pedID,time,posX,posY\n1,0.0,far,2.0\n", "trajectories of crowdit, found .*'far'"),
         (load_tracks, "a.trc", "version 4\n2\n", r"found pixels of PeTrack: export its \.txt"),
         *(
@@ -422,3 +422,83 @@ def test_text_is_written_as_its_format_asks(tmp_path):
     assert (tmp_path / "x.txt").read_text() == "# framerate: 15 fps\n# id frame x/cm y/cm z/cm\n" + rows
     FORMATS["motchallenge"].write(tmp_path / "x.txt", TrajectoryFile(two_walkers(1)))
     assert (tmp_path / "x.txt").read_text().startswith("1,1,100.0,50.0,40.0,120.0,1,-0.5000,1.0000,0.0000\n")
+
+
+BOX = "10,20,30,60"
+
+
+def file_of(tmp_path: Path, *ends: str) -> Path:
+    """A row of person k + 1 in frame 1 for every end of a row."""
+    return written(tmp_path, "".join(f"1,{k + 1},{BOX},{end}\n" for k, end in enumerate(ends)))
+
+
+@pytest.mark.parametrize(
+    ("ends", "kept"),
+    [
+        (["0.9,0,-1", "0.8,2,-1"], [1]),  # a detector of COCO's classes, from 0
+        (["0.9,1", "0.8,3"], [1]),  # from 1
+        (["0.9,1,-1,-1", "0.8,4,-1,-1"], [1]),  # VisDrone results
+        (["0", "2", "7"], [1]),  # a class alone
+        (["2,0.8", "0,0.7"], [2]),  # class and score
+        (["1,1,1.0", "1,3,0.5"], [1]),  # rows like truth of MOT16
+        (["0.9,-1,-1,-1", "0.5,-1,-1,-1"], [1, 2]),  # no class
+        (["90", "80"], [1, 2]),  # percent
+    ],
+)
+def test_results_keep_people_alone_and_name_other_classes(tmp_path: Path, ends: list[str], kept: list[int]) -> None:
+    path = file_of(tmp_path, *ends)
+    file, found = load_file(path), load_detections(path)
+    assert file.table.track_id.tolist() == kept and len(found.at(0)) == len(kept)
+    assert ("left out" in file.note) == ("left out" in found.note) == (len(kept) < len(ends))
+
+
+def test_results_without_a_class_of_people_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"rows of people \(class 1 in column 8\), found class 2, 7"):
+        load_tracks(file_of(tmp_path, "0.9,2,-1", "0.8,7,-1"))
+
+
+def test_truth_of_visdrone_has_pedestrians_and_people_and_how_much_of_them_shows(tmp_path: Path) -> None:
+    truth = load_truth(file_of(tmp_path, "1,1,0,0", "1,2,0,1", "1,4,0,0", "0,0,0,0", "1,1,1,2"))
+    assert truth.track_id.tolist() == [1, 2, 5] and truth.visible.tolist() == [1.0, 0.75, 0.25]
+    assert np.isnan(truth.x_m).all()
+
+
+def test_classes_of_truth_are_those_that_labels_name(tmp_path: Path) -> None:
+    path = file_of(tmp_path, "1,1,1.0", "1,2,1.0")
+    (tmp_path / "labels.txt").write_text("car\nPerson\n")
+    assert load_truth(path).track_id.tolist() == [2]
+    assert "class 2 in column 8 is people; class 1 is left out" in load_file(path, truth=True).note
+
+
+def test_rows_with_inf_or_nan_are_left_out_and_counted(tmp_path: Path) -> None:
+    path = written(tmp_path, f"1,1,{BOX},1\n1,2,nan,20,30,60,1\n2,1,10,inf,30,60,1\n")
+    assert len(load_tracks(path)) == len(load_detections(path).at(0)) == 1
+    assert load_file(path).note == load_detections(path).note == "2 of 3 rows hold inf or NaN and are left out"
+
+
+def test_boxes_of_minus_one_are_unknown(tmp_path: Path) -> None:
+    table = load_tracks(written(tmp_path, "1,1,-1,-1,-1,-1,1,1.5,2.02,0\n"))
+    assert np.isnan(table.box_px).all() and (table.x_m[0], table.y_m[0]) == (1.5, 2.02)
+
+
+def test_categories_that_count_from_0_have_people_there(tmp_path: Path) -> None:
+    rows = [{"image_id": 1, "category_id": k, "bbox": [k, 2, 3, 6]} for k in (0, 1)]
+    (tmp_path / "a.json").write_text(json.dumps(rows))
+    found = load_detections(tmp_path / "a.json")
+    assert found.at(0)[:, 0].tolist() == [0.0] and "class 0 in category_id is people; class 1" in found.note
+
+
+def test_frames_that_a_detector_left_out_show_nothing() -> None:
+    boxes = [[[10.0, 20.0, 30.0, 60.0]] if k % 3 == 0 else [] for k in range(10)]
+    found = Detections.of(boxes)
+    assert [found.looked(k) for k in range(4)] == [True, False, False, True] and "every 3rd frame" in found.note
+    assert Detections.of(boxes[:1] * 4).looked(9)
+
+
+def test_detections_that_end_early_are_doubted() -> None:
+    found = Detections.of([[[10.0, 20.0, 30.0, 60.0]]] * 100)
+    assert "end at frame 100 of 300: are they of every 3rd frame?" in found.of_frames(300).note
+    assert found.of_frames(260).note == "boxes end at frame 100 of 260"
+    assert found.of_frames(105).note == ""
+    with pytest.raises(InputError, match="a video of 99 frames, found frame 100"):
+        found.of_frames(99)
