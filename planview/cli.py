@@ -27,6 +27,7 @@ COMMANDS = {
         "report": ("results", "Write the report of a run, or a page that compares several."),
         "view": ("results", "Open a run in the rerun viewer."),
         "render": ("results", "Draw a run as a video or a picture."),
+        "plot": ("results", "Plot paths on the floor, speeds and counts of one or several runs."),
         "replay": ("run", "Track a run again with a parameter changed, and compare a frame."),
         "edit": ("tracks", "Join, split, delete, rename and refine tracks; edits can be undone."),
         "count": ("scores", "Count line crossings and zone occupancy in tracks."),
@@ -47,7 +48,11 @@ CALIBRATE = {
     "human": ("calibrate_pose", "Calibrate one camera from standing people."),
     "ui": ("calibrate", "Calibrate in the browser."),
 }
-USAGE = {"evaluate": "TRACKS [TRUTH] [OPTIONS]", "report": "FOLDER [FOLDER ...] [OPTIONS]"}
+USAGE = {
+    "evaluate": "TRACKS [TRUTH] [OPTIONS]",
+    "report": "FOLDER [FOLDER ...] [OPTIONS]",
+    "plot": "RUN [RUN ...] [OPTIONS]",
+}
 """Usage of commands whose arguments cyclopts does not name."""
 
 

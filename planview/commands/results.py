@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sysconfig
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,10 +20,13 @@ from calib.errors import InputError, WorkError
 from calib.io import reason
 from planview.commands.options import Flag, frame_span, in_range
 from planview.output.folder import rrd_parts
+from planview.output.plot import PANELS, NamedTracks, Panel, figure_of, save_figure
 from planview.output.progress import PlainConsole
 from planview.output.report.page import write_report
 from planview.output.run_folder import RunFolder
 from planview.sweep.page import write_comparison
+from planview.trajectories.formats import load_tracks, load_truth, tracks_file, truth_file
+from planview.trajectories.plot import Colouring
 
 
 def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -> None:
@@ -52,6 +56,46 @@ def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -
         page.parent.mkdir(parents=True, exist_ok=True)
         write_comparison(folders, page, truth)
     PlainConsole(stderr=True, soft_wrap=True).print(str(page))
+
+
+def plot(
+    *runs: Path,
+    out: Path | None = None,
+    truth: Path | None = None,
+    colour: Annotated[Colouring, Parameter(name=["--colour", "--color"])] = "id",
+    only: Annotated[Sequence[Panel], Parameter(negative="")] = PANELS,
+) -> None:
+    """Plot where people walked, how fast, and how many there were, of one run or of several.
+
+    Example: planview plot out
+
+    Example with the true paths, as vector graphics: planview plot out --truth recording/truth.csv --out paths.svg
+
+    Example of two runs over each other: planview plot out/narrow out/wide --out both.png
+
+    Parameters
+    ----------
+    runs
+        Folders of runs, their tracks.csv, or trajectories in a format of planview export.
+    out
+        Picture to write (.png, .svg or .pdf); plot.png in the folder of the first run when not given.
+    truth
+        True people (truth.csv, or what planview evaluate reads), drawn as thin dashed lines.
+    colour
+        What colours stand for in a plot of one run.
+    only
+        Plots to draw, all when not given; can be repeated.
+    """
+    if not runs:
+        raise InputError("planview plot needs the folder of a run")
+    files = [tracks_file(run) for run in runs]
+    parents = [file.parent.resolve().name if file.name == "tracks.csv" else file.stem for file in files]
+    names = parents if len(set(parents)) == len(parents) else [str(run) for run in runs]
+    tracks = [NamedTracks(name, load_tracks(file)) for name, file in zip(names, files, strict=True)]
+    known = None if truth is None else load_truth(truth_file(truth) or truth)
+    path = out or files[0].parent / "plot.png"
+    save_figure(figure_of(tracks, known, colour, only), path)
+    PlainConsole(stderr=True, soft_wrap=True).print(str(path))
 
 
 @Parameter(name="*")

@@ -14,7 +14,8 @@ from calib.ground_camera import GroundCamera
 from calib.images import as_colour
 from calib.types import F64, U8
 from planview.drawing.plan import PlanBounds, Rule, Snapshot, facing_arrow
-from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, Rgb, as_bgr, person_rgb
+from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, Rgb, as_bgr
+from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
 from stereo.depth import StereoFloorCamera
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.types import F64, I32, U8
-from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, Rgb, as_bgr, person_rgb
+from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, Rgb, as_bgr
+from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import Trajectories, row_states
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import colorsys
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
 from calib.images import as_colour
 from calib.types import F32, F64, U8
-from planview.trajectories.state import State
 
 Rgb = tuple[int, int, int]
 TRUTH: Rgb = (20, 20, 20)
@@ -24,17 +22,6 @@ TRIPWIRE: Rgb = (176, 0, 32)
 ZONE: Rgb = (160, 127, 0)
 
 
-def person_rgb(track_id: int, state: State | Literal[""] = "confirmed") -> Rgb:
-    """One colour per id; pale while lost."""
-    # Step around the colour circle from id to id: neighbouring ids differ most.
-    red, green, blue = colorsys.hsv_to_rgb(0.618034 * track_id % 1.0, 0.85, 0.95)
-    # Colours are darkened to this luma, so that they are legible on white paper and on images [levels of 255].
-    darker = min(1.0, 150.0 / max(1.0, 255 * (0.299 * red + 0.587 * green + 0.114 * blue)))
-    rgb = 255 * darker * np.array([red, green, blue])
-    red, green, blue = (0.55 * rgb + 0.45 * 190 if state == "lost" else rgb).tolist()
-    return round(red), round(green), round(blue)
-
-
 def as_bgr(rgb: Rgb) -> Rgb:
     """For OpenCV."""
     return rgb[::-1]
@@ -43,11 +30,6 @@ def as_bgr(rgb: Rgb) -> Rgb:
 def as_hex(rgb: Rgb) -> str:
     """For pages and matplotlib: "#rrggbb"."""
     return "#{:02x}{:02x}{:02x}".format(*rgb)
-
-
-def person_hex(track_id: int) -> str:
-    """``person_rgb`` of a confirmed person as "#rrggbb"."""
-    return as_hex(person_rgb(track_id, "confirmed"))
 
 
 def disparity_colours(disparity: F32, smallest_px: float, largest_px: float) -> U8:

@@ -16,7 +16,6 @@ from calib.errors import InputError, WorkError
 from calib.io import reason, sync
 from calib.types import U8
 from planview.drawing.plan import PlanBounds, bounds_of
-from planview.drawing.style import person_rgb
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.view import StereoView
 from planview.output.folder import rrd_parts
@@ -40,6 +39,7 @@ from planview.output.rerun_shapes import (
     templates,
 )
 from planview.output.run_folder import RunFolder
+from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
 
 

@@ -14,10 +14,11 @@ from calib.images import as_colour, encode_image
 from calib.types import F32, U8
 from planview.drawing.image import ImageCamera
 from planview.drawing.plan import PlanBounds, facing_arrow
-from planview.drawing.style import disparity_colours, person_rgb
+from planview.drawing.style import disparity_colours
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.view import StereoView
 from planview.tracking.base import Drawing
+from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
 from stereo.depth import back_project
 from stereo.matcher import SampledDisparity

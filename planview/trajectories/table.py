@@ -19,7 +19,10 @@ from calib.types import F64, I64, Bool
 from planview.trajectories.state import TrackState
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from pandas import DataFrame
+
+    from planview.trajectories.plot import Colouring
 
 KEY_MAX = 2**53
 """Largest frame number or id that a float64 holds exactly."""
@@ -176,6 +179,20 @@ class Trajectories:
 
     def _repr_html_(self) -> str:
         return str(self.where(np.arange(min(5, len(self)))).to_dataframe().to_html())
+
+    def plot(self, axes: Axes | None = None, colour: Colouring = "id") -> Axes:
+        """Draw the paths on the floor into matplotlib axes, new ones when None, and return these. ``colour``: "id" for
+        a colour per person, "time" for a scale of seconds. Raises InputError: neither positions nor boxes."""
+        from planview.trajectories.plot import plot_paths
+
+        if axes is None:
+            import matplotlib.pyplot
+
+            axes = matplotlib.pyplot.subplots(figsize=(7, 6), layout="constrained")[1]
+        plot_paths(self, axes, colour=colour)
+        if colour == "id" and len(self):
+            axes.legend(title="person", fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        return axes
 
     @staticmethod
     def from_dataframe(frame: DataFrame) -> Trajectories:

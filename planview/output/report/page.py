@@ -14,7 +14,7 @@ from calib.params import first_problem
 from calib.types import I64
 from planview.counting.events import way_words
 from planview.counting.totals import Clock
-from planview.drawing.style import page_of, person_hex
+from planview.drawing.style import page_of
 from planview.engine.info import CameraInfo
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import RunInfo, write_result
@@ -22,6 +22,7 @@ from planview.output.report import plots
 from planview.output.report.plots import Picture, picture
 from planview.output.report.snapshots import ERRORS_MAX, read_decision_log, scene_pictures
 from planview.output.run_folder import RunFolder, read_object
+from planview.trajectories.plot import person_hex
 from planview.trajectories.table import Trajectories
 
 

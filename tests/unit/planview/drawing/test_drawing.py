@@ -19,7 +19,8 @@ from planview.drawing.plan import (
     rules_of,
     snapshot_at,
 )
-from planview.drawing.style import STRIP_PX, Entry, Labels, as_bgr, person_rgb, with_colour_bar, with_legend
+from planview.drawing.style import STRIP_PX, Entry, Labels, as_bgr, with_colour_bar, with_legend
+from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import positions_table
 

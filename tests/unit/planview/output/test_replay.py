@@ -17,7 +17,7 @@ from planview.cli import main
 from planview.commands import results as command
 from planview.commands.results import quiet_environment
 from planview.counting.events import Event
-from planview.drawing.style import as_bgr, person_rgb
+from planview.drawing.style import as_bgr
 from planview.engine.config import Config, load_config
 from planview.engine.open import open_engine
 from planview.output.folder import rrd_parts
@@ -28,6 +28,7 @@ from planview.output.rerun_log import rarer
 from planview.output.rerun_shapes import MAP_LAYERS, mosaic, outlines
 from planview.output.run import RunOptions, run
 from planview.output.run_folder import RunFolder
+from planview.trajectories.plot import person_rgb
 
 TRACKER = "ellipse-particle"
 

@@ -1,0 +1,80 @@
+"""Plots of trajectories: what is drawn where, and the files of ``planview plot``."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from calib.errors import InputError
+from planview.cli import main
+from planview.output.plot import NamedTracks, figure_of
+from planview.trajectories.plot import NAMED_MAX, plot_counts, plot_paths, plot_speed, times_of
+from planview.trajectories.table import Trajectories, positions_table, write_table
+
+
+def walkers(people: int = 1, frames: int = 60) -> Trajectories:
+    """People who walk along y, half a metre apart, at 1.5 m/s in 30 frames per second."""
+    frame, track = (part.ravel() for part in np.meshgrid(np.arange(frames), np.arange(1, people + 1), indexing="ij"))
+    return positions_table(frame, track, np.column_stack([0.5 * track, 0.05 * frame]), timestamp_s=frame / 30.0)
+
+
+def axes() -> object:
+    return Figure().subplots()
+
+
+def test_path_of_a_person_is_a_line_of_its_positions_with_equal_axes() -> None:
+    drawn = plot_paths(walkers(), axes())
+    line = drawn.get_lines()[0]
+    assert line.get_xydata()[-1] == pytest.approx([0.5, 0.05 * 59]) and line.get_label() == "1"
+    assert drawn.get_aspect() == 1.0 and (drawn.get_xlabel(), drawn.get_ylabel()) == ("x [m]", "y [m]")
+
+
+def test_missing_frames_are_a_gap_in_the_path() -> None:
+    table = walkers()
+    drawn = plot_paths(table.where((table.frame < 20) | (table.frame > 40)), axes())
+    assert np.isnan(drawn.get_lines()[0].get_ydata()).sum() == 1
+
+
+def test_legend_names_twenty_people_and_counts_the_others() -> None:
+    labels = plot_paths(walkers(people=23), axes()).get_legend_handles_labels()[1]
+    assert len(labels) == NAMED_MAX + 1 and labels[-1] == "3 more"
+
+
+def test_speed_without_velocities_is_that_of_the_positions() -> None:
+    line = plot_speed(walkers(), axes()).get_lines()[0]
+    assert np.asarray(line.get_ydata()) == pytest.approx(1.5)
+
+
+def test_counts_are_people_in_every_frame() -> None:
+    table = walkers(people=2)
+    line = plot_counts(table.where((table.track_id == 1) | (table.frame < 30)), axes()).get_lines()[0]
+    assert list(line.get_ydata())[:31:30] == [2, 1] and list(line.get_ydata())[-1] == 0
+
+
+def test_frames_without_rows_have_the_times_between_their_neighbours_and_beyond() -> None:
+    table = walkers()
+    assert times_of(table.where(table.frame % 10 == 0), np.array([5, 65])) == pytest.approx([5 / 30, 65 / 30])
+
+
+def test_tracks_of_a_table_draw_themselves() -> None:
+    drawn = axes()
+    assert walkers(people=2).plot(drawn) is drawn and len(drawn.get_legend().get_texts()) == 2
+
+
+def test_runs_are_told_apart_by_colour_and_metres_not_mixed_with_pixels() -> None:
+    figure = figure_of([NamedTracks("near", walkers()), NamedTracks("far", walkers(2))])
+    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["near", "far"]
+    none = np.full((5, 2), np.nan)
+    boxes = positions_table(np.arange(5), np.ones(5, int), none + 0.0, box_px=np.ones((5, 4)))
+    with pytest.raises(InputError, match="some of the runs are in metres and some in pixels"):
+        figure_of([NamedTracks("a", walkers()), NamedTracks("b", boxes)])
+
+
+@pytest.mark.parametrize(("name", "begins"), [("p.png", b"\x89PNG"), ("p.svg", b"<?xml")])
+def test_command_writes_a_picture_of_the_kind_that_its_name_asks_for(tmp_path: Path, name: str, begins: bytes) -> None:
+    with (tmp_path / "tracks.csv").open("w") as file:
+        write_table(file, walkers())
+    with pytest.raises(SystemExit, match="0"):
+        main(["plot", str(tmp_path), "--out", str(tmp_path / name)])
+    assert (tmp_path / name).read_bytes().startswith(begins)
