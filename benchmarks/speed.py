@@ -38,7 +38,6 @@ from planview.engine.stereo import stereo_engine
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 from planview.synthetic.assets import DEMO, real_recordings
-from stereo.gating import SAMPLE
 from stereo.readers import open_recording
 from stereo.recording import StereoFrame, VideoFrame
 
@@ -246,7 +245,7 @@ def full_resolution(speed: Speed) -> None:
 
 
 def foreground_to_mog2(clip: Clip, speed: Speed) -> None:
-    """Foreground, and OpenCV's MOG2 on the same images, frame by frame, gated as in the engine."""
+    """Foreground, and OpenCV's MOG2 on the same images, frame by frame."""
     engine = clip.engine
     engine.reset()
     mog2 = cv2.createBackgroundSubtractorMOG2()
@@ -260,12 +259,8 @@ def foreground_to_mog2(clip: Clip, speed: Speed) -> None:
         if image is None or result.disparity is None:
             continue
         disparity = np.ascontiguousarray(result.disparity[::step, ::step])
-        measured, spent = result.measured if ours.settled else None, 0.0
         theirs = seconds(mog2.apply, image)
-        if measured is not None:
-            disparity[measured == 0] = np.nan
-            spent = seconds(ours.changed, image, SAMPLE)
-        times.append((theirs, spent + seconds(ours.update, image, disparity, result.timestamp_s, None, measured)))
+        times.append((theirs, seconds(ours.update, image, disparity, result.timestamp_s)))
     theirs_ms, ours_ms = 1e3 * np.array(times[len(times) // 3 :]).T
     speed.detail("mog2_ms", theirs_ms)
     speed.detail("foreground_ms", ours_ms)

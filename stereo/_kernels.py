@@ -9,16 +9,16 @@ from calib.types import F32, F64, U8, AnyArray
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def coarse_disparity(fixed: AnyArray, usable: U8, right_mask: U8, left: int, step: int, lowest: int, out: F32) -> None:
+def coarse_disparity(fixed: AnyArray, usable: U8, right_mask: U8, step: int, lowest: int, out: F32) -> None:
     """Sixteenths of a sample to pixels; NaN where nothing can have been measured.
 
     That is where ``usable`` is 0, where the matched right sample is masked or outside, and where the value is below
-    ``lowest``. ``fixed`` begins at column ``left`` of ``right_mask``; a sample is ``step`` pixels wide.
+    ``lowest``. A sample is ``step`` pixels wide.
     """
     for row in range(fixed.shape[0]):
         for col in range(fixed.shape[1]):
             value = np.int32(fixed[row, col])
-            right = left + col - (value >> 4)
+            right = col - (value >> 4)
             if usable[row, col] == 0 or value < lowest or right < 0 or right_mask[row, right] == 0:
                 out[row, col] = np.nan
             else:
@@ -26,20 +26,18 @@ def coarse_disparity(fixed: AnyArray, usable: U8, right_mask: U8, left: int, ste
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def differences(
-    left: U8, right: U8, disparity: F32, corner: tuple[int, int], step: int, apart: int, error: F32, slope: F32
-) -> None:
+def differences(left: U8, right: U8, disparity: F32, first: int, step: int, apart: int, error: F32, slope: F32) -> None:
     """How much brighter each left sample is than the right image at its disparity, and the right image's slope.
 
-    Sample (r, c) of ``left`` (h, w) is pixel ``corner`` + ``step`` (r, c) of ``right`` (H, W) without a disparity; the
+    Sample (r, c) of ``left`` (h, w) is pixel ``first`` + ``step`` (r, c) of ``right`` (H, W) without a disparity; the
     slope [1/px] is taken over ``apart`` pixels either way. Both are 0 without a disparity and where it leads out of the
     image.
     """
     height, width = right.shape
     for row in range(disparity.shape[0]):
-        v = min(corner[0] + step * row, height - 1)
+        v = min(first + step * row, height - 1)
         for col in range(disparity.shape[1]):
-            x = np.float32(corner[1] + step * col) - disparity[row, col]
+            x = np.float32(first + step * col) - disparity[row, col]
             if not (x >= apart and x < width - 1 - apart):
                 error[row, col] = slope[row, col] = np.float32(0.0)
                 continue

@@ -105,13 +105,6 @@ def _descent(geometry: RectifiedGeometry, floor: Floor) -> tuple[float, float]:
     return min(across) + min(down) + z, max(across) + max(down) + z
 
 
-def farthest_head_m(geometry: RectifiedGeometry, floor: Floor) -> float:
-    """Depth of the farthest head over the floor in view [m]; infinite for a camera that sees the horizon."""
-    level, _ = _descent(geometry, floor)
-    # The lowest head is that of a child of two years, 0.85 m above the floor.
-    return max(floor.height_m - 0.85, NEAREST_M) / level if level > LEVEL_MIN else math.inf
-
-
 SATURATED_LEVEL = 250
 """Blocks entirely at or above this grey level hold no texture to match (our choice)."""
 TEXTURE_MIN = 4
@@ -154,39 +147,6 @@ def valid_mask(mask: U8, params: SgbmParams) -> U8:
 BODY_LAG = 0.006
 """People are measured farther away by this share of the distance (``python -m benchmarks matching``: 0.06 px at 10 px,
 0.12 px at 20 px): windows at a body's outline hold some of what is behind it."""
-
-
-class Window(NamedTuple):
-    """Columns left ... right - 1 and rows top ... bottom - 1 of an image [px]."""
-
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-    @property
-    def slices(self) -> tuple[slice, slice]:
-        """Of the image's array."""
-        return slice(self.top, self.bottom), slice(self.left, self.right)
-
-    def grown(self, margin: int, size: tuple[int, int]) -> Window:
-        """With a margin, inside an image of (width, height)."""
-        left, top = max(0, self.left - margin), max(0, self.top - margin)
-        return Window(left, top, min(size[0], self.right + margin), min(size[1], self.bottom + margin))
-
-
-class Levels(NamedTuple):
-    """A rectified pair at the sizes in which it is matched.
-
-    Attributes:
-        samples: (h, w) uint8 left and right means of step x step pixels.
-        coarse, fine: (h, w) uint8 left samples and (H, W) uint8 right means from each pixel on, of ``step`` and of one
-            or two pixels a side.
-    """
-
-    samples: tuple[U8, U8]
-    coarse: tuple[U8, U8]
-    fine: tuple[U8, U8]
 
 
 class SgbmMatcher:
@@ -238,20 +198,27 @@ class SgbmMatcher:
         shape = self.geometry.height, self.geometry.width
         if left_grey.shape != shape or right_grey.shape != shape or left_grey.dtype != np.uint8:
             raise ValueError(f"expected two {shape} uint8 images, got {left_grey.shape} and {right_grey.shape}")
-        whole = Window(0, 0, self.shape[1], self.shape[0])
-        return SampledDisparity(self.part(self.levels(left_grey, right_grey), whole), self.step, shape).image
+        return self.sampled(left_grey, right_grey).image
 
-    def levels(self, left_grey: U8, right_grey: U8) -> Levels:
-        """A rectified pair at the sizes in which it is matched."""
-        n, samples = self.step, (self.reduced(left_grey), self.reduced(right_grey))
-        coarse = samples[0], _means(right_grey, n)
+    def sampled(self, left_grey: U8, right_grey: U8) -> SampledDisparity:
+        """The disparity of the samples, from images as of a call. Not in several threads at once."""
+        n, left, right = self.step, self._reduced(left_grey), self._reduced(right_grey)
+        start = self._coarse(left, right)
+        coarse = left, _means(right_grey, n)
+        refined = self._refined(*coarse, start, n, max(1, n // 2))
         if n <= 2:
-            return Levels(samples, coarse, coarse)
-        side = 2 - n % 2
-        first = slice((n - side) // 2, None, n)
-        return Levels(samples, coarse, (_means(self._padded(left_grey), side)[first, first], _means(right_grey, side)))
+            refined = self._refined(*coarse, refined, n, 1)
+        else:
+            side = 2 - n % 2
+            first = slice((n - side) // 2, None, n)
+            fine = np.ascontiguousarray(_means(self._padded(left_grey), side)[first, first])
+            refined = self._refined(fine, _means(right_grey, side), refined, side, 1)
+        # What moves over half a sample, or a pixel, has left the surface that was found; no slope is known at the edge.
+        inside = n * np.arange(self.shape[1]) - refined >= 1.0
+        refined[~(inside & (np.abs(refined - start) <= max(0.5 * n, 1.0)))] = np.nan
+        return SampledDisparity(refined * self._scale, n, (self.geometry.height, self.geometry.width))
 
-    def reduced(self, image: U8) -> U8:
+    def _reduced(self, image: U8) -> U8:
         """(h, w) uint8 means of step x step pixels of an (H, W) image."""
         if self.step == 1:
             return image
@@ -263,38 +230,16 @@ class SgbmMatcher:
         below, right = (self.step * n - m for n, m in zip(self.shape, image.shape, strict=True))
         return np.asarray(cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE), dtype=np.uint8)
 
-    def part(self, levels: Levels, window: Window) -> F32:
-        """(h, w) float32 disparity [px] in a window of the samples, NaN where unknown; less sure near the edges of
-        the window, which end the paths of the search. Not in several threads at once."""
-        n = self.step
-        start = self._coarse(levels, window)
-        refined = self._refined(levels.coarse, window, start, n, max(1, n // 2))
-        refined = self._refined(levels.fine, window, refined, 2 - n % 2 if n > 2 else n, 1)
-        # What moves over half a sample, or a pixel, has left the surface that was found; no slope is known at the edge.
-        inside = n * np.arange(window.left, window.right) - refined >= 1.0
-        refined[~(inside & (np.abs(refined - start) <= max(0.5 * n, 1.0)))] = np.nan
-        return refined * self._scale
-
-    def _coarse(self, levels: Levels, window: Window) -> F32:
+    def _coarse(self, left: U8, right: U8) -> F32:
         """(h, w) float32 disparity [px] of the reduced images."""
-        left, right = levels.samples
-        seen = left[window.slices]
         pad = self._first + self._count  # OpenCV leaves so many columns on the left without disparity
-        begin = max(0, window.left - pad)
-        other = right[window.top : window.bottom, begin : window.right]
-        padded = (
-            cv2.copyMakeBorder(image, 0, 0, seen.shape[1] + pad - image.shape[1], 0, cv2.BORDER_REPLICATE)
-            for image in (seen, other)
-        )
+        padded = (cv2.copyMakeBorder(image, 0, 0, pad, 0, cv2.BORDER_REPLICATE) for image in (left, right))
         fixed = self._sgbm.compute(*padded)[:, pad:]
-        darkest, brightest = cv2.erode(seen, self._texture), cv2.dilate(seen, self._texture)
+        darkest, brightest = cv2.erode(left, self._texture), cv2.dilate(left, self._texture)
         usable = (cv2.subtract(brightest, darkest) >= TEXTURE_MIN) & (darkest < SATURATED_LEVEL)
-        usable &= self._mask[window.slices] > 0
+        usable &= self._mask > 0
         disparity = np.empty(fixed.shape, np.float32)
-        coarse_disparity(
-            fixed, usable.view(np.uint8), self._right_mask[window.top : window.bottom], window.left, self.step,
-            STEP * self._first, disparity,
-        )  # fmt: skip
+        coarse_disparity(fixed, usable.view(np.uint8), self._right_mask, self.step, STEP * self._first, disparity)
         return disparity
 
     def _make_sgbm(self) -> cv2.StereoSGBM:
@@ -316,13 +261,11 @@ class SgbmMatcher:
             mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
         )
 
-    def _refined(self, means: tuple[U8, U8], window: Window, disparity: F32, side: int, apart: int) -> F32:
-        """One Gauss-Newton step on means of ``side`` x ``side`` pixels."""
-        first = (self.step - side) // 2
+    def _refined(self, left: U8, right: U8, disparity: F32, side: int, apart: int) -> F32:
+        """One Gauss-Newton step on means of ``side`` x ``side`` pixels: those of the left samples, and (H, W) of the
+        right image from each pixel on."""
         error, slope = np.empty_like(disparity), np.empty_like(disparity)
-        corner = self.step * window.top + first, self.step * window.left + first
-        ours = np.ascontiguousarray(means[0][window.slices])
-        differences(ours, means[1], disparity, corner, self.step, apart, error, slope)
+        differences(left, right, disparity, (self.step - side) // 2, self.step, apart, error, slope)
         # The two cameras' gains differ, by place too.
         known = np.isfinite(disparity).astype(np.float32)
         box = EVEN_SIDE, EVEN_SIDE

@@ -21,7 +21,6 @@ from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.joint.params import JointParams
 from planview.tracking.template import TemplateParams
 from stereo.floor import SETUP_FRAMES
-from stereo.gating import MatchingParams
 from stereo.matcher import RangeParams, SgbmParams
 from stereo.rectify import RectifyParams
 
@@ -65,7 +64,6 @@ class Config(Params):
     rectify: RectifyParams = RectifyParams()
     range: RangeParams = RangeParams()
     sgbm: SgbmParams = SgbmParams()
-    matching: MatchingParams = MatchingParams()
     floor: FloorParams = FloorParams()
     foreground: ForegroundParams = ForegroundParams()
     feedback: FeedbackParams = FeedbackParams()
@@ -132,10 +130,12 @@ def _validate(tables: dict[str, Any], source: str, base: Config | None, argument
 
 
 def _suggestion(error: ValidationError) -> str:
-    """The known name that an unknown one resembles, as the end of its sentence; empty where there is none."""
+    """What to do about an unknown name, as the end of its sentence; empty where no known one resembles it."""
     first = error.errors()[0]
     if first["type"] != "extra_forbidden":
         return ""
+    if first["loc"][0] == "matching":
+        return " (every frame is matched as a whole now: leave it out)"
     names, unknown = list(_names(Config, "")), dotted(first["loc"])
     near = get_close_matches(unknown, names, n=1, cutoff=0.75)
     near += [name for name in names if name.rpartition(".")[2] == unknown.rpartition(".")[2]]

@@ -30,7 +30,7 @@ from planview.maps.view import StereoView
 from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
 from stereo.depth import StereoFloorCamera, point_cloud
-from stereo.matcher import Levels, SampledDisparity
+from stereo.matcher import SampledDisparity
 from stereo.readers.multi_rig import MultiRigFrame
 from stereo.recording import RgbdFrame, Skipped, StereoFrame, VideoFrame, prefetch
 
@@ -50,13 +50,13 @@ class Prepared:
     Attributes:
         image: (h, w[, 3]) uint8, rectified, at the analysis size; the left image of a pair.
         picture: makes it at the size that boxes of people are in; few callers need it.
-        matched: disparity of all pixels; or a pair that is matched in part.
+        sampled: disparity of every pixel, or of those that foreground and maps are made of.
         thumbnails: of both rectified images; None without a pair.
     """
 
     image: U8
     picture: Callable[[], U8]
-    matched: SampledDisparity | Levels
+    sampled: SampledDisparity
     thumbnails: Thumbnails | None
 
 
@@ -67,19 +67,14 @@ class RigFrame:
     Attributes:
         name: of the rig among several.
         prepared: images.
-        sampled: disparity of every pixel, or of those that foreground and maps are made of; where it was not measured
-            in this frame, as measured last.
-        disparity: (h, w) float32 [px] at the analysis size, NaN also where it was not measured in this frame.
-        measured: (h, w) uint8, 0 where it was not measured in this frame; None where all of it was.
+        disparity: (h, w) float32 [px] at the analysis size.
         foreground: (h, w) uint8 mask at the analysis size.
         view: what every pixel shows.
     """
 
     name: str
     prepared: Prepared
-    sampled: SampledDisparity
     disparity: F32
-    measured: U8 | None
     foreground: U8
     view: SeenPixels
 
@@ -132,17 +127,12 @@ class FrameResult:
     @property
     def sampled(self) -> SampledDisparity | None:
         """Disparity of the first rig; None for one camera."""
-        return self.first.sampled if self.first else None
+        return self.first.prepared.sampled if self.first else None
 
     @property
     def disparity(self) -> F32 | None:
         """(H, W) float32 [px], NaN invalid; None for one camera."""
         return None if self.sampled is None else self.sampled.image
-
-    @property
-    def measured(self) -> U8 | None:
-        """Where the first rig's disparity is of this frame (see ``RigFrame``)."""
-        return self.first.measured if self.first else None
 
     def template(self, track: TrackState) -> tuple[F32, F32] | None:
         """T_H [m] and T_O [m^2] of a person, as ``PlanViewMaps.around`` gives them; None for one camera."""

@@ -19,7 +19,7 @@ from planview.maps.pixels import Cloud
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.tracking.base import Observation, Tracker, followed
 
-FIXED_TABLES = ("analysis", "rectify", "range", "sgbm", "matching", "floor", "foreground", "feedback")
+FIXED_TABLES = ("analysis", "rectify", "range", "sgbm", "floor", "foreground", "feedback")
 FIXED_MAP_PARAMETERS = ("height_max_m", "depth_std_max_m")
 """Parameters that decided which points were recorded."""
 

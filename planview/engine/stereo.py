@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -35,7 +34,6 @@ from planview.maps.pixels import Cloud
 from planview.tracking.base import Decision, Observation, Tracker, followed
 from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState
-from stereo.gating import SAMPLE, GatedMatching
 from stereo.matcher import Matcher, SampledDisparity
 from stereo.readers.multi_rig import MultiRigFrame, MultiRigRecording
 from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
@@ -49,7 +47,6 @@ class RigStages:
     Attributes:
         name: among several rigs.
         view: the rig above its floor, with its rectification.
-        gated: matches pairs in part; None for images with depth, and with a matcher of the user's.
         foreground, cloud, feedback: the stages after it.
         boxes: of people in its image.
     """
@@ -58,7 +55,7 @@ class RigStages:
         """Compose the stages.
 
         Args:
-            matcher: of whole pairs; SGBM over the view's disparities, gated as configured, when None.
+            matcher: of whole pairs; SGBM over the view's disparities when None.
         Raises:
             InputError: a matcher for images with depth.
         """
@@ -73,14 +70,12 @@ class RigStages:
         self.foreground = Foreground(
             config.foreground, self.cloud.shape, geometry.disparity_std_per_px2, step, geometry.disparity_metre
         )  # fmt: skip
-        self.gated: GatedMatching | None = None
-        if of_pairs and matcher is None:
-            self.gated = GatedMatching(view.matcher(config, step), view.floor, config.matching)
+        self._sgbm = view.matcher(config, step) if of_pairs and matcher is None else None
         self.feedback = Feedback(config.feedback)
         self.boxes = BodyBoxes(geometry, pose)
 
     def prepare(self, frame: Frame, clock: StageClock) -> Prepared:
-        """Rectify a frame, and match it where that depends on no other frame (errors: see ``Engine.step``)."""
+        """Rectify and match a frame (errors: see ``Engine.step``)."""
         rectifier = self.view.rectifier
         if isinstance(rectifier, RgbdRectifier):
             if not isinstance(frame, RgbdFrame):
@@ -97,14 +92,16 @@ class RigStages:
             refuse_foreign_disparity(disparity, rectifier.geometry.size[::-1], self.view.disparities)
             small = thumbnails(whole.left_grey, whole.right_grey)
             return self._prepared(whole.left, disparity, small, clock)
-        assert self.gated is not None
+        assert self._sgbm is not None
         pair = rectifier.reduced(frame.left, frame.right, self.view.reduction)
-        levels, small = self.gated.levels(pair.left_grey, pair.right_grey), thumbnails(pair.left_grey, pair.right_grey)
+        small = thumbnails(pair.left_grey, pair.right_grey)
         clock.record("rectify")
-        return Prepared(pair.image, pair.left, levels, small)
+        sampled = self._sgbm.sampled(pair.left_grey, pair.right_grey)
+        clock.record("match")
+        return Prepared(pair.image, pair.left, sampled, small)
 
     def _prepared(self, left: U8, disparity: F32, small: Thumbnails | None, clock: StageClock) -> Prepared:
-        """A frame of which all pixels have been matched."""
+        """A frame whose disparity is known at full size."""
         image = left
         if self.view.reduction > 1:
             image = np.asarray(cv2.resize(left, self.cloud.shape[::-1], interpolation=cv2.INTER_AREA), dtype=np.uint8)
@@ -113,41 +110,30 @@ class RigStages:
 
     def look(self, prepared: Prepared, now_s: float, clock: StageClock) -> RigFrame:
         """What the rig shows, from what was learned of the frames before."""
-        sampled, disparity, measured = self._match(prepared, now_s)
-        clock.record("match")
-        measured_of = measured if self.foreground.settled else None
-        mask = self.foreground.update(prepared.image, disparity, now_s, self.feedback.mask, measured_of)
+        disparity = self._samples(prepared.sampled)
+        mask = self.foreground.update(prepared.image, disparity, now_s, self.feedback.mask)
         clock.record("foreground")
         renewed = self._renewed_background(now_s)
         view = self.cloud.seen(disparity, mask, now_s, renewed, prepared.image, self.foreground.exposure)
         clock.record("maps")
-        return RigFrame(self.name, prepared, sampled, disparity, measured, mask, view)
+        return RigFrame(self.name, prepared, disparity, mask, view)
 
-    def _match(self, prepared: Prepared, now_s: float) -> tuple[SampledDisparity, F32, U8 | None]:
-        """Disparity where the background of the frames before cannot know it, as ``RigFrame`` holds it."""
-        if isinstance(prepared.matched, SampledDisparity):
-            step = self.view.reduction
-            return prepared.matched, np.ascontiguousarray(prepared.matched.samples[::step, ::step]), None
-        assert self.gated is not None
-        changed = self.foreground.changed(prepared.image, SAMPLE) if self.foreground.settled else None
-        return self.gated(prepared.matched, prepared.image, changed, now_s)
+    def _samples(self, sampled: SampledDisparity) -> F32:
+        """Disparity at the analysis size."""
+        step = self.view.reduction // sampled.step
+        return np.ascontiguousarray(sampled.samples[::step, ::step])
 
     def _renewed_background(self, now_s: float) -> F32 | None:
         due = self.foreground.settled and self.cloud.background.due(now_s)
         return self.foreground.background_disparity() if due else None
 
     def learn(self, frame: RigFrame, people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
-        """Keep where people are in the rig's image for the next frame's foreground and matching."""
+        """Keep where people are in the rig's image for the next frame's foreground."""
         self.feedback(frame.view.points, people, self.cloud.shape, decisions)
-        if self.gated is not None and frame.measured is not None:
-            lost = [track.box_px for track in people if track.state == "lost" and not math.isnan(track.box_px[0])]
-            self.gated.learn(frame.prepared.image, frame.foreground, frame.measured, lost)
 
     def memory(self) -> dict[str, Remembers]:
         """What is carried from frame to frame."""
-        parts: dict[str, Remembers] = {"foreground": self.foreground, "feedback": self.feedback}
-        parts["background"] = self.cloud.background
-        return parts if self.gated is None else parts | {"matching": self.gated.memory}
+        return {"foreground": self.foreground, "feedback": self.feedback, "background": self.cloud.background}
 
 
 class StereoEngine(Engine):
@@ -220,7 +206,7 @@ def stereo_engine(
 
     Args:
         tracker: the joint tracker when None.
-        matcher: of whole pairs; SGBM, gated as configured, when None.
+        matcher: of whole pairs; SGBM when None.
         setup: of the recording; ``set_up`` finds it when None.
     Raises:
         InputError: a matcher for images with depth, or a floor of which the camera sees nothing or too much.

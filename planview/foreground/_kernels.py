@@ -72,7 +72,6 @@ class Frame(NamedTuple):
     image: U8  # (H, W, 1) grey or (H, W, 3) BGR
     disparity: F32  # (H, W) [px], NaN where there is none
     feedback: U8  # (H, W) NO_FEEDBACK, PERSON or BACKGROUND
-    measured: U8  # (H, W) 0 where disparity was not looked for
 
 
 class Pixel(NamedTuple):
@@ -165,7 +164,7 @@ def smallest_var_d(d: Real, s: Constants) -> Real:
 
 
 @njit(inline="always")
-def learn(g: Gaussian, o: Pixel, kind: int, rate: Real, measured: bool, s: Constants) -> None:
+def learn(g: Gaussian, o: Pixel, kind: int, rate: Real, s: Constants) -> None:
     """Update a Gaussian by an observation that matches it; other light moves the means but not the variances."""
     rate_var = rate if kind == SAME else ZERO
     chroma = chroma_counts(g, o, s)
@@ -184,8 +183,7 @@ def learn(g: Gaussian, o: Pixel, kind: int, rate: Real, measured: bool, s: Const
 
     # The mean of the valid disparities only: an exponential mean of d over one of validity.
     has_depth, had_none = o.d == o.d, g.depth_fraction <= ZERO
-    if measured:
-        g.depth_fraction += rate * ((ONE if has_depth else ZERO) - g.depth_fraction)
+    g.depth_fraction += rate * ((ONE if has_depth else ZERO) - g.depth_fraction)
     learns_depth = has_depth and rate > ZERO
     rate_d = rate / max(g.depth_fraction, rate) if learns_depth else ZERO
     dd = o.d - g.d if has_depth else ZERO
@@ -283,7 +281,7 @@ def settle(
         mixture[k].weight *= ONE - rate_w
     if kind != NO_MATCH:
         mixture[found].weight += rate_w
-        learn(mixture[found], o, kind, rate_m, True, s)
+        learn(mixture[found], o, kind, rate_m, s)
     else:
         start(mixture[last], rate_w, o, s)
     sort(mixture, spare, s)
@@ -297,7 +295,7 @@ def update(model: PixelMixtures, frame: Frame, mask: U8, s: Constants, turns: F3
     A model of zeros matches nothing and begins with the frame.
 
     Args:
-        mask: (H, W) uint8; 0 where disparity was not looked for: there only a leader that matches learns its colour.
+        mask: (H, W) uint8.
         turns: (T, 4) rates of rows r = t modulo T: of weights, of means and variances, of both where the background is
             known or was uncovered, of the activity. Rows of zeros do not learn.
     """
@@ -308,9 +306,6 @@ def update(model: PixelMixtures, frame: Frame, mask: U8, s: Constants, turns: F3
         fast = rates[2]
         for column in range(mask.shape[1]):
             mask[row, column] = 0
-            measured = frame.measured[row, column] > 0
-            if not measured and fast <= ZERO:
-                continue
             o = observe(frame.image, row, column, frame.disparity[row, column], s)
             rate_w = rate_m = ZERO
             if fast > ZERO:
@@ -327,24 +322,11 @@ def update(model: PixelMixtures, frame: Frame, mask: U8, s: Constants, turns: F3
                     rate_w, rate_m = slow * rates[0], slow * rates[1]
             leader = gaussians[0, row, column]
             kind = match(leader, o, s)
-            if kind == NO_MATCH and measured:
+            if kind == NO_MATCH:
                 mask[row, column] = settle(gaussians[:, row, column], spare, o, rate_w, rate_m, fast, s)
-            elif kind != NO_MATCH and fast > ZERO:
+            elif fast > ZERO:
                 # Nearly every pixel. A view of its mixture would cost more than the loop.
                 for k in range(len(gaussians)):
                     gaussians[k, row, column].weight *= ONE - rate_w
                 leader.weight += rate_w
-                learn(leader, o, kind, rate_m, measured, s)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def find_changes(model: PixelMixtures, image: U8, step: int, s: Constants, out: U8) -> None:
-    """255 at every ``step``-th row and column whose leading Gaussian does not match by colour, is not background yet,
-    or whose luma keeps changing; 0 elsewhere."""
-    for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            row, column = step * i, step * j
-            leader = model.gaussians[0, row, column]
-            o = observe(image, row, column, F(np.nan), s)
-            young, active = leader.weight <= s.background_weight, model.activity[row, column] > s.active
-            out[i, j] = 255 if young or active or match(leader, o, s) == NO_MATCH else 0
+                learn(leader, o, kind, rate_m, s)

@@ -85,41 +85,13 @@ class Foreground:
         self._channels = 0
         self._gain.reset()
         self._rebased = Exposure()
-        self._gain_followed = False
 
     @property
     def settled(self) -> bool:
         """Whether the start is over, during which every observation counts alike."""
         return self._now_s - self._first_s > self.params.settle_s
 
-    def changed(self, image: U8, step: int) -> U8:
-        """Where an image differs in colour from the background, or the background is not known: depth decides there.
-
-        The exposure is followed here, and not again by the ``update`` that comes next.
-
-        Args:
-            image: the next one, as for ``update``.
-            step: every n-th row and column is looked at.
-        Returns:
-            (h, w) uint8, 255 where changed, single pixels of noise among them.
-        Raises:
-            ValueError: an array of another shape or type.
-        """
-        image = self._checked_image(image)
-        self._follow_gain(image)
-        self._gain_followed = True
-        out = np.empty(tuple(-(-n // step) for n in self.shape), np.uint8)
-        kernels.find_changes(self._model, image, step, self._constants(), out)
-        return out
-
-    def update(
-        self,
-        image: U8,
-        disparity: F32 | None,
-        timestamp_s: float,
-        feedback: U8 | None = None,
-        measured: U8 | None = None,
-    ) -> U8:
+    def update(self, image: U8, disparity: F32 | None, timestamp_s: float, feedback: U8 | None = None) -> U8:
         """Learn from one frame and separate its foreground.
 
         Args:
@@ -127,8 +99,6 @@ class Foreground:
             disparity: (H, W) float32 [px], NaN where there is none; None without depth.
             timestamp_s: time of the frame [s]; a gap counts as at most one second of learning.
             feedback: (H, W) uint8, see the class.
-            measured: (H, W) uint8, 0 where disparity was not looked for; there nothing is foreground, and depth is not
-                learned.
         Returns:
             (H, W) uint8, 255 foreground, 0 background. The first frame has no foreground.
         Raises:
@@ -139,14 +109,12 @@ class Foreground:
         if not is_first and image.shape[2] != self._channels:
             raise ValueError(f"expected images of one kind, grey or BGR, got {image.shape} after another kind")
         self._channels = image.shape[2]
-        if not (is_first or self._gain_followed):
+        if not is_first:
             self._follow_gain(image)
-        self._gain_followed = False
         frame = kernels.Frame(
             image,
             self._checked(disparity if self.params.depth else None, np.nan, np.float32, "disparity"),
             self._checked(feedback, NO_FEEDBACK, np.uint8, "feedback"),
-            self._checked(measured, 255, np.uint8, "measured"),
         )
         mask: U8 = np.empty(self.shape, np.uint8)
         kernels.update(self._model, frame, mask, self._constants(), self._rates(timestamp_s))

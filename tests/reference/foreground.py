@@ -81,14 +81,8 @@ def start(o: Pixels, k: int, s: Constants) -> Mixtures:
     return m
 
 
-def update(
-    m: Mixtures, o: Pixels, feedback: np.ndarray, s: Constants, rates: Rates, measured: np.ndarray
-) -> np.ndarray:
-    """One frame: changes the mixtures, returns the mask (N,): 0, SHADOW (by colour), NEARER (by depth), FOREGROUND.
-
-    Where disparity was not looked for (measured is False) a pixel is background, and only its leader learns, if it
-    matches by colour, and nothing about depth.
-    """
+def update(m: Mixtures, o: Pixels, feedback: np.ndarray, s: Constants, rates: Rates) -> np.ndarray:
+    """One frame: changes the mixtures, returns the mask (N,): 0, SHADOW (by colour), NEARER (by depth), FOREGROUND."""
     learns = rates.weight > 0
     if learns:
         m.activity += rates.activity * (np.abs(o.y - m.last_y) - m.activity)
@@ -100,8 +94,6 @@ def update(
     matched = (kinds > 0) & (m.weight > 0)
     matched[0] = kinds[0] > 0
     found = np.where(matched.any(axis=0), matched.argmax(axis=0), -1)
-    found = np.where(measured | (found == 0), found, -1)
-    rate_w = np.where(measured | (found == 0), rate_w, F32(0))
     unclipped, behind = _uncovered(m, o, s)
     mask = _classify(m, found, unclipped, o, s)
     if learns:
@@ -111,14 +103,8 @@ def update(
         quick = (found != 0) & (unclipped | behind) & young & (rate_w > 0)
         rate_w = np.where(quick, np.maximum(rate_w, rates.fast), rate_w)
         rate_m = np.where(quick, np.maximum(rate_m, rates.fast), rate_m)
-        _learn(m, found, kinds[at, pixels], o, rate_w, rate_m, s, measured)
-    return np.where(measured, mask, np.uint8(0))
-
-
-def changes(m: Mixtures, o: Pixels, s: Constants) -> np.ndarray:
-    """(N,) uint8, 255 where depth must be measured: the leader does not match, is young, or the luma keeps changing."""
-    changed = (_match_kind(m, 0, o, s) == 0) | (m.weight[0] <= s.background_weight) | (m.activity > s.active)
-    return np.where(changed, np.uint8(255), np.uint8(0))
+        _learn(m, found, kinds[at, pixels], o, rate_w, rate_m, s)
+    return mask
 
 
 def _shown(m: Mixtures, k: int, s: Constants) -> np.ndarray:
@@ -181,15 +167,14 @@ def _classify(m: Mixtures, found: np.ndarray, unclipped: np.ndarray, o: Pixels, 
 
 
 def _learn(
-    m: Mixtures, found: np.ndarray, kind: np.ndarray, o: Pixels, rate_w: np.ndarray, rate_m: np.ndarray,
-    s: Constants, measured: np.ndarray,
-) -> None:  # fmt: skip
+    m: Mixtures, found: np.ndarray, kind: np.ndarray, o: Pixels, rate_w: np.ndarray, rate_m: np.ndarray, s: Constants
+) -> None:
     frozen = (found != 0) & (rate_w <= 0)
     m.weight *= np.where(frozen, F32(1), F32(1) - rate_w)
     for k in range(len(m.weight)):
         chosen = (found == k) & ~frozen
         m.weight[k] += np.where(chosen, rate_w, F32(0))
-        _learn_gaussian(m, k, chosen, kind, o, rate_m, s, measured)
+        _learn_gaussian(m, k, chosen, kind, o, rate_m, s)
     last = len(m.weight) - 1
     new = (found < 0) & ~frozen
     m.weight[last] = np.where(new, rate_w, m.weight[last])
@@ -199,16 +184,15 @@ def _learn(
 
 
 def _learn_gaussian(
-    m: Mixtures, k: int, chosen: np.ndarray, kind: np.ndarray, o: Pixels, rate: np.ndarray,
-    s: Constants, measured: np.ndarray,
-) -> None:  # fmt: skip
+    m: Mixtures, k: int, chosen: np.ndarray, kind: np.ndarray, o: Pixels, rate: np.ndarray, s: Constants
+) -> None:
     rate_var = np.where(kind == 1, rate, F32(0))
     bound, clipped, same = m.var_y[k] < 0, o.y >= s.clip, kind == 1
     still = np.where(same, clipped & (bound | (m.y[k] <= s.clip)), bound)
     dy, du, dv = o.y - _shown(m, k, s), o.u - m.u[k], o.v - m.v[k]
     chroma = _chroma(m, k, o, s)
     has_depth = ~np.isnan(o.d)
-    depth_fraction = m.depth_fraction[k] + rate * measured * (has_depth.astype(F32) - m.depth_fraction[k])
+    depth_fraction = m.depth_fraction[k] + rate * (has_depth.astype(F32) - m.depth_fraction[k])
     learns_d = has_depth & (rate > 0)
     rate_d = np.where(learns_d, rate / np.maximum(depth_fraction, np.maximum(rate, F32(1e-30))), F32(0))
     dd = np.where(has_depth, o.d - m.d[k], F32(0))

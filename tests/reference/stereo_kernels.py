@@ -5,18 +5,18 @@ import numpy as np
 from calib.types import F32, F64, U8, AnyArray
 
 
-def coarse_disparity(fixed: AnyArray, usable: U8, right_mask: U8, left: int, step: int, lowest: int) -> F32:
+def coarse_disparity(fixed: AnyArray, usable: U8, right_mask: U8, step: int, lowest: int) -> F32:
     value = fixed.astype(np.int32)
-    column = left + np.arange(fixed.shape[1])[None, :] - (value >> 4)
+    column = np.arange(fixed.shape[1])[None, :] - (value >> 4)
     matched = np.take_along_axis(right_mask, np.clip(column, 0, right_mask.shape[1] - 1), axis=1)
     good = (usable > 0) & (value >= lowest) & (column >= 0) & (matched > 0)
     return np.where(good, value * step / 16, np.nan).astype(np.float32)
 
 
-def differences(left: U8, right: U8, disparity: F32, corner: tuple[int, int], step: int, apart: int) -> tuple[F32, F32]:
+def differences(left: U8, right: U8, disparity: F32, first: int, step: int, apart: int) -> tuple[F32, F32]:
     rows, cols = np.mgrid[: disparity.shape[0], : disparity.shape[1]] * step
-    v = np.minimum(corner[0] + rows, right.shape[0] - 1)
-    x = corner[1] + cols - disparity
+    v = np.minimum(first + rows, right.shape[0] - 1)
+    x = first + cols - disparity
     inside = (x >= apart) & (x < right.shape[1] - 1 - apart)
 
     def at(shift: int) -> F32:

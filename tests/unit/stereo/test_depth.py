@@ -5,11 +5,8 @@ import numpy as np
 import pytest
 
 from calib.floor.plane import Plane
-from calib.rig import Floor, world_from_plane
 from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.floor import align_plane
-from stereo.gating import GatedMatching, MatchingParams
-from stereo.matcher import SgbmMatcher, Window
 
 GEOMETRY = RectifiedGeometry(4, 3, 400.0, 400.0, 1.5, 1.0, 0.1, disparity_std_px=0.25)
 
@@ -99,56 +96,3 @@ def test_without_texture_the_guess_stays_and_what_stands_on_the_plane_does_not_t
     left[100:160, 140:200], depth[100:160, 140:200] = left[40:100, 140:200], 1.5
     aligned = align_plane(guess, left, right, depth, FLOOR_GEOMETRY)
     assert np.degrees([aligned.tilt_rad, aligned.roll_rad]) == pytest.approx([60.0, 1.0], abs=0.1)
-
-
-SIZE = (320, 240)
-SAMPLES = (120, 160)
-NOTHING = np.zeros(SAMPLES, np.uint8)
-
-
-def gated(refresh_s: float = 600.0) -> GatedMatching:
-    floor = Floor(world_from_plane(np.array([0.0, 0.0, -1.0]), 3.0))
-    matcher = SgbmMatcher(RectifiedGeometry(*SIZE, 260.0, 260.0, 159.5, 119.5, 0.2), step=1)
-    return GatedMatching(matcher, floor, MatchingParams(refresh_s=refresh_s))
-
-
-def changed_at(*places: tuple[int, int]) -> np.ndarray:
-    changed = NOTHING.copy()
-    for x, y in places:
-        changed[y // 2, x // 2] = 255
-    return changed
-
-
-@pytest.mark.parametrize(
-    ("changed", "people", "windows"),
-    [
-        (NOTHING, [], []),
-        (changed_at((100, 60)), [], [Window(96, 56, 112, 72)]),
-        (changed_at((20, 20), (300, 220)), [], [Window(16, 16, 32, 32), Window(296, 216, 312, 232)]),
-        (NOTHING, [(100.0, 60.0, 30.0, 80.0)], [Window(96, 56, 136, 144)]),
-        (NOTHING, [(-0.5, -0.5, 10.0, 10.0)], [Window(0, 0, 16, 16)]),
-        (np.full(SAMPLES, 255, np.uint8), [], [Window(0, 0, *SIZE)]),
-    ],
-    ids=["no change", "a change", "far changes", "a person", "a box over the edge", "most of the image"],
-)
-def test_windows_hold_changes_and_people_and_what_is_near_them(changed, people, windows):
-    matching = gated()
-    matching.memory.boxes = tuple(people)
-    assert sorted(matching.windows(changed, 0.0)) == windows
-
-
-def test_the_refresh_visits_every_pixel_in_its_time() -> None:
-    chosen, visited = gated(refresh_s=2.0), np.zeros(SIZE[::-1], bool)
-    for frame in range(31):
-        windows = chosen.windows(NOTHING, frame / 15)
-        assert sum((w.right - w.left) * (w.bottom - w.top) for w in windows) < 0.1 * visited.size
-        for window in windows:
-            visited[window.slices] = True
-    assert visited.all()
-
-
-def test_the_refresh_does_not_hurry_after_a_gap_in_time() -> None:
-    chosen = gated(refresh_s=2.0)
-    chosen.windows(NOTHING, 0.0)
-    chosen.windows(NOTHING, 3600.0)
-    assert chosen.windows(NOTHING, 3600.0) == []

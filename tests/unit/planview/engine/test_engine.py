@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -26,7 +25,6 @@ from planview.maps.builder import FloorPoints
 from planview.tracking.base import Decision
 from planview.trajectories.state import State, TrackState
 from stereo.depth import RectifiedGeometry
-from stereo.gating import SAME_LEVELS, alike, solid
 from stereo.matcher import DisparityRange
 from stereo.recording import RgbdRecording
 from tools.reference import field_docs
@@ -69,6 +67,7 @@ def test_an_unknown_name_is_answered_with_the_one_it_resembles(override: str, me
         ("floor.max_below_fraction=0.999999", "floor.max_below_fraction"),
         (".=1", ".=1"),
         ("=1", "=1"),
+        ("matching.gated=true", "every frame is matched as a whole now"),
     ],
 )
 def test_unknown_names_and_bad_values_are_refused_by_name(override: str, named: str) -> None:
@@ -203,27 +202,6 @@ def test_somebody_out_of_view_or_of_unknown_height_or_place_has_no_box() -> None
         assert all(math.isnan(side) for side in box(LEVEL, x_m, y_m, 1.8))
     for track in (TrackState(1, "lost"), TrackState(1, "confirmed", 0.0, 4.0)):
         assert BodyBoxes(GEOMETRY, LEVEL)([track])[0] is track
-
-
-def test_fleck_that_fills_less_than_half_of_a_head_is_no_change_and_a_disc_as_wide_keeps_its_middle() -> None:
-    fleck, disc = np.zeros((2, 40, 40), np.uint8)
-    fleck[10:14, 10:14] = 255
-    cv2.circle(disc, (20, 20), 3, 255, -1)
-    assert not solid(fleck, 7).any() and solid(disc, 7)[20, 20] == 255
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_smallest_square_is_the_median_of_nine(seed: int) -> None:
-    mask = np.where(np.random.default_rng(seed).random((30, 50)) < 0.5, 255, 0).astype(np.uint8)
-    assert np.array_equal(solid(mask, 3), cv2.medianBlur(mask, 3))
-
-
-@pytest.mark.parametrize("channels", [(), (3,)])
-def test_images_are_alike_up_to_the_level_in_every_channel(channels: tuple[int, ...]) -> None:
-    image, other = np.full((1, 4, *channels), 50, np.uint8), np.full((1, 4, *channels), 50, np.uint8)
-    other[0, 1], other[0, 2] = 50 + SAME_LEVELS, 50 - SAME_LEVELS
-    other[0, 3, ..., None][-1] = 50 + SAME_LEVELS + 1
-    assert alike(image, other).tolist() == [[255, 255, 255, 0]]
 
 
 BELIEF_SHAPE = (1, 40)

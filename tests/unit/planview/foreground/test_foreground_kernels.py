@@ -40,11 +40,10 @@ def _frames(rng: np.random.Generator, colour: bool, depth: bool) -> tuple[np.nda
     colour=st.booleans(),
     depth=st.booleans(),
     feedback=st.booleans(),
-    gated=st.booleans(),
     k=st.integers(2, 5),
     shadows=st.booleans(),
 )
-def test_kernels_agree_with_numpy(seed, colour, depth, feedback, gated, k, shadows):
+def test_kernels_agree_with_numpy(seed, colour, depth, feedback, k, shadows):
     rng = np.random.default_rng(seed)
     params = ForegroundParams(gaussians=k, remove_colour_shadows=shadows)
     foreground = Foreground(params, SHAPE)
@@ -53,18 +52,14 @@ def test_kernels_agree_with_numpy(seed, colour, depth, feedback, gated, k, shado
         image, disparity = _frames(rng, colour, depth)
         known = rng.integers(0, 3, N).astype(np.uint8) if feedback and frame else np.zeros(N, np.uint8)
         rates = np.float32([0.1, 0.2, 0.3, 0.1] if frame % 3 else [0, 0, 0, 0])
-        measured = rng.random(N) < 0.5 if gated and frame else np.ones(N, bool)
-        if disparity is not None:
-            disparity[~measured] = np.nan
         depths = np.full(N, np.nan, np.float32) if disparity is None else disparity
-        flat = depths, known, measured.astype(np.uint8)
-        images = kernels.Frame(image.reshape(*SHAPE, -1), *(values.reshape(SHAPE) for values in flat))
+        images = kernels.Frame(image.reshape(*SHAPE, -1), depths.reshape(SHAPE), known.reshape(SHAPE))
         kernels.update(model, images, mask, constants, rates[None] if frame else START)
         pixels = reference.observe(image, disparity, constants)
         if frame == 0:
             twin = reference.start(pixels, k, constants)
         else:
-            expected = reference.update(twin, pixels, known, constants, reference.Rates(*rates), measured)
+            expected = reference.update(twin, pixels, known, constants, reference.Rates(*rates))
             np.testing.assert_array_equal(mask.reshape(N), expected)
         state, used = _mixtures(model), twin.weight > 0
         for name in (*reference.Mixtures.NUMBERS, "activity", "last_y"):
@@ -73,26 +68,11 @@ def test_kernels_agree_with_numpy(seed, colour, depth, feedback, gated, k, shado
             np.testing.assert_allclose(got, want, rtol=2e-4, atol=2e-4, err_msg=f"frame {frame}: {name}")
 
 
-@pytest.mark.parametrize("colour", [False, True])
-def test_changes_agree_with_numpy_at_every_second_pixel(colour):
-    rng = np.random.default_rng(1)
-    foreground = Foreground(ForegroundParams(), SHAPE)
-    frames = [_frames(rng, colour, True) for _ in range(4)]
-    for n, (image, disparity) in enumerate(frames[:3]):
-        foreground.update(image.reshape(*SHAPE, -1), np.reshape(disparity, SHAPE), 0.1 * n)
-    found = foreground.changed(frames[3][0].reshape(*SHAPE, -1), 2)
-    constants = foreground._constants()
-    pixels = reference.observe(frames[3][0], None, constants)
-    expected = reference.changes(_mixtures(foreground._model), pixels, constants).reshape(SHAPE)[::2, ::2]
-    np.testing.assert_array_equal(found, expected)
-    assert 0 < (found > 0).mean() < 1
-
-
 def test_rows_learn_only_in_their_turn():
     model = Foreground(ForegroundParams(), (3, 8))._model
     constants, mask = Foreground(ForegroundParams(), (3, 8))._constants(), np.empty((3, 8), np.uint8)
     nothing = np.zeros((3, 8), np.uint8)
-    frame = kernels.Frame(nothing[:, :, None] + 100, np.full((3, 8), np.nan, np.float32), nothing, nothing + 255)
+    frame = kernels.Frame(nothing[:, :, None] + 100, np.full((3, 8), np.nan, np.float32), nothing)
     kernels.update(model, frame, mask, constants, START)
     before = model.gaussians.copy()
     turns = np.float32([[0, 0, 0, 0], [0.5, 0.5, 0.5, 0.5]])
@@ -104,7 +84,7 @@ def test_model_moves_to_an_exposure_that_is_far_away():
     foreground = Foreground(ForegroundParams(), SHAPE)
     image = np.linspace(20, 100, N).astype(np.uint8).reshape(SHAPE)
     foreground.update(image, None, 0.0)
-    foreground.changed(np.asarray(2 * image + 5, np.uint8), 1)
+    foreground.update(np.asarray(2 * image + 5, np.uint8), None, 0.0)
     state = _mixtures(foreground._model)
     assert state.y[0] == pytest.approx(2 * image.reshape(N) + 5.0, abs=1)
     assert state.var_y[0] == pytest.approx(4 * 64, rel=0.02)
