@@ -16,6 +16,11 @@ class _OneLineError(Exception):
         return _one_line(super().__str__())
 
 
+class UnreadableError(ValueError):
+    """Why something that is there cannot be read, in words that end "found ...": raised where it is known, and carried
+    to the sentence that names the file or the topic."""
+
+
 class InputError(_OneLineError):
     """Bad input or wrong usage: one sentence naming the file, what was expected and what was found (exit status 2).
 

@@ -8,12 +8,12 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from calib.errors import InputError
+from calib.errors import InputError, UnreadableError
 
 MAX_BYTES = 2_000_000
 """Settings, rules and calibrations are kilobytes; anything larger is something else and is not read."""
@@ -32,8 +32,30 @@ _BRACKETS = re.compile(r"[\[\]{}]")
 
 
 def entries(folder: Path) -> list[Path]:
-    """What a folder holds, by name; without hidden files, which systems add to those of people (``._*``)."""
-    return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    """What a folder holds, by name; without hidden files, which systems add to those of people (``._*``). Raises
+    InputError: a folder that cannot be read, which does not count as empty."""
+    try:
+        return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    except OSError as error:
+        raise InputError(f"{folder}: expected a folder that can be read, found {reason(error)}") from error
+
+
+def refuse_unreadable(path: Path, what: str) -> None:
+    """Raise InputError for a file or folder that may not be read: it does not count as absent."""
+    try:
+        if path.is_file():
+            path.open("rb").close()
+        elif path.is_dir():
+            (path / "x").exists()  # a folder may be listed and its files still be closed
+            entries(path)
+    except OSError as error:
+        raise InputError(f"{path}: expected {what}, found {reason(error)}") from error
+
+
+def closed_text(paths: Iterable[Path]) -> str:
+    """The first of these files that may not be read, for a sentence about what was found; empty without one."""
+    closed = next((path for path in paths if path.exists() and not os.access(path, os.R_OK)), None)
+    return f"{closed.name}, which cannot be read (no permission)" if closed else ""
 
 
 def reason(error: Exception) -> str:
@@ -42,17 +64,26 @@ def reason(error: Exception) -> str:
     return known or " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
 
 
-def require_file(path: Path, what: str) -> int:
-    """Size of a regular file [bytes]; reading a pipe or a device could wait or go on for ever. Raises InputError:
-    nothing there, or no regular file."""
+def file_size(path: Path) -> int:
+    """Size of a regular file that can be opened [bytes]; reading a pipe or a device could wait or go on for ever.
+    Raises UnreadableError: nothing there, no permission, or no regular file."""
     try:
         status = path.stat()
+        if stat.S_ISREG(status.st_mode):
+            path.open("rb").close()
+            return status.st_size
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: expected {what}, found {reason(error)}") from error
-    if not stat.S_ISREG(status.st_mode):
-        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
-        raise InputError(f"{path}: expected {what}, found {kind}")
-    return status.st_size
+        dangling = isinstance(error, FileNotFoundError) and path.is_symlink()
+        raise UnreadableError("a link to a file that is not there" if dangling else reason(error)) from error
+    raise UnreadableError("a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device")
+
+
+def require_file(path: Path, what: str) -> int:
+    """``file_size`` of what should be ``what``. Raises InputError: it cannot be read."""
+    try:
+        return file_size(path)
+    except UnreadableError as error:
+        raise InputError(f"{path}: expected {what}, found {error}") from error
 
 
 def read_text(path: Path, what: str, max_bytes: int = MAX_BYTES) -> str:

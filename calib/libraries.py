@@ -22,6 +22,13 @@ from calib.io import reason
 VARIABLE = "NUMBA_CACHE_DIR"
 
 
+def silence_libraries() -> None:
+    """What OpenCV and FFmpeg print about files that they cannot read is said in our own sentence; a level that the user
+    has set stays. Works before OpenCV is imported."""
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "FATAL")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # AV_LOG_QUIET
+
+
 def prepare_kernel_cache() -> None:
     """Have numba cache in a temporary folder, with a warning, when it would find no place and give up."""
     if VARIABLE in os.environ or first_writable(usual_places()):

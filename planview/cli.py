@@ -11,7 +11,9 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
-from importlib.metadata import version
+from importlib.metadata import packages_distributions, version
+from pathlib import Path
+from traceback import extract_tb
 from typing import Any, Literal, TextIO, cast
 
 from cyclopts import App, Group, Parameter
@@ -139,12 +141,33 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
         # Not expected by any command: a folder without permission, a disk that went away.
         _fail(f"{error.filename}: {reason(error)}" if error.filename else reason(error), 1)
     except Exception as error:
+        if foreign := _foreign_library(error):
+            print(f"planview: {foreign}", file=sys.stderr)
+            raise SystemExit(2) from None
         from cyclopts import CycloptsError
 
         if isinstance(error, CycloptsError):
             _fail(" ".join(str(error).split()), 2)
         what = " ".join(str(error).split())
         _fail(f"unexpected {type(error).__name__}: {what} (the traceback is in {_traceback_file(error)})", 1)
+
+
+def _foreign_library(error: BaseException | None) -> str:
+    """The sentence on a library that PYTHONPATH puts in the place of an installed one, as ROS and cameras' kits do,
+    where an import or a missing name failed for it; empty otherwise."""
+    places = [Path(place).resolve() for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if place]
+    while error is not None and places:
+        if isinstance(error, ImportError | AttributeError):
+            module = getattr(error, "obj", None)
+            files = [frame.filename for frame in reversed(extract_tb(error.__traceback__))]
+            files += [getattr(error, "path", None) or "", getattr(module, "__file__", None) or ""]
+            for file, place in ((Path(file), place) for file in files if file for place in places):
+                name = file.relative_to(place).parts[0].split(".")[0] if file.is_relative_to(place) else ""
+                if name in packages_distributions() and name not in ("planview", "stereo", "calib"):
+                    what = f"another {name} than the installed one comes first by PYTHONPATH"
+                    return f"{file}: {what} ({' '.join(str(error).split())}); unset PYTHONPATH"
+        error = error.__cause__ or error.__context__
+    return ""
 
 
 class UnheardOutput:

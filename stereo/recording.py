@@ -157,20 +157,9 @@ def assumed_clock(fps: float, even: bool = False, why: str = "") -> FrameClock:
     return FrameClock(fps, None, (note,), even, assumed=True)
 
 
-def newest(
-    frames: Iterable[T], kept_max: int = 2, dropped: Callable[[T], None] = lambda frame: None
-) -> Generator[T, None, None]:
-    """The frames, taken as they come by a background thread; when more than ``kept_max`` wait while the last one is
-    tracked, the oldest are dropped, each after a call of ``dropped`` in the thread."""
-    return prefetch(frames, kept_max, dropped)
-
-
-def prefetch(
-    items: Iterable[T], depth: int = 8, dropped: Callable[[T], None] | None = None
-) -> Generator[T, None, None]:
-    """The same items, made by a background thread up to ``depth`` ahead: 8 frames bridge a slow key frame; with
-    ``dropped``, see ``newest``. An exception of the source is raised in its place; leaving early stops the thread,
-    which closes a source that is a generator."""
+def prefetch(items: Iterable[T], depth: int = 8) -> Generator[T, None, None]:
+    """The same items, made by a background thread up to ``depth`` ahead: 8 frames bridge a slow key frame. An exception
+    of the source is raised in its place; leaving early stops the thread, which closes a source that is a generator."""
     kept: deque[T] = deque()
     changed = threading.Condition()
     state = SimpleNamespace(ended=False, stop=False, error=None)
@@ -180,13 +169,10 @@ def prefetch(
         try:
             for item in iterator:
                 with changed:
-                    if dropped is None:
-                        changed.wait_for(lambda: len(kept) < depth or state.stop)
+                    changed.wait_for(lambda: len(kept) < depth or state.stop)
                     if state.stop:
                         break
                     kept.append(item)
-                    while dropped is not None and len(kept) > depth:
-                        dropped(kept.popleft())
                     changed.notify_all()
         except BaseException as error:
             state.error = error
@@ -301,12 +287,11 @@ class StereoRecording(Recorded[StereoFrame]):
 
     Attributes:
         world_SE3_left: from ``world.toml``, else None (the floor is then found from the recording).
-        is_live, waits: frames come from cameras as they run, and wait until they are read (a file behind an address).
+        is_live: frames come from cameras as they run.
     """
 
     rig: StereoRig
     world_SE3_left: SE3 | None = None
-    waits: bool = False
     sides = ("left: ", "right: ")
     is_live: ClassVar = False
 

@@ -17,7 +17,7 @@ from calib.formats.devices import DEPTHAI, ZED
 from calib.formats.opencv import FORMAT as OPENCV
 from calib.formats.ros import KALIBR, ROS
 from calib.formats.tsai import is_tsai
-from calib.io import MAX_BYTES, entries, reason, size_text, write_whole
+from calib.io import MAX_BYTES, closed_text, entries, reason, size_text, write_whole
 from calib.rig import StereoRig
 
 _SUFFIXES = {".toml", ".yml", ".yaml", ".xml", ".json", ".conf", ".txt", ".cfg", ".ini", ".calib", ""}
@@ -103,6 +103,7 @@ def _in_folder(folder: Path) -> Found:
     if not rigs:
         what = next(filter(None, map(arrays_text, entries(folder))), "none")
         what = f"only half of a pair ({halves[0][2].path.name})" if halves else what
+        what = closed_text(_files(folder)) or what
         raise InputError(f"{folder}: expected a stereo calibration in it, found {what}")
     names = ", ".join("+".join(s.path.name for s in sources) for _, sources in rigs[:4])
     raise InputError(f"{folder}: expected one calibration in it, found {len(rigs)} ({names}): name the file")

@@ -20,7 +20,7 @@ from calib.camera import Camera, LensModel
 from calib.errors import InputError
 from calib.formats import base, refuse_strange_camera
 from calib.formats.base import Size
-from calib.io import entries, parse_toml, size_text
+from calib.io import closed_text, entries, parse_toml, size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, DepthSensor, RgbdRig
 from calib.types import F64
@@ -49,9 +49,9 @@ def load_rgbd(path: Path, size: Size, depth_size: Size) -> RgbdRig:
     fits. Raises InputError: none there, unreadable, or for images of another aspect."""
     found = find_rgbd(path)
     if found is None:
-        raise InputError(
-            f"{path}: expected a calibration of the images (JSON, TOML or YAML with fx, fy, cx, cy), found none"
-        )
+        closed = closed_text([path] if path.is_file() else entries(path))
+        wanted = "a calibration of the images (JSON, TOML or YAML with fx, fy, cx, cy)"
+        raise InputError(f"{path}: expected {wanted}, found {closed or 'none'}")
     file, data = found
     try:
         return fitted_rgbd(replace(_rig(data, size, depth_size), source=str(file)), size, depth_size)

@@ -19,7 +19,6 @@ from calib.rig import StereoRig
 from calib.types import F64, I64, U8
 from calib.world import load_world
 from stereo.readers.images import Colour, Size, Stream, bits_note, bits_of, images_of
-from stereo.readers.movement import assume_rate, place_in_image, reduced
 from stereo.readers.pairing import TimePairs, pair_stamps
 from stereo.readers.times import load_timestamps, rate_of_times
 from stereo.recording import (
@@ -116,7 +115,7 @@ class Reader:
     Attributes:
         key, name: short, for JSON, and as messages show it.
         looks_for: what makes a path this layout, for the sentence that lists what was looked for.
-        fits: whether a path looks like it; reads names and first bytes only, and never raises InputError.
+        fits: whether a path looks like it; reads names and first bytes only, and raises InputError where it may not.
         find: what is there; raises InputError when it looked like it but cannot be read.
     """
 
@@ -138,17 +137,15 @@ def stereo_layout(
     *,
     unpaired: int = 0,
     folder: Path | None = None,
-    live_waits: bool | None = None,
+    live: bool = False,
 ) -> Layout:
     """Two cameras whose frames are paired (``pairs`` decodes those of ascending indices, or all); world.toml lies in
     the folder, or at the path."""
     remarks = (*clock.notes, *notes)
 
     def opened() -> StereoRecording:
-        kind = StereoRecording if live_waits is None else LiveRecording
-        recording = kind(path, pairs, n_frames, clock, [*remarks], rig(), world_pose(folder or path), bool(live_waits))
-        assume_rate(recording, lambda frame: reduced(frame.left), place_in_image)
-        return recording
+        kind = LiveRecording if live else StereoRecording
+        return kind(path, pairs, n_frames, clock, [*remarks], rig(), world_pose(folder or path))
 
     return Layout("stereo", streams, n_frames, clock, remarks, unpaired, opened)
 

@@ -8,6 +8,7 @@ images.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from functools import partial
@@ -127,7 +128,7 @@ def _kitti_drives(path: Path) -> Iterator[Path]:
     if _pair_in(path, KITTI_PAIRS, "data"):
         yield path
         return
-    for folder in (f for f in entries(path) if f.is_dir()):
+    for folder in (f for f in entries(path) if f.is_dir() and os.access(f, os.X_OK)):
         if _pair_in(folder, KITTI_PAIRS, "data"):
             yield folder
         elif folder.name.count("_") == 2:

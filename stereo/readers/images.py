@@ -6,8 +6,8 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 
@@ -15,15 +15,18 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from calib.errors import InputError
+from calib.errors import InputError, UnreadableError
 from calib.images import as_colour, as_grey
-from calib.io import entries, size_text
+from calib.io import entries, file_size, reason, size_text
 from calib.types import F32, F64, I64, U8, AnyArray
 from stereo.recording import Decoded
 
+Image.MAX_IMAGE_PIXELS = None  # ``MAX_PIXELS`` is checked
 warnings.filterwarnings("ignore", module="PIL")  # of damaged headers: what cannot be decoded is reported as such
 
 Size = tuple[int, int]
+Stored = AnyArray | UnreadableError
+"""The values of an image as stored, or why there are none."""
 
 MAX_PIXELS = 100_000_000
 """Largest image that is decoded: larger than any camera's, and 0.6 GB at 16 bits in three channels (our choice)."""
@@ -94,7 +97,7 @@ class Colour:
 
     def fits(self, stored: AnyArray) -> bool:
         """Whether stored values are those of an image."""
-        return stored.dtype in (np.uint8, np.uint16)
+        return stored.dtype in (np.uint8, np.uint16) and (stored.ndim == 2 or stored.shape[2] == 3)
 
     def prepare(self, first: AnyArray) -> None:
         """Take the first image, which shows whether all are grey."""
@@ -149,7 +152,7 @@ class Images:
     Args:
         where: they are, for messages.
         places: of each frame in what ``read`` reads, -1 where the camera has none.
-        read: gives the values at places in turn, None where they cannot be decoded.
+        read: gives the values at places in turn.
         name: what the image at a place is called in messages.
         sample: some of them, of which the first that fits gives their size.
     """
@@ -161,13 +164,18 @@ class Images:
         where: str,
         places: Sequence[int] | I64,
         pixels: Colour | Depth,
-        read: Callable[[Iterable[int]], Iterator[AnyArray | None]],
+        read: Callable[[Iterable[int]], Iterator[Stored]],
         name: Callable[[int], str],
-        sample: Iterable[AnyArray | None],
+        sample: Iterable[Stored],
     ) -> None:
-        first, self.n_frames = next((one for one in sample if one is not None and pixels.fits(one)), None), len(places)
-        if first is None:
-            raise InputError(f"{where}: expected {pixels.name}, found none of {self.n_frames} that can be decoded")
+        first, self.n_frames, why = None, len(places), ""
+        for one in sample:
+            if not (refused := _refusal(one, pixels)):
+                first = one
+                break
+            why = why or f": {refused}"
+        if first is None or isinstance(first, UnreadableError):
+            raise InputError(f"{where}: expected {pixels.name}, found none of {self.n_frames} that can be read{why}")
         pixels.prepare(first)
         self.size, self.pixels = (first.shape[1], first.shape[0]), pixels
         self._places, self._read, self._name = places, read, name
@@ -184,25 +192,36 @@ class Images:
         each = [(index, int(self._places[index])) for index in indices]
         values = self._read(place for _, place in each if place >= 0)
         for index, place in each:
-            stored, why = (None, "image is missing") if place < 0 else (next(values), "")
-            if stored is None or not self.pixels.fits(stored):
-                why = why or f"{self._name(place)} cannot be decoded"
-            elif (found := (stored.shape[1], stored.shape[0])) != self.size:
+            if place < 0:
+                yield Decoded(index, None, None, "image is missing")
+                continue
+            stored, why = next(values), ""
+            if refused := _refusal(stored, self.pixels):
+                why = f"{self._name(place)} cannot be decoded: {refused}"
+            elif not isinstance(stored, UnreadableError) and (found := (stored.shape[1], stored.shape[0])) != self.size:
                 why = f"{self._name(place)} is {size_text(found)}, not {size_text(self.size)}"
-            yield Decoded(index, None, None if why or stored is None else self.pixels(stored), why)
+            yield Decoded(index, None, None if why or isinstance(stored, UnreadableError) else self.pixels(stored), why)
+
+
+def _refusal(stored: Stored, pixels: Colour | Depth) -> str:
+    """Why values are not what they should be; empty when they are."""
+    if isinstance(stored, UnreadableError):
+        return str(stored)
+    channels = 1 if stored.ndim == 2 else stored.shape[2]
+    return "" if pixels.fits(stored) else f"{stored.dtype} values in {channels} channel{'s' * (channels > 1)}"
 
 
 def images_of(files: Sequence[Path | None], pixels: Colour | Depth) -> Images:
     """Frames as files; None stands for a file that is missing."""
-    decoded = decode_image if isinstance(pixels, Colour) else partial(decode, flags=cv2.IMREAD_UNCHANGED)
+    stored = read_colour if isinstance(pixels, Colour) else read_unchanged
     paths, there = [file or Path() for file in files], [file for file in files if file]
     return Images(
         str(there[0].parent if there else Path()),
         [i if file else -1 for i, file in enumerate(files)],
         pixels,
-        lambda places: (decoded(_content(paths[place])) for place in places),
+        lambda places: (stored(paths[place]) for place in places),
         lambda place: f"{paths[place].parent.name}/{paths[place].name}",
-        (decoded(_content(file)) for file in there),
+        map(stored, there),
     )
 
 
@@ -215,47 +234,81 @@ def metres(stored: AnyArray, units_per_m: float) -> F32:
         return np.where((depth > 0) & (depth < 30.0), depth, np.float32(np.nan))
 
 
-def read_depth(file: Path) -> AnyArray | None:
-    """(H, W) uint16 or float32 as stored; None when it cannot be decoded or holds anything else."""
-    stored = decode(_content(file), cv2.IMREAD_UNCHANGED)
-    return stored if stored is not None and Depth().fits(stored) else None
+def read_unchanged(file: Path) -> Stored:
+    """The values of an image file, whatever they are."""
+    try:
+        return decode(_content(file), cv2.IMREAD_UNCHANGED)
+    except UnreadableError as error:
+        return error
+
+
+def read_colour(file: Path) -> Stored:
+    """(H, W) or (H, W, 3) uint8 or uint16 BGR of an image file, unless its end is cut off."""
+    try:
+        return decode_image(_content(file))
+    except UnreadableError as error:
+        return error
 
 
 def read_image(file: Path, bits: int | None = None) -> U8 | None:
     """(H, W) or (H, W, 3) uint8 BGR, None when it cannot be decoded or its end is cut off; values of a 16-bit image use
     ``bits``, or 16."""
-    stored = decode_image(_content(file))
-    return None if stored is None else to_8_bits(stored, bits)
+    stored = read_colour(file)
+    return None if isinstance(stored, UnreadableError) else to_8_bits(stored, bits)
 
 
 def _content(file: Path) -> bytes:
-    """What a file holds; nothing where it cannot be read or is larger than any image."""
+    """What a file holds. Raises UnreadableError: it cannot be opened, or is larger than any image."""
+    if (size := file_size(file)) > MAX_BYTES:
+        raise UnreadableError(f"a file of {size >> 20} MB")
     try:
-        return file.read_bytes() if file.is_file() and file.stat().st_size <= MAX_BYTES else b""
-    except (OSError, ValueError):  # a name with a zero byte
-        return b""
+        return file.read_bytes()
+    except OSError as error:
+        raise UnreadableError(reason(error)) from error
 
 
-def decode_image(data: bytes) -> AnyArray | None:
-    """(H, W) or (H, W, 3) uint8 or uint16 BGR as stored, None when it cannot be decoded or its end is cut off."""
+_STRANGE = (
+    (
+        re.compile(rb"\Aversion https://git-lfs\.github\.com/spec/v1"),
+        "a git-lfs pointer: git lfs pull fetches the file",
+    ),
+    (re.compile(rb"\A\s*<(!doctype|html|\?xml)", re.IGNORECASE), "a web page or XML"),
+    (re.compile(rb"\A....ftyp(heic|heix|hevc|mif1|avif|avis)", re.DOTALL), "HEIF or AVIF: convert it to PNG or JPEG"),
+    (re.compile(rb"\A(\xff\x0a|\0\0\0\x0cJXL )"), "JPEG XL: convert it to PNG or JPEG"),
+    (re.compile(rb"\A\0\0(\0\x01|\x01[\x40-\x7f\xb3])"), "a packet of H.264 or H.265 video: decode the video first"),
+    (re.compile(rb"\A\Z"), "an empty file"),
+)
+"""First bytes of what stands under an image's name, and what that is."""
+
+
+def decode_image(data: bytes) -> AnyArray:
+    """(H, W) or (H, W, 3) uint8 or uint16 BGR, turned as its EXIF orientation says. Raises UnreadableError: no such
+    image, or its end is cut off."""
     for start, end in _END_MARKERS.items():
         # Decoders fill the missing rest of a truncated file with grey and call it an image.
         if data.startswith(start) and end not in data[-1024:]:
-            return None
-    image = decode(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    return image if image is not None and image.dtype in (np.uint8, np.uint16) else None
+            raise UnreadableError("its end is cut off")
+    image = decode(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+    if image.dtype not in (np.uint8, np.uint16):
+        raise UnreadableError(f"{image.dtype} values, where an image has 8 or 16 bits")
+    return image
 
 
-def decode(data: bytes, flags: int) -> AnyArray | None:
-    """The image as OpenCV decodes it; the size in its header is checked before memory is taken."""
-    try:
+def decode(data: bytes, flags: int) -> AnyArray:
+    """The image as OpenCV decodes it, or UnreadableError; the size in its header is checked before memory is taken."""
+    if strange := next((what for start, what in _STRANGE if start.match(data)), None):
+        raise UnreadableError(strange)
+    image, why = None, "no image that OpenCV reads"
+    with suppress(Exception):  # libraries raise whatever a damaged file provokes
         with Image.open(BytesIO(data)) as header:
-            if header.width * header.height > MAX_PIXELS:
-                return None
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
-    except Exception:  # libraries raise whatever a damaged file provokes
-        return None
-    return None if image is None else np.asarray(image)
+            size, why = header.size, f"a damaged {header.format}"
+        if size[0] * size[1] <= MAX_PIXELS:
+            image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
+        else:
+            why = f"an image of {size_text(size)} pixels"
+    if image is None:
+        raise UnreadableError(why)
+    return np.asarray(image)
 
 
 def bits_of(*cameras: Sequence[Path | None]) -> int | None:
@@ -264,16 +317,16 @@ def bits_of(*cameras: Sequence[Path | None]) -> int | None:
     for files in cameras:
         there = [file for file in files if file]
         for at in sorted({round(i) for i in np.linspace(0, len(there) - 1, FRAMES)} if there else ()):
-            image = decode_image(_content(there[at]))
-            if image is None or image.dtype != np.uint16:
+            image = read_colour(there[at])
+            if isinstance(image, UnreadableError) or image.dtype != np.uint16:
                 break
             images.append(image)
     return true_bits(images)
 
 
 def image_files(folder: Path) -> list[Path]:
-    """The images of a folder, sorted by name with numbers in numeric order."""
-    return sorted((f for f in entries(folder) if f.suffix.lower() in SUFFIXES and f.is_file()), key=_natural)
+    """The images of a folder, readable or not, sorted by name with numbers in numeric order."""
+    return sorted((f for f in entries(folder) if f.suffix.lower() in SUFFIXES and not f.is_dir()), key=_natural)
 
 
 def frame_number(file: Path) -> int | None:

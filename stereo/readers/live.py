@@ -20,39 +20,33 @@ from calib.rig import StereoRig
 from stereo.readers.base import Layout, Reader, same_size, stereo_layout
 from stereo.readers.images import Stream, is_grey
 from stereo.readers.side_by_side import packed_layout
-from stereo.recording import DEFAULT_FPS, Decoded, DecodedPair, FrameClock, OpenOptions, newest
+from stereo.recording import DEFAULT_FPS, Decoded, DecodedPair, FrameClock, OpenOptions
 
 _CAMERA = re.compile(r"\d{1,3}|(?:rtsps?|https?|rtmps?|udp|tcp|srt):/.*", re.IGNORECASE)
 
 
 class LiveSource:
-    """Images of a device or an address from now on (a ``FrameSource`` without a known end). Their times are the
-    stream's own while these increase, else the machine's clock. Frames that come while earlier ones are tracked are
-    dropped; a file that is served over HTTP waits."""
+    """Images of a device or an address from now on (a ``FrameSource`` without a known end). Their times are those of
+    the stream while these increase, else when they came."""
 
     n_frames, fps, raw, is_grey = 0, DEFAULT_FPS, False, False
 
     def __init__(self, address: str) -> None:
         self._address = address
         self.name = without_password(address)
-        self.waits = address.lower().startswith("http")
-        with closing(self._capture()) as frames:  # cameras need some frames to adapt to the light
+        with closing(iter(self)) as frames:  # cameras need some frames to adapt to the light
             self.pictures = [np.asarray(f.image, dtype=np.uint8) for f in islice(frames, 3)]
         if not self.pictures:
             raise InputError(f"{self.name}: expected a camera or a stream of images, found none")
         self.size = self.pictures[-1].shape[1], self.pictures[-1].shape[0]
         self.is_grey = is_grey(self.pictures[-1])
 
-    def __iter__(self) -> Iterator[Decoded]:
-        return self._capture() if self.waits else with_gaps(newest(self._capture()))
-
     def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
         """These of the frames that come from now on."""
         wanted = set(indices)
-        with closing(self._capture()) as frames:
-            yield from (f for f in islice(frames, max(wanted, default=-1) + 1) if f.index in wanted)
+        return (f for f in islice(iter(self), max(wanted, default=-1) + 1) if f.index in wanted)
 
-    def _capture(self) -> Generator[Decoded, None, None]:
+    def __iter__(self) -> Generator[Decoded, None, None]:
         # An address that does not answer, or a stream without a frame, is given up after 10 s (our choice).
         limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 10_000, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 10_000]
         opens = [int(self._address)] if self._address.isdecimal() else [self._address, cv2.CAP_FFMPEG, limits]
@@ -60,15 +54,13 @@ class LiveSource:
         try:
             if not capture.isOpened():
                 raise InputError(f"{self.name}: expected a camera or a stream, found nothing that answers")
-            rate = capture.get(cv2.CAP_PROP_FPS)
-            self.fps = float(rate) if 0 < rate <= 1000 else DEFAULT_FPS
-            start_s, first_s, last_s = time.monotonic(), 0.0, -1.0
+            start_s, first_s, last_s = time.monotonic(), None, -1.0
             for index in count():
                 found, image = capture.read()
                 if not found or image is None:
                     return
                 own_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
-                first_s = own_s if index == 0 else first_s
+                first_s = own_s if first_s is None else first_s
                 own_s -= first_s
                 last_s = own_s if own_s > last_s else max(time.monotonic() - start_s, last_s + 1e-3)
                 pixels = np.asarray(image, dtype=np.uint8)
@@ -82,24 +74,12 @@ def without_password(address: str) -> str:
     return re.sub(r"(?<=://)[^/@]*@", "", address)
 
 
-def with_gaps(frames: Generator[Decoded, None, None]) -> Generator[Decoded, None, None]:
-    """The frames, and one without an image for every index that was dropped between them."""
-    next_index = 0
-    with closing(frames):
-        for frame in frames:
-            for lost in range(next_index, frame.index):
-                yield Decoded(lost, None, None, "came while earlier frames were tracked")
-            yield frame
-            next_index = frame.index + 1
-
-
 def _find(path: Path, options: OpenOptions) -> Layout:
     sources = [LiveSource(address) for address in addresses(path)]
     if len(sources) > 2:
         raise InputError(f"{path}: expected one or two cameras, found {len(sources)}")
     first, second = sources[0], sources[-1]
     named, calibration = Path(",".join(source.name for source in sources)), options.calibration
-    waits = all(source.waits for source in sources)
     # world.toml lies next to the calibration.
     folder = calibration or Path("no-calibration")
     folder = folder.parent if folder.is_file() else folder
@@ -110,9 +90,8 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         return load_rig(calibration, first.size)
 
     if len(sources) == 1:
-        return packed_layout(
-            named, named, folder, first, first.pictures, options, rig=None if calibration else rig, live_waits=waits
-        )
+        own = None if calibration else rig
+        return packed_layout(named, named, folder, first, first.pictures, options, rig=own, live=True)
 
     def pairs(indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
         one, other = (iter(source) if indices is None else source.at(indices) for source in sources)
@@ -120,11 +99,13 @@ def _find(path: Path, options: OpenOptions) -> Layout:
             yield left, replace(right, index=left.index)
 
     size = same_size(first, second, first.name, second.name)
-    named_sources = zip(("left", "right"), sources, strict=True)
-    streams = tuple(Stream(name, size, 0, None, "grey" if one.is_grey else "colour") for name, one in named_sources)
-    clock = FrameClock(options.fps or first.fps, even=options.fps is not None)
+    streams = tuple(
+        Stream(name, size, 0, None, "grey" if one.is_grey else "colour")
+        for name, one in zip(("left", "right"), sources, strict=True)
+    )
+    clock = FrameClock(options.fps or DEFAULT_FPS, even=options.fps is not None)
     note = "two cameras that run freely: their images are paired as they come"
-    return stereo_layout(named, pairs, streams, 0, clock, rig, (note,), folder=folder, live_waits=waits)
+    return stereo_layout(named, pairs, streams, 0, clock, rig, (note,), folder=folder, live=True)
 
 
 def addresses(path: Path) -> list[str]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.io import entries, reason
+from calib.io import entries, refuse_unreadable
 from calib.world import RIGS_FILE, load_rigs
 from stereo.readers.bags.layout import READER as BAG
 from stereo.readers.base import AnyRecording, FrameSource, Layout, Reader, clock_of, clock_of_pairs, together
@@ -17,13 +17,12 @@ from stereo.readers.folders import READER as FOLDERS
 from stereo.readers.folders import in_folders, sides_layout
 from stereo.readers.images import Colour, bits_note, bits_of, image_files, images_of
 from stereo.readers.live import READER as LIVE
-from stereo.readers.movement import assume_rate, place_in_image, reduced
 from stereo.readers.pairing import pair_stamps
 from stereo.readers.rgbd import READER as RGBD_FOLDERS
 from stereo.readers.side_by_side import READER as SIDE_BY_SIDE
 from stereo.readers.times import stamps_of
 from stereo.readers.video import READER as VIDEO_PAIR
-from stereo.readers.video import VideoFile, video_files, video_pair
+from stereo.readers.video import VideoFile, video_files, video_pair, video_tracks
 from stereo.recording import OpenOptions, StereoRecording, Video
 
 _POINTER = re.compile(rb"\Aversion https://git-lfs\.github\.com/spec/v1\noid [^\n]+\nsize (\d+)")
@@ -52,11 +51,8 @@ def _foreign_text(path: Path) -> str | None:
         return f"{len(bags)} bags ({', '.join(bags[:4])}): {way}"
     if not path.is_file():
         return None
-    try:
-        with path.open("rb") as file:
-            head = file.read(256)
-    except OSError as error:
-        return f"a file that cannot be read ({reason(error)})"
+    with path.open("rb") as file:
+        head = file.read(256)
     if pointer := _POINTER.match(head):
         return f"a git-lfs pointer instead of the file of {int(pointer[1])} bytes: git lfs pull fetches it"
     suffix = path.suffix.lower()
@@ -92,6 +88,7 @@ READERS: tuple[Reader, ...] = (
 
 def find_reader(path: Path) -> Reader:
     """The reader whose layout a path has. Raises InputError: nothing there, or no layout that is known."""
+    refuse_unreadable(path, "a recording")
     if reader := next((reader for reader in READERS if reader.fits(path)), None):
         return reader
     if not path.exists():
@@ -216,6 +213,6 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Video:
     source: FrameSource = images_of(frames, Colour(bits)) if files else VideoFile(videos[0])
     clock = clock or clock_of(path, options, source.n_frames, source.fps, source.raw)
     notes = [*clock.notes, *bits_note(bits)]
-    video = Video(path, together(source), source.n_frames, clock, notes, source.size, options=options)
-    assume_rate(video, lambda frame: reduced(frame.image), place_in_image)
-    return video
+    if not files and (tracks := video_tracks(videos[0])) > 1:
+        notes.append(f"{tracks} video tracks in the file: the first is read")
+    return Video(path, together(source), source.n_frames, clock, notes, source.size, options=options)

@@ -10,42 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.camera import Camera
 from calib.errors import InputError
 from calib.formats.rgbd import load_rgbd
 from calib.io import entries, size_text
 from calib.rig import DepthSensor, RgbdRig
-from calib.types import F32, F64, AnyArray
 from stereo.readers.base import Layout, Reader, clock_of, rate_of, together, world_pose
-from stereo.readers.images import Colour, Depth, Images, Size, Stream, image_files, images_of, read_depth
-from stereo.readers.movement import Place, assume_rate, largest
+from stereo.readers.images import Colour, Depth, Images, Size, Stream, image_files, images_of
 from stereo.readers.pairing import Pair, depth_note, nearest_mates, pair_files
 from stereo.readers.times import stamps_in_names
 from stereo.recording import FrameClock, OpenOptions, RgbdRecording
-
-STEP_PX = 8
-"""Every n-th row and column is used."""
-
-
-def place_in_depth(camera: Camera) -> Place:
-    """Where what stands before the background is [m], in depth of every ``STEP_PX``-th row and column."""
-    # (h, w, 3) rays at unit depth of the pixels used.
-    columns, rows = np.meshgrid(np.arange(0, camera.width, STEP_PX), np.arange(0, camera.height, STEP_PX))
-    rays = camera.unproject(np.column_stack([columns.ravel(), rows.ravel()])).reshape(*columns.shape, 3)
-
-    def place(depth: AnyArray, background: F32) -> tuple[F64, float] | None:
-        # What stands this far in front of the background is a person or a thing that was moved (our choice).
-        with np.errstate(invalid="ignore"):
-            of_it = largest((background - depth > 0.3).astype(np.uint8))
-        if of_it is None:
-            return None
-        area = depth[of_it] ** 2 * (STEP_PX**2 / (camera.fx * camera.fy))
-        if not 0.1 <= float(area.sum()) <= 1.5:  # [m^2], the surface that a person shows
-            return None
-        return np.median(rays[of_it] * depth[of_it][:, None], axis=0), 1.0
-
-    return place
-
 
 SENSOR_OF_SIZE: dict[Size, DepthSensor] = {
     (512, 424): "time-of-flight",  # Kinect 2
@@ -89,12 +62,10 @@ def rgbd_layout(
         if isinstance(depths.pixels, Depth) and found.units_per_m is not None:
             depths.pixels.units_per_m = found.units_per_m
         folder = path if path.is_dir() else path.parent
-        recording = RgbdRecording(
+        return RgbdRecording(
             path, together(images, depths), images.n_frames, clock, own, found.camera, found.source, sensor,
             DepthRegistration(found), world_pose(folder),
         )  # fmt: skip
-        assume_rate(recording, lambda frame: frame.depth_m[::STEP_PX, ::STEP_PX], place_in_depth(recording.camera))
-        return recording
 
     return Layout("rgbd", streams, images.n_frames, clock, remarks, unpaired, opened)
 
@@ -120,7 +91,7 @@ def _sides(path: Path) -> tuple[list[Path], list[Path]] | None:
 
 def _fits(path: Path) -> bool:
     sides = _sides(path)
-    return sides is not None and all(sides) and read_depth(sides[1][0]) is not None
+    return sides is not None and all(sides)
 
 
 def _find(path: Path, options: OpenOptions) -> Layout:

@@ -21,7 +21,7 @@ from calib.rig import StereoRig
 from calib.types import F64, U8
 from stereo.readers.base import FrameSource, Layout, Reader, clock_of, split_pairs, stereo_layout
 from stereo.readers.images import Size, Stream, is_grey
-from stereo.readers.video import SUFFIXES, VideoFile, video_files
+from stereo.readers.video import SUFFIXES, VideoFile, video_files, video_tracks
 from stereo.recording import OpenOptions
 from stereo.rig_correction import match_corners
 
@@ -184,7 +184,13 @@ def _possible(picture: Size, aspect: float | None) -> list[Packing]:
 def _find(path: Path, options: OpenOptions) -> Layout:
     video = _video(path) or path
     source = VideoFile(video)
-    return packed_layout(path, video, video.parent, source, sampled(source), options)
+    try:
+        return packed_layout(path, video, video.parent, source, sampled(source), options)
+    except InputError as error:
+        if (tracks := video_tracks(video)) < 2:
+            raise
+        way = "ffmpeg -i IN -map 0:v:0 left.mp4 -map 0:v:1 right.mp4 writes each to a file"
+        raise InputError(f"{video}: expected one video track, found {tracks}, of which one is read: {way}") from error
 
 
 def packed_layout(
@@ -196,7 +202,7 @@ def packed_layout(
     options: OpenOptions,
     *,
     rig: Callable[[], StereoRig] | None = None,
-    live_waits: bool | None = None,
+    live: bool = False,
 ) -> Layout:
     """How the two views share a source's pictures, and which is the left one.
 
@@ -205,7 +211,7 @@ def packed_layout(
         folder: where calibration, times and world.toml lie.
         pictures: a few of the source.
         rig: reads another calibration than the folder's, when given.
-        live_waits: see ``stereo_layout``.
+        live: see ``stereo_layout``.
     """
     calibration = options.calibration or folder
     try:
@@ -243,11 +249,10 @@ def packed_layout(
         found = load_rig(calibration, size)
         return rectified_rig(rectified_of, found)[0] if order and order.rectified else found
 
-    n_frames = 0 if live_waits is not None else source.n_frames
-    clock = clock_of(folder, options, n_frames, source.fps, source.raw)
+    clock = clock_of(folder, options, source.n_frames, source.fps, source.raw)
     return stereo_layout(
-        path, partial(split_pairs, source, views), streams, n_frames, clock, rig or own_rig,
-        notes, folder=folder, live_waits=live_waits,
+        path, partial(split_pairs, source, views), streams, source.n_frames, clock, rig or own_rig,
+        notes, folder=folder, live=live,
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cached_property, partial
@@ -14,7 +15,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.formats import load_rig
 from calib.images import as_grey
-from calib.io import entries
+from calib.io import entries, require_file
 from calib.types import F64, I64, U8
 from stereo.readers.base import (
     Layout,
@@ -30,9 +31,10 @@ from stereo.readers.pairing import TimePairs, one_of_each, pair_stamps
 from stereo.readers.times import rate_of_times
 from stereo.recording import Decoded, OpenOptions
 
-SUFFIXES = frozenset(
-    {".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".h264", ".h265", ".mjpeg", ".mjpg"}
-)
+SUFFIXES = frozenset({
+    ".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".m2v", ".ts", ".mts", ".flv", ".f4v", ".wmv",
+    ".asf", ".ogv", ".3gp", ".vob", ".mxf", ".h264", ".h265", ".hevc", ".mjpeg", ".mjpg",
+})  # fmt: skip
 _RAW = (b"\0\0\0\1", b"\0\0\1\x67", b"\xff\xd8\xff")
 """First bytes of pictures without a container: H.264 and H.265, and JPEG one after the other."""
 
@@ -52,11 +54,10 @@ class VideoFile:
         # A file of less than 200 bytes a frame is too small for its number of frames: counting them costs nothing.
         if self.n_frames > path.stat().st_size / 200:
             self.n_frames = 1 + sum(1 for _ in takewhile(lambda _: capture.grab(), range(1, self.n_frames)))
-        capture.release()
         if self.raw and not self.n_frames:
             self.n_frames = len(_packets(path))
         if not found or first is None:
-            raise InputError(f"{path}: expected a video, found no frame that can be decoded")
+            raise InputError(f"{path}: expected a video, found no frame that can be decoded: {_coded(capture)}")
         self.size = first.shape[1], first.shape[0]
         self.fps = float(fps) if np.isfinite(fps) and 0 < fps <= 1000 else 30.0
         self._grey = is_grey(np.asarray(first, dtype=np.uint8))
@@ -135,16 +136,62 @@ class VideoFile:
 
 def video_files(folder: Path) -> list[Path]:
     """The videos of a folder, sorted by name."""
-    return [f for f in entries(folder) if f.suffix.lower() in SUFFIXES and f.is_file()]
+    return [f for f in entries(folder) if f.suffix.lower() in SUFFIXES and not f.is_dir()]
 
 
 def _open(path: Path) -> cv2.VideoCapture:
-    if not path.is_file():
-        raise InputError(f"{path}: expected a video file, found none")
+    require_file(path, "a video")
     capture = cv2.VideoCapture(str(path))
     if not capture.isOpened():
-        raise InputError(f"{path}: expected a video, found a file that cannot be opened as one")
+        raise InputError(f"{path}: expected a video, found {_unopened(path)}")
     return capture
+
+
+_REENCODE = "ffmpeg -i IN -c:v libx264 -crf 12 OUT.mp4 makes a video that is read"
+
+
+def _coded(capture: cv2.VideoCapture) -> str:
+    """What the pictures of a video that cannot be decoded are coded as, and the way out."""
+    code = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True).decode("latin-1").strip("\0 ")
+    return f"it is coded as {code or 'unknown'}, which OpenCV does not decode here, or damaged; {_REENCODE}"
+
+
+def _unopened(path: Path) -> str:
+    """What a file is that cannot be opened as a video."""
+    with path.open("rb") as file:
+        head = file.read(64)
+    if not head:
+        return "an empty file"
+    if head[4:8] == b"ftyp" and b"moov" not in boxes(path):
+        return "one that was cut off: its index (moov) is missing, as when a recording is not ended"
+    return f"a file that OpenCV does not open (it begins with {head[:8]!r}); {_REENCODE}"
+
+
+def boxes(path: Path) -> dict[bytes, tuple[int, int]]:
+    """Place and length [bytes] of the outer boxes of an MP4 or MOV file, by type."""
+    found, at, size = {}, 0, path.stat().st_size
+    with path.open("rb") as file:
+        while at + 8 <= size:
+            file.seek(at)
+            head = file.read(16)
+            length = int.from_bytes(head[:4], "big")
+            length = int.from_bytes(head[8:], "big") if length == 1 else length or size - at
+            if length < 8:
+                break
+            found[head[4:8]] = at, length
+            at += length
+    return found
+
+
+def video_tracks(path: Path) -> int:
+    """Videos in a container, of which only the first is read: counted in MP4, MOV, Matroska and WebM, else 1."""
+    with path.open("rb") as file:
+        head = file.read(1 << 16)
+        if head[4:8] == b"ftyp" and (index := boxes(path).get(b"moov")):
+            file.seek(index[0])
+            return max(1, len(re.findall(rb"hdlr\0{8}vide", file.read(index[1]))))
+    # Of a track entry the type 1, a video.
+    return max(1, head.partition(b"\x1f\x43\xb6\x75")[0].count(b"\x83\x81\x01"))
 
 
 def _packets(path: Path) -> F64:

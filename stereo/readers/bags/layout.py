@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from io import BytesIO
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,16 +14,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calib.camera import Camera
-from calib.errors import InputError
+from calib.errors import InputError, UnreadableError
 from calib.formats import fitted, load_rig, refuse_strange_camera
 from calib.formats.base import camera as camera_of
 from calib.formats.rgbd import fitted_rgbd, load_rgbd
 from calib.formats.ros import camera_from, region_of, windowed
-from calib.io import entries, size_text
+from calib.io import entries, reason, size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
 from stereo.readers.bags.messages import camera_fields, field, frame_id, transforms
-from stereo.readers.bags.storage import Bag, error_text, open_bag
+from stereo.readers.bags.storage import STORAGES, ZSTD, Bag, error_text, open_bag
 from stereo.readers.bags.topics import TopicImages, choose_topics, frames_of_topic, info_topic
 from stereo.readers.base import (
     Layout,
@@ -217,7 +216,8 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         pairs = pair_stamps(*stamps, names)
         check_paired(pairs, path)
         mates = pairs.right
-    bits = true_bits(samples[0] if is_rgbd else [*samples[0], *samples[1]])
+    read = samples[0] if is_rgbd else [*samples[0], *samples[1]]
+    bits = true_bits(image for image in read if not isinstance(image, UnreadableError))
     remarks += bits_note(bits)
     a = frames_of_topic(first, pairs.left, Colour(bits), samples[0])
     b = frames_of_topic(second, mates, Depth() if is_rgbd else Colour(bits), samples[1])
@@ -250,22 +250,26 @@ def _bag_file(path: Path) -> Path | None:
         return None
     if b"rosbag2_bagfile_information" in _head(path / "metadata.yaml", 4096):
         return path
-    found = [file for file in entries(path) if file.suffix in (".bag", ".mcap", ".db3") and _kind(file)]
+    found = [file for file in entries(path) if file.name.endswith((".bag", *STORAGES)) and _kind(file)]
     return found[0] if len(found) == 1 else None
 
 
 def _kind(file: Path) -> str | None:
     head = _head(file, 16)
+    if head.startswith(ZSTD):
+        return {".db3": "sqlite", ".mcap": "mcap"}.get(Path(file.stem).suffix)
     found = next((kind for magic, kind in _MAGIC.items() if head.startswith(magic)), None)
     return None if found == "sqlite" and file.suffix != ".db3" else found
 
 
 def _head(file: Path, length: int) -> bytes:
-    try:
-        with file.open("rb") if file.is_file() else nullcontext(BytesIO()) as content:
-            return content.read(length)
-    except OSError:
+    if not file.is_file():
         return b""
+    try:
+        with file.open("rb") as content:
+            return content.read(length)
+    except OSError as error:
+        raise InputError(f"{file}: expected a recording, found a file that cannot be read ({reason(error)})") from error
 
 
 READER = Reader(

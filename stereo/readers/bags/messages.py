@@ -12,7 +12,9 @@ import cv2
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
+from calib.errors import UnreadableError
 from calib.formats.base import transform
+from calib.io import size_text
 from calib.pose import SE3
 from calib.types import AnyArray
 from stereo.readers.images import MAX_PIXELS, decode_image
@@ -25,7 +27,7 @@ class ImageMessage:
 
     encoding: str
     data: bytes
-    width: int = 0
+    width: int = -1
     height: int = 0
     step: int = 0
     bigendian: bool = False
@@ -119,15 +121,21 @@ _TYPES = {"8U": "u1", "8S": "i1", "16U": "u2", "16S": "i2", "32F": "f4", "64F": 
 _DEPTH_HEADER = struct.Struct("<iff")
 
 
-def stored_pixels(message: ImageMessage) -> AnyArray | None:
-    """(H, W) or (H, W, 3) BGR, of the type in which the values were stored; None when it cannot be decoded."""
+def stored_pixels(message: ImageMessage) -> AnyArray:
+    """(H, W) or (H, W, 3) BGR, of the type in which the values were stored. Raises UnreadableError."""
     try:
-        return _raw(message) if message.step else _compressed(message)
-    except (cv2.error, ValueError, KeyError, struct.error):
-        return None
+        return _raw(message) if message.width >= 0 else _compressed(message)
+    except UnreadableError:
+        raise
+    except KeyError as error:
+        raise UnreadableError(
+            f"pixels coded as {message.encoding!r}, which is not read: publish mono8 or bgr8"
+        ) from error
+    except (cv2.error, ValueError, struct.error) as error:
+        raise UnreadableError(f"damaged pixels of {message.encoding!r}") from error
 
 
-def _raw(message: ImageMessage) -> AnyArray | None:
+def _raw(message: ImageMessage) -> AnyArray:
     name = message.encoding.lower()
     if name in _YUV:
         pairs = _array(message, "u1", 2)
@@ -150,23 +158,29 @@ def _array(message: ImageMessage, kind: str, channels: int) -> AnyArray:
     """(H, W) or (H, W, channels) values without what pads the rows; refuses a size that the data does not hold."""
     dtype = np.dtype((">" if message.bigendian else "<") + kind)
     used = message.width * channels * dtype.itemsize
-    height, step = message.height, message.step
-    if not (message.width > 0 and height > 0 and message.width * height <= MAX_PIXELS and used <= step):
-        raise ValueError("a size that no image has")
-    if len(message.data) < step * (height - 1) + used:
-        raise ValueError("less data than the size announces")
+    height, step, held = message.height, message.step, len(message.data)
+    if not (message.width > 0 and height > 0 and message.width * height <= MAX_PIXELS):
+        raise UnreadableError(f"an image of {size_text((message.width, height))} pixels")
+    if held == used * height:
+        step = used  # rows without padding, whatever the message calls their step
+    if step < used or held < step * (height - 1) + used:
+        pixels = f"{height} rows of {message.width} pixels of {message.encoding} take {used * height}"
+        raise UnreadableError(f"{held} bytes in steps of {step}, where {pixels}")
     rows = as_strided(np.frombuffer(message.data, np.uint8), (height, used), (step, 1))
     values = np.ascontiguousarray(rows).view(dtype).astype(dtype.newbyteorder("="), copy=False)
     return values if channels == 1 else values.reshape(height, message.width, channels)
 
 
-def _compressed(message: ImageMessage) -> AnyArray | None:
+def _compressed(message: ImageMessage) -> AnyArray:
     if "compressedDepth" not in message.encoding:
-        return decode_image(message.data)
+        try:
+            return decode_image(message.data)
+        except UnreadableError as error:
+            raise UnreadableError(f"images coded as {message.encoding!r} ({error})") from error
     _, quant_a, quant_b = _DEPTH_HEADER.unpack_from(message.data)
     rest = message.data[_DEPTH_HEADER.size :]
     stored = _rvl(rest) if message.encoding.endswith("rvl") else decode_image(rest)
-    if stored is None or not message.encoding.upper().startswith("32FC1"):
+    if not message.encoding.upper().startswith("32FC1"):
         return stored
     # compressed_depth_image_transport codec.cpp: inverse depth, q = A / z + B; 0 where there is none.
     known = stored > 0

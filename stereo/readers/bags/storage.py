@@ -1,8 +1,7 @@
-"""Files of messages: ROS 1 bags and ROS 2 bags through rosbags, MCAP files through mcap."""
+"""Files of messages: ROS 1 bags and ROS 2 databases through rosbags, MCAP files through mcap."""
 
 from __future__ import annotations
 
-import bz2
 import json
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -14,24 +13,30 @@ from tempfile import TemporaryDirectory
 from typing import Any, Literal, NamedTuple
 
 from calib.errors import InputError
-from calib.io import entries
+from calib.io import entries, file_size
 
-Kind = Literal["image", "compressed", "info", "tf", "other"]
+Kind = Literal["image", "compressed", "coded", "info", "tf", "other"]
 
 _KINDS: dict[str, Kind] = {
     "image": "image", "rawimage": "image", "compressedimage": "compressed", "camerainfo": "info",
     "cameracalibration": "info", "tfmessage": "tf", "frametransform": "tf", "frametransforms": "tf",
+    "compressedvideo": "coded", "ffmpegpacket": "coded", "packet": "coded", "disparityimage": "coded", "rgbd": "coded",
 }  # fmt: skip
-_PACKAGES = re.compile(r"(sensor_msgs|tf2_msgs|tf|foxglove|foxglove_msgs)[./](msg[./])?")
+_PACKAGES = re.compile(
+    r"(sensor_msgs|tf2_msgs|tf|foxglove|foxglove_msgs|ffmpeg_image_transport_msgs|theora_image_transport|stereo_msgs|"
+    r"realsense2_camera_msgs)[./](msg[./])?"
+)
 
 
 @dataclass(frozen=True)
 class Topic:
-    """A named series of messages, e.g. "/stereo/left/image_raw": what they are to a recording, and their number."""
+    """A named series of messages, e.g. "/stereo/left/image_raw": what they are to a recording, their number, and the
+    name of their type."""
 
     name: str
     kind: Kind
     count: int
+    schema: str = ""
 
 
 class Message(NamedTuple):
@@ -48,25 +53,19 @@ class Message(NamedTuple):
 
 @dataclass(frozen=True)
 class Bag:
-    """Files of messages, one after the other.
+    """Files of messages.
 
     Attributes:
         topics: by name; several connections of one topic count as one.
-        read: the messages of a topic in a file by the time of recording, from a time on [ns]; each call opens the file
-            again, so that threads do not meet.
+        messages: of a topic by the time of recording, from a time on [ns] or all; each call opens the files again, so
+            that threads do not meet.
         kept: what must live as long as the files.
     """
 
     path: Path
     topics: tuple[Topic, ...]
-    files: Sequence[Path]
-    read: Callable[[Path, str, int | None], Iterator[Message]]
+    messages: Callable[..., Iterator[Message]]
     kept: object
-
-    def messages(self, topic: str, start_ns: int | None = None) -> Iterator[Message]:
-        """Messages of a topic by the time of recording, from a time on."""
-        for file in self.files:
-            yield from self.read(file, topic, start_ns)
 
 
 def kind_of(schema: str) -> Kind:
@@ -91,9 +90,10 @@ def error_text(error: Exception) -> str:
 
 MAX_UNPACKED_BYTES = 1 << 28
 """Chunks and messages that unpack to more are damage, or made to fill the memory (recorders write some megabytes)."""
-_ZSTD = b"\x28\xb5\x2f\xfd"
+ZSTD = b"\x28\xb5\x2f\xfd"
 _TOO_LARGE = f"compressed data of more than {MAX_UNPACKED_BYTES >> 20} MB"
 STORAGES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
+"""Endings of the files of a ROS 2 bag."""
 
 
 def open_bag(path: Path, kind: str) -> Bag:
@@ -108,18 +108,19 @@ def open_bag(path: Path, kind: str) -> Bag:
             raise ValueError("no .db3 or .mcap file in it")
         unpacked = TemporaryDirectory()
         files = [_unpacked_file(file, Path(unpacked.name)) if file.suffix == ".zstd" else file for file in files]
-        read: Callable[[Path, str, int | None], Iterator[Message]]
+        if kind == "ros1" and path.suffix != ".bag":  # the library goes by the name
+            (Path(unpacked.name) / "a.bag").symlink_to(path.resolve())
+            files = [Path(unpacked.name) / "a.bag"]
+        source: _RosFiles | _McapFiles
         if files[0].suffix == ".mcap" or kind == "mcap":
-            # Larger records are damage (recorders write chunks of some megabytes).
-            reader = partial(require("mcap.reader", path).SeekingReader, record_size_limit=1 << 30)
-            listed, read = [_mcap_topics(reader, file) for file in files], partial(_mcap_messages, reader, path)
+            source = _McapFiles(path, files, require("mcap.reader", path).SeekingReader)
         else:
-            reader = require("rosbags.rosbag1" if kind == "ros1" else "rosbags.rosbag2", path).Reader
-            listed, read = [_ros_topics(reader, file) for file in files], partial(_ros_messages, reader, kind == "ros1")
-        topics = [topic for of_file in listed for topic in of_file]
-        kinds = {topic.name: topic.kind for topic in reversed(topics)}
-        counts = {name: sum(topic.count for topic in topics if topic.name == name) for name in kinds}
-        return Bag(path, tuple(Topic(n, kinds[n], counts[n]) for n in sorted(kinds)), files, read, unpacked)
+            source = _RosFiles(files, require("rosbags.highlevel", path).AnyReader)
+        counts: dict[str, tuple[str, int]] = {}
+        for name, schema, count in source.topics():
+            counts[name] = schema, count + counts.get(name, ("", 0))[1]
+        topics = (Topic(name, kind_of(counts[name][0]), counts[name][1], counts[name][0]) for name in sorted(counts))
+        return Bag(path, tuple(topics), source.messages, unpacked)
     except InputError:
         raise
     except Exception as error:  # libraries raise whatever a damaged file provokes
@@ -129,7 +130,7 @@ def open_bag(path: Path, kind: str) -> Bag:
 
 def _unpacked_file(file: Path, folder: Path) -> Path:
     """A compressed file, unpacked into a folder. Raises ValueError: it unpacks to a hundred times its size."""
-    left = 100 * file.stat().st_size + MAX_UNPACKED_BYTES
+    left = 100 * file_size(file) + MAX_UNPACKED_BYTES
     with file.open("rb") as content, (folder / file.stem).open("wb") as out:
         zstd = import_module("zstandard").ZstdDecompressor()
         with zstd.stream_reader(content, read_across_frames=True) as unpacked:
@@ -141,37 +142,9 @@ def _unpacked_file(file: Path, folder: Path) -> Path:
     return folder / file.stem
 
 
-def _ros_topics(reader: Any, file: Path) -> list[Topic]:
-    """Those of a ROS 1 bag, or of a SQLite file of a ROS 2 bag. Raises ValueError: a chunk of a ROS 1 bag unpacks to
-    more than ``MAX_UNPACKED_BYTES``."""
-    with reader(file) as bag, file.open("rb") as content:
-        for chunk in getattr(bag, "chunks", {}).values():
-            content.seek(chunk.datapos)
-            data = content.read(chunk.datasize)
-            if data.startswith(b"BZh"):
-                stream = bz2.BZ2Decompressor()
-            elif data.startswith(b"\x04\x22\x4d\x18"):
-                stream = import_module("lz4.frame").LZ4FrameDecompressor()
-            else:
-                continue
-            stream.decompress(data, MAX_UNPACKED_BYTES)
-            if not stream.eof:
-                raise ValueError(_TOO_LARGE)
-        return [Topic(c.topic, kind_of(c.msgtype), c.msgcount) for c in bag.connections]
-
-
-def _ros_messages(reader: Any, ros1: bool, file: Path, topic: str, start_ns: int | None) -> Iterator[Message]:
-    with reader(file) as bag:
-        connections = [c for c in bag.connections if c.topic == topic]
-        for connection, log_ns, data in bag.messages(connections, start=start_ns) if connections else ():
-            text = getattr(connection.msgdef, "data", connection.msgdef) if ros1 else ""
-            decode = partial(decode_ros, schema=connection.msgtype, ros1=ros1, definition=text)
-            yield Message(log_ns, _unpacked_message(data), decode)
-
-
 def _unpacked_message(data: bytes) -> bytes:
     """A message as it was sent; some ROS 2 bags compress them one by one, and none begins like compressed data."""
-    if not data.startswith(_ZSTD):
+    if not data.startswith(ZSTD):
         return data
     zstandard = import_module("zstandard")
     if zstandard.frame_content_size(data) > MAX_UNPACKED_BYTES:
@@ -179,57 +152,73 @@ def _unpacked_message(data: bytes) -> bytes:
     return bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=MAX_UNPACKED_BYTES))
 
 
-def decode_ros(data: bytes, schema: str, ros1: bool, definition: str = "") -> Any:
-    """The object that a serialised ROS message of a type ("sensor_msgs/msg/Image") holds; its definition is for types
-    that rosbags does not know."""
-    store = _store(ros1)
-    if schema not in store.types and definition:
-        from rosbags.typesys import get_types_from_msg
-
-        store.register(get_types_from_msg(definition, schema))
-    return store.deserialize_ros1(data, schema) if ros1 else store.deserialize_cdr(data, schema)
-
-
 @lru_cache
-def _store(ros1: bool) -> Any:
+def _usual_types(ros1: bool) -> Any:
+    """Those of ROS itself, for files without definitions."""
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
 
 
-def _mcap_topics(reader: Any, name: Path) -> list[Topic]:
-    with name.open("rb") as file:
-        summary = reader(file).get_summary()
-        if summary is None or summary.statistics is None:
-            raise ValueError("it has no summary section")
-        for chunk in summary.chunk_indexes:  # what they unpack to, by the index and by their own headers
-            size = chunk.uncompressed_size
-            if chunk.compression == "zstd":
-                file.seek(chunk.chunk_start_offset + 49 + len(chunk.compression))  # the fields before the data
-                size = max(size, import_module("zstandard").frame_content_size(file.read(18)))
-            if size > MAX_UNPACKED_BYTES:
+class _RosFiles:
+    """ROS 1 bags or ROS 2 databases."""
+
+    def __init__(self, files: Sequence[Path], reader: Any) -> None:
+        self._opened = partial(reader, files, default_typestore=_usual_types(files[0].suffix == ".bag"))
+
+    def topics(self) -> list[tuple[str, str, int]]:
+        """Name, type and number of messages of each."""
+        with self._opened() as bag:
+            return [(c.topic, c.msgtype, c.msgcount) for c in bag.connections]
+
+    def messages(self, topic: str, start_ns: int | None = None) -> Iterator[Message]:
+        """See ``Bag``."""
+        with self._opened() as bag:
+            types, connections = bag.typestore, [c for c in bag.connections if c.topic == topic]
+            decode = types.deserialize_cdr if bag.is2 else types.deserialize_ros1
+            for connection, log_ns, data in bag.messages(connections, start=start_ns) if connections else ():
+                yield Message(log_ns, _unpacked_message(data), partial(decode, typename=connection.msgtype))
+
+
+class _McapFiles:
+    """MCAP files, one after the other."""
+
+    def __init__(self, path: Path, files: Sequence[Path], reader: Any) -> None:
+        # Larger records are damage (recorders write chunks of some megabytes).
+        self._path, self._files, self._reader = path, files, partial(reader, record_size_limit=1 << 30)
+
+    def topics(self) -> Iterator[tuple[str, str, int]]:
+        """Name, type and number of messages of each."""
+        for name in self._files:
+            with name.open("rb") as file:
+                summary = self._reader(file).get_summary()
+            if summary is None or summary.statistics is None:
+                raise ValueError("it has no summary section")
+            if any(chunk.uncompressed_size > MAX_UNPACKED_BYTES for chunk in summary.chunk_indexes):
                 raise ValueError(_TOO_LARGE)
-        counts = summary.statistics.channel_message_counts
-        schemas = {0: "", **{key: schema.name for key, schema in summary.schemas.items()}}
-        channels = summary.channels.values()
-        return [Topic(c.topic, kind_of(schemas[c.schema_id]), counts.get(c.id, 0)) for c in channels]
+            counts, schemas = summary.statistics.channel_message_counts, summary.schemas
+            for c in summary.channels.values():
+                yield c.topic, schemas[c.schema_id].name if c.schema_id else "", counts.get(c.id, 0)
 
-
-def _mcap_messages(reader: Any, path: Path, name: Path, topic: str, start_ns: int | None) -> Iterator[Message]:
-    with name.open("rb") as file:
-        codecs: dict[int, Callable[[bytes], Any]] = {}
-        for schema, channel, message in reader(file).iter_messages([topic], starting_at=start_ns):
-            if channel.id not in codecs:
-                codecs[channel.id] = _codec(channel.message_encoding, schema, path)
-            yield Message(message.log_time, _unpacked_message(message.data), codecs[channel.id])
+    def messages(self, topic: str, start_ns: int | None = None) -> Iterator[Message]:
+        """See ``Bag``."""
+        for name in self._files:
+            with name.open("rb") as file:
+                codecs: dict[int, Callable[[bytes], Any]] = {}
+                for schema, channel, message in self._reader(file).iter_messages([topic], starting_at=start_ns):
+                    if channel.id not in codecs:
+                        codecs[channel.id] = _codec(channel.message_encoding, schema, self._path)
+                    yield Message(message.log_time, _unpacked_message(message.data), codecs[channel.id])
 
 
 def _codec(encoding: str, schema: Any, path: Path) -> Callable[[bytes], Any]:
     """How messages of a channel are decoded."""
     if encoding in ("cdr", "ros1"):
+        types = _usual_types(encoding == "ros1")
         name = schema.name if "/msg/" in schema.name else schema.name.replace("/", "/msg/")
-        text = schema.data.decode("utf-8", "replace") if schema.encoding in ("ros1msg", "ros2msg") else ""
-        return partial(decode_ros, schema=name, ros1=encoding == "ros1", definition=text)
+        if name not in types.types and schema.encoding in ("ros1msg", "ros2msg"):
+            types.register(import_module("rosbags.typesys").get_types_from_msg(schema.data.decode(), name))
+        return partial(types.deserialize_ros1 if encoding == "ros1" else types.deserialize_cdr, typename=name)
     if encoding == "json":
         return json.loads
     if encoding == "protobuf":

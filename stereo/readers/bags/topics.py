@@ -10,11 +10,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from calib.errors import InputError
-from calib.types import I64, AnyArray
+from calib.errors import InputError, UnreadableError
+from calib.types import I64
 from stereo.readers.bags.messages import image_message, stamp_ns, stored_pixels
 from stereo.readers.bags.storage import Bag, Message, Topic, error_text
-from stereo.readers.images import FRAMES, Colour, Depth, Images
+from stereo.readers.images import FRAMES, Colour, Depth, Images, Stored
 from stereo.readers.pairing import split_sides
 
 _TRANSPORT = re.compile(r"/(compressed|compressedDepth|theora|ffmpeg|zstd)$")
@@ -45,8 +45,13 @@ def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
         if first in depths and second not in depths:
             first, second = second, first
         return TopicChoice("rgbd" if second in depths else "stereo", first, second)
+    coded = [topic for topic in bag.topics if topic.kind == "coded" and topic.count]
     if not there:
-        raise InputError(f"{bag.path}: expected image topics of two cameras, found {_listed(bag.topics)}")
+        empty = [topic for topic in bag.topics if topic.kind in ("image", "compressed")]
+        found = f"no message in {_listed(empty)}" if empty else _listed(bag.topics)
+        if coded:
+            found = f"images coded as video or objects, which are not read ({_coded(coded)}): {_REPUBLISH}"
+        raise InputError(f"{bag.path}: expected image topics of two cameras, found {found}")
     by_base: dict[str, Topic] = {}  # each image once: raw before compressed
     for topic in sorted(there, key=lambda topic: topic.kind == "compressed"):
         by_base.setdefault(_TRANSPORT.sub("", topic.name), topic)
@@ -57,14 +62,25 @@ def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
     if not pairs and len(there) == 1:
         raise InputError(
             f"{bag.path}: expected image topics of two cameras, or an image and its depth, "
-            f"found only {there[0].name}: one camera"
+            f"found only {there[0].name}: one camera{_also(coded)}"
         )
     if len(pairs) != 1:
         what = f"{len(pairs)} pairs" if pairs else "no clear pair"
-        found = f"found {what} among {_listed(there)}"
+        found = f"found {what} among {_listed(there)}{_also(coded)}"
         raise InputError(f"{bag.path}: expected one pair of image topics, {found}", remedy="topics")
     kind, first, second = pairs[0]
     return TopicChoice(kind, by_base[first].name, by_base[second].name)
+
+
+_REPUBLISH = "ros2 run image_transport republish writes them as raw or compressed images, to be recorded again"
+
+
+def _coded(topics: Sequence[Topic]) -> str:
+    return ", ".join(f"{topic.name} of {topic.schema}" for topic in topics[:4])
+
+
+def _also(coded: Sequence[Topic]) -> str:
+    return f"; not read are {_coded(coded)}" if coded else ""
 
 
 def info_topic(topics: Iterable[Topic], image: str) -> str | None:
@@ -173,8 +189,8 @@ class TopicImages:
             raise InputError(f"{bag.path}: expected images in {topic.name}, found no message")
         self.log_ns, self.stamp_ns = np.array(log, dtype=np.int64), np.array(stamp, dtype=np.int64)
 
-    def at(self, places: Iterable[int]) -> Generator[AnyArray | None, None, None]:
-        """The stored values at these places, None where they cannot be decoded; places may be in any order."""
+    def at(self, places: Iterable[int]) -> Generator[Stored, None, None]:
+        """The stored values at these places, which may be in any order."""
         stream: Iterator[Message] = iter(())
         next_place = -1
         for place in places:
@@ -186,21 +202,23 @@ class TopicImages:
             yield self._read(stream, place - next_place)
             next_place = place + 1
 
-    def sample(self) -> list[AnyArray]:
-        """A few images spread over the topic, without those that cannot be decoded."""
+    def sample(self) -> list[Stored]:
+        """A few images spread over the topic."""
         spread = sorted({round(float(i)) for i in np.linspace(0, len(self.log_ns) - 1, FRAMES)})
         with closing(self.at(spread)) as images:
-            return [image for image in images if image is not None]
+            return list(images)
 
-    def _read(self, stream: Iterator[Message], skip: int) -> AnyArray | None:
+    def _read(self, stream: Iterator[Message], skip: int) -> Stored:
         try:
             message = next(islice(stream, skip, None))
             return stored_pixels(image_message(message.decoded(), self.topic.kind == "compressed"))
-        except Exception:  # a damaged message is a frame that is skipped, whatever it provoked in the libraries
-            return None
+        except UnreadableError as error:
+            return error
+        except Exception as error:  # a damaged message is a frame that is skipped, whatever the libraries raise
+            return UnreadableError(f"a damaged message ({error_text(error)})")
 
 
-def frames_of_topic(images: TopicImages, places: I64, pixels: Colour | Depth, sample: Sequence[AnyArray]) -> Images:
+def frames_of_topic(images: TopicImages, places: I64, pixels: Colour | Depth, sample: Sequence[Stored]) -> Images:
     """The images of a topic in the order of the recording (arguments of ``Images``)."""
     name = images.topic.name
     return Images(f"{images.bag.path}: {name}", places, pixels, images.at, lambda place: f"a message of {name}", sample)

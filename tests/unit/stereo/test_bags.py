@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from toy_bags import COUNT, FOCAL, START_NS, STEP_NS, H, W, Writer, changed, picture, stereo_bag
 
-from calib.errors import InputError
+from calib.errors import InputError, UnreadableError
 from stereo.readers import OpenOptions, find_layout, open_recording
 from stereo.readers.bags import storage
 from stereo.readers.bags.messages import ImageMessage, stored_pixels
@@ -162,7 +162,6 @@ def test_compressed_depth_of_floats_is_unquantised():
     png = np.asarray(cv2.imencode(".png", np.array([[0, 101]], np.uint16))[1]).tobytes()
     header = np.array([0], "<i4").tobytes() + np.array([2.0, 100.0], "<f4").tobytes()
     stored = stored_pixels(ImageMessage("32FC1; compressedDepth png", header + png))
-    assert stored is not None
     np.testing.assert_array_equal(stored, [[np.nan, 2.0]])
 
 
@@ -190,8 +189,9 @@ def test_depth_of_the_rvl_codec_is_read():
     depth = [0, 0, 500, 501, 499, 0, 65535, 3000, 0, 0, 1, 2]
     data = bytes(12) + np.array([4, 3], "<i4").tobytes() + rvl(depth)
     stored = stored_pixels(ImageMessage("16UC1; compressedDepth rvl", data))
-    assert stored is not None and stored.tolist() == np.reshape(depth, (3, 4)).tolist()
-    assert stored_pixels(ImageMessage("16UC1; compressedDepth rvl", data[:-8])) is None
+    assert stored.tolist() == np.reshape(depth, (3, 4)).tolist()
+    with pytest.raises(UnreadableError, match="damaged pixels"):
+        stored_pixels(ImageMessage("16UC1; compressedDepth rvl", data[:-8]))
 
 
 @pytest.mark.parametrize("damage", [lambda data: data[:20], lambda data: b""])
@@ -207,20 +207,35 @@ def test_damaged_camera_info_is_refused_in_one_sentence(tmp_path, damage):
         open_recording(tmp_path / "a")
 
 
-@pytest.mark.parametrize("encoding", ["8UC-1", "8UC0", "8UC2", "16UC7", "8UC", "no such"])
-def test_encoding_that_no_image_has_is_not_decoded(encoding):
-    stored = stored_pixels(ImageMessage(encoding, b"\0" * 144, 4, 4, 36))
-    assert (stored is None) == (encoding != "8UC")
+@pytest.mark.parametrize(
+    ("message", "why"),
+    [
+        (ImageMessage("8UC-1", bytes(144), 4, 4, 36), "damaged pixels of '8UC-1'"),
+        (ImageMessage("16UC7", bytes(144), 4, 4, 36), "damaged pixels of '16UC7'"),
+        (ImageMessage("nv12", bytes(24), 4, 4, 4), "pixels coded as 'nv12', which is not read"),
+        (ImageMessage("mono12", bytes(24), 4, 4, 6), "pixels coded as 'mono12'"),
+        (ImageMessage("rgb8", bytes(16), 4, 4, 4), "16 bytes in steps of 4, where 4 rows of 4 pixels of rgb8 take 48"),
+        (ImageMessage("mono8", b"\0" * 100, 60_000, 60_000, 60_000), "an image of 60000x60000 pixels"),
+        (ImageMessage("h264", b"\0\0\0\1\x67" + bytes(20)), r"coded as 'h264' \(a packet of H.264 or H.265 video"),
+        (ImageMessage("jpeg", b"\xff\xd8\xff" + bytes(2000)), "its end is cut off"),
+    ],
+)
+def test_image_that_is_not_read_says_why(message, why):
+    with pytest.raises(UnreadableError, match=why):
+        stored_pixels(message)
+
+
+def test_rows_without_padding_are_read_whatever_step_the_message_gives():
+    assert stored_pixels(ImageMessage("rgb8", bytes(range(12)), 2, 2, 2))[1, 1].tolist() == [11, 10, 9]
 
 
 def test_messages_that_announce_more_than_they_hold_take_no_memory():
-    assert stored_pixels(ImageMessage("mono8", b"\0" * 100, 60_000, 60_000, 60_000)) is None
     message = ImageMessage("mono8", bytes(range(4)), 4, 1, 2**32 - 1)
     tracemalloc.start()
     stored = stored_pixels(message)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert stored is not None and stored.tolist() == [[0, 1, 2, 3]] and peak < 1e6
+    assert stored.tolist() == [[0, 1, 2, 3]] and peak < 1e6
 
 
 def zstd_messages(path: Path) -> Path:
@@ -239,12 +254,11 @@ def zstd_messages(path: Path) -> Path:
 @pytest.mark.parametrize(
     "make",
     [
-        lambda path: stereo_bag(path / "b.bag", chunks="bz2"),
         lambda path: stereo_bag(path / "a", False, "mcap"),
         lambda path: foxglove_file(path / "a.mcap", "json"),
         zstd_messages,
     ],
-    ids=["bz2 chunks", "mcap chunks in a folder", "mcap chunks in a file", "zstd messages"],
+    ids=["mcap chunks in a folder", "mcap chunks in a file", "zstd messages"],
 )
 def test_data_that_unpack_without_end_are_refused(tmp_path, monkeypatch, make):
     path = make(tmp_path)
@@ -332,6 +346,23 @@ def test_parts_of_a_bag_without_metadata_are_named_with_the_way_out(tmp_path):
     (path / "b.db3").write_bytes(file.read_bytes())
     with pytest.raises(InputError, match=r"found 2 bags \(a.db3, b.db3\): give one of them, or have ros2 bag reindex"):
         find_layout(path)
+
+
+def test_database_that_is_compressed_is_read_without_metadata(tmp_path):
+    file = next(stereo_bag(tmp_path / "a", False).glob("*.db3"))
+    (tmp_path / "a.db3.zstd").write_bytes(zstandard.ZstdCompressor().compress(file.read_bytes()))
+    assert find_layout(tmp_path / "a.db3.zstd")[1].n_frames == COUNT
+
+
+def test_images_coded_as_video_are_named_with_their_topics(tmp_path):
+    name = "theora_image_transport/msg/Packet"
+    writer = Writer(tmp_path / "a.bag", True)
+    writer.store.register(typesys.get_types_from_msg("std_msgs/Header header\nuint8[] data\n", name))
+    packet = writer.store.types[name](writer.header(START_NS), np.zeros(9, np.uint8))
+    writer.write("/left/image_raw/theora", START_NS, packet)
+    writer.close()
+    with pytest.raises(InputError, match=r"which are not read \(/left/image_raw/theora of theora_image.*republish"):
+        find_layout(tmp_path / "a.bag")
 
 
 def test_file_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ import pytest
 from toy_recordings import H, W, folder_recording, picture
 from toy_stereo import toy_rig
 
-from calib.errors import InputError
+from calib.errors import InputError, UnreadableError
 from calib.formats import write_rig
 from calib.rig import save_rig
 from stereo.readers import OpenOptions, find_layout, find_reader, open_recording
@@ -163,7 +163,8 @@ def test_image_that_announces_a_bomb_is_not_decoded():
     header = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
     chunk = b"IHDR" + header
     data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk)) + b"IEND"
-    assert decode_image(data) is None
+    with pytest.raises(UnreadableError):
+        decode_image(data)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tiff", ".webp", ".ppm"])
@@ -173,8 +174,9 @@ def test_image_of_every_format_is_decoded_unless_it_is_cut_off(suffix, kind):
         pytest.skip("holds 8 bits only")
     data = cv2.imencode(suffix, np.full((37, 53, 3), 9, kind))[1].tobytes()
     image = decode_image(data)
-    assert image is not None and (image.shape, image.dtype) == ((37, 53, 3), kind)
-    assert decode_image(data[:8]) is None
+    assert (image.shape, image.dtype) == ((37, 53, 3), kind)
+    with pytest.raises(UnreadableError):
+        decode_image(data[:8])
 
 
 LFS = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 727\n"

@@ -1,7 +1,6 @@
 """RGB-D recordings: readers and registration."""
 
 import json
-from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -16,9 +15,7 @@ from calib.rig import RgbdRig
 from stereo._kernels import register_depth
 from stereo.readers import OpenOptions, find_reader, open_any
 from stereo.readers.images import metres
-from stereo.readers.movement import rate_by_movement
 from stereo.readers.pairing import nearest_mates
-from stereo.readers.rgbd import STEP_PX, place_in_depth
 from stereo.recording import RgbdFrame, RgbdRecording
 from stereo.rgbd import DepthRegistration, RgbdRectifier
 
@@ -250,27 +247,6 @@ def test_mates_are_nearest_to_each_other_and_metres_leave_out_what_no_sensor_mea
     assert nearest_mates(images, depths).tolist() == [-1, 0, -1]
     found = metres(np.array([[0, 1000, 65535]], np.uint16), 1000.0)
     np.testing.assert_array_equal(found, np.array([[np.nan, 1.0, np.nan]], np.float32))
-
-
-WALK_CAMERA = Camera(320, 240, 260.0, 260.0, 159.5, 119.5)
-
-
-def _walker(step_m: float) -> list[RgbdFrame]:
-    """Before a wall 6 m away, a card of 0.5 m x 1.6 m at 3 m steps to the right."""
-    frames = []
-    for index in range(24):
-        depth = np.full((240, 320), 6.0, np.float32)
-        left = round(260 * (-1.8 + step_m * index) / 3 + 159.5)
-        depth[40:180, max(left, 0) : max(left + 43, 0)] = 3.0
-        frames.append(RgbdFrame(index, index / 30, np.zeros((240, 320), np.uint8), depth))
-    return frames
-
-
-@pytest.mark.parametrize(("step_m", "fps"), [(0.13, 10.0), (0.26, 5.0), (0.0, None)])
-def test_rate_is_that_at_which_people_walk_and_unknown_where_nothing_moves(step_m, fps):
-    depths = [frame.depth_m[::STEP_PX, ::STEP_PX] for frame in _walker(step_m)]
-    found = rate_by_movement(list(pairwise(depths)), place_in_depth(WALK_CAMERA))
-    assert found is None if fps is None else found == pytest.approx(fps, rel=0.25)  # of 8 pixels each
 
 
 @pytest.mark.parametrize("time", ["1e999999", "1e99999999", "1e19", "nan", "0001-01-01", "9999-12-31", "2262-04-12"])

@@ -31,7 +31,7 @@ from planview.commands.sweep import SweepOptions, sweep, varied
 from planview.counting.events import read_events
 from planview.synthetic.scene import load_scene
 from planview.trajectories.table import read_truth
-from stereo.readers import movement, open_any, open_recording, open_video
+from stereo.readers import open_any, open_recording, open_video
 
 
 def test_a_camera_above_the_floor_is_known_by_its_keys_and_a_rig_is_that_of_a_pair_to_trackers_of_pairs(tmp_path):
@@ -257,14 +257,13 @@ def test_inspect_names_the_option_that_supplies_what_is_missing_and_shows_people
     assert "32x24" in shown and "1 without a mate" in shown
 
 
-def test_the_rate_of_images_without_times_is_the_one_that_a_run_takes(tmp_path, capsys, monkeypatch):
+def test_the_rate_of_images_without_times_is_the_one_that_a_run_takes(tmp_path, capsys):
     folder = write_toy_rgbd(tmp_path / "rgbd")
     (folder / "timestamps.csv").unlink(missing_ok=True)
-    monkeypatch.setattr(movement, "rate_by_movement", lambda *_: 6.7)
     found = inspected(folder, capsys)
-    assert found["fps"] == open_any(folder).fps == 6.7
+    assert found["fps"] == open_any(folder).fps == 30.0
     notes = [note for note in found["notes"] if "frames per second are assumed" in note]  # type: ignore[attr-defined]
-    assert len(notes) == 1 and "no timestamps: 6.7" in notes[0] and "set the rate if it is another" in notes[0]
+    assert len(notes) == 1 and "no timestamps: 30" in notes[0] and "set the rate if it is another" in notes[0]
 
 
 @pytest.mark.parametrize("words", [["check", "--quick"], ["run", "--out", "out"]])

@@ -1,0 +1,133 @@
+"""Why something that is there cannot be read: the reason stands in the sentence, and nothing counts as absent."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from toy_recordings import folder_recording, picture, write_video
+
+from calib.errors import InputError
+from calib.formats import load_rig
+from stereo.readers import find_layout, open_recording, open_video
+from stereo.readers.video import boxes, video_tracks
+
+
+def closed(monkeypatch: pytest.MonkeyPatch, path: Path) -> None:
+    """Take the right to read a file or folder away, for the owner of the machine, too."""
+    opened, listed, access = Path.open, Path.iterdir, os.access
+
+    def refuse(own: Path) -> None:
+        if own == path:
+            raise PermissionError(13, "Permission denied", str(own))
+
+    monkeypatch.setattr(Path, "open", lambda own, *args, **named: refuse(own) or opened(own, *args, **named))
+    monkeypatch.setattr(Path, "iterdir", lambda own: refuse(own) or listed(own))
+    monkeypatch.setattr(os, "access", lambda own, *args: Path(own) != path and access(own, *args))
+
+
+@pytest.mark.parametrize("name", [".", "right", "right/0000.png", "rig.toml"])
+def test_what_may_not_be_read_is_named_with_no_permission(tmp_path, monkeypatch, name):
+    folder = folder_recording(tmp_path / "r", 1)
+    closed(monkeypatch, folder / name)
+    with pytest.raises(InputError, match="no permission"):
+        open_recording(folder)
+
+
+def test_image_that_may_not_be_read_is_a_skipped_frame_with_its_reason(tmp_path, monkeypatch):
+    folder = folder_recording(tmp_path / "r", 3)
+    closed(monkeypatch, folder / "left" / "0001.png")
+    recording = open_recording(folder)
+    assert len(list(recording)) == 2
+    assert [s.why for s in recording.skipped] == ["left: left/0001.png cannot be decoded: no permission"]
+
+
+def test_bag_that_may_not_be_read_is_no_missing_bag(tmp_path, monkeypatch):
+    (tmp_path / "walk.bag").write_bytes(b"#ROSBAG V2.0\n")
+    closed(monkeypatch, tmp_path / "walk.bag")
+    with pytest.raises(InputError, match=r"walk.bag: .*no permission"):
+        find_layout(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (b"", "an empty file"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 7\n", "git lfs pull"),
+        (b"<!DOCTYPE html><html>", "a web page"),
+        (b"\0\0\0\x18ftypheic" + bytes(20), "HEIF or AVIF"),
+        (np.asarray(cv2.imencode(".tiff", np.ones((24, 32), np.float32))[1]).tobytes(), "float32 values"),
+    ],
+)
+def test_images_that_are_none_say_what_they_are(tmp_path, content, why):
+    folder = folder_recording(tmp_path / "r", 2)
+    for file in (folder / "left").iterdir():
+        file.write_bytes(content)
+    with pytest.raises(InputError, match=f"left: expected images, found none of 2 that can be read: .*{why}"):
+        open_recording(folder)
+
+
+def test_links_to_files_that_are_gone_are_no_missing_images(tmp_path):
+    folder = folder_recording(tmp_path / "r", 2)
+    for file in (folder / "right").iterdir():
+        file.unlink()
+        file.symlink_to(tmp_path / "gone")
+    with pytest.raises(InputError, match=r"right: .* a link to a file that is not there"):
+        open_recording(folder)
+
+
+def test_depth_of_8_bits_is_named(tmp_path):
+    for name in ("rgb", "depth"):
+        (tmp_path / name).mkdir()
+        cv2.imwrite(str(tmp_path / name / "0.png"), picture(0, colour=name == "rgb"))
+    with pytest.raises(InputError, match=r"depth: expected depth images .*: uint8 values in 1 channel"):
+        find_layout(tmp_path)
+
+
+def box(kind: bytes, content: bytes = b"") -> bytes:
+    return (8 + len(content)).to_bytes(4, "big") + kind + content
+
+
+def test_video_without_its_index_was_cut_off(tmp_path):
+    (tmp_path / "a.mp4").write_bytes(box(b"ftyp", b"isom") + box(b"mdat", bytes(100)))
+    with pytest.raises(InputError, match="cut off: its index"):
+        open_video(tmp_path / "a.mp4")
+
+
+def test_video_tracks_of_a_container_are_counted(tmp_path):
+    track = box(b"trak", box(b"mdia", box(b"hdlr", bytes(8) + b"vide" + bytes(12))))
+    (tmp_path / "a.mp4").write_bytes(box(b"ftyp", b"isom") + box(b"mdat", bytes(100)) + box(b"moov", 2 * track))
+    assert list(boxes(tmp_path / "a.mp4")) == [b"ftyp", b"mdat", b"moov"] and video_tracks(tmp_path / "a.mp4") == 2
+    write_video(tmp_path / "b.avi", 2)
+    assert video_tracks(tmp_path / "b.avi") == 1
+
+
+def test_video_that_opencv_does_not_open_leaves_nothing_on_standard_error_but_the_sentence(tmp_path):
+    (tmp_path / "a.mkv").write_bytes(b"\x1aE\xdf\xa3 and no more of it")
+    command = [sys.executable, "-m", "planview", "check", "--quick", str(tmp_path / "a.mkv")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and done.stderr.startswith("planview: ") and done.stderr.count("\n") == 1
+    assert "OpenCV does not open" in done.stderr and "ffmpeg -i" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "text", ['raise ImportError("libopencv_core.so.3.2: cannot open shared object file")', "__version__ = '3.2'"]
+)
+def test_foreign_opencv_of_pythonpath_is_one_sentence(tmp_path, text):
+    (tmp_path / "cv2.py").write_text(text + "\n")
+    places = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[3])])
+    command = [sys.executable, "-m", "planview", "check", "--quick", str(tmp_path)]
+    environment = {**os.environ, "PYTHONPATH": places}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=tmp_path)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert f"{tmp_path}/cv2.py: another cv2" in done.stderr and "unset PYTHONPATH" in done.stderr
+
+
+def test_calibration_that_may_not_be_read_is_named_in_its_folder(tmp_path, monkeypatch):
+    folder = folder_recording(tmp_path / "r", 1)
+    closed(monkeypatch, folder / "rig.toml")
+    with pytest.raises(InputError, match=r"found rig\.toml, which cannot be read"):
+        load_rig(folder)
