@@ -142,8 +142,7 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
         _fail(f"{error.filename}: {reason(error)}" if error.filename else reason(error), 1)
     except Exception as error:
         if foreign := _foreign_library(error):
-            print(f"planview: {foreign}", file=sys.stderr)
-            raise SystemExit(2) from None
+            _fail(foreign, 2)
         from cyclopts import CycloptsError
 
         if isinstance(error, CycloptsError):

@@ -42,9 +42,8 @@ class LiveSource:
         self.is_grey = is_grey(self.pictures[-1])
 
     def at(self, indices: Iterable[int]) -> Iterator[Decoded]:
-        """These of the frames that come from now on."""
-        wanted = set(indices)
-        return (f for f in islice(iter(self), max(wanted, default=-1) + 1) if f.index in wanted)
+        """As many of the frames that come from now on; none comes again."""
+        return (replace(frame, index=index) for index, frame in zip(indices, self, strict=False))
 
     def __iter__(self) -> Generator[Decoded, None, None]:
         # An address that does not answer, or a stream without a frame, is given up after 10 s (our choice).
@@ -54,13 +53,13 @@ class LiveSource:
         try:
             if not capture.isOpened():
                 raise InputError(f"{self.name}: expected a camera or a stream, found nothing that answers")
-            start_s, first_s, last_s = time.monotonic(), None, -1.0
+            start_s, first_s, last_s = time.monotonic(), 0.0, -1.0
             for index in count():
                 found, image = capture.read()
                 if not found or image is None:
                     return
                 own_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
-                first_s = own_s if first_s is None else first_s
+                first_s = own_s if index == 0 else first_s
                 own_s -= first_s
                 last_s = own_s if own_s > last_s else max(time.monotonic() - start_s, last_s + 1e-3)
                 pixels = np.asarray(image, dtype=np.uint8)
@@ -80,9 +79,8 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         raise InputError(f"{path}: expected one or two cameras, found {len(sources)}")
     first, second = sources[0], sources[-1]
     named, calibration = Path(",".join(source.name for source in sources)), options.calibration
-    # world.toml lies next to the calibration.
     folder = calibration or Path("no-calibration")
-    folder = folder.parent if folder.is_file() else folder
+    folder = folder.parent if folder.is_file() else folder  # with the world.toml
 
     def rig() -> StereoRig:
         if calibration is None:
