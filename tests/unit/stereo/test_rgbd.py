@@ -199,7 +199,8 @@ def test_lost_depth_image_is_skipped_with_a_reason(tmp_path: Path) -> None:
     (tmp_path / "depth" / "1.png").write_bytes(b"broken")
     recording = _open(tmp_path)
     assert [frame.index for frame in recording] == [0, 2]
-    assert [(s.index, s.why) for s in recording.skipped] == [(1, "depth: depth/1.png cannot be decoded: no image that OpenCV reads")]
+    why = "depth: depth/1.png cannot be decoded: no image that OpenCV reads"
+    assert [(s.index, s.why) for s in recording.skipped] == [(1, why)]
 
 
 def test_colour_pictures_of_depth_are_no_depth(tmp_path: Path) -> None:
