@@ -13,7 +13,7 @@ from calib.errors import InputError
 from calib.pose import SE3
 from calib.rig import RgbdRig
 from stereo._kernels import register_depth
-from stereo.readers import OpenOptions, find_reader, open_any
+from stereo.readers import OpenOptions, find_layout, open_any
 from stereo.readers.images import metres
 from stereo.readers.pairing import nearest_mates
 from stereo.recording import RgbdFrame, RgbdRecording
@@ -206,8 +206,8 @@ def test_lost_depth_image_is_skipped_with_a_reason(tmp_path: Path) -> None:
 def test_colour_pictures_of_depth_are_no_depth(tmp_path: Path) -> None:
     _write(tmp_path / "rgb", ["0", "1"])
     _write(tmp_path / "depth", ["0", "1"])
-    with pytest.raises(InputError, match="expected a recording"):
-        find_reader(tmp_path)
+    with pytest.raises(InputError, match="uint8 values in 3 channels"):
+        find_layout(tmp_path)
 
 
 def _tum(path: Path, depth_at: list[str]) -> Path:
