@@ -76,7 +76,7 @@ def spread(runs: Sequence[PetsScores]) -> dict[str, Any]:
         "mota_mean": float(mota.mean()),
         "mota_deviation": float(mota.std()),
         "mota_range": float(np.ptp(mota)),
-        "idf1_mean": float(np.mean([run.boxes.identity.idf1 or 0.0 for run in runs])),
+        "idf1_mean": float(np.mean([run.boxes.idf1 or 0.0 for run in runs])),
         "errors_mean": float(np.mean([run.errors.total for run in runs])),
     }
 

@@ -1,9 +1,15 @@
 """Base of every parameter table, and the messages for values that it refuses."""
 
-from collections.abc import Callable
-from typing import Self
+import ast
+import inspect
+import itertools
+import re
+import textwrap
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic_core import PydanticUndefined
 
 LARGEST = {"_m": 1e4, "_m2": 1e4, "_s": 1e6, "_px": 1e6, "_deg": 3600.0, "_mps": 100.0, "_mps2": 1e4}
 """Largest magnitude by the unit in a parameter's name: beyond the reach of any camera, a recording of ten days, an
@@ -50,3 +56,72 @@ def first_problem(error: ValidationError, name: Callable[[Location], str] = dott
     else:
         problem = f"{first['msg'][:1].lower()}{first['msg'][1:]}, found {first['input']!r:.80}"
     return f"{where}: {problem}" if where else problem
+
+
+class Described(NamedTuple):
+    """A parameter in words: its default ("" where it is required), range of values, and what it means."""
+
+    name: str
+    default: str
+    range: str
+    meaning: str
+
+    @property
+    def sentence(self) -> str:
+        """What it is, in a sentence without the reason of its default."""
+        first = re.split(r"(?<=[.)\]])\s+(?=[A-Z])|;\s|(?<=\]):\s", self.meaning, maxsplit=1)[0]
+        return re.sub(r"\s*\(our choice[^()]*\)", "", first).rstrip(".")
+
+
+def tables_of(table: type[Params], name: str = "") -> Iterator[tuple[str, type[Params]]]:
+    """The table and all that are inside of it, with their names in a file."""
+    yield name, table
+    for field, info in table.model_fields.items():
+        if isinstance(info.annotation, type) and issubclass(info.annotation, Params):
+            yield from tables_of(info.annotation, f"{name}.{field}".lstrip("."))
+
+
+def described(table: type[Params]) -> list[Described]:
+    """The parameters of a table in words, without those of tables inside of it."""
+    meanings = _field_docs(table)
+    return [
+        Described(name, _default(info), _range(info), " ".join(meanings.get(name, "").split()))
+        for name, info in table.model_fields.items()
+        if not (isinstance(info.annotation, type) and issubclass(info.annotation, Params))
+    ]
+
+
+def _field_docs(table: type[BaseModel]) -> dict[str, str]:
+    """The docstring beneath each field of a table, from its source.
+
+    pydantic could collect them when a class is made (``use_attribute_docstrings``); reading the source of fifty tables
+    takes half a second of every start.
+    """
+    found = {}
+    for base in reversed([c for c in table.__mro__ if c is not BaseModel and issubclass(c, BaseModel)]):
+        body = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0].body  # type: ignore[attr-defined]
+        for field, text in itertools.pairwise(body):
+            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
+                found[ast.unparse(field.target)] = inspect.cleandoc(str(text.value.value))
+    return found
+
+
+def _default(info: Any) -> str:
+    if info.default is not PydanticUndefined:
+        value = info.default
+    elif info.default_factory is not None:
+        value = info.default_factory()
+    else:
+        return ""
+    return value if isinstance(value, str) and value else repr(value)
+
+
+_BOUNDS = {"gt": "above {}", "ge": "from {}", "lt": "below {}", "le": "to {}"}
+
+
+def _range(info: Any) -> str:
+    choices = getattr(info.annotation, "__args__", ())
+    if "Literal" in str(info.annotation) and choices:
+        return ", ".join(c for c in choices if isinstance(c, str))
+    found = [_BOUNDS[key].format(f"{getattr(m, key):g}") for m in info.metadata for key in _BOUNDS if hasattr(m, key)]
+    return " ".join(found)

@@ -232,6 +232,9 @@ class Recorded(ABC, Generic[Frame]):
     sides: ClassVar[tuple[str, ...]]
     """Before the reasons why a camera has no image."""
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({str(self.path)!r}, {self.n_frames} frames, {self.fps:.4g} per second)"
+
     @property
     def fps(self) -> float:
         return self.clock.fps

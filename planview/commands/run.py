@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, get_args
@@ -23,6 +24,7 @@ from planview.commands.options import (
     in_range,
     open_options,
 )
+from planview.commands.params import config_toml
 from planview.commands.results import RenderOptions, render
 from planview.commands.scores import EvaluateOptions, evaluate, print_counts
 from planview.counting.rules import RulePlane, load_rules
@@ -91,6 +93,12 @@ class TrackingOptions:
     """Also write maps.h5: foreground points of every frame as disparities and coarse colour codes, without images."""
     frames: Annotated[str | None, _In] = None
     """Frames to track, FIRST:LAST, or N for the first N: the background is learned from the first of them on."""
+    quiet: Annotated[Flag, _Out] = False
+    """Print nothing but errors."""
+    json_output: Annotated[JsonFlag, _Out] = False
+    """Print run.json, without the configuration, to standard output at the end."""
+    print_config: Annotated[Flag, _How] = False
+    """Print all parameters that the run would have as a file for --config, and end."""
     overwrite: Annotated[Flag, _Out] = False
     """Replace the results of an earlier run in the folder."""
     resume: Annotated[Flag, _Out] = False
@@ -103,7 +111,7 @@ def run(
     recording: Path,
     right: Path | None = None,
     *,
-    out: Annotated[Path, _Out],
+    out: Annotated[Path | None, _Out] = None,
     options: TrackingOptions = TrackingOptions(),
 ) -> None:
     """Track people in a recording: tracks.csv, run.json and report.html in a folder.
@@ -132,8 +140,16 @@ def run(
     right
         The right one of two videos or folders of images.
     out
-        Folder for the results; created if needed.
+        Folder for the results, which is needed; created where it does not exist.
     """
+    for setting in options.set_:
+        if now := _MOVED.get(setting.partition("=")[0].strip()):
+            raise InputError(f"--set {setting}: {now}")
+    if options.print_config:
+        print(config_toml(load_config(options.config, options.set_, base_config(recording))))
+        return
+    if out is None:
+        raise InputError("run needs --out FOLDER for the results")
     try:
         _run(recording, right, out, options)
     except HoldsResultsError as error:
@@ -143,9 +159,6 @@ def run(
 
 
 def _run(recording: Path, right: Path | None, out: Path, options: TrackingOptions) -> None:
-    for setting in options.set_:
-        if now := _MOVED.get(setting.partition("=")[0].strip()):
-            raise InputError(f"--set {setting}: {now}")
     in_range("--rrd-every", options.rrd_every, 1, 100_000)
     in_range("--checkpoint-every", options.checkpoint_every, 0, 86_400, " s")
     settings = load_config(options.config, options.set_, base_config(recording))
@@ -153,7 +166,7 @@ def _run(recording: Path, right: Path | None, out: Path, options: TrackingOption
         if options.resume and is_given:
             raise InputError(f"--resume and {name} cannot be combined")
     check_folder(out, options.overwrite or options.resume, recording)
-    console = PlainConsole(stderr=True)
+    console = PlainConsole(stderr=True, quiet=options.quiet)
     if options.resume and (info := finished_run(out)) is not None:
         with folder_lock(out):  # what a kill after the last frame left undone; the page comes last
             remove_checkpoint(out)
@@ -170,6 +183,8 @@ def _run(recording: Path, right: Path | None, out: Path, options: TrackingOption
     summary(console, info, out)
     if info.counts:
         print_counts(info.counts, console)
+    if options.json_output:
+        print(json.dumps({"out": str(out), **info.model_dump(mode="json", exclude={"config"})}, indent=2))
 
 
 def _opened_and_tracked(

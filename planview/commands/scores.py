@@ -174,7 +174,7 @@ def _refined(tracks: Path) -> bool | None:
 def print_evaluation(result: Evaluation, console: Console, title: str, *, listed: bool = True) -> None:
     """The main figures in a line, all as a table, position errors by group, then every significant error."""
     values = result.to_json()
-    console.print(f"{title}: {headline(result)}", highlight=False, soft_wrap=True)
+    console.print(f"{title}: {result.headline}", highlight=False, soft_wrap=True)
     table = Table(title=f"{values['truth_rows']} truth rows ({values['ignored_rows']} too hidden, ignored)")
     table.add_column("figure")
     table.add_column("value", justify="right")
@@ -199,19 +199,6 @@ def print_evaluation(result: Evaluation, console: Console, title: str, *, listed
         console.print("tracks laid over the truth:", values["alignment"])
     for error in result.significant if listed else []:
         console.print(f"frame {error.frame}: {error.kind}: {error.who}: {error.note}", highlight=False)
-
-
-def headline(result: Evaluation) -> str:
-    """The figures that matter most, in one line."""
-    values, people = result.to_json(), result.sequence.n_truth
-    parts = [f"{people} {'person' if people == 1 else 'people'}"]
-    if values["mota"] is not None:
-        parts.append(f"MOTA {values['mota']:.3f}")
-    for name in ("position", "height"):
-        if (mean_m := values[f"{name}_error_mean_m"]) is not None:
-            parts.append(f"{name} error {100 * mean_m:.1f} cm")
-    errors = values["significant_errors"]["total"]
-    return ", ".join([*parts, f"{values['switches']} switches", f"{errors} significant error{'s' * (errors != 1)}"])
 
 
 _DEFAULTS = AnalyticsParams()

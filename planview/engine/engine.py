@@ -219,6 +219,9 @@ class Engine(ABC):
         self.recording, self.tracker, self.config = recording, tracker, config
         self.camera, self.size, self.views = camera, size, views
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.recording!r}, {type(self.tracker).__name__})"
+
     @property
     def stereo(self) -> StereoView | None:
         """The first rig, over the grid of the maps; None for one camera."""

@@ -27,7 +27,7 @@ from planview.evaluation.significant import (
     significant_errors,
     strict_identity_changes,
 )
-from planview.trajectories.table import Trajectories, frame_period_s, frame_step, rows_by_id
+from planview.trajectories.table import Trajectories, frame_period_s, frame_step, people_of, rows_by_id
 
 SHIFTED = 0.85
 """Share of the error, without which truth and tracks may just as well count frames alike (our choice)."""
@@ -128,6 +128,7 @@ def evaluate_tracks(
         events=len(grouped_events(significant, EVENT_S / frame_s)),
         strict_identity_changes=strict_identity_changes(persons, frame_s),
         duration_s=n_frames * frame_s,
+        tracked_people=len(people_of(followed, frame_s)),
         track_frames=len(np.unique(claimed.frame)),
         covered_frames=len(np.intersect1d(claimed.frame, people.frame)),
         alignment=alignment,

@@ -8,7 +8,7 @@ from collections.abc import Sequence as Items
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -104,6 +104,7 @@ class Evaluation:
         significant, events: errors by frame, and from how many moments they come (``grouped_events``).
         strict_identity_changes: every persistent change of an identity, also after coming back.
         duration_s: time scored [s].
+        tracked_people: tracks that count as people (``people_of``), near somebody or not.
         track_frames, covered_frames: frames with confirmed tracks, and those of them in which the truth has rows.
         shift: frames, -1 or 1, by which the tracks have to be moved to lie clearly nearer to the truth, else 0.
         alignment: the motion applied, if asked for.
@@ -121,6 +122,7 @@ class Evaluation:
     events: int
     strict_identity_changes: int
     duration_s: float
+    tracked_people: int
     track_frames: int
     covered_frames: int
     alignment: FloorAlignment | None
@@ -129,8 +131,31 @@ class Evaluation:
     unplaced_rows: int = 0
 
     def __repr__(self) -> str:
-        mota = math.nan if self.clear.mota is None else self.clear.mota
-        return f"Evaluation(MOTA {mota:.3f}, {len(self.significant)} errors, {self.duration_s:.1f} s)"
+        return f"Evaluation({self.headline})"
+
+    @property
+    def headline(self) -> str:
+        """The figures that matter most, in one line."""
+        people = self.sequence.n_truth
+        parts = [f"{people} {'person' if people == 1 else 'people'} in the truth, {self.tracked_people} tracked"]
+        for name, value in (("MOTA", self.mota), ("IDF1", self.idf1)):
+            parts += [f"{name} {value:.3f}"] if value is not None else []
+        for name, mean_m in (("position", self.position_error_mean_m), ("height", self.height_error_mean_m)):
+            parts += [f"{name} error {100 * mean_m:.1f} cm"] if mean_m is not None else []
+        for number, one in ((self.switches, "switch"), (len(self.significant), "significant error")):
+            parts += [f"{number:,} {one}{'' if number == 1 else 'es' if one.endswith('h') else 's'}"]
+        return ", ".join(parts)
+
+    if not TYPE_CHECKING:  # a name that is misspelt still fails in a type checker
+
+        def __getattr__(self, name: str) -> Any:
+            """Every figure of ``to_json`` by its name."""
+            if name.startswith("_") or name not in (figures := self.to_json()):
+                raise AttributeError(f"Evaluation has no figure {name!r}")
+            return figures[name]
+
+        def __dir__(self) -> list[str]:
+            return sorted({*super().__dir__(), *self.to_json()})
 
     def _repr_html_(self) -> str:
         import pandas  # half a second
@@ -164,12 +189,38 @@ class Evaluation:
         )
 
     @cached_property
-    def identity(self) -> IdentityScores:
+    def _identity(self) -> IdentityScores:
         return identity_scores(self.sequence)
 
     @cached_property
-    def hota(self) -> HotaScores:
+    def _hota(self) -> HotaScores:
         return hota_scores(self.sequence)
+
+    @property
+    def mota(self) -> float | None:
+        """None without truth that counts, as is every score that the data cannot give."""
+        return self.clear.mota
+
+    @property
+    def idf1(self) -> float | None:
+        return self._identity.idf1
+
+    @property
+    def hota(self) -> float | None:
+        return self._hota.hota
+
+    @property
+    def switches(self) -> int:
+        """Every change of a person's id."""
+        return self.clear.switches
+
+    @property
+    def position_error_mean_m(self) -> float | None:
+        return _mean(self.position_error_m)
+
+    @property
+    def height_error_mean_m(self) -> float | None:
+        return _mean(self.height_error_m)
 
     @property
     def position_error_m(self) -> F64:
@@ -180,19 +231,21 @@ class Evaluation:
         """The ``--json`` object; a score that the data cannot give is null."""
         by_kind = Counter(error.kind for error in self.significant)
         return {
+            "people": self.sequence.n_truth,
+            "tracked_people": self.tracked_people,
             "truth_rows": self.sequence.truth_rows,
-            "mota": self.clear.mota,
-            "motp_m": _mean(self.position_error_m),
-            "idf1": self.identity.idf1,
-            "hota": self.hota.hota,
-            "det_a": self.hota.deta,
-            "ass_a": self.hota.assa,
-            "switches": self.clear.switches,
+            "mota": self.mota,
+            "motp_m": self.position_error_mean_m,
+            "idf1": self.idf1,
+            "hota": self.hota,
+            "det_a": self._hota.deta,
+            "ass_a": self._hota.assa,
+            "switches": self.switches,
             "switches_per_minute": self._per(60.0, self.clear.switches),
             **{name: getattr(self.clear, name) for name in _CLEAR},
-            "position_error_mean_m": _mean(self.position_error_m),
+            "position_error_mean_m": self.position_error_mean_m,
             "position_error_std_m": float(self.position_error_m.std()) if len(self.position_error_m) else None,
-            "height_error_mean_m": _mean(self.height_error_m),
+            "height_error_mean_m": self.height_error_mean_m,
             **({"facing": facing} if (facing := self.facing.to_json()) else {}),
             "significant_errors": {"total": len(self.significant), **{kind: by_kind[kind] for kind in KINDS}},
             "significant_errors_per_10_min": self._per(600.0, len(self.significant)),
@@ -218,8 +271,8 @@ class Evaluation:
 
 
 _SUMS = (
-    "ignored_rows", "events", "strict_identity_changes", "duration_s", "track_frames", "covered_frames",
-    "left_out_frames", "unplaced_rows",
+    "ignored_rows", "events", "strict_identity_changes", "duration_s", "tracked_people", "track_frames",
+    "covered_frames", "left_out_frames", "unplaced_rows",
 )  # fmt: skip
 
 

@@ -114,6 +114,9 @@ class MapsRecording:
             self._check_tables(file)
         self.n_frames = len(self._indices)
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({str(self.path)!r}, {self.n_frames} frames, {self.fps:.4g} per second)"
+
     def __iter__(self) -> Iterator[MapsFrame]:
         """Every frame in order.
 

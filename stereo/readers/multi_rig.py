@@ -51,6 +51,9 @@ class MultiRigRecording:
         ends = [rig.start_s - self._first_s + rig.recording.n_frames / rig.recording.fps for rig in rigs]
         self.n_frames = max(1, round(max(ends) * self.fps))
 
+    def __repr__(self) -> str:
+        return f"MultiRigRecording({str(self.path)!r}, {len(self.rigs)} heads, {self.n_frames} frames)"
+
     @property
     def skipped(self) -> list[Skipped]:
         """Frames that one of the rigs passed over; indices are those of the rig."""

@@ -29,6 +29,7 @@ from planview.commands.recordings import CheckOptions, check
 from planview.commands.run import TrackingOptions, _is_of_one_camera
 from planview.commands.sweep import SweepOptions, sweep, varied
 from planview.counting.events import read_events
+from planview.engine.config import load_config
 from planview.synthetic.scene import load_scene
 from planview.trajectories.table import read_truth
 from stereo.readers import open_any, open_recording, open_video
@@ -345,3 +346,32 @@ def test_messages_below_the_commands_name_no_option_and_no_command(room):
             texts = {node for call in calls for node in ast.walk(call) if isinstance(node, ast.Constant)}
             found += [f"{file}:{text.lineno}" for text in texts if option.search(str(text.value))]
     assert not found
+
+
+def printed_by(capsys, *words: object) -> str:
+    with pytest.raises(SystemExit, match="0"):
+        main([str(word) for word in words])
+    return capsys.readouterr().out
+
+
+def test_parameters_are_listed_by_part_of_a_name_and_one_alone_with_its_reason(capsys, refused) -> None:
+    assert printed_by(capsys, "params", "maps.cell").startswith(
+        "maps.cell_m = 0.04 (from 0.005 to 0.5)\nSide of a cell"
+    )
+    assert "maps.cell_m" in printed_by(capsys, "params", "map*cell*")
+    assert "joint." in printed_by(capsys, "params")
+    assert "gate_m = 0.5" in printed_by(capsys, "params", "--all", "EvaluationParams.gate_m")
+    assert "'no_such_word'" in refused("params", "no_such_word")
+
+
+def test_printed_configuration_is_the_file_that_config_takes(tmp_path, capsys) -> None:
+    settings = ["maps.cell_m=0.05", "seed=3"]
+    words = ["--print-config", "--set", settings[0], "--set", settings[1]]
+    (tmp_path / "c.toml").write_text(printed_by(capsys, "run", tmp_path, *words))
+    assert load_config(tmp_path / "c.toml") == load_config(None, settings)
+
+
+def test_run_without_a_folder_and_settings_that_became_options_say_what_to_type(tmp_path, refused) -> None:
+    assert refused("run", tmp_path) == "planview: run needs --out FOLDER for the results"
+    sentence = refused("run", tmp_path, "--out", tmp_path / "out", "--set", "run.frames=3")
+    assert sentence == "planview: --set run.frames=3: use --frames"
