@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 import shutil
 from collections.abc import Sequence
@@ -67,43 +66,40 @@ def log_assessment(stream: rr.RecordingStream, results: RunFolder) -> None:
 
 BODY_M = 0.5
 """Width of the boxes around people [m]."""
-PART_FRAMES = 9000
-"""Frames of a file, ten minutes at 15 Hz (our choice): rerun remembers what it wrote until a file ends."""
 FREE_BYTES_MIN = 64 * 2**20
 """Free disk space for the next frames [bytes]: rerun writes in a thread of its own, which hangs on a full disk."""
 
 
 class RerunLog:
-    """Writes ``run.rrd``, of a long run ``run-2.rrd`` and so on: parts of one recording, which the viewer shows as one.
+    """Writes ``run.rrd``.
 
     Args:
-        resumed: the run resumes: rerun cannot continue a file, so another one begins.
-        every: images, clouds and maps of every n-th frame only; people, decisions and curves of all. It doubles when
-            half of the room left of 2 GB is used, so that a run of any length is bounded.
+        resumed: the run resumes: rerun cannot continue a file, so another one begins, ``run-2.rrd`` and so on, which
+            the viewer shows as one recording.
+        every: images, clouds and maps of every n-th frame only; people, decisions and curves of all.
     Raises:
         WorkError: too little free disk space.
     """
 
     def __init__(self, engine: Engine, path: Path, every: int = 1, *, resumed: bool = False) -> None:
-        self._engine, self._path = engine, path
-        self._parts = rrd_parts(path) if resumed else []
-        self._parts.append(part_of(path, len(self._parts) + 1))
+        number = len(rrd_parts(path)) + 1 if resumed else 1
+        self._engine, self._path = engine, path if number == 1 else path.with_name(f"{path.stem}-{number}.rrd")
         self._check_room()
-        self._stereo, self._asked_every = engine.stereo, every
-        self._every = self._thinned()
+        self._stereo, self._every = engine.stereo, every
         self._shown: set[str] = set()
-        self._static: dict[str, tuple[rr.AsComponents, ...]] = {}
+        self._curves: set[str] = set()
         # Of the first frame, then three seconds later, when the foreground knows people; a resumed run has it in its
         # first file.
         self._scenes_at_s = [-math.inf] if self._stereo and not resumed else []
         self._frames = 0
         # All files belong to the same recording by its id; the viewer keeps a layout per application. Chunks of 10 s or
-        # 2 MB: the default is five a second of each path. A stream for every file would leave memory behind.
+        # 2 MB: the default is five a second of each path.
         self._stream = rr.RecordingStream(
             "planview" if self._stereo else "planview-single", recording_id=f"planview-{path.parent.name}",
             batcher_config=rr.ChunkBatcherConfig(flush_tick=10.0),
         )  # fmt: skip
-        self._begin_part()
+        self._stream.save(str(self._path))  # with a blueprint it would wait for ever on a disk without room for it
+        self._stream.send_blueprint(blueprint(self._engine), make_active=False)
         self._keep("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         for n, (name, stereo) in enumerate(engine.views.items()):
             pose, geometry = stereo.floor.world_SE3_left, stereo.geometry
@@ -116,34 +112,18 @@ class RerunLog:
         if self._stereo:
             self._keep("world/floor", metre_grid(PlanBounds(*shown_floor(self._stereo))))
 
-    def _begin_part(self) -> None:
-        """Open the last file, and repeat what has been kept, so that it can be seen without the others."""
-        self._stream.save(str(self._parts[-1]))  # with a blueprint it would wait for ever on a disk without room for it
-        self._stream.send_blueprint(blueprint(self._engine), make_active=False)
-        for path, shapes in self._static.items():
-            self._stream.log(path, *shapes, static=True)
-
     def _keep(self, path: str, *shapes: rr.AsComponents) -> None:
-        """Log what holds for all frames, here and in the files to come."""
-        self._static[path] = shapes
+        """Log what holds for all frames."""
         self._stream.log(path, *shapes, static=True)
-
-    def _thinned(self) -> int:
-        """Images of every n-th frame are logged from now on."""
-        return self._asked_every * rarer(sum(part.stat().st_size for part in self._parts if part.is_file()))
 
     def mark(self) -> dict[str, int]:
         self._flush()
-        sync(self._parts[-1])
+        sync(self._path)
         return {}
 
     def frame(self, result: FrameResult) -> None:
         """Log one frame, on the timelines ``frame`` and ``time``."""
         self._check_room()
-        if self._frames and self._frames % PART_FRAMES == 0:
-            self.mark()
-            self._parts.append(part_of(self._path, len(self._parts) + 1))
-            self._begin_part()
         self._stream.set_time("frame", sequence=result.frame)
         self._stream.set_time("time", duration=result.timestamp_s)
         self._log_scene(result)
@@ -164,7 +144,6 @@ class RerunLog:
         # So many frames may wait for rerun's thread: on a busy machine they would pile up in memory.
         if self._frames % 100 == 0:
             self._flush()
-            self._every = self._thinned()
 
     def close(self) -> None:
         with suppress(InputError, WorkError):  # tables that cannot be read
@@ -177,7 +156,7 @@ class RerunLog:
             log_assessment(self._stream, results)
         self.mark()
         self._stream.disconnect()  # where rerun's thread could not write it would wait for ever
-        sync(self._parts[-1])
+        sync(self._path)
 
     def _flush(self) -> None:
         """Wait for rerun's thread as long as the file grows; the thread may end without a word when it cannot write."""
@@ -186,11 +165,8 @@ class RerunLog:
             try:
                 return self._stream.flush(timeout_sec=4.0)
             except (RuntimeError, ValueError) as error:
-                before, size = size, self._parts[-1].stat().st_size
+                before, size = size, self._path.stat().st_size
                 if size == before:
-                    # The stream stays for ever: rerun may wait for its dead thread when one is collected, and at exit.
-                    ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._stream))
-                    rr.unregister_shutdown()
                     problem = f"{self._path}: cannot be written ({reason(error)}); earlier frames are kept"
                     raise WorkError(problem) from error
 
@@ -290,21 +266,10 @@ class RerunLog:
         for decision in result.decisions:
             if decision.kind == "matched" and not math.isnan(decision.value):
                 path = f"score/{decision.track_id}"
-                if path not in self._static:  # the curve has the person's colour
+                if path not in self._curves:  # the curve has the person's colour
+                    self._curves.add(path)
                     line = rr.SeriesLines(colors=[person_rgb(decision.track_id)], names=[str(decision.track_id)])
                     self._keep(path, line)
                 values[path] = decision.value
         for path, value in values.items():
             self._stream.log(path, rr.Scalars(value))
-
-
-def part_of(path: Path, number: int) -> Path:
-    """``run.rrd``, ``run-2.rrd``, ..."""
-    return path if number == 1 else path.with_name(f"{path.stem}-{number}.rrd")
-
-
-def rarer(written: int, room: int = 2 * 2**30) -> int:
-    """Of how many frames' images one is still written: twice as many for every half of the room left that is used (our
-    choice of room: an hour that can be copied [bytes])."""
-    left = 1.0 - written / room
-    return 1 << math.floor(-math.log2(max(left, 1 / 4096)))  # one in five minutes at 15 Hz (our choice)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import signal
-import sys
 import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -58,13 +56,6 @@ class RunLog(Protocol):
 
     def close(self) -> None:
         """All frames are complete on the disk, whether the run finished or not; it may be resumed."""
-
-
-def return_unused_memory() -> None:
-    """Let glibc return freed memory to the system: from fragmentation, resident memory grows by 2 % per hour."""
-    if sys.platform == "linux":
-        with suppress(OSError, AttributeError):  # a C library without it
-            ctypes.CDLL(None).malloc_trim(0)
 
 
 @contextmanager
@@ -173,7 +164,7 @@ class _Run:
             stack.callback(tables.close)
             is_live = getattr(self._engine.recording, "is_live", False)
             every_s = 0.0 if is_live else options.checkpoint_every_s
-            marked_s = trimmed_s = time.monotonic()
+            marked_s = time.monotonic()
             for result in frames:
                 self._totals.take(result)
                 analytics = options.analytics
@@ -188,9 +179,6 @@ class _Run:
                 now_s = time.monotonic()
                 if every_s and (now_s - marked_s >= every_s or interrupts.is_set()):
                     every_s, marked_s = every_s if self._mark(tables) else 0.0, now_s
-                if now_s - trimmed_s >= 30.0:  # it takes some milliseconds
-                    return_unused_memory()
-                    trimmed_s = now_s
                 if interrupts.is_set() and is_live:
                     break  # the usual end of cameras that run
                 if interrupts.is_set():

@@ -19,7 +19,7 @@ from planview.engine.engine import Engine, FrameResult
 from planview.engine.setup import set_up
 from planview.engine.stereo import stereo_engine
 from planview.output.maps_log import MapsLog
-from planview.output.run import RunLog, RunOptions, return_unused_memory, run
+from planview.output.run import RunLog, RunOptions, run
 from stereo.readers import open_recording
 from stereo.recording import StereoFrame, StereoRecording
 
@@ -63,8 +63,7 @@ def test_memory_of_a_long_run_does_not_grow(engine: Engine, tmp_path: Path, logs
     resident: dict[int, int] = {}
 
     def watch(result: FrameResult) -> None:
-        if result.frame in (FRAMES // 3 - 1, FRAMES - 1):  # at night both end a file of rerun
-            return_unused_memory()
+        if result.frame in (FRAMES // 3 - 1, FRAMES - 1):
             resident[result.frame] = int(Path("/proc/self/statm").read_text().split()[1])
 
     made: list[RunLog] = []

@@ -1,6 +1,5 @@
 """The folder of a run: files, maps, progress."""
 
-import ctypes
 import io
 import math
 import os
@@ -35,7 +34,6 @@ from planview.output.folder import (
 )
 from planview.output.progress import PlainConsole, compile_notice
 from planview.output.rerun_shapes import at_step
-from planview.output.run import return_unused_memory
 from planview.output.run_folder import RunFolder
 from planview.output.tables import FrameFile
 from planview.trajectories.table import people_of
@@ -219,18 +217,6 @@ def test_console_shows_escape_codes_and_markup_of_names_as_text() -> None:
     console.print(table)
     assert "\x1b" not in file.getvalue() and "\x07" not in file.getvalue()
     assert file.getvalue().count("\\x1b[31m[bold]x[/]\\udcff") == 2
-
-
-@pytest.mark.parametrize(("system", "calls"), [("linux", [0]), ("win32", []), ("darwin", [])])
-def test_freed_memory_is_returned_to_linux_and_left_alone_elsewhere_or_by_other_c_libraries(monkeypatch, system, calls):
-    kept, asked = [], []
-    monkeypatch.setattr(sys, "platform", system)
-    monkeypatch.setattr(ctypes, "CDLL", lambda name: SimpleNamespace(malloc_trim=kept.append))
-    return_unused_memory()
-    assert kept == calls
-    monkeypatch.setattr(ctypes, "CDLL", lambda name: asked.append(name) or object())
-    return_unused_memory()
-    assert asked == [None] * len(calls)
 
 
 def test_person_is_confirmed_for_half_a_second(street: Path) -> None:

@@ -24,7 +24,6 @@ from planview.output.folder import rrd_parts
 from planview.output.render import tally
 from planview.output.replay import difference_text, replay_run
 from planview.output.report.page import write_report
-from planview.output.rerun_log import rarer
 from planview.output.rerun_shapes import MAP_LAYERS, mosaic, outlines
 from planview.output.run import RunOptions, run
 from planview.output.run_folder import RunFolder
@@ -198,11 +197,6 @@ def test_templates_and_foreground_are_drawn_in_pixels_of_one_image():
     strips = outlines(mask, (160, 120)).strips
     (corners,) = strips.as_arrow_array().to_pylist()
     assert np.array(corners).min(axis=0).tolist() == [40, 20]
-
-
-@pytest.mark.parametrize(("written", "step"), [(0, 1), (499, 1), (500, 2), (750, 4), (875, 8), (5000, 4096)])
-def test_images_become_rarer_whenever_half_of_the_room_left_is_used(written, step):
-    assert rarer(written, room=1000) == step
 
 
 def test_parts_of_a_rerun_recording_are_in_the_order_of_their_numbers(tmp_path):
