@@ -22,7 +22,7 @@ from benchmarks.ablation import (
 )
 from benchmarks.calibration import Row, alignment_error
 from benchmarks.options import report
-from benchmarks.speed import LIMITS, Clip, Speed, Yardstick, counted, one_core, walking_people
+from benchmarks.speed import LIMITS, Clip, Yardstick, counted, one_core, ratio_row, walking_people
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.pose import SE3
@@ -56,9 +56,8 @@ def test_json_has_null_for_unknown_figures(capsys: pytest.CaptureFixture[str]) -
 
 
 def test_ratio_has_median_and_quartiles() -> None:
-    speed = Speed()
-    speed.add("foreground_to_mog2", np.array([0.55, 0.65, 0.75, 0.85, 0.95]))
-    assert list(speed.ratios[0].values())[1:] == [0.75, 0.65, 0.85, LIMITS["foreground_to_mog2"]]
+    row = ratio_row("foreground / MOG2", np.array([0.55, 0.65, 0.75, 0.85, 0.95]), np.ones(5))
+    assert (row["ratio"], row["limit"]) == (pytest.approx((0.75, 0.65, 0.85)), LIMITS["foreground / MOG2"])
 
 
 def test_one_core_is_given_back():
