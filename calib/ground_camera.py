@@ -32,7 +32,7 @@ def distortion_k(lens: str, width: int) -> float:
 
 @dataclass(frozen=True)
 class GroundCamera:
-    """Camera at (0, 0, height_m) looking down along +Y, principal point at the image centre.
+    """A ``FloorCamera`` at (0, 0, height_m) looking down along +Y, principal point at the image centre.
 
     World frame: Z up, floor at Z = 0, X right, Y forward (as ``calib.rig.world_from_plane`` defines it). Raises
     ValueError: a parameter out of its range.
@@ -76,6 +76,27 @@ class GroundCamera:
     def distortion_k(self) -> float:
         """K of r' = r + K r^2 in 1/px of this image."""
         return distortion_k(self.lens, self.width)
+
+    @property
+    def centre_m(self) -> F64:
+        """See ``FloorCamera``."""
+        return np.array([0.0, 0.0, self.height_m])
+
+    @property
+    def pixel_sr(self) -> float:
+        """See ``FloorCamera``."""
+        return 1.0 / self.focal_px**2
+
+    @property
+    def projection(self) -> F64:
+        """See ``FloorCamera``."""
+        s, c = math.sin(self.tilt_rad), math.cos(self.tilt_rad)
+        turned, upright = math.sin(self.roll_rad), math.cos(self.roll_rad)
+        roll = np.array([[upright, -turned, 0.0], [turned, upright, 0.0], [0.0, 0.0, 1.0]])
+        axes = roll @ np.array([[1.0, 0.0, 0.0], [0.0, -c, -s], [0.0, s, -c]])
+        u, v = 0.5 * (self.width - 1), 0.5 * (self.height - 1)
+        lens = np.array([[self.focal_px, 0.0, u], [0.0, self.focal_px, v], [0.0, 0.0, 1.0]])
+        return np.asarray(lens @ np.column_stack([axes, -axes @ self.centre_m]), dtype=np.float64)
 
     def project(self, points_world: ArrayLike) -> F64:
         """(..., 2) pixels of (..., 3) world points [m], NaN behind the camera (Zhang et al. 2008, section 3.2).

@@ -1,4 +1,4 @@
-"""Metres from disparity and how far they may be off, and the rectified left camera above its floor."""
+"""Metres from disparity and how far they may be off."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, cast, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calib.floor_camera import FloorPinhole
 from calib.images import as_colour
 from calib.libraries import import_open3d
 from calib.pose import SE3
@@ -65,6 +66,11 @@ class RectifiedGeometry:
         """(3, 3) camera matrix of an image whose pixels are means of step x step pixels [px of that image]."""
         middle = 0.5 * (step - 1)
         return np.array([[1.0, 0.0, -middle], [0.0, 1.0, -middle], [0.0, 0.0, step]]) / step @ self.matrix
+
+    def above(self, world_SE3_left: SE3, step: int = 1) -> FloorPinhole:
+        """The left camera above the floor, with its image or that of means of step x step pixels."""
+        size = -(-self.width // step), -(-self.height // step)
+        return FloorPinhole(size, self.reduced_matrix(step), world_SE3_left)
 
     @property
     def disparity_metre(self) -> float:
@@ -148,28 +154,3 @@ def median_image(images: Sequence[AnyArray]) -> F32:
     known = np.isfinite(ordered).sum(axis=0)[None]
     middle = [np.take_along_axis(ordered, np.maximum(n, 0), axis=0)[0] for n in ((known - 1) // 2, known // 2)]
     return np.asarray(np.where(known[0] > 0, 0.5 * (middle[0] + middle[1]), np.nan), dtype=np.float32)
-
-
-class StereoFloorCamera:
-    """The rectified left camera of a rig above the floor; its pixels are those of the boxes in tracks.csv."""
-
-    def __init__(self, geometry: RectifiedGeometry, world_SE3_left: SE3) -> None:
-        self._geometry = geometry
-        self._pose = world_SE3_left
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """(width, height) [px]."""
-        return self._geometry.size
-
-    def project(self, points_world: ArrayLike) -> F64:
-        """(..., 2) pixels of (..., 3) world points [m]; NaN behind the camera."""
-        points = np.asarray(points_world, dtype=np.float64)
-        return self._geometry.project((points - self._pose.translation) @ self._pose.rotation)
-
-    def back_project(self, pixels: ArrayLike) -> F64:
-        """(..., 2) places on the floor [m] that (..., 2) pixels show; NaN above the horizon."""
-        rays = self._geometry.rays(pixels) @ self._pose.rotation.T
-        down = np.where(rays[..., 2] < -1e-9, -rays[..., 2], np.nan)
-        reach = self._pose.translation[2] / down
-        return np.asarray(self._pose.translation[:2] + reach[..., None] * rays[..., :2])

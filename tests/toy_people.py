@@ -22,7 +22,7 @@ def oblique_camera(height_m: float = 2.5, tilt_deg: float = 65.0) -> PixelRays:
     forward = np.array([0.0, np.sin(a), -np.cos(a)])
     right = np.array([1.0, 0.0, 0.0])
     rotation = np.column_stack([right, np.cross(forward, right), forward])
-    return PixelRays.of(GEOMETRY, SE3(rotation, np.array([0.0, 0.0, height_m])), (120, 160), 1)
+    return PixelRays.of(GEOMETRY.above(SE3(rotation, np.array([0.0, 0.0, height_m]))), GEOMETRY)
 
 
 def look_at(

@@ -18,7 +18,7 @@ from calib.rig import Floor
 from calib.types import F32, F64, U8
 from planview.drawing.image import Project, grid_lines
 from planview.trajectories.table import Trajectories
-from stereo.depth import RectifiedGeometry, StereoFloorCamera, median_image
+from stereo.depth import RectifiedGeometry, median_image
 from stereo.floor import FloorEstimator, FloorSearch, setup_frames
 from stereo.recording import StereoRecording
 from stereo.rectify import RectifiedPair, aligned_rectifier
@@ -78,7 +78,7 @@ class FloorDepths:
 
     def picture(self, floor: Floor) -> U8:
         """The left image with a metric grid on the floor."""
-        camera = StereoFloorCamera(self.geometry, floor.world_SE3_left)
+        camera = self.geometry.above(floor.world_SE3_left)
         return draw_grid(self.image, camera.project, floor.extent_m or (-5.0, -5.0, 5.0, 5.0))
 
 

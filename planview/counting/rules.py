@@ -12,15 +12,14 @@ import shapely
 from pydantic import AfterValidator, Field, ValidationError
 
 from calib.errors import InputError
+from calib.floor_camera import FloorCamera
 from calib.formats import load_rig
-from calib.ground_camera import GroundCamera
 from calib.io import load_toml
 from calib.params import Location, Params, dotted, first_problem
 from calib.types import F64
 from calib.world import load_world
 from planview.counting.events import Direction
 from planview.trajectories.table import PERSON_S
-from stereo.depth import StereoFloorCamera
 from stereo.rectify import RectifyParams, ideal_pinhole
 
 PlaneName = Literal["floor", "image"]
@@ -30,9 +29,7 @@ class RulePlane:
     """Where rules are applied: on the floor; in the image for rules in pixels of a camera that is not known.
     ``image_size``: (width, height) [px] where only that is known."""
 
-    def __init__(
-        self, camera: GroundCamera | StereoFloorCamera | None = None, image_size: tuple[int, int] | None = None
-    ) -> None:
+    def __init__(self, camera: FloorCamera | None = None, image_size: tuple[int, int] | None = None) -> None:
         self.camera = camera
         self.image_size = camera.size if camera is not None else image_size
 
@@ -131,7 +128,7 @@ def stereo_plane(rig_path: Path) -> RulePlane:
         raise InputError(f"{world}: expected the pose of the rig above the floor (calibrate it first), found no file")
     rotation, params = rig.rectifying_rotations()[0], RectifyParams()
     geometry = ideal_pinhole(rig.left, rotation, params.working_px, params.field_quantile, rig.baseline_m)
-    return RulePlane(StereoFloorCamera(geometry, load_world(world).world_SE3_left))
+    return RulePlane(geometry.above(load_world(world).world_SE3_left))
 
 
 Point = tuple[float, float]

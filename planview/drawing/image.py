@@ -10,14 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.ground_camera import GroundCamera
+from calib.floor_camera import FloorCamera
 from calib.images import as_colour
 from calib.types import F64, U8
 from planview.drawing.plan import PlanBounds, Rule, Snapshot, facing_arrow
 from planview.drawing.style import TRIPWIRE, TRUTH, ZONE, Labels, Rgb, as_bgr
 from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
-from stereo.depth import StereoFloorCamera
 
 Project = Callable[[ArrayLike], F64]
 """(N, 3) world points [m] to (N, 2) pixels, NaN where unseen."""
@@ -65,8 +64,6 @@ def visible_parts(project: Project, places_m: F64, size: tuple[int, int]) -> lis
 
 GRID_STRENGTH = 0.4
 """Share of the grid's colour in the picture."""
-ImageCamera = GroundCamera | StereoFloorCamera
-"""A camera above the floor."""
 
 
 class ImagePainter:
@@ -74,7 +71,7 @@ class ImagePainter:
     the metre grid on the floor."""
 
     def __init__(
-        self, camera: ImageCamera | None, rules: Sequence[Rule] = (), bounds: PlanBounds | None = None
+        self, camera: FloorCamera | None, rules: Sequence[Rule] = (), bounds: PlanBounds | None = None
     ) -> None:
         self._camera, self._rules = camera, rules
         self._grid: list[GridLine] = []

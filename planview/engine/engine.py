@@ -11,6 +11,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, NoReturn, Protocol
 
 from calib.errors import InputError
+from calib.floor_camera import FloorCamera
 from calib.ground_camera import GroundCamera
 from calib.types import F32, U8
 from planview.checks.check import Check
@@ -29,7 +30,7 @@ from planview.maps.recording import MapsFrame
 from planview.maps.view import StereoView
 from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
-from stereo.depth import StereoFloorCamera, point_cloud
+from stereo.depth import point_cloud
 from stereo.matcher import SampledDisparity
 from stereo.readers.multi_rig import MultiRigFrame
 from stereo.recording import RgbdFrame, Skipped, StereoFrame, VideoFrame, prefetch
@@ -97,7 +98,6 @@ class FrameResult:
         stages_ms: time of every stage; reading and matching run ahead in another thread.
         rigs: what each rig measured, None for a rig without a frame at that time; empty for one camera and recorded
             maps.
-        boxed: the tracks with their boxes in the image of each rig.
         stereo: the first rig above the floor; None for one camera.
     """
 
@@ -108,7 +108,6 @@ class FrameResult:
     observation: Observation
     stages_ms: dict[str, float]
     rigs: tuple[RigFrame | None, ...] = ()
-    boxed: tuple[tuple[TrackState, ...], ...] = ()
     stereo: StereoView | None = None
 
     def __repr__(self) -> str:
@@ -212,7 +211,7 @@ class Engine(ABC):
         recording: AnyRecording,
         tracker: Tracker,
         config: Config,
-        camera: StereoFloorCamera | GroundCamera | None,
+        camera: FloorCamera | None,
         size: tuple[int, int],
         views: Mapping[str, StereoView] = {},
     ) -> None:

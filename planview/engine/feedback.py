@@ -1,21 +1,18 @@
-"""People in the image of a rig: their boxes, and the mask that protects them from becoming background."""
+"""People in the image of a rig: the mask that protects them from becoming background."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import cv2
 import numpy as np
 
-from calib.pose import SE3
 from calib.types import U8
 from planview.engine.config import FeedbackParams
 from planview.foreground.params import BACKGROUND, PERSON
 from planview.maps.builder import FloorPoints
 from planview.tracking.base import Decision
 from planview.trajectories.state import TrackState
-from stereo.depth import RectifiedGeometry
 
 OWN_M = 0.6
 """Foreground this near to a person's axis on the floor belongs to the person [m]: an arm's length."""
@@ -98,35 +95,3 @@ class Feedback:
             x, y = self._origin.setdefault(track.track_id, (track.x_m, track.y_m))
             if (track.x_m - x) ** 2 + (track.y_m - y) ** 2 >= TRAVELLED_M**2:
                 self._walked.add(track.track_id)
-
-
-BODY_RADIUS_M = 0.25
-"""Half width of the upright prism around a standing person [m]: shoulders 0.45 m wide, and a swinging arm."""
-
-
-class BodyBoxes:
-    """Boxes around upright prisms of a person's width and height, clipped to the rectified left image."""
-
-    def __init__(self, geometry: RectifiedGeometry, world_SE3_left: SE3) -> None:
-        self._projection = geometry.matrix @ world_SE3_left.inverse().matrix[:3]
-        self._size = geometry.size
-
-    def __call__(self, tracks: Sequence[TrackState]) -> tuple[TrackState, ...]:
-        """The tracks with ``box_px`` in pixels of the rectified left image; unchanged where they are not in view."""
-        at, r = np.array([(t.x_m, t.y_m, t.height_m) for t in tracks]).reshape(-1, 1, 3), BODY_RADIUS_M
-        corners = np.array([(x, y, z) for x in (-r, r) for y in (-r, r) for z in (0.0, 1.0)])
-        xyz = np.concatenate([at[..., :2] + corners[:, :2], at[..., 2:] * corners[:, 2:]], axis=-1)
-        u, v, depth = np.moveaxis(xyz @ self._projection[:, :3].T + self._projection[:, 3], -1, 0)
-        # Corners of a body nearer to the camera's plane than this are left out [m].
-        front, (width, height) = depth > 0.1, self._size
-        with np.errstate(divide="ignore", invalid="ignore"):
-            (left, top), (right, bottom) = (
-                [least(np.where(front, part / depth, sign * np.inf), axis=1) for part in (u, v)]
-                for least, sign in ((np.min, 1), (np.max, -1))
-            )
-        left, top = np.maximum(left, -0.5), np.maximum(top, -0.5)
-        sides = np.minimum(right, width - 0.5) - left, np.minimum(bottom, height - 0.5) - top
-        return tuple(
-            replace(track, box_px=(x, y, w, h)) if w > 0 and h > 0 else track
-            for track, x, y, w, h in zip(tracks, *(part.tolist() for part in (left, top, *sides)), strict=True)
-        )

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from calib.types import F64
+from calib.floor_camera import FloorCamera, FloorPinhole
+from calib.ground_camera import GroundCamera
+from calib.pose import SE3
 
 if TYPE_CHECKING:  # readers of results need none of their kernels
-    from calib.ground_camera import GroundCamera
     from planview.maps.view import StereoView
 
 VIEW_DISTANCE_M = 15.0
@@ -99,8 +100,6 @@ def rigs_info(views: Mapping[str, StereoView]) -> CameraInfo:
 def stereo_camera_info(view: StereoView) -> CameraInfo:
     """The rectified left camera, or that of images with depth."""
     geometry, residual_px = view.geometry, view.vertical_residual_px
-    pose = view.floor.world_SE3_left
-    rays = geometry.rays(_border(*geometry.size)) @ pose.rotation.T
     return CameraInfo(
         width=geometry.width,
         height=geometry.height,
@@ -112,7 +111,7 @@ def stereo_camera_info(view: StereoView) -> CameraInfo:
         calibration=view.calibration or None,
         correction=view.correction or None,
         vertical_residual_px=None if math.isnan(residual_px) else residual_px,
-        view_m=_outline(rays, pose.translation, VIEW_DISTANCE_M),
+        view_m=_outline(view.camera, VIEW_DISTANCE_M),
     )
 
 
@@ -138,12 +137,8 @@ def ground_camera_info(camera: GroundCamera) -> CameraInfo:
         height=camera.height,
         focal_px=camera.focal_px,
         lens=camera.lens,
-        view_m=_outline(
-            camera.rays(_border(camera.width, camera.height)),
-            np.array([0.0, 0.0, camera.height_m]),
-            # That of a single camera ends where a person of 1.7 m is so high in the image [px] (our choice).
-            max(VIEW_DISTANCE_M, 1.7 * camera.focal_px / 20.0),
-        ),
+        # That of a single camera ends where a person of 1.7 m is so high in the image [px] (our choice).
+        view_m=_outline(camera, max(VIEW_DISTANCE_M, 1.7 * camera.focal_px / 20.0)),
     )
 
 
@@ -153,26 +148,31 @@ def ground_floor_info(camera: GroundCamera) -> FloorInfo:
     return FloorInfo(height_m=camera.height_m, tilt_deg=tilt_deg, roll_deg=roll_deg, source="camera.toml")
 
 
-def _border(width: int, height: int, samples: int = 16) -> F64:
-    """(N, 2) pixels once around the image."""
-    t = np.linspace(0.0, 1.0, samples, endpoint=False)
-    w, h = width - 1, height - 1
-    zeros = np.zeros(samples)
-    sides = [(t * w, zeros), (zeros + w, t * h), (w - t * w, zeros + h), (zeros, h - t * h)]
-    return np.concatenate([np.column_stack(side) for side in sides])
+def camera_of(rig: CameraInfo, floor: FloorInfo) -> FloorCamera | None:
+    """The camera that these figures are of; None for one without a focal length. Raises ValueError: figures of none."""
+    if rig.focal_px is None:
+        return None
+    if floor.world_SE3_left is None:
+        tilt, roll = math.radians(floor.tilt_deg), math.radians(floor.roll_deg)
+        return GroundCamera(rig.width, rig.height, rig.focal_px, floor.height_m, tilt, rig.lens or "pinhole", roll)
+    if rig.center_px is None or rig.focal_v_px is None:
+        return None
+    (u, v), pose = rig.center_px, SE3.from_matrix(floor.world_SE3_left)
+    matrix = np.array([[rig.focal_px, 0.0, u], [0.0, rig.focal_v_px, v], [0.0, 0.0, 1.0]])
+    return FloorPinhole((rig.width, rig.height), matrix, pose)
 
 
-def _outline(rays: F64, camera_m: F64, reach_m: float) -> list[tuple[float, float]]:
+def _outline(camera: FloorCamera, reach_m: float) -> list[tuple[float, float]]:
     """Floor points around the view: where the rays of the border meet the floor, at most ``reach_m`` away.
 
     A ray that meets it beyond, or points above the horizon, stands for the floor in its direction.
-
-    Args:
-        rays: (N, 3) directions once around the image, world frame.
-        camera_m: (3,) place of the camera [m].
     """
+    (w, h), t = (n - 1 for n in camera.size), np.linspace(0.0, 1.0, 16, endpoint=False)
+    zeros = np.zeros(len(t))
+    sides = [(t * w, zeros), (zeros + w, t * h), (w - t * w, zeros + h), (zeros, h - t * h)]
+    rays, centre = camera.rays(np.concatenate([np.column_stack(side) for side in sides])), camera.centre_m
     across = np.hypot(rays[:, 0], rays[:, 1])
     down = np.maximum(-rays[:, 2], 1e-12)
-    reach = np.where(rays[:, 2] < 0, np.minimum(camera_m[2] * across / down, reach_m), reach_m)
-    places = camera_m[:2] + rays[:, :2] * (reach / np.maximum(across, 1e-12))[:, None]
+    reach = np.where(rays[:, 2] < 0, np.minimum(centre[2] * across / down, reach_m), reach_m)
+    places = centre[:2] + rays[:, :2] * (reach / np.maximum(across, 1e-12))[:, None]
     return [(float(x), float(y)) for x, y in places]

@@ -13,7 +13,6 @@ from calib.errors import InputError
 from calib.types import U8
 from planview.engine.config import Config
 from planview.engine.engine import Engine, Frame, FrameResult, Remembers, StageClock, refuse_frame
-from planview.engine.feedback import BodyBoxes
 from planview.maps.builder import floor_in_view, plan_view
 from planview.maps.pixels import Cloud
 from planview.maps.recording import MapsFrame, MapsRecording
@@ -62,7 +61,6 @@ class ReplayEngine(Engine):
         except ValueError as error:
             raise InputError(f"{recording.path}: {error}") from error
         self._path, self._view = recording.path, replace(view, grid=self._cloud.grid)
-        self._boxes = BodyBoxes(view.geometry, pose)
         super().__init__(recording, tracker, config, view.camera, view.geometry.size, {"": self._view})
 
     def memory(self) -> dict[str, Remembers]:
@@ -91,8 +89,10 @@ class ReplayEngine(Engine):
             )
         clock.record("maps")
         build_maps = partial(plan_view, view.points, self._cloud.grid, self.config.maps)
-        observation = Observation(frame.index, frame.timestamp_s, views=(view,), build_maps=build_maps)
-        tracks, decisions = self._boxes(followed(self.tracker, observation)), self.tracker.decisions
+        observation = Observation(
+            frame.index, frame.timestamp_s, views=(view,), camera=self.camera, build_maps=build_maps
+        )
+        tracks, decisions = followed(self.tracker, observation), self.tracker.decisions
         clock.record("track")
         return FrameResult(
             frame.index, frame.timestamp_s, tracks, decisions, observation, clock.stages_ms, stereo=self._view

@@ -26,7 +26,7 @@ from planview.engine.engine import (
     StageClock,
     refuse_frame,
 )
-from planview.engine.feedback import BodyBoxes, Feedback
+from planview.engine.feedback import Feedback
 from planview.engine.setup import Setup, refuse_foreign_disparity, set_up
 from planview.foreground.mixture import Foreground
 from planview.maps.multi_rig import joint_grid, joint_maps
@@ -48,7 +48,6 @@ class RigStages:
         name: among several rigs.
         view: the rig above its floor, with its rectification.
         foreground, cloud, feedback: the stages after it.
-        boxes: of people in its image.
     """
 
     def __init__(self, view: Setup, config: Config, matcher: Matcher | None = None, name: str = "") -> None:
@@ -72,7 +71,6 @@ class RigStages:
         )  # fmt: skip
         self._sgbm = view.matcher(config, step) if of_pairs and matcher is None else None
         self.feedback = Feedback(config.feedback)
-        self.boxes = BodyBoxes(geometry, pose)
 
     def prepare(self, frame: Frame, clock: StageClock) -> Prepared:
         """Rectify and match a frame (errors: see ``Engine.step``)."""
@@ -172,15 +170,14 @@ class StereoEngine(Engine):
         points = [view.points for view in views]
         build_maps = partial(joint_maps, points, self._first.grid, self.config.maps)
         image, mask = (shown[0].prepared.image, shown[0].foreground) if shown[0] else (None, None)
-        observation = Observation(index, now_s, image, mask, views=views, build_maps=build_maps)
+        observation = Observation(index, now_s, image, mask, views=views, camera=self.camera, build_maps=build_maps)
         people = followed(self.tracker, observation)
-        boxed = tuple(rig.boxes(people) for rig in self.rigs)
-        for rig, one, tracks in zip(self.rigs, shown, boxed, strict=True):
+        for rig, one in zip(self.rigs, shown, strict=True):
             if one:
-                rig.learn(one, tracks, self.tracker.decisions)
+                rig.learn(one, people, self.tracker.decisions)
         clock.record("track")
         return FrameResult(
-            index, now_s, boxed[0], self.tracker.decisions, observation, clock.stages_ms, shown, boxed, self._first
+            index, now_s, people, self.tracker.decisions, observation, clock.stages_ms, shown, self._first
         )
 
     @property

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.floor_camera import FloorCamera
 from calib.pose import SE3
 from calib.types import F32, F64, U8
 from planview.foreground.gain import Exposure
@@ -37,7 +38,6 @@ class PixelRays:
             does not come from a pair [m].
         projection: (3, 4) float64, world points to analysis pixels.
         pixel_sr: 1 / (fu fv), area of a pixel's surface over squared depth.
-        depth_std_per_m2: growth of the depth's deviation with squared depth [1/m].
         disparity_metre: disparity of one metre [px m].
         distortion_k: K of r' = r + K r^2 [1/px] from ``projection`` to pixels.
     """
@@ -48,7 +48,6 @@ class PixelRays:
     matched_m: F32
     projection: F64
     pixel_sr: float
-    depth_std_per_m2: float
     disparity_metre: float
     distortion_k: float = 0.0
 
@@ -70,23 +69,28 @@ class PixelRays:
         return np.concatenate([along, np.arctan2(-self.direction[..., 2:], flat)], axis=-1).astype(np.float32)
 
     @staticmethod
-    def of(geometry: RectifiedGeometry, world_SE3_left: SE3, shape: tuple[int, int], reduction: int) -> PixelRays:
-        """The rays of the middles of ``reduction`` x ``reduction`` pixels of a rectified image."""
-        rows, cols = np.mgrid[: shape[0], : shape[1]] * float(reduction) + 0.5 * (reduction - 1)
-        rays = geometry.rays(np.stack([cols, rows], axis=-1)) @ world_SE3_left.rotation.T
-        stretch = np.linalg.norm(rays, axis=-1)
-        pair = geometry.depth_std_min_m == 0.0
-        matched = stretch * geometry.disparity_metre / np.maximum(cols, 0.5) if pair else np.zeros(shape)
+    def of(camera: FloorCamera, pair: RectifiedGeometry | None = None, step: int = 1) -> PixelRays:
+        """The rays of every pixel of a camera; pixels that see nothing look up.
+
+        Args:
+            pair: that measures depth, of ``step`` x ``step`` pixels a pixel of the camera; None for masks alone.
+        """
+        width, height = camera.size
+        rows, cols = np.mgrid[:height, :width].astype(np.float64)
+        rays, projection = camera.rays(np.stack([cols, rows], axis=-1)), camera.projection
+        length = np.linalg.norm(rays, axis=-1)
+        unit = np.nan_to_num(rays / length[..., None])
+        unit[(unit == 0).all(axis=-1)] = 0.0, 0.0, 1.0
+        # Far from the axis of a wide lens depth vanishes.
+        stretch = 1.0 / np.maximum(unit @ projection[2, :3], 0.05)
+        disparity_metre = 1.0 if pair is None else pair.disparity_metre
+        matched = np.zeros(stretch.shape)
+        if pair is not None and pair.depth_std_min_m == 0.0:
+            matched = stretch * disparity_metre / np.maximum(cols * step + 0.5 * (step - 1), 0.5)
         return PixelRays(
-            np.asarray(world_SE3_left.translation, dtype=np.float64),
-            np.ascontiguousarray(rays / stretch[..., None], dtype=np.float32),
-            np.asarray(stretch, dtype=np.float32),
-            np.asarray(matched, dtype=np.float32),
-            geometry.reduced_matrix(reduction) @ world_SE3_left.inverse().matrix[:3],
-            reduction**2 / (geometry.focal_u_px * geometry.focal_v_px),
-            geometry.depth_std_per_m2,
-            geometry.disparity_metre,
-        )
+            camera.centre_m, np.ascontiguousarray(unit, dtype=np.float32), np.asarray(stretch, dtype=np.float32),
+            np.asarray(matched, dtype=np.float32), projection, camera.pixel_sr, disparity_metre, camera.distortion_k,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +152,7 @@ class Cloud(MapBuilder):
     def __init__(self, geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapParams, reduction: int) -> None:
         """Prepare; arguments and errors are those of ``MapBuilder``."""
         super().__init__(geometry, world_SE3_left, params, reduction)
-        self.rays = PixelRays.of(geometry, world_SE3_left, self.shape, reduction)
+        self.rays = PixelRays.of(geometry.above(world_SE3_left, reduction), geometry, reduction)
         self.background = KeptBackground()
 
     def seen(

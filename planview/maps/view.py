@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from calib.floor_camera import FloorPinhole
 from calib.rig import DepthSensor, Floor
 from planview.maps.grid import Grid
-from stereo.depth import RectifiedGeometry, StereoFloorCamera
+from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
 
 
@@ -44,6 +45,6 @@ class StereoView:
         return -(-self.geometry.height // self.reduction), -(-self.geometry.width // self.reduction)
 
     @property
-    def camera(self) -> StereoFloorCamera:
+    def camera(self) -> FloorPinhole:
         """The rectified left camera above the floor."""
-        return StereoFloorCamera(self.geometry, self.floor.world_SE3_left)
+        return self.geometry.above(self.floor.world_SE3_left)

@@ -13,18 +13,18 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError, WorkError
+from calib.floor_camera import FloorCamera
 from calib.images import write_image
 from calib.io import PART
 from calib.pose import SE3
 from calib.types import U8
 from planview.counting.events import Event, way_words
-from planview.drawing.image import ImageCamera, ImagePainter
+from planview.drawing.image import ImagePainter
 from planview.drawing.plan import PlanBounds, PlanPainter, Snapshot, snapshot_at
 from planview.engine.config import Config, config_of
 from planview.engine.setup import scene_cloud, set_up
 from planview.output.folder import writing
 from planview.output.run_folder import RunFolder
-from stereo.depth import StereoFloorCamera
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
 from stereo.readers.base import AnyRecording
 from stereo.readers.multi_rig import MultiRigRecording, open_rigs
@@ -189,7 +189,7 @@ class SceneFrames:
     """Images of a recording, of several rigs those of the first, as frame and (H, W[, 3]) uint8 BGR, in whose pixels
     the boxes of tracks.csv are; ``camera`` is None where it is not calibrated."""
 
-    def __init__(self, recording: Any, camera: ImageCamera | None, image_of: Callable[[Any], U8]) -> None:
+    def __init__(self, recording: Any, camera: FloorCamera | None, image_of: Callable[[Any], U8]) -> None:
         self.camera = camera
         self._recording, self._image_of = recording, image_of
 
@@ -240,7 +240,7 @@ def frames_or_none(run: RunFolder, warn: Callable[[str], object]) -> SceneFrames
 
 def _of_recording(
     recording: AnyRecording, pose: SE3 | None, config: Config
-) -> tuple[ImageCamera | None, Callable[[Any], U8]]:
+) -> tuple[FloorCamera | None, Callable[[Any], U8]]:
     """The camera above the floor, and what makes the image of a frame."""
     image_of: Callable[[Any], U8]
     if isinstance(recording, RgbdRecording):
@@ -249,7 +249,7 @@ def _of_recording(
     else:
         pair = Rectifier(recording.rig, config.rectify)
         geometry, image_of = pair.geometry, lambda frame: pair(frame.left, frame.right).left
-    return None if pose is None else StereoFloorCamera(geometry, pose), image_of
+    return None if pose is None else geometry.above(pose), image_of
 
 
 def scene_of(path: Path, options: OpenOptions | None = None) -> PointCloud:

@@ -6,6 +6,7 @@ import math
 import shutil
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,7 @@ from planview.output.rerun_shapes import (
     templates,
 )
 from planview.output.run_folder import RunFolder
+from planview.tracking.base import person_boxes
 from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
 
@@ -129,9 +131,11 @@ class RerunLog:
         self._log_scene(result)
         if result.frame % self._every == 0:
             self._log_images(result)
-        for rig, tracks in zip(result.rigs[1:], result.boxed[1:], strict=True):
-            if rig is not None:
-                self._log_boxes(f"{rig.name}/image", tracks)
+        places = [(track.x_m, track.y_m, track.height_m) for track in result.tracks]
+        for rig in filter(None, result.rigs[1:]):
+            boxes = person_boxes(self._engine.views[rig.name].camera, places)
+            tracks = [replace(track, box_px=box) for track, box in zip(result.tracks, boxes, strict=True)]
+            self._log_boxes(f"{rig.name}/image", tracks)
         self._log_boxes("image", result.tracks)
         self._log_bodies([t for t in result.tracks if t.state != "tentative" and not math.isnan(t.x_m)])
         for decision in result.decisions:

@@ -10,9 +10,9 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from calib.floor_camera import FloorCamera
 from calib.images import as_colour, encode_image
 from calib.types import F32, U8
-from planview.drawing.image import ImageCamera
 from planview.drawing.plan import PlanBounds, facing_arrow
 from planview.drawing.style import disparity_colours
 from planview.engine.engine import Engine, FrameResult
@@ -93,7 +93,7 @@ def label_of(track: TrackState) -> str:
     return f"{track.track_id}{height}" + ("" if track.state == "confirmed" else f" ({track.state})")
 
 
-def facing_arrows(tracks: Sequence[TrackState], camera: ImageCamera | None) -> tuple[rr.Arrows3D, rr.Arrows2D]:
+def facing_arrows(tracks: Sequence[TrackState], camera: FloorCamera | None) -> tuple[rr.Arrows3D, rr.Arrows2D]:
     """Where people face, on the floor [m] and in the image of a camera [px]."""
     known = [(track, arrow) for track in tracks if (arrow := facing_arrow(track)) is not None]
     colours = [person_rgb(track.track_id, track.state) for track, _ in known]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib.errors import InputError
+from calib.floor_camera import FloorCamera, FloorPinhole
 from calib.ground_camera import GroundCamera
 from calib.io import reason
 from calib.pose import SE3
@@ -20,10 +20,10 @@ from planview.counting.events import Event, read_events
 from planview.counting.rules import RulePlane
 from planview.counting.totals import Clock, Span
 from planview.drawing.plan import PlanBounds, Rule, bounds_of, rules_of
+from planview.engine.info import camera_of
 from planview.output.folder import RunInfo, read_run_info
 from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, people_of, read_tracks
-from stereo.depth import RectifiedGeometry, StereoFloorCamera
 from stereo.recording import OpenOptions
 
 if TYPE_CHECKING:
@@ -123,42 +123,24 @@ class RunFolder:
         people = load_truth(self.truth_file)
         return people.where((people.frame >= self.info.first_frame) & (people.frame < self.n_frames))
 
-    @cached_property
+    @property
     def ground_camera(self) -> GroundCamera | None:
         """The camera of a run with one camera; None for others and for one that is not calibrated."""
-        rig, floor = self.info.rig, self.info.floor
-        if rig is None or floor is None or rig.focal_px is None or floor.world_SE3_left is not None:
-            return None
-        tilt, roll = math.radians(floor.tilt_deg), math.radians(floor.roll_deg)
-        try:
-            return GroundCamera(rig.width, rig.height, rig.focal_px, floor.height_m, tilt, rig.lens or "pinhole", roll)
-        except ValueError as error:
-            raise InputError(f"{self.path / 'run.json'}: expected a camera above the floor: {error}") from error
+        return self.camera if isinstance(self.camera, GroundCamera) else None
 
-    @cached_property
+    @property
     def world_SE3_left(self) -> SE3 | None:
         """Pose of the rectified left camera; None of one camera."""
-        floor = self.info.floor
-        if floor is None or floor.world_SE3_left is None:
-            return None
-        try:
-            return SE3.from_matrix(floor.world_SE3_left)
-        except ValueError as error:
-            raise InputError(f"{self.path / 'run.json'}: expected the pose of the camera: {error}") from error
+        return self.camera.world_SE3_camera if isinstance(self.camera, FloorPinhole) else None
 
     @cached_property
-    def camera(self) -> GroundCamera | StereoFloorCamera | None:
+    def camera(self) -> FloorCamera | None:
         """The camera in whose pixels the boxes are, above the floor; None where run.json does not hold it."""
-        rig, pose = self.info.rig, self.world_SE3_left
-        if rig is None or pose is None or rig.center_px is None:
-            return self.ground_camera
-        if rig.focal_px is None or rig.focal_v_px is None:
-            return None
-        baseline_m = rig.baseline_m or 1.0  # pixels and places on the floor do not depend on it
-        geometry = RectifiedGeometry(
-            rig.width, rig.height, rig.focal_px, rig.focal_v_px, *rig.center_px, baseline_m=baseline_m
-        )
-        return StereoFloorCamera(geometry, pose)
+        rig, floor = self.info.rig, self.info.floor
+        try:
+            return None if rig is None or floor is None else camera_of(rig, floor)
+        except ValueError as error:
+            raise InputError(f"{self.path / 'run.json'}: expected a camera above the floor: {error}") from error
 
     @property
     def size_px(self) -> tuple[int, int] | None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
+import numpy as np
+
 from calib.errors import InputError
+from calib.floor_camera import FloorCamera
 from calib.types import F32, U8
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import TrajectoryCollector
@@ -44,6 +47,7 @@ class Observation:
         motion: (H, W) uint8, 255 where consecutive frames differ (single-camera trackers).
         shadow: (H, W) uint8, 255 where foreground was removed because it looks like a shadow (single-camera trackers).
         views: what every camera saw of its analysis pixels (stereo only).
+        camera: above the floor, in whose pixels boxes are; None where none is calibrated.
         build_maps: makes the plan-view maps (stereo only).
     """
 
@@ -54,12 +58,47 @@ class Observation:
     motion: U8 | None = None
     shadow: U8 | None = None
     views: tuple[SeenPixels, ...] = ()
+    camera: FloorCamera | None = None
     build_maps: Callable[[], PlanViewMaps] | None = None
 
     @cached_property
     def maps(self) -> PlanViewMaps | None:
         """Plan-view maps (stereo only), built when they are first read."""
         return None if self.build_maps is None else self.build_maps()
+
+
+BODY_RADIUS_M = 0.25
+"""Half width of the upright prism around a standing person [m]: shoulders 0.45 m wide, and a swinging arm."""
+Box = tuple[float, float, float, float]
+NO_BOX: Box = (math.nan, math.nan, math.nan, math.nan)
+
+
+def person_boxes(camera: FloorCamera | None, people: Sequence[tuple[float, float, float]]) -> list[Box]:
+    """Boxes around upright prisms of a person's width, clipped to the image: left, top, width, height [px].
+
+    Args:
+        camera: without distortion; None for no boxes.
+        people: x, y and height of each [m].
+    Returns:
+        One of each person; NO_BOX where they are not in view.
+    """
+    if camera is None or not people:
+        return [NO_BOX] * len(people)
+    at, r, projection = np.array(people).reshape(-1, 1, 3), BODY_RADIUS_M, camera.projection
+    corners = np.array([(x, y, z) for x in (-r, r) for y in (-r, r) for z in (0.0, 1.0)])
+    xyz = np.concatenate([at[..., :2] + corners[:, :2], at[..., 2:] * corners[:, 2:]], axis=-1)
+    u, v, depth = np.moveaxis(xyz @ projection[:, :3].T + projection[:, 3], -1, 0)
+    # Corners of a body nearer to the camera's plane than this are left out [m].
+    front, (width, height) = depth > 0.1, camera.size
+    with np.errstate(divide="ignore", invalid="ignore"):
+        (left, top), (right, bottom) = (
+            [least(np.where(front, part / depth, sign * np.inf), axis=1) for part in (u, v)]
+            for least, sign in ((np.min, 1), (np.max, -1))
+        )
+    left, top = np.maximum(left, -0.5), np.maximum(top, -0.5)
+    sides = np.minimum(right, width - 0.5) - left, np.minimum(bottom, height - 0.5) - top
+    found = zip(*(part.tolist() for part in (left, top, *sides)), strict=True)
+    return [(x, y, w, h) if w > 0 and h > 0 else NO_BOX for x, y, w, h in found]
 
 
 class ScoreTerms(NamedTuple):
@@ -161,7 +200,7 @@ def followed(tracker: Tracker, observation: Observation) -> tuple[TrackState, ..
     if not all(isinstance(decision, Decision) for decision in tracker.decisions):
         expected = f"expected Decisions in {type(tracker).__name__}.decisions"
         raise InputError(f"{expected}, found something else", argument="tracker")
-    if not type(tracker).__module__.startswith("planview."):  # one's own may return what no table can hold
+    if not type(tracker).__module__.startswith("planview."):  # one's own may return what no table holds, and no boxes
         rows = TrajectoryCollector()
         try:
             rows.add(observation.frame, observation.timestamp_s, people)
@@ -169,6 +208,9 @@ def followed(tracker: Tracker, observation: Observation) -> tuple[TrackState, ..
         except (InputError, TypeError, ValueError) as error:
             unfit = f"{expected} for tracks.csv, found one that it cannot hold: {error}"
             raise InputError(unfit, argument="tracker") from error
+        boxes = person_boxes(observation.camera, [(person.x_m, person.y_m, person.height_m) for person in people])
+        known = zip(people, boxes, strict=True)
+        people = [replace(p, box_px=box) if math.isnan(p.box_px[0]) else p for p, box in known]
     return tuple(people)
 
 

@@ -13,7 +13,6 @@ from planview.calibration.page.marks import Handle, handle_points
 from planview.calibration.page.session import CalibrationSession
 from planview.calibration.people import crowd, floor_around
 from planview.drawing.image import grid_lines
-from stereo.depth import StereoFloorCamera
 
 GIVEN, FLOOR, SELECTED, ODD = "#0a84ff", "#ffcc00", "#ffffff", "#ff453a"
 _TEMPLATE = Environment(autoescape=True, undefined=StrictUndefined).from_string(
@@ -48,7 +47,7 @@ def _grid(session: CalibrationSession) -> list[F64]:
     found, lines = session.solution.found, []
     if session.floor is not None and session.view is not None:
         reach = 2.0 * session.floor.height_m + 2.0
-        stereo = StereoFloorCamera(session.view.geometry, session.floor.world_SE3_left)
+        stereo = session.view.geometry.above(session.floor.world_SE3_left)
         lines = grid_lines(stereo.project, (-reach, -reach, reach, 2 * reach), session.size)
     elif found is not None and (extent := floor_around(found.camera, session.samples)):
         lines = grid_lines(found.camera.project, extent, session.size)

@@ -10,10 +10,11 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError, WorkError
+from calib.floor_camera import FloorCamera
 from calib.images import encode_image
 from calib.types import F64, U8
 from planview.counting.events import way_words
-from planview.drawing.image import ImageCamera, ImagePainter
+from planview.drawing.image import ImagePainter
 from planview.drawing.plan import Snapshot, snapshot_at
 from planview.drawing.style import Labels
 from planview.evaluation.significant import SignificantError
@@ -194,7 +195,7 @@ def _picture(want: _Wanted, tiles: Sequence[U8 | None]) -> Picture | None:
     return picture(want.title, strip, want.note, is_strip=True, kind="jpeg")
 
 
-def _place(snapshot: Snapshot, focus: tuple[int | None, int | None], camera: ImageCamera | None) -> F64 | None:
+def _place(snapshot: Snapshot, focus: tuple[int | None, int | None], camera: FloorCamera | None) -> F64 | None:
     """Where the person concerned is in the image [px]: by the truth, else by the track."""
     for people, wanted in ((snapshot.truth, focus[0]), (snapshot.people, focus[1])):
         for person in (p for p in people if p.track_id == wanted):

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, I64, U8
 from planview.foreground.gain import Exposure
 from planview.maps.colour import colour_codes
@@ -45,26 +44,6 @@ def likelihood_of_masks(p: HumanModelParams) -> Likelihood:
         height_min_m=body.HEIGHT_MIN_M, height_max_m=body.HEIGHT_MAX_M,
     )  # fmt: skip
     return Likelihood.of(model, table)
-
-
-def rays_of(camera: GroundCamera) -> PixelRays:
-    """The rays of every pixel of a camera above a floor; pixels that see nothing look up."""
-    rows, cols = np.mgrid[: camera.height, : camera.width]
-    rays = camera.rays(np.stack([cols, rows], axis=-1))
-    unit = np.nan_to_num(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
-    unit[(unit == 0).all(axis=-1)] = 0.0, 0.0, 1.0
-    s, c = np.sin(camera.tilt_rad), np.cos(camera.tilt_rad)
-    turn = np.array([[np.cos(camera.roll_rad), -np.sin(camera.roll_rad), 0.0],
-                     [np.sin(camera.roll_rad), np.cos(camera.roll_rad), 0.0], [0.0, 0.0, 1.0]])  # fmt: skip
-    axes = turn @ np.array([[1.0, 0.0, 0.0], [0.0, -c, -s], [0.0, s, -c]])
-    lens = np.array([[camera.focal_px, 0.0, 0.5 * (camera.width - 1)],
-                     [0.0, camera.focal_px, 0.5 * (camera.height - 1)], [0.0, 0.0, 1.0]])  # fmt: skip
-    centre = np.array([0.0, 0.0, camera.height_m])
-    return PixelRays(
-        centre, unit.astype(np.float32), (1.0 / np.maximum(unit @ axes[2], 0.05)).astype(np.float32),
-        np.zeros(cols.shape, np.float32), lens @ np.column_stack([axes, -axes @ centre]), 1.0 / camera.focal_px**2,
-        0.0, 1.0, camera.distortion_k,
-    )  # fmt: skip
 
 
 class Pair(NamedTuple):

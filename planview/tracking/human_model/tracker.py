@@ -12,18 +12,18 @@ from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
-from planview.maps.pixels import BACKGROUND_SEEN, SURFACE
+from planview.maps.pixels import BACKGROUND_SEEN, SURFACE, PixelRays
 from planview.tracking import body
-from planview.tracking.base import DecisionKind, Drawing, Observation, TrackerDebug
+from planview.tracking.base import NO_BOX, DecisionKind, Drawing, Observation, TrackerDebug
 from planview.tracking.human_model.births import CORE, FloorPlaces, births
-from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks, rays_of
+from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker, matches
 from planview.tracking.joint._kernels import SHADOW, TINY
 from planview.tracking.joint.explanation import Owned, People
 from planview.tracking.joint.person import side_by_side
-from planview.tracking.joint.tracker import NO_BOX, ExplainingTracker
+from planview.tracking.joint.tracker import ExplainingTracker
 from planview.trajectories.state import TrackState
 
 WALKER_M = 2.0
@@ -56,7 +56,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
             raise InputError(f"expected a human model map of {camera}, found one of {model_map.camera}")
         self.camera, self.model = camera, HumanModel()
         self.model_map = model_map or build_model_map(camera, self.model, params.map)
-        self._rays, self._likelihood = rays_of(camera), likelihood_of_masks(params)
+        self._rays, self._likelihood = PixelRays.of(camera), likelihood_of_masks(params)
         self._places = FloorPlaces(self.model_map, params.birth_visible, params.patch_m)
         if not self._places.floor_m2:
             raise InputError(

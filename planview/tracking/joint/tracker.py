@@ -11,7 +11,7 @@ import numpy as np
 from calib.types import F32, F64, I64, U8
 from planview.maps.colour import CODES
 from planview.tracking import body
-from planview.tracking.base import Decision, DecisionKind, Drawing, Observation, TrackerDebug
+from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, Drawing, Observation, TrackerDebug, person_boxes
 from planview.tracking.joint._kernels import PARTS, TINY
 from planview.tracking.joint.births import EVIDENCE_MAX, LOOSE, Births
 from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, People, Samples, likelihood_of_ranges
@@ -27,7 +27,6 @@ KNOWN_ODDS = 3.0
 """Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
 LOW_WALKERS = 0.01
 """Share of low people who walk: these are children. The others sit or bend, and stay where they are."""
-NO_BOX = (math.nan,) * 4
 INSIDE = 0.3
 """Share of a body in the image below which a person is at the border."""
 
@@ -171,7 +170,7 @@ class ExplainingTracker(Generic[P, Q]):
     def _note(self, person: P, kind: DecisionKind, reason: str, value: float) -> None:
         self._log.note(person.track_id, kind, reason, value)
 
-    def _state(self, person: P, box_px: tuple[float, float, float, float] = NO_BOX) -> TrackState:
+    def _state(self, person: P, box_px: Box = NO_BOX) -> TrackState:
         seen: State = "confirmed" if person.share >= self.params.visible_min else "lost"
         k, state = person.kalman, seen if person.confirmed else "tentative"
         return TrackState(person.track_id, state, k.x_m, k.y_m, k.vx_mps, k.vy_mps, person.height_m, box_px)
@@ -232,7 +231,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             reason = f"evidence {newcomer.evidence:.1f}, {newcomer.height_m:.2f} m tall"
             self._add(newcomer, "spawned", reason, newcomer.evidence)
         self._recognise()
-        return tuple(self._state(person) for person in self._people)
+        boxes = person_boxes(observation.camera, [(*person.at_m, person.height_m) for person in self._people])
+        return tuple(self._state(person, box) for person, box in zip(self._people, boxes, strict=True))
 
     def _explain(self, frame: Explanation, people: People, dt: float) -> None:
         """Places, then the frame's evidence on each person's existence."""

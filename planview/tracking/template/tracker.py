@@ -12,9 +12,10 @@ import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from calib.floor_camera import FloorCamera
 from calib.types import F32, F64, I64
 from planview.maps.builder import PlanViewMaps
-from planview.tracking.base import NO_TERMS, Decision, Drawing, Observation, ScoreTerms, TrackerDebug
+from planview.tracking.base import NO_TERMS, Decision, Drawing, Observation, ScoreTerms, TrackerDebug, person_boxes
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import Existence, LifeCycle
 from planview.tracking.template.params import TemplateParams
@@ -157,7 +158,8 @@ class TemplateTracker:
             placed.append(person.measured_m)
         self._confirm_and_forget()
         self._find_newcomers(free)
-        return tuple(_state(person, maps.grid.cell_m, self.params.width_m) for person in self._people)
+        cell_m, width_m = maps.grid.cell_m, self.params.width_m
+        return tuple(_state(person, cell_m, width_m, observation.camera) for person in self._people)
 
     def _search(self, person: MapPerson, free: FreeMaps, placed: list[Place]) -> tuple[Place | None, ScoreTerms]:
         """Where the match score M (eq. 4) is smallest around the prediction; None where it exceeds theta_track."""
@@ -330,13 +332,15 @@ def _apart(person: MapPerson, at_m: Place) -> float:
     return min(math.dist(at_m, person.predicted_m), math.dist(at_m, person.measured_m))
 
 
-def _state(person: MapPerson, cell_m: float, width_m: float) -> TrackState:
+def _state(person: MapPerson, cell_m: float, width_m: float, camera: FloorCamera | None) -> TrackState:
     """The template's centre; the head is the highest of T_H within a torso's width of it."""
     half = len(person.template_height) // 2
     near = slice(half - round(width_m / 2 / cell_m), half + round(width_m / 2 / cell_m) + 1)
     height_m = float(person.template_height[near, near].max())
     k, who = person.kalman, person.existence
-    return TrackState(who.track_id, who.state, k.x_m, k.y_m, k.vx_mps, k.vy_mps, height_m or math.nan)
+    height_m = height_m or math.nan
+    (box_px,) = person_boxes(camera, [(k.x_m, k.y_m, height_m)])
+    return TrackState(who.track_id, who.state, k.x_m, k.y_m, k.vx_mps, k.vy_mps, height_m, box_px)
 
 
 def _square(at_m: Place, half_m: float) -> F32:

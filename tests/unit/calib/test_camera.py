@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.camera import Camera
 from calib.errors import InputError
+from calib.floor_camera import FloorCamera, FloorPinhole
 from calib.ground_camera import LENS_K_320, GroundCamera, load_ground_camera, save_ground_camera
 from calib.pose import SE3
 from calib.rig import Floor, world_from_plane
@@ -171,3 +172,26 @@ def test_extent_that_is_no_rectangle_is_refused(extent: tuple[float, float, floa
     save_world(Floor(NORTH.world_SE3_left, extent_m=extent), tmp_path / "world.toml")
     with pytest.raises(InputError, match="an extent_m of"):
         load_world(tmp_path / "world.toml")
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        GroundCamera(320, 240, 250.0, 3.0, 0.9, roll_rad=0.1),
+        FloorPinhole(
+            (320, 240),
+            np.array([[250.0, 0.0, 160.0], [0.0, 240.0, 119.0], [0.0, 0.0, 1.0]]),
+            SE3.from_rotvec([np.radians(180 + 40), 0.0, 0.1], [0.2, -0.3, 2.7]),
+        ),
+    ],
+    ids=["four parameters", "a pinhole with a pose"],
+)
+def test_floor_cameras_agree_with_their_projection_and_find_the_floor_again(camera: FloorCamera) -> None:
+    pixels = np.array([[100.0, 200.0], [160.0, 120.0], [300.0, 230.0]])
+    on_floor = np.column_stack([camera.back_project(pixels), np.zeros(3)])
+    np.testing.assert_allclose(camera.project(on_floor), pixels, atol=1e-9)
+    u, v, depth = camera.projection @ np.column_stack([on_floor, np.ones(3)]).T
+    np.testing.assert_allclose(np.column_stack([u, v]) / depth[:, None], pixels, atol=1e-9)
+    rays = camera.rays(pixels)
+    towards = on_floor - camera.centre_m
+    np.testing.assert_allclose(np.cross(rays, towards), 0.0, atol=1e-6 * np.linalg.norm(rays))

@@ -31,7 +31,7 @@ from planview.counting.stream import Analytics
 from planview.counting.totals import INTERVALS_MAX, Clock, count_tracks
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import Trajectories, TrajectoryCollector, row_states
-from stereo.depth import RectifiedGeometry, StereoFloorCamera
+from stereo.depth import RectifiedGeometry
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.0, math.radians(60))
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
@@ -172,12 +172,12 @@ GEOMETRY = RectifiedGeometry(640, 480, 400.0, 400.0, 319.5, 239.5, 0.1)
 
 
 def test_pixels_and_floor_of_a_camera_are_known_below_the_horizon_and_ahead():
-    camera = StereoFloorCamera(GEOMETRY, DOWN)
+    camera = GEOMETRY.above(DOWN)
     pixels = np.array([[319.5, 239.5], [519.5, 239.5], [319.5, 139.5]])
     floor = camera.back_project(pixels)
     np.testing.assert_allclose(floor, [[0, 0], [1, 0], [0, 0.5]], atol=1e-12)
     np.testing.assert_allclose(camera.project(np.column_stack([floor, np.zeros(3)])), pixels)
-    camera = StereoFloorCamera(GEOMETRY, LEVEL)
+    camera = GEOMETRY.above(LEVEL)
     assert np.isnan(camera.back_project(np.array([[319.5, 100.0]]))).all()
     assert np.isnan(camera.project(np.array([[0.0, -1.0, 0.0]]))).all()
 

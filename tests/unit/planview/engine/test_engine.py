@@ -17,12 +17,12 @@ from calib.ground_camera import GroundCamera
 from calib.pose import SE3
 from calib.types import F32
 from planview.engine.config import Config, FeedbackParams, load_config
-from planview.engine.feedback import BODY_RADIUS_M, BodyBoxes, Feedback
+from planview.engine.feedback import Feedback
 from planview.engine.info import ground_camera_info
 from planview.engine.setup import refuse_foreign_disparity, set_up
 from planview.foreground.params import BACKGROUND, NO_FEEDBACK, PERSON
 from planview.maps.builder import FloorPoints
-from planview.tracking.base import Decision
+from planview.tracking.base import BODY_RADIUS_M, NO_BOX, Decision, person_boxes
 from planview.trajectories.state import State, TrackState
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
@@ -178,8 +178,7 @@ DOWN = SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 3.0]))
 
 
 def box(world_SE3_left: SE3, x_m: float, y_m: float, height_m: float) -> tuple[float, float, float, float]:
-    track = TrackState(1, "confirmed", x_m, y_m, 0.0, 0.0, height_m)
-    return BodyBoxes(GEOMETRY, world_SE3_left)([track])[0].box_px
+    return person_boxes(GEOMETRY.above(world_SE3_left), [(x_m, y_m, height_m)])[0]
 
 
 @pytest.mark.parametrize(
@@ -200,8 +199,8 @@ def test_box_of_a_person_spans_head_to_feet(pose, person, expected):
 def test_somebody_out_of_view_or_of_unknown_height_or_place_has_no_box() -> None:
     for x_m, y_m in ((0.0, -5.0), (40.0, 5.0)):
         assert all(math.isnan(side) for side in box(LEVEL, x_m, y_m, 1.8))
-    for track in (TrackState(1, "lost"), TrackState(1, "confirmed", 0.0, 4.0)):
-        assert BodyBoxes(GEOMETRY, LEVEL)([track])[0] is track
+    for place in ((math.nan, math.nan, math.nan), (0.0, 4.0, math.nan)):
+        assert person_boxes(GEOMETRY.above(LEVEL), [place]) == [NO_BOX]
 
 
 BELIEF_SHAPE = (1, 40)
