@@ -1,7 +1,6 @@
 """The engine: configuration, stages, feedback."""
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -9,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import BaseModel
 from toy_rgbd import CAMERA
 
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
+from calib.params import described, tables_of
 from calib.pose import SE3
 from calib.types import F32
 from planview.engine.config import Config, FeedbackParams, load_config
@@ -27,7 +26,6 @@ from planview.trajectories.state import State, TrackState
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
 from stereo.recording import RgbdRecording
-from tools.reference import field_docs
 
 
 def test_a_file_and_overrides_which_beat_it_change_what_they_name_and_nothing_else(tmp_path: Path) -> None:
@@ -102,19 +100,9 @@ def test_any_override_is_taken_or_refused_in_one_sentence(override: str) -> None
     assert len(printed) < 400
 
 
-def parameters_of(table: BaseModel, name: str) -> Iterator[tuple[str, str | None]]:
-    meanings = field_docs(type(table))
-    for key in type(table).model_fields:
-        value = getattr(table, key)
-        if isinstance(value, BaseModel):
-            yield from parameters_of(value, f"{name}.{key}")
-        else:
-            yield f"{name}.{key}", meanings.get(key)
-
-
 def test_every_parameter_says_what_it_means() -> None:
-    described = dict(parameters_of(Config(), "config"))
-    assert len(described) > 50 and [name for name, text in described.items() if not text] == []
+    parameters = [(name, each) for name, table in tables_of(Config) for each in described(table)]
+    assert len(parameters) > 50 and [(name, p.name) for name, p in parameters if not p.meaning] == []
 
 
 SHAPE, SEARCHED = (48, 64), DisparityRange(0, 64)
