@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 
 import cv2
 import numpy as np
@@ -16,8 +17,9 @@ from calib.rig import Floor
 from calib.types import F32, F64, AnyArray
 from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.matcher import RangeParams, SgbmMatcher, SgbmParams, disparity_range
-from stereo.recording import Frame, Recorded, StereoFrame
+from stereo.recording import Frame, Recorded, RgbdRecording, StereoFrame
 from stereo.rectify import RectifiedPair, Rectifier, RectifyParams
+from stereo.rgbd import RgbdRectifier
 
 SETUP_FRAMES = 24
 """Frames, spread over a recording, in which floor and rig are measured (our choice)."""
@@ -39,6 +41,8 @@ MIN_VALID = 0.03
 """Smallest share of pixels with disparity in the median frame: a bare room still has more, unrelated images less
 (our choice)."""
 _BLIND_PAIR = "left and right are swapped, the calibration belongs to another rig, or the images show no texture"
+DEPTH_UNITS = (10_000.0, 5000.0, 4000.0, 1000.0, 256.0, 100.0)
+"""Values per metre of depth in files: RealSense D405, TUM, RealSense L515, most sensors, KITTI, centimetres."""
 BLIND_SENSOR = "the depth has another scale than the calibration has, or everything is out of the sensor's range"
 
 
@@ -183,6 +187,34 @@ def floor_in(
         clouds, focal_px=geometry.focal_u_px, baseline_m=geometry.baseline_m, sigma_z=sigma_z,
         moved=_moved(grids), align=align, params=params,
     )  # fmt: skip
+
+
+def sensor_floor(recording: RgbdRecording, rectifier: RgbdRectifier, params: FloorParams, count: int) -> Floor:
+    """The floor common to ``count`` frames spread over images with depth. Raises WorkError: no usable frame, hardly any
+    depth, or no floor is visible; the message names the units of depth in which one would be."""
+    try:
+        return _sensor_floor(recording, rectifier, params, count)
+    except WorkError as error:
+        units = recording.depth_units
+        if units is None:
+            raise
+        assumed, found = units.units_per_m, []
+        for units.units_per_m in DEPTH_UNITS:
+            with suppress(WorkError):
+                height_m = _sensor_floor(recording, rectifier, params, count).height_m
+                found.append(f"{height_m:.2f} m below the camera at {units.units_per_m:g} values per metre")
+        units.units_per_m = assumed
+        if not found:
+            raise
+        raise WorkError(
+            f"another unit of depth? The floor would be {', or '.join(found)} (depth_scale in the calibration); at "
+            f"{assumed:g}: {error}"
+        ) from error
+
+
+def _sensor_floor(recording: RgbdRecording, rectifier: RgbdRectifier, params: FloorParams, count: int) -> Floor:
+    depths = [rectifier(frame).depth_m for frame in setup_frames(recording, count)]
+    return floor_in(depths, rectifier.geometry, params, BLIND_SENSOR)
 
 
 def _moved(grids: list[F32]) -> F64 | None:

@@ -11,7 +11,7 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -324,6 +324,12 @@ class LiveRecording(StereoRecording):
         return frames
 
 
+class DepthUnits(Protocol):
+    """How many values of stored depth make a metre; frames read from then on have it."""
+
+    units_per_m: float
+
+
 @dataclass(eq=False, repr=False)
 class RgbdRecording(Recorded[RgbdFrame]):
     """Images with registered depth, which a sensor measured.
@@ -331,6 +337,7 @@ class RgbdRecording(Recorded[RgbdFrame]):
     Attributes:
         camera, source: calibration of the images at their size, and where it came from, for messages and run.json.
         registration: moves depth into the pixels of the image.
+        depth_units: of depth as it is stored; None where its metres are known.
         world_SE3_left: of the image's camera, from ``world.toml``, else None (the floor is then found).
     """
 
@@ -339,6 +346,7 @@ class RgbdRecording(Recorded[RgbdFrame]):
     sensor: DepthSensor
     registration: Callable[[F32], F32]
     world_SE3_left: SE3 | None
+    depth_units: DepthUnits | None = None
     sides = ("image: ", "depth: ")
 
     def _joined(self, index: int, timestamp_s: float, *images: Any) -> RgbdFrame:

@@ -13,7 +13,7 @@ from calib.errors import WorkError
 from calib.images import as_grey
 from calib.rig import Floor
 from calib.types import F32, F64, U8
-from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
+from stereo.floor import FloorEstimator, FloorSearch, sensor_floor, setup_frames
 from stereo.matcher import DisparityRange
 from stereo.recording import RgbdRecording, StereoRecording
 from stereo.rectify import RectifiedPair, Rectifier, aligned_rectifier
@@ -85,8 +85,8 @@ def gather(recording: StereoRecording | RgbdRecording, frames: int, search: Floo
         rectifier = depth_rectifier = RgbdRectifier(recording.camera, recording.sensor, search.rectify)
         rectified = [depth_rectifier(frame) for frame in spread]
         lefts, disparities = [as_grey(r.left) for r in rectified], [depth_rectifier.disparity(r) for r in rectified]
-        searched, depths, pair = depth_rectifier.disparities(), [r.depth_m for r in rectified], None
-        find = partial(floor_in, depths, depth_rectifier.geometry, search.floor, BLIND_SENSOR)
+        searched, pair = depth_rectifier.disparities(), None
+        find = partial(sensor_floor, recording, depth_rectifier, search.floor, search.frames)
     floor, refused = None, ""
     try:
         floor = find()

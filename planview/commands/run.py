@@ -198,7 +198,8 @@ def _opened_and_tracked(
         raise InputError(f"--maps: expected a stereo recording, found {recording}")
     if options.maps and is_multi_rig(recording):
         raise InputError("--maps: expected a recording of one head, whose view maps.h5 holds, found several heads")
-    analytics = Analytics(load_rules(options.rules, RulePlane(engine.camera, engine.size))) if options.rules else None
+    plane = RulePlane(engine.camera, engine.size, has_floor=engine.camera is not None)
+    analytics = Analytics(load_rules(options.rules, plane)) if options.rules else None
     with folder_lock(out):
         return _track(engine, out, options, analytics, console)
 
@@ -240,6 +241,8 @@ def _track(
     with FrameProgress(console, n_frames, first) as progress:
         info = run_engine(engine, out, how, logs, progress, checkpoint)
     write_report(out)
+    if analytics is not None and (note := analytics.rules.unreached(RunFolder(out).tracks)):
+        console.print(note, soft_wrap=True)
     return refine_run(out)[1] if options.refine else info
 
 

@@ -262,7 +262,12 @@ def count(tracks: Path, *, rules: Path, options: CountOptions = CountOptions()) 
     clock = Clock(found, options.fps or (run and run.info.fps) or 30.0)
     placed = load_rules(rules, _plane(options.camera, options.rig, run))
     unfinished = unfinished_note(path)
-    for note in (unfinished and f"{unfinished}{FINISHES}", clock.jump(), placed.of_unknown_size):
+    for note in (
+        unfinished and f"{unfinished}{FINISHES}",
+        clock.jump(),
+        placed.of_unknown_size,
+        placed.unreached(found),
+    ):
         if note:
             console.print(note)
     n_frames = run.info.frames_read + run.info.frames_skipped if run else 0

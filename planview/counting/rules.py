@@ -16,10 +16,11 @@ from calib.floor_camera import FloorCamera
 from calib.formats import load_rig
 from calib.io import load_toml
 from calib.params import Location, Params, dotted, first_problem
+from calib.people.model import ADULT_HEIGHT_M
 from calib.types import F64
 from calib.world import load_world
 from planview.counting.events import Direction
-from planview.trajectories.table import PERSON_S
+from planview.trajectories.table import PERSON_S, Trajectories
 from stereo.rectify import RectifyParams, ideal_pinhole
 
 PlaneName = Literal["floor", "image"]
@@ -27,15 +28,24 @@ PlaneName = Literal["floor", "image"]
 
 class RulePlane:
     """Where rules are applied: on the floor; in the image for rules in pixels of a camera that is not known.
-    ``image_size``: (width, height) [px] where only that is known."""
+    ``image_size``: (width, height) [px] where only that is known; ``has_floor``: tracks have places in metres."""
 
-    def __init__(self, camera: FloorCamera | None = None, image_size: tuple[int, int] | None = None) -> None:
-        self.camera = camera
+    def __init__(
+        self, camera: FloorCamera | None = None, image_size: tuple[int, int] | None = None, has_floor: bool = True
+    ) -> None:
+        self.camera, self.has_floor = camera, has_floor
         self.image_size = camera.size if camera is not None else image_size
 
     def place(self, points: F64, *, in_pixels: bool, what: str) -> tuple[PlaneName, F64]:
         """The plane and the points in it. Pixels go to the floor when the camera is known, where the line between them
-        is straight. Raises InputError: outside the view, or above the horizon."""
+        is straight. Raises InputError: outside the view, above the horizon, fractions of the image, or metres where
+        nobody has a place on the floor."""
+        if in_pixels and (points >= 0).all() and points.max() <= 1:
+            raise InputError(f"{what}: expected pixels, found fractions of the image, up to {points.max():g}")
+        if not in_pixels and not self.has_floor:
+            raise InputError(
+                f"{what}: expected pixels (from_px, polygon_px), since a camera without a calibration has no metres"
+            )
         if self.camera is None:
             if not in_pixels:
                 return "floor", points
@@ -132,6 +142,8 @@ def stereo_plane(rig_path: Path) -> RulePlane:
 
 
 Point = tuple[float, float]
+NEAR_HEIGHTS = 3.0
+"""A rule is near to tracks within so many heights of a person, where all of them are in one place (our choice)."""
 
 
 class AnalyticsParams(Params):
@@ -259,6 +271,30 @@ class Rules:
             f"{self.source}: the size of the images is not known, so the line {names[0]!r} ends at its end points: "
             "people whose feet the border of the image cuts off do not cross it"
         )
+
+    def unreached(self, tracks: Trajectories) -> str:
+        """A sentence on rules of which no track comes within the size of the place that all tracks cover; empty where
+        there are none."""
+        for rule in self.tripwires + self.zones:
+            on_floor, box = rule.plane == "floor", tracks.box_px
+            places = np.column_stack(
+                [tracks.x_m, tracks.y_m] if on_floor else [box[:, 0] + box[:, 2] / 2, box[:, 1] + box[:, 3]]
+            )
+            known = np.isfinite(places).all(axis=1)
+            if not known.any():
+                continue
+            low, high = places[known].min(axis=0), places[known].max(axis=0)
+            away = float(
+                np.hypot(*np.maximum(rule.points.min(axis=0) - high, low - rule.points.max(axis=0)).clip(min=0))
+            )
+            person = ADULT_HEIGHT_M if on_floor else float(np.median(box[known, 3]))
+            if away > max(float(np.hypot(*(high - low))), NEAR_HEIGHTS * person):
+                unit = "m" if on_floor else "px"
+                return (
+                    f"{self.source}: no track comes within {away:.0f} {unit} of rule {rule.name!r}: another unit, "
+                    "swapped axes, or another origin"
+                )
+        return ""
 
     def of_truth(self, zone_hysteresis_m: float) -> Rules:
         """The same places for true positions: no age to reach, zones with a hysteresis of their own."""

@@ -27,6 +27,10 @@ JUMP_S = 600.0
 (our choice)."""
 
 
+SLOW_S = 5.0
+"""Milliseconds read as seconds make a frame last so long at up to 200 frames per second."""
+
+
 def jump_note(before_frame: int, frame: int, step_s: float) -> str:
     """A jump of the clock in words."""
     days, hours = step_s / 86400.0, step_s / 3600.0
@@ -70,10 +74,11 @@ class Clock:
         self._times = times if len(frames) else np.zeros(1)
 
     def jump(self) -> str:
-        """The longest jump between two frames with rows, in words; empty for none."""
+        """The longest jump between two frames with rows, or frames that last too long, in words; empty for neither."""
         steps = np.diff(self._times)
         if not len(steps) or steps.max() <= JUMP_S:
-            return ""
+            slow = len(steps) > 0 and (steps >= SLOW_S * np.diff(self._frames)).all()
+            return f"a frame lasts {self.frame_s:.3g} s: are the times milliseconds?" if slow else ""
         n = int(np.argmax(steps))
         return jump_note(int(self._frames[n]), int(self._frames[n + 1]), float(steps[n]))
 

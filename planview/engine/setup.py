@@ -22,7 +22,7 @@ from planview.maps.builder import floor_in_view
 from planview.maps.grid import Grid
 from planview.maps.view import StereoView
 from stereo.depth import RectifiedGeometry, median_image, point_cloud
-from stereo.floor import BLIND_SENSOR, FloorEstimator, FloorSearch, floor_in, setup_frames
+from stereo.floor import FloorEstimator, FloorSearch, sensor_floor, setup_frames
 from stereo.matcher import BODY_LAG, DisparityRange, SgbmMatcher, disparity_range
 from stereo.recording import RgbdRecording, StereoRecording
 from stereo.rectify import Rectifier, aligned_rectifier
@@ -123,8 +123,7 @@ def _set_up_rgbd(recording: RgbdRecording, config: Config, pose_file: str) -> Se
     if recording.world_SE3_left is not None:
         floor, source = Floor(recording.world_SE3_left), pose_file
     else:
-        depths = [rectifier(frame).depth_m for frame in setup_frames(recording, config.analysis.setup_frames)]
-        floor, source = floor_in(depths, rectifier.geometry, config.floor, BLIND_SENSOR), "found"
+        floor, source = sensor_floor(recording, rectifier, config.floor, config.analysis.setup_frames), "found"
     return Setup(
         rectifier.geometry, floor, source, recording.source, math.nan, rectifier.disparities(),
         *_analysed(recording.path, rectifier.geometry, floor, source, config),

@@ -180,7 +180,7 @@ def count_tracks(
     table = _table(tracks)
     if not isinstance(rules, Rules):
         rules = load_rules(rules, run.path if run is not None else None)
-    if note := rules.of_unknown_size:
+    for note in filter(None, (rules.of_unknown_size, rules.unreached(table))):
         warnings.warn(note, stacklevel=2)
     if run is None:
         return totals.count_tracks(table, rules, params)

@@ -77,6 +77,8 @@ def is_grey(image: U8) -> bool:
     return int(np.ptp(green)) > 4 * most and difference <= most
 
 
+DEPTH_MAX_M = 30.0
+"""No depth sensor for rooms measures farther; larger values mark what is unknown (65535, for one)."""
 UNITS_PER_M = 1000.0
 """Depth values per metre of files without a scale: sensors and their tools write millimetres."""
 
@@ -112,7 +114,7 @@ class Colour:
 class Depth:
     """Pixels of depth, as float32 metres.
 
-    Whole numbers count ``units_per_m`` to the metre, with 0 for unknown; floating-point numbers are metres (REP 118).
+    Whole numbers count ``units_per_m`` to the metre, with 0 for unknown; floating-point numbers: see ``metres``.
     """
 
     units_per_m: float = UNITS_PER_M
@@ -226,12 +228,16 @@ def images_of(files: Sequence[Path | None], pixels: Colour | Depth) -> Images:
 
 
 def metres(stored: AnyArray, units_per_m: float) -> F32:
-    """(H, W) float32 [m] of depth as stored, NaN where unknown: 0, negative, not finite or out of any range."""
+    """(H, W) float32 [m] of depth as stored, NaN where unknown: 0, negative, not finite or out of any range.
+    Floating-point numbers are metres; millimetres where most would be beyond any range."""
     whole = np.issubdtype(stored.dtype, np.integer)
     depth = stored.astype(np.float32) * np.float32(1.0 / units_per_m if whole else 1.0)
-    # No depth sensor for rooms measures beyond 30 m; such values mark what is unknown (65535, for one).
     with np.errstate(invalid="ignore"):
-        return np.where((depth > 0) & (depth < 30.0), depth, np.float32(np.nan))
+        few = depth[::8, ::8]
+        few = few[(few > 0) & (few < np.inf)]
+        if not whole and len(few) and np.median(few) > DEPTH_MAX_M:  # millimetres
+            depth = depth / np.float32(1000.0)
+        return np.where((depth > 0) & (depth < DEPTH_MAX_M), depth, np.float32(np.nan))
 
 
 def read_unchanged(file: Path) -> Stored:

@@ -64,7 +64,7 @@ def rgbd_layout(
         folder = path if path.is_dir() else path.parent
         return RgbdRecording(
             path, together(images, depths), images.n_frames, clock, own, found.camera, found.source, sensor,
-            DepthRegistration(found), world_pose(folder),
+            DepthRegistration(found), world_pose(folder), depths.pixels if isinstance(depths.pixels, Depth) else None,
         )  # fmt: skip
 
     return Layout("rgbd", streams, images.n_frames, clock, remarks, unpaired, opened)

@@ -4,12 +4,13 @@ import csv
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from cli import Cli
 from toy_rgbd import EMPTY, HEIGHT_M, TILT_DEG, walker_m, write_toy_rgbd
 
-from calib.errors import InputError
+from calib.errors import InputError, WorkError
 from planview.checks.examine import examine
 from planview.engine.config import Config
 from planview.engine.engine import Engine
@@ -32,6 +33,16 @@ def test_floor_of_depth_is_where_it_was_put(engine: Engine) -> None:
     floor = engine.stereo.floor
     assert floor.height_m == pytest.approx(HEIGHT_M, abs=0.02)
     assert np.degrees(floor.tilt_rad) == pytest.approx(TILT_DEG, abs=0.3)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(10, 10_000), (5, 5000), (0.256, 256)])
+def test_unit_of_depth_that_gives_a_floor_is_named(recording: Path, tmp_path: Path, factor: float, unit: int) -> None:
+    shutil.copytree(recording, tmp_path / "other")
+    for file in (tmp_path / "other" / "depth").iterdir():
+        stored = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) * factor
+        cv2.imwrite(str(file), np.where(stored < 65535, stored, 0).astype(np.uint16))
+    with pytest.raises(WorkError, match=rf"unit of depth\? .*{HEIGHT_M:.1f}\d m below the camera at {unit} values"):
+        open_engine(tmp_path / "other", config=FEW)
 
 
 def test_person_is_tracked_from_depth_alone_and_alike_step_by_step(engine):

@@ -250,6 +250,11 @@ def test_mates_are_nearest_to_each_other_and_metres_leave_out_what_no_sensor_mea
     np.testing.assert_array_equal(found, np.array([[np.nan, 1.0, np.nan]], np.float32))
 
 
+def test_floats_beyond_any_range_are_millimetres():
+    np.testing.assert_allclose(metres(np.full((8, 8), 2500.0, np.float32), 1000.0), 2.5)
+    np.testing.assert_allclose(metres(np.full((8, 8), 2.5, np.float32), 1000.0), 2.5)
+
+
 @pytest.mark.parametrize("time", ["1e999999", "1e99999999", "1e19", "nan", "0001-01-01", "9999-12-31", "2262-04-12"])
 def test_tum_times_that_no_clock_shows_are_refused_with_their_line(tmp_path: Path, time: str) -> None:
     _tum(tmp_path, ["10.0", "10.1", "10.2"])

@@ -30,7 +30,7 @@ from planview.counting.scoring import crossing_scores, occupancy_groups
 from planview.counting.stream import Analytics
 from planview.counting.totals import INTERVALS_MAX, Clock, count_tracks
 from planview.trajectories.state import TrackState
-from planview.trajectories.table import Trajectories, TrajectoryCollector, row_states
+from planview.trajectories.table import Trajectories, TrajectoryCollector, positions_table, row_states
 from stereo.depth import RectifiedGeometry
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.0, math.radians(60))
@@ -126,6 +126,29 @@ def test_line_outside_the_view_is_refused(rule: dict[str, list[float]], sentence
         parse_rules({"tripwire": [{"name": "w", **rule}]}, RulePlane(camera), "r")
 
 
+@pytest.mark.parametrize(
+    ("rule", "plane", "sentence"),
+    [
+        ({"from_px": [0.5, 0.25], "to_px": [0.5, 0.9]}, RulePlane(), "found fractions of the image, up to 0.9"),
+        ({"from_m": [1, 2], "to_m": [3, 2]}, RulePlane(None, (640, 480), has_floor=False), "has no metres"),
+    ],
+)
+def test_line_in_another_unit_is_refused(rule: dict[str, list[float]], plane: RulePlane, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        parse_rules({"tripwire": [{"name": "w", **rule}]}, plane, "r")
+
+
+def test_rules_that_no_track_comes_near_are_doubted():
+    tracks = positions_table(np.arange(50), np.ones(50), np.column_stack([np.zeros(50), np.linspace(1, 9, 50)]))
+    for scale, doubted in ((1.0, False), (100.0, True)):
+        rule = {"name": "w", "from_m": [-3.0 * scale, 5.0 * scale], "to_m": [3.0 * scale, 5.0 * scale]}
+        note = parse_rules({"tripwire": [rule]}, RulePlane(), "r").unreached(tracks)
+        assert (
+            note
+            == "r: no track comes within 491 m of rule 'w': another unit, swapped axes, or another origin" * doubted
+        )
+
+
 def test_depth_in_an_outline_is_the_distance_to_it_with_a_sign():
     x, y = np.array([[1.0, 0.25], [3.0, 1.0], [-3.0, -4.0]]).T
     assert Outline(SQUARE).depth(x, y) == pytest.approx([0.25, -1.0, -5.0])
@@ -198,6 +221,12 @@ def tracks_at(times: list[float]) -> Trajectories:
     for frame, time in enumerate(times):
         collector.add(frame, time, (TrackState(1, "confirmed", 0.0, 0.0, 0.0, 0.0, 1.7),))
     return collector.trajectories()
+
+
+def test_milliseconds_as_seconds_are_doubted() -> None:
+    nowhere = np.zeros((3, 2))
+    clock = Clock(positions_table(np.arange(3), np.ones(3), nowhere, timestamp_s=np.array([0.0, 33.3, 66.7])), 30.0)
+    assert clock.jump() == "a frame lasts 33.4 s: are the times milliseconds?"
 
 
 def test_a_jump_is_described_by_its_frames_and_size() -> None:
