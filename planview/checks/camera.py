@@ -23,6 +23,8 @@ MOVED_SHARE = 0.85
 """Share of the tracked points that move with the camera; the others are reflections and what is mistracked."""
 TEXTURED_SHARE = 0.6
 """Share of the blocks that must have texture for a result: on a plain wall all texture is people's."""
+VIEW_SHARE = 0.25
+"""Share of the blocks that show the same texture in two frames from which these show a view, and no damage."""
 SETTLED_S = 1.0
 """Time without motion after which a camera stands still again [s]."""
 BREAK_MAX_S = 1.0
@@ -42,7 +44,7 @@ class Steady(Enum):
     BREAK = "break"
     """Nothing of the last view shows: a damaged frame, a person close before the camera, or a cut."""
     CUT = "cut"
-    """Nothing of the view before the break has shown for BREAK_MAX_S."""
+    """Nothing of the view before the break has shown for BREAK_MAX_S, and another one shows."""
 
 
 class Steadiness:
@@ -89,7 +91,8 @@ class Steadiness:
         last, broken = self._last, self._before_break
         self._before_break = None
         if broken is not None and unrelated(broken[0], thumbnail, self._lasting):
-            if now_s - broken[2] < BREAK_MAX_S - ROUNDED_S:
+            lasts = last is not None and float(alike(last, thumbnail).mean()) >= VIEW_SHARE
+            if now_s - broken[2] < BREAK_MAX_S - ROUNDED_S or not lasts:
                 self._before_break = broken
                 return Steady.BREAK
             self._cuts.append(broken[1])

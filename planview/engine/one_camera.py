@@ -87,7 +87,7 @@ class ImageStages:
         return self._steadiness.checks()
 
     def observe(self, frame: VideoFrame, feedback: U8 | None = None) -> Observation:
-        """Foreground and motion of one frame; none while the camera moves and when the scene is cut.
+        """Foreground and motion of one frame; unknown where it shows nothing, as while the camera moves.
 
         Args:
             frame: the next frame.
@@ -101,15 +101,16 @@ class ImageStages:
         image = self._resized(frame.image, cv2.INTER_AREA)
         grey = as_grey(image)
         steady = self._steadiness.update(frame.index, frame.timestamp_s, grey)
-        if steady is Steady.BREAK:
-            nothing = np.zeros(image.shape[:2], np.uint8)
-            return Observation(frame.index, frame.timestamp_s, frame.image, nothing, nothing, shadow=nothing)
-        if steady is not Steady.STILL:
+        if steady is Steady.CUT:
             # The background begins again with this frame; a tracker's feedback is about the view before.
             self._forget_background()
             feedback = None
-        known = self._known(feedback)
-        mask = self._foreground.update(image, None, frame.timestamp_s, known)
+        if steady is not Steady.BREAK:
+            known, still = self._known(feedback), steady is not Steady.MOVING
+            mask = self._foreground.update(image, None, frame.timestamp_s, known, still)
+        if steady is Steady.BREAK or not self._foreground.shows:
+            none = np.zeros(image.shape[:2], np.uint8)
+            return Observation(frame.index, frame.timestamp_s, frame.image, none, none, shadow=none, unknown=True)
         motion = self._motion(frame.timestamp_s, grey)
         if math.isnan(self._first_s):
             self._first_s = frame.timestamp_s

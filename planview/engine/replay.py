@@ -14,7 +14,7 @@ from calib.types import U8
 from planview.engine.config import Config
 from planview.engine.engine import Engine, Frame, FrameResult, Remembers, StageClock, refuse_frame
 from planview.maps.builder import floor_in_view, plan_view
-from planview.maps.pixels import Cloud
+from planview.maps.pixels import Cloud, SeenPixels
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.tracking.base import Observation, Tracker, followed
 
@@ -82,6 +82,8 @@ class ReplayEngine(Engine):
             codes = np.zeros(mask.shape, np.uint8)
             codes.reshape(-1)[frame.pixels] = frame.colours
         view = self._cloud.seen(disparity, mask, frame.timestamp_s, frame.background, codes=codes)
+        if unknown := len(frame.unmatched) == mask.size:
+            view = SeenPixels.unknown(self._cloud.rays)
         if len(view.points.pixels) != len(frame.pixels):
             raise InputError(
                 f"{self._path}: frame {frame.index}: expected {len(frame.pixels)} points in reach of the rig, "
@@ -89,9 +91,8 @@ class ReplayEngine(Engine):
             )
         clock.record("maps")
         build_maps = partial(plan_view, view.points, self._cloud.grid, self.config.maps)
-        observation = Observation(
-            frame.index, frame.timestamp_s, views=(view,), camera=self.camera, build_maps=build_maps
-        )
+        camera, at = self.camera, (frame.index, frame.timestamp_s)
+        observation = Observation(*at, views=(view,), camera=camera, build_maps=build_maps, unknown=unknown)
         tracks, decisions = followed(self.tracker, observation), self.tracker.decisions
         clock.record("track")
         return FrameResult(

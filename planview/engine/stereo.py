@@ -30,7 +30,7 @@ from planview.engine.feedback import Feedback
 from planview.engine.setup import Setup, refuse_foreign_disparity, set_up
 from planview.foreground.mixture import Foreground
 from planview.maps.multi_rig import joint_grid, joint_maps
-from planview.maps.pixels import Cloud
+from planview.maps.pixels import Cloud, SeenPixels
 from planview.tracking.base import Decision, Observation, Tracker, followed
 from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState
@@ -111,6 +111,8 @@ class RigStages:
         disparity = self._samples(prepared.sampled)
         mask = self.foreground.update(prepared.image, disparity, now_s, self.feedback.mask)
         clock.record("foreground")
+        if not self.foreground.shows:
+            return RigFrame(self.name, prepared, disparity, mask, SeenPixels.unknown(self.cloud.rays))
         renewed = self._renewed_background(now_s)
         view = self.cloud.seen(disparity, mask, now_s, renewed, prepared.image, self.foreground.exposure)
         clock.record("maps")
@@ -127,7 +129,8 @@ class RigStages:
 
     def learn(self, frame: RigFrame, people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
         """Keep where people are in the rig's image for the next frame's foreground."""
-        self.feedback(frame.view.points, people, self.cloud.shape, decisions)
+        if self.foreground.shows:
+            self.feedback(frame.view.points, people, self.cloud.shape, decisions)
 
     def memory(self) -> dict[str, Remembers]:
         """What is carried from frame to frame."""
@@ -166,11 +169,16 @@ class StereoEngine(Engine):
         shown = tuple(
             None if one is None else rig.look(one, now_s, clock) for rig, one in zip(self.rigs, prepared, strict=True)
         )
-        views = tuple(one.view for one in shown if one)
+        views = tuple(
+            one.view if one else SeenPixels.unknown(rig.cloud.rays) for rig, one in zip(self.rigs, shown, strict=True)
+        )
         points = [view.points for view in views]
         build_maps = partial(joint_maps, points, self._first.grid, self.config.maps)
+        unknown = not any(one and rig.foreground.shows for rig, one in zip(self.rigs, shown, strict=True))
         image, mask = (shown[0].prepared.image, shown[0].foreground) if shown[0] else (None, None)
-        observation = Observation(index, now_s, image, mask, views=views, camera=self.camera, build_maps=build_maps)
+        observation = Observation(
+            index, now_s, image, mask, views=views, camera=self.camera, build_maps=build_maps, unknown=unknown
+        )
         people = followed(self.tracker, observation)
         for rig, one in zip(self.rigs, shown, strict=True):
             if one:

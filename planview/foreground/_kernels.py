@@ -17,12 +17,15 @@ GAUSSIAN = np.dtype(
     [(n, "f4") for n in ("weight", "depth_fraction", "y", "u", "v", "d", "var_y", "var_u", "var_v", "var_d")]
 )
 """A Gaussian: weight, fraction of its observations with depth, means and variances. A negative variance of luma marks a
-mean learned from clipped pixels, which is a lower bound of the surface's luma."""
+mean learned from clipped pixels, which is a lower bound of the surface's luma. Variances of chroma are 0 until it has
+been seen: by night, cameras show none."""
 
 F = np.float32
 ZERO, ONE = F(0), F(1)
 NEW_VARIANCE = F(4)
 """Variances of a new Gaussian, over the smallest: twice the deviation of noise."""
+BLACK = F(2)
+"""Luma that the model expects of a pixel without light, above what the image shows as 0."""
 NO_MATCH, SAME, OTHER_LIGHT = 0, 1, 2
 """How an observation matches a Gaussian: not, by colour, or by depth under a shadow or a patch of light."""
 
@@ -107,8 +110,8 @@ def shown_luma(g: Gaussian, s: Constants) -> Real:
 
 @njit(inline="always")
 def chroma_counts(g: Gaussian, o: Pixel, s: Constants) -> Any:
-    """Chroma is compared unless one side is dark or clipped (Harville, Gordon, Woodfill 2001: dark pixels)."""
-    return o.chroma and min(shown_luma(g, s), o.y) > s.dark and g.var_y > ZERO
+    """Chroma is compared unless one side is dark, clipped or without (Harville, Gordon, Woodfill 2001: dark pixels)."""
+    return o.chroma and min(shown_luma(g, s), o.y) > s.dark and g.var_y > ZERO and g.var_u > ZERO
 
 
 @njit(inline="always")
@@ -178,8 +181,11 @@ def learn(g: Gaussian, o: Pixel, kind: int, rate: Real, s: Constants) -> None:
     g.var_y = -var_y if is_bound else var_y
     g.u += rate_c * du
     g.v += rate_c * dv
-    g.var_u = max(g.var_u + rate_var_c * (du * du - g.var_u), s.floor_uv)
-    g.var_v = max(g.var_v + rate_var_c * (dv * dv - g.var_v), s.floor_uv)
+    if g.var_u > ZERO:
+        g.var_u = max(g.var_u + rate_var_c * (du * du - g.var_u), s.floor_uv)
+        g.var_v = max(g.var_v + rate_var_c * (dv * dv - g.var_v), s.floor_uv)
+    elif o.chroma and rate > ZERO:
+        g.u, g.v, g.var_u, g.var_v = o.u, o.v, NEW_VARIANCE * s.floor_uv, NEW_VARIANCE * s.floor_uv
 
     # The mean of the valid disparities only: an exponential mean of d over one of validity.
     has_depth, had_none = o.d == o.d, g.depth_fraction <= ZERO
@@ -200,7 +206,7 @@ def start(g: Gaussian, weight: Real, o: Pixel, s: Constants) -> None:
     g.weight, g.depth_fraction = weight, ONE if has_depth else ZERO
     g.y, g.u, g.v, g.d = o.y, o.u, o.v, o.d if has_depth else ZERO
     g.var_y = -NEW_VARIANCE * s.floor_y if o.y >= s.clip else NEW_VARIANCE * s.floor_y
-    g.var_u = g.var_v = NEW_VARIANCE * s.floor_uv
+    g.var_u = g.var_v = NEW_VARIANCE * s.floor_uv if o.chroma else ZERO
     g.var_d = NEW_VARIANCE * smallest_var_d(g.d, s)
 
 
@@ -226,7 +232,7 @@ def is_background(mixture: AnyArray, found: int, s: Constants) -> Any:
 def classify(leader: Gaussian, o: Pixel, s: Constants) -> int:
     """What is not background: SHADOW by its colour, NEARER where depth alone separates it, or FOREGROUND."""
     dim = o.d != o.d and o.y < leader.y and s.colour_shadow_ratio > ZERO
-    if dim and is_other_light(leader, o, o.chroma, s.colour_shadow_ratio, s):
+    if dim and is_other_light(leader, o, o.chroma and leader.var_u > ZERO, s.colour_shadow_ratio, s):
         return SHADOW
     in_front = both_have_depth(leader, o, s) and o.d > leader.d
     return NEARER if in_front and colour_distance(leader, o, s) < s.beta else FOREGROUND
@@ -286,6 +292,28 @@ def settle(
         start(mixture[last], rate_w, o, s)
     sort(mixture, spare, s)
     return what
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def count_shown(model: PixelMixtures, frame: Frame, s: Constants, step: int) -> tuple[int, int, int, int]:
+    """Of every ``step``-th row and column: pixels; those neither black nor saturated; which of these show the
+    background; and all whose depth can be compared with that of the background."""
+    spare = np.empty(1, GAUSSIAN)
+    n, lit, shown, compared = 0, 0, 0, 0
+    for row in range(0, frame.image.shape[0], step):
+        for column in range(0, frame.image.shape[1], step):
+            n += 1
+            o = observe(frame.image, row, column, frame.disparity[row, column], s)
+            leader = model.gaussians[0, row, column]
+            compared += both_have_depth(leader, o, s)
+            if s.black + BLACK < o.y < s.clip:
+                lit += 1
+                if match(leader, o, s) != NO_MATCH:
+                    shown += 1
+                else:
+                    what = settle(model.gaussians[:, row, column], spare, o, ZERO, ZERO, ZERO, s)
+                    shown += what == 0 or what == SHADOW
+    return n, lit, shown, compared
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -26,6 +26,17 @@ ACTIVITY_S = 1.0
 """Time constant of the mean change of luma [s]. Our choice: about one fidget."""
 ACTIVITY_LEVEL = 5.0
 """Mean |Y_t - Y_(t-1)| above which a pixel is active (levels of 255). Our choice: noise of 3 levels gives 3.4."""
+SAMPLED = 4
+"""Every so many rows and columns are looked at to see whether a frame shows anything."""
+SHOWN_MIN, DEPTH_MIN, LIT_MIN = 0.6, 0.33, 0.1
+"""Least parts of the usual shares of pixels: explained by the background, with depth to be compared with that of the
+background, and neither black nor saturated."""
+COVER_S = 0.15
+"""Time in which somebody who comes near covers the rest of that share [s]."""
+DAMAGE_S = 3.0
+"""Longer than this no frames are damaged: the view or the light is another one [s]."""
+GREY_LEVELS, GREY_SHARE = 8, 0.002
+"""Channels that differ by no more, but in this share of the pixels, are an image without colour [levels of 255]."""
 TURNS = 4
 """Turns in which pixels learn, at most."""
 TURN_S = 0.13
@@ -82,23 +93,28 @@ class Foreground:
         self._first_s = self._now_s = math.nan
         self._learned_s = np.zeros(TURNS)
         self._frame = 0
-        self._channels = 0
         self._gain.reset()
         self._rebased = Exposure()
+        self.shows = True
+        """Whether the last image showed anything that is known: else nothing was learned from it."""
+        self._usual, self._shown_s = (0.0, 0.0, 0.0), math.nan
 
     @property
     def settled(self) -> bool:
         """Whether the start is over, during which every observation counts alike."""
         return self._now_s - self._first_s > self.params.settle_s
 
-    def update(self, image: U8, disparity: F32 | None, timestamp_s: float, feedback: U8 | None = None) -> U8:
-        """Learn from one frame and separate its foreground.
+    def update(
+        self, image: U8, disparity: F32 | None, timestamp_s: float, feedback: U8 | None = None, steady: bool = True
+    ) -> U8:
+        """Learn from one frame and separate its foreground; see ``shows``.
 
         Args:
-            image: (H, W) grey or (H, W, 3) BGR uint8; the same kind all the time.
+            image: (H, W) grey or (H, W, 3) BGR uint8.
             disparity: (H, W) float32 [px], NaN where there is none; None without depth.
             timestamp_s: time of the frame [s]; a gap counts as at most one second of learning.
             feedback: (H, W) uint8, see the class.
+            steady: False while the camera is known to move.
         Returns:
             (H, W) uint8, 255 foreground, 0 background. The first frame has no foreground.
         Raises:
@@ -106,16 +122,22 @@ class Foreground:
         """
         image = self._checked_image(image)
         is_first = math.isnan(self._first_s)
-        if not is_first and image.shape[2] != self._channels:
-            raise ValueError(f"expected images of one kind, grey or BGR, got {image.shape} after another kind")
-        self._channels = image.shape[2]
-        if not is_first:
-            self._follow_gain(image)
         frame = kernels.Frame(
             image,
             self._checked(disparity if self.params.depth else None, np.nan, np.float32, "disparity"),
             self._checked(feedback, NO_FEEDBACK, np.uint8, "feedback"),
         )
+        if not is_first:
+            before = self._gain.gain, self._gain.offset
+            self._gain.update(self._model.gaussians[0], image)
+            self.shows = self._judge(frame, timestamp_s, steady)
+            if not self.shows:
+                self._gain.gain, self._gain.offset = before
+                self.shadow[:] = 0
+                return np.zeros(self.shape, np.uint8)
+            self._rebase()
+            is_first = math.isnan(self._first_s)
+        self._shown_s = timestamp_s
         mask: U8 = np.empty(self.shape, np.uint8)
         kernels.update(self._model, frame, mask, self._constants(), self._rates(timestamp_s))
         if is_first:
@@ -126,6 +148,25 @@ class Foreground:
             self.shadow = np.asarray(cv2.inRange(mask, SHADOW, SHADOW), dtype=np.uint8)
             mask[self.shadow > 0] = 0
         return mask if disparity is None else self._without_fattening(mask)
+
+    def _judge(self, frame: kernels.Frame, timestamp_s: float, steady: bool) -> bool:
+        """Whether a frame shows what the background can be compared with, as nearly as much as usual.
+
+        No person covers so much of the view, or takes the depth of so much of it, from one frame to the next. What
+        stays so is no damage but another light, or another view, which begins a new background.
+        """
+        n, lit, shown, compared = kernels.count_shown(self._model, frame, self._constants(), SAMPLED)
+        shares = shown / max(lit, 1), compared / n, lit / n
+        gap_s = timestamp_s - self._shown_s
+        least = SHOWN_MIN ** max(1.0, gap_s / COVER_S) if self.shows else SHOWN_MIN, DEPTH_MIN, LIT_MIN
+        if self.settled and any(now < a * usual for now, a, usual in zip(shares, least, self._usual, strict=True)):
+            if not steady or gap_s < DAMAGE_S:
+                return False
+            if shares[0] < 0.5 * self._usual[0]:
+                self.reset()
+        if steady:
+            self._usual = shares
+        return True
 
     def _without_fattening(self, mask: U8) -> U8:
         """Foreground as 255, without what has the background's colour next to a foreground of another colour.
@@ -156,17 +197,21 @@ class Foreground:
         return np.where(known, leader["d"], np.float32(np.nan))
 
     def _checked_image(self, image: U8) -> U8:
+        """(H, W, 1) of an image without colour, else (H, W, 3)."""
         if image.dtype != np.uint8 or image.shape[:2] != self.shape or image.shape[2:] not in ((), (1,), (3,)):
             raise ValueError(f"expected a {self.shape} uint8 image, grey or BGR, got {image.shape} {image.dtype}")
-        return np.ascontiguousarray(image).reshape(*self.shape, -1)
+        image = np.ascontiguousarray(image).reshape(*self.shape, -1)
+        some = image[::SAMPLED, ::SAMPLED]
+        spread = some.max(axis=2) - some.min(axis=2)
+        is_grey = np.count_nonzero(spread > GREY_LEVELS) <= GREY_SHARE * spread.size
+        return np.ascontiguousarray(image[..., 1:2]) if is_grey and image.shape[2] == 3 else image
 
     @property
     def exposure(self) -> Exposure:
         """The camera's exposure in the last frame, relative to the first."""
         return self._rebased.after(Exposure(self._gain.gain, self._gain.offset))
 
-    def _follow_gain(self, image: U8) -> None:
-        self._gain.update(self._model.gaussians[0], image)
+    def _rebase(self) -> None:
         gain, offset = self._gain.gain, self._gain.offset
         # The model moves to the exposure of the image when that differs by a factor of 2, so that noise stays
         # comparable, or by 20 levels, beyond which ratios of luma mean little.

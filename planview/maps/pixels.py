@@ -114,6 +114,12 @@ class SeenPixels:
     points: FloorPoints = NO_POINTS
     renewed: F32 | None = None
 
+    @staticmethod
+    def unknown(rays: PixelRays) -> SeenPixels:
+        """What a camera sees in a frame that shows nothing."""
+        kind = np.full(rays.shape, UNKNOWN, np.uint8)
+        return SeenPixels(rays, kind, np.zeros(rays.shape, np.float32), None)
+
 
 class KeptBackground:
     """How far the background is, measured again every RENEW_S: furniture that hides people rarely moves.

@@ -61,7 +61,7 @@ class MapsFrame:
         pixels: (N,) int32, row * width + column at the size of foreground and maps, ascending.
         disparities: (N,) float32 [px of the rectified image].
         colours: (N,) uint8 colour codes; None when not recorded.
-        unmatched: (K,) int32 pixels of foreground without depth, ascending.
+        unmatched: (K,) int32 pixels of foreground without depth, ascending; all where the frame shows nothing.
         background: (H, W) float32 [px], the background's disparity where it is another from this frame on; else None.
     """
 
@@ -76,7 +76,7 @@ class MapsFrame:
     @staticmethod
     def of(index: int, timestamp_s: float, disparity: F32, view: SeenPixels) -> MapsFrame:
         """The points of a frame, with their values in its (H, W) disparity at the size of foreground and maps."""
-        unmatched = np.flatnonzero(view.kind.reshape(-1) == NO_DEPTH).astype(np.int32)
+        unmatched = np.flatnonzero(view.kind.reshape(-1) >= NO_DEPTH).astype(np.int32)
         pixels = view.points.pixels
         values = disparity.reshape(-1)[pixels]
         return MapsFrame(index, timestamp_s, pixels, values, view.points.colours, unmatched, view.renewed)

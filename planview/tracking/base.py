@@ -49,6 +49,7 @@ class Observation:
         views: what every camera saw of its analysis pixels (stereo only).
         camera: above the floor, in whose pixels boxes are; None where none is calibrated.
         build_maps: makes the plan-view maps (stereo only).
+        unknown: nothing that is known shows in any camera: no evidence for or against anybody.
     """
 
     frame: int
@@ -60,6 +61,7 @@ class Observation:
     views: tuple[SeenPixels, ...] = ()
     camera: FloorCamera | None = None
     build_maps: Callable[[], PlanViewMaps] | None = None
+    unknown: bool = False
 
     @cached_property
     def maps(self) -> PlanViewMaps | None:

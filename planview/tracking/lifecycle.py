@@ -62,8 +62,10 @@ class TrackLog:
         self.now_s = math.nan
 
     def begin(self, now_s: float) -> float:
-        """Start a frame with no decisions; the time since the last one [s]."""
-        dt = 0.0 if math.isnan(self.now_s) else max(now_s - self.now_s, 0.0)
+        """Start a frame with no decisions; the time since the last one [s]. Raises ValueError: time runs backwards."""
+        if now_s < self.now_s:
+            raise ValueError(f"expected time to advance, got {now_s} s after {self.now_s} s")
+        dt = 0.0 if math.isnan(self.now_s) else now_s - self.now_s
         self.now_s, self._log = now_s, []
         return dt
 
@@ -118,6 +120,11 @@ class LifeCycle(TrackLog):
         if who.confirmed and who.observed:
             self.note(who.track_id, "lost", reason, value, terms)
         who.observed = False
+
+    def pause(self, who: Existence, dt_s: float) -> None:
+        """The frame, ``dt_s`` after the last one, shows nothing: nobody has been looked for."""
+        self.miss(who, "the frame shows nothing")
+        who.observed_s += dt_s
 
     def prune(self, who: Existence, reason: str, value: float = math.nan) -> None:
         """The track ends; the tracker forgets it."""

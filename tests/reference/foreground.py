@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planview.foreground._kernels import NEW_VARIANCE, Constants
+from planview.foreground._kernels import BLACK, NEW_VARIANCE, Constants
 from planview.foreground.params import BACKGROUND, FOREGROUND, NEARER, PERSON, SHADOW
 
 F32 = np.float32
@@ -107,18 +107,35 @@ def update(m: Mixtures, o: Pixels, feedback: np.ndarray, s: Constants, rates: Ra
     return mask
 
 
+def count_shown(m: Mixtures, o: Pixels, s: Constants) -> tuple[int, int, int]:
+    """Pixels neither black nor saturated, those of them that show the background, and those with depth to compare."""
+    kinds = np.stack([_match_kind(m, k, o, s) for k in range(len(m.weight))])
+    matched = (kinds > 0) & (m.weight > 0)
+    matched[0] = kinds[0] > 0
+    found = np.where(matched.any(axis=0), matched.argmax(axis=0), -1)
+    known = np.isin(_classify(m, found, _uncovered(m, o, s)[0], o, s), (0, SHADOW))
+    lit = (o.y > s.black + BLACK) & (o.y < s.clip)
+    compared = ~np.isnan(o.d) & (m.depth_fraction[0] >= s.min_depth_fraction)
+    return int(lit.sum()), int((known & lit).sum()), int(compared.sum())
+
+
 def _shown(m: Mixtures, k: int, s: Constants) -> np.ndarray:
     return np.maximum(np.minimum(m.y[k], s.clip), s.black)
 
 
 def _chroma(m: Mixtures, k: int, o: Pixels, s: Constants) -> np.ndarray:
-    return o.chroma & (np.minimum(_shown(m, k, s), o.y) > s.dark) & (m.var_y[k] > 0)
+    return o.chroma & (np.minimum(_shown(m, k, s), o.y) > s.dark) & (m.var_y[k] > 0) & (m.var_u[k] > 0)
+
+
+def _in_chroma(m: Mixtures, k: int, du: np.ndarray, dv: np.ndarray) -> np.ndarray:
+    var_u, var_v = (np.where(var > 0, var, F32(1)) for var in (m.var_u[k], m.var_v[k]))
+    return du * du / var_u + dv * dv / var_v
 
 
 def _other_light(m: Mixtures, k: int, o: Pixels, chroma: np.ndarray, darkest: float, s: Constants) -> np.ndarray:
     ratio = (o.y - s.black) / np.maximum(_shown(m, k, s) - s.black, F32(1))
     du, dv = o.u - ratio * m.u[k], o.v - ratio * m.v[k]
-    like = (du * du / m.var_u[k] + dv * dv / m.var_v[k] < s.beta) | ~chroma
+    like = (_in_chroma(m, k, du, dv) < s.beta) | ~chroma
     return like & (ratio >= darkest) & (ratio * darkest <= 1)
 
 
@@ -127,7 +144,7 @@ def _match_kind(m: Mixtures, k: int, o: Pixels, s: Constants) -> np.ndarray:
     dy, du, dv, dd = o.y - _shown(m, k, s), o.u - m.u[k], o.v - m.v[k], o.d - m.d[k]
     chroma = _chroma(m, k, o, s)
     far = dy * dy / np.abs(m.var_y[k])
-    far = far + np.where(chroma, du * du / m.var_u[k] + dv * dv / m.var_v[k], F32(0))
+    far = far + np.where(chroma, _in_chroma(m, k, du, dv), F32(0))
     both = ~np.isnan(o.d) & (m.depth_fraction[k] >= s.min_depth_fraction)
     agree = both & (dd * dd < s.beta * m.var_d[k])
     nearer = s.body_over_metre * m.d[k]
@@ -159,9 +176,11 @@ def _classify(m: Mixtures, found: np.ndarray, unclipped: np.ndarray, o: Pixels, 
     pixels = np.arange(len(found))
     known = (found >= 0) & background[np.maximum(found, 0), pixels] | unclipped & (found != 0)
     darkest = s.colour_shadow_ratio
-    shadow = (darkest > 0) & np.isnan(o.d) & (o.y < m.y[0]) & _other_light(m, 0, o, o.chroma, darkest, s)
+    shadow = (
+        (darkest > 0) & np.isnan(o.d) & (o.y < m.y[0]) & _other_light(m, 0, o, o.chroma & (m.var_u[0] > 0), darkest, s)
+    )
     dy, du, dv = o.y - _shown(m, 0, s), o.u - m.u[0], o.v - m.v[0]
-    far = dy**2 / np.abs(m.var_y[0]) + np.where(_chroma(m, 0, o, s), du**2 / m.var_u[0] + dv**2 / m.var_v[0], 0)
+    far = dy**2 / np.abs(m.var_y[0]) + np.where(_chroma(m, 0, o, s), _in_chroma(m, 0, du, dv), 0)
     nearer = (far < s.beta) & (o.d > m.d[0]) & (m.depth_fraction[0] >= s.min_depth_fraction)
     return np.where(known, 0, np.where(shadow, SHADOW, np.where(nearer, NEARER, FOREGROUND))).astype(np.uint8)
 
@@ -208,9 +227,11 @@ def _learn_gaussian(
     }
     for mean, var, change in (("u", "var_u", du), ("v", "var_v", dv)):
         old, old_var = getattr(m, mean)[k], getattr(m, var)[k]
-        new[mean] = old + np.where(chroma, rate, F32(0)) * change
+        first = (old_var <= 0) & o.chroma & (rate > 0)
+        new[mean] = np.where(first, getattr(o, mean), old + np.where(chroma, rate, F32(0)) * change)
         step = np.where(chroma, rate_var, F32(0)) * (change * change - old_var)
-        new[var] = np.maximum(old_var + step, s.floor_uv)
+        started = np.where(first, NEW_VARIANCE * s.floor_uv, F32(0))
+        new[var] = np.where(old_var > 0, np.maximum(old_var + step, s.floor_uv), started)
     for name, values in new.items():
         array = getattr(m, name)
         array[k] = np.where(chosen, values, array[k])
@@ -221,8 +242,8 @@ def _start_gaussians(m: Mixtures, k: np.ndarray, chosen: np.ndarray, o: Pixels, 
     d, var_y = np.where(has_depth, o.d, F32(0)), NEW_VARIANCE * s.floor_y
     values = {
         "depth_fraction": has_depth.astype(F32), "y": o.y, "u": o.u, "v": o.v, "d": d,
-        "var_y": np.where(o.y >= s.clip, -var_y, var_y), "var_u": NEW_VARIANCE * s.floor_uv,
-        "var_v": NEW_VARIANCE * s.floor_uv, "var_d": NEW_VARIANCE * _smallest_var_d(d, s),
+        "var_y": np.where(o.y >= s.clip, -var_y, var_y), "var_u": np.where(o.chroma, NEW_VARIANCE * s.floor_uv, F32(0)),
+        "var_v": np.where(o.chroma, NEW_VARIANCE * s.floor_uv, F32(0)), "var_d": NEW_VARIANCE * _smallest_var_d(d, s),
     }  # fmt: skip
     pixels = np.flatnonzero(chosen)
     for name, value in values.items():

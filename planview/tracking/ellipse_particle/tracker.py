@@ -132,6 +132,8 @@ class EllipseParticleTracker:
             one state per object, tentative ones included; x, y, velocity and height are NaN without a camera.
         """
         dt_s = self._cycle.begin(observation.timestamp_s)
+        if observation.unknown:
+            return self._predicted(dt_s)
         foreground = self._foreground(observation)
         if foreground is None or self._image_size is None:
             return ()
@@ -155,8 +157,23 @@ class EllipseParticleTracker:
         self._observe(measured, moving, dt_s, size)
         self._enter(measured, size)
         self._leave(size)
+        return self._reported(size)
+
+    def _reported(self, size: Size) -> tuple[TrackState, ...]:
         ellipses = ellipses_of(self._states, size)
         return tuple(self._state(t.who, e, s) for t, e, s in zip(self._objects, ellipses, self._states, strict=True))
+
+    def _predicted(self, dt_s: float) -> tuple[TrackState, ...]:
+        """Everybody where they were heading, in a frame that shows nothing."""
+        size = self._size()
+        if size is None or not self._objects:
+            return ()
+        size = size.on(self._scale)
+        self._filter.predict(dt_s, size, cells_per_m(size, self._states[:, Y]))
+        self._states = np.asarray(self._filter.particles.mean(axis=0))
+        for t in self._objects:
+            self._cycle.pause(t.who, dt_s)
+        return self._reported(size)
 
     def _weigh(self, union: U8, size: Size) -> None:
         """Weigh the objects that were measured in the last frame, one after the other.

@@ -9,7 +9,7 @@ import numpy as np
 from calib.types import F32, F64, I64, U8
 from planview.foreground.gain import Exposure
 from planview.maps.colour import colour_codes
-from planview.maps.pixels import BACKGROUND_SEEN, SURFACE, PixelRays, SeenPixels
+from planview.maps.pixels import BACKGROUND_SEEN, COLOURED, SURFACE, UNKNOWN, PixelRays, SeenPixels
 from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.human_model.params import HumanModelParams
@@ -70,7 +70,7 @@ class MaskExplanation(Explanation):
         observation: with foreground.
 
     Attributes:
-        kind: (H, W) uint8 of BACKGROUND_SEEN, SHADOW and SURFACE.
+        kind: (H, W) uint8 of BACKGROUND_SEEN, SHADOW, SURFACE and UNKNOWN.
         pixels: (K,) int64, those of SURFACE.
     """
 
@@ -80,11 +80,15 @@ class MaskExplanation(Explanation):
         self.kind: U8 = np.where(observation.foreground > 0, SURFACE, BACKGROUND_SEEN).astype(np.uint8)
         if observation.shadow is not None:
             self.kind[(observation.shadow > 0) & (self.kind == BACKGROUND_SEEN)] = kernels.SHADOW
+        if observation.unknown:
+            self.kind[:] = UNKNOWN
         self.pixels: I64 = np.flatnonzero(self.kind == SURFACE)
         code: U8 | None = None
         if image is not None and image.ndim == 3 and coloured:
-            code = np.zeros(self.kind.shape, np.uint8)
-            code.reshape(-1)[self.pixels] = colour_codes(image, self.pixels.astype(np.int32), Exposure())
+            codes = colour_codes(image, self.pixels.astype(np.int32), Exposure())
+            if COLOURED[codes].any():  # else by night: no colours, which is not grey clothes
+                code = np.zeros(self.kind.shape, np.uint8)
+                code.reshape(-1)[self.pixels] = codes
         super().__init__((SeenPixels(rays, self.kind, np.zeros(self.kind.shape, np.float32), code),), likelihood)
 
     def residual(self, owned: Owned) -> F32:

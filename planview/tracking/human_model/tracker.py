@@ -110,6 +110,8 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         frame.kind[seen & (self._hides > 0)] = SHADOW
         if self._people:
             self._explain(frame, side_by_side(self._people), dt)
+        if observation.unknown:
+            return tuple(self._state(person, self._box(person)) for person in self._people)
         people = side_by_side(self._people)
         (owned,) = frame.assign_pixels(people)
         hulls = [self._hull(person.at_m, person.height_m) for person in self._people]
@@ -151,8 +153,6 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
                 pair = frame.pair(i, int(rivals[i]), people)
                 superfluous = self._people[rivals[i]] if pair.first else person
                 superfluous.evidence = min(superfluous.evidence, pair.evidence)
-        if np.count_nonzero(frame.kind == SURFACE) > 0.5 * frame.kind.size:
-            return
         for person in self._people:
             self._weigh(person, dt, self.params.stay_s)
             if person.share >= self.params.visible_min:

@@ -60,6 +60,12 @@ class Likelihood(NamedTuple):
         record = np.array([tuple(model)], dtype=[(name, np.float64) for name in model._fields])
         return Likelihood(record, table, disparity_std_px)
 
+    def colourless(self) -> Likelihood:
+        """The same where colours are unknown."""
+        model = self.model.copy()
+        model["colour"] = 0.0
+        return self._replace(model=model)
+
 
 def likelihood_of_ranges(p: JointParams) -> Likelihood:
     """For pixels with ranges."""
@@ -137,8 +143,12 @@ class Explanation:
     """
 
     def __init__(self, views: Sequence[SeenPixels], likelihood: Likelihood) -> None:
-        self.views, self.likelihood = views, likelihood
-        self._model = likelihood.model[0]
+        self.coloured = bool(likelihood.model["colour"][0] > 0) and all(
+            v.colour is not None or not (v.kind == SURFACE).any() for v in views
+        )
+        """Whether colours distinguish people: all that is seen of them has a code."""
+        self.views, self.likelihood = views, likelihood if self.coloured else likelihood.colourless()
+        self._model = self.likelihood.model[0]
         self._arrays = [self._view_arrays(v) for v in views]
 
     def _view_arrays(self, v: SeenPixels) -> kernels.ViewArrays:
@@ -149,11 +159,6 @@ class Explanation:
             (r.distortion_k, 0.5 * (cols - 1), 0.5 * (rows - 1)), v.kind, v.range_m,
             v.colour if v.colour is not None else v.kind, r.pixel_sr, std_per_m2,
         )  # fmt: skip
-
-    @property
-    def coloured(self) -> bool:
-        """Whether colours distinguish people."""
-        return bool(self._model["colour"] > 0) and all(v.colour is not None for v in self.views)
 
     def around(self, pose: F64, reach_m: float) -> Samples:
         """The samples within reach of a body, of all cameras."""

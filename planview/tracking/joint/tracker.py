@@ -62,7 +62,7 @@ class ExplainingTracker(Generic[P, Q]):
         dt = self._log.begin(now_s)
         for person in self._people:
             if person.share < 2 * self.params.visible_min:
-                person.kalman = person.kalman.slowed(dt, body.SLOW_DOWN_S)
+                person.kalman = person.kalman.slowed(dt * person.known, body.SLOW_DOWN_S)
             person.kalman = person.kalman.predicted(dt, body.ACCELERATION_MPS2)
             person.height_var += HEIGHT_CHANGE_MPS**2 * dt * min(dt, self.params.errors_s)
         return dt
@@ -237,7 +237,6 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
     def _explain(self, frame: Explanation, people: People, dt: float) -> None:
         """Places, then the frame's evidence on each person's existence."""
         samples, others, evidence, curvature = self._ascend(frame, people)
-        flooded = all(np.count_nonzero(v.kind) > 0.5 * v.kind.size for v in frame.views)
         stood_up: list[tuple[Person, F64]] = []
         for i, person in enumerate(self._people):
             person.evidence, pose = float(evidence[i]), people.poses[i]
@@ -255,10 +254,9 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             if not person.confirmed:
                 person.shape = samples[i].against_thing(pose, people.tall[i]) if visible else 0.0
             self._measure(person, samples[i], pose, curvature[i], dt)
-            if not flooded:
-                self._weigh(person, dt, body.LEAVE_S if person.inside < INSIDE else self.params.stay_s)
-                if visible:
-                    self._note_movement(person, alone=len(others[i]) == 0)
+            self._weigh(person, dt, body.LEAVE_S if person.inside < INSIDE else self.params.stay_s)
+            if visible:
+                self._note_movement(person, alone=len(others[i]) == 0)
             kind: DecisionKind = "matched" if visible else "lost"
             reason = f"evidence {person.evidence:.1f}, visible {person.share:.2f}, existence {person.existence:.3f}"
             if len(others[i]):
@@ -299,7 +297,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
 
     def _forget_gone(self) -> None:
         for person in self._people:
-            if person.existence < 0.05 or (person.inside < 0.15 and person.unseen_s > body.LEAVE_S):
+            gone = person.inside < 0.15 and person.unseen_s > body.LEAVE_S
+            if person.existence < 0.05 or gone or self._log.now_s - person.seen_s > self.params.remember_s:
                 self._end(person, f"existence {person.existence:.2f}, evidence {person.evidence:.1f}", person.confirmed)
 
     def _recognise(self) -> None:

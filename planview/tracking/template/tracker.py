@@ -129,18 +129,23 @@ class TemplateTracker:
         Args:
             observation: with maps.
         """
-        maps, before_s = observation.maps, self._life.now_s
+        maps = observation.maps
         if maps is None:
             raise ValueError("expected an observation with plan-view maps, got none (this tracker needs stereo)")
-        dt = observation.timestamp_s - before_s if self._people else 0.0
-        if dt < 0:
-            raise ValueError(f"expected time to advance, got {observation.timestamp_s} s after {before_s} s")
-        self._life.begin(observation.timestamp_s)
-        free = FreeMaps(maps, self.params.width_m)
-
+        dt = self._life.begin(observation.timestamp_s)
         for person in self._people:
             person.kalman = person.kalman.predicted(dt, self.params.acceleration_std_mps2)
             person.predicted_m = person.at_m
+            if observation.unknown:
+                self._life.pause(person.existence, dt)
+        if not observation.unknown:
+            self._follow(FreeMaps(maps, self.params.width_m), dt)
+        cell_m, width_m = maps.grid.cell_m, self.params.width_m
+        return tuple(_state(person, cell_m, width_m, observation.camera) for person in self._people)
+
+    def _follow(self, free: FreeMaps, dt: float) -> None:
+        """Find everybody in the maps of a frame, the most certain first, then newcomers in what is left."""
+        cell_m = free.maps.grid.cell_m
         placed: list[Place] = []
         for person in sorted(self._people, key=lambda q: (q.kalman.position_std_m, abs(q.existence.track_id))):
             found_m, terms = self._search(person, free, placed)
@@ -150,7 +155,7 @@ class TemplateTracker:
                 continue
             self._life.observe(person.existence, f"score {person.score:.2f}", person.score, terms)
             # The velocity is not measured apart: in the filter the change in position carries it.
-            person.kalman = person.kalman.updated(*found_m, maps.grid.cell_m)  # the search measures whole cells
+            person.kalman = person.kalman.updated(*found_m, cell_m)  # the search measures whole cells
             person.measured_m = found_m
             self._adapt(person, free, 1.0 - math.exp(-dt / self.params.template_s))
             self._recentre(person, free)
@@ -158,8 +163,6 @@ class TemplateTracker:
             placed.append(person.measured_m)
         self._confirm_and_forget()
         self._find_newcomers(free)
-        cell_m, width_m = maps.grid.cell_m, self.params.width_m
-        return tuple(_state(person, cell_m, width_m, observation.camera) for person in self._people)
 
     def _search(self, person: MapPerson, free: FreeMaps, placed: list[Place]) -> tuple[Place | None, ScoreTerms]:
         """Where the match score M (eq. 4) is smallest around the prediction; None where it exceeds theta_track."""

@@ -79,6 +79,13 @@ def test_a_short_break_is_no_cut(frames):
     assert set(found[4 : 4 + frames]) == {Steady.BREAK} and set(found[4 + frames :]) == {Steady.STILL}
 
 
+def test_darkness_and_noise_are_no_cut() -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (2, 10, 120, 160), np.uint8)
+    frames = [*noise[0], *[np.zeros((120, 160), np.uint8)] * 10, *noise[1]]
+    found = judged([window(SCENE)] * 4 + frames + [window(SCENE)] * 4)
+    assert set(found[4:34]) == {Steady.BREAK} and set(found[34:]) == {Steady.STILL}
+
+
 def test_textured_person_before_a_plain_wall_is_no_moving_camera() -> None:
     frames = [np.full(THUMBNAIL[::-1], 120, np.uint8) for _ in range(20)]
     for i, frame in enumerate(frames):

@@ -281,11 +281,63 @@ def test_wrong_arrays_are_refused_by_name(image, disparity, feedback, message):
         Foreground(ForegroundParams(), SHAPE).update(image, disparity, 0.0, feedback)
 
 
-def test_change_between_grey_and_colour_and_parameters_out_of_range_are_refused():
-    foreground = Foreground(ForegroundParams(), SHAPE)
-    foreground.update(np.zeros(SHAPE, np.uint8), None, 0.0)
-    with pytest.raises(ValueError, match="grey"):
-        foreground.update(np.zeros((*SHAPE, 3), np.uint8), None, 0.1)
+DAMAGE = {
+    "noise": lambda rng: rng.integers(0, 256, (*SHAPE, 3), np.uint8),
+    "black": lambda rng: np.zeros((*SHAPE, 3), np.uint8),
+    "white": lambda rng: np.full((*SHAPE, 3), 255, np.uint8),
+    "decoder's grey": lambda rng: np.full((*SHAPE, 3), 128, np.uint8),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+@pytest.mark.parametrize("depth", [True, False])
+def test_frames_that_show_nothing_are_no_foreground_and_teach_nothing(kind, depth):
+    scene = Scene()
+    scene.watch(4, depth=depth)
+    scene.watch(1, PERSON_THERE, depth=depth)
+    model = scene.foreground._model.gaussians.copy()
+    none = np.full(SHAPE, np.nan, np.float32) if depth else None
+    for _ in range(8):
+        assert not scene.foreground.update(DAMAGE[kind](scene.rng), none, scene.time_s).any()
+        assert not scene.foreground.shows
+        scene.time_s += 0.1
+    np.testing.assert_array_equal(scene.foreground._model.gaussians, model)
+    mask = scene.frame(PERSON_THERE, depth=depth)
+    assert scene.foreground.shows and share(mask) > 0.9 and elsewhere(mask) < 0.05
+
+
+def test_depth_that_is_gone_at_once_shows_nothing():
+    scene = Scene()
+    scene.watch(4)
+    assert scene.foreground.shows
+    scene.frame(invalid=0.95)
+    assert not scene.foreground.shows
+
+
+def test_another_view_begins_a_new_background_after_a_while():
+    scene = Scene()
+    scene.watch(4)
+    scene.wall = scene.wall[::-1, ::-1].copy()
+    scene.watch(1)
+    assert not scene.foreground.shows
+    scene.watch(3)
+    assert scene.foreground.shows and share(scene.watch(4, PERSON_THERE)) < 0.1 and share(scene.frame([])) < 0.1
+    assert elsewhere(scene.frame([])) < 0.02
+
+
+@pytest.mark.parametrize("grey_first", [True, False])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_camera_that_turns_grey_and_back_shows_no_foreground(grey_first, channels):
+    scene = Scene()
+    colour = scene.wall
+    grey = np.repeat(colour.mean(axis=2, keepdims=True), channels, axis=2)
+    for n, wall in enumerate([grey, colour, grey, colour] if grey_first else [colour, grey, colour]):
+        scene.wall = wall
+        mask = scene.watch(4 if n == 0 else 2)
+        assert scene.foreground.shows and share(mask, np.s_[:]) < 0.02, n
+
+
+def test_parameters_out_of_range_are_refused():
     with pytest.raises(ValidationError):
         ForegroundParams(gaussians=9)
     with pytest.raises(ValueError, match="size"):
@@ -477,6 +529,17 @@ def test_person_there_at_the_start_leaves_no_ghost_even_if_a_tracker_protects_it
         image = np.repeat(scene(BODY)[:, :, None] if k < 5 else scene()[:, :, None], 3, axis=2)
         masks.append(camera.observe(VideoFrame(k, k / 10, image), protected if k >= 5 else None).foreground)
     assert not any(mask[BODY].any() for mask in masks)
+
+
+def test_one_camera_that_moves_or_is_covered_shows_nothing_and_keeps_its_background():
+    rng = np.random.default_rng(4)
+    wall = np.kron(rng.integers(40, 216, (40, 60)), np.ones((4, 4))).astype(np.uint8)
+    views = [wall[:120, :160]] * 40 + [np.roll(wall, 3 * k, 1)[:120, :160] for k in (2, 5, 1, 4, 6)]
+    views += [np.zeros((120, 160), np.uint8)] * 10 + [wall[:120, :160]] * 20
+    camera = ImageStages(SingleCameraParams(), (160, 120))
+    seen = [camera.observe(VideoFrame(k, k / 10, view.copy())) for k, view in enumerate(views)]
+    assert all(o.unknown for o in seen[40:55]) and not any(o.unknown for o in [*seen[:40], *seen[-20:]])
+    assert not seen[-20].foreground.any()
 
 
 def test_diagonal_neighbours_are_one_blob_and_others_two() -> None:

@@ -54,11 +54,13 @@ def test_kernels_agree_with_numpy(seed, colour, depth, feedback, k, shadows):
         rates = np.float32([0.1, 0.2, 0.3, 0.1] if frame % 3 else [0, 0, 0, 0])
         depths = np.full(N, np.nan, np.float32) if disparity is None else disparity
         images = kernels.Frame(image.reshape(*SHAPE, -1), depths.reshape(SHAPE), known.reshape(SHAPE))
-        kernels.update(model, images, mask, constants, rates[None] if frame else START)
         pixels = reference.observe(image, disparity, constants)
+        counted = kernels.count_shown(model, images, constants, 1)
+        kernels.update(model, images, mask, constants, rates[None] if frame else START)
         if frame == 0:
             twin = reference.start(pixels, k, constants)
         else:
+            assert counted == (N, *reference.count_shown(twin, pixels, constants))
             expected = reference.update(twin, pixels, known, constants, reference.Rates(*rates))
             np.testing.assert_array_equal(mask.reshape(N), expected)
         state, used = _mixtures(model), twin.weight > 0

@@ -133,6 +133,15 @@ def test_flooded_frames_measure_nothing_and_people_are_found_again():
     assert [(s.track_id, s.state) for s in out[-1]] == [(1, "confirmed")]
 
 
+def test_frames_that_show_nothing_are_not_waited_for():
+    tracker, states = EllipseParticleTracker(GIVEN), []
+    for i in range(60):  # three seconds without anything, longer than whoever left would be waited for
+        mask = foreground((20 + i, 60))
+        seen = Observation(i, i / 10, foreground=mask) if not 20 <= i < 50 else Observation(i, i / 10, unknown=True)
+        states.append([(s.track_id, s.state) for s in tracker.update(seen)])
+    assert states[19] == states[-1] == [(1, "confirmed")] and states[20:50] == [[(1, "lost")]] * 30
+
+
 def test_no_foreground_foreground_everywhere_and_missing_images_give_no_tracks_and_wrong_arrays_are_refused():
     for value in (0, 255):
         masks = [np.full(SHAPE, value, dtype=np.uint8)] * 5

@@ -64,6 +64,16 @@ def test_id_survives_a_column_in_front() -> None:
     assert kinds.count("reacquired") == 1
 
 
+def test_a_walker_is_predicted_through_frames_that_show_nothing():
+    tracker, world, states = HumanModelTracker(PARAMS, CAMERA, MAP), World(), []
+    for k in range(int(3.5 * FPS)):
+        seen = world.observe(k, _walker(k / FPS), None, None)
+        states.append(tracker.update(replace(seen, unknown=20 <= k < 28)))
+    ids = [[s.track_id for s in frame] for frame in states]
+    assert ids[19:] == [ids[19]] * len(ids[19:]) and {s.state for s in states[24]} == {"lost"}
+    assert {s.state for s in states[-1]} == {"confirmed"} and ids[-1] == [1]
+
+
 def _hidden_for_long(t: float) -> list[Drawn]:
     if t < 2.5:
         return [(-2.5 + t, 6.0, RED)]

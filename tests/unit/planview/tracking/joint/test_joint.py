@@ -153,13 +153,12 @@ def test_a_walker_keeps_existence_and_id_while_nothing_is_known():
     assert odds[22] == pytest.approx(odds[14], abs=1e-6)
 
 
-def test_light_that_floods_the_image_ends_nobody_and_a_reset_everybody():
+def test_a_reset_ends_everybody_and_earlier_times_are_refused():
     tracker = JointTracker()
     for n in range(20):
         tracker.update(observed(n, n / 15, look_at(CAMERA, [(0.0, 3.0, 1.75)])))
-    flood = look_at(CAMERA, [])
-    flood.kind[:] = SURFACE
-    assert -1 in {s.track_id for s in tracker.update(observed(20, 20 / 15, flood))}
+    with pytest.raises(ValueError, match="time to advance"):
+        tracker.update(observed(20, 0.0, look_at(CAMERA, [])))
     tracker.reset()
     assert tracker.update(observed(0, 0.0, look_at(CAMERA, []))) == ()
 

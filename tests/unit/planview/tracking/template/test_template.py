@@ -1,6 +1,7 @@
 """Harville's tracker."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -94,6 +95,14 @@ def test_newcomer_within_reach_of_a_lost_person_is_that_person_and_out_of_it_som
     follow(tracker, [*walk(0.05, 0.05, 10, step_m=0.0), *[[]] * 5])
     tracks = follow(tracker, [[(0.05, y_m, 1.75)]], start=15)[0]
     assert {track.track_id: track.state for track in tracks} == states and kinds(tracker) == decisions
+
+
+def test_frames_that_show_nothing_end_nobody_and_find_nobody():
+    tracker, states = TemplateTracker(TemplateParams(lost_s=0.5)), []
+    for n, people in enumerate(walk(-1.95, 0.05, 30)):
+        seen = observe(n, people) if not 12 <= n < 20 else replace(observe(n, []), unknown=True)
+        states.append([(track.track_id, track.state) for track in tracker.update(seen)])
+    assert states[11] == states[-1] == [(1, "confirmed")] and states[12:20] == [[(1, "lost")]] * 8
 
 
 def test_lost_person_is_forgotten_after_four_seconds() -> None:
