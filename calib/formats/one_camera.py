@@ -9,7 +9,6 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from calib.errors import InputError
 from calib.formats import load_rig
@@ -117,6 +116,8 @@ def _nearest(tsai: TsaiCamera) -> GroundCamera:
 
     def camera(v: F64, lens: str) -> GroundCamera:
         return GroundCamera(*size, math.exp(v[0]), float(centre[2]), float(v[1]), lens, float(v[2]))
+
+    from scipy.optimize import least_squares  # half a second
 
     def off(v: F64, lens: str) -> F64:
         c, s = math.cos(v[3]), math.sin(v[3])

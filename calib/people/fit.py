@@ -11,7 +11,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from calib.ground_camera import GroundCamera
 from calib.people.model import (
@@ -83,6 +82,8 @@ def fit_camera(
 ) -> GroundCameraFit:
     """Move a camera to start with, people marked in its image, and their common width and height to the least squares
     of all edges and points; None finds the variation of people, over what is expected [1], which takes longer."""
+    from scipy.optimize import least_squares  # half a second
+
     # People stand at their feet, or below their heads where the foot is above the horizon.
     feet = camera.back_project(people.rows[:, 6:])
     heads = camera.back_project(people.rows[:, 4:6], model.height_m)

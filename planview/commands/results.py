@@ -24,7 +24,6 @@ from planview.output.plot import PANELS, NamedTracks, Panel, figure_of, save_fig
 from planview.output.progress import PlainConsole
 from planview.output.report.page import write_report
 from planview.output.run_folder import RunFolder
-from planview.sweep.page import write_comparison
 from planview.trajectories.formats import load_tracks, load_truth, tracks_file, truth_file
 from planview.trajectories.plot import Colouring
 
@@ -54,6 +53,8 @@ def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -
     else:
         page = out or Path("compare.html")
         page.parent.mkdir(parents=True, exist_ok=True)
+        from planview.sweep.page import write_comparison  # half a second
+
         write_comparison(folders, page, truth)
     PlainConsole(stderr=True, soft_wrap=True).print(str(page))
 

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from calib.errors import InputError
 from calib.types import F64, Bool
@@ -127,6 +126,8 @@ def refine(tracks: Trajectories) -> Refined:
 def _joined(tracks: Sequence[Trajectories]) -> tuple[list[Trajectories], list[Change]]:
     """One table per person, under the first id, from tracks of one id each by rising first frame: the joins whose
     log-odds sum to most, each above zero, which an end without a partner is worth."""
+    from scipy.optimize import linear_sum_assignment  # half a second
+
     odds = np.array([[_log_odds(a, b) for b in tracks] for a in tracks]).reshape(len(tracks), len(tracks))
     ends, starts = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
     former = {int(j): int(i) for i, j in zip(ends, starts, strict=True) if odds[i, j] > 0}

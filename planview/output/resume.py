@@ -17,7 +17,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import joblib
 import numpy as np
 
 import planview
@@ -65,7 +64,14 @@ def calibration_key(recording: Any) -> str:
         rig = getattr(opened, "rig", None)
         known = [getattr(opened, name, None) for name in ("camera", "sensor", "times_s")]
         parts.append([rig and replace(rig, source=""), *known, getattr(one, "start_s", 0.0)])
-    return str(joblib.hash(parts))
+    return digest_of(parts)
+
+
+def digest_of(values: object) -> str:
+    """Digest of plain values, arrays and dataclasses of these."""
+    import joblib  # a third of a second
+
+    return str(joblib.hash(values))
 
 
 _IMAGES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp", ".bin", ".raw"))

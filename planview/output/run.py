@@ -15,7 +15,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-import joblib
 import numpy as np
 
 from calib.errors import WorkError
@@ -35,6 +34,7 @@ from planview.output.resume import (
     calibration_key,
     code_version,
     content_key,
+    digest_of,
     library_versions,
     remove_checkpoint,
     write_checkpoint,
@@ -288,7 +288,7 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> di
             "floor": floor and floor.model_dump(mode="json", exclude={"source"}),
         },
         "settings": {
-            "tracker": options.tracker, "rules": joblib.hash(rules) if rules else "", "logs": sorted(logs),
+            "tracker": options.tracker, "rules": digest_of(rules) if rules else "", "logs": sorted(logs),
             "first_frame": options.first_frame,
         },
     }  # fmt: skip

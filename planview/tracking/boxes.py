@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from calib.types import F64, I64, U8
 from planview.tracking import body
@@ -133,6 +132,8 @@ class BoxTracker:
 
     def _match(self, tracks: I64, boxes: F64, candidates: I64, least_iou: float) -> dict[int, int]:
         """The box of each track that gets one, by the largest sum of overlaps."""
+        from scipy.optimize import linear_sum_assignment  # half a second
+
         predicted = np.array([self._tracks[i].box for i in tracks]).reshape(-1, 4)
         shared = overlaps(predicted, boxes[candidates])
         rows, cols = linear_sum_assignment(np.where(shared < least_iou, 0.0, shared), maximize=True)

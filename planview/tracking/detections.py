@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
-from scipy.optimize import linear_sum_assignment
 
 from calib.ground_camera import GroundCamera
 from calib.params import Params
@@ -219,6 +218,8 @@ class DetectionTracker:
 
     def _assign(self, gains: F64) -> dict[int, int]:
         """Boxes of people, each at most once, by the largest sum of gains and beliefs over having none."""
+        from scipy.optimize import linear_sum_assignment  # half a second
+
         if not gains.size:
             return {}
         known = np.array([[math.log(q.existence) - math.log(1 - self.params.found)] for q in self._people])

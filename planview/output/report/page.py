@@ -96,6 +96,7 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
             row | {"colour": person_hex(row["track_id"]), "decisions": logs.get(row["track_id"])} for row in people
         ],
         camera=_camera_rows(results.info),
+        stages={stage: ms for stage, ms in results.info.stages_ms.items() if ms is not None},
         settings=changed_settings(results.info.config),
     )
     path = folder / "report.html"
@@ -119,13 +120,10 @@ def _pictures(results: RunFolder) -> list[Picture]:
     if (templates := plots.template_plot(results)) is not None:
         note = "Height (above, up to 2 m) and occupancy around each person in the middle of the track, 0.8 m wide."
         pictures.append(picture("Templates", templates, note, keep_colours=True))
-    if results.n_frames:
+    if results.n_frames > 1:
         frames = np.arange(results.n_frames, dtype=np.int64)
         people = plots.people_plot(results.tracks, results.clock.at(frames), frames)
         pictures.append(picture("People over time", people))
-    stages = {stage: ms for stage, ms in results.info.stages_ms.items() if ms is not None}
-    if stages:
-        pictures.append(picture("Time per stage", plots.stage_plot(stages)))
     rules, end_s = results.rule_counts, results.clock.span(max(1, results.n_frames)).end_s
     crossings: dict[str, list[tuple[float, int]]] = {}
     for name, rule in rules.items():

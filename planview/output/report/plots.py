@@ -64,17 +64,6 @@ def people_plot(tracks: Trajectories, times_s: F64, frames: I64) -> bytes:
     return png_bytes(figure)
 
 
-def stage_plot(stages_ms: dict[str, float]) -> bytes:
-    """Median time of every stage."""
-    figure, axes = new_figure(7.0, 0.7 + 0.3 * len(stages_ms))
-    bars = axes.barh([plain_text(name) for name in stages_ms], list(stages_ms.values()), color="#1f4e9c")
-    axes.bar_label(bars, fmt=" %.1f", fontsize=8)
-    axes.invert_yaxis()
-    axes.set_xlabel("median per frame [ms]")
-    axes.margins(x=0.12)
-    return png_bytes(figure)
-
-
 def steps_plot(series: Mapping[str, Sequence[tuple[float, int]]], end_s: float, label: str) -> bytes:
     """Whole numbers over time; ``series``: (time [s], number from then on) by name."""
     figure, axes = new_figure(7.0, 2.6)

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from scipy.special import expit
 
 from calib.types import F32, F64, U8
 from planview.tracking.ellipse_particle.size import Size
@@ -247,6 +246,8 @@ def painted(ellipses: F64, shape: tuple[int, int]) -> U8:
 
 def inside(ellipse: F64, window: Window) -> F64:
     """How far cells are inside an ellipse: from 1 to 0 by a logistic edge ``SOFT_EDGE`` cells wide."""
+    from scipy.special import expit  # a quarter of a second
+
     return np.asarray(expit((1.0 - np.hypot(*along_and_across(ellipse, window))) * ellipse[3] / SOFT_EDGE))
 
 

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.special import gammainc
 
 from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, U8, Bool
@@ -254,6 +252,8 @@ class EllipseParticleTracker:
 
     def _leave(self, size: Size) -> None:
         """Objects that have left: a Gamma distribution of the time without measurement, or their odds as tentative."""
+        from scipy.special import gammainc  # a quarter of a second
+
         p, (rows, cols) = self._params.existence, self._shape or (0, 0)
         keep = []
         ellipses = ellipses_of(self._states, size)
@@ -412,6 +412,8 @@ def uncovered(measured: U8, objects: U8, share: float) -> Bool:
     Args:
         measured, objects: (M, R, C), (N, R, C) uint8, 1 inside each.
     """
+    from scipy.optimize import linear_sum_assignment  # half a second
+
     if not len(measured):
         return np.zeros(0, np.bool_)
     flat, union = measured.reshape(len(measured), -1), objects.any(axis=0).ravel()

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from calib.types import F32, F64
 from planview.maps.colour import CODES
@@ -94,6 +93,8 @@ def continued(born: Sequence[P], known: Sequence[P], floor_m2: float, low_share:
         floor_m2: over which strangers may appear.
         low_share: of people who sit, bend, or are children.
     """
+    from scipy.optimize import linear_sum_assignment  # half a second
+
     odds = np.array([[_log_odds(q, b, known, floor_m2, low_share) for q in known] for b in born])
     odds = odds.reshape(len(born), -1)
     rows, cols = linear_sum_assignment(np.maximum(odds, KNOWN_AGAIN), maximize=True)

@@ -69,7 +69,7 @@ def test_report_of_a_full_run_shows_everything(tmp_path: Path) -> None:
     error = {"kind": "lost", "frame": 12, "truth_id": 3, "track_id": None, "duration_s": 2.0, "note": "alone for <2 s"}
     evaluation = {"mota": 0.9, "motp_m": None, "significant_errors": {"total": 1}, "significant_error_list": [error]}
     page = write_report(tmp_path, evaluation).read_text()
-    assert len(pictures(page)) == 7
+    assert len(pictures(page)) == 6
     gone, note = "expected the recording of the run, found nothing there", "alone for &lt;2 s"
     for text in ("cannot be decoded", "camera height", "2.50 m", "grid.cell_m", gone, note, "left to right 2", "0.9"):
         assert text in page
