@@ -20,7 +20,7 @@ from calib.types import F64, I64, U8
 from calib.world import load_world
 from stereo.readers.images import Colour, Size, Stream, bits_note, bits_of, images_of
 from stereo.readers.pairing import TimePairs, pair_stamps
-from stereo.readers.times import load_timestamps, rate_of_times
+from stereo.readers.times import load_timestamps, rate_of_times, unused_times
 from stereo.recording import (
     DEFAULT_FPS,
     Decoded,
@@ -172,10 +172,12 @@ def clock_of(
             notes += (
                 f"{file.name} has times of {known} of {n_frames} frames: {fps:g} per second are assumed elsewhere",
             )
-        return FrameClock(fps, times, notes)
+        return FrameClock(fps, times, (*notes, *unused_times(folder, file)))
+    unused = unused_times(folder, None)
     if math.isfinite(file_fps) and not raw:
-        return FrameClock(file_fps)
-    return assumed_clock(file_fps if math.isfinite(file_fps) else DEFAULT_FPS, even=raw)
+        return FrameClock(file_fps, None, unused)
+    clock = assumed_clock(file_fps if math.isfinite(file_fps) else DEFAULT_FPS, even=raw)
+    return clock._replace(notes=(*clock.notes, *unused))
 
 
 def clock_of_pairs(pairs: TimePairs, options: OpenOptions) -> FrameClock:

@@ -11,7 +11,17 @@ from calib.errors import InputError
 from calib.io import entries, refuse_unreadable
 from calib.world import RIGS_FILE, load_rigs
 from stereo.readers.bags.layout import READER as BAG
-from stereo.readers.base import AnyRecording, FrameSource, Layout, Reader, clock_of, clock_of_pairs, together
+from stereo.readers.base import (
+    AnyRecording,
+    FrameSource,
+    Layout,
+    Reader,
+    clock_of,
+    clock_of_pairs,
+    own_times,
+    rate_of,
+    together,
+)
 from stereo.readers.datasets import EUROC, KITTI, KITTI_SEQUENCE, MIDDLEBURY, TUM_RGBD
 from stereo.readers.folders import READER as FOLDERS
 from stereo.readers.folders import in_folders, sides_layout
@@ -20,10 +30,10 @@ from stereo.readers.live import READER as LIVE
 from stereo.readers.pairing import pair_stamps
 from stereo.readers.rgbd import READER as RGBD_FOLDERS
 from stereo.readers.side_by_side import READER as SIDE_BY_SIDE
-from stereo.readers.times import stamps_of
+from stereo.readers.times import camera_times, read_times, stamps_of
 from stereo.readers.video import READER as VIDEO_PAIR
 from stereo.readers.video import VideoFile, video_files, video_pair, video_tracks
-from stereo.recording import OpenOptions, StereoRecording, Video
+from stereo.recording import FrameClock, OpenOptions, StereoRecording, Video
 
 _POINTER = re.compile(rb"\Aversion https://git-lfs\.github\.com/spec/v1\noid [^\n]+\nsize (\d+)")
 _NAMED = {
@@ -207,10 +217,14 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Video:
     if not files and len(videos) != 1:
         raise InputError(f"{path}: expected images or one video, found {len(videos)} videos and no image")
     bits, clock, frames = bits_of(files), None, list[Path | None](files)
-    if files and not (path / "timestamps.csv").is_file() and (stamps := stamps_of(files, path)):
+    if files and not (path / "timestamps.csv").is_file() and (stamps := stamps_of(files, path, path)):
         own = pair_stamps(stamps.ns, stamps.ns)
         frames, clock = [files[i] if i >= 0 else None for i in own.left], clock_of_pairs(own, options)
     source: FrameSource = images_of(frames, Colour(bits)) if files else VideoFile(videos[0])
+    listed = None if files else camera_times(videos[0], videos[0].parent, source.n_frames)
+    if listed and options.fps is None:
+        times = own_times(read_times(listed, source.n_frames).ns)
+        clock = FrameClock(rate_of(times), times)
     clock = clock or clock_of(path, options, source.n_frames, source.fps, source.raw)
     notes = [*clock.notes, *bits_note(bits)]
     if not files and (tracks := video_tracks(videos[0])) > 1:

@@ -17,7 +17,7 @@ from calib.rig import DepthSensor, RgbdRig
 from stereo.readers.base import Layout, Reader, clock_of, rate_of, together, world_pose
 from stereo.readers.images import Colour, Depth, Images, Size, Stream, image_files, images_of
 from stereo.readers.pairing import Pair, depth_note, nearest_mates, pair_files
-from stereo.readers.times import stamps_in_names
+from stereo.readers.times import stamps_of
 from stereo.recording import FrameClock, OpenOptions, RgbdRecording
 
 SENSOR_OF_SIZE: dict[Size, DepthSensor] = {
@@ -98,7 +98,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     sides = _sides(path)
     if sides is None:
         raise InputError(f"{path}: expected images and depth, found neither")
-    timed = None if (path / "timestamps.csv").is_file() else _timed(*sides)
+    timed = None if (path / "timestamps.csv").is_file() else _timed(*sides, path)
     pairs = timed[0] if timed else pair_files(*sides)
     clock = timed[1] if timed and options.fps is None else clock_of(path, options, len(pairs))
     images, depths = images_of([pair[0] for pair in pairs], Colour()), images_of([pair[1] for pair in pairs], Depth())
@@ -110,9 +110,9 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     return rgbd_layout(path, images, depths, streams, clock, rig)
 
 
-def _timed(images: list[Path], depths: list[Path]) -> tuple[list[Pair], FrameClock] | None:
-    """Images with the depth of the times that the names of the files hold; None where they number the frames."""
-    stamps, depth_stamps = (stamps_in_names([file.stem for file in files]) for files in (images, depths))
+def _timed(images: list[Path], depths: list[Path], folder: Path) -> tuple[list[Pair], FrameClock] | None:
+    """Images with the depth of their time, by files of times or the names; None where these number the frames."""
+    stamps, depth_stamps = (stamps_of(files, files[0].parent, folder) for files in (images, depths))
     if stamps is None or depth_stamps is None:
         return None
     order = np.argsort(stamps.ns)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Sequence
 from contextlib import suppress
@@ -17,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import read_text
+from calib.io import entries, read_text
 from calib.types import F64, I64
 from stereo.readers.pairing import JUMP_S, pair_stamps
 
@@ -29,6 +30,10 @@ by a factor of 1000, the periods of cameras (1 to 250 Hz) by 250 (our choice).""
 _NUMBER = re.compile(r"[+-]?\d{1,20}(\.\d{0,30})?([eE][+-]?\d{1,2})?")
 _DATE = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?\d*(?:Z|\+00:?00)?")
 _DAY = re.compile(r"\d{4}-\d\d-\d\d ")
+_NAMED_DAY = re.compile(
+    r"(?<!\d)((?:19|20)\d\d)[-_.]?([01]\d)[-_.]?([0-3]\d)[-_T. ]{0,2}([0-2]\d)[-_.:h]?([0-5]\d)[-_.:m]?([0-5]\d)"
+    r"(?:[-_.,]?(\d{1,9}))?(?!\d)"
+)
 _NAME = re.compile(r"(?<![\d.])(\d{7,20}(?:\.\d{1,9}|_\d{6,9})?|\d{1,6}\.\d{2,9})(?![\d.])")
 
 
@@ -72,20 +77,55 @@ def unit_of(numbers: Sequence[Decimal]) -> str:
 
 
 def stamps_in_names(stems: Sequence[str]) -> Stamps | None:
-    """Times that the names of files hold: one number each, with a decimal part or as large as only a clock counts; None
-    where the names number the frames instead, or hold no number."""
-    found = [_NAME.findall(stem) for stem in stems]
-    if len(stems) < 2 or any(len(numbers) != 1 for numbers in found):
+    """Times that the names of files hold: dates with a time of day, or one number each, with a decimal part, as large
+    as only a clock counts, or in the even but not equal steps of milliseconds; None where the names number the frames
+    instead, or hold no number."""
+    if len(stems) < 2:
         return None
-    texts = [numbers[0].replace("_", ".") for numbers in found]
-    if any(text.startswith("00") for text in texts):
-        return None  # a counter with leading zeros
-    numbers = [Decimal(text) for text in texts]
-    if {b - a for a, b in pairwise(sorted(numbers))} in ({1}, {0}):
-        return None
+    days = [_NAMED_DAY.findall(stem) for stem in stems]
+    if all(len(found) == 1 for found in days):
+        texts = ["{}-{}-{} {}:{}:{}.{:0<1}".format(*found[0]) for found in days]
+    else:
+        found = [_NAME.findall(stem) or re.findall(r"\d+", stem)[-1:] for stem in stems]
+        if any(len(numbers) != 1 for numbers in found):
+            return None
+        texts = _of_one_width([numbers[0].replace("_", ".") for numbers in found])
+        if any(text.startswith("00") for text in texts):
+            return None  # a counter with leading zeros
+        steps = [b - a for a, b in pairwise(sorted(map(Decimal, texts)))]
+        short = all(len(text) < 7 and text.isdecimal() for text in texts)
+        if set(steps) in ({Decimal(1)}, {Decimal(0)}) or (
+            short and not _as_milliseconds([int(step) for step in steps])
+        ):
+            return None
     with suppress(InputError):  # larger than any clock counts
-        return read_stamps(Path(), texts)
+        stamps = read_stamps(Path(), texts)
+        # Names that hold whole seconds only order the frames.
+        return stamps if len(set(stamps.ns.tolist())) > 0.5 * len(stems) else None
     return None
+
+
+def _as_milliseconds(steps: Sequence[int]) -> bool:
+    """Whether numbers step as a clock of milliseconds does, 33, 33, 34; a counter with gaps steps by multiples."""
+    common, usual = math.gcd(*steps), float(np.median(steps))
+    even = np.mean([abs(step - usual) <= 0.1 * usual + 1 for step in steps])
+    return len(steps) >= 5 and 4 <= usual <= 2000 and common < 0.5 * min(steps) and bool(even >= 0.8)
+
+
+def _of_one_width(texts: Sequence[str]) -> list[str]:
+    """Times whose parts behind the point were written without leading zeros (seconds and nanoseconds of two numbers)
+    with these zeros, where that makes their steps more even."""
+    parts = [text.partition(".") for text in texts]
+    width = max(len(rest) for _, _, rest in parts)
+    if width < 6 or all(len(rest) == width for _, _, rest in parts):
+        return list(texts)
+    padded = [f"{whole}.{rest.zfill(width)}" for whole, _, rest in parts]
+
+    def unevenness(numbers: Sequence[str]) -> float:
+        steps = np.diff(np.array(sorted(float(Decimal(number) - Decimal(parts[0][0])) for number in numbers)))
+        return float(np.std(steps))
+
+    return padded if unevenness(padded) < unevenness(texts) else list(texts)
 
 
 def _number(text: str, source: Path) -> Decimal:
@@ -97,6 +137,7 @@ def _number(text: str, source: Path) -> Decimal:
 
 LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")
 """Names of lists with one time a line."""
+_WORDS = re.compile(r"(frames?_?)?(time_?stamps?|times?|stamps?|ts)")
 MAX_BYTES = 1 << 25
 """Larger tables are none of frames: half a day at 30 Hz has so much."""
 _FRAME = ("frame", "frame_id", "index", "id")
@@ -139,23 +180,61 @@ def load_timestamps(path: Path) -> TimeTable:
 def stamp_list(folder: Path) -> tuple[Path, list[str]] | None:
     """The list of times in a folder and its entries as text, one a line; None without one."""
     path = next((folder / name for name in LISTS if (folder / name).is_file()), None)
-    if path is None:
-        return None
+    return None if path is None else (path, _listed(path))
+
+
+def _listed(path: Path) -> list[str]:
+    """The time in each line: a date with its blank, or what comes before the first blank or comma, but for a number of
+    the frame."""
     lines = [line.strip() for line in read_text(path, "a list of times", MAX_BYTES).splitlines()]
-    # A date with its blank, or what comes before the first blank or comma.
-    first = ((_DAY.match(line) and line) or re.split(r"[\s,;]", line)[0] for line in lines if line and line[0] != "#")
-    return path, list(first)
+    rows = [[line] if _DAY.match(line) else re.split(r"[\s,;]+", line) for line in lines if line and line[0] != "#"]
+    counted = all(len(row) > 1 and row[0] in (str(i), str(i + 1)) for i, row in enumerate(rows))
+    return [row[1] if counted else row[0] for row in rows]
 
 
-def stamps_of(files: Sequence[Path], *folders: Path) -> Stamps | None:
-    """Times of images, of the list in the first folder that has one, else in the names of the files; None without."""
-    found = next(filter(None, map(stamp_list, folders)), None)
-    if found is None:
-        return stamps_in_names([file.stem for file in files])
-    path, texts = found
-    if len(texts) != len(files):
-        raise InputError(f"{path}: expected a time for each of {len(files)} images, found {len(texts)}")
-    return read_stamps(path, texts)
+def files_of_times(folder: Path, camera: str = "") -> list[Path]:
+    """Tables and lists with a word for times in their names, next to that of a camera where one is named."""
+    files = (f for f in entries(folder) if f.suffix.lower() in (".csv", ".txt") and f.is_file())
+    parts = {f: re.split(r"[-_. ]", f.stem.lower()) for f in files}
+    named = re.split(r"[-_. ]", camera.lower()) if camera else []
+    return [f for f, own in parts.items() if any(map(_WORDS.fullmatch, own)) and set(named) <= set(own)]
+
+
+def camera_times(at: Path, folder: Path, count: int) -> Path | None:
+    """The file with the times of one camera: in its own folder, or in the recording's under the camera's name
+    (left/timestamps.csv, left_timestamps.csv, or left.csv with a time for each of ``count`` frames)."""
+    inside = files_of_times(at) if at.is_dir() and at != folder else []
+    alike = [folder / f"{at.stem}{suffix}" for suffix in (".csv", ".txt")]
+    listed = (f for f in alike if f.is_file() and len(_listed(f)) in (count, count + 1))
+    return next(iter([*inside, *files_of_times(folder, at.stem), *listed]), None)
+
+
+def read_times(path: Path, count: int) -> Stamps:
+    """The times of ``count`` frames, of a list or of a table with a line of names. Raises InputError: of others."""
+    texts, unit = _listed(path), None
+    if texts and not _NUMBER.fullmatch(texts[0]) and not _DATE.fullmatch(texts[0]):
+        rows, unit = _rows(path)
+        texts = [text for _, text in rows]
+    if len(texts) != count:
+        raise InputError(f"{path}: expected a time for each of {count} images, found {len(texts)}")
+    return read_stamps(path, texts, unit)
+
+
+def stamps_of(files: Sequence[Path], at: Path, folder: Path) -> Stamps | None:
+    """Times of the images of a camera: of its own file of times, of the list of all, or in their names; None without.
+    Raises InputError: a list of another length."""
+    listed = camera_times(at, folder, len(files)) or next(
+        (path for path in (folder / n for n in LISTS) if path.is_file()), None
+    )
+    return read_times(listed, len(files)) if listed else stamps_in_names([file.stem for file in files])
+
+
+def unused_times(folder: Path, used: Path | None) -> tuple[str, ...]:
+    """A note on files of times in a recording other than the one used."""
+    places = [folder, *(place for place in entries(folder) if place.is_dir())] if folder.is_dir() else []
+    found = [str(f.relative_to(folder)) for place in places for f in files_of_times(place) if f != used]
+    why = f"the times of {used.name} count" if used else "each camera needs times of its own, or all timestamps.csv"
+    return (f"not used: {', '.join(found[:4])} ({why})",) if found else ()
 
 
 def _rows(path: Path) -> tuple[list[tuple[int, str]], str | None]:
@@ -186,7 +265,7 @@ class Rate:
     """How evenly frames come.
 
     Attributes:
-        fps: frames per second, of the median step.
+        fps: frames per second, of the mean of the steps that are no gaps.
         jitter_ms: standard deviation of the steps that are no gaps [ms].
         duration_s: from the first frame to the last, without jumps of the clock [s].
         gaps: steps longer than 1.5 frame periods (our choice).
@@ -211,7 +290,7 @@ def rate_of_times(times_s: F64) -> Rate | None:
     period = float(np.median(steps))
     wide = steps > 1.5 * period
     return Rate(
-        fps=1.0 / period,
+        fps=1.0 / float(np.mean(steps[~wide])),
         jitter_ms=float(np.std(steps[~wide])) * 1e3,
         duration_s=float(steps.sum()),
         gaps=int(wide.sum()),

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.ndimage import median_filter
 
 from calib.errors import InputError
 from calib.formats import load_rig
@@ -20,15 +21,17 @@ from calib.types import F64, I64, U8
 from stereo.readers.base import (
     Layout,
     Reader,
+    check_paired,
     clock_of,
     clock_of_pairs,
+    own_times,
     same_size,
     stereo_layout,
     together,
 )
 from stereo.readers.images import Stream, is_grey
 from stereo.readers.pairing import TimePairs, one_of_each, pair_stamps
-from stereo.readers.times import rate_of_times
+from stereo.readers.times import camera_times, rate_of_times, read_times
 from stereo.recording import Decoded, OpenOptions
 
 SUFFIXES = frozenset({
@@ -60,6 +63,10 @@ class VideoFile:
             raise InputError(f"{path}: expected a video, found no frame that can be decoded: {_coded(capture)}")
         self.size = first.shape[1], first.shape[0]
         self.fps = float(fps) if np.isfinite(fps) and 0 < fps <= 1000 else 30.0
+        # A header may announce the clock of its times, 1000 per second, in the place of a rate.
+        own = None if self.raw else rate_of_times(_packets(path, 300))
+        if own and abs(own.fps / self.fps - 1.0) > 0.02:
+            self.fps = own.fps
         self._grey = is_grey(np.asarray(first, dtype=np.uint8))
 
     def __iter__(self) -> Iterator[Decoded]:
@@ -194,27 +201,28 @@ def video_tracks(path: Path) -> int:
     return max(1, head.partition(b"\x1f\x43\xb6\x75")[0].count(b"\x83\x81\x01"))
 
 
-def _packets(path: Path) -> F64:
-    """(n,) float64 [s], when the frames of a video are shown, by its container; nothing is decoded."""
+def _packets(path: Path, most: int | None = None) -> F64:
+    """(n,) float64 [s], when the frames of a video, or the first of them, are shown, by its container; nothing is
+    decoded."""
     capture, times = _open(path), []
     capture.set(cv2.CAP_PROP_FORMAT, -1)
-    while capture.grab():
+    while len(times) != most and capture.grab():
         times.append(float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0)
     own = np.sort(np.array(times, dtype=np.float64))  # packets come in the order of decoding
     return np.asarray(own - own[:1], dtype=np.float64)
 
 
 def _by_time(left_s: F64, right_s: F64) -> TimePairs | None:
-    """The pairs of two videos by the times of their frames; None where pairs in order are right: times count where one
-    video has frames that the other lost, as gaps of its own times confirm. Times that only waver, or a recorder that
-    was stopped earlier, leave frames alone without gaps."""
-    rates = rate_of_times(left_s), rate_of_times(right_s)
-    lost = sum(rate.dropped for rate in rates if rate)
-    if not lost or any((np.diff(own) <= 0).any() for own in (left_s, right_s)):
+    """The pairs of two videos by the times of their frames; None where pairs in order are as good: the frames of a pair
+    stay within half a period of each other, apart from times that waver. Elsewhere one video lost frames, or the rates
+    differ."""
+    count = min(len(left_s), len(right_s))
+    if count < 3 or any((np.diff(own) <= 0).any() for own in (left_s, right_s)):
         return None
-    pairs = pair_stamps((left_s * 1e9).astype(np.int64), (right_s * 1e9).astype(np.int64))
-    alone = ((pairs.left < 0) | (pairs.right < 0)) & (pairs.times_s <= min(left_s[-1], right_s[-1]))
-    return pairs if 0 < np.count_nonzero(alone) <= lost else None
+    apart = np.abs(median_filter(left_s[:count] - right_s[:count], min(15, count), mode="nearest"))
+    if apart.max() <= 0.5 * float(np.median(np.diff(left_s))):
+        return None
+    return pair_stamps((left_s * 1e9).astype(np.int64), (right_s * 1e9).astype(np.int64))
 
 
 class _PlacedVideo:
@@ -242,15 +250,22 @@ class _PlacedVideo:
 
 
 def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenOptions) -> Layout:
-    """Two videos, paired by their times where a container has gaps, else in order; calibration, times and
-    world.toml lie in the folder."""
+    """Two videos, paired by their times where these differ, else in order; calibration, times and world.toml lie in the
+    folder."""
     a, b = VideoFile(left), VideoFile(right)
     size = same_size(a, b, left, right)
     rig = partial(load_rig, options.calibration or folder, size)
-    if not (folder / "timestamps.csv").is_file() and not (a.raw or b.raw):
-        own = _packets(left), _packets(right)
-        if pairs := _by_time(*own):
-            timed = tuple(Stream(name, size, len(s), s) for name, s in zip(("left", "right"), own, strict=True))
+    if not (folder / "timestamps.csv").is_file():
+        own_s, pairs = [_packets(video) for video in (left, right)], None
+        listed = [camera_times(at, folder, len(own)) for at, own in zip((left, right), own_s, strict=True)]
+        if listed[0] and listed[1]:
+            ns = [read_times(file, len(own)).ns for file, own in zip(listed, own_s, strict=True) if file]
+            pairs, own_s = pair_stamps(*ns), [own_times(own) for own in ns]
+            check_paired(pairs, path)
+        elif not (a.raw or b.raw):
+            pairs = _by_time(*own_s)
+        if pairs:
+            timed = tuple(Stream(name, size, len(s), s) for name, s in zip(("left", "right"), own_s, strict=True))
             return stereo_layout(
                 path, together(_PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right)), timed, len(pairs.left),
                 clock_of_pairs(pairs, options), rig, unpaired=pairs.unpaired, folder=folder,

@@ -1,0 +1,102 @@
+"""One time per frame: of each camera's own file, of names, of containers; two rates; what is not used is named."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy_recordings import folder_recording, picture, video_pair, write_video
+
+from stereo.readers import open_recording, open_video
+from stereo.readers.times import rate_of_times, stamps_in_names
+from stereo.readers.video import _by_time
+
+KEPT = [i for i in range(12) if i != 5]
+"""Frames of a right camera that lost the sixth."""
+
+
+def table(times_s: list[float]) -> str:
+    return "frame,timestamp_s\n" + "".join(f"{i},{time:.5f}\n" for i, time in enumerate(times_s))
+
+
+@pytest.mark.parametrize(
+    "name", ["{}_timestamps.csv", "{}/timestamps.csv", "timestamps_{}.txt", "{}/times.txt", "{}.csv"]
+)
+def test_each_camera_has_its_own_file_of_times(tmp_path, name):
+    folder = folder_recording(tmp_path / "r", 11, [picture(10 * i) for i in range(11)])
+    for side, frames in (("left", range(11)), ("right", KEPT)):
+        times = [i / 15 for i in frames]
+        text = table(times) if "stamps.csv" in name else "".join(f"{time:.5f}\n" for time in times)
+        (folder / name.format(side)).write_text(text)
+    recording = open_recording(folder)
+    assert recording.fps == pytest.approx(15, rel=0.01)
+    # Frame 6 of the left camera has the right one's sixth image; frame 5 has none.
+    assert {f.index: (f.left[0, 0], f.right[0, 0]) for f in recording}[6] == (60, 50)
+    assert [s.index for s in recording.skipped] == [5, 11]
+
+
+def test_times_of_one_camera_alone_are_named_as_not_used(tmp_path):
+    folder = folder_recording(tmp_path / "r", 3)
+    (folder / "left_timestamps.csv").write_text(table([0.0, 0.1, 0.2]))
+    assert any("not used: left_timestamps.csv" in note for note in open_recording(folder).notes)
+
+
+def test_videos_have_the_times_of_their_own_files(tmp_path):
+    folder = video_pair(tmp_path, (11, 11))
+    for side, frames in (("left", range(11)), ("right", KEPT)):
+        (folder / f"{side}_timestamps.csv").write_text(table([i / 5 for i in frames]))
+    recording = open_recording(folder)
+    assert [f.index for f in recording] == [0, 1, 2, 3, 4, 6, 7, 8, 9, 10] and recording.fps == pytest.approx(5)
+
+
+def test_video_of_one_camera_has_the_times_of_the_file_next_to_it(tmp_path):
+    write_video(tmp_path / "hall.avi", 4)
+    (tmp_path / "hall_timestamps.csv").write_text(table([0.0, 0.5, 1.0, 1.5]))
+    video = open_video(tmp_path / "hall.avi")
+    assert video.fps == pytest.approx(2) and [f.timestamp_s for f in video] == [0.0, 0.5, 1.0, 1.5]
+
+
+def test_videos_of_two_rates_pair_by_time():
+    pairs = _by_time(np.arange(50) / 25, np.arange(60) / 30)
+    assert pairs is not None
+    both = [(a, b) for a, b in zip(pairs.left, pairs.right, strict=True) if a >= 0 and b >= 0]
+    assert (5, 6) in both and (45, 54) in both and max(abs(a / 25 - b / 30) for a, b in both) <= 0.25 / 25
+
+
+def test_videos_whose_times_waver_pair_in_order():
+    rng = np.random.default_rng(0)
+    wavering = np.sort(np.arange(200) / 30 + rng.normal(0.0, 0.008, 200))
+    assert _by_time(np.arange(200) / 30, wavering) is None
+
+
+@pytest.mark.parametrize(
+    ("stems", "step_s"),
+    [
+        (["f_0", "f_33", "f_67", "f_100", "f_133", "f_167"], 0.034),  # milliseconds
+        ([f"1650000000_{n}" for n in (0, 66666667, 133333333, 200000000)], 0.0666),  # nanoseconds without zeros
+        ([f"1650000000.{n}" for n in ("5", "75")], 0.25),
+        ([f"2023-04-05_12-34-5{i}.{5 * i}00" for i in range(2)], 1.5),
+        ([f"20230405_123456_{n}" for n in ("000", "100", "200")], 0.1),
+        ([f"frame{i:04d}_165000000{i}123" for i in range(3)], 1.0),
+    ],
+)
+def test_times_in_names_have_their_unit(stems, step_s):
+    stamps = stamps_in_names(stems)
+    assert stamps is not None
+    assert float(np.median(np.diff(stamps.ns))) / 1e9 == pytest.approx(step_s, abs=0.002)
+
+
+@pytest.mark.parametrize("stems", [["0", "10", "20", "40", "50", "60"], ["1", "2", "3", "5"], ["20230405_120000"] * 9])
+def test_counters_with_gaps_and_names_of_one_second_are_no_times(stems):
+    assert stamps_in_names(stems) is None
+
+
+def test_rate_is_the_mean_of_steps_that_a_clock_of_milliseconds_rounds():
+    rate = rate_of_times(np.round(np.arange(61) / 15, 3))
+    assert rate is not None and rate.fps == pytest.approx(15, rel=1e-3)
+
+
+def test_header_that_gives_the_clock_for_a_rate_is_corrected_by_the_times(tmp_path: Path, monkeypatch):
+    write_video(tmp_path / "a.avi", 6)  # 10 per second
+    times = np.arange(6) / 5
+    monkeypatch.setattr("stereo.readers.video._packets", lambda path, most=None: times)
+    assert open_video(tmp_path / "a.avi").fps == pytest.approx(5)
