@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import cv2
@@ -35,9 +36,11 @@ MIN_FRAMES = 12
 FRAMES_MAX = 4096
 """Frames with movement, or soon after it, that are remembered: four minutes at 15 Hz, in 1.5 MB (our choice)."""
 GROUPS = 8
-"""Parts of the time that are left out in turn to estimate the deviation of a lag (jackknife; our choice)."""
-SURELY = 3.0
-"""Deviations by which a lag must exceed its limit: less is chance."""
+"""Parts of the time that are left out in turn to estimate deviations (jackknife; our choice)."""
+SURELY = 2.0
+"""Deviations by which a lag must make the movement of both cameras more alike than none does: less is chance."""
+MIN_TAIL = 48
+"""Frames from which on a lag is searched in the last part of the time alone (our choice)."""
 
 
 class Thumbnails(NamedTuple):
@@ -56,28 +59,36 @@ def thumbnails(left: U8, right: U8) -> Thumbnails:
 
 class Lag(NamedTuple):
     """Frames of the right camera behind the left one at which their movement over time is most alike, NaN where it is
-    not; and the deviation, by the jackknife over parts of the time, NaN where one part holds most of what moves."""
+    not; its deviation; and how much more alike than without a lag, in deviations of that. Both by the jackknife over
+    parts of the time, NaN where one part holds most of what moves."""
 
     frames: float
     std: float
+    gain: float
 
     @property
-    def surely(self) -> float:
-        """Frames by which the cameras are apart at least, ``SURELY`` deviations taken off; negative for none."""
-        return abs(self.frames) - SURELY * self.std
+    def text(self) -> str:
+        """The lag in words."""
+        if not math.isfinite(self.frames):
+            return "offset of the right camera, by movement"
+        which = "late" if self.frames >= 0 else "ahead"
+        return f"right camera {abs(self.frames):.1f} +- {self.std:.1f} frames {which}, by movement"
 
 
 class MotionFindings(NamedTuple):
     """What the movement in both images shows; NaN where too little moves.
 
     Attributes:
-        lag: over all the time, or over its first or second half where that leaves less doubt.
+        lag: over all the time, or over its first half or its end where that leaves less doubt.
+        apart: whether the cameras are surely apart by it: it explains their movement better than none does, or they are
+            as far apart as pictures that were written twice leave them.
         frozen: share of the frames with movement in which one camera stands still.
         stall: longest such stretch [frames].
         repeated: share of the frames with movement around them that repeat the pair before.
     """
 
     lag: Lag
+    apart: bool
     frozen: float
     stall: float
     repeated: float
@@ -91,6 +102,7 @@ class MotionWatch:
         self._bands: deque[F64] = deque(maxlen=FRAMES_MAX)
         self._active = self._frozen = self._stall = self._longest = self._repeated = 0
         self._still_for = self._calm_for = 0
+        self._behind = self._bands_since = 0
 
     def update(self, pair: Thumbnails) -> None:
         """Take the next pair."""
@@ -106,6 +118,8 @@ class MotionWatch:
         self._active += active
         self._frozen += frozen
         self._stall = self._stall + 1 if frozen else 0 if active else self._stall
+        if frozen:  # a picture written twice leaves its camera one frame behind, from here on
+            self._behind, self._bands_since = self._behind + same[1] - same[0], 0
         self._longest = max(self._longest, self._stall)
         # Copies of a pair between moving ones; a scene in which nothing moves may repeat for hours.
         if not all(same):
@@ -116,18 +130,27 @@ class MotionWatch:
             # The root of the share of pixels that changed, so that near walkers do not drown far ones.
             rows = moved[0].shape[0] // BANDS * BANDS
             self._bands.append(np.stack([np.sqrt(m[:rows].reshape(BANDS, -1).mean(axis=1)) for m in moved]))
+            self._bands_since += 1
 
     def findings(self) -> MotionFindings:
         """Of all pairs so far."""
         if not self._active:
-            return MotionFindings(Lag(np.nan, np.nan), np.nan, np.nan, np.nan)
-        signals, half = np.stack(self._bands), len(self._bands) // 2
-        parts = [signals, *((signals[:half], signals[half:]) if half >= WINDOW else ())]
-        # A camera may lose its step on the way: the surest lag counts.
+            return MotionFindings(Lag(np.nan, np.nan, np.nan), False, np.nan, np.nan, np.nan)
+        signals = np.stack(self._bands)
+        count, half = len(signals), len(signals) // 2
+        parts = [signals, *([signals[:half]] if half >= WINDOW else [])]
+        # A camera may lose its step on the way, and stays behind to the end.
+        parts += [tail for k in range(2, GROUPS - 1) if len(tail := signals[count * k // GROUPS :]) >= MIN_TAIL]
         lags = [lag_of(part[:, 0], part[:, 1]) for part in parts]
-        lag = max(lags, key=lambda lag: lag.surely if math.isfinite(lag.surely) else -math.inf)
+        lag = max(lags[1:], key=lambda lag: lag.gain if lag.gain >= SURELY else -1.0, default=lags[0])
+        lag = lag if lag.gain >= SURELY > lags[0].gain else lags[0]
+        apart = lag.gain >= SURELY and abs(lag.frames) > MAX_LAG
+        if not apart and self._behind and MIN_FRAMES <= self._bands_since < count:
+            since = lag_of(*signals[count - self._bands_since :].transpose(1, 0, 2))
+            if apart := round(since.frames) == self._behind if math.isfinite(since.frames) else False:
+                lag = since
         repeated = self._repeated / (self._active + self._repeated)
-        return MotionFindings(lag, self._frozen / self._active, float(self._longest), repeated)
+        return MotionFindings(lag, apart, self._frozen / self._active, float(self._longest), repeated)
 
 
 def lag_of(left: F64, right: F64) -> Lag:
@@ -135,7 +158,7 @@ def lag_of(left: F64, right: F64) -> Lag:
     time are left out."""
     frames = len(left)
     if frames < MIN_FRAMES:
-        return Lag(np.nan, np.nan)
+        return Lag(np.nan, np.nan, np.nan)
     # Each less its mean over every WINDOW frames.
     parts = (np.array_split(signal, max(1, round(frames / WINDOW))) for signal in (left, right))
     left, right = (np.concatenate([part - part.mean(axis=0) for part in each]) for each in parts)
@@ -148,19 +171,33 @@ def lag_of(left: F64, right: F64) -> Lag:
         for k, product in enumerate((a * b, a * a, b * b)):
             sums[:, LONGEST_LAG + lag, k] = np.bincount(part_of[at], product.sum(axis=1), GROUPS)
     whole, power = sums.sum(axis=0), sums[:, LONGEST_LAG, 1:].sum(axis=1)
-    if power.max() > 0.8 * power.sum():
-        return Lag(_best(whole), np.nan)
-    without = np.array([_best(whole - part) for part in sums])
-    return Lag(_best(whole), float(np.sqrt((GROUPS - 1) / GROUPS * np.sum((without - without.mean()) ** 2))))
-
-
-def _best(sums: F64) -> float:
-    power = np.sqrt(np.maximum(sums[:, 1] * sums[:, 2], 0.0))
-    likeness = np.where(power > 1e-9, sums[:, 0] / np.maximum(power, 1e-9), -1.0)
-    best, shift = int(np.argmax(likeness)), 0.0
+    likeness = _likeness(whole)
+    best = int(np.argmax(likeness))
     if likeness[best] < MIN_LIKENESS:
-        return np.nan
-    # Half the curvature of the parabola through the best score and its neighbours.
+        return Lag(np.nan, np.nan, np.nan)
+    if power.max() > 0.8 * power.sum():
+        return Lag(_between(likeness, best), np.nan, np.nan)
+    without = [_likeness(whole - part) for part in sums]
+    gains = [float(one[best] - one[LONGEST_LAG]) for one in without]
+    gain = float(likeness[best] - likeness[LONGEST_LAG]) / max(_jackknife(gains), 1e-6)
+    return Lag(_between(likeness, best), _jackknife([_between(one, int(np.argmax(one))) for one in without]), gain)
+
+
+def _jackknife(without: Sequence[float]) -> float:
+    """Standard deviation of a value, from those with each part left out."""
+    own = np.asarray(without)
+    return float(np.sqrt((len(own) - 1) / len(own) * np.sum((own - own.mean()) ** 2)))
+
+
+def _likeness(sums: F64) -> F64:
+    """Correlation at each lag."""
+    power = np.sqrt(np.maximum(sums[:, 1] * sums[:, 2], 0.0))
+    return np.asarray(np.where(power > 1e-9, sums[:, 0] / np.maximum(power, 1e-9), -1.0), dtype=np.float64)
+
+
+def _between(likeness: F64, best: int) -> float:
+    """The lag of the best score, between frames by the parabola through it and its neighbours."""
+    shift = 0.0
     if 0 < best < len(likeness) - 1:
         before, after = likeness[best - 1], likeness[best + 1]
         bend = before - 2.0 * likeness[best] + after
@@ -207,13 +244,11 @@ def frame_checks(recording: Recorded[Any], spread: list[Any], run: list[Any], fr
 
 def motion_checks(found: MotionFindings) -> list[Check]:
     """Cameras that do not move together in time."""
-    late = f"right camera {found.lag.frames:+.2f} +- {found.lag.std:.2f} frames late, by movement"
-    in_step = not found.lag.surely > MAX_LAG
     return [
         at_most("frozen camera", found.frozen, MAX_FROZEN, "", "share of frames that stand still in one camera only"),
         at_most("stalled camera", found.stall, MAX_STALL, "frames", "longest time only one camera moves", warns=True),
         at_most("repeated pairs", found.repeated, MAX_REPEATED, "", "share of pairs that repeat the one before"),
-        Check("synchronisation", in_step, abs(found.lag.frames), "frames", MAX_LAG, "at most", late),
+        Check("synchronisation", not found.apart, abs(found.lag.frames), "frames", MAX_LAG, "at most", found.lag.text),
     ]
 
 
