@@ -204,7 +204,8 @@ def video_tracks(path: Path) -> int:
 def _packets(path: Path, most: int | None = None) -> F64:
     """(n,) float64 [s], when the frames of a video, or the first of them, are shown, by its container; nothing is
     decoded."""
-    capture, times = _open(path), []
+    capture = _open(path)
+    times: list[float] = []
     capture.set(cv2.CAP_PROP_FORMAT, -1)
     while len(times) != most and capture.grab():
         times.append(float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0)
@@ -260,7 +261,7 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
         listed = [camera_times(at, folder, len(own)) for at, own in zip((left, right), own_s, strict=True)]
         if listed[0] and listed[1]:
             ns = [read_times(file, len(own)).ns for file, own in zip(listed, own_s, strict=True) if file]
-            pairs, own_s = pair_stamps(*ns), [own_times(own) for own in ns]
+            pairs, own_s = pair_stamps(ns[0], ns[1]), [own_times(own) for own in ns]
             check_paired(pairs, path)
         elif not (a.raw or b.raw):
             pairs = _by_time(*own_s)
