@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from calib.errors import InputError
+from calib.formats import load_rig
 from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import StereoRig
@@ -20,6 +21,7 @@ from calib.types import F64, I64, U8
 from calib.world import load_world
 from stereo.readers.images import Colour, Size, Stream, bits_note, bits_of, images_of
 from stereo.readers.pairing import TimePairs, pair_stamps
+from stereo.readers.state import rectified_rig, settled
 from stereo.readers.times import load_timestamps, rate_of_times, unused_times
 from stereo.recording import (
     DEFAULT_FPS,
@@ -126,6 +128,15 @@ class Reader:
     find: Callable[[Path, OpenOptions], Layout]
 
 
+OtherRig = Callable[[StereoRig], tuple[StereoRig, str]]
+"""From the rig that a recording was opened with, that of its images in another state, and what that one assumes."""
+
+
+def other_state(calibration: Path, size: Size) -> OtherRig:
+    """The rig of rectified images by a calibration of raw ones."""
+    return lambda rig: rectified_rig(partial(load_rig, calibration, size, rectified=True), rig)
+
+
 def stereo_layout(
     path: Path,
     pairs: Callable[[Sequence[int] | None], Generator[DecodedPair, None, None]],
@@ -138,14 +149,21 @@ def stereo_layout(
     unpaired: int = 0,
     folder: Path | None = None,
     live: bool = False,
+    other: OtherRig | None = None,
 ) -> Layout:
     """Two cameras whose frames are paired (``pairs`` decodes those of ascending indices, or all); world.toml lies in
-    the folder, or at the path."""
+    the folder, or at the path; ``other`` gives the rig of images in another state than expected."""
     remarks = (*clock.notes, *notes)
 
     def opened() -> StereoRecording:
         kind = LiveRecording if live else StereoRecording
-        return kind(path, pairs, n_frames, clock, [*remarks], rig(), world_pose(folder or path))
+        recording = kind(path, pairs, n_frames, clock, [*remarks], rig(), world_pose(folder or path))
+        if other is not None:
+            with suppress(InputError):  # the calibration has no other
+                seen = [(frame.left, frame.right) for frame in recording.sample(3)]
+                recording.rig, note = settled(seen, recording.rig, *other(recording.rig))
+                recording.notes += [note] * bool(note)
+        return recording
 
     return Layout("stereo", streams, n_frames, clock, remarks, unpaired, opened)
 
@@ -224,8 +242,10 @@ def timed_layout(
     rig: Callable[[Size], StereoRig],
     notes: Sequence[str] = (),
     folder: Path | None = None,
+    calibration: Path | None = None,
 ) -> Layout:
-    """Images paired by their times; world.toml lies in the folder, or at the path."""
+    """Images paired by their times; world.toml lies in the folder, or at the path. A calibration that is given may be
+    that of images in another state (``other_state``)."""
     for side in (left, right):
         if not side.files:
             raise InputError(f"{side.folder}: expected images, found none")
@@ -244,6 +264,7 @@ def timed_layout(
     return stereo_layout(
         path, together(a, b), streams, len(pairs.left), clock_of_pairs(pairs, options), partial(rig, size),
         (*notes, *bits_note(bits)), unpaired=pairs.unpaired, folder=folder,
+        other=other_state(calibration, size) if calibration else None,
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from stereo.readers.base import (
     Reader,
     TimedFiles,
     clock_of,
+    other_state,
     same_size,
     stereo_layout,
     timed_layout,
@@ -51,7 +52,8 @@ def sides_layout(path: Path, sides: Sides, folder: Path, options: OpenOptions) -
         timed = [TimedFiles(at, files, own.ns) for at, files in each if (own := stamps_of(files, at, folder))]
         if len(timed) == 2:
             rig = partial(load_rig, options.calibration or folder)
-            return timed_layout(path, timed[0], timed[1], options, rig, folder=folder)
+            own = options.calibration or folder
+            return timed_layout(path, timed[0], timed[1], options, rig, folder=folder, calibration=own)
     return files_layout(path, pair_files(*sides.files, sides.number), options, folder)
 
 
@@ -70,6 +72,7 @@ def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions, folder
     return stereo_layout(
         path, together(a, b), streams, len(pairs), clock, partial(load_rig, options.calibration or folder, size),
         bits_note(bits), unpaired=sum(None in pair for pair in pairs), folder=folder,
+        other=other_state(options.calibration or folder, size),
     )  # fmt: skip
 
 

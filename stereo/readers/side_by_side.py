@@ -2,92 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from calib.camera import Camera
 from calib.errors import InputError
 from calib.formats import load_rig
-from calib.images import as_grey
-from calib.pose import SE3
 from calib.rig import StereoRig
-from calib.types import F64, U8
+from calib.types import U8
 from stereo.readers.base import FrameSource, Layout, Reader, clock_of, split_pairs, stereo_layout
 from stereo.readers.images import Size, Stream, is_grey
+from stereo.readers.state import Common, common, find_order, rectified_rig
 from stereo.readers.video import SUFFIXES, VideoFile, video_files, video_tracks
 from stereo.recording import OpenOptions
-from stereo.rig_correction import match_corners
-
-NEARER = 0.8
-"""Share of corners nearer than infinity of views in their right order; of swapped ones nearly none is (our choice)."""
-ROWS_PX = 1.5
-"""Median row offset [px of 640] up to which rows count as aligned (our choice; a worn factory calibration has 0.6)."""
-
-
-class Order(NamedTuple):
-    """What the corners show: whether the first view is the right camera's, whether the views are rectified already, and
-    the share of corners nearer than infinity then."""
-
-    swapped: bool
-    rectified: bool
-    nearer: float
-
-
-def find_order(matches: F64, rig: StereoRig, rectified: StereoRig) -> Order | None:
-    """The order and the calibration under which corners lie nearer than infinity and on their rows.
-
-    Args:
-        matches: (N, 4) float64 [px], u, v in the first view and u, v in the second.
-        rig: of the views as the cameras took them.
-        rectified: of the views when they are rectified.
-    Returns:
-        The most usual one that fits; None when there are too few corners (our choice), or none fits.
-    """
-    if len(matches) < 40:
-        return None
-    for is_rectified, swapped in product((False, True), repeat=2):
-        one = rectified if is_rectified else rig
-        pixels = (matches[:, 2:], matches[:, :2]) if swapped else (matches[:, :2], matches[:, 2:])
-        cameras = zip((one.left, one.right), pixels, one.rectifying_rotations(), strict=True)
-        first, second = (camera.unproject(own) @ rotation.T for camera, own, rotation in cameras)
-        offsets = (first[:, :2] / first[:, 2:] - second[:, :2] / second[:, 2:]) * one.left.fx * 640.0 / one.left.width
-        across, down = offsets[np.isfinite(offsets).all(axis=1)].T
-        if len(across) and np.mean(across > -0.5) >= NEARER and np.median(np.abs(down)) <= ROWS_PX:
-            return Order(swapped, is_rectified, float(np.mean(across > -0.5)))
-    return None
-
-
-def rectified_rig(load: Callable[[], StereoRig], rig: StereoRig) -> tuple[StereoRig, str]:
-    """The calibration of rectified images: from the file (``load`` gives that, or its other one when it holds none),
-    else as OpenCV computes it; and what was assumed, empty when the file gives it."""
-    held = rig if is_ideal(rig) else load()
-    if is_ideal(held):
-        return held, ""
-    pose, size = rig.right_SE3_left, rig.left.size
-    (k1, d1), (k2, d2) = ((one.matrix, one.coefficients) for one in (rig.left, rig.right))
-    turn, shift_column = pose.rotation, pose.translation.reshape(3, 1)
-    if "fisheye" in (rig.left.model, rig.right.model):
-        _, _, *projections, _ = cv2.fisheye.stereoRectify(k1, d1, k2, d2, size, turn, shift_column, 0)
-    else:
-        _, _, *projections, _, _, _ = cv2.stereoRectify(k1, d1, k2, d2, size, turn, shift_column, alpha=0.0)
-    left, right = (Camera(*size, float(p[0, 0]), float(p[1, 1]), float(p[0, 2]), float(p[1, 2])) for p in projections)
-    shift = np.array([-rig.baseline_m, 0.0, 0.0])
-    ideal = StereoRig(left, right, SE3(np.eye(3), shift), f"{rig.source} [rectified images]")
-    return ideal, f"their focal length is taken as {left.fx:.1f} px, as OpenCV's stereoRectify gives it for alpha 0"
-
-
-def is_ideal(rig: StereoRig) -> bool:
-    """Whether a rig is that of rectified images: no distortion, no rotation."""
-    turned = float(np.abs(rig.right_SE3_left.rotation - np.eye(3)).max())
-    return turned < 1e-9 and not any(np.any(one.coefficients) for one in (rig.left, rig.right))
-
 
 Halves = tuple[U8, U8]
 
@@ -116,37 +48,6 @@ class Packing(NamedTuple):
         return np.asarray(first, dtype=np.uint8), np.asarray(second, dtype=np.uint8)
 
 
-class Common(NamedTuple):
-    """What the two views of some pictures have in common: of so many corners (N, 4) float64 matches [px of the view as
-    it is given], u, v in the first view, u, v in the second."""
-
-    corners: int = 0
-    matches: F64 = np.empty((0, 4))
-
-
-def common(pictures: Iterable[U8], split: Callable[[U8], Halves]) -> Common:
-    """Match corners between the two views of each picture."""
-    corners, found = 0, [np.empty((0, 4))]
-    # Rows of unrectified cameras may be 24 of 320 px apart.
-    features, search_px = 150, 24
-    for picture in pictures:
-        first, second = (as_grey(view) for view in split(picture))
-        height, width = first.shape
-        scale = width / min(width, 320)
-        size = round(width / scale), round(height / scale)
-        a, b = (np.asarray(cv2.resize(v, size, interpolation=cv2.INTER_AREA), np.uint8) for v in (first, second))
-        points = cv2.goodFeaturesToTrack(a, features, 0.01, 14.0)
-        corners += 0 if points is None else len(points)
-        reach = 0.3 * a.shape[1]  # largest disparity, each way (our choice)
-        matches = match_corners(a, b, reach, -reach, features=features, search_px=search_px)
-        if len(matches):
-            # Matches of one pair of cameras lie about on one row offset [px of 320] (our choice).
-            near = np.abs(matches[:, 3] - np.median(matches[:, 3])) <= 4.0
-            u, v, u_second, offset = matches[near].T
-            found.append(np.column_stack([u, v, u_second, v + offset]) * scale)
-    return Common(corners, np.concatenate(found))
-
-
 def find_packing(pictures: Sequence[U8], aspect: float | None) -> tuple[Packing | None, Common]:
     """The packing whose two views have most in common, None when none gives two views of one scene, and what they have
     in common; ``aspect`` is the width over the height of one camera's images by the calibration, None when unknown."""
@@ -154,7 +55,7 @@ def find_packing(pictures: Sequence[U8], aspect: float | None) -> tuple[Packing 
     candidates = _possible((width, height), aspect) or _possible((width, height), None)
     if not candidates:
         return None, Common()
-    shared = [common(pictures, packing.split) for packing in candidates]
+    shared = [common(map(packing.split, pictures)) for packing in candidates]
     fractions = [len(one.matches) / max(1, one.corners) for one in shared]
     best = int(np.argmax(fractions))
     found = shared[best]

@@ -24,6 +24,7 @@ from stereo.readers.base import (
     check_paired,
     clock_of,
     clock_of_pairs,
+    other_state,
     own_times,
     same_size,
     stereo_layout,
@@ -255,7 +256,10 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
     folder."""
     a, b = VideoFile(left), VideoFile(right)
     size = same_size(a, b, left, right)
-    rig = partial(load_rig, options.calibration or folder, size)
+    rig, other = (
+        partial(load_rig, options.calibration or folder, size),
+        other_state(options.calibration or folder, size),
+    )
     if not (folder / "timestamps.csv").is_file():
         own_s, pairs = [_packets(video) for video in (left, right)], None
         listed = [camera_times(at, folder, len(own)) for at, own in zip((left, right), own_s, strict=True)]
@@ -269,11 +273,12 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
             timed = tuple(Stream(name, size, len(s), s) for name, s in zip(("left", "right"), own_s, strict=True))
             return stereo_layout(
                 path, together(_PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right)), timed, len(pairs.left),
-                clock_of_pairs(pairs, options), rig, unpaired=pairs.unpaired, folder=folder,
+                clock_of_pairs(pairs, options), rig, unpaired=pairs.unpaired, folder=folder, other=other,
             )  # fmt: skip
     streams = tuple(Stream(name, size, source.n_frames) for name, source in (("left", a), ("right", b)))
     clock = clock_of(folder, options, min(a.n_frames, b.n_frames), a.fps, a.raw)
-    return stereo_layout(path, together(a, b), streams, max(a.n_frames, b.n_frames), clock, rig, folder=folder)
+    count = max(a.n_frames, b.n_frames)
+    return stereo_layout(path, together(a, b), streams, count, clock, rig, folder=folder, other=other)
 
 
 def _sides(folder: Path) -> tuple[Path, Path] | None:

@@ -30,6 +30,7 @@ from stereo.readers.base import (
     Reader,
     check_paired,
     clock_of_pairs,
+    other_state,
     own_times,
     same_size,
     stereo_layout,
@@ -41,17 +42,14 @@ from stereo.readers.rgbd import rgbd_layout
 from stereo.recording import OpenOptions
 
 
-def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
-    """The rig from the camera_info of two image topics.
-
-    Topics that are rectified by their names take the rectified camera P instead of K and D.
-    """
+def rig_of(bag: Bag, topics: tuple[str, str], size: Size, rectified: bool) -> StereoRig:
+    """The rig from the camera_info of two image topics: by the rectified camera P, or by K and D."""
     first, second = infos = [info_of(bag, topic) for topic in topics]
     of_sdk = all(_SDK.fullmatch(topic) for topic in topics)
     for info in infos if of_sdk else ():  # K alone is set
         info.fields["P"] = np.column_stack([np.reshape(info.fields["K"], (3, 3)), np.zeros(3)]).ravel().tolist()
-    rectified, source = of_sdk or all(is_rectified(topic) for topic in topics), f"camera_info of {bag.path.name}"
-    (left, rect_SE3_left), (right, rect_SE3_right) = (_camera(bag, info, rectified) for info in infos)
+    source = f"camera_info of {bag.path.name}"
+    (left, rect_SE3_left), (right, rect_SE3_right) = (_camera(bag, info, rectified or of_sdk) for info in infos)
     pose = rect_SE3_right.inverse() @ rect_SE3_left
     if np.linalg.norm(pose.translation) == 0:
         same, where = first.frame == second.frame, "/tf_static"
@@ -73,6 +71,10 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: Size) -> StereoRig:
 
 _SDK = re.compile(r"(/device_\d+/sensor_\d+/Infrared_[12])/image/data")
 """Topics of infrared images in recordings of the RealSense SDK (librealsense, media/ros); the SDK rectifies them."""
+
+
+def _other_rig(bag: Bag, topics: tuple[str, str], size: Size, rectified: bool, _: StereoRig) -> tuple[StereoRig, str]:
+    return rig_of(bag, topics, size, rectified), ""
 
 
 def _sdk_pose(bag: Bag, topics: tuple[str, str]) -> SE3 | None:
@@ -233,12 +235,15 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         lacking = int(np.count_nonzero(mates < 0))
         return rgbd_layout(path, a, b, streams, clock, rig, (*remarks, *assumed), unpaired=lacking)
 
-    def stereo_rig() -> StereoRig:
-        return load_rig(options.calibration, sizes[0]) if options.calibration else rig_of(bag, names, sizes[0])
-
+    rectified = all(is_rectified(name) for name in names)
+    stereo_rig, other = partial(rig_of, bag, names, sizes[0], rectified), None
+    if options.calibration:
+        stereo_rig, other = partial(load_rig, options.calibration, sizes[0]), other_state(options.calibration, sizes[0])
+    elif not any(map(_SDK.fullmatch, names)):
+        other = partial(_other_rig, bag, names, sizes[0], not rectified)
     return stereo_layout(
         path, together(a, b), streams, len(pairs.left), clock, stereo_rig, remarks, unpaired=pairs.unpaired,
-        folder=path if path.is_dir() else path.parent,
+        folder=path if path.is_dir() else path.parent, other=other,
     )  # fmt: skip
 
 

@@ -179,6 +179,16 @@ def test_image_of_every_format_is_decoded_unless_it_is_cut_off(suffix, kind):
         decode_image(data[:8])
 
 
+def test_exif_orientation_turns_an_image_as_a_viewer_does():
+    stored = np.zeros((16, 32), np.uint8)
+    stored[:8, :8] = 200  # upper left as stored, lower right when turned by 180 degrees (tag 3)
+    data = cv2.imencode(".jpg", stored)[1].tobytes()
+    tiff = b"II*\0" + struct.pack("<IHHHIHHI", 8, 1, 0x112, 3, 1, 3, 0, 0)
+    exif = b"Exif\0\0" + tiff
+    turned = decode_image(data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:])
+    assert turned[0, 0] < 20 and turned[-1, -1] > 180 and decode_image(data)[0, 0] > 180
+
+
 LFS = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 727\n"
 
 

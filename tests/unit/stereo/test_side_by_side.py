@@ -10,7 +10,8 @@ from calib.errors import InputError
 from calib.rig import save_rig
 from calib.types import U8
 from stereo.readers import open_recording
-from stereo.readers.side_by_side import Packing, common, find_order, find_packing, rectified_rig
+from stereo.readers.side_by_side import Packing, find_packing
+from stereo.readers.state import common, find_order, rectified_rig, settled
 
 SIDE_BY_SIDE, STACKED = Packing(False, False), Packing(True, False)
 W, H = 320, 240
@@ -50,14 +51,14 @@ def test_picture_of_one_camera_is_no_packing() -> None:
 def test_order_is_found_by_which_corners_lie_nearer_than_infinity(swapped: bool) -> None:
     picture = np.hstack([RIGHT, LEFT] if swapped else [LEFT, RIGHT])
     rig = toy_rig((W, H))
-    order = find_order(common([picture], SIDE_BY_SIDE.split).matches, rig, rig)
+    order = find_order(common([SIDE_BY_SIDE.split(picture)]).matches, rig, rig)
     assert order is not None and order.swapped == swapped and not order.rectified
 
 
 def test_images_whose_rows_agree_already_are_rectified() -> None:
     turned = toy_rig((W, H), rotation_deg=(3.0, 0.0, 0.0))
     rectified, assumed = rectified_rig(lambda: turned, turned)
-    order = find_order(common([np.hstack([LEFT, RIGHT])], SIDE_BY_SIDE.split).matches, turned, rectified)
+    order = find_order(common([(LEFT, RIGHT)]).matches, turned, rectified)
     assert order is not None and order.rectified and not order.swapped
     assert "alpha 0" in assumed and rectified.baseline_m == pytest.approx(turned.baseline_m)
 
@@ -79,3 +80,12 @@ def test_depth_next_to_its_image_is_refused(tmp_path: Path) -> None:
     write_frames(tmp_path / "pair.avi", [np.hstack([cv2.cvtColor(depth, cv2.COLOR_GRAY2BGR), colour])] * 3)
     with pytest.raises(InputError, match=r"grey and a coloured half .* depth next to its colour image"):
         open_recording(tmp_path / "pair.avi")
+
+
+def test_images_in_another_state_than_their_calibration_get_its_other_rig() -> None:
+    turned, ideal = toy_rig((W, H), rotation_deg=(3.0, 0.0, 0.0)), toy_rig((W, H))
+    rig, note = settled([(LEFT, RIGHT)], turned, ideal, "assumed")
+    assert rig is ideal and note.startswith("the images are rectified already (rows differ by 0.") and "assumed" in note
+    assert settled([(LEFT, RIGHT)], ideal, turned, "") == (ideal, "")
+    low = np.roll(RIGHT, 6, axis=0)
+    assert "raw images need the raw calibration" in settled([(LEFT, low)], ideal, ideal, "")[1]
