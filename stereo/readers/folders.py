@@ -52,8 +52,8 @@ def sides_layout(path: Path, sides: Sides, folder: Path, options: OpenOptions) -
         timed = [TimedFiles(at, files, own.ns) for at, files in each if (own := stamps_of(files, at, folder))]
         if len(timed) == 2:
             rig = partial(load_rig, options.calibration or folder)
-            own = options.calibration or folder
-            return timed_layout(path, timed[0], timed[1], options, rig, folder=folder, calibration=own)
+            calibration = options.calibration or folder
+            return timed_layout(path, timed[0], timed[1], options, rig, folder=folder, calibration=calibration)
     return files_layout(path, pair_files(*sides.files, sides.number), options, folder)
 
 
