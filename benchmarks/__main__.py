@@ -16,6 +16,7 @@ BENCHMARKS = {
     "accuracy": "Render every committed scene, track it and score it.",
     "matching": "Compare disparity with rendered truth, and OpenCV's.",
     "counting": "Score counts and occupancy on rendered recordings.",
+    "damaged": "Put frames that show nothing into recordings, and score the trackers.",
     "pets": "Score the single-camera trackers on PETS S2-L1 view 1.",
     "calibration": "Score board, floor and human calibration against known truth.",
 }

@@ -1,0 +1,152 @@
+"""Frames that show nothing or little, put into recordings with truth: what they cost each tracker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+from cyclopts import Parameter
+
+from benchmarks.options import JsonFlag, progress, report
+from benchmarks.passes import bench_engine
+from benchmarks.real import recordings_with_truth, truth_of
+from calib.errors import InputError
+from calib.types import AnyArray
+from planview.engine.config import Config
+from planview.engine.engine import AnyRecording, Frame
+from planview.engine.open import open_engine
+from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
+from planview.output.script import run
+from planview.synthetic.assets import real_recordings
+from planview.trajectories.formats import load_truth
+from planview.trajectories.table import Trajectories
+from stereo.recording import RgbdFrame, StereoFrame
+
+Rng = np.random.Generator
+SHAKE_PX = 12
+"""Largest shift of a camera that is shaken [px of a 640 px wide image]."""
+
+
+def _shaken(image: AnyArray, rng: Rng) -> AnyArray:
+    shift = rng.integers(-SHAKE_PX, SHAKE_PX + 1, 2) * image.shape[1] // 640
+    return np.roll(image, shift, (0, 1))
+
+
+def _grey(image: AnyArray, rng: Rng) -> AnyArray:
+    return image if image.ndim == 2 else cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+
+
+IMAGES: dict[str, Callable[[AnyArray, Rng], AnyArray]] = {
+    "none": lambda image, rng: image,
+    "noise": lambda image, rng: rng.integers(0, 256, image.shape, np.uint8),
+    "black": lambda image, rng: np.zeros_like(image),
+    "white": lambda image, rng: np.full_like(image, 255),
+    "one-black": lambda image, rng: image,
+    "shaken": _shaken,
+    "blurred": lambda image, rng: cv2.GaussianBlur(image, (0, 0), image.shape[1] / 60),
+    "grey": _grey,
+    "dark-flash": lambda image, rng: (0.15 * image).astype(np.uint8),
+    "every-second-dark": lambda image, rng: (0.5 * image).astype(np.uint8),
+}
+"""By kind of damage, an image of any camera after it."""
+RANGES = {"noise", "black", "white", "one-black"}
+"""Kinds that leave no depth of a sensor of depth; of a pair, "one-black" is the right camera."""
+
+
+def after(frame: Frame, kind: str, rng: Rng) -> Frame:
+    """A frame of one camera, of a pair, or with depth, after damage."""
+    change, black = IMAGES[kind], IMAGES["black"]
+    seed = int(rng.integers(2**32))  # both cameras are shaken together
+
+    def of(image: AnyArray) -> AnyArray:
+        return change(image, np.random.default_rng(seed))
+
+    if isinstance(frame, StereoFrame):
+        right = black(frame.right, rng) if kind == "one-black" else change(frame.right, np.random.default_rng(seed))
+        return replace(frame, left=of(frame.left), right=rng.permutation(right) if kind == "noise" else right)
+    if isinstance(frame, RgbdFrame):
+        depth = np.full_like(frame.depth_m, np.nan) if kind in RANGES else frame.depth_m
+        return replace(frame, image=of(frame.image), depth_m=of(depth) if kind == "shaken" else depth)
+    return replace(frame, image=of(frame.image))  # type: ignore[union-attr]
+
+
+class Damaged:
+    """A recording with damage of ``length`` frames from each of some frames on; all else is that of the recording."""
+
+    def __init__(self, recording: AnyRecording, kind: str, length: int, starts: Sequence[int]) -> None:
+        self._recording, self._kind, self._rng = recording, kind, np.random.default_rng(0)
+        every = 2 if kind == "every-second-dark" else 1
+        self._hit = {start + k for start in starts for k in range(0, every * length, every)}
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._recording, name)
+
+    def __iter__(self) -> Iterator[Frame]:
+        for frame in self._recording:
+            yield after(frame, self._kind, self._rng) if frame.index in self._hit else frame
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class DamagedOptions:
+    """What is damaged, how, and who tracks it."""
+
+    recording: Annotated[Sequence[Path], Parameter(negative="")] = ()
+    """Folders of recordings with truth.csv, or with gt.txt next to a video (boxes are scored then). Default: the real
+    recordings."""
+    camera: Path | None = None
+    """camera.toml of the videos, for the human-model tracker."""
+    tracker: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Trackers, as of planview run. Default: joint and template; of videos ellipse-particle and, with a camera,
+    human-model."""
+    kind: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Kinds of damage. Default: all."""
+    length: Annotated[Sequence[int], Parameter(negative="")] = (8,)
+    """Damaged frames in a row."""
+    at: Annotated[Sequence[float], Parameter(negative="")] = (0.35, 0.55, 0.75)
+    """Where damage begins, as shares of the recording."""
+    frames: int = 0
+    """Only the first frames; 0 for all."""
+    json_output: JsonFlag = False
+    """Print one JSON object."""
+
+
+def _score(folder: Path, tracker: str, kind: str, length: int, o: DamagedOptions) -> dict[str, Any]:
+    boxes = (folder / "gt.txt").is_file()
+    truth: Trajectories = load_truth(folder / "gt.txt") if boxes else truth_of(folder)
+    if boxes:
+        engine = open_engine(next(folder.glob("*.mp4")), tracker, camera=o.camera)  # type: ignore[arg-type]
+    else:
+        engine = bench_engine(folder, tracker, Config())
+    n = min(o.frames or engine.recording.n_frames, engine.recording.n_frames)
+    engine.recording = Damaged(engine.recording, kind, length, [int(share * n) for share in o.at])
+    tracks = run(engine, frames=n)
+    params = EvaluationParams(match_on="boxes", fps=engine.recording.fps) if boxes else EvaluationParams()
+    figures = evaluate_tracks(tracks, truth, params, (0, n - 1)).to_json()
+    found = {"significant": sum(figures["significant_errors"].values()), "lasting": figures["strict_identity_changes"]}
+    return {"recording": folder.name, "tracker": tracker, "damage": kind, "frames": length if kind != "none" else 0,
+            **found, **{name: figures[name] for name in ("mota", "idf1")}}  # fmt: skip
+
+
+def damaged(*, options: DamagedOptions | None = None) -> None:
+    """Score recordings with and without frames that show nothing in them.
+
+    Example: python -m benchmarks damaged --recording data/synthetic/demo --kind black --length 8
+    """
+    o = options or DamagedOptions()
+    kinds = list(o.kind or [kind for kind in IMAGES if kind != "none"])
+    if foreign := set(kinds) - set(IMAGES):
+        raise InputError(f"--kind: expected {', '.join(IMAGES)}, found {min(foreign)!r}")
+    folders = list(o.recording) or recordings_with_truth(real_recordings())
+    rows = []
+    for folder in folders:
+        single = ("ellipse-particle", "human-model") if o.camera else ("ellipse-particle",)
+        for tracker in o.tracker or (single if (folder / "gt.txt").is_file() else ("joint", "template")):
+            for kind, length in [("none", 0), *((kind, length) for kind in kinds for length in o.length)]:
+                progress(f"{folder.name}: {tracker}, {kind} {length}")
+                rows.append(_score(folder, tracker, kind, length, o))
+    report(o.json_output, scores=rows)
