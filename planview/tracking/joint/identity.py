@@ -101,13 +101,21 @@ def continued(born: Sequence[P], known: Sequence[P], floor_m2: float, low_share:
     return {int(i): (known[j], float(odds[i, j])) for i, j in zip(rows, cols, strict=True) if odds[i, j] > KNOWN_AGAIN}
 
 
+def within_reach(q: Person, b: Person) -> bool:
+    """Whether a known person can have walked to where a newcomer was seen first."""
+    gone_s, away = b.born_s - q.seen_s, math.dist(q.at_m, b.born_m)
+    return gone_s > 0 and away <= body.TORSO.torso_radius_m + body.SPEED_MAX_MPS * gone_s
+
+
 def _log_odds(q: Person, b: Person, known: Sequence[Person], floor_m2: float, low_share: float) -> float:
     """Log-odds of a newcomer being a known person rather than a stranger, by place, height and colours."""
     gone_s, away = b.born_s - q.seen_s, math.dist(q.at_m, b.born_m)
-    if away > body.TORSO.torso_radius_m + body.SPEED_MAX_MPS * gone_s or gone_s <= 0:
+    if not within_reach(q, b):
         return -1.0
     spread = min(body.TORSO.torso_radius_m + gone_s, math.sqrt(floor_m2) / 2)
     place = math.log(floor_m2 / (2 * math.pi * spread**2)) - 0.5 * (away / spread) ** 2
+    if not b.head_in_view:
+        return place + _alike(q, b, known)
     error = max(math.sqrt(b.height_var), body.HEIGHT_STD_M)  # newcomers show in part at first
     mine = body.stature(b.height_m, q.tall_m, math.hypot(q.upright[1], error), low_share)
     stranger = body.stature(b.height_m, body.HEIGHT_MEAN_M, math.hypot(body.HEIGHT_STD_M, error), low_share)

@@ -64,7 +64,7 @@ class Person:
         unseen_s: for how long it has been looked for in vain [s].
         inside: share of the body inside the image.
         patches: of the body in view in the last frame.
-        head_in_view: whether the top of the head was inside of an image in the last frame.
+        head_in_view: whether the top of the head, and of an upright one, was inside of an image in the last frame.
         proven: log-odds of existence from independent evidence, see ``count_evidence``.
         counted: by camera (H, W) uint8, 1 where a pixel has been evidence; empty before the first frame, and when
             confirmed.
@@ -121,6 +121,11 @@ class Person:
     def upright(self) -> tuple[float, float]:
         """Height when upright and its deviation in one frame [m]."""
         return self.tall_m, math.hypot(math.sqrt(self.tall_var), GAIT_M)
+
+    @property
+    def cut_off(self) -> bool:
+        """Whether too little has been seen to tell who it is: less than half of the body, no head and no colours."""
+        return not self.head_in_view and self.inside < 0.5 and self.looks < KNOWN_LOOKS
 
     @property
     def standing(self) -> tuple[bool, float, int]:

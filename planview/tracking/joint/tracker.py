@@ -15,7 +15,7 @@ from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, Drawing,
 from planview.tracking.joint._kernels import PARTS, TINY
 from planview.tracking.joint.births import EVIDENCE_MAX, LOOSE, Births
 from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, People, Samples, likelihood_of_ranges
-from planview.tracking.joint.identity import Exchanges, continued
+from planview.tracking.joint.identity import Exchanges, continued, within_reach
 from planview.tracking.joint.params import JointParams, PeopleParams
 from planview.tracking.joint.person import Person, colour_counts, colour_ratios, side_by_side
 from planview.tracking.lifecycle import TrackLog
@@ -100,8 +100,11 @@ class ExplainingTracker(Generic[P, Q]):
             return
         noise, up = s.noise(pose, curvature)
         person.kalman = person.kalman.found_at(pose[:2], noise, body.SPEED_MAX_MPS)
-        information = 1.0 / person.height_var + up * min(1.0, dt / self.params.errors_s)
-        person.height_m, person.height_var = float(pose[2]), 1.0 / information
+        if person.head_in_view:
+            information = 1.0 / person.height_var + up * min(1.0, dt / self.params.errors_s)
+            person.height_m, person.height_var = float(pose[2]), 1.0 / information
+        else:  # whatever is in view, nobody's height shows without the head
+            person.height_m, person.height_var = person.tall_m, person.upright[1] ** 2
         person.seen_s, person.unseen_s = self._log.now_s, 0.0
 
     def _weigh(self, person: P, dt: float, away_s: float) -> None:
@@ -114,7 +117,7 @@ class ExplainingTracker(Generic[P, Q]):
             person.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
         person.log_odds += looks * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, person.evidence))
         person.log_odds = max(-body.LOG_ODDS_MAX, min(body.LOG_ODDS_MAX, person.log_odds))
-        if person.share >= p.visible_min:
+        if person.share >= p.visible_min and person.head_in_view:
             person.learn_height(looks, p.low_share)
 
     # -- identities, births, deaths ---------------------------------------------------------------------------------
@@ -249,7 +252,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             mine, known, total = samples[i].visible(pose, people.tall[i])
             person.inside, person.known = min(1.0, total / frame.whole_patches(pose)), known / total if total else 1.0
             person.share, person.patches = mine / max(known, TINY) * min(1.0, 1.25 * person.inside), total
-            person.head_in_view = frame.in_view(pose)
+            person.head_in_view = frame.in_view(pose) and frame.in_view(np.array([*pose[:2], person.tall_m]))
             visible = person.share >= self.params.visible_min
             if not person.confirmed:
                 person.shape = samples[i].against_thing(pose, people.tall[i]) if visible else 0.0
@@ -312,11 +315,16 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         for newcomer, before, odds in self._known(sure, p.floor_m2):  # before those who may be nobody
             self._continue(newcomer, before, odds)
         for q in sure:
-            if not q.confirmed:
+            if not q.confirmed and not (q.cut_off and self._may_be_known(q)):
                 self._confirm(q, f"existence {q.existence:.2f}, log-odds of a person {self._personhood(q):.1f}")
         for newcomer, before, odds in self._known([q for q in new if not q.confirmed], p.floor_m2):
             if odds > KNOWN_ODDS:
                 self._continue(newcomer, before, odds)
+
+    def _may_be_known(self, newcomer: Person) -> bool:
+        """Whether somebody lost or departed can have come to where a newcomer was seen first."""
+        known = [*self._departed, *(q for q in self._people if q.confirmed and q.share < self.params.visible_min)]
+        return any(within_reach(q, newcomer) for q in known)
 
     def _personhood(self, person: Person) -> float:
         """Log-odds of a person against a thing, by shape and own movement, and by height as far as the head is in view:

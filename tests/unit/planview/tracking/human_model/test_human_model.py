@@ -8,12 +8,12 @@ import pytest
 
 from calib.errors import InputError
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
-from planview.maps.pixels import BACKGROUND_SEEN
+from planview.maps.pixels import BACKGROUND_SEEN, PixelRays
 from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
 from planview.tracking.human_model.births import FloorPlaces, births
-from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks, rays_of
+from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks
 from planview.tracking.human_model.silhouette import silhouette
 from planview.tracking.human_model.walker import ModelMatch, matches
 from planview.tracking.joint import _kernels as kernels
@@ -157,7 +157,7 @@ def test_grey_video_is_tracked_without_colours() -> None:
 
 
 COLOURLESS = PARAMS.model_copy(update={"colour_weight": 0.0})
-RAYS = rays_of(CAMERA)
+RAYS = PixelRays.of(CAMERA)
 TALL = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 NOBODY = np.zeros(0, np.int64)
 SAME = np.ones((kernels.PARTS, 200), np.float32)
@@ -209,7 +209,7 @@ def test_boxes_hold_what_the_camera_projects_of_bodies_and_their_reach(lens):
     image = camera.project(poses[:, None] * (1.0, 1.0, 0.0) + tops)
     expected = np.nan_to_num(np.concatenate([image.min(axis=1), image.max(axis=1)], axis=1)).astype(np.int64)
     frame = explained(Observation(0, 0.0, None, np.zeros((120, 160), np.uint8)))
-    found = frame.boxes(rays_of(camera), poses)
+    found = frame.boxes(PixelRays.of(camera), poses)
     seen = np.isfinite(image).all(axis=(1, 2))
     assert seen.any() and found[seen].tolist() == expected[seen].tolist()
     assert all(box[0] < 0 and box[2] >= camera.width for box in found[~seen].tolist())

@@ -119,6 +119,27 @@ def test_a_newcomer_who_may_be_nobody_claims_no_identity_before_one_who_is_repor
     assert (sure.track_id, sure.confirmed, ghost.track_id, ghost.confirmed) == (1, True, 3, False)
 
 
+def test_of_whom_the_head_is_out_of_view_is_nobodys_height_and_no_stranger():
+    tracker = JointTracker()
+    gone, legs = newcomer(1, -1.5, 0.0, 8.0), newcomer(2, 0.0, 1.0, 8.0)
+    gone.tall_m, legs.height_m, legs.inside = 1.9, 0.8, 0.4
+    tracker._departed, tracker._people = [gone], [legs]
+    tracker._log.begin(1.3)
+    tracker._recognise()
+    assert not legs.confirmed
+    legs.inside = 0.9  # all but the head: a stranger now
+    tracker._recognise()
+    assert legs.confirmed and legs.track_id == 1
+
+
+def test_legs_alone_are_as_tall_as_anybody():
+    low = oblique_camera(height_m=1.0, tilt_deg=75.0)
+    tracker = JointTracker()
+    for n in range(12):
+        states = tracker.update(observed(n, n / 15, look_at(low, [(-0.5 + 0.08 * n, 1.2, 1.75)] if n > 2 else [])))
+    assert [s.height_m for s in states] == [pytest.approx(body.HEIGHT_MEAN_M)]
+
+
 def test_who_enters_far_from_where_another_left_is_someone_else():
     def scene(t: float) -> list[tuple[float, float, float]]:
         if t < 1.0:
