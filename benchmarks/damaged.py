@@ -24,7 +24,7 @@ from planview.output.script import run
 from planview.synthetic.assets import real_recordings
 from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories
-from stereo.recording import RgbdFrame, StereoFrame
+from stereo.recording import RgbdFrame, StereoFrame, VideoFrame
 
 Rng = np.random.Generator
 SHAKE_PX = 12
@@ -71,7 +71,8 @@ def after(frame: Frame, kind: str, rng: Rng) -> Frame:
     if isinstance(frame, RgbdFrame):
         depth = np.full_like(frame.depth_m, np.nan) if kind in RANGES else frame.depth_m
         return replace(frame, image=of(frame.image), depth_m=of(depth) if kind == "shaken" else depth)
-    return replace(frame, image=of(frame.image))  # type: ignore[union-attr]
+    assert isinstance(frame, VideoFrame)
+    return replace(frame, image=of(frame.image))
 
 
 class Damaged:
