@@ -83,7 +83,15 @@ def require_file(path: Path, what: str) -> int:
     try:
         return file_size(path)
     except UnreadableError as error:
-        raise InputError(f"{path}: expected {what}, found {error}") from error
+        raise (
+            missing(path) if not os.path.lexists(path) else InputError(f"{path}: expected {what}, found {error}")
+        ) from error
+
+
+def missing(path: Path) -> InputError:
+    """The error of a path that is not there, about its folder where that is not there either."""
+    where = path if path.parent.exists() else path.parent
+    return InputError(f"{where}: no such file or folder")
 
 
 def read_text(path: Path, what: str, max_bytes: int = MAX_BYTES) -> str:

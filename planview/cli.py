@@ -14,9 +14,12 @@ from importlib import import_module
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
 from traceback import extract_tb
-from typing import Any, Literal, TextIO, cast
+from typing import TYPE_CHECKING, Any, Literal, TextIO, cast
 
 from cyclopts import App, Group, Parameter
+
+if TYPE_CHECKING:
+    from cyclopts import CycloptsError
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads of small matrices wait for each other on a busy machine
 COMMANDS = {
@@ -52,6 +55,7 @@ CALIBRATE = {
     "ui": ("calibrate", "Calibrate in the browser."),
 }
 USAGE = {
+    "run": "RECORDING [RIGHT] --out FOLDER [OPTIONS]",
     "evaluate": "TRACKS [TRUTH] [OPTIONS]",
     "report": "FOLDER [FOLDER ...] [OPTIONS]",
     "plot": "RUN [RUN ...] [OPTIONS]",
@@ -64,6 +68,7 @@ def make_app(words: Sequence[str] = ()) -> App:
     app = App(
         name="planview",
         help="Stereo depth plan-view people tracking.",
+        help_epilogue="Exit status: 0 done, 1 the work failed, 2 wrong usage or bad input, 130 interrupted.",
         version=lambda: version("planview"),
         version_flags=["--version", "-v"],
         default_parameter=Parameter(negative_iterable=(), show_default=_default),
@@ -147,7 +152,7 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
         from cyclopts import CycloptsError
 
         if isinstance(error, CycloptsError):
-            _fail(" ".join(str(error).split()), 2)
+            _fail(_usage_error(error), 2)
         what = " ".join(str(error).split())
         _fail(f"unexpected {type(error).__name__}: {what} (the traceback is in {_traceback_file(error)})", 1)
 
@@ -168,6 +173,25 @@ def _foreign_library(error: BaseException | None) -> str:
                     return f"{file}: {what} ({' '.join(str(error).split())}); unset PYTHONPATH"
         error = error.__cause__ or error.__context__
     return ""
+
+
+def _usage_error(error: CycloptsError) -> str:
+    """What is wrong with the words of the command line."""
+    from cyclopts import CoercionError, MissingArgumentError, UnusedCliTokensError
+
+    argument = getattr(error, "argument", None)
+    if isinstance(error, MissingArgumentError) and argument is not None:
+        command = " ".join(error.command_chain or ())
+        shown = argument.names[0] if argument.names else argument.name
+        option = f"{shown} {'FOLDER' if shown == '--out' else 'VALUE'}" if shown.startswith("--") else shown
+        return f"{command} needs {option}"
+    if isinstance(error, UnusedCliTokensError):
+        return f"unexpected argument {' '.join(error.unused_tokens or ())!r}"
+    if isinstance(error, CoercionError) and getattr(error.target_type, "__name__", "") in ("float", "int"):
+        kind = "a whole number" if error.target_type is int else "a number"
+        found = error.token.value if error.token else ""
+        return f"{argument.name if argument else 'value'}: expected {kind}, found {found!r}"
+    return " ".join(str(error).split())
 
 
 class UnheardOutput:

@@ -17,6 +17,7 @@ from calib.formats import load_rig
 from calib.formats.one_camera import holds_one_camera, load_one_camera
 from calib.ground_camera import GroundCamera
 from calib.images import as_colour, as_grey, write_image
+from calib.io import missing
 from calib.types import F64, U8
 from planview.checks.camera import Steadiness
 from planview.checks.check import Check, at_least, between
@@ -146,7 +147,7 @@ def examine(
         WorkError: not one frame can be decoded.
     """
     if not path.exists():
-        raise InputError(f"{path}: expected a recording (folder or video), found nothing there")
+        raise missing(path)
     options = options or OpenOptions()
     try:
         if video := _video_of_one(path, options):

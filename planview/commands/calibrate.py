@@ -318,7 +318,9 @@ def _pair(text: str) -> tuple[str, str]:
     return names[0], names[1]
 
 
-def calibrate_ui(recording: Path, *, out: Path = Path("."), calibration: Path | None = None, port: int = 8600) -> None:
+def calibrate_ui(
+    recording: Path, /, *, out: Path = Path("."), calibration: Path | None = None, port: int = 8600
+) -> None:
     """Calibrate in the browser: draw standing people or floor points, see the fit and how well it is known, export.
 
     Example: planview calibrate ui street.mp4 --out calibration

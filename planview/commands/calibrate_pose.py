@@ -91,7 +91,7 @@ def parse_points(texts: Sequence[str]) -> tuple[F64, bool]:
     return np.array(rows), len(rows[0]) == 2
 
 
-def calibrate_floor(recording: Path, *, options: FloorOptions = FloorOptions()) -> None:
+def calibrate_floor(recording: Path, /, *, options: FloorOptions = FloorOptions()) -> None:
     """Find the floor in a stereo recording as a run does; print it, and write world.toml with --out or --save.
 
     Example: planview calibrate floor my_recording --out floor/world.toml
@@ -225,7 +225,7 @@ class HumanOptions:
     json_output: JsonFlag = False
 
 
-def calibrate_human(samples: Path, *, options: HumanOptions = HumanOptions()) -> None:
+def calibrate_human(samples: Path, /, *, options: HumanOptions = HumanOptions()) -> None:
     """Calibrate one camera from standing people: height, tilt and focal length, written to camera.toml.
 
     Example: planview calibrate human samples.csv --image-size 640x480 --lens normal-wide --out camera.toml

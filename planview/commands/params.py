@@ -20,7 +20,7 @@ from planview.engine.config import Config
 from planview.output.progress import PlainConsole
 
 
-def params(pattern: str = "", *, all_: Annotated[Flag, Parameter(name="--all")] = False) -> None:
+def params(pattern: str = "", /, *, all_: Annotated[Flag, Parameter(name="--all")] = False) -> None:
     """List the parameters of a run, with default, range and meaning; of one alone, also its reason and source.
 
     Example: planview params

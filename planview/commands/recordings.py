@@ -54,7 +54,7 @@ class CheckOptions:
     json_output: JsonFlag = False
 
 
-def check(recording: Path, right: Path | None = None, *, options: CheckOptions = CheckOptions()) -> None:
+def check(recording: Path, right: Path | None = None, /, *, options: CheckOptions = CheckOptions()) -> None:
     """Check a recording and its calibration before trusting results; exit status 1 when a check fails.
 
     Example: planview check recording --person-height 1.78m --out pictures

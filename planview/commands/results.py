@@ -17,7 +17,7 @@ from cyclopts import Parameter
 from rich.progress import track
 
 from calib.errors import InputError, WorkError
-from calib.io import reason
+from calib.io import missing, reason
 from planview.commands.options import Flag, frame_span, in_range
 from planview.output.folder import rrd_parts
 from planview.output.plot import PANELS, NamedTracks, Panel, figure_of, save_figure
@@ -45,9 +45,9 @@ def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -
         True people; truth.csv of each recording when not given.
     """
     if not folders:
-        raise InputError("planview report: expected the folder of a run, found none")
+        raise InputError("report needs the folder of a run")
     if len(folders) == 1 and out is not None:
-        raise InputError("--out: expected several runs with it (the page of one is report.html in its folder)")
+        raise InputError("--out is for a page of several runs; the page of one is report.html in its folder")
     if len(folders) == 1:
         page = write_report(folders[0], truth=truth)
     else:
@@ -88,7 +88,7 @@ def plot(
         Plots to draw, all when not given; can be repeated.
     """
     if not runs:
-        raise InputError("planview plot needs the folder of a run")
+        raise InputError("plot needs the folder of a run")
     files = [tracks_file(run) for run in runs]
     parents = [file.parent.resolve().name if file.name == "tracks.csv" else file.stem for file in files]
     names = parents if len(set(parents)) == len(parents) else [str(run) for run in runs]
@@ -123,7 +123,7 @@ class RenderOptions:
     """Leave out the floor from above."""
 
 
-def render(folder: Path, *, options: RenderOptions = RenderOptions()) -> None:
+def render(folder: Path, /, *, options: RenderOptions = RenderOptions()) -> None:
     """Draw a run: boxes, ids, trails, a metre grid on the floor, the floor from above, and what was counted.
 
     The images are read from the recording again; if it is gone, only the floor is shown.
@@ -138,9 +138,9 @@ def render(folder: Path, *, options: RenderOptions = RenderOptions()) -> None:
         Output folder of a run.
     """
     if options.every < 1 or not 0 <= options.trail <= 3600:
-        raise InputError("--every, --trail: expected a number from 1 and a time of 0 to 3600 s, found others")
+        raise InputError("--every is 1 or more, --trail 0 to 3600 s")
     if options.frame is None and options.out is not None and options.out.suffix.lower() in (".png", ".jpg", ".jpeg"):
-        raise InputError(f"--out: expected --frame N with a picture, found none with {options.out}")
+        raise InputError(f"{options.out} is one picture: add --frame N")
     console = PlainConsole(stderr=True, soft_wrap=True)
     # The engine's parts take half a second.
     from planview.output.render import SceneComposer, frames_or_none, scene_pictures_of, write_still, write_video
@@ -169,7 +169,7 @@ def render(folder: Path, *, options: RenderOptions = RenderOptions()) -> None:
     console.print(str(path))
 
 
-def view(folder: Path, *, port: int = 9876, web: Flag = False, web_port: int = 9090) -> None:
+def view(folder: Path, /, *, port: int = 9876, web: Flag = False, web_port: int = 9090) -> None:
     """Open a run in the rerun viewer, which listens on this machine only and sends no usage statistics.
 
     Example: planview view out
@@ -190,7 +190,11 @@ def view(folder: Path, *, port: int = 9876, web: Flag = False, web_port: int = 9
     """
     recording = folder if folder.suffix == ".rrd" else folder / "run.rrd"
     if not recording.is_file():
-        raise InputError(f"{folder / 'run.rrd'}: expected a rerun recording, found none; add --rrd to planview run")
+        raise (
+            InputError(f"{folder}: no run.rrd in it; planview run --rrd writes one")
+            if folder.exists()
+            else missing(folder)
+        )
     parts = [recording] if folder.suffix == ".rrd" else rrd_parts(recording)
     viewer = Path(sysconfig.get_path("scripts")) / "rerun"
     command = [str(viewer), "--bind", "127.0.0.1", "--port", str(port)]

@@ -110,6 +110,7 @@ class TrackingOptions:
 def run(
     recording: Path,
     right: Path | None = None,
+    /,
     *,
     out: Annotated[Path | None, _Out] = None,
     options: TrackingOptions = TrackingOptions(),
@@ -248,6 +249,7 @@ def _track(
 
 def replay(
     folder: Path,
+    /,
     *,
     frame: int,
     set_: OneSetting = (),

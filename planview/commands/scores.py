@@ -16,7 +16,7 @@ from rich.table import Table
 
 from calib.errors import InputError
 from calib.formats.one_camera import load_one_camera
-from calib.io import reason, require_file
+from calib.io import missing, reason, require_file
 from planview.commands.options import Flag, Ignored, JsonFlag, Region, checked, frame_span
 from planview.counting.events import read_events, write_event_header, write_event_rows
 from planview.counting.rules import AnalyticsParams, RulePlane, load_rules, stereo_plane
@@ -63,7 +63,7 @@ class EvaluateOptions:
     json_output: JsonFlag = False
 
 
-def evaluate(tracks: Path, truth: Path | None = None, *, options: EvaluateOptions = EvaluateOptions()) -> None:
+def evaluate(tracks: Path, truth: Path | None = None, /, *, options: EvaluateOptions = EvaluateOptions()) -> None:
     """Score tracks against truth: CLEAR, IDF1, HOTA, position errors and significant errors.
 
     With two folders, recordings are paired by name, scored one by one, then all together.
@@ -119,9 +119,11 @@ def _truth_of(tracks: Path) -> Path:
     """The truth of the recording that a run tracked."""
     run = RunFolder.around(tracks)
     if run is None:
-        raise InputError(f"{tracks}: expected a file of truth after it, since no run.json names its recording")
+        if not tracks.exists():
+            raise missing(tracks)
+        raise InputError(f"{tracks}: no truth given, and no run.json here names the recording; add the truth file")
     if run.truth_file is None:
-        raise InputError(f"{run.recording}: expected the truth of the run's recording, found none; name a file")
+        raise InputError(f"{run.recording} has no truth.csv; add the truth file")
     return run.truth_file
 
 
@@ -175,25 +177,26 @@ def print_evaluation(result: Evaluation, console: Console, title: str, *, listed
     """The main figures in a line, all as a table, position errors by group, then every significant error."""
     values = result.to_json()
     console.print(f"{title}: {result.headline}", highlight=False, soft_wrap=True)
-    table = Table(title=f"{values['truth_rows']} truth rows ({values['ignored_rows']} too hidden, ignored)")
+    table = Table(
+        title=f"{values['truth_rows']:,} positions in the truth ({values['ignored_rows']:,} too hidden, ignored)"
+    )
     table.add_column("figure")
     table.add_column("value", justify="right")
     for row in evaluation_rows(values):
         table.add_row(*row)
     console.print(table)
     console.print(
-        "switches: every change of a person's id, including brief ones between people in contact; strict identity "
-        "changes: those that last, two for two people who take each other's ids, and ids that pass to another person; "
-        "upper: at most, with 95 % confidence",
+        "id switches: every id change, including brief ones between people in contact; lasting identity changes: two "
+        "when two people swap ids, and ids that pass to another person; at most: with 95 % confidence",
         highlight=False, soft_wrap=True,
     )  # fmt: skip
-    table = Table("group", "truth rows", "matched [%]", "position error [m]", "deviation [m]")
+    table = Table("group", "positions", "matched [%]", "position error [m]", "standard deviation [m]")
     for key, text in (("by_distance", "{} m away"), ("by_visibility", "{} visible"), ("by_people", "{} people")):
         for row in values[key]:
             if row["truth_rows"]:
                 errors = (figure_text(row[f"position_error_{name}_m"]) for name in ("mean", "std"))
                 matched = f"{100 * row['matches'] / row['truth_rows']:.1f}"
-                table.add_row(text.format(row["group"]), str(row["truth_rows"]), matched, *errors)
+                table.add_row(text.format(row["group"]), f"{row['truth_rows']:,}", matched, *errors)
     console.print(table)
     if result.alignment is not None:
         console.print("tracks laid over the truth:", values["alignment"])
@@ -235,7 +238,7 @@ class CountOptions:
     json_output: JsonFlag = False
 
 
-def count(tracks: Path, *, rules: Path, options: CountOptions = CountOptions()) -> None:
+def count(tracks: Path, /, *, rules: Path, options: CountOptions = CountOptions()) -> None:
     """Count line crossings, zone occupancy and queues in tracks; write events.csv and counts.json.
 
     Example: planview count out/tracks.csv --rules rules.toml --json
@@ -309,7 +312,7 @@ def _write_counts(tracks: Path, folder: Path | None, counts: Counts, result: dic
 
 def _plane(camera: Path | None, rig: Path | None, run: RunFolder | None) -> RulePlane:
     if camera is not None and rig is not None:
-        raise InputError("expected --camera or --rig, found both")
+        raise InputError("--camera and --rig cannot be combined")
     if camera is not None:
         return RulePlane(load_one_camera(camera))
     if rig is not None:

@@ -43,7 +43,7 @@ class SweepOptions:
 
 
 def sweep(
-    sources: Annotated[Sequence[Path], Parameter(consume_multiple=True)], *, options: SweepOptions = SweepOptions()
+    sources: Annotated[Sequence[Path], Parameter(consume_multiple=True)], /, *, options: SweepOptions = SweepOptions()
 ) -> None:
     """Run recordings with many configurations and seeds, score them against truth and rank the configurations.
 

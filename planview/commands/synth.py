@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 def synth(
     scene: Path,
     out: Path,
+    /,
     *,
     frames: Annotated[int | None, Parameter(help="Render the first N frames only.")] = None,
     scale: Annotated[float, Parameter(help="Factor on the image size, e.g. 0.5.")] = 1.0,

@@ -16,7 +16,7 @@ from cyclopts import Parameter
 from calib.errors import InputError
 from calib.io import read_text
 from planview.commands.options import Flag, Ignored, JsonFlag, Region, open_options
-from planview.output.finished import edit_run, read_steps, refine_run, undo_edits
+from planview.output.finished import edit_run, refine_run, scores_of_refinement, undo_edits
 from planview.output.progress import PlainConsole
 from planview.output.run_folder import RunFolder
 from planview.trajectories.file import limited, region_of
@@ -50,16 +50,16 @@ class EditOptions:
     shorter: float | None = None
     """Delete tracks that were confirmed for less, in seconds."""
     undo: Flag = False
-    """Undo the last call."""
+    """Undo the last call; after all edits, the refinement."""
     undo_all: Flag = False
-    """Undo all calls: tracks.csv is as the run wrote it."""
+    """Undo all calls and the refinement: tracks.csv is as the tracker wrote it."""
     refine: Flag = False
     """Improve the tracks instead, since the whole recording is known: fragments of one person are joined, and positions
     smoothed backwards. tracks_online.csv keeps the online tracks; refinement.csv gives the reason of every change."""
     json_output: JsonFlag = False
 
 
-def edit(out: Path, *, options: EditOptions = EditOptions()) -> None:
+def edit(out: Annotated[Path, Parameter(name="RUN")], /, *, options: EditOptions = EditOptions()) -> None:
     """Join, split, delete and rename tracks of a finished run, one by one or by rule; every edit can be undone.
 
     edits.json lists what was done, and tracks_before.csv keeps the tracks without any edit. Counts are not updated: run
@@ -80,28 +80,30 @@ def edit(out: Path, *, options: EditOptions = EditOptions()) -> None:
     """
     lines = _lines(options)
     if options.undo + options.undo_all + options.refine + bool(lines) > 1:
-        raise InputError("expected edits, --undo, --undo-all or --refine, found several of these")
+        raise InputError("edits, --undo, --undo-all and --refine cannot be combined")
     if options.refine:
         refined, _ = refine_run(out)
         counts = dict.fromkeys(("join", "smooth"), 0) | Counter(change.kind for change in refined.changes)
         if options.json_output:
             print(json.dumps({"changes": counts, "rows": len(refined.tracks)}))
         else:
-            text = ", ".join(f"{kind} {number}" for kind, number in counts.items())
-            PlainConsole(stderr=True, soft_wrap=True).print(f"{out / 'tracks.csv'}: {text}")
+            console = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
+            console.print(f"{out / 'tracks.csv'}: {counts['join']} joins, {counts['smooth']} paths smoothed")
+            if scores := scores_of_refinement(out):
+                console.print(f"{scores}; planview edit {out} --undo takes the refinement back")
         return
     if options.undo or options.undo_all:
-        result = undo_edits(out, len(read_steps(out)) if options.undo_all else 1)
+        result = undo_edits(out, everything=options.undo_all)
     elif lines:
         result = edit_run(out, lines)
     else:
-        raise InputError("expected at least one edit (--join, --delete, ...; planview edit --help), found none")
+        raise InputError("edit needs an edit: --join, --delete, ... (planview edit --help)")
     if options.json_output:
         print(json.dumps(result._asdict()))
         return
     PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(
         f"{out / 'tracks.csv'}: people {result.people_before} -> {result.people}, "
-        f"rows {result.rows_before} -> {result.rows}; edits that can be undone: {result.steps}"
+        f"rows {result.rows_before:,} -> {result.rows:,}; {result.steps or 'nothing'} left to undo"
     )
 
 
@@ -155,7 +157,7 @@ class ExportOptions:
     """Calibration of the recording, for --cloud, if it is not in it."""
 
 
-def export(tracks: Path, *, to: ExportName | None = None, options: ExportOptions = ExportOptions()) -> None:
+def export(tracks: Path, /, *, to: ExportName | None = None, options: ExportOptions = ExportOptions()) -> None:
     """Write tracks in the format of another program: pedpy (PeTrack text), ped-data-archive (HDF5), jupedsim (sqlite),
     motchallenge, parquet, csv or jsonl; or the scene they walk in.
 
@@ -178,7 +180,7 @@ def export(tracks: Path, *, to: ExportName | None = None, options: ExportOptions
         Format to write.
     """
     if (to is None) == (options.cloud is None):
-        raise InputError(f"expected --to with a format ({', '.join(FORMATS)}) or --cloud with a file, one of them")
+        raise InputError(f"export needs --to with a format ({', '.join(FORMATS)}), or --cloud with a file")
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     if options.cloud is not None:
         from planview.engine.setup import write_cloud
@@ -204,7 +206,7 @@ def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions, console
         raise error if str(source) in str(error) else error.about(str(source)) from error
     if options.out == Path("-"):
         if to != "jsonl":
-            raise InputError(f"--out -: expected --to jsonl, found {to}")
+            raise InputError(f"only --to jsonl can be written to standard output, not {to}")
         stream_jsonl(sys.stdout, file.table)
         return
     out = options.out or source.with_name(f"{source.stem}_{to}{FORMATS[to].suffix}")
@@ -222,8 +224,8 @@ def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions, console
 
 def _refuse_existing(out: Path, source: Path, overwrite: bool) -> None:
     if out.exists() and out.resolve() == source.resolve():
-        raise InputError(f"{out}: expected another file than the one that is read")
+        raise InputError(f"{out} is the file that is read; choose another")
     if out.is_dir():
-        raise InputError(f"{out}: expected a file to write, found a folder")
+        raise InputError(f"{out} is a folder; name a file")
     if out.exists() and not overwrite:
         raise InputError(f"{out}: exists; choose another file or add --overwrite")

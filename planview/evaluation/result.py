@@ -90,6 +90,26 @@ _CLEAR = ("fragmentations", "mostly_tracked", "mostly_lost", "misses", "false_po
 KINDS: tuple[ErrorKind, ...] = ("lost", "missed", "swapped", "transferred", "false_track")
 
 
+LABELS = {
+    "people": "people in the truth", "tracked_people": "people tracked", "truth_rows": "positions in the truth",
+    "mota": "MOTA", "motp_m": "MOTP [m]", "idf1": "IDF1", "hota": "HOTA", "det_a": "detection accuracy (HOTA)",
+    "ass_a": "association accuracy (HOTA)", "switches": "id switches", "switches_per_minute": "id switches per minute",
+    "fragmentations": "interruptions of tracks", "mostly_tracked": "people tracked for 80 % of their time or more",
+    "mostly_lost": "people tracked for less than 20 %", "misses": "positions missed",
+    "false_positives": "positions where nobody is", "position_error_mean_m": "position error, mean [m]",
+    "position_error_std_m": "position error, standard deviation [m]", "height_error_mean_m": "height error, mean [m]",
+    "significant_errors_per_10_min": "significant errors in 10 min",
+    "significant_errors_per_10_min_upper": "significant errors in 10 min, at most",
+    "events": "moments with such errors",
+    "events_per_10_min": "such moments in 10 min", "events_per_10_min_upper": "such moments in 10 min, at most",
+    "strict_identity_changes": "lasting identity changes", "strict_per_10_min": "lasting identity changes in 10 min",
+    "ignored_rows": "positions too hidden to count", "track_rows": "positions tracked", "matches": "positions matched",
+    "duration_s": "duration [s]", "track_frames": "frames with tracks",
+    "covered_frames": "frames with tracks and truth",
+}  # fmt: skip
+"""What people call the figures of ``Evaluation.to_json``."""
+
+
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """Scores of one run, or of several together.

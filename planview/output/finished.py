@@ -12,6 +12,7 @@ from typing import NamedTuple
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from calib.errors import InputError
+from calib.io import missing
 from calib.params import first_problem
 from planview.offline.edit import edited
 from planview.offline.refine import Refined, changes_csv, refine
@@ -42,7 +43,7 @@ class _EditsFile(BaseModel):
 
 
 class EditedRun(NamedTuple):
-    """How many steps there are since ``tracks_before.csv``, and rows and people before and after the call."""
+    """How many steps can be undone, and rows and people before and after the call."""
 
     steps: int
     rows_before: int
@@ -63,15 +64,47 @@ def edit_run(folder: Path, lines: Sequence[str]) -> EditedRun:
         return _rewrite(folder, [*read_steps(folder), step])
 
 
-def undo_edits(folder: Path, steps: int) -> EditedRun:
-    """Undo the last calls; without any left, ``tracks.csv`` is what it was, byte for byte. Raises InputError: as
-    ``edit_run``, or fewer calls than that."""
-    _readable_run(folder)
+def undo_edits(folder: Path, *, everything: bool = False) -> EditedRun:
+    """Undo the last call of edits or, where none is left, the refinement; or all of them, after which ``tracks.csv`` is
+    what the tracker wrote, byte for byte. Raises InputError: as ``edit_run``, or nothing to undo."""
+    info = _readable_run(folder)
     with folder_lock(folder):
         done = read_steps(folder)
-        if not 0 < steps <= len(done):
-            raise InputError(f"{folder}: expected at least {max(steps, 1)} edits to undo, found {len(done)}")
-        return _rewrite(folder, done[:-steps])
+        if not done and not info.refined:
+            raise InputError(f"{folder}: nothing to undo")
+        now = RunFolder(folder)
+        before = {"rows_before": len(now.tracks), "people_before": len(now.people)}
+        result = _rewrite(folder, [] if everything else done[:-1]) if done else None
+        if info.refined and (everything or not done):
+            result = _without_refinement(folder)
+        assert result is not None
+        return result._replace(**before)
+
+
+def _without_refinement(folder: Path) -> EditedRun:
+    tracks, online = folder / "tracks.csv", folder / "tracks_online.csv"
+    if not online.is_file():
+        raise InputError(f"{online}: the tracks before the refinement are missing")
+    write_result(tracks, online.read_text(encoding="utf-8"))
+    run = RunFolder(folder)
+    write_run_info(run.info.model_copy(update={"refined": False, "people": len(run.people)}), folder / "run.json")
+    for path in (online, folder / "refinement.csv"):
+        path.unlink(missing_ok=True)
+    write_report(folder)
+    return EditedRun(0, 0, len(run.tracks), 0, len(run.people))
+
+
+def scores_of_refinement(folder: Path) -> str:
+    """How a refinement changed the scores, "better", "worse" or "equal" first; empty where the recording has no
+    truth."""
+    refined = RunFolder(folder)
+    if refined.truth_file is None:
+        return ""
+    online = RunFolder(folder, other_tracks=read_tracks(folder / "tracks_online.csv"))
+    before, after = (run.evaluated() for run in (online, refined))
+    odds = [(after.mota or 0) - (before.mota or 0), (after.idf1 or 0) - (before.idf1 or 0)]
+    verdict = "worse" if min(odds) < -5e-4 else "better" if max(odds) > 5e-4 else "equal"
+    return f"{verdict} against the truth: {before.headline} -> {after.headline}"
 
 
 def read_steps(folder: Path) -> list[EditStep]:
@@ -94,7 +127,7 @@ def _readable_run(folder: Path) -> RunInfo:
     """run.json; refuses, before anything changes, what is no finished run or what no page could be written from."""
     info = finished_run(folder) if folder.is_dir() else None
     if info is None:
-        raise InputError(f"{folder}: expected the folder of a finished run, found none")
+        raise InputError(f"{folder}: no finished run in it") if folder.exists() else missing(folder)
     tracks = RunFolder(folder).read_all().tracks
     read_decision_log(folder / "decisions.csv", set(tracks.track_id.tolist()))
     return info
@@ -120,7 +153,7 @@ def _rewrite(folder: Path, steps: list[EditStep]) -> EditedRun:
     people = len(people_of(after, run.frame_s))
     write_run_info(run.info.model_copy(update={"people": people}), folder / "run.json")
     write_report(folder)
-    return EditedRun(len(steps), rows_before, len(after), people_before, people)
+    return EditedRun(len(steps) + run.info.refined, rows_before, len(after), people_before, people)
 
 
 def refine_run(folder: Path) -> tuple[Refined, RunInfo]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.io import entries, refuse_unreadable
+from calib.io import entries, missing, refuse_unreadable
 from calib.world import RIGS_FILE, load_rigs
 from stereo.readers.bags.layout import READER as BAG
 from stereo.readers.base import (
@@ -102,7 +102,7 @@ def find_reader(path: Path) -> Reader:
     if reader := next((reader for reader in READERS if reader.fits(path)), None):
         return reader
     if not path.exists():
-        raise InputError(f"{path}: expected a recording (folder or file), found nothing there")
+        raise missing(path)
     if foreign := _foreign_text(path) or _nearly_text(path):
         raise InputError(f"{path}: expected a recording, found {foreign}")
     looked_for = "; ".join(reader.looks_for for reader in READERS)
@@ -153,7 +153,7 @@ def _two_paths(left: Path, options: OpenOptions) -> Layout:
     paths = left, options.right or left
     for path in paths:
         if not path.exists():
-            raise InputError(f"{path}: expected a video or a folder of images of one camera, found nothing there")
+            raise missing(path)
     folder = Path(os.path.commonpath([path.resolve().parent for path in paths]))
     if all(map(image_files, filter(Path.is_dir, paths))) and all(map(Path.is_dir, paths)):
         return sides_layout(left, in_folders(*paths), folder, options)
@@ -207,7 +207,7 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Video:
     only recordings with depth have."""
     path, options = Path(path), options or OpenOptions()
     if not path.exists():
-        raise InputError(f"{path}: expected a video or a folder of images, found nothing there")
+        raise missing(path)
     if options.topics:
         raise InputError(f"expected a bag, found {path}: one camera", argument="topics")
     if options.calibration is not None:

@@ -16,6 +16,7 @@ from planview.counting.events import way_words
 from planview.counting.totals import Clock
 from planview.drawing.style import page_of
 from planview.engine.info import CameraInfo
+from planview.evaluation.result import LABELS
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import RunInfo, write_result
 from planview.output.report import plots
@@ -173,8 +174,8 @@ def _figures(values: dict[str, Any]) -> list[Figure]:
 
 def evaluation_rows(evaluation: dict[str, Any]) -> list[Figure]:
     """The scores of an evaluation, ready to print."""
-    known = {k: v for k, v in evaluation.items() if v is None or isinstance(v, int | float)}
-    rows = [(words_of(k), figure_text(v)) for k, v in known.items()]
+    known = {k: v for k, v in evaluation.items() if k != "alignment" and (v is None or isinstance(v, int | float))}
+    rows = [(LABELS.get(k) or words_of(k), figure_text(v)) for k, v in known.items()]
     for people, facing in evaluation.get("facing", {}).items():
         rows.append((f"facing of {people}: median difference [deg]", figure_text(facing["median_deg"])))
         rows.append(
@@ -228,6 +229,8 @@ def words_of(name: str) -> str:
 def figure_text(value: object) -> str:
     if value is None:
         return "-"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return f"{value:,}"
     if isinstance(value, float):
-        return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
+        return f"{value:.4g}" if abs(value) < 1e4 else f"{value:,.0f}"
     return value if isinstance(value, str) else json.dumps(value)

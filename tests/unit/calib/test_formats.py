@@ -237,7 +237,7 @@ def test_hostile_files_are_refused_in_one_sentence(content, tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("name", "found"), [("none.yml", "nothing there"), ("", "a stereo calibration in it, found none")]
+    ("name", "found"), [("none.yml", "no such file or folder"), ("", "a stereo calibration in it, found none")]
 )
 def test_absence_of_a_calibration_is_refused(name, found, tmp_path):
     with pytest.raises(InputError, match=found):

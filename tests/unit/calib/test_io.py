@@ -86,7 +86,7 @@ def test_large_files_folders_and_absence_are_named(tmp_path):
         read_text(path, "a world.toml")
     with pytest.raises(InputError, match="found a folder"):
         load_toml(tmp_path, "a rules.toml")
-    with pytest.raises(InputError, match="nothing there"):
+    with pytest.raises(InputError, match="no such file or folder"):
         load_toml(tmp_path / "none", "a rules.toml")
 
 

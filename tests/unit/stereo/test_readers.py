@@ -140,7 +140,7 @@ def test_recording_without_images_names_what_it_found(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("hello")
     with pytest.raises(InputError, match=r"found notes\.txt"):
         open_recording(tmp_path)
-    with pytest.raises(InputError, match="nothing there"):
+    with pytest.raises(InputError, match="no such file or folder"):
         open_recording(tmp_path / "absent")
 
 

@@ -484,7 +484,7 @@ def test_command_refuses_a_height_without_sense(refused, tmp_path):
 
 
 def test_what_is_no_recording_is_refused_or_reported(tmp_path):
-    with pytest.raises(InputError, match="nothing there"):
+    with pytest.raises(InputError, match="no such file or folder"):
         examine(tmp_path / "absent")
     diagnosis = examine(tmp_path)
     assert isinstance(diagnosis, Diagnosis) and not diagnosis.ok and diagnosis.evidence is None

@@ -201,7 +201,7 @@ def test_foreign_tracks_write_nothing_next_to_them(folder, cli):
         (["--interval", "0"], "interval_s"),
         (["--window", "0", "--truth", "tracks.csv"], "--window"),
         (["--truth", "nothing.csv"], "nothing.csv"),
-        (["--camera", "a.toml", "--rig", "b.toml"], "--camera or --rig"),
+        (["--camera", "a.toml", "--rig", "b.toml"], "--camera and --rig"),
         (["--camera", "a.toml"], "a.toml"),
         (["--out", "rules.toml/x"], "cannot be written"),
     ],

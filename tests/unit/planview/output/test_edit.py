@@ -29,7 +29,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_edits_are_applied_written_down_and_taken_back(run: Path, cli: Cli) -> None:
     before = (run / "tracks.csv").read_bytes()
     assert cli("edit", run, "--split", "1@10", "--delete", "2") == (
-        0, f"{run}/tracks.csv: people 2 -> 2, rows 40 -> 20; edits that can be undone: 1\n"
+        0, f"{run}/tracks.csv: people 2 -> 2, rows 40 -> 20; 1 left to undo\n"
     )  # fmt: skip
     cli("edit", run, "--rename", "3:7")
     assert set(read_tracks(run / "tracks.csv").track_id.tolist()) == {1, 7}
@@ -75,7 +75,7 @@ def test_nothing_to_undo_refinement_over_edits_and_unfinished_runs_are_refused(r
     cli("edit", run, "--delete", "2")
     assert "its tracks were edited" in cli("edit", run, "--refine")[1]
     write_run_info(RunInfo(state="interrupted"), run / "run.json")
-    assert "expected the folder of a finished run" in cli("edit", run, "--delete", "1")[1]
+    assert "no finished run in it" in cli("edit", run, "--delete", "1")[1]
 
 
 def test_export_and_count_take_regions(run: Path, cli: Cli, json_of: JsonOf) -> None:
@@ -110,6 +110,29 @@ def test_refine_keeps_the_online_tracks_is_recorded_and_starts_from_them_again(f
     assert ((folder / "tracks.csv").read_text(), (folder / "tracks_online.csv").read_text()) == once
 
 
+def test_refinement_is_undone_and_undo_all_gives_the_table_of_the_tracker(folder, cli, refused):
+    own = (folder / "tracks.csv").read_bytes()
+    assert "nothing to undo" in refused("edit", folder, "--undo")
+    assert "0 joins, 1 paths smoothed" in cli("edit", folder, "--refine")[1]
+    refined = (folder / "tracks.csv").read_bytes()
+    cli("edit", folder, "--delete", "1")
+    assert "1 left to undo" in cli("edit", folder, "--undo")[1]
+    assert (folder / "tracks.csv").read_bytes() == refined != own
+    cli("edit", folder, "--delete", "1")
+    assert "nothing left to undo" in cli("edit", folder, "--undo-all")[1]
+    assert (folder / "tracks.csv").read_bytes() == own and not read_run_info(folder / "run.json").refined
+    assert not (folder / "tracks_online.csv").exists() and not (folder / "refinement.csv").exists()
+
+
+def test_refinement_says_whether_it_made_the_tracks_better_or_worse(folder, cli):
+    recording = folder / "recording"
+    recording.mkdir()
+    rows = "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30))
+    (recording / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + rows)
+    write_run_info(RunInfo(finished=True, frames_read=30, input=str(recording)), folder / "run.json")
+    assert "equal against the truth: 1 person in the truth" in cli("edit", folder, "--refine")[1]
+
+
 def test_evaluate_distinguishes_refined_from_online_tracks(folder, cli, json_of):
     truth = folder / "truth.csv"
     truth.write_text("frame,id,x_m,y_m,height_m\n" + "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30)))
@@ -123,13 +146,13 @@ def test_evaluate_takes_the_truth_of_the_runs_recording(folder, refused, json_of
     recording.mkdir()
     refused("evaluate", folder)
     write_run_info(RunInfo(finished=True, frames_read=30, input=str(recording)), folder / "run.json")
-    assert "expected the truth of the run's recording, found none" in refused("evaluate", folder)
+    assert "has no truth.csv; add the truth file" in refused("evaluate", folder)
     rows = "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30))
     (recording / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + rows)
     assert json_of("evaluate", folder)["truth_rows"] == 30
     with pytest.raises(SystemExit, match="0"):
         main(["evaluate", str(folder)])
-    assert "strict identity changes: those that last" in " ".join(capsys.readouterr().out.split())
+    assert "lasting identity changes: two when two people swap ids" in " ".join(capsys.readouterr().out.split())
 
 
 def test_refine_needs_a_finished_run_and_the_online_tracks_of_a_refined_one(folder, cli, refused):
@@ -137,4 +160,4 @@ def test_refine_needs_a_finished_run_and_the_online_tracks_of_a_refined_one(fold
     (folder / "tracks_online.csv").unlink()
     assert "expected the online tracks" in refused("edit", folder, "--refine")
     write_run_info(RunInfo(finished=False), folder / "run.json")
-    assert "expected the folder of a finished run" in refused("edit", folder, "--refine")
+    assert "no finished run in it" in refused("edit", folder, "--refine")
