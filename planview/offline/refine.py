@@ -19,21 +19,16 @@ import numpy as np
 from calib.errors import InputError
 from calib.types import F64, Bool
 from planview.tracking import body
+from planview.tracking.joint.params import JointParams
 from planview.tracking.kalman import FloorKalman
 from planview.trajectories.table import Trajectories, concatenated, rows_by_id
 
 POSITION_STD_M = 0.05
 """Deviation of a position in the tracks [m]: about a cell of the plan-view map."""
-ACCELERATION_STD_MPS2 = 2.0
-"""Random acceleration of the constant-velocity model [m/s^2], that of the joint tracker."""
-SPEED_STD_MPS = 1.0
-"""Deviation of the unknown velocity at the start of a track, and of the mean one of a walker out of sight [m/s]."""
-HEIGHT_STD_M = 0.06
+MEDIAN_HEIGHT_STD_M = 0.06
 """Deviation of the median height of a track [m]: posture and depth noise."""
-LOW_SHARE = 0.1
-"""Share of people who sit, bend, or are children; that of the joint tracker."""
-FLOOR_M2 = 20.0
-"""Area of the floor over which strangers may appear [m^2]; that of the joint tracker."""
+JOINT = JointParams()
+"""The tracker whose floor and share of low people are taken."""
 
 
 CHANGE_COLUMNS = ("id", "first_frame", "last_frame", "kind", "reason", "value")
@@ -63,10 +58,10 @@ def changes_csv(changes: Iterable[Change]) -> str:
 def smoothed(times_s: F64, xy_m: F64, measured: Bool) -> tuple[F64, F64]:
     """(N, 2) positions [m] and velocities [m/s] at (N,) rising times [s] from (N, 2) positions where measured, the
     first among them, before and after (Rauch, Tung, Striebel 1965)."""
-    state = FloorKalman.at(float(xy_m[0, 0]), float(xy_m[0, 1]), POSITION_STD_M, SPEED_STD_MPS)
+    state = FloorKalman.at(float(xy_m[0, 0]), float(xy_m[0, 1]), POSITION_STD_M, body.SPEED_STD_MPS)
     filtered, predicted = [state], [state]  # after, and before, the measurement of every row
     for k in range(1, len(times_s)):
-        state = state.predicted(float(times_s[k] - times_s[k - 1]), ACCELERATION_STD_MPS2)
+        state = state.predicted(float(times_s[k] - times_s[k - 1]), body.ACCELERATION_MPS2)
         predicted.append(state)
         if measured[k]:
             state = state.updated(float(xy_m[k, 0]), float(xy_m[k, 1]), POSITION_STD_M)
@@ -159,18 +154,14 @@ def _log_odds(a: Trajectories, b: Trajectories) -> float:
     end, start = int(np.flatnonzero(a.state == "confirmed")[-1]), int(np.flatnonzero(_measured(b))[0])
     gone_s = float(b.timestamp_s[start] - a.timestamp_s[end])
     away_m = math.hypot(b.x_m[start] - a.x_m[end], b.y_m[start] - a.y_m[end])
-    reach_m = body.TORSO.torso_radius_m + body.SPEED_MAX_MPS * gone_s
-    if b.frame[0] <= a.frame[end] or gone_s <= 0 or away_m > reach_m:
+    if b.frame[0] <= a.frame[end] or not body.within_reach(gone_s, away_m):
         return -1.0
-    spread_m = min(body.TORSO.torso_radius_m + SPEED_STD_MPS * gone_s, math.sqrt(FLOOR_M2) / 2)
-    place = math.log(FLOOR_M2 / (2 * math.pi * spread_m**2)) - 0.5 * (away_m / spread_m) ** 2
+    place = body.same_place(gone_s, away_m, JOINT.floor_m2)
     heights = [table.height_m[(table.state == "confirmed") & np.isfinite(table.height_m)] for table in (a, b)]
     if not len(heights[0]) or not len(heights[1]):
         return place
     tall_m, height_m = (float(np.median(own)) for own in heights)
-    mine = body.stature(height_m, tall_m, math.sqrt(2) * HEIGHT_STD_M, LOW_SHARE)
-    stranger = body.stature(height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, LOW_SHARE)
-    return place + math.log(mine / ((1 - body.THINGS) * stranger + body.THINGS / body.HEIGHT_MEAN_M))
+    return place + body.same_height(height_m, 0.0, tall_m, math.sqrt(2) * MEDIAN_HEIGHT_STD_M, JOINT.low_share)
 
 
 def _measured(own: Trajectories) -> Bool:

@@ -22,6 +22,8 @@ THING_RADII = (0.12, 0.2, 0.34)
 """Radii of things over their heights, from a pillar to a crate."""
 SPEED_MAX_MPS = 2.5
 """Fastest walk [m/s]: men change to running at 2.0 to 2.5 m/s (Hreljac 1993)."""
+SPEED_STD_MPS = 1.0
+"""Deviation of a walker's speed: of one who appears, and of the mean one out of sight [m/s]."""
 ACCELERATION_MPS2 = 2.0
 """Deviation of a walker's acceleration [m/s^2]: walkers stop and turn within a second."""
 SLOW_DOWN_S = 0.7
@@ -59,6 +61,26 @@ def stature(height_m: float, tall_m: float, std_m: float, low_share: float) -> f
     """Density [1/m] of a person's height now: upright, or as likely anything lower."""
     off = (height_m - tall_m) / std_m
     return (1 - low_share) * math.exp(-0.5 * off * off) / (math.sqrt(2 * math.pi) * std_m) + low_share / tall_m
+
+
+def within_reach(gone_s: float, away_m: float) -> bool:
+    """Whether a walker unseen for a time can be this far from where it was seen last."""
+    return gone_s > 0 and away_m <= TORSO.torso_radius_m + SPEED_MAX_MPS * gone_s
+
+
+def same_place(gone_s: float, away_m: float, floor_m2: float) -> float:
+    """Log-odds that whoever appears this far from where a walker was last seen is that walker, rather than a stranger
+    somewhere on a floor of this size."""
+    spread_m = min(TORSO.torso_radius_m + SPEED_STD_MPS * gone_s, math.sqrt(floor_m2) / 2)
+    return math.log(floor_m2 / (2 * math.pi * spread_m**2)) - 0.5 * (away_m / spread_m) ** 2
+
+
+def same_height(height_m: float, std_m: float, tall_m: float, tall_std_m: float, low_share: float) -> float:
+    """Log-odds that a height, measured with a deviation, is that of a known person rather than of a stranger or a
+    thing."""
+    mine = stature(height_m, tall_m, math.hypot(tall_std_m, std_m), low_share)
+    stranger = stature(height_m, HEIGHT_MEAN_M, math.hypot(HEIGHT_STD_M, std_m), low_share)
+    return math.log(mine / ((1 - THINGS) * stranger + THINGS / HEIGHT_MEAN_M))
 
 
 class BodyTable(NamedTuple):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -280,16 +279,19 @@ class TrajectoryCollector:
     """Gathers tracks in memory, with the values that ``write_rows`` and ``read_tracks`` would give."""
 
     def __init__(self) -> None:
-        self._text = io.StringIO()
-        write_header(self._text)
+        self._rows: list[tuple[object, ...]] = []
 
     def add(self, frame: int, timestamp_s: float, tracks: Sequence[TrackState]) -> None:
         """Take one frame's tracks; every (frame, id) once."""
-        write_rows(self._text, frame, timestamp_s, tracks)
+        for track in tracks:
+            metres = (round(v, 4) for v in (track.x_m, track.y_m, track.vx_mps, track.vy_mps, track.height_m))
+            rest = (round(v, 1) for v in (*track.box_px, track.facing_deg))
+            self._rows.append((frame, round(timestamp_s, 4), track.track_id, *metres, track.state, *rest))
 
     def trajectories(self) -> Trajectories:
         """Everything gathered so far, rounded as in ``tracks.csv``: 0.1 mm, 0.1 ms, 0.1 px, 0.1 degrees."""
-        return table_of(_cells(io.StringIO(self._text.getvalue()), TRACK_COLUMNS), "tracks")
+        columns = zip(*self._rows, strict=True) if self._rows else [()] * len(TRACK_COLUMNS)
+        return table_of(dict(zip(TRACK_COLUMNS, columns, strict=True)), "tracks")
 
 
 def read_tracks(path: Path | str) -> Trajectories:

@@ -103,24 +103,18 @@ def continued(born: Sequence[P], known: Sequence[P], floor_m2: float, low_share:
 
 def within_reach(q: Person, b: Person) -> bool:
     """Whether a known person can have walked to where a newcomer was seen first."""
-    gone_s, away = b.born_s - q.seen_s, math.dist(q.at_m, b.born_m)
-    return gone_s > 0 and away <= body.TORSO.torso_radius_m + body.SPEED_MAX_MPS * gone_s
+    return body.within_reach(b.born_s - q.seen_s, math.dist(q.at_m, b.born_m))
 
 
 def _log_odds(q: Person, b: Person, known: Sequence[Person], floor_m2: float, low_share: float) -> float:
     """Log-odds of a newcomer being a known person rather than a stranger, by place, height and colours."""
-    gone_s, away = b.born_s - q.seen_s, math.dist(q.at_m, b.born_m)
     if not within_reach(q, b):
         return -1.0
-    spread = min(body.TORSO.torso_radius_m + gone_s, math.sqrt(floor_m2) / 2)
-    place = math.log(floor_m2 / (2 * math.pi * spread**2)) - 0.5 * (away / spread) ** 2
+    odds = body.same_place(b.born_s - q.seen_s, math.dist(q.at_m, b.born_m), floor_m2) + _alike(q, b, known)
     if not b.head_in_view:
-        return place + _alike(q, b, known)
+        return odds
     error = max(math.sqrt(b.height_var), body.HEIGHT_STD_M)  # newcomers show in part at first
-    mine = body.stature(b.height_m, q.tall_m, math.hypot(q.upright[1], error), low_share)
-    stranger = body.stature(b.height_m, body.HEIGHT_MEAN_M, math.hypot(body.HEIGHT_STD_M, error), low_share)
-    anything = (1 - body.THINGS) * stranger + body.THINGS / body.HEIGHT_MEAN_M
-    return place + math.log(mine / anything) + _alike(q, b, known)
+    return odds + body.same_height(b.height_m, error, q.tall_m, q.upright[1], low_share)
 
 
 def _alike(q: Person, b: Person, known: Sequence[Person]) -> float:
