@@ -33,7 +33,7 @@ SINGLE = SCENES / "single"
 """Committed scenes of single cameras; the rules of NAME.toml are in NAME.rules.toml."""
 RULES = ".rules.toml"
 WINDOW_S = 2.0
-"""Largest time between a true crossing and the one counted for it [s]: a person hesitating in a door (our choice)."""
+"""Largest time between a true crossing and the one counted for it [s]: a person hesitating in a door."""
 VISIBLE_MIN = 0.25
 """A person counts as visible from this share of the body on: a head and shoulders, or one in a row of people."""
 ACCURACY_MIN = 0.97

@@ -20,7 +20,7 @@ MAX_BYTES = 2_000_000
 MAX_TOML = 200_000
 """TOML that people write has some thousand characters; the parser takes a second for 200,000."""
 MAX_DEPTH = 32
-"""Deepest nesting of tables and lists: parsers recurse, and what people write has five (our choice)."""
+"""Deepest nesting of tables and lists: parsers recurse, and what people write has five."""
 REASONS = {
     errno.ENOENT: "nothing there", errno.EACCES: "no permission", errno.EPERM: "no permission",
     errno.ENOTDIR: "a file where a folder is expected", errno.EISDIR: "a folder",

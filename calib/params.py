@@ -1,4 +1,7 @@
-"""Base of every parameter table, and the messages for values that it refuses."""
+"""Base of every parameter table, and the messages for values that it refuses.
+
+A number in this project whose comment names no source is our choice; the comment has the reason.
+"""
 
 import ast
 import inspect
@@ -15,7 +18,7 @@ LARGEST = {"_m": 1e4, "_m2": 1e4, "_s": 1e6, "_px": 1e6, "_deg": 3600.0, "_mps":
 """Largest magnitude by the unit in a parameter's name: beyond the reach of any camera, a recording of ten days, an
 image, a person; turns add up to some rounds. A field's own range comes first."""
 SMALLEST = 1e-9
-"""Smallest magnitude of a number that is not 0: less is lost in float32 in any sum (our choice)."""
+"""Smallest magnitude of a number that is not 0: less is lost in float32 in any sum."""
 
 Location = tuple[int | str, ...]
 """Keys and list positions that lead to a value."""

@@ -104,7 +104,7 @@ class StereoRig:
             if MIN_BASELINE_M <= baseline_m / 1000 <= MAX_BASELINE_M:
                 cause = f"millimetres? converted with that unit it is {baseline_m / 1000:g} m"
             problem = f"a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, found {baseline_m:g} m ({cause})"
-        elif turn > 45.0:  # they share no view worth matching (our choice)
+        elif turn > 45.0:  # they share no view worth matching
             problem = f"cameras that look the same way, found {turn:.0f} degrees between them"
         elif abs(t[2]) > max(abs(t[0]), abs(t[1])):
             found = f"T = {[round(float(v), 4) for v in t]} m"

@@ -114,7 +114,7 @@ def load_rigs(path: Path) -> tuple[RigEntry, ...]:
         raise InputError(f"{path}: expected a rigs.toml with the key {error}, found none") from error
     except (ValueError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(f"{path}: expected a rigs.toml, found {error}") from error
-    if not 1 <= len(entries) <= 32:  # more in one world are a mistake (our choice)
+    if not 1 <= len(entries) <= 32:  # more in one world are a mistake
         raise InputError(f"{path}: expected 1 to 32 heads, found {len(entries)}")
     inside = path.parent.resolve()
     folders = [(inside / entry.folder).resolve() for entry in entries]

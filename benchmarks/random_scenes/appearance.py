@@ -18,7 +18,7 @@ TEXTURES = ("plain", "plain", "stripes", "checks", "print")
 FLOORS = (("tiles", "#a39a8a"), ("wood", "#b98f5f"), ("carpet", "#5c6a78"), ("carpet", "#786858"),
           ("concrete", "#8f959a"))  # fmt: skip
 EXPOSURE_DELAY_S = 0.7
-"""Time constant with which an automatic exposure follows the light. Our choice: webcams take 0.5 to 1 s."""
+"""Time constant with which an automatic exposure follows the light. Webcams take 0.5 to 1 s."""
 
 
 def clothes(rng: np.random.Generator) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from calib.images import as_grey
 from calib.types import F64, I64, U8
 
 MIN_SQUARE_M, MAX_SQUARE_M = 0.002, 0.5
-"""Squares outside this range are a slip of the unit: boards are held in a hand or stood in a room (our choice)."""
+"""Squares outside this range are a slip of the unit: boards are held in a hand or stood in a room."""
 MIN_CORNERS, MAX_CORNERS = 3, 60
 """Inner corners along a side."""
 MARKER_SHARES = (0.75, 0.7, 0.8, 0.6, 0.5)

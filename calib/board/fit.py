@@ -68,7 +68,7 @@ def rig_parameters(rig: StereoRig) -> dict[str, float]:
 
 
 MAX_VIEWS = 40
-"""More views of one board add little: the error falls with the root of their number (our choice)."""
+"""More views of one board add little: the error falls with the root of their number."""
 
 
 def sharpness(grey: U8, corners: Corners) -> float:
@@ -97,7 +97,7 @@ def select_views(
     """
     if len(views) <= limit:
         return list(range(len(views)))
-    # Frames less sharp than this share of the take's best tenth are moved or out of focus (our choice).
+    # Frames less sharp than this share of the take's best tenth are moved or out of focus.
     floor = 0.6 * float(np.quantile(np.asarray(sharp), 0.9))
     good = [i for i, value in enumerate(sharp) if value >= floor]
     # (n, 8) where the left image shows the four outer corners of the board, visible or not [image widths].

@@ -69,7 +69,7 @@ def fit_lenses(
             fits[lens] = fit_lens(views, points, size, lens)
     if not fits:
         raise FitError("no lens model fits the views")
-    # On views left out, no lens does better than on those it was fitted to (our choice).
+    # On views left out, no lens does better than on those it was fitted to.
     limit = 1.5 * min(fit.rms_px for fit in fits.values())
     return {lens: fit for lens, fit in fits.items() if fit.rms_px <= limit}
 
@@ -93,14 +93,14 @@ def compare_lenses(views: Sequence[BoardView], points: F64, fits: Mapping[Lens, 
 
 
 def choose_lens(tried: Sequence[LensChoice]) -> LensChoice:
-    """The simplest lens that is no worse than the best by more than 1 % (our choice: less is chance, and 0.0005 of
+    """The simplest lens that is no worse than the best by more than 1 % (less is chance, and 0.0005 of
     tangential distortion makes more)."""
     best = min(one.held_out_px for one in tried)
     return next(one for one in tried if one.held_out_px <= 1.01 * best)
 
 
 MIN_PAIRS = 5
-"""Fewer pairs leave focal length and distortion to chance (three orientations are the bare minimum; our choice)."""
+"""Fewer pairs leave focal length and distortion to chance (three orientations are the bare minimum)."""
 
 
 @dataclass(frozen=True)

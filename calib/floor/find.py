@@ -32,18 +32,18 @@ from calib.rig import Floor, world_from_plane
 from calib.types import F32, F64, I64, Bool
 
 N_CANDIDATES = 8
-"""Planes searched; a room has a floor, three walls and some furniture (our choice)."""
+"""Planes searched; a room has a floor, three walls and some furniture."""
 RANSAC_ITERATIONS = 2000
-"""Triples tried per candidate: one of 2000 hits a plane of 12 % of the remaining points with 97 % (our choice)."""
+"""Triples tried per candidate: one of 2000 hits a plane of 12 % of the remaining points with 97 %."""
 FIT_POINTS = 400_000
-"""Points used over all frames, evenly thinned (our choice, for speed)."""
+"""Points used over all frames, evenly thinned (for speed)."""
 EDGE_CELLS = (np.hypot(*np.mgrid[-2:3, -2:3]) <= 2.5).astype(np.uint8)
-"""Floor this close to something on it is left out of the last fits: within 2.5 cells (our choice: 25 px at 640 px, what
+"""Floor this close to something on it is left out of the last fits: within 2.5 cells (25 px at 640 px, what
 semi-global matching smooths over)."""
 MIN_POINTS = 1000
 """Fewer points than this are not reported."""
 SCORED = 1500
-"""Points that each plane tried is compared with (our choice, for speed)."""
+"""Points that each plane tried is compared with (for speed)."""
 
 
 def find_floor(
@@ -203,7 +203,7 @@ def _same(a: Plane, b: Plane, points: Rays) -> bool:
 
 
 MIN_FEET = 8
-"""Fewer observations of people are too few (our choice)."""
+"""Fewer observations of people are too few."""
 
 
 def floor_from_points(points: ArrayLike, name: str = "points", depth_std_m: ArrayLike | None = None) -> Floor:
@@ -295,9 +295,9 @@ def floor_from_people(people: PeopleSeen, start: Floor, name: str = "tracks") ->
 
 
 FOOT_STD_M = 0.08
-"""A foot's observed point is off by half a shoe and the noise of depth [m] (our choice)."""
+"""A foot's observed point is off by half a shoe and the noise of depth [m]."""
 HEAD_STD_M = 0.06
-"""A head bobs by 2-3 cm when walking, plus the noise of depth [m] (our choice)."""
+"""A head bobs by 2-3 cm when walking, plus the noise of depth [m]."""
 
 
 def _normal(tilt: float, roll: float) -> F64:

@@ -19,52 +19,52 @@ from calib.rig import world_from_plane
 from calib.types import F64, I64, Bool
 
 FLOOR_DISPARITY_STD_PX = 0.15
-"""Deviation of the background's disparity after medians [px]: what sub-pixel bias leaves (our choice)."""
+"""Deviation of the background's disparity after medians [px]: what sub-pixel bias leaves."""
 INLIER_SIGMAS = 3.0
-"""Points within this many deviations lie on a plane: 99.7 % of Gaussian noise (our choice)."""
+"""Points within this many deviations lie on a plane: 99.7 % of Gaussian noise."""
 GATE = 3.0 * INLIER_SIGMAS
-"""The same in a single frame, whose disparity deviates three times as much as the medians (our choice: 0.45 px)."""
+"""The same in a single frame, whose disparity deviates three times as much as the medians (0.45 px)."""
 MIN_INLIER_FRACTION = 0.05
-"""Least share of the valid depth a floor covers (our choice: less is a shelf or a step)."""
+"""Least share of the valid depth a floor covers (less is a shelf or a step)."""
 BELOW_MARGIN_M = 0.25
-"""Points count as beneath a plane from here on [m]: lower than a seat, more than calibration warps (our choice)."""
+"""Points count as beneath a plane from here on [m]: lower than a seat, more than calibration warps."""
 MAX_BLUR_FRACTION = 0.5
 """Points just above the plane's layer of noise, in as thick a layer, against points on it: a flat surface ends
-sharply, a plane laid through clutter or a corner does not (our choice)."""
+sharply, a plane laid through clutter or a corner does not."""
 MIN_SHARPNESS = 0.56
 """Least share, of the points near a plane, within half that distance: 0.5 where points fill a volume, whose
-medians make a plane too; above 0.8 on a surface (our choice)."""
+medians make a plane too; above 0.8 on a surface."""
 PEOPLE_M = 2.4
 """People reach no higher [m] (Harville 2002, section 4: H_max)."""
 MAX_HIGH_FRACTION = 0.25
-"""Share of what moves that may be higher: errors of matching (our choice)."""
+"""Share of what moves that may be higher: errors of matching."""
 CELLS_ACROSS = 64
-"""Cells across the view whose medians are fitted (our choice: 10 px wide at 640 px)."""
+"""Cells across the view whose medians are fitted (10 px wide at 640 px)."""
 
 
 class FloorParams(Params):
     """What counts as a floor."""
 
     min_height_m: float = Field(default=0.8, gt=0, le=100)
-    """Lowest camera: below it people are taller than the view (our choice)."""
+    """Lowest camera: below it people are taller than the view."""
     max_height_m: float = Field(default=12.0, gt=0, le=100)
-    """Highest camera: beyond it a person covers a few disparities at most (our choice)."""
+    """Highest camera: beyond it a person covers a few disparities at most."""
     max_tilt_deg: float = Field(default=95.0, gt=0, lt=120)
-    """Flattest view of a floor: 90 degrees for a level camera (our choice: a little more for one that looks up)."""
+    """Flattest view of a floor: 90 degrees for a level camera (a little more for one that looks up)."""
     min_tilt_deg: float = Field(default=-12.0, gt=-90, le=0)
     """An overhead camera may lean backwards by this much; beyond it the plane is a wall in front of a camera
-    that hardly sees its floor (our choice)."""
+    that hardly sees its floor."""
     max_roll_deg: float = Field(default=30.0, gt=0, lt=90)
     """Cameras are mounted roughly upright (Zhang 2008, section 2, assumption 3: no significant roll)."""
     max_below_fraction: float = Field(default=0.2, gt=0, le=0.5)
     """Points beneath the plane, against points on and beneath it: nothing is seen below a floor but errors of
     matching; below a table top or a plane through clutter much is. A parallel plane beneath that holds this share
-    is the floor instead (our choice)."""
+    is the floor instead."""
 
 
 TUKEY_C = 3.0
 """Cut of Tukey's biweight in deviations. The textbook's 4.685 lets the foot of a wall in; 3 costs a fifth of the
-efficiency, which thousands of cells can afford (our choice)."""
+efficiency, which thousands of cells can afford."""
 MAD_TO_SIGMA = 1.4826
 MIN_WIDTH = 0.3
 """Residuals below this many predicted deviations always count, however clean the data."""
@@ -223,9 +223,9 @@ PARALLEL_DEG = 10.0
 MIN_MOVED = 500
 """Points that must have moved before they speak against a plane: a fifth of a person in a few frames."""
 MOUNT_M, MOUNT_SPREAD = 2.7, 0.5
-"""Median height of cameras over floors [m], that of a ceiling, and the deviation of its logarithm (our choice)."""
+"""Median height of cameras over floors [m], that of a ceiling, and the deviation of its logarithm."""
 STRAIGHT_DEG = 15.0
-"""Planes seen this nearly straight on are judged twice: cameras are mounted level, or overhead, by eye (our choice).
+"""Planes seen this nearly straight on are judged twice: cameras are mounted level, or overhead, by eye.
 """
 LEANING_DEG, LEVEL_DEG = -5.0, 88.0
 """Below this tilt a camera leans backwards (an overhead mount is off by a few degrees), beyond this one it is level."""

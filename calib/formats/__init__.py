@@ -195,7 +195,7 @@ def refuse_strange_camera(one: Camera, side: str) -> None:
             f"expected a {side} focal length in pixels of {one.width}x{one.height}, found fx={one.fx:g} fy={one.fy:g}"
         )
     off = max(abs(one.cx / one.width - 0.5), abs(one.cy / one.height - 0.5)) - 0.5
-    # Share of the image by which a principal point may lie outside of it; crops rarely go further (our choice).
+    # Share of the image by which a principal point may lie outside of it; crops rarely go further.
     if off > 0.25:
         raise ValueError(
             f"expected a {side} principal point inside the image of {one.width}x{one.height}, "
@@ -206,7 +206,7 @@ def refuse_strange_camera(one: Camera, side: str) -> None:
     with np.errstate(all="ignore"):
         bent = np.linalg.norm(one.unproject(np.column_stack([u, v]))[:, :2], axis=1)
     # Rays through the middle half of an image lie within this factor of where they were without distortion; a fisheye
-    # of 200 deg has 2.4 (our choice).
+    # of 200 deg has 2.4.
     most = 10.0
     if not ((bent <= most * straight + 1e-3) & (straight <= most * bent + 1e-3)).all():
         shown = ", ".join(f"{k:g}" for k in one.distortion)

@@ -21,7 +21,7 @@ from calib.types import F64
 
 MAX_RMS = 0.01
 """Largest rms difference of pixels, as a share of the image's width, between a lens and that of a camera.toml that is
-nearest to it (our choice: a hand's breadth at 5 m)."""
+nearest to it (a hand's breadth at 5 m)."""
 _LENS_KEYS = {"camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M1", "K1", "intrinsics", "intrinsic"}
 
 

@@ -40,8 +40,8 @@ class Assessment:
 
 
 MAX_HEIGHT_STD, MAX_TILT_STD = 0.06, math.radians(1.5)
-"""Deviations of the camera's height [1] and tilt [rad] up to which it is known well enough (our choice:
-half of those that three people give)."""
+"""Deviations of the camera's height [1] and tilt [rad] up to which it is known well enough (half of those that three
+people give)."""
 
 
 def assess(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, walked: Bool | None = None) -> Assessment:
@@ -85,7 +85,7 @@ class _Advisor:
         self.fit, self._pixels, self._floor = fit, pixels[known], floor[known]
         low, high = np.quantile(self._floor, (0.05, 0.95), axis=0) if known.any() else (np.zeros(2), np.zeros(2))
         # Floor positions must be known to half the gate within which tracks are matched [m], and to a tenth of the
-        # region's size in small rooms (our choice).
+        # region's size in small rooms.
         self.limits = np.array([min(0.5, 0.1 * float(np.hypot(*(high - low)))), MAX_HEIGHT_STD, MAX_TILT_STD])
         x, y = (self._floor - self._floor.mean(axis=0)).T
         one, zero = np.ones(len(x)), np.zeros(len(x))
@@ -119,7 +119,7 @@ class _Advisor:
         """The place where one more person brings the deviations nearest to their limits."""
         if not np.isfinite(self.fit.covariance).all():
             return None
-        # Places [m] all over the image, 13 across and 10 down (our choice), where a whole person would be.
+        # Places [m] all over the image, 13 across and 10 down, where a whole person would be.
         fit, camera = self.fit, self.fit.camera
         across, down = (np.linspace(0, extent - 1, n) for extent, n in zip(camera.size, (13, 10), strict=True))
         places = camera.back_project(np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2))
@@ -127,7 +127,7 @@ class _Advisor:
         size, width = np.full(len(places), fit.stature), np.full(len(places), fit.girth)
         rows = predict(camera, body_points(model), places, np.zeros_like(places), size, width, fit.prior)
         inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
-        # A person lower than this in the image carries no information [px] (our choice).
+        # A person lower than this in the image carries no information [px].
         inside &= np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1]) >= 20.0
         places, rows = places[inside], rows[inside]
         if walked is not None:
@@ -164,7 +164,7 @@ class _Advisor:
             return give or "mark more people, at more distances"
         u, v = found.foot_px
         more = f"add people {_where(self.fit, found.foot_px)}, near pixel ({u:.0f}, {v:.0f})"
-        # So many further samples are a bearable effort (our choice): when they are not enough, a known value
+        # So many further samples are a bearable effort: when they are not enough, a known value
         # is asked for.
         reached = self._enough(6 * self.gain)
         if self.fit.prior.reading == "boxes":

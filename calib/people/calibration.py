@@ -30,18 +30,18 @@ from calib.people.samples import HumanSample, MarkedPeople, check_samples, level
 from calib.types import F64, Bool
 
 GRID = (14, 24, 37)
-"""Focal lengths and camera heights in equal ratios, and tilts (at most 5 degrees apart) to start from (our choice)."""
+"""Focal lengths and camera heights in equal ratios, and tilts (at most 5 degrees apart) to start from."""
 STARTS = 3
-"""So many distinct results of the search are refined (our choice: height and focal length trade off in a valley)."""
+"""So many distinct results of the search are refined (height and focal length trade off in a valley)."""
 MAX_ERROR = 0.25
 """Largest plausible error of the samples that fit, their median [1]: beyond it they are not standing people in an
-upright image (our choice)."""
+upright image."""
 MAX_HEIGHT_STD = 0.25
-"""Relative deviation of the height from which height and focal length count as inseparable (our choice)."""
+"""Relative deviation of the height from which height and focal length count as inseparable."""
 MAX_DISTANCE_M = 60.0
-"""People are not sampled from farther away [m] (our choice: bounds the height of the camera)."""
+"""People are not sampled from farther away [m] (bounds the height of the camera)."""
 ODD_FROM = 3.0
-"""A sample whose residuals are this many deviations is odd: not a standing person, or marked wrongly (our choice)."""
+"""A sample whose residuals are this many deviations is odd: not a standing person, or marked wrongly."""
 
 
 class CameraDeviations(NamedTuple):
@@ -143,7 +143,7 @@ def _best(
         cameras = starts(people, size, lens, model, prior)
         fits = [fit_camera(camera, people, model, prior, variation=1.0) for camera in cameras]
         quick.append(max(fits, key=lambda fit: fit.log_evidence))
-    # Fits whose log-evidence is lower by more are not refined further (our choice: one in 10^8).
+    # Fits whose log-evidence is lower by more are not refined further (one in 10^8).
     rival = max(fit.log_evidence for fit in quick) - 20.0
     full = [fit_camera(fit.camera, people, model, fit.prior) for fit in quick if fit.log_evidence >= rival]
     return max(full, key=lambda fit: fit.log_evidence)
@@ -215,7 +215,7 @@ def _refuse_unfit(fit: GroundCameraFit, errors: F64, name: str) -> None:
         found = f"error {error:.2f} (at most {MAX_ERROR:g}), {1.0 - fits.mean():.0%} of the samples far off"
         way = "are they standing people of one size in upright images of this size?"
         problem = f"no camera fits the samples: {found}; {way}"
-    # A larger roll is none of a camera, but of wrong samples (our choice: 3.5 deviations of the prior).
+    # A larger roll is none of a camera, but of wrong samples (3.5 deviations of the prior).
     elif abs(roll_deg) > 7.0:
         found = f"people who lean as in one turned by {roll_deg:.0f} degrees"
         way = "blobs that are not one person each, or a camera to be turned"

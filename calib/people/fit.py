@@ -31,9 +31,9 @@ from calib.people.samples import MarkedPeople
 from calib.types import F64, Bool
 
 POINT_PX = 2.0
-"""Deviation of a point or edge marked by hand [px] (our choice: what people reach on a screen)."""
+"""Deviation of a point or edge marked by hand [px] (what people reach on a screen)."""
 OUTLINE_PX = 2.0
-"""By so much the ends of outlines err alike [px] (our choice: as much as a hand errs at each)."""
+"""By so much the ends of outlines err alike [px] (as much as a hand errs at each)."""
 FAR = 1e4
 """Residual of what is behind a camera."""
 
@@ -100,7 +100,7 @@ def fit_camera(
         )
         values = found.x
         if variation is None:
-            # One person who walks upright varies little. Each step must raise the log-likelihood by 2 (our choice).
+            # One person who walks upright varies little. Each step must raise the log-likelihood by 2.
             tried = [Residuals(camera, people, model, prior, values, scale) for scale in (1.0, 0.5, 0.25)]
             scale = max(tried, key=lambda r: r.log_likelihood(values) + 2.0 * math.log2(r.variation)).variation
     covariance = _covariance(found.jac)
@@ -162,7 +162,7 @@ class Residuals:
         arms and strides, any.
         """
         loss = np.stack([squares, np.ones_like(squares), np.zeros_like(squares)])
-        # Residuals beyond this many deviations count by their size instead of its square (our choice).
+        # Residuals beyond this many deviations count by their size instead of its square.
         n, scale = 8 * len(self.people), 2.0**2
         root = np.sqrt(1.0 + squares[:n] / scale)
         # Without its second derivative the step is that of reweighted least squares, which far residuals keep definite.
@@ -188,7 +188,7 @@ class Residuals:
         """(n, 8, 8) covariance of every person's row: marking, arms and steps, height, lean and width."""
         rows, shared, places = self.people.rows, values[:N_SHARED], values[N_SHARED:].reshape(-1, 2)
         diagonal = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])[:, None]
-        # Arms and steps move the edges of a box by this share of its diagonal [1]: some 4 cm of 1.8 m (our choice).
+        # Arms and steps move the edges of a box by this share of its diagonal [1]: some 4 cm of 1.8 m.
         sigma = np.hypot(POINT_PX, 0.02 * diagonal) * np.ones((1, 8))
         sigma[:, 4:] = POINT_PX
         covariance = sigma[:, :, None] ** 2 * np.eye(8)
@@ -279,10 +279,10 @@ def with_focal_spread(best: GroundCameraFit, people: MarkedPeople, model: HumanM
     seems better known than it is: its distribution is skewed, and is followed over a row of focal lengths that are
     held.
     """
-    # A focal length known better is as good as normally distributed [1] (our choice).
+    # A focal length known better is as good as normally distributed [1].
     if not 0.06 < best.std[FOCAL] < math.inf:
         return best
-    # Logs of the focal lengths that are held, over the best one (our choice: half to twice).
+    # Logs of the focal lengths that are held, over the best one (half to twice).
     steps = np.array([-0.55, -0.3, -0.13, 0.0, 0.13, 0.3, 0.55])
     focals = best.shared[FOCAL] + steps
     nodes = [_held(best, focal, people, model) for focal in focals]

@@ -144,16 +144,16 @@ FIELDS_DEG: dict[str, tuple[float, float]] = {
 (below 30 degrees, or synthetic video of any) is given the range of a normal lens, and both up to 90 degrees in place of
 60: many webcams are as wide with hardly any distortion."""
 KNOWN_CAMERA_STD = 0.02
-"""Relative deviation of a focal length that was given (data sheets and EXIF round) or a camera height that was measured
-(our choice)."""
+"""Relative deviation of a focal length that was given (data sheets and EXIF round) or a camera height that was
+measured."""
 KNOWN_PERSON_STD = 0.01
-"""Relative deviation of a body height that was given, with shoes (our choice)."""
+"""Relative deviation of a body height that was given, with shoes."""
 PERSON_STD = 0.045
-"""Relative deviation of one adult's height from the mean (our choice: women and men together, 8 cm)."""
+"""Relative deviation of one adult's height from the mean (women and men together, 8 cm)."""
 WIDTH_STD = 0.12
-"""Relative deviation of the width of one person's box from the mean (our choice: arms, strides, turned sideways)."""
+"""Relative deviation of the width of one person's box from the mean (arms, strides, turned sideways)."""
 LEAN_M = 0.04
-"""Deviation of the head from above the middle between the feet along each floor axis [m] (our choice: gait)."""
+"""Deviation of the head from above the middle between the feet along each floor axis [m] (gait)."""
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ def prior_of(lens: str, width: int, known: KnownValues, reading: Reading) -> Cam
     std[FOCAL] = max(0.3, math.log(wide / narrow) / math.sqrt(12.0))
     std[ROLL] = math.radians(2.0)
     std[GIRTH] = 0.5 if reading == "boxes" else 0.05
-    # Relative deviation of the mean height of some people from the model's (our choice: 1.76 m with shoes lies
+    # Relative deviation of the mean height of some people from the model's (1.76 m with shoes lies
     # between women and men of most countries).
     std[STATURE] = 0.025 if known.person_height_m is None else KNOWN_PERSON_STD
     focal = known.focal(width, distortion_k(lens, width))

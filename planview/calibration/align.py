@@ -250,8 +250,7 @@ def _refined(
     sigma = max(float(np.median(np.abs(left)) / 0.6745), 1e-3)
     normal = jacobian.T @ jacobian + 1e-9 * np.eye(4)
     effect = np.linalg.solve(normal, jacobian.T @ systematic_m)
-    # Errors of a track's positions last about so long [s]: a sample counts as the share of it that a tick is (our
-    # choice).
+    # Errors of a track's positions last about so long [s]: a sample counts as the share of it that a tick is.
     covariance = np.asarray(np.linalg.inv(normal) * sigma**2 * (1.0 / TICK_S) + effect @ effect.T)
     v = result.x
     shift = v[1:3] - floor_rotation(float(v[0])) @ pivot

@@ -117,7 +117,7 @@ def _foot(depth: F32, geometry: RectifiedGeometry, box: F64) -> F64:
     bottom = top + h
     if not np.isfinite(box).all() or bottom > height - 3:
         return np.full(3, np.nan)
-    # Feet are searched in this lowest share of a person's box [1] (our choice).
+    # Feet are searched in this lowest share of a person's box [1].
     rows = slice(max(0, int(bottom - 0.08 * h)), max(1, int(bottom)))
     columns = slice(max(0, int(left + 0.25 * w)), min(width, max(1, int(left + 0.75 * w))))
     band = depth[rows, columns]

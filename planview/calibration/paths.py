@@ -19,7 +19,7 @@ from stereo.depth import back_project, median_image
 from stereo.readers import open_any
 
 TICK_S = 0.1
-"""Time between the samples of a path [s]: a walker moves a hand's breadth in it (our choice)."""
+"""Time between the samples of a path [s]: a walker moves a hand's breadth in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +50,12 @@ def paths_of(tracks: Trajectories, world_SE3_left: SE3, disparity_metre: float) 
     paths = []
     for track_id in np.unique(rows.track_id):
         own = rows.where(rows.track_id == track_id)
-        # Over longer gaps a path is not interpolated [s] (our choice).
+        # Over longer gaps a path is not interpolated [s].
         cuts = np.flatnonzero(np.diff(own.timestamp_s) > 0.5) + 1
         for part in np.split(np.arange(len(own)), cuts):
             times_s, columns = own.timestamp_s[part], (own.x_m[part], own.y_m[part])
             first, last = math.ceil(times_s[0] / TICK_S), math.floor(times_s[-1] / TICK_S)
-            # Shorter pieces are left out [s] (our choice).
+            # Shorter pieces are left out [s].
             if (last - first) * TICK_S < 2.0:
                 continue
             ticks = np.arange(first, last + 1) * TICK_S
@@ -88,7 +88,7 @@ def record_rig(path: Path, config: Config | None = None, done: Callable[[], None
     engine = stereo_engine(recording, config)
     (view,) = engine.views.values()
     collector, disparities = TrajectoryCollector(), []
-    # Frames, spread over the recording, whose median is the scene without people (our choice).
+    # Frames, spread over the recording, whose median is the scene without people.
     every = max(1, engine.recording.n_frames // 24)
     for result in engine:
         collector.add(result.frame, result.timestamp_s, result.tracks)
@@ -105,7 +105,7 @@ def _scene(view: StereoView, disparities: list[F32]) -> F32:
     if not disparities:
         return np.empty((0, 3), dtype=np.float32)
     geometry, disparity = view.geometry, median_image(disparities)
-    # Points of the scene with a larger predicted depth deviation are left out [m] (our choice).
+    # Points of the scene with a larger predicted depth deviation are left out [m].
     farthest = (0.30 / geometry.depth_std_m(1.0)) ** 0.5
     points = back_project(geometry.depth(disparity, farthest), geometry).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]

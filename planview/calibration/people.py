@@ -24,9 +24,9 @@ from stereo.recording import Video
 GIVEN = (255, 140, 0)
 COMPUTED = (200, 60, 255)
 MIN_SIZE = 0.06
-"""A person is at least this share of the image's height [1]: smaller ones add nothing about a camera (our choice)."""
+"""A person is at least this share of the image's height [1]: smaller ones add nothing about a camera."""
 SIZE_TOLERANCE = 0.15
-"""Sizes differ by this part from what most people have at that place [1] (our choice: body heights, strides)."""
+"""Sizes differ by this part from what most people have at that place [1] (body heights, strides)."""
 
 
 def draw_samples(image: U8, camera: GroundCamera, model: HumanModel, samples: Sequence[HumanSample]) -> U8:
@@ -96,7 +96,7 @@ class _Path:
         boxes = np.array([s.box_px for s in self.samples])
         middles = boxes[:, :2] + boxes[:, 2:] / 2
         size = float(np.median([s.diagonal_px for s in self.samples]))
-        # What moves by less than half a body, or is met in fewer frames, is furniture, light or a ghost (our choice).
+        # What moves by less than half a body, or is met in fewer frames, is furniture, light or a ghost.
         return len(self.samples) >= 4 and float(np.hypot(*np.ptp(middles, axis=0))) >= 0.5 * size
 
 
@@ -119,7 +119,7 @@ def collect_samples(video: Video, count: int = 50, done: Callable[[], None] = la
     paths: list[_Path] = []
     for frame in video:
         observation = camera.observe(frame)
-        # The background is learned for so long before samples are taken [s] (our choice).
+        # The background is learned for so long before samples are taken [s].
         if frame.timestamp_s >= 1.0 and observation.foreground is not None:
             _continue(paths, bodies_of(observation.foreground, frame.index), frame.index)
         done()
@@ -136,14 +136,14 @@ def collect_samples(video: Video, count: int = 50, done: Callable[[], None] = la
             f"{MIN_SIZE:.0%} of its height; else mark people by hand"
         )
     usual = usual_sizes(bodies)
-    # Share of the blobs that must have one person's size to have a usual size [1] (our choice).
+    # Share of the blobs that must have one person's size to have a usual size [1].
     if usual.sum() < max(MIN_SAMPLES, 0.35 * len(bodies)):
         raise WorkError(
             f"{name}: expected walkers of one person's size each, found {usual.mean():.0%} of {len(bodies)} blobs of "
             "one size: people hide each other too much, mark samples by hand instead"
         )
     chosen = choose_spread([s for s, ok in zip(bodies, usual, strict=True) if ok], count)
-    # A lone walker is worth eight independent samples (our choice: the same body at other places).
+    # A lone walker is worth eight independent samples (the same body at other places).
     return CollectedSamples(chosen, max(len(walking), 8))
 
 
@@ -187,7 +187,7 @@ def _continue(paths: list[_Path], bodies: Sequence[HumanSample], frame: int) -> 
             common = max(0.0, min(a + w, c + v) - max(a, c)) * max(0.0, min(b + h, d + g) - max(b, d))
             overlaps.append(common / (w * h + v * g - common))
         best = int(np.argmax(overlaps)) if overlaps else -1
-        # Boxes of one walker in frames that follow each other overlap by this part of their union [1] (our choice).
+        # Boxes of one walker in frames that follow each other overlap by this part of their union [1].
         if best >= 0 and overlaps[best] >= 0.3:
             path = open_paths.pop(best)
             path.samples.append(body)
@@ -200,10 +200,10 @@ def _crowded(blobs: Blobs, label: int) -> bool:
     """Whether another blob that is not noise is near the box."""
     low, high = blobs.box_px[:, :2], blobs.box_px[:, :2] + blobs.box_px[:, 2:]
     # Nearer blobs may be pieces of one person, or hide each other [px]; above and below, within this share of the
-    # body's height [1]: bodies break at belt and collar (our choice).
+    # body's height [1]: bodies break at belt and collar.
     gap = np.array([4.0, max(4.0, 0.35 * float(blobs.box_px[label][3]))])
     near = ((low < high[label] + gap) & (high > low[label] - gap)).all(axis=1)
-    # A blob above this share of another's area is not noise [1] (our choice).
+    # A blob above this share of another's area is not noise [1].
     near &= blobs.area_px > 0.08 * blobs.area_px[label]
     near[[0, label]] = False
     return bool(near.any())
@@ -230,7 +230,7 @@ def _ends(inside: Bool) -> F64:
     points = np.column_stack([u, v]).astype(np.float64)
     centre = points.mean(axis=0)
     spread, axes = np.linalg.eigh(np.cov((points - centre).T))
-    # Variance along a body over that across it from which head and feet are its ends [1] (our choice).
+    # Variance along a body over that across it from which head and feet are its ends [1].
     if spread[1] < 2.0 * spread[0]:
         return np.stack([centre, centre])
     axis = axes[:, 1] if axes[1, 1] > 0 else -axes[:, 1]

@@ -221,7 +221,7 @@ def _checks_of_one(video: Video, camera: GroundCamera | None, frames: int, searc
 
 
 STEP = 10
-"""Depth and heights are measured in every n-th frame (our choice, for speed)."""
+"""Depth and heights are measured in every n-th frame (for speed)."""
 KEPT = 1000
 """Measurements that the height of people depends on."""
 
@@ -254,7 +254,7 @@ class RecordingWatch:
         """What is known so far."""
         valid = float(np.median(self._valid)) if self._valid else np.nan
         things = np.concatenate(self._things) if self._things else np.empty((0, 2))
-        # Fewest measured things by which the scale is doubted: shadows and doors are no people (our choice).
+        # Fewest measured things by which the scale is doubted: shadows and doors are no people.
         heights = large_heights(things) if len(things) >= 20 else np.empty(0)
         return [
             *motion_checks(self._motion.findings()),

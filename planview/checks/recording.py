@@ -75,7 +75,7 @@ def gather(recording: StereoRecording | RgbdRecording, frames: int, search: Floo
         searched = estimator.disparities
         find = partial(estimator.floor, pairs, [rectifier.geometry.depth(d) for d in disparities])
         largest, found = searched.first_px + searched.count, [np.empty((0, 4))]
-        # Frames in which corners are matched (our choice, for speed).
+        # Frames in which corners are matched (for speed).
         for frame in spread[:: max(1, len(spread) // 8)]:
             p = plain(frame.left, frame.right)
             # Row offsets searched in a pair that may be badly calibrated: a rig turned by 2 degrees still matches.

@@ -44,7 +44,7 @@ def alignment_checks(plain: Rectifier, matches: F64, correction: RigCorrection) 
         # Rotation of the right camera since calibration: half a degree of pan shifts disparities by 3.5 px of 640, or
         # 15 % of the depth at 2 m; a worn factory calibration has up to 0.2.
         at_most("camera turn", turned_deg, 0.5, "deg", f"right camera since calibration; {correction}"),
-        # Row offset that is left [px]: block matching loses half of its matches beyond (our choice).
+        # Row offset that is left [px]: block matching loses half of its matches beyond.
         at_most("row residual", correction.after_px, 0.5, "px", "median, after the rig is corrected"),
         # A good pose has a smaller error than its mirror images.
         at_most("mirrored pose", mirror_ratio(plain, matches), 1.5, "", "row error of the pose over its mirror image"),
@@ -96,11 +96,10 @@ def image_checks(frames: Sequence[StereoFrame]) -> list[Check]:
     blocks = max(float(np.median([blocking(i) for i in side])) for side in sides)
     return [
         *light_checks(*sides),
-        # Ratio of the cameras' median brightness; block matching bears small differences only (our choice).
+        # Ratio of the cameras' median brightness; block matching bears small differences only.
         at_most("brightness match", ratio, 2.0, "", "mean brightness of one camera over the other"),
         # Grey steps at the borders of blocks over those inside, which match at the same place in both cameras and
-        # pull disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 and loses the floor
-        # (our choice).
+        # pull disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 and loses the floor.
         at_most("compression", blocks, 2.0, "", "grey steps at the borders of 8x8 blocks over those inside"),
     ]
 
@@ -111,8 +110,7 @@ def light_checks(*cameras: Sequence[U8]) -> list[Check]:
     over = max(float(np.median([np.mean(i[::2, ::2] >= SATURATED_LEVEL) for i in side])) for side in sides)
     bright = min(float(np.median([np.percentile(i[::2, ::2], 90) for i in side])) for side in sides)
     return [
-        # Share of saturated pixels that leaves enough to see people by; a sunny terrace has up to a quarter (our
-        # choice).
+        # Share of saturated pixels that leaves enough to see people by; a sunny terrace has up to a quarter.
         at_most("over-exposure", over, 0.35, "", "share of saturated pixels in the worse camera", warns=True),
         # The brightest tenth of a picture must reach this grey level: below, sensor noise is a good part of any
         # texture.
@@ -201,9 +199,9 @@ def standing_things(above: F32, depth: F32, moved: Bool) -> F64:
 
 
 MIN_VALID = 0.35
-"""Share of pixels with a disparity; bare walls and saturated floors have none, people must (our choice)."""
+"""Share of pixels with a disparity; bare walls and saturated floors have none, people must."""
 MAX_DEPTH = {2.0: 0.15, 4.0: 0.5, 8.0: math.inf}
-"""Predicted depth deviation at a distance [m]: at 4 m half a metre is a person's width (our choice)."""
+"""Predicted depth deviation at a distance [m]: at 4 m half a metre is a person's width."""
 CAMERA_HEIGHTS_M = (1.2, 10.0)
 """Heights of a camera above the floor from which people are tracked [m]."""
 
@@ -225,9 +223,9 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
     share, height_m = (floor.inlier_fraction, floor.height_m) if floor else (math.nan, math.nan)
     why = "share of valid depth that lies on it" if floor else refused
     checks = [
-        # Share of valid depth on the floor (our choice: a hand's breadth of floor between furniture still shows it).
+        # Share of valid depth on the floor (a hand's breadth of floor between furniture still shows it).
         at_least("floor share", share, 0.10, "", why, needed=floor is None),
-        # Deviation of floor points from the plane [m]: with more, a foot looks like a shadow (our choice).
+        # Deviation of floor points from the plane [m]: with more, a foot looks like a shadow.
         at_most("floor flatness", floor.residual_m if floor else math.nan, 0.12, "m", "rms from the plane"),
         between("camera height", height_m, CAMERA_HEIGHTS_M, "m", "of the (left) camera above it"),
     ]

@@ -25,22 +25,22 @@ BANDS = 24
 MOVED_LEVEL = 14
 """Grey levels by which a pixel must change to count as moved: above sensor noise and coding artefacts."""
 ACTIVE_SHARE = 0.001
-"""Share of moved pixels from which a picture moves: half of what a person at 8 m takes (our choice)."""
+"""Share of moved pixels from which a picture moves: half of what a person at 8 m takes."""
 MIN_LIKENESS = 0.5
 """Correlation of the cameras' movement below which their lag is not reported."""
 LONGEST_LAG = 30
-"""Longest lag searched [frames]: two seconds at 15 Hz (our choice)."""
+"""Longest lag searched [frames]: two seconds at 15 Hz."""
 WINDOW = 120
-"""Frames over which the mean movement is taken out (our choice)."""
+"""Frames over which the mean movement is taken out."""
 MIN_FRAMES = 12
 FRAMES_MAX = 4096
-"""Frames with movement, or soon after it, that are remembered: four minutes at 15 Hz, in 1.5 MB (our choice)."""
+"""Frames with movement, or soon after it, that are remembered: four minutes at 15 Hz, in 1.5 MB."""
 GROUPS = 8
-"""Parts of the time that are left out in turn to estimate deviations (jackknife; our choice)."""
+"""Parts of the time that are left out in turn to estimate deviations (jackknife)."""
 SURELY = 2.0
 """Deviations by which a lag must make the movement of both cameras more alike than none does: less is chance."""
 MIN_TAIL = 48
-"""Frames from which on a lag is searched in the last part of the time alone (our choice)."""
+"""Frames from which on a lag is searched in the last part of the time alone."""
 
 
 class Thumbnails(NamedTuple):
@@ -206,14 +206,14 @@ def _between(likeness: F64, best: int) -> float:
 
 
 MAX_GAP = 2.5
-"""Longest step between frames over the usual one: one dropped frame passes, two in a row do not (our choice)."""
+"""Longest step between frames over the usual one: one dropped frame passes, two in a row do not."""
 MIN_USABLE = 0.9
 MAX_FROZEN = 0.1
 """Share of frames with movement in which one camera stands still."""
 MAX_STALL = 8
-"""Longest such stretch [frames]: half a second at 15 Hz (our choice); what both cameras show moves in both."""
+"""Longest such stretch [frames]: half a second at 15 Hz; what both cameras show moves in both."""
 MAX_REPEATED = 0.1
-"""Share of pairs that repeat the one before while people move: a tenth spoils every velocity (our choice)."""
+"""Share of pairs that repeat the one before while people move: a tenth spoils every velocity."""
 MAX_LAG = 0.5
 """Cameras may be apart by half a frame: at 15 fps a walker moves 4 cm in that time, which is 1 px at 4 m."""
 

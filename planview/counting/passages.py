@@ -92,10 +92,10 @@ class Passage(NamedTuple):
 
 
 JUMP_M, JUMP_MPS = 1.0, 8.0
-"""A step over a line that is longer [m] and faster [m/s] is a correction by the tracker and not a movement (our choice:
-ten times the noise of a good tracker, and a sprint)."""
+"""A step over a line that is longer [m] and faster [m/s] is a correction by the tracker and not a movement (ten times
+the noise of a good tracker, and a sprint)."""
 UNDO_S = 2.0
-"""A jump back over the line within this time of a crossing waits as long before it counts [s] (our choice)."""
+"""A jump back over the line within this time of a crossing waits as long before it counts [s]."""
 
 
 class Wire:

@@ -143,17 +143,17 @@ def stereo_plane(rig_path: Path) -> RulePlane:
 
 Point = tuple[float, float]
 NEAR_HEIGHTS = 3.0
-"""A rule is near to tracks within so many heights of a person, where all of them are in one place (our choice)."""
+"""A rule is near to tracks within so many heights of a person, where all of them are in one place."""
 
 
 class AnalyticsParams(Params):
     """Tripwires and zones."""
 
     hysteresis_m: float = Field(0.25, ge=0, le=5)
-    """How far beyond a line a person must be observed, on both sides, for a crossing [m]. Our choice: half a shoulder's
+    """How far beyond a line a person must be observed, on both sides, for a crossing [m]. Half a shoulder's
     breadth, so that the body is across; more than twice the position noise of a good tracker."""
     zone_hysteresis_m: float = Field(0.15, ge=0, le=5)
-    """How deep inside or outside a zone a person must be observed to enter or leave it [m]. Our choice: a little more
+    """How deep inside or outside a zone a person must be observed to enter or leave it [m]. A little more
     than the position noise of a tracker. Smaller than for a line: a crossing counted wrongly stays counted, occupancy
     is right again with the next step, and a person walking along the outline is inside all the same."""
     min_age_s: float = Field(PERSON_S, ge=0, le=60)
@@ -161,13 +161,13 @@ class AnalyticsParams(Params):
     what makes a track a person everywhere (``people_of``)."""
     stitch_s: float = Field(2.0, ge=0, le=60)
     """A track that begins within this time of another one's end, where that one was heading, is the same person [s].
-    Our choice: trackers re-attach by themselves over longer times (Harville 2002: 4 s), so this only bridges what they
+    Trackers re-attach by themselves over longer times (Harville 2002: 4 s), so this only bridges what they
     do not, and two people through the same door are farther apart."""
     stitch_m: float = Field(0.6, ge=0, le=5)
-    """How near to the predicted place [m]. Our choice: a person that stops, or turns, within half a second at walking
+    """How near to the predicted place [m]. A person that stops, or turns, within half a second at walking
     pace."""
     interval_s: float = Field(60.0, gt=0, le=86400)
-    """Length of the intervals of the totals [s]. Our choice."""
+    """Length of the intervals of the totals [s]."""
 
 
 def _plain_name(name: str) -> str:
@@ -181,8 +181,8 @@ _Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_plai
 _Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e5, le=1e5)]
 _PointIn = tuple[_Number, _Number]
 MAX_RULES = 200
-"""Rules of one kind (our choice)."""
-# Corners of a zone: each pair of edges is tried for crossing, and each person against each edge (our choice).
+"""Rules of one kind."""
+# Corners of a zone: each pair of edges is tried for crossing, and each person against each edge.
 _Polygon = Annotated[list[_PointIn], Field(max_length=500)]
 
 
@@ -221,7 +221,7 @@ class Queue(_NamedRule):
     zone: _Name
     """Name of the zone."""
     min_wait_s: float = Field(5.0, ge=0, le=3600)
-    """A shorter stay in the zone is passing through and not waiting [s]. Our choice: a zone of a queue's usual 4 m
+    """A shorter stay in the zone is passing through and not waiting [s]. A zone of a queue's usual 4 m
     is crossed in 3 s at walking pace."""
 
 

@@ -21,10 +21,9 @@ from planview.counting.stream import Analytics
 from planview.trajectories.table import IGNORED, Trajectories, frame_period_s
 
 INTERVALS_MAX = 10_080
-"""Intervals of the totals at most, a week of minutes: where the clock has jumped they are longer (our choice)."""
+"""Intervals of the totals at most, a week of minutes: where the clock has jumped they are longer."""
 JUMP_S = 600.0
-"""A step of the clock from one frame to the next that is longer is a jump [s]: no recorder pauses so long unnoticed
-(our choice)."""
+"""A step of the clock from one frame to the next that is longer is a jump [s]: no recorder pauses so long unnoticed."""
 
 
 SLOW_S = 5.0

@@ -69,7 +69,7 @@ def rules_of(counts: dict[str, object]) -> list[Rule]:
 
 
 ARROW_M = 0.5
-"""Length of the arrow that shows where a person faces [m]: beyond the shoulders (our choice)."""
+"""Length of the arrow that shows where a person faces [m]: beyond the shoulders."""
 
 
 def facing_arrow(person: TrackState) -> F64 | None:

@@ -30,14 +30,14 @@ from planview.evaluation.significant import (
 from planview.trajectories.table import Trajectories, frame_period_s, frame_step, people_of, rows_by_id
 
 SHIFTED = 0.85
-"""Share of the error, without which truth and tracks may just as well count frames alike (our choice)."""
+"""Share of the error, without which truth and tracks may just as well count frames alike."""
 
 
 class EvaluationParams(Params):
     """What counts as a match and which rows count."""
 
     gate_m: float = Field(0.5, gt=0, le=10)
-    """Largest floor distance of a match [m]. Our choice: a torso's width (Harville's W_avg, 0.4 m) and a margin."""
+    """Largest floor distance of a match [m]. A torso's width (Harville's W_avg, 0.4 m) and a margin."""
     match_on: Literal["floor", "boxes"] = "floor"
     """Floor distance within the gate, or image boxes at IoU 0.5 (the usual protocol of image benchmarks)."""
     min_visible: float = Field(0.25, ge=0, le=1)

@@ -12,9 +12,9 @@ from calib.types import F64
 from planview.trajectories.table import Trajectories, rows_by_id
 
 WALKING_MPS = 0.5
-"""Who is faster walks, and who is slower stands, by the truth [m/s]. Our choice: shuffling on the spot is slower."""
+"""Who is faster walks, and who is slower stands, by the truth [m/s]. Shuffling on the spot is slower."""
 STEP_S = 0.25
-"""Time before and after, between which the velocity of the truth is measured [s]. Our choice: half a stride, so that
+"""Time before and after, between which the velocity of the truth is measured [s]. Half a stride, so that
 the sway of a walker cancels."""
 
 

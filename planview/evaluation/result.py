@@ -77,7 +77,7 @@ def breakdown_json(rows: TruthRows) -> dict[str, list[dict[str, Any]]]:
         }
 
     members = {
-        # Our choice: the depth noise of a stereo pair grows with the square of the distance.
+        # The depth noise of a stereo pair grows with the square of the distance.
         "by_distance": between(rows.distance_m, (0, 2, 4, 6, 8, 12, math.inf)),
         # Fully visible belongs to the last.
         "by_visibility": between(rows.visible, (0, 0.25, 0.5, 0.75, math.nextafter(1, 2))),

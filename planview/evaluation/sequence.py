@@ -124,7 +124,7 @@ def _pairs_in_frames(truth_frame: I64, track_frame: I64) -> Iterator[tuple[I64, 
     start = 0
     while start < len(counts):
         done = ends[start - 1] if start else 0
-        # Pairs whose similarity is computed at a time, most of which are too far apart to be kept (our choice).
+        # Pairs whose similarity is computed at a time, most of which are too far apart to be kept.
         stop = max(start + 1, int(np.searchsorted(ends, done + 200_000, side="right")))
         some = counts[start:stop]
         since = np.arange(some.sum()) - np.repeat(ends[start:stop] - some - done, some)

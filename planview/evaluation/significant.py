@@ -24,21 +24,21 @@ PREDICTED = -2
 
 
 LOST_S = 1.0
-"""A person tracked before is lost when visible but held by no track for longer, at a stretch [s]. Our choice: at
+"""A person tracked before is lost when visible but held by no track for longer, at a stretch [s]. At
 walking pace a person covers more than the gate, so that a track resumed later is resumed by luck or by identity
 logic."""
 MISSED_S = 2.0
-"""A person visible for this long in a visit, and never tracked, is missed [s]. Our choice: people that only cut a
+"""A person visible for this long in a visit, and never tracked, is missed [s]. People that only cut a
 corner of the view are gone before a tracker that asks for consecutive detections (the paper's does) may confirm."""
 FALSE_TRACK_S = 1.0
 """A confirmed track that matches no person for this long in all, between matches of PERSIST_S, tracks a non-person
-[s]. Our choice: one second of doubt is what the real overhead recording is allowed, too."""
+[s]. One second of doubt is what the real overhead recording is allowed, too."""
 PREDICTED_S = 1.0
 """A lost track predicted beyond the gate from the person whom it followed for longer, at a stretch, is a false
 track [s]: the paper reports predictions, too. Our choice, equal to FALSE_TRACK_S."""
 PERSIST_S = 0.5
-"""An identity held for less is a flicker between people that touch: it neither makes nor ends an error [s]. Our
-choice: longer than two people need to pass within arm's length, shorter than any use made of an identity."""
+"""An identity held for less is a flicker between people that touch: it neither makes nor ends an error [s]. Longer than
+two people need to pass within arm's length, shorter than any use made of an identity."""
 GONE_S = 4.0
 """Not visible for longer ends a visit: afterwards a new id is right [s]. Harville 2002, section 4: people lost for
 longer are gone."""
@@ -46,7 +46,7 @@ EXCHANGE_S = 4.0
 """Two people taking each other's identities within this time are one swap [s]. Our choice, equal to GONE_S."""
 EVENT_S = 2.0
 """Errors that begin within this time of an event's first one, and concern its people or tracks, belong to it [s].
-Our choice: one bad moment of people in contact costs several errors and is over by then."""
+One bad moment of people in contact costs several errors and is over by then."""
 
 
 @dataclass(frozen=True)

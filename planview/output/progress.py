@@ -35,7 +35,7 @@ class PlainConsole(Console):
 
 
 EVERY_S = 5.0
-"""Time between two lines [s] (our choice)."""
+"""Time between two lines [s]."""
 
 
 @contextmanager

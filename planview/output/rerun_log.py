@@ -224,7 +224,7 @@ class RerunLog:
             self._stream.log("disparity", disparity_photo(result.sampled, stereo))
         if result.rigs:
             xyz, colours = foreground_points(result)
-            # Foreground points logged per frame at most: enough to recognise five people, in 24 kB (our choice).
+            # Foreground points logged per frame at most: enough to recognise five people, in 24 kB.
             step = -(-len(xyz) // 1500) or 1
             cloud = rr.Points3D(xyz[::step], colors=colours[::step], radii=0.018)
             self._stream.log("world/foreground", cloud)

@@ -29,7 +29,7 @@ LABEL_M = 0.45
 
 def photo(image: U8) -> rr.EncodedImage:
     """A JPEG of the camera's image."""
-    # 0.6 of the size of quality 80, and people are as well to be recognised (our choice).
+    # 0.6 of the size of quality 80, and people are as well to be recognised.
     return rr.EncodedImage(contents=encode_image(image, quality=50), media_type="image/jpeg")
 
 

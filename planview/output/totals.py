@@ -15,7 +15,7 @@ from planview.output.folder import RunWarning
 
 
 def last_times() -> deque[float]:
-    """For the last 4096 times of a stage [ms]: their median is known to 2 % (our choice)."""
+    """For the last 4096 times of a stage [ms]: their median is known to 2 %."""
     return deque(maxlen=4096)
 
 

@@ -190,7 +190,7 @@ def _settings(runs: Sequence[RunFolder]) -> list[list[str]]:
 
 
 def shared_errors(errors: Sequence[Sequence[SignificantError]], frame_s: float) -> list[SharedError]:
-    """Errors of every run by frame; those of one kind and person within a second are one row (our choice)."""
+    """Errors of every run by frame; those of one kind and person within a second are one row."""
     rows: list[SharedError] = []
     for n, mine in enumerate(errors):
         for error in mine:

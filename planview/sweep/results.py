@@ -18,7 +18,7 @@ from planview.sweep.study import FIGURES, Configuration, FigureName
 
 DRAWS = 1000
 RECORDINGS_MIN = 5
-"""Fewer recordings are too few for an interval (our choice): a bootstrap of four has 35 samples."""
+"""Fewer recordings are too few for an interval: a bootstrap of four has 35 samples."""
 LEVEL = 0.95
 
 

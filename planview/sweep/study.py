@@ -24,7 +24,7 @@ FigureName = Literal[
     "people", "elapsed_s",
 ]  # fmt: skip
 RUNS_MAX = 50_000
-"""Runs of a study: more take weeks on a cluster, and are a slip of the hand (our choice)."""
+"""Runs of a study: more take weeks on a cluster, and are a slip of the hand."""
 
 
 class Figure(NamedTuple):

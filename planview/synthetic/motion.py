@@ -217,7 +217,7 @@ def _turn_cartwheel(script: _Script, point: tuple[float, float]) -> None:
     start, way = script.place, np.asarray(point, np.float64) - script.place
     face = float(np.arctan2(way[1], way[0])) - np.pi / 2
     script.stay(0.8, face)
-    # Speed of the hips during a cartwheel (our choice: 2 m, about an arm span and a stride, in 1.5 s).
+    # Speed of the hips during a cartwheel (2 m, about an arm span and a stride, in 1.5 s).
     n = max(2, round(float(np.linalg.norm(way)) / 1.3 * TICK_HZ))
     turned = float(script.actions[-1][-1, TURNS])
     for k in range(1, n + 1):

@@ -24,9 +24,9 @@ FRAMES_MAX = 10_000_000
 COLUMNS = "frame (from 1),id,left,top,width,height"
 FROM_ZERO = "frames count from 0, since there is a frame 0"
 OUTSIDE_MAX = 0.1
-"""Share of boxes whose centre may lie outside of the image: people at its border (our choice)."""
+"""Share of boxes whose centre may lie outside of the image: people at its border."""
 CORNERS_MIN, CORNERS_SPREAD = 10, 0.5
-"""Fewest boxes of a file of corners, and most that right less left may vary as a share of right (our choice)."""
+"""Fewest boxes of a file of corners, and most that right less left may vary as a share of right."""
 
 
 def motchallenge_rows(path: Path, *, of_detector: bool = False) -> F64:
@@ -135,9 +135,9 @@ def _or_minus_one(values: F64) -> F64:
 
 MAX_BYTES = 1 << 29
 ENDS_EARLY = 0.9
-"""Share of a video's frames up to which detections should go (our choice)."""
+"""Share of a video's frames up to which detections should go."""
 STEP_MAX = 10
-"""Most frames that a detector moves on by at a time (our choice)."""
+"""Most frames that a detector moves on by at a time."""
 PERSON = 1
 """Category of people in COCO."""
 

@@ -17,10 +17,10 @@ from calib.types import Bool
 from planview.trajectories.table import Trajectories
 
 ROWS_MAX = 50_000_000
-"""Most rows read of a file whose header claims its size: a month of one person at 20 Hz (our choice)."""
+"""Most rows read of a file whose header claims its size: a month of one person at 20 Hz."""
 FPS_MAX = 10_000.0
 AREA_MARGIN_M = 1.0
-"""Between the outermost position and the walkable area where none is known [m] (our choice)."""
+"""Between the outermost position and the walkable area where none is known [m]."""
 _WKT = re.compile(r"(POLYGON|MULTIPOLYGON|GEOMETRYCOLLECTION)[\s(),.\dA-Za-z+-]*", re.IGNORECASE)
 
 

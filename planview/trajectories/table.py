@@ -36,7 +36,7 @@ BOX_COLUMNS = TRACK_COLUMNS[9:13]
 TRUTH_COLUMNS = ("frame", "id", "x_m", "y_m", "height_m")
 STATES = ("tentative", "confirmed", "lost")
 PERSON_S = 0.5
-"""A track is a person once it is confirmed for so long in all [s]. Our choice: flickers of foreground are shorter,
+"""A track is a person once it is confirmed for so long in all [s]. Flickers of foreground are shorter,
 people who cross the view are observed for longer."""
 IGNORED = -1.0
 """``visible`` of a truth row that never counts: a distractor of a benchmark."""

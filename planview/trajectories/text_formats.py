@@ -147,7 +147,7 @@ def _refuse(constant: str) -> NoReturn:
 
 
 RATE_HZ = 10.0
-"""Frames per second of positions whose times are uneven, between which they are interpolated (our choice)."""
+"""Frames per second of positions whose times are uneven, between which they are interpolated."""
 
 
 class Simulation(NamedTuple):

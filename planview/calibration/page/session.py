@@ -34,7 +34,7 @@ Tool = Literal["person", "select", "floor"]
 GRAB_PX = 12.0
 """A point within this distance of the mouse is picked up instead of a new one made [px of the screen]."""
 LOOKED_AT = 40
-"""Pictures of a video in which movement is searched (our choice, for speed)."""
+"""Pictures of a video in which movement is searched (for speed)."""
 KEPT = 50
 """Pictures of a video that are kept, those read last."""
 PHOTOGRAPHS = (".jpg", ".jpeg", ".heic", ".tif", ".tiff")

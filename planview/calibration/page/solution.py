@@ -33,8 +33,8 @@ def fit_floor(view: FloorDepths, pixels: Sequence[Point]) -> FloorFit:
     """The plane that most points lie on; of several with as many, that of the points clicked first. Raises InputError:
     fewer than three points, a point without depth, or no three that span a floor."""
     points = view.points_at(np.array(pixels, dtype=np.float64).reshape(-1, 2))
-    # A point this far from the plane of the others is not on the floor [m] (our choice: lower than a step)...
-    # ...or three deviations of its depth, where that is more (our choice).
+    # A point this far from the plane of the others is not on the floor [m] (lower than a step)...
+    # ...or three deviations of its depth, where that is more.
     limit = np.array([max(0.06, 3.0 * view.geometry.depth_std_m(float(p[2]))) for p in points])
     return fit_plane(points, limit, view.depth_std_m(points))
 
@@ -79,8 +79,8 @@ class Assessed(NamedTuple):
 
 
 MAX_HEIGHT_STD, MAX_ANGLE_STD_DEG = 0.02, 1.0
-"""Deviation of a floor's height, as a share of it, and of its angles, up to which it is known well enough (our choice:
-5 cm for a camera at 2.5 m, and as much on the floor 3 m away)."""
+"""Deviation of a floor's height, as a share of it, and of its angles, up to which it is known well enough (5 cm for a
+camera at 2.5 m, and as much on the floor 3 m away)."""
 FLOOR_VALUES = {"height above the floor": "{:.2f} m", "tilt from straight down": "{:.1f}°", "roll": "{:.1f}°"}
 """Names of a floor's values and how they are written."""
 

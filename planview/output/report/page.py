@@ -31,7 +31,7 @@ def scores_of(results: RunFolder) -> dict[str, Any]:
     """``evaluation.json`` of the folder, else the scores of the frames that were tracked; empty without truth."""
     written = read_object(results.path / "evaluation.json")
     truth = results.truth
-    # Scoring a longer run takes longer than the page (our choice).
+    # Scoring a longer run takes longer than the page.
     if written or truth is None or not results.has_run or len(results.tracks) + len(truth) > 60_000:
         return written
     try:
@@ -152,7 +152,7 @@ def people_rows(tracks: Trajectories, clock: Clock, ids: I64) -> list[dict[str, 
 
 def _person_row(person: Trajectories, clock: Clock) -> dict[str, Any]:
     when = clock.at(person.frame)
-    # From places half a second apart, so that noise does not add up (our choice).
+    # From places half a second apart, so that noise does not add up.
     picked = np.concatenate([[True], np.diff(np.floor((when - when[0]) / 0.5)) > 0])
     way = float(np.hypot(np.diff(person.x_m[picked]), np.diff(person.y_m[picked])).sum())
     span = float(when[-1] - when[0])

@@ -26,7 +26,7 @@ class TemplateParams(Params):
     width_m: float = Field(0.40, gt=0.1, le=1.0)
     """W_avg, average torso width [m]; templates are 2 W_avg wide (Harville 2002, section 4: about 0.4)."""
     acceleration_std_mps2: float = Field(2.0, gt=0.0, le=20.0)
-    """Random acceleration [m/s^2] (our choice): walkers start and stop within about 0.7 s at 1.4 m/s."""
+    """Random acceleration [m/s^2]: walkers start and stop within about 0.7 s at 1.4 m/s."""
     template_s: float = Field(0.10, gt=0.0, le=60.0)
     """Time constant of the templates [s] (Harville 2002, section 4: a relatively high gain)."""
     recentre_filled: float = Field(0.12, ge=0.0, le=1.0)
@@ -36,13 +36,13 @@ class TemplateParams(Params):
     """theta_HTcentroid, offset of the centroid [W_avg] beyond which a template has slipped (Harville 2002, section 4:
     around 0.5)."""
     area_min_m2: float = Field(0.10, gt=0.0)
-    """Visible surface of a newcomer within a square of side W_avg [m^2] (the paper: high occupancy; our choice): a
+    """Visible surface of a newcomer within a square of side W_avg [m^2] (the paper: high occupancy): a
     head and shoulders."""
     height_min_m: float = Field(1.2, ge=0.1, le=2.5)
-    """Smallest height of a newcomer [m] (the paper: some plausible minimum; our choice): chairs reach 1.1 m."""
+    """Smallest height of a newcomer [m] (the paper: some plausible minimum): chairs reach 1.1 m."""
     confirm_s: float = Field(0.4, ge=0.0, le=60.0)
     """How long a newcomer must be tracked without a miss before it is a person [s] (the paper: some minimum number of
-    consecutive frames; our choice)."""
+    consecutive frames)."""
     lost_s: float = Field(4.0, ge=0.0, le=600.0)
     """How long a lost person is looked for [s] (Harville 2002, section 4: e.g. 4)."""
     reattach_m: float = Field(2.0, ge=0.0)
