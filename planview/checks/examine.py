@@ -22,6 +22,7 @@ from calib.types import F64, U8
 from planview.checks.camera import Steadiness
 from planview.checks.check import Check, at_least, between
 from planview.checks.recording import Evidence, busiest, gather
+from planview.checks.registration import registration_checks
 from planview.checks.scene import (
     CAMERA_HEIGHTS_M,
     MIN_VALID,
@@ -160,9 +161,8 @@ def examine(
     evidence = gather(recording, frames, search)
     pair = evidence.pair
     if pair is None:
-        skipped = "skipped: images with depth have no left and right camera whose rows and order could be compared"
         light = light_checks([f.image for f in evidence.spread])
-        geometry = [Check("alignment of a pair", True, math.nan, note=skipped)]
+        geometry = registration_checks(evidence.spread, evidence.run)
     else:
         light = image_checks(evidence.spread)
         geometry = alignment_checks(pair.plain, pair.matches, pair.correction)

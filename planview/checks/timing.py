@@ -179,11 +179,11 @@ def lag_of(left: F64, right: F64) -> Lag:
         return Lag(_between(likeness, best), np.nan, np.nan)
     without = [_likeness(whole - part) for part in sums]
     gains = [float(one[best] - one[LONGEST_LAG]) for one in without]
-    gain = float(likeness[best] - likeness[LONGEST_LAG]) / max(_jackknife(gains), 1e-6)
-    return Lag(_between(likeness, best), _jackknife([_between(one, int(np.argmax(one))) for one in without]), gain)
+    gain = float(likeness[best] - likeness[LONGEST_LAG]) / max(jackknife(gains), 1e-6)
+    return Lag(_between(likeness, best), jackknife([_between(one, int(np.argmax(one))) for one in without]), gain)
 
 
-def _jackknife(without: Sequence[float]) -> float:
+def jackknife(without: Sequence[float]) -> float:
     """Standard deviation of a value, from those with each part left out."""
     own = np.asarray(without)
     return float(np.sqrt((len(own) - 1) / len(own) * np.sum((own - own.mean()) ** 2)))

@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 
 from planview.checks.check import Check
 from planview.checks.examine import RecordingWatch, refuse_unless_ok, sentence
+from planview.checks.registration import run_checks
 from planview.counting.events import Event
 from planview.counting.totals import JUMP_S, jump_note
 from planview.engine.engine import Engine, FrameResult
 from planview.output.folder import RunWarning
+from stereo.recording import RgbdRecording
 
 
 def last_times() -> deque[float]:
@@ -67,6 +69,8 @@ class RunChecks:
     def __init__(self, engine: Engine, strict: bool) -> None:
         self._engine = engine
         self._watch = RecordingWatch(engine.stereo) if engine.stereo is not None else None
+        recording = engine.recording
+        self._registration = run_checks(recording) if isinstance(recording, RgbdRecording) else []
         self._source, self._strict, self._frames = str(engine.recording.path), strict, 0
         self.refuse()
 
@@ -93,4 +97,4 @@ class RunChecks:
         ]  # fmt: skip
 
     def _all(self) -> list[Check]:
-        return list(self._engine.checks) + (self._watch.checks() if self._watch else [])
+        return list(self._engine.checks) + self._registration + (self._watch.checks() if self._watch else [])
