@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from calib.images import as_grey
-from calib.types import F32, F64, I64, U8
+from calib.types import F32, F64, I64, U8, AnyArray
 from planview.checks.check import Check
 from planview.checks.timing import MAX_LAG, SURELY, Lag, jackknife, lag_of
 from stereo.depth import median_image
@@ -123,7 +123,7 @@ def fit_of(frames: Sequence[RgbdFrame]) -> Fit | None:
     return Fit(np.asarray(shift[::-1], dtype=np.float64), std, scale, gain, mirror_gain)
 
 
-def _gain(gains: F64) -> float:
+def _gain(gains: AnyArray) -> float:
     return float(gains.mean()) / max(jackknife(gains.tolist()), 1e-6)
 
 
@@ -181,7 +181,7 @@ def depth_edges(depth: F32) -> F32:
     known, kernel = np.isfinite(depth), np.ones((3, 3), np.uint8)
     far = cv2.dilate(np.where(known, depth, 0.0).astype(np.float32), kernel)
     near = cv2.erode(np.where(known, depth, 99.0).astype(np.float32), kernel)
-    return (far - near > 0.1 + 0.05 * near).astype(np.float32)
+    return np.asarray(far - near > 0.1 + 0.05 * near, dtype=np.float32)
 
 
 def correlation(measured: F32, seen: F32) -> F64:
