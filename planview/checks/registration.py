@@ -69,19 +69,19 @@ def registration_checks(spread: Sequence[RgbdFrame], run: Sequence[RgbdFrame]) -
     )  # fmt: skip
     if fit is None:
         return [Check("depth on its image", True, math.nan, note="too few edges to compare"), delay]
-    mirrored = fit.mirror_gain >= SURELY
     size = float(np.abs(fit.shift_px).max())
     right, down = fit.shift_px
-    note = f"best fit of edges and people: {right:+.0f} px to the right, {down:+.0f} down, +- {fit.std_px:.0f}, of 640"
-    if mirrored:
-        note = f"depth is mirrored against its image: its mirror image fits better by {fit.mirror_gain:.1f} deviations"
-    elif fit.scale != 1.0:
+    where = f"best fit of edges and people: {right:+.0f} px to the right, {down:+.0f} down, +- {fit.std_px:.0f}, of 640"
+    name = "depth on its image"
+    if fit.mirror_gain >= SURELY:
+        better = f"its mirror image fits better by {fit.mirror_gain:.1f} deviations"
+        return [Check(name, False, math.nan, note=f"depth is mirrored against its image: {better}"), delay]
+    if fit.scale != 1.0:
         note = f"depth is not registered to its image: {fit.scale:g} of its size fits better"
-    elif size > MAX_SHIFT_PX:
-        note = f"depth is not registered to its image ({note})"
-    ok = not mirrored and fit.scale == 1.0 and not (size > MAX_SHIFT_PX and fit.gain >= SURELY)
-    value = size if ok or (fit.scale == 1.0 and not mirrored) else math.nan
-    return [Check("depth on its image", ok, value, "px", MAX_SHIFT_PX, "at most", note), delay]
+        return [Check(name, False, math.nan, note=note, warns=True), delay]
+    ok = not (size > MAX_SHIFT_PX and fit.gain >= SURELY)
+    note = where if ok else f"depth is not registered to its image ({where})"
+    return [Check(name, ok, size, "px", MAX_SHIFT_PX, "at most", note, warns=True), delay]
 
 
 def run_checks(recording: RgbdRecording) -> list[Check]:
@@ -173,7 +173,7 @@ def small_depth(depth_m: F32) -> F32:
 def edges(image: F32) -> F32:
     """Strength of the edges of an image; beyond that of the strongest tenth it counts no more."""
     strength = np.hypot(cv2.Sobel(image, cv2.CV_32F, 1, 0), cv2.Sobel(image, cv2.CV_32F, 0, 1))
-    return np.minimum(strength, np.percentile(strength, 90)).astype(np.float32)
+    return np.asarray(np.minimum(strength, np.percentile(strength, 90)), dtype=np.float32)
 
 
 def depth_edges(depth: F32) -> F32:
