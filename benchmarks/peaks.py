@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from calib.types import F64
-from planview.maps.builder import PlanViewMaps
+from planview.maps.plan_view import PlanViewMaps
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.trajectories.state import TrackState
 

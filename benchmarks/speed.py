@@ -32,7 +32,7 @@ from calib.rig import StereoRig
 from calib.types import F64, I64, U8, AnyArray, Bool
 from planview.engine.config import Config, load_config
 from planview.engine.engine import STAGES, Engine
-from planview.engine.one_camera import OneCameraEngine
+from planview.engine.one_camera import one_camera_engine
 from planview.engine.open import ImageTrackerName, image_tracker
 from planview.engine.stereo import stereo_engine
 from planview.synthetic.assets import DEMO, real_recordings
@@ -277,7 +277,7 @@ def one_camera(name: str, timed: tuple[ImageTrackerName, int, int], n_frames: in
     progress(f"{name}, {width_px} columns, and MOG2")
     camera = GroundCamera(width_px, width_px * 3 // 4, 260.0 * width_px / 320, 3.5, math.radians(60))
     video: Any = SimpleNamespace(size=camera.size)
-    engine = OneCameraEngine(video, image_tracker(tracker, config, camera), config, camera)
+    engine = one_camera_engine(video, image_tracker(tracker, config, camera), config, camera)
     painted = enumerate(walking_people(camera, people, SETTLED_FRAMES + n_frames))
     frames = (VideoFrame(i, i / PAINTED_FPS, image) for i, image in painted)
     with one_core():

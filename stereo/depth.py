@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast, overload
 
@@ -123,24 +123,45 @@ class RectifiedGeometry:
         return math.hypot(depth * depth * self.depth_std_per_m2, self.depth_std_min_m)
 
 
-def back_project(depth: F32, geometry: RectifiedGeometry) -> F32:
+@dataclass(frozen=True, eq=False)
+class Depth:
+    """A rectified frame and how far away its pixels are, which depends on no other frame.
+
+    Attributes:
+        image: (h, w[, 3]) uint8, the (left) image at the size of analysis.
+        disparity: (h, w) float32 of its pixels [px of the rectified image], NaN invalid.
+        step: rows and columns of the rectified image to one of these.
+        greys: both rectified images, (H, W) uint8; None without a pair.
+        picture: makes the rectified (left) image, (H, W[, 3]) uint8, in which boxes of people are.
+    """
+
+    image: U8
+    disparity: F32
+    step: int
+    greys: tuple[U8, U8] | None
+    picture: Callable[[], U8]
+
+
+def back_project(depth: F32, geometry: RectifiedGeometry, step: int = 1) -> F32:
     """(H, W, 3) float32 points [m], in the rectified left camera frame, of a depth image (H, W) float32 [m], NaN where
-    that is."""
+    that is; of every ``step``-th row and column of the geometry's image."""
     rows, cols = depth.shape
     points = np.empty((rows, cols, 3), dtype=np.float32)
-    x = geometry.rays(np.column_stack([np.arange(cols), np.zeros(cols)]))[:, 0].astype(np.float32)
-    y = geometry.rays(np.column_stack([np.zeros(rows), np.arange(rows)]))[:, 1].astype(np.float32)
+    x = geometry.rays(np.column_stack([step * np.arange(cols), np.zeros(cols)]))[:, 0].astype(np.float32)
+    y = geometry.rays(np.column_stack([np.zeros(rows), step * np.arange(rows)]))[:, 1].astype(np.float32)
     np.multiply(depth, x[None, :], out=points[..., 0])
     np.multiply(depth, y[:, None], out=points[..., 1])
     points[..., 2] = depth
     return points
 
 
-def point_cloud(disparity: F32, image: U8, geometry: RectifiedGeometry, world_SE3_left: SE3) -> PointCloud:
-    """Points [m] of a disparity (H, W) in the world, with the colours of the rectified left image (H, W[, 3]). Raises
-    WorkError: open3d is missing."""
+def point_cloud(
+    disparity: F32, image: U8, geometry: RectifiedGeometry, world_SE3_left: SE3, step: int = 1
+) -> PointCloud:
+    """Points [m] of a disparity (H, W) in the world, with the colours of its image (H, W[, 3]); ``step`` as of
+    ``back_project``. Raises WorkError: open3d is missing."""
     o3d = import_open3d("a cloud of points")
-    points = back_project(geometry.depth(disparity), geometry).reshape(-1, 3)
+    points = back_project(geometry.depth(disparity), geometry, step).reshape(-1, 3)
     known = np.isfinite(points).all(axis=1)
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(world_SE3_left @ points[known].astype(np.float64)))
     cloud.colors = o3d.utility.Vector3dVector(as_colour(image).reshape(-1, 3)[known, ::-1] / 255.0)

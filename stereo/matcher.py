@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -30,23 +30,6 @@ class Matcher(Protocol):
 
     def __call__(self, left_grey: U8, right_grey: U8) -> F32:
         """(H, W) float32 disparity of the left pixels [px] of a rectified pair (H, W) uint8; NaN where unknown."""
-
-
-class SampledDisparity(NamedTuple):
-    """Disparity (h, w) float32 [px of the image] of every ``step``-th row and column of an image (H, W), NaN invalid;
-    ``shape`` is not needed when every pixel is a sample."""
-
-    samples: F32
-    step: int = 1
-    shape: tuple[int, int] = (0, 0)
-
-    @property
-    def image(self) -> F32:
-        """(H, W) float32 [px]: that of the nearest sample to the left and above."""
-        if self.step == 1:
-            return self.samples
-        height, width = self.shape
-        return np.repeat(np.repeat(self.samples, self.step, axis=0), self.step, axis=1)[:height, :width]
 
 
 class RangeParams(Params):
@@ -198,10 +181,11 @@ class SgbmMatcher:
         shape = self.geometry.height, self.geometry.width
         if left_grey.shape != shape or right_grey.shape != shape or left_grey.dtype != np.uint8:
             raise ValueError(f"expected two {shape} uint8 images, got {left_grey.shape} and {right_grey.shape}")
-        return self.sampled(left_grey, right_grey).image
+        samples, n = self.sampled(left_grey, right_grey), self.step
+        return np.repeat(np.repeat(samples, n, axis=0), n, axis=1)[: shape[0], : shape[1]]
 
-    def sampled(self, left_grey: U8, right_grey: U8) -> SampledDisparity:
-        """The disparity of the samples, from images as of a call. Not in several threads at once."""
+    def sampled(self, left_grey: U8, right_grey: U8) -> F32:
+        """(h, w) float32 disparity of the samples [px], from images as of a call. Not in several threads at once."""
         n, left, right = self.step, self._reduced(left_grey), self._reduced(right_grey)
         start = self._coarse(left, right)
         coarse = left, _means(right_grey, n)
@@ -216,7 +200,7 @@ class SgbmMatcher:
         # What moves over half a sample, or a pixel, has left the surface that was found; no slope is known at the edge.
         inside = n * np.arange(self.shape[1]) - refined >= 1.0
         refined[~(inside & (np.abs(refined - start) <= max(0.5 * n, 1.0)))] = np.nan
-        return SampledDisparity(refined * self._scale, n, (self.geometry.height, self.geometry.width))
+        return refined * self._scale
 
     def _reduced(self, image: U8) -> U8:
         """(h, w) uint8 means of step x step pixels of an (H, W) image."""

@@ -9,9 +9,9 @@ from toy_stereo import ToyWorld
 
 from calib.rig import Floor
 from planview.engine.config import Config
-from planview.maps.pixels import Cloud
+from planview.maps.builder import MapBuilder
 from planview.maps.recording import MapsFrame
-from planview.maps.view import StereoView
+from planview.maps.rig import FloorRig
 from planview.maps.writer import MapsWriter
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
@@ -23,9 +23,9 @@ GEOMETRY = RectifiedGeometry(80, 60, 58.0, 58.0, 39.5, 29.5, 0.12)
 def write_toy_maps(path: Path, n_frames: int = 40) -> Path:
     """Colours, pixels without depth and one background; frame 7 was skipped."""
     config, pose = Config(), ToyWorld().world_SE3_left
-    cloud = Cloud(GEOMETRY, pose, config.maps, 1)
+    cloud = MapBuilder(GEOMETRY, pose, config.maps, 1)
     floor = Floor(pose, 0.8, 0.01, extent_m=(-3.0, 0.0, 3.0, 6.0))
-    view = StereoView(GEOMETRY, floor, "found", "toy", 0.1, DisparityRange(0, 16), cloud.grid, 1)
+    view = FloorRig(GEOMETRY, floor, "found", "toy", 0.1, DisparityRange(0, 16), cloud.grid, 1)
     writer = MapsWriter(path, view, config.model_dump_json(), 15.0)
     background = np.full(cloud.shape, GEOMETRY.disparity_at(4.0), np.float32)
     rng = np.random.default_rng(4)
@@ -37,7 +37,7 @@ def write_toy_maps(path: Path, n_frames: int = 40) -> Path:
         disparity[20:23, left : left + 3] = np.nan
         image = np.full((*cloud.shape, 3), (40, 40, 160), np.uint8)
         renewed = background if index == 0 else None
-        view_now = cloud.seen(disparity, mask, index / 15.0, renewed, image)
+        view_now = cloud.view(disparity, mask, index / 15.0, renewed, image)
         writer.add(MapsFrame.of(index, index / 15.0, disparity, view_now))
     writer.close([Skipped(7, "left: file is missing")])
     return path

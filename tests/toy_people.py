@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.pose import SE3
 from calib.types import F32, F64, U8
-from planview.maps.pixels import SURFACE, PixelRays, SeenPixels
+from planview.maps.view import SURFACE, PixelRays, View
 from planview.tracking.base import Observation
 from planview.tracking.body import TORSO, BodyTable, body_table
 from stereo.depth import RectifiedGeometry
@@ -30,7 +30,7 @@ def look_at(
     people: Sequence[tuple[float, float, float]],
     codes: Sequence[int] = (),
     table: BodyTable | None = None,
-) -> SeenPixels:
+) -> View:
     """People (x, y, height), or what else a table shows, each of one colour code, before a floor without texture."""
     kind: U8 = np.zeros(rays.shape, np.uint8)
     nearest: F32 = np.full(rays.shape, np.inf, np.float32)
@@ -41,7 +41,7 @@ def look_at(
         nearest[front], kind[front] = at[front], SURFACE
         colour[front] = codes[k] if codes else 0
     floor = np.where(rays.direction[..., 2] < -1e-3, -rays.centre_m[2] / rays.direction[..., 2], 0.0)
-    return SeenPixels(rays, kind, np.where(kind == SURFACE, nearest, floor).astype(np.float32), colour)
+    return View(rays, kind, np.where(kind == SURFACE, nearest, floor).astype(np.float32), colour)
 
 
 def seen_body(rays: PixelRays, person: tuple[float, float, float], table: BodyTable | None = None) -> tuple[F64, F64]:
@@ -62,6 +62,6 @@ def seen_body(rays: PixelRays, person: tuple[float, float, float], table: BodyTa
     return cover, along * cos - dz * sin - table.front[a, u, w] / scale
 
 
-def observed(frame: int, timestamp_s: float, *views: SeenPixels) -> Observation:
+def observed(frame: int, timestamp_s: float, *views: View) -> Observation:
     """An observation of what cameras saw."""
     return Observation(frame, timestamp_s, views=views)

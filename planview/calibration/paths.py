@@ -13,7 +13,7 @@ from calib.pose import SE3
 from calib.types import F32, F64
 from planview.engine.config import Config
 from planview.engine.stereo import stereo_engine
-from planview.maps.view import StereoView
+from planview.maps.rig import FloorRig
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 from stereo.depth import back_project, median_image
 from stereo.readers import open_any
@@ -86,27 +86,27 @@ def record_rig(path: Path, config: Config | None = None, done: Callable[[], None
     config = config or Config()
     recording = open_any(path)
     engine = stereo_engine(recording, config)
-    (view,) = engine.views.values()
+    (view,) = engine.rigs.values()
     collector, disparities = TrajectoryCollector(), []
     # Frames, spread over the recording, whose median is the scene without people.
     every = max(1, engine.recording.n_frames // 24)
     for result in engine:
         collector.add(result.frame, result.timestamp_s, result.tracks)
-        if result.frame % every == 0 and result.disparity is not None:
-            disparities.append(result.disparity)
+        if result.frame % every == 0 and result.depth is not None:
+            disparities.append(result.depth.disparity)
         done()
     pose = view.floor.world_SE3_left
     paths = paths_of(collector.trajectories(), pose, view.geometry.disparity_metre)
     return RigRecord(path, pose, paths, _scene(view, disparities))
 
 
-def _scene(view: StereoView, disparities: list[F32]) -> F32:
+def _scene(view: FloorRig, disparities: list[F32]) -> F32:
     """Points of the median disparity that are known well enough."""
     if not disparities:
         return np.empty((0, 3), dtype=np.float32)
     geometry, disparity = view.geometry, median_image(disparities)
     # Points of the scene with a larger predicted depth deviation are left out [m].
     farthest = (0.30 / geometry.depth_std_m(1.0)) ** 0.5
-    points = back_project(geometry.depth(disparity, farthest), geometry).reshape(-1, 3)
+    points = back_project(geometry.depth(disparity, farthest), geometry, view.reduction).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
     return np.asarray(view.floor.world_SE3_left @ points, dtype=np.float32)

@@ -37,12 +37,11 @@ from planview.checks.scene import (
     scene_checks,
     standing_things,
 )
-from planview.checks.timing import MotionWatch, Thumbnails, frame_checks, motion_checks, timing_checks
+from planview.checks.timing import MotionWatch, frame_checks, motion_checks, thumbnails, timing_checks
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
-from planview.maps.view import StereoView
-from stereo.depth import back_project, median_image
+from planview.maps.rig import FloorRig
+from stereo.depth import Depth, back_project, median_image
 from stereo.floor import FloorSearch, setup_frames
-from stereo.matcher import SampledDisparity
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video
 from stereo.recording import StereoRecording, Video
 
@@ -229,25 +228,23 @@ KEPT = 1000
 class RecordingWatch:
     """Watches a run: do both cameras show the same, at the same time, at a plausible scale?"""
 
-    def __init__(self, view: StereoView) -> None:
-        self._view = view
+    def __init__(self, rig: FloorRig) -> None:
+        self._rig = rig
         self._motion = MotionWatch()
         self._frames = 0
         self._valid: deque[float] = deque(maxlen=KEPT)
         self._things: deque[F64] = deque(maxlen=KEPT)
 
-    def update(self, pair: Thumbnails | None, sampled: SampledDisparity | None, foreground: U8 | None) -> None:
-        """Take the next frame: thumbnails of the rectified images, disparity (read in every STEP-th frame only),
-        and (h, w) uint8 at the reduced size, non-zero where people are."""
-        if pair is not None:
-            self._motion.update(pair)
-        if sampled is not None and self._frames % STEP == 0:
-            step, disparity = self._view.reduction, sampled.image
-            self._valid.append(float(np.isfinite(disparity[::step, ::step]).mean()))
+    def update(self, depth: Depth | None, foreground: U8 | None) -> None:
+        """Take the next frame, with (h, w) uint8 at its size, non-zero where people are; None where there is none."""
+        if depth is not None and depth.greys is not None:
+            self._motion.update(thumbnails(*depth.greys))
+        if depth is not None and self._frames % STEP == 0:
+            self._valid.append(float(np.isfinite(depth.disparity).mean()))
             if foreground is not None:
-                depth, pose = self._view.geometry.depth(disparity), self._view.floor.world_SE3_left
-                above = heights_above_floor(back_project(depth, self._view.geometry), pose)
-                self._things.append(standing_things(above[::step, ::step], depth[::step, ::step], foreground > 0))
+                far, pose = self._rig.geometry.depth(depth.disparity), self._rig.floor.world_SE3_left
+                above = heights_above_floor(back_project(far, self._rig.geometry, depth.step), pose)
+                self._things.append(standing_things(above, far, foreground > 0))
         self._frames += 1
 
     def checks(self) -> list[Check]:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, NoReturn, Protocol
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from calib.errors import InputError
 from calib.floor_camera import FloorCamera
 from calib.ground_camera import GroundCamera
-from calib.types import F32, U8
+from calib.types import F32
 from planview.checks.check import Check
-from planview.checks.timing import Thumbnails
 from planview.engine.config import Config
 from planview.engine.info import (
     CameraInfo,
@@ -25,13 +24,12 @@ from planview.engine.info import (
     rigs_info,
     stereo_floor_info,
 )
-from planview.maps.pixels import SeenPixels
 from planview.maps.recording import MapsFrame
-from planview.maps.view import StereoView
-from planview.tracking.base import Decision, Observation, Tracker
+from planview.maps.rig import FloorRig
+from planview.maps.view import View
+from planview.tracking.base import Decision, Observation, Tracker, followed
 from planview.trajectories.state import TrackState
-from stereo.depth import point_cloud
-from stereo.matcher import SampledDisparity
+from stereo.depth import Depth, point_cloud
 from stereo.readers.multi_rig import MultiRigFrame
 from stereo.recording import RgbdFrame, Skipped, StereoFrame, VideoFrame, prefetch
 
@@ -42,47 +40,8 @@ Frame = StereoFrame | RgbdFrame | MultiRigFrame | VideoFrame | MapsFrame
 
 STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
 """Stages timed, in order."""
-
-
-@dataclass(frozen=True, eq=False)
-class Prepared:
-    """A frame of one rig, as far as it depends on no other frame.
-
-    Attributes:
-        image: (h, w[, 3]) uint8, rectified, at the analysis size; the left image of a pair.
-        picture: makes it at the size that boxes of people are in; few callers need it.
-        sampled: disparity of every pixel, or of those that foreground and maps are made of.
-        thumbnails: of both rectified images; None without a pair.
-    """
-
-    image: U8
-    picture: Callable[[], U8]
-    sampled: SampledDisparity
-    thumbnails: Thumbnails | None
-
-
-@dataclass(frozen=True, eq=False)
-class RigFrame:
-    """What one rig measured in a frame.
-
-    Attributes:
-        name: of the rig among several.
-        prepared: images.
-        disparity: (h, w) float32 [px] at the analysis size.
-        foreground: (h, w) uint8 mask at the analysis size.
-        view: what every pixel shows.
-    """
-
-    name: str
-    prepared: Prepared
-    disparity: F32
-    foreground: U8
-    view: SeenPixels
-
-    @property
-    def image(self) -> U8:
-        """(H, W[, 3]) uint8, the (rectified left) image. Made on every access."""
-        return self.prepared.picture()
+Depths = tuple[Depth | None, ...]
+"""Of every rig, None for one without a frame at that time; empty for one camera and recorded maps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +53,9 @@ class FrameResult:
         timestamp_s: seconds since the first frame.
         tracks: people, tentative and lost ones included, with their boxes in the image of the first rig.
         decisions: why the tracker did what it did.
-        observation: the tracker's input (image, foreground, maps), of a pair at the analysis size.
+        observation: the tracker's input: what every camera saw, and maps.
         stages_ms: time of every stage; reading and matching run ahead in another thread.
-        rigs: what each rig measured, None for a rig without a frame at that time; empty for one camera and recorded
-            maps.
+        depths: the rectified frames behind the views.
         stereo: the first rig above the floor; None for one camera.
     """
 
@@ -107,31 +65,21 @@ class FrameResult:
     decisions: tuple[Decision, ...]
     observation: Observation
     stages_ms: dict[str, float]
-    rigs: tuple[RigFrame | None, ...] = ()
-    stereo: StereoView | None = None
+    depths: Depths = ()
+    stereo: FloorRig | None = None
 
     def __repr__(self) -> str:
         return f"FrameResult(frame {self.frame}, {self.timestamp_s:.2f} s, {len(self.tracks)} tracks)"
 
     @property
-    def first(self) -> RigFrame | None:
-        """What the first rig measured; None for one camera, for recorded maps, and where it has no frame."""
-        return self.rigs[0] if self.rigs else None
+    def views(self) -> tuple[View, ...]:
+        """What each rig shows; empty for one camera."""
+        return self.observation.views
 
     @property
-    def image(self) -> U8 | None:
-        """(H, W[, 3]) uint8, the (rectified left) image that boxes are in; None for recorded maps."""
-        return self.first.image if self.first else self.observation.image
-
-    @property
-    def sampled(self) -> SampledDisparity | None:
-        """Disparity of the first rig; None for one camera."""
-        return self.first.prepared.sampled if self.first else None
-
-    @property
-    def disparity(self) -> F32 | None:
-        """(H, W) float32 [px], NaN invalid; None for one camera."""
-        return None if self.sampled is None else self.sampled.image
+    def depth(self) -> Depth | None:
+        """Of the first rig; None for one camera, for recorded maps, and where it has no frame."""
+        return self.depths[0] if self.depths else None
 
     def template(self, track: TrackState) -> tuple[F32, F32] | None:
         """T_H [m] and T_O [m^2] of a person, as ``PlanViewMaps.around`` gives them; None for one camera."""
@@ -141,10 +89,10 @@ class FrameResult:
     def point_cloud(self) -> PointCloud:
         """What the first rig measured, as an ``open3d.geometry.PointCloud``: metres on the axes of the tracks, colours
         of the image. Raises InputError: one camera without depth, or recorded maps."""
-        if self.stereo is None or self.first is None or self.disparity is None:
+        if self.stereo is None or self.depth is None:
             raise InputError("expected a stereo pair or images with depth for a point cloud, found no disparity")
-        pose = self.stereo.floor.world_SE3_left
-        return point_cloud(self.disparity, self.first.image, self.stereo.geometry, pose)
+        pose, geometry = self.stereo.floor.world_SE3_left, self.stereo.geometry
+        return point_cloud(self.depth.disparity, self.depth.image, geometry, pose, self.depth.step)
 
 
 class StageClock:
@@ -189,53 +137,76 @@ class Remembers(Protocol):
     def reset(self) -> None: ...
 
 
-class Engine(ABC):
-    """Tracks people: iterate it for a FrameResult per frame of its recording, or ``step`` through frames of your own.
+class Stages(Protocol):
+    """What comes before the tracker, of one kind of recording. Errors are those of ``Engine.step``.
 
-    Each kind of recording has a subclass with the stages around the tracker: its ``prepare`` and ``memory``.
+    Attributes:
+        ahead: frames that iteration matches ahead in a thread of their own; 0 for one thread.
+        checks: of the recording so far: before its first frame, and from the frames seen.
+    """
+
+    ahead: int
+
+    @property
+    def checks(self) -> Sequence[Check]: ...
+
+    def match(self, frame: Any, clock: StageClock) -> Depths:
+        """The part of the work that depends on no other frame."""
+
+    def look(self, frame: Any, depths: Depths, clock: StageClock) -> Observation:
+        """What the cameras show, from what was learned of the frames before."""
+
+    def learn(self, observation: Observation, people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
+        """Keep where people are for the next frame."""
+
+    def memory(self) -> dict[str, Remembers]:
+        """By name, the objects that hold all that is carried from frame to frame."""
+
+
+class Engine:
+    """Tracks people: iterate it for a FrameResult per frame of its recording, or ``step`` through frames of your own.
 
     Attributes:
         recording: what is read.
         tracker: follows people.
         config: the full effective configuration.
+        stages: before the tracker.
         camera: the (rectified left) camera above the floor; None for one camera that is not calibrated.
         size: (width, height) of its images [px].
-        views: by name, the rigs above the floor, the first over the grid of the maps; empty for one camera.
-        ahead: frames that iteration prepares ahead in a thread of their own; 0 for one thread.
+        rigs: by name, the rigs above the floor, the first over the grid of the maps; empty for one camera.
+        ahead: see ``Stages``.
     """
-
-    ahead = 0
 
     def __init__(
         self,
         recording: AnyRecording,
         tracker: Tracker,
         config: Config,
+        stages: Stages,
         camera: FloorCamera | None,
         size: tuple[int, int],
-        views: Mapping[str, StereoView] = {},
+        rigs: Mapping[str, FloorRig] = {},
     ) -> None:
-        self.recording, self.tracker, self.config = recording, tracker, config
-        self.camera, self.size, self.views = camera, size, views
+        self.recording, self.tracker, self.config, self.stages = recording, tracker, config, stages
+        self.camera, self.size, self.rigs, self.ahead = camera, size, rigs, stages.ahead
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.recording!r}, {type(self.tracker).__name__})"
 
     @property
-    def stereo(self) -> StereoView | None:
+    def stereo(self) -> FloorRig | None:
         """The first rig, over the grid of the maps; None for one camera."""
-        return next(iter(self.views.values()), None)
+        return next(iter(self.rigs.values()), None)
 
     @property
     def checks(self) -> Sequence[Check]:
-        """Checks of the recording so far: before its first frame, and from the frames tracked; empty where nothing is
-        checked."""
-        return ()
+        """Checks of the recording so far; empty where nothing is checked."""
+        return self.stages.checks
 
     def camera_info(self) -> CameraInfo | None:
         """The camera as ``run.json`` has it; None for one that is not calibrated."""
-        if self.views:
-            return rigs_info(self.views)
+        if self.rigs:
+            return rigs_info(self.rigs)
         return ground_camera_info(self.camera) if isinstance(self.camera, GroundCamera) else None
 
     def floor_info(self) -> FloorInfo | None:
@@ -246,26 +217,32 @@ class Engine(ABC):
 
     def memory(self) -> dict[str, Remembers]:
         """By name, the objects that hold all that the engine carries from frame to frame."""
-        return {"tracker": self.tracker}
+        return {"tracker": self.tracker, **self.stages.memory()}
 
     def reset(self) -> None:
         """Forget all frames: people, background and feedback."""
         for part in self.memory().values():
             part.reset()
 
-    @abstractmethod
-    def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
-        """Do the part of the work that depends on no other frame; what is returned does the rest, in order of frames.
-        Raises InputError, ValueError: as of ``step``."""
-
     def step(self, frame: Frame) -> FrameResult:
         """Track the next frame, of the kind that ``recording`` gives; frames come in order.
 
         Raises:
-            InputError, ValueError: a frame of another kind of recording, or images of another size than the
-                calibration's.
+            InputError, ValueError: a frame of another kind of recording, images of another size than the
+                calibration's, or damaged maps.
         """
-        return self.prepare(frame, StageClock())()
+        clock = StageClock()
+        return self._track(frame, self.stages.match(frame, clock), clock)
+
+    def _track(self, frame: Frame, depths: Depths, clock: StageClock) -> FrameResult:
+        """Look, follow people, and keep where they are."""
+        clock.start()
+        observation = self.stages.look(frame, depths, clock)
+        people, decisions = followed(self.tracker, observation), self.tracker.decisions
+        self.stages.learn(observation, people, decisions)
+        clock.record("track")
+        now_s, stages_ms = frame.timestamp_s, clock.stages_ms
+        return FrameResult(frame.index, now_s, people, decisions, observation, stages_ms, depths, self.stereo)
 
     def __iter__(self) -> Iterator[FrameResult]:
         """Track the recording from its first frame; each iteration starts with ``reset``."""
@@ -274,17 +251,17 @@ class Engine(ABC):
 
     def after(self, frame: int) -> Iterator[FrameResult]:
         """Go on tracking after a frame, with the memory of the frames up to it."""
-        with closing(prefetch(self._prepared(frame), self.ahead) if self.ahead else self._prepared(frame)) as frames:
+        with closing(prefetch(self._matched(frame), self.ahead) if self.ahead else self._matched(frame)) as frames:
             for track in frames:
                 yield track()
 
-    def _prepared(self, last: int) -> Generator[Callable[[], FrameResult], None, None]:
+    def _matched(self, last: int) -> Generator[Callable[[], FrameResult], None, None]:
         """The frames after one. Those before are read and passed over: what could not be read is noted again."""
         clock = StageClock()
         for frame in self.recording:
             if frame.index > last:
                 clock.record("read")
-                yield self.prepare(frame, clock)
+                yield partial(self._track, frame, self.stages.match(frame, clock), clock)
             clock = StageClock()
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from calib.types import U8
 from planview.engine.config import FeedbackParams
 from planview.foreground.params import BACKGROUND, PERSON
-from planview.maps.builder import FloorPoints
+from planview.maps.view import FloorPoints
 from planview.tracking.base import Decision
 from planview.trajectories.state import TrackState
 

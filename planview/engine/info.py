@@ -14,7 +14,7 @@ from calib.ground_camera import GroundCamera
 from calib.pose import SE3
 
 if TYPE_CHECKING:  # readers of results need none of their kernels
-    from planview.maps.view import StereoView
+    from planview.maps.rig import FloorRig
 
 VIEW_DISTANCE_M = 15.0
 """The outline of a stereo camera's view on the floor ends here [m]: depth is too coarse beyond (our choice)."""
@@ -84,7 +84,7 @@ class CameraInfo(InfoPart):
     """All cameras of a recording with several rigs, the first one included."""
 
 
-def rigs_info(views: Mapping[str, StereoView]) -> CameraInfo:
+def rigs_info(views: Mapping[str, FloorRig]) -> CameraInfo:
     """The camera of the first rig, with those of all where there are several."""
     cameras = [stereo_camera_info(view) for view in views.values()]
     if len(cameras) == 1:
@@ -97,7 +97,7 @@ def rigs_info(views: Mapping[str, StereoView]) -> CameraInfo:
     return named[0].model_copy(update={"heads": named})
 
 
-def stereo_camera_info(view: StereoView) -> CameraInfo:
+def stereo_camera_info(view: FloorRig) -> CameraInfo:
     """The rectified left camera, or that of images with depth."""
     geometry, residual_px = view.geometry, view.vertical_residual_px
     return CameraInfo(
@@ -115,7 +115,7 @@ def stereo_camera_info(view: StereoView) -> CameraInfo:
     )
 
 
-def stereo_floor_info(view: StereoView) -> FloorInfo:
+def stereo_floor_info(view: FloorRig) -> FloorInfo:
     """The floor below a stereo pair."""
     floor = view.floor
     known = not math.isnan(floor.inlier_fraction)

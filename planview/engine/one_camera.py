@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable
-from functools import partial
+from collections.abc import Iterable, Sequence
 from typing import Protocol, runtime_checkable
 
 import cv2
@@ -18,7 +17,7 @@ from calib.types import U8
 from planview.checks.camera import Steadiness, Steady
 from planview.checks.check import Check
 from planview.engine.config import Config, SingleCameraParams
-from planview.engine.engine import Engine, Frame, FrameResult, Remembers, StageClock, refuse_frame
+from planview.engine.engine import Depths, Engine, Frame, Remembers, StageClock, refuse_frame
 from planview.foreground.blobs import find_blobs
 from planview.foreground.ghosts import (
     SEARCH_INTERVAL_S,
@@ -31,7 +30,8 @@ from planview.foreground.ghosts import (
 )
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
-from planview.tracking.base import ImageTracker, Observation, followed
+from planview.tracking.base import Decision, ImageTracker, Observation
+from planview.trajectories.state import TrackState
 from stereo.recording import Video, VideoFrame
 
 OVERVIEW_HZ = 10.0
@@ -172,46 +172,45 @@ class ImageStages:
         return np.asarray(motion, dtype=np.uint8)
 
 
-class OneCameraEngine(Engine):
-    """Lets a tracker follow people in the images of one camera.
+class OneCameraStages:
+    """Foreground and motion of one camera, with what its tracker knows of the pixels: ``Stages``.
 
     Attributes:
-        stages: before the tracker.
+        images: the stages.
     """
 
-    tracker: ImageTracker
+    ahead = 0
 
-    def __init__(
-        self, recording: Video, tracker: ImageTracker, config: Config, camera: GroundCamera | None = None
-    ) -> None:
-        """Compose the stages; ``camera`` is None where the tracker needs no calibration."""
-        super().__init__(recording, tracker, config, camera, recording.size)
+    def __init__(self, tracker: ImageTracker, config: Config, size: tuple[int, int]) -> None:
         columns: object = tracker.foreground_columns
         if columns is not None and not (isinstance(columns, int) and columns > 0):
             raise InputError(f"expected foreground_columns above 0 or None, found {columns!r}", argument="tracker")
-        self.stages = ImageStages(config.single_camera, recording.size, columns)
+        self._tracker, self.images = tracker, ImageStages(config.single_camera, size, columns)
 
     @property
     def checks(self) -> list[Check]:
         """Whether the camera stands still and shows one scene, from the frames so far."""
-        return self.stages.checks
+        return self.images.checks
 
-    def memory(self) -> dict[str, Remembers]:
-        """The tracker, and what the foreground learned."""
-        return super().memory() | {"one camera": self.stages}
-
-    def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
-        """See ``Engine``."""
+    def match(self, frame: Frame, clock: StageClock) -> Depths:
+        """Nothing: one camera has no depth."""
         if not isinstance(frame, VideoFrame):
             refuse_frame("an image of one camera", frame)
-        return partial(self._track, frame, clock)
+        return ()
 
-    def _track(self, frame: VideoFrame, clock: StageClock) -> FrameResult:
-        observation = self.stages.observe(frame, self.tracker.feedback())
+    def look(self, frame: Frame, depths: Depths, clock: StageClock) -> Observation:
+        """See ``Stages``."""
+        assert isinstance(frame, VideoFrame)
+        observation = self.images.observe(frame, self._tracker.feedback())
         clock.record("foreground")
-        tracks, decisions = followed(self.tracker, observation), self.tracker.decisions
-        clock.record("track")
-        return FrameResult(frame.index, frame.timestamp_s, tracks, decisions, observation, clock.stages_ms)
+        return observation
+
+    def learn(self, observation: Observation, people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
+        """Nothing: the tracker is asked for its feedback."""
+
+    def memory(self) -> dict[str, Remembers]:
+        """What the foreground learned."""
+        return {"one camera": self.images}
 
 
 @runtime_checkable
@@ -236,9 +235,10 @@ def one_camera_engine(
         overview: a tracker that can learn from the beginning of the recording sees it first; otherwise it learns
             everything while it tracks, as from a camera that runs.
     """
-    engine = OneCameraEngine(recording, tracker, config or Config(), camera)
+    config = config or Config()
+    stages = OneCameraStages(tracker, config, recording.size)
     if overview and isinstance(tracker, LearnsFirst):
         step = max(1, round(recording.fps / OVERVIEW_HZ))
-        tracker.study(engine.stages.observe(frame) for frame in recording if frame.index % step == 0)
-        engine.stages.reset()
-    return engine
+        tracker.study(stages.images.observe(frame) for frame in recording if frame.index % step == 0)
+        stages.images.reset()
+    return Engine(recording, tracker, config, stages, camera, recording.size)

@@ -14,7 +14,7 @@ from calib.ground_camera import GroundCamera
 from planview.engine.config import Config, config_of
 from planview.engine.engine import Engine
 from planview.engine.one_camera import one_camera_engine
-from planview.engine.replay import ReplayEngine, recorded_config
+from planview.engine.replay import recorded_config, replay_engine
 from planview.engine.stereo import multi_rig_engine, stereo_engine
 from planview.maps.recording import MapsRecording, is_maps
 from planview.tracking.base import ImageTracker, Tracker, refuse_tracker
@@ -74,7 +74,7 @@ def open_engine(
             raise InputError(f"{foreign}: expected no calibration for plan-view maps, which hold their own")
         recording = MapsRecording(path)
         config = config or recorded_config(recording)
-        return ReplayEngine(recording, _map_tracker(tracker, config, path), config)
+        return replay_engine(recording, _map_tracker(tracker, config, path), config)
     config = config or Config()
     if detections is not None and holds_pair(path, options):
         raise InputError(f"{path} is a stereo recording, and boxes are tracked in one image", argument="detections")

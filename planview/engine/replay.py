@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,11 +12,13 @@ import numpy as np
 from calib.errors import InputError
 from calib.types import U8
 from planview.engine.config import Config
-from planview.engine.engine import Engine, Frame, FrameResult, Remembers, StageClock, refuse_frame
-from planview.maps.builder import floor_in_view, plan_view
-from planview.maps.pixels import Cloud, SeenPixels
+from planview.engine.engine import Depths, Engine, Frame, Remembers, StageClock, refuse_frame
+from planview.maps.builder import MapBuilder, floor_in_view
+from planview.maps.plan_view import plan_view
 from planview.maps.recording import MapsFrame, MapsRecording
-from planview.tracking.base import Observation, Tracker, followed
+from planview.maps.view import View
+from planview.tracking.base import Decision, Observation, Tracker
+from planview.trajectories.state import TrackState
 
 FIXED_TABLES = ("analysis", "rectify", "range", "sgbm", "floor", "foreground", "feedback")
 FIXED_MAP_PARAMETERS = ("height_max_m", "depth_std_max_m")
@@ -37,67 +39,71 @@ def recorded_config(recording: MapsRecording) -> Config:
         ) from error
 
 
-class ReplayEngine(Engine):
-    """Builds maps from recorded points, and lets a tracker follow people in them.
+class ReplayStages:
+    """Builds views from recorded points: ``Stages``.
 
     With the parameters of the recording the tracks are the same bit for bit. With others they are an approximation:
     the feedback that the recording's tracker gave to its foreground stays in the points.
     """
 
-    def __init__(self, recording: MapsRecording, tracker: Tracker, config: Config | None = None) -> None:
-        """Compose the stages, with the parameters of the recording when ``config`` is None.
+    ahead = 0
+    checks = ()
 
-        Raises:
-            InputError: a parameter that decided which points were recorded differs, or maps of another rig.
-        """
-        recorded = recorded_config(recording)
-        config = config or recorded
+    def __init__(self, recording: MapsRecording, config: Config) -> None:
+        """Raises InputError: a parameter that decided which points were recorded differs, or maps of another rig."""
+        recorded, rig = recorded_config(recording), recording.view
         _refuse_fixed(recording.path, recorded, config)
-        view, pose = recording.view, recording.view.floor.world_SE3_left
         try:
-            if floor_in_view(view.geometry, pose, recorded.maps) != view.grid:
+            if floor_in_view(rig.geometry, rig.floor.world_SE3_left, recorded.maps) != rig.grid:
                 raise ValueError("expected the grid of the rig and floor in the file, found one of another rig")
-            self._cloud = Cloud(view.geometry, pose, config.maps, view.reduction)
+            self._maps = MapBuilder(rig.geometry, rig.floor.world_SE3_left, config.maps, rig.reduction)
         except ValueError as error:
             raise InputError(f"{recording.path}: {error}") from error
-        self._path, self._view = recording.path, replace(view, grid=self._cloud.grid)
-        super().__init__(recording, tracker, config, view.camera, view.geometry.size, {"": self._view})
+        self._path, self.rig = recording.path, replace(rig, grid=self._maps.grid)
 
-    def memory(self) -> dict[str, Remembers]:
-        """The tracker, and how far away the background is."""
-        return super().memory() | {"background": self._cloud.background}
+    def match(self, frame: Frame, clock: StageClock) -> Depths:
+        """Nothing: recorded points have been matched."""
+        return ()
 
-    def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
-        """See ``Engine``. Raises InputError, too, when the frame is tracked: damaged maps."""
+    def look(self, frame: Frame, depths: Depths, clock: StageClock) -> Observation:
+        """See ``Stages``. Raises InputError: damaged maps."""
         if not isinstance(frame, MapsFrame):
             refuse_frame("the points of plan-view maps", frame)
-        return partial(self._track, frame, clock)
-
-    def _track(self, frame: MapsFrame, clock: StageClock) -> FrameResult:
-        disparity, mask = np.full(self._cloud.shape, np.nan, np.float32), np.zeros(self._cloud.shape, np.uint8)
+        maps = self._maps
+        disparity, mask = np.full(maps.shape, np.nan, np.float32), np.zeros(maps.shape, np.uint8)
         disparity.reshape(-1)[frame.pixels] = frame.disparities
         mask.reshape(-1)[frame.pixels] = mask.reshape(-1)[frame.unmatched] = 255
         codes: U8 | None = None
         if frame.colours is not None:
             codes = np.zeros(mask.shape, np.uint8)
             codes.reshape(-1)[frame.pixels] = frame.colours
-        view = self._cloud.seen(disparity, mask, frame.timestamp_s, frame.background, codes=codes)
-        if unknown := len(frame.unmatched) == mask.size:
-            view = SeenPixels.unknown(self._cloud.rays)
+        view = maps.view(disparity, mask, frame.timestamp_s, frame.background, codes=codes)
+        if len(frame.unmatched) == mask.size:
+            view = View.unknown(maps.rays)
         if len(view.points.pixels) != len(frame.pixels):
             raise InputError(
                 f"{self._path}: frame {frame.index}: expected {len(frame.pixels)} points in reach of the rig, "
                 f"found {len(view.points.pixels)}: the maps are damaged or another rig's"
             )
         clock.record("maps")
-        build_maps = partial(plan_view, view.points, self._cloud.grid, self.config.maps)
-        camera, at = self.camera, (frame.index, frame.timestamp_s)
-        observation = Observation(*at, views=(view,), camera=camera, build_maps=build_maps, unknown=unknown)
-        tracks, decisions = followed(self.tracker, observation), self.tracker.decisions
-        clock.record("track")
-        return FrameResult(
-            frame.index, frame.timestamp_s, tracks, decisions, observation, clock.stages_ms, stereo=self._view
-        )
+        build = partial(plan_view, [view.points], maps.grid, maps.params)
+        return Observation.of(frame.index, frame.timestamp_s, (view,), self.rig.camera, build)
+
+    def learn(self, observation: Observation, people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
+        """Nothing: the foreground is recorded."""
+
+    def memory(self) -> dict[str, Remembers]:
+        """How far away the background is."""
+        return {"background": self._maps.background}
+
+
+def replay_engine(recording: MapsRecording, tracker: Tracker, config: Config | None = None) -> Engine:
+    """An engine for recorded plan-view maps, with the parameters of the recording when ``config`` is None. Raises
+    InputError: a parameter that decided which points were recorded differs, or maps of another rig."""
+    config = config or recorded_config(recording)
+    stages = ReplayStages(recording, config)
+    rig = stages.rig
+    return Engine(recording, tracker, config, stages, rig.camera, rig.geometry.size, {"": rig})
 
 
 def _refuse_fixed(path: Path, recorded: Config, config: Config) -> None:

@@ -20,7 +20,7 @@ from planview.checks.scene import alignment_checks, floor_checks, image_checks
 from planview.engine.config import Config
 from planview.maps.builder import floor_in_view
 from planview.maps.grid import Grid
-from planview.maps.view import StereoView
+from planview.maps.rig import FloorRig
 from stereo.depth import RectifiedGeometry, median_image, point_cloud
 from stereo.floor import FloorEstimator, FloorSearch, sensor_floor, setup_frames
 from stereo.matcher import BODY_LAG, DisparityRange, SgbmMatcher, disparity_range
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Setup(StereoView):
+class Setup(FloorRig):
     """A recording of a pair, or of images with depth, made ready.
 
     Attributes:

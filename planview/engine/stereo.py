@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -13,28 +13,19 @@ from calib.errors import InputError
 from calib.types import F32, U8
 from calib.world import RIGS_FILE
 from planview.checks.check import Check
-from planview.checks.timing import Thumbnails, thumbnails
 from planview.engine.config import Config
-from planview.engine.engine import (
-    AnyRecording,
-    Engine,
-    Frame,
-    FrameResult,
-    Prepared,
-    Remembers,
-    RigFrame,
-    StageClock,
-    refuse_frame,
-)
+from planview.engine.engine import AnyRecording, Depths, Engine, Frame, Remembers, StageClock, refuse_frame
 from planview.engine.feedback import Feedback
 from planview.engine.setup import Setup, refuse_foreign_disparity, set_up
 from planview.foreground.mixture import Foreground
-from planview.maps.multi_rig import joint_grid, joint_maps
-from planview.maps.pixels import Cloud, SeenPixels
-from planview.tracking.base import Decision, Observation, Tracker, followed
+from planview.maps.builder import MapBuilder
+from planview.maps.plan_view import joint_grid, plan_view
+from planview.maps.view import View
+from planview.tracking.base import Decision, Observation, Tracker
 from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState
-from stereo.matcher import Matcher, SampledDisparity
+from stereo.depth import Depth
+from stereo.matcher import Matcher
 from stereo.readers.multi_rig import MultiRigFrame, MultiRigRecording
 from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import Rectifier
@@ -42,103 +33,86 @@ from stereo.rgbd import RgbdRectifier
 
 
 class RigStages:
-    """The stages of one rig; what it shows depends on where people were.
+    """The stages of one rig.
 
     Attributes:
         name: among several rigs.
-        view: the rig above its floor, with its rectification.
-        foreground, cloud, feedback: the stages after it.
+        rig: above its floor, with its rectification.
+        foreground, maps, feedback: the stages after matching.
     """
 
-    def __init__(self, view: Setup, config: Config, matcher: Matcher | None = None, name: str = "") -> None:
+    def __init__(self, rig: Setup, config: Config, matcher: Matcher | None = None, name: str = "") -> None:
         """Compose the stages.
 
         Args:
-            matcher: of whole pairs; SGBM over the view's disparities when None.
+            matcher: of whole pairs; SGBM over the rig's disparities when None.
         Raises:
             InputError: a matcher for images with depth.
         """
-        self.name, self.view, self._matcher = name, view, matcher
-        of_pairs = isinstance(view.rectifier, Rectifier)
+        self.name, self.rig, self._matcher = name, rig, matcher
+        of_pairs = isinstance(rig.rectifier, Rectifier)
         if matcher is not None and not of_pairs:
             raise InputError(
-                f"{view.calibration}: expected a stereo pair for a matcher of your own, found images with depth"
+                f"{rig.calibration}: expected a stereo pair for a matcher of your own, found images with depth"
             )
-        geometry, pose, step = view.geometry, view.floor.world_SE3_left, view.reduction
-        self.cloud = Cloud(geometry, pose, config.maps, step)
+        geometry, step = rig.geometry, rig.reduction
+        self.maps = MapBuilder(geometry, rig.floor.world_SE3_left, config.maps, step)
         self.foreground = Foreground(
-            config.foreground, self.cloud.shape, geometry.disparity_std_per_px2, step, geometry.disparity_metre
-        )  # fmt: skip
-        self._sgbm = view.matcher(config, step) if of_pairs and matcher is None else None
+            config.foreground, self.maps.shape, geometry.disparity_std_per_px2, step, geometry.disparity_metre
+        )
+        self._sgbm = rig.matcher(config, step) if of_pairs and matcher is None else None
         self.feedback = Feedback(config.feedback)
 
-    def prepare(self, frame: Frame, clock: StageClock) -> Prepared:
-        """Rectify and match a frame (errors: see ``Engine.step``)."""
-        rectifier = self.view.rectifier
+    def match(self, frame: Frame, clock: StageClock) -> Depth:
+        """Rectify and match a frame."""
+        rectifier = self.rig.rectifier
         if isinstance(rectifier, RgbdRectifier):
             if not isinstance(frame, RgbdFrame):
                 refuse_frame("an image with depth", frame)
             seen = rectifier(frame)
             clock.record("rectify")
-            return self._prepared(seen.left, rectifier.disparity(seen), None, clock)
+            return self._reduced(seen.left, rectifier.disparity(seen), None)
         if not isinstance(frame, StereoFrame):
             refuse_frame("a stereo pair", frame)
-        if self._matcher is not None:
-            whole = rectifier(frame.left, frame.right)
+        if self._sgbm is not None:
+            pair = rectifier.reduced(frame.left, frame.right, self.rig.reduction)
             clock.record("rectify")
-            disparity = self._matcher(whole.left_grey, whole.right_grey)
-            refuse_foreign_disparity(disparity, rectifier.geometry.size[::-1], self.view.disparities)
-            small = thumbnails(whole.left_grey, whole.right_grey)
-            return self._prepared(whole.left, disparity, small, clock)
-        assert self._sgbm is not None
-        pair = rectifier.reduced(frame.left, frame.right, self.view.reduction)
-        small = thumbnails(pair.left_grey, pair.right_grey)
+            greys = pair.left_grey, pair.right_grey
+            return Depth(pair.image, self._sgbm.sampled(*greys), self.rig.reduction, greys, pair.left)
+        assert self._matcher is not None
+        whole = rectifier(frame.left, frame.right)
         clock.record("rectify")
-        sampled = self._sgbm.sampled(pair.left_grey, pair.right_grey)
-        clock.record("match")
-        return Prepared(pair.image, pair.left, sampled, small)
+        disparity = self._matcher(whole.left_grey, whole.right_grey)
+        refuse_foreign_disparity(disparity, rectifier.geometry.size[::-1], self.rig.disparities)
+        return self._reduced(whole.left, disparity, (whole.left_grey, whole.right_grey))
 
-    def _prepared(self, left: U8, disparity: F32, small: Thumbnails | None, clock: StageClock) -> Prepared:
+    def _reduced(self, left: U8, disparity: F32, greys: tuple[U8, U8] | None) -> Depth:
         """A frame whose disparity is known at full size."""
-        image = left
-        if self.view.reduction > 1:
-            image = np.asarray(cv2.resize(left, self.cloud.shape[::-1], interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        clock.record("match")
-        return Prepared(image, lambda: left, SampledDisparity(disparity), small)
+        image, step = left, self.rig.reduction
+        if step > 1:
+            image = np.asarray(cv2.resize(left, self.maps.shape[::-1], interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        return Depth(image, np.ascontiguousarray(disparity[::step, ::step]), step, greys, lambda: left)
 
-    def look(self, prepared: Prepared, now_s: float, clock: StageClock) -> RigFrame:
+    def look(self, depth: Depth, now_s: float, clock: StageClock) -> View:
         """What the rig shows, from what was learned of the frames before."""
-        disparity = self._samples(prepared.sampled)
-        mask = self.foreground.update(prepared.image, disparity, now_s, self.feedback.mask)
+        mask = self.foreground.update(depth.image, depth.disparity, now_s, self.feedback.mask)
         clock.record("foreground")
         if not self.foreground.shows:
-            return RigFrame(self.name, prepared, disparity, mask, SeenPixels.unknown(self.cloud.rays))
-        renewed = self._renewed_background(now_s)
-        view = self.cloud.seen(disparity, mask, now_s, renewed, prepared.image, self.foreground.exposure)
+            return View.unknown(self.maps.rays, depth.image)
+        renewed = None
+        if self.foreground.settled and self.maps.background.due(now_s):
+            renewed = self.foreground.background_disparity()
+        view = self.maps.view(depth.disparity, mask, now_s, renewed, depth.image, self.foreground.exposure)
         clock.record("maps")
-        return RigFrame(self.name, prepared, disparity, mask, view)
-
-    def _samples(self, sampled: SampledDisparity) -> F32:
-        """Disparity at the analysis size."""
-        step = self.view.reduction // sampled.step
-        return np.ascontiguousarray(sampled.samples[::step, ::step])
-
-    def _renewed_background(self, now_s: float) -> F32 | None:
-        due = self.foreground.settled and self.cloud.background.due(now_s)
-        return self.foreground.background_disparity() if due else None
-
-    def learn(self, frame: RigFrame, people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
-        """Keep where people are in the rig's image for the next frame's foreground."""
-        if self.foreground.shows:
-            self.feedback(frame.view.points, people, self.cloud.shape, decisions)
+        return view
 
     def memory(self) -> dict[str, Remembers]:
         """What is carried from frame to frame."""
-        return {"foreground": self.foreground, "feedback": self.feedback, "background": self.cloud.background}
+        return {"foreground": self.foreground, "feedback": self.feedback, "background": self.maps.background}
 
 
-class StereoEngine(Engine):
-    """People from one rig (a pair, or images with depth) or from several above one floor.
+class StereoStages:
+    """The stages of one rig (a pair, or images with depth) or of several above one floor: ``Stages``.
 
     Attributes:
         rigs: one for a pair.
@@ -146,58 +120,46 @@ class StereoEngine(Engine):
 
     ahead = 2
 
-    def __init__(self, recording: AnyRecording, rigs: Sequence[RigStages], tracker: Tracker, config: Config) -> None:
+    def __init__(self, rigs: Sequence[RigStages], config: Config) -> None:
         """Join the maps of the rigs.
 
         Raises:
             ValueError: the floor covered together is larger than a grid may be.
         """
-        self.rigs = tuple(rigs)
-        self._first = first = replace(rigs[0].view, grid=joint_grid([rig.cloud.grid for rig in rigs]))
-        views = {rig.name: rig.view for rig in rigs} | {rigs[0].name: first}
-        super().__init__(recording, tracker, config, first.camera, first.geometry.size, views)
+        self.rigs, self._config = tuple(rigs), config
+        self.first = replace(rigs[0].rig, grid=joint_grid([rig.maps.grid for rig in rigs]))
 
-    def prepare(self, frame: Frame, clock: StageClock) -> Callable[[], FrameResult]:
-        """See ``Engine``."""
+    def match(self, frame: Frame, clock: StageClock) -> Depths:
+        """See ``Stages``."""
         frames = frame.frames if isinstance(frame, MultiRigFrame) else (frame,)
-        prepared = tuple(None if f is None else r.prepare(f, clock) for r, f in zip(self.rigs, frames, strict=True))
-        return partial(self._track, frame.index, frame.timestamp_s, prepared, clock)
+        depths = tuple(None if f is None else r.match(f, clock) for r, f in zip(self.rigs, frames, strict=True))
+        clock.record("match")
+        return depths
 
-    def _track(self, index: int, now_s: float, prepared: Sequence[Prepared | None], clock: StageClock) -> FrameResult:
-        """Follow people; ``prepared`` is None for a rig without a frame at that time."""
-        clock.start()
-        shown = tuple(
-            None if one is None else rig.look(one, now_s, clock) for rig, one in zip(self.rigs, prepared, strict=True)
-        )
+    def look(self, frame: Frame, depths: Depths, clock: StageClock) -> Observation:
+        """See ``Stages``."""
         views = tuple(
-            one.view if one else SeenPixels.unknown(rig.cloud.rays) for rig, one in zip(self.rigs, shown, strict=True)
+            View.unknown(rig.maps.rays) if depth is None else rig.look(depth, frame.timestamp_s, clock)
+            for rig, depth in zip(self.rigs, depths, strict=True)
         )
-        points = [view.points for view in views]
-        build_maps = partial(joint_maps, points, self._first.grid, self.config.maps)
-        unknown = not any(one and rig.foreground.shows for rig, one in zip(self.rigs, shown, strict=True))
-        image, mask = (shown[0].prepared.image, shown[0].foreground) if shown[0] else (None, None)
-        observation = Observation(
-            index, now_s, image, mask, views=views, camera=self.camera, build_maps=build_maps, unknown=unknown
-        )
-        people = followed(self.tracker, observation)
-        for rig, one in zip(self.rigs, shown, strict=True):
-            if one:
-                rig.learn(one, people, self.tracker.decisions)
-        clock.record("track")
-        return FrameResult(
-            index, now_s, people, self.tracker.decisions, observation, clock.stages_ms, shown, self._first
-        )
+        build = partial(plan_view, [view.points for view in views], self.first.grid, self._config.maps)
+        return Observation.of(frame.index, frame.timestamp_s, views, self.first.camera, build)
+
+    def learn(self, observation: Observation, people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
+        """Paint people for the next frame's foreground."""
+        for rig, view in zip(self.rigs, observation.views, strict=True):
+            if view.shows:
+                rig.feedback(view.points, people, rig.maps.shape, decisions)
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """See ``Engine``; those of several rigs under their names."""
-        every = [(rig.name, check) for rig in self.rigs for check in rig.view.checks]
+        """See ``Stages``; those of several rigs under their names."""
+        every = [(rig.name, check) for rig in self.rigs for check in rig.rig.checks]
         return tuple(replace(check, name=f"{name}: {check.name}") if name else check for name, check in every)
 
     def memory(self) -> dict[str, Remembers]:
-        """The tracker, and what every rig remembers."""
-        every = {f"{name}{n}": part for n, rig in enumerate(self.rigs) for name, part in rig.memory().items()}
-        return super().memory() | every
+        """What every rig remembers."""
+        return {f"{name}{n}": part for n, rig in enumerate(self.rigs) for name, part in rig.memory().items()}
 
 
 def stereo_engine(
@@ -219,7 +181,7 @@ def stereo_engine(
     """
     config = config or Config()
     rig = RigStages(setup or set_up(recording, config), config, matcher)
-    return StereoEngine(recording, [rig], tracker or JointTracker(config.joint), config)
+    return _engine(recording, [rig], tracker or JointTracker(config.joint), config)
 
 
 def multi_rig_engine(recording: MultiRigRecording, config: Config, tracker: Tracker) -> Engine:
@@ -231,6 +193,12 @@ def multi_rig_engine(recording: MultiRigRecording, config: Config, tracker: Trac
     """
     rigs = [RigStages(set_up(rig.recording, config, RIGS_FILE), config, name=rig.name) for rig in recording.rigs]
     try:
-        return StereoEngine(recording, rigs, tracker, config)
+        return _engine(recording, rigs, tracker, config)
     except ValueError as error:
         raise InputError(f"{recording.path}: expected heads of one place, found them far apart: {error}") from error
+
+
+def _engine(recording: AnyRecording, rigs: Sequence[RigStages], tracker: Tracker, config: Config) -> Engine:
+    stages = StereoStages(rigs, config)
+    first, every = stages.first, {rig.name: rig.rig for rig in rigs}
+    return Engine(recording, tracker, config, stages, first.camera, first.geometry.size, every | {rigs[0].name: first})

@@ -1,138 +1,60 @@
-"""Plan-view maps of height and occupancy (Harville 2002, section 3)."""
+"""Disparity and foreground of one rig to what its pixels show, and to plan-view maps."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import cached_property
 
-import cv2
 import numpy as np
-from pydantic import Field
 
 from calib.pose import SE3
-from calib.types import F32, I32, U8
+from calib.types import F32, U8
 from planview.foreground.gain import Exposure
-from planview.maps._kernels import accumulate, back_project
+from planview.maps._kernels import back_project
 from planview.maps.colour import colour_codes
-from planview.maps.grid import Grid, GridParams
+from planview.maps.grid import Grid
+from planview.maps.plan_view import MapParams, PlanViewMaps, plan_view
+from planview.maps.view import BACKGROUND_SEEN, COLOURED, NO_DEPTH, SURFACE, FloorPoints, PixelRays, View
 from stereo.depth import RectifiedGeometry
 
 REFERENCE = Exposure()
-TEMPLATE_M = 0.8
-"""Side of a person's template, 2 W_avg [m] (Harville 2002, section 4)."""
+RENEW_S = 30.0
+"""Time after which moved furniture has become background (``ForegroundParams.learning_rate``) [s]."""
 
 
-class MapParams(GridParams):
-    """Plan-view maps."""
-
-    height_max_m: float = Field(2.4, gt=0.5, le=5.0)
-    """H_max [m]: how high a very tall person reaches standing on tiptoe (Harville 2002, section 3); 2.4 m is the
-    95th percentile of men's vertical grip reach plus toes (our choice)."""
-    height_min_m: float = Field(0.15, ge=0.0, le=1.0)
-    """Foreground lower than this is the floor under another light, or a shoe [m], and left out of the maps: three
-    deviations of the floor's depth measured from 2.7 m above (our choice)."""
-    smoothing_m: float = Field(0.04, ge=0.0, le=0.2)
-    """Standard deviation of the Gaussian that smooths both maps [m]. Harville 2002, section 3: 1-4 cm."""
-    occupancy_min: float = Field(0.25, ge=0.0, le=10.0)
-    """theta_occ as visible surface per floor area [m^2/m^2]: height counts only where there is more. A head viewed
-    from the side or from above gives about 1, stray matches are far below (our choice; the paper gives no value)."""
-    depth_std_max_m: float = Field(0.40, ge=0.01, le=10.0)
-    """Points whose predicted depth deviation is larger [m] are left out: beyond it a body smears over more than the
-    2 W_avg of a template (Harville 2002, section 4; our choice)."""
-    distance_max_m: float = Field(15.0, gt=0.5, le=100.0)
-    """Farthest horizontal distance covered by the grid [m], where the depth allows it (our choice)."""
-
-
-@dataclass(frozen=True, eq=False)
-class FloorPoints:
-    """Foreground points of one frame in the world frame.
+class KeptBackground:
+    """How far the background is, measured again every RENEW_S: furniture that hides people rarely moves.
 
     Attributes:
-        xyz: (N, 3) float32 [m].
-        area: (N,) float32, surface that the pixel subtends, Z^2/(fu fv) [m^2].
-        pixels: (N,) int32, row * width + column in the foreground mask.
-        colours: (N,) uint8 colour codes (``planview.maps.colour``), None where no image was given.
+        range_m: (H, W) float32 along the rays [m], 0 where unknown; None before the first look.
     """
 
-    xyz: F32
-    area: F32
-    pixels: I32
-    colours: U8 | None = None
+    def __init__(self) -> None:
+        self.reset()
 
+    def reset(self) -> None:
+        """Forget the background."""
+        self.range_m: F32 | None = None
+        self._looked_s = -math.inf
 
-NO_POINTS = FloorPoints(np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.int32))
+    def due(self, timestamp_s: float) -> bool:
+        """Whether it is to be looked at again."""
+        return timestamp_s - self._looked_s >= RENEW_S
 
-
-@dataclass(frozen=True, eq=False)
-class PlanViewMaps:
-    """Maps of one frame, all (n_rows, n_cols) float32 on the same grid.
-
-    Attributes:
-        grid: where the cells are.
-        height_raw: highest point per cell [m], 0 where none fell.
-        occupancy_raw: visible foreground surface per cell [m^2].
-        height: smoothed and masked height H_masked [m].
-        occupancy: smoothed occupancy O_sm [m^2].
-        occupancy_min: theta_occ of this grid [m^2 per cell].
-        points: the points that the maps were made of.
-    """
-
-    grid: Grid
-    height_raw: F32
-    occupancy_raw: F32
-    height: F32
-    occupancy: F32
-    occupancy_min: float
-    points: FloorPoints
-
-    def around(self, x_m: float, y_m: float) -> tuple[F32, F32]:
-        """The maps around a place as a template (Harville 2002, section 4), 0 outside of the grid.
-
-        Returns:
-            T_H [m] and T_O [m^2], (n, n) float32 of TEMPLATE_M, centred on the cell of the place.
-        """
-        half = round(TEMPLATE_M / 2 / self.grid.cell_m)
-        row, col = self.grid.nearest(x_m, y_m)
-        window = np.s_[row : row + 2 * half + 1, col : col + 2 * half + 1]
-        return np.pad(self.height, half)[window], np.pad(self.occupancy, half)[window]
-
-
-def accumulated(points: FloorPoints, grid: Grid, height_min_m: float) -> tuple[F32, F32]:
-    """Highest point [m] and summed area [m^2] of every cell, of points above ``height_min_m``."""
-    height, total = np.empty(grid.shape, np.float32), np.empty(grid.shape, np.float32)
-    accumulate(points.xyz, points.area, height_min_m, grid.x_min_m, grid.y_min_m, grid.cell_m, height, total)
-    return height, total
-
-
-def plan_view(points: FloorPoints, grid: Grid, params: MapParams) -> PlanViewMaps:
-    """Points to maps: accumulate, smooth, mask. Height is smoothed over occupied cells only, or edges would sink."""
-    height_raw, occupancy_raw = accumulated(points, grid, params.height_min_m)
-    height, occupancy = np.zeros_like(height_raw), np.zeros_like(occupancy_raw)
-    occupancy_min = params.occupancy_min * grid.cell_m**2
-    # Most of the floor is empty: only the part around occupied cells is worth smoothing.
-    sigma = params.smoothing_m / grid.cell_m
-    margin = 2 * math.ceil(3 * sigma)
-    left, top, width, n_rows = cv2.boundingRect((occupancy_raw > 0.0).view(np.uint8))
-    if width:
-        part = np.s_[max(0, top - margin) : top + n_rows + margin, max(0, left - margin) : left + width + margin]
-        raw = height_raw[part]
-        if sigma > 0.0:
-            occupancy[part] = _blur(occupancy_raw[part], sigma)
-            share = _blur((raw > 0.0).astype(np.float32), sigma)
-            smooth = np.divide(_blur(raw, sigma), np.maximum(share, 1e-3), dtype=np.float32)
-        else:
-            occupancy[part], smooth = occupancy_raw[part], raw
-        np.copyto(height[part], smooth, where=occupancy[part] >= np.float32(occupancy_min))
-    return PlanViewMaps(grid, height_raw, occupancy_raw, height, occupancy, occupancy_min, points)
-
-
-def _blur(image: F32, sigma: float) -> F32:
-    size = 2 * max(1, round(3 * sigma)) + 1
-    return np.asarray(cv2.GaussianBlur(image, (size, size), sigma, borderType=cv2.BORDER_CONSTANT), np.float32)
+    def renew(self, disparity: F32, rays: PixelRays, timestamp_s: float) -> None:
+        """Keep what the background looks like now: (H, W) float32 [px], NaN where unknown."""
+        self._looked_s, far = timestamp_s, np.zeros(rays.shape, np.float32)
+        np.divide(np.float32(rays.disparity_metre) * rays.stretch, disparity, out=far, where=disparity > 0)
+        self.range_m = far
 
 
 class MapBuilder:
-    """Foreground disparity to height and occupancy maps (Harville 2002, section 3).
+    """Foreground and disparity of one rig to what its pixels show in the world, and to maps (Harville 2002, section 3).
+
+    Attributes:
+        rays: of the analysed image's pixels.
+        background: how far away it is.
 
     Args:
         geometry: the rectified pair.
@@ -153,7 +75,7 @@ class MapBuilder:
     ) -> None:
         self.params = params or MapParams()
         self.geometry = geometry
-        self.world_SE3_left = world_SE3_left
+        self.world_SE3_left, self._reduction = world_SE3_left, reduction
         self.grid = floor_in_view(geometry, world_SE3_left, self.params)
         self.shape = (-(-geometry.height // reduction), -(-geometry.width // reduction))
         n = self.shape[0] * self.shape[1]
@@ -163,6 +85,7 @@ class MapBuilder:
         intrinsics = geometry.reduced_matrix(reduction)[[0, 1, 0, 1], [0, 1, 2, 2]]
         self._camera = np.append(intrinsics, geometry.disparity_metre)
         self._pose = np.ascontiguousarray(world_SE3_left.matrix[:3])
+        self.background = KeptBackground()
         self._disparity_min = geometry.disparity_at(_reach_m(geometry, self.params))
 
     def __call__(
@@ -178,7 +101,7 @@ class MapBuilder:
         Raises:
             ValueError: the arrays do not have the size of the geometry.
         """
-        return plan_view(self.points(disparity, mask, image, exposure), self.grid, self.params)
+        return plan_view([self.points(disparity, mask, image, exposure)], self.grid, self.params)
 
     def points(self, disparity: F32, mask: U8, image: U8 | None = None, exposure: Exposure = REFERENCE) -> FloorPoints:
         """Foreground points of one frame; arguments and errors are those of a call."""
@@ -190,6 +113,46 @@ class MapBuilder:
         pixels = self._pixels[:n].copy()
         colours = None if image is None else colour_codes(image, pixels, exposure)
         return FloorPoints(self._points[:n].copy(), self._area[:n].copy(), pixels, colours)
+
+    @cached_property
+    def rays(self) -> PixelRays:
+        """See the class."""
+        return PixelRays.of(self.geometry.above(self.world_SE3_left, self._reduction), self.geometry, self._reduction)
+
+    def view(
+        self, disparity: F32, mask: U8, timestamp_s: float, renewed: F32 | None = None,
+        image: U8 | None = None, exposure: Exposure = REFERENCE, codes: U8 | None = None,
+    ) -> View:  # fmt: skip
+        """What every pixel of a frame shows.
+
+        Foreground as low as the floor shows that nobody is in the way, as the background does.
+
+        Args:
+            disparity: (H, W) float32 [px], NaN where invalid.
+            mask: (H, W) uint8, non-zero where foreground.
+            renewed: see ``View``.
+            image: (H, W[, 3]) uint8 grey or BGR, for the points' colours.
+            exposure: of the image, relative to the recording's first.
+            codes: (H, W) uint8 colour codes, where there is no image.
+        """
+        points = self.points(disparity, mask, image, exposure)
+        if codes is not None:
+            points = replace(points, colours=codes.reshape(-1)[points.pixels])
+        if renewed is not None:
+            self.background.renew(renewed, self.rays, timestamp_s)
+        kind = np.where(mask.reshape(-1) > 0, np.uint8(NO_DEPTH), np.uint8(BACKGROUND_SEEN))
+        low = points.xyz[:, 2] < self.params.height_min_m
+        kind[points.pixels] = np.where(low, BACKGROUND_SEEN, SURFACE)
+        range_m, colour = np.zeros(kind.size, np.float32), None
+        if self.background.range_m is not None:
+            np.multiply(self.background.range_m.reshape(-1), kind == BACKGROUND_SEEN, out=range_m)
+        range_m[points.pixels] = np.linalg.norm(points.xyz - self.rays.centre_m.astype(np.float32), axis=1)
+        if points.colours is not None and COLOURED[points.colours].any():
+            colour = np.zeros(self.shape, np.uint8)
+            colour.reshape(-1)[points.pixels] = points.colours
+        return View(
+            self.rays, kind.reshape(self.shape), range_m.reshape(self.shape), colour, points, image, mask, renewed
+        )
 
 
 def floor_in_view(geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapParams) -> Grid:

@@ -28,8 +28,8 @@ from calib.types import F32, I32, U8, AnyArray
 from calib.world import MAX_AWAY_M, refuse_strange_pose
 from planview.maps.colour import CODES
 from planview.maps.grid import MAX_CELLS, Grid
-from planview.maps.pixels import NO_DEPTH, SeenPixels
-from planview.maps.view import StereoView
+from planview.maps.rig import FloorRig
+from planview.maps.view import NO_DEPTH, View
 from planview.trajectories.binary_formats import SIGNATURE, opened
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
@@ -74,7 +74,7 @@ class MapsFrame:
     background: F32 | None = None
 
     @staticmethod
-    def of(index: int, timestamp_s: float, disparity: F32, view: SeenPixels) -> MapsFrame:
+    def of(index: int, timestamp_s: float, disparity: F32, view: View) -> MapsFrame:
         """The points of a frame, with their values in its (H, W) disparity at the size of foreground and maps."""
         unmatched = np.flatnonzero(view.kind.reshape(-1) >= NO_DEPTH).astype(np.int32)
         pixels = view.points.pixels
@@ -207,7 +207,7 @@ def _check_version(path: Path, file: Any) -> None:
         raise InputError(f"{path}: expected colours in {CODES} codes, found {found}: another version wrote them")
 
 
-def _read_view(file: Any) -> StereoView:
+def _read_view(file: Any) -> FloorRig:
     rig, floor = dict(file["rig"].attrs), dict(file["floor"].attrs)
     pose = SE3.from_matrix(floor["world_SE3_left"])
     refuse_strange_pose(pose)
@@ -215,7 +215,7 @@ def _read_view(file: Any) -> StereoView:
     sensor = rig.get("sensor")
     if sensor not in (None, *get_args(DepthSensor)):
         raise ValueError(f"a sensor {sensor!r:.40}")
-    return StereoView(
+    return FloorRig(
         geometry=RectifiedGeometry(**_fields(rig, RectifiedGeometry)),
         floor=Floor(
             pose, float(floor["inlier_fraction"]), float(floor["residual_m"]),

@@ -1,50 +1,143 @@
-"""A rectified pair, or an image with depth, above the floor that its maps cover."""
+"""What one camera above the floor saw in a frame: background, a surface at a distance, or a surface without depth."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
-from calib.floor_camera import FloorPinhole
-from calib.rig import DepthSensor, Floor
-from planview.maps.grid import Grid
+import numpy as np
+
+from calib.floor_camera import FloorCamera
+from calib.types import F32, F64, I32, U8
+from planview.maps.colour import CHROMA_CELLS
 from stereo.depth import RectifiedGeometry
-from stereo.matcher import DisparityRange
+
+BACKGROUND_SEEN, SURFACE, NO_DEPTH, UNKNOWN = 0, 1, 2, 3
+"""Kinds of pixels: the background is seen, foreground with depth, foreground without, and pixels that show nothing:
+no evidence for or against anybody."""
+COLOURED = np.arange(256) % CHROMA_CELLS**2 != CHROMA_CELLS**2 // 2
+"""(256,) bool, by code: not grey."""
 
 
 @dataclass(frozen=True, eq=False)
-class StereoView:
-    """A rectified pair above its floor; an image with depth stands for the pair that its noise is equivalent to.
+class FloorPoints:
+    """Foreground points of one frame in the world frame.
 
     Attributes:
-        geometry: of the rectified pair.
-        floor: pose of the rectified left camera and how well it is known.
-        floor_source: "found" in the recording, or the file that gave it.
-        calibration: file or folder the calibration came from; empty when unknown.
-        vertical_residual_px: row offset left after rectification [px]; NaN when unknown.
-        disparities: range searched.
-        grid: cells of the plan-view maps.
-        reduction: foreground and maps use every ``reduction``-th row and column of the rectified image.
-        sensor: how depth was measured; None where a pair was matched.
-        correction: sentence on how the recording corrects the calibration; empty when that was not looked at.
+        xyz: (N, 3) float32 [m].
+        area: (N,) float32, surface that the pixel subtends, Z^2/(fu fv) [m^2].
+        pixels: (N,) int32, row * width + column in the foreground mask.
+        colours: (N,) uint8 colour codes (``planview.maps.colour``), None where no image was given.
     """
 
-    geometry: RectifiedGeometry
-    floor: Floor
-    floor_source: str
-    calibration: str
-    vertical_residual_px: float
-    disparities: DisparityRange
-    grid: Grid
-    reduction: int
-    sensor: DepthSensor | None = None
-    correction: str = ""
+    xyz: F32
+    area: F32
+    pixels: I32
+    colours: U8 | None = None
+
+
+NO_POINTS = FloorPoints(np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.int32))
+
+
+@dataclass(frozen=True, eq=False)
+class PixelRays:
+    """The rays of a camera's analysis pixels in the world.
+
+    Attributes:
+        centre_m: (3,) float64, the camera's centre [m].
+        direction: (H, W, 3) float32 unit vectors away from the camera.
+        stretch: (H, W) float32, range along the ray over depth.
+        matched_m: (H, W) float32, range along the ray from which on the right camera sees the ray, too; 0 where depth
+            does not come from a pair [m].
+        projection: (3, 4) float64, world points to analysis pixels.
+        pixel_sr: 1 / (fu fv), area of a pixel's surface over squared depth.
+        disparity_metre: disparity of one metre [px m].
+        distortion_k: K of r' = r + K r^2 [1/px] from ``projection`` to pixels.
+    """
+
+    centre_m: F64
+    direction: F32
+    stretch: F32
+    matched_m: F32
+    projection: F64
+    pixel_sr: float
+    disparity_metre: float
+    distortion_k: float = 0.0
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(height, width) of disparity and foreground at the reduced size."""
-        return -(-self.geometry.height // self.reduction), -(-self.geometry.width // self.reduction)
+        """(height, width) of the analysed image."""
+        return self.stretch.shape[0], self.stretch.shape[1]
 
     @property
-    def camera(self) -> FloorPinhole:
-        """The rectified left camera above the floor."""
-        return self.geometry.above(self.floor.world_SE3_left)
+    def key(self) -> tuple[float, ...]:
+        """Distinguishes cameras."""
+        return tuple(self.centre_m.tolist())
+
+    @cached_property
+    def level(self) -> F32:
+        """(H, W, 3) float32: horizontal unit vector below each ray, and the ray's depression [rad]."""
+        flat = np.hypot(self.direction[..., 0], self.direction[..., 1])[..., None]
+        along = np.where(flat > 1e-6, self.direction[..., :2] / np.maximum(flat, 1e-6), (1.0, 0.0))
+        return np.concatenate([along, np.arctan2(-self.direction[..., 2:], flat)], axis=-1).astype(np.float32)
+
+    @staticmethod
+    def of(camera: FloorCamera, pair: RectifiedGeometry | None = None, step: int = 1) -> PixelRays:
+        """The rays of every pixel of a camera; pixels that see nothing look up.
+
+        Args:
+            pair: that measures depth, of ``step`` x ``step`` pixels a pixel of the camera; None for masks alone.
+        """
+        width, height = camera.size
+        rows, cols = np.mgrid[:height, :width].astype(np.float64)
+        rays, projection = camera.rays(np.stack([cols, rows], axis=-1)), camera.projection
+        length = np.linalg.norm(rays, axis=-1)
+        unit = np.nan_to_num(rays / length[..., None])
+        unit[(unit == 0).all(axis=-1)] = 0.0, 0.0, 1.0
+        # Far from the axis of a wide lens depth vanishes.
+        stretch = 1.0 / np.maximum(unit @ projection[2, :3], 0.05)
+        disparity_metre = 1.0 if pair is None else pair.disparity_metre
+        matched = np.zeros(stretch.shape)
+        if pair is not None and pair.depth_std_min_m == 0.0:
+            matched = stretch * disparity_metre / np.maximum(cols * step + 0.5 * (step - 1), 0.5)
+        return PixelRays(
+            camera.centre_m, np.ascontiguousarray(unit, dtype=np.float32), np.asarray(stretch, dtype=np.float32),
+            np.asarray(matched, dtype=np.float32), projection, camera.pixel_sr, disparity_metre, camera.distortion_k,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What each pixel of one camera shows in a frame, in the world.
+
+    Attributes:
+        rays: of the camera.
+        kind: (H, W) uint8 of BACKGROUND_SEEN, SURFACE, NO_DEPTH and UNKNOWN.
+        range_m: (H, W) float32 along the ray: the surface's, or the background's where that is seen; 0 unknown.
+        colour: (H, W) uint8 colour codes (``planview.maps.colour``); None where all is grey:
+            light alone does not distinguish clothes.
+        points: foreground points in the world; their pixels index the images above.
+        image: (H, W[, 3]) uint8, at this size; None where it was not recorded.
+        foreground: (H, W) uint8, 255 where not background; None where nothing shows.
+        renewed: (H, W) float32 [px], the background's disparity where it is another from this frame on; else None.
+    """
+
+    rays: PixelRays
+    kind: U8
+    range_m: F32
+    colour: U8 | None
+    points: FloorPoints = NO_POINTS
+    image: U8 | None = None
+    foreground: U8 | None = None
+    renewed: F32 | None = None
+
+    @staticmethod
+    def unknown(rays: PixelRays, image: U8 | None = None) -> View:
+        """What a camera sees in a frame that shows nothing."""
+        kind = np.full(rays.shape, UNKNOWN, np.uint8)
+        return View(rays, kind, np.zeros(rays.shape, np.float32), None, image=image)
+
+    @property
+    def shows(self) -> bool:
+        """Whether anything is known."""
+        return bool((self.kind != UNKNOWN).any())

@@ -16,7 +16,7 @@ from calib.errors import WorkError
 from calib.io import reason
 from planview.maps.colour import CODES
 from planview.maps.recording import BLOCK_FRAMES, FORMAT, FRAME_COLUMNS, POINT_COLUMNS, VERSION, MapsFrame
-from planview.maps.view import StereoView
+from planview.maps.rig import FloorRig
 from stereo.recording import Skipped
 
 SPARE_BYTES = 4 << 20
@@ -35,7 +35,7 @@ class MapsWriter:
         WorkError: the file cannot be written.
     """
 
-    def __init__(self, path: Path, view: StereoView, config: str, fps: float) -> None:
+    def __init__(self, path: Path, view: FloorRig, config: str, fps: float) -> None:
         self._path = path
         self._block: list[MapsFrame] = []
         self._end = self._unmatched_end = 0
@@ -134,7 +134,7 @@ class MapsWriter:
         )
 
 
-def _write_view(file: Any, view: StereoView) -> None:
+def _write_view(file: Any, view: FloorRig) -> None:
     floor, rig = view.floor, asdict(view.geometry) | asdict(view.disparities)
     rig |= {"reduction": view.reduction, "calibration": view.calibration}
     rig |= {"vertical_residual_px": view.vertical_residual_px, "correction": view.correction}

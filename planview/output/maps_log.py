@@ -38,11 +38,10 @@ class MapsLog:
         self._writer: MapsWriter | None = self._new_writer(self._open_path)
 
     def frame(self, result: FrameResult) -> None:
-        rig = result.first
-        if rig is None:
+        if result.depth is None:
             raise InputError("expected a recording with images, found recorded maps")
         self._writer = self._writer or self._new_writer(self._open_path)
-        self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, rig.disparity, rig.view))
+        self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, result.depth.disparity, result.views[0]))
 
     def mark(self) -> dict[str, int]:
         self._end_part()

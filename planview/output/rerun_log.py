@@ -17,7 +17,7 @@ from calib.io import reason, sync
 from calib.types import U8
 from planview.drawing.plan import PlanBounds, bounds_of
 from planview.engine.engine import Engine, FrameResult
-from planview.maps.view import StereoView
+from planview.maps.rig import FloorRig
 from planview.output.folder import rrd_parts
 from planview.output.report.page import errors_of, scores_of
 from planview.output.rerun_shapes import (
@@ -103,7 +103,7 @@ class RerunLog:
         self._stream.save(str(self._path))  # with a blueprint it would wait for ever on a disk without room for it
         self._stream.send_blueprint(blueprint(self._engine), make_active=False)
         self._keep("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        for n, (name, stereo) in enumerate(engine.views.items()):
+        for n, (name, stereo) in enumerate(engine.rigs.items()):
             pose, geometry = stereo.floor.world_SE3_left, stereo.geometry
             place = rr.Transform3D(translation=pose.translation, mat3x3=pose.rotation)
             lens = rr.Pinhole(
@@ -132,10 +132,10 @@ class RerunLog:
         if result.frame % self._every == 0:
             self._log_images(result)
         places = [(track.x_m, track.y_m, track.height_m) for track in result.tracks]
-        for rig in filter(None, result.rigs[1:]):
-            boxes = person_boxes(self._engine.views[rig.name].camera, places)
+        for name, rig in list(self._engine.rigs.items())[1:]:
+            boxes = person_boxes(rig.camera, places)
             tracks = [replace(track, box_px=box) for track, box in zip(result.tracks, boxes, strict=True)]
-            self._log_boxes(f"{rig.name}/image", tracks)
+            self._log_boxes(f"{name}/image", tracks)
         self._log_boxes("image", result.tracks)
         self._log_bodies([t for t in result.tracks if t.state != "tentative" and not math.isnan(t.x_m)])
         for decision in result.decisions:
@@ -184,18 +184,20 @@ class RerunLog:
 
     def _log_scene(self, result: FrameResult) -> None:
         due_s = self._scenes_at_s
-        if not due_s or result.timestamp_s < due_s[0] or self._stereo is None or result.image is None:
+        if not due_s or result.timestamp_s < due_s[0] or self._stereo is None or result.depth is None:
             return
         if (cloud := scene_cloud(result, self._stereo)) is not None:
             self._keep("world/scene", cloud)
-            self._keep("plan/floor", floor_image(result.image, self._stereo))
+            self._keep("plan/floor", floor_image(result.depth.picture(), self._stereo))
             self._scenes_at_s = [result.timestamp_s + 3.0] if math.isinf(due_s[0]) else []
 
     def _log_images(self, result: FrameResult) -> None:
         """What takes room: images, cloud, maps and what the tracker looked at."""
-        self._log_image("image", result.image, result.observation.foreground)
-        for rig in filter(None, result.rigs[1:]):
-            self._log_image(f"{rig.name}/image", rig.image, rig.foreground)
+        if not result.depths:
+            self._log_image("image", result.observation.image, result.observation.foreground)
+        for n, (name, depth) in enumerate(zip(self._engine.rigs, result.depths, strict=False)):
+            if depth is not None:
+                self._log_image(f"{name}/image" if n else "image", depth.picture(), result.views[n].foreground)
         if self._stereo:
             self._log_depth(self._stereo, result)
         debug = self._engine.tracker.debug()
@@ -218,11 +220,11 @@ class RerunLog:
         if foreground is not None:
             self._stream.log(f"{path}/foreground", outlines(foreground, (image.shape[1], image.shape[0])))
 
-    def _log_depth(self, stereo: StereoView, result: FrameResult) -> None:
+    def _log_depth(self, stereo: FloorRig, result: FrameResult) -> None:
         """Disparity, the foreground cloud in colour, and the maps."""
-        if result.sampled is not None:
-            self._stream.log("disparity", disparity_photo(result.sampled, stereo))
-        if result.rigs:
+        if result.depth is not None:
+            self._stream.log("disparity", disparity_photo(result.depth.disparity, stereo))
+        if result.depths:
             xyz, colours = foreground_points(result)
             # Foreground points logged per frame at most: enough to recognise five people, in 24 kB.
             step = -(-len(xyz) // 1500) or 1

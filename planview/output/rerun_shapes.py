@@ -16,12 +16,11 @@ from calib.types import F32, U8
 from planview.drawing.plan import PlanBounds, facing_arrow
 from planview.drawing.style import disparity_colours
 from planview.engine.engine import Engine, FrameResult
-from planview.maps.view import StereoView
+from planview.maps.rig import FloorRig
 from planview.tracking.base import Drawing
 from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
 from stereo.depth import back_project
-from stereo.matcher import SampledDisparity
 
 LABEL_M = 0.45
 """Distance of ids from people in plan views, where they hide no peak of the maps [m]."""
@@ -33,11 +32,10 @@ def photo(image: U8) -> rr.EncodedImage:
     return rr.EncodedImage(contents=encode_image(image, quality=50), media_type="image/jpeg")
 
 
-def disparity_photo(sampled: SampledDisparity, stereo: StereoView) -> rr.EncodedImage:
-    """Near red, far blue, invalid black (as ``planview check`` shows it), at the size of foreground and maps."""
-    reduced = at_step(sampled, stereo.reduction)
+def disparity_photo(disparity: F32, stereo: FloorRig) -> rr.EncodedImage:
+    """Near red, far blue, invalid black (as ``planview check`` shows it)."""
     first = stereo.disparities.first_px
-    picture = disparity_colours(reduced, first, first + stereo.disparities.count)
+    picture = disparity_colours(disparity, first, first + stereo.disparities.count)
     contents = encode_image(picture, quality=40)
     return rr.EncodedImage(contents=contents, media_type="image/jpeg")
 
@@ -108,13 +106,9 @@ def facing_arrows(tracks: Sequence[TrackState], camera: FloorCamera | None) -> t
 
 def foreground_points(result: FrameResult) -> tuple[F32, U8]:
     """(N, 3) foreground points of all rigs [m], and their RGB, each from its rig's image."""
-    xyz, colours = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.uint8)]
-    for rig in filter(None, result.rigs):
-        image, width = rig.image, rig.foreground.shape[1]
-        rows, cols = np.divmod(rig.view.points.pixels, width)
-        step = -(-image.shape[1] // width)
-        xyz.append(rig.view.points.xyz)
-        colours.append(np.asarray(as_colour(image)[rows * step, cols * step, ::-1], dtype=np.uint8))
+    shown = [(view.points, as_colour(view.image).reshape(-1, 3)) for view in result.views if view.image is not None]
+    xyz = [np.empty((0, 3), np.float32), *(points.xyz for points, _ in shown)]
+    colours = [np.empty((0, 3), np.uint8), *(image[points.pixels, ::-1] for points, image in shown)]
     return np.concatenate(xyz), np.concatenate(colours)
 
 
@@ -125,22 +119,22 @@ HEIGHT_SHOWN_M = (-0.5, 3.5)
 POINTS_MAX = 60_000
 
 
-def scene_cloud(result: FrameResult, stereo: StereoView) -> rr.Points3D | None:
+def scene_cloud(result: FrameResult, stereo: FloorRig) -> rr.Points3D | None:
     """What a frame shows besides people, in colour; None without disparity."""
-    if (image := result.image) is None or result.disparity is None:
+    if (depth := result.depth) is None:
         return None
-    geometry, pose, step = stereo.geometry, stereo.floor.world_SE3_left, stereo.reduction
-    seen = back_project(geometry.depth(result.disparity), geometry)[::step, ::step].reshape(-1, 3)
+    geometry, pose = stereo.geometry, stereo.floor.world_SE3_left
+    seen = back_project(geometry.depth(depth.disparity), geometry, depth.step).reshape(-1, 3)
     points = np.asarray(seen @ pose.rotation.T + pose.translation, dtype=np.float32)
     grid, (x, y, z), foreground = stereo.grid, points.T, result.observation.foreground
     near = (x > grid.x_min_m - 1) & (x < grid.x_max_m + 1) & (y > grid.y_min_m - 1) & (y < grid.y_max_m + 1)
     near &= (z > HEIGHT_SHOWN_M[0]) & (z < HEIGHT_SHOWN_M[1])
     keep = np.flatnonzero(near if foreground is None else near & (foreground.reshape(-1) == 0))
     keep = keep[:: max(1, -(-len(keep) // POINTS_MAX))]
-    return rr.Points3D(points[keep], colors=_rgb(image)[::step, ::step].reshape(-1, 3)[keep], radii=0.012)  # [m]
+    return rr.Points3D(points[keep], colors=_rgb(depth.image).reshape(-1, 3)[keep], radii=0.012)  # [m]
 
 
-def floor_image(image: U8, stereo: StereoView) -> rr.GridMap:
+def floor_image(image: U8, stereo: FloorRig) -> rr.GridMap:
     """The image laid on the floor, under the maps."""
     grid = stereo.grid
     rows, cols = np.indices(grid.shape)
@@ -165,7 +159,7 @@ def metre_grid(bounds: PlanBounds) -> rr.LineStrips3D:
     return rr.LineStrips3D(lines, colors=[90, 90, 90], radii=-0.5)
 
 
-def map_image(values: F32, largest: float, stereo: StereoView) -> rr.GridMap:
+def map_image(values: F32, largest: float, stereo: FloorRig) -> rr.GridMap:
     """A plan-view map (n_rows, n_cols), row 0 at y_min, in colours up to ``largest``; transparent where it is empty."""
     levels = np.clip(values * (255.0 / largest), 0, 255).astype(np.uint8)
     bgr = np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO), dtype=np.uint8)
@@ -174,7 +168,7 @@ def map_image(values: F32, largest: float, stereo: StereoView) -> rr.GridMap:
     return _grid_map(rgba, stereo, OVER)
 
 
-def _grid_map(pixels: U8, stereo: StereoView, order: float) -> rr.GridMap:
+def _grid_map(pixels: U8, stereo: FloorRig, order: float) -> rr.GridMap:
     """(n_rows, n_cols, 4) RGBA pixels of the grid, row 0 at y_min, where a grid map has its upper row first."""
     grid = stereo.grid
     return rr.GridMap(
@@ -215,10 +209,10 @@ def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint
     )
 
 
-def _of_depth(engine: Engine, stereo: StereoView, people: PlanBounds | None) -> rrb.Vertical:
+def _of_depth(engine: Engine, stereo: FloorRig, people: PlanBounds | None) -> rrb.Vertical:
     image: rrb.Spatial2DView | rrb.Tabs = rrb.Spatial2DView(origin="image", name="image, foreground, people")
     bounds = people or PlanBounds(*shown_floor(stereo))
-    others = [rrb.Spatial2DView(origin=f"{name}/image", name=name) for name in list(engine.views)[1:]]
+    others = [rrb.Spatial2DView(origin=f"{name}/image", name=name) for name in list(engine.rigs)[1:]]
     if others:
         image = rrb.Tabs(image, *others, active_tab=0)
     world = rrb.Spatial3DView(
@@ -274,13 +268,8 @@ def _eye(bounds: PlanBounds, direction: tuple[float, float, float]) -> rrb.EyeCo
     )  # fmt: skip
 
 
-def shown_floor(stereo: StereoView) -> tuple[float, float, float, float]:
+def shown_floor(stereo: FloorRig) -> tuple[float, float, float, float]:
     """Bounds of the visible floor, else of the grid; the place below the camera included [m]."""
     grid = stereo.grid
     x_min, y_min, x_max, y_max = stereo.floor.extent_m or (grid.x_min_m, grid.y_min_m, grid.x_max_m, grid.y_max_m)
     return min(x_min, 0.0), min(y_min, 0.0), max(x_max, 0.0), max(y_max, 0.0)
-
-
-def at_step(sampled: SampledDisparity, step: int) -> F32:
-    """(h, w) float32 [px]: disparity of every n-th row and column, as it was measured where that was there."""
-    return sampled.samples if sampled.step == step else sampled.image[::step, ::step]

@@ -17,8 +17,8 @@ from planview.trajectories.state import TrackState
 from planview.trajectories.table import TrajectoryCollector
 
 if TYPE_CHECKING:  # its kernels: readers of decisions need no numba
-    from planview.maps.builder import PlanViewMaps
-    from planview.maps.pixels import SeenPixels
+    from planview.maps.plan_view import PlanViewMaps
+    from planview.maps.view import View
 
 DecisionKind = Literal[
     "spawned",
@@ -58,10 +58,21 @@ class Observation:
     foreground: U8 | None = None
     motion: U8 | None = None
     shadow: U8 | None = None
-    views: tuple[SeenPixels, ...] = ()
+    views: tuple[View, ...] = ()
     camera: FloorCamera | None = None
     build_maps: Callable[[], PlanViewMaps] | None = None
     unknown: bool = False
+
+    @staticmethod
+    def of(
+        frame: int, timestamp_s: float, views: tuple[View, ...], camera: FloorCamera, build: Callable[[], PlanViewMaps]
+    ) -> Observation:
+        """Of rigs above the floor: image and foreground are the first one's."""
+        unknown, first = not any(view.shows for view in views), views[0]
+        return Observation(
+            frame, timestamp_s, first.image, first.foreground, views=views, camera=camera, build_maps=build,
+            unknown=unknown,
+        )  # fmt: skip
 
     @cached_property
     def maps(self) -> PlanViewMaps | None:

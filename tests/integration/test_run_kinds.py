@@ -17,7 +17,7 @@ from calib.errors import InputError
 from calib.ground_camera import save_ground_camera
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import open_engine
-from planview.engine.replay import ReplayEngine, recorded_config
+from planview.engine.replay import recorded_config, replay_engine
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info
 from planview.output.maps_log import MapsLog
@@ -59,7 +59,7 @@ def test_maps_are_tracked_again_bit_for_bit(cli, live, maps, tmp_path):
 def test_maps_built_from_the_recording_are_those_of_the_run(live, engine):
     recording = MapsRecording(live[0] / "maps.h5")
     config = recorded_config(recording)
-    again = list(ReplayEngine(recording, JointTracker(config.joint), config))
+    again = list(replay_engine(recording, JointTracker(config.joint), config))
     assert len(again) == len(live[1]) == FRAMES
     for before, after in zip(live[1], again, strict=True):
         old, new = before.observation.maps, after.observation.maps
@@ -141,11 +141,11 @@ def test_a_rig_without_a_frame_is_left_out_of_that_moment(heads, engine):
     frames = [frame for frame, _ in zip(together.recording, range(EMPTY + 6), strict=False)]
     for frame in frames[:-2]:
         both = together.step(frame)
-    assert both.tracks and None not in both.rigs
+    assert both.tracks and None not in both.depths
     left = together.step(replace(frames[-2], frames=(frames[-2].frames[0], None)))
-    assert left.rigs[1] is None and left.image is not None and len(left.observation.views) == 1
+    assert left.depths[1] is None and left.depth is not None and not left.views[1].shows
     right = together.step(replace(frames[-1], frames=(None, frames[-1].frames[1])))
-    assert right.rigs[0] is None and right.image is None and right.sampled is None
+    assert right.depth is None and not right.views[0].shows and right.views[1].shows
     assert [t.track_id for t in right.tracks] == [t.track_id for t in both.tracks]
     assert not math.isnan(right.tracks[0].box_px[0])
 

@@ -18,7 +18,7 @@ from planview.engine.config import load_config
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.one_camera import one_camera_engine
 from planview.engine.open import open_engine
-from planview.engine.replay import ReplayEngine
+from planview.engine.replay import replay_engine
 from planview.engine.setup import set_up
 from planview.engine.stereo import stereo_engine
 from planview.maps.recording import MapsRecording
@@ -259,7 +259,7 @@ def test_the_engine_of_recorded_maps_resumes(engine: Engine, tmp_path: Path) -> 
     log.close()
 
     def make() -> Engine:
-        return ReplayEngine(MapsRecording(tmp_path / "maps.h5"), JointTracker(engine.config.joint))
+        return replay_engine(MapsRecording(tmp_path / "maps.h5"), JointTracker(engine.config.joint))
 
     assert_resumes(make, moments(2, 8, 35))
 

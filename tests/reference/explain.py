@@ -9,7 +9,7 @@ import numpy as np
 from toy_people import seen_body
 
 from calib.types import F64
-from planview.maps.pixels import SURFACE, UNKNOWN, PixelRays, SeenPixels
+from planview.maps.view import SURFACE, UNKNOWN, PixelRays, View
 from planview.tracking import body
 from planview.tracking.human_model.explanation import MaskExplanation
 from planview.tracking.joint import explanation as given
@@ -18,7 +18,7 @@ from planview.tracking.joint.params import JointParams
 Poses = Sequence[tuple[float, float, float]]
 
 
-def log_likelihood(seen: SeenPixels, people: Poses, p: JointParams, reaching: Poses) -> float:
+def log_likelihood(seen: View, people: Poses, p: JointParams, reaching: Poses) -> float:
     """Sum of log L_p over all pixels, without weights and colours; ``people`` are certain, ``reaching`` have arms."""
     bodies = [seen_body(seen.rays, person) for person in people]
     camera = seen.rays.centre_m
@@ -65,7 +65,7 @@ def _of_background(kind: int, near: bool, p: JointParams, reach_m: float) -> flo
     return 0.5 * share / (2 * reach_m if near else given.RANGE_M)
 
 
-def patches_of(seen: SeenPixels, per_patch: float) -> F64:
+def patches_of(seen: View, per_patch: float) -> F64:
     """(N,) patches that every pixel of surface is."""
     surface = seen.kind == SURFACE
     return np.asarray((seen.range_m[surface] / seen.rays.stretch[surface]).astype(np.float64) ** 2 * per_patch)

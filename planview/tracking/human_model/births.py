@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calib.types import F32, F64, I32, I64
-from planview.maps.pixels import BACKGROUND_SEEN
+from planview.maps.view import BACKGROUND_SEEN
 from planview.tracking import body
 from planview.tracking.human_model.explanation import PATCH_PX, MaskExplanation
 from planview.tracking.human_model.model_map import HumanModelMap

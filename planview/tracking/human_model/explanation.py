@@ -9,7 +9,7 @@ import numpy as np
 from calib.types import F32, F64, I64, U8
 from planview.foreground.gain import Exposure
 from planview.maps.colour import colour_codes
-from planview.maps.pixels import BACKGROUND_SEEN, COLOURED, SURFACE, UNKNOWN, PixelRays, SeenPixels
+from planview.maps.view import BACKGROUND_SEEN, COLOURED, SURFACE, UNKNOWN, PixelRays, View
 from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.human_model.params import HumanModelParams
@@ -89,7 +89,7 @@ class MaskExplanation(Explanation):
             if COLOURED[codes].any():  # else by night: no colours, which is not grey clothes
                 code = np.zeros(self.kind.shape, np.uint8)
                 code.reshape(-1)[self.pixels] = codes
-        super().__init__((SeenPixels(rays, self.kind, np.zeros(self.kind.shape, np.float32), code),), likelihood)
+        super().__init__((View(rays, self.kind, np.zeros(self.kind.shape, np.float32), code),), likelihood)
 
     def residual(self, owned: Owned) -> F32:
         """(H, W) float32: what one more person behind all others would gain at some pixels, 0 elsewhere."""

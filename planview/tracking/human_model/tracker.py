@@ -12,7 +12,7 @@ from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
-from planview.maps.pixels import BACKGROUND_SEEN, SURFACE, PixelRays
+from planview.maps.view import BACKGROUND_SEEN, SURFACE, PixelRays
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, DecisionKind, Drawing, Observation, TrackerDebug
 from planview.tracking.human_model.births import CORE, FloorPlaces, births

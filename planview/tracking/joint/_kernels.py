@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I64, U8
-from planview.maps.pixels import BACKGROUND_SEEN as SEEN
-from planview.maps.pixels import NO_DEPTH, SURFACE, UNKNOWN
+from planview.maps.view import BACKGROUND_SEEN as SEEN
+from planview.maps.view import NO_DEPTH, SURFACE, UNKNOWN
 
 SHADOW = 4
 """Kind of pixels besides those of views: a shadow or furniture, which is no evidence but hides a body."""
@@ -88,7 +88,7 @@ class Model(NamedTuple):
 
 
 class ViewArrays(NamedTuple):
-    """One view as kernels take it: what ``PixelRays`` and ``SeenPixels`` hold, and
+    """One view as kernels take it: what ``PixelRays`` and ``View`` hold, and
 
     Attributes:
         lens: K of r' = r + K r^2 and the image's middle [px].

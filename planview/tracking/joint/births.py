@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calib.types import F32, F64, Bool
-from planview.maps.pixels import SURFACE, UNKNOWN, SeenPixels
+from planview.maps.view import SURFACE, UNKNOWN, View
 from planview.tracking import body
 from planview.tracking.joint._kernels import map_lacking
 from planview.tracking.joint.explanation import SURFACE_STD_M, Explanation, Owned, People
@@ -92,7 +92,7 @@ class Births:
         return np.concatenate(same)
 
 
-def points_of(view: SeenPixels, o: Owned) -> F32:
+def points_of(view: View, o: Owned) -> F32:
     """(5, M) float32 of the pixels of a surface: x, y, z [m], what they lack of an explanation, and the colour."""
     range_m = view.range_m.reshape(-1)[o.pixels]
     xyz = view.rays.centre_m.astype(np.float32)[:, None] + view.rays.direction.reshape(-1, 3)[o.pixels].T * range_m

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.types import F32, F64, I64, U8, Bool
 from planview.maps.colour import CODES
-from planview.maps.pixels import SURFACE, PixelRays, SeenPixels
+from planview.maps.view import SURFACE, PixelRays, View
 from planview.tracking import body
 from planview.tracking.joint import _kernels as kernels
 from planview.tracking.joint.params import JointParams
@@ -142,7 +142,7 @@ class Explanation:
         likelihood: of their pixels.
     """
 
-    def __init__(self, views: Sequence[SeenPixels], likelihood: Likelihood) -> None:
+    def __init__(self, views: Sequence[View], likelihood: Likelihood) -> None:
         self.coloured = bool(likelihood.model["colour"][0] > 0) and all(
             v.colour is not None or not (v.kind == SURFACE).any() for v in views
         )
@@ -151,7 +151,7 @@ class Explanation:
         self._model = self.likelihood.model[0]
         self._arrays = [self._view_arrays(v) for v in views]
 
-    def _view_arrays(self, v: SeenPixels) -> kernels.ViewArrays:
+    def _view_arrays(self, v: View) -> kernels.ViewArrays:
         r, (rows, cols) = v.rays, v.kind.shape
         std_per_m2 = self.likelihood.disparity_std_px / r.disparity_metre
         return kernels.ViewArrays(

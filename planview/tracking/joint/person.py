@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.types import F32, F64, I64, U8
 from planview.maps.colour import CODES, smoothing
-from planview.maps.pixels import SeenPixels
+from planview.maps.view import View
 from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M
 from planview.tracking.joint._kernels import LEGS_TO, PARTS, TORSO_TO
 from planview.tracking.joint.explanation import People
@@ -132,7 +132,7 @@ class Person:
         """Larger for who is more surely there; of two equally sure ones, for who came first."""
         return self.confirmed, self.log_odds, -abs(self.track_id)
 
-    def count_evidence(self, owned: Sequence[tuple[SeenPixels, I64, F32]]) -> None:
+    def count_evidence(self, owned: Sequence[tuple[View, I64, F32]]) -> None:
         """Add the evidence of pixels that have not been evidence before.
 
         A wrong pixel that stays the same is one error, however often it is seen: a look is as independent of those

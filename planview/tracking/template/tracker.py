@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from calib.floor_camera import FloorCamera
 from calib.types import F32, F64, I64
-from planview.maps.builder import PlanViewMaps
+from planview.maps.plan_view import PlanViewMaps
 from planview.tracking.base import NO_TERMS, Decision, Drawing, Observation, ScoreTerms, TrackerDebug, person_boxes
 from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import Existence, LifeCycle

@@ -29,8 +29,9 @@ from calib.pose import SE3
 from calib.rig import world_from_plane
 from calib.world import RigEntry
 from planview.engine.config import Config, load_config
-from planview.maps.builder import FloorPoints, PlanViewMaps
 from planview.maps.grid import Grid
+from planview.maps.plan_view import PlanViewMaps
+from planview.maps.view import FloorPoints
 
 
 def test_missing_recordings_and_too_few_frames_are_refused(tmp_path, capsys):

@@ -22,8 +22,9 @@ from calib.errors import InputError
 from planview.counting.events import Event
 from planview.counting.rules import RulePlane, parse_rules
 from planview.counting.scoring import CountScores, OccupancyGroup, crossing_scores
-from planview.maps.builder import FloorPoints, MapParams, PlanViewMaps, plan_view
 from planview.maps.grid import Grid
+from planview.maps.plan_view import MapParams, PlanViewMaps, plan_view
+from planview.maps.view import FloorPoints
 from planview.synthetic.camera import ground_camera
 from planview.tracking.base import Observation
 from planview.trajectories.table import read_tracks, read_truth
@@ -117,7 +118,7 @@ def maps_from(*people: tuple[float, float]) -> PlanViewMaps:
     xy = np.concatenate([np.empty((0, 2)), *(np.array(p) + disc for p in people)])
     xyz = np.column_stack([xy, np.full(len(xy), 1.7)]).astype(np.float32)
     points = FloorPoints(xyz, np.full(len(xyz), 0.001, np.float32), np.arange(len(xyz), dtype=np.int32))
-    return plan_view(points, grid, MapParams())
+    return plan_view([points], grid, MapParams())
 
 
 def test_peak_is_the_head_of_a_person_also_shoulder_to_shoulder():

@@ -14,7 +14,6 @@ from stereo.depth import RectifiedGeometry
 from stereo.matcher import (
     DisparityRange,
     RangeParams,
-    SampledDisparity,
     SgbmMatcher,
     disparity_range,
 )
@@ -90,7 +89,7 @@ def test_pixels_that_are_masked_or_whose_match_is_have_no_disparity(side: str, s
 
 @pytest.mark.parametrize("step", [1, 2, 3, 4])
 def test_samples_have_the_disparity_of_their_pixels(step: int) -> None:
-    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(5, 32), step=step).sampled(*shifted(12.3)).samples
+    found = SgbmMatcher(GEOMETRY, disparities=DisparityRange(5, 32), step=step).sampled(*shifted(12.3))
     inside = found[64 // step : -64 // step, 124 // step : -104 // step] - 12.3
     assert abs(np.nanmedian(inside)) < 0.08 and (np.abs(inside) < 0.4).mean() > 0.9
 
@@ -100,15 +99,9 @@ def test_samples_of_an_image_whose_size_is_no_multiple_are_one_more(step: int) -
     odd = RectifiedGeometry(317, 233, 230.0, 230.0, 159.5, 119.5, 0.12)
     left, right = (np.ascontiguousarray(image[:233, :317]) for image in shifted(12.0))
     matcher = SgbmMatcher(odd, disparities=DisparityRange(0, 32), step=step)
-    assert matcher.sampled(left, right).samples.shape == matcher.shape == (-(-233 // step), -(-317 // step))
+    assert matcher.sampled(left, right).shape == matcher.shape == (-(-233 // step), -(-317 // step))
     found = matcher(left, right)
     assert found.shape == (233, 317) and np.nanmedian(found) == pytest.approx(12.0, abs=0.08)
-
-
-def test_an_image_of_samples_repeats_them() -> None:
-    samples = np.array([[1.0, 2.0], [3.0, np.nan]], np.float32)
-    image = SampledDisparity(samples, 2, (3, 4)).image
-    np.testing.assert_array_equal(image, [[1, 1, 2, 2], [1, 1, 2, 2], [3, 3, np.nan, np.nan]])
 
 
 def test_range_without_a_floor_is_that_of_the_nearest_distance_and_bounded_for_wide_baselines():

@@ -20,11 +20,12 @@ from calib.types import F64
 from planview.engine.open import open_engine
 from planview.foreground.gain import Exposure
 from planview.maps import _kernels as kernels
-from planview.maps.builder import FloorPoints, MapBuilder, MapParams
+from planview.maps.builder import MapBuilder
 from planview.maps.colour import CHROMA_EDGES, CODES, LUMA_CELLS, colour_codes, smoothing
 from planview.maps.grid import Grid
-from planview.maps.multi_rig import joint_grid, joint_maps
+from planview.maps.plan_view import MapParams, joint_grid, plan_view
 from planview.maps.recording import MapsRecording
+from planview.maps.view import FloorPoints
 from stereo.depth import RectifiedGeometry
 from stereo.recording import Skipped
 from tests.reference import maps as reference
@@ -141,20 +142,20 @@ JOINT = joint_grid([GRID, GRID])
 
 def test_surface_of_one_head_counts_whole_and_heights_are_the_highest_of_all_heads():
     alone = side(0.3, -0.1)
-    maps = joint_maps([alone], JOINT, PARAMS)
+    maps = plan_view([alone], JOINT, PARAMS)
     assert maps.occupancy_raw.sum() == pytest.approx(0.5, rel=1e-4)
     np.testing.assert_array_equal(maps.points.area, alone.area)
     far_away = side(1.9, 1.9)
-    np.testing.assert_array_equal(joint_maps([alone, far_away], JOINT, PARAMS).points.area[:400], alone.area)
+    np.testing.assert_array_equal(plan_view([alone, far_away], JOINT, PARAMS).points.area[:400], alone.area)
     low, high = side(0.0, 0.0), side(0.0, 0.0)
     low.xyz[:, 2] *= 0.5
-    assert joint_maps([low, high], JOINT, PARAMS).height_raw.max() == pytest.approx(1.7, abs=1e-6)
+    assert plan_view([low, high], JOINT, PARAMS).height_raw.max() == pytest.approx(1.7, abs=1e-6)
 
 
 def test_two_sides_of_a_body_count_as_the_side_that_shows_most() -> None:
     front, back = side(0.0, -0.12), side(0.0, 0.12)
     back.area[:] *= 0.5
-    maps = joint_maps([front, back], JOINT, PARAMS)
+    maps = plan_view([front, back], JOINT, PARAMS)
     assert maps.occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
     rows = maps.occupancy_raw.sum(axis=1)
     assert (rows > 0).sum() == 2 and rows.max() == pytest.approx(2 * rows[rows > 0].min(), rel=0.05)
@@ -162,10 +163,10 @@ def test_two_sides_of_a_body_count_as_the_side_that_shows_most() -> None:
 
 def test_bodies_that_different_heads_see_do_not_share_and_one_hidden_from_a_head_keeps_its_surface() -> None:
     here, there = side(-1.0, 0.0), side(1.0, 0.0)
-    assert joint_maps([here, there], JOINT, PARAMS).occupancy_raw.sum() == pytest.approx(1.0, rel=1e-4)
+    assert plan_view([here, there], JOINT, PARAMS).occupancy_raw.sum() == pytest.approx(1.0, rel=1e-4)
     seen, rest = side(0.0, -0.12), side(0.0, 0.12)
     rest.area[:] *= 0.01
-    assert joint_maps([seen, rest], JOINT, PARAMS).occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
+    assert plan_view([seen, rest], JOINT, PARAMS).occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
 
 
 FIELDS = (

@@ -33,11 +33,10 @@ from planview.output.folder import (
     write_run_info,
 )
 from planview.output.progress import PlainConsole, compile_notice
-from planview.output.rerun_shapes import at_step
 from planview.output.run_folder import RunFolder
 from planview.output.tables import FrameFile
 from planview.trajectories.table import people_of
-from stereo.matcher import SampledDisparity
+from stereo.depth import Depth
 
 
 def finish(folder: Path, finished: bool = True) -> None:
@@ -169,28 +168,12 @@ def test_a_process_may_lock_within_its_own_lock(tmp_path):
         assert (tmp_path / LOCK_NAME).exists()
 
 
-@pytest.mark.parametrize("measured_step", [1, 2, 4])
-def test_reduced_disparity_is_that_of_the_image_and_not_enlarged_where_it_was_measured_at_the_step(measured_step):
-    samples = np.arange(-(-20 // measured_step) * -(-31 // measured_step), dtype=np.float32)
-    sampled = SampledDisparity(samples.reshape(-(-20 // measured_step), -1), measured_step, (20, 31))
-    np.testing.assert_array_equal(at_step(sampled, 2), sampled.image[::2, ::2])
-    assert (at_step(sampled, 2) is sampled.samples) == (measured_step == 2)
-
-
 def test_a_run_is_looked_at_in_every_tenth_frame_only() -> None:
-    class Counted:
-        made = 0
-
-        @property
-        def image(self) -> np.ndarray:
-            Counted.made += 1
-            return np.full((4, 4), np.nan, np.float32)
-
-    watch = RecordingWatch.__new__(RecordingWatch)
-    watch._view, watch._frames, watch._valid = SimpleNamespace(reduction=1), 0, []  # type: ignore[assignment]
+    none, nothing = np.zeros((4, 4), np.uint8), np.full((4, 4), np.nan, np.float32)
+    watch = RecordingWatch(SimpleNamespace())  # type: ignore[arg-type]
     for _ in range(2 * STEP + 1):
-        watch.update(None, Counted(), None)  # type: ignore[arg-type]
-    assert Counted.made == 3
+        watch.update(Depth(none, nothing, 1, None, lambda: none), None)
+    assert len(watch._valid) == 3
 
 
 def test_compiled_kernels_are_announced_and_cached_ones_are_not() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from calib.errors import InputError
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
-from planview.maps.pixels import BACKGROUND_SEEN, PixelRays
+from planview.maps.view import BACKGROUND_SEEN, PixelRays
 from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker

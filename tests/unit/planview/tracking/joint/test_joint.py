@@ -7,7 +7,7 @@ import pytest
 from reference.explain import log_likelihood, patches_of
 from toy_people import look_at, oblique_camera, observed
 
-from planview.maps.pixels import SURFACE, UNKNOWN, SeenPixels
+from planview.maps.view import SURFACE, UNKNOWN, View
 from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.joint import JointTracker
@@ -206,7 +206,7 @@ def people_of(*poses: tuple[float, float, float]) -> People:
     return People(np.array(poses).reshape(-1, 3), np.ones(n), np.tile(TALL, (n, 1)), ratios)
 
 
-def explained(seen: SeenPixels) -> Explanation:
+def explained(seen: View) -> Explanation:
     return Explanation((seen,), likelihood_of_ranges(PARAMS))
 
 

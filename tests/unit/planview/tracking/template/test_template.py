@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planview.maps.builder import FloorPoints, PlanViewMaps
 from planview.maps.grid import Grid
+from planview.maps.plan_view import PlanViewMaps
+from planview.maps.view import FloorPoints
 from planview.tracking.base import Observation
 from planview.tracking.template import TemplateParams, TemplateTracker
 from planview.tracking.template.tracker import differences

@@ -1,0 +1,177 @@
+"""Plan-view maps of height and occupancy (Harville 2002, section 3), of one rig or of several above one floor.
+
+One rig measures the surface of a body that faces it (Harville's occupancy, Z^2/(fu fv) summed). Two rigs that see the
+same body measure two such surfaces, front and back or twice the front; their sum is no property of the body, and every
+rule about visible surface (how much a head, a person, a part of a person shows) is about one view. What is counted is
+therefore the surface that the best of the views shows, shared out among the rigs by what each shows:
+
+    O(c) = sum_k a_k(c) O_k(c),   a_k(c) = max_j S_j(c) / sum_j S_j(c)
+
+with O_k the occupancy of rig k and S_k its sum over a body's surroundings of the cell. Where one rig sees a place the
+factor is 1, and nothing changes when a body walks into or out of the other's view, or is hidden from it (ours).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from calib.types import F32, AnyArray
+from planview.maps._kernels import accumulate
+from planview.maps.grid import Grid, GridParams
+from planview.maps.view import FloorPoints
+
+TEMPLATE_M = 0.8
+"""Side of a person's template, 2 W_avg [m] (Harville 2002, section 4)."""
+
+
+class MapParams(GridParams):
+    """Plan-view maps."""
+
+    height_max_m: float = Field(2.4, gt=0.5, le=5.0)
+    """H_max [m]: how high a very tall person reaches standing on tiptoe (Harville 2002, section 3); 2.4 m is the
+    95th percentile of men's vertical grip reach plus toes (our choice)."""
+    height_min_m: float = Field(0.15, ge=0.0, le=1.0)
+    """Foreground lower than this is the floor under another light, or a shoe [m], and left out of the maps: three
+    deviations of the floor's depth measured from 2.7 m above (our choice)."""
+    smoothing_m: float = Field(0.04, ge=0.0, le=0.2)
+    """Standard deviation of the Gaussian that smooths both maps [m]. Harville 2002, section 3: 1-4 cm."""
+    occupancy_min: float = Field(0.25, ge=0.0, le=10.0)
+    """theta_occ as visible surface per floor area [m^2/m^2]: height counts only where there is more. A head viewed
+    from the side or from above gives about 1, stray matches are far below (our choice; the paper gives no value)."""
+    depth_std_max_m: float = Field(0.40, ge=0.01, le=10.0)
+    """Points whose predicted depth deviation is larger [m] are left out: beyond it a body smears over more than the
+    2 W_avg of a template (Harville 2002, section 4; our choice)."""
+    distance_max_m: float = Field(15.0, gt=0.5, le=100.0)
+    """Farthest horizontal distance covered by the grid [m], where the depth allows it (our choice)."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanViewMaps:
+    """Maps of one frame, all (n_rows, n_cols) float32 on the same grid.
+
+    Attributes:
+        grid: where the cells are.
+        height_raw: highest point per cell [m], 0 where none fell.
+        occupancy_raw: visible foreground surface per cell [m^2].
+        height: smoothed and masked height H_masked [m].
+        occupancy: smoothed occupancy O_sm [m^2].
+        occupancy_min: theta_occ of this grid [m^2 per cell].
+        points: the points that the maps were made of.
+    """
+
+    grid: Grid
+    height_raw: F32
+    occupancy_raw: F32
+    height: F32
+    occupancy: F32
+    occupancy_min: float
+    points: FloorPoints
+
+    def around(self, x_m: float, y_m: float) -> tuple[F32, F32]:
+        """The maps around a place as a template (Harville 2002, section 4), 0 outside of the grid.
+
+        Returns:
+            T_H [m] and T_O [m^2], (n, n) float32 of TEMPLATE_M, centred on the cell of the place.
+        """
+        half = round(TEMPLATE_M / 2 / self.grid.cell_m)
+        row, col = self.grid.nearest(x_m, y_m)
+        window = np.s_[row : row + 2 * half + 1, col : col + 2 * half + 1]
+        return np.pad(self.height, half)[window], np.pad(self.occupancy, half)[window]
+
+
+def accumulated(points: FloorPoints, grid: Grid, height_min_m: float) -> tuple[F32, F32]:
+    """Highest point [m] and summed area [m^2] of every cell, of points above ``height_min_m``."""
+    height, total = np.empty(grid.shape, np.float32), np.empty(grid.shape, np.float32)
+    accumulate(points.xyz, points.area, height_min_m, grid.x_min_m, grid.y_min_m, grid.cell_m, height, total)
+    return height, total
+
+
+def plan_view(heads: Sequence[FloorPoints], grid: Grid, params: MapParams) -> PlanViewMaps:
+    """The points of every rig to maps: accumulate, smooth, mask.
+
+    Height is smoothed over occupied cells only, or edges would sink. Pixels of the maps' points are those of the rigs,
+    one rig after the other.
+    """
+    points = heads[0] if len(heads) == 1 else _joined(heads, grid, params.height_min_m)
+    height_raw, occupancy_raw = accumulated(points, grid, params.height_min_m)
+    height, occupancy = np.zeros_like(height_raw), np.zeros_like(occupancy_raw)
+    occupancy_min = params.occupancy_min * grid.cell_m**2
+    # Most of the floor is empty: only the part around occupied cells is worth smoothing.
+    sigma = params.smoothing_m / grid.cell_m
+    margin = 2 * math.ceil(3 * sigma)
+    left, top, width, n_rows = cv2.boundingRect((occupancy_raw > 0.0).view(np.uint8))
+    if width:
+        part = np.s_[max(0, top - margin) : top + n_rows + margin, max(0, left - margin) : left + width + margin]
+        raw = height_raw[part]
+        if sigma > 0.0:
+            occupancy[part] = _blur(occupancy_raw[part], sigma)
+            share = _blur((raw > 0.0).astype(np.float32), sigma)
+            smooth = np.divide(_blur(raw, sigma), np.maximum(share, 1e-3), dtype=np.float32)
+        else:
+            occupancy[part], smooth = occupancy_raw[part], raw
+        np.copyto(height[part], smooth, where=occupancy[part] >= np.float32(occupancy_min))
+    return PlanViewMaps(grid, height_raw, occupancy_raw, height, occupancy, occupancy_min, points)
+
+
+def _blur(image: F32, sigma: float) -> F32:
+    size = 2 * max(1, round(3 * sigma)) + 1
+    return np.asarray(cv2.GaussianBlur(image, (size, size), sigma, borderType=cv2.BORDER_CONSTANT), np.float32)
+
+
+def joint_grid(grids: Sequence[Grid]) -> Grid:
+    """The grid that covers those of all rigs, whose cells have one size.
+
+    Raises:
+        ValueError: the floor covered together is larger than a grid may be.
+    """
+    if len(grids) == 1:
+        return grids[0]
+    return Grid.covering(
+        min(g.x_min_m for g in grids),
+        min(g.y_min_m for g in grids),
+        max(g.x_max_m for g in grids),
+        max(g.y_max_m for g in grids),
+        grids[0].cell_m,
+    )
+
+
+def _joined(points: Sequence[FloorPoints], g: Grid, height_min_m: float) -> FloorPoints:
+    """All points together, each with the surface that it counts for."""
+    side = 2 * max(1, round(TEMPLATE_M / 2 / g.cell_m)) + 1
+    surface = np.stack([_around(accumulated(p, g, height_min_m)[1], side) for p in points])
+    total = surface.sum(axis=0)
+    factor = surface.max(axis=0) / np.where(total > 0, total, np.float32(1.0))  # max S / sum S, 0 without S
+    every = concatenated(points)
+    cols = np.floor((every.xyz[:, 0] - g.x_min_m) / g.cell_m).astype(np.int64)
+    rows = np.floor((every.xyz[:, 1] - g.y_min_m) / g.cell_m).astype(np.int64)
+    inside = (cols >= 0) & (rows >= 0) & (cols < g.n_cols) & (rows < g.n_rows)
+    weight = np.zeros(len(every.xyz), dtype=np.float32)
+    weight[inside] = factor[rows[inside], cols[inside]]
+    # Points below height_min_m are in no sum: where only they are, they keep their surface.
+    weight[weight == 0.0] = 1.0
+    return replace(every, area=every.area * weight)
+
+
+def concatenated(points: Sequence[FloorPoints]) -> FloorPoints:
+    """The points of several rigs one after the other; colours only when all that have points have them."""
+    coloured = all(p.colours is not None or not len(p.xyz) for p in points)
+    colours = [p.colours for p in points if p.colours is not None]
+    return FloorPoints(
+        np.concatenate([p.xyz for p in points]),
+        np.concatenate([p.area for p in points]),
+        np.concatenate([p.pixels for p in points]),
+        np.concatenate(colours) if coloured and colours else None,
+    )
+
+
+def _around(occupancy: F32, side: int) -> F32:
+    """Sums over squares of cells."""
+    summed: AnyArray = cv2.boxFilter(occupancy, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    # Running sums leave crumbs where nothing is.
+    return np.asarray(np.where(summed > 1e-6, summed, 0.0), dtype=np.float32)
