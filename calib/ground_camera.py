@@ -21,7 +21,7 @@ LENS_K_320: dict[str, float] = {
     "black-corner-fisheye": -0.0019,
 }
 """Table 2: factor K of r' = r + K r^2, in 1/px of a 320x240 image."""
-LEVEL = 1e-9
+LEVEL_PX = 1e-9
 """Vertical part of a ray, of a length of about the focal length [px], below which it is level."""
 
 
@@ -146,7 +146,7 @@ class GroundCamera:
             return self._back_project_one(u, v, height_m)
         ray = self.rays(pixels)
         down, below_m = -ray[..., 2], self.height_m - height_m
-        meets = below_m * down > abs(below_m) * LEVEL
+        meets = below_m * down > abs(below_m) * LEVEL_PX
         lam = np.where(meets, below_m / np.where(meets, down, 1.0), np.nan)
         return lam[..., None] * ray[..., :2]
 
@@ -165,7 +165,7 @@ class GroundCamera:
         s, c = math.sin(self.tilt_rad), math.cos(self.tilt_rad)
         down = self.focal_px * c + y * s
         below_m = self.height_m - height_m
-        far = below_m / down if below_m * down > abs(below_m) * LEVEL else math.nan
+        far = below_m / down if below_m * down > abs(below_m) * LEVEL_PX else math.nan
         return np.array([far * x, far * (self.focal_px * s - y * c)])
 
     def rays(self, pixels: ArrayLike) -> F64:

@@ -40,7 +40,7 @@ NOISE_M = 0.03
 """Differences of positions from which on they count linearly [m]."""
 SHARED_S = 8.0
 """Shortest time that people must be seen by both rigs, added up [s]."""
-RIVAL = 0.8
+RIVAL_SHARE = 0.8
 """A quite different motion under which so large a share of the best one's people meet makes the result ambiguous:
 to and fro on one line is the same line turned by 180 degrees at another clock."""
 DISPARITY_STD_PX = 0.05
@@ -123,7 +123,7 @@ def align_rigs(first: list[WalkedPath], second: list[WalkedPath], params: AlignP
     top = _score(best, first, second)
     others = [score for other, score in zip(found, scores, strict=True) if _apart(best, other)]
     rival = max(others, default=0.0)
-    if rival > RIVAL * max(top, float(scores.max())):
+    if rival > RIVAL_SHARE * max(top, float(scores.max())):
         raise WorkError(
             "expected people who walk so that one position of the heads fits best, found another that fits "
             f"{rival:.0f} s of their paths where the best fits {top:.0f} s: "

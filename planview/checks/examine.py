@@ -221,7 +221,7 @@ def _checks_of_one(video: Video, camera: GroundCamera | None, frames: int, searc
 
 STEP = 10
 """Depth and heights are measured in every n-th frame (for speed)."""
-KEPT = 1000
+MEASUREMENTS_MAX = 1000
 """Measurements that the height of people depends on."""
 
 
@@ -232,8 +232,8 @@ class RecordingWatch:
         self._rig = rig
         self._motion = MotionWatch()
         self._frames = 0
-        self._valid: deque[float] = deque(maxlen=KEPT)
-        self._things: deque[F64] = deque(maxlen=KEPT)
+        self._valid: deque[float] = deque(maxlen=MEASUREMENTS_MAX)
+        self._things: deque[F64] = deque(maxlen=MEASUREMENTS_MAX)
 
     def update(self, depth: Depth | None, foreground: U8 | None) -> None:
         """Take the next frame, with (h, w) uint8 at its size, non-zero where people are; None where there is none."""

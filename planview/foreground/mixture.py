@@ -37,7 +37,7 @@ DAMAGE_S = 3.0
 """Longer than this no frames are damaged: the view or the light is another one [s]."""
 GREY_LEVELS, GREY_SHARE = 8, 0.002
 """Channels that differ by no more, but in this share of the pixels, are an image without colour [levels of 255]."""
-TURNS = 4
+TURNS_MAX = 4
 """Turns in which pixels learn, at most."""
 TURN_S = 0.13
 """Each pixel learns about so often [s]: video at 30 frames per second teaches no more than at 7, and costs a fraction
@@ -91,7 +91,7 @@ class Foreground:
         for array in self._model:
             array[:] = 0
         self._first_s = self._now_s = math.nan
-        self._learned_s = np.zeros(TURNS)
+        self._learned_s = np.zeros(TURNS_MAX)
         self._frame = 0
         self._gain.reset()
         self._rebased = Exposure()
@@ -228,22 +228,22 @@ class Foreground:
         self._gain.reset()
 
     def _rates(self, timestamp_s: float) -> F32:
-        """(TURNS, 4) float32 rates of the rows of each turn at the next frame; zeros where it is not due."""
+        """(TURNS_MAX, 4) float32 rates of the rows of each turn at the next frame; zeros where it is not due."""
         p = self.params
         if math.isnan(self._first_s):
             self._first_s = self._now_s = timestamp_s
             self._learned_s[:] = timestamp_s
-            return np.array([[1.0, 1.0, 1.0, 0.0]] * TURNS, np.float32)
+            return np.array([[1.0, 1.0, 1.0, 0.0]] * TURNS_MAX, np.float32)
         self._frame += 1
         dt = max(timestamp_s - self._now_s, 0.0)
         self._now_s = max(timestamp_s, self._now_s)
         age_s = self._now_s - self._first_s
-        n = min(max(round(TURN_S / max(dt, 1e-3)), 1), TURNS) if self.settled else 1
-        due = np.arange(self._frame % n, TURNS, n)
+        n = min(max(round(TURN_S / max(dt, 1e-3)), 1), TURNS_MAX) if self.settled else 1
+        due = np.arange(self._frame % n, TURNS_MAX, n)
         # A gap in time counts as at most this much learning [s]: what happened in it was not observed.
         dt_s = np.minimum(self._now_s - self._learned_s[due], 1.0)
         self._learned_s[due] = self._now_s
-        rates = np.zeros((TURNS, 4), np.float32)
+        rates = np.zeros((TURNS_MAX, 4), np.float32)
         rates[due] = -np.expm1(-np.outer(dt_s, [p.learning_rate, p.adaptation_rate, 1 / p.settle_s, 1 / ACTIVITY_S]))
         if 0 < age_s <= p.settle_s:
             rates[:, :3] = np.maximum(rates[:, :3], (dt_s / (age_s + dt_s))[:, None])

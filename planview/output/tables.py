@@ -20,7 +20,7 @@ from planview.output.folder import writing
 from planview.tracking.base import ScoreTerms
 from planview.trajectories.table import write_header, write_rows
 
-KEPT = "; earlier frames are kept"
+KEPT_NOTE = "; earlier frames are kept"
 
 
 class FrameFile:
@@ -52,7 +52,7 @@ class FrameFile:
 
     def mark(self) -> tuple[int, str]:
         """Bring everything to the disk; size [bytes] and digest of what was written (see ``is_as_marked``)."""
-        with writing(self.path, KEPT):
+        with writing(self.path, KEPT_NOTE):
             os.fsync(self._descriptor)
         return self._size, self._digest.hexdigest()
 
@@ -61,7 +61,7 @@ class FrameFile:
         text = io.StringIO()
         write(text)
         data = text.getvalue().encode()
-        with writing(self.path, KEPT):
+        with writing(self.path, KEPT_NOTE):
             try:
                 left = data
                 while left:

@@ -14,7 +14,7 @@ from planview.output.folder import RunInfo, write_result
 from planview.output.report.page import errors_of, figure_text, flat_settings, scores_of
 from planview.output.report.plots import COLOURS, Picture, floor_plot, new_figure, picture, plain_text, png_bytes
 from planview.output.run_folder import RunFolder
-from planview.sweep.results import DRAWS, LEVEL, JobResult, Ranked, ranked, why_no_intervals
+from planview.sweep.results import BOOTSTRAP_DRAWS, LEVEL, JobResult, Ranked, ranked, why_no_intervals
 from planview.sweep.study import FIGURES, Configuration, FigureName, Study, run_figures
 
 LABEL_MAX = 60
@@ -159,7 +159,7 @@ def _page(
         objective=objective,
         why_no_intervals=why_no_intervals(runs),
         level=LEVEL,
-        draws=DRAWS,
+        draws=BOOTSTRAP_DRAWS,
         pictures=pictures,
         names=names,
         errors=errors,

@@ -16,7 +16,7 @@ import numpy as np
 from calib.types import F64
 from planview.sweep.study import FIGURES, Configuration, FigureName
 
-DRAWS = 1000
+BOOTSTRAP_DRAWS = 1000
 RECORDINGS_MIN = 5
 """Fewer recordings are too few for an interval: a bootstrap of four has 35 samples."""
 LEVEL = 0.95
@@ -120,9 +120,9 @@ def why_no_intervals(results: Sequence[JobResult]) -> str:
 def ranked(results: Sequence[JobResult], objective: FigureName) -> list[Ranked]:
     """Best first; those without the objective, then those whose runs did not all finish, come last.
 
-    Recordings count the same, and the seeds of a recording among themselves. Intervals hold LEVEL of DRAWS means over
-    recordings and, of each, of seeds, sampled with replacement (Efron and Tibshirani 1993, chapter 8:
-    the bootstrap of a two-stage sample).
+    Recordings count the same, and the seeds of a recording among themselves. Intervals hold LEVEL of BOOTSTRAP_DRAWS
+    means over recordings and, of each, of seeds, sampled with replacement (Efron and Tibshirani 1993, chapter 8: the
+    bootstrap of a two-stage sample).
     """
     places = {c: i for i, c in enumerate(dict.fromkeys(r.configuration for r in results))}
     names = {name: i for i, name in enumerate(dict.fromkeys(r.recording for r in results))}
@@ -161,8 +161,8 @@ def estimate(values: F64) -> Estimate:
     generator, means = np.random.default_rng(0), []
     # Values sampled at a time.
     block = max(1, 5_000_000 // values.size)
-    for start in range(0, DRAWS, block):
-        count = min(block, DRAWS - start)
+    for start in range(0, BOOTSTRAP_DRAWS, block):
+        count = min(block, BOOTSTRAP_DRAWS - start)
         recording = generator.integers(0, n_recordings, (count, n_recordings, 1))
         seed = generator.integers(0, n_seeds, (count, n_recordings, n_seeds))
         means.append(_mean_of_means(values[recording, seed]))

@@ -16,7 +16,7 @@ from calib.types import F32, F64, Bool
 HEIGHT_MEAN_M, HEIGHT_STD_M = ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M
 HEIGHT_MIN_M, HEIGHT_MAX_M = 0.80, 2.10
 """Heights of a head [m], from somebody who sits on the floor to a very tall man who walks."""
-THINGS = 0.1
+THING_SHARE = 0.1
 """Share of what comes into view that is moved furniture and carried things, of any height up to a person's."""
 THING_RADII = (0.12, 0.2, 0.34)
 """Radii of things over their heights, from a pillar to a crate."""
@@ -80,7 +80,7 @@ def same_height(height_m: float, std_m: float, tall_m: float, tall_std_m: float,
     thing."""
     mine = stature(height_m, tall_m, math.hypot(tall_std_m, std_m), low_share)
     stranger = stature(height_m, HEIGHT_MEAN_M, math.hypot(HEIGHT_STD_M, std_m), low_share)
-    return math.log(mine / ((1 - THINGS) * stranger + THINGS / HEIGHT_MEAN_M))
+    return math.log(mine / ((1 - THING_SHARE) * stranger + THING_SHARE / HEIGHT_MEAN_M))
 
 
 class BodyTable(NamedTuple):

@@ -22,13 +22,13 @@ FORGOTTEN = 0.05
 """Probability of existence below which a person is forgotten."""
 GATE = 13.8
 """Squared distance in deviations beyond which a box shows somebody else: one in a thousand (chi-square, 2 axes)."""
-SAME = 0.5
+SAME_PERSON_IOU = 0.5
 """Overlap (IoU) from which two boxes of a frame show one person, as of every evaluation of boxes."""
 EVIDENCE_MAX = 3.0
 """Largest log-odds that a score gives: detectors are surer than they are right."""
 RING = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0, 2 * np.pi, 8, endpoint=False)])
-STEPS = 6
-NEW = 0.3
+FIT_STEPS = 6
+NEWCOMER_SHARE = 0.3
 """Share of people among boxes that show nobody known."""
 ERRORS_S = 0.25
 """Time for which a detector's errors stay the same [s]."""
@@ -150,7 +150,7 @@ class DetectionTracker:
                 self._missed(q, dt_s, looks, size)
         taken = set(matched.values())
         for k in range(len(boxes)):
-            if k not in taken and not any(overlap(boxes[k], boxes[j]) > SAME for j in taken):
+            if k not in taken and not any(overlap(boxes[k], boxes[j]) > SAME_PERSON_IOU for j in taken):
                 self._meet(boxes[k], poses[k], covariances[k], float(worth[k]))
                 taken.add(k)
         for q in [q for q in self._people if q.existence < FORGOTTEN]:
@@ -172,7 +172,7 @@ class DetectionTracker:
         prior = np.diag([0.0, 0.0, 1 / body.HEIGHT_STD_M**2])
         information = np.full((len(boxes), 3, 3), np.nan)
         good = np.asarray(np.isfinite(poses).all(axis=1), dtype=np.bool_)
-        for _ in range(STEPS):
+        for _ in range(FIT_STEPS):
             expected = self._edges(poses)
             jacobian = np.stack([(self._edges(poses + 0.01 * axis) - expected) / 0.01 for axis in np.eye(3)], axis=-1)
             good = good & np.asarray(np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(expected).all(axis=1))
@@ -245,7 +245,7 @@ class DetectionTracker:
         p = self.params
         hidden = max((self._covered(q.box, o.box) for o in self._people if o is not q), default=0.0)
         inside = self._covered(q.box, np.array([0.0, 0.0, *size]), anywhere=True)
-        away_s = body.LEAVE_S if inside < SAME else p.stay_s
+        away_s = body.LEAVE_S if inside < SAME_PERSON_IOU else p.stay_s
         stays = q.existence * math.exp(-dt_s / away_s)
         q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
         q.log_odds += looks * math.log(1 - p.found * (1 - hidden) * inside)
@@ -260,7 +260,7 @@ class DetectionTracker:
 
     def _meet(self, box: F64, pose: F64, covariance: F64, worth: float) -> None:
         kalman = FloorKalman.measured(pose[:2], covariance[:2, :2], body.SPEED_MAX_MPS / 2)
-        odds = math.log(NEW / (1 - NEW)) + worth
+        odds = math.log(NEWCOMER_SHARE / (1 - NEWCOMER_SHARE)) + worth
         who = self._cycle.spawn(f"a box that shows nobody known, {pose[2]:.2f} m tall", odds)
         height_m, height_var = float(pose[2]), float(covariance[2, 2])
         self._people.append(Detected(who, odds, kalman, height_m, height_var, box[:4].copy(), self._foot(kalman)))

@@ -35,7 +35,7 @@ GRAB_PX = 12.0
 """A point within this distance of the mouse is picked up instead of a new one made [px of the screen]."""
 LOOKED_AT = 40
 """Pictures of a video in which movement is searched (for speed)."""
-KEPT = 50
+PICTURES_MAX = 50
 """Pictures of a video that are kept, those read last."""
 PHOTOGRAPHS = (".jpg", ".jpeg", ".heic", ".tif", ".tiff")
 
@@ -323,7 +323,7 @@ class VideoPictures:
 
     def __init__(self, video: Video) -> None:
         self._video = video
-        self._read = lru_cache(KEPT)(self._decoded)
+        self._read = lru_cache(PICTURES_MAX)(self._decoded)
 
     def __len__(self) -> int:
         return self._video.n_frames

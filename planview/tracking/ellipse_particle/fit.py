@@ -26,7 +26,7 @@ two thirds gains 0.53, so a person hidden by half is measured, and a bag or a sh
 CELL_DEVIATION = 0.7
 """Deviation of a cell's residual, correlation of neighbouring cells included. Our choice: a residual of 0.35 per
 cell (holes, limbs), the same over patches of 2 x 2 cells: 0.35 sqrt(4)."""
-STEPS = 3
+FIT_STEPS = 3
 """Steps of expectation-maximisation, which starts within a third of a width, and rounds of Levenberg-Marquardt."""
 SOFT_EDGE = 0.7
 """Width of an ellipse's logistic edge in the refinement [cells]. Our choice: a cell is covered within about two."""
@@ -115,7 +115,7 @@ def expect_and_maximise(mask: F32, ellipses: F64, half: F64, aspect: float, upri
     rows, cols = np.nonzero(mask)
     weight, x, y = mask[rows, cols].astype(np.float64), cols.astype(np.float64), rows.astype(np.float64)
     powers = np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
-    for _ in range(STEPS):
+    for _ in range(FIT_STEPS):
         x, y, a, b, angle = ellipses.T
         s, c = np.sin(angle), np.cos(angle)
         qxx, qxy, qyy = (s / a) ** 2 + (c / b) ** 2, s * c * (a**-2 - b**-2), (c / a) ** 2 + (s / b) ** 2
@@ -151,7 +151,7 @@ def refine(mask: F32, ellipses: F64, size: Size) -> None:
     for free, ellipse in zip(outside, ellipses, strict=True):
         window = around(ellipse, mask.shape, SOFT_CELLS)
         free[window] = 1.0 - inside(ellipse, window)
-    for k in [*range(len(ellipses))] * STEPS:
+    for k in [*range(len(ellipses))] * FIT_STEPS:
         window = around(ellipses[k], mask.shape, SOFT_CELLS)  # a step beyond it is judged by what is inside it
         others = np.delete(outside[:, *window], k, axis=0).prod(axis=0)
         cells = Surroundings(window, mask[window], weight[window], others)

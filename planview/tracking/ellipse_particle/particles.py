@@ -24,7 +24,7 @@ JITTER_M = 0.03
 """Deviation of the position per frame besides the acceleration's [m]: an outline is not a rigid body. Our choice."""
 SHAPE_TIME_S = 1.0
 """Time in which size and angle forget [s]: a step."""
-ROWS = 16
+COVER_ROWS = 16
 """Rows in which what an ellipse covers is summed."""
 
 
@@ -120,7 +120,7 @@ def overlaps(ellipses: F64, masks: Sequence[Bool]) -> F64:
     x, y, a, b, angle = ellipses.T[..., None].astype(np.float32)
     s, c, (n_rows, n_cols) = np.sin(angle), np.cos(angle), masks[0].shape
     # In the row t * down below its centre an ellipse covers x + t * lean +- half.
-    down, t = np.hypot(a * c, b * s), ((2.0 * np.arange(ROWS) + 1.0) / ROWS - 1.0).astype(np.float32)
+    down, t = np.hypot(a * c, b * s), ((2.0 * np.arange(COVER_ROWS) + 1.0) / COVER_ROWS - 1.0).astype(np.float32)
     middle, half = x + t * ((a * a - b * b) * s * c / down), a * b / down * np.sqrt(1.0 - t * t)
     sums = np.zeros(
         (len(masks), n_rows + 2, n_cols + 1), np.int32
@@ -129,4 +129,4 @@ def overlaps(ellipses: F64, masks: Sequence[Bool]) -> F64:
     row = np.clip(np.rint(y + t * down), -1, n_rows).astype(np.int32) + 1
     ends = (np.clip(np.rint(middle + side * half + 0.5), 0, n_cols).astype(np.int32) for side in (-1, 1))
     first, last = (sums.reshape(len(masks), -1).take(row * (n_cols + 1) + end, axis=1) for end in ends)
-    return np.asarray(2.0 * down[:, 0] / ROWS * (last - first).sum(axis=2), dtype=np.float64)
+    return np.asarray(2.0 * down[:, 0] / COVER_ROWS * (last - first).sum(axis=2), dtype=np.float64)

@@ -16,9 +16,9 @@ from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker
 from planview.tracking.joint.explanation import Owned, People
 
-MOST = 4
+PLACES_MAX = 4
 """Places that are tried in a frame."""
-CORE = 0.7
+CORE_WIDTH = 0.7
 """Part of a hull's width in which the residual is summed: the rest is between arms and next to the head."""
 BANDS = 6
 """A hull is summed in this many boxes above each other: bodies lean in the images of wide lenses."""
@@ -91,7 +91,7 @@ def _bands(hull_px: F32) -> F64:
     crosses = (y <= middle) != (to_y <= middle)
     at = x + (middle - y) / np.where(crosses, to_y - y, 1.0) * (to_x - x)
     left, right = np.where(crosses, at, np.inf).min(-1), np.where(crosses, at, -np.inf).max(-1)
-    centre, half = 0.5 * (left + right), 0.5 * CORE * (right - left)
+    centre, half = 0.5 * (left + right), 0.5 * CORE_WIDTH * (right - left)
     return np.stack([centre - half, ends[:, :-1], centre + half, ends[:, 1:]], axis=-1)
 
 
@@ -105,7 +105,7 @@ def births(
     found, scores = places.scores(frame, known, owned, 0.5 * params.birth_evidence)
     born, boxes, n_known = [], places.boxes[found], len(known.poses)
     middle = 0.5 * (boxes[:, :2] + boxes[:, 2:])
-    for _ in range(MOST if len(found) else 0):
+    for _ in range(PLACES_MAX if len(found) else 0):
         best = int(np.argmax(scores))
         if scores[best] <= 0.0:
             break

@@ -25,7 +25,7 @@ NEAR_M = 0.6
 """From the body's axis to hands and feet that the silhouette does not expect, and to shadows [m]."""
 HIDDEN_TO = 0.6
 """Relative height below which furniture may hide people."""
-RIVAL = 0.3
+RIVAL_OVERLAP = 0.3
 """Share of the smaller of two boxes that they have in common when two people are rivals for the same foreground."""
 TOGETHER = 4.0
 """Price of a second person in a first one's outline [log-odds]: that one walks half hidden by another all the time is
@@ -105,7 +105,7 @@ class MaskExplanation(Explanation):
         area = (high - low).prod(axis=1)
         common = np.maximum(sides, 0.0).prod(axis=2) / np.maximum(np.minimum(area[:, None], area), 1.0)
         common[standing <= standing[:, None]] = 0.0
-        return np.where(common.max(axis=1, initial=0.0) > RIVAL, common.argmax(axis=1), -1)
+        return np.where(common.max(axis=1, initial=0.0) > RIVAL_OVERLAP, common.argmax(axis=1), -1)
 
     def pair(self, i: int, j: int, people: People, refit: bool = False) -> Pair:
         """Evidence for two people against the second alone, who may be anywhere near.

@@ -15,7 +15,7 @@ from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.maps.view import BACKGROUND_SEEN, SURFACE, PixelRays
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, DecisionKind, Drawing, Observation, TrackerDebug
-from planview.tracking.human_model.births import CORE, FloorPlaces, births
+from planview.tracking.human_model.births import CORE_WIDTH, FloorPlaces, births
 from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
@@ -33,7 +33,7 @@ BOX_WIDTH = 1.35
 RETURNS = 0.2
 """Share of people who vanish inside the view and come back; the others left through a door, and anybody may come out
 of it."""
-HIDES = -3.0
+HIDDEN_LOG_ODDS = -3.0
 """Log-odds, before anybody has walked there, that something hides people at a pixel."""
 LIVELY = 0.01
 """Share of a region's pixels in motion from which it is no thing: a head that turns."""
@@ -71,7 +71,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         shape = self.camera.size[::-1]
         self._known_pixels: U8 = np.zeros(shape, np.uint8)
         self._still_s: F32 = np.zeros(shape, np.float32)
-        self._hides: F32 = np.full(shape, HIDES, np.float32)
+        self._hides: F32 = np.full(shape, HIDDEN_LOG_ODDS, np.float32)
 
     def feedback(self) -> U8:
         """(H, W) uint8 for ``Foreground``: people who are tracked, and what has been still and unexplained for long."""
@@ -168,13 +168,13 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         for person, hull in zip(self._people, hulls, strict=True):
             if person.confirmed and person.motion == "moving" and person.share >= p.visible_min and hull is not None:
                 middle = hull.mean(axis=0)
-                cv2.fillConvexPoly(walkers, np.rint(middle + CORE * (hull - middle)).astype(np.int32), 1)
+                cv2.fillConvexPoly(walkers, np.rint(middle + CORE_WIDTH * (hull - middle)).astype(np.int32), 1)
         inside, looks = np.flatnonzero(walkers.view(np.bool_)), min(1.0, dt / p.errors_s)
         hidden = math.log((1 - p.seen_on_background) / (1 - p.seen_on_body))
         shown = math.log(p.seen_on_background / p.seen_on_body)
         more = seen.reshape(-1)[inside] * hidden + (frame.kind.reshape(-1)[inside] == SURFACE) * shown
         hides = self._hides.reshape(-1)
-        hides[inside] = np.clip(hides[inside] + looks * more, 2 * HIDES, -HIDES)
+        hides[inside] = np.clip(hides[inside] + looks * more, 2 * HIDDEN_LOG_ODDS, -HIDDEN_LOG_ODDS)
 
     def _visibility(self, pose: F64) -> float:
         """The human visibility ratio of the model map."""

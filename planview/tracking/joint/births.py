@@ -20,12 +20,12 @@ EVIDENCE_MAX = 6.0
 CELL_M = 0.05
 BODY_CELLS = 9
 """Side of the box that is summed: a body's breadth [cells]."""
-MOST = 6
+PLACES_MAX = 6
 """Places that are tried in a frame."""
 MAP_CELLS_MAX = 4_000_000
 CHANGED = 3.0
 """A surface is another one from so many deviations of its range on."""
-LOOSE = np.array([1.0, 0.0, 1.0, body.TORSO.torso_radius_m**2]) / body.TORSO.torso_radius_m**2
+LOOSE_PER_M2 = np.array([1.0, 0.0, 1.0, body.TORSO.torso_radius_m**2]) / body.TORSO.torso_radius_m**2
 """Inverse covariance of a place within a body's radius, and of a height within a metre [1/m^2]."""
 
 
@@ -58,7 +58,7 @@ class Births:
         born: list[Person] = []
         people: People | None = None
         tried = np.zeros(sum(len(o.pixels) for o in owned), np.bool_)
-        for _ in range(MOST):
+        for _ in range(PLACES_MAX):
             row, col = divmod(int(np.argmax(box)), box.shape[1])
             if box[row, col] < p.birth_evidence:
                 break
@@ -117,7 +117,7 @@ def _tried(frame: Explanation, birth_evidence: float, people: People, points: F6
     worth, pose, curvature = -np.inf, start, np.zeros(3)
     for height in (body.HEIGHT_MEAN_M, top):
         moved = np.array([*place, height])
-        value, curved = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial.ratios[n])
+        value, curved = samples.ascend(moved, moved.copy(), LOOSE_PER_M2, trial.tall[n], trial.ratios[n])
         if value > worth:
             worth, pose, curvature = value, moved, curved
     mine, known, _ = samples.visible(pose, trial.tall[n])

@@ -14,13 +14,13 @@ from planview.tracking import body
 from planview.tracking.joint._kernels import PARTS
 from planview.tracking.joint.explanation import Owned
 from planview.tracking.joint.params import PeopleParams
-from planview.tracking.joint.person import KNOWN_LOOKS, Person, colour_counts, colour_ratios
+from planview.tracking.joint.person import COLOURED_FRAMES_MIN, Person, colour_counts, colour_ratios
 
 CONTACT_M = 0.7
 """People nearer than this may be confused [m]: a body, and an arm's movement."""
-KNOWN_AGAIN = 0.3
+KNOWN_LOG_ODDS = 0.3
 """Log-odds from which a newcomer is recognised; without evidence it is a stranger."""
-DECIDED = 6.0
+EXCHANGED_LOG_ODDS = 6.0
 """Log-odds at which two people exchange identities: one error in 400."""
 PART_MAX = 2.0
 """Largest evidence of the colours of one part of a body, as log-odds: light differs within a room."""
@@ -58,7 +58,7 @@ class Exchanges:
                 pair = min(a.track_id, b.track_id), max(a.track_id, b.track_id)
                 if math.dist(a.at_m, b.at_m) < CONTACT_M:
                     self._evidence.setdefault(pair, 0.0)
-                known = min(a.looks, b.looks) >= KNOWN_LOOKS and a.confirmed and b.confirmed
+                known = min(a.looks, b.looks) >= COLOURED_FRAMES_MIN and a.confirmed and b.confirmed
                 if pair not in self._evidence or not known:
                     continue
                 gain, ratios = 0.0, np.log(colour_ratios(people)) if ratios is None else ratios
@@ -70,7 +70,7 @@ class Exchanges:
                     gain += float(np.clip(alike, -PART_MAX, PART_MAX)) * min(PARTS, patches / 20.0)
                 odds = self._evidence[pair] * math.exp(-dt / p.lag_s) + gain * min(1.0, dt / p.errors_s)
                 self._evidence[pair] = odds
-                if odds > DECIDED and not any(a in done or b in done for done in decided):
+                if odds > EXCHANGED_LOG_ODDS and not any(a in done or b in done for done in decided):
                     decided.append((a, b, odds))
                     self._evidence[pair] = 0.0
         return decided
@@ -97,8 +97,10 @@ def continued(born: Sequence[P], known: Sequence[P], floor_m2: float, low_share:
 
     odds = np.array([[_log_odds(q, b, known, floor_m2, low_share) for q in known] for b in born])
     odds = odds.reshape(len(born), -1)
-    rows, cols = linear_sum_assignment(np.maximum(odds, KNOWN_AGAIN), maximize=True)
-    return {int(i): (known[j], float(odds[i, j])) for i, j in zip(rows, cols, strict=True) if odds[i, j] > KNOWN_AGAIN}
+    rows, cols = linear_sum_assignment(np.maximum(odds, KNOWN_LOG_ODDS), maximize=True)
+    return {
+        int(i): (known[j], float(odds[i, j])) for i, j in zip(rows, cols, strict=True) if odds[i, j] > KNOWN_LOG_ODDS
+    }
 
 
 def within_reach(q: Person, b: Person) -> bool:
@@ -119,7 +121,7 @@ def _log_odds(q: Person, b: Person, known: Sequence[Person], floor_m2: float, lo
 
 def _alike(q: Person, b: Person, known: Sequence[Person]) -> float:
     """Log-odds of a newcomer's colours being those of a known person rather than of anybody."""
-    if q.looks < KNOWN_LOOKS:
+    if q.looks < COLOURED_FRAMES_MIN:
         return 0.0
     ratio = np.log(colour_ratios(known)[list(known).index(q)])
     seen = b.colours / np.maximum(b.colours.sum(axis=1, keepdims=True), 1e-6)

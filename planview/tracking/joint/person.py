@@ -27,7 +27,7 @@ LOOK_STD_M = 0.08
 """Deviation of a height measured in one look [m]."""
 PRIOR_LOOKS = 2.0
 """Weight of anybody's colours next to those seen [frames]."""
-KNOWN_LOOKS = 5
+COLOURED_FRAMES_MIN = 5
 """Frames from which on colours distinguish people."""
 RATIO_MAX = 20.0
 """Largest ratio of a person's colours to anybody's."""
@@ -125,7 +125,7 @@ class Person:
     @property
     def cut_off(self) -> bool:
         """Whether too little has been seen to tell who it is: less than half of the body, no head and no colours."""
-        return not self.head_in_view and self.inside < 0.5 and self.looks < KNOWN_LOOKS
+        return not self.head_in_view and self.inside < 0.5 and self.looks < COLOURED_FRAMES_MIN
 
     @property
     def standing(self) -> tuple[bool, float, int]:

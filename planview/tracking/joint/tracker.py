@@ -13,7 +13,7 @@ from planview.maps.colour import CODES
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, Drawing, Observation, TrackerDebug, person_boxes
 from planview.tracking.joint._kernels import PARTS, TINY
-from planview.tracking.joint.births import EVIDENCE_MAX, LOOSE, Births
+from planview.tracking.joint.births import EVIDENCE_MAX, LOOSE_PER_M2, Births
 from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, People, Samples, likelihood_of_ranges
 from planview.tracking.joint.identity import Exchanges, continued, within_reach
 from planview.tracking.joint.params import JointParams, PeopleParams
@@ -284,7 +284,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         s.layer(people, rest)
         first = s.log_ratio(poses[i], tall[i], ratios[i])
         starts = poses[j].copy(), np.array([*poses[i, :2], tall[j, 0]])
-        worth = [s.ascend(start, poses[j], LOOSE, tall[j], ratios[j])[0] for start in starts]
+        worth = [s.ascend(start, poses[j], LOOSE_PER_M2, tall[j], ratios[j])[0] for start in starts]
         prior = s.log_prior(poses[j], tall[j]) + s.log_prior(poses[i], tall[i], np.array([j]))
         s.layer(people, np.append(rest, i))
         both = first + s.log_ratio(poses[j], tall[j], ratios[j]) + prior
@@ -331,8 +331,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         elsewhere the height is the prior."""
         shape = math.log(2.0) - float(np.logaddexp(0.0, -person.likeness))  # half of all things are of any shape
         if not person.head_in_view:
-            return person.moved + shape + math.log((1 - body.THINGS) / body.THINGS)
+            return person.moved + shape + math.log((1 - body.THING_SHARE) / body.THING_SHARE)
         low = self.params.low_share / body.HEIGHT_MEAN_M
         upright = body.stature(person.height_m, body.HEIGHT_MEAN_M, body.HEIGHT_STD_M, self.params.low_share) - low
         density = (upright + LOW_WALKERS * low) * math.exp(person.moved) + (1 - LOW_WALKERS) * low
-        return shape + math.log((1 - body.THINGS) * density / (body.THINGS / body.HEIGHT_MEAN_M))
+        return shape + math.log((1 - body.THING_SHARE) * density / (body.THING_SHARE / body.HEIGHT_MEAN_M))
