@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -20,7 +21,7 @@ from calib.formats.tsai import is_tsai
 from calib.io import MAX_BYTES, closed_text, entries, reason, size_text, write_whole
 from calib.rig import StereoRig
 
-_SUFFIXES = {".toml", ".yml", ".yaml", ".xml", ".json", ".conf", ".txt", ".cfg", ".ini", ".calib", ""}
+_SUFFIXES = {".toml", ".yml", ".yaml", ".xml", ".json", ".conf", ".txt", ".cfg", ".ini", ".calib", ".npz", ""}
 _PAIRS = (("left", "right"), ("intrinsic", "extrinsic"), ("cam0", "cam1"), ("_l", "_r"))
 _NESTED = ("cam0", "cam1", "left", "right", "mav0/cam0", "mav0/cam1")
 
@@ -36,8 +37,9 @@ def find_rig(path: Path) -> Found:
     if found is None and is_tsai(source):
         raise InputError(f"{path}: expected a stereo calibration, found a single camera (Tsai)")
     if found is None:
+        names = f": {', '.join(json.loads(source.text))}" if path.suffix.lower() == ".npz" else ""
         raise InputError(
-            f"{path}: expected a calibration ({', '.join(f.name for f in FORMATS)}), found none of these formats"
+            f"{path}: expected a calibration ({', '.join(f.name for f in FORMATS)}), found none of these formats{names}"
         )
     form, part = found
     if part == "whole":

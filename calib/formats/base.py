@@ -15,7 +15,7 @@ import yaml
 
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
-from calib.io import read_text
+from calib.io import read_text, reason, require_file
 from calib.pose import SE3
 from calib.rig import StereoRig, parse_rig, rig_text
 from calib.types import F64
@@ -79,7 +79,7 @@ def whole_with(*patterns: str) -> Callable[[Source], str | None]:
     return lambda source: "whole" if all(one.search(source.text) for one in compiled) else None
 
 
-_ARRAYS = {".npz": "arrays of NumPy", ".npy": "an array of NumPy", ".mat": "arrays of MATLAB", ".pkl": "Python objects"}
+_ARRAYS = {".npy": "an array of NumPy", ".mat": "arrays of MATLAB", ".pkl": "Python objects"}
 
 
 def arrays_text(path: Path) -> str | None:
@@ -89,8 +89,40 @@ def arrays_text(path: Path) -> str | None:
     return found and f"{found} ({path.name}): {way}"
 
 
+_LEFT, _RIGHT = ("l", "left", "1"), ("r", "right", "2")
+_ROLES = {
+    "M": r"(mtx|k|m|cm|cam(era)?ma?t(ri)?x?|intrinsics?|matrix)",
+    "D": r"(dist|d|dist(ortion)?coeffs?|distortion)",
+}
+_POSE = {"R": r"r|rot|rotation", "T": r"t|trans|translation", "image_size": r"(image|img|frame)?(size|shape)"}
+
+
+def _array_name(name: str) -> str:
+    """OpenCV's name of an array that people call mtxL, distR, left_camera_matrix, Trans and the like; else its own."""
+    plain = name.lower().replace("_", "")
+    for role, words in _ROLES.items():
+        for number, sides in (("1", _LEFT), ("2", _RIGHT)):
+            side = "|".join(sides)
+            if re.fullmatch(rf"{words}({side})|({side}){words}", plain):
+                return role + number
+    return next((known for known, words in _POSE.items() if re.fullmatch(words, plain)), name)
+
+
+def _arrays_as_text(path: Path) -> str:
+    """The small arrays of a NumPy archive as JSON, by OpenCV's names. Raises InputError: no archive of numbers."""
+    require_file(path, "a calibration file")
+    try:
+        with np.load(path, allow_pickle=False) as held:
+            small = [name for name in held.files if held.zip.getinfo(f"{name}.npy").file_size < 4096]
+            return json.dumps({_array_name(name): held[name].tolist() for name in small})
+    except Exception as error:  # NumPy raises whatever a damaged file provokes
+        raise InputError(f"{path}: expected arrays of NumPy, found {reason(error)}") from error
+
+
 def read_source(path: Path) -> Source:
-    """Read a text file. Raises InputError: unreadable, too large, or not text."""
+    """Read a text file, or the arrays of NumPy. Raises InputError: unreadable, too large, or not text."""
+    if path.suffix.lower() == ".npz":
+        return Source(path, _arrays_as_text(path))
     arrays = arrays_text(path) if path.is_file() else None
     if arrays:
         raise InputError(f"{path}: expected a calibration file as text, found {arrays}")

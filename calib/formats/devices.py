@@ -27,7 +27,7 @@ def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     listed = base.entry(data, "cameraData")
     if not isinstance(listed, list) or not all(isinstance(item, list) and len(item) == 2 for item in listed):
         raise ValueError("expected cameraData to be a list of [socket, camera]")
-    cameras = {int(base.number(socket, "socket")): base.table(values, "camera") for socket, values in listed}
+    cameras = {_socket(socket): base.table(values, "camera") for socket, values in listed}
     left, right = _sockets(data, cameras, choice)
     for socket in (left, right):
         if socket not in cameras:
@@ -39,11 +39,11 @@ def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
 
 def _sockets(data: Mapping[str, Any], cameras: Mapping[int, Any], choice: Choice) -> tuple[int, int]:
     if choice.cameras is not None:
-        first, second = (int(base.number(name, "socket")) for name in choice.cameras)
+        first, second = map(_socket, choice.cameras)
         return first, second
     stereo = data.get("stereoRectificationData")
     if isinstance(stereo, Mapping):
-        pair = tuple(int(base.number(stereo.get(key, -1), key)) for key in ("leftCameraSocket", "rightCameraSocket"))
+        pair = tuple(_socket(stereo.get(key, -1)) for key in ("leftCameraSocket", "rightCameraSocket"))
         if pair[0] != pair[1] and set(pair) <= set(cameras):
             return pair[0], pair[1]
     if not {1, 2} <= set(cameras):
@@ -52,6 +52,15 @@ def _sockets(data: Mapping[str, Any], cameras: Mapping[int, Any], choice: Choice
             "nothing that shows which of them are left and right: name the two"
         )
     return 1, 2
+
+
+def _socket(name: Any) -> int:
+    """A socket by its number, as CAM_A, CAM_B, ..., or by the side that it has on most boards."""
+    text = str(name).upper().removeprefix("CAMERABOARDSOCKET.")
+    named = {"RGB": 0, "LEFT": 1, "RIGHT": 2, "AUTO": -1}
+    if len(text) == 5 and text.startswith("CAM_"):
+        return ord(text[-1]) - ord("A")
+    return named[text] if text in named else int(base.number(name, "socket (a number, or CAM_A to CAM_J)"))
 
 
 def _depthai_camera(values: Mapping[str, Any], socket: int) -> Camera:
@@ -84,7 +93,7 @@ def _between(cameras: Mapping[int, Mapping[str, Any]], left: int, right: int, un
 
 def _link(socket: int, values: Mapping[str, Any], unit_m: float) -> tuple[int, int, SE3] | None:
     extrinsics = base.table(base.entry(values, "extrinsics"), "extrinsics")
-    to = int(base.number(extrinsics.get("toCameraSocket", -1), "toCameraSocket"))
+    to = _socket(extrinsics.get("toCameraSocket", -1))
     if to < 0 or to == socket:
         return None
     t = base.table(base.entry(extrinsics, "translation"), "translation")

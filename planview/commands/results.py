@@ -9,6 +9,7 @@ import sysconfig
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
@@ -196,6 +197,8 @@ def view(folder: Path, /, *, port: int = 9876, web: Flag = False, web_port: int 
             else missing(folder)
         )
     parts = [recording] if folder.suffix == ".rrd" else rrd_parts(recording)
+    for part in parts:
+        refuse_broken(part)
     viewer = Path(sysconfig.get_path("scripts")) / "rerun"
     command = [str(viewer), "--bind", "127.0.0.1", "--port", str(port)]
     if web:
@@ -211,6 +214,24 @@ def view(folder: Path, /, *, port: int = 9876, web: Flag = False, web_port: int 
     if status != 0:
         hint = "is the port free?" if web else "it needs a display and a graphics driver; --web needs none"
         raise WorkError(f"the rerun viewer ended with status {status} ({hint})")
+
+
+def refuse_broken(part: Path) -> None:
+    """Raise InputError for what the viewer would show as an empty page: no recording, of another version, cut off."""
+    with part.open("rb") as file:
+        head = file.read(8)
+        file.seek(max(0, part.stat().st_size - 12))
+        end = file.read()
+    own = tuple(map(int, version("rerun-sdk").split(".")[:2]))
+    found = ""
+    if len(head) < 8 or not head.startswith(b"RRF"):
+        found = "a file of another kind" if head else "an empty file"
+    elif (head[4], head[5]) > own or head[:4] != b"RRF2":
+        found = f"one of rerun {head[4]}.{head[5]}, which rerun {own[0]}.{own[1]} does not read: install that version"
+    elif (head[4], head[5]) == own and not end.startswith(b"RRF2FOOT"):
+        found = f"one that was cut off: rerun rrd merge {part} -o whole.rrd recovers what is there"
+    if found:
+        raise InputError(f"{part}: expected a rerun recording, found {found}")
 
 
 def _viewed(command: list[str]) -> int:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import gzip
 import re
+import zlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import IO, Literal, NamedTuple
 
 import numpy as np
@@ -35,6 +38,7 @@ from planview.trajectories.text_formats import (
 BINARY = {b"\x89HDF\r\n\x1a\n": read_ped_data_archive, b"SQLite format 3\x00": read_jupedsim, b"PAR1": read_parquet}
 """Readers by the first bytes of a file."""
 _FIRST_LINE = 10_000
+MAX_UNPACKED_BYTES = 1 << 31
 ExportName = Literal["pedpy", "ped-data-archive", "jupedsim", "motchallenge", "parquet", "csv", "jsonl"]
 _TRUTH_FILES = ("truth.csv", "gt.txt", "gt/gt.txt")
 _TABLES = (".csv", ".txt", ".h5", ".hdf5", ".sqlite", ".parquet", ".jsonl")
@@ -64,12 +68,29 @@ def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
             start = file.read(_FIRST_LINE)
     except OSError as error:
         raise InputError(f"{path}: expected trajectories, found {reason(error)}") from error
+    if start.startswith(b"\x1f\x8b"):
+        return _unpacked(path, truth)
     if start.startswith(b"version ") and path.suffix == ".trc":
         raise InputError(f"{path}: expected trajectories in metres, found pixels of PeTrack: export its .txt")
     if found := simulation_of(start.decode("utf-8-sig", "ignore")):
         return timed_by_rate(read_simulation(path, *found))
     binary = next((reader for magic, reader in BINARY.items() if start.startswith(magic)), None)
     return timed_by_rate(binary(path) if binary else _load_text(path, start.split(b"\n")[0], truth))
+
+
+def _unpacked(path: Path, truth: bool) -> TrajectoryFile:
+    """Trajectories in a file that gzip compressed."""
+    with TemporaryDirectory() as folder:
+        inner = Path(folder) / path.stem
+        try:
+            with gzip.open(path) as packed, inner.open("wb") as out:
+                while (part := packed.read(1 << 20)) and out.tell() < MAX_UNPACKED_BYTES:
+                    out.write(part)
+            return load_file(inner, truth=truth)
+        except (OSError, EOFError, zlib.error) as error:
+            raise InputError(f"{path}: expected trajectories, found a damaged archive ({reason(error)})") from error
+        except InputError as error:
+            raise InputError(str(error).replace(str(inner), str(path))) from error
 
 
 def _load_text(path: Path, first: bytes, truth: bool) -> TrajectoryFile:

@@ -176,7 +176,8 @@ def simulation_of(text: str) -> tuple[Simulation, int] | None:
 
 def _names(line: str, separator: str) -> list[str]:
     """Names of columns without what Vadere adds behind ("-PID1") and Viswalk before ("$PEDESTRIAN:")."""
-    return [cell.strip().removeprefix("$PEDESTRIAN:").partition("-PID")[0] for cell in line.split(separator)]
+    cells = (cell.strip().strip('"') for cell in line.split(separator))
+    return [cell.removeprefix("$PEDESTRIAN:").partition("-PID")[0] for cell in cells]
 
 
 def read_simulation(path: Path, simulation: Simulation, header: int) -> TrajectoryFile:

@@ -116,14 +116,12 @@ class Reader:
 
     Attributes:
         key, name: short, for JSON, and as messages show it.
-        looks_for: what makes a path this layout, for the sentence that lists what was looked for.
         fits: whether a path looks like it; reads names and first bytes only, and raises InputError where it may not.
         find: what is there; raises InputError when it looked like it but cannot be read.
     """
 
     key: str
     name: str
-    looks_for: str
     fits: Callable[[Path], bool]
     find: Callable[[Path, OpenOptions], Layout]
 

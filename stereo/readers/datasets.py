@@ -71,7 +71,6 @@ def _euroc_camera(folder: Path) -> TimedFiles:
 EUROC = Reader(
     "euroc",
     "an EuRoC ASL folder",
-    "mav0/cam0 and mav0/cam1 with data.csv (EuRoC)",
     lambda path: all((_euroc_root(path) / camera / "data").is_dir() for camera in ("cam0", "cam1")),
     _euroc_find,
 )
@@ -158,14 +157,12 @@ def _kitti_camera(folder: Path, times: Path, texts: Sequence[str]) -> TimedFiles
 KITTI = Reader(
     "kitti",
     "a KITTI raw drive",
-    "image_00 and image_01 with timestamps.txt (KITTI)",
     lambda path: path.is_dir() and any(True for _ in _kitti_drives(path)),
     _kitti_find,
 )
 KITTI_SEQUENCE = Reader(
     "kitti-sequence",
     "a KITTI odometry sequence",
-    "image_0 and image_1 with times.txt (KITTI odometry)",
     lambda path: (path / "times.txt").is_file() and _pair_in(path, KITTI_SEQUENCE_PAIRS) is not None,
     _kitti_sequence_find,
 )
@@ -184,7 +181,6 @@ def _middlebury_pair(path: Path) -> tuple[Path, Path] | None:
 MIDDLEBURY = Reader(
     "middlebury",
     "a Middlebury pair",
-    "im0 and im1 with calib.txt (Middlebury)",
     lambda path: path.is_dir() and _middlebury_pair(path) is not None,
     lambda path, options: files_layout(path, [_middlebury_pair(path) or (None, None)], options),
 )
@@ -279,7 +275,6 @@ def _inside(folder: Path, name: str) -> Path:
 TUM_RGBD = Reader(
     "tum-rgbd",
     "TUM RGB-D",
-    "rgb.txt and depth.txt",
     lambda path: (path / "rgb.txt").is_file() and (path / "depth.txt").is_file(),
     _tum_find,
 )

@@ -96,7 +96,6 @@ def _sides(path: Path) -> Sides | None:
 READER = Reader(
     "folders",
     "images of two cameras",
-    "folders left/ and right/ of images, or images with left and right in their names",
     lambda path: _sides(path) is not None,
     lambda path, options: sides_layout(path, _sides(path) or in_folders(path, path), path, options),
 )

@@ -115,7 +115,6 @@ def addresses(path: Path) -> list[str]:
 READER = Reader(
     "live",
     "live cameras",
-    "a camera's number or an address (rtsp://, http://)",
     lambda path: not path.exists() and bool(addresses(path)),
     _find,
 )

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from calib.errors import InputError
@@ -25,48 +24,16 @@ from stereo.readers.base import (
 from stereo.readers.datasets import EUROC, KITTI, KITTI_SEQUENCE, MIDDLEBURY, TUM_RGBD
 from stereo.readers.folders import READER as FOLDERS
 from stereo.readers.folders import in_folders, sides_layout
-from stereo.readers.images import Colour, bits_note, bits_of, image_files, images_of
+from stereo.readers.images import SUFFIXES, Colour, bits_note, bits_of, image_files, images_of
 from stereo.readers.live import READER as LIVE
 from stereo.readers.pairing import pair_stamps
 from stereo.readers.rgbd import READER as RGBD_FOLDERS
 from stereo.readers.side_by_side import READER as SIDE_BY_SIDE
 from stereo.readers.times import camera_times, read_times, stamps_of
+from stereo.readers.unknown import ONE_IMAGE, what_is_there
 from stereo.readers.video import READER as VIDEO_PAIR
 from stereo.readers.video import VideoFile, video_files, video_pair, video_tracks
 from stereo.recording import FrameClock, OpenOptions, StereoRecording, Video
-
-_POINTER = re.compile(rb"\Aversion https://git-lfs\.github\.com/spec/v1\noid [^\n]+\nsize (\d+)")
-_NAMED = {
-    ".svo": "a ZED recording, which only the ZED SDK reads: its SVO export (ZED_SVO_Export, or ZED_Explorer) gives "
-    "side-by-side video or images",
-    ".oni": "an OpenNI recording, which only OpenNI reads: export its images and depth",
-    ".klg": "a Kintinuous log: export its images and depth",
-    ".bag": "a file of that name that is no ROS 1 bag",
-    ".mcap": "a file of that name that is no MCAP file",
-    ".db3": "a file of that name that is no SQLite database",
-}
-_NAMED[".svo2"] = _NAMED[".svo"]
-_ARCHIVES = frozenset({".zip", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar", ".zst"})
-
-
-def _foreign_text(path: Path) -> str | None:
-    """What is known to be no recording, or none that is read here, and the way out."""
-    if path.is_dir():
-        bags = [file.name for file in entries(path) if file.suffix in (".bag", ".mcap", ".db3")]
-        if len(bags) < 2:
-            return None
-        way = "give one of them"
-        if not bags[0].endswith(".bag"):
-            way += ", or have ros2 bag reindex write the metadata.yaml where they are parts of one"
-        return f"{len(bags)} bags ({', '.join(bags[:4])}): {way}"
-    if not path.is_file():
-        return None
-    with path.open("rb") as file:
-        head = file.read(256)
-    if pointer := _POINTER.match(head):
-        return f"a git-lfs pointer instead of the file of {int(pointer[1])} bytes: git lfs pull fetches it"
-    suffix = path.suffix.lower()
-    return "an archive: unpack it" if suffix in _ARCHIVES else _NAMED.get(suffix, None if head else "an empty file")
 
 
 def rigs_file(path: Path) -> Path:
@@ -89,7 +56,7 @@ def _refuse_several(path: Path, _options: OpenOptions) -> Layout:
 
 
 READERS: tuple[Reader, ...] = (
-    Reader("heads", "several heads", "rigs.toml and the folders of several heads", is_multi_rig, _refuse_several), BAG,
+    Reader("heads", "several heads", is_multi_rig, _refuse_several), BAG,
     EUROC, KITTI, KITTI_SEQUENCE, TUM_RGBD, MIDDLEBURY, FOLDERS, RGBD_FOLDERS, VIDEO_PAIR, SIDE_BY_SIDE,
     LIVE,
 )  # fmt: skip
@@ -103,49 +70,15 @@ def find_reader(path: Path) -> Reader:
         return reader
     if not path.exists():
         raise missing(path)
-    if foreign := _foreign_text(path) or _nearly_text(path):
-        raise InputError(f"{path}: expected a recording, found {foreign}")
-    looked_for = "; ".join(reader.looks_for for reader in READERS)
-    found = "another file" if path.is_file() else "neither a file nor a folder"
-    if path.is_dir():
-        found = ", ".join(f.name for f in entries(path)[:6]) or "an empty folder"
-    raise InputError(f"{path}: expected a recording ({looked_for}), found {found}")
+    inside = entries(path)[:100] if path.is_dir() else []
+    recordings = [one.name for one in inside if one.is_dir() and _is_recording(one)]
+    raise InputError(f"{path}: expected a recording, found {what_is_there(path, recordings)}")
 
 
-def _nearly_text(path: Path) -> str | None:
-    """What a folder that nearly fits a layout holds, and what makes it fit; None of everything else."""
-    if not path.is_dir():
-        return None
-    videos, files = [f.name for f in video_files(path)], image_files(path)
-    folders = [f.name for f in entries(path) if f.is_dir() and image_files(f)]
-    if len(videos) == 2:
-        left, right = "left" + Path(videos[0]).suffix, "right" + Path(videos[1]).suffix
-        return (
-            f"two videos without left and right in their names, {_listed(videos)}: give both, that of the left camera "
-            f"first, or rename it {left}, the other {right}"
-        )
-    if videos:
-        return (
-            f"{len(videos)} videos, {_listed(videos)}: give one of them, as {path / videos[0]}, or a folder with two "
-            "of them named left and right"
-        )
-    if len(folders) == 2 and not any("depth" in name.lower() for name in folders):
-        return f"two folders of images, {_listed(folders)}: rename that of the left camera left, the other right"
-    if len(folders) == 1 and (side := folders[0].lower()) in ("left", "right"):
-        other = "right" if side == "left" else "left"
-        return f"images of the {side} camera alone: put those of the other into {path / other}"
-    if files and not folders:
-        return (
-            f"images without two cameras in their names, {_listed([file.name for file in files])}: put those of each "
-            "camera into folders left and right; images of one camera need a tracker of one camera"
-        )
-    return None
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Names, of many the first three."""
-    shown = [*names[:3], f"{len(names) - 3} more"] if len(names) > 3 else list(names)
-    return " and ".join([", ".join(shown[:-1]), shown[-1]]) if len(shown) > 1 else "".join(shown)
+def _is_recording(path: Path) -> bool:
+    with suppress(InputError, OSError):
+        return any(reader.fits(path) for reader in READERS)
+    return False
 
 
 def _two_paths(left: Path, options: OpenOptions) -> Layout:
@@ -154,6 +87,8 @@ def _two_paths(left: Path, options: OpenOptions) -> Layout:
     for path in paths:
         if not path.exists():
             raise missing(path)
+        if path.suffix.lower() in SUFFIXES:
+            raise InputError(f"{path}: expected a video or a folder of images of one camera, found {ONE_IMAGE}")
     folder = Path(os.path.commonpath([path.resolve().parent for path in paths]))
     if all(map(image_files, filter(Path.is_dir, paths))) and all(map(Path.is_dir, paths)):
         return sides_layout(left, in_folders(*paths), folder, options)
@@ -175,7 +110,7 @@ def find_layout(path: Path | str, options: OpenOptions | None = None) -> tuple[R
     """What is at a path; no calibration is needed yet. Raises InputError: no recording there, unreadable, or sides that
     differ in size."""
     path, options = Path(path), options or OpenOptions()
-    two = Reader("two-paths", "two recordings of one camera each", "", lambda path: False, _two_paths)
+    two = Reader("two-paths", "two recordings of one camera each", lambda path: False, _two_paths)
     reader = two if options.right is not None else find_reader(path)
     if options.topics and reader is not BAG:
         raise InputError(f"expected a bag, found {path}: {reader.name}", argument="topics")

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from calib.errors import InputError
 from calib.formats.rgbd import load_rgbd
@@ -72,6 +74,7 @@ def rgbd_layout(
 
 _COLOUR = re.compile(r"(?<![a-z])(rgb|colou?r|image|images|img|left)(?![a-z])|^(rgb|colou?r)", re.IGNORECASE)
 _DEPTH = re.compile(r"depth", re.IGNORECASE)
+_REGISTERED = re.compile(r"registered|aligned|depth_?(to|2|in)_?(rgb|colou?r)", re.IGNORECASE)
 
 
 def _sides(path: Path) -> tuple[list[Path], list[Path]] | None:
@@ -81,12 +84,27 @@ def _sides(path: Path) -> tuple[list[Path], list[Path]] | None:
     folders = [f for f in entries(path) if f.is_dir()]
     colour = [f for f in folders if _COLOUR.search(f.name) and not _DEPTH.search(f.name)]
     depth = [f for f in folders if _DEPTH.search(f.name)]
+    if len(depth) > 1:  # depth in the pixels of its image
+        depth = [f for f in depth if _REGISTERED.search(f.name)]
     if len(colour) == 1 and len(depth) == 1:
         return image_files(colour[0]), image_files(depth[0])
     files = image_files(path)
     of_depth = [f for f in files if _DEPTH.search(f.stem)]
     of_colour = [f for f in files if not _DEPTH.search(f.stem)]
+    if not of_depth:  # 0001.jpg and 0001.png
+        kinds = {suffix: [f for f in files if f.suffix == suffix] for suffix in {f.suffix for f in files}}
+        deep = {suffix for suffix, own in kinds.items() if _is_deep(own[0])}
+        if len(kinds) == 2 and len(deep) == 1:
+            (of_depth,) = (kinds[suffix] for suffix in deep)
+            (of_colour,) = (kinds[suffix] for suffix in kinds.keys() - deep)
     return (of_colour, of_depth) if of_colour and of_depth else None
+
+
+def _is_deep(file: Path) -> bool:
+    """Whether an image has one channel of more than 8 bits, by its header."""
+    with suppress(Exception), Image.open(file) as header:  # libraries raise whatever a damaged file provokes
+        return header.mode.startswith(("I", "F"))
+    return False
 
 
 def _fits(path: Path) -> bool:
@@ -124,4 +142,4 @@ def _timed(images: list[Path], depths: list[Path], folder: Path) -> tuple[list[P
     return list(pairs), FrameClock(rate_of(times), times, tuple(depth_note(mates)))
 
 
-READER = Reader("rgbd", "images with depth", "rgb/ (or color/) and depth/ with images of 16 bits", _fits, _find)
+READER = Reader("rgbd", "images with depth", _fits, _find)

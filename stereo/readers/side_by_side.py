@@ -10,13 +10,14 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from calib.errors import InputError
 from calib.formats import load_rig
 from calib.rig import StereoRig
 from calib.types import U8
 from stereo.readers.base import FrameSource, Layout, Reader, clock_of, split_pairs, stereo_layout
-from stereo.readers.images import Size, Stream, is_grey
+from stereo.readers.images import Colour, Size, Stream, bits_of, image_files, images_of, is_grey
 from stereo.readers.state import Common, common, find_order, rectified_rig
 from stereo.readers.video import SUFFIXES, VideoFile, video_files, video_tracks
 from stereo.recording import OpenOptions
@@ -83,7 +84,11 @@ def _possible(picture: Size, aspect: float | None) -> list[Packing]:
 
 
 def _find(path: Path, options: OpenOptions) -> Layout:
-    video = _video(path) or path
+    video = _video(path)
+    if video is None:
+        files = image_files(path)
+        photos = images_of(files, Colour(bits_of(files)))
+        return packed_layout(path, path, path, photos, sampled(photos), options)
     source = VideoFile(video)
     try:
         return packed_layout(path, video, video.parent, source, sampled(source), options)
@@ -92,6 +97,14 @@ def _find(path: Path, options: OpenOptions) -> Layout:
             raise
         way = "ffmpeg -i IN -map 0:v:0 left.mp4 -map 0:v:1 right.mp4 writes each to a file"
         raise InputError(f"{video}: expected one video track, found {tracks}, of which one is read: {way}") from error
+
+
+def _holds_photos(path: Path) -> bool:
+    """Whether a folder holds images that are wide enough for two views."""
+    files = image_files(path) if path.is_dir() else []
+    with suppress(Exception), Image.open(files[0] if files else "") as header:  # whatever a damaged file provokes
+        return len(files) > 1 and header.width >= 1.8 * header.height
+    return False
 
 
 def packed_layout(
@@ -190,8 +203,7 @@ def _video(path: Path) -> Path | None:
 
 READER = Reader(
     "side-by-side",
-    "a video with both cameras",
-    "one video with both cameras",
-    lambda path: _video(path) is not None,
+    "both cameras in one picture",
+    lambda path: _video(path) is not None or _holds_photos(path),
     _find,
 )

@@ -292,7 +292,6 @@ def _sides(folder: Path) -> tuple[Path, Path] | None:
 READER = Reader(
     "videos",
     "a pair of videos",
-    "two videos named left.* and right.* or alike",
     lambda path: path.is_dir() and _sides(path) is not None,
     lambda path, options: video_pair(path, *(_sides(path) or (path, path)), path, options),
 )

@@ -138,7 +138,7 @@ def test_calibration_of_the_whole_sensor_is_scaled_and_of_another_aspect_refused
 
 def test_recording_without_images_names_what_it_found(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("hello")
-    with pytest.raises(InputError, match=r"found notes\.txt"):
+    with pytest.raises(InputError, match=r"no images, videos or bags in it \(notes\.txt; 1 \.txt\)"):
         open_recording(tmp_path)
     with pytest.raises(InputError, match="no such file or folder"):
         open_recording(tmp_path / "absent")
