@@ -10,7 +10,7 @@ from calib.pose import SE3
 from calib.types import F32, F64, U8
 from planview.maps.view import SURFACE, PixelRays, View
 from planview.tracking.base import Observation
-from planview.tracking.body import TORSO, BodyTable, body_table
+from planview.tracking.body import LEAN_M, TORSO, TURNS, BodyTable, body_table
 from stereo.depth import RectifiedGeometry
 
 GEOMETRY = RectifiedGeometry(160, 120, 130.0, 130.0, 79.5, 59.5, 0.12)
@@ -27,11 +27,12 @@ def oblique_camera(height_m: float = 2.5, tilt_deg: float = 65.0) -> PixelRays:
 
 def look_at(
     rays: PixelRays,
-    people: Sequence[tuple[float, float, float]],
+    people: Sequence[tuple[float, ...]],
     codes: Sequence[int] = (),
     table: BodyTable | None = None,
 ) -> View:
-    """People (x, y, height), or what else a table shows, each of one colour code, before a floor without texture."""
+    """People (x, y, height and, unless 0, facing and lean), or what else a table shows, before a floor without texture,
+    each of one colour code."""
     kind: U8 = np.zeros(rays.shape, np.uint8)
     nearest: F32 = np.full(rays.shape, np.inf, np.float32)
     colour: U8 = np.zeros(rays.shape, np.uint8)
@@ -44,22 +45,25 @@ def look_at(
     return View(rays, kind, np.where(kind == SURFACE, nearest, floor).astype(np.float32), colour)
 
 
-def seen_body(rays: PixelRays, person: tuple[float, float, float], table: BodyTable | None = None) -> tuple[F64, F64]:
+def seen_body(rays: PixelRays, person: tuple[float, ...], table: BodyTable | None = None) -> tuple[F64, F64]:
     """Cover and range of one body on every ray, from the table, in plain numpy."""
-    table, (x, y, h) = table or body_table(), person
+    table, (x, y, h, facing, lean) = table or body_table(), (*person, 0.0, 0.0)[:5]
     d = rays.direction.astype(np.float64)
     cos = np.hypot(d[..., 0], d[..., 1])
     ex, ey, sin = d[..., 0] / cos, d[..., 1] / cos, -d[..., 2]
     dx, dy, dz = x - rays.centre_m[0], y - rays.centre_m[1], 0.5 * h - rays.centre_m[2]
     along, scale = dx * ex + dy * ey, TORSO.height_m / h
     angle = np.arctan2(sin, cos)
-    a = np.clip(((angle - table.angle_min_rad) / table.angle_step_rad + 0.5).astype(int), 0, len(table.cover) - 1)
-    u = (np.abs(dy * ex - dx * ey) * scale / table.cell_m).astype(int)
+    a = np.clip(((angle - table.angle_min_rad) / table.angle_step_rad + 0.5).astype(int), 0, table.cover.shape[1] - 1)
+    # From the left edge of the table on.
+    u = np.floor((dx * ey - dy * ex) * scale / table.cell_m + table.cover.shape[2] // 2).astype(int)
     w = ((-(along * sin + dz * cos) * scale - table.w_min_m) / table.cell_m).astype(int)
-    inside = (u < table.cover.shape[1]) & (w >= 0) & (w < table.cover.shape[2])
+    inside = (u >= 0) & (u < table.cover.shape[2]) & (w >= 0) & (w < table.cover.shape[3])
     u, w = np.where(inside, u, 0), np.where(inside, w, 0)
-    cover = np.where(inside, table.cover[a, u, w], 0.0)
-    return cover, along * cos - dz * sin - table.front[a, u, w] / scale
+    way = np.rint((facing - np.arctan2(ey, ex)) * TURNS / (2 * np.pi)).astype(int) % TURNS
+    p = np.where(len(table.cover) > 1, way + TURNS * (lean > 0.5 * LEAN_M), 0)
+    cover = np.where(inside, table.cover[p, a, u, w], 0.0)
+    return cover, along * cos - dz * sin - table.front[p, a, u, w] / scale
 
 
 def observed(frame: int, timestamp_s: float, *views: View) -> Observation:

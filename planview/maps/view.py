@@ -76,10 +76,11 @@ class PixelRays:
 
     @cached_property
     def level(self) -> F32:
-        """(H, W, 3) float32: horizontal unit vector below each ray, and the ray's depression [rad]."""
+        """(H, W, 4) float32: horizontal unit vector below each ray, the ray's depression and azimuth [rad]."""
         flat = np.hypot(self.direction[..., 0], self.direction[..., 1])[..., None]
         along = np.where(flat > 1e-6, self.direction[..., :2] / np.maximum(flat, 1e-6), (1.0, 0.0))
-        return np.concatenate([along, np.arctan2(-self.direction[..., 2:], flat)], axis=-1).astype(np.float32)
+        azimuth = np.arctan2(along[..., 1:], along[..., :1])
+        return np.concatenate([along, np.arctan2(-self.direction[..., 2:], flat), azimuth], axis=-1).astype(np.float32)
 
     @staticmethod
     def of(camera: FloorCamera, pair: RectifiedGeometry | None = None, step: int = 1) -> PixelRays:

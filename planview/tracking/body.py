@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from calib.people.model import ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M, HumanModel
-from calib.types import F32, F64, Bool
+from calib.types import F32, F64
 
 HEIGHT_MEAN_M, HEIGHT_STD_M = ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M
 HEIGHT_MIN_M, HEIGHT_MAX_M = 0.80, 2.10
@@ -38,21 +38,28 @@ TORSO = HumanModel()
 """Zhang et al. 2008, table 1."""
 CHEST_DEPTH = 0.65
 """A chest's depth over the breadth of torso and arms: 0.24 m over 0.42 m (NASA-STD-3000, median man)."""
+HEAD_M, HEAD_DEPTH = 0.08, 1.25
+"""Half breadth of a head [m], and its length over its breadth: 15 and 19 cm (NASA-STD-3000, median man), and hair."""
+CHEST_FROM, NECK_FROM = 0.70, 0.82
+"""Relative heights from which on a body leans with its shoulders, and with its head."""
 Profile = tuple[tuple[float, float, float, float], ...]
-PROFILE: Profile = (
+TRUNK: Profile = (
     (0.00, 0.48, 0.13, 0.55),
-    (0.48, 0.78, TORSO.torso_radius_m, CHEST_DEPTH),
-    (0.78, 0.82, 0.17, CHEST_DEPTH),
-    (0.82, 0.87, 0.07, 1.0),
-    (0.87, 0.97, TORSO.head_radius_m, 0.6),
-    (0.97, 1.00, 0.06, 0.6),
+    (0.48, CHEST_FROM, TORSO.torso_radius_m, CHEST_DEPTH),
+    (CHEST_FROM, 0.78, TORSO.torso_radius_m, CHEST_DEPTH),
+    (0.78, NECK_FROM, 0.17, CHEST_DEPTH),
 )
-"""Legs, torso, the slope of the shoulders, neck, head and crown: from and to [of the height], half breadth [m] of a
-body of 1.76 m, depth over breadth. Hip, shoulder (0.818), chin (0.870) after Drillis and Contini 1966, radii of torso
-and head after Zhang, the other breadths ours."""
-ARMS: Profile = ((0.0, 0.42, 0.27, 0.5), (0.42, 0.78, 0.31, 0.4))
-ARMS_SHARE = 0.35
-"""Where striding legs and arms may be next to the body, and how often they are there."""
+HEAD: Profile = ((NECK_FROM, 0.87, 0.07, 1.0), (0.87, 0.97, HEAD_M, HEAD_DEPTH), (0.97, 1.00, 0.07, HEAD_DEPTH))
+"""Legs, torso, chest and the slope of the shoulders; neck, head and crown: from and to [of the height], half breadth
+[m] of a body of 1.76 m, depth over breadth. Hip, shoulder (0.818), chin (0.870) after Drillis and Contini 1966, radius
+of the torso after Zhang, the other breadths ours."""
+LIMBS: Profile = ((0.0, 0.42, 0.16, 2.0), (0.42, 0.78, 0.31, 0.4))
+LIMBS_SHARE = 0.35
+"""Where striding legs are before and behind the body and arms next to it, and how often they are there."""
+LEAN_M = 0.2
+"""Head before the feet of somebody who looks at a phone, at the floor or into a shelf [m]; shoulders half of it."""
+LEAN_STD_M = 0.15
+"""Deviation of a lean [m]."""
 APART_M = 2.0 * TORSO.torso_radius_m
 """Axes of two bodies side by side [m]."""
 
@@ -83,16 +90,33 @@ def same_height(height_m: float, std_m: float, tall_m: float, tall_std_m: float,
     return math.log(mine / ((1 - THING_SHARE) * stranger + THING_SHARE / HEIGHT_MEAN_M))
 
 
-class BodyTable(NamedTuple):
-    """How a body of ``TORSO.height_m`` looks along rays, for the depression angle of the ray.
-
-    A ray is described by where it passes the body's centre: ``u`` across it and ``w`` up, both perpendicular to the
-    ray. Sizes scale with the body's height.
+class Part(NamedTuple):
+    """Cylinders of a body that are drawn together.
 
     Attributes:
-        cover: (A, U, W) float32, probability that the body covers the ray; symmetric in u, of which |u| is kept.
-        front: (A, U, W) float32 [m], how far the surface lies before the point of the ray nearest to the centre.
-        angle_min_rad, angle_step_rad, cell_m, w_min_m: of the axes.
+        profile: of each, from and to [of the height], half breadth [m], depth over breadth.
+        covers: how often the part is there. Parts that always are have outlines before each other, as a head before
+            shoulders, across which their surfaces do not mix.
+        blur_m: deviation of its outline.
+    """
+
+    profile: Profile
+    blur_m: float
+    covers: float = 1.0
+
+
+class BodyTable(NamedTuple):
+    """How a body of ``TORSO.height_m`` looks along rays, for the depression angle of the ray and for where it faces.
+
+    A ray is described by where it passes the body's centre: ``u`` to the left of it, seen from the camera, and ``w``
+    up, both perpendicular to the ray. Sizes scale with the body's height.
+
+    Attributes:
+        cover: (P, A, U, W) float32, probability that the body covers the ray, of every posture: TURNS directions of
+            facing relative to the level direction of the ray, counterclockwise, upright and then with a lean of
+            ``LEAN_M``; one posture for what looks the same from everywhere.
+        front: (P, A, U, W) float32 [m], how far the surface lies before the point of the ray nearest to the centre.
+        angle_min_rad, angle_step_rad, cell_m, w_min_m: of the axes; u is 0 in the middle.
     """
 
     cover: F32
@@ -104,66 +128,119 @@ class BodyTable(NamedTuple):
 
 
 ANGLE_MIN_DEG, ANGLE_STEP_DEG, ANGLES = -30.0, 5.0, 25
-CELL_M, FINE_M = 0.025, 0.0125
+TURNS = 16
+"""Directions of facing in a table, 22.5 degrees apart."""
+CELL_M = 0.025
 BLUR_M = 0.04
 """Deviation of a body's outline from the cylinders: clothes, arms and posture [m] (Harville 2002: 1 to 4 cm)."""
-U_CELLS, W_CELLS = 16, 88
+U_CELLS, W_CELLS = 32, 88
 
 
 @lru_cache(maxsize=1)
 def body_table() -> BodyTable:
-    """Of Zhang's three cylinders, with arms and strides."""
-    return table_of(((PROFILE, 1.0), (ARMS, ARMS_SHARE)), BLUR_M)
+    """Of a person: trunk and head, with arms and strides."""
+    parts = Part(TRUNK, BLUR_M), Part(HEAD, BLUR_M), Part(LIMBS, BLUR_M, LIMBS_SHARE)
+    # Seen from its right a body is the mirror image of itself seen from its left.
+    half = [table_of(parts, facing, lean) for lean in (0.0, LEAN_M) for facing in range(TURNS // 2 + 1)]
+    ways = [(lean * len(half) // 2, way) for lean in range(2) for way in range(TURNS)]
+
+    def posture(tables: Sequence[F32], first: int, way: int) -> F32:
+        return tables[first + way] if way <= TURNS // 2 else tables[first + TURNS - way][:, ::-1]
+
+    cover, front = ([t.cover[0] for t in half], [t.front[0] for t in half])
+    return half[0]._replace(
+        cover=np.stack([posture(cover, *way) for way in ways]), front=np.stack([posture(front, *way) for way in ways])
+    )
 
 
 @lru_cache(maxsize=1)
 def thing_tables() -> tuple[BodyTable, ...]:
     """Of things: upright cylinders with a flat top, scaled as bodies are."""
     radii_m = (slimness * TORSO.height_m for slimness in THING_RADII)
-    return tuple(table_of(((((0.0, 1.0, r, 1.0),), 1.0),), BLUR_M, 2 * U_CELLS) for r in radii_m)
+    return tuple(table_of((Part(((0.0, 1.0, r, 1.0),), BLUR_M),), u_cells=2 * U_CELLS) for r in radii_m)
 
 
-def table_of(parts: Sequence[tuple[Profile, float]], blur_m: float, u_cells: int = U_CELLS) -> BodyTable:
-    """The table of parts that cover with a probability each: of those on a ray, the likeliest one."""
-    fine = round(CELL_M / FINE_M)
-    u = (np.arange(-u_cells * fine, u_cells * fine) + 0.5) * FINE_M
-    w = (np.arange(W_CELLS * fine) + 0.5 - W_CELLS * fine / 2) * FINE_M
+def table_of(
+    parts: Sequence[Part], facing: int | None = None, lean_m: float = 0.0, u_cells: int = U_CELLS
+) -> BodyTable:
+    """The table of one posture: of the parts on a ray, the likeliest one.
+
+    Args:
+        facing: relative to the ray, of TURNS; None for the mean over all of them.
+    """
+    u, w = ((np.arange(cells) + 0.5 - cells / 2) * CELL_M for cells in (u_cells, W_CELLS))
     across, up = np.meshgrid(u, w, indexing="ij")
     angles = np.deg2rad(ANGLE_MIN_DEG + ANGLE_STEP_DEG * np.arange(ANGLES))
-    cover = np.empty((ANGLES, u_cells, W_CELLS), np.float32)
+    turn = None if facing is None else 2 * math.pi * facing / TURNS
+    cover = np.empty((1, ANGLES, u_cells, W_CELLS), np.float32)
     front = np.empty_like(cover)
     for a, depression in enumerate(angles.tolist()):
-        share, ahead = np.zeros((2, *across.shape))
-        for profile, covers in parts:
-            hit, near = cylinders(depression, across, up, profile)
-            inside = cv2.GaussianBlur(hit.astype(np.float64), (0, 0), blur_m / FINE_M)
-            near = cv2.GaussianBlur(near, (0, 0), blur_m / FINE_M) / np.maximum(inside, 1e-6)
-            likelier = covers * inside > share
-            share = np.where(likelier, covers * inside, share)
-            ahead = np.where(likelier, near, ahead)
-        for whole, table in ((share, cover), (np.where(share > 1e-3, ahead, 0.0), front)):
-            half = whole[u_cells * fine :].reshape(u_cells, fine, W_CELLS, fine)
-            table[a] = half.mean(axis=(1, 3))
+        cover[0, a], front[0, a] = _seen(parts, depression, across, up, (turn, lean_m))
     return BodyTable(cover, front, float(angles[0]), float(np.deg2rad(ANGLE_STEP_DEG)), CELL_M, -W_CELLS * CELL_M / 2)
 
 
-def cylinders(depression: float, u: F64, w: F64, profile: Profile) -> tuple[Bool, F64]:
-    """Which rays hit a cylinder, and how far before the point nearest to the body's centre [m]."""
+def _seen(
+    parts: Sequence[Part], depression: float, u: F64, w: F64, posture: tuple[float | None, float]
+) -> tuple[F64, F64]:
+    """How surely some parts cover rays, and the surface of the likeliest of them [m]."""
+    entered = [cylinders(depression, u, w, part.profile, *posture) for part in parts]
+    nearest = np.min(
+        [enter for enter, part in zip(entered, parts, strict=True) if part.covers == 1.0], axis=0, initial=np.inf
+    )
+    cover, front, likeliest = np.zeros((3, *u.shape))
+    for enter, part in zip(entered, parts, strict=True):
+        always, blur = part.covers == 1.0, part.blur_m / CELL_M
+        hit = np.isfinite(enter) & ((enter == nearest) | (not always))
+        inside = cv2.GaussianBlur(hit.astype(np.float64), (0, 0), blur)
+        ahead = cv2.GaussianBlur(np.where(hit, -enter, 0.0), (0, 0), blur) / np.maximum(inside, 1e-6)
+        share = part.covers * inside
+        sure = share + hit if always else share
+        front, likeliest = np.where(sure > likeliest, ahead, front), np.maximum(likeliest, sure)
+        cover = np.minimum(cover + share, 1.0) if always else np.maximum(cover, share)
+    return cover, np.where(cover > 1e-3, front, 0.0)
+
+
+def cylinders(
+    depression: float, u: F64, w: F64, profile: Profile, turn: float | None = None, lean_m: float = 0.0
+) -> F64:
+    """Where rays enter upright elliptic cylinders, from the point nearest to the body's centre on [m]; inf for never.
+
+    Args:
+        turn: direction of facing relative to the level direction of the ray, counterclockwise; None for the mean over
+            all of them.
+        lean_m: of the head.
+    """
     c, s = np.cos(depression), np.sin(depression)
     c = c if abs(c) > 1e-6 else 1e-6
     s = s if abs(s) > 1e-6 else 1e-6
     enter = np.full(u.shape, np.inf)
     for low_share, high_share, radius, ratio in profile:
         low, high = low_share * TORSO.height_m, high_share * TORSO.height_m
-        # From above it may face anywhere: a circle of the same area.
-        steep = np.sin(depression) ** 2
-        radius = radius * (1 - steep + steep * np.sqrt(ratio))
-        depth = ratio ** (1 - steep)
-        chord = depth * np.sqrt(np.maximum(radius**2 - u**2, 0.0))
-        sides = np.sort(np.stack([(-chord - w * s) / c, (chord - w * s) / c]), axis=0)
+        if turn is None:  # From above it may face anywhere: a circle of the same area.
+            steep = np.sin(depression) ** 2
+            half, deep, ct, st, ahead = (
+                radius * (1 - steep + steep * np.sqrt(ratio)),
+                ratio ** (1 - steep),
+                1.0,
+                0.0,
+                0.0,
+            )
+        else:
+            half, deep, ct, st, ahead = radius, ratio, math.cos(turn), math.sin(turn), lean_m * lean_share(low_share)
+        # ((q cos + u sin - lean) / depth)^2 + ((u cos - q sin) / breadth)^2 = 1 at q along the level ray (method, 5).
+        per_depth, per_breadth = 1.0 / (half * deep) ** 2, 1.0 / half**2
+        a = ct * ct * per_depth + st * st * per_breadth
+        b = ct * (u * st - ahead) * per_depth - st * ct * u * per_breadth
+        inside = b * b - a * ((u * st - ahead) ** 2 * per_depth + (u * ct) ** 2 * per_breadth - 1.0)
+        chord = np.sqrt(np.maximum(inside, 0.0)) / a
         middle = TORSO.height_m / 2 + w * c
-        caps = np.sort(np.stack(np.broadcast_arrays((middle - high) / s, (middle - low) / s)), axis=0)
-        first, last = np.maximum(sides[0], caps[0]), np.minimum(sides[1], caps[1])
-        enter = np.where((np.abs(u) < radius) & (first < last), np.minimum(enter, first), enter)
-    hit = np.isfinite(enter)
-    return hit, np.where(hit, -enter, 0.0)
+        top, bottom = (high, low) if s > 0 else (low, high)
+        first = np.maximum((-b / a - chord - w * s) / c, (middle - top) / s)
+        last = np.minimum((-b / a + chord - w * s) / c, (middle - bottom) / s)
+        enter = np.where((inside > 0) & (first < last) & (first < enter), first, enter)
+    return enter
+
+
+def lean_share(height: float) -> float:
+    """How far a part that begins at a relative height is before the feet, relative to the head: shoulders half."""
+    return 1.0 if height >= NECK_FROM else (0.5 if height >= CHEST_FROM else 0.0)

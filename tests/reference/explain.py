@@ -15,7 +15,7 @@ from planview.tracking.human_model.explanation import MaskExplanation
 from planview.tracking.joint import explanation as given
 from planview.tracking.joint.params import JointParams
 
-Poses = Sequence[tuple[float, float, float]]
+Poses = Sequence[tuple[float, ...]]
 
 
 def log_likelihood(seen: View, people: Poses, p: JointParams, reaching: Poses) -> float:
@@ -35,7 +35,7 @@ def log_likelihood(seen: View, people: Poses, p: JointParams, reaching: Poses) -
             layers = sorted((float(at[row, col]), float(cover[row, col])) for cover, at in bodies)
             passing, value = 1.0, 0.0
             for at, cover in layers:
-                if cover < 0.01:
+                if cover < 0.01 or camera[2] + at * seen.rays.direction[row, col, 2] < 0.0:
                     continue
                 value += passing * cover * _of_body(kind, z, at, std)
                 passing *= 1.0 - cover
@@ -94,7 +94,7 @@ def log_likelihood_of_mask(frame: MaskExplanation, people: Poses, reaching: Pose
     return total
 
 
-def _reaches(rays: PixelRays, pose: tuple[float, float, float], row: int, col: int, reach_m: float) -> bool:
+def _reaches(rays: PixelRays, pose: tuple[float, ...], row: int, col: int, reach_m: float) -> bool:
     """Whether a ray passes a body's axis within reach, between the floor and the head."""
     d = rays.direction[row, col].astype(np.float64)
     flat = math.hypot(d[0], d[1])

@@ -14,7 +14,7 @@ from planview.tracking.human_model.explanation import PATCH_PX, MaskExplanation
 from planview.tracking.human_model.model_map import HumanModelMap
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker
-from planview.tracking.joint.explanation import Owned, People
+from planview.tracking.joint.explanation import Owned, People, about, upright
 
 PLACES_MAX = 4
 """Places that are tried in a frame."""
@@ -98,7 +98,7 @@ def _bands(hull_px: F32) -> F64:
 def births(
     places: FloorPlaces, frame: MaskExplanation, known: People, owned: Owned, now_s: float, params: HumanModelParams
 ) -> tuple[list[Walker], F64]:
-    """People who are born in this frame, without ids, and (N, 3) poses of those known, who may be better elsewhere.
+    """People who are born in this frame, without ids, and (N, 5) poses of those known, who may be better elsewhere.
 
     Tries one more person wherever the residual is strongest.
     """
@@ -114,30 +114,29 @@ def births(
         newcomer = _try(places.floor_m[found[best]].astype(np.float64), frame, known, now_s, params)
         if newcomer is not None:
             born.append(newcomer)
-            known = known.with_one(np.array([*newcomer.at_m, newcomer.height_m]))
+            known = known.with_one(newcomer.pose)
     return born, known.poses[:n_known]
 
 
 def sitting(pose: F64, camera_m: float, share: float) -> F64:
-    """(3,) somebody who sits, with the head on the same ray as that of somebody who stands at a pose."""
+    """(5,) somebody who sits, with the head on the same ray as that of somebody who stands at a pose."""
     height_m = share * pose[2]
     nearer = max(camera_m - height_m, 0.1) / max(camera_m - pose[2], 0.1)
-    return np.array([*(nearer * pose[:2]), height_m])
+    return np.array([*(nearer * pose[:2]), height_m, *pose[3:]])
 
 
 def _try(place: F64, frame: MaskExplanation, known: People, now_s: float, p: HumanModelParams) -> Walker | None:
     """A newcomer at a place, if the evidence for one is strong enough; a rival who accounts for it is moved there."""
-    start = np.array([*place, body.HEIGHT_MEAN_M])
+    start = upright((*place, body.HEIGHT_MEAN_M))
     people, n = known.with_one(start), len(known.poses)
-    near, tall, ratios = 1.0 / PLACE_STD_M**2, people.tall[n], people.ratios[n]
-    information = np.array([near, 0.0, near, 1.0 / body.HEIGHT_STD_M**2])
+    tall, ratios = people.tall[n], people.ratios[n]
     fits = []
     # A head alone may be a sitter's, or that of somebody who stands farther away.
     for posture in (start, sitting(start, float(frame.views[0].rays.centre_m[2]), p.sitting)):
         people.poses[n] = posture
         others, s = np.flatnonzero(frame.touching(people.poses)[n, :n]), frame.around(posture, PLACE_STD_M)
         s.layer(people, others)
-        value, curvature = s.ascend(people.poses[n], posture, information, tall, ratios)
+        value, curvature = s.ascend(people.poses[n], posture, about(PLACE_STD_M, body.HEIGHT_STD_M), tall, ratios)
         fits.append((value, people.poses[n].copy(), curvature, s, others))
     evidence, pose, curvature, samples, others = max(fits, key=lambda fit: fit[0])
     people.poses[n] = pose

@@ -15,7 +15,7 @@ from planview.tracking.base import Observation
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.silhouette import silhouette
 from planview.tracking.joint import _kernels as kernels
-from planview.tracking.joint.explanation import ANYBODY, Explanation, Likelihood, Owned, People, Samples
+from planview.tracking.joint.explanation import ANYBODY, Explanation, Likelihood, Owned, People, Samples, about
 
 SPACING_M = 0.05
 """Distance of samples on a body [m]."""
@@ -41,7 +41,7 @@ def likelihood_of_masks(p: HumanModelParams) -> Likelihood:
         outliers=0.0, range_m=1.0, unknown=0.0, surface_var=0.0, colour=p.colour_weight, low_share=0.0,
         sits=p.low_share, sitting=p.sitting, masks=1.0, patch_m=p.patch_m, patch_px=PATCH_PX, spacing_m=SPACING_M,
         body_m=body.TORSO.height_m, reach_m=NEAR_M, apart_m=body.APART_M,
-        height_min_m=body.HEIGHT_MIN_M, height_max_m=body.HEIGHT_MAX_M,
+        height_min_m=body.HEIGHT_MIN_M, height_max_m=body.HEIGHT_MAX_M, lean_std_m=body.LEAN_STD_M,
     )  # fmt: skip
     return Likelihood.of(model, table)
 
@@ -51,7 +51,7 @@ class Pair(NamedTuple):
 
     Attributes:
         evidence: for two.
-        alone: (3,) pose of one alone.
+        alone: (5,) pose of one alone.
         gain: how much that gains on the second's present pose.
         first: whether the one alone is where the first is: the second is too many.
     """
@@ -120,13 +120,12 @@ class MaskExplanation(Explanation):
         touch[:, [i, j]] = False
         rest = np.flatnonzero(touch[i] | touch[j])
         mine, other = (self.around(poses[k], 0.4) for k in (i, j))
-        near = 1.0 / NEAR_M**2
-        information = np.array([near, 0.0, near, 1.0 / body.HEIGHT_STD_M**2])
+        information = about(NEAR_M, body.HEIGHT_STD_M)
         mine.layer(people, rest)
         other.layer(people, rest)
         here, first = other.evidence(poses[j], tall[j], ratios[j]), mine.log_ratio(poses[i], tall[i], ratios[i])
         fits: list[tuple[float, F64, Samples]] = []
-        for start, s in ((poses[j], other), (np.array([*poses[i, :2], poses[j, 2]]), mine)):
+        for start, s in ((poses[j], other), (np.array([*poses[i, :2], *poses[j, 2:]]), mine)):
             moved = start.copy()
             # How tall the one is may have been learned without what the other covers.
             fits.append((s.ascend(moved, start, information, ANYBODY, ratios[j])[0], moved, s))

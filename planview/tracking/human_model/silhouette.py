@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from planview.tracking.body import BodyTable, table_of
+from planview.tracking.body import BodyTable, Part, table_of
 
 PARTS = (
     (0.00, 0.27, 0.28, 1.0, 0.3),
@@ -27,5 +27,7 @@ BLUR_M = 0.035
 @lru_cache(maxsize=1)
 def silhouette() -> BodyTable:
     """The table of all depression angles; its ``front`` is not known from a mask, and 0."""
-    table = table_of([(((low, high, half_m, depth),), covers) for low, high, half_m, depth, covers in PARTS], BLUR_M)
+    table = table_of(
+        [Part(((low, high, half_m, depth),), BLUR_M, covers) for low, high, half_m, depth, covers in PARTS]
+    )
     return table._replace(front=np.zeros_like(table.front))

@@ -123,7 +123,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         self._clean(dt)
         born, poses = births(self._places, frame, side_by_side(self._people), owned, self._log.now_s, self.params)
         for person, pose in zip(self._people, poses, strict=True):
-            if tuple(pose) != (*person.at_m, person.height_m):
+            if tuple(pose[:3]) != (*person.at_m, person.height_m):
                 # Go on where the model accounts for more.
                 person.kalman = person.kalman.moved_to(float(pose[0]), float(pose[1]))
                 person.height_m = float(pose[2])

@@ -1,8 +1,9 @@
 """Compiled kernels of the joint explanation; ``tests/reference/explain.py`` defines them in plain numpy.
 
-A sample is one pixel near a person: its camera, ray, kind, range and weight. ``pose`` is (x, y, height). Arrays that
-belong together are passed as one tuple: ``samples`` (``SampleArrays``), ``people`` (``People.arrays``), ``table``
-(``BodyTable``), ``view`` (``ViewArrays``) and ``model`` (an array of one ``Model``).
+A sample is one pixel near a person: its camera, ray, kind, range and weight. ``pose`` is (x, y, height, facing, lean):
+where the feet are [m], how high the head is and how far before the feet [m], and where the chest points [rad],
+counterclockwise from x. Arrays that belong together are passed as one tuple: ``samples`` (``SampleArrays``), ``people``
+(``People.arrays``), ``table`` (``BodyTable``), ``view`` (``ViewArrays``) and ``model`` (an array of one ``Model``).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numba import njit
 from calib.types import F32, F64, I64, U8
 from planview.maps.view import BACKGROUND_SEEN as SEEN
 from planview.maps.view import NO_DEPTH, SURFACE, UNKNOWN
+from planview.tracking.body import LEAN_M, TURNS
 
 SHADOW = 4
 """Kind of pixels besides those of views: a shadow or furniture, which is no evidence but hides a body."""
@@ -38,6 +40,13 @@ BODY_SOFTNESS_M = 0.07
 """Deviation of the least distance of two bodies' axes [m]."""
 SLOPE_MAX = 4.0
 """Most that a step along a flat ray is lengthened."""
+PER_RAD = TURNS / (2.0 * math.pi)
+XX, XY, YY, HEIGHT, TURN, BACK, WALK, HEADING = range(8)
+"""What is known of a pose before the frame: inverse covariance of place and height [1/m^2]; concentration of the facing
+about the predicted one, and the probability that this is back to front; concentration about the direction of walking,
+and that direction [rad]."""
+GOLDEN = 0.6180339887498949, 0.7548776662466927
+"""Shares whose multiples spread evenly: which of two neighbouring tables a sample takes."""
 
 
 class Model(NamedTuple):
@@ -85,6 +94,7 @@ class Model(NamedTuple):
     apart_m: float
     height_min_m: float
     height_max_m: float
+    lean_std_m: float
 
 
 class ViewArrays(NamedTuple):
@@ -119,6 +129,8 @@ class SampleArrays(NamedTuple):
         kind, code, angle: kind of pixel, colour, index of the depression in the body's table.
         layers, n_layers: other people on the ray, see ``lay_others``.
         u, w, ahead, which: of the body that is being tried, see ``_covered``.
+        turn, slant: direction of the ray [of TURNS], less by an even spread over one of them, so that samples of a
+            direction between two tables take both in its proportion; and the share of a lean from which they lean.
     """
 
     cx: F32
@@ -135,6 +147,8 @@ class SampleArrays(NamedTuple):
     u: F32
     w: F32
     ahead: F32
+    turn: F32
+    slant: F32
     kind: U8
     code: U8
     angle: U8
@@ -146,7 +160,7 @@ class SampleArrays(NamedTuple):
     @staticmethod
     def of(n: int) -> SampleArrays:
         """Room for n samples, of which none is there."""
-        arrays = *np.empty((14, n), np.float32), *np.empty((3, n), np.uint8), *np.empty((2, n), np.int64)
+        arrays = *np.empty((16, n), np.float32), *np.empty((3, n), np.uint8), *np.empty((2, n), np.int64)
         return SampleArrays._make([*arrays, np.empty((n, 4, LAYERS + 1), np.float32), np.zeros(1, np.int64)])
 
 
@@ -154,7 +168,16 @@ class SampleArrays(NamedTuple):
 def _angle(depression, table):  # type: ignore[no-untyped-def]
     """Index of a ray's depression in the body's table."""
     angle = int((depression - table.angle_min_rad) / table.angle_step_rad + 0.5)
-    return min(max(angle, 0), len(table.cover) - 1)
+    return min(max(angle, 0), table.cover.shape[1] - 1)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _posture(facing, lean, turn, slant, table):  # type: ignore[no-untyped-def]
+    """Index of a posture, seen along a ray, in the body's table."""
+    if len(table.cover) == 1:
+        return 0
+    way = int(facing * PER_RAD + (4 * TURNS) - turn) & (TURNS - 1)
+    return way + TURNS if lean > slant * LEAN_M else way
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -168,18 +191,18 @@ def _covered(x: float, y: float, h: float, samples, table, m) -> int:  # type: i
     cx, cy, cz, ex, ey = samples.cx, samples.cy, samples.cz, samples.ex, samples.ey
     cos, sin = samples.cos, samples.sin
     per_m, w_min = np.float32(m.body_m / h / table.cell_m), np.float32(table.w_min_m / table.cell_m)
-    zero = np.float32(0.0)
+    zero, u_middle = np.float32(0.0), np.float32(table.cover.shape[2] // 2)
     x_m, y_m, z_m = np.float32(x), np.float32(y), np.float32(0.5 * h)
     for i in range(n):
         dx, dy, dz = x_m - cx[i], y_m - cy[i], z_m - cz[i]
         along = dx * ex[i] + dy * ey[i]
-        u[i] = abs(dy * ex[i] - dx * ey[i]) * per_m
+        u[i] = (dx * ey[i] - dy * ex[i]) * per_m + u_middle
         w[i] = -(along * sin[i] + dz * cos[i]) * per_m - w_min
         ahead[i] = along * cos[i] - dz * sin[i]
-    us, ws, k = np.float32(table.cover.shape[1]), np.float32(table.cover.shape[2]), 0
+    us, ws, k = np.float32(table.cover.shape[2]), np.float32(table.cover.shape[3]), 0
     for i in range(n):
         which[k] = i
-        k += (u[i] < us) & (w[i] >= zero) & (w[i] < ws)
+        k += (u[i] >= zero) & (u[i] < us) & (w[i] >= zero) & (w[i] < ws)
     return k
 
 
@@ -275,7 +298,7 @@ def gather(pose: F64, reach_m: float, view, samples, table, model) -> None:  # t
     centre, projection = view.centre_m, view.projection
     rows, cols = view.stretch.shape
     half, box = reach_m + AROUND_M, np.empty((1, 4))
-    boxes(pose.reshape(1, 3), half, 0.1, projection, view.lens, box)
+    boxes(pose.reshape(1, -1), half, 0.1, projection, view.lens, box)
     x0, y0, x1, y1 = box[0]
     if x1 < 0 or y1 < 0 or x0 > cols - 1 or y0 > rows - 1:
         return
@@ -294,7 +317,7 @@ def gather(pose: F64, reach_m: float, view, samples, table, model) -> None:  # t
         for c in range(c0 + (shift - c0) % step, c1 + 1, step):
             if n >= len(samples.kind):
                 break
-            ex, ey, depression = view.level[r, c]
+            ex, ey, depression, azimuth = view.level[r, c]
             ux, uy, uz = view.direction[r, c]
             if abs(dy * ex - dx * ey) > half or dx * ux + dy * uy + dz * uz < 0.15:
                 continue
@@ -308,6 +331,7 @@ def gather(pose: F64, reach_m: float, view, samples, table, model) -> None:  # t
             samples.std_per_m2[n] = view.std_per_m2 / view.stretch[r, c]
             samples.kind[n], samples.code[n] = view.kind[r, c], view.colour[r, c]
             samples.angle[n] = _angle(depression, table)
+            samples.turn[n], samples.slant[n] = azimuth * PER_RAD - GOLDEN[0] * n % 1.0, GOLDEN[1] * n % 1.0
             n += 1
     samples.size[0] = n
 
@@ -357,18 +381,18 @@ def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore
     count[:n] = 0
     for a in range(len(who)):
         k = who[a]
-        x, y, h = poses[k, 0], poses[k, 1], poses[k, 2]
+        x, y, h, facing, lean = poses[k, 0], poses[k, 1], poses[k, 2], poses[k, 3], poses[k, 4]
         if sure[k] > 0.5:
             _mark_near(x, y, h, samples, near, m)
         for q in range(_covered(x, y, h, samples, table, m)):
             i = samples.which[q]
             angle, iu, iw, kind = samples.angle[i], int(samples.u[i]), int(samples.w[i]), samples.kind[i]
-            k_on = count[i]
-            pi = cover[angle, iu, iw] * sure[k]
-            if pi < 0.01:
-                continue
-            at = samples.ahead[i] - front[angle, iu, iw] * h / m.body_m
+            k_on, posture = count[i], _posture(facing, lean, samples.turn[i], samples.slant[i], table)
+            pi = cover[posture, angle, iu, iw] * sure[k]
+            at = samples.ahead[i] - front[posture, angle, iu, iw] * h / m.body_m
             z = (samples.cz[i] - samples.sin[i] * at) / h
+            if pi < 0.01 or z < 0.0:
+                continue
             std, seen = samples.std_per_m2[i], samples.range_m[i]
             if _behind(kind, seen, at, std, z, m):
                 continue
@@ -386,18 +410,20 @@ def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def log_ratio(x: float, y: float, h: float, tall_m: float, ratios: F32, samples, table, model) -> float:  # type: ignore[no-untyped-def]
+def log_ratio(pose, tall_m: float, ratios: F32, samples, table, model) -> float:  # type: ignore[no-untyped-def]
     """Lam of all samples with one person at a pose among the others, less Lam without that person."""
     m = model[0]
     layers, count = samples.layers, samples.n_layers
     cover, front = table.cover, table.front
     total, product, factors, weight = 0.0, 1.0, 0, 0.0
     floor_seen = m.unknown / m.range_m / (1.0 - m.unknown)
+    x, y, h, facing, lean = pose
     for q in range(_covered(x, y, h, samples, table, m)):
         i = samples.which[q]
         angle, iu, iw, kind = samples.angle[i], int(samples.u[i]), int(samples.w[i]), samples.kind[i]
-        pi = cover[angle, iu, iw]
-        at = samples.ahead[i] - front[angle, iu, iw] * h / m.body_m
+        posture = _posture(facing, lean, samples.turn[i], samples.slant[i], table)
+        pi = cover[posture, angle, iu, iw]
+        at = samples.ahead[i] - front[posture, angle, iu, iw] * h / m.body_m
         z = (samples.cz[i] - samples.sin[i] * at) / h
         if pi < 0.005 or z < 0.0:
             continue
@@ -415,23 +441,23 @@ def log_ratio(x: float, y: float, h: float, tall_m: float, ratios: F32, samples,
             product, factors, weight = 1.0, 0, samples.weight[i]
         product *= 1.0 + ray[THROUGH, j] * pi * (like - ray[REST, j]) / without
         factors += 1
-    return total + weight * math.log(product)
+    return float(total + weight * math.log(product))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def log_prior(x: float, y: float, h: float, tall, others, model) -> float:  # type: ignore[no-untyped-def]
-    """Logarithm of the prior of a pose: upright, rarely lower, and no body inside another.
+def log_prior(pose, tall, others, model):  # type: ignore[no-untyped-def]
+    """Logarithm of the prior of a pose: upright, rarely lower or with the head ahead, and no body inside another.
 
     ``tall``: height when upright and its deviation; ``others``: poses, existence and which. Relative to standing so
     with nobody near.
     """
     m = model[0]
     poses, sure, who = others
-    tall_m, std = tall
+    (x, y, h, _, lean), (tall_m, std) = pose, tall
     up, sits, down = (h - tall_m) / std, 0.5 * m.sits / (1.0 - m.sits), (h - m.sitting * tall_m) / (2.0 * std)
     lower = m.low_share / (1.0 - m.low_share) * std * math.sqrt(2 * math.pi) / tall_m
     density = math.exp(-0.5 * up * up) + lower + sits * math.exp(-0.5 * down * down)
-    value = math.log(density / (1.0 + lower + sits))
+    value = math.log(density / (1.0 + lower + sits)) - 0.5 * (lean / m.lean_std_m) ** 2
     for a in range(len(who)):
         k = who[a]
         gap = math.sqrt((x - poses[k, 0]) ** 2 + (y - poses[k, 1]) ** 2)
@@ -441,49 +467,92 @@ def log_prior(x: float, y: float, h: float, tall, others, model) -> float:  # ty
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _posterior(pose, prior, me, others, samples, table, model):  # type: ignore[no-untyped-def]
-    """Lam - Mahalanobis / 2 plus the logarithm of the prior of a pose; Lam alone."""
-    (x, y, h), (predicted, information, _), (tall_m, std, ratios) = pose, prior, me
+def log_known(pose, predicted, known):  # type: ignore[no-untyped-def]
+    """Logarithm of the density of a pose before the frame, relative to the predicted one (``XX`` to ``HEADING``)."""
+    x, y, h, facing, _ = pose
     ox, oy, oh = x - predicted[0], y - predicted[1], h - predicted[2]
-    away = information[0] * ox * ox + 2 * information[1] * ox * oy + information[2] * oy * oy
-    away += information[3] * oh * oh
-    lam = log_ratio(x, y, h, tall_m, ratios, samples, table, model)
-    return lam - 0.5 * away + log_prior(x, y, h, (tall_m, std), others, model), lam
+    away = known[XX] * ox * ox + 2 * known[XY] * ox * oy + known[YY] * oy * oy + known[HEIGHT] * oh * oh
+    if known[TURN] > 0.0:
+        turned = math.sin(0.5 * (facing - predicted[3])) ** 2
+        ahead = (1.0 - known[BACK]) * math.exp(-2.0 * known[TURN] * turned)
+        back = known[BACK] * math.exp(-2.0 * known[TURN] * (1.0 - turned))
+        away -= 2.0 * math.log(ahead + back + TINY)
+    if known[WALK] > 0.0:
+        away += 4.0 * known[WALK] * math.sin(0.5 * (facing - known[HEADING])) ** 2
+    return float(-0.5 * away)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _posterior(pose, prior, me, others, samples, table, model):  # type: ignore[no-untyped-def]
+    """Lam plus what is known before plus the logarithm of the prior of a pose; Lam alone."""
+    (predicted, known, _), (tall_m, std, ratios) = prior, me
+    lam = log_ratio(pose, tall_m, ratios, samples, table, model)
+    return lam + log_known(pose, predicted, known) + log_prior(pose, (tall_m, std), others, model), lam
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _along_head(pose, height_m: float, camera):  # type: ignore[no-untyped-def]
     """A pose of another height whose head is on the same ray."""
-    (x, y, h), (cx, cy, cz) = pose, camera
+    (x, y, h, facing, lean), (cx, cy, cz) = pose, camera
     if cz - max(h, height_m) < 0.3:
-        return x, y, height_m
+        return x, y, height_m, facing, lean
     f = (cz - height_m) / (cz - h)
-    return cx + (x - cx) * f, cy + (y - cy) * f, height_m
+    return cx + (x - cx) * f, cy + (y - cy) * f, height_m, facing, lean
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _postured(pose, facing, lean):  # type: ignore[no-untyped-def]
+    """A pose that faces and leans otherwise, with the shoulders where they were: half as far ahead as the head."""
+    x, y, h, was, leant = pose
+    ox = 0.5 * (leant * math.cos(was) - lean * math.cos(facing))
+    oy = 0.5 * (leant * math.sin(was) - lean * math.sin(facing))
+    return x + ox, y + oy, h, facing, lean
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _moved(pose, way, far, ahead, camera, m):  # type: ignore[no-untyped-def]
-    """A pose moved along (0) or across (1) the level direction ``ahead``, up (2), or up along the head's ray (3)."""
-    x, y, h = pose
+    """A pose moved along (0) or across (1) the level direction ``ahead``, up (2), turned (3), leant (4), or moved up
+    along the head's ray (5)."""
+    x, y, h, facing, lean = pose
     height_m = max(m.height_min_m, min(m.height_max_m, h + far))
     if way == 0:
-        return x + far * ahead[0], y + far * ahead[1], h
+        return x + far * ahead[0], y + far * ahead[1], h, facing, lean
     if way == 1:
-        return x - far * ahead[1], y + far * ahead[0], h
+        return x - far * ahead[1], y + far * ahead[0], h, facing, lean
     if way == 2:
-        return x, y, height_m
+        return x, y, height_m, facing, lean
+    if way == 3:
+        return _postured(pose, facing + far, lean)
+    if way == 4:
+        return _postured(pose, facing, max(0.0, min(LEAN_M, lean + far)))
     return _along_head(pose, height_m, camera)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) -> float:  # type: ignore[no-untyped-def]
-    """Ascent on Lam - Mahalanobis / 2 by parabolas along and across the first camera's ray, in height and, in masks,
-    in height along the ray of the head.
+def _best_posture(at, best, lam, prior, me, others, samples, table, model):  # type: ignore[no-untyped-def]
+    """Of all postures where nothing is known of them, else of this one and that back to front: pose, posterior, Lam."""
+    start, wide = at, prior[1][TURN] < 1.0
+    for lean in range(2 if wide else 1):
+        for way in range(TURNS if wide else 2):
+            if wide:
+                new = _postured(start, way / PER_RAD, lean * LEAN_M)
+            else:
+                new = _postured(start, start[3] + way * math.pi, start[4])
+            value, lam_new = _posterior(new, prior, me, others, samples, table, model)
+            if value > best:
+                best, lam, at = value, lam_new, new
+    return at, best, lam
 
-    Moves ``pose``; fills ``curvature`` (3,), how sharply Lam curves there in the first three [1/m^2].
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) -> float:  # type: ignore[no-untyped-def]
+    """Ascent on Lam plus what is known before by parabolas along and across the first camera's ray, in height, facing
+    and lean and, in masks, in height along the ray of the head.
+
+    Moves ``pose``; fills ``curvature`` (4,), how sharply Lam curves there in the first four [1/m^2, 1/rad^2].
 
     Args:
-        prior: (3,) predicted pose, (4,) xx, xy, yy of the place's and of the height's inverse covariance, and steps.
+        prior: (5,) predicted pose, (8,) what is known of it (``XX`` to ``HEADING``), and steps.
         me: height when upright and its deviation, (PARTS, CODES) ratios of colours.
         others: poses, existence and which: bodies that cannot be entered.
 
@@ -499,21 +568,25 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
         ax, ay = (ax / norm, ay / norm) if norm > 1e-6 else (1.0, 0.0)
         if m.masks > 0.0:  # one step in the image, whatever the slope of the ray
             slope = min(math.sqrt(norm * norm + camera[2] ** 2) / camera[2], SLOPE_MAX)
-    at = pose[0], pose[1], pose[2]
+    at = pose[0], pose[1], pose[2], pose[3], pose[4]
     best, lam = _posterior(at, prior, me, others, samples, table, model)
     for posture in range(2 if m.masks > 0.0 else 1):
         tall_m = me[0] * (m.sitting if posture == 1 else 1.0)
-        new = _along_head((pose[0], pose[1], pose[2]), tall_m, camera) if m.masks > 0.0 else (pose[0], pose[1], tall_m)
+        new = _along_head(at, tall_m, camera) if m.masks > 0.0 else (at[0], at[1], tall_m, at[3], at[4])
         value, lam_new = _posterior(new, prior, me, others, samples, table, model)
         if value > best:
             best, lam, at = value, lam_new, new
+    turns = len(table.cover) > 1
     for step in prior[2]:
+        if turns:
+            at, best, lam = _best_posture(at, best, lam, prior, me, others, samples, table, model)
         for _ in range(MAX_TURNS):
             farthest = 0.0
-            for way in range(4 if m.masks > 0.0 else 3):
-                unit = slope if way == 0 else (1.0 if way == 1 else 0.5)
-                x, y, h = at
-                value, at_start = best, lam
+            for way in range(6):
+                if (way in (3, 4) and not turns) or (way == 5 and m.masks == 0.0):
+                    continue
+                unit = slope if way == 0 else (1.0 if way in (1, 4) else (0.5 if way != 3 else 1.0 / LEAN_M))
+                start, value, at_start = at, best, lam
                 up, down, f, jump = 0.0, 0.0, 0.0, 0.0
                 for trial in range(3):
                     f = step if trial == 0 else -step
@@ -525,23 +598,24 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
                             f = 2 * step if rise > 0 else -2 * step
                         if abs(f) < 0.1 * step:
                             break
-                    new = _moved((x, y, h), way, f * unit, (ax, ay), camera, m)
+                    new = _moved(start, way, f * unit, (ax, ay), camera, m)
                     reached, lam_new = _posterior(new, prior, me, others, samples, table, model)
                     if trial == 0:
                         up = reached
-                        if way < 3:
+                        if way < 4:
                             curvature[way] = 2 * at_start - lam_new
                     elif trial == 1:
                         down = reached
-                        if way < 3:
+                        if way < 4:
                             curvature[way] = (curvature[way] - lam_new) / (step * unit) ** 2
                     if reached > best + 1e-6:
                         best, lam, at, jump = reached, lam_new, new, f
                 farthest = max(farthest, abs(jump))
             if farthest < 0.5 * step:
                 break
-    pose[0], pose[1], pose[2] = at
-    return float(lam + log_prior(at[0], at[1], at[2], (me[0], me[1]), others, model))
+    for i in range(5):
+        pose[i] = at[i]
+    return float(lam + log_prior(at, (me[0], me[1]), others, model))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -554,7 +628,8 @@ def visible(pose: F64, tall_m: float, samples, table, model):  # type: ignore[no
     for q in range(_covered(pose[0], pose[1], h, samples, table, m)):
         i = samples.which[q]
         angle, iu, iw, kind = samples.angle[i], int(samples.u[i]), int(samples.w[i]), samples.kind[i]
-        pi = cover[angle, iu, iw]
+        posture = _posture(pose[3], pose[4], samples.turn[i], samples.slant[i], table)
+        pi = cover[posture, angle, iu, iw]
         if pi < 0.02:
             continue
         total += pi * samples.weight[i]
@@ -563,7 +638,7 @@ def visible(pose: F64, tall_m: float, samples, table, model):  # type: ignore[no
         known += pi * samples.weight[i]
         if kind in (SEEN, SHADOW):
             continue
-        at = samples.ahead[i] - front[angle, iu, iw] * h / m.body_m
+        at = samples.ahead[i] - front[posture, angle, iu, iw] * h / m.body_m
         hidden = _hidden(h, tall_m, (samples.cz[i] - samples.sin[i] * at) / h, m)
         like = _on_body(kind, samples.range_m[i], at, samples.std_per_m2[i], samples.matched_m[i], hidden, 1.0, m)
         ray, j = layers[i], 0
@@ -603,11 +678,15 @@ def assign_pixels(pixels: I64, people, around: I64, view, table, model, owned) -
                 near = near or sure[k] > 0.5
             dx, dy, dz = poses[k, 0] - centre[0], poses[k, 1] - centre[1], 0.5 * h - camera_z
             along, scale = dx * ex + dy * ey, m.body_m / h
-            iu = int(abs(dy * ex - dx * ey) * scale / table.cell_m)
+            u = (dx * ey - dy * ex) * scale / table.cell_m + cover.shape[2] // 2
             iw = int((-(along * sin + dz * cos) * scale - table.w_min_m) / table.cell_m)
-            if iu >= cover.shape[1] or iw < 0 or iw >= cover.shape[2]:
+            if u < 0.0 or u >= cover.shape[2] or iw < 0 or iw >= cover.shape[3]:
                 continue
-            pi, at = sure[k] * cover[angle, iu, iw], along * cos - dz * sin - front[angle, iu, iw] / scale
+            iu, posture = int(u), _posture(poses[k, 3], poses[k, 4], level[r, c, 3] * PER_RAD - 0.5, 0.5, table)
+            pi, at = (
+                sure[k] * cover[posture, angle, iu, iw],
+                along * cos - dz * sin - front[posture, angle, iu, iw] / scale,
+            )
             if pi < 0.01:
                 continue
             z = (camera_z - sin * at) / h

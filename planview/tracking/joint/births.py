@@ -11,7 +11,7 @@ from calib.types import F32, F64, Bool
 from planview.maps.view import SURFACE, UNKNOWN, View
 from planview.tracking import body
 from planview.tracking.joint._kernels import map_lacking
-from planview.tracking.joint.explanation import SURFACE_STD_M, Explanation, Owned, People
+from planview.tracking.joint.explanation import SURFACE_STD_M, Explanation, Owned, People, about, upright
 from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
 
@@ -25,8 +25,8 @@ PLACES_MAX = 6
 MAP_CELLS_MAX = 4_000_000
 CHANGED = 3.0
 """A surface is another one from so many deviations of its range on."""
-LOOSE_PER_M2 = np.array([1.0, 0.0, 1.0, body.TORSO.torso_radius_m**2]) / body.TORSO.torso_radius_m**2
-"""Inverse covariance of a place within a body's radius, and of a height within a metre [1/m^2]."""
+LOOSE = about(body.TORSO.torso_radius_m, 1.0)
+"""What a search knows of a pose: a place within a body's radius, and a height within a metre."""
 
 
 class Births:
@@ -73,7 +73,7 @@ class Births:
             if person is None:
                 continue
             born.append(person)
-            people = people.with_one(np.array([*person.at_m, person.height_m]))
+            people = people.with_one(person.pose)
         ends = np.cumsum([len(o.pixels) for o in owned])[:-1]
         for v, o, mine in zip(frame.views, owned, np.split(tried, ends), strict=True):
             self._tried_m[v.rays.key].reshape(-1)[o.pixels[mine]] = v.range_m.reshape(-1)[o.pixels[mine]]
@@ -109,15 +109,15 @@ def _tried(frame: Explanation, birth_evidence: float, people: People, points: F6
     place = place + out / max(float(np.hypot(*out)), radius) * 0.5 * radius
     top = float(np.clip(np.quantile(points[:, 2], 0.97), 0.9, body.HEIGHT_MAX_M))
     n = len(people.poses)
-    start = np.array([*place, body.HEIGHT_MEAN_M])
+    start = upright((*place, body.HEIGHT_MEAN_M))
     trial = people.with_one(start)
     others = np.flatnonzero(frame.touching(trial.poses)[n, :n])
     samples = frame.around(start, radius + 0.15)
     samples.layer(trial, others)
-    worth, pose, curvature = -np.inf, start, np.zeros(3)
+    worth, pose, curvature = -np.inf, start, np.zeros(4)
     for height in (body.HEIGHT_MEAN_M, top):
-        moved = np.array([*place, height])
-        value, curved = samples.ascend(moved, moved.copy(), LOOSE_PER_M2, trial.tall[n], trial.ratios[n])
+        moved = upright((*place, height))
+        value, curved = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial.ratios[n])
         if value > worth:
             worth, pose, curvature = value, moved, curved
     mine, known, _ = samples.visible(pose, trial.tall[n])

@@ -40,11 +40,21 @@ GAP_PX = 6
 """People whose boxes are nearer than this in an image are explained together [px]."""
 ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 """Height when upright of an unknown person, and its deviation [m]."""
-THING_START = np.array([1.0, 1.0, 0.8])
+THING_START = np.array([1.0, 1.0, 0.8, 1.0, 0.0])
 """The best thing is searched from a person's place and shoulders."""
-ANYWHERE = np.array([1.0, 0.0, 1.0, 0.0]) / body.TORSO.torso_radius_m**2
-"""Inverse covariance of a thing's place and height [1/m^2]: within a body's radius, and of any height."""
 ANY_HEIGHT_M = 1e3
+
+
+def about(std_m: float, height_std_m: float) -> F64:
+    """(8,) what is known of a pose: place and height with these deviations, and nothing of how it faces."""
+    known = np.zeros(8)
+    known[[kernels.XX, kernels.YY, kernels.HEIGHT]] = std_m**-2, std_m**-2, height_std_m**-2
+    return known
+
+
+def upright(pose: Sequence[float]) -> F64:
+    """(5,) pose of x, y, height [m] of somebody who faces along x and does not lean."""
+    return np.array([*pose, 0.0, 0.0])
 
 
 class Likelihood(NamedTuple):
@@ -76,7 +86,7 @@ def likelihood_of_ranges(p: JointParams) -> Likelihood:
         unknown=UNKNOWN, surface_var=SURFACE_STD_M**2, colour=p.colour_weight, low_share=p.low_share, sits=0.0,
         sitting=1.0, masks=0.0, patch_m=p.patch_m, patch_px=0.0, spacing_m=SPACING * p.patch_m,
         body_m=body.TORSO.height_m, reach_m=body.REACH_M, apart_m=body.APART_M,
-        height_min_m=body.HEIGHT_MIN_M, height_max_m=body.HEIGHT_MAX_M,
+        height_min_m=body.HEIGHT_MIN_M, height_max_m=body.HEIGHT_MAX_M, lean_std_m=body.LEAN_STD_M,
     )  # fmt: skip
     return Likelihood.of(model, table, p.disparity_std_px)
 
@@ -110,7 +120,7 @@ class People:
     """The people of an explanation: all arrays have one row per person.
 
     Attributes:
-        poses: (N, 3) float64 x, y, height [m].
+        poses: (N, 5) float64 x, y, height [m], facing [rad], lean [m].
         sure: (N,) float64 probabilities of existence.
         tall: (N, 2) float64 height when upright and its deviation [m].
         ratios: (N, PARTS, CODES) float32 colours over those of anybody.
@@ -175,9 +185,9 @@ class Explanation:
         return boxes.astype(np.int64)
 
     def in_view(self, point_m: F64) -> bool:
-        """Whether a point (3,) of the world is inside of an image."""
+        """Whether a point of the world is inside of an image."""
         for v in self.views:
-            u, w, depth = v.rays.projection @ np.append(point_m, 1.0)
+            u, w, depth = v.rays.projection @ np.append(point_m[:3], 1.0)
             rows, cols = v.kind.shape
             if depth > 0 and 0 <= u <= (cols - 1) * depth and 0 <= w <= (rows - 1) * depth:
                 return True
@@ -202,8 +212,12 @@ class Explanation:
             away = math.dist(pose[:2], v.rays.centre_m[:2])
             depression = math.atan2(v.rays.centre_m[2] - 0.5 * pose[2], away)
             angle = round((depression - table.angle_min_rad) / table.angle_step_rad)
-            area = float(table.cover[min(max(angle, 0), len(table.cover) - 1)].sum())
-            total += 2.0 * area * (table.cell_m * pose[2] / body.TORSO.height_m / float(m["patch_m"])) ** 2
+            angle = min(max(angle, 0), table.cover.shape[1] - 1)
+            total += (
+                float(table.cover[:, angle].sum())
+                / len(table.cover)
+                * (table.cell_m * pose[2] / body.TORSO.height_m / float(m["patch_m"])) ** 2
+            )
         return total / len(self.views)
 
     def assign_pixels(self, people: People, kind: int = SURFACE) -> list[Owned]:
@@ -239,33 +253,34 @@ class Samples:
 
     def log_ratio(self, pose: F64, tall: F64, ratios: F32) -> float:
         """Lam with one more person at a pose, less Lam with the others alone."""
-        (x, y, h), of = pose.tolist(), self._of
-        return float(kernels.log_ratio(x, y, h, float(tall[0]), ratios, self.arrays, of.table, of.model))
+        of = self._of
+        return float(kernels.log_ratio(tuple(pose.tolist()), float(tall[0]), ratios, self.arrays, of.table, of.model))
 
     def log_prior(self, pose: F64, tall: F64, others: I64 | None = None) -> float:
         """Logarithm of the prior of a pose; ``others`` are those of the layers unless given."""
-        (x, y, h), people = pose.tolist(), self._people
+        people = self._people
         near = people.poses, people.sure, self._others if others is None else others
-        return float(kernels.log_prior(x, y, h, tuple(tall.tolist()), near, self._of.model))
+        return float(kernels.log_prior(tuple(pose.tolist()), tuple(tall.tolist()), near, self._of.model))
 
     def evidence(self, pose: F64, tall: F64, ratios: F32) -> float:
         """For a person: both together."""
         return self.log_ratio(pose, tall, ratios) + self.log_prior(pose, tall)
 
     def ascend(
-        self, pose: F64, predicted: F64, information: F64, tall: F64, ratios: F32, steps: F64 = STEPS_M
+        self, pose: F64, predicted: F64, known: F64, tall: F64, ratios: F32, steps: F64 = STEPS_M
     ) -> tuple[float, F64]:
         """Move a pose to where it explains best.
 
         Args:
-            information: (4,) xx, xy, yy of the place's and of the height's inverse covariance.
+            known: (8,) what is known of the pose before the frame, see ``about`` and ``Person.known``.
 
         Returns:
-            The evidence there; (3,) how sharply Lam curves there along the ray, across it and in height [1/m^2].
+            The evidence there; (4,) how sharply Lam curves there along the ray, across it, in height [1/m^2], and in
+            facing [1/rad^2].
         """
-        curvature, people, of = np.zeros(3), self._people, self._of
+        curvature, people, of = np.zeros(4), self._people, self._of
         evidence = kernels.ascend(
-            pose, curvature, (predicted, information, steps), (*tall.tolist(), ratios),
+            pose, curvature, (predicted, known, steps), (*tall.tolist(), ratios),
             (people.poses, people.sure, self._others), self.arrays, of.table, of.model,
         )  # fmt: skip
         return float(evidence), curvature
@@ -276,11 +291,11 @@ class Samples:
         things, others = [], (self._people.poses, self._people.sure, self._others)
         for table in body.thing_tables():
             start = pose * THING_START
-            at, prior = start.copy(), (start, ANYWHERE, STEPS_M)
+            at, prior = start.copy(), (start, about(body.TORSO.torso_radius_m, math.inf), STEPS_M)
             size = float(start[2]), ANY_HEIGHT_M, nobody
-            kernels.ascend(at, np.zeros(3), prior, size, others, self.arrays, table, self._of.model)
-            x, y, h = at.tolist()
-            things.append(float(kernels.log_ratio(x, y, h, h, nobody, self.arrays, table, self._of.model)))
+            kernels.ascend(at, np.zeros(4), prior, size, others, self.arrays, table, self._of.model)
+            at_end = tuple(at.tolist())
+            things.append(float(kernels.log_ratio(at_end, at_end[2], nobody, self.arrays, table, self._of.model)))
         return self.log_ratio(pose, tall, nobody) - max(things)
 
     def visible(self, pose: F64, tall: F64) -> tuple[float, float, float]:
@@ -290,7 +305,7 @@ class Samples:
 
     def noise(self, pose: F64, curvature: F64) -> tuple[F64, float]:
         """Covariance (2, 2) of the place [m^2] and information on the height [1/m^2], from the curvature of Lam."""
-        s, (x, y, _) = self.arrays, pose.tolist()
+        s, (x, y) = self.arrays, pose[:2].tolist()
         ax, ay = (x - float(s.cx[0]), y - float(s.cy[0])) if s.size[0] else (1.0, 0.0)
         norm = max(math.hypot(ax, ay), 1e-6)
         ax, ay = ax / norm, ay / norm

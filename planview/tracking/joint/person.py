@@ -14,13 +14,25 @@ from calib.types import F32, F64, I64, U8
 from planview.maps.colour import CODES, smoothing
 from planview.maps.view import View
 from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M
-from planview.tracking.joint._kernels import LEGS_TO, PARTS, TORSO_TO
+from planview.tracking.joint._kernels import HEADING, LEGS_TO, PARTS, TORSO_TO, WALK
 from planview.tracking.joint.explanation import People
 from planview.tracking.kalman import FloorKalman
 
 SMOOTHING = smoothing()
 SPEED_STD_MPS = 1.0
 """Deviation of a newcomer's velocity [m/s]."""
+ANY_FACING = math.pi**2 / 3.0
+"""Variance of a direction of which nothing is known [rad^2]."""
+TURNING_RAD2_PS = 1.0
+"""Variance of the turn of a person within a second [rad^2/s]."""
+SIDEWARD_RAD = 0.25
+"""Deviation of a walker's chest from the direction of walking [rad]."""
+STROLL_MPS = 0.5
+"""Speed with which a person who does not walk moves in any direction, whatever the facing [m/s]."""
+FACING_STD_MAX_RAD, AHEAD_MIN = 1.0, 1.0
+"""Facing is reported when its deviation [rad] and the log-odds of facing ahead are better."""
+AHEAD_MAX = 4.0
+"""Facing is never surer than this to be ahead rather than back to front [log-odds]."""
 GAIT_M = 0.03
 """A head bobs while walking [m]."""
 LOOK_STD_M = 0.08
@@ -45,6 +57,9 @@ class Person:
         track_id: negative until confirmed, then positive; unique in a run.
         kalman: place and speed on the floor.
         height_m, height_var: of the head's top now [m], and its variance.
+        facing, facing_var: where the chest points, counterclockwise from x [rad], and its variance.
+        ahead: log-odds of facing so rather than the other way, which looks nearly the same.
+        lean_m: head before the feet [m].
         log_odds: of existence.
         seen_s: time of the last look that measured the place.
         tall_m, tall_var: height when upright [m], and its variance.
@@ -76,6 +91,10 @@ class Person:
     log_odds: float
     seen_s: float
     height_var: float = HEIGHT_STD_M**2
+    facing: float = 0.0
+    facing_var: float = ANY_FACING
+    ahead: float = 0.0
+    lean_m: float = 0.0
     tall_m: float = HEIGHT_MEAN_M
     tall_var: float = HEIGHT_STD_M**2
     born_s: float = 0.0
@@ -105,12 +124,59 @@ class Person:
         kalman = FloorKalman.measured(pose[:2], noise, SPEED_STD_MPS)
         at_m = kalman.x_m, kalman.y_m
         height_var = 1.0 / (1.0 / HEIGHT_STD_M**2 + up)
-        return cls(0, kalman, float(pose[2]), log_odds, now_s, height_var, born_s=now_s, born_m=at_m, origin_m=at_m)
+        facing, lean_m = pose[3:].tolist()
+        return cls(
+            0, kalman, float(pose[2]), log_odds, now_s, height_var, facing, lean_m=lean_m, born_s=now_s, born_m=at_m,
+            origin_m=at_m,
+        )  # fmt: skip
 
     @property
     def at_m(self) -> tuple[float, float]:
         """Place on the floor."""
         return self.kalman.x_m, self.kalman.y_m
+
+    @property
+    def pose(self) -> F64:
+        """(5,) float64 x, y, height [m], facing [rad], lean [m]."""
+        return np.array([*self.at_m, self.height_m, self.facing, self.lean_m])
+
+    @property
+    def head_m(self) -> tuple[float, float]:
+        """Place below the head."""
+        x_m, y_m = self.at_m
+        return x_m + self.lean_m * math.cos(self.facing), y_m + self.lean_m * math.sin(self.facing)
+
+    @property
+    def prior(self) -> F64:
+        """(8,) what is known of the pose before a frame (``_kernels.XX`` to ``HEADING``)."""
+        k, back = self.kalman, 1.0 / (1.0 + math.exp(self.ahead))
+        spread = (STROLL_MPS**2 + k.covariance[2, 2] + k.covariance[3, 3]) / max(k.vx_mps**2 + k.vy_mps**2, 1e-6)
+        return np.array([
+            *k.information, 1.0 / self.height_var, 1.0 / self.facing_var, back,
+            1.0 / (SIDEWARD_RAD**2 + spread), math.atan2(k.vy_mps, k.vx_mps),
+        ])  # fmt: skip
+
+    @property
+    def facing_deg(self) -> float:
+        """Where the chest points, -180 to 180 [deg]; NaN while that is not known."""
+        known = self.facing_var < FACING_STD_MAX_RAD**2 and self.ahead > AHEAD_MIN
+        return math.degrees(self.facing) if known else math.nan
+
+    def predict_facing(self, dt: float) -> None:
+        """Where a person faces is known less surely after dt [s]."""
+        self.facing_var = min(self.facing_var + TURNING_RAD2_PS * dt, ANY_FACING)
+
+    def measure_facing(self, pose: F64, curvature: float, looks: float) -> None:
+        """Take over how a pose faces and leans; ``curvature`` of Lam [1/rad^2], which counts as so many looks."""
+        if curvature == 0.0:  # seen so that a body looks the same from everywhere
+            return
+        prior, facing = self.prior, float(pose[3])
+        turned = math.cos(facing - self.facing)
+        ahead = 2.0 * prior[WALK] * math.cos(facing - prior[HEADING])
+        self.ahead = max(-AHEAD_MAX, min(AHEAD_MAX, (self.ahead if turned > 0 else -self.ahead) + looks * ahead))
+        information = 1.0 / self.facing_var + looks * (max(curvature, 0.0) + prior[WALK])
+        self.facing, self.facing_var = math.remainder(facing, 2.0 * math.pi), 1.0 / information
+        self.lean_m = float(pose[4])
 
     @property
     def existence(self) -> float:
@@ -205,7 +271,7 @@ def colour_ratios(people: Sequence[Person]) -> F32:
 
 def side_by_side(people: Sequence[Person], ratios: F32 | None = None) -> People:
     """The arrays of these people; ``ratios`` of their colours where they are known already."""
-    poses = np.array([(*q.at_m, q.height_m) for q in people]).reshape(-1, 3)
+    poses = np.array([q.pose for q in people]).reshape(-1, 5)
     tall = np.array([q.upright for q in people]).reshape(-1, 2)
     return People(
         poses, np.array([q.existence for q in people]), tall, colour_ratios(people) if ratios is None else ratios

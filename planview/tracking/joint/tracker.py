@@ -13,7 +13,7 @@ from planview.maps.colour import CODES
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, Drawing, Observation, TrackerDebug, person_boxes
 from planview.tracking.joint._kernels import PARTS, TINY
-from planview.tracking.joint.births import EVIDENCE_MAX, LOOSE_PER_M2, Births
+from planview.tracking.joint.births import EVIDENCE_MAX, LOOSE, Births
 from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, People, Samples, likelihood_of_ranges
 from planview.tracking.joint.identity import Exchanges, continued, within_reach
 from planview.tracking.joint.params import JointParams, PeopleParams
@@ -65,6 +65,7 @@ class ExplainingTracker(Generic[P, Q]):
                 person.kalman = person.kalman.slowed(dt * person.known, body.SLOW_DOWN_S)
             person.kalman = person.kalman.predicted(dt, body.ACCELERATION_MPS2)
             person.height_var += HEIGHT_CHANGE_MPS**2 * dt * min(dt, self.params.errors_s)
+            person.predict_facing(dt)
         return dt
 
     # -- explaining a frame ---------------------------------------------------------------------------------------
@@ -77,16 +78,16 @@ class ExplainingTracker(Generic[P, Q]):
         predicted = people.poses.copy()
         touch = frame.touching(predicted)
         samples = [frame.around(pose, body.TORSO.torso_radius_m + 0.1) for pose in predicted]
-        information = [np.array([*person.kalman.information, 1 / person.height_var]) for person in self._people]
+        prior = [person.prior for person in self._people]
         others = [np.flatnonzero(touch[i] & (np.arange(len(touch)) != i)) for i in range(len(touch))]
-        evidence, curvature = np.zeros(len(predicted)), np.zeros((len(predicted), 3))
+        evidence, curvature = np.zeros(len(predicted)), np.zeros((len(predicted), 4))
         for sweep in range(2):
             for i in frame.nearest_first(predicted):
                 if sweep and not len(others[i]):
                     continue
                 samples[i].layer(people, others[i])
                 evidence[i], curvature[i] = samples[i].ascend(
-                    people.poses[i], predicted[i], information[i], people.tall[i], people.ratios[i], STEPS_M[sweep:]
+                    people.poses[i], predicted[i], prior[i], people.tall[i], people.ratios[i], STEPS_M[sweep:]
                 )
         for i in range(len(predicted)):
             if len(others[i]):  # where all of them are now
@@ -100,9 +101,10 @@ class ExplainingTracker(Generic[P, Q]):
             return
         noise, up = s.noise(pose, curvature)
         person.kalman = person.kalman.found_at(pose[:2], noise, body.SPEED_MAX_MPS)
+        looks = min(1.0, dt / self.params.errors_s)
+        person.measure_facing(pose, float(curvature[3]), looks)
         if person.head_in_view:
-            information = 1.0 / person.height_var + up * min(1.0, dt / self.params.errors_s)
-            person.height_m, person.height_var = float(pose[2]), 1.0 / information
+            person.height_m, person.height_var = float(pose[2]), 1.0 / (1.0 / person.height_var + up * looks)
         else:  # whatever is in view, nobody's height shows without the head
             person.height_m, person.height_var = person.tall_m, person.upright[1] ** 2
         person.seen_s, person.unseen_s = self._log.now_s, 0.0
@@ -176,7 +178,10 @@ class ExplainingTracker(Generic[P, Q]):
     def _state(self, person: P, box_px: Box = NO_BOX) -> TrackState:
         seen: State = "confirmed" if person.share >= self.params.visible_min else "lost"
         k, state = person.kalman, seen if person.confirmed else "tentative"
-        return TrackState(person.track_id, state, k.x_m, k.y_m, k.vx_mps, k.vy_mps, person.height_m, box_px)
+        x_m, y_m = person.head_m
+        return TrackState(
+            person.track_id, state, x_m, y_m, k.vx_mps, k.vy_mps, person.height_m, box_px, person.facing_deg
+        )
 
 
 class JointTracker(ExplainingTracker[Person, JointParams]):
@@ -265,7 +270,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             if len(others[i]):
                 reason += ", next to " + ", ".join(str(self._people[k].track_id) for k in others[i])
             self._note(person, kind, reason, person.evidence)
-        for person, (x, y, h) in stood_up:  # one upright body explains more than a low one and another
+        for person, (x, y, h, *_) in stood_up:  # one upright body explains more than a low one and another
             person.kalman, person.height_m = person.kalman.moved_to(float(x), float(y)), float(h)
 
     def _rival(self, i: int, people: People) -> int:
@@ -278,13 +283,13 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
 
     def _beside(self, i: int, j: int, samples: Sequence[Samples], people: People) -> tuple[float, F64]:
         """Evidence for a person in another's place: both people, compared with the other one alone anywhere nearby, and
-        (3,) where that one would be."""
+        (5,) the pose that this one would have."""
         poses, tall, ratios, s = people.poses, people.tall, people.ratios, samples[j]
         rest = np.array([k for k in range(len(poses)) if k not in (i, j)], dtype=np.int64)
         s.layer(people, rest)
         first = s.log_ratio(poses[i], tall[i], ratios[i])
-        starts = poses[j].copy(), np.array([*poses[i, :2], tall[j, 0]])
-        worth = [s.ascend(start, poses[j], LOOSE_PER_M2, tall[j], ratios[j])[0] for start in starts]
+        starts = poses[j].copy(), np.array([*poses[i, :2], tall[j, 0], *poses[j, 3:]])
+        worth = [s.ascend(start, poses[j], LOOSE, tall[j], ratios[j])[0] for start in starts]
         prior = s.log_prior(poses[j], tall[j]) + s.log_prior(poses[i], tall[i], np.array([j]))
         s.layer(people, np.append(rest, i))
         both = first + s.log_ratio(poses[j], tall[j], ratios[j]) + prior

@@ -17,7 +17,7 @@ from planview.tracking.human_model.explanation import MaskExplanation, likelihoo
 from planview.tracking.human_model.silhouette import silhouette
 from planview.tracking.human_model.walker import ModelMatch, matches
 from planview.tracking.joint import _kernels as kernels
-from planview.tracking.joint.explanation import People
+from planview.tracking.joint.explanation import People, about, upright
 from tests.human_model_world import BLUE, CAMERA, FPS, MAP, PARAMS, RED, Drawn, World, confirmed, run
 from tests.reference.explain import log_likelihood_of_mask
 
@@ -161,6 +161,7 @@ RAYS = PixelRays.of(CAMERA)
 TALL = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 NOBODY = np.zeros(0, np.int64)
 SAME = np.ones((kernels.PARTS, 200), np.float32)
+KNOWN = about(0.5, 0.13)
 
 
 def frame_of(*people: Drawn) -> MaskExplanation:
@@ -173,11 +174,16 @@ def explained(seen: Observation, params: HumanModelParams = COLOURLESS) -> MaskE
 
 def people_at(*poses: tuple[float, float, float]) -> People:
     n = len(poses)
-    return People(np.array(poses).reshape(-1, 3), np.ones(n), np.tile(TALL, (n, 1)), np.ones((n, 3, 200), np.float32))
+    return People(
+        np.array([upright(pose) for pose in poses]).reshape(-1, 5),
+        np.ones(n),
+        np.tile(TALL, (n, 1)),
+        np.ones((n, 3, 200), np.float32),
+    )
 
 
 def evidence(frame: MaskExplanation, pose: tuple[float, float, float], *others: tuple[float, float, float]) -> float:
-    at, known = np.array(pose), people_at(*others, pose)
+    at, known = upright(pose), people_at(*others, pose)
     samples = frame.around(at, 0.5)
     samples.layer(known, np.arange(len(others)))
     return samples.log_ratio(at, TALL, SAME)
@@ -191,11 +197,11 @@ def test_evidence_is_the_difference_of_two_plain_likelihoods(pose, others):
     shadow[60:70, 70:90] = 255
     every_pixel = COLOURLESS.model_copy(update={"patch_m": 0.0101})
     frame = explained(Observation(0, 0.0, None, seen.foreground, seen.motion, shadow=shadow), every_pixel)
-    samples = frame.around(np.array(pose), 0.5)
+    samples = frame.around(upright(pose), 0.5)
     assert samples.arrays.size[0] < 3000, "every pixel is a sample"
     samples.arrays.weight[:] = 1.0
     samples.layer(people_at(*others, pose), np.arange(len(others)))
-    found = samples.log_ratio(np.array(pose), TALL, SAME)
+    found = samples.log_ratio(upright(pose), TALL, SAME)
     without, both = (log_likelihood_of_mask(frame, people, others, TALL[0]) for people in (others, [*others, pose]))
     assert found == pytest.approx(both - without, rel=0.03, abs=0.5)
 
@@ -249,19 +255,19 @@ def test_person_who_is_hidden_by_another_costs_nothing_and_gains_nothing():
 
 
 def test_ascent_finds_the_person_from_a_walkers_error_of_prediction():
-    frame, start = frame_of((0.0, 6.0, RED)), np.array([0.2, 6.3, 1.7])
+    frame, start = frame_of((0.0, 6.0, RED)), upright((0.2, 6.3, 1.7))
     samples = frame.around(start, 0.5)
     samples.layer(people_at((0.2, 6.3, 1.7)), NOBODY)
     pose = start.copy()
-    samples.ascend(pose, start, np.array([4.0, 0.0, 4.0, 60.0]), TALL, SAME)
+    samples.ascend(pose, start, KNOWN, TALL, SAME)
     assert pose[:2] == pytest.approx([0.0, 6.0], abs=0.15)
 
 
 def test_place_is_known_better_across_the_ray_than_along_it():
-    frame, pose = frame_of((0.0, 6.0, RED)), np.array([0.0, 6.0, 1.76])
+    frame, pose = frame_of((0.0, 6.0, RED)), upright((0.0, 6.0, 1.76))
     samples = frame.around(pose, 0.5)
     samples.layer(people_at((0.0, 6.0, 1.76)), NOBODY)
-    _, curvature = samples.ascend(pose, pose.copy(), np.array([4.0, 0.0, 4.0, 60.0]), TALL, SAME)
+    _, curvature = samples.ascend(pose, pose.copy(), KNOWN, TALL, SAME)
     noise, _ = samples.noise(pose, curvature)
     assert 0.0 < noise[0, 0] < noise[1, 1]
 
@@ -288,12 +294,12 @@ def test_one_is_born_for_each_person_whom_nobody_explains():
     known = people_at((-1.0, 6.0, 1.76))
     born, poses = births(places, frame, known, *frame.assign_pixels(known), 0.0, PARAMS)
     assert [b.at_m for b in born] == [pytest.approx((1.0, 6.0), abs=0.25)]
-    assert poses.tolist() == [[-1.0, 6.0, 1.76]]
+    assert poses.tolist() == [[-1.0, 6.0, 1.76, 0.0, 0.0]]
 
 
 def test_silhouette_is_widest_at_the_arms_and_round_from_above():
     table = silhouette()
-    level, above = table.cover[6], table.cover[24]
+    level, above = table.cover[0, 6], table.cover[0, 24]
     wide = level.sum(axis=0)
     assert wide[44:60].mean() > 1.5 * wide[15:30].mean()
     assert ((table.cover >= 0.0) & (table.cover <= 1.0)).all()

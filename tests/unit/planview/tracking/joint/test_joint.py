@@ -12,13 +12,13 @@ from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.joint import JointTracker
 from planview.tracking.joint import _kernels as kernels
-from planview.tracking.joint.explanation import Explanation, People, likelihood_of_ranges
+from planview.tracking.joint.explanation import Explanation, People, about, likelihood_of_ranges, upright
 from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.person import Person
 from planview.trajectories.state import TrackState
 
 CAMERA = oblique_camera()
-Scene = Callable[[float], Sequence[tuple[float, float, float]]]
+Scene = Callable[[float], Sequence[tuple[float, ...]]]
 
 
 def follow(
@@ -105,7 +105,7 @@ def test_a_person_behind_another_is_lost_and_found_with_the_same_id():
 
 
 def newcomer(track_id: int, x_m: float, now_s: float, log_odds: float) -> Person:
-    person = Person.born(np.array([x_m, 3.0, 1.75]), 1e-3 * np.eye(2), 100.0, log_odds, now_s)
+    person = Person.born(upright((x_m, 3.0, 1.75)), 1e-3 * np.eye(2), 100.0, log_odds, now_s)
     person.track_id, person.proven, person.moved = track_id, log_odds, log_odds
     return person
 
@@ -141,7 +141,7 @@ def test_legs_alone_are_as_tall_as_anybody():
 
 
 def test_who_enters_far_from_where_another_left_is_someone_else():
-    def scene(t: float) -> list[tuple[float, float, float]]:
+    def scene(t: float) -> list[tuple[float, ...]]:
         if t < 1.0:
             return [(-1.0 - 0.8 * t, 3.0, 1.7)]
         return [(1.6 - 1.0 * (t - 1.8), 3.0, 1.7)] if t >= 1.8 else []
@@ -154,7 +154,7 @@ def test_a_low_body_and_another_in_its_place_become_the_upright_person_that_expl
     tracker, noise = JointTracker(), 0.05**2 * np.eye(2)
     tracker.update(observed(0, 0.0, look_at(CAMERA, [])))
     for pose in ((0.0, 2.95, 1.0), (0.0, 3.15, 1.7)):
-        person = Person.born(np.array(pose), noise, 100.0, 4.0, 0.0)
+        person = Person.born(upright(pose), noise, 100.0, 4.0, 0.0)
         person.track_id = len(tracker._people) + 1
         tracker._people.append(person)
     tracker._people[0].confirmed = True
@@ -200,10 +200,17 @@ TALL = np.array([1.75, 0.12])
 SAME = np.ones((kernels.PARTS, 200), np.float32)
 
 
-def people_of(*poses: tuple[float, float, float]) -> People:
+def people_of(*poses: tuple[float, ...]) -> People:
     n = len(poses)
     ratios = np.ones((n, kernels.PARTS, 200), np.float32)
-    return People(np.array(poses).reshape(-1, 3), np.ones(n), np.tile(TALL, (n, 1)), ratios)
+    return People(np.array([upright(pose) for pose in poses]).reshape(-1, 5), np.ones(n), np.tile(TALL, (n, 1)), ratios)
+
+
+def plain(samples: kernels.SampleArrays) -> None:
+    """Take every pixel for one patch, and the nearest table for each."""
+    n = int(samples.size[0])
+    samples.weight[:n], samples.slant[:n] = 1.0, 0.5
+    samples.turn[:n] = np.arctan2(samples.ey[:n], samples.ex[:n]) * kernels.PER_RAD - 0.5
 
 
 def explained(seen: View) -> Explanation:
@@ -217,10 +224,10 @@ def test_evidence_of_a_person_is_the_difference_of_two_likelihoods(other, unknow
     seen = look_at(oblique_camera(), [far, other])
     seen.kind[:unknown_rows] = UNKNOWN
     every_pixel = JointParams(patch_m=0.011)
-    dense = Explanation((seen,), likelihood_of_ranges(every_pixel)).around(np.array(far), 0.4)
-    dense.arrays.weight[:] = 1.0
+    dense = Explanation((seen,), likelihood_of_ranges(every_pixel)).around(upright(far), 0.4)
+    plain(dense.arrays)
     dense.layer(people_of(far, other), np.array([1]))
-    found = dense.log_ratio(np.array(far), TALL, SAME)
+    found = dense.log_ratio(upright(far), TALL, SAME)
     # Arms reach as far in both: what lies near one of the two lies near the other.
     without, both = (log_likelihood(seen, people, PARAMS, [other]) for people in ([other], [other, far]))
     assert found == pytest.approx(both - without, rel=0.03)
@@ -242,11 +249,11 @@ def test_pixels_that_show_nothing_are_no_evidence_and_not_in_the_visible_share()
     shares, evidence = [], []
     for hidden in (slice(0), np.s_[:, :80], np.s_[:]):
         seen.kind[hidden] = UNKNOWN
-        samples = explained(seen).around(np.array(ADULT), 0.3)
+        samples = explained(seen).around(upright(ADULT), 0.3)
         samples.layer(people_of(), np.zeros(0, np.int64))
-        mine, known, total = samples.visible(np.array(ADULT), TALL)
+        mine, known, total = samples.visible(upright(ADULT), TALL)
         shares.append((mine / max(known, 1e-9), known / total))
-        evidence.append(samples.log_ratio(np.array(ADULT), TALL, SAME))
+        evidence.append(samples.log_ratio(upright(ADULT), TALL, SAME))
     assert shares[0] == pytest.approx((shares[1][0], 1.0), abs=0.03) and 0.4 < shares[1][1] < 0.6
     assert shares[2] == (0.0, 0.0) and evidence[2] == 0.0 and evidence[0] > evidence[1] > 5.0
 
@@ -270,15 +277,15 @@ def test_of_five_people_on_a_ray_the_four_nearest_count_in_any_order():
 
 def test_a_person_where_the_background_is_seen_is_unlikely():
     frame = explained(look_at(oblique_camera(), []))
-    samples = frame.around(np.array(ADULT), 0.3)
+    samples = frame.around(upright(ADULT), 0.3)
     samples.layer(people_of(), np.zeros(0, np.int64))
-    assert samples.log_ratio(np.array(ADULT), TALL, SAME) < -50
+    assert samples.log_ratio(upright(ADULT), TALL, SAME) < -50
 
 
 def test_a_hidden_person_costs_nothing():
     front = (0.0, 2.4, 1.85)
     frame = explained(look_at(oblique_camera(tilt_deg=85.0), [front]))
-    behind = np.array([0.0, 3.1, 1.5])
+    behind = upright((0.0, 3.1, 1.5))
     samples = frame.around(behind, 0.3)
     samples.layer(people_of(front), np.array([0]))
     assert samples.log_ratio(behind, TALL, SAME) > -3
@@ -286,42 +293,72 @@ def test_a_hidden_person_costs_nothing():
 
 def test_ascent_finds_a_person_from_a_walkers_error_of_prediction():
     frame = explained(look_at(oblique_camera(), [ADULT]))
-    start = np.array([0.15, 2.85, 1.62])
+    start = upright((0.15, 2.85, 1.62))
     samples = frame.around(start, 0.3)
     samples.layer(people_of(), np.zeros(0, np.int64))
-    loose = np.array([1.0, 0.0, 1.0, 1.0])
+    loose = about(1.0, 1.0)
     samples.ascend(start, start.copy(), loose, TALL, SAME)
-    assert start == pytest.approx(ADULT, abs=0.05)
+    assert start[:3] == pytest.approx(ADULT, abs=0.05)
 
 
 @pytest.mark.parametrize(("height_m", "shape"), [(1.75, "body"), (1.15, "body"), (1.05, "box")])
 def test_a_body_explains_a_body_better_than_a_box_and_a_box_a_box(height_m, shape):
     table = body.thing_tables()[1] if shape == "box" else None
-    frame, pose = explained(look_at(CAMERA, [(0.0, 3.0, height_m)], table=table)), np.array([0.0, 3.0, height_m])
+    frame, pose = (
+        explained(look_at(CAMERA, [(0.0, 3.0, height_m, np.pi / 2)], table=table)),
+        upright((0.0, 3.0, height_m)),
+    )
     samples = frame.around(pose, 0.3)
     samples.layer(people_of(), np.zeros(0, np.int64))
-    samples.ascend(pose, pose.copy(), np.array([1.0, 0.0, 1.0, 1.0]), TALL, SAME)
+    samples.ascend(pose, pose.copy(), about(1.0, 1.0), TALL, SAME)
     ratio = samples.against_thing(pose, TALL)
     assert ratio > 0 if shape == "body" else ratio < -5
 
 
 def test_bodies_do_not_stand_in_each_other():
-    samples = explained(look_at(oblique_camera(), [])).around(np.array(ADULT), 0.3)
+    samples = explained(look_at(oblique_camera(), [])).around(upright(ADULT), 0.3)
     priors = []
     for y in (3.5, 3.1):
         samples.layer(people_of((0.0, y, 1.7)), np.array([0]))
-        priors.append(samples.log_prior(np.array(ADULT), TALL))
+        priors.append(samples.log_prior(upright(ADULT), TALL))
     assert priors[0] == pytest.approx(0.0, abs=0.01) and priors[1] < -8
 
 
-def test_the_body_table_is_a_head_over_shoulders_over_legs():
-    table = body.body_table()
-    level = round(-table.angle_min_rad / table.angle_step_rad)
+STEEP = oblique_camera(height_m=3.5, tilt_deg=10.0)
+ABOVE = (0.0, 0.6, 1.75)
 
-    def width(rel: float) -> float:
-        w = int(((rel - 0.5) * body.TORSO.height_m - table.w_min_m) / table.cell_m)
-        return 2 * float(table.cover[level, :, w].sum()) * table.cell_m
 
-    assert width(0.92) == pytest.approx(0.18, abs=0.03) and 0.42 < width(0.65) < 0.52
-    assert 0.26 < width(0.2) < 0.35  # legs, and the stride that is now and then next to them
-    assert width(1.1) < 0.02
+@pytest.mark.parametrize("facing_deg", [0.0, 45.0, 90.0, 135.0])
+@pytest.mark.parametrize("lean", [0.0, 0.2])
+def test_a_search_finds_which_way_a_body_faces_and_with_a_lean_also_front_from_back(facing_deg, lean):
+    facing = np.deg2rad(facing_deg)
+    samples = explained(look_at(STEEP, [(*ABOVE, facing, lean)])).around(upright(ABOVE), 0.3)
+    samples.layer(people_of(), np.zeros(0, np.int64))
+    pose = upright(ABOVE)
+    samples.ascend(pose, pose.copy(), about(0.2, 0.5), TALL, SAME)
+    turns = 1 if lean else 2  # upright, front and back look the same
+    off = turns * (pose[3] - facing)
+    assert np.rad2deg(abs(np.arctan2(np.sin(off), np.cos(off)))) / turns < 25.0
+    head = np.array(ABOVE[:2]) + lean * np.array([np.cos(facing), np.sin(facing)])
+    assert pose[:2] + pose[4] * np.array([np.cos(pose[3]), np.sin(pose[3])]) == pytest.approx(head, abs=0.05)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_walker_faces_ahead(way):
+    facing = 0.0 if way > 0 else np.pi
+    tracker, last = JointTracker(), ()
+    for n in range(24):
+        person = (way * (-0.8 + 1.2 * n / 15), 0.6, 1.75, facing)
+        last = tracker.update(observed(n, n / 15, look_at(STEEP, [person])))
+    (walker,) = confirmed(last)
+    assert abs(np.cos(np.deg2rad(walker.facing_deg)) - way) < 0.1
+
+
+def test_which_way_somebody_faces_is_not_known_before_they_walk():
+    person = Person.born(upright(ABOVE), 1e-3 * np.eye(2), 100.0, 4.0, 0.0)
+    assert np.isnan(person.facing_deg)
+
+
+def test_a_lean_moves_the_head_and_not_the_feet():
+    person = Person.born(np.array([1.0, 2.0, 1.7, np.pi / 2, 0.2]), 1e-3 * np.eye(2), 100.0, 4.0, 0.0)
+    assert person.at_m == pytest.approx((1.0, 2.0)) and person.head_m == pytest.approx((1.0, 2.2))
