@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated, Any, get_args
 
 from cyclopts import Group, Parameter
 from rich.console import Console
@@ -20,6 +21,7 @@ from planview.commands.options import (
     OneSetting,
     Settings,
     Topics,
+    checked_number,
     frame_span,
     in_range,
     open_options,
@@ -48,14 +50,13 @@ from planview.output.run_folder import RunFolder
 from planview.synthetic.assets import DEMO
 from stereo.readers.open import is_multi_rig
 
-_MOVED = {
-    "run.frames": "use --frames",
-    "run.overwrite": "use --overwrite",
-    "run.rrd_every": "use --rrd-every",
-    "run.checkpoint_every_s": "use --checkpoint-every",
-    "run.real_time": "a recording is no longer played at its own pace; a live camera sets the pace by itself",
+_AS_OPTIONS: dict[str, Callable[[str], dict[str, Any]]] = {
+    "run.frames": lambda n: {"frames": None if n == "0" else n},
+    "run.overwrite": lambda on: {"overwrite": on == "true"},
+    "run.rrd_every": lambda n: {"rrd_every": checked_number("--rrd-every", n, int)},
+    "run.checkpoint_every_s": lambda s: {"checkpoint_every": checked_number("--checkpoint-every", s, float)},
 }
-"""What to type in place of parameters of earlier versions."""
+"""Options that may also be typed as the parameters that they were: ``--set run.frames=100``."""
 
 INPUT, TRACKING, OUTPUT = (Group(name, sort_key=place) for place, name in enumerate(("Input", "Tracking", "Output")))
 _In, _How, _Out = (Parameter(group=group) for group in (INPUT, TRACKING, OUTPUT))
@@ -144,8 +145,10 @@ def run(
         Folder for the results, which is needed; created where it does not exist.
     """
     for setting in options.set_:
-        if now := _MOVED.get(setting.partition("=")[0].strip()):
-            raise InputError(f"--set {setting}: {now}")
+        name, _, value = (part.strip() for part in setting.partition("="))
+        if name in _AS_OPTIONS:
+            others = [other for other in options.set_ if other != setting]
+            options = replace(options, set_=others, **_AS_OPTIONS[name](value))
     if options.print_config:
         print(config_toml(load_config(options.config, options.set_, base_config(recording))))
         return

@@ -371,7 +371,8 @@ def test_printed_configuration_is_the_file_that_config_takes(tmp_path, capsys) -
     assert load_config(tmp_path / "c.toml") == load_config(None, settings)
 
 
-def test_run_without_a_folder_and_settings_that_became_options_say_what_to_type(tmp_path, refused) -> None:
+def test_run_without_a_folder_says_what_is_missing_and_settings_that_became_options_still_work(tmp_path, refused):
     assert refused("run", tmp_path) == "planview: run needs --out FOLDER for the results"
-    sentence = refused("run", tmp_path, "--out", tmp_path / "out", "--set", "run.frames=3")
-    assert sentence == "planview: --set run.frames=3: use --frames"
+    words = ("run", tmp_path, "--out", tmp_path / "out", "--set")
+    assert "--rrd-every: expected 1 to 100000, found 0" in refused(*words, "run.rrd_every=0")
+    assert "--checkpoint-every: expected a number, found 'often'" in refused(*words, "run.checkpoint_every_s=often")
