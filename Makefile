@@ -6,7 +6,7 @@ TOOLS := $(VENV)/.tools-installed
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 KERNELS := out/.kernels
 
-.PHONY: demo test test-all check docs wheel-check lock clean setup
+.PHONY: demo test test-all check docs commands wheel-check lock clean setup
 
 setup: $(STAMP)
 
@@ -49,6 +49,10 @@ docs: $(TOOLS)
 	$(BIN)/python tools/reference.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "open out/site/index.html, or: $(BIN)/mkdocs serve"
+
+# Every command of the documents that needs only the demo clip; out/commands.md has what they print.
+commands: $(KERNELS)
+	$(BIN)/python tools/typed.py
 
 wheel-check: $(TOOLS)
 	bash tools/wheel_check.sh $(BIN)/python

@@ -38,7 +38,10 @@ def recordings_with_truth(data: Path, names: Sequence[str] = ()) -> list[Path]:
         if name not in known:
             raise InputError(f"--recording: expected one of {', '.join(known) or 'none'} in {data}, found {name!r}")
     if not known:
-        raise InputError(f"{data}: expected folders of recordings with truth.csv, found none")
+        raise InputError(
+            f"{data}: no recordings with truth.csv; --data or $PLANVIEW_TEST_DATA names their folder, and "
+            "docs/results.md has their sources"
+        )
     return [known[name] for name in names or known]
 
 
@@ -59,9 +62,9 @@ def score_real(tracks: Trajectories, truth: Trajectories, frames: I64) -> dict[s
     """Figures of the confirmed tracks of a recording in the (F,) frames that are judged.
 
     Returns:
-        right_number: share of frames with the right number of people: at least those who show, and at most those and
-        the doubtful ones (``visible`` 0 in the truth), whom nobody need find. exact: share of frames with exactly the
-        number of those who show. ids, people: confirmed ids, and people who show at any time.
+        right_number: share of frames in which as many people are reported as show; those too hidden or cut off to judge
+        (``visible`` 0 in the truth) may be reported or not. ids, people: confirmed ids, and people who show at any
+        time.
     """
     confirmed = tracks.where(np.isin(tracks.frame, frames) & (tracks.state == "confirmed"))
     shown = truth.where(~(truth.visible <= 0))
@@ -69,7 +72,6 @@ def score_real(tracks: Trajectories, truth: Trajectories, frames: I64) -> dict[s
     found, least, most = (np.bincount(t.frame, minlength=n)[frames] for t in (confirmed, shown, truth))
     return {
         "right_number": float(((found >= least) & (found <= most)).mean()),
-        "exact": float((found == least).mean()),
         "ids": len(np.unique(confirmed.track_id)),
         "people": len(np.unique(shown.track_id)),
     }
@@ -95,8 +97,8 @@ class RealOptions:
 def real(*, options: RealOptions | None = None) -> None:
     """Score every real plan-view recording with truth, and the baseline of height peaks.
 
-    A recording is a folder with truth.csv (frame, id, x_m, y_m, height_m, visible); people with visible 0 are doubtful:
-    finding them is neither asked for nor wrong.
+    A recording is a folder with truth.csv (frame, id, x_m, y_m, height_m, visible); people with visible 0 are too
+    hidden or cut off to judge, and may be reported or not. docs/results.md has the sources of the recordings.
 
     Example: python -m benchmarks real --data ../shared/data --recording rgbd-six-people
     """
@@ -117,5 +119,5 @@ def real(*, options: RealOptions | None = None) -> None:
             counts = {"recording": folder.name, "tracker": tracker, **score_real(tracks, truth, judged)}
             rows.append(counts | {name: figures[name] for name in names})
     report(o.json_output, scores=rows)
-    progress("right number: as many confirmed people as show, or some of the doubtful ones more")
+    progress("right number: as many people are reported as show; those too hidden to judge may be reported or not")
     progress(f"facing deg: {FACING}")

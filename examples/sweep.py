@@ -19,8 +19,8 @@ def main(recording: str = "data/synthetic/demo", frames: int = 0, sizes_px: Sequ
         config = planview.load_config(overrides=[f"rectify.working_px={size_px}"])
         tracks = planview.run(recording, config=config, frames=frames)
         last = int(tracks.frame.max()) if len(tracks) else 0
-        scores = planview.evaluate(tracks, recording, frames=(0, last)).to_json()
-        found = (scores["mota"], scores["position_error_mean_m"])  # None where nobody was tracked
+        scores = planview.evaluate(tracks, recording, frames=(0, last))
+        found = scores.mota, scores.position_error_mean_m  # None where nobody was tracked
         print(size_px, *("" if value is None else f"{value:.3f}" for value in found), sep=",")
 
 

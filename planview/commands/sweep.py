@@ -32,7 +32,7 @@ class SweepOptions:
     """Folder for results; a study file's own name without .toml by default. What an earlier study there has done with
     the same input, configuration and version is not repeated."""
     vary: Annotated[Sequence[str], Parameter(name="--vary")] = ()
-    """Without a study file: a parameter and its values, e.g. joint.stay_s=0.35,0.40; can be repeated."""
+    """Without a study file: a parameter and its values, e.g. rectify.working_px=320,640; can be repeated."""
     config: Path | None = None
     """Without a study file: TOML file with parameters common to all runs."""
     jobs: int = 1
@@ -53,9 +53,9 @@ def sweep(
     Example: planview sweep STUDY.toml --jobs 4
 
     Example of STUDY.toml: recordings = ["hall/*"], seeds = [0, 1], objective = "mota", then [parameters] with
-    joint.stay_s = [0.35, 0.4, 0.45] and feedback.enabled = [true, false]
+    rectify.working_px = [240, 320, 640] and feedback.enabled = [true, false]
 
-    Example without a file: planview sweep rec1 rec2 --out sweeps --vary maps.cell_m=0.03,0.04 --vary seed=1,2
+    Example without a file: planview sweep rec1 rec2 --out tried --vary rectify.working_px=320,640 --vary seed=1,2
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def sweep(
     study, names, out = _study(sources, options)
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     if options.jobs < 1:
-        raise InputError(f"--jobs: expected at least 1, found {options.jobs}")
+        raise InputError(f"--jobs: expected 1 or more, found {options.jobs}")
     tasks = partial(on_cluster, options.cluster) if options.cluster else partial(on_processes, options.jobs)
     runs, ranking = run_study(study, names, out, tasks, console)
     failed = [run for run in runs if run.error]
@@ -87,12 +87,12 @@ def _study(sources: Sequence[Path], options: SweepOptions) -> tuple[Study, list[
     """The study with absolute paths, names of its recordings, and the folder for results."""
     if len(sources) == 1 and sources[0].suffix == ".toml":
         if options.vary or options.config:
-            raise InputError(f"{sources[0]}: expected --vary and --config in the study file, found them as options")
+            raise InputError(f"--vary and --config cannot be combined with a study file; write them into {sources[0]}")
         study, folder = load_study(sources[0]), sources[0].parent
         out = options.out or sources[0].with_suffix("")
     else:
         if options.out is None:
-            raise InputError("--out: expected a folder for the results, found none")
+            raise InputError("sweep of recordings needs --out FOLDER for the results")
         parameters, seeds = varied(options.vary)
         entries = [RecordingEntry(path=path) for path in sources]
         study = Study(recordings=entries, config=options.config, parameters=parameters, seeds=seeds)
@@ -135,10 +135,15 @@ def _value(text: str) -> Any:
 def print_ranking(objective: FigureName, runs: Sequence[JobResult], ranking: Sequence[Ranked], out: Path) -> None:
     """Configurations with their whole names, best first."""
     known = [objective, *(name for name in FIGURES if name != objective)]
+    before: list[str] = []
     for place, row in enumerate(ranking, 1):
         print(f"{place}. {printable(row.configuration.label)}")
         figures = [f"{FIGURES[n].label} {row.figures[n].text(FIGURES[n].digits)}" for n in known if n in row.figures]
-        print("   " + ", ".join([*figures, f"{row.runs} runs" + (f", {row.failed} failed" if row.failed else "")]))
+        tracked = [figure for figure in figures if not figure.startswith(FIGURES["elapsed_s"].label)]
+        equal = f"equal to {place - 1}: " if tracked and tracked == before else ""
+        runs_text = f"{row.runs} run{'s' * (row.runs != 1)}" + (f", {row.failed} failed" if row.failed else "")
+        print("   " + equal + ", ".join([*figures, runs_text]))
+        before = tracked
     if ranking and (why := why_no_intervals(runs)):
         print(why)
     print(f"{out / 'report.html'}")

@@ -1,7 +1,6 @@
-"""Code blocks of README.md and docs/ run, or stand in ``CANNOT_RUN`` with the reason; all commands are parsed."""
+"""Code blocks of README.md and docs/ run, or stand in ``tools/typed.py`` with the reason; all commands are parsed."""
 
 import re
-import shlex
 import shutil
 from pathlib import Path
 
@@ -10,41 +9,7 @@ from short_clip import ROOT
 
 from planview.cli import main, make_app
 from planview.counting.rules import load_rules
-
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-CANNOT_RUN = {
-    r"planview demo": "test_demo.py runs it",
-    r"planview run my_recording --out out$": "the fixture has run it",
-    r"planview check my_recording$": "tutorial.md runs it with pictures",
-    r"planview .*video\.mp4": "needs a long video of one camera: test_single_camera_run.py, test_run_kinds.py",
-    r"planview .*photos/": "needs photographs of a board: test_calibrate_commands.py",
-    r"planview .*\bhall\b(?!\.)": "needs two heads in one room: test_run_kinds.py",
-    r"planview sweep": "needs many recordings or a cluster: test_sweep.py, test_sweep_cluster.py",
-    r"planview edit out --(join|delete|region|list) ": "names ids and files of an imaginary run: test_export.py",
-    r"planview render out --frame 240": "the short clip ends before",
-    r"planview view": "opens a window",
-    r".*my_program": "pipes into a program of the reader",
-}
-"""Commands that are only parsed."""
-
-
-def blocks(page: Path) -> list[tuple[str, str]]:
-    """(language, text) of every code block of a page."""
-    return re.findall(r"^```(\w*)\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
-
-
-def commands(text: str) -> list[str]:
-    """The commands of planview in a block, without comments."""
-    return [line.split("  #")[0].strip() for line in text.splitlines() if line.startswith("planview ")]
-
-
-def words(command: str) -> list[str]:
-    return shlex.split(command.split(" | ")[0])[1:]
-
-
-def cannot_run(command: str) -> bool:
-    return any(re.match(pattern, command) for pattern in CANNOT_RUN)
-
+from tools.typed import CANNOT_RUN, PAGES, blocks, cannot_run, commands, words
 
 ALL = sorted(
     {command for page in PAGES for language, text in blocks(page) if not language for command in commands(text)}

@@ -310,7 +310,7 @@ def test_varied_values_are_those_of_a_parameter_and_seeds_those_of_the_study() -
 
 
 def test_sweep_without_a_process_is_refused(tmp_path) -> None:
-    with pytest.raises(InputError, match="--jobs: expected at least 1"):
+    with pytest.raises(InputError, match="--jobs: expected 1 or more"):
         sweep([tmp_path], options=SweepOptions(out=tmp_path / "out", jobs=0))
 
 
