@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from benchmarks.random_scenes.appearance import floor_surface
 from benchmarks.random_scenes.tables import Challenge, NoPlaceError
 from calib.types import F64, Bool
-from planview.synthetic.camera import View, camera_view, mount_pose, stereo_rig
+from planview.synthetic.camera import CameraView, camera_view, mount_pose, stereo_rig
 from planview.synthetic.motion import Obstacles
 from planview.synthetic.scene import Furniture, Opening, Panel, Rig, Room, Surface
 
@@ -77,7 +77,7 @@ class Stage:
         self.is_overhead = self.rig.tilt_deg < 20
         self.camera_xy = np.array(self.rig.at_m[:2])
         self.furniture: list[Furniture] = []
-        self._view: View = camera_view(stereo_rig(self.rig).left, mount_pose(self.rig))
+        self._view: CameraView = camera_view(stereo_rig(self.rig).left, mount_pose(self.rig))
         self._lanes = {"west": 0, "east": 0}
         self._reserved: list[tuple[F64, float]] = []
         self._prepare()

@@ -18,7 +18,7 @@ from planview.synthetic.scene import CameraMount, Mount, Rig
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class CameraView:
     """A placed camera.
 
     Attributes:
@@ -56,11 +56,11 @@ class View:
         )
 
 
-def camera_view(camera: Camera, room_SE3_camera: SE3) -> View:
-    return View(camera.width, camera.height, camera.fx, room_SE3_camera, camera.project, camera.unproject)
+def camera_view(camera: Camera, room_SE3_camera: SE3) -> CameraView:
+    return CameraView(camera.width, camera.height, camera.fx, room_SE3_camera, camera.project, camera.unproject)
 
 
-def ground_view(camera: GroundCamera, room_SE3_world: SE3) -> View:
+def ground_view(camera: GroundCamera, room_SE3_world: SE3) -> CameraView:
     """A view through the four-parameter camera, whose world frame is placed in the room."""
     c, s = np.cos(camera.tilt_rad), np.sin(camera.tilt_rad)
     # Columns: camera x right, y down, z forward in the world of the camera.
@@ -78,7 +78,8 @@ def ground_view(camera: GroundCamera, room_SE3_world: SE3) -> View:
         scale = np.where(inside >= 0, 2.0 / (1.0 + np.sqrt(np.maximum(inside, 0.0))), np.nan)
         return np.column_stack([xy * scale[:, None] / camera.focal_px, np.ones(len(xy))])
 
-    return View(camera.width, camera.height, camera.focal_px, room_SE3_world @ world_SE3_camera, project, unproject)
+    pose = room_SE3_world @ world_SE3_camera
+    return CameraView(camera.width, camera.height, camera.focal_px, pose, project, unproject)
 
 
 def mount_pose(mount: Mount) -> SE3:

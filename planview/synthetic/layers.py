@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calib.types import F32, I32, I64
-from planview.synthetic.camera import View
+from planview.synthetic.camera import CameraView
 from planview.synthetic.light import (
     Hits,
     LightStack,
@@ -61,7 +61,7 @@ class Layer:
 class ViewRenderer:
     """Renders frames of one view."""
 
-    def __init__(self, scene: Scene, view: View, static: Mesh, furniture: Mesh | None, palette: Palette) -> None:
+    def __init__(self, scene: Scene, view: CameraView, static: Mesh, furniture: Mesh | None, palette: Palette) -> None:
         """``furniture`` is the part of ``static`` that shades the sun."""
         self._scene, self._view, self._palette, self._static = scene, view, palette, static
         self._solid = Tracer(static)
@@ -222,7 +222,7 @@ class ViewRenderer:
         return float(left), float(top), float(cols.max() - left + 1), float(rows.max() - top + 1)
 
 
-def _bounds(view: View, mesh: Mesh) -> tuple[tuple[int, int], tuple[int, int]]:
+def _bounds(view: CameraView, mesh: Mesh) -> tuple[tuple[int, int], tuple[int, int]]:
     """Pixels (from inclusive, to exclusive) around a mesh; the whole image when it reaches behind the camera."""
     local = view.room_SE3_camera.inverse() @ mesh.vertices.astype(np.float64)
     if (local[:, 2] < 0.05).all():

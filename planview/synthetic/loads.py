@@ -24,7 +24,7 @@ METAL = Surface(colour="#55585c", scale_m=0.1, contrast=0.2)
 SKIN = Surface(colour="#d0a080", scale_m=0.04, contrast=0.12)
 
 
-class Part(NamedTuple):
+class Piece(NamedTuple):
     """A solid [m]: a ``box`` of two corners, a ``wheel`` of radius, width and centre, or a stack of elliptic ``rings``
     (rows of ``mesh.sweep``)."""
 
@@ -51,53 +51,53 @@ class Load(NamedTuple):
     """The posture in which it is held (``people.POSTURES``), and its parts."""
 
     posture: str | None
-    parts: tuple[Part, ...]
+    parts: tuple[Piece, ...]
 
 
-def _wheels(radius: float, width: float, x_m: float, half_track_m: float) -> tuple[Part, ...]:
+def _wheels(radius: float, width: float, x_m: float, half_track_m: float) -> tuple[Piece, ...]:
     """A wheel on either side."""
     centres = [(x_m, side * half_track_m, radius) for side in (-1, 1)]
-    return tuple(Part("floor", METAL, "wheel", ((radius, width, 0.0), centre)) for centre in centres)
+    return tuple(Piece("floor", METAL, "wheel", ((radius, width, 0.0), centre)) for centre in centres)
 
 
 LOADS: dict[LoadKind, Load] = {
-    "box": Load("carry", (Part("hands", CARD, "box", ((-0.17, -0.21, -0.12), (0.17, 0.21, 0.2))),)),
-    "backpack": Load(None, (Part("chest", CLOTH, "rings", (
+    "box": Load("carry", (Piece("hands", CARD, "box", ((-0.17, -0.21, -0.12), (0.17, 0.21, 0.2))),)),
+    "backpack": Load(None, (Piece("chest", CLOTH, "rings", (
         (0.05, 0, 0, -0.19, 0), (0.05, 0.08, 0.14, -0.19, 0), (0.12, 0.1, 0.16, -0.2, 0), (0.4, 0.1, 0.16, -0.2, 0),
         (0.5, 0.07, 0.13, -0.18, 0), (0.52, 0, 0, -0.18, 0),
     )),)),
     "umbrella": Load("umbrella", (
-        Part("right_hand", METAL, "rings", (
+        Piece("right_hand", METAL, "rings", (
             (-0.1, 0, 0, 0.03, 0), (-0.1, 0.012, 0.012, 0.03, 0), (0.74, 0.012, 0.012, -0.25, 0.12),
             (0.75, 0, 0, -0.25, 0.12),
         )),
-        Part("right_hand", CLOTH, "rings", (
+        Piece("right_hand", CLOTH, "rings", (
             (0.5, 0, 0, -0.25, 0.12), (0.5, 0.52, 0.52, -0.25, 0.12), (0.62, 0.4, 0.4, -0.25, 0.12),
             (0.71, 0.2, 0.2, -0.25, 0.12), (0.74, 0, 0, -0.25, 0.12),
         )),
     )),
     "pram": Load("push", (
-        Part("floor", METAL, "box", ((0.56, -0.24, 1.02), (0.6, 0.24, 1.06))),
-        Part("floor", METAL, "rings", (
+        Piece("floor", METAL, "box", ((0.56, -0.24, 1.02), (0.6, 0.24, 1.06))),
+        Piece("floor", METAL, "rings", (
             (0.12, 0, 0, 1.25, 0), (0.12, 0.015, 0.2, 1.25, 0), (1.02, 0.015, 0.24, 0.58, 0), (1.03, 0, 0, 0.58, 0),
         )),
-        Part("floor", CLOTH, "box", ((0.75, -0.2, 0.45), (1.45, 0.2, 0.72))),
-        Part("floor", CLOTH, "rings", dome_rings(0.6, 1.0, (0.24, 0.2), (1.2, 0.0))),
+        Piece("floor", CLOTH, "box", ((0.75, -0.2, 0.45), (1.45, 0.2, 0.72))),
+        Piece("floor", CLOTH, "rings", dome_rings(0.6, 1.0, (0.24, 0.2), (1.2, 0.0))),
         *_wheels(0.12, 0.04, 0.85, 0.25), *_wheels(0.12, 0.04, 1.35, 0.25),
     )),
     "wheelchair": Load("sit", (
-        Part("floor", CLOTH, "box", ((-0.22, -0.2, 0.34), (0.24, 0.2, 0.38))),
-        Part("floor", CLOTH, "box", ((-0.27, -0.2, 0.38), (-0.23, 0.2, 0.92))),
-        Part("floor", METAL, "box", ((-0.2, 0.22, 0.6), (0.2, 0.27, 0.63))),
-        Part("floor", METAL, "box", ((-0.2, -0.27, 0.6), (0.2, -0.22, 0.63))),
-        Part("floor", METAL, "box", ((0.42, -0.17, 0.02), (0.6, 0.17, 0.04))),
+        Piece("floor", CLOTH, "box", ((-0.22, -0.2, 0.34), (0.24, 0.2, 0.38))),
+        Piece("floor", CLOTH, "box", ((-0.27, -0.2, 0.38), (-0.23, 0.2, 0.92))),
+        Piece("floor", METAL, "box", ((-0.2, 0.22, 0.6), (0.2, 0.27, 0.63))),
+        Piece("floor", METAL, "box", ((-0.2, -0.27, 0.6), (0.2, -0.22, 0.63))),
+        Piece("floor", METAL, "box", ((0.42, -0.17, 0.02), (0.6, 0.17, 0.04))),
         *_wheels(0.3, 0.03, -0.1, 0.3), *_wheels(0.09, 0.03, 0.38, 0.2),
     )),
     "child": Load("carry", (
-        Part("chest", PALE, "rings", dome_rings(0.1, 0.46, (0.08, 0.1), (0.19, 0.1))),
-        Part("chest", SKIN, "rings", dome_rings(0.44, 0.64, (0.09, 0.075), (0.19, 0.1))),
-        Part("chest", CLOTH, "rings", dome_rings(-0.15, 0.22, (0.05, 0.05), (0.22, 0.02))),
-        Part("chest", CLOTH, "rings", dome_rings(-0.15, 0.22, (0.05, 0.05), (0.22, 0.18))),
+        Piece("chest", PALE, "rings", dome_rings(0.1, 0.46, (0.08, 0.1), (0.19, 0.1))),
+        Piece("chest", SKIN, "rings", dome_rings(0.44, 0.64, (0.09, 0.075), (0.19, 0.1))),
+        Piece("chest", CLOTH, "rings", dome_rings(-0.15, 0.22, (0.05, 0.05), (0.22, 0.02))),
+        Piece("chest", CLOTH, "rings", dome_rings(-0.15, 0.22, (0.05, 0.05), (0.22, 0.18))),
     )),
 }  # fmt: skip
 

@@ -13,7 +13,7 @@ from calib.pose import SE3
 from calib.rig import StereoRig
 from calib.types import F32, I32, U8
 from planview.synthetic.camera import (
-    View,
+    CameraView,
     camera_view,
     ground_camera,
     ground_view,
@@ -160,7 +160,7 @@ class SceneRenderer:
         """The unrectified left (or single) camera in the room."""
         return self._views_of[0].room_SE3_camera
 
-    def _views(self, scale: float) -> list[View]:
+    def _views(self, scale: float) -> list[CameraView]:
         mount = self.scene.mount
         width, height = max(8, round(mount.width * scale)), max(8, round(mount.height * scale))
         room_SE3_left = mount_pose(mount)

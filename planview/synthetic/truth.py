@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.pose import SE3
 from calib.types import F64, Bool
-from planview.synthetic.camera import View
+from planview.synthetic.camera import CameraView
 from planview.synthetic.layers import Box, Layer
 from planview.synthetic.light import Tracer
 from planview.synthetic.mesh import Mesh
@@ -43,7 +43,7 @@ class TruthRow:
     full_box_px: Box
 
 
-def truth_row(actor: Actor, k: int, layer: Layer, view: View, world_SE3_room: SE3) -> TruthRow | None:
+def truth_row(actor: Actor, k: int, layer: Layer, view: CameraView, world_SE3_room: SE3) -> TruthRow | None:
     """Truth of the k-th actor of a frame; None for things and for people of whom no pixel shows."""
     mine = layer.owner == k + 1
     shown = int(mine.sum())
@@ -59,7 +59,7 @@ def truth_row(actor: Actor, k: int, layer: Layer, view: View, world_SE3_room: SE
     return TruthRow(actor.person, float(x), float(y), actor.body.top_m, visible, facing_deg, box, layer.boxes[k])
 
 
-def outside_pixels(view: View, mesh: Mesh) -> float:
+def outside_pixels(view: CameraView, mesh: Mesh) -> float:
     """Pixels that a mesh would cover beyond the borders of the image, on the plane of an ideal pinhole."""
     local = view.room_SE3_camera.inverse() @ mesh.vertices.astype(np.float64)
     if _inside(view, view.project(local)).all():
@@ -85,13 +85,13 @@ def outside_pixels(view: View, mesh: Mesh) -> float:
     return float(Tracer(mesh).cast(rays).found.sum()) * STEP_PX**2
 
 
-def _inside(view: View, pixels: F64) -> Bool:
+def _inside(view: CameraView, pixels: F64) -> Bool:
     """(N,) whether pixels (N, 2) are in the image."""
     with np.errstate(invalid="ignore"):
         return np.asarray(((pixels > -0.5) & (pixels < [view.width - 0.5, view.height - 0.5])).all(axis=1))
 
 
-def _border(view: View) -> F64:
+def _border(view: CameraView) -> F64:
     """Pixels along the outer edges of the image."""
     w, h = view.width - 0.5, view.height - 0.5
     u, v = np.linspace(-0.5, w, 50), np.linspace(-0.5, h, 50)

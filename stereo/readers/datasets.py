@@ -28,7 +28,7 @@ from calib.rig import RgbdRig
 from calib.types import I64
 from stereo.readers.base import Layout, Reader, TimedFiles, own_times, rate_of, timed_layout
 from stereo.readers.folders import files_layout
-from stereo.readers.images import Colour, Depth, frame_number, image_files, images_of
+from stereo.readers.images import Colour, Depths, frame_number, image_files, images_of
 from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
 from stereo.readers.rgbd import rgbd_layout
 from stereo.readers.times import MAX_BYTES, NS, read_stamps, stamp_list
@@ -206,7 +206,7 @@ def _tum_find(path: Path, options: OpenOptions) -> Layout:
     if not (mates >= 0).any():
         raise InputError(f"{path}: expected images and depth of the same times, found none within {MAX_APART_S:g} s")
     image_files = images_of([_inside(path, name) for name in images.names], Colour())
-    depth_files = images_of([_inside(path, depths.names[i]) if i >= 0 else None for i in mates], Depth(5000.0))
+    depth_files = images_of([_inside(path, depths.names[i]) if i >= 0 else None for i in mates], Depths(5000.0))
     notes = depth_note(mates, f"in {associated.name}" if associated else "")
     if find_rgbd(path) is None:
         notes.append("no calibration: the nominal Kinect camera is taken (fx = fy = 525 at 640x480)")

@@ -111,7 +111,7 @@ class Colour:
 
 
 @dataclass
-class Depth:
+class Depths:
     """Pixels of depth, as float32 metres.
 
     Whole numbers count ``units_per_m`` to the metre, with 0 for unknown; floating-point numbers: see ``metres``.
@@ -165,7 +165,7 @@ class Images:
         self,
         where: str,
         places: Sequence[int] | I64,
-        pixels: Colour | Depth,
+        pixels: Colour | Depths,
         read: Callable[[Iterable[int]], Iterator[Stored]],
         name: Callable[[int], str],
         sample: Iterable[Stored],
@@ -205,7 +205,7 @@ class Images:
             yield Decoded(index, None, None if why or isinstance(stored, UnreadableError) else self.pixels(stored), why)
 
 
-def _refusal(stored: Stored, pixels: Colour | Depth) -> str:
+def _refusal(stored: Stored, pixels: Colour | Depths) -> str:
     """Why values are not what they should be; empty when they are."""
     if isinstance(stored, UnreadableError):
         return str(stored)
@@ -213,7 +213,7 @@ def _refusal(stored: Stored, pixels: Colour | Depth) -> str:
     return "" if pixels.fits(stored) else f"{stored.dtype} values in {channels} channel{'s' * (channels > 1)}"
 
 
-def images_of(files: Sequence[Path | None], pixels: Colour | Depth) -> Images:
+def images_of(files: Sequence[Path | None], pixels: Colour | Depths) -> Images:
     """Frames as files; None stands for a file that is missing."""
     stored = read_colour if isinstance(pixels, Colour) else read_unchanged
     paths, there = [file or Path() for file in files], [file for file in files if file]

@@ -17,7 +17,7 @@ from calib.formats.rgbd import load_rgbd
 from calib.io import entries, size_text
 from calib.rig import DepthSensor, RgbdRig
 from stereo.readers.base import Layout, Reader, clock_of, rate_of, together, world_pose
-from stereo.readers.images import Colour, Depth, Images, Size, Stream, image_files, images_of
+from stereo.readers.images import Colour, Depths, Images, Size, Stream, image_files, images_of
 from stereo.readers.pairing import Pair, depth_note, nearest_mates, pair_files
 from stereo.readers.times import stamps_of
 from stereo.recording import FrameClock, OpenOptions, RgbdRecording
@@ -61,12 +61,12 @@ def rgbd_layout(
             own.append(f"depth of {size_text(depth)} without a calibration of its own counts as registered")
             found = replace(found, depth_camera=found.camera.scaled(*depth))
         sensor = found.sensor or SENSOR_OF_SIZE.get(depth, "structured-light")
-        if isinstance(depths.pixels, Depth) and found.units_per_m is not None:
+        if isinstance(depths.pixels, Depths) and found.units_per_m is not None:
             depths.pixels.units_per_m = found.units_per_m
         folder = path if path.is_dir() else path.parent
         return RgbdRecording(
             path, together(images, depths), images.n_frames, clock, own, found.camera, found.source, sensor,
-            DepthRegistration(found), world_pose(folder), depths.pixels if isinstance(depths.pixels, Depth) else None,
+            DepthRegistration(found), world_pose(folder), depths.pixels if isinstance(depths.pixels, Depths) else None,
         )  # fmt: skip
 
     return Layout("rgbd", streams, images.n_frames, clock, remarks, unpaired, opened)
@@ -119,7 +119,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     timed = None if (path / "timestamps.csv").is_file() else _timed(*sides, path)
     pairs = timed[0] if timed else pair_files(*sides)
     clock = timed[1] if timed and options.fps is None else clock_of(path, options, len(pairs))
-    images, depths = images_of([pair[0] for pair in pairs], Colour()), images_of([pair[1] for pair in pairs], Depth())
+    images, depths = images_of([pair[0] for pair in pairs], Colour()), images_of([pair[1] for pair in pairs], Depths())
     streams = (
         images.stream("image", len(sides[0]), clock.times_s),
         depths.stream("depth", len(sides[1]), clock.times_s),

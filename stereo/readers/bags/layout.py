@@ -36,7 +36,7 @@ from stereo.readers.base import (
     stereo_layout,
     together,
 )
-from stereo.readers.images import Colour, Depth, Size, bits_note, true_bits
+from stereo.readers.images import Colour, Depths, Size, bits_note, true_bits
 from stereo.readers.pairing import depth_note, nearest_mates, pair_stamps
 from stereo.readers.rgbd import rgbd_layout
 from stereo.recording import OpenOptions
@@ -226,7 +226,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     bits = true_bits(image for image in read if not isinstance(image, UnreadableError))
     remarks += bits_note(bits)
     a = frames_of_topic(first, pairs.left, Colour(bits), samples[0])
-    b = frames_of_topic(second, mates, Depth() if is_rgbd else Colour(bits), samples[1])
+    b = frames_of_topic(second, mates, Depths() if is_rgbd else Colour(bits), samples[1])
     sizes = (a.size, b.size) if is_rgbd else (same_size(a, b, *names),) * 2
     each = zip(names, (a, b), stamps, strict=True)
     streams = tuple(source.stream(name, len(own), own_times(own)) for name, source, own in each)

@@ -14,7 +14,7 @@ from calib.errors import InputError, UnreadableError
 from calib.types import I64
 from stereo.readers.bags.messages import image_message, stamp_ns, stored_pixels
 from stereo.readers.bags.storage import Bag, Message, Topic, error_text
-from stereo.readers.images import FRAMES, Colour, Depth, Images, Stored
+from stereo.readers.images import FRAMES, Colour, Depths, Images, Stored
 from stereo.readers.pairing import split_sides
 
 _TRANSPORT = re.compile(r"/(compressed|compressedDepth|theora|ffmpeg|zstd)$")
@@ -218,7 +218,7 @@ class TopicImages:
             return UnreadableError(f"a damaged message ({error_text(error)})")
 
 
-def frames_of_topic(images: TopicImages, places: I64, pixels: Colour | Depth, sample: Sequence[Stored]) -> Images:
+def frames_of_topic(images: TopicImages, places: I64, pixels: Colour | Depths, sample: Sequence[Stored]) -> Images:
     """The images of a topic in the order of the recording (arguments of ``Images``)."""
     name = images.topic.name
     return Images(f"{images.bag.path}: {name}", places, pixels, images.at, lambda place: f"a message of {name}", sample)
