@@ -151,7 +151,7 @@ def stereo_layout(
 ) -> Layout:
     """Two cameras whose frames are paired (``pairs`` decodes those of ascending indices, or all); world.toml lies in
     the folder, or at the path; ``other`` gives the rig of images in another state than expected."""
-    remarks = (*clock.notes, *notes)
+    remarks = (*clock.notes, *notes, *["one pair of images, in which nobody walks"] * (n_frames == 1))
 
     def opened() -> StereoRecording:
         kind = LiveRecording if live else StereoRecording

@@ -307,7 +307,7 @@ def decode(data: bytes, flags: int) -> AnyArray:
     image, why = None, "no image that OpenCV reads"
     with suppress(Exception):  # libraries raise whatever a damaged file provokes
         with Image.open(BytesIO(data)) as header:
-            size, why = header.size, f"a damaged {header.format}"
+            size, why = header.size, f"a damaged {header.format}, or an unusual kind of it"
         if size[0] * size[1] <= MAX_PIXELS:
             image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
         else:

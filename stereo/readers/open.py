@@ -72,6 +72,8 @@ def find_reader(path: Path) -> Reader:
         raise missing(path)
     inside = entries(path)[:100] if path.is_dir() else []
     recordings = [one.name for one in inside if one.is_dir() and _is_recording(one)]
+    if path.is_dir() and image_files(path) and _is_recording(path.resolve().parent):
+        raise InputError(f"{path}: expected a recording, found a part of one: give {path.resolve().parent}")
     raise InputError(f"{path}: expected a recording, found {what_is_there(path, recordings)}")
 
 

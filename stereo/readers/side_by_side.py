@@ -19,7 +19,7 @@ from calib.types import U8
 from stereo.readers.base import FrameSource, Layout, Reader, clock_of, split_pairs, stereo_layout
 from stereo.readers.images import Colour, Size, Stream, bits_of, image_files, images_of, is_grey
 from stereo.readers.state import Common, common, find_order, rectified_rig
-from stereo.readers.video import SUFFIXES, VideoFile, video_files, video_tracks
+from stereo.readers.video import SUFFIXES, VideoFile, pair_in, video_files, video_tracks
 from stereo.recording import OpenOptions
 
 Halves = tuple[U8, U8]
@@ -93,6 +93,9 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     try:
         return packed_layout(path, video, video.parent, source, sampled(source), options)
     except InputError as error:
+        if path.is_file() and (sides := pair_in(path.parent)) and path in sides:
+            found = f"one camera of a pair: give its folder, {path.parent}, or one camera another tracker"
+            raise InputError(f"{video}: expected both cameras, found {found}", remedy="tracker") from error
         if (tracks := video_tracks(video)) < 2:
             raise
         way = "ffmpeg -i IN -map 0:v:0 left.mp4 -map 0:v:1 right.mp4 writes each to a file"

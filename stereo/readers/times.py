@@ -140,7 +140,7 @@ LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")
 _WORDS = re.compile(r"(frames?_?)?(time_?stamps?|times?|stamps?|ts)")
 MAX_BYTES = 1 << 25
 """Larger tables are none of frames: half a day at 30 Hz has so much."""
-_FRAME = ("frame", "frame_id", "index", "id")
+_FRAME = ("frame", "frame_id", "frame_number", "frame_no", "frame_index", "index", "idx", "id", "seq", "n")
 _TIME = re.compile(r"#?\s*(timestamp|time|stamp|t)s?(?:[ _]?[\[(]?(ns|us|ms|s|sec|nsec|usec|msec)[\])]?)?")
 _UNITS = {"nsec": "ns", "usec": "us", "msec": "ms", "ns": "ns", "us": "us", "ms": "ms"}
 
@@ -192,9 +192,9 @@ def _listed(path: Path) -> list[str]:
     return [row[1] if counted else row[0] for row in rows]
 
 
-def files_of_times(folder: Path, camera: str = "") -> list[Path]:
+def files_of_times(folder: Path, camera: str = "", suffixes: Sequence[str] = (".csv", ".txt")) -> list[Path]:
     """Tables and lists with a word for times in their names, next to that of a camera where one is named."""
-    files = (f for f in entries(folder) if f.suffix.lower() in (".csv", ".txt") and f.is_file())
+    files = (f for f in entries(folder) if f.suffix.lower() in suffixes and f.is_file())
     parts = {f: re.split(r"[-_. ]", f.stem.lower()) for f in files}
     named = re.split(r"[-_. ]", camera.lower()) if camera else []
     return [f for f, own in parts.items() if any(map(_WORDS.fullmatch, own)) and set(named) <= set(own)]
@@ -232,7 +232,8 @@ def stamps_of(files: Sequence[Path], at: Path, folder: Path) -> Stamps | None:
 def unused_times(folder: Path, used: Path | None) -> tuple[str, ...]:
     """A note on files of times in a recording other than the one used."""
     places = [folder, *(place for place in entries(folder) if place.is_dir())] if folder.is_dir() else []
-    found = [str(f.relative_to(folder)) for place in places for f in files_of_times(place) if f != used]
+    kinds = (".csv", ".txt", ".tsv", ".json", ".npy", ".yaml")
+    found = [str(f.relative_to(folder)) for place in places for f in files_of_times(place, "", kinds) if f != used]
     why = f"the times of {used.name} count" if used else "each camera needs times of its own, or all timestamps.csv"
     return (f"not used: {', '.join(found[:4])} ({why})",) if found else ()
 

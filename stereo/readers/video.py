@@ -281,7 +281,8 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
     return stereo_layout(path, together(a, b), streams, count, clock, rig, folder=folder, other=other)
 
 
-def _sides(folder: Path) -> tuple[Path, Path] | None:
+def pair_in(folder: Path) -> tuple[Path, Path] | None:
+    """The videos of the left and the right camera in a folder."""
     videos = video_files(folder)
     by_name = {video.stem.lower(): video for video in videos}
     if {"left", "right"} <= by_name.keys():
@@ -292,6 +293,6 @@ def _sides(folder: Path) -> tuple[Path, Path] | None:
 READER = Reader(
     "videos",
     "a pair of videos",
-    lambda path: path.is_dir() and _sides(path) is not None,
-    lambda path, options: video_pair(path, *(_sides(path) or (path, path)), path, options),
+    lambda path: path.is_dir() and pair_in(path) is not None,
+    lambda path, options: video_pair(path, *(pair_in(path) or (path, path)), path, options),
 )
