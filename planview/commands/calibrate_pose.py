@@ -85,7 +85,7 @@ def parse_points(texts: Sequence[str]) -> tuple[F64, bool]:
             raise InputError(f"--points: expected u,v in pixels or x,y,z in metres, found {text!r}")
         rows.append(row)
     if len({len(row) for row in rows}) != 1:
-        raise InputError("--points: expected all points in pixels or all in metres, found both")
+        raise InputError("--points: some points are in pixels and some in metres")
     if len(rows) < 3:
         raise InputError(f"--points: expected three or more, found {len(rows)}")
     return np.array(rows), len(rows[0]) == 2
@@ -106,9 +106,9 @@ def calibrate_floor(recording: Path, /, *, options: FloorOptions = FloorOptions(
         Folder with left/ and right/ images or videos and a calibration.
     """
     if options.points and options.tracks:
-        raise InputError("expected either --points or --tracks, found both")
+        raise InputError("--points and --tracks cannot be combined")
     if options.out and options.save:
-        raise InputError("expected either --out or --save, found both")
+        raise InputError("--out and --save cannot be combined")
     search = floor_search(load_config(options.config))
     if options.frames is not None:
         in_range("--frames", options.frames, 1, 1000)
@@ -162,7 +162,7 @@ def _floor_of_run(recording: StereoRecording, tracks: Path) -> Floor:
     pose = RunFolder(tracks.parent).world_SE3_left
     if pose is None:
         run = tracks.with_name("run.json")
-        raise InputError(f"{run}: expected the floor of that run (run.json or world.toml), found none")
+        raise InputError(f"{run}: no run.json or world.toml gives the floor of that run")
     return Floor(pose)
 
 

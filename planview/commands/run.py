@@ -201,7 +201,7 @@ def _opened_and_tracked(
     if options.maps and (engine.stereo is None or is_maps(recording)):
         raise InputError(f"--maps: expected a stereo recording, found {recording}")
     if options.maps and is_multi_rig(recording):
-        raise InputError("--maps: expected a recording of one head, whose view maps.h5 holds, found several heads")
+        raise InputError("--maps: maps.h5 holds the view of one head, and the recording has several heads")
     plane = RulePlane(engine.camera, engine.size, has_floor=engine.camera is not None)
     analytics = Analytics(load_rules(options.rules, plane)) if options.rules else None
     with folder_lock(out):

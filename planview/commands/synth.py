@@ -53,7 +53,7 @@ def synth(
     from planview.synthetic.write import load_rig_scenes, with_seed, write_recording, write_rigs
 
     if video and jpeg:
-        raise InputError("expected either --video or --jpeg, found both")
+        raise InputError("--video and --jpeg cannot be combined")
     if frames is not None and frames < 1:
         raise InputError(f"--frames: expected at least 1, found {frames}")
     in_range("--scale", scale, 0.05, 4)

@@ -69,7 +69,7 @@ def _split(table: Trajectories, track_id: int, newest: int, frame: int) -> Traje
     rest = own & (table.frame >= frame)
     if not rest.any() or (rest == own).all():
         frames = table.frame[own]
-        raise InputError(f"expected a frame within the track ({frames.min() + 1} to {frames.max()}), found {frame}")
+        raise InputError(f"the track can be split from frame {frames.min() + 1} to {frames.max()}, not at {frame}")
     return _renamed(table, rest, newest + 1)
 
 
@@ -79,13 +79,13 @@ def _delete(table: Trajectories, track_id: int, _: int, *span: int) -> Trajector
         first, last = span
         gone &= (table.frame >= first) & (table.frame <= last)
         if not gone.any():
-            raise InputError(f"expected frames of track {track_id}, found none from {first} to {last}")
+            raise InputError(f"track {track_id} has no rows in frames {first} to {last}")
     return table.where(~gone)
 
 
 def _rename(table: Trajectories, old: int, _: int, new: int) -> Trajectories:
     if new < 1 or (table.track_id == new).any():
-        raise InputError(f"expected an id from 1 that no track has, found {new} (join puts two tracks together)")
+        raise InputError(f"the new id is from 1 and not in use: {new} is not (join puts two tracks together)")
     return _renamed(table, _own(table, old), new)
 
 
@@ -133,7 +133,7 @@ def _join_gaps(table: Trajectories, seconds: float, metres: float) -> Trajectori
 def _own(table: Trajectories, track_id: int) -> Bool:
     own = table.track_id == track_id
     if not own.any():
-        raise InputError(f"expected the id of a track, found {track_id}, which none has")
+        raise InputError(f"no track has the id {track_id}")
     return np.asarray(own)
 
 
@@ -141,7 +141,7 @@ def _renamed(table: Trajectories, rows: Bool, track_id: int) -> Trajectories:
     """The table with an id in some rows."""
     both = np.intersect1d(table.frame[rows], table.frame[~rows & (table.track_id == track_id)])
     if len(both):
-        raise InputError(f"expected tracks that are never in one frame, found both in {len(both)} (first {both[0]})")
+        raise InputError(f"both tracks are in frame {both[0]} (and {len(both) - 1} others), so they are two people")
     return _with_ids(table, np.where(rows, track_id, table.track_id))
 
 

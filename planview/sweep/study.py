@@ -244,7 +244,7 @@ def _entry(item: Any, folder: Path) -> list[dict[str, Any]]:
     root, pattern = (Path("/"), text.lstrip("/")) if text.startswith("/") else (folder, text)
     found = sorted(root.glob(pattern))
     if not found:
-        raise InputError(f"expected recordings matching {text!r}, found none")
+        raise InputError(f"no recordings match {text!r}")
     return [{"path": path} for path in found]
 
 

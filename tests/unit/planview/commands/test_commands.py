@@ -98,7 +98,7 @@ def test_synth_of_one_camera_writes_images_camera_and_boxes(scene, tmp_path, cli
     [
         (("out", "--frames", "0"), "expected"),
         (("out", "--scale", "99"), "expected"),
-        (("out", "--video", "--jpeg"), "expected"),
+        (("out", "--video", "--jpeg"), "cannot be combined"),
         (("",), "in use"),
     ],
 )
@@ -301,7 +301,7 @@ def test_square_without_unit_is_refused_with_what_to_type(text):
 
 def test_points_are_pixels_or_metres_but_not_both() -> None:
     assert parse_points(["1,2", "3,4", "5,6"])[1] and not parse_points(["1,2,3", "3,4,5", "5,6,7"])[1]
-    with pytest.raises(InputError, match="found both"):
+    with pytest.raises(InputError, match="some points are in pixels and some in metres"):
         parse_points(["1,2", "3,4,5", "5,6"])
 
 

@@ -45,7 +45,7 @@ def test_edits_are_applied_written_down_and_taken_back(run: Path, cli: Cli) -> N
 def test_an_edit_that_is_refused_changes_nothing(run: Path, cli: Cli) -> None:
     before = (run / "tracks.csv").read_bytes()
     status, output = cli("edit", run, "--delete", "2", "--join", "1:9")
-    assert (status, output) == (2, "planview: 'join 1 9': expected the id of a track, found 9, which none has\n")
+    assert (status, output) == (2, "planview: 'join 1 9': no track has the id 9\n")
     assert (run / "tracks.csv").read_bytes() == before and not (run / "edits.json").exists()
 
 
