@@ -28,15 +28,21 @@ from planview.output.folder import finished_run
 from planview.output.maps_log import MapsLog
 from planview.output.resume import code_version, key_of
 from planview.output.run import RunLog, RunOptions, run
+from stereo.readers import OpenOptions
 
 FACING = "median difference of walkers to the truth, or where that has no facing, to their direction of walking"
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
+RATES_HZ = {"rgbd-one-walker": 5.0, "rgbd-six-people": 5.0}
+"""Frame rates of real recordings without times, as the files that describe them give them."""
+
+
 def bench_engine(recording: Path, tracker: str, config: Config | None) -> Engine:
     """An engine of a recording with a tracker of planview, or the baseline "peaks" (errors as of ``open_engine``)."""
-    return open_engine(recording, cast(Any, PeakTracker() if tracker == "peaks" else tracker), config)
+    followed_by = cast(Any, PeakTracker() if tracker == "peaks" else tracker)
+    return open_engine(recording, followed_by, config, options=OpenOptions(fps=RATES_HZ.get(recording.name)))
 
 
 @dataclass(frozen=True)

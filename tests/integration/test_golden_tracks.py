@@ -108,7 +108,7 @@ def test_overhead_pair(shared_data: Path) -> None:
 
 
 def test_images_with_depth(shared_data: Path) -> None:
-    tracks = confirmed(planview.open_engine(shared_data / "rgbd-one-walker"), 30)
+    tracks = confirmed(planview.open_engine(shared_data / "rgbd-one-walker", options=planview.OpenOptions(fps=5.0)), 30)
     assert_walked(tracks, RGBD_WALKS, within=0.15)
     assert len({track.track_id for people in tracks for track in people}) == 1
 

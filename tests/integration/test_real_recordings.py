@@ -130,7 +130,7 @@ STANDS_FROM = 30
 @pytest.fixture(scope="module")
 def walked(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("rgbd") / "out"
-    _run(shared_data / "rgbd-one-walker", "--out", out, "--maps")
+    _run(shared_data / "rgbd-one-walker", "--fps", 5, "--out", out, "--maps")
     return out
 
 
