@@ -14,7 +14,7 @@ from calib.floor.find import find_floor
 from calib.floor.plane import FLOOR_DISPARITY_STD_PX, INLIER_SIGMAS, MAD_TO_SIGMA, TUKEY_C, FloorParams, Plane, sandwich
 from calib.params import Params
 from calib.rig import Floor
-from calib.types import F32, F64, AnyArray
+from calib.types import F32, F64, U8, AnyArray, Bool
 from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.matcher import RangeParams, SgbmMatcher, SgbmParams, disparity_range
 from stereo.recording import Frame, Recorded, RgbdRecording, StereoFrame
@@ -37,6 +37,8 @@ pixels have their error in common: a patch of 5 x 5 (our choice)."""
 LEFT_BY_CALIBRATION = 5e-4
 """Deviation of what a calibration leaves of disparities at the edge of the image, of its width: 0.3 px at 640 (measured
 on a factory calibration: up to 0.55 px)."""
+LIKE_LIGHT = 0.2
+"""Logarithm of the ratio of two images' mean luma up to which they show the same light: people change it by less."""
 MIN_VALID = 0.03
 """Smallest share of pixels with disparity in the median frame: a bare room still has more, unrelated images less
 (our choice)."""
@@ -85,6 +87,8 @@ class FloorEstimator:
         """The floor common to some frames: found in the (H, W) float32 depth of each [m], then aligned with their
         images. Raises WorkError: hardly any disparity is valid, or no floor is visible."""
         geometry, params = self.rectifier.geometry, self._search.floor
+        alike: list[int] = np.flatnonzero(of_like_light([p.left_grey for p in pairs])).tolist()
+        pairs, depths = [pairs[k] for k in alike], [depths[k] for k in alike]
 
         def align(plane: Plane) -> Plane:
             left, right = (median_image([p.left_grey for p in pairs]), median_image([p.right_grey for p in pairs]))
@@ -96,6 +100,13 @@ class FloorEstimator:
         """The floor common to some frames as recorded (same errors as ``floor``)."""
         pairs = [self.rectifier(frame.left, frame.right) for frame in frames]
         return self.floor(pairs, [self.depth(pair) for pair in pairs])
+
+
+def of_like_light(images: Sequence[U8]) -> Bool:
+    """(N,) which of some images are of the light in which most of them are, or of the brighter one of two."""
+    luma = np.array([float(image[::8, ::8].mean()) + 1.0 for image in images])
+    alike = np.asarray(np.abs(np.log(luma[:, None] / luma)) < LIKE_LIGHT, dtype=np.bool_)
+    return np.asarray(alike[np.lexsort((luma, alike.sum(axis=1)))[-1]], dtype=np.bool_)
 
 
 def align_plane(plane: Plane, left: AnyArray, right: AnyArray, depth: F32, geometry: RectifiedGeometry) -> Plane:

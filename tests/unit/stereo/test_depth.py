@@ -6,7 +6,7 @@ import pytest
 
 from calib.floor.plane import Plane
 from stereo.depth import RectifiedGeometry, back_project, median_image
-from stereo.floor import align_plane
+from stereo.floor import align_plane, of_like_light
 
 GEOMETRY = RectifiedGeometry(4, 3, 400.0, 400.0, 1.5, 1.0, 0.1, disparity_std_px=0.25)
 
@@ -78,6 +78,14 @@ def seen(true: Plane, contrast: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
     depth = np.where(inverse > 0.1, 1.0 / np.maximum(inverse, 0.1), np.nan).astype(np.float32)
     noise = rng.normal(size=(2, 240, 320)).astype(np.float32)
     return left + noise[0], right + noise[1], depth
+
+
+def test_of_two_lights_the_more_frequent_one_counts_and_of_equals_the_brighter_one():
+    def seen_by(lights: list[int]) -> list[bool]:
+        return of_like_light([np.full((16, 16), light, np.uint8) for light in lights]).tolist()
+
+    assert seen_by([100, 60, 104, 62, 0]) == [True, False, True, False, False]
+    assert seen_by([60, 100, 61, 62]) == [True, False, True, True]
 
 
 def test_a_plane_is_aligned_to_a_tenth_of_a_degree_and_knows_it() -> None:
