@@ -56,6 +56,8 @@ CALIBRATE = {
 }
 USAGE = {
     "run": "RECORDING [RIGHT] --out FOLDER [OPTIONS]",
+    "check": "RECORDING [RIGHT] [OPTIONS]",
+    "params": "[PATTERN] [OPTIONS]",
     "evaluate": "TRACKS [TRUTH] [OPTIONS]",
     "report": "FOLDER [FOLDER ...] [OPTIONS]",
     "plot": "RUN [RUN ...] [OPTIONS]",
@@ -116,7 +118,7 @@ def _help_of(target: str) -> dict[str, str]:
 
 def _default(value: object) -> str | None:
     """A default as the help shows it; None hides that a switch is off or that an option is not needed."""
-    return None if value in (None, (), False) else str(value)
+    return None if value in (None, (), False, "") else str(value)
 
 
 def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | None = None) -> None:

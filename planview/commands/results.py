@@ -65,7 +65,7 @@ def plot(
     out: Path | None = None,
     truth: Path | None = None,
     colour: Annotated[Colouring, Parameter(name=["--colour", "--color"])] = "id",
-    only: Annotated[Sequence[Panel], Parameter(negative="")] = PANELS,
+    only: Annotated[Sequence[Panel], Parameter(negative="")] = (),
 ) -> None:
     """Plot where people walked, how fast, and how many there were, of one run or of several.
 
@@ -96,7 +96,7 @@ def plot(
     tracks = [NamedTracks(name, load_tracks(file)) for name, file in zip(names, files, strict=True)]
     known = None if truth is None else load_truth(truth_file(truth) or truth)
     path = out or files[0].parent / "plot.png"
-    save_figure(figure_of(tracks, known, colour, only), path)
+    save_figure(figure_of(tracks, known, colour, only or PANELS), path)
     PlainConsole(stderr=True, soft_wrap=True).print(str(path))
 
 

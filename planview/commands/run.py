@@ -261,8 +261,8 @@ def replay(
     """Track a run again up to a frame with a parameter changed, and show both: a picture, and what differs in words.
     Without a parameter to change, the run is repeated as it was.
 
-    Tracking begins with the first frame, of the run's maps.h5 (planview run --maps) where the parameter does not
-    concern what comes before the maps: that takes a tenth of the time.
+    The run is tracked again from its first frame: from its maps.h5 (planview run --maps) in a tenth of the time where
+    the parameter does not change these, else from the recording.
 
     Example: planview replay out --frame 310 --set joint.patch_m=0.15
 

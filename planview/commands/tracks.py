@@ -54,8 +54,8 @@ class EditOptions:
     undo_all: Flag = False
     """Undo all calls and the refinement: tracks.csv is as the tracker wrote it."""
     refine: Flag = False
-    """Improve the tracks instead, since the whole recording is known: fragments of one person are joined, and positions
-    smoothed backwards. tracks_online.csv keeps the online tracks; refinement.csv gives the reason of every change."""
+    """Improve the tracks by the whole recording: fragments of one person are joined and paths smoothed.
+    tracks_online.csv keeps the tracks as they were; refinement.csv gives the reason of every change."""
     json_output: JsonFlag = False
 
 
