@@ -10,6 +10,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from benchmarks.floors import low_floors
 from benchmarks.options import JsonFlag, progress, report
 from benchmarks.random_scenes.generator import random_scene
 from calib.board.detect import Board, BoardView
@@ -44,6 +45,7 @@ LENSES: dict[str, tuple[float, LensModel, tuple[float, ...]]] = {
     "rational": (600.0, "rational", (0.3, 0.05, 2e-4, -1e-4, 0.001, 0.65, 0.1, 0.01)),
 }
 """Focal length [px], model and coefficients."""
+LOW_ROOMS = 20
 HEIGHT_LIMIT_CM, ANGLE_LIMIT_DEG = 2.0, 0.3
 CAMERAS = {
     "overhead": GroundCamera(640, 480, 400.0, 3.5, math.radians(5), "normal"),
@@ -141,7 +143,7 @@ def board_rows() -> list[Row]:
 
 
 def floor_rows() -> list[Row]:
-    """The committed lobby rendered from cameras at several tilts."""
+    """The committed lobby rendered from cameras at several tilts, and rooms with little floor in view."""
     rows = []
     for tilt_deg in (0, 15, 30, 45, 60, 75):
         progress(f"floor at {tilt_deg} degrees")
@@ -155,7 +157,15 @@ def floor_rows() -> list[Row]:
         rows.append(Row(f"{name}: height", 100 * abs(found.height_m - truth.height_m), "cm", HEIGHT_LIMIT_CM))
         rows.append(Row(f"{name}: tilt", math.degrees(abs(tilt)), "deg", ANGLE_LIMIT_DEG))
         rows.append(Row(f"{name}: roll", math.degrees(abs(roll)), "deg", ANGLE_LIMIT_DEG))
-    return rows
+    progress(f"floor in {LOW_ROOMS} rooms full of furniture")
+    found_share, doubted, silent = low_floors(LOW_ROOMS)
+    name = f"floor, 3 to 15 % of {LOW_ROOMS} views"
+    return [
+        *rows,
+        Row(f"{name}: not within 1 cm and 0.5 deg", 100 * (1 - found_share), "%", 10.0),
+        Row(f"{name}: wrong with a doubt", 100 * doubted / LOW_ROOMS, "%"),
+        Row(f"{name}: wrong without a doubt", 100 * silent / LOW_ROOMS, "%", 0.0),
+    ]
 
 
 def rendered_lobby(tilt_deg: float) -> tuple[StereoRig, Floor, list[StereoFrame]]:

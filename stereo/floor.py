@@ -22,18 +22,21 @@ from stereo.rectify import RectifiedPair, Rectifier, RectifyParams
 from stereo.rgbd import RgbdRectifier
 
 SETUP_FRAMES = 24
-"""Frames, spread over a recording, in which floor and rig are measured (our choice)."""
+"""Frames, spread over a recording, in which floor and rig are measured."""
 STEP_PX = 3
 """The floor is fitted to every n-th row and column."""
 MIN_WATCHED, NEARER = 5, 1.15
 """What moves shows in at least 5 frames; it is nearer by this factor than the usual depth of its pixel: a
-person half a metre in front of a wall 4 m away (our choice)."""
+person half a metre in front of a wall 4 m away."""
+MIN_BODY, ELONGATED = 60, 2.0
+"""Fewest points of a patch, and how much longer than wide it is where it shows which way a body stands: a standing
+person is three times as tall as wide."""
 ALIGN_WINDOW, ALIGN_NOISE = 1 / 30, 3.0
 """Side of the windows in which light is taken out, of the image's width, and the least deviation in them [grey levels]
-that counts as texture (our choice)."""
+that counts as texture."""
 ALIGN_STEPS, MIN_ALIGNED, ALIKE_PX = 12, 1000, 25
 """Steps of the alignment: four settle it, others which pixels are on the plane; fewest pixels for it; and how many
-pixels have their error in common: a patch of 5 x 5 (our choice)."""
+pixels have their error in common: a patch of 5 x 5."""
 LEFT_BY_CALIBRATION = 5e-4
 """Deviation of what a calibration leaves of disparities at the edge of the image, of its width: 0.3 px at 640 (measured
 on a factory calibration: up to 0.55 px)."""
@@ -194,9 +197,11 @@ def floor_in(
     if geometry.depth_std_min_m > 0.0:
         share = FLOOR_DISPARITY_STD_PX / geometry.disparity_std_px  # what medians leave of a frame's noise
         sigma_z = [np.float32(share) * geometry.depth_std_m(cloud[:, 2]) for cloud in clouds]
+    moved = _moved(grids)
     return find_floor(
         clouds, focal_px=geometry.focal_u_px, baseline_m=geometry.baseline_m, sigma_z=sigma_z,
-        moved=_moved(grids), align=align, params=params,
+        moved=None if moved is None else np.concatenate(moved), bodies=[*map(long_axis, moved or ())],
+        align=align, params=params,
     )  # fmt: skip
 
 
@@ -228,16 +233,27 @@ def _sensor_floor(recording: RgbdRecording, rectifier: RgbdRectifier, params: Fl
     return floor_in(depths, rectifier.geometry, params, BLIND_SENSOR)
 
 
-def _moved(grids: list[F32]) -> F64 | None:
-    """(M, 3) points [m] of patches in front of what is usually measured in their pixels: mostly people."""
+def long_axis(points: F64) -> F64:
+    """(3,) unit vector along the longest extent of (N, 3) points; NaN where none is by far the longest."""
+    if len(points) < MIN_BODY:
+        return np.full(3, np.nan)
+    values, vectors = np.linalg.eigh(np.cov(points.T))
+    return np.asarray(vectors[:, 2] if values[2] > ELONGATED**2 * values[1] else np.full(3, np.nan))
+
+
+def _moved(grids: list[F32]) -> list[F64] | None:
+    """(M, 3) points [m] of every patch in front of what is usually measured in its pixels: mostly people."""
     if len(grids) < MIN_WATCHED:
         return None
     inverse = 1.0 / np.maximum(np.stack(grids)[..., 2], 0.01)
     # Unknown depth counts as farther than all else, so that what is hardly ever measured has no usual depth.
     usual = np.median(np.nan_to_num(inverse, nan=0.0), axis=0)
     nearer = (inverse > NEARER * usual) & (usual > 0)
-    patches = [cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0 for mask in nearer]
-    return np.concatenate([grid[patch] for grid, patch in zip(grids, patches, strict=True)]).astype(np.float64)
+    found = [np.empty((0, 3))]
+    for grid, mask in zip(grids, nearer, strict=True):
+        count, patches = cv2.connectedComponents(cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)))
+        found += [grid[patches == label].astype(np.float64) for label in range(1, count)]
+    return found
 
 
 def setup_frames(recording: Recorded[Frame], count: int = SETUP_FRAMES) -> list[Frame]:

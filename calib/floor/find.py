@@ -19,6 +19,7 @@ from calib.floor.plane import (
     Candidate,
     Cells,
     FloorParams,
+    Moved,
     Plane,
     Rays,
     choose_floor,
@@ -26,6 +27,7 @@ from calib.floor.plane import (
     fit_plane,
     judge,
     nothing_found,
+    out_of_place,
 )
 from calib.people.model import ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M
 from calib.rig import Floor, world_from_plane
@@ -42,6 +44,7 @@ EDGE_CELLS = (np.hypot(*np.mgrid[-2:3, -2:3]) <= 2.5).astype(np.uint8)
 semi-global matching smooths over)."""
 MIN_POINTS = 1000
 """Fewer points than this are not reported."""
+NO_COVARIANCE = np.zeros((3, 3))
 SCORED = 1500
 """Points that each plane tried is compared with (for speed)."""
 
@@ -53,6 +56,7 @@ def find_floor(
     baseline_m: float,
     sigma_z: Sequence[F32] | None = None,
     moved: F64 | None = None,
+    bodies: Sequence[F64] = (),
     align: Callable[[Plane], Plane] | None = None,
     params: FloorParams | None = None,
 ) -> Floor:
@@ -68,6 +72,7 @@ def find_floor(
         focal_px, baseline_m: of the rectified pair, for the depth noise.
         sigma_z: one (N,) array of depth deviations [m] per cloud; replaces the noise model.
         moved: (M, 3) points of what moves between the frames, mostly people [m]; None where that is not known.
+        bodies: (3,) unit vectors along what moves, where it is longer than wide, else NaN: people stand.
         align: improves the plane that was chosen, e.g. by the images (see ``stereo.floor``).
         params: what counts as a floor.
     Returns:
@@ -80,25 +85,26 @@ def find_floor(
     if sigma_z is None:
         noise = FLOOR_DISPARITY_STD_PX / (focal_px * baseline_m)
         points = Rays(points.rays, points.inverse, np.full(len(points), noise))
-    moved = np.empty((0, 3)) if moved is None else moved
+    seen = Moved(np.empty((0, 3)) if moved is None else moved, np.array([*bodies]).reshape(-1, 3))
     cells = Cells(points)
-    candidates = floor_candidates(cells, params, moved)
+    candidates = floor_candidates(cells, params, seen)
     best = choose_floor(candidates, params)
     if best is None:
         raise WorkError(nothing_found(candidates, len(clouds)))
     if align is not None:
         best = replace(best, plane=align(best.plane))
-    return replace(_floor(best, cells), doubt=doubt(best, candidates, moved))
+    return replace(_floor(best, cells), doubt=doubt(best, candidates, seen))
 
 
-def floor_candidates(cells: Cells, params: FloorParams, moved: F64) -> list[Candidate]:
-    """Planes in the points, each judged, about the likeliest first; ``moved`` as in ``find_floor``."""
+def floor_candidates(cells: Cells, params: FloorParams, moved: Moved) -> list[Candidate]:
+    """Planes in the points, each judged, about the likeliest first."""
     rest = view = cells.medians()
     found: list[Candidate] = []
-    for _ in range(N_CANDIDATES):
+    for n in range(2 * N_CANDIDATES):
         if len(rest) < max(3, 0.5 * MIN_INLIER_FRACTION * len(view)):
             break
-        guess = _ransac(rest)
+        # Of what the largest planes leave, walls for the most part, only what may be a floor.
+        guess = _ransac(rest, None if n < N_CANDIDATES else params)
         off = np.abs(rest.residuals(guess))
         if (off < INLIER_SIGMAS).sum() < 0.5 * MIN_INLIER_FRACTION * len(view):
             break
@@ -175,8 +181,8 @@ def _points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None) -> Rays:
     return Rays(points[valid] / z, 1.0 / z[:, 0], sigma.astype(np.float64))
 
 
-def _ransac(points: Rays) -> F64:
-    """(3,) q of the likeliest plane, in (x/z, y/z, 1/z), where planes stay planes.
+def _ransac(points: Rays, floors: FloorParams | None) -> F64:
+    """(3,) q of the likeliest plane, of those that may be ``floors``, in (x/z, y/z, 1/z), where planes stay planes.
 
     A point counts by how near it is (MSAC, Torr and Zisserman 2000): a plane that cuts through a floor and what stands
     on it is near to more points, but not as near. Not open3d's, whose threads give another floor from run to run.
@@ -186,6 +192,8 @@ def _ransac(points: Rays) -> F64:
     corners = points.rays[three]
     sound = np.abs(np.linalg.det(corners)) > 1e-9
     planes = np.linalg.solve(corners[sound], points.inverse[three][sound][..., None])[..., 0]
+    if floors is not None:
+        planes = planes[[not out_of_place(Plane(q, 0.0, NO_COVARIANCE), floors) for q in planes]]
     few = np.linspace(0, len(points) - 1, min(len(points), SCORED)).astype(np.int64)
     scored = np.column_stack([points.rays, points.inverse])[few] / (INLIER_SIGMAS * points.sigma[few, None])
     off = np.column_stack([planes, np.full(len(planes), -1.0)]).astype(np.float32) @ scored.T.astype(np.float32)

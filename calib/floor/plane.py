@@ -24,8 +24,10 @@ INLIER_SIGMAS = 3.0
 """Points within this many deviations lie on a plane: 99.7 % of Gaussian noise."""
 GATE = 3.0 * INLIER_SIGMAS
 """The same in a single frame, whose disparity deviates three times as much as the medians (0.45 px)."""
-MIN_INLIER_FRACTION = 0.05
+MIN_INLIER_FRACTION = 0.025
 """Least share of the valid depth a floor covers (less is a shelf or a step)."""
+SEEN_QUANTILE = 0.98
+"""Share of the depth within which a floor is expected to be seen (the rest is a window, or wrong)."""
 BELOW_MARGIN_M = 0.25
 """Points count as beneath a plane from here on [m]: lower than a seat, more than calibration warps."""
 MAX_BLUR_FRACTION = 0.5
@@ -220,21 +222,29 @@ def sandwich(inverse_information: F64, scores: F64, places: F64, parts: int = 6)
 
 PARALLEL_DEG = 10.0
 """Normals closer than this are one direction: a small plane's own is known to a few degrees only."""
+LEAST_COS = math.cos(math.radians(PARALLEL_DEG))
+MIN_BODIES = 3
+"""Fewest things longer than wide by which what moves stands."""
 MIN_MOVED = 500
 """Points that must have moved before they speak against a plane: a fifth of a person in a few frames."""
-MOUNT_M, MOUNT_SPREAD = 2.7, 0.5
-"""Median height of cameras over floors [m], that of a ceiling, and the deviation of its logarithm."""
+MOUNT_M, MOUNT_SPREAD = (3.0, 1.4), (0.35, 0.5)
+"""Median height over floors of cameras that look straight down, from ceilings, and of level ones, on robots, shelves
+and tripods [m], and the deviation of its logarithm; in between by the tilt."""
+CEILING_M, CEILING_ODDS = (2.2, 3.5), 3.0
+"""Heights of rooms [m], and by how much a ceiling at one of them makes a floor likelier than two walls as far apart are
+in the view of a camera that looks straight down."""
 STRAIGHT_DEG = 15.0
 """Planes seen this nearly straight on are judged twice: cameras are mounted level, or overhead, by eye.
 """
-LEANING_DEG, LEVEL_DEG = -5.0, 88.0
-"""Below this tilt a camera leans backwards (an overhead mount is off by a few degrees), beyond this one it is level."""
+LEANING_DEG = -5.0
+"""Below this tilt a camera leans backwards (an overhead mount is off by a few degrees)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A fitted plane and what speaks for and against it: shares of the points on and beneath it, the share on it with
-    each point counted by how near it is (MSAC), and why it cannot be the floor; empty when it can."""
+    """A fitted plane and what speaks for and against it: shares of the points on and beneath it, the share on it of
+    those where it would be seen, with each point counted by how near it is (MSAC), and why it cannot be the floor;
+    empty when it can."""
 
     plane: Plane
     inlier_fraction: float
@@ -243,9 +253,39 @@ class Candidate:
     refused: str
 
 
-def judge(plane: Plane, view: Rays, cells: Cells, moved: F64, params: FloorParams) -> Candidate:
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """What moves: its (M, 3) points [m], and (K, 3) unit vectors along things longer than wide, NaN of others."""
+
+    points: F64
+    bodies: F64
+
+    def __post_init__(self) -> None:
+        known = np.isfinite(self.bodies).all(axis=1)
+        object.__setattr__(self, "bodies", self.bodies[known])
+
+    @property
+    def decides(self) -> bool:
+        """Whether enough moved to tell a wall from a floor."""
+        return len(self.points) >= MIN_MOVED
+
+    def objection(self, plane: Plane) -> str:
+        """Why what moves speaks against a plane as the floor; empty where it does not.
+
+        People reach no higher than ``PEOPLE_M``, and stand: a wall seen straight on looks like a floor from above, but
+        people walk metres in front of it, and along it.
+        """
+        high = float(np.mean(self.points @ plane.normal + plane.distance_m > PEOPLE_M)) if self.decides else 0.0
+        if high > MAX_HIGH_FRACTION:
+            return f"{high:.0%} of what moves is higher than people above it"
+        standing = np.abs(self.bodies @ plane.normal)
+        lies = len(standing) >= MIN_BODIES and np.median(standing) < math.cos(math.radians(45))
+        return "what moves does not stand on it but lies along it" if lies else ""
+
+
+def judge(plane: Plane, view: Rays, cells: Cells, moved: Moved, params: FloorParams) -> Candidate:
     """What speaks for and against a plane as the floor: the cells of the view, their medians against the plane, and
-    (M, 3) points of what moves [m]."""
+    what moves."""
     residuals = view.residuals(plane.q)
     share = cells.counts / cells.counts.sum()
     on = float(share[np.abs(residuals) < INLIER_SIGMAS].sum())
@@ -254,69 +294,88 @@ def judge(plane: Plane, view: Rays, cells: Cells, moved: F64, params: FloorParam
     beneath = (depth_m * plane.distance_m > BELOW_MARGIN_M) & (residuals < -INLIER_SIGMAS)
     below = float(share[beneath].sum())
     above = float(share[(residuals > INLIER_SIGMAS) & (residuals < 2 * INLIER_SIGMAS)].sum())
-    tilt, roll = math.degrees(plane.tilt_rad), math.degrees(plane.roll_rad)
-    height, distance = plane.distance_m, np.abs(cells.points.residuals(plane.q))
+    distance = np.abs(cells.points.residuals(plane.q))
+    # Where the plane is near enough to be seen: what a level camera sees of its floor is below the horizon.
+    far = float(np.quantile(view.inverse, 1 - SEEN_QUANTILE))
+    within = max(float(share[view.rays @ plane.q > far].sum()), on)
     # How points crowd on the plane before any median: share of those near it that are within half that distance.
     sharpness = float((distance < GATE / 2).sum() / max((distance < GATE).sum(), 1))
-    # Share of what moves that is higher above the plane than people are, 0 where hardly anything moves: a wall seen
-    # straight on looks like a floor from above, but people walk metres in front of it.
-    above_people = moved @ plane.normal + plane.distance_m > PEOPLE_M
-    high, refused = float(np.mean(above_people)) if len(moved) >= MIN_MOVED else 0.0, ""
-    if not params.min_tilt_deg <= tilt <= params.max_tilt_deg or abs(roll) > params.max_roll_deg:
-        turned = ", or the floor of an upside-down camera" if -88 < tilt < 0 and abs(roll) < params.max_roll_deg else ""
-        refused = f"a wall or ceiling{turned} (tilt {tilt:.0f}, roll {roll:.0f} degrees)"
-    elif not params.min_height_m <= height <= params.max_height_m:
-        refused = f"{height:.2f} m from the camera (floors: {params.min_height_m:g}-{params.max_height_m:g} m)"
+    refused = out_of_place(plane, params)
+    if refused:
+        pass
     elif on < MIN_INLIER_FRACTION:
         refused = f"{on:.1%} of the depth lies on it (at least {MIN_INLIER_FRACTION:.0%} needed)"
     elif below > params.max_below_fraction * (on + below):
         refused = f"{below:.0%} of the depth lies beneath it"
     elif above > MAX_BLUR_FRACTION * on or sharpness < MIN_SHARPNESS:
         refused = "it only cuts through a surface that is not flat"
-    elif high > MAX_HIGH_FRACTION:
-        refused = f"{high:.0%} of what moves is higher than people above it"
+    else:
+        refused = moved.objection(plane)
     near = np.maximum(1.0 - (residuals / INLIER_SIGMAS) ** 2, 0.0)
-    return Candidate(plane, on, below, float(share @ near), refused)
+    return Candidate(plane, on, below, float(share @ near) / max(within, 1e-9), refused)
+
+
+def out_of_place(plane: Plane, params: FloorParams) -> str:
+    """Why a camera cannot be above a plane; empty where it can."""
+    tilt, roll, height = math.degrees(plane.tilt_rad), math.degrees(plane.roll_rad), plane.distance_m
+    if not params.min_tilt_deg <= tilt <= params.max_tilt_deg or abs(roll) > params.max_roll_deg:
+        turned = ", or the floor of an upside-down camera" if -88 < tilt < 0 and abs(roll) < params.max_roll_deg else ""
+        return f"a wall or ceiling{turned} (tilt {tilt:.0f}, roll {roll:.0f} degrees)"
+    if not params.min_height_m <= height <= params.max_height_m:
+        return f"{height:.2f} m from the camera (floors: {params.min_height_m:g}-{params.max_height_m:g} m)"
+    return ""
 
 
 def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candidate | None:
     """The floor among planes: the likeliest that a camera can stand above, and of parallel ones the lowest.
 
-    Large planes are likely, those with something beneath less so; and a camera hangs at the height of a ceiling rather
-    than at twice that: a partition seen straight on is a floor far below.
+    Planes that fill the view where they would be seen are likely, those with something beneath less so. A camera that
+    looks straight down hangs at the height of a ceiling rather than at twice that, a level one is low, and a room is
+    2.2 to 3.5 m high: so a wall seen straight on is told from the floor below an overhead camera.
 
     A camera near the horizontal sees the wall in front as a camera leaning backwards sees its floor. Where both
-    readings are open the upright camera is the likelier, so a plane that asks for leaning back gives way. So does a
-    plane that a level camera would see: it may be a wall next to an overhead camera.
+    readings are open the upright camera is the likelier, so a plane that asks for leaning back gives way.
     """
     possible = [c for c in candidates if not c.refused]
     if not possible:
         return None
     upright = [c for c in possible if math.degrees(c.plane.tilt_rad) > LEANING_DEG] or possible
-    possible = [c for c in upright if math.degrees(c.plane.tilt_rad) <= LEVEL_DEG] or upright
-    largest = max(possible, key=_log_likelihood)
+    possible, largest = upright, max(upright, key=lambda c: _log_likelihood(c, candidates))
     enough = largest.inlier_fraction * params.max_below_fraction / (1.0 - params.max_below_fraction)
-    least_cos = math.cos(math.radians(PARALLEL_DEG))
-    parallel = [c for c in possible if float(c.plane.normal @ largest.plane.normal) > least_cos]
+    parallel = [c for c in possible if float(c.plane.normal @ largest.plane.normal) > LEAST_COS]
     return max((c for c in parallel if c.inlier_fraction >= enough), key=lambda c: c.plane.distance_m)
 
 
-def doubt(chosen: Candidate, candidates: Sequence[Candidate], moved: F64) -> str:
-    """Why a plane seen straight on may be a wall in front of a level camera; empty where that is settled.
+def doubt(chosen: Candidate, candidates: Sequence[Candidate], moved: Moved) -> str:
+    """Why a plane seen straight on may be a wall in front of a level camera, and the floor of a level camera a wall
+    next to an overhead one; empty where that is settled.
 
     From straight above and straight ahead alone both readings are alike; what moves in front of the plane decides.
     """
-    if chosen.plane.tilt_rad > math.radians(STRAIGHT_DEG) or len(moved) >= MIN_MOVED:
+    straight, level = math.radians(STRAIGHT_DEG), math.radians(90.0 - STRAIGHT_DEG)
+    tilts = straight < chosen.plane.tilt_rad < level
+    others = [c.plane for c in candidates if not c.refused and not straight < c.plane.tilt_rad < level]
+    if tilts or moved.decides:
         return ""
-    text = "a wall in front of a level camera would look the same, and nothing moved that shows which it is"
-    level = [c for c in candidates if not c.refused and math.degrees(c.plane.tilt_rad) > 90.0 - STRAIGHT_DEG]
-    below = min((c.plane.distance_m for c in level), default=None)
+    of_level = chosen.plane.tilt_rad >= level
+    below = min((p.distance_m for p in others if (p.tilt_rad >= level) != of_level), default=None)
+    if of_level and below is None:
+        return ""
+    what = "a wall next to a camera that looks straight down" if of_level else "a wall in front of a level camera"
+    text = f"{what} would look the same, and nothing moved that shows which it is"
     return text if below is None else f"{text}: another plane would be the floor {below:.2f} m below such a camera"
 
 
-def _log_likelihood(c: Candidate) -> float:
-    off = math.log(c.plane.distance_m / MOUNT_M) / MOUNT_SPREAD
-    return math.log(c.closeness) - c.below_fraction / c.inlier_fraction - 0.5 * off * off
+def _log_likelihood(c: Candidate, candidates: Sequence[Candidate]) -> float:
+    level = min(max(math.sin(c.plane.tilt_rad), 0.0), 1.0)
+    (down_m, level_m), (down_spread, level_spread) = MOUNT_M, MOUNT_SPREAD
+    spread = down_spread + level * (level_spread - down_spread)
+    off = (math.log(c.plane.distance_m / down_m) - level * math.log(level_m / down_m)) / spread
+    opposite = [other for other in candidates if float(other.plane.normal @ c.plane.normal) < -LEAST_COS]
+    heights = [c.plane.distance_m + other.plane.distance_m for other in opposite]
+    ceiling = any(CEILING_M[0] <= height <= CEILING_M[1] for height in heights)
+    prior = math.log(CEILING_ODDS) * ceiling - math.log(spread) - 0.5 * off * off
+    return math.log(c.closeness) - c.below_fraction / c.inlier_fraction + prior
 
 
 def nothing_found(candidates: Sequence[Candidate], n_frames: int) -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,9 +21,10 @@ from calib.types import F32, F64, U8
 from planview.drawing.image import Project, grid_lines
 from planview.trajectories.table import Trajectories
 from stereo.depth import RectifiedGeometry, median_image
-from stereo.floor import FloorEstimator, FloorSearch, setup_frames
-from stereo.recording import StereoRecording
-from stereo.rectify import RectifiedPair, aligned_rectifier
+from stereo.floor import FloorEstimator, FloorSearch, sensor_floor, setup_frames
+from stereo.recording import RgbdRecording, StereoRecording
+from stereo.rectify import aligned_rectifier
+from stereo.rgbd import RgbdRectifier
 
 GRID = (90, 220, 90)
 AXIS = (60, 200, 255)
@@ -29,31 +32,26 @@ AXIS = (60, 200, 255)
 
 @dataclass(frozen=True, eq=False)
 class FloorDepths:
-    """Rectified frames of a recording, the (H, W) float32 depth of each [m], NaN where unknown, and the estimator of
-    the floor in them."""
+    """Frames of a recording, made ready to find the floor in.
 
-    estimator: FloorEstimator
-    pairs: tuple[RectifiedPair, ...]
+    Attributes:
+        geometry: of the (rectified left) images.
+        image: (H, W[, 3]) uint8, that of the middle frame.
+        depths: the (H, W) float32 depth of each frame [m], NaN where unknown.
+        depth_of: the depth of another frame of the recording.
+        find: the floor that a run on the recording finds. Raises WorkError: no floor is visible.
+    """
+
+    geometry: RectifiedGeometry
+    image: U8
     depths: tuple[F32, ...]
-
-    @property
-    def geometry(self) -> RectifiedGeometry:
-        """Geometry of the rectified pair."""
-        return self.estimator.rectifier.geometry
-
-    @property
-    def image(self) -> U8:
-        """(H, W[, 3]) uint8, rectified left image of the middle frame."""
-        return self.pairs[len(self.pairs) // 2].left
+    depth_of: Callable[[Any], F32]
+    find: Callable[[], Floor]
 
     @cached_property
     def background(self) -> F32:
         """(H, W) float32 median depth over the frames [m], NaN where never known."""
         return median_image(self.depths)
-
-    def find(self) -> Floor:
-        """The floor that a run on the recording finds (see ``stereo.floor.FloorEstimator``)."""
-        return self.estimator.floor(self.pairs, self.depths)
 
     def points_at(self, pixels: ArrayLike) -> F64:
         """(N, 3) points [m] in the rectified left camera frame, by the background's depth around (N, 2) pixels. Raises
@@ -82,17 +80,29 @@ class FloorDepths:
         return draw_grid(self.image, camera.project, floor.extent_m or (-5.0, -5.0, 5.0, 5.0))
 
 
-def view_floor(recording: StereoRecording, search: FloorSearch) -> FloorDepths:
+def view_floor(recording: StereoRecording | RgbdRecording, search: FloorSearch) -> FloorDepths:
     """Depth of frames spread over a recording. Raises WorkError: no usable frame."""
+    if isinstance(recording, RgbdRecording):
+        sensor = RgbdRectifier(recording.camera, recording.sensor, search.rectify)
+        seen = [sensor(frame) for frame in setup_frames(recording, search.frames)]
+        find = partial(sensor_floor, recording, sensor, search.floor, search.frames)
+        images, depths = [image.left for image in seen], tuple(image.depth_m for image in seen)
+        return FloorDepths(
+            sensor.geometry, images[len(images) // 2], depths, lambda frame: sensor(frame).depth_m, find
+        )  # fmt: skip
     frames = setup_frames(recording, search.frames)
     rectifier, _ = aligned_rectifier(recording.rig, frames, search.rectify)
     estimator = FloorEstimator(rectifier, search)
-    pairs = tuple(rectifier(frame.left, frame.right) for frame in frames)
-    return FloorDepths(estimator, pairs, tuple(estimator.depth(pair) for pair in pairs))
+    pairs = [rectifier(frame.left, frame.right) for frame in frames]
+    depths = tuple(map(estimator.depth, pairs))
+    return FloorDepths(
+        rectifier.geometry, pairs[len(pairs) // 2].left, depths,
+        lambda frame: estimator.depth(rectifier(frame.left, frame.right)), partial(estimator.floor, pairs, depths),
+    )  # fmt: skip
 
 
 def floor_from_tracks(
-    recording: StereoRecording, view: FloorDepths, tracks: Trajectories, used: Floor, path: Path
+    recording: StereoRecording | RgbdRecording, view: FloorDepths, tracks: Trajectories, used: Floor, path: Path
 ) -> Floor:
     """Refine the floor ``used`` in a run on a recording by where its tracks' heads and feet are (see
     ``calib.floor.find.floor_from_people``); ``path`` is that of the tracks, for messages."""
@@ -104,7 +114,7 @@ def floor_from_tracks(
     heads = used.world_SE3_left.inverse() @ world
     feet = np.full_like(heads, np.nan)
     for frame in recording.at([int(i) for i in picked]):
-        depth = view.estimator.depth(view.estimator.rectifier(frame.left, frame.right))
+        depth = view.depth_of(frame)
         for i in np.flatnonzero(rows.frame == frame.index):
             feet[i] = _foot(depth, view.geometry, rows.box_px[i])
     return floor_from_people(PeopleSeen(rows.track_id, heads, feet), used, str(path))

@@ -36,9 +36,9 @@ from planview.output.folder import writing
 from planview.output.progress import PlainConsole
 from planview.output.run_folder import RunFolder
 from planview.trajectories.table import read_tracks
-from stereo.readers import OpenOptions, open_recording
+from stereo.readers import OpenOptions, open_any
 from stereo.readers.open import open_video
-from stereo.recording import StereoRecording, Video
+from stereo.recording import RgbdRecording, StereoRecording, Video
 
 
 @Parameter(name="*")
@@ -92,7 +92,7 @@ def parse_points(texts: Sequence[str]) -> tuple[F64, bool]:
 
 
 def calibrate_floor(recording: Path, /, *, options: FloorOptions = FloorOptions()) -> None:
-    """Find the floor in a stereo recording as a run does; print it, and write world.toml with --out or --save.
+    """Find the floor in a recording as a run does; print it, and write world.toml with --out or --save.
 
     Example: planview calibrate floor my_recording --out floor/world.toml
 
@@ -103,7 +103,7 @@ def calibrate_floor(recording: Path, /, *, options: FloorOptions = FloorOptions(
     Parameters
     ----------
     recording
-        Folder with left/ and right/ images or videos and a calibration.
+        Folder with left/ and right/ images or videos and a calibration, or images with depth.
     """
     if options.points and options.tracks:
         raise InputError("--points and --tracks cannot be combined")
@@ -115,7 +115,7 @@ def calibrate_floor(recording: Path, /, *, options: FloorOptions = FloorOptions(
         search = search.model_copy(update={"frames": options.frames})
     console = PlainConsole(stderr=True)
     given = parse_points(options.points) if options.points else None
-    opened = open_recording(recording, OpenOptions(options.calibration))
+    opened = open_any(recording, OpenOptions(options.calibration))
     with console.status(f"Looking at {search.frames} frames"):
         view = view_floor(opened, search)
         if given is not None:
@@ -152,7 +152,7 @@ _LEGEND = [
 ]
 
 
-def _floor_of_run(recording: StereoRecording, tracks: Path) -> Floor:
+def _floor_of_run(recording: StereoRecording | RgbdRecording, tracks: Path) -> Floor:
     """The floor those tracks were made with: the recording's world.toml, else the one in run.json."""
     if recording.world_SE3_left is not None:
         return Floor(recording.world_SE3_left)

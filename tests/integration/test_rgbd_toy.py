@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from cli import Cli
+from cli import Cli, JsonOf
 from toy_rgbd import EMPTY, HEIGHT_M, TILT_DEG, walker_m, write_toy_rgbd
 
 from calib.errors import InputError, WorkError
@@ -43,6 +43,10 @@ def test_unit_of_depth_that_gives_a_floor_is_named(recording: Path, tmp_path: Pa
         cv2.imwrite(str(file), np.where(stored < 65535, stored, 0).astype(np.uint16))
     with pytest.raises(WorkError, match=rf"unit of depth\? .*{HEIGHT_M:.1f}\d m below the camera at {unit} values"):
         open_engine(tmp_path / "other", config=FEW)
+
+
+def test_floor_of_depth_is_calibrated_as_a_run_finds_it(recording: Path, json_of: JsonOf) -> None:
+    assert json_of("calibrate", "floor", recording)["height_m"] == pytest.approx(HEIGHT_M, abs=0.02)
 
 
 def test_person_is_tracked_from_depth_alone_and_alike_step_by_step(engine):

@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from calib.errors import InputError, WorkError
 from calib.floor.find import PeopleSeen, find_floor, floor_from_people, floor_from_points
+from calib.floor.plane import Moved, Plane
 from calib.pose import SE3
 from calib.rig import Floor, world_from_plane
 from calib.types import F32, F64
@@ -105,6 +106,14 @@ def test_wall_before_which_people_walk_is_no_floor_seen_from_above() -> None:
         find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M, moved=person)
 
 
+def test_wall_along_which_people_stand_is_no_floor() -> None:
+    wall = Plane(np.array([0.0, 0.0, 1 / 3.2]), 1.0, np.eye(3))
+    floor = Plane(np.array([0.0, 1 / 1.3, 0.0]), 1.0, np.eye(3))
+    moved = Moved(np.empty((0, 3)), np.array([[0.0, 1.0, 0.1], [0.1, -1.0, 0.0], [0.0, 1.0, 0.0], [np.nan] * 3]))
+    assert moved.objection(wall) == "what moves does not stand on it but lies along it"
+    assert moved.objection(floor) == ""
+
+
 @pytest.mark.parametrize("tilt_deg", [88.5, 90, 91.5])
 def test_floor_of_a_level_camera_is_found_where_people_walk_before_the_wall(tilt_deg: float) -> None:
     room = Room(pose_of(tilt_deg, 1.3))
@@ -115,7 +124,8 @@ def test_floor_of_a_level_camera_is_found_where_people_walk_before_the_wall(tilt
     floor = find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M, moved=person)
     assert floor.height_m == pytest.approx(1.3, abs=0.03) and floor.inlier_fraction < 0.35
     assert math.degrees(floor.tilt_rad) == pytest.approx(tilt_deg, abs=0.3) and not floor.doubt
-    assert "another plane would be the floor 1.3" in found(clouds).doubt
+    alone = found(clouds)
+    assert alone.height_m == pytest.approx(1.3, abs=0.03) and "another plane would be the floor 6.0" in alone.doubt
 
 
 def test_refusal_names_the_best_plane_and_the_world_that_accepts_it(tmp_path: Path) -> None:
