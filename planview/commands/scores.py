@@ -26,7 +26,7 @@ from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import Evaluation, pooled
 from planview.output.folder import unfinished_note, write_result, writing
 from planview.output.progress import PlainConsole
-from planview.output.report.page import evaluation_rows, figure_text
+from planview.output.report.page import evaluation_rows, figure_text, words_of
 from planview.output.run_folder import RunFolder
 from planview.trajectories.boxes import refuse_outside
 from planview.trajectories.file import limited
@@ -341,7 +341,10 @@ def print_counts(result: dict[str, Any], console: Console) -> None:
 
 def _figures(values: dict[str, Any]) -> Sequence[str]:
     shown = {key: value for key, value in values.items() if isinstance(value, int | float)}
-    figures = [f"{key} {value}" if isinstance(value, int) else f"{key} {value:.2f}" for key, value in shown.items()]
+    figures = [
+        f"{words_of(key)} {value:,}" if isinstance(value, int) else f"{words_of(key)} {value:.2f}"
+        for key, value in shown.items()
+    ]
     groups = [group for group in values.get("groups", []) if group["frames"]]
     return figures + [
         f"{g['people']} people: {g['right_percent']:.1f} % right, {g['mean_difference']:+.2f}" for g in groups

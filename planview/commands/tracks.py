@@ -88,7 +88,9 @@ def edit(out: Annotated[Path, Parameter(name="RUN")], /, *, options: EditOptions
             print(json.dumps({"changes": counts, "rows": len(refined.tracks)}))
         else:
             console = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
-            console.print(f"{out / 'tracks.csv'}: {counts['join']} joins, {counts['smooth']} paths smoothed")
+            named = (("join", counts["join"]), ("path", counts["smooth"]))
+            joins, paths = (f"{n} {name}{'s' * (n != 1)}" for name, n in named)
+            console.print(f"{out / 'tracks.csv'}: {joins}, {paths} smoothed")
             if scores := scores_of_refinement(out):
                 console.print(f"{scores}; planview edit {out} --undo takes the refinement back")
         return
@@ -189,7 +191,7 @@ def export(tracks: Path, /, *, to: ExportName | None = None, options: ExportOpti
         _refuse_existing(options.cloud, tracks, options.overwrite)
         with console.status("opening the recording, finding the floor, matching"):
             n_points = write_cloud(options.cloud, scene_of(tracks, open_options(options.calibration)))
-        console.print(f"{options.cloud}: {n_points} points [m], origin on the floor below the camera, z up")
+        console.print(f"{options.cloud}: {n_points:,} points [m], origin on the floor below the camera, z up")
     elif to is not None:
         _export_tracks(tracks, to, options, console)
 
@@ -219,7 +221,7 @@ def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions, console
     frame_s = run.frame_s if run is not None else 1 / file.fps if file.fps else frame_period_s(found.table, 1 / 30)
     people = len(people_of(found.table, frame_s))
     rate = f", {file.fps:g} frames per second" if file.fps else ""
-    console.print(f"{out}: {len(file.table)} rows of {people} people{rate}")
+    console.print(f"{out}: {len(file.table):,} rows of {people} people{rate}")
 
 
 def _refuse_existing(out: Path, source: Path, overwrite: bool) -> None:

@@ -113,7 +113,7 @@ def test_refine_keeps_the_online_tracks_is_recorded_and_starts_from_them_again(f
 def test_refinement_is_undone_and_undo_all_gives_the_table_of_the_tracker(folder, cli, refused):
     own = (folder / "tracks.csv").read_bytes()
     assert "nothing to undo" in refused("edit", folder, "--undo")
-    assert "0 joins, 1 paths smoothed" in cli("edit", folder, "--refine")[1]
+    assert "0 joins, 1 path smoothed" in cli("edit", folder, "--refine")[1]
     refined = (folder / "tracks.csv").read_bytes()
     cli("edit", folder, "--delete", "1")
     assert "1 left to undo" in cli("edit", folder, "--undo")[1]
