@@ -185,8 +185,7 @@ def export(tracks: Path, /, *, to: ExportName | None = None, options: ExportOpti
         raise InputError(f"export needs --to with a format ({', '.join(FORMATS)}), or --cloud with a file")
     console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     if options.cloud is not None:
-        from planview.engine.setup import write_cloud
-        from planview.output.render import scene_of
+        from planview.output.render import scene_of, write_cloud
 
         _refuse_existing(options.cloud, tracks, options.overwrite)
         with console.status("opening the recording, finding the floor, matching"):

@@ -1,18 +1,14 @@
-"""A recording made ready before its first frame: the rig as it is, disparities to search, the floor and the scene."""
+"""A recording made ready before its first frame: the rig as it is, disparities to search and the floor."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calib.errors import InputError, WorkError
-from calib.images import as_colour
-from calib.io import reason
-from calib.libraries import import_open3d
 from calib.rig import Floor
 from calib.types import F32, F64
 from planview.checks.check import Check
@@ -21,16 +17,13 @@ from planview.engine.config import Config
 from planview.maps.builder import floor_in_view
 from planview.maps.grid import Grid
 from planview.maps.rig import FloorRig
-from stereo.depth import RectifiedGeometry, median_image, point_cloud
+from stereo.depth import RectifiedGeometry
 from stereo.floor import FloorEstimator, FloorSearch, sensor_floor, setup_frames
 from stereo.matcher import BODY_LAG, DisparityRange, SgbmMatcher, disparity_range
 from stereo.recording import RgbdRecording, StereoRecording
 from stereo.rectify import Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
 from stereo.rig_correction import match_corners
-
-if TYPE_CHECKING:
-    from open3d.geometry import PointCloud
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -179,48 +172,3 @@ def refuse_foreign(path: Path, rectifier: Rectifier, matches: F64) -> None:
             f"{path}: expected matched corners on the same row, found them {rows_deg:.1f} degrees off: "
             "left and right are swapped, or the calibration is another rig's"
         )
-
-
-def scene_cloud(recording: StereoRecording | RgbdRecording, setup: Setup, config: Config) -> PointCloud:
-    """Median disparity and median colour of frames spread over a recording: people who move are not in it.
-
-    Raises:
-        WorkError: no usable frame.
-    """
-    rectifier, count = setup.rectifier, config.analysis.setup_frames
-    if isinstance(rectifier, RgbdRectifier) and isinstance(recording, RgbdRecording):
-        images = [rectifier(frame) for frame in setup_frames(recording, count)]
-        seen = [(image.left, rectifier.disparity(image)) for image in images]
-    else:
-        assert isinstance(rectifier, Rectifier) and isinstance(recording, StereoRecording)
-        match = setup.matcher(config)
-        pairs = [rectifier(frame.left, frame.right) for frame in setup_frames(recording, count)]
-        seen = [(pair.left, match(pair.left_grey, pair.right_grey)) for pair in pairs]
-    colours = np.median(np.stack([as_colour(left) for left, _ in seen]), axis=0).astype(np.uint8)
-    disparity = median_image([disparity for _, disparity in seen])
-    return point_cloud(disparity, colours, rectifier.geometry, setup.floor.world_SE3_left)
-
-
-def write_cloud(path: Path, cloud: PointCloud) -> int:
-    """Write a cloud, thinned and without outliers, in the format of the file's name (.ply, .pcd, .xyz).
-
-    Returns:
-        How many points were written.
-    Raises:
-        InputError: another format.
-        WorkError: open3d is missing, or the file cannot be written.
-    """
-    if path.suffix.lower() not in (".ply", ".pcd", ".xyz"):
-        raise InputError(f"{path}: expected a name that ends in .ply, .pcd or .xyz")
-    o3d = import_open3d("a cloud of points")
-    # Points are thinned to one in a cube of this side [m] (our choice: half a cell of the maps).
-    # Out goes a point whose mean distance to 16 neighbours is 2 deviations above the mean of all (values of open3d's
-    # documentation, rounded).
-    thin, _ = cloud.voxel_down_sample(0.015).remove_statistical_outlier(16, 2.0)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
-    if not o3d.io.write_point_cloud(str(path), thin):
-        raise WorkError(f"{path}: cannot be written")
-    return len(thin.points)

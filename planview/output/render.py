@@ -7,29 +7,34 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import cv2
 import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.floor_camera import FloorCamera
-from calib.images import write_image
-from calib.io import PART
+from calib.images import as_colour, write_image
+from calib.io import PART, reason
+from calib.libraries import import_open3d
 from calib.pose import SE3
 from calib.types import U8
 from planview.counting.events import Event, way_words
 from planview.drawing.image import ImagePainter
 from planview.drawing.plan import PlanBounds, PlanPainter, Snapshot, snapshot_at
 from planview.engine.config import Config, config_of
-from planview.engine.setup import scene_cloud, set_up
+from planview.engine.engine import StageClock
+from planview.engine.setup import set_up
+from planview.engine.stereo import RigStages
 from planview.output.folder import writing
 from planview.output.run_folder import RunFolder
+from stereo.depth import median_image, point_cloud
+from stereo.floor import setup_frames
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
 from stereo.readers.base import AnyRecording
 from stereo.readers.multi_rig import MultiRigRecording, open_rigs
 from stereo.readers.open import is_multi_rig
-from stereo.recording import RgbdRecording
+from stereo.recording import Recorded, RgbdRecording
 from stereo.rectify import Rectifier
 from stereo.rgbd import RgbdRectifier
 
@@ -263,4 +268,33 @@ def scene_of(path: Path, options: OpenOptions | None = None) -> PointCloud:
     if not recording.exists() or not (options.calibration or holds_pair(recording, options)):
         raise InputError(f"{recording}: expected a recording of a stereo pair or of images with depth, found none")
     opened = open_any(recording, options)
-    return scene_cloud(opened, set_up(opened, config), config)
+    rig, either = RigStages(set_up(opened, config), config), cast(Recorded[Any], opened)
+    depths = [rig.match(frame, StageClock()) for frame in setup_frames(either, config.analysis.setup_frames)]
+    colours = np.median(np.stack([as_colour(depth.image) for depth in depths]), axis=0).astype(np.uint8)
+    disparity, pose = median_image([depth.disparity for depth in depths]), rig.rig.floor.world_SE3_left
+    return point_cloud(disparity, colours, rig.rig.geometry, pose, rig.rig.reduction)
+
+
+def write_cloud(path: Path, cloud: PointCloud) -> int:
+    """Write a cloud, thinned and without outliers, in the format of the file's name (.ply, .pcd, .xyz).
+
+    Returns:
+        How many points were written.
+    Raises:
+        InputError: another format.
+        WorkError: open3d is missing, or the file cannot be written.
+    """
+    if path.suffix.lower() not in (".ply", ".pcd", ".xyz"):
+        raise InputError(f"{path}: expected a name that ends in .ply, .pcd or .xyz")
+    o3d = import_open3d("a cloud of points")
+    # Points are thinned to one in a cube of this side [m] (our choice: half a cell of the maps).
+    # Out goes a point whose mean distance to 16 neighbours is 2 deviations above the mean of all (values of open3d's
+    # documentation, rounded).
+    thin, _ = cloud.voxel_down_sample(0.015).remove_statistical_outlier(16, 2.0)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
+    if not o3d.io.write_point_cloud(str(path), thin):
+        raise WorkError(f"{path}: cannot be written")
+    return len(thin.points)
