@@ -84,11 +84,17 @@ def tables_of(table: type[Params], name: str = "") -> Iterator[tuple[str, type[P
             yield from tables_of(info.annotation, f"{name}.{field}".lstrip("."))
 
 
-def described(table: type[Params]) -> list[Described]:
-    """The parameters of a table in words, without those of tables inside of it."""
+def described(table: type[Params], values: Params | None = None) -> list[Described]:
+    """The parameters of a table in words, without those of tables inside of it; ``values`` gives the defaults where the
+    table is part of another."""
     meanings = _field_docs(table)
     return [
-        Described(name, _default(info), _range(info), " ".join(meanings.get(name, "").split()))
+        Described(
+            name,
+            _default(info) if values is None else _shown(getattr(values, name)),
+            _range(info),
+            " ".join(meanings.get(name, "").split()),
+        )
         for name, info in table.model_fields.items()
         if not (isinstance(info.annotation, type) and issubclass(info.annotation, Params))
     ]
@@ -116,6 +122,10 @@ def _default(info: Any) -> str:
         value = info.default_factory()
     else:
         return ""
+    return _shown(value)
+
+
+def _shown(value: object) -> str:
     return value if isinstance(value, str) and value else repr(value)
 
 

@@ -15,6 +15,7 @@ sys.path.insert(0, str(ROOT))
 
 import planview  # noqa: E402
 from calib.params import Described, Params, described, tables_of  # noqa: E402
+from planview.commands.params import inside  # noqa: E402
 from planview.engine.config import Config  # noqa: E402
 
 GENERATED = "<!-- written by tools/reference.py from the code (make docs) -->\n"
@@ -51,12 +52,22 @@ def run_page() -> str:
         "of the defaults: `planview params NAME`; `planview params --all` also has evaluation, counting, calibration\n"
         "and scenes. After a name and its default stands the range of values.\n"
     )
-    parts = [_section(f"`[{name}]`" if name else "Top level", cls) for name, cls in tables_of(Config)]
+    parts, known = [], dict[type[Params], str]()
+    for name, cls in tables_of(Config):
+        values = inside(Config(), name)
+        parts.append(_again(name, known[cls], values) if cls in known else _section(name, cls, values))
+        known.setdefault(cls, name)
     return "\n".join([GENERATED, "# Parameters of a run\n", head, *parts])
 
 
-def _section(title: str, cls: type[Params]) -> str:
-    rows = [_row(field) for field in described(cls)]
+def _again(name: str, first: str, values: Params) -> str:
+    """A table whose parameters have been described: those with other defaults only."""
+    other = [f"`{f.name} = {f.default}`" for f in described(type(values), values) if f not in described(type(values))]
+    return f"## `[{name}]`\n\nAs `[{first}]`, with {', '.join(other) or 'the same defaults'}.\n"
+
+
+def _section(name: str, cls: type[Params], values: Params) -> str:
+    title, rows = f"`[{name}]`" if name else "Top level", [_row(field) for field in described(cls, values)]
     return "\n".join([f"## {title}", "", _cell((cls.__doc__ or "").partition("\n\n")[0]), "", *rows, ""])
 
 

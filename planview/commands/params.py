@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from fnmatch import fnmatch
+from functools import reduce
 from importlib import import_module
 from pkgutil import walk_packages
 from textwrap import fill
@@ -38,10 +39,10 @@ def params(pattern: str = "", /, *, all_: Annotated[Flag, Parameter(name="--all"
     all_
         Also parameters of evaluation, counting, calibration, studies and rendered scenes, under their class in Python.
     """
-    tables = [*tables_of(Config), *(_other_tables() if all_ else ())]
-    every = [
-        field._replace(name=f"{table}.{field.name}".lstrip(".")) for table, cls in tables for field in described(cls)
-    ]
+    defaults = Config()
+    tables = [(name, described(cls, inside(defaults, name))) for name, cls in tables_of(Config)]
+    tables += [(name, described(cls)) for name, cls in _other_tables()] if all_ else []
+    every = [field._replace(name=f"{table}.{field.name}".lstrip(".")) for table, fields in tables for field in fields]
     found = [field for field in every if field.name == pattern] or [f for f in every if _matches(f, pattern)]
     if not found:
         raise InputError(f"no parameter has {pattern!r} in its name or meaning; planview params lists all")
@@ -55,6 +56,11 @@ def params(pattern: str = "", /, *, all_: Annotated[Flag, Parameter(name="--all"
     for field in found:
         table.add_row(field.name, field.default or "required", field.range, field.sentence)
     PlainConsole(highlight=False).print(table)
+
+
+def inside(config: Config, table: str) -> Params:
+    """A table of a configuration by its dotted name; itself for ""."""
+    return reduce(getattr, filter(None, table.split(".")), config)
 
 
 def _other_tables() -> Iterator[tuple[str, type[Params]]]:
