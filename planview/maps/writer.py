@@ -112,7 +112,7 @@ class MapsWriter:
         if backgrounds:
             columns["background/disparity"] = np.stack(backgrounds)
         codes = [frame.colours for frame in block if frame.colours is not None]
-        if codes and len(codes) != len(block):
+        if codes and any(frame.colours is None and len(frame.pixels) for frame in block):
             raise ValueError("expected colours in all frames or in none")
         with _writing(self._path):
             needed = sum(np.asarray(values).nbytes for values in columns.values()) + sum(len(c) for c in codes)

@@ -24,8 +24,9 @@ from planview.maps.builder import MapBuilder
 from planview.maps.colour import CHROMA_EDGES, CODES, LUMA_CELLS, colour_codes, smoothing
 from planview.maps.grid import Grid
 from planview.maps.plan_view import MapParams, joint_grid, plan_view
-from planview.maps.recording import MapsRecording
+from planview.maps.recording import MapsFrame, MapsRecording
 from planview.maps.view import FloorPoints
+from planview.maps.writer import MapsWriter
 from stereo.depth import RectifiedGeometry
 from stereo.recording import Skipped
 from tests.reference import maps as reference
@@ -198,6 +199,17 @@ def test_frames_are_read_as_they_were_written(maps: Path) -> None:
     first = frames[0]
     assert len(first.unmatched) >= 9 and len(first.pixels) == len(first.disparities)
     assert first.background is not None and frames[1].background is None
+
+
+def test_a_frame_that_shows_nothing_is_replayed_as_one(maps: Path, tmp_path: Path) -> None:
+    recording, path = MapsRecording(maps), tmp_path / "with.h5"
+    frame, every = next(iter(recording)), np.arange(np.prod(recording.view.shape), dtype=np.int32)
+    writer = MapsWriter(path, recording.view, recording.config, 15.0)
+    writer.add(frame)
+    writer.add(MapsFrame(1, 0.1, every[:0], np.zeros(0, np.float32), None, every))
+    writer.close()
+    before, nothing = open_engine(path)
+    assert before.views[0].shows and not nothing.views[0].shows
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1e9, 1e9, "text", [1.0, 2.0]])
