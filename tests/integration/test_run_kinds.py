@@ -264,4 +264,4 @@ def test_two_videos_are_the_pair_of_their_folder(tmp_path: Path) -> None:
 
 
 def test_a_second_path_with_nothing_there_is_named(two: tuple[Path, Path, Path], refused: Refused) -> None:
-    assert "gone: expected a video or a folder of images" in refused("run", two[0], "gone", "--out", "out")
+    assert "gone: no such file or folder" in refused("run", two[0], "gone", "--out", "out")
