@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cyclopts import Parameter
+from rich.markup import escape
 from rich.table import Column, Table
 
 from calib.errors import InputError, WorkError
@@ -137,7 +138,7 @@ def table(diagnosis: Diagnosis) -> Table:
     for check in diagnosis.checks:
         mark = "[green]ok[/]" if check.ok else "[yellow]warning[/]" if check.warns else "[bold red]NO[/]"
         value = f"{check.value:.3g} {check.unit}".strip() if math.isfinite(check.value) else "-"
-        result.add_row(mark, check.name, value, check.limit_text, check.note)
+        result.add_row(mark, check.name, value, check.limit_text, escape(check.note))
     return result
 
 

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 
@@ -215,15 +216,15 @@ def _refusal(stored: Stored, pixels: Colour | Depths) -> str:
 
 def images_of(files: Sequence[Path | None], pixels: Colour | Depths) -> Images:
     """Frames as files; None stands for a file that is missing."""
-    stored = read_colour if isinstance(pixels, Colour) else read_unchanged
+    decoded = decode_image if isinstance(pixels, Colour) else partial(decode, flags=cv2.IMREAD_UNCHANGED)
     paths, there = [file or Path() for file in files], [file for file in files if file]
     return Images(
         str(there[0].parent if there else Path()),
         [i if file else -1 for i, file in enumerate(files)],
         pixels,
-        lambda places: (stored(paths[place]) for place in places),
+        lambda places: (stored_in(paths[place], decoded) for place in places),
         lambda place: f"{paths[place].parent.name}/{paths[place].name}",
-        map(stored, there),
+        (stored_in(file, decoded) for file in there),
     )
 
 
@@ -240,18 +241,10 @@ def metres(stored: AnyArray, units_per_m: float) -> F32:
         return np.where((depth > 0) & (depth < DEPTH_MAX_M), depth, np.float32(np.nan))
 
 
-def read_unchanged(file: Path) -> Stored:
-    """The values of an image file, whatever they are."""
+def stored_in(file: Path, decoded: Callable[[bytes], AnyArray] | None = None) -> Stored:
+    """The values of an image file: (H, W) or (H, W, 3) uint8 or uint16 BGR, or as ``decoded`` gives them."""
     try:
-        return decode(_content(file), cv2.IMREAD_UNCHANGED)
-    except UnreadableError as error:
-        return error
-
-
-def read_colour(file: Path) -> Stored:
-    """(H, W) or (H, W, 3) uint8 or uint16 BGR of an image file, unless its end is cut off."""
-    try:
-        return decode_image(_content(file))
+        return (decoded or decode_image)(_content(file))
     except UnreadableError as error:
         return error
 
@@ -259,7 +252,7 @@ def read_colour(file: Path) -> Stored:
 def read_image(file: Path, bits: int | None = None) -> U8 | None:
     """(H, W) or (H, W, 3) uint8 BGR, None when it cannot be decoded or its end is cut off; values of a 16-bit image use
     ``bits``, or 16."""
-    stored = read_colour(file)
+    stored = stored_in(file)
     return None if isinstance(stored, UnreadableError) else to_8_bits(stored, bits)
 
 
@@ -323,7 +316,7 @@ def bits_of(*cameras: Sequence[Path | None]) -> int | None:
     for files in cameras:
         there = [file for file in files if file]
         for at in sorted({round(i) for i in np.linspace(0, len(there) - 1, FRAMES)} if there else ()):
-            image = read_colour(there[at])
+            image = stored_in(there[at])
             if isinstance(image, UnreadableError) or image.dtype != np.uint16:
                 break
             images.append(image)
