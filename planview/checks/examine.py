@@ -28,6 +28,7 @@ from planview.checks.scene import (
     MIN_VALID,
     SATURATED_LEVEL,
     alignment_checks,
+    flicker_check,
     height_check,
     heights_above_floor,
     image_checks,
@@ -170,6 +171,7 @@ def examine(
         Check("calibration and layout", True, 1.0, note=source),
         *timing_checks(evidence),
         *light,
+        flicker_check([float(as_grey(f.image if pair is None else f.left)[::8, ::8].mean()) for f in evidence.run]),
         *geometry,
         *scene_checks(evidence),
         height_check(person_heights(evidence), person_height_m),
@@ -214,6 +216,7 @@ def _checks_of_one(video: Video, camera: GroundCamera | None, frames: int, searc
         Check("calibration and layout", True, 1.0, note=note),
         *frame_checks(video, spread, run, min(search.frames, video.n_frames) + count),
         *light_checks(images),
+        flicker_check([float(as_grey(frame.image)[::8, ::8].mean()) for frame in run]),
         *steadiness.checks(),
         between("camera height", height, CAMERA_HEIGHTS_M, "m", "of the camera above the floor, by its calibration"),
     ]
@@ -234,11 +237,13 @@ class RecordingWatch:
         self._frames = 0
         self._valid: deque[float] = deque(maxlen=MEASUREMENTS_MAX)
         self._things: deque[F64] = deque(maxlen=MEASUREMENTS_MAX)
+        self._levels: deque[float] = deque(maxlen=MEASUREMENTS_MAX)
 
     def update(self, depth: Depth | None, foreground: U8 | None) -> None:
         """Take the next frame, with (h, w) uint8 at its size, non-zero where people are; None where there is none."""
         if depth is not None and depth.greys is not None:
             self._motion.update(thumbnails(*depth.greys))
+            self._levels.append(float(depth.greys[0][::8, ::8].mean()))
         if depth is not None and self._frames % STEP == 0:
             self._valid.append(float(np.isfinite(depth.disparity).mean()))
             if foreground is not None:
@@ -255,6 +260,7 @@ class RecordingWatch:
         heights = large_heights(things) if len(things) >= 20 else np.empty(0)
         return [
             *motion_checks(self._motion.findings()),
+            flicker_check(list(self._levels)),
             at_least("valid disparity", valid, MIN_VALID, "", "share of the picture, median frame"),
             height_check(heights),
         ]

@@ -118,6 +118,18 @@ def light_checks(*cameras: Sequence[U8]) -> list[Check]:
     ]
 
 
+def flicker_check(levels: Sequence[float]) -> Check:
+    """Light that alternates, from the mean grey levels of consecutive frames."""
+    own = np.asarray(levels, dtype=np.float64)
+    share = math.nan
+    if len(own) > 8:
+        steps = np.diff(own) * np.where(np.arange(len(own) - 1) % 2, 1.0, -1.0)
+        share = float(abs(np.median(steps)) / max(float(np.median(own)), 1.0))
+    # A lamp's flicker and automatic exposure change a few percent.
+    note = "share by which every second frame is darker: exposure or emitter alternates; floor and background suffer"
+    return at_most("light from frame to frame", share, 0.08, "", note, warns=True)
+
+
 def blocking(image: U8) -> float:
     """Mean grey step along the rows of a (H, W) image across the borders of blocks, over that inside of them."""
     steps = np.abs(np.diff(image[::4].astype(np.int16), axis=1)).mean(axis=0)

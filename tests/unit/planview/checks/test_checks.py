@@ -22,7 +22,7 @@ from calib.types import F64, U8
 from planview.checks.camera import THUMBNAIL, Steadiness, Steady
 from planview.checks.check import Check, at_least, at_most, between
 from planview.checks.examine import Diagnosis, examine, refuse_unless_ok
-from planview.checks.scene import floor_checks, height_check, light_checks
+from planview.checks.scene import flicker_check, floor_checks, height_check, light_checks
 from planview.checks.timing import (
     LONGEST_LAG,
     SURELY,
@@ -230,6 +230,14 @@ def test_picture_written_twice_leaves_its_camera_behind(sides: tuple[list[U8], l
     found = watched(*both)
     assert round(found.lag.frames) == (1 if side else -1) and "synchronisation" in failing(found)
     assert found.lag.text.endswith("late, by movement" if side else "ahead, by movement")
+
+
+def test_every_second_frame_that_is_darker_is_a_warning() -> None:
+    rng = np.random.default_rng(0)
+    steady = 90 + 10 * np.sin(np.arange(60) / 20) + rng.normal(0, 2, 60)
+    assert flicker_check(list(steady)).ok and flicker_check([90.0] * 4).ok
+    check = flicker_check(list(steady * np.where(np.arange(60) % 2, 0.8, 1.0)))
+    assert not check.ok and check.warns and check.value == pytest.approx(0.22, abs=0.03)
 
 
 def wave(late: float, frames: int = WINDOW, seed: int = 0) -> F64:
