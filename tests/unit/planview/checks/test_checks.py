@@ -503,7 +503,7 @@ def test_what_is_no_recording_is_refused_or_reported(tmp_path):
         examine(tmp_path / "absent")
     diagnosis = examine(tmp_path)
     assert isinstance(diagnosis, Diagnosis) and not diagnosis.ok and diagnosis.evidence is None
-    assert "left/ and right/" in diagnosis.checks[0].note
+    assert "expected a recording, found an empty folder" in diagnosis.checks[0].note
 
 
 def test_of_one_camera_is_checked_what_one_camera_shows(tmp_path):
