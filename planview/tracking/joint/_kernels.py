@@ -530,14 +530,15 @@ def _moved(pose, way, far, ahead, camera, m):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _best_posture(at, best, lam, prior, me, others, samples, table, model):  # type: ignore[no-untyped-def]
-    """Of all postures where nothing is known of them, else of this one and that back to front: pose, posterior, Lam."""
+    """Of the postures 45 degrees apart where nothing is known of them, else of this one and that back to front: pose,
+    posterior, Lam. Upright, front and back look the same."""
     start, wide = at, prior[1][TURN] < 1.0
     for lean in range(2 if wide else 1):
-        for way in range(TURNS if wide else 2):
+        for way in range(4 << lean if wide else 1):
             if wide:
-                new = _postured(start, way / PER_RAD, lean * LEAN_M)
+                new = _postured(start, 0.25 * math.pi * way, lean * LEAN_M)
             else:
-                new = _postured(start, start[3] + way * math.pi, start[4])
+                new = _postured(start, start[3] + math.pi, start[4])
             value, lam_new = _posterior(new, prior, me, others, samples, table, model)
             if value > best:
                 best, lam, at = value, lam_new, new
@@ -577,13 +578,13 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
         if value > best:
             best, lam, at = value, lam_new, new
     turns = len(table.cover) > 1
+    if turns:
+        at, best, lam = _best_posture(at, best, lam, prior, me, others, samples, table, model)
     for step in prior[2]:
-        if turns:
-            at, best, lam = _best_posture(at, best, lam, prior, me, others, samples, table, model)
-        for _ in range(MAX_TURNS):
-            farthest = 0.0
+        for again in range(MAX_TURNS):
+            farthest, settled = 0.0, again > 0 and prior[1][TURN] >= 1.0
             for way in range(6):
-                if (way in (3, 4) and not turns) or (way == 5 and m.masks == 0.0):
+                if (way in (3, 4) and (settled or not turns)) or (way == 5 and m.masks == 0.0):
                     continue
                 unit = slope if way == 0 else (1.0 if way in (1, 4) else (0.5 if way != 3 else 1.0 / LEAN_M))
                 start, value, at_start = at, best, lam
@@ -726,3 +727,24 @@ def map_lacking(points: F32, low_m: F64, cell_m: float, out: F32) -> None:
     for i in range(points.shape[1]):
         row, col = int((points[0, i] - low_m[0]) / cell_m), int((points[1, i] - low_m[1]) / cell_m)
         out[row, col] += points[3, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fresh_points(pixels: I64, lacking: F32, codes: U8, view, tried_m: F32, deviations, which: I64, out: F32) -> int:  # type: ignore[no-untyped-def]
+    """Points of the pixels whose surface is not where it has been tried: x, y, z [m], what they lack of an explanation
+    and the colour, in ``out`` (5, M); their indices in ``which``; their number.
+
+    ``deviations``: of a body's surface [m], and how many of them make another surface.
+    """
+    surface_m, changed = deviations
+    centre, cols, n = view.centre_m, view.range_m.shape[1], 0
+    for i in range(len(pixels)):
+        r, c = pixels[i] // cols, pixels[i] % cols
+        far = view.range_m[r, c]
+        if abs(far - tried_m[r, c]) < changed * math.hypot(surface_m, view.std_per_m2 * far * far):
+            continue
+        for axis in range(3):
+            out[axis, n] = centre[axis] + view.direction[r, c, axis] * far
+        out[3, n], out[4, n], which[n] = lacking[i], codes[i], i
+        n += 1
+    return n

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from calib.types import F32, F64, Bool
-from planview.maps.view import SURFACE, UNKNOWN, View
+from calib.types import F32, F64, I64
+from planview.maps.view import SURFACE, UNKNOWN
 from planview.tracking import body
+from planview.tracking.joint._kernels import fresh_points as find_fresh
 from planview.tracking.joint._kernels import map_lacking
 from planview.tracking.joint.explanation import SURFACE_STD_M, Explanation, Owned, People, about, upright
 from planview.tracking.joint.params import JointParams
@@ -42,9 +43,10 @@ class Births:
         Pixels that have been tried count again when they have changed.
         """
         p = self._params
-        fresh = np.flatnonzero(~self._unchanged(frame, owned))
-        points = [points_of(v, o) for v, o in zip(frame.views, owned, strict=True)]
-        fresh_points = np.take(np.concatenate(points, axis=1), fresh, axis=1)
+        found = [self._fresh(k, frame, o) for k, o in enumerate(owned)]
+        starts = np.cumsum([0, *(len(o.pixels) for o in owned)])
+        fresh = np.concatenate([which + first for (which, _), first in zip(found, starts, strict=False)])
+        fresh_points = np.concatenate([points for _, points in found], axis=1)
         if float(np.maximum(fresh_points[3], 0.0).sum()) < p.birth_evidence:
             return []
         low, high = (edge(fresh_points[:2], axis=1).astype(np.float64) for edge in (np.min, np.max))
@@ -57,7 +59,7 @@ class Births:
         box = np.asarray(cv2.boxFilter(lack, -1, (BODY_CELLS, BODY_CELLS), normalize=False))
         born: list[Person] = []
         people: People | None = None
-        tried = np.zeros(sum(len(o.pixels) for o in owned), np.bool_)
+        tried = np.zeros(starts[-1], np.bool_)
         for _ in range(PLACES_MAX):
             row, col = divmod(int(np.argmax(box)), box.shape[1])
             if box[row, col] < p.birth_evidence:
@@ -74,29 +76,18 @@ class Births:
                 continue
             born.append(person)
             people = people.with_one(person.pose)
-        ends = np.cumsum([len(o.pixels) for o in owned])[:-1]
-        for v, o, mine in zip(frame.views, owned, np.split(tried, ends), strict=True):
+        for v, o, mine in zip(frame.views, owned, np.split(tried, starts[1:-1]), strict=True):
             self._tried_m[v.rays.key].reshape(-1)[o.pixels[mine]] = v.range_m.reshape(-1)[o.pixels[mine]]
         return born
 
-    def _unchanged(self, frame: Explanation, owned: Sequence[Owned]) -> Bool:
-        """(M,) over all views, whether the surface of a pixel has been tried at the range that it has now."""
-        same = []
-        for v, o in zip(frame.views, owned, strict=True):
-            tried_m = self._tried_m.get(v.rays.key, np.float32(0.0))
-            lasting = np.isin(v.kind, (SURFACE, UNKNOWN))
-            tried_m = self._tried_m[v.rays.key] = np.where(lasting, tried_m, np.float32(0.0))
-            now_m, before_m = v.range_m.reshape(-1)[o.pixels], tried_m.reshape(-1)[o.pixels]
-            std_m = np.hypot(SURFACE_STD_M, self._params.disparity_std_px / v.rays.disparity_metre * now_m**2)
-            same.append(np.abs(now_m - before_m) < CHANGED * std_m)
-        return np.concatenate(same)
-
-
-def points_of(view: View, o: Owned) -> F32:
-    """(5, M) float32 of the pixels of a surface: x, y, z [m], what they lack of an explanation, and the colour."""
-    range_m = view.range_m.reshape(-1)[o.pixels]
-    xyz = view.rays.centre_m.astype(np.float32)[:, None] + view.rays.direction.reshape(-1, 3)[o.pixels].T * range_m
-    return np.concatenate([xyz, o.lacking[None], o.colours[None].astype(np.float32)])
+    def _fresh(self, k: int, frame: Explanation, o: Owned) -> tuple[I64, F32]:
+        """Which pixels of view k have not been tried at the range that they have now, and their points."""
+        v, key, n = frame.views[k], frame.views[k].rays.key, len(o.pixels)
+        tried_m = self._tried_m.setdefault(key, np.zeros(v.kind.shape, np.float32))
+        tried_m *= (v.kind == SURFACE) | (v.kind == UNKNOWN)
+        which, points, std_m = np.empty(n, np.int64), np.empty((5, n), np.float32), (SURFACE_STD_M, CHANGED)
+        n = find_fresh(o.pixels, o.lacking, o.colours, frame.arrays[k], tried_m, std_m, which, points)
+        return which[:n], points[:, :n]
 
 
 def _tried(frame: Explanation, birth_evidence: float, people: People, points: F64, now_s: float) -> Person | None:

@@ -58,17 +58,20 @@ def upright(pose: Sequence[float]) -> F64:
 
 
 class Likelihood(NamedTuple):
-    """What kernels need besides the pixels: ``model``, an array of one ``Model``, and the body's table."""
+    """What kernels need besides the pixels: ``model``, an array of one ``Model``, the body's table, and (A,) float64
+    ``areas``, how many of its cells a body covers, a mean over postures, by the depression of the ray."""
 
     model: Any
     table: body.BodyTable
+    areas: F64
     disparity_std_px: float
 
     @staticmethod
     def of(model: kernels.Model, table: body.BodyTable, disparity_std_px: float = 0.0) -> Likelihood:
         """Of these assumptions; an array of one record costs a call less than a tuple."""
         record = np.array([tuple(model)], dtype=[(name, np.float64) for name in model._fields])
-        return Likelihood(record, table, disparity_std_px)
+        areas = table.cover.sum(axis=(0, 2, 3)) / len(table.cover)
+        return Likelihood(record, table, areas, disparity_std_px)
 
     def colourless(self) -> Likelihood:
         """The same where colours are unknown."""
@@ -159,7 +162,7 @@ class Explanation:
         """Whether colours distinguish people: all that is seen of them has a code."""
         self.views, self.likelihood = views, likelihood if self.coloured else likelihood.colourless()
         self._model = self.likelihood.model[0]
-        self._arrays = [self._view_arrays(v) for v in views]
+        self.arrays = [self._view_arrays(v) for v in views]
 
     def _view_arrays(self, v: View) -> kernels.ViewArrays:
         r, (rows, cols) = v.rays, v.kind.shape
@@ -173,7 +176,7 @@ class Explanation:
     def around(self, pose: F64, reach_m: float) -> Samples:
         """The samples within reach of a body, of all cameras."""
         samples = Samples(self.likelihood)
-        for view in self._arrays:
+        for view in self.arrays:
             kernels.gather(pose, reach_m, view, samples.arrays, self.likelihood.table, self.likelihood.model)
         return samples
 
@@ -212,12 +215,8 @@ class Explanation:
             away = math.dist(pose[:2], v.rays.centre_m[:2])
             depression = math.atan2(v.rays.centre_m[2] - 0.5 * pose[2], away)
             angle = round((depression - table.angle_min_rad) / table.angle_step_rad)
-            angle = min(max(angle, 0), table.cover.shape[1] - 1)
-            total += (
-                float(table.cover[:, angle].sum())
-                / len(table.cover)
-                * (table.cell_m * pose[2] / body.TORSO.height_m / float(m["patch_m"])) ** 2
-            )
+            area = float(self.likelihood.areas[min(max(angle, 0), table.cover.shape[1] - 1)])
+            total += area * (table.cell_m * pose[2] / body.TORSO.height_m / float(m["patch_m"])) ** 2
         return total / len(self.views)
 
     def assign_pixels(self, people: People, kind: int = SURFACE) -> list[Owned]:
@@ -226,7 +225,7 @@ class Explanation:
 
     def owned(self, k: int, people: People, pixels: I64) -> Owned:
         """The owners of some pixels of view k, all of one kind."""
-        view, n = self._arrays[k], len(pixels)
+        view, n = self.arrays[k], len(pixels)
         found = np.empty(n, np.int64), *np.empty((4, n), np.float32), np.empty(n, np.bool_)
         boxes = self.boxes(self.views[k].rays, people.poses, self._reach_m)
         kernels.assign_pixels(pixels, people.arrays, boxes, view, self.likelihood.table, self.likelihood.model, found)

@@ -86,8 +86,9 @@ class ExplainingTracker(Generic[P, Q]):
                 if sweep and not len(others[i]):
                     continue
                 samples[i].layer(people, others[i])
+                first = max(sweep, int(self._people[i].kalman.position_std_m < STEPS_M[1]))  # fine steps reach that far
                 evidence[i], curvature[i] = samples[i].ascend(
-                    people.poses[i], predicted[i], prior[i], people.tall[i], people.ratios[i], STEPS_M[sweep:]
+                    people.poses[i], predicted[i], prior[i], people.tall[i], people.ratios[i], STEPS_M[first:]
                 )
         for i in range(len(predicted)):
             if len(others[i]):  # where all of them are now
@@ -117,7 +118,8 @@ class ExplainingTracker(Generic[P, Q]):
             person.unseen_s += dt * person.known
             stays = person.existence * math.exp(-dt * person.known / away_s)
             person.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
-        person.log_odds += looks * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, person.evidence))
+        if person.known > 0.0:  # else the evidence is the prior of the pose alone
+            person.log_odds += looks * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, person.evidence))
         person.log_odds = max(-body.LOG_ODDS_MAX, min(body.LOG_ODDS_MAX, person.log_odds))
         if person.share >= p.visible_min and person.head_in_view:
             person.learn_height(looks, p.low_share)

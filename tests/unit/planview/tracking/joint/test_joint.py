@@ -12,6 +12,7 @@ from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.joint import JointTracker
 from planview.tracking.joint import _kernels as kernels
+from planview.tracking.joint.births import Births
 from planview.tracking.joint.explanation import Explanation, People, about, likelihood_of_ranges, upright
 from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.person import Person
@@ -292,7 +293,7 @@ def test_a_hidden_person_costs_nothing():
 
 
 def test_ascent_finds_a_person_from_a_walkers_error_of_prediction():
-    frame = explained(look_at(oblique_camera(), [ADULT]))
+    frame = explained(look_at(oblique_camera(), [(*ADULT, np.pi / 2)]))
     start = upright((0.15, 2.85, 1.62))
     samples = frame.around(start, 0.3)
     samples.layer(people_of(), np.zeros(0, np.int64))
@@ -362,3 +363,17 @@ def test_which_way_somebody_faces_is_not_known_before_they_walk():
 def test_a_lean_moves_the_head_and_not_the_feet():
     person = Person.born(np.array([1.0, 2.0, 1.7, np.pi / 2, 0.2]), 1e-3 * np.eye(2), 100.0, 4.0, 0.0)
     assert person.at_m == pytest.approx((1.0, 2.0)) and person.head_m == pytest.approx((1.0, 2.2))
+
+
+def test_points_of_a_surface_are_fresh_until_they_are_tried_and_again_when_it_moves():
+    seen = look_at(oblique_camera(), [ADULT])
+    frame, births = explained(seen), Births(PARAMS)
+    (owned,) = frame.assign_pixels(people_of())
+    which, points = births._fresh(0, frame, owned)
+    np.testing.assert_array_equal(which, np.arange(len(owned.pixels)))
+    plain_points = seen.rays.centre_m + (seen.range_m[..., None] * seen.rays.direction).reshape(-1, 3)[owned.pixels]
+    np.testing.assert_allclose(points[:3].T, plain_points, atol=1e-4)
+    np.testing.assert_array_equal(points[3:], [owned.lacking, owned.colours])
+    births._tried_m[seen.rays.key][:] = seen.range_m
+    births._tried_m[seen.rays.key].reshape(-1)[owned.pixels[0]] -= 5.0
+    assert births._fresh(0, frame, owned)[0].tolist() == [0]
