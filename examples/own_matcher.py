@@ -32,7 +32,8 @@ def main(recording: str = "data/synthetic/demo", frames: int = 0) -> None:
     tracks = planview.run(recording, matcher=BlockMatcher(), frames=frames)
     last = int(tracks.frame.max()) if len(tracks) else 0
     scores = planview.evaluate(tracks, recording, frames=(0, last)).to_json()
-    print(f"block matching: {len(set(tracks.track_id))} people, mota {scores['mota']:.2f}")
+    people = set(tracks.track_id[tracks.state == "confirmed"])
+    print(f"block matching: {len(people)} people, mota {scores['mota']:.2f}")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.random_scenes import choreography as together
 from benchmarks.random_scenes.appearance import clothes, lights_and_sensor, looks
-from benchmarks.random_scenes.choreography import Part, arriving, direction, unit, visit
+from benchmarks.random_scenes.choreography import Role, arriving, direction, unit, visit
 from benchmarks.random_scenes.stage import Stage
 from benchmarks.random_scenes.tables import Challenge, Choreography, NoPlaceError, Plot, RandomScene
 from calib.types import F64
@@ -128,7 +128,7 @@ def _put(stage: Stage, kind: str, at: F64 | tuple[float, float], scale_m: float 
     return stage.put(kind=kind, name=name, at_m=tuple(at), surface=surface, **values)
 
 
-def sit(stage: Stage, plan: Choreography) -> Iterator[Part]:
+def sit(stage: Stage, plan: Choreography) -> Iterator[Role]:
     """Sit on chairs, one of them low."""
     seats = []
     for k in range(plan.people):
@@ -145,7 +145,7 @@ def sit(stage: Stage, plan: Choreography) -> Iterator[Part]:
         yield part
 
 
-def chair(stage: Stage, plan: Choreography) -> Iterator[Part]:
+def chair(stage: Stage, plan: Choreography) -> Iterator[Role]:
     """The first person rolls a chair to another place and leaves it; every further one rolls it on."""
     here, ready = stage.spot(0.9, reserve=False), 0.0
     item = _put(stage, "office_chair", here, heading_deg=float(stage.rng.uniform(0, 360)))
@@ -156,7 +156,7 @@ def chair(stage: Stage, plan: Choreography) -> Iterator[Part]:
             raise NoPlaceError("no other place for a chair")
         there = np.asarray(stage.rng.choice(good))
         face = direction(here, there)
-        part = Part(stage, max(plan.begin_s(k), ready - 4), plan.speed_mps)
+        part = Role(stage, max(plan.begin_s(k), ready - 4), plan.speed_mps)
         part.walk_to(here - PUSH_M * unit(face))
         part.until(max(part.time_s + 1.0, ready), face)
         part.go([there - PUSH_M * unit(face)], 0.8, push=item.name)
@@ -168,25 +168,25 @@ def chair(stage: Stage, plan: Choreography) -> Iterator[Part]:
         here = there
 
 
-def bag(stage: Stage, plan: Choreography) -> Iterator[Part]:
+def bag(stage: Stage, plan: Choreography) -> Iterator[Role]:
     """One person brings a bag or a box and leaves it on the floor; another takes it away."""
     place, kind = stage.spot(0.9), str(stage.rng.choice(("bag", "box")))
     item = _put(stage, kind, FAR, size_m=(0.3, 0.4, float(stage.rng.uniform(0.3, 0.55))))
-    bringer = Part(stage, plan.begin_s(0), plan.speed_mps, waits=True)
+    bringer = Role(stage, plan.begin_s(0), plan.speed_mps, waits=True)
     way = [bringer.behind, bringer.inside, *stage.floor.route(bringer.inside, place)]
     bringer.go(way, carry=item.name)
     put = place + PUT_M * unit(direction(way[-2], way[-1]))
     bringer.do("bend", 1.2)
     bringer.leave()
     yield bringer
-    taker = Part(stage, max(plan.begin_s(1), bringer.time_s + plan.duration_s - 6), plan.speed_mps)
+    taker = Role(stage, max(plan.begin_s(1), bringer.time_s + plan.duration_s - 6), plan.speed_mps)
     taker.walk_to(put + 0.95 * unit(direction(put, taker.place)))
     taker.do("bend", 1.5, direction(taker.place, put))
     taker.take_away(item.name, taker.place)
     yield taker
 
 
-def book(stage: Stage, plan: Choreography) -> Iterator[Part]:
+def book(stage: Stage, plan: Choreography) -> Iterator[Role]:
     """One person puts a book on a shelf at eye level, another takes it."""
     spots = stage.spots(0.3)
     far = spots[spots[:, 1] > np.quantile(spots[:, 1], 0.7)]
@@ -196,14 +196,14 @@ def book(stage: Stage, plan: Choreography) -> Iterator[Part]:
     item = _put(stage, "box", FAR, 0.08, size_m=(0.22, 0.07, 0.3))
     at = np.array([x, shelf_y - 0.2 - PUT_M])
     before = at - np.array([0.0, 0.45])
-    bringer = Part(stage, plan.begin_s(0), plan.speed_mps, waits=True)
+    bringer = Role(stage, plan.begin_s(0), plan.speed_mps, waits=True)
     way = [bringer.behind, bringer.inside, *stage.floor.route(bringer.inside, before), at]
     bringer.go(way, carry=item.name, put_z_m=float(stage.rng.uniform(1.4, 1.65)))
     bringer.do("reach", 1.5, np.pi / 2)
     bringer.go([before])
     bringer.leave()
     yield bringer
-    taker = Part(stage, max(plan.begin_s(1), bringer.time_s + plan.duration_s - 8), plan.speed_mps)
+    taker = Role(stage, max(plan.begin_s(1), bringer.time_s + plan.duration_s - 8), plan.speed_mps)
     taker.walk_to(before)
     taker.go([at])
     taker.do("reach", 1.5, np.pi / 2)
@@ -211,7 +211,7 @@ def book(stage: Stage, plan: Choreography) -> Iterator[Part]:
     yield taker
 
 
-def partition(stage: Stage, plan: Choreography) -> Iterator[Part]:
+def partition(stage: Stage, plan: Choreography) -> Iterator[Role]:
     """Walk to and fro behind a row of partitions that leave heads in view, and behind a screen that leaves nothing."""
     spots = stage.spots(0.2)
     low, high = np.quantile(spots[:, 1], [0.1, 0.98])
@@ -237,7 +237,7 @@ def partition(stage: Stage, plan: Choreography) -> Iterator[Part]:
         yield part
 
 
-PLOTS: dict[Plot, Callable[[Stage, Choreography], Iterable[Part]]] = {
+PLOTS: dict[Plot, Callable[[Stage, Choreography], Iterable[Role]]] = {
     "cross": together.cross, "meet": together.meet, "stand": visit(0.55, together.stand), "pair": together.pair,
     "return": together.come_back, "wander": together.wander, "cartwheel": visit(1.3, together.cartwheels),
     "postures": visit(0.6, together.postures), "sit": sit, "floor": visit(0.75, together.sit_on_floor),

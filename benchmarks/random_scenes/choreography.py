@@ -18,7 +18,7 @@ GATE_M = 0.75
 """People who meet come to this distance from the circle before they step into it [m]."""
 
 
-class Part:
+class Role:
     """Steps of one person, who comes through an opening.
 
     Attributes:
@@ -138,18 +138,18 @@ def direction(a: F64, b: F64) -> float:
     return float(np.arctan2(b[1] - a[1], b[0] - a[0]))
 
 
-def arriving(stage: Stage, plan: Choreography) -> Iterator[Part]:
+def arriving(stage: Stage, plan: Choreography) -> Iterator[Role]:
     """The people of a plan; what one of them does is decided before the next one comes."""
     for k in range(plan.people):
-        yield Part(stage, plan.begin_s(k), plan.speed_mps)
+        yield Role(stage, plan.begin_s(k), plan.speed_mps)
 
 
 def visit(
-    radius_m: float, act: Callable[[Part, Choreography], None]
-) -> Callable[[Stage, Choreography], Iterable[Part]]:
+    radius_m: float, act: Callable[[Role, Choreography], None]
+) -> Callable[[Stage, Choreography], Iterable[Role]]:
     """A plot in which each person comes to a place of their own, does something there and leaves."""
 
-    def plot(stage: Stage, plan: Choreography) -> Iterator[Part]:
+    def plot(stage: Stage, plan: Choreography) -> Iterator[Role]:
         for part in arriving(stage, plan):
             part.walk_to(stage.spot(radius_m))
             act(part, plan)
@@ -159,12 +159,12 @@ def visit(
     return plot
 
 
-def stand(part: Part, plan: Choreography) -> None:
+def stand(part: Role, plan: Choreography) -> None:
     """Stand for a long time: shift, look around, scratch, bend."""
     part.fidget(plan.duration_s, ("stand", "stand", "reach", "bend"))
 
 
-def postures(part: Part, plan: Choreography) -> None:
+def postures(part: Role, plan: Choreography) -> None:
     """Crouch, bend and reach, with short stands between."""
     for action in part.rng.permutation(["crouch", "bend", "reach", "crouch"]):
         face = part.any_direction()
@@ -173,14 +173,14 @@ def postures(part: Part, plan: Choreography) -> None:
     part.do("stand", 1.0)
 
 
-def sit_on_floor(part: Part, plan: Choreography) -> None:
+def sit_on_floor(part: Role, plan: Choreography) -> None:
     """Sit on the floor, facing the camera's side."""
     face = direction(part.place, part.stage.camera_xy) + float(part.rng.uniform(-1.5, 1.5))
     for action, seconds in (("stand", 1.0), ("sit", plan.duration_s), ("stand", 1.5)):
         part.do(action, seconds, face)
 
 
-def cartwheels(part: Part, plan: Choreography) -> None:
+def cartwheels(part: Role, plan: Choreography) -> None:
     """Turn a cartwheel across the view, with a run-up, and one back."""
     centre, angle = part.place, float(part.rng.uniform(-0.5, 0.5))
     ends = [centre - unit(angle), centre + unit(angle)]
@@ -192,11 +192,11 @@ def cartwheels(part: Part, plan: Choreography) -> None:
     part.do("stand", 2.0)
 
 
-def cross(stage: Stage, plan: Choreography) -> Iterator[Part]:
+def cross(stage: Stage, plan: Choreography) -> Iterator[Role]:
     """Walk through the view from opening to opening and back until the time is over, each in a lane of its own."""
     for k, lane in enumerate(_lanes(stage, plan.people)):
         side = stage.side()
-        part = Part(stage, plan.begin_s(k), plan.speed_mps * float(stage.rng.uniform(0.9, 1.1)), side)
+        part = Role(stage, plan.begin_s(k), plan.speed_mps * float(stage.rng.uniform(0.9, 1.1)), side)
         while True:
             ends, side = _walked(stage, plan, lane, side)
             part.walk_to(ends[0])
@@ -240,7 +240,7 @@ def _walked(stage: Stage, plan: Choreography, lane: dict[str, F64], side: str) -
     return [lane[side], *(inside[k % 2] for k in range(1, turns + 1)), lane[last]], last
 
 
-def pair(stage: Stage, plan: Choreography) -> Iterator[Part]:
+def pair(stage: Stage, plan: Choreography) -> Iterator[Role]:
     """Two by two shoulder to shoulder in step, through the view and back."""
     for k in range(0, plan.people - 1, 2):
         first = side = stage.side()
@@ -252,7 +252,7 @@ def pair(stage: Stage, plan: Choreography) -> Iterator[Part]:
             legs.append([behind, inside, *ends, *doors[side][:0:-1]])
             time_s += sum(float(np.linalg.norm(b - a)) for a, b in itertools.pairwise(legs[-1])) / plan.speed_mps
         for offset in (np.array([0.0, plan.spacing_m / 2]), np.array([0.0, -plan.spacing_m / 2])):
-            part = Part(stage, plan.begin_s(k), plan.speed_mps, first, waits=True)
+            part = Role(stage, plan.begin_s(k), plan.speed_mps, first, waits=True)
             part.start = part.place = doors[first][0] + offset
             for leg in legs:
                 part.go([p + offset for p in leg])
@@ -262,13 +262,13 @@ def pair(stage: Stage, plan: Choreography) -> Iterator[Part]:
             yield part
 
 
-def meet(stage: Stage, plan: Choreography) -> list[Part]:
+def meet(stage: Stage, plan: Choreography) -> list[Role]:
     """Come together on a circle, move around each other, part; joiners come later and go earlier."""
     n = plan.people
     radius = plan.spacing_m / (2 * np.sin(np.pi / max(n, 2)))
     centre = stage.spot(radius + GATE_M + 0.15)
     angles = stage.rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(n) / n
-    parts = [Part(stage, plan.begin_s(k), plan.speed_mps) for k in range(n)]
+    parts = [Role(stage, plan.begin_s(k), plan.speed_mps) for k in range(n)]
     early = n - plan.joiners
     for part, angle in zip(parts[:early], angles, strict=False):
         part.walk_to(centre + (radius + GATE_M) * unit(angle))
@@ -309,7 +309,7 @@ def _turned(beats: list[Beat], time_s: float) -> float:
     return sum(angle for begin, _, angle in beats if begin < time_s)
 
 
-def _mill(part: Part, centre: F64, radius: float, angle: float, beats: list[Beat], span: tuple[float, float]) -> None:
+def _mill(part: Role, centre: F64, radius: float, angle: float, beats: list[Beat], span: tuple[float, float]) -> None:
     """Step into the circle, turn with it, facing its centre."""
     at = angle + _turned(beats, span[0])
     part.go([centre + radius * unit(at)], 0.8)
@@ -324,7 +324,7 @@ def _mill(part: Part, centre: F64, radius: float, angle: float, beats: list[Beat
         part.until(span[1], at + np.pi)
 
 
-def come_back(stage: Stage, plan: Choreography) -> Iterator[Part]:
+def come_back(stage: Stage, plan: Choreography) -> Iterator[Role]:
     """Leave the view and come back after a while, again and again."""
     for part in arriving(stage, plan):
         while True:
@@ -337,7 +337,7 @@ def come_back(stage: Stage, plan: Choreography) -> Iterator[Part]:
         yield part
 
 
-def _out_of_view(part: Part, pause_s: float) -> None:
+def _out_of_view(part: Role, pause_s: float) -> None:
     """Towards the opening until 0.5 m out of view, and a pause there so that ``pause_s`` passes out of view."""
     points = [part.place, *part.stage.floor.route(part.place, part.inside), part.behind]
     dense = [a + (b - a) * s for a, b in itertools.pairwise(points) for s in np.linspace(0, 1, 12)]
@@ -348,13 +348,13 @@ def _out_of_view(part: Part, pause_s: float) -> None:
     part.do("stand", max(0.3, pause_s - 1.0))
 
 
-def wander(stage: Stage, plan: Choreography) -> Iterator[Part]:
+def wander(stage: Stage, plan: Choreography) -> Iterator[Role]:
     """Random walks in the view that give way to all others."""
     x0, y0, x1, y1 = stage.rectangle()
     if (x1 - x0) * (y1 - y0) < 0.55 * plan.people:
         raise NoPlaceError("too little floor in view for the wanderers")
     for k in range(plan.people):
-        part = Part(stage, plan.begin_s(k), plan.speed_mps, ("west", "east")[k % 2])
+        part = Role(stage, plan.begin_s(k), plan.speed_mps, ("west", "east")[k % 2])
         speed = plan.speed_mps * float(stage.rng.uniform(0.8, 1.1))
         part.wander = {"area_m": (x0, y0, x1, y1), "speed_mps": (0.6 * speed, speed), "pause_s": (0.0, 3.0)}
         if k % 3 == 2:
