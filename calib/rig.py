@@ -113,7 +113,7 @@ class StereoRig:
             found = f"the right camera {abs(t[1]):.3f} m {'below' if t[1] < 0 else 'above'} the left one"
             problem = f"cameras side by side, found {found}: turn the images by 90 degrees and calibrate them so"
         elif t[0] > 0:
-            found = f"T = {t[0]:+.4f} m: left and right are swapped"
+            found = f"T = {t[0]:+.4f} m: left and right are swapped, or its sign (in ROS that of P[3]) is wrong"
             problem = f"the right camera on the right (negative x translation), found {found}"
         if problem:
             raise InputError(f"{source}: expected {problem}")

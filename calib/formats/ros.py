@@ -40,17 +40,7 @@ def _ros_part(source: Source) -> str | None:
 def _ros_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     readings = [camera_from(base.parse_yaml(source.text), source.path.name, choice.unit()) for source in sources]
     left, right = ((one, rectified_SE3_camera.inverse()) for one, rectified_SE3_camera in readings)
-    rig = base.joined(left, right, "+".join(source.path.name for source in sources))
-    refuse_sign(rig.right_SE3_left, float(windowed(base.parse_yaml(sources[1].text))[2][0, 3]))
-    return rig
-
-
-def refuse_sign(right_SE3_left: SE3, shift: float) -> None:
-    """Raise ValueError where P[3] of the right camera puts it to the left of the left one."""
-    if right_SE3_left.translation[0] > 0 and shift > 0:
-        raise ValueError(
-            f"expected P[3] of the right camera to be -fx times the baseline, found {shift:+.4g}: change its sign"
-        )
+    return base.joined(left, right, "+".join(source.path.name for source in sources))
 
 
 def camera_from(data: Mapping[str, Any], name: str, unit_m: float = 1.0) -> tuple[Camera, SE3]:

@@ -18,7 +18,7 @@ from calib.errors import InputError, UnreadableError
 from calib.formats import fitted, load_rig, refuse_strange_camera
 from calib.formats.base import camera as camera_of
 from calib.formats.rgbd import fitted_rgbd, load_rgbd
-from calib.formats.ros import camera_from, refuse_sign, region_of, windowed
+from calib.formats.ros import camera_from, region_of, windowed
 from calib.io import entries, reason, size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
@@ -51,10 +51,9 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: Size, rectified: bool) -> St
     source = f"camera_info of {bag.path.name}"
     (left, rect_SE3_left), (right, rect_SE3_right) = (_camera(bag, info, rectified or of_sdk) for info in infos)
     pose = rect_SE3_right.inverse() @ rect_SE3_left
-    try:
-        refuse_sign(pose, float(np.ravel(second.fields["P"])[3]))
-    except ValueError as error:
-        raise InputError(f"{second.topic}: {error}, or exchange the topics") from error
+    if pose.translation[0] > 0 and (shift := float(np.ravel(second.fields["P"])[3])) > 0:
+        expected = "expected P[3] of the right camera to be -fx times the baseline"
+        raise InputError(f"{second.topic}: {expected}, found {shift:+.4g}: change its sign, or exchange the topics")
     if np.linalg.norm(pose.translation) == 0:
         same, where = first.frame == second.frame, "/tf_static"
         if of_sdk:

@@ -78,9 +78,11 @@ def test_opencv_headers_of_every_style_are_read(header, tmp_path):
 def test_arrays_are_refused_with_the_way_out_that_is_read(tmp_path):
     arrays = {"K1": [[90, 0, 32], [0, 90, 24], [0, 0, 1]], "D1": [0.0] * 5, "R": np.eye(3).tolist(), "T": [-0.1, 0, 0]}
     arrays |= {"K2": arrays["K1"], "D2": arrays["D1"], "image_size": [64, 48]}
-    np.savez(tmp_path / "cal.npz", **arrays)
-    for path in (tmp_path, tmp_path / "cal.npz"):
-        with pytest.raises(InputError, match=r"found arrays of NumPy \(cal.npz\): write K1, D1, .* into a .json file"):
+    np.save(tmp_path / "cal.npy", arrays["K1"])
+    for path in (tmp_path, tmp_path / "cal.npy"):
+        with pytest.raises(
+            InputError, match=r"found an array of NumPy \(cal.npy\): write K1, D1, .* into a .json file"
+        ):
             load_rig(path)
     (tmp_path / "cal.json").write_text(json.dumps(arrays))
     assert load_rig(tmp_path / "cal.json").baseline_m == pytest.approx(0.1)
