@@ -144,7 +144,6 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
             mine, known, total = samples[i].visible(pose, people.tall[i])
             person.inside, person.known = self._visibility(pose), known / total if total else 1.0
             person.share = mine / max(known, TINY) * min(1.0, 1.25 * person.inside)
-            person.head_in_view = frame.in_view(pose) and frame.in_view(np.array([*pose[:2], person.tall_m]))
             self._measure(person, samples[i], pose, curvature[i], dt)
         # The surer person wins; of two equally sure ones the one that came first.
         ranks = sorted(range(len(self._people)), key=lambda k: self._people[k].standing)

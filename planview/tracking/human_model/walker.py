@@ -52,6 +52,7 @@ class Walker(Person):
     """A person followed by one camera.
 
     Attributes:
+        head_in_view: taken for granted: who is seen in part is not looked for (``birth_visible``).
         motion, stability: the two automata.
         posture: as the height implies it.
         match: of the last frame.
@@ -59,6 +60,7 @@ class Walker(Person):
         trail: the recent past, oldest first.
     """
 
+    head_in_view: bool = True
     motion: Motion = "moving"
     stability: Stability = "appearing"
     posture: Posture = "standing"
