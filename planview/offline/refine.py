@@ -156,6 +156,8 @@ def _log_odds(a: Trajectories, b: Trajectories) -> float:
     away_m = math.hypot(b.x_m[start] - a.x_m[end], b.y_m[start] - a.y_m[end])
     if b.frame[0] <= a.frame[end] or not body.within_reach(gone_s, away_m):
         return -1.0
+    ahead_m = body.walks_on_s(gone_s) * np.nan_to_num(a.velocity_mps[end])
+    away_m = math.hypot(b.x_m[start] - a.x_m[end] - ahead_m[0], b.y_m[start] - a.y_m[end] - ahead_m[1])
     place = body.same_place(gone_s, away_m, JOINT.floor_m2)
     heights = [table.height_m[(table.state == "confirmed") & np.isfinite(table.height_m)] for table in (a, b)]
     if not len(heights[0]) or not len(heights[1]):

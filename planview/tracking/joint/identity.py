@@ -11,19 +11,26 @@ import numpy as np
 from calib.types import F32, F64
 from planview.maps.colour import CODES
 from planview.tracking import body
-from planview.tracking.joint._kernels import PARTS
+from planview.tracking.joint._kernels import PARTS, TINY
 from planview.tracking.joint.explanation import Owned
 from planview.tracking.joint.params import PeopleParams
-from planview.tracking.joint.person import COLOURED_FRAMES_MIN, Person, colour_counts, colour_ratios
+from planview.tracking.joint.person import COLOURED_FRAMES_MIN, SMOOTHING, Person, colour_counts, colour_ratios
 
 CONTACT_M = 0.7
 """People nearer than this may be confused [m]: a body, and an arm's movement."""
-KNOWN_LOG_ODDS = 0.3
-"""Log-odds from which a newcomer is recognised; without evidence it is a stranger."""
+KNOWN_LOG_ODDS = 2.0
+"""Log-odds from which a newcomer is recognised; in doubt it is a stranger, since an id that passes to somebody else
+makes two people wrong."""
 EXCHANGED_LOG_ODDS = 6.0
 """Log-odds at which two people exchange identities: one error in 400."""
 PART_MAX = 2.0
 """Largest evidence of the colours of one part of a body, as log-odds: light differs within a room."""
+PART_SAMPLES = 3.0
+"""Independent samples that the colours of a part are worth when people are recognised (our choice)."""
+OTHERS_SHARE = 0.8
+"""Share of the others seen so far in the colours of a stranger; the rest is any colour alike."""
+DOUBT_FRAMES = 0.5
+"""Weight of a stranger's colours next to those seen of a person: one frame shows most of the clothes."""
 
 
 P = TypeVar("P", bound=Person)
@@ -86,16 +93,19 @@ def owned_colours(k: int, owned: Sequence[Owned]) -> tuple[F64, float]:
     return total / max(total.sum(), 1.0), patches
 
 
-def continued(born: Sequence[P], known: Sequence[P], floor_m2: float, low_share: float) -> dict[int, tuple[P, float]]:
+def continued(
+    born: Sequence[P], known: Sequence[P], everybody: Sequence[P], floor_m2: float, low_share: float
+) -> dict[int, tuple[P, float]]:
     """Newcomers, by index, who were seen before, with the log-odds: the best joint assignment.
 
     Args:
+        everybody: seen so far, in whose clothes strangers come.
         floor_m2: over which strangers may appear.
         low_share: of people who sit, bend, or are children.
     """
     from scipy.optimize import linear_sum_assignment  # half a second
 
-    odds = np.array([[_log_odds(q, b, known, floor_m2, low_share) for q in known] for b in born])
+    odds = np.array([[_log_odds(q, b, everybody, floor_m2, low_share) for q in known] for b in born])
     odds = odds.reshape(len(born), -1)
     rows, cols = linear_sum_assignment(np.maximum(odds, KNOWN_LOG_ODDS), maximize=True)
     return {
@@ -105,24 +115,39 @@ def continued(born: Sequence[P], known: Sequence[P], floor_m2: float, low_share:
 
 def within_reach(q: Person, b: Person) -> bool:
     """Whether a known person can have walked to where a newcomer was seen first."""
-    return body.within_reach(b.born_s - q.seen_s, math.dist(q.at_m, b.born_m))
+    return body.within_reach(b.born_s - q.seen_s, math.dist((q.seen.x_m, q.seen.y_m), b.born_m))
 
 
-def _log_odds(q: Person, b: Person, known: Sequence[Person], floor_m2: float, low_share: float) -> float:
+def _log_odds(q: Person, b: Person, everybody: Sequence[Person], floor_m2: float, low_share: float) -> float:
     """Log-odds of a newcomer being a known person rather than a stranger, by place, height and colours."""
     if not within_reach(q, b):
         return -1.0
-    odds = body.same_place(b.born_s - q.seen_s, math.dist(q.at_m, b.born_m), floor_m2) + _alike(q, b, known)
+    gone_s, left = b.born_s - q.seen_s, q.seen
+    ahead_s = body.walks_on_s(gone_s)
+    away_m = math.dist((left.x_m + ahead_s * left.vx_mps, left.y_m + ahead_s * left.vy_mps), b.born_m)
+    others = colours_of([person for person in everybody if person is not q and person is not b])
+    odds = body.same_place(gone_s, away_m, floor_m2) + alike(q, b, others)
     if not b.head_in_view:
         return odds
     error = max(math.sqrt(b.height_var), body.HEIGHT_STD_M)  # newcomers show in part at first
     return odds + body.same_height(b.height_m, error, q.tall_m, q.upright[1], low_share)
 
 
-def _alike(q: Person, b: Person, known: Sequence[Person]) -> float:
-    """Log-odds of a newcomer's colours being those of a known person rather than of anybody."""
-    if q.looks < COLOURED_FRAMES_MIN:
-        return 0.0
-    ratio = np.log(colour_ratios(known)[list(known).index(q)])
-    seen = b.colours / np.maximum(b.colours.sum(axis=1, keepdims=True), 1e-6)
-    return float(np.clip((seen * ratio).sum(axis=1), -PART_MAX, PART_MAX).sum())
+def colours_of(others: Sequence[Person]) -> F64:
+    """(PARTS, CODES) shares of the colours of a stranger."""
+    seen = np.array([q.colours for q in others], np.float64).reshape(-1, PARTS, CODES) @ SMOOTHING
+    frames = seen.sum(axis=2, keepdims=True)
+    known = (frames > 0).sum(axis=0)
+    mean = (seen / np.maximum(frames, TINY)).sum(axis=0) / np.maximum(known, 1)
+    share = OTHERS_SHARE * (known > 0)
+    return np.asarray(share * mean + (1.0 - share) / CODES)
+
+
+def alike(one: Person, other: Person, stranger: F64) -> float:
+    """Log-odds of two tracks showing the colours of one person rather than of two; 0 where there are none.
+
+    A colour that both have counts the more, the rarer it is in the colours of a stranger (PARTS, CODES).
+    """
+    a, b = (q.colours @ SMOOTHING + DOUBT_FRAMES * stranger for q in (one, other))
+    a, b = (shares / shares.sum(axis=1, keepdims=True) for shares in (a, b))
+    return float(np.clip(PART_SAMPLES * np.log((a * b / stranger).sum(axis=1)), -PART_MAX, PART_MAX).sum())

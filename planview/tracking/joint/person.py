@@ -62,6 +62,7 @@ class Person:
         lean_m: head before the feet [m].
         log_odds: of existence.
         seen_s: time of the last look that measured the place.
+        seen: place and speed then.
         tall_m, tall_var: height when upright [m], and its variance.
         born_s, born_m: when and where it was seen first.
         origin_m: where the track began.
@@ -90,6 +91,7 @@ class Person:
     height_m: float
     log_odds: float
     seen_s: float
+    seen: FloorKalman
     height_var: float = HEIGHT_STD_M**2
     facing: float = 0.0
     facing_var: float = ANY_FACING
@@ -126,8 +128,8 @@ class Person:
         height_var = 1.0 / (1.0 / HEIGHT_STD_M**2 + up)
         facing, lean_m = pose[3:].tolist()
         return cls(
-            0, kalman, float(pose[2]), log_odds, now_s, height_var, facing, lean_m=lean_m, born_s=now_s, born_m=at_m,
-            origin_m=at_m,
+            0, kalman, float(pose[2]), log_odds, now_s, kalman, height_var, facing, lean_m=lean_m, born_s=now_s,
+            born_m=at_m, origin_m=at_m,
         )  # fmt: skip
 
     @property

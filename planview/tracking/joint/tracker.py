@@ -108,7 +108,7 @@ class ExplainingTracker(Generic[P, Q]):
             person.height_m, person.height_var = float(pose[2]), 1.0 / (1.0 / person.height_var + up * looks)
         else:  # whatever is in view, nobody's height shows without the head
             person.height_m, person.height_var = person.tall_m, person.upright[1] ** 2
-        person.seen_s, person.unseen_s = self._log.now_s, 0.0
+        person.seen, person.seen_s, person.unseen_s = person.kalman, self._log.now_s, 0.0
 
     def _weigh(self, person: P, dt: float, away_s: float) -> None:
         """Update the existence: an unseen person stays for ``away_s`` on average, as far as there is anything to see;
@@ -156,7 +156,8 @@ class ExplainingTracker(Generic[P, Q]):
         p = self.params
         self._departed = [person for person in self._departed if self._log.now_s - person.seen_s <= p.remember_s]
         lost = [person for person in self._people if person.confirmed and person.share < p.visible_min]
-        known = continued(new, lost + self._departed, floor_m2, p.low_share) if new else {}
+        everybody = self._people + self._departed
+        known = continued(new, lost + self._departed, everybody, floor_m2, p.low_share) if new else {}
         return [(new[i], *found) for i, found in known.items()]
 
     def _continue(self, newcomer: P, known: P, odds: float) -> None:

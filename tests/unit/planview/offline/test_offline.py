@@ -96,8 +96,8 @@ def test_fragment_that_does_not_fit_is_another_person(later):
 
 def test_each_fragment_is_continued_by_the_one_that_fits_over_the_whole_recording() -> None:
     # Both starts are as near to the end of 2; that of 1 is nearer to 4, which therefore 2 must leave alone.
-    ends = [walk(range(30), 1, y_m=0.0), walk(range(30), 2, y_m=1.0)]
-    starts = [walk(range(32, 70), 3, y_m=1.1), walk(range(32, 70), 4, y_m=0.9)]
+    ends = [walk(range(30), 1, y_m=0.0, speed_mps=0.0), walk(range(30), 2, y_m=1.0, speed_mps=0.0)]
+    starts = [walk(range(40, 70), 3, y_m=1.1, speed_mps=0.0), walk(range(40, 70), 4, y_m=0.9, speed_mps=0.0)]
     tracks = refine(concatenated([*ends, *starts])).tracks
     last = tracks.where(tracks.frame == 69)
     np.testing.assert_allclose(last.y_m[np.argsort(last.track_id)], [0.9, 1.1], atol=0.02)

@@ -7,6 +7,7 @@ import pytest
 from reference.explain import log_likelihood, patches_of
 from toy_people import look_at, oblique_camera, observed
 
+from planview.maps.colour import CODES
 from planview.maps.view import SURFACE, UNKNOWN, View
 from planview.tracking import body
 from planview.tracking.base import Observation
@@ -14,8 +15,10 @@ from planview.tracking.joint import JointTracker
 from planview.tracking.joint import _kernels as kernels
 from planview.tracking.joint.births import Births
 from planview.tracking.joint.explanation import Explanation, People, about, likelihood_of_ranges, upright
+from planview.tracking.joint.identity import _log_odds, alike, colours_of
 from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.person import Person
+from planview.tracking.kalman import FloorKalman
 from planview.trajectories.state import TrackState
 
 CAMERA = oblique_camera()
@@ -118,6 +121,30 @@ def test_a_newcomer_who_may_be_nobody_claims_no_identity_before_one_who_is_repor
     tracker._log.begin(1.3)
     tracker._recognise()
     assert (sure.track_id, sure.confirmed, ghost.track_id, ghost.confirmed) == (1, True, 3, False)
+
+
+def test_who_walks_out_is_expected_ahead_and_not_behind() -> None:
+    # After 0.7 s a walker has gone on for 0.7 s (1 - 1/e), at 1 m/s 0.44 m.
+    walker = newcomer(1, 0.0, 0.0, 3.0)
+    walker.seen = FloorKalman(np.array([0.0, 3.0, 1.0, 0.0]), np.eye(4))
+    ahead, behind = (newcomer(-1, x_m, 0.7, 3.0) for x_m in (0.44, -0.44))
+    odds = [_log_odds(walker, found, [], 20.0, 0.1) for found in (ahead, behind)]
+    assert odds[0] > 2.0 > 0.0 > odds[1]
+
+
+def test_clothes_tell_people_apart_as_far_as_others_do_not_wear_them() -> None:
+    def dressed(code: int) -> Person:
+        person = newcomer(-1, 0.0, 0.0, 3.0)
+        person.colours[:, code] = 5.0
+        return person
+
+    black, white = 0, CODES - 1
+    blacks, whites = colours_of([dressed(black)]), colours_of([dressed(white)])
+    assert alike(dressed(black), dressed(black), whites) == pytest.approx(6.0)  # the most of three parts
+    assert alike(dressed(black), dressed(black), blacks) < 3.0
+    assert alike(dressed(black), dressed(white), whites) == pytest.approx(-6.0)
+    unseen = newcomer(-1, 0.0, 0.0, 3.0)
+    assert alike(dressed(black), unseen, whites) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_of_whom_the_head_is_out_of_view_is_nobodys_height_and_no_stranger():
