@@ -582,9 +582,9 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
         at, best, lam = _best_posture(at, best, lam, prior, me, others, samples, table, model)
     for step in prior[2]:
         for again in range(MAX_TURNS):
-            farthest, settled = 0.0, again > 0 and prior[1][TURN] >= 1.0
+            farthest = 0.0
             for way in range(6):
-                if (way in (3, 4) and (settled or not turns)) or (way == 5 and m.masks == 0.0):
+                if (way in (3, 4) and (again or not turns)) or (way == 5 and m.masks == 0.0):
                     continue
                 unit = slope if way == 0 else (1.0 if way in (1, 4) else (0.5 if way != 3 else 1.0 / LEAN_M))
                 start, value, at_start = at, best, lam
