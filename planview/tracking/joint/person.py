@@ -80,7 +80,7 @@ class Person:
         unseen_s: for how long it has been looked for in vain [s].
         inside: share of the body inside the image.
         patches: of the body in view in the last frame.
-        head_in_view: whether the top of the head, and of an upright one, was inside of an image in the last frame.
+        head_in_view: whether the top of the head was inside of an image in the last frame.
         proven: log-odds of existence from independent evidence, see ``count_evidence``.
         counted: by camera (H, W) uint8, 1 where a pixel has been evidence; empty before the first frame, and when
             confirmed.

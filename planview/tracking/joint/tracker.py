@@ -260,7 +260,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             mine, known, total = samples[i].visible(pose, people.tall[i])
             person.inside, person.known = min(1.0, total / frame.whole_patches(pose)), known / total if total else 1.0
             person.share, person.patches = mine / max(known, TINY) * min(1.0, 1.25 * person.inside), total
-            person.head_in_view = frame.in_view(pose) and frame.in_view(np.array([*pose[:2], person.tall_m]))
+            person.head_in_view = frame.in_view(pose)
             visible = person.share >= self.params.visible_min
             if not person.confirmed:
                 person.shape = samples[i].against_thing(pose, people.tall[i]) if visible else 0.0

@@ -160,14 +160,6 @@ def test_of_whom_the_head_is_out_of_view_is_nobodys_height_and_no_stranger():
     assert legs.confirmed and legs.track_id == 1
 
 
-def test_legs_alone_are_as_tall_as_anybody():
-    low = oblique_camera(height_m=1.0, tilt_deg=75.0)
-    tracker = JointTracker()
-    for n in range(12):
-        states = tracker.update(observed(n, n / 15, look_at(low, [(-0.5 + 0.08 * n, 1.2, 1.75)] if n > 2 else [])))
-    assert [s.height_m for s in states] == [pytest.approx(body.HEIGHT_MEAN_M)]
-
-
 def test_who_enters_far_from_where_another_left_is_someone_else():
     def scene(t: float) -> list[tuple[float, ...]]:
         if t < 1.0:
