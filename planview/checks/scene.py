@@ -126,7 +126,7 @@ def flicker_check(levels: Sequence[float]) -> Check:
         steps = np.diff(own) * np.where(np.arange(len(own) - 1) % 2, 1.0, -1.0)
         share = float(abs(np.median(steps)) / max(float(np.median(own)), 1.0))
     # A lamp's flicker and automatic exposure change a few percent.
-    note = "share by which every second frame is darker: exposure or emitter alternates; floor and background suffer"
+    note = "share by which every second frame is darker: exposure or emitter alternates; both lights are followed"
     return at_most("light from frame to frame", share, 0.08, "", note, warns=True)
 
 

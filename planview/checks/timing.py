@@ -26,12 +26,6 @@ MOVED_LEVEL = 14
 """Grey levels by which a pixel must change to count as moved: above sensor noise and coding artefacts."""
 ACTIVE_SHARE = 0.001
 """Share of moved pixels from which a picture moves: half of what a person at 8 m takes."""
-ALTERNATES = 0.1
-"""Logarithm of the ratio of two frames' mean luma from which their light differs: people change it more slowly."""
-ALTERNATING = (
-    "share of frames in another light than the one before: an emitter or exposures that alternate; the floor is found "
-    "in frames of like light, and the foreground follows both"
-)
 MIN_LIKENESS = 0.5
 """Correlation of the cameras' movement below which their lag is not reported."""
 LONGEST_LAG = 30
@@ -91,7 +85,6 @@ class MotionFindings(NamedTuple):
         frozen: share of the frames with movement in which one camera stands still.
         stall: longest such stretch [frames].
         repeated: share of the frames with movement around them that repeat the pair before.
-        alternating: share of the frames that are brighter or darker than the one before, which was the reverse.
     """
 
     lag: Lag
@@ -99,7 +92,6 @@ class MotionFindings(NamedTuple):
     frozen: float
     stall: float
     repeated: float
-    alternating: float
 
 
 class MotionWatch:
@@ -110,15 +102,11 @@ class MotionWatch:
         self._bands: deque[F64] = deque(maxlen=FRAMES_MAX)
         self._active = self._frozen = self._stall = self._longest = self._repeated = 0
         self._still_for = self._calm_for = 0
-        self._behind = self._bands_since = self._frames = self._alternating = 0
-        self._luma, self._change = math.nan, 0.0
+        self._behind = self._bands_since = 0
 
     def update(self, pair: Thumbnails) -> None:
         """Take the next pair."""
         before, self._last = self._last, pair
-        luma, changed = math.log(float(pair.left.mean()) + 1.0), self._change
-        self._change, self._luma, self._frames = luma - self._luma, luma, self._frames + 1
-        self._alternating += min(abs(changed), abs(self._change)) > ALTERNATES and changed * self._change < 0
         if before is None:
             return
         both = list(zip(before, pair, strict=True))
@@ -146,9 +134,8 @@ class MotionWatch:
 
     def findings(self) -> MotionFindings:
         """Of all pairs so far."""
-        alternating = self._alternating / max(self._frames, 1)
         if not self._active:
-            return MotionFindings(Lag(np.nan, np.nan, np.nan), False, np.nan, np.nan, np.nan, alternating)
+            return MotionFindings(Lag(np.nan, np.nan, np.nan), False, np.nan, np.nan, np.nan)
         signals = np.stack(self._bands)
         count, half = len(signals), len(signals) // 2
         parts = [signals, *([signals[:half]] if half >= WINDOW else [])]
@@ -163,7 +150,7 @@ class MotionWatch:
             if apart := round(since.frames) == self._behind if math.isfinite(since.frames) else False:
                 lag = since
         repeated = self._repeated / (self._active + self._repeated)
-        return MotionFindings(lag, apart, self._frozen / self._active, float(self._longest), repeated, alternating)
+        return MotionFindings(lag, apart, self._frozen / self._active, float(self._longest), repeated)
 
 
 def lag_of(left: F64, right: F64) -> Lag:
@@ -261,7 +248,6 @@ def motion_checks(found: MotionFindings) -> list[Check]:
         at_most("frozen camera", found.frozen, MAX_FROZEN, "", "share of frames that stand still in one camera only"),
         at_most("stalled camera", found.stall, MAX_STALL, "frames", "longest time only one camera moves", warns=True),
         at_most("repeated pairs", found.repeated, MAX_REPEATED, "", "share of pairs that repeat the one before"),
-        at_most("alternating light", found.alternating, 0.5, "", ALTERNATING, warns=True),
         Check("synchronisation", not found.apart, abs(found.lag.frames), "frames", MAX_LAG, "at most", found.lag.text),
     ]
 

@@ -262,13 +262,6 @@ def test_lag_of_cameras_in_step_or_of_one_burst_is_not_sure_and_without_movement
     assert not lag_of(left, right).gain > SURELY
 
 
-def test_light_that_alternates_is_a_warning(sides):
-    left, right = ([image // (1 + i % 2) for i, image in enumerate(side)] for side in sides)
-    (said,) = (check for check in motion_checks(watched(left, right)) if check.name == "alternating light")
-    assert said.warns and not said.ok and said.value > 0.9
-    assert "alternating light" not in failing(watched(*sides))
-
-
 def test_frames_long_after_any_movement_are_not_kept() -> None:
     watch, still = MotionWatch(), Thumbnails(picture(0, 0), picture(0, 6))
     for _ in range(3 * LONGEST_LAG):
