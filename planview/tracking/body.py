@@ -33,6 +33,12 @@ SLOW_DOWN_S = 0.7
 """Time in which an unseen person's speed decays [s]."""
 LEAVE_S = 0.7
 """Mean time that a person beyond the border stays unknown and near [s]."""
+TURNING_RAD2_PS = 1.0
+"""Variance of the turn of a person within a second [rad^2/s]."""
+SIDEWARD_RAD = 0.25
+"""Deviation of a walker's chest from the direction of walking [rad]."""
+STROLL_MPS = 0.5
+"""Speed with which a person who does not walk moves in any direction, whatever the facing [m/s]."""
 LOG_ODDS_MAX = 8.0
 """Existence is never surer than this."""
 REACH_M = 0.9
@@ -136,7 +142,7 @@ class BodyTable(NamedTuple):
 
 
 ANGLE_MIN_DEG, ANGLE_STEP_DEG, ANGLES = -30.0, 5.0, 25
-TURNS = 16
+TURNS, TURNS_PER_RAD = 16, 16 / (2.0 * math.pi)
 """Directions of facing in a table, 22.5 degrees apart."""
 CELL_M = 0.025
 BLUR_M = 0.04

@@ -17,7 +17,7 @@ from numba import njit
 from calib.types import F32, F64, I64, U8
 from planview.maps.view import BACKGROUND_SEEN as SEEN
 from planview.maps.view import NO_DEPTH, SURFACE, UNKNOWN
-from planview.tracking.body import LEAN_M, TURNS
+from planview.tracking.body import LEAN_M, TURNS, TURNS_PER_RAD
 
 SHADOW = 4
 """Kind of pixels besides those of views: a shadow or furniture, which is no evidence but hides a body."""
@@ -40,13 +40,27 @@ BODY_SOFTNESS_M = 0.07
 """Deviation of the least distance of two bodies' axes [m]."""
 SLOPE_MAX = 4.0
 """Most that a step along a flat ray is lengthened."""
-PER_RAD = TURNS / (2.0 * math.pi)
-XX, XY, YY, HEIGHT, TURN, BACK, WALK, HEADING = range(8)
-"""What is known of a pose before the frame: inverse covariance of place and height [1/m^2]; concentration of the facing
-about the predicted one, and the probability that this is back to front; concentration about the direction of walking,
-and that direction [rad]."""
 GOLDEN = 0.6180339887498949, 0.7548776662466927
 """Shares whose multiples spread evenly: which of two neighbouring tables a sample takes."""
+
+
+class Known(NamedTuple):
+    """What is known of a pose before the frame.
+
+    Attributes:
+        xx, xy, yy, height: inverse covariance of place and height [1/m^2].
+        turn, back: concentration of the facing about the predicted one, and how probably this is back to front.
+        walk, heading: concentration of the facing about the direction of walking, and that direction [rad].
+    """
+
+    xx: float
+    xy: float
+    yy: float
+    height: float
+    turn: float
+    back: float
+    walk: float
+    heading: float
 
 
 class Model(NamedTuple):
@@ -176,7 +190,7 @@ def _posture(facing, lean, turn, slant, table):  # type: ignore[no-untyped-def]
     """Index of a posture, seen along a ray, in the body's table."""
     if len(table.cover) == 1:
         return 0
-    way = int(facing * PER_RAD + (4 * TURNS) - turn) & (TURNS - 1)
+    way = int(facing * TURNS_PER_RAD + (4 * TURNS) - turn) & (TURNS - 1)
     return way + TURNS if lean > slant * LEAN_M else way
 
 
@@ -331,7 +345,7 @@ def gather(pose: F64, reach_m: float, view, samples, table, model) -> None:  # t
             samples.std_per_m2[n] = view.std_per_m2 / view.stretch[r, c]
             samples.kind[n], samples.code[n] = view.kind[r, c], view.colour[r, c]
             samples.angle[n] = _angle(depression, table)
-            samples.turn[n], samples.slant[n] = azimuth * PER_RAD - GOLDEN[0] * n % 1.0, GOLDEN[1] * n % 1.0
+            samples.turn[n], samples.slant[n] = azimuth * TURNS_PER_RAD - GOLDEN[0] * n % 1.0, GOLDEN[1] * n % 1.0
             n += 1
     samples.size[0] = n
 
@@ -468,17 +482,17 @@ def log_prior(pose, tall, others, model):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def log_known(pose, predicted, known):  # type: ignore[no-untyped-def]
-    """Logarithm of the density of a pose before the frame, relative to the predicted one (``XX`` to ``HEADING``)."""
+    """Logarithm of the density of a pose before the frame, relative to the predicted one."""
     x, y, h, facing, _ = pose
     ox, oy, oh = x - predicted[0], y - predicted[1], h - predicted[2]
-    away = known[XX] * ox * ox + 2 * known[XY] * ox * oy + known[YY] * oy * oy + known[HEIGHT] * oh * oh
-    if known[TURN] > 0.0:
+    away = known.xx * ox * ox + 2 * known.xy * ox * oy + known.yy * oy * oy + known.height * oh * oh
+    if known.turn > 0.0:
         turned = math.sin(0.5 * (facing - predicted[3])) ** 2
-        ahead = (1.0 - known[BACK]) * math.exp(-2.0 * known[TURN] * turned)
-        back = known[BACK] * math.exp(-2.0 * known[TURN] * (1.0 - turned))
+        ahead = (1.0 - known.back) * math.exp(-2.0 * known.turn * turned)
+        back = known.back * math.exp(-2.0 * known.turn * (1.0 - turned))
         away -= 2.0 * math.log(ahead + back + TINY)
-    if known[WALK] > 0.0:
-        away += 4.0 * known[WALK] * math.sin(0.5 * (facing - known[HEADING])) ** 2
+    if known.walk > 0.0:
+        away += 4.0 * known.walk * math.sin(0.5 * (facing - known.heading)) ** 2
     return float(-0.5 * away)
 
 
@@ -532,7 +546,7 @@ def _moved(pose, way, far, ahead, camera, m):  # type: ignore[no-untyped-def]
 def _best_posture(at, best, lam, prior, me, others, samples, table, model):  # type: ignore[no-untyped-def]
     """Of the postures 45 degrees apart where nothing is known of them, else of this one and that back to front: pose,
     posterior, Lam. Upright, front and back look the same."""
-    start, wide = at, prior[1][TURN] < 1.0
+    start, wide = at, prior[1].turn < 1.0
     for lean in range(2 if wide else 1):
         for way in range(4 << lean if wide else 1):
             if wide:
@@ -553,7 +567,7 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
     Moves ``pose``; fills ``curvature`` (4,), how sharply Lam curves there in the first four [1/m^2, 1/rad^2].
 
     Args:
-        prior: (5,) predicted pose, (8,) what is known of it (``XX`` to ``HEADING``), and steps.
+        prior: (5,) predicted pose, what is ``Known`` of it, and steps.
         me: height when upright and its deviation, (PARTS, CODES) ratios of colours.
         others: poses, existence and which: bodies that cannot be entered.
 
@@ -683,7 +697,7 @@ def assign_pixels(pixels: I64, people, around: I64, view, table, model, owned) -
             iw = int((-(along * sin + dz * cos) * scale - table.w_min_m) / table.cell_m)
             if u < 0.0 or u >= cover.shape[2] or iw < 0 or iw >= cover.shape[3]:
                 continue
-            iu, posture = int(u), _posture(poses[k, 3], poses[k, 4], level[r, c, 3] * PER_RAD - 0.5, 0.5, table)
+            iu, posture = int(u), _posture(poses[k, 3], poses[k, 4], level[r, c, 3] * TURNS_PER_RAD - 0.5, 0.5, table)
             pi, at = (
                 sure[k] * cover[posture, angle, iu, iw],
                 along * cos - dz * sin - front[posture, angle, iu, iw] / scale,

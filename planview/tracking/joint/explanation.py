@@ -45,11 +45,9 @@ THING_START = np.array([1.0, 1.0, 0.8, 1.0, 0.0])
 ANY_HEIGHT_M = 1e3
 
 
-def about(std_m: float, height_std_m: float) -> F64:
-    """(8,) what is known of a pose: place and height with these deviations, and nothing of how it faces."""
-    known = np.zeros(8)
-    known[[kernels.XX, kernels.YY, kernels.HEIGHT]] = std_m**-2, std_m**-2, height_std_m**-2
-    return known
+def about(std_m: float, height_std_m: float) -> kernels.Known:
+    """A pose whose place and height are known with these deviations, and nothing of how it faces."""
+    return kernels.Known(std_m**-2, 0.0, std_m**-2, height_std_m**-2, 0.0, 0.0, 0.0, 0.0)
 
 
 def upright(pose: Sequence[float]) -> F64:
@@ -266,12 +264,12 @@ class Samples:
         return self.log_ratio(pose, tall, ratios) + self.log_prior(pose, tall)
 
     def ascend(
-        self, pose: F64, predicted: F64, known: F64, tall: F64, ratios: F32, steps: F64 = STEPS_M
+        self, pose: F64, predicted: F64, known: kernels.Known, tall: F64, ratios: F32, steps: F64 = STEPS_M
     ) -> tuple[float, F64]:
         """Move a pose to where it explains best.
 
         Args:
-            known: (8,) what is known of the pose before the frame, see ``about`` and ``Person.known``.
+            known: of the pose before the frame, see ``about`` and ``Person.prior``.
 
         Returns:
             The evidence there; (4,) how sharply Lam curves there along the ray, across it, in height [1/m^2], and in

@@ -13,8 +13,8 @@ import numpy as np
 from calib.types import F32, F64, I64, U8
 from planview.maps.colour import CODES, smoothing
 from planview.maps.view import View
-from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M
-from planview.tracking.joint._kernels import HEADING, LEGS_TO, PARTS, TORSO_TO, WALK
+from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M, SIDEWARD_RAD, STROLL_MPS, TURNING_RAD2_PS
+from planview.tracking.joint._kernels import LEGS_TO, PARTS, TORSO_TO, Known
 from planview.tracking.joint.explanation import People
 from planview.tracking.kalman import FloorKalman
 
@@ -23,12 +23,6 @@ SPEED_STD_MPS = 1.0
 """Deviation of a newcomer's velocity [m/s]."""
 ANY_FACING = math.pi**2 / 3.0
 """Variance of a direction of which nothing is known [rad^2]."""
-TURNING_RAD2_PS = 1.0
-"""Variance of the turn of a person within a second [rad^2/s]."""
-SIDEWARD_RAD = 0.25
-"""Deviation of a walker's chest from the direction of walking [rad]."""
-STROLL_MPS = 0.5
-"""Speed with which a person who does not walk moves in any direction, whatever the facing [m/s]."""
 FACING_STD_MAX_RAD, AHEAD_MIN = 1.0, 1.0
 """Facing is reported when its deviation [rad] and the log-odds of facing ahead are better."""
 AHEAD_MAX = 4.0
@@ -149,14 +143,13 @@ class Person:
         return x_m + self.lean_m * math.cos(self.facing), y_m + self.lean_m * math.sin(self.facing)
 
     @property
-    def prior(self) -> F64:
-        """(8,) what is known of the pose before a frame (``_kernels.XX`` to ``HEADING``)."""
+    def prior(self) -> Known:
+        """What is known of the pose before a frame."""
         k, back = self.kalman, 1.0 / (1.0 + math.exp(self.ahead))
-        spread = (STROLL_MPS**2 + k.covariance[2, 2] + k.covariance[3, 3]) / max(k.vx_mps**2 + k.vy_mps**2, 1e-6)
-        return np.array([
-            *k.information, 1.0 / self.height_var, 1.0 / self.facing_var, back,
-            1.0 / (SIDEWARD_RAD**2 + spread), math.atan2(k.vy_mps, k.vx_mps),
-        ])  # fmt: skip
+        spread = STROLL_MPS**2 + float(k.covariance[2, 2] + k.covariance[3, 3])
+        walk = 1.0 / (SIDEWARD_RAD**2 + spread / max(k.vx_mps**2 + k.vy_mps**2, 1e-6))
+        heading = math.atan2(k.vy_mps, k.vx_mps)
+        return Known(*k.information, 1.0 / self.height_var, 1.0 / self.facing_var, back, walk, heading)
 
     @property
     def facing_deg(self) -> float:
@@ -174,9 +167,9 @@ class Person:
             return
         prior, facing = self.prior, float(pose[3])
         turned = math.cos(facing - self.facing)
-        ahead = 2.0 * prior[WALK] * math.cos(facing - prior[HEADING])
+        ahead = 2.0 * prior.walk * math.cos(facing - prior.heading)
         self.ahead = max(-AHEAD_MAX, min(AHEAD_MAX, (self.ahead if turned > 0 else -self.ahead) + looks * ahead))
-        information = 1.0 / self.facing_var + looks * (max(curvature, 0.0) + prior[WALK])
+        information = 1.0 / self.facing_var + looks * (max(curvature, 0.0) + prior.walk)
         self.facing, self.facing_var = math.remainder(facing, 2.0 * math.pi), 1.0 / information
         self.lean_m = float(pose[4])
 

@@ -230,7 +230,7 @@ def plain(samples: kernels.SampleArrays) -> None:
     """Take every pixel for one patch, and the nearest table for each."""
     n = int(samples.size[0])
     samples.weight[:n], samples.slant[:n] = 1.0, 0.5
-    samples.turn[:n] = np.arctan2(samples.ey[:n], samples.ex[:n]) * kernels.PER_RAD - 0.5
+    samples.turn[:n] = np.arctan2(samples.ey[:n], samples.ex[:n]) * body.TURNS_PER_RAD - 0.5
 
 
 def explained(seen: View) -> Explanation:
