@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import cv2
@@ -10,8 +11,8 @@ import numpy as np
 from calib.types import F32, F64, I64
 from planview.maps.view import SURFACE, UNKNOWN
 from planview.tracking import body
+from planview.tracking.joint._kernels import TINY, map_lacking
 from planview.tracking.joint._kernels import fresh_points as find_fresh
-from planview.tracking.joint._kernels import map_lacking
 from planview.tracking.joint.explanation import SURFACE_STD_M, Explanation, Owned, People, about, upright
 from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
@@ -111,6 +112,8 @@ def _tried(frame: Explanation, birth_evidence: float, people: People, points: F6
         value, curved = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial.ratios[n])
         if value > worth:
             worth, pose, curvature = value, moved, curved
+    # Evidence is a mean over all directions of facing, of which two opposite ones explain like the best one.
+    worth += min(0.0, 0.5 * math.log(2.0 / (math.pi * max(float(curvature[3]), TINY))))
     mine, known, _ = samples.visible(pose, trial.tall[n])
     if worth < birth_evidence or mine < 0.25 * known:
         return None
