@@ -97,7 +97,8 @@ class FloorEstimator:
             left, right = (median_image([p.left_grey for p in pairs]), median_image([p.right_grey for p in pairs]))
             return align_plane(plane, left, right, median_image(depths), geometry)
 
-        return floor_in(depths, geometry, params, _BLIND_PAIR, align)
+        blind = f"{_BLIND_PAIR}; a baseline of {geometry.baseline_m:.3g} m may be in another unit, such as squares"
+        return floor_in(depths, geometry, params, blind, align)
 
     def __call__(self, frames: Iterable[StereoFrame]) -> Floor:
         """The floor common to some frames as recorded (same errors as ``floor``)."""

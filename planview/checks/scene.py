@@ -139,7 +139,7 @@ def blocking(image: U8) -> float:
 
 TOLERANCE = 0.08
 """A known height must be met within this share: 5 cm of noise and shoes, and some error of the floor."""
-POSSIBLE_M, LIKELY_M = (0.4, 2.3), (1.4, 2.0)
+POSSIBLE_M, LIKELY_M = (0.4, 2.3), (1.5, 1.95)
 """Heights of moving things that can be people, and of standing adults, whom a usual recording shows [m]."""
 
 
