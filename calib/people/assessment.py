@@ -56,14 +56,20 @@ def assess(fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, walked
     values, limits = advisor.deviations(fit.covariance), advisor.limits
     enough = bool((values <= limits).all())
     error, height, tilt = values.tolist()
+    away = advisor.deviations(fit.covariance, from_camera=True)[0]
     text = (
-        f"floor positions are known to {f'{error:.2f}' if error < 100 else 'more than 100'} m where people were "
-        f"marked, the camera's height to {height:.0%}, its tilt to {math.degrees(tilt):.1f} degrees"
+        f"where people were marked, floor positions are known to {_metres(error)} relative to each other and to "
+        f"{_metres(away)} from the camera, the camera's height to {height:.0%}, its tilt to {math.degrees(tilt):.1f} "
+        "degrees"
     )
     if enough:
         return Assessment(True, error, found, f"enough: {text}")
     most = f"at most {limits[0]:.2g} m, {MAX_HEIGHT_STD:.0%} and {math.degrees(MAX_TILT_STD):g} degrees"
     return Assessment(False, error, found, f"not enough: {text} ({most}); {advisor.advice(found)}")
+
+
+def _metres(error: float) -> str:
+    return f"{error:.2f} m" if error < 100 else "more than 100 m"
 
 
 _TURNS_RAD = np.deg2rad([[-89.0, -44.0], [89.0, 44.0]])
@@ -93,8 +99,9 @@ class _Advisor:
         self._rigid = np.linalg.qr(rigid.reshape(-1, 3))[0]
         self.gain: F64 | None = None
 
-    def deviations(self, covariance: F64) -> F64:
-        """(3,) of floor positions [m], the median over the pixels, camera height [1] and tilt [rad].
+    def deviations(self, covariance: F64, *, from_camera: bool = False) -> F64:
+        """(3,) of floor positions [m], the median over the pixels, relative to each other or ``from_camera``, camera
+        height [1] and tilt [rad].
 
         Far places move more than in proportion, so that cameras away from the fit are tried: the points of the
         unscented transform (Julier and Uhlmann 1997).
@@ -111,7 +118,8 @@ class _Advisor:
             shared[[TILT, ROLL]] = np.clip(shared[[TILT, ROLL]], *_TURNS_RAD)
             moved = shared_camera(shared, self.fit.camera).back_project(self._pixels)
             off = np.nan_to_num(moved - self._floor).ravel()
-            off -= self._rigid @ (self._rigid.T @ off)
+            if not from_camera:
+                off -= self._rigid @ (self._rigid.T @ off)
             total += (off.reshape(-1, 2) ** 2).sum(axis=1)
         return np.array([math.sqrt(float(np.median(total)) / len(steps) / 2), height_std, tilt_std])
 

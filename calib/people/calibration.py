@@ -13,7 +13,14 @@ import numpy as np
 from calib.errors import WorkError
 from calib.ground_camera import LENS_K_320, GroundCamera, distortion_k
 from calib.people.assessment import Assessment, assess
-from calib.people.fit import GroundCameraFit, fit_camera, with_focal_spread, with_outline_errors
+from calib.people.fit import (
+    STRETCHES,
+    GroundCameraFit,
+    fit_camera,
+    with_focal_spread,
+    with_outline_errors,
+    with_stretches_left_out,
+)
 from calib.people.model import (
     FOCAL,
     HEIGHT,
@@ -115,6 +122,8 @@ def calibrate_from_people(
     fit = with_focal_spread(best, people, model)
     if independent is not None:
         fit = with_outline_errors(fit, people, model)
+        if len(people) > 3 * STRETCHES:
+            fit = with_stretches_left_out(fit, people, model, [sample.frame for sample in samples])
     errors = weighted_errors(fit.camera, fit.places_m, people.rows, model)
     _refuse_unfit(fit, errors, name)
     return HumanCalibration(

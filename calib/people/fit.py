@@ -8,6 +8,7 @@ residuals of a person are whitened by their covariance. The flatter the minimum,
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +35,8 @@ POINT_PX = 2.0
 """Deviation of a point or edge marked by hand [px] (what people reach on a screen)."""
 OUTLINE_PX = 2.0
 """By so much the ends of outlines err alike [px] (as much as a hand errs at each)."""
+STRETCHES = 6
+"""Parts of a recording that are left out one by one: about a walker each."""
 FAR = 1e4
 """Residual of what is behind a camera."""
 
@@ -269,6 +272,29 @@ def with_outline_errors(fit: GroundCameraFit, people: MarkedPeople, model: Human
         moved = fit_camera(fit.camera, replace(people, rows=rows), model, fit.prior, fit.variation)
         move = np.where(np.arange(N_SHARED) < N_CAMERA, moved.shared - fit.shared, 0.0)
         covariance += np.outer(move, move)
+    return replace(fit, covariance=covariance)
+
+
+def with_stretches_left_out(
+    fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, frames: Sequence[int]
+) -> GroundCameraFit:
+    """The fit to people who are observed often, by the frame of each: what is odd about a walker errs alike all along.
+
+    What the camera moves by when one stretch of the recording after another is left out is added to its covariance (the
+    jackknife of Tukey 1958 over groups).
+    """
+    parts = np.array_split(np.argsort(frames, kind="stable"), STRETCHES)
+    cameras = []
+    for part in parts:
+        kept = np.delete(np.arange(len(people)), part)
+        few = replace(
+            people, rows=people.rows[kept], scale=people.scale[kept], scale_std=people.scale_std[kept],
+            given=people.given[kept],
+        )  # fmt: skip
+        cameras.append(fit_camera(fit.camera, few, model, fit.prior, fit.variation).shared[:N_CAMERA])
+    off = np.array(cameras) - np.mean(cameras, axis=0)
+    covariance = fit.covariance.copy()
+    covariance[:N_CAMERA, :N_CAMERA] += (STRETCHES - 1) / STRETCHES * off.T @ off
     return replace(fit, covariance=covariance)
 
 

@@ -254,6 +254,8 @@ def test_few_people_are_not_enough_although_the_floor_between_them_is_known() ->
     verdict = calibrate_from_people(people, camera.size, camera.lens).assessment
     assert not verdict.enough and verdict.floor_error_m < 0.5
     assert "the camera's height to" in verdict.sentence and "its tilt to" in verdict.sentence
+    relative, away = (float(part.split(" m ")[0]) for part in verdict.sentence.split("to ")[1:] if " m " in part[:9])
+    assert relative == pytest.approx(verdict.floor_error_m, abs=0.01) and away > relative
 
 
 def test_field_of_view_is_a_focal_length_and_both_are_refused():
@@ -310,6 +312,21 @@ def test_odd_sample_is_named_and_changes_little() -> None:
     people[4] = HumanSample((left, top, width, height / 2), people[4].head_px, (left + width / 2, top + height / 2))
     found = calibrate_from_people(people, STREET.size, "pinhole", known=KnownValues(focal_px=740.0))
     assert found.odd == (4,) and found.camera.height_m == pytest.approx(7.0, rel=0.04)
+
+
+def test_walker_whose_outlines_differ_from_the_others_makes_the_camera_less_certain() -> None:
+    """The first four of 24 sightings, in the order of the frames, end 15 px too high."""
+    truth = GroundCamera(640, 480, 450.0, 3.5, math.radians(65), "pinhole")
+    fits = []
+    for cut_px in (0.0, 15.0):
+        seen = []
+        for k, sample in enumerate(standing_people(truth, 24, seed=3)):
+            (left, top, width, height), (u, v), cut = sample.box_px, sample.foot_px, cut_px * (k < 4)
+            moved = replace(sample, box_px=(left, top, width, height - cut), foot_px=(u, v - cut), frame=k)
+            seen.append(moved)
+        fits.append(calibrate_from_people(seen, truth.size, truth.lens, independent=24))
+    alike, odd = fits
+    assert odd.std.height > 1.5 * alike.std.height
 
 
 def test_outlines_that_end_too_high_are_within_the_deviation() -> None:

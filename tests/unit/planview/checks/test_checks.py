@@ -471,7 +471,9 @@ def test_the_verdict_comes_first_and_names_what_failed_before_what_is_a_warning(
     lines = verdict(Diagnosis((fine, warned, failed), None))
     assert lines[0] == "Results of this recording cannot be trusted: 1 of 3 checks failed and 1 warning."
     assert lines[1] == "failed: valid disparity: expected at least 0.35, found 0.2 (share of the picture)"
-    assert lines[2].startswith("warning: person height: expected 1.4 to 2 m, found 1.05 (likely a wrong focal length")
+    assert lines[2].startswith(
+        "warning: person height: expected 1.5 to 1.95 m, found 1.05 (likely a wrong focal length"
+    )
     assert verdict(Diagnosis((fine, warned), None))[0] == "Results can be used, with 1 warning."
     unknown = height_check(np.empty(0))
     expected = "Nothing wrong was found: 1 checks passed; not measured: person height."
