@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 import cv2
@@ -135,7 +136,8 @@ def test_wrong_options_are_refused_by_name(street, words, named, refused):
 
 
 def test_a_folder_that_is_no_run_is_refused_in_one_sentence(tmp_path, refused):
-    assert refused("render", tmp_path / "none").startswith(f"planview: {tmp_path / 'none' / 'tracks.csv'}: expected")
+    missing = tmp_path / "none"
+    assert refused("render", missing).startswith(f"planview: {missing}: no such file or folder")
 
 
 def test_tally_counts_what_happened_up_to_a_frame():
@@ -160,7 +162,8 @@ def test_web_view_listens_on_this_machine_only(tmp_path, monkeypatch, capsys):
         return 0
 
     monkeypatch.setattr(command, "_viewed", viewed)
-    (tmp_path / "run.rrd").write_bytes(b"")
+    major, minor = map(int, version("rerun-sdk").split(".")[:2])
+    (tmp_path / "run.rrd").write_bytes(b"RRF2" + bytes([major, minor, 0, 0]) + b"RRF2FOOT" + bytes(4))
     command.view(tmp_path, web=True, web_port=9191)
     assert called[0][1:3] == ["--bind", "127.0.0.1"] and "--serve-web" in called[0]
     assert "http://127.0.0.1:9191" in capsys.readouterr().err
