@@ -132,6 +132,7 @@ def _class_column(table: F64) -> int | None:
         flag = bool(np.isin(more[:, 0], (0, 1)).all()) and more[:, 1].min() >= 0
         visibility = flag and n == 3 and bool(((rest >= 0) & (rest <= 1)).all())
         levels = flag and n == 4 and all(whole) and bool(((rest >= 0) & (rest <= (1, 2))).all())
+        levels = levels and more[:, 1].max() > 0  # else somebody who stays at the origin of the floor
         if visibility or levels or bool(((rest == -1) | np.isnan(rest)).all()):
             return 1
     # A class first: more than a flag, people among them, and one for all rows of an id, unlike scores in percent.

@@ -284,8 +284,9 @@ class TrajectoryCollector:
     def add(self, frame: int, timestamp_s: float, tracks: Sequence[TrackState]) -> None:
         """Take one frame's tracks; every (frame, id) once."""
         for track in tracks:
-            metres = (round(v, 4) for v in (track.x_m, track.y_m, track.vx_mps, track.vy_mps, track.height_m))
-            rest = (round(v, 1) for v in (*track.box_px, track.facing_deg))
+            left, top, width, height = track.box_px
+            metres = _rounded((track.x_m, track.y_m, track.vx_mps, track.vy_mps, track.height_m), 4)
+            rest = _rounded((left, top, width, height, track.facing_deg), 1)
             self._rows.append((frame, round(timestamp_s, 4), track.track_id, *metres, track.state, *rest))
 
     def trajectories(self) -> Trajectories:
@@ -303,6 +304,10 @@ def read_tracks(path: Path | str) -> Trajectories:
 def read_truth(path: Path | str) -> Trajectories:
     """Read ``truth.csv`` (same errors as ``read_tracks``)."""
     return _read(path, TRUTH_COLUMNS, "truth")
+
+
+def _rounded(values: Sequence[float], digits: int) -> list[float]:
+    return [value if math.isnan(value) else round(value, digits) for value in values]
 
 
 def _cell(value: float, digits: int) -> str:

@@ -41,7 +41,7 @@ def folder(engine: Engine, recording: Path, tmp_path_factory: pytest.TempPathFac
 
 def test_the_summary_tells_the_counts_and_one_speed_with_its_meaning(folder: Path) -> None:
     output = " ".join((folder.parent / "output.txt").read_text().split())
-    assert re.search(r"gate │ tripwire │ left_to_right \d, right_to_left \d, people 1", output)
+    assert re.search(r"gate │ tripwire │ left to right \d, right to left \d, people 1", output)
     assert re.search(r"\d per second, results written", output)
     assert "median; reading overlaps" in output
 
@@ -112,7 +112,7 @@ def test_colour_is_tracked_like_grey(pairs: list[Pair], engine: Engine, tmp_path
     recording = write_toy_recording(tmp_path / "colour", toy_rig(), coloured)  # type: ignore[arg-type]
     write_world(engine, recording)
     results = list(open_engine(recording, config=load_config(None, [FEW])))
-    assert (image := results[0].image) is not None and image.ndim == 3
+    assert results[0].depth is not None and results[0].depth.picture().ndim == 3
     assert [track.state for track in results[-1].tracks] == ["confirmed"]
 
 
