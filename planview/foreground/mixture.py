@@ -155,6 +155,9 @@ class Foreground:
         No person covers so much of the view, or takes the depth of so much of it, from one frame to the next. What
         stays so is no damage but another light, or another view, which begins a new background.
         """
+        if not steady and not self.settled:  # what has been learned is of another view
+            self.reset()
+            return False
         n, lit, shown, compared = kernels.count_shown(self._model, frame, self._constants(), SAMPLED)
         shares = shown / max(lit, 1), compared / n, lit / n
         gap_s = timestamp_s - self._shown_s
