@@ -22,12 +22,14 @@ PARTS = (
 body of 1.76 m, depth over breadth, and how often it covers (Zhang's cylinders, as wide as arms and a stride)."""
 BLUR_M = 0.035
 """Deviation of the outline [m]: clothes and posture."""
+SUREST = 0.999
+"""No part covers for certain: in a mask the seams between parts are as unsure as the outline."""
 
 
 @lru_cache(maxsize=1)
 def silhouette() -> BodyTable:
     """The table of all depression angles; its ``front`` is not known from a mask, and 0."""
     table = table_of(
-        [Part(((low, high, half_m, depth),), BLUR_M, covers) for low, high, half_m, depth, covers in PARTS]
+        [Part(((low, high, half_m, depth),), BLUR_M, min(covers, SUREST)) for low, high, half_m, depth, covers in PARTS]
     )
     return table._replace(front=np.zeros_like(table.front))
