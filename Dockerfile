@@ -1,4 +1,4 @@
-# The demo without a display: docker build -t planview . && docker run --rm -v "$PWD/out:/work/out" planview
+# The demo without a display: docker build -t planview . && docker run --rm -v "$PWD/out:/data/out" planview
 FROM python:3.12-slim
 WORKDIR /planview
 COPY requirements.lock tools/system_libraries.sh ./
@@ -7,8 +7,8 @@ RUN pip install --no-cache-dir --require-hashes -r requirements.lock
 COPY . .
 RUN pip install --no-cache-dir --no-deps .
 # Compiled kernels are kept in the folder of this user.
-RUN useradd --create-home user && mkdir -p /work/out && chown -R user /work
+RUN useradd --create-home user && mkdir -p /data/out && chown -R user /data
 USER user
-WORKDIR /work
+WORKDIR /data
 ENTRYPOINT ["planview"]
 CMD ["demo"]
