@@ -18,9 +18,8 @@ from planview.tracking.joint.person import COLOURED_FRAMES_MIN, SMOOTHING, Perso
 
 CONTACT_M = 0.7
 """People nearer than this may be confused [m]: a body, and an arm's movement."""
-KNOWN_LOG_ODDS = 2.0
-"""Log-odds from which a newcomer is recognised; in doubt it is a stranger, since an id that passes to somebody else
-makes two people wrong."""
+KNOWN_LOG_ODDS = 0.3
+"""Log-odds from which a newcomer is recognised: probably the same person; without evidence it is a stranger."""
 EXCHANGED_LOG_ODDS = 6.0
 """Log-odds at which two people exchange identities: one error in 400."""
 PART_MAX = 2.0
