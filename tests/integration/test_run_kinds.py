@@ -129,11 +129,12 @@ def test_a_person_seen_by_two_heads_is_one_person(cli, heads, engine, tmp_path):
     assert info.rig is not None and [camera.name for camera in info.rig.heads] == ["left_one", "right_one"]
     assert (tmp_path / "out" / "run.rrd").stat().st_size > 0
     assert "right_one" in (tmp_path / "out" / "report.html").read_text()
-    # Two heads weigh against what was predicted as two looks do, so that places differ by a few centimetres.
+    # Two heads weigh against what was predicted as two looks do, so that places of a head differ by some centimetres.
     alone = {(r.frame, t.track_id): t for r in engine for t in r.tracks}
     sure = tracks.where(tracks.state == "confirmed")
-    for frame, track_id, x, y in zip(sure.frame, sure.track_id, sure.x_m, sure.y_m, strict=True):
-        assert (x, y) == pytest.approx((alone[frame, track_id].x_m, alone[frame, track_id].y_m), abs=0.04)
+    known = [alone[key] for key in zip(sure.frame, sure.track_id, strict=True)]
+    apart = np.hypot(sure.x_m - [track.x_m for track in known], sure.y_m - [track.y_m for track in known])
+    assert np.median(apart) < 0.03 and apart.max() < 0.06
 
 
 def test_a_rig_without_a_frame_is_left_out_of_that_moment(heads, engine):
