@@ -29,6 +29,8 @@ from planview.synthetic.write import write_recording
 
 Flag = Annotated[bool, Parameter(negative="")]
 """A switch that is off without its option."""
+Row = dict[str, Any]
+"""Figures by the names that head their columns."""
 JsonFlag = Annotated[bool, Parameter(name="--json", negative="")]
 """The switch --json: one JSON object on standard output."""
 

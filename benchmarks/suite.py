@@ -9,27 +9,39 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.options import ChallengeOptions, Flag, Rendering, json_text, progress, rendered
-from benchmarks.passes import Pass, SceneScore, print_scores, provenance, run_pass, scores_json, watched
+from benchmarks.options import (
+    BenchOptions,
+    ChallengeOptions,
+    Flag,
+    Rendering,
+    json_text,
+    progress,
+    rendered,
+    scene_files,
+)
+from benchmarks.passes import Pass, SceneScore, print_scores, provenance, run_pass, scores_json, together, watched
 from benchmarks.random_scenes.generator import random_scene
-from calib.errors import WorkError
+from calib.errors import InputError, WorkError
 from calib.io import load_toml, write_whole
 from planview.engine.config import Config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.output.finished import refine_run
+from planview.synthetic.assets import SCENES
 from planview.synthetic.camera import mount_pose, rectified_world, stereo_rig
 from planview.synthetic.motion import TURNS
 from planview.synthetic.people import Cast
-from planview.synthetic.scene import Scene
+from planview.synthetic.scene import Scene, load_scene
 from planview.synthetic.steps import Cartwheel
 from planview.synthetic.texture import Palette
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
+LIMITS = {"significant_errors": 1, "position_error_mean_m": 0.10, "height_error_mean_m": 0.06}
+"""What all committed scenes together must keep (Harville 2002: one significant error in ten minutes, 18 cm)."""
 Way = Literal["online", "refined"]
 """Tracks as they came, and those refined afterwards."""
 TURNING = 0.02
@@ -40,16 +52,22 @@ JUDGING_SEED = 100
 
 @dataclass(frozen=True)
 class SuiteJob:
-    """One scene of one seed to be rendered, tracked and scored, with ``refine`` also refined; ``cache``: folder of
-    rendered recordings and of runs over them; ``out``: gets a copy of the run."""
+    """A scene to be rendered, tracked and scored, with ``refine`` also refined: a challenge of a seed, or a committed
+    scene without one; ``cache``: folder of rendered recordings and of runs over them; ``out``: gets a copy of the
+    run."""
 
     path: Path
-    seed: int
+    seed: int | None
     cache: Path
     out: Path | None
     config: Config
     tracker: str = "joint"
     refine: bool = False
+    frames: int | None = None
+
+    @property
+    def name(self) -> str:
+        return self.path.stem if self.seed is None else f"{self.path.stem}-{self.seed}"
 
 
 def chosen_files(files: Sequence[Path], seed: int, minutes: float) -> list[Path]:
@@ -67,10 +85,11 @@ def chosen_files(files: Sequence[Path], seed: int, minutes: float) -> list[Path]
     return sorted(chosen)
 
 
-def suite_recording(path: Path, seed: int, cache: Path) -> tuple[Path, Scene]:
-    """The recording of a seed, from the cache when it is there."""
-    scene = random_scene("suite", seed, path).scene
-    return rendered(scene, f"suite-{path.stem}-{seed}", Rendering(cache)), scene
+def suite_recording(path: Path, seed: int | None, cache: Path, frames: int | None = None) -> tuple[Path, Scene]:
+    """The recording of a seed, or of a committed scene, and its scene; from the cache when it is there."""
+    scene = load_scene(path) if seed is None else random_scene("suite", seed, path).scene
+    name = path.stem if seed is None else f"suite-{path.stem}-{seed}"
+    return rendered(scene, name, Rendering(cache, frames=frames)), scene
 
 
 def judged_truth(truth: Trajectories, scene: Scene) -> Trajectories:
@@ -92,20 +111,18 @@ def run_job(job: SuiteJob) -> dict[Way, SceneScore] | str:
     """Render, track (both once, from the cache when they are there) and score one scene in every way asked for; or why
     no attempt fits into its room, or the engine refuses it."""
     try:  # one pass serves the suite and the ablation
-        recording, scene = suite_recording(job.path, job.seed, job.cache)
+        recording, scene = suite_recording(job.path, job.seed, job.cache, job.frames)
         kept = run_pass(Pass(recording, job.cache, job.config, job.tracker, recorded=job.tracker == "joint"))
     except WorkError as error:
-        return f"{job.path.stem} of seed {job.seed}: {error}"
+        return f"{job.name}: {error}"
     if job.out is not None:
-        kept = Path(shutil.copytree(kept, job.out / f"{job.path.stem}-{job.seed}", dirs_exist_ok=True))
+        kept = Path(shutil.copytree(kept, job.out / job.name, dirs_exist_ok=True))
     tracks: dict[Way, Trajectories] = {"online": read_tracks(kept / "tracks.csv")}
     if job.refine:
         tracks["refined"] = refined_tracks(kept)
-    truth = judged_truth(read_truth(recording / "truth.csv"), scene)
+    truth, n = judged_truth(read_truth(recording / "truth.csv"), scene), job.frames or scene.n_frames
     return {
-        way: SceneScore(
-            job.path.stem, job.seed, evaluate_tracks(t, truth), recording, scene.n_frames, scene.duration_s, kept
-        )
+        way: SceneScore(job.path.stem, job.seed or 0, evaluate_tracks(t, truth), recording, n, n / scene.fps, kept)
         for way, t in tracks.items()
     }
 
@@ -116,6 +133,21 @@ def refined_tracks(folder: Path) -> Trajectories:
         copy = Path(shutil.copytree(folder, Path(temporary) / "run"))
         refine_run(copy)
         return read_tracks(copy / "tracks.csv")
+
+
+def scored(jobs: Sequence[SuiteJob], at_once: int) -> tuple[dict[Way, list[SceneScore]], list[str]]:
+    """The scores of every way in the order of the jobs, and why some are left out."""
+    done, left_out = dict(watched(run_job, jobs, at_once)), []
+    ways: dict[Way, list[SceneScore]] = {}
+    for job in jobs:
+        by_way = done[job]
+        if isinstance(by_way, str):
+            left_out.append(by_way)
+            progress(f"left out: {by_way}")
+        else:
+            for way, score in by_way.items():
+                ways.setdefault(way, []).append(score)
+    return ways, left_out
 
 
 @Parameter(name="*")
@@ -151,16 +183,7 @@ def suite(*, options: SuiteOptions | None = None) -> None:
     settings = o.settings()
     chosen = [(s, path) for s in seeds for path in chosen_files(files, s, o.minutes)]
     jobs = [SuiteJob(path, seed, o.cache_folder, o.out, settings, o.tracker, o.refine) for seed, path in chosen]
-    done, left_out = dict(watched(run_job, jobs, o.jobs)), []
-    ways: dict[Way, list[SceneScore]] = {}
-    for job in jobs:
-        by_way = done[job]
-        if isinstance(by_way, str):
-            left_out.append(by_way)
-            progress(f"left out: {by_way}")
-        else:
-            for way, score in by_way.items():
-                ways.setdefault(way, []).append(score)
+    ways, left_out = scored(jobs, o.jobs)
     result = {"seeds": seeds, "left_out": left_out, **provenance()}
     result |= {way: scores_json(scores) for way, scores in ways.items()}
     if o.out is not None:
@@ -171,3 +194,45 @@ def suite(*, options: SuiteOptions | None = None) -> None:
         return
     for way, scores in ways.items():
         print_scores(f"scene, {way}", scores)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class AccuracyOptions(BenchOptions):
+    """What is rendered, tracked and scored."""
+
+    scene: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Only these scenes, by name."""
+    tracker: str = "joint"
+    """Tracker that follows people: one of planview run, or peaks, the baseline of height peaks."""
+    frames: int | None = None
+    """Only the first frames of every scene."""
+    scenes: Path = SCENES
+    """Folder with scenes."""
+    out: Path | None = None
+    """Folder that keeps the runs (tracks.csv, run.json); nothing is kept by default."""
+
+
+def accuracy(*, options: AccuracyOptions | None = None) -> None:
+    """Render every committed scene, track it and score it.
+
+    Example: python -m benchmarks accuracy --scene crossing --scene group
+    """
+    o = options or AccuracyOptions()
+    if o.frames is not None and o.frames < 1:
+        raise InputError(f"expected --frames from 1, found {o.frames}")
+    files, settings = scene_files(o.scene, o.scenes), o.settings()
+    jobs = [SuiteJob(path, None, o.cache_folder, o.out, settings, o.tracker, frames=o.frames) for path in files]
+    scores = scored(jobs, 1)[0].get("online", [])
+    if o.json_output:
+        print(json_text(scores_json(scores) | {"limits": LIMITS, "ok": keeps_limits(scores)}), end="")
+        return
+    print_scores("scene", scores)
+    print(f"limits: {LIMITS}: {'kept' if keeps_limits(scores) else 'not kept'}")
+
+
+def keeps_limits(scores: Sequence[SceneScore]) -> bool:
+    """Whether all scenes together keep LIMITS."""
+    totals: dict[str, Any] = together(scores).to_json()
+    found = totals | {"significant_errors": totals["significant_errors"]["total"]}
+    return all((found[name] or 0.0) <= limit for name, limit in LIMITS.items())

@@ -3,10 +3,12 @@
 import json
 import math
 import os
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from toy_recordings import write_video
 from toy_stereo import toy_rig
 
 from benchmarks.__main__ import main_benchmarks as main
@@ -22,24 +24,23 @@ from benchmarks.ablation import (
 )
 from benchmarks.calibration import Row, alignment_error
 from benchmarks.options import report
-from benchmarks.speed import LIMITS, Clip, Yardstick, counted, one_core, ratio_row, walking_people
+from benchmarks.speed import LIMITS, Yardstick, compared, counted, one_core, ratio_row
 from calib.errors import InputError
-from calib.ground_camera import GroundCamera
 from calib.pose import SE3
 from calib.rig import world_from_plane
 from calib.world import RigEntry
 from planview.engine.config import Config, load_config
+from planview.engine.open import open_engine
 from planview.maps.grid import Grid
 from planview.maps.plan_view import PlanViewMaps
 from planview.maps.view import FloorPoints
 
 
 def test_missing_recordings_and_too_few_frames_are_refused(tmp_path, capsys):
-    with pytest.raises(InputError, match="nowhere"):
-        Clip(tmp_path / "nowhere", 10)
-    with pytest.raises(SystemExit, match="2"):
-        main(["speed", "--frames", "1"])
-    assert "--frames" in capsys.readouterr().err
+    for words, named in ((["--recording", str(tmp_path / "nowhere")], "nowhere"), (["--frames", "1"], "--frames")):
+        with pytest.raises(SystemExit, match="2"):
+            main(["speed", *words])
+        assert named in capsys.readouterr().err
 
 
 def test_table_shows_long_names_intervals_and_unknown_figures(capsys: pytest.CaptureFixture[str]) -> None:
@@ -75,6 +76,15 @@ def test_one_core_is_given_back():
 @pytest.mark.parametrize(("size", "disparities"), [((320, 240), 64), ((640, 480), 64), ((1280, 800), 128)])
 def test_the_yardstick_depends_on_the_size_alone(size: tuple[int, int], disparities: int) -> None:
     assert Yardstick(toy_rig().scaled(*size), grey=True).disparities == disparities
+
+
+def test_video_takes_turns_with_mog2_alone(tmp_path: Path) -> None:
+    write_video(tmp_path / "video.avi", 12, colour=True)
+    tables = compared(open_engine(tmp_path / "video.avi", "ellipse-particle"), 10)
+    assert [row["ours / OpenCV"] for row in tables["ratios"]] == [
+        "engine on all cores / MOG2", "engine / MOG2", "foreground / MOG2",
+    ]  # fmt: skip
+    assert {row["stage"] for row in tables["stages"]} >= {"foreground", "track"}
 
 
 def test_frames_with_four_people_count_where_there_are_enough() -> None:
@@ -167,9 +177,3 @@ def test_command_compares_variants_with_the_engine_as_configured(recording, caps
     # One person alone: colours hardly decide where.
     as_configured, without_colours = (row["position_error_m"][0] for row in result["variants"][:2])
     assert without_colours == pytest.approx(as_configured, abs=0.02)
-
-
-def test_painted_people_come_in_after_ten_frames() -> None:
-    frames = list(walking_people(GroundCamera(80, 60, 65.0, 3.5, 1.05), 2, 12))
-    before, after = ((np.abs(frames[i].astype(int) - frames[0]).max(axis=2) > 20).sum() for i in (9, 10))
-    assert before == 0 and after > 50
