@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -30,6 +29,8 @@ TRACK_COLUMNS = (
     "frame", "timestamp_s", "id", "x_m", "y_m", "vx_mps", "vy_mps", "height_m", "state",
     "left_px", "top_px", "width_px", "height_px", "facing_deg",
 )  # fmt: skip
+DECIMALS = (None, 4, None, *[4] * 5, None, *[1] * 5)
+"""Of each column as it is written: 0.1 mm, 0.1 ms, 0.1 px, 0.1 degrees; None where it is no fraction."""
 NUMBER_COLUMNS = tuple(name for name in TRACK_COLUMNS if name != "state")
 COLUMNS = (*TRACK_COLUMNS, "visible")
 BOX_COLUMNS = TRACK_COLUMNS[9:13]
@@ -244,19 +245,17 @@ def write_header(file: IO[str]) -> None:
     file.write(",".join(TRACK_COLUMNS) + "\n")
 
 
+def _row(frame: int, timestamp_s: float, track: TrackState) -> tuple[Any, ...]:
+    """The cells of TRACK_COLUMNS."""
+    place = track.x_m, track.y_m, track.vx_mps, track.vy_mps, track.height_m
+    return frame, timestamp_s, track.track_id, *place, track.state, *track.box_px, track.facing_deg
+
+
 def write_rows(file: IO[str], frame: int, timestamp_s: float, tracks: Sequence[TrackState]) -> None:
     """Append one frame's tracks; an unknown value is an empty cell."""
     for track in tracks:
-        left, top, width, height = track.box_px
-        cells = [
-            str(frame),
-            _cell(timestamp_s, 4),
-            str(track.track_id),
-            *(_cell(v, 4) for v in (track.x_m, track.y_m, track.vx_mps, track.vy_mps, track.height_m)),
-            track.state,
-            *(_cell(v, 1) for v in (left, top, width, height, track.facing_deg)),
-        ]
-        file.write(",".join(cells) + "\n")
+        cells = zip(_row(frame, timestamp_s, track), DECIMALS, strict=True)
+        file.write(",".join(str(c) if n is None else "" if c != c else f"{c:.{n}f}" for c, n in cells) + "\n")
 
 
 def write_table(file: IO[str], table: Trajectories) -> None:
@@ -279,18 +278,16 @@ class TrajectoryCollector:
     """Gathers tracks in memory, with the values that ``write_rows`` and ``read_tracks`` would give."""
 
     def __init__(self) -> None:
-        self._rows: list[tuple[object, ...]] = []
+        self._rows: list[list[Any]] = []
 
     def add(self, frame: int, timestamp_s: float, tracks: Sequence[TrackState]) -> None:
         """Take one frame's tracks; every (frame, id) once."""
         for track in tracks:
-            left, top, width, height = track.box_px
-            metres = _rounded((track.x_m, track.y_m, track.vx_mps, track.vy_mps, track.height_m), 4)
-            rest = _rounded((left, top, width, height, track.facing_deg), 1)
-            self._rows.append((frame, round(timestamp_s, 4), track.track_id, *metres, track.state, *rest))
+            cells = zip(_row(frame, timestamp_s, track), DECIMALS, strict=True)
+            self._rows.append([c if n is None or c != c else round(c, n) for c, n in cells])
 
     def trajectories(self) -> Trajectories:
-        """Everything gathered so far, rounded as in ``tracks.csv``: 0.1 mm, 0.1 ms, 0.1 px, 0.1 degrees."""
+        """Everything gathered so far, rounded as in ``tracks.csv`` (DECIMALS)."""
         columns = zip(*self._rows, strict=True) if self._rows else [()] * len(TRACK_COLUMNS)
         return table_of(dict(zip(TRACK_COLUMNS, columns, strict=True)), "tracks")
 
@@ -304,14 +301,6 @@ def read_tracks(path: Path | str) -> Trajectories:
 def read_truth(path: Path | str) -> Trajectories:
     """Read ``truth.csv`` (same errors as ``read_tracks``)."""
     return _read(path, TRUTH_COLUMNS, "truth")
-
-
-def _rounded(values: Sequence[float], digits: int) -> list[float]:
-    return [value if math.isnan(value) else round(value, digits) for value in values]
-
-
-def _cell(value: float, digits: int) -> str:
-    return "" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def frame_period_s(table: Trajectories, fallback_s: float) -> float:

@@ -16,7 +16,7 @@ from calib.errors import InputError
 from calib.io import reason, require_file
 from calib.types import F64
 from planview.trajectories.file import TrajectoryFile, checked_rate, replaced
-from planview.trajectories.table import NUMBER_COLUMNS, STATES, Trajectories, table_of
+from planview.trajectories.table import NUMBER_COLUMNS, STATES, Trajectories, row_states, table_of
 
 METRES = {"m": 1.0, "cm": 0.01}
 _RATE = re.compile(r"framerate\s*[:=]?\s*([^\s,;]+)", re.IGNORECASE)
@@ -86,15 +86,15 @@ def stream_jsonl(out: IO[str], table: Trajectories) -> None:
     frames, first = np.unique(table.frame, return_index=True)
     for frame, start, end in zip(frames.tolist(), first.tolist(), [*first[1:].tolist(), len(table)], strict=True):
         time = _known(float(table.timestamp_s[start]))
-        people = []
-        for row in range(start, end):
-            vx, vy = table.velocity_mps[row]
-            values = (table.x_m[row], table.y_m[row], vx, vy, table.height_m[row])
-            facing_deg = _known(float(table.facing_deg[row]))
-            box = [_known(float(value)) for value in table.box_px[row]]
-            person = {"id": int(table.track_id[row]), "state": str(table.state[row])}
-            person |= {name: _known(float(value)) for name, value in zip(_VALUES, values, strict=True)}
-            people.append(person | {"box_px": None if None in box else box, "facing_deg": facing_deg})
+        people = [
+            {
+                "id": person.track_id, "state": person.state,
+                **{name: _known(getattr(person, name)) for name in _VALUES},
+                "box_px": None if any(map(math.isnan, person.box_px)) else person.box_px,
+                "facing_deg": _known(person.facing_deg),
+            }
+            for person in row_states(table, slice(start, end))
+        ]  # fmt: skip
         out.write(json.dumps({"frame": frame, "timestamp_s": time, "people": people}) + "\n")
 
 
