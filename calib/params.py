@@ -126,6 +126,8 @@ def _default(info: Any) -> str:
 
 
 def _shown(value: object) -> str:
+    if isinstance(value, float):
+        value = round(value, 6)
     return value if isinstance(value, str) and value else repr(value)
 
 

@@ -14,11 +14,13 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 import planview  # noqa: E402
-from calib.params import Described, Params, described, tables_of  # noqa: E402
+from calib.params import Params, described, tables_of  # noqa: E402
 from planview.commands.params import inside  # noqa: E402
 from planview.engine.config import Config  # noqa: E402
 
 GENERATED = "<!-- written by tools/reference.py from the code (make docs) -->\n"
+SOURCE = re.compile(r" \((?:Harville|Zhang|OpenCV|Hirschm|section|the paper|our choice|as alpha)[^()]*\)?")
+"""Where a default is from, which ``planview params NAME`` prints."""
 GROUPS = {
     "Run and score": ("output", "evaluation", "trajectories"),
     "The engine and its stages": ("engine", "foreground", "maps", "tracking"),
@@ -48,14 +50,13 @@ def run_page() -> str:
     """Every parameter of a run, by its place in ``Config``."""
     head = (
         "Every parameter of a run, by the table that holds it in a configuration file: `--set maps.cell_m=0.03`\n"
-        "changes one, `--config FILE.toml` several, `planview run X --print-config` prints all. Reasons and sources\n"
-        "of the defaults: `planview params NAME`; `planview params --all` also has evaluation, counting, calibration\n"
-        "and scenes. After a name and its default stands the range of values.\n"
+        "changes one, `--config FILE.toml` several, `planview run X --print-config` prints all. Ranges, reasons\n"
+        "and sources: `planview params NAME`. `planview params --all` also has evaluation, counting and scenes.\n"
     )
-    parts, known = [], dict[type[Params], str]()
+    parts, known, places = [], dict[type[Params], str](), dict[str, str]()
     for name, cls in tables_of(Config):
         values = inside(Config(), name)
-        parts.append(_again(name, known[cls], values) if cls in known else _section(name, cls, values))
+        parts.append(_again(name, known[cls], values) if cls in known else _section(name, cls, values, places))
         known.setdefault(cls, name)
     return "\n".join([GENERATED, "# Parameters of a run\n", head, *parts])
 
@@ -66,14 +67,20 @@ def _again(name: str, first: str, values: Params) -> str:
     return f"## `[{name}]`\n\nAs `[{first}]`, with {', '.join(other) or 'the same defaults'}.\n"
 
 
-def _section(name: str, cls: type[Params], values: Params) -> str:
-    title, rows = f"`[{name}]`" if name else "Top level", [_row(field) for field in described(cls, values)]
-    return "\n".join([f"## {title}", "", _cell((cls.__doc__ or "").partition("\n\n")[0]), "", *rows, ""])
-
-
-def _row(field: Described) -> str:
-    bounds = f", {field.range.removeprefix('from ')}" if field.range else ""
-    return f"- `{field.name} = {field.default}`{_cell(bounds)}: {_cell(field.sentence)}"
+def _section(name: str, cls: type[Params], values: Params, places: dict[str, str]) -> str:
+    """A table; ``places`` has the table of each meaning so far, which is not told again."""
+    title = f"`[{name}]`" if name else "Top level"
+    rows, again = [], dict[str, list[str]]()
+    for field in described(cls, values):
+        shown = f"`{field.name} = {field.default}`"
+        if field.meaning in places:
+            again.setdefault(places[field.meaning], []).append(shown)
+        else:
+            rows.append(f"- {shown}: {_cell(SOURCE.sub('', field.sentence))}")
+            places[field.meaning] = name
+    rows += [f"- as in `[{first}]`: {', '.join(shown)}" for first, shown in again.items()]
+    about = _cell((cls.__doc__ or "").partition("\n\n")[0])
+    return "\n".join([f"## {title}", "", about, "", *rows, *([""] if rows else [])])
 
 
 def _cell(text: str) -> str:
