@@ -32,45 +32,51 @@ class SavedState(NamedTuple):
 def encode(roots: Mapping[str, object]) -> SavedState:
     """Encode objects and everything that they refer to. Raises TypeError: something of a class that is not the
     project's, with the place where it was found."""
-    saved = SavedState({}, [], [])
-    numbers: dict[int, int] = {}
-    alive: list[object] = []  # as long as their ids are in use
+    encoder = _Encoder()
+    encoder.saved.roots.update({name: encoder.save(root, name) for name, root in roots.items()})
+    return encoder.saved
 
-    def save(value: Any, path: str) -> Any:
+
+class _Encoder:
+    """Walks a graph once. Functions that call each other by closure would keep the whole state as a cycle."""
+
+    def __init__(self) -> None:
+        self.saved = SavedState({}, [], [])
+        self._numbers: dict[int, int] = {}
+        self._alive: list[object] = []  # as long as their ids are in use
+
+    def save(self, value: Any, path: str) -> Any:
         """A plain value, or a reference to the node of anything else."""
         if type(value) in PLAIN:
             return value
-        if id(value) not in numbers:
-            number = numbers[id(value)] = len(saved.nodes)
-            alive.append(value)
-            saved.nodes.append([])
-            saved.nodes[number] = node(value, path)
-        return {"#": numbers[id(value)]}
+        if id(value) not in self._numbers:
+            number = self._numbers[id(value)] = len(self.saved.nodes)
+            self._alive.append(value)
+            self.saved.nodes.append([])
+            self.saved.nodes[number] = self._node(value, path)
+        return {"#": self._numbers[id(value)]}
 
-    def save_all(values: Iterable[Any], path: str) -> list[Any]:
-        return [save(value, f"{path}[{n}]") for n, value in enumerate(values)]
+    def _save_all(self, values: Iterable[Any], path: str) -> list[Any]:
+        return [self.save(value, f"{path}[{n}]") for n, value in enumerate(values)]
 
-    def node(value: Any, path: str) -> list[Any]:
+    def _node(self, value: Any, path: str) -> list[Any]:
         cls = type(value)
         if cls is dict:
-            return ["dict", [save_all(pair, path) for pair in value.items()]]
+            return ["dict", [self._save_all(pair, path) for pair in value.items()]]
         if cls in _GROUPS.values():
-            return [cls.__name__, save_all(value, path), getattr(value, "maxlen", None)]
+            return [cls.__name__, self._save_all(value, path), getattr(value, "maxlen", None)]
         if (cls is np.ndarray or isinstance(value, np.generic)) and not value.dtype.hasobject:
-            saved.arrays.append(np.array(value))
-            return ["array" if cls is np.ndarray else "scalar", len(saved.arrays) - 1]
+            self.saved.arrays.append(np.array(value))
+            return ["array" if cls is np.ndarray else "scalar", len(self.saved.arrays) - 1]
         if cls is np.random.Generator:
-            return ["generator", save(dict(value.bit_generator.state), path)]
+            return ["generator", self.save(dict(value.bit_generator.state), path)]
         if not _is_ours(cls):
             raise TypeError(f"{path} is of class {cls.__module__}.{cls.__qualname__}, which a checkpoint cannot hold")
         if isinstance(value, tuple):
-            return ["record", save_all(value, path), _name_of(cls)]
+            return ["record", self._save_all(value, path), _name_of(cls)]
         attributes = dict(getattr(value, "__dict__", {}))
         attributes |= {name: getattr(value, name) for name in getattr(cls, "__slots__", ())}
-        return ["object", {n: save(held, f"{path}.{n}") for n, held in attributes.items()}, _name_of(cls)]
-
-    saved.roots.update({name: save(root, name) for name, root in roots.items()})
-    return saved
+        return ["object", {n: self.save(held, f"{path}.{n}") for n, held in attributes.items()}, _name_of(cls)]
 
 
 def decode(state: SavedState, present: Mapping[str, object]) -> dict[str, Any]:
