@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -35,14 +36,16 @@ _LENS = 2e-4
 """Standard deviation of a lens's decentring coefficients (our choice: what calibrations with boards state)."""
 _YAW_DEG = 0.15
 """Error of yaw that matches cannot show: lenses and the matcher's lag look like it (rendered right rigs: 0.23)."""
+_FIXED = 1e-5
+"""Deviation of pitch and roll of a rig as calibrated [rad]."""
 _NOISE_MIN_PX = 0.1
 """Least noise of a cell [px]: what interpolation leaves (our choice)."""
 _HUBER = 2.0
 """Residuals beyond this many standard deviations count linearly (our choice)."""
 _ROUNDS = 8
 """Rounds of reweighted least squares: offsets are nearly linear in the angles, four settle them (our choice)."""
-_DEVIATIONS = 3.0
-"""An angle is corrected when it is this many standard deviations from its calibration."""
+_TURNED = 0.2
+"""Share of rigs whose cameras have turned about an axis since calibration (our choice: most calibrations hold)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,30 +54,32 @@ class RigCorrection:
 
     Attributes:
         angles: (3,) float64 rotation vector [rad] about the axes of the rectified frame: x, the baseline (pitch), y
-            (yaw) and z (roll), as estimated.
+            (yaw) and z (roll), as estimated for a rig that has turned about that axis.
         deviations: (3,) float64 standard deviation of each; NaN where nothing was estimated.
+        turned: (3,) float64 probability that the rig has turned about each.
         before_px, after_px: median absolute row offset without and with the correction, of the rectified images in
             which it was measured [px]; NaN without matches.
     """
 
     angles: F64 = field(default_factory=lambda: np.zeros(3))
     deviations: F64 = field(default_factory=lambda: np.full(3, np.nan))
+    turned: F64 = field(default_factory=lambda: np.zeros(3))
     before_px: float = math.nan
     after_px: float = math.nan
 
     @property
     def is_applied(self) -> Bool:
-        """(3,) which angles differ from the calibration by more than chance."""
-        return np.asarray(np.abs(self.angles) > _DEVIATIONS * self.deviations, dtype=np.bool_)
+        """(3,) about which axes the rig has turned rather than not."""
+        return np.asarray(self.turned > 0.5, dtype=np.bool_)
 
     @property
     def applied(self) -> F64:
-        """(3,) angles [rad], 0 for one that is kept as calibrated."""
-        return np.where(self.is_applied, self.angles, 0.0)
+        """(3,) expected angles [rad]: nearly 0 where the calibration probably holds."""
+        return self.angles * self.turned
 
     def __call__(self, rig: StereoRig) -> StereoRig:
         """The calibration with the right camera turned by the applied angles; the rig itself when there are none."""
-        if not self.is_applied.any():
+        if not self.applied.any():
             return rig
         turn = SE3.from_rotvec(self.applied).rotation
         left, right = rig.rectifying_rotations()
@@ -86,7 +91,7 @@ class RigCorrection:
         if np.isnan(self.deviations).all():
             return "calibration kept: too little texture to compare it with the images"
         names = ("pitch", "yaw", "roll")
-        rows = list(zip(names, np.degrees(self.angles), np.degrees(self.deviations), self.is_applied, strict=True))
+        rows = list(zip(names, np.degrees(self.applied), np.degrees(self.deviations), self.is_applied, strict=True))
         applied = [f"{name} corrected by {a:.3f} +- {d:.3f} degrees" for name, a, d, used in rows if used]
         kept = [f"{name} {a:.3f} +- {d:.3f}" for name, a, d, used in rows if not used]
         parts = [", ".join(applied), f"{', '.join(kept)} kept as calibrated" if kept else ""]
@@ -113,8 +118,9 @@ def fit_correction(matches: F64, geometry: RectifiedGeometry) -> RigCorrection:
     texture and the same error of the lens model, so each cell of the image counts once, by its median.
 
     The direction of the baseline is estimated with the turn and left as it was: where all lies in one depth it cannot
-    be separated from pitch, and half a degree of it is 0.2 px of row offset at a disparity of 20 px. An angle that does
-    not differ significantly from its calibration is kept, the least certain first, and the others are estimated again.
+    be separated from pitch, and half a degree of it is 0.2 px of row offset at a disparity of 20 px. Whether the rig
+    has turned about an axis at all is uncertain, too: the result is the mean over all eight answers, weighted by
+    their evidence (Laplace's approximation).
 
     Args:
         matches: (N, 4) as from ``match_corners``.
@@ -129,37 +135,50 @@ def fit_correction(matches: F64, geometry: RectifiedGeometry) -> RigCorrection:
     left_cells, right_cells = _rays(cells, geometry)
     # Turns a, b of the cameras are independent, and so are b - a, the pose, and -(a + b) / 2, the baseline.
     prior = np.array([math.radians(_MOUNT_DEG)] * 5 + [_LENS] * 2) * np.sqrt([2.0] * 3 + [0.5] * 2 + [2.0] * 2)
-    values, deviations, free = np.zeros(7), np.full(7, np.nan), np.ones(7, dtype=np.bool_)
-    while True:
-        values[free], covariance = _fitted(left_cells, right_cells, free, prior, _NOISE_MIN_PX / geometry.focal_v_px)
-        deviations[free] = np.sqrt(np.diag(covariance))
-        if free[1]:
-            deviations[1] = math.hypot(deviations[1], math.radians(_YAW_DEG))
-        ratio = np.where(free, np.abs(values) / deviations, np.inf)[:3]
-        weakest = int(np.argmin(ratio))
-        if ratio[weakest] > _DEVIATIONS:
-            break
-        free[weakest] = False
-    applied = np.where(free & (np.arange(7) < 3), values, 0.0)
-    after = float(np.median(np.abs(_row_offset(applied, left, right)))) * geometry.focal_v_px
-    return RigCorrection(values[:3], deviations[:3], before, after)
+    alike, noise = np.array([_FIXED, math.radians(_YAW_DEG), _FIXED]), _NOISE_MIN_PX / geometry.focal_v_px
+    noise = max(noise, _fitted(left_cells, right_cells, prior, noise)[3])  # the same for all answers
+    answers = np.array(list(itertools.product((False, True), repeat=3)))
+    found, spread, evidence = np.empty((8, 3)), np.empty((8, 3)), np.empty(8)
+    for n, turned in enumerate(answers):
+        std = np.append(np.hypot(alike, np.where(turned, prior[:3], 0.0)), prior[3:])
+        values, covariance, evidence[n], _ = _fitted(left_cells, right_cells, std, noise)
+        found[n], spread[n] = values[:3], np.diag(covariance)[:3] + alike**2
+        evidence[n] += math.log(_TURNED / (1.0 - _TURNED)) * int(turned.sum())
+    share = np.exp(evidence - evidence.max())[:, None] * answers
+    weight = share / share.sum(axis=0)
+    angles = (weight * found).sum(axis=0)
+    deviations = np.sqrt((weight * (spread + (found - angles) ** 2)).sum(axis=0))
+    turn = RigCorrection(angles, deviations, share.sum(axis=0) / np.exp(evidence - evidence.max()).sum(), before)
+    left_over = _row_offset(np.append(turn.applied, np.zeros(4)), left, right)
+    return replace(turn, after_px=float(np.median(np.abs(left_over))) * geometry.focal_v_px)
 
 
-def _fitted(left: F64, right: F64, free: Bool, prior: F64, noise_min: float) -> tuple[F64, F64]:
-    """The free ones of the values, the others 0, by reweighted least squares on (N, 3) rays, and their covariance; with
-    (7,) deviations of a Gaussian prior, and the least noise of an offset at unit depth."""
-    values, small, penalty = np.zeros(7), 1e-6, np.diag(prior[free] ** -2.0)
+def _fitted(left: F64, right: F64, prior: F64, noise_min: float) -> tuple[F64, F64, float, float]:
+    """The values of ``_row_offset``, their covariance, the log of their evidence with this noise, and the noise that
+    was found.
+
+    Reweighted least squares on (N, 3) rays.
+
+    Args:
+        prior: (7,) standard deviations of a Gaussian about 0.
+        noise_min: least noise of an offset at unit depth.
+    """
+    values, small, penalty = np.zeros(7), 1e-6, np.diag(prior**-2.0)
     for _ in range(_ROUNDS):
         error = _row_offset(values, left, right)
-        slopes = [(_row_offset(values + step, left, right) - error) / small for step in small * np.eye(7)[free]]
+        slopes = np.stack([(_row_offset(values + step, left, right) - error) / small for step in small * np.eye(7)])
         # The noise is known from what the last round left only.
         scale = max(1.4826 * float(np.median(np.abs(error))), noise_min)
         outlying = np.maximum(np.abs(error) / (_HUBER * scale), 1.0)
-        scores = np.stack(slopes) / (outlying * scale**2)
-        information = scores @ np.stack(slopes, axis=1) + penalty
-        values[free] -= np.linalg.solve(information, scores @ error + penalty @ values[free])
-    near = np.stack(slopes, axis=1)[outlying == 1.0] / scale
-    return values[free], np.linalg.inv(near.T @ near + penalty)
+        scores = slopes / (outlying * scale**2)
+        information = scores @ slopes.T + penalty
+        values -= np.linalg.solve(information, scores @ error + penalty @ values)
+    near = slopes[:, outlying == 1.0].T / scale
+    information = near.T @ near + penalty
+    off = np.abs(_row_offset(values, left, right)) / noise_min
+    cost = np.where(off < _HUBER, off * off, _HUBER * (2.0 * off - _HUBER)).sum() + values @ penalty @ values
+    occam = float(np.linalg.slogdet(penalty)[1] - np.linalg.slogdet(information)[1])
+    return values, np.asarray(np.linalg.inv(information), np.float64), 0.5 * (occam - float(cost)), scale
 
 
 def _row_offset(values: F64, left: F64, right: F64) -> F64:

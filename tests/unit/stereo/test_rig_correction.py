@@ -58,32 +58,40 @@ def test_turn_of_the_baseline_is_not_taken_for_one_of_the_camera(depths_m: tuple
 @pytest.mark.parametrize("noise_px", [0.0, 0.1, 0.5])
 def test_right_calibration_is_kept(noise_px: float) -> None:
     found = fit_correction(matches_of(noise_px=noise_px), GEOMETRY)
-    rig = toy_rig()
-    assert found(rig) is rig and found.before_px == found.after_px
+    assert np.abs(np.degrees(found.applied)).max() < 0.005 and found.before_px == pytest.approx(
+        found.after_px, abs=2e-3
+    )
     assert str(found).startswith("relative pitch") and "kept as calibrated" in str(found)
+
+
+def test_correction_grows_steadily_with_the_turn() -> None:
+    turns = np.array([0.0, 0.2, 0.3, 0.4, 0.6])
+    yaws = [np.degrees(fit_correction(matches_of((0.0, turn, 0.0)), GEOMETRY).applied[1]) for turn in turns]
+    assert np.all(np.diff(yaws) / np.diff(turns) < 3.0)  # no turn is taken for 0 that a little more is not
+    np.testing.assert_allclose(np.array(yaws)[[0, -1]], [0.0, 0.6], atol=0.02)
 
 
 def test_corrected_rig_is_the_true_one() -> None:
     turn_deg = (0.2, -0.3, 0.4)
     claimed, true = toy_rig(), toy_rig(rotation_deg=turn_deg)
     turned = SE3.from_rotvec(np.radians(turn_deg)).rotation.T  # toy_rig states the pose, right_SE3_left
-    found = RigCorrection(SE3(turned, np.zeros(3)).rotvec, np.full(3, 1e-6))(claimed)
+    found = RigCorrection(SE3(turned, np.zeros(3)).rotvec, np.full(3, 1e-6), np.ones(3))(claimed)
     np.testing.assert_allclose(found.right_SE3_left.matrix, true.right_SE3_left.matrix, atol=1e-12)
 
 
 def test_correction_is_in_the_rectified_frame_and_keeps_the_length_of_the_baseline() -> None:
     upright = toy_rig().left
     rig = StereoRig(upright, upright, SE3(np.eye(3), np.array([0.0, -0.12, 0.0])))  # one camera below the other
-    corrected = RigCorrection(np.array([0.01, 0.0, 0.0]), np.full(3, 1e-6))(rig)
+    corrected = RigCorrection(np.array([0.01, 0.0, 0.0]), np.full(3, 1e-6), np.ones(3))(rig)
     assert corrected.baseline_m == pytest.approx(0.12)
     pitch = corrected.right_SE3_left.rotvec
     np.testing.assert_allclose(pitch, [0.0, -0.01, 0.0], atol=1e-12)  # about the baseline, the camera's y axis
 
 
 def test_sentence_names_what_was_corrected_and_what_was_kept() -> None:
-    degrees = np.radians([0.001, 0.03, 0.158]), np.radians([0.003, 0.03, 0.01])
+    degrees, turned = (np.radians([0.004, 0.06, 0.158]), np.radians([0.003, 0.03, 0.01])), np.array([0.25, 0.5, 1.0])
     kept = "pitch 0.001 +- 0.003, yaw 0.030 +- 0.030 kept as calibrated"
-    assert str(RigCorrection(*degrees)) == f"relative roll corrected by 0.158 +- 0.010 degrees; {kept}"
+    assert str(RigCorrection(*degrees, turned)) == f"relative roll corrected by 0.158 +- 0.010 degrees; {kept}"
     assert str(RigCorrection()) == "calibration kept: too little texture to compare it with the images"
 
 
