@@ -9,6 +9,7 @@ import numpy as np
 from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
 from calib.types import F64, U8
+from planview.maps.view import View
 from planview.tracking.base import Observation
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map
@@ -62,7 +63,7 @@ class World:
         last = image if self._last is None else self._last
         motion = np.where((image != last).any(axis=2), 255, 0).astype(np.uint8)
         self._last = image
-        return Observation(k, k / FPS, image, mask, motion)
+        return Observation(k, k / FPS, (View.of_mask(mask, motion, image),))
 
 
 def run(

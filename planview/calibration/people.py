@@ -118,10 +118,10 @@ def collect_samples(video: Video, count: int = 50, done: Callable[[], None] = la
     camera = ImageStages(SingleCameraParams(), video.size)
     paths: list[_Path] = []
     for frame in video:
-        observation = camera.observe(frame)
+        mask = camera.view(frame).foreground
         # The background is learned for so long before samples are taken [s].
-        if frame.timestamp_s >= 1.0 and observation.foreground is not None:
-            _continue(paths, bodies_of(observation.foreground, frame.index), frame.index)
+        if frame.timestamp_s >= 1.0 and mask is not None:
+            _continue(paths, bodies_of(mask, frame.index), frame.index)
         done()
     walking = [path for path in paths if path.walks]
     walkers = [sample for path in walking for sample in path.samples]

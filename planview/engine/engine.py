@@ -24,6 +24,7 @@ from planview.engine.info import (
     rigs_info,
     stereo_floor_info,
 )
+from planview.maps.plan_view import plan_view
 from planview.maps.recording import MapsFrame
 from planview.maps.rig import FloorRig
 from planview.maps.view import View
@@ -53,7 +54,7 @@ class FrameResult:
         timestamp_s: seconds since the first frame.
         tracks: people, tentative and lost ones included, with their boxes in the image of the first rig.
         decisions: why the tracker did what it did.
-        observation: the tracker's input: what every camera saw, and maps.
+        observation: the tracker's input: the views and their maps.
         stages_ms: time of every stage; reading and matching run ahead in another thread.
         depths: the rectified frames behind the views.
         stereo: the first rig above the floor; None for one camera.
@@ -73,7 +74,7 @@ class FrameResult:
 
     @property
     def views(self) -> tuple[View, ...]:
-        """What each rig shows; empty for one camera."""
+        """What each camera shows."""
         return self.observation.views
 
     @property
@@ -153,10 +154,10 @@ class Stages(Protocol):
     def match(self, frame: Any, clock: StageClock) -> Depths:
         """The part of the work that depends on no other frame."""
 
-    def look(self, frame: Any, depths: Depths, clock: StageClock) -> Observation:
+    def look(self, frame: Any, depths: Depths, clock: StageClock) -> tuple[View, ...]:
         """What the cameras show, from what was learned of the frames before."""
 
-    def learn(self, observation: Observation, people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
+    def learn(self, views: Sequence[View], people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
         """Keep where people are for the next frame."""
 
     def memory(self) -> dict[str, Remembers]:
@@ -237,12 +238,19 @@ class Engine:
     def _track(self, frame: Frame, depths: Depths, clock: StageClock) -> FrameResult:
         """Look, follow people, and keep where they are."""
         clock.start()
-        observation = self.stages.look(frame, depths, clock)
+        views = self.stages.look(frame, depths, clock)
+        observation = self._observed(frame, views)
         people, decisions = followed(self.tracker, observation), self.tracker.decisions
-        self.stages.learn(observation, people, decisions)
+        self.stages.learn(views, people, decisions)
         clock.record("track")
         now_s, stages_ms = frame.timestamp_s, clock.stages_ms
         return FrameResult(frame.index, now_s, people, decisions, observation, stages_ms, depths, self.stereo)
+
+    def _observed(self, frame: Frame, views: tuple[View, ...]) -> Observation:
+        if (rig := self.stereo) is None:
+            return Observation(frame.index, frame.timestamp_s, views)
+        build = partial(plan_view, [view.points for view in views], rig.grid, self.config.maps)
+        return Observation(frame.index, frame.timestamp_s, views, self.camera, build)
 
     def __iter__(self) -> Iterator[FrameResult]:
         """Track the recording from its first frame; each iteration starts with ``reset``."""

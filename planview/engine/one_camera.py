@@ -30,6 +30,7 @@ from planview.foreground.ghosts import (
 )
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
+from planview.maps.view import View
 from planview.tracking.base import Decision, ImageTracker, Observation
 from planview.trajectories.state import TrackState
 from stereo.recording import Video, VideoFrame
@@ -86,7 +87,7 @@ class ImageStages:
         """Whether the camera stands still and shows one scene, from the frames so far."""
         return self._steadiness.checks()
 
-    def observe(self, frame: VideoFrame, feedback: U8 | None = None) -> Observation:
+    def view(self, frame: VideoFrame, feedback: U8 | None = None) -> View:
         """Foreground and motion of one frame; unknown where it shows nothing, as while the camera moves.
 
         Args:
@@ -109,15 +110,14 @@ class ImageStages:
             known, still = self._known(feedback), steady is not Steady.MOVING
             mask = self._foreground.update(image, None, frame.timestamp_s, known, still)
         if steady is Steady.BREAK or not self._foreground.shows:
-            none = np.zeros(image.shape[:2], np.uint8)
-            return Observation(frame.index, frame.timestamp_s, frame.image, none, none, shadow=none, unknown=True)
+            return View.unknown((image.shape[0], image.shape[1]), frame.image)
         motion = self._motion(frame.timestamp_s, grey)
         if math.isnan(self._first_s):
             self._first_s = frame.timestamp_s
         self._search_ghosts(frame.timestamp_s, grey, mask, motion, feedback)
         if cv2.countNonZero(self._ghosts):
             mask &= ~self._ghosts
-        return Observation(frame.index, frame.timestamp_s, frame.image, mask, motion, shadow=self._foreground.shadow)
+        return View.of_mask(mask, motion, frame.image, self._foreground.shadow)
 
     def _search_ghosts(self, now_s: float, grey: U8, mask: U8, motion: U8, feedback: U8 | None) -> None:
         """Where people of the first frames have left: from time to time, and in every frame while they set out."""
@@ -198,14 +198,14 @@ class OneCameraStages:
             refuse_frame("an image of one camera", frame)
         return ()
 
-    def look(self, frame: Frame, depths: Depths, clock: StageClock) -> Observation:
+    def look(self, frame: Frame, depths: Depths, clock: StageClock) -> tuple[View, ...]:
         """See ``Stages``."""
         assert isinstance(frame, VideoFrame)
-        observation = self.images.observe(frame, self._tracker.feedback())
+        view = self.images.view(frame, self._tracker.feedback())
         clock.record("foreground")
-        return observation
+        return (view,)
 
-    def learn(self, observation: Observation, people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
+    def learn(self, views: Sequence[View], people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
         """Nothing: the tracker is asked for its feedback."""
 
     def memory(self) -> dict[str, Remembers]:
@@ -239,6 +239,9 @@ def one_camera_engine(
     stages = OneCameraStages(tracker, config, recording.size)
     if overview and isinstance(tracker, LearnsFirst):
         step = max(1, round(recording.fps / OVERVIEW_HZ))
-        tracker.study(stages.images.observe(frame) for frame in recording if frame.index % step == 0)
+        tracker.study(
+            Observation(frame.index, frame.timestamp_s, (stages.images.view(frame),))
+            for frame in recording if frame.index % step == 0
+        )  # fmt: skip
         stages.images.reset()
     return Engine(recording, tracker, config, stages, camera, recording.size)

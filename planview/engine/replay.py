@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +13,9 @@ from calib.types import U8
 from planview.engine.config import Config
 from planview.engine.engine import Depths, Engine, Frame, Remembers, StageClock, refuse_frame
 from planview.maps.builder import MapBuilder, floor_in_view
-from planview.maps.plan_view import plan_view
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.maps.view import View
-from planview.tracking.base import Decision, Observation, Tracker
+from planview.tracking.base import Decision, Tracker
 from planview.trajectories.state import TrackState
 
 FIXED_TABLES = ("analysis", "rectify", "range", "sgbm", "floor", "foreground", "feedback")
@@ -65,7 +63,7 @@ class ReplayStages:
         """Nothing: recorded points have been matched."""
         return ()
 
-    def look(self, frame: Frame, depths: Depths, clock: StageClock) -> Observation:
+    def look(self, frame: Frame, depths: Depths, clock: StageClock) -> tuple[View, ...]:
         """See ``Stages``. Raises InputError: damaged maps."""
         if not isinstance(frame, MapsFrame):
             refuse_frame("the points of plan-view maps", frame)
@@ -79,17 +77,16 @@ class ReplayStages:
             codes.reshape(-1)[frame.pixels] = frame.colours
         view = maps.view(disparity, mask, frame.timestamp_s, frame.background, codes=codes)
         if len(frame.unmatched) == mask.size:
-            view = View.unknown(maps.rays)
+            view = View.unknown(maps.shape, rays=maps.rays)
         if len(view.points.pixels) != len(frame.pixels):
             raise InputError(
                 f"{self._path}: frame {frame.index}: expected {len(frame.pixels)} points in reach of the rig, "
                 f"found {len(view.points.pixels)}: the maps are damaged or another rig's"
             )
         clock.record("maps")
-        build = partial(plan_view, [view.points], maps.grid, maps.params)
-        return Observation.of(frame.index, frame.timestamp_s, (view,), self.rig.camera, build)
+        return (view,)
 
-    def learn(self, observation: Observation, people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
+    def learn(self, views: Sequence[View], people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
         """Nothing: the foreground is recorded."""
 
     def memory(self) -> dict[str, Remembers]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import cv2
 import numpy as np
@@ -19,9 +18,9 @@ from planview.engine.feedback import Feedback
 from planview.engine.setup import Setup, refuse_foreign_disparity, set_up
 from planview.foreground.mixture import Foreground
 from planview.maps.builder import MapBuilder
-from planview.maps.plan_view import joint_grid, plan_view
+from planview.maps.plan_view import joint_grid
 from planview.maps.view import View
-from planview.tracking.base import Decision, Observation, Tracker
+from planview.tracking.base import Decision, Tracker
 from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth
@@ -93,12 +92,14 @@ class RigStages:
             image = np.asarray(cv2.resize(left, self.maps.shape[::-1], interpolation=cv2.INTER_AREA), dtype=np.uint8)
         return Depth(image, np.ascontiguousarray(disparity[::step, ::step]), step, greys, lambda: left)
 
-    def look(self, depth: Depth, now_s: float, clock: StageClock) -> View:
-        """What the rig shows, from what was learned of the frames before."""
+    def look(self, depth: Depth | None, now_s: float, clock: StageClock) -> View:
+        """What the rig shows, from what was learned of the frames before; ``depth``: None where it has no frame."""
+        if depth is None:
+            return View.unknown(self.maps.shape, rays=self.maps.rays)
         mask = self.foreground.update(depth.image, depth.disparity, now_s, self.feedback.mask)
         clock.record("foreground")
         if not self.foreground.shows:
-            return View.unknown(self.maps.rays, depth.image)
+            return View.unknown(self.maps.shape, depth.image, self.maps.rays)
         renewed = None
         if self.foreground.settled and self.maps.background.due(now_s):
             renewed = self.foreground.background_disparity()
@@ -120,13 +121,13 @@ class StereoStages:
 
     ahead = 2
 
-    def __init__(self, rigs: Sequence[RigStages], config: Config) -> None:
+    def __init__(self, rigs: Sequence[RigStages]) -> None:
         """Join the maps of the rigs.
 
         Raises:
             ValueError: the floor covered together is larger than a grid may be.
         """
-        self.rigs, self._config = tuple(rigs), config
+        self.rigs = tuple(rigs)
         self.first = replace(rigs[0].rig, grid=joint_grid([rig.maps.grid for rig in rigs]))
 
     def match(self, frame: Frame, clock: StageClock) -> Depths:
@@ -136,18 +137,13 @@ class StereoStages:
         clock.record("match")
         return depths
 
-    def look(self, frame: Frame, depths: Depths, clock: StageClock) -> Observation:
+    def look(self, frame: Frame, depths: Depths, clock: StageClock) -> tuple[View, ...]:
         """See ``Stages``."""
-        views = tuple(
-            View.unknown(rig.maps.rays) if depth is None else rig.look(depth, frame.timestamp_s, clock)
-            for rig, depth in zip(self.rigs, depths, strict=True)
-        )
-        build = partial(plan_view, [view.points for view in views], self.first.grid, self._config.maps)
-        return Observation.of(frame.index, frame.timestamp_s, views, self.first.camera, build)
+        return tuple(rig.look(d, frame.timestamp_s, clock) for rig, d in zip(self.rigs, depths, strict=True))
 
-    def learn(self, observation: Observation, people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
+    def learn(self, views: Sequence[View], people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
         """Paint people for the next frame's foreground."""
-        for rig, view in zip(self.rigs, observation.views, strict=True):
+        for rig, view in zip(self.rigs, views, strict=True):
             if view.shows:
                 rig.feedback(view.points, people, rig.maps.shape, decisions)
 
@@ -199,6 +195,6 @@ def multi_rig_engine(recording: MultiRigRecording, config: Config, tracker: Trac
 
 
 def _engine(recording: AnyRecording, rigs: Sequence[RigStages], tracker: Tracker, config: Config) -> Engine:
-    stages = StereoStages(rigs, config)
+    stages = StereoStages(rigs)
     first, every = stages.first, {rig.name: rig.rig for rig in rigs}
     return Engine(recording, tracker, config, stages, first.camera, first.geometry.size, every | {rigs[0].name: first})

@@ -151,8 +151,9 @@ class MapBuilder:
             colour = np.zeros(self.shape, np.uint8)
             colour.reshape(-1)[points.pixels] = points.colours
         return View(
-            self.rays, kind.reshape(self.shape), range_m.reshape(self.shape), colour, points, image, mask, renewed
-        )
+            self.rays, kind.reshape(self.shape), range_m.reshape(self.shape), colour, points, image, mask,
+            renewed=renewed,
+        )  # fmt: skip
 
 
 def floor_in_view(geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapParams) -> Grid:

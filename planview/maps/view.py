@@ -1,4 +1,4 @@
-"""What one camera above the floor saw in a frame: background, a surface at a distance, or a surface without depth."""
+"""What one camera saw in a frame: background, a surface at a distance, or a surface without depth."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from calib.types import F32, F64, I32, U8
 from planview.maps.colour import CHROMA_CELLS
 from stereo.depth import RectifiedGeometry
 
-BACKGROUND_SEEN, SURFACE, NO_DEPTH, UNKNOWN = 0, 1, 2, 3
-"""Kinds of pixels: the background is seen, foreground with depth, foreground without, and pixels that show nothing:
-no evidence for or against anybody."""
+BACKGROUND_SEEN, SURFACE, NO_DEPTH, UNKNOWN, SHADOW = range(5)
+"""Kinds of pixels: the background is seen, foreground with depth, foreground without, pixels that show nothing (no
+evidence for or against anybody), and of one camera what looks like background in a shadow."""
 COLOURED = np.arange(256) % CHROMA_CELLS**2 != CHROMA_CELLS**2 // 2
 """(256,) bool, by code: not grey."""
 
@@ -107,20 +107,28 @@ class PixelRays:
         )  # fmt: skip
 
 
+NO_RAYS = PixelRays(
+    np.full(3, np.nan), np.empty((0, 0, 3), np.float32), np.empty((0, 0), np.float32), np.empty((0, 0), np.float32),
+    np.full((3, 4), np.nan), np.nan, np.nan,
+)  # fmt: skip
+
+
 @dataclass(frozen=True, eq=False)
 class View:
-    """What each pixel of one camera shows in a frame, in the world.
+    """What each pixel of one camera shows in a frame.
 
     Attributes:
-        rays: of the camera.
-        kind: (H, W) uint8 of BACKGROUND_SEEN, SURFACE, NO_DEPTH and UNKNOWN.
+        rays: of the camera; NO_RAYS where its place is not known.
+        kind: (H, W) uint8 of BACKGROUND_SEEN, SURFACE, NO_DEPTH, UNKNOWN and SHADOW.
         range_m: (H, W) float32 along the ray: the surface's, or the background's where that is seen; 0 unknown.
         colour: (H, W) uint8 colour codes (``planview.maps.colour``); None where all is grey:
             light alone does not distinguish clothes.
         points: foreground points in the world; their pixels index the images above.
-        image: (H, W[, 3]) uint8, at this size; None where it was not recorded.
+        image: (H, W[, 3]) uint8, at this size, of one camera as recorded; None where it was not recorded.
         foreground: (H, W) uint8, 255 where not background; None where nothing shows.
+        motion: (H, W) uint8, 255 where consecutive frames differ; None where that is not looked at.
         renewed: (H, W) float32 [px], the background's disparity where it is another from this frame on; else None.
+        shows: whether anything is known.
     """
 
     rays: PixelRays
@@ -130,15 +138,21 @@ class View:
     points: FloorPoints = NO_POINTS
     image: U8 | None = None
     foreground: U8 | None = None
+    motion: U8 | None = None
     renewed: F32 | None = None
+    shows: bool = True
 
     @staticmethod
-    def unknown(rays: PixelRays, image: U8 | None = None) -> View:
+    def unknown(shape: tuple[int, int], image: U8 | None = None, rays: PixelRays = NO_RAYS) -> View:
         """What a camera sees in a frame that shows nothing."""
-        kind = np.full(rays.shape, UNKNOWN, np.uint8)
-        return View(rays, kind, np.zeros(rays.shape, np.float32), None, image=image)
+        kind, ranges = np.full(shape, UNKNOWN, np.uint8), np.zeros(shape, np.float32)
+        return View(rays, kind, ranges, None, image=image, shows=False)
 
-    @property
-    def shows(self) -> bool:
-        """Whether anything is known."""
-        return bool((self.kind != UNKNOWN).any())
+    @staticmethod
+    def of_mask(foreground: U8, motion: U8 | None = None, image: U8 | None = None, shadow: U8 | None = None) -> View:
+        """Of one camera without depth; ``shadow``: (H, W) uint8, 255 where foreground was removed for its colour."""
+        kind = np.where(foreground > 0, np.uint8(NO_DEPTH), np.uint8(BACKGROUND_SEEN))
+        if shadow is not None:
+            kind[(shadow > 0) & (foreground == 0)] = SHADOW
+        ranges = np.zeros(foreground.shape, np.float32)
+        return View(NO_RAYS, kind, ranges, None, image=image, foreground=foreground, motion=motion)

@@ -194,7 +194,7 @@ class RerunLog:
     def _log_images(self, result: FrameResult) -> None:
         """What takes room: images, cloud, maps and what the tracker looked at."""
         if not result.depths:
-            self._log_image("image", result.observation.image, result.observation.foreground)
+            self._log_image("image", result.views[0].image, result.views[0].foreground)
         for n, (name, depth) in enumerate(zip(self._engine.rigs, result.depths, strict=False)):
             if depth is not None:
                 self._log_image(f"{name}/image" if n else "image", depth.picture(), result.views[n].foreground)
@@ -217,8 +217,8 @@ class RerunLog:
         if image is None:
             return
         self._stream.log(f"{path}/left", photo(image))
-        if foreground is not None:
-            self._stream.log(f"{path}/foreground", outlines(foreground, (image.shape[1], image.shape[0])))
+        mask = np.zeros((1, 1), np.uint8) if foreground is None else foreground
+        self._stream.log(f"{path}/foreground", outlines(mask, (image.shape[1], image.shape[0])))
 
     def _log_depth(self, stereo: FloorRig, result: FrameResult) -> None:
         """Disparity, the foreground cloud in colour, and the maps."""

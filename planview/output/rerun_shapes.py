@@ -126,7 +126,7 @@ def scene_cloud(result: FrameResult, stereo: FloorRig) -> rr.Points3D | None:
     geometry, pose = stereo.geometry, stereo.floor.world_SE3_left
     seen = back_project(geometry.depth(depth.disparity), geometry, depth.step).reshape(-1, 3)
     points = np.asarray(seen @ pose.rotation.T + pose.translation, dtype=np.float32)
-    grid, (x, y, z), foreground = stereo.grid, points.T, result.observation.foreground
+    grid, (x, y, z), foreground = stereo.grid, points.T, result.views[0].foreground
     near = (x > grid.x_min_m - 1) & (x < grid.x_max_m + 1) & (y > grid.y_min_m - 1) & (y < grid.y_max_m + 1)
     near &= (z > HEIGHT_SHOWN_M[0]) & (z < HEIGHT_SHOWN_M[1])
     keep = np.flatnonzero(near if foreground is None else near & (foreground.reshape(-1) == 0))

@@ -76,7 +76,7 @@ class RunChecks:
 
     def update(self, result: FrameResult) -> None:
         if self._watch is not None:
-            self._watch.update(result.depth, result.observation.foreground)
+            self._watch.update(result.depth, result.views[0].foreground)
         self._frames += 1
         if self._frames % 60 == 0:
             self.refuse()

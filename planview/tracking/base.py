@@ -37,46 +37,30 @@ DecisionKind = Literal[
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Everything that earlier stages found in one frame; None where a stage did not run.
+    """What the cameras show in one frame.
 
     Attributes:
         frame: index in the recording, from 0.
         timestamp_s: seconds since the first frame.
-        image: (H, W[, 3]) uint8, the (rectified left) image.
-        foreground: (H, W) uint8, 255 where foreground, at the image's size or an integer fraction of it.
-        motion: (H, W) uint8, 255 where consecutive frames differ (single-camera trackers).
-        shadow: (H, W) uint8, 255 where foreground was removed because it looks like a shadow (single-camera trackers).
-        views: what every camera saw of its analysis pixels (stereo only).
-        camera: above the floor, in whose pixels boxes are; None where none is calibrated.
-        build_maps: makes the plan-view maps (stereo only).
-        unknown: nothing that is known shows in any camera: no evidence for or against anybody.
+        views: of every rig, or of one camera.
+        camera: that of the first rig above the floor, in whose pixels boxes are; None for one camera without depth.
+        build_maps: makes the plan-view maps of the views; None for one camera without depth.
     """
 
     frame: int
     timestamp_s: float
-    image: U8 | None = None
-    foreground: U8 | None = None
-    motion: U8 | None = None
-    shadow: U8 | None = None
     views: tuple[View, ...] = ()
     camera: FloorCamera | None = None
     build_maps: Callable[[], PlanViewMaps] | None = None
-    unknown: bool = False
 
-    @staticmethod
-    def of(
-        frame: int, timestamp_s: float, views: tuple[View, ...], camera: FloorCamera, build: Callable[[], PlanViewMaps]
-    ) -> Observation:
-        """Of rigs above the floor: image and foreground are the first one's."""
-        unknown, first = not any(view.shows for view in views), views[0]
-        return Observation(
-            frame, timestamp_s, first.image, first.foreground, views=views, camera=camera, build_maps=build,
-            unknown=unknown,
-        )  # fmt: skip
+    @property
+    def unknown(self) -> bool:
+        """Nothing that is known shows in any camera: no evidence for or against anybody."""
+        return bool(self.views) and not any(view.shows for view in self.views)
 
     @cached_property
     def maps(self) -> PlanViewMaps | None:
-        """Plan-view maps (stereo only), built when they are first read."""
+        """Plan-view maps, built when they are first read; None for one camera without depth."""
         return None if self.build_maps is None else self.build_maps()
 
 

@@ -124,7 +124,8 @@ class DetectionTracker:
         first = math.isnan(self._cycle.now_s)
         dt_s = self._cycle.begin(observation.timestamp_s)
         looks = 1.0 if first else min(1.0, dt_s / ERRORS_S)
-        size = (1e9, 1e9) if observation.image is None else observation.image.shape[1::-1]
+        image = observation.views[0].image if observation.views else None
+        size = (1e9, 1e9) if image is None else image.shape[1::-1]
         boxes = self.detections.at(observation.frame)
         poses, covariances = self._placed(boxes, size)
         placed = np.flatnonzero(np.isfinite(poses).all(axis=1))

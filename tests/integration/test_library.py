@@ -80,7 +80,7 @@ def test_steps_of_a_stereo_engine_give_the_tracks_of_its_iteration_timed_by_stag
 
 def test_reset_forgets_the_background_of_a_stereo_engine(engine: Engine) -> None:
     stepped(engine, EMPTY + 3)
-    assert not stepped(engine, 1)[0].observation.foreground.any()
+    assert not stepped(engine, 1)[0].views[0].foreground.any()
 
 
 def test_steps_of_a_single_camera_engine_give_the_tracks_of_its_iteration() -> None:
@@ -165,7 +165,8 @@ class Brightest:
     decisions: tuple[Decision, ...] = ()
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
-        row, column = np.unravel_index(int(observation.image.argmax()), observation.image.shape)
+        image = observation.views[0].image
+        row, column = np.unravel_index(int(image.argmax()), image.shape)
         return (TrackState(1, "confirmed", box_px=(float(column), float(row), 1.0, 1.0)),)
 
     def feedback(self) -> U8 | None:

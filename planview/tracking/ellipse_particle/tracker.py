@@ -12,6 +12,7 @@ import numpy as np
 from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import WALKER
+from planview.maps.view import SHADOW, View
 from planview.tracking.base import Decision, Drawing, Observation, TrackerDebug
 from planview.tracking.ellipse_particle.fit import BACKGROUND_WEIGHT, fit_ellipses, painted
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
@@ -119,7 +120,7 @@ class EllipseParticleTracker:
         for observation in observations:
             if observation.timestamp_s > LEARN_S:
                 break
-            self._foreground(observation)
+            self._foreground(observation.views[0])
         self._learn()
         self._studied = self._learned
 
@@ -132,7 +133,8 @@ class EllipseParticleTracker:
         dt_s = self._cycle.begin(observation.timestamp_s)
         if observation.unknown:
             return self._predicted(dt_s)
-        foreground = self._foreground(observation)
+        view = observation.views[0]
+        foreground = self._foreground(view)
         if foreground is None or self._image_size is None:
             return ()
         if self._learner.is_due:
@@ -145,7 +147,7 @@ class EllipseParticleTracker:
         size = size.on(self._scale)
         self._mask = np.asarray(_averaged(foreground, self._shape), dtype=np.float32) / np.float32(255)
         flooded = float(self._mask.mean()) > FLOODED
-        moving = None if observation.motion is None else _averaged(observation.motion, self._shape) > 0
+        moving = None if view.motion is None else _averaged(view.motion, self._shape) > 0
 
         self._filter.predict(dt_s, size, cells_per_m(size, self._states[:, Y]))
         self._states = np.asarray(self._filter.particles.mean(axis=0))
@@ -316,21 +318,19 @@ class EllipseParticleTracker:
         given = self._given()
         return given if given is not None or self._learned is None else self._learned[0]
 
-    def _foreground(self, observation: Observation) -> U8 | None:
+    def _foreground(self, view: View) -> U8 | None:
         """(h, w) uint8 foreground of a frame; what looks like a shadow speaks neither for nor against a person."""
-        given, weight = observation.foreground, BACKGROUND_WEIGHT
+        given, weight = view.foreground, BACKGROUND_WEIGHT
         if given is None:
             return None
         if given.ndim != 2 or given.dtype != np.uint8:
             raise ValueError(f"expected a (H, W) uint8 foreground, got {given.shape} {given.dtype}")
-        height, width = given.shape if observation.image is None else observation.image.shape[:2]
+        height, width = given.shape if view.image is None else view.image.shape[:2]
         self._image_size = height, width
         if self._given() is None and self._studied is None and given.mean() < 255 * FLOODED:
-            self._learner.add(given, observation.motion)
-        if observation.shadow is None:
-            return given
+            self._learner.add(given, view.motion)
         unsure = np.uint8(round(255 * weight / (1 + weight)))
-        return np.asarray(np.where(observation.shadow > 0, unsure, given), dtype=np.uint8)
+        return np.where(view.kind == SHADOW, unsure, given)
 
     def _learn(self) -> None:
         """The size by all frames so far."""

@@ -9,9 +9,8 @@ import numpy as np
 from calib.types import F32, F64, I64, U8
 from planview.foreground.gain import Exposure
 from planview.maps.colour import colour_codes
-from planview.maps.view import BACKGROUND_SEEN, COLOURED, SURFACE, UNKNOWN, PixelRays, View
+from planview.maps.view import COLOURED, NO_DEPTH, SURFACE, PixelRays, View
 from planview.tracking import body
-from planview.tracking.base import Observation
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.silhouette import silhouette
 from planview.tracking.joint import _kernels as kernels
@@ -67,21 +66,16 @@ class MaskExplanation(Explanation):
 
     Args:
         rays: of the camera.
-        observation: with foreground.
+        view: of its mask.
 
     Attributes:
         kind: (H, W) uint8 of BACKGROUND_SEEN, SHADOW, SURFACE and UNKNOWN.
         pixels: (K,) int64, those of SURFACE.
     """
 
-    def __init__(self, rays: PixelRays, observation: Observation, likelihood: Likelihood) -> None:
-        assert observation.foreground is not None
-        image, coloured = observation.image, likelihood.model[0]["colour"] > 0
-        self.kind: U8 = np.where(observation.foreground > 0, SURFACE, BACKGROUND_SEEN).astype(np.uint8)
-        if observation.shadow is not None:
-            self.kind[(observation.shadow > 0) & (self.kind == BACKGROUND_SEEN)] = kernels.SHADOW
-        if observation.unknown:
-            self.kind[:] = UNKNOWN
+    def __init__(self, rays: PixelRays, view: View, likelihood: Likelihood) -> None:
+        image, coloured = view.image, likelihood.model[0]["colour"] > 0
+        self.kind: U8 = np.where(view.kind == NO_DEPTH, np.uint8(SURFACE), view.kind)
         self.pixels: I64 = np.flatnonzero(self.kind == SURFACE)
         code: U8 | None = None
         if image is not None and image.ndim == 3 and coloured:
@@ -89,7 +83,7 @@ class MaskExplanation(Explanation):
             if COLOURED[codes].any():  # else by night: no colours, which is not grey clothes
                 code = np.zeros(self.kind.shape, np.uint8)
                 code.reshape(-1)[self.pixels] = codes
-        super().__init__((View(rays, self.kind, np.zeros(self.kind.shape, np.float32), code),), likelihood)
+        super().__init__((View(rays, self.kind, view.range_m, code),), likelihood)
 
     def residual(self, owned: Owned) -> F32:
         """(H, W) float32: what one more person behind all others would gain at some pixels, 0 elsewhere."""

@@ -12,7 +12,7 @@ from calib.ground_camera import GroundCamera
 from calib.people.model import HumanModel
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
-from planview.maps.view import BACKGROUND_SEEN, SURFACE, PixelRays
+from planview.maps.view import BACKGROUND_SEEN, SHADOW, SURFACE, PixelRays
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, DecisionKind, Drawing, Observation, TrackerDebug
 from planview.tracking.human_model.births import CORE_WIDTH, FloorPlaces, births
@@ -20,7 +20,7 @@ from planview.tracking.human_model.explanation import MaskExplanation, likelihoo
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker, matches
-from planview.tracking.joint._kernels import SHADOW, TINY
+from planview.tracking.joint._kernels import TINY
 from planview.tracking.joint.explanation import Owned, People
 from planview.tracking.joint.person import side_by_side
 from planview.tracking.joint.tracker import ExplainingTracker
@@ -96,21 +96,21 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track one frame. Raises InputError: images of another size than the camera's. Raises ValueError: foreground
         or motion are missing."""
-        foreground, motion = observation.foreground, observation.motion
-        if foreground is None or motion is None:
+        view = observation.views[0] if observation.views else None
+        if view is None or (view.shows and view.motion is None):
             raise ValueError("the human-model tracker needs foreground and motion")
-        if foreground.shape != self.camera.size[::-1]:
-            (width, height), (rows, cols) = self.camera.size, foreground.shape
+        if view.kind.shape != self.camera.size[::-1]:
+            (width, height), (rows, cols) = self.camera.size, view.kind.shape
             raise InputError(
                 f"expected images of {width}x{height} px, for which the camera was calibrated, found {cols}x{rows}"
             )
         dt = self._begin(observation.timestamp_s)
-        frame = MaskExplanation(self._rays, observation, self._likelihood)
+        frame = MaskExplanation(self._rays, view, self._likelihood)
         seen = frame.kind == BACKGROUND_SEEN
         frame.kind[seen & (self._hides > 0)] = SHADOW
         if self._people:
             self._explain(frame, side_by_side(self._people), dt)
-        if observation.unknown:
+        if (motion := view.motion) is None:
             return tuple(self._state(person, self._box(person)) for person in self._people)
         people = side_by_side(self._people)
         (owned,) = frame.assign_pixels(people)

@@ -16,10 +16,9 @@ from numba import njit
 
 from calib.types import F32, F64, I64, U8
 from planview.maps.view import BACKGROUND_SEEN as SEEN
-from planview.maps.view import NO_DEPTH, SURFACE, UNKNOWN
+from planview.maps.view import NO_DEPTH, SHADOW, SURFACE, UNKNOWN
 from planview.tracking.body import LEAN_M, TURNS, TURNS_PER_RAD
 
-SHADOW = 4
 """Kind of pixels besides those of views: a shadow or furniture, which is no evidence but hides a body."""
 AT, THROUGH, BEFORE, REST = range(4)
 LAYERS = 4

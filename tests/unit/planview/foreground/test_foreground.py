@@ -527,7 +527,7 @@ def test_person_there_at_the_start_leaves_no_ghost_even_if_a_tracker_protects_it
     masks = []
     for k in range(60):
         image = np.repeat(scene(BODY)[:, :, None] if k < 5 else scene()[:, :, None], 3, axis=2)
-        masks.append(camera.observe(VideoFrame(k, k / 10, image), protected if k >= 5 else None).foreground)
+        masks.append(camera.view(VideoFrame(k, k / 10, image), protected if k >= 5 else None).foreground)
     assert not any(mask[BODY].any() for mask in masks)
 
 
@@ -537,8 +537,8 @@ def test_one_camera_that_moves_or_is_covered_shows_nothing_and_keeps_its_backgro
     views = [wall[:120, :160]] * 40 + [np.roll(wall, 3 * k, 1)[:120, :160] for k in (2, 5, 1, 4, 6)]
     views += [np.zeros((120, 160), np.uint8)] * 10 + [wall[:120, :160]] * 20
     camera = ImageStages(SingleCameraParams(), (160, 120))
-    seen = [camera.observe(VideoFrame(k, k / 10, view.copy())) for k, view in enumerate(views)]
-    assert all(o.unknown for o in seen[40:55]) and not any(o.unknown for o in [*seen[:40], *seen[-20:]])
+    seen = [camera.view(VideoFrame(k, k / 10, view.copy())) for k, view in enumerate(views)]
+    assert not any(v.shows for v in seen[40:55]) and all(v.shows for v in [*seen[:40], *seen[-20:]])
     assert not seen[-20].foreground.any()
 
 

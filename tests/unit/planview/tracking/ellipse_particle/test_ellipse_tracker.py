@@ -13,6 +13,7 @@ from calib.ground_camera import GroundCamera
 from planview.engine.config import SingleCameraParams
 from planview.engine.one_camera import ImageStages
 from planview.foreground.params import NO_FEEDBACK, WALKER
+from planview.maps.view import View
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle import EllipseParticleParams, EllipseParticleTracker
 from planview.tracking.ellipse_particle.fit import painted
@@ -31,8 +32,14 @@ def foreground(*people: tuple[float, float]) -> np.ndarray:
     return painted(ellipses, SHAPE).any(axis=0) * np.uint8(255)
 
 
+def masked(
+    frame: int, mask: np.ndarray, motion: np.ndarray | None = None, shadow: np.ndarray | None = None, fps: float = 10.0
+) -> Observation:
+    return Observation(frame, frame / fps, (View.of_mask(mask, motion, None, shadow),))
+
+
 def follow(tracker: EllipseParticleTracker, masks: list[np.ndarray], fps: float = 10.0) -> list[tuple[TrackState, ...]]:
-    return [tracker.update(Observation(i, i / fps, foreground=mask)) for i, mask in enumerate(masks)]
+    return [tracker.update(masked(i, mask, fps=fps)) for i, mask in enumerate(masks)]
 
 
 def near(states: tuple[TrackState, ...], x: float) -> TrackState:
@@ -69,7 +76,7 @@ def test_person_who_leaves_is_removed_with_a_reason():
     reasons = []
     for i in range(80):
         mask = foreground((80, 60)) if i < 20 else foreground()
-        tracker.update(Observation(i, i / 10, foreground=mask))
+        tracker.update(masked(i, mask))
         reasons += [(d.kind, d.reason) for d in tracker.decisions]
     assert [kind for kind, _ in reasons] == ["spawned", "confirmed", "lost", "pruned"]
     assert "left with probability" in reasons[-1][1]
@@ -110,7 +117,8 @@ def test_walker_is_found_in_images_and_not_absorbed_by_the_background(frames, st
         image = scene.copy()
         if i >= 20:
             image[foreground((min(20 + 2.5 * (i - 20), stops_at), 60)) > 0] = (20, 20, 230)
-        states = tracker.update(source.observe(VideoFrame(i, i / 10, image), tracker.feedback()))
+        view = source.view(VideoFrame(i, i / 10, image), tracker.feedback())
+        states = tracker.update(Observation(i, i / 10, (view,)))
     assert [s.state for s in states] == ["confirmed"]
     assert states[0].box_px[0] + 6 == pytest.approx(min(117.5, stops_at), abs=4)
 
@@ -137,27 +145,24 @@ def test_frames_that_show_nothing_are_not_waited_for():
     tracker, states = EllipseParticleTracker(GIVEN), []
     for i in range(60):  # three seconds without anything, longer than whoever left would be waited for
         mask = foreground((20 + i, 60))
-        seen = Observation(i, i / 10, foreground=mask) if not 20 <= i < 50 else Observation(i, i / 10, unknown=True)
+        seen = masked(i, mask) if not 20 <= i < 50 else Observation(i, i / 10, (View.unknown(SHAPE),))
         states.append([(s.track_id, s.state) for s in tracker.update(seen)])
     assert states[19] == states[-1] == [(1, "confirmed")] and states[20:50] == [[(1, "lost")]] * 30
 
 
-def test_no_foreground_foreground_everywhere_and_missing_images_give_no_tracks_and_wrong_arrays_are_refused():
+def test_no_foreground_and_foreground_everywhere_give_no_tracks_and_wrong_arrays_are_refused():
     for value in (0, 255):
         masks = [np.full(SHAPE, value, dtype=np.uint8)] * 5
         assert follow(EllipseParticleTracker(EllipseParticleParams()), masks) == [()] * 5
-    tracker = EllipseParticleTracker()
-    assert tracker.update(Observation(0, 0.0)) == ()
-    assert tracker.update(Observation(1, 0.1, image=np.zeros((48, 64, 3), dtype=np.uint8))) == ()
     with pytest.raises(ValueError, match="uint8 foreground"):
-        EllipseParticleTracker(GIVEN).update(Observation(0, 0.0, foreground=np.zeros((5, 5, 3), dtype=np.uint8)))
+        EllipseParticleTracker(GIVEN).update(masked(0, np.zeros((5, 5, 3), dtype=np.uint8)))
 
 
 @pytest.mark.parametrize(("moves", "state"), [(True, "confirmed"), (False, "tentative")])
 def test_what_never_moves_is_nobody(moves, state):
     tracker, mask = EllipseParticleTracker(GIVEN), foreground((80, 60))
     for i in range(10):
-        states = tracker.update(Observation(i, i / 10, foreground=mask, motion=mask if moves else 0 * mask))
+        states = tracker.update(masked(i, mask, mask if moves else 0 * mask))
     assert [s.state for s in states] == [state]
 
 
@@ -166,7 +171,7 @@ def test_piece_of_an_older_object_is_not_confirmed_beside_it():
     whole = [foreground((40 + i, 60)) for i in range(10)]
     # A bag as large as half a person comes to the side of the walker.
     follow(tracker, [*whole, *(foreground((50 + i, 60), (55 + i, 60)) for i in range(20))])
-    states = tracker.update(Observation(30, 3.0, foreground=foreground((70, 60), (75, 60))))
+    states = tracker.update(masked(30, foreground((70, 60), (75, 60))))
     assert sum(s.state == "confirmed" for s in states) == 1
 
 
@@ -200,7 +205,7 @@ def test_learned_size_is_told_as_that_of_whatever_moves():
 
 def test_size_learned_beforehand_is_kept_by_reset():
     tracker = EllipseParticleTracker(EllipseParticleParams(filter=ParticleFilterParams(particles=50)))
-    tracker.study(Observation(i, i / 10, foreground=foreground((20 + 2 * i, 60))) for i in range(30))
+    tracker.study(masked(i, foreground((20 + 2 * i, 60))) for i in range(30))
     tracker.reset()
     out = follow(tracker, [foreground((20 + 2 * i, 60)) for i in range(8)])
     assert [s.state for s in out[-1]] == ["confirmed"]
@@ -209,7 +214,7 @@ def test_size_learned_beforehand_is_kept_by_reset():
 def test_shadow_speaks_neither_for_nor_against_a_body():
     tracker, nothing = EllipseParticleTracker(GIVEN), foreground()
     for i in range(8):
-        states = tracker.update(Observation(i, i / 10, foreground=nothing, shadow=foreground((80, 60))))
+        states = tracker.update(masked(i, nothing, shadow=foreground((80, 60))))
     assert states == () and tracker.debug().tiles["foreground"].max() == pytest.approx(0.4 / 1.4, abs=0.01)
 
 
@@ -236,6 +241,6 @@ def test_random_masks_and_times_give_finite_states(masks, dt, learn):
     sizes = EllipseSizeParams.model_validate(size)
     tracker = EllipseParticleTracker(EllipseParticleParams(size=sizes, filter=ParticleFilterParams(particles=20)))
     for i, mask in enumerate(masks):
-        for state in tracker.update(Observation(i, i * dt, foreground=mask)):
+        for state in tracker.update(Observation(i, i * dt, (View.of_mask(mask),))):
             assert np.isfinite(state.box_px).all()
         tracker.debug()

@@ -8,7 +8,7 @@ import pytest
 
 from calib.errors import InputError
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
-from planview.maps.view import BACKGROUND_SEEN, PixelRays
+from planview.maps.view import BACKGROUND_SEEN, PixelRays, View
 from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
@@ -68,7 +68,7 @@ def test_a_walker_is_predicted_through_frames_that_show_nothing():
     tracker, world, states = HumanModelTracker(PARAMS, CAMERA, MAP), World(), []
     for k in range(int(3.5 * FPS)):
         seen = world.observe(k, _walker(k / FPS), None, None)
-        states.append(tracker.update(replace(seen, unknown=20 <= k < 28)))
+        states.append(tracker.update(replace(seen, views=(View.unknown((120, 160)),)) if 20 <= k < 28 else seen))
     ids = [[s.track_id for s in frame] for frame in states]
     assert ids[19:] == [ids[19]] * len(ids[19:]) and {s.state for s in states[24]} == {"lost"}
     assert {s.state for s in states[-1]} == {"confirmed"} and ids[-1] == [1]
@@ -141,7 +141,7 @@ def test_reset_gives_the_same_tracks_again() -> None:
 def test_images_of_another_size_missing_foreground_and_the_map_of_another_camera_are_refused() -> None:
     tracker, mask = HumanModelTracker(PARAMS, CAMERA, MAP), np.zeros((60, 80), np.uint8)
     with pytest.raises(InputError, match=r"expected images of 160x120 px.*found 80x60"):
-        tracker.update(Observation(0, 0.0, None, mask, mask))
+        tracker.update(Observation(0, 0.0, (View.of_mask(mask, mask),)))
     with pytest.raises(ValueError, match="foreground and motion"):
         tracker.update(Observation(0, 0.0))
     with pytest.raises(InputError, match="human model map"):
@@ -152,7 +152,8 @@ def test_grey_video_is_tracked_without_colours() -> None:
     tracker, world = HumanModelTracker(PARAMS, CAMERA, MAP), World()
     for k in range(20):
         seen = world.observe(k, _walker(k / FPS))
-        states = tracker.update(replace(seen, image=seen.image[:, :, 2].copy()))  # type: ignore[index]
+        (view,) = seen.views
+        states = tracker.update(replace(seen, views=(replace(view, image=view.image[:, :, 2].copy()),)))
     assert len(confirmed(states)) == 1
 
 
@@ -165,10 +166,10 @@ KNOWN = about(0.5, 0.13)
 
 
 def frame_of(*people: Drawn) -> MaskExplanation:
-    return explained(World().observe(0, people))
+    return explained(World().observe(0, people).views[0])
 
 
-def explained(seen: Observation, params: HumanModelParams = COLOURLESS) -> MaskExplanation:
+def explained(seen: View, params: HumanModelParams = COLOURLESS) -> MaskExplanation:
     return MaskExplanation(RAYS, seen, likelihood_of_masks(params))
 
 
@@ -192,11 +193,11 @@ def evidence(frame: MaskExplanation, pose: tuple[float, float, float], *others: 
 @pytest.mark.parametrize("pose", [(0.0, 6.0, 1.76), (0.3, 5.5, 1.6), (-0.2, 6.3, 1.3)])
 @pytest.mark.parametrize("others", [[], [(0.4, 5.0, 1.8)], [(0.1, 6.6, 1.7), (-0.3, 5.2, 1.7)]])
 def test_evidence_is_the_difference_of_two_plain_likelihoods(pose, others):
-    seen = World().observe(0, [(0.0, 6.0, RED), (0.5, 5.2, BLUE)])
+    seen = World().observe(0, [(0.0, 6.0, RED), (0.5, 5.2, BLUE)]).views[0]
     shadow = np.zeros_like(seen.foreground)
     shadow[60:70, 70:90] = 255
     every_pixel = COLOURLESS.model_copy(update={"patch_m": 0.0101})
-    frame = explained(Observation(0, 0.0, None, seen.foreground, seen.motion, shadow=shadow), every_pixel)
+    frame = explained(View.of_mask(seen.foreground, seen.motion, None, shadow), every_pixel)
     samples = frame.around(upright(pose), 0.5)
     assert samples.arrays.size[0] < 3000, "every pixel is a sample"
     samples.arrays.weight[:] = 1.0
@@ -214,7 +215,7 @@ def test_boxes_hold_what_the_camera_projects_of_bodies_and_their_reach(lens):
     tops = corners * np.where([True, True, False], 1.0, poses[:, None, 2:] + 0.1)
     image = camera.project(poses[:, None] * (1.0, 1.0, 0.0) + tops)
     expected = np.nan_to_num(np.concatenate([image.min(axis=1), image.max(axis=1)], axis=1)).astype(np.int64)
-    frame = explained(Observation(0, 0.0, None, np.zeros((120, 160), np.uint8)))
+    frame = explained(View.of_mask(np.zeros((120, 160), np.uint8)))
     found = frame.boxes(PixelRays.of(camera), poses)
     seen = np.isfinite(image).all(axis=(1, 2))
     assert seen.any() and found[seen].tolist() == expected[seen].tolist()
@@ -245,7 +246,7 @@ def test_person_is_likelier_where_it_stands_than_beside_and_unlikely_where_nothi
 
 def test_evidence_of_many_samples_of_one_weight_is_a_number():
     params = COLOURLESS.model_copy(update={"patch_m": 0.0101, "seen_on_background": 1e-9})
-    frame = explained(World().observe(0, [(0.0, 6.0, RED)]), params)
+    frame = explained(World().observe(0, [(0.0, 6.0, RED)]).views[0], params)
     assert 300.0 < evidence(frame, (0.0, 6.0, 1.76)) < 600.0
 
 

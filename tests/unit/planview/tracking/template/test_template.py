@@ -8,7 +8,7 @@ import pytest
 
 from planview.maps.grid import Grid
 from planview.maps.plan_view import PlanViewMaps
-from planview.maps.view import FloorPoints
+from planview.maps.view import FloorPoints, View
 from planview.tracking.base import Observation
 from planview.tracking.template import TemplateParams, TemplateTracker
 from planview.tracking.template.tracker import differences
@@ -101,7 +101,7 @@ def test_newcomer_within_reach_of_a_lost_person_is_that_person_and_out_of_it_som
 def test_frames_that_show_nothing_end_nobody_and_find_nobody():
     tracker, states = TemplateTracker(TemplateParams(lost_s=0.5)), []
     for n, people in enumerate(walk(-1.95, 0.05, 30)):
-        seen = observe(n, people) if not 12 <= n < 20 else replace(observe(n, []), unknown=True)
+        seen = observe(n, people) if not 12 <= n < 20 else replace(observe(n, []), views=(View.unknown((1, 1)),))
         states.append([(track.track_id, track.state) for track in tracker.update(seen)])
     assert states[11] == states[-1] == [(1, "confirmed")] and states[12:20] == [[(1, "lost")]] * 8
 
