@@ -11,9 +11,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from benchmarks.random_scenes.challenge import challenge
-from benchmarks.random_scenes.rooms import conference, two_rigs
+from benchmarks.random_scenes.rooms import conference, two_rigs, view
 from benchmarks.random_scenes.tables import NoPlaceError, RandomScene, resolved
-from benchmarks.random_scenes.views import view
 from calib.errors import InputError, WorkError
 from calib.io import load_toml
 from calib.params import first_problem

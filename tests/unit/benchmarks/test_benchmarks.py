@@ -22,7 +22,15 @@ from benchmarks.ablation import (
     chosen_variants,
     reduced,
 )
-from benchmarks.calibration import Row, alignment_error
+from benchmarks.calibration import (
+    ANGLE_OFF_DEG,
+    HEIGHT_OFF_M,
+    Row,
+    alignment_error,
+    floor_errors,
+    low_room,
+    low_room_floor,
+)
 from benchmarks.options import report
 from benchmarks.speed import LIMITS, Yardstick, compared, counted, one_core, ratio_row
 from calib.errors import InputError
@@ -107,6 +115,14 @@ def test_alignment_error_is_that_of_place_heading_and_clock_and_kept_without_a_l
     assert error == pytest.approx((5.0, 11.0, 20.0))
     assert [Row("a", value, "cm", 2.0).ok for value in (2.0, 2.1, math.inf)] == [True, False, False]
     assert Row("a", 5.0, "cm").ok
+
+
+@pytest.mark.parametrize("seed", [1, 11], ids=["nobody moves", "somebody walks"])
+def test_floor_of_a_level_camera_is_found_among_larger_walls(seed: int) -> None:
+    room = low_room(seed)
+    assert room.share < 0.07
+    height_m, angle_deg = floor_errors(low_room_floor(room), room.floor)
+    assert height_m < HEIGHT_OFF_M and angle_deg < ANGLE_OFF_DEG
 
 
 @pytest.fixture
