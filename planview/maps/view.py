@@ -76,11 +76,12 @@ class PixelRays:
 
     @cached_property
     def level(self) -> F32:
-        """(H, W, 4) float32: horizontal unit vector below each ray, the ray's depression and azimuth [rad]."""
-        flat = np.hypot(self.direction[..., 0], self.direction[..., 1])[..., None]
+        """(H, W, 6) float32: horizontal unit vector below each ray; cosine and sine of the ray's depression, the
+        depression and the azimuth [rad]."""
+        flat, up = np.hypot(self.direction[..., 0], self.direction[..., 1])[..., None], self.direction[..., 2:]
         along = np.where(flat > 1e-6, self.direction[..., :2] / np.maximum(flat, 1e-6), (1.0, 0.0))
-        azimuth = np.arctan2(along[..., 1:], along[..., :1])
-        return np.concatenate([along, np.arctan2(-self.direction[..., 2:], flat), azimuth], axis=-1).astype(np.float32)
+        angles = np.arctan2(-up, flat), np.arctan2(along[..., 1:], along[..., :1])
+        return np.concatenate([along, flat, -up, *angles], axis=-1).astype(np.float32)
 
     @staticmethod
     def of(camera: FloorCamera, pair: RectifiedGeometry | None = None, step: int = 1) -> PixelRays:

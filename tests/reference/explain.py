@@ -51,7 +51,7 @@ def _of_body(kind: int, z: float, at: float, std: float) -> float:
         return 1.0 - given.SEEN_ON_BODY
     if kind == 2:
         return given.SEEN_ON_BODY * given.NO_DEPTH
-    var = given.SURFACE_STD_M**2 + (std * at * at) ** 2
+    var = given.SURFACE_STD_M**2 + (std * z * z) ** 2
     normal = math.exp(-0.5 * (z - at) ** 2 / var) / math.sqrt(2 * math.pi * var)
     return given.SEEN_ON_BODY * (1 - given.NO_DEPTH) * ((1 - given.OUTLIERS) * normal + given.OUTLIERS / given.RANGE_M)
 

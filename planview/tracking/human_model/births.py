@@ -149,7 +149,7 @@ def _try(place: F64, frame: MaskExplanation, known: People, now_s: float, p: Hum
             samples.layer(people, others)
         elif strong and pair.gain > p.birth_evidence:
             known.poses[rival] = pair.alone
-    mine, seen, _ = samples.visible(pose, tall)
+    mine, seen, _ = samples.visible(pose, tall, ratios).tolist()
     if evidence < p.birth_evidence or mine < 0.25 * seen:
         return None
     person = Walker.born(pose, *samples.noise(pose, curvature), BORN_LOG_ODDS, now_s)

@@ -13,8 +13,8 @@ from planview.maps.view import COLOURED, NO_DEPTH, SURFACE, PixelRays, View
 from planview.tracking import body
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.silhouette import silhouette
-from planview.tracking.joint import _kernels as kernels
 from planview.tracking.joint.explanation import ANYBODY, Explanation, Likelihood, Owned, People, Samples, about
+from planview.tracking.joint.samples import Model
 
 SPACING_M = 0.05
 """Distance of samples on a body [m]."""
@@ -34,7 +34,7 @@ seldom (section 4: merging)."""
 def likelihood_of_masks(p: HumanModelParams) -> Likelihood:
     """For pixels without ranges."""
     table = silhouette()
-    model = kernels.Model(
+    model = Model(
         body=p.seen_on_body, background=p.seen_on_background, near_people=p.seen_near_people, hidden=p.hidden,
         hidden_sitting=p.hidden_sitting, hidden_to=HIDDEN_TO, sitting_from=0.5 * (1.0 + p.sitting), no_depth=0.0,
         outliers=0.0, range_m=1.0, unknown=0.0, surface_var=0.0, colour=p.colour_weight, low_share=0.0,
@@ -93,7 +93,7 @@ class MaskExplanation(Explanation):
 
     def rivals(self, people: People, standing: F64) -> I64:
         """(N,) the person of better (N,) standing who may account for the foreground of each; -1 for none."""
-        boxes = self.boxes(self.views[0].rays, people.poses, body.TORSO.torso_radius_m).astype(np.float64)
+        boxes = self.boxes(0, people.poses, body.TORSO.torso_radius_m).astype(np.float64)
         low, high = boxes[:, :2], boxes[:, 2:]
         sides = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
         area = (high - low).prod(axis=1)

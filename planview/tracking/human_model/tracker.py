@@ -20,9 +20,9 @@ from planview.tracking.human_model.explanation import MaskExplanation, likelihoo
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker, matches
-from planview.tracking.joint._kernels import TINY
 from planview.tracking.joint.explanation import Owned, People
 from planview.tracking.joint.person import side_by_side
+from planview.tracking.joint.samples import TINY
 from planview.tracking.joint.tracker import ExplainingTracker
 from planview.trajectories.state import TrackState
 
@@ -138,13 +138,15 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
 
     def _explain(self, frame: MaskExplanation, people: People, dt: float) -> None:
         """Places, then the frame's evidence on each person's existence."""
-        samples, _, evidence, curvature = self._ascend(frame, people)
+        touch = frame.touching(people.poses)
+        np.fill_diagonal(touch, False)
+        samples, evidence, curvature, visible = self._ascend(frame, people, touch)
         for i, person in enumerate(self._people):
             person.evidence, pose = float(evidence[i]), people.poses[i]
-            mine, known, total = samples[i].visible(pose, people.tall[i])
+            mine, known, total = visible[i].tolist()
             person.inside, person.known = self._visibility(pose), known / total if total else 1.0
             person.share = mine / max(known, TINY) * min(1.0, 1.25 * person.inside)
-            self._measure(person, samples[i], pose, curvature[i], dt)
+            self._measure(person, samples.person(i), pose, curvature[i], dt)
         # The surer person wins; of two equally sure ones the one that came first.
         ranks = sorted(range(len(self._people)), key=lambda k: self._people[k].standing)
         rivals = frame.rivals(people, np.argsort(ranks).astype(np.float64))

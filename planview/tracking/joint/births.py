@@ -11,11 +11,12 @@ import numpy as np
 from calib.types import F32, F64, I64
 from planview.maps.view import SURFACE, UNKNOWN
 from planview.tracking import body
-from planview.tracking.joint._kernels import TINY, map_lacking
-from planview.tracking.joint._kernels import fresh_points as find_fresh
+from planview.tracking.joint._sample_kernels import fresh_points as find_fresh
+from planview.tracking.joint._sample_kernels import map_lacking
 from planview.tracking.joint.explanation import SURFACE_STD_M, Explanation, Owned, People, about, upright
 from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
+from planview.tracking.joint.samples import TINY
 
 EVIDENCE_MAX = 6.0
 """Largest evidence of one look for or against a person, as a log-odds."""
@@ -87,7 +88,7 @@ class Births:
         tried_m = self._tried_m.setdefault(key, np.zeros(v.kind.shape, np.float32))
         tried_m *= (v.kind == SURFACE) | (v.kind == UNKNOWN)
         which, points, std_m = np.empty(n, np.int64), np.empty((5, n), np.float32), (SURFACE_STD_M, CHANGED)
-        n = find_fresh(o.pixels, o.lacking, o.colours, frame.arrays[k], tried_m, std_m, which, points)
+        n = find_fresh(o.pixels, o.lacking, o.colours, frame.seen[k], tried_m, std_m, which, points)
         return which[:n], points[:, :n]
 
 
@@ -114,7 +115,7 @@ def _tried(frame: Explanation, birth_evidence: float, people: People, points: F6
             worth, pose, curvature = value, moved, curved
     # Evidence is a mean over all directions of facing, of which two opposite ones explain like the best one.
     worth += min(0.0, 0.5 * math.log(2.0 / (math.pi * max(float(curvature[3]), TINY))))
-    mine, known, _ = samples.visible(pose, trial.tall[n])
+    mine, known, _ = samples.visible(pose, trial.tall[n], trial.ratios[n]).tolist()
     if worth < birth_evidence or mine < 0.25 * known:
         return None
     log_odds = BORN_LOG_ODDS + 0.25 * min(worth, EVIDENCE_MAX)

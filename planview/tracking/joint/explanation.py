@@ -8,12 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calib.types import F32, F64, I64, U8, Bool
+from calib.types import F32, F64, I64, U8, AnyArray, Bool
 from planview.maps.colour import CODES
-from planview.maps.view import SURFACE, PixelRays, View
+from planview.maps.view import SURFACE, View
 from planview.tracking import body
 from planview.tracking.joint import _kernels as kernels
+from planview.tracking.joint import _sample_kernels as gathering
 from planview.tracking.joint.params import JointParams
+from planview.tracking.joint.samples import CX, CY, KNOWN, PARTS, Known, Model, SampleArrays, Seen
 
 OUTLIERS = 0.08
 """Share of a body's disparities that are wrong."""
@@ -35,9 +37,8 @@ STEPS_M = np.array([0.12, 0.05])
 """Steps of the ascent: a walker's error of prediction, and half a patch [m]."""
 PLACE_STD_MIN_M = 0.02
 """A place is never known better [m]: a body leans and swings."""
-MAX_SAMPLES = 4000
-GAP_PX = 6
-"""People whose boxes are nearer than this in an image are explained together [px]."""
+BOX_HALF_M = 0.4
+"""Half width of the box that a body is in [m]."""
 ANYBODY = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 """Height when upright of an unknown person, and its deviation [m]."""
 THING_START = np.array([1.0, 1.0, 0.8, 1.0, 0.0])
@@ -45,9 +46,9 @@ THING_START = np.array([1.0, 1.0, 0.8, 1.0, 0.0])
 ANY_HEIGHT_M = 1e3
 
 
-def about(std_m: float, height_std_m: float) -> kernels.Known:
-    """A pose whose place and height are known with these deviations, and nothing of how it faces."""
-    return kernels.Known(std_m**-2, 0.0, std_m**-2, height_std_m**-2, 0.0, 0.0, 0.0, 0.0)
+def about(std_m: float, height_std_m: float) -> AnyArray:
+    """(1,) of KNOWN: a pose whose place and height are known with these deviations, and nothing of how it faces."""
+    return np.array([Known(std_m**-2, 0.0, std_m**-2, height_std_m**-2)], KNOWN)
 
 
 def upright(pose: Sequence[float]) -> F64:
@@ -65,7 +66,7 @@ class Likelihood(NamedTuple):
     disparity_std_px: float
 
     @staticmethod
-    def of(model: kernels.Model, table: body.BodyTable, disparity_std_px: float = 0.0) -> Likelihood:
+    def of(model: Model, table: body.BodyTable, disparity_std_px: float = 0.0) -> Likelihood:
         """Of these assumptions; an array of one record costs a call less than a tuple."""
         record = np.array([tuple(model)], dtype=[(name, np.float64) for name in model._fields])
         areas = table.cover.sum(axis=(0, 2, 3)) / len(table.cover)
@@ -81,7 +82,7 @@ class Likelihood(NamedTuple):
 def likelihood_of_ranges(p: JointParams) -> Likelihood:
     """For pixels with ranges."""
     table = body.body_table()
-    model = kernels.Model(
+    model = Model(
         body=SEEN_ON_BODY, background=SEEN_ON_BACKGROUND, near_people=p.seen_near_people, hidden=0.0,
         hidden_sitting=0.0, hidden_to=0.0, sitting_from=0.0, no_depth=NO_DEPTH, outliers=OUTLIERS, range_m=RANGE_M,
         unknown=UNKNOWN, surface_var=SURFACE_STD_M**2, colour=p.colour_weight, low_share=p.low_share, sits=0.0,
@@ -141,7 +142,7 @@ class People:
             np.concatenate([self.poses, pose[None]]),
             np.append(self.sure, 1.0),
             np.concatenate([self.tall, ANYBODY[None]]),
-            np.concatenate([self.ratios, np.ones((1, kernels.PARTS, CODES), np.float32)]),
+            np.concatenate([self.ratios, np.ones((1, PARTS, CODES), np.float32)]),
         )
 
 
@@ -160,29 +161,26 @@ class Explanation:
         """Whether colours distinguish people: all that is seen of them has a code."""
         self.views, self.likelihood = views, likelihood if self.coloured else likelihood.colourless()
         self._model = self.likelihood.model[0]
-        self.arrays = [self._view_arrays(v) for v in views]
+        self.seen = [self._seen(v) for v in views]
 
-    def _view_arrays(self, v: View) -> kernels.ViewArrays:
-        r, (rows, cols) = v.rays, v.kind.shape
-        std_per_m2 = self.likelihood.disparity_std_px / r.disparity_metre
-        return kernels.ViewArrays(
-            r.centre_m, r.direction, r.level, r.stretch, r.matched_m, r.projection,
-            (r.distortion_k, 0.5 * (cols - 1), 0.5 * (rows - 1)), v.kind, v.range_m,
-            v.colour if v.colour is not None else v.kind, r.pixel_sr, std_per_m2,
+    def _seen(self, v: View) -> Seen:
+        r, colour = v.rays, v.colour if v.colour is not None else v.kind
+        return Seen(
+            r.centre_m, r.projection, r.distortion_k, r.pixel_sr, self.likelihood.disparity_std_px / r.disparity_metre,
+            r.level, r.stretch, r.matched_m, v.kind, v.range_m, colour,
         )  # fmt: skip
 
-    def around(self, pose: F64, reach_m: float) -> Samples:
-        """The samples within reach of a body, of all cameras."""
-        samples = Samples(self.likelihood)
-        for view in self.arrays:
-            kernels.gather(pose, reach_m, view, samples.arrays, self.likelihood.table, self.likelihood.model)
-        return samples
+    def around(self, poses: F64, reach_m: float) -> Samples:
+        """The samples within reach of each of (N, 5) bodies, or of one (5,), of all cameras."""
+        of, arrays = self.likelihood, SampleArrays.of(len(np.atleast_2d(poses)))
+        for seen in self.seen:
+            gathering.gather(np.atleast_2d(poses), reach_m, seen, arrays, of.table, of.model)
+        return Samples(of, arrays if poses.ndim == 2 else arrays.person(0))
 
-    def boxes(self, rays: PixelRays, poses: F64, half_m: float = 0.4) -> I64:
-        """(N, 4) int64 left, top, right, bottom of bodies in a view [px]."""
-        boxes, (rows, cols) = np.empty((len(poses), 4)), rays.shape
-        lens = rays.distortion_k, 0.5 * (cols - 1), 0.5 * (rows - 1)
-        kernels.boxes(poses, half_m, 0.1, rays.projection, lens, boxes)
+    def boxes(self, k: int, poses: F64, half_m: float) -> I64:
+        """(N, 4) int64 left, top, right, bottom of bodies in view k [px]."""
+        boxes = np.empty((len(poses), 4))
+        gathering.boxes(poses, half_m, self.seen[k], boxes)
         return boxes.astype(np.int64)
 
     def in_view(self, point_m: F64) -> bool:
@@ -195,12 +193,11 @@ class Explanation:
         return False
 
     def touching(self, poses: F64) -> Bool:
-        """(N, N) whether two people may be on one ray of a camera."""
-        touch = np.zeros((len(poses), len(poses)), np.bool_)
-        for v in self.views:
-            low, high = np.split(self.boxes(v.rays, poses), 2, axis=1)
-            touch |= (low[:, None] - GAP_PX <= high[None]).all(-1) & (low[None] - GAP_PX <= high[:, None]).all(-1)
-        return np.asarray(touch, dtype=np.bool_)
+        """(N, N) whether two people may be on one ray of a camera; all with themselves."""
+        touch = np.eye(len(poses), dtype=np.bool_)
+        for seen in self.seen:
+            gathering.mark_touching(poses, BOX_HALF_M, seen, touch)
+        return touch
 
     def nearest_first(self, poses: F64) -> I64:
         """(N,) int64 order of people by their distance from the first camera on the floor, nearest first."""
@@ -223,25 +220,34 @@ class Explanation:
 
     def owned(self, k: int, people: People, pixels: I64) -> Owned:
         """The owners of some pixels of view k, all of one kind."""
-        view, n = self.arrays[k], len(pixels)
-        found = np.empty(n, np.int64), *np.empty((4, n), np.float32), np.empty(n, np.bool_)
-        boxes = self.boxes(self.views[k].rays, people.poses, self._reach_m)
-        kernels.assign_pixels(pixels, people.arrays, boxes, view, self.likelihood.table, self.likelihood.model, found)
-        return Owned(pixels, view.colour.reshape(-1)[pixels], *found)
-
-    @property
-    def _reach_m(self) -> float:
-        return float(self._model["reach_m"]) if self._model["masks"] else 0.4
+        of, samples = self.likelihood, SampleArrays.of(1, len(pixels)).person(0)
+        owner, found = np.empty(len(pixels), np.int64), np.empty((4, len(pixels)), np.float32)
+        gathering.take_pixels(pixels, self.seen[k], samples, of.table, of.model)
+        kernels.lay_others(samples, people.arrays, np.arange(len(people.poses)), of.table, of.model)
+        kernels.share_out(samples, people.poses, of.model, owner, found)
+        near = samples.pixels["near"].view(np.bool_)
+        colours, (share, height, patches, lacking) = self.seen[k].colour.reshape(-1)[pixels], found
+        return Owned(pixels, colours, owner, share, height, patches, lacking, near)
 
 
 class Samples:
-    """The samples around one person and the layers of others on their rays."""
+    """The samples around one person, or around each of several, and the layers of others on their rays."""
 
-    def __init__(self, likelihood: Likelihood) -> None:
-        self._of = likelihood
-        self.arrays = kernels.SampleArrays.of(MAX_SAMPLES)
+    def __init__(self, likelihood: Likelihood, arrays: SampleArrays) -> None:
+        self._of, self.arrays = likelihood, arrays
         self._people: People
         self._others: I64
+
+    def person(self, k: int) -> Samples:
+        """Those of one of several people."""
+        return Samples(self._of, self.arrays.person(k))
+
+    def explain(self, people: People, prior: tuple[AnyArray, ...], order: I64, touch: Bool) -> tuple[F64, F64, F64]:
+        """Move several people, in an order, to where they explain best together; see ``_kernels.explain``."""
+        n = len(people.poses)
+        found = np.empty(n), np.zeros((n, 6)), np.empty((n, 3))
+        kernels.explain(people.arrays, prior, order, touch, self.arrays, self._of.table, self._of.model, found)
+        return found
 
     def layer(self, people: People, others: I64) -> None:
         """Take these people for the others on the rays, whose bodies cannot be entered."""
@@ -255,8 +261,7 @@ class Samples:
 
     def log_prior(self, pose: F64, tall: F64, others: I64 | None = None) -> float:
         """Logarithm of the prior of a pose; ``others`` are those of the layers unless given."""
-        people = self._people
-        near = people.poses, people.sure, self._others if others is None else others
+        near = self._people.arrays, self._others if others is None else others
         return float(kernels.log_prior(tuple(pose.tolist()), tuple(tall.tolist()), near, self._of.model))
 
     def evidence(self, pose: F64, tall: F64, ratios: F32) -> float:
@@ -264,46 +269,47 @@ class Samples:
         return self.log_ratio(pose, tall, ratios) + self.log_prior(pose, tall)
 
     def ascend(
-        self, pose: F64, predicted: F64, known: kernels.Known, tall: F64, ratios: F32, steps: F64 = STEPS_M
+        self, pose: F64, predicted: F64, known: AnyArray, tall: F64, ratios: F32, steps: F64 = STEPS_M
     ) -> tuple[float, F64]:
         """Move a pose to where it explains best.
 
         Args:
-            known: of the pose before the frame, see ``about`` and ``Person.prior``.
+            known: (1,) of KNOWN, of the pose before the frame, see ``about``.
 
         Returns:
-            The evidence there; (4,) how sharply Lam curves there along the ray, across it, in height [1/m^2], and in
+            The evidence there; (6,) how sharply Lam curves there along the ray, across it, in height [1/m^2], and in
             facing [1/rad^2].
         """
-        curvature, people, of = np.zeros(4), self._people, self._of
+        curvature, of = np.zeros(6), self._of
         evidence = kernels.ascend(
-            pose, curvature, (predicted, known, steps), (*tall.tolist(), ratios),
-            (people.poses, people.sure, self._others), self.arrays, of.table, of.model,
+            pose, curvature, (predicted, known, steps), (*tall.tolist(), ratios), (self._people.arrays, self._others),
+            self.arrays, of.table, of.model,
         )  # fmt: skip
         return float(evidence), curvature
 
     def against_thing(self, pose: F64, tall: F64) -> float:
         """Log-likelihood ratio of a person at a pose to the thing that explains the same pixels best."""
-        nobody = np.ones((kernels.PARTS, CODES), np.float32)
-        things, others = [], (self._people.poses, self._people.sure, self._others)
+        nobody = np.ones((PARTS, CODES), np.float32)
+        things, others = [], (self._people.arrays, self._others)
         for table in body.thing_tables():
             start = pose * THING_START
             at, prior = start.copy(), (start, about(body.TORSO.torso_radius_m, math.inf), STEPS_M)
             size = float(start[2]), ANY_HEIGHT_M, nobody
-            kernels.ascend(at, np.zeros(4), prior, size, others, self.arrays, table, self._of.model)
+            kernels.ascend(at, np.zeros(6), prior, size, others, self.arrays, table, self._of.model)
             at_end = tuple(at.tolist())
             things.append(float(kernels.log_ratio(at_end, at_end[2], nobody, self.arrays, table, self._of.model)))
         return self.log_ratio(pose, tall, nobody) - max(things)
 
-    def visible(self, pose: F64, tall: F64) -> tuple[float, float, float]:
-        """Patches of a body that it explains better than all else, those that show something, and those in view."""
-        mine, known, total = kernels.visible(pose, float(tall[0]), self.arrays, self._of.table, self._of.model)
-        return float(mine), float(known), float(total)
+    def visible(self, pose: F64, tall: F64, ratios: F32) -> F64:
+        """(3,) patches of a body that it explains better than all else, that show something, and that are in view."""
+        seen, of = np.empty(3), self._of
+        kernels.visible(tuple(pose.tolist()), (*tall.tolist(), ratios), self.arrays, of.table, of.model, seen)
+        return seen
 
     def noise(self, pose: F64, curvature: F64) -> tuple[F64, float]:
         """Covariance (2, 2) of the place [m^2] and information on the height [1/m^2], from the curvature of Lam."""
         s, (x, y) = self.arrays, pose[:2].tolist()
-        ax, ay = (x - float(s.cx[0]), y - float(s.cy[0])) if s.size[0] else (1.0, 0.0)
+        ax, ay = (x - float(s.rays[CX, 0]), y - float(s.rays[CY, 0])) if s.size[0] else (1.0, 0.0)
         norm = max(math.hypot(ax, ay), 1e-6)
         ax, ay = ax / norm, ay / norm
         va, vc = (max(1.0 / max(b, 5.0), PLACE_STD_MIN_M**2) for b in curvature[:2].tolist())

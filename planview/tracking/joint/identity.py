@@ -11,10 +11,10 @@ import numpy as np
 from calib.types import F32, F64
 from planview.maps.colour import CODES
 from planview.tracking import body
-from planview.tracking.joint._kernels import PARTS, TINY
 from planview.tracking.joint.explanation import Owned
 from planview.tracking.joint.params import PeopleParams
 from planview.tracking.joint.person import COLOURED_FRAMES_MIN, SMOOTHING, Person, colour_counts, colour_ratios
+from planview.tracking.joint.samples import PARTS, TINY
 
 CONTACT_M = 0.7
 """People nearer than this may be confused [m]: a body, and an arm's movement."""

@@ -14,8 +14,8 @@ from calib.types import F32, F64, I64, U8
 from planview.maps.colour import CODES, smoothing
 from planview.maps.view import View
 from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M, SIDEWARD_RAD, STROLL_MPS, TURNING_RAD2_PS
-from planview.tracking.joint._kernels import LEGS_TO, PARTS, TORSO_TO, Known
 from planview.tracking.joint.explanation import People
+from planview.tracking.joint.samples import LEGS_TO, PARTS, TORSO_TO, Known
 from planview.tracking.kalman import FloorKalman
 
 SMOOTHING = smoothing()

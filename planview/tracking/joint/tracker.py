@@ -8,16 +8,16 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from calib.types import F32, F64, I64, U8
+from calib.types import F32, F64, U8, Bool
 from planview.maps.colour import CODES
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, Drawing, Observation, TrackerDebug, person_boxes
-from planview.tracking.joint._kernels import PARTS, TINY
 from planview.tracking.joint.births import EVIDENCE_MAX, LOOSE, Births
 from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, People, Samples, likelihood_of_ranges
 from planview.tracking.joint.identity import Exchanges, continued, within_reach
 from planview.tracking.joint.params import JointParams, PeopleParams
 from planview.tracking.joint.person import Person, colour_counts, colour_ratios, side_by_side
+from planview.tracking.joint.samples import KNOWN, PARTS, TINY
 from planview.tracking.lifecycle import TrackLog
 from planview.trajectories.state import State, TrackState
 
@@ -69,32 +69,20 @@ class ExplainingTracker(Generic[P, Q]):
         return dt
 
     # -- explaining a frame ---------------------------------------------------------------------------------------
-    def _ascend(self, frame: Explanation, people: People) -> tuple[list[Samples], list[I64], F64, F64]:
+    def _ascend(self, frame: Explanation, people: People, touch: Bool) -> tuple[Samples, F64, F64, F64]:
         """Coordinate ascent, nearest first.
 
+        Args:
+            touch: (N, N) who may be on a ray of whom.
+
         Returns:
-            Of everybody: the samples, who else is on their rays, the evidence and how sharply Lam curves.
+            The samples; of everybody the evidence, how sharply Lam curves, and what is visible (``Samples.explain``).
         """
-        predicted = people.poses.copy()
-        touch = frame.touching(predicted)
-        samples = [frame.around(pose, body.TORSO.torso_radius_m + 0.1) for pose in predicted]
-        prior = [person.prior for person in self._people]
-        others = [np.flatnonzero(touch[i] & (np.arange(len(touch)) != i)) for i in range(len(touch))]
-        evidence, curvature = np.zeros(len(predicted)), np.zeros((len(predicted), 4))
-        for sweep in range(2):
-            for i in frame.nearest_first(predicted):
-                if sweep and not len(others[i]):
-                    continue
-                samples[i].layer(people, others[i])
-                first = max(sweep, int(self._people[i].kalman.position_std_m < STEPS_M[1]))  # fine steps reach that far
-                evidence[i], curvature[i] = samples[i].ascend(
-                    people.poses[i], predicted[i], prior[i], people.tall[i], people.ratios[i], STEPS_M[first:]
-                )
-        for i in range(len(predicted)):
-            if len(others[i]):  # where all of them are now
-                samples[i].layer(people, others[i])
-                evidence[i] = samples[i].evidence(people.poses[i], people.tall[i], people.ratios[i])
-        return samples, others, evidence, curvature
+        predicted, order = people.poses.copy(), frame.nearest_first(people.poses)
+        samples = frame.around(predicted, body.TORSO.torso_radius_m + 0.1)
+        fine = np.array([person.kalman.position_std_m < STEPS_M[1] for person in self._people], np.int64)
+        known = np.array([person.prior for person in self._people], KNOWN)
+        return samples, *samples.explain(people, (predicted, known, STEPS_M, fine), order, touch)
 
     def _measure(self, person: P, s: Samples, pose: F64, curvature: F64, dt: float) -> None:
         """The place and the height, as far as the pixels show them."""
@@ -247,31 +235,34 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
 
     def _explain(self, frame: Explanation, people: People, dt: float) -> None:
         """Places, then the frame's evidence on each person's existence."""
-        samples, others, evidence, curvature = self._ascend(frame, people)
+        touch = frame.touching(people.poses)
+        np.fill_diagonal(touch, False)
+        samples, evidence, curvature, seen = self._ascend(frame, people, touch)
         stood_up: list[tuple[Person, F64]] = []
         for i, person in enumerate(self._people):
             person.evidence, pose = float(evidence[i]), people.poses[i]
             if (rival := self._rival(i, people)) >= 0:
-                both, alone = self._beside(i, rival, samples, people)
+                both, alone = self._beside(i, rival, samples.person(rival), people)
                 person.evidence = min(person.evidence, both)
-                samples[rival].layer(people, others[rival])
                 if both < 0.0 and alone[2] > people.poses[rival, 2] + body.HEIGHT_STD_M:
                     stood_up.append((self._people[rival], alone))
-            mine, known, total = samples[i].visible(pose, people.tall[i])
+            (mine, known, total), others = seen[i].tolist(), np.flatnonzero(touch[i])
             person.inside, person.known = min(1.0, total / frame.whole_patches(pose)), known / total if total else 1.0
             person.share, person.patches = mine / max(known, TINY) * min(1.0, 1.25 * person.inside), total
             person.head_in_view = frame.in_view(pose)
             visible = person.share >= self.params.visible_min
             if not person.confirmed:
-                person.shape = samples[i].against_thing(pose, people.tall[i]) if visible else 0.0
-            self._measure(person, samples[i], pose, curvature[i], dt)
+                mine_alone = samples.person(i)
+                mine_alone.layer(people, others)
+                person.shape = mine_alone.against_thing(pose, people.tall[i]) if visible else 0.0
+            self._measure(person, samples.person(i), pose, curvature[i], dt)
             self._weigh(person, dt, body.LEAVE_S if person.inside < INSIDE else self.params.stay_s)
             if visible:
-                self._note_movement(person, alone=len(others[i]) == 0)
+                self._note_movement(person, alone=len(others) == 0)
             kind: DecisionKind = "matched" if visible else "lost"
             reason = f"evidence {person.evidence:.1f}, visible {person.share:.2f}, existence {person.existence:.3f}"
-            if len(others[i]):
-                reason += ", next to " + ", ".join(str(self._people[k].track_id) for k in others[i])
+            if len(others):
+                reason += ", next to " + ", ".join(str(self._people[k].track_id) for k in others)
             self._note(person, kind, reason, person.evidence)
         for person, (x, y, h, *_) in stood_up:  # one upright body explains more than a low one and another
             person.kalman, person.height_m = person.kalman.moved_to(float(x), float(y)), float(h)
@@ -284,10 +275,10 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         a, newcomer = self._people[i], self._people[j]
         return j if gaps[j] < body.APART_M and newcomer.standing > a.standing else -1
 
-    def _beside(self, i: int, j: int, samples: Sequence[Samples], people: People) -> tuple[float, F64]:
+    def _beside(self, i: int, j: int, s: Samples, people: People) -> tuple[float, F64]:
         """Evidence for a person in another's place: both people, compared with the other one alone anywhere nearby, and
         (5,) the pose that this one would have."""
-        poses, tall, ratios, s = people.poses, people.tall, people.ratios, samples[j]
+        poses, tall, ratios = people.poses, people.tall, people.ratios
         rest = np.array([k for k in range(len(poses)) if k not in (i, j)], dtype=np.int64)
         s.layer(people, rest)
         first = s.log_ratio(poses[i], tall[i], ratios[i])

@@ -16,8 +16,8 @@ from planview.tracking.human_model.births import FloorPlaces, births
 from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks
 from planview.tracking.human_model.silhouette import silhouette
 from planview.tracking.human_model.walker import ModelMatch, matches
-from planview.tracking.joint import _kernels as kernels
 from planview.tracking.joint.explanation import People, about, upright
+from planview.tracking.joint.samples import PARTS
 from tests.human_model_world import BLUE, CAMERA, FPS, MAP, PARAMS, RED, Drawn, World, confirmed, run
 from tests.reference.explain import log_likelihood_of_mask
 
@@ -161,7 +161,7 @@ COLOURLESS = PARAMS.model_copy(update={"colour_weight": 0.0})
 RAYS = PixelRays.of(CAMERA)
 TALL = np.array([body.HEIGHT_MEAN_M, body.HEIGHT_STD_M])
 NOBODY = np.zeros(0, np.int64)
-SAME = np.ones((kernels.PARTS, 200), np.float32)
+SAME = np.ones((PARTS, 200), np.float32)
 KNOWN = about(0.5, 0.13)
 
 
@@ -200,7 +200,7 @@ def test_evidence_is_the_difference_of_two_plain_likelihoods(pose, others):
     frame = explained(View.of_mask(seen.foreground, seen.motion, None, shadow), every_pixel)
     samples = frame.around(upright(pose), 0.5)
     assert samples.arrays.size[0] < 3000, "every pixel is a sample"
-    samples.arrays.weight[:] = 1.0
+    samples.arrays.pixels["weight"] = 1.0
     samples.layer(people_at(*others, pose), np.arange(len(others)))
     found = samples.log_ratio(upright(pose), TALL, SAME)
     without, both = (log_likelihood_of_mask(frame, people, others, TALL[0]) for people in (others, [*others, pose]))
@@ -215,8 +215,10 @@ def test_boxes_hold_what_the_camera_projects_of_bodies_and_their_reach(lens):
     tops = corners * np.where([True, True, False], 1.0, poses[:, None, 2:] + 0.1)
     image = camera.project(poses[:, None] * (1.0, 1.0, 0.0) + tops)
     expected = np.nan_to_num(np.concatenate([image.min(axis=1), image.max(axis=1)], axis=1)).astype(np.int64)
-    frame = explained(View.of_mask(np.zeros((120, 160), np.uint8)))
-    found = frame.boxes(PixelRays.of(camera), poses)
+    frame = MaskExplanation(
+        PixelRays.of(camera), View.of_mask(np.zeros((120, 160), np.uint8)), likelihood_of_masks(COLOURLESS)
+    )
+    found = frame.boxes(0, poses, 0.4)
     seen = np.isfinite(image).all(axis=(1, 2))
     assert seen.any() and found[seen].tolist() == expected[seen].tolist()
     assert all(box[0] < 0 and box[2] >= camera.width for box in found[~seen].tolist())

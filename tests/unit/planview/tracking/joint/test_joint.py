@@ -12,12 +12,12 @@ from planview.maps.view import SURFACE, UNKNOWN, View
 from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.joint import JointTracker
-from planview.tracking.joint import _kernels as kernels
 from planview.tracking.joint.births import Births
 from planview.tracking.joint.explanation import Explanation, People, about, likelihood_of_ranges, upright
 from planview.tracking.joint.identity import _log_odds, alike, colours_of
 from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.person import Person
+from planview.tracking.joint.samples import EX, EY, LAYERS, PARTS, THROUGH, SampleArrays
 from planview.tracking.kalman import FloorKalman
 from planview.trajectories.state import TrackState
 
@@ -217,20 +217,20 @@ def test_every_frame_says_why_each_person_is_where_it_is_and_shows_the_owners_of
 PARAMS = JointParams()
 ADULT = (0.0, 3.0, 1.75)
 TALL = np.array([1.75, 0.12])
-SAME = np.ones((kernels.PARTS, 200), np.float32)
+SAME = np.ones((PARTS, 200), np.float32)
 
 
 def people_of(*poses: tuple[float, ...]) -> People:
     n = len(poses)
-    ratios = np.ones((n, kernels.PARTS, 200), np.float32)
+    ratios = np.ones((n, PARTS, 200), np.float32)
     return People(np.array([upright(pose) for pose in poses]).reshape(-1, 5), np.ones(n), np.tile(TALL, (n, 1)), ratios)
 
 
-def plain(samples: kernels.SampleArrays) -> None:
+def plain(samples: SampleArrays) -> None:
     """Take every pixel for one patch, and the nearest table for each."""
     n = int(samples.size[0])
-    samples.weight[:n], samples.slant[:n] = 1.0, 0.5
-    samples.turn[:n] = np.arctan2(samples.ey[:n], samples.ex[:n]) * body.TURNS_PER_RAD - 0.5
+    samples.pixels["weight"][:n], samples.pixels["slant"][:n] = 1.0, 0.5
+    samples.pixels["turn"][:n] = np.arctan2(samples.rays[EY, :n], samples.rays[EX, :n]) * body.TURNS_PER_RAD - 0.5
 
 
 def explained(seen: View) -> Explanation:
@@ -271,7 +271,7 @@ def test_pixels_that_show_nothing_are_no_evidence_and_not_in_the_visible_share()
         seen.kind[hidden] = UNKNOWN
         samples = explained(seen).around(upright(ADULT), 0.3)
         samples.layer(people_of(), np.zeros(0, np.int64))
-        mine, known, total = samples.visible(upright(ADULT), TALL)
+        mine, known, total = samples.visible(upright(ADULT), TALL, SAME).tolist()
         shares.append((mine / max(known, 1e-9), known / total))
         evidence.append(samples.log_ratio(upright(ADULT), TALL, SAME))
     assert shares[0] == pytest.approx((shares[1][0], 1.0), abs=0.03) and 0.4 < shares[1][1] < 0.6
@@ -283,12 +283,12 @@ def test_of_five_people_on_a_ray_the_four_nearest_count_in_any_order():
     frame = explained(look_at(oblique_camera(height_m=1.6, tilt_deg=88.0), row[:1]))
     found = []
     for order in ([1, 2, 3, 4, 5], [5, 4, 3, 2, 1]):
-        samples = frame.around(np.array(row[0]), 0.3)
+        samples = frame.around(upright(row[0]), 0.3)
         samples.layer(people_of(*row), np.array(order))
         n = samples.arrays.size[0]
-        assert samples.arrays.n_layers[:n].max() == kernels.LAYERS
-        past = np.arange(kernels.LAYERS + 1) > samples.arrays.n_layers[:n, None]
-        found.append(np.where(past, 0.0, samples.arrays.layers[:n, kernels.THROUGH]))
+        assert samples.arrays.counts[:n].max() == LAYERS
+        past = np.arange(LAYERS + 1) > samples.arrays.counts[:n, None]
+        found.append(np.where(past, 0.0, samples.arrays.layers[:n, THROUGH]))
         owned = frame.assign_pixels(people_of(*[row[k] for k in (0, *order)]))[0]
         found.append((owned.owner == 0).mean())
     np.testing.assert_allclose(found[0], found[2])
