@@ -18,8 +18,7 @@ from planview.engine.replay import recorded_config, replay_engine
 from planview.engine.stereo import multi_rig_engine, stereo_engine
 from planview.maps.recording import MapsRecording, is_maps
 from planview.tracking.base import ImageTracker, Tracker, refuse_tracker
-from planview.tracking.boxes import BoxTracker
-from planview.tracking.detections import DetectionTracker
+from planview.tracking.detections import BoxTracker, DetectionTracker
 from planview.tracking.joint import JointTracker
 from planview.tracking.template import TemplateTracker
 from planview.trajectories.boxes import Detections, load_detections

@@ -1,4 +1,4 @@
-"""People from the boxes of another program's detector, placed on the floor by a calibrated camera."""
+"""People from the boxes of another program's detector: placed on the floor by a calibrated camera, or in the image."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic import Field
 
 from calib.ground_camera import GroundCamera
 from calib.params import Params
-from calib.types import F64, U8
+from calib.types import F64, I64, U8
 from planview.tracking import body
 from planview.tracking.base import Decision, Observation, TrackerDebug
 from planview.tracking.kalman import FloorKalman
@@ -76,30 +76,13 @@ class Detected:
         return 1.0 / (1.0 + math.exp(-self.log_odds))
 
 
-class DetectionTracker:
-    """Boxes to people: the global nearest neighbour by likelihood, and existence by the Bernoulli filter.
-
-    A box is explained by the cylinder of a standing body (least squares over its edges, with the heights of adults as
-    prior), which gives place and height with their covariance. Existence follows Vo, Vo and Pham 2010 with one target
-    each: a box is evidence by its likelihood over that of a false one, none is evidence against as far as the person
-    is in view and not behind another.
-
-    Args:
-        detections: boxes of every frame of the recording.
-        params: all parameters.
-        camera: places people on the floor.
-    """
+class _OfDetections:
+    """What the trackers of another program's boxes have in common: the boxes, and nothing to say about pixels."""
 
     foreground_columns: int | None = 80
 
-    def __init__(self, detections: Detections, params: DetectionParams, camera: GroundCamera) -> None:
-        self.detections, self.params, self.camera = detections, params, camera
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everybody."""
-        self._cycle = LifeCycle()
-        self._people: list[Detected] = []
+    def __init__(self, detections: Detections) -> None:
+        self.detections, self._cycle = detections, LifeCycle()
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
@@ -118,6 +101,31 @@ class DetectionTracker:
     def debug(self) -> TrackerDebug:
         """Nothing but the boxes."""
         return TrackerDebug()
+
+
+class DetectionTracker(_OfDetections):
+    """Boxes to people: the global nearest neighbour by likelihood, and existence by the Bernoulli filter.
+
+    A box is explained by the cylinder of a standing body (least squares over its edges, with the heights of adults as
+    prior), which gives place and height with their covariance. Existence follows Vo, Vo and Pham 2010 with one target
+    each: a box is evidence by its likelihood over that of a false one, none is evidence against as far as the person
+    is in view and not behind another.
+
+    Args:
+        detections: boxes of every frame of the recording.
+        params: all parameters.
+        camera: places people on the floor.
+    """
+
+    def __init__(self, detections: Detections, params: DetectionParams, camera: GroundCamera) -> None:
+        super().__init__(detections)
+        self.params, self.camera = params, camera
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody."""
+        self._cycle = LifeCycle()
+        self._people: list[Detected] = []
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track one frame, whose image gives the size of the view only."""
@@ -140,18 +148,15 @@ class DetectionTracker:
         gains = np.array([[self._gain(q, z, c) for z, c in zip(poses, covariances, strict=True)] for q in self._people])
         gains = gains.reshape(len(self._people), len(boxes)) + worth
         matched = self._assign(gains)
-        for i, q in enumerate(self._people):
-            if not self.detections.looked(observation.frame):
-                continue
+        for i, q in enumerate(self._people if self.detections.looked(observation.frame) else ()):
             if i in matched:
-                self._found(
-                    q, boxes[matched[i]], poses[matched[i]], covariances[matched[i]], looks, gains[i, matched[i]]
-                )
+                k = matched[i]
+                self._found(q, boxes[k], poses[k], covariances[k], looks, gains[i, k])
             else:
                 self._missed(q, dt_s, looks, size)
-        taken = set(matched.values())
+        taken, same = set(matched.values()), overlaps(boxes[:, :4], boxes[:, :4]) > SAME_PERSON_IOU
         for k in range(len(boxes)):
-            if k not in taken and not any(overlap(boxes[k], boxes[j]) > SAME_PERSON_IOU for j in taken):
+            if k not in taken and not same[k, list(taken)].any():
                 self._meet(boxes[k], poses[k], covariances[k], float(worth[k]))
                 taken.add(k)
         for q in [q for q in self._people if q.existence < FORGOTTEN]:
@@ -159,7 +164,6 @@ class DetectionTracker:
             self._people.remove(q)
         return tuple(self._state(q) for q in self._people)
 
-    # -- boxes to places ------------------------------------------------------------------------------------------
     def _placed(self, boxes: F64, size: tuple[float, float]) -> tuple[F64, F64]:
         """(N, 3) x, y, height [m] of boxes, NaN of those on no floor, and (N, 3, 3) covariances."""
         std_px = self.params.edge * boxes[:, 3]
@@ -204,7 +208,6 @@ class DetectionTracker:
             q.box[:2] += foot - q.foot
             q.foot = foot
 
-    # -- who is who ------------------------------------------------------------------------------------------------
     def _gain(self, q: Detected, pose: F64, covariance: F64) -> float:
         """Log-likelihood of a box of this person over that of a false one; -inf beyond the gate."""
         k = q.kalman
@@ -225,9 +228,8 @@ class DetectionTracker:
             return {}
         known = np.array([[math.log(q.existence) - math.log(1 - self.params.found)] for q in self._people])
         total = np.maximum(np.where(np.isfinite(gains), gains + known, 0.0), 0.0)
-        return {
-            int(i): int(k) for i, k in zip(*linear_sum_assignment(total, maximize=True), strict=True) if total[i, k]
-        }
+        pairs = zip(*linear_sum_assignment(total, maximize=True), strict=True)
+        return {int(i): int(k) for i, k in pairs if total[i, k]}
 
     def _found(self, q: Detected, box: F64, pose: F64, covariance: F64, looks: float, gain: float) -> None:
         p = self.params
@@ -257,7 +259,7 @@ class DetectionTracker:
         """Share of a box that another covers, which is nearer as its lower edge is lower."""
         if not anywhere and other[1] + other[3] < box[1] + box[3]:
             return 0.0
-        return _common(box, other) / float(box[2] * box[3])
+        return float(common(box[None], other[None])[0, 0] / (box[2] * box[3]))
 
     def _meet(self, box: F64, pose: F64, covariance: F64, worth: float) -> None:
         kalman = FloorKalman.measured(pose[:2], covariance[:2, :2], body.SPEED_MAX_MPS / 2)
@@ -272,14 +274,146 @@ class DetectionTracker:
         return TrackState(q.who.track_id, q.who.state, *place, q.height_m, box)  # type: ignore[arg-type]
 
 
-def _common(a: F64, b: F64) -> float:
-    """Area [px^2] that two boxes share."""
-    width = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0])
-    height = min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1])
-    return float(max(width, 0.0) * max(height, 0.0))
+def common(boxes: F64, others: F64) -> F64:
+    """(N, M) area [px^2] that (N, 4) and (M, 4) boxes left, top, width, height share."""
+    first, second = np.maximum(boxes[:, None, :2], others[None, :, :2]), boxes[:, None, :2] + boxes[:, None, 2:]
+    return np.asarray(np.prod(np.maximum(np.minimum(second, others[:, :2] + others[:, 2:]) - first, 0.0), axis=-1))
 
 
-def overlap(a: F64, b: F64) -> float:
-    """Intersection over union of two boxes."""
-    common = _common(a, b)
-    return common / float(a[2] * a[3] + b[2] * b[3] - common)
+def overlaps(boxes: F64, others: F64) -> F64:
+    """(N, M) intersection over union of (N, 4) and (M, 4) boxes left, top, width, height [px]."""
+    shared = common(boxes, others)
+    return np.asarray(shared / (np.prod(boxes[:, 2:], axis=1)[:, None] + np.prod(others[:, 2:], axis=1) - shared))
+
+
+SURE_SCORE, NEW_SCORE, LEAST_SCORE = 0.6, 0.7, 0.1
+"""Scores from which a box is matched first, starts a track, and counts at all (Zhang et al. 2022, section 4.1)."""
+SURE_IOU, UNSURE_IOU = 0.1, 0.2
+"""Least overlap with a track's predicted box in the first and in the second stage: walkers at 7 frames per second move
+by their own breadth, and the whole assignment decides, not a pair alone."""
+LOST_S = 1.0
+"""A track without a box is kept for this long [s] (30 frames at 30 per second)."""
+ACCELERATION = body.ACCELERATION_MPS2 / body.HEIGHT_MEAN_M
+"""Deviation of the acceleration of a box's centre and sides [heights/s^2]."""
+SPEED = 0.5 * body.SPEED_MAX_MPS / body.HEIGHT_MEAN_M
+"""Deviation of a new box's speed [heights/s]."""
+
+
+@dataclass(slots=True, eq=False)
+class BoxTrack:
+    """A box that moves with constant velocity.
+
+    Attributes:
+        existence: id and state.
+        box, velocity: (4,) float64 centre and size u, v, width, height [px], and their change [px/s].
+        covariance: (2, 2) float64 of position and velocity of each of the four, in heights and seconds.
+    """
+
+    existence: Existence
+    box: F64
+    velocity: F64
+    covariance: F64
+
+    @property
+    def state(self) -> TrackState:
+        u, v, width, height = self.box.tolist()
+        box_px = (u - width / 2, v - height / 2, width, height)
+        return TrackState(self.existence.track_id, self.existence.state, box_px=box_px)
+
+    def predict(self, dt_s: float) -> None:
+        """Move on by dt with a random acceleration that is constant over dt."""
+        self.box = self.box + dt_s * self.velocity
+        self.box[2:] = np.maximum(self.box[2:], 1.0)
+        step, push = np.array([[1.0, dt_s], [0.0, 1.0]]), ACCELERATION * np.array([0.5 * dt_s**2, dt_s])
+        self.covariance = step @ self.covariance @ step.T + np.outer(push, push)
+
+    def correct(self, box: F64, edge: float) -> None:
+        """Take in a measured box; ``edge`` is its deviation in heights."""
+        gain = self.covariance[:, 0] / (self.covariance[0, 0] + edge**2)
+        off = box - self.box
+        self.box, self.velocity = self.box + gain[0] * off, self.velocity + gain[1] * off
+        self.covariance = self.covariance - np.outer(gain, self.covariance[0])
+
+
+class BoxTracker(_OfDetections):
+    """Follows the boxes of a detector without a camera: the two stages of ByteTrack (Zhang et al. 2022) with a Kalman
+    filter of boxes.
+
+    Boxes with a high score are matched to the predicted boxes of all tracks, then those with a low score to the
+    confirmed tracks that are left and were seen in the frame before: a person who is being hidden gets a lower score
+    before the box goes. What is left of the high scores starts tracks, which a second box confirms. A track without a
+    box is not reported, since nothing can check where it is.
+
+    Args:
+        detections: boxes of every frame; every box counts as sure where they are not scored.
+        edge: deviation of a box's centre and sides, as a share of its height.
+    """
+
+    def __init__(self, detections: Detections, edge: float) -> None:
+        super().__init__(detections)
+        self._edge = edge
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody."""
+        self._cycle = LifeCycle()
+        self._tracks: list[BoxTrack] = []
+
+    def update(self, observation: Observation) -> tuple[TrackState, ...]:
+        """Track the boxes of one frame."""
+        first = math.isnan(self._cycle.now_s)
+        dt_s, boxes = self._cycle.begin(observation.timestamp_s), self.detections.at(observation.frame)
+        score = boxes[:, 4] if self.detections.scored else np.ones(len(boxes))
+        sure = np.flatnonzero(score >= SURE_SCORE)
+        unsure = np.flatnonzero((score >= LEAST_SCORE) & (score < SURE_SCORE))
+        seen = [track.existence.observed for track in self._tracks]
+        for track in self._tracks:
+            track.predict(dt_s)
+        if not self.detections.looked(observation.frame):
+            return tuple(track.state for track in self._tracks if track.existence.observed)
+        every = np.arange(len(self._tracks))
+        found = self._match(every, boxes, sure, SURE_IOU)
+        left = [i for i in every if i not in found and seen[i] and self._tracks[i].existence.confirmed]
+        found |= self._match(np.array(left, dtype=np.int64), boxes, unsure, UNSURE_IOU)
+        for i, track in enumerate(self._tracks):
+            if i in found:
+                self._cycle.observe(track.existence, f"score {score[found[i]]:.2f}", float(score[found[i]]))
+                self._cycle.confirm(track.existence, "a second box")
+                track.correct(centred(boxes[found[i]]), self._edge)
+            else:
+                self._cycle.miss(track.existence, "no box")
+        for k in np.setdiff1d(sure[score[sure] >= NEW_SCORE], list(found.values())):
+            self._start(centred(boxes[k]), float(score[k]), first)
+        self._forget()
+        return tuple(track.state for track in self._tracks if track.existence.observed)
+
+    def _match(self, tracks: I64, boxes: F64, candidates: I64, least_iou: float) -> dict[int, int]:
+        """The box of each track that gets one, by the largest sum of overlaps."""
+        from scipy.optimize import linear_sum_assignment  # half a second
+
+        predicted = np.array([self._tracks[i].state.box_px for i in tracks]).reshape(-1, 4)
+        shared = overlaps(predicted, boxes[candidates, :4])
+        rows, cols = linear_sum_assignment(np.where(shared < least_iou, 0.0, shared), maximize=True)
+        pairs = zip(rows, cols, strict=True)
+        return {int(tracks[i]): int(candidates[k]) for i, k in pairs if shared[i, k] >= least_iou}
+
+    def _start(self, box: F64, score: float, first: bool) -> None:
+        existence = self._cycle.spawn(f"a box of nobody known, score {score:.2f}", score)
+        if first:
+            self._cycle.confirm(existence, "in the first frame")
+        self._tracks.append(BoxTrack(existence, box, np.zeros(4), np.diag([self._edge**2, SPEED**2])))
+
+    def _forget(self) -> None:
+        kept = []
+        for track in self._tracks:
+            who = track.existence
+            if who.observed or (who.confirmed and self._cycle.unobserved_s(who) <= LOST_S):
+                kept.append(track)
+            else:
+                self._cycle.prune(who, f"no box for {self._cycle.unobserved_s(who):.1f} s")
+        self._tracks = kept
+
+
+def centred(box: F64) -> F64:
+    """Centre, width and height of a box left, top, width, height."""
+    return np.concatenate([box[:2] + box[2:4] / 2, box[2:4]])
