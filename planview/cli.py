@@ -13,6 +13,7 @@ from contextlib import suppress
 from importlib import import_module
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
+from textwrap import dedent
 from traceback import extract_tb
 from typing import TYPE_CHECKING, Any, Literal, TextIO, cast
 
@@ -55,12 +56,14 @@ CALIBRATE = {
     "ui": ("calibrate", "Calibrate in the browser."),
 }
 USAGE = {
-    "run": "RECORDING [RIGHT] --out FOLDER [OPTIONS]",
-    "check": "RECORDING [RIGHT] [OPTIONS]",
-    "params": "[PATTERN] [OPTIONS]",
-    "evaluate": "TRACKS [TRUTH] [OPTIONS]",
-    "report": "FOLDER [FOLDER ...] [OPTIONS]",
-    "plot": "RUN [RUN ...] [OPTIONS]",
+    "run": "run RECORDING [RIGHT] --out FOLDER [OPTIONS]",
+    "check": "check RECORDING [RIGHT] [OPTIONS]",
+    "params": "params [PATTERN] [OPTIONS]",
+    "evaluate": "evaluate TRACKS [TRUTH] [OPTIONS]",
+    "report": "report FOLDER [FOLDER ...] [OPTIONS]",
+    "plot": "plot RUN [RUN ...] [OPTIONS]",
+    "sweep": "sweep STUDY.toml [OPTIONS] | RECORDING [RECORDING ...] --out FOLDER --vary NAME=VALUES [OPTIONS]",
+    "align": "calibrate align HEAD HEAD [HEAD ...] [OPTIONS]",
 }
 """Usage of commands whose arguments cyclopts does not name."""
 
@@ -81,15 +84,16 @@ def make_app(words: Sequence[str] = ()) -> App:
     for group, commands in COMMANDS.items():
         for name, (module, text) in commands.items():
             _register(app, f"planview.commands.{module}:{name}", name, text, words, groups[group])
-    calibrate = App(name="calibrate", help="Obtain, check and convert calibrations.", group=groups["Calibration"])
+    calibrate = App(name="calibrate", help="Find and convert calibrations.", group=groups["Calibration"])
     for name, (module, text) in CALIBRATE.items():
         _register(calibrate, f"planview.commands.{module}:calibrate_{name}", name, text, words)
     app.command(calibrate)
-    app.command(completion, group=groups["Tools"])
+    text = "Print a script that completes commands and options in a shell."
+    _register(app, "planview.cli:completion", "completion", text, words, groups["Tools"])
     return app
 
 
-def completion(shell: Literal["bash", "zsh", "fish"]) -> None:
+def completion(shell: Literal["bash", "zsh", "fish"], /) -> None:
     """Print a script that completes commands and options in a shell.
 
     Example: planview completion bash > ~/.local/share/bash-completion/completions/planview
@@ -101,7 +105,7 @@ def _register(app: App, target: str, name: str, text: str, words: Sequence[str],
     # Only the help of a command itself needs its docstring: with a text of its own the module is not imported.
     shown = _help_of(target) if name in words and {"--help", "-h"} & set(words) else {"help": text}
     if name in USAGE:
-        shown["usage"] = f"Usage: planview {name} {USAGE[name]}"
+        shown["usage"] = f"Usage: planview {USAGE[name]}"
     app.command(target, name=name, group=group, **shown)
 
 
@@ -109,10 +113,15 @@ def _help_of(target: str) -> dict[str, str]:
     """The docstring of a command, with its examples at the end, each on a line of its own."""
     module, name = target.split(":")
     head = (inspect.getdoc(getattr(import_module(module), name)) or "").split("\nParameters\n")[0]
-    parts = [" ".join(part.split()) for part in head.split("\n\n")]
-    examples = [re.sub(r"^Example[ ,]*(of )?", "", part).split(": ", 1) for part in parts if part.startswith("Example")]
-    lines = [f"# {what}\n{line}" if what else line for what, line in examples]
-    prose = [part for part in parts if part and not part.startswith("Example")]
+    prose, lines = [], []
+    for part in filter(None, head.split("\n\n")):
+        if not part.startswith("Example"):
+            prose.append(" ".join(part.split()))
+            continue
+        what, _, text = re.sub(r"^Example[ ,]*(of )?", "", part).partition(":")
+        # What is indented is shown as it stands, one line is a command that may be wrapped.
+        shown = dedent(text) if text.startswith("\n") else " ".join(text.split())
+        lines += [f"# {what}"] * bool(what) + [shown.strip("\n")]
     return {"help": "\n\n".join(prose), "help_epilogue": "\n".join(["Examples:", "```text", *lines, "```"])}
 
 

@@ -52,7 +52,9 @@ def calibrate_align(first: Path, second: Path, /, *others: Path, options: AlignO
     head meet those of the other. Let one to three people walk around for a minute, with turns, in the floor that the
     heads share: standing people, or one straight line, are not enough, and are refused.
 
-    Example: planview calibrate align hall/north hall/south --out hall/rigs.toml, then planview run hall --out out
+    Example:
+        planview calibrate align hall/north hall/south --out hall/rigs.toml
+        planview run hall --out out
 
     Parameters
     ----------

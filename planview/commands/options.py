@@ -64,14 +64,6 @@ def checked(table: type[_Table], **values: Any) -> _Table:
         raise InputError(first_problem(error)) from error
 
 
-def checked_number(option: str, text: str, kind: type[int] | type[float]) -> float:
-    """The number of an option. Raises InputError: something else."""
-    try:
-        return kind(text)
-    except ValueError:
-        raise InputError(f"{option}: expected a number, found {text!r}") from None
-
-
 def in_range(option: str, value: float, least: float, most: float, unit: str = "") -> None:
     """Raises InputError: a number of an option out of its range."""
     if not least <= value <= most:

@@ -36,8 +36,7 @@ class CheckOptions:
     """What is looked at, and what is written."""
 
     quick: Flag = False
-    """Only list what it contains: layout, cameras, rates, gaps, calibration, and what is missing. The options below
-    --fps are not used."""
+    """Only list what it contains: layout, cameras, rates, gaps, calibration, and what is missing."""
     calibration: Path | None = None
     """Calibration file or folder, instead of the recording's own; or camera.toml or Tsai XML of one camera."""
     topics: Topics = None
@@ -137,7 +136,8 @@ def table(diagnosis: Diagnosis) -> Table:
     result = Table("", "check", right("value"), right("limit"), "meaning")
     for check in diagnosis.checks:
         mark = "[green]ok[/]" if check.ok else "[yellow]warning[/]" if check.warns else "[bold red]NO[/]"
-        value = f"{check.value:.3g} {check.unit}".strip() if math.isfinite(check.value) else "-"
+        number = f"{check.value:,.0f}" if check.value >= 1000 else f"{check.value:.3g}"
+        value = f"{number} {check.unit}".strip() if math.isfinite(check.value) else "-"
         result.add_row(mark, check.name, value, check.limit_text, escape(check.note))
     return result
 

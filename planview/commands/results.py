@@ -175,8 +175,9 @@ def view(folder: Path, /, *, port: int = 9876, web: Flag = False, web_port: int 
 
     Example: planview view out
 
-    Example on a machine without a display: planview view out --web; then, on yours, ssh -L 9090:127.0.0.1:9090 -L
-    9876:127.0.0.1:9876 MACHINE, and open the address that it prints.
+    Example on a machine without a display, then on yours, where a browser opens the address that it prints:
+        planview view out --web
+        ssh -L 9090:127.0.0.1:9090 -L 9876:127.0.0.1:9876 MACHINE
 
     Parameters
     ----------

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, get_args
 
 from cyclopts import Group, Parameter
 from rich.console import Console
@@ -21,7 +20,6 @@ from planview.commands.options import (
     OneSetting,
     Settings,
     Topics,
-    checked_number,
     frame_span,
     in_range,
     open_options,
@@ -49,14 +47,6 @@ from planview.output.run import run as run_engine
 from planview.output.run_folder import RunFolder
 from planview.synthetic.assets import DEMO
 from stereo.readers.open import is_multi_rig
-
-_AS_OPTIONS: dict[str, Callable[[str], dict[str, Any]]] = {
-    "run.frames": lambda n: {"frames": None if n == "0" else n},
-    "run.overwrite": lambda on: {"overwrite": on == "true"},
-    "run.rrd_every": lambda n: {"rrd_every": checked_number("--rrd-every", n, int)},
-    "run.checkpoint_every_s": lambda s: {"checkpoint_every": checked_number("--checkpoint-every", s, float)},
-}
-"""Options that may also be typed as the parameters that they were: ``--set run.frames=100``."""
 
 INPUT, TRACKING, OUTPUT = (Group(name, sort_key=place) for place, name in enumerate(("Input", "Tracking", "Output")))
 _In, _How, _Out = (Parameter(group=group) for group in (INPUT, TRACKING, OUTPUT))
@@ -97,7 +87,6 @@ class TrackingOptions:
     quiet: Annotated[Flag, _Out] = False
     """Print nothing but errors."""
     json_output: Annotated[JsonFlag, _Out] = False
-    """Print run.json, without the configuration, to standard output at the end."""
     print_config: Annotated[Flag, _How] = False
     """Print all parameters that the run would have as a file for --config, and end."""
     overwrite: Annotated[Flag, _Out] = False
@@ -122,8 +111,9 @@ def run(
 
     Example of two videos, or two folders of images: planview run left.mp4 right.mp4 --calibration rig.toml --out out
 
-    Example of saving the plan-view maps and tracking them again: planview run my_recording --out out --maps, then
-    planview run out/maps.h5 --out again --tracker template
+    Example of saving the plan-view maps and tracking them again:
+        planview run my_recording --out out --maps
+        planview run out/maps.h5 --out again --tracker template
 
     Example with one camera: planview run street.mp4 --tracker human-model --calibration camera.toml --out out
 
@@ -136,19 +126,12 @@ def run(
     recording
         Folder with left/ and right/ images or videos (or one side-by-side video) and a calibration; or one video;
         or the left one of two videos or folders of images; or maps.h5 of an earlier run. Maps are tracked with the
-        parameters that made them, changed by --config and --set: with the same tracker and parameters the tracks are
-        the same, with others they are an approximation, since the earlier tracker's feedback to the foreground stays
-        in the maps.
+        parameters that made them, changed by --config and --set; other parameters than before give an approximation.
     right
         The right one of two videos or folders of images.
     out
-        Folder for the results, which is needed; created where it does not exist.
+        Folder for the results (required); created where it does not exist.
     """
-    for setting in options.set_:
-        name, _, value = (part.strip() for part in setting.partition("="))
-        if name in _AS_OPTIONS:
-            others = [other for other in options.set_ if other != setting]
-            options = replace(options, set_=others, **_AS_OPTIONS[name](value))
     if options.print_config:
         print(config_toml(load_config(options.config, options.set_, base_config(recording))))
         return

@@ -243,8 +243,17 @@ def count(tracks: Path, /, *, rules: Path, options: CountOptions = CountOptions(
 
     Example: planview count out/tracks.csv --rules rules.toml --json
 
-    Example of rules.toml: [[tripwire]] name = "door", from_m = [0, 2], to_m = [1, 2]; [[zone]] name = "till",
-    polygon_m = [[0, 0], [2, 0], [2, 1]]; [[queue]] name = "waiting", zone = "till".
+    Example of rules.toml:
+        [[tripwire]]
+        name = "door"
+        from_m = [0, 2]
+        to_m = [1, 2]
+        [[zone]]
+        name = "till"
+        polygon_m = [[0, 0], [2, 0], [2, 1]]
+        [[queue]]
+        name = "waiting"
+        zone = "till"
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ class SweepOptions:
     """Folder for results; a study file's own name without .toml by default. What an earlier study there has done with
     the same input, configuration and version is not repeated."""
     vary: Annotated[Sequence[str], Parameter(name="--vary")] = ()
-    """Without a study file: a parameter and its values, e.g. rectify.working_px=320,640; can be repeated."""
+    """Without a study file: a parameter and its values, e.g. foreground.beta=6,12; can be repeated."""
     config: Path | None = None
     """Without a study file: TOML file with parameters common to all runs."""
     jobs: int = 1
@@ -52,10 +52,15 @@ def sweep(
 
     Example: planview sweep STUDY.toml --jobs 4
 
-    Example of STUDY.toml: recordings = ["hall/*"], seeds = [0, 1], objective = "mota", then [parameters] with
-    rectify.working_px = [240, 320, 640] and feedback.enabled = [true, false]
+    Example of STUDY.toml:
+        recordings = ["hall/*"]
+        seeds = [0, 1]
+        objective = "mota"
+        [parameters]
+        foreground.beta = [6, 12, 24]
+        joint.birth_evidence = [4, 8]
 
-    Example without a file: planview sweep rec1 rec2 --out tried --vary rectify.working_px=320,640 --vary seed=1,2
+    Example without a file: planview sweep rec1 rec2 --out tried --vary foreground.beta=6,12 --vary seed=1,2
 
     Parameters
     ----------

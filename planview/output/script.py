@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from numpy.typing import ArrayLike
 
@@ -37,36 +37,38 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
+class Opening(TypedDict, total=False):
+    """How ``run`` opens a recording: the arguments of ``open_engine``, which explains them."""
+
+    tracker: AnyTracker
+    config: Config | dict[str, Any] | None
+    camera: Path | str | None
+    options: OpenOptions | None
+    matcher: Matcher | None
+    detections: Path | str | Sequence[ArrayLike] | None
+
+
 def run(
     source: Engine | Path | str,
     out: Path | str | None = None,
     *,
-    tracker: AnyTracker = "joint",
-    matcher: Matcher | None = None,
-    config: Config | dict[str, Any] | None = None,
-    camera: Path | str | None = None,
-    options: OpenOptions | None = None,
-    detections: Path | str | Sequence[ArrayLike] | None = None,
     frames: int = 0,
     refined: bool = False,
     overwrite: bool = False,
     watch: Callable[[FrameResult], None] | None = None,
+    **opening: Unpack[Opening],
 ) -> Trajectories:
-    """Track people in a recording.
+    """Track people in a recording: ``planview.run("my_recording", "out", tracker="template")``.
 
     Args:
-        source: a recording, or an engine, which brings tracker, matcher and configuration of its own.
+        source: a recording, or an engine.
         out: folder for tracks.csv, run.json and report.html as ``planview run`` writes them; None to write nothing.
-        tracker: "joint", "template", "human-model", "ellipse-particle", or a tracker of your own.
-        matcher: of stereo pairs; SGBM when None.
-        config: every parameter, or a table per stage of those that differ.
-        camera: camera.toml of a single camera.
-        options: how the recording is opened (calibration, rate, topics).
-        detections: boxes of people from a detector, which are tracked in place of ``tracker``.
         frames: stop after this many; 0 for all.
         refined: refine the tracks afterwards, knowing the whole recording.
         overwrite: replace results that are in the folder.
         watch: called after every frame.
+        opening: tracker, config, camera, options, matcher and detections as ``open_engine`` takes them; none of an
+            engine, which has its own.
     Raises:
         InputError: a recording, calibration or camera that is missing or does not fit; results in the folder.
         WorkError: no floor is visible, or the folder cannot be written.
@@ -79,20 +81,16 @@ def run(
         except HoldsResultsError as error:
             raise InputError(f"{error}; choose another folder or pass overwrite=True") from error
     if isinstance(source, Path | str):
-        engine = open_engine(source, tracker, config, camera, options, matcher, detections)
-        name = tracker if isinstance(tracker, str) else type(tracker).__name__
-        name = name if detections is None else "detections"
+        engine, tracker = open_engine(source, **opening), opening.get("tracker", "joint")
+    elif opening:
+        raise InputError(f"an engine has its own {' and '.join(opening)}: give them to open_engine")
     else:
-        engine, name = source, type(source.tracker).__name__
+        engine, tracker = source, source.tracker
     if out is None:
-        gathered, n_frames = TrajectoryCollector(), 0
-        for result in islice(engine, frames or None):
-            gathered.add(result.frame, result.timestamp_s, result.tracks)
-            n_frames = result.frame + 1
-            if watch:
-                watch(result)
-        tracks = gathered.trajectories()
-        return replace(refine(tracks).tracks if refined else tracks, n_frames=n_frames)
+        tracks = _gathered(islice(engine, frames or None), watch)
+        return replace(refine(tracks).tracks, n_frames=tracks.n_frames) if refined else tracks
+    name = tracker if isinstance(tracker, str) else type(tracker).__name__
+    name = name if opening.get("detections") is None else "detections"
     folder = Path(out)
     prepare_folder(folder, overwrite)
     run_engine(engine, folder, RunOptions(name, max_frames=frames), watch=watch)
@@ -100,6 +98,16 @@ def run(
     if refined:
         refine_run(folder)
     return replace(read_tracks(folder / "tracks.csv"), n_frames=RunFolder(folder).n_frames)
+
+
+def _gathered(results: Iterable[FrameResult], watch: Callable[[FrameResult], None] | None) -> Trajectories:
+    gathered, n_frames = TrajectoryCollector(), 0
+    for result in results:
+        gathered.add(result.frame, result.timestamp_s, result.tracks)
+        n_frames = result.frame + 1
+        if watch:
+            watch(result)
+    return replace(gathered.trajectories(), n_frames=n_frames)
 
 
 def _table(tracks: Trajectories | DataFrame) -> Trajectories:
