@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -248,14 +249,15 @@ def write_header(file: IO[str]) -> None:
 def _row(frame: int, timestamp_s: float, track: TrackState) -> tuple[Any, ...]:
     """The cells of TRACK_COLUMNS."""
     place = track.x_m, track.y_m, track.vx_mps, track.vy_mps, track.height_m
-    return frame, timestamp_s, track.track_id, *place, track.state, *track.box_px, track.facing_deg
+    left, top, width, height = track.box_px
+    return frame, timestamp_s, track.track_id, *place, track.state, left, top, width, height, track.facing_deg
 
 
 def write_rows(file: IO[str], frame: int, timestamp_s: float, tracks: Sequence[TrackState]) -> None:
     """Append one frame's tracks; an unknown value is an empty cell."""
     for track in tracks:
         cells = zip(_row(frame, timestamp_s, track), DECIMALS, strict=True)
-        file.write(",".join(str(c) if n is None else "" if c != c else f"{c:.{n}f}" for c, n in cells) + "\n")
+        file.write(",".join(str(c) if n is None else "" if math.isnan(c) else f"{c:.{n}f}" for c, n in cells) + "\n")
 
 
 def write_table(file: IO[str], table: Trajectories) -> None:
@@ -284,7 +286,7 @@ class TrajectoryCollector:
         """Take one frame's tracks; every (frame, id) once."""
         for track in tracks:
             cells = zip(_row(frame, timestamp_s, track), DECIMALS, strict=True)
-            self._rows.append([c if n is None or c != c else round(c, n) for c, n in cells])
+            self._rows.append([c if n is None or math.isnan(c) else round(c, n) for c, n in cells])
 
     def trajectories(self) -> Trajectories:
         """Everything gathered so far, rounded as in ``tracks.csv`` (DECIMALS)."""
