@@ -25,9 +25,9 @@ from calib.floor.plane import (
     choose_floor,
     doubt,
     fit_plane,
+    in_place,
     judge,
     nothing_found,
-    out_of_place,
 )
 from calib.people.model import ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M
 from calib.rig import Floor, world_from_plane
@@ -193,7 +193,7 @@ def _ransac(points: Rays, floors: FloorParams | None) -> F64:
     sound = np.abs(np.linalg.det(corners)) > 1e-9
     planes = np.linalg.solve(corners[sound], points.inverse[three][sound][..., None])[..., 0]
     if floors is not None:
-        planes = planes[[not out_of_place(Plane(q, 0.0, NO_COVARIANCE), floors) for q in planes]]
+        planes = planes[in_place(planes, floors)]
     few = np.linspace(0, len(points) - 1, min(len(points), SCORED)).astype(np.int64)
     scored = np.column_stack([points.rays, points.inverse])[few] / (INLIER_SIGMAS * points.sigma[few, None])
     off = np.column_stack([planes, np.full(len(planes), -1.0)]).astype(np.float32) @ scored.T.astype(np.float32)

@@ -315,6 +315,15 @@ def judge(plane: Plane, view: Rays, cells: Cells, moved: Moved, params: FloorPar
     return Candidate(plane, on, below, float(share @ near) / max(within, 1e-9), refused)
 
 
+def in_place(q: F64, params: FloorParams) -> Bool:
+    """(N,) which of the planes of (N, 3) q a camera can be above."""
+    height = 1.0 / np.linalg.norm(q, axis=1)
+    x, y, z = (-q * height[:, None]).T
+    tilt, roll = np.degrees(np.arctan2(-y, -z)), np.degrees(np.arcsin(np.clip(x, -1.0, 1.0)))
+    upright = (params.min_tilt_deg <= tilt) & (tilt <= params.max_tilt_deg) & (np.abs(roll) <= params.max_roll_deg)
+    return np.asarray(upright & (params.min_height_m <= height) & (height <= params.max_height_m))
+
+
 def out_of_place(plane: Plane, params: FloorParams) -> str:
     """Why a camera cannot be above a plane; empty where it can."""
     tilt, roll, height = math.degrees(plane.tilt_rad), math.degrees(plane.roll_rad), plane.distance_m

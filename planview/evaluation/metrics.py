@@ -71,13 +71,10 @@ def identity_scores(sequence: Sequence, threshold: float = THRESHOLD) -> Identit
 
     Maximising the common rows minimises idfn + idfp, since their sum is truth rows + track rows - 2 idtp.
     """
-    from scipy.optimize import linear_sum_assignment  # half a second and 60 MB, and only truth needs it
-
-    common = np.zeros((sequence.n_truth, sequence.n_tracks))
     near = sequence.similarity >= threshold - EPS
     pairs = sequence.truth[sequence.pair_truth[near]], sequence.tracks[sequence.pair_track[near]]
-    np.add.at(common, pairs, 1)
-    idtp = int(common[linear_sum_assignment(-common)].sum())
+    (person, track), common = np.unique(np.stack(pairs), axis=1, return_counts=True)
+    idtp = int(common[best_pairs(person, track, common.astype(np.float64), np.zeros_like(person))].sum())
     rows = sequence.truth_rows + sequence.track_rows
     return IdentityScores(
         idtp, sequence.truth_rows - idtp, sequence.track_rows - idtp, 2.0 * idtp / rows if rows else None

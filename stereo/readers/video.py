@@ -11,7 +11,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from scipy.ndimage import median_filter
 
 from calib.errors import InputError
 from calib.formats import load_rig
@@ -221,6 +220,8 @@ def _by_time(left_s: F64, right_s: F64) -> TimePairs | None:
     count = min(len(left_s), len(right_s))
     if count < 3 or any((np.diff(own) <= 0).any() for own in (left_s, right_s)):
         return None
+    from scipy.ndimage import median_filter  # half a second, and only two videos with times need it
+
     apart = np.abs(median_filter(left_s[:count] - right_s[:count], min(15, count), mode="nearest"))
     if apart.max() <= 0.5 * float(np.median(np.diff(left_s))):
         return None
