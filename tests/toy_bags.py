@@ -36,7 +36,7 @@ class Writer:
         storage = {"mcap": rosbag2.StoragePlugin.MCAP, "sqlite3": rosbag2.StoragePlugin.SQLITE3}[plugin]
         self.bag = rosbag1.Writer(path) if ros1 else rosbag2.Writer(path, version=9, storage_plugin=storage)
         if chunks:
-            self.bag.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
+            self.bag.set_compression(rosbag1.Writer.CompressionFormat[chunks.upper()])
         self.bag.open()
         self.connections: dict[str, Any] = {}
 
@@ -115,7 +115,7 @@ def stereo_bag(
     """A small recording of two cameras.
 
     Args:
-        chunks: "bz2": of a ROS 1 bag.
+        chunks: "bz2" or "lz4": of a ROS 1 bag.
         change: "image" or "info", a frame, and fields that are others in the left camera's message of it.
     """
     writer = Writer(path, ros1, plugin, chunks)

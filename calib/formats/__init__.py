@@ -223,7 +223,14 @@ def fitted(rig: StereoRig, name: str, size: tuple[int, int] | None) -> StereoRig
         raise InputError(f"{name}: expected two cameras of one image size, found {own} and {other}")
     if size is None or size == rig.left.size:
         return rig
-    wanted = size_text(size)
-    if size[0] * rig.left.height != size[1] * rig.left.width:
-        raise InputError(f"{name}: expected a calibration for images of {wanted}, found one for {own} (another aspect)")
-    return replace(rig.scaled(*size), source=f"{rig.source} (scaled from {own} to {wanted})")
+    refuse_other_aspect(name, rig.left.size, size)
+    return replace(rig.scaled(*size), source=f"{rig.source} (scaled from {own} to {size_text(size)})")
+
+
+def refuse_other_aspect(name: str, own: tuple[int, int], size: tuple[int, int]) -> None:
+    """Refuse (InputError) a calibration of images of another aspect than theirs [px]."""
+    if size[0] * own[1] != size[1] * own[0]:
+        turned = size[0] * own[0] == size[1] * own[1]
+        why = "they are turned by 90 degrees, perhaps by their EXIF orientation" if turned else "another aspect"
+        expected = f"expected a calibration for images of {size_text(size)}, found one for {size_text(own)}"
+        raise InputError(f"{name}: {expected} ({why})")

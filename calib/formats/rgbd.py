@@ -18,7 +18,7 @@ import numpy as np
 
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
-from calib.formats import base, refuse_strange_camera
+from calib.formats import base, refuse_other_aspect, refuse_strange_camera
 from calib.formats.base import Size
 from calib.io import closed_text, entries, parse_toml, size_text
 from calib.pose import SE3
@@ -63,9 +63,7 @@ def fitted_rgbd(rig: RgbdRig, size: Size, depth_size: Size) -> RgbdRig:
     """The rig for images and depth of these sizes [px], which must have its aspects. Raises InputError: others."""
     depth = rig.depth_camera
     for own, wanted in ((rig.camera.size, size), (depth.size if depth else depth_size, depth_size)):
-        if own[0] * wanted[1] != own[1] * wanted[0]:
-            found = f"found one for {size_text(own)} (another aspect)"
-            raise InputError(f"{rig.source}: expected a calibration for images of {size_text(wanted)}, {found}")
+        refuse_other_aspect(rig.source, own, wanted)
     if rig.camera.size == size and (depth is None or depth.size == depth_size):
         return rig
     note = f"{rig.source} (scaled from {size_text(rig.camera.size)} to {size_text(size)})"

@@ -43,6 +43,16 @@ class Check:
             return f"{self.limit[0]:.3g} to {self.limit[1]:.3g}"
         return "" if self.limit is None else f"{self.rule} {self.limit:.3g}"
 
+    @property
+    def sentence(self) -> str:
+        """A clause on a value beyond its limit."""
+        if self.limit is None:
+            return f"{self.name}: {self.note}"
+        if not math.isfinite(self.value):
+            return f"{self.name}: could not be measured ({self.note})"
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.name}: expected {self.limit_text}{unit}, found {self.value:.3g} ({self.note})"
+
     def to_json(self) -> dict[str, Any]:
         """Plain values; what could not be measured is null."""
         return asdict(self) | {"value": round(self.value, 6) if math.isfinite(self.value) else None}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -38,7 +39,7 @@ from planview.checks.scene import (
     scene_checks,
     standing_things,
 )
-from planview.checks.timing import MotionWatch, frame_checks, motion_checks, thumbnails, timing_checks
+from planview.checks.timing import MotionWatch, SpeedWatch, frame_checks, motion_checks, thumbnails, timing_checks
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
 from planview.maps.rig import FloorRig
 from stereo.depth import Depth, back_project, median_image
@@ -233,14 +234,18 @@ class RecordingWatch:
 
     def __init__(self, rig: FloorRig) -> None:
         self._rig = rig
-        self._motion = MotionWatch()
+        self._motion, self._speed = MotionWatch(), SpeedWatch()
         self._frames = 0
         self._valid: deque[float] = deque(maxlen=MEASUREMENTS_MAX)
         self._things: deque[F64] = deque(maxlen=MEASUREMENTS_MAX)
         self._levels: deque[float] = deque(maxlen=MEASUREMENTS_MAX)
 
-    def update(self, depth: Depth | None, foreground: U8 | None) -> None:
-        """Take the next frame, with (h, w) uint8 at its size, non-zero where people are; None where there is none."""
+    def update(
+        self, timestamp_s: float, depth: Depth | None, foreground: U8 | None, places: Mapping[int, tuple[float, float]]
+    ) -> None:
+        """Take the next frame, with (h, w) uint8 at its size, non-zero where people are, None where there is none, and
+        where they stand [m], by id."""
+        self._speed.update(timestamp_s, places)
         if depth is not None and depth.greys is not None:
             self._motion.update(thumbnails(*depth.greys))
             self._levels.append(float(depth.greys[0][::8, ::8].mean()))
@@ -263,20 +268,11 @@ class RecordingWatch:
             flicker_check(list(self._levels)),
             at_least("valid disparity", valid, MIN_VALID, "", "share of the picture, median frame"),
             height_check(heights),
+            self._speed.check(),
         ]
 
 
 def refuse_unless_ok(checks: list[Check], source: str) -> None:
     """Raise InputError when a check fails; warnings pass."""
     if failed := [check for check in checks if check.failed]:
-        raise InputError(f"{source}: checks failed: {'; '.join(sentence(check) for check in failed)}")
-
-
-def sentence(check: Check) -> str:
-    """One clause on a check beyond its limit."""
-    if check.limit is None:
-        return f"{check.name}: {check.note}"
-    if not math.isfinite(check.value):
-        return f"{check.name}: could not be measured ({check.note})"
-    unit = f" {check.unit}" if check.unit else ""
-    return f"{check.name}: expected {check.limit_text}{unit}, found {check.value:.3g} ({check.note})"
+        raise InputError(f"{source}: checks failed: {'; '.join(check.sentence for check in failed)}")

@@ -100,7 +100,7 @@ def image_checks(frames: Sequence[StereoFrame]) -> list[Check]:
         at_most("brightness match", ratio, 2.0, "", "mean brightness of one camera over the other"),
         # Grey steps at the borders of blocks over those inside, which match at the same place in both cameras and
         # pull disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 and loses the floor.
-        at_most("compression", blocks, 2.0, "", "grey steps at the borders of 8x8 blocks over those inside"),
+        at_most("compression", blocks, 2.0, "", "steps at the borders of 8x8 blocks over those inside: compress less"),
     ]
 
 

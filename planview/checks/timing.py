@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import cv2
@@ -239,7 +239,40 @@ def frame_checks(recording: Recorded[Any], spread: list[Any], run: list[Any], fr
     return [
         at_least("usable frames", usable, MIN_USABLE, "", "share of the frames read that can be decoded"),
         at_most("timestamp gap", longest_step(known), MAX_GAP, "steps", gap, warns=True),
+        *rate_checks(recording),
     ]
+
+
+def rate_checks(recording: Recorded[Any]) -> list[Check]:
+    """A warning where nothing gives the frame rate."""
+    note = f"{recording.fps:g} per second are assumed, and all speeds and identities depend on it: give the rate (fps)"
+    return [Check("frame rate", False, recording.fps, note=note, warns=True)] * recording.clock.assumed
+
+
+class SpeedWatch:
+    """How fast people walk by the times of the frames, which shows a wrong rate or unit of length."""
+
+    FRAMES = 5
+    """Between two places of a person: what places jitter by from frame to frame is no walk."""
+
+    def __init__(self) -> None:
+        self._places: deque[tuple[float, Mapping[int, tuple[float, float]]]] = deque(maxlen=self.FRAMES + 1)
+        self._speeds: deque[float] = deque(maxlen=FRAMES_MAX)
+
+    def update(self, timestamp_s: float, places: Mapping[int, tuple[float, float]]) -> None:
+        """Take the places of a frame [m], by id."""
+        self._places.append((timestamp_s, places))
+        then_s, before = self._places[0]
+        if len(self._places) > self.FRAMES:
+            moves = [math.dist(places[k], before[k]) for k in places.keys() & before.keys()]
+            self._speeds += [move / (timestamp_s - then_s) for move in moves]
+
+    def check(self) -> Check:
+        """The median of those who walk; some seconds of one person are too few."""
+        walking = [speed for speed in self._speeds if speed > 0.5]
+        value = float(np.median(walking)) if len(walking) >= 40 else math.nan
+        note = "median of people who walk: a wrong frame rate (fps) or unit of length, or they run"
+        return at_most("walking speed", value, 2.5, "m/s", note, warns=True)
 
 
 def motion_checks(found: MotionFindings) -> list[Check]:

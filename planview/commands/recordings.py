@@ -17,7 +17,7 @@ from rich.table import Column, Table
 from calib.errors import InputError, WorkError
 from calib.io import parse_length
 from calib.rig import save_rig
-from planview.checks.examine import Diagnosis, examine, sentence, write_pictures
+from planview.checks.examine import Diagnosis, examine, write_pictures
 from planview.checks.recording import PairEvidence
 from planview.commands.options import Flag, FrameRate, JsonFlag, Topics, in_range, open_options, typed
 from planview.engine.config import load_config
@@ -118,7 +118,7 @@ def verdict(diagnosis: Diagnosis) -> list[str]:
     failed = [check for check in diagnosis.checks if check.failed]
     warned = [check for check in diagnosis.checks if not check.ok and check.warns]
     warnings = f"{len(warned)} warning{'s' * (len(warned) != 1)}" if warned else ""
-    lines = [*(f"failed: {sentence(c)}" for c in failed), *(f"warning: {sentence(c)}" for c in warned)]
+    lines = [*(f"failed: {c.sentence}" for c in failed), *(f"warning: {c.sentence}" for c in warned)]
     if failed:
         also = f" and {warnings}" if warned else ""
         first = f"Results of this recording cannot be trusted: {len(failed)} of {len(diagnosis.checks)} checks failed"

@@ -227,7 +227,7 @@ def refuse_broken(part: Path) -> None:
     found = ""
     if len(head) < 8 or not head.startswith(b"RRF"):
         found = "a file of another kind" if head else "an empty file"
-    elif (head[4], head[5]) > own or head[:4] != b"RRF2":
+    elif not (0, 23) <= (head[4], head[5]) <= own or head[:4] != b"RRF2":  # each reads what 0.23 and later wrote
         found = f"one of rerun {head[4]}.{head[5]}, which rerun {own[0]}.{own[1]} does not read: install that version"
     elif (head[4], head[5]) == own and not end.startswith(b"RRF2FOOT"):
         found = f"one that was cut off: rerun rrd merge {part} -o whole.rrd recovers what is there"

@@ -98,11 +98,15 @@ def set_up(recording: StereoRecording | RgbdRecording, config: Config, pose_file
     matches = np.concatenate(found)
     refuse_foreign(recording.path, plain, matches)
     rectifier, correction = aligned_rectifier(recording.rig, frames, config.rectify)
-    if recording.world_SE3_left is not None:
-        floor, source = Floor(recording.world_SE3_left), pose_file
-    else:
-        floor, source = FloorEstimator(rectifier, search)(frames), "found"
-    checks = *image_checks(frames), *alignment_checks(plain, matches, correction), *floor_checks(floor)
+    light = image_checks(frames)
+    try:
+        if recording.world_SE3_left is not None:
+            floor, source = Floor(recording.world_SE3_left), pose_file
+        else:
+            floor, source = FloorEstimator(rectifier, search)(frames), "found"
+    except WorkError as error:
+        raise WorkError("; ".join([*(check.sentence for check in light if not check.ok), str(error)])) from error
+    checks = *light, *alignment_checks(plain, matches, correction), *floor_checks(floor)
     geometry = rectifier.geometry
     return Setup(
         geometry, floor, source, rectifier.rig.source, correction.after_px,

@@ -7,13 +7,14 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from planview.checks.check import Check
-from planview.checks.examine import RecordingWatch, refuse_unless_ok, sentence
+from planview.checks.examine import RecordingWatch, refuse_unless_ok
 from planview.checks.registration import run_checks
+from planview.checks.timing import rate_checks
 from planview.counting.events import Event
 from planview.counting.totals import JUMP_S, jump_note
 from planview.engine.engine import Engine, FrameResult
 from planview.output.folder import RunWarning
-from stereo.recording import RgbdRecording
+from stereo.recording import Recorded, RgbdRecording
 
 
 def last_times() -> deque[float]:
@@ -70,13 +71,15 @@ class RunChecks:
         self._engine = engine
         self._watch = RecordingWatch(engine.stereo) if engine.stereo is not None else None
         recording = engine.recording
-        self._registration = run_checks(recording) if isinstance(recording, RgbdRecording) else []
+        self._before = rate_checks(recording) if isinstance(recording, Recorded) else []
+        self._before += run_checks(recording) if isinstance(recording, RgbdRecording) else []
         self._source, self._strict, self._frames = str(engine.recording.path), strict, 0
         self.refuse()
 
     def update(self, result: FrameResult) -> None:
         if self._watch is not None:
-            self._watch.update(result.depth, result.views[0].foreground)
+            places = {t.track_id: (t.x_m, t.y_m) for t in result.tracks if t.state == "confirmed"}
+            self._watch.update(result.timestamp_s, result.depth, result.views[0].foreground, places)
         self._frames += 1
         if self._frames % 60 == 0:
             self.refuse()
@@ -90,10 +93,10 @@ class RunChecks:
         return [
             RunWarning(
                 name=check.name, value=check.value if math.isfinite(check.value) else None, unit=check.unit,
-                text=sentence(check),
+                text=check.sentence,
             )
             for check in self._all() if not check.ok
         ]  # fmt: skip
 
     def _all(self) -> list[Check]:
-        return list(self._engine.checks) + self._registration + (self._watch.checks() if self._watch else [])
+        return list(self._engine.checks) + self._before + (self._watch.checks() if self._watch else [])

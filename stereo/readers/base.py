@@ -199,7 +199,7 @@ def clock_of(
 def clock_of_pairs(pairs: TimePairs, options: OpenOptions) -> FrameClock:
     """The pairs' own times; even ones where the caller gives a rate."""
     if options.fps is None:
-        return FrameClock(pairs.fps, pairs.times_s, pairs.notes)
+        return FrameClock(pairs.fps, pairs.times_s, pairs.notes, assumed=pairs.assumed)
     return FrameClock(options.fps, np.arange(len(pairs.left)) / options.fps, pairs.notes)
 
 

@@ -129,6 +129,7 @@ class TimePairs:
         times_s: (n,) float64 [s] since the first frame, increasing.
         fps: nominal rate, of the camera that has more frames.
         notes: what was found on the way: unpaired frames, order, jumps.
+        assumed: nothing gives the rate.
     """
 
     left: I64
@@ -136,6 +137,7 @@ class TimePairs:
     times_s: F64
     fps: float
     notes: tuple[str, ...]
+    assumed: bool = False
 
     @property
     def unpaired(self) -> int:
@@ -157,7 +159,7 @@ def pair_stamps(left_ns: I64, right_ns: I64, names: tuple[str, str] = ("left", "
         order = np.arange(max(counts))
         left, right = (np.where(order < n, order, -1) for n in counts)
         note = f"all frames have one time: {DEFAULT_FPS:g} frames per second are assumed; set the rate if it is another"
-        return TimePairs(left, right, order / DEFAULT_FPS, DEFAULT_FPS, (note,))
+        return TimePairs(left, right, order / DEFAULT_FPS, DEFAULT_FPS, (note,), assumed=True)
     # Median step of the camera that has more frames [ns].
     steps = np.diff(np.sort(left_ns if counts[0] >= counts[1] else right_ns))
     steps = steps[steps > 0]

@@ -13,6 +13,7 @@ from copy import copy as same_parts
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from cli import one_sentence
@@ -21,6 +22,7 @@ from toy_run import EMPTY, FEW, FRAMES, rows_in, run_few
 from toy_stereo import ToyWorld, toy_rig, write_toy_recording
 
 from calib.errors import WorkError
+from calib.types import U8
 from planview.engine.engine import FrameResult
 from planview.output.folder import read_run_info
 from planview.output.run import run
@@ -50,13 +52,19 @@ STRANGE = np.random.default_rng(0).integers(0, 255, (6, 240, 320), dtype=np.uint
 BARE = ToyWorld(tilt_deg=60.0, wall_y_m=1.0)
 
 
+def compressed(image: U8) -> U8:
+    """The image as JPEG of the lowest quality gives it."""
+    return np.asarray(cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 2])[1], 0), dtype=np.uint8)
+
+
 @pytest.mark.parametrize(
     ("images", "named"),
     [
         (lambda pairs: [(pairs[i][0], STRANGE[i]) for i in range(6)], "no floor found in 4"),
         (lambda pairs: [BARE.pair(toy_rig(), (), i) for i in range(4)], "no floor found"),
+        (lambda pairs: [(compressed(a), compressed(b)) for a, b in pairs[:4]], "compression: expected at most 2"),
     ],
-    ids=["different scenes", "no floor in view"],
+    ids=["different scenes", "no floor in view", "compressed"],
 )
 def test_images_without_a_floor_are_a_failure_told_in_one_sentence(refused, pairs, tmp_path, images, named):
     recording = write_toy_recording(tmp_path / "recording", toy_rig(), images(pairs))

@@ -22,7 +22,7 @@ from calib.formats.ros import camera_from, region_of, windowed
 from calib.io import entries, reason, size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
-from stereo.readers.bags.messages import camera_fields, field, frame_id, transforms
+from stereo.readers.bags.messages import camera_fields, field, frame_id, pose_of, transforms
 from stereo.readers.bags.storage import STORAGES, ZSTD, Bag, error_text, open_bag
 from stereo.readers.bags.topics import TopicImages, choose_topics, frames_of_topic, info_topic
 from stereo.readers.base import (
@@ -45,26 +45,19 @@ from stereo.recording import OpenOptions
 def rig_of(bag: Bag, topics: tuple[str, str], size: Size, rectified: bool) -> StereoRig:
     """The rig from the camera_info of two image topics: by the rectified camera P, or by K and D."""
     first, second = infos = [info_of(bag, topic) for topic in topics]
-    of_sdk = all(_SDK.fullmatch(topic) for topic in topics)
-    for info in infos if of_sdk else ():  # K alone is set
-        info.fields["P"] = np.column_stack([np.reshape(info.fields["K"], (3, 3)), np.zeros(3)]).ravel().tolist()
     source = f"camera_info of {bag.path.name}"
-    (left, rect_SE3_left), (right, rect_SE3_right) = (_camera(bag, info, rectified or of_sdk) for info in infos)
+    (left, rect_SE3_left), (right, rect_SE3_right) = (_camera(bag, info, rectified) for info in infos)
     pose = rect_SE3_right.inverse() @ rect_SE3_left
     if pose.translation[0] > 0 and (shift := float(np.ravel(second.fields["P"])[3])) > 0:
         expected = "expected P[3] of the right camera to be -fx times the baseline"
         raise InputError(f"{second.topic}: {expected}, found {shift:+.4g}: change its sign, or exchange the topics")
     if np.linalg.norm(pose.translation) == 0:
-        same, where = first.frame == second.frame, "/tf_static"
-        if of_sdk:
-            found, where = _sdk_pose(bag, topics), "tf/0 of the infrared cameras"
-        else:
-            found = None if same else pose_between(static_poses(bag), second.frame, first.frame)
-        if found is None:
-            other = f"no transform from {first.frame} to {second.frame} in {where}"
-            other = f"both camera_info in the frame {first.frame!r}" if same else other
+        found, where = _pose(bag, second, first)
+        if found is None or not found.translation.any():
+            other = f"no transform from {first.frame} to {second.frame} in /{where}"
+            other = f"both camera_info in the frame {first.frame!r}" if first.frame == second.frame else other
             raise InputError(f"{bag.path}: expected a baseline, found none in P and {other}", remedy="calibration")
-        pose, source = found, f"{source} and {where.lstrip('/')}"
+        pose, source = found, f"{source} and {where}"
     if not left.size == right.size == size and any(region_of(info.fields) for info in infos):
         own = f"{size_text(left.size)}, the region of interest in camera_info"
         raise InputError(f"{bag.path}: expected images of {own}, found {size_text(size)}")
@@ -72,26 +65,35 @@ def rig_of(bag: Bag, topics: tuple[str, str], size: Size, rectified: bool) -> St
     return fitted(StereoRig(left, right, pose, source).check(name), name, size)
 
 
-_SDK = re.compile(r"(/device_\d+/sensor_\d+/Infrared_[12])/image/data")
-"""Topics of infrared images in recordings of the RealSense SDK (librealsense, media/ros); the SDK rectifies them."""
+_SDK = re.compile(r"((/device_\d+/sensor_\d+)/\w+)/(image/data|info/camera_info)")
+"""Topics of recordings of the RealSense SDK (librealsense, media/ros), and what begins those of a stream and a sensor.
+The SDK rectifies infrared images."""
 
 
 def _other_rig(bag: Bag, topics: tuple[str, str], size: Size, rectified: bool, _: StereoRig) -> tuple[StereoRig, str]:
     return rig_of(bag, topics, size, rectified), ""
 
 
-def _sdk_pose(bag: Bag, topics: tuple[str, str]) -> SE3 | None:
-    """right_SE3_left of the SDK's infrared cameras: the first is the left one, and both look the same way."""
-    places = []
-    for topic in topics:
-        match = _SDK.fullmatch(topic)
-        message = next(bag.messages(f"{match[1]}/tf/0"), None) if match else None
-        if message is None:
-            return None
-        place = field(message.decoded(), "translation")
-        places.append([float(field(place, axis)) for axis in "xyz"])
-    distance = float(np.linalg.norm(np.subtract(places[0], places[1])))
-    return SE3(np.eye(3), np.array([-distance, 0.0, 0.0])) if distance else None
+def _pose(bag: Bag, target: CameraMessage, source: CameraMessage) -> tuple[SE3 | None, str]:
+    """target_SE3_source of two cameras, None where the bag does not hold it, and where it is looked for."""
+    sdk = [match[1] for info in (target, source) if (match := _SDK.fullmatch(info.topic))]
+    # Of the SDK's streams the pose of a reference in their camera.
+    sent = [next(bag.messages(f"{stream}/tf/0"), None) for stream in sdk]
+    if len(sdk) == 2:
+        poses = [pose_of(message.decoded()) for message in sent if message]
+        return (poses[0] @ poses[1].inverse() if len(poses) == 2 else None), "tf/0 of the streams"
+    found = None if target.frame == source.frame else pose_between(static_poses(bag), target.frame, source.frame)
+    return found, "tf_static"
+
+
+def _depths(bag: Bag, topic: str) -> Depths:
+    """Depth of a topic, in the unit that the SDK writes beside it, else in millimetres."""
+    if match := _SDK.fullmatch(topic):
+        for name in ("Depth_Units", "Depth Units"):
+            with suppress(Exception):  # no such message, or damage
+                unit_m = float(field(next(bag.messages(f"{match[2]}/option/{name}/value")).decoded(), "data"))
+                return Depths(float(np.round(1.0 / unit_m, 3)))
+    return Depths()
 
 
 def is_rectified(topic: str) -> bool:
@@ -138,6 +140,9 @@ def info_of(bag: Bag, topic: str) -> CameraMessage:
         problem = f"a calibrated camera in {name}, found K of zeros"
     if problem or name is None:
         raise InputError(f"{bag.path}: expected {problem}", remedy="calibration")
+    if _SDK.fullmatch(topic):  # sets K and D alone, and calls the lens by another name
+        rectified = np.column_stack([np.reshape(fields["K"], (3, 3)), np.zeros(3)])
+        fields |= {"P": rectified.ravel().tolist(), "R": np.eye(3).ravel().tolist(), "distortion_model": "plumb_bob"}
     return CameraMessage(name, fields, frame.lstrip("/"))
 
 
@@ -175,12 +180,13 @@ def _is_registered(bag: Bag, names: tuple[str, str]) -> tuple[bool, tuple[str, .
     if _REGISTERED.search(names[1]):
         return True, ()
     try:
-        frames = [info_of(bag, name).frame for name in names]
+        image, depth = (info_of(bag, name) for name in names)
+        found, where = _pose(bag, image, depth)
     except InputError:
         return False, ()
-    if frames[0] == frames[1] or pose_between(static_poses(bag), *frames) is not None:
+    if image.frame == depth.frame or found is not None:
         return False, ()
-    note = f"no transform from {frames[1]} to {frames[0]} in /tf_static: both are taken to be in one place"
+    note = f"no transform from {depth.frame} to {image.frame} in /{where}: both are taken to be in one place"
     return False, (f"{note} (a calibration can give another place)",)
 
 
@@ -189,10 +195,8 @@ def _rgbd_rig(bag: Bag, names: tuple[str, str], sizes: tuple[Size, Size], regist
     rig = RgbdRig(_camera(bag, image, is_rectified(names[0]))[0], source=source)
     if not registered:
         depth = info_of(bag, names[1])
-        same = image.frame == depth.frame
-        pose = None if same else pose_between(static_poses(bag), image.frame, depth.frame)
         depth_camera = _camera(bag, depth, is_rectified(names[1]))[0]
-        rig = replace(rig, depth_camera=depth_camera, camera_SE3_depth=pose or IDENTITY)
+        rig = replace(rig, depth_camera=depth_camera, camera_SE3_depth=_pose(bag, image, depth)[0] or IDENTITY)
     return fitted_rgbd(rig, *sizes)
 
 
@@ -225,7 +229,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     bits = true_bits(image for image in read if not isinstance(image, UnreadableError))
     remarks += bits_note(bits)
     a = frames_of_topic(first, pairs.left, Colour(bits), samples[0])
-    b = frames_of_topic(second, mates, Depths() if is_rgbd else Colour(bits), samples[1])
+    b = frames_of_topic(second, mates, _depths(bag, names[1]) if is_rgbd else Colour(bits), samples[1])
     sizes = (a.size, b.size) if is_rgbd else (same_size(a, b, *names),) * 2
     each = zip(names, (a, b), stamps, strict=True)
     streams = tuple(source.stream(name, len(own), own_times(own)) for name, source, own in each)

@@ -85,8 +85,6 @@ def camera_fields(message: Any) -> dict[str, Any]:
 
 def transforms(message: Any) -> Iterator[tuple[str, str, SE3]]:
     """Parent frame, child frame and parent_SE3_child of a tf message."""
-    from scipy.spatial.transform import Rotation  # a tenth of a second, and only static transforms need it
-
     listed = field(message, "transforms") if _has(message, "transforms") else [message]
     for one in listed:
         if _has(one, "transform"):
@@ -94,10 +92,17 @@ def transforms(message: Any) -> Iterator[tuple[str, str, SE3]]:
             parent, child = frame_id(one), str(field(one, "child_frame_id"))
         else:
             pose, parent, child = one, str(field(one, "parent_frame_id")), str(field(one, "child_frame_id"))
-        translation = np.array([float(field(field(pose, "translation"), axis)) for axis in "xyz"])
-        quaternion = np.array([float(field(field(pose, "rotation"), axis)) for axis in "xyzw"])
-        rotation = np.asarray(Rotation.from_quat(quaternion).as_matrix(), dtype=np.float64)
-        yield parent.lstrip("/"), child.lstrip("/"), transform(rotation, translation, "rotation of tf")
+        yield parent.lstrip("/"), child.lstrip("/"), pose_of(pose)
+
+
+def pose_of(message: Any) -> SE3:
+    """The pose of a transform."""
+    from scipy.spatial.transform import Rotation  # a tenth of a second, and only transforms need it
+
+    translation = np.array([float(field(field(message, "translation"), axis)) for axis in "xyz"])
+    quaternion = np.array([float(field(field(message, "rotation"), axis)) for axis in "xyzw"])
+    rotation = np.asarray(Rotation.from_quat(quaternion).as_matrix(), dtype=np.float64)
+    return transform(rotation, translation, "rotation of tf")
 
 
 def _has(message: Any, name: str) -> bool:

@@ -14,7 +14,7 @@ import pytest
 from toy_bags import COUNT, FOCAL, START_NS, STEP_NS, H, W, Writer, changed, picture, stereo_bag
 
 from calib.errors import InputError, UnreadableError
-from stereo.readers import OpenOptions, find_layout, open_recording
+from stereo.readers import OpenOptions, find_layout, open_any, open_recording
 from stereo.readers.bags import storage
 from stereo.readers.bags.messages import ImageMessage, stored_pixels
 from stereo.readers.bags.storage import Message, Topic, kind_of, open_bag
@@ -257,8 +257,10 @@ def zstd_messages(path: Path) -> Path:
         lambda path: stereo_bag(path / "a", False, "mcap"),
         lambda path: foxglove_file(path / "a.mcap", "json"),
         zstd_messages,
+        lambda path: stereo_bag(path / "a.bag", chunks="bz2"),
+        lambda path: stereo_bag(path / "a.bag", chunks="lz4"),
     ],
-    ids=["mcap chunks in a folder", "mcap chunks in a file", "zstd messages"],
+    ids=["mcap chunks in a folder", "mcap chunks in a file", "zstd messages", "bz2 chunks", "lz4 chunks"],
 )
 def test_data_that_unpack_without_end_are_refused(tmp_path, monkeypatch, make):
     path = make(tmp_path)
@@ -327,6 +329,29 @@ def test_bag_of_the_realsense_sdk_has_its_baseline_from_the_places_of_its_camera
     recording = open_recording(tmp_path / "a.bag")
     assert len(list(recording)) == COUNT
     assert recording.rig.baseline_m == pytest.approx(0.055) and recording.rig.left.fx == FOCAL
+
+
+def test_depth_of_the_realsense_sdk_has_the_unit_and_the_place_that_the_bag_holds(tmp_path):
+    writer = Writer(tmp_path / "a.bag", True)
+    types = writer.store.types
+    writer.write("/device_0/sensor_0/option/Depth_Units/value", START_NS, types["std_msgs/msg/Float32"](1e-4))
+    deep = np.full((H, W), 20_000, np.uint16)
+    for stream, x, pixels in (("sensor_0/Depth_0", 0.0, deep), ("sensor_1/Color_0", 0.2, picture(0))):
+        no_turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+        place = types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](x, 0.0, 0.0), no_turn)
+        writer.write(f"/device_0/{stream}/tf/0", START_NS, place)
+        unset = {"p": np.zeros(12), "r": np.zeros(9), "distortion_model": "Inverse Brown Conrady"}
+        writer.write(f"/device_0/{stream}/info/camera_info", START_NS, changed(writer.info(START_NS, 0.0, "0"), unset))
+        for i in range(COUNT):
+            log = START_NS + i * STEP_NS
+            image = writer.image(log, pixels, "16UC1" if "Depth" in stream else "mono8")
+            writer.write(f"/device_0/{stream}/image/data", log, image)
+    writer.close()
+    recording = open_any(tmp_path / "a.bag")
+    (frame, *_) = recording
+    assert np.nanmedian(frame.depth_m) == pytest.approx(2.0) and not recording.notes
+    # A point 2 m ahead lies 0.2 m * 30 px / 2 m = 3 px farther to the right in the colour image.
+    assert np.flatnonzero(np.isnan(frame.depth_m[H // 2])).tolist() == [0, 1, 2]
 
 
 def test_two_cameras_of_one_frame_are_named(tmp_path):

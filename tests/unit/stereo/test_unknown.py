@@ -130,6 +130,7 @@ def test_arrays_of_numpy_that_are_no_calibration_are_named(tmp_path: Path) -> No
     [
         (b"", "an empty file"),
         (b"hello hello", "a file of another kind"),
+        (b"RRF2\0\x12\0\0 more", "one of rerun 0.18, which rerun .* does not read"),
         (b"RRF2\0\x63\0\0 more", "one of rerun 0.99, which rerun .* does not read"),
         (b"RRF0\0\x12\0\0 more", "one of rerun 0.18"),
         (None, "one that was cut off: rerun rrd merge"),

@@ -29,17 +29,19 @@ from planview.checks.timing import (
     WINDOW,
     MotionFindings,
     MotionWatch,
+    SpeedWatch,
     Thumbnails,
     lag_of,
     longest_step,
     motion_checks,
+    rate_checks,
     thumbnails,
 )
 from planview.cli import main
 from planview.commands.recordings import CheckOptions, check, verdict
 from planview.evaluation.align import FloorAlignment, align_tracks, fit_rigid, moved
 from planview.trajectories.table import Trajectories, positions_table
-from stereo.readers import OpenOptions
+from stereo.readers import OpenOptions, open_any
 
 
 def scene(seed: int) -> U8:
@@ -425,6 +427,22 @@ def test_check_writes_the_rig_that_the_recording_corrects(tmp_path, pairs, capsy
             folder,
             options=CheckOptions(frames=8, calibration=tmp_path / "rig.toml", corrected_rig=tmp_path / "other.toml"),
         )
+
+
+def test_rate_that_nothing_gives_is_a_warning(tmp_path, pairs):
+    recording = open_any(write_toy_recording(tmp_path / "a", toy_rig(), pairs[:3]))
+    assert rate_checks(recording) == []
+    (tmp_path / "a" / "timestamps.csv").unlink()
+    (check,) = rate_checks(open_any(tmp_path / "a"))
+    assert not check.ok and not check.failed and "30 per second are assumed" in check.sentence
+
+
+@pytest.mark.parametrize(("fps", "ok"), [(10.0, True), (60.0, False)])
+def test_people_who_run_all_the_time_are_a_warning_of_a_wrong_rate(fps, ok):
+    watch = SpeedWatch()
+    for frame in range(60):  # 0.12 m a frame, and one who stands
+        watch.update(frame / fps, {1: (0.12 * frame, 0.0), 2: (0.0, 1.0)})
+    assert watch.check().value == pytest.approx(0.12 * fps) and watch.check().ok is ok
 
 
 def test_fault_gaps_in_the_timestamps(tmp_path, pairs):

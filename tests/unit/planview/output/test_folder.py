@@ -172,7 +172,7 @@ def test_a_run_is_looked_at_in_every_tenth_frame_only() -> None:
     none, nothing = np.zeros((4, 4), np.uint8), np.full((4, 4), np.nan, np.float32)
     watch = RecordingWatch(SimpleNamespace())  # type: ignore[arg-type]
     for _ in range(2 * STEP + 1):
-        watch.update(Depth(none, nothing, 1, None, lambda: none), None)
+        watch.update(0.0, Depth(none, nothing, 1, None, lambda: none), None, {})
     assert len(watch._valid) == 3
 
 
