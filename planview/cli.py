@@ -135,7 +135,7 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
     from calib.errors import InputError, WorkError
     from calib.io import reason
 
-    words = sys.argv[1:] if argv is None else argv
+    words = _settings_as_options(sys.argv[1:] if argv is None else argv)
     if argv is None:
         sys.stderr = cast(TextIO, UnheardOutput(sys.stderr))
     _stop_on_signals()
@@ -166,6 +166,12 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
             _fail(_usage_error(error), 2)
         what = " ".join(str(error).split())
         _fail(f"unexpected {type(error).__name__}: {what} (the traceback is in {_traceback_file(error)})", 1)
+
+
+def _settings_as_options(words: Sequence[str]) -> list[str]:
+    """The words, with parameters of earlier versions as the options that they are: ``--set run.frames=100``."""
+    pattern = r"--set[=\0]run\.(frames|overwrite|rrd_every|checkpoint_every)(?:_s)?="
+    return re.sub(pattern, lambda m: f"--{m[1].replace('_', '-')}=", "\0".join(words)).split("\0") if words else []
 
 
 def _foreign_library(error: BaseException | None) -> str:
