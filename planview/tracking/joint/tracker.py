@@ -27,6 +27,8 @@ KNOWN_ODDS = 3.0
 """Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
 LOW_WALKERS = 0.01
 """Share of low people who walk: these are children. The others sit or bend, and stay where they are."""
+STEP_STD_M = 0.2
+"""Deviation of a walker's foot from the place of the head [m]: while the head is out of view, no more may show."""
 INSIDE = 0.3
 """Share of a body in the image below which a person is at the border."""
 
@@ -89,6 +91,8 @@ class ExplainingTracker(Generic[P, Q]):
         if person.share < self.params.visible_min:
             return
         noise, up = s.noise(pose, curvature)
+        if not person.head_in_view:
+            noise = noise + STEP_STD_M**2 * np.eye(2)
         person.kalman = person.kalman.found_at(pose[:2], noise, body.SPEED_MAX_MPS)
         looks = min(1.0, dt / self.params.errors_s)
         person.measure_facing(pose, float(curvature[3]), looks)

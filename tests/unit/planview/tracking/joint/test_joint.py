@@ -1,6 +1,7 @@
 """The joint tracker."""
 
 from collections.abc import Callable, Sequence
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -158,6 +159,16 @@ def test_of_whom_the_head_is_out_of_view_is_nobodys_height_and_no_stranger():
     legs.inside = 0.9  # all but the head: a stranger now
     tracker._recognise()
     assert legs.confirmed and legs.track_id == 1
+
+
+@pytest.mark.parametrize(("head_in_view", "std_m"), [(True, 0.02), (False, 0.2)])
+def test_a_place_is_known_to_half_a_step_while_the_head_is_out_of_view(head_in_view, std_m):
+    tracker, person = JointTracker(), newcomer(1, 0.0, 0.0, 4.0)
+    person.kalman = FloorKalman.measured(np.zeros(2), 25.0 * np.eye(2), 1.0)  # hardly known before
+    person.head_in_view = head_in_view
+    samples = SimpleNamespace(noise=lambda pose, curvature: (0.02**2 * np.eye(2), 0.0))
+    tracker._measure(person, samples, upright((0.1, 0.0, 1.7)), np.zeros(4), 0.1)
+    assert person.kalman.position_std_m == pytest.approx(std_m, rel=0.02)
 
 
 def test_who_enters_far_from_where_another_left_is_someone_else():
