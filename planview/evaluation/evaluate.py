@@ -11,7 +11,7 @@ from pydantic import Field
 from calib.errors import InputError
 from calib.params import Params
 from calib.types import I64, Bool
-from planview.evaluation.align import align_tracks, moved
+from planview.evaluation.align import FloorAlignment, align_tracks, moved
 from planview.evaluation.facing import facing_errors, velocities
 from planview.evaluation.metrics import clear_scores
 from planview.evaluation.result import Evaluation, TruthRows
@@ -69,23 +69,14 @@ def evaluate_tracks(
             truth rows have none, only some frames were annotated, and the others are left out.
     """
     params = params or EvaluationParams()
-    n_frames = 0
-    if frames is not None:
-        n_frames = frames[1] - frames[0] + 1
-        tracks, truth = (t.where((t.frame >= frames[0]) & (t.frame <= frames[1])) for t in (tracks, truth))
-    elif len(tracks) + len(truth):
-        n_frames = int(np.ptp(np.concatenate([tracks.frame, truth.frame]))) + 1
+    if frames is None:
+        seen = np.concatenate([tracks.frame, truth.frame])
+        frames = (int(seen.min()), int(seen.max())) if len(seen) else (0, -1)
+    tracks, truth = (t.where((t.frame >= frames[0]) & (t.frame <= frames[1])) for t in (tracks, truth))
     if frame_step(np.unique(truth.frame)) > 1:
         return _of_some_frames(tracks, truth, params)
     frame_s, on_floor = frame_period_s(tracks, 1.0 / params.fps), params.match_on == "floor"
-    claimed, predicted = _rows_of(tracks, "confirmed", on_floor), _rows_of(tracks, "lost", on_floor)
-    people = _checked(truth, on_floor, "truth")
-    if not len(claimed) and (tracks.state == "confirmed").any():
-        _checked(tracks.where(tracks.state == "confirmed"), on_floor, "tracks")
-    alignment = None
-    if params.align:
-        claimed, alignment = align_tracks(claimed, people, params.gate_m)
-        predicted = moved(predicted, alignment)
+    claimed, predicted, people, alignment = _comparable(tracks, truth, params)
     similarity = floor_similarity(params.gate_m) if on_floor else box_similarity
     # Ignored people take their own tracks first, so that these are neither false nor given to another person.
     ignored, excused = people.visible < params.min_visible, np.zeros(len(claimed), dtype=np.bool_)
@@ -96,13 +87,7 @@ def evaluate_tracks(
     sequence = build_sequence(counted, followed, similarity)
     clear = clear_scores(sequence)
     t, k = clear.matches.T
-    # (N,) whether a lost track is predicted at each true person.
-    near = np.zeros(len(counted), dtype=np.bool_)
-    lost_rows = np.flatnonzero(np.isin(counted.frame, predicted.frame))
-    near[lost_rows[clear_scores(build_sequence(counted.where(lost_rows), predicted, similarity)).matches[:, 0]]] = True
-    holder = np.where(near, PREDICTED, UNMATCHED)
-    holder[t] = followed.track_id[k]
-    persons = [PersonHistory(i, counted.frame[rows], holder[rows]) for i, rows in rows_by_id(counted.track_id)]
+    persons = _person_histories(counted, followed, predicted, clear.matches, similarity)
     stray = ~excused
     stray[np.flatnonzero(~excused)[k]] = False
     histories = [TrackHistory(i, claimed.frame[rows], stray[rows]) for i, rows in rows_by_id(claimed.track_id)]
@@ -110,24 +95,20 @@ def evaluate_tracks(
         _prediction_histories(predicted, people, followed, counted, clear.matches, params.gate_m) if on_floor else []
     )
     significant = significant_errors(persons, histories, frame_s, predictions)
+    placed = on_floor or alignment is not None  # else the world frames may differ
+    facing_deg = followed.facing_deg[k] if placed else np.full(len(k), np.nan)
     heights = np.abs(followed.height_m[k] - counted.height_m[t])
-    matched, away = np.zeros(len(counted), dtype=np.bool_), np.full(len(counted), np.nan)
-    matched[t], facing_deg = True, np.full(len(k), np.nan)
-    if on_floor or alignment is not None:  # else the world frames may differ
-        facing_deg = followed.facing_deg[k]
-        away[t] = np.hypot(followed.x_m[k] - counted.x_m[t], followed.y_m[k] - counted.y_m[t])
-    _, where, together = np.unique(counted.frame, return_inverse=True, return_counts=True)
     return Evaluation(
         sequence=sequence,
         clear=clear,
-        rows=TruthRows(np.hypot(counted.x_m, counted.y_m), counted.visible, together[where], matched, away),
+        rows=_truth_rows(counted, followed, clear.matches, placed),
         ignored_rows=int(ignored.sum()),
         height_error_m=heights[np.isfinite(heights)],
         facing=facing_errors(facing_deg, counted.where(t), velocities(people, frame_s)[~ignored][t]),
         significant=significant,
         events=len(grouped_events(significant, EVENT_S / frame_s)),
         strict_identity_changes=strict_identity_changes(persons, frame_s),
-        duration_s=n_frames * frame_s,
+        duration_s=(frames[1] - frames[0] + 1) * frame_s,
         tracked_people=len(people_of(followed, frame_s)),
         track_frames=len(np.unique(claimed.frame)),
         covered_frames=len(np.intersect1d(claimed.frame, people.frame)),
@@ -135,6 +116,44 @@ def evaluate_tracks(
         shift=_shift(counted, followed, similarity),
         unplaced_rows=len(truth) - len(people) + int((tracks.state == "confirmed").sum()) - len(claimed),
     )
+
+
+def _comparable(
+    tracks: Trajectories, truth: Trajectories, params: EvaluationParams
+) -> tuple[Trajectories, Trajectories, Trajectories, FloorAlignment | None]:
+    """Confirmed and lost rows of tracks and the rows of the truth that have what is matched on, in one world frame."""
+    on_floor = params.match_on == "floor"
+    claimed, predicted = _rows_of(tracks, "confirmed", on_floor), _rows_of(tracks, "lost", on_floor)
+    people = _checked(truth, on_floor, "truth")
+    if not len(claimed) and (tracks.state == "confirmed").any():
+        _checked(tracks.where(tracks.state == "confirmed"), on_floor, "tracks")
+    if not params.align:
+        return claimed, predicted, people, None
+    claimed, alignment = align_tracks(claimed, people, params.gate_m)
+    return claimed, moved(predicted, alignment), people, alignment
+
+
+def _truth_rows(truth: Trajectories, tracks: Trajectories, matches: I64, placed: bool) -> TruthRows:
+    """What is known of every row of the truth; ``placed`` where positions may be compared."""
+    t, k = matches.T
+    matched, away = np.zeros(len(truth), dtype=np.bool_), np.full(len(truth), np.nan)
+    matched[t] = True
+    if placed:
+        away[t] = np.hypot(tracks.x_m[k] - truth.x_m[t], tracks.y_m[k] - truth.y_m[t])
+    _, where, together = np.unique(truth.frame, return_inverse=True, return_counts=True)
+    return TruthRows(np.hypot(truth.x_m, truth.y_m), truth.visible, together[where], matched, away)
+
+
+def _person_histories(
+    truth: Trajectories, tracks: Trajectories, predicted: Trajectories, matches: I64, similarity: Similarity
+) -> list[PersonHistory]:
+    """Which track held each person in each frame, or whether a lost track was predicted there."""
+    rows = np.flatnonzero(np.isin(truth.frame, predicted.frame))
+    near = clear_scores(build_sequence(truth.where(rows), predicted, similarity)).matches[:, 0]
+    holder = np.full(len(truth), UNMATCHED)
+    holder[rows[near]] = PREDICTED
+    holder[matches[:, 0]] = tracks.track_id[matches[:, 1]]
+    return [PersonHistory(i, truth.frame[own], holder[own]) for i, own in rows_by_id(truth.track_id)]
 
 
 def _of_some_frames(tracks: Trajectories, truth: Trajectories, params: EvaluationParams) -> Evaluation:

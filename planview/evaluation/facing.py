@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence as Items
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,12 +30,6 @@ class FacingErrors:
     to_truth_deg: F64
     to_walk_deg: F64
     speed_mps: F64
-
-    @staticmethod
-    def joined(parts: Items[FacingErrors]) -> FacingErrors:
-        """The matches of all parts, in their order."""
-        names = FacingErrors.__dataclass_fields__
-        return FacingErrors(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
     def to_json(self) -> dict[str, Any]:
         """Rows and median differences [deg] of walkers and of standers against the truth; empty without any."""

@@ -8,7 +8,7 @@ from collections.abc import Sequence as Items
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from planview.evaluation.metrics import (
     hota_scores,
     identity_scores,
 )
-from planview.evaluation.sequence import Sequence
+from planview.evaluation.sequence import Sequence, joined_rows
 from planview.evaluation.significant import ErrorKind, SignificantError, poisson_upper
 
 PEOPLE_GROUPS = (("0", 0, 0.0), ("1-2", 1, 2.0), ("3-5", 3, 5.0), ("6-9", 6, 9.0), ("10+", 10, math.inf))
@@ -47,12 +47,6 @@ class TruthRows:
     people: I64
     matched: Bool
     position_error_m: F64
-
-    @staticmethod
-    def joined(parts: Items[TruthRows]) -> TruthRows:
-        """The rows of all parts, in their order."""
-        names = TruthRows.__dataclass_fields__
-        return TruthRows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 def breakdown_json(rows: TruthRows) -> dict[str, list[dict[str, Any]]]:
@@ -87,9 +81,7 @@ def breakdown_json(rows: TruthRows) -> dict[str, list[dict[str, Any]]]:
 
 
 _CLEAR = ("fragmentations", "mostly_tracked", "mostly_lost", "misses", "false_positives")
-KINDS: tuple[ErrorKind, ...] = ("lost", "missed", "swapped", "transferred", "false_track")
-
-
+KINDS: tuple[ErrorKind, ...] = get_args(ErrorKind)
 LABELS = {
     "people": "people in the truth", "tracked_people": "people tracked", "truth_rows": "positions in the truth",
     "mota": "MOTA", "motp_m": "MOTP [m]", "idf1": "IDF1", "hota": "HOTA", "det_a": "detection accuracy (HOTA)",
@@ -302,9 +294,9 @@ def pooled(parts: Items[Evaluation]) -> Evaluation:
     return Evaluation(
         sequence=sequence,
         clear=clear_scores(sequence),
-        rows=TruthRows.joined([part.rows for part in parts]),
+        rows=joined_rows([part.rows for part in parts]),
         height_error_m=np.concatenate([part.height_error_m for part in parts]),
-        facing=FacingErrors.joined([part.facing for part in parts]),
+        facing=joined_rows([part.facing for part in parts]),
         significant=[error for part in parts for error in part.significant],
         **{name: sum(getattr(part, name) for part in parts) for name in _SUMS},
         alignment=None,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from collections.abc import Sequence as Items
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import TypeVar
 
 import numpy as np
 
@@ -71,6 +72,15 @@ class Sequence:
             for name, firsts in offsets.items()
         }
         return Sequence(**columns, n_truth=people[-1], n_tracks=tracks[-1], n_frames=frames[-1])
+
+
+_Columns = TypeVar("_Columns")
+
+
+def joined_rows(parts: Items[_Columns]) -> _Columns:
+    """Dataclasses of columns, (N,) each, as one with the rows of all parts in their order."""
+    names = [field.name for field in fields(parts[0])]  # type: ignore[arg-type]
+    return type(parts[0])(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 def floor_similarity(gate_m: float) -> Similarity:
