@@ -175,8 +175,10 @@ def _sum_layers(ray: F32, n: int, ground: float) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore[no-untyped-def]
+def lay_others(samples, people, who: I64, reaching: I64, table, model) -> None:  # type: ignore[no-untyped-def]
     """The other people on every sample's ray, the nearest first, each covering as surely as it exists.
+
+    ``reaching``: those whose arms and shadows may be on the ground.
 
     Fills ``layers`` (N, 5, LAYERS + 1): ranges, the share of the ray that passes the first k people, the likelihood
     that these explain, what all behind them explains of what passes, and who they are; ``counts`` (N,), how many.
@@ -188,11 +190,11 @@ def lay_others(samples, people, who: I64, table, model) -> None:  # type: ignore
     count[:n] = 0
     for i in range(n):
         samples.pixels[i].near = 0
-    for a in range(len(who)):
-        k = who[a]
-        pose = poses[k, 0], poses[k, 1], poses[k, 2], poses[k, 3], poses[k, 4]
+    for k in reaching:
         if sure[k] > 0.5:
-            _mark_near(pose[0], pose[1], pose[2], samples, m)
+            _mark_near(poses[k, 0], poses[k, 1], poses[k, 2], samples, m)
+    for k in who:
+        pose = poses[k, 0], poses[k, 1], poses[k, 2], poses[k, 3], poses[k, 4]
         for q in range(_covered(pose[0], pose[1], pose[2], samples, table, m)):
             i = samples.which[q]
             p, k_on, (pi, at, z) = samples.pixels[i], count[i], _surface(i, pose, samples, table, m)
@@ -492,7 +494,7 @@ def explain(people, prior, order, touch: Bool, samples, table, model, found) -> 
         for a in order:
             others, mine = np.flatnonzero(touch[a]), _samples_of(samples, a)
             if sweep == 0 or len(others):
-                lay_others(mine, people, others, table, model)
+                lay_others(mine, people, others, others, table, model)
             me, pose = (tall[a, 0], tall[a, 1], ratios[a]), poses[a]
             if sweep == 0 or (sweep == 1 and len(others)):
                 mine_before = predicted[a], known[a : a + 1], steps[max(sweep, first[a]) :]

@@ -223,7 +223,8 @@ class Explanation:
         of, samples = self.likelihood, SampleArrays.of(1, len(pixels)).person(0)
         owner, found = np.empty(len(pixels), np.int64), np.empty((4, len(pixels)), np.float32)
         gathering.take_pixels(pixels, self.seen[k], samples, of.table, of.model)
-        kernels.lay_others(samples, people.arrays, np.arange(len(people.poses)), of.table, of.model)
+        everybody = np.arange(len(people.poses))
+        kernels.lay_others(samples, people.arrays, everybody, everybody, of.table, of.model)
         kernels.share_out(samples, people.poses, of.model, owner, found)
         near = samples.pixels["near"].view(np.bool_)
         colours, (share, height, patches, lacking) = self.seen[k].colour.reshape(-1)[pixels], found
@@ -249,10 +250,12 @@ class Samples:
         kernels.explain(people.arrays, prior, order, touch, self.arrays, self._of.table, self._of.model, found)
         return found
 
-    def layer(self, people: People, others: I64) -> None:
-        """Take these people for the others on the rays, whose bodies cannot be entered."""
-        self._people, self._others = people, others
-        kernels.lay_others(self.arrays, people.arrays, others, self._of.table, self._of.model)
+    def layer(self, people: People, others: I64, reaching: I64 | None = None) -> None:
+        """Take these people for the others on the rays, whose bodies cannot be entered; ``reaching``: those whose arms
+        and shadows may be on the ground, the others unless given."""
+        self._people, self._others, of = people, others, self._of
+        near = others if reaching is None else reaching
+        kernels.lay_others(self.arrays, people.arrays, others, near, of.table, of.model)
 
     def log_ratio(self, pose: F64, tall: F64, ratios: F32) -> float:
         """Lam with one more person at a pose, less Lam with the others alone."""

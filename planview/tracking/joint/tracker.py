@@ -284,12 +284,13 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         (5,) the pose that this one would have."""
         poses, tall, ratios = people.poses, people.tall, people.ratios
         rest = np.array([k for k in range(len(poses)) if k not in (i, j)], dtype=np.int64)
-        s.layer(people, rest)
+        near = np.append(rest, (i, j))  # one alone has arms as well
+        s.layer(people, rest, near)
         first = s.log_ratio(poses[i], tall[i], ratios[i])
         starts = poses[j].copy(), np.array([*poses[i, :2], tall[j, 0], *poses[j, 3:]])
         worth = [s.ascend(start, poses[j], LOOSE, tall[j], ratios[j])[0] for start in starts]
         prior = s.log_prior(poses[j], tall[j]) + s.log_prior(poses[i], tall[i], np.array([j]))
-        s.layer(people, np.append(rest, i))
+        s.layer(people, np.append(rest, i), near)
         both = first + s.log_ratio(poses[j], tall[j], ratios[j]) + prior
         return both - max(worth), starts[int(np.argmax(worth))]
 
