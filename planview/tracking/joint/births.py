@@ -13,7 +13,7 @@ from planview.maps.view import SURFACE, UNKNOWN
 from planview.tracking import body
 from planview.tracking.joint._sample_kernels import fresh_points as find_fresh
 from planview.tracking.joint._sample_kernels import map_lacking
-from planview.tracking.joint.explanation import SURFACE_STD_M, Explanation, Owned, People, about, upright
+from planview.tracking.joint.explanation import STEPS_M, SURFACE_STD_M, Explanation, Owned, People, about, upright
 from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
 from planview.tracking.joint.samples import TINY
@@ -107,15 +107,21 @@ def _tried(frame: Explanation, birth_evidence: float, people: People, points: F6
     others = np.flatnonzero(frame.touching(trial.poses)[n, :n])
     samples = frame.around(start, radius + 0.15)
     samples.layer(trial, others)
-    worth, pose, curvature = -np.inf, start, np.zeros(4)
-    for height in (body.HEIGHT_MEAN_M, top):
-        moved = upright((*place, height))
-        value, curved = samples.ascend(moved, moved.copy(), LOOSE, trial.tall[n], trial.ratios[n])
-        if value > worth:
-            worth, pose, curvature = value, moved, curved
+    tall, ratios = trial.tall[n], trial.ratios[n]
+    starts = [upright((*place, height)) for height in (body.HEIGHT_MEAN_M, top)]
+    poses = [start.copy() for start in starts]
+    found = [
+        samples.ascend(pose, start, LOOSE, tall, ratios, STEPS_M[:1])[0]
+        for pose, start in zip(poses, starts, strict=True)
+    ]
+    best = int(np.argmax(found))
+    if found[best] < 0.5 * birth_evidence:  # a finer step gains less
+        return None
+    pose = poses[best]
+    worth, curvature = samples.ascend(pose, starts[best], LOOSE, tall, ratios, STEPS_M[1:])
     # Evidence is a mean over all directions of facing, of which two opposite ones explain like the best one.
     worth += min(0.0, 0.5 * math.log(2.0 / (math.pi * max(float(curvature[3]), TINY))))
-    mine, known, _ = samples.visible(pose, trial.tall[n], trial.ratios[n]).tolist()
+    mine, known, _ = samples.visible(pose, tall, ratios).tolist()
     if worth < birth_evidence or mine < 0.25 * known:
         return None
     log_odds = BORN_LOG_ODDS + 0.25 * min(worth, EVIDENCE_MAX)
