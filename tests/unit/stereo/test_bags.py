@@ -1,10 +1,8 @@
 """Bags of ROS, and Foxglove messages in MCAP files as JSON and as protobuf."""
 
 import base64
-import itertools
 import json
 import re
-import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +11,9 @@ import numpy as np
 import pytest
 from toy_bags import COUNT, FOCAL, START_NS, STEP_NS, H, W, Writer, changed, picture, stereo_bag
 
-from calib.errors import InputError, UnreadableError
+from calib.errors import InputError
 from stereo.readers import OpenOptions, find_layout, open_any, open_recording
 from stereo.readers.bags import storage
-from stereo.readers.bags.messages import ImageMessage, stored_pixels
 from stereo.readers.bags.storage import Message, Topic, kind_of, open_bag
 from stereo.readers.bags.topics import choose_topics, info_topic
 
@@ -132,110 +129,6 @@ def test_kinds_of_messages_and_the_camera_info_of_a_topic_are_known_by_their_nam
     assert [kind_of(name) for name in names] == ["image", "compressed", "info", "other"]
     bag = Listed("/s/left/camera_info", "/s/right/camera_info")
     assert info_topic(bag.topics, "/s/right/image_raw/compressed") == "/s/right/camera_info"
-
-
-@pytest.mark.parametrize(
-    ("encoding", "values", "expected"),
-    [
-        ("mono8", np.array([[1, 2], [3, 4]], np.uint8), 1),
-        ("16UC1", np.array([[500, 2], [3, 4]], "<u2"), 500),
-        ("rgb8", np.array([[[1, 2, 3]]], np.uint8), [3, 2, 1]),
-        ("bgra8", np.array([[[1, 2, 3, 255]]], np.uint8), [1, 2, 3]),
-        ("32FC1", np.array([[1.5]], "<f4"), 1.5),
-    ],
-)
-def test_raw_encodings_give_bgr_or_grey(encoding, values, expected):
-    rows, columns = values.shape[:2]
-    stored = stored_pixels(ImageMessage(encoding, values.tobytes(), columns, rows, values.nbytes // rows))
-    np.testing.assert_array_equal(stored[0, 0], expected)
-
-
-def test_bayer_red_pixel_is_red_in_every_pattern():
-    for pattern, (row, column) in {"rggb": (0, 0), "bggr": (1, 1), "gbrg": (1, 0), "grbg": (0, 1)}.items():
-        mosaic = np.zeros((8, 8), np.uint8)
-        mosaic[row::2, column::2] = 200
-        stored = stored_pixels(ImageMessage(f"bayer_{pattern}8", mosaic.tobytes(), 8, 8, 8))
-        np.testing.assert_array_equal(stored[4, 4], [0, 0, 200])
-
-
-def test_compressed_depth_of_floats_is_unquantised():
-    png = np.asarray(cv2.imencode(".png", np.array([[0, 101]], np.uint16))[1]).tobytes()
-    header = np.array([0], "<i4").tobytes() + np.array([2.0, 100.0], "<f4").tobytes()
-    stored = stored_pixels(ImageMessage("32FC1; compressedDepth png", header + png))
-    np.testing.assert_array_equal(stored, [[np.nan, 2.0]])
-
-
-def rvl(depth: list[int]) -> bytes:
-    """The values in groups of 3 bits, as the RVL codec writes them."""
-    numbers, at, last = [], 0, 0
-    while at < len(depth):
-        zeros = next((i for i, value in enumerate(depth[at:]) if value), len(depth) - at)
-        run = list(itertools.takewhile(bool, depth[at + zeros :]))
-        steps = [b - a for a, b in itertools.pairwise([last, *run])]
-        numbers += [zeros, len(run), *(2 * step if step >= 0 else -2 * step - 1 for step in steps)]
-        at, last = at + zeros + len(run), run[-1] if run else last
-    groups = []
-    for number in numbers:
-        while number > 7:
-            groups.append(8 | number & 7)
-            number >>= 3
-        groups.append(number)
-    groups += [0] * (-len(groups) % 8)
-    words = [sum(group << (28 - 4 * i) for i, group in enumerate(groups[k : k + 8])) for k in range(0, len(groups), 8)]
-    return np.array(words, "<u4").tobytes()
-
-
-def test_depth_of_the_rvl_codec_is_read():
-    depth = [0, 0, 500, 501, 499, 0, 65535, 3000, 0, 0, 1, 2]
-    data = bytes(12) + np.array([4, 3], "<i4").tobytes() + rvl(depth)
-    stored = stored_pixels(ImageMessage("16UC1; compressedDepth rvl", data))
-    assert stored.tolist() == np.reshape(depth, (3, 4)).tolist()
-    with pytest.raises(UnreadableError, match="damaged pixels"):
-        stored_pixels(ImageMessage("16UC1; compressedDepth rvl", data[:-8]))
-
-
-@pytest.mark.parametrize("damage", [lambda data: data[:20], lambda data: b""])
-def test_damaged_camera_info_is_refused_in_one_sentence(tmp_path, damage):
-    writer = Writer(tmp_path / "a", False)
-    for side in ("left", "right"):
-        writer.write(f"/{side}/image_raw", START_NS, writer.image(START_NS, picture(0)))
-        info = writer.info(START_NS, 0.0)
-        connection = writer.bag.add_connection(f"/{side}/camera_info", info.__msgtype__, typestore=writer.store)
-        writer.bag.write(connection, START_NS, damage(writer.store.serialize_cdr(info, info.__msgtype__)))
-    writer.close()
-    with pytest.raises(InputError, match=r"expected a camera_info in /left/camera_info, found .*calibration="):
-        open_recording(tmp_path / "a")
-
-
-@pytest.mark.parametrize(
-    ("message", "why"),
-    [
-        (ImageMessage("8UC-1", bytes(144), 4, 4, 36), "damaged pixels of '8UC-1'"),
-        (ImageMessage("16UC7", bytes(144), 4, 4, 36), "damaged pixels of '16UC7'"),
-        (ImageMessage("nv12", bytes(24), 4, 4, 4), "pixels coded as 'nv12', which is not read"),
-        (ImageMessage("mono12", bytes(24), 4, 4, 6), "pixels coded as 'mono12'"),
-        (ImageMessage("rgb8", bytes(16), 4, 4, 4), "16 bytes in steps of 4, where 4 rows of 4 pixels of rgb8 take 48"),
-        (ImageMessage("mono8", b"\0" * 100, 60_000, 60_000, 60_000), "an image of 60000x60000 pixels"),
-        (ImageMessage("h264", b"\0\0\0\1\x67" + bytes(20)), r"coded as 'h264' \(a packet of H.264 or H.265 video"),
-        (ImageMessage("jpeg", b"\xff\xd8\xff" + bytes(2000)), "its end is cut off"),
-    ],
-)
-def test_image_that_is_not_read_says_why(message, why):
-    with pytest.raises(UnreadableError, match=why):
-        stored_pixels(message)
-
-
-def test_rows_without_padding_are_read_whatever_step_the_message_gives():
-    assert stored_pixels(ImageMessage("rgb8", bytes(range(12)), 2, 2, 2))[1, 1].tolist() == [11, 10, 9]
-
-
-def test_messages_that_announce_more_than_they_hold_take_no_memory():
-    message = ImageMessage("mono8", bytes(range(4)), 4, 1, 2**32 - 1)
-    tracemalloc.start()
-    stored = stored_pixels(message)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert stored.tolist() == [[0, 1, 2, 3]] and peak < 1e6
 
 
 def zstd_messages(path: Path) -> Path:

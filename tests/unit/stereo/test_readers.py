@@ -21,7 +21,6 @@ from stereo.readers import OpenOptions, find_layout, find_reader, open_recording
 from stereo.readers.live import READER, without_password
 from stereo.readers.multi_rig import open_rigs
 from stereo.readers.pairing import even_sequence, pair_files
-from stereo.readers.times import load_timestamps
 from stereo.readers.video import VideoFile
 from stereo.recording import LiveRecording, prefetch
 
@@ -159,25 +158,6 @@ def test_single_camera_folder_is_a_video(tmp_path: Path) -> None:
     assert [f.index for f in video] == [0, 2, 3, 4, 5] and video.size == (W, H) and len(video.skipped) == 1
 
 
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        ("frame,timestamp_s\n0,0\n1,nan\n", "'nan'"),
-        ("frame,value\n0,0\n", "frame,timestamp_s"),
-        ("frame,timestamp_s\n0,0\n999999999,1\n", "counted from 0"),
-    ],
-)
-def test_bad_timestamps_are_refused(tmp_path: Path, text: str, found: str) -> None:
-    (tmp_path / "timestamps.csv").write_text(text)
-    with pytest.raises(InputError, match=found):
-        load_timestamps(tmp_path / "timestamps.csv")
-
-
-def test_timestamps_start_at_zero_and_keep_gaps(tmp_path: Path) -> None:
-    (tmp_path / "timestamps.csv").write_text("frame,timestamp_s\n0,100.0\n1,100.1\n3,100.9\n")
-    np.testing.assert_allclose(load_timestamps(tmp_path / "timestamps.csv").times_s, [0.0, 0.1, np.nan, 0.9])
-
-
 def test_prefetch_passes_errors_on() -> None:
     def broken():  # type: ignore[no-untyped-def]
         yield 1
@@ -205,52 +185,11 @@ def test_prefetch_left_early_stops_its_thread_and_closes_its_source() -> None:
     assert closed.is_set() and threading.active_count() == before
 
 
-def test_images_of_one_camera_without_times_note_the_assumed_rate(tmp_path: Path) -> None:
-    folder = folder_recording(tmp_path / "r") / "left"
-    video = open_video(folder)
-    assert video.fps == 30.0
-    assert video.notes == ["no timestamps: 30 frames per second are assumed; set the rate if it is another"]
-
-
 def test_topics_may_be_one_text_and_a_rate_must_be_a_number() -> None:
     assert OpenOptions(topics="/a, /b").topics == ("/a", "/b")
     for fps in ("30", -1):
         with pytest.raises(InputError, match=f"fps=: expected 0.01 to 10000 frames per second, found {fps!r}"):
             OpenOptions(fps=fps)  # type: ignore[arg-type]
-
-
-def test_times_of_one_camera_are_those_of_its_list_or_names(tmp_path: Path) -> None:
-    folder, names = folder_recording(tmp_path / "a").joinpath("left"), [f"{1700000000 + i / 5:.3f}" for i in range(6)]
-    (folder / "timestamps.txt").write_text("\n".join(names))
-    assert open_video(folder).fps == pytest.approx(5.0)
-    named = open_video(folder_recording(tmp_path / "b", names) / "left")
-    assert [frame.timestamp_s for frame in named] == pytest.approx([i / 5 for i in range(6)]) and not named.notes
-
-
-def test_table_of_times_that_is_too_short_is_reported(tmp_path: Path) -> None:
-    folder = folder_recording(tmp_path / "r")
-    n_frames = open_recording(folder).n_frames
-    (folder / "timestamps.csv").write_text("frame,timestamp_s\n0,0\n1,0.2\n")
-    note = f"timestamps.csv has times of 2 of {n_frames} frames: 5 per second are assumed elsewhere"
-    assert note in open_recording(folder).notes
-
-
-def test_table_of_times_whose_frames_count_from_1_is_taken_so(tmp_path: Path) -> None:
-    folder = folder_recording(tmp_path / "r")
-    (folder / "timestamps.csv").write_text(
-        "frame,timestamp_s\n" + "".join(f"{i + 1},{i * i / 100}\n" for i in range(6))
-    )
-    recording = open_recording(folder)
-    assert [frame.timestamp_s for frame in recording] == pytest.approx([i * i / 100 for i in range(6)])
-    assert recording.notes == ["frames of timestamps.csv are counted from 1"]
-
-
-def test_rate_of_pictures_without_a_container_is_reported(tmp_path: Path) -> None:
-    coded = cv2.imencode(".jpg", np.full((48, 64), 90, np.uint8))[1].tobytes()
-    (tmp_path / "a.mjpeg").write_bytes(7 * coded)
-    video = open_video(tmp_path)
-    assert video.n_frames == 7
-    assert video.notes == ["no timestamps: 25 frames per second are assumed; set the rate if it is another"]
 
 
 def test_hidden_files_of_macos_are_passed_over(tmp_path: Path) -> None:

@@ -2,12 +2,14 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from toy_recordings import folder_recording, picture, video_pair, write_video
 
+from calib.errors import InputError
 from stereo.readers import open_recording, open_video
-from stereo.readers.times import rate_of_times, stamps_in_names
+from stereo.readers.times import load_timestamps, rate_of_times, stamps_in_names
 from stereo.readers.video import _by_time
 
 KEPT = [i for i in range(12) if i != 5]
@@ -100,3 +102,63 @@ def test_header_that_gives_the_clock_for_a_rate_is_corrected_by_the_times(tmp_pa
     times = np.arange(6) / 5
     monkeypatch.setattr("stereo.readers.video._packets", lambda path, most=None: times)
     assert open_video(tmp_path / "a.avi").fps == pytest.approx(5)
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("frame,timestamp_s\n0,0\n1,nan\n", "'nan'"),
+        ("frame,value\n0,0\n", "frame,timestamp_s"),
+        ("frame,timestamp_s\n0,0\n999999999,1\n", "counted from 0"),
+    ],
+)
+def test_bad_timestamps_are_refused(tmp_path: Path, text: str, found: str) -> None:
+    (tmp_path / "timestamps.csv").write_text(text)
+    with pytest.raises(InputError, match=found):
+        load_timestamps(tmp_path / "timestamps.csv")
+
+
+def test_timestamps_start_at_zero_and_keep_gaps(tmp_path: Path) -> None:
+    (tmp_path / "timestamps.csv").write_text("frame,timestamp_s\n0,100.0\n1,100.1\n3,100.9\n")
+    np.testing.assert_allclose(load_timestamps(tmp_path / "timestamps.csv").times_s, [0.0, 0.1, np.nan, 0.9])
+
+
+def test_images_of_one_camera_without_times_note_the_assumed_rate(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r") / "left"
+    video = open_video(folder)
+    assert video.fps == 30.0
+    assert video.notes == ["no timestamps: 30 frames per second are assumed; set the rate if it is another"]
+
+
+def test_times_of_one_camera_are_those_of_its_list_or_names(tmp_path: Path) -> None:
+    folder, names = folder_recording(tmp_path / "a").joinpath("left"), [f"{1700000000 + i / 5:.3f}" for i in range(6)]
+    (folder / "timestamps.txt").write_text("\n".join(names))
+    assert open_video(folder).fps == pytest.approx(5.0)
+    named = open_video(folder_recording(tmp_path / "b", names) / "left")
+    assert [frame.timestamp_s for frame in named] == pytest.approx([i / 5 for i in range(6)]) and not named.notes
+
+
+def test_table_of_times_that_is_too_short_is_reported(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r")
+    n_frames = open_recording(folder).n_frames
+    (folder / "timestamps.csv").write_text("frame,timestamp_s\n0,0\n1,0.2\n")
+    note = f"timestamps.csv has times of 2 of {n_frames} frames: 5 per second are assumed elsewhere"
+    assert note in open_recording(folder).notes
+
+
+def test_table_of_times_whose_frames_count_from_1_is_taken_so(tmp_path: Path) -> None:
+    folder = folder_recording(tmp_path / "r")
+    (folder / "timestamps.csv").write_text(
+        "frame,timestamp_s\n" + "".join(f"{i + 1},{i * i / 100}\n" for i in range(6))
+    )
+    recording = open_recording(folder)
+    assert [frame.timestamp_s for frame in recording] == pytest.approx([i * i / 100 for i in range(6)])
+    assert recording.notes == ["frames of timestamps.csv are counted from 1"]
+
+
+def test_rate_of_pictures_without_a_container_is_reported(tmp_path: Path) -> None:
+    coded = cv2.imencode(".jpg", np.full((48, 64), 90, np.uint8))[1].tobytes()
+    (tmp_path / "a.mjpeg").write_bytes(7 * coded)
+    video = open_video(tmp_path)
+    assert video.n_frames == 7
+    assert video.notes == ["no timestamps: 25 frames per second are assumed; set the rate if it is another"]

@@ -1,7 +1,6 @@
 """What is wrong with a recording: camera, pair, timing."""
 
 import json
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,17 +8,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from toy_recordings import write_frames
 from toy_stereo import SIZE, ToyWorld, toy_rig, walking, write_toy_recording
 
 from calib.camera import Camera
 from calib.errors import InputError, WorkError
 from calib.formats import load_rig
-from calib.ground_camera import GroundCamera, save_ground_camera
 from calib.pose import SE3
 from calib.rig import Floor, StereoRig
 from calib.types import F64, U8
-from planview.checks.camera import THUMBNAIL, Steadiness, Steady
 from planview.checks.check import Check, at_least, at_most, between
 from planview.checks.examine import Diagnosis, examine, refuse_unless_ok
 from planview.checks.scene import flicker_check, floor_checks, height_check, light_checks
@@ -39,134 +35,7 @@ from planview.checks.timing import (
 )
 from planview.cli import main
 from planview.commands.recordings import CheckOptions, check, verdict
-from planview.evaluation.align import FloorAlignment, align_tracks, fit_rigid, moved
-from planview.trajectories.table import Trajectories, positions_table
-from stereo.readers import OpenOptions, open_any
-
-
-def scene(seed: int) -> U8:
-    """(120, 300) uint8 patches, wider than the image."""
-    coarse = np.random.default_rng(seed).integers(40, 216, (12, 30), dtype=np.uint8)
-    return np.asarray(cv2.resize(coarse, (300, 120), interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
-
-
-SCENE, OTHER = scene(1), scene(2)
-
-
-def window(image: U8, left_px: int = 0) -> U8:
-    return np.ascontiguousarray(image[:, left_px : left_px + THUMBNAIL[0]])
-
-
-def judged(frames: list[U8]) -> list[Steady]:
-    watch = Steadiness()
-    return [watch.update(i, 0.1 * i, frame) for i, frame in enumerate(frames)]
-
-
-def test_fixed_camera_is_still_when_its_exposure_halves_and_a_panning_one_moves_until_a_second_after():
-    assert set(judged([window(SCENE)] * 5 + [window(SCENE) // 2] * 5)) == {Steady.STILL}
-    pan = [window(SCENE, 2 * i) for i in range(20)]
-    found = judged(pan + [pan[-1]] * 20)
-    assert set(found[5:20]) == {Steady.MOVING} and found[-1] is Steady.STILL
-
-
-def test_cut_is_reported_a_second_after_its_break() -> None:
-    watch = Steadiness()
-    found = [watch.update(i, 0.1 * i, window(SCENE if i < 4 else OTHER)) for i in range(18)]
-    assert found[4:15] == [Steady.BREAK] * 10 + [Steady.CUT]
-    assert set(found[:4] + found[15:]) == {Steady.STILL} and "first at frame 4" in watch.checks()[1].note
-
-
-@pytest.mark.parametrize("frames", [9, 1], ids=["a person close before the camera", "one damaged frame"])
-def test_a_short_break_is_no_cut(frames):
-    found = judged([window(SCENE)] * 4 + [window(OTHER, i) for i in range(frames)] + [window(SCENE)] * 4)
-    assert set(found[4 : 4 + frames]) == {Steady.BREAK} and set(found[4 + frames :]) == {Steady.STILL}
-
-
-def test_darkness_and_noise_are_no_cut() -> None:
-    noise = np.random.default_rng(0).integers(0, 256, (2, 10, 120, 160), np.uint8)
-    frames = [*noise[0], *[np.zeros((120, 160), np.uint8)] * 10, *noise[1]]
-    found = judged([window(SCENE)] * 4 + frames + [window(SCENE)] * 4)
-    assert set(found[4:34]) == {Steady.BREAK} and set(found[34:]) == {Steady.STILL}
-
-
-def test_textured_person_before_a_plain_wall_is_no_moving_camera() -> None:
-    frames = [np.full(THUMBNAIL[::-1], 120, np.uint8) for _ in range(20)]
-    for i, frame in enumerate(frames):
-        frame[20:110, 4 * i + 10 : 4 * i + 60] = SCENE[20:110, :50]
-    assert set(judged(frames)) == {Steady.STILL}
-
-
-def test_crowd_that_fills_the_view_is_no_moving_camera() -> None:
-    steps = np.array([-2, -2, 2, 2] * 3) * np.random.default_rng(3).uniform(0.7, 1.3, 12)
-
-    def crowd(i: int) -> U8:
-        rows = [np.roll(SCENE[10 * row : 10 * row + 10], round(step * i), axis=1) for row, step in enumerate(steps)]
-        return window(np.concatenate(rows))
-
-    assert set(judged([crowd(i) for i in range(20)])) <= {Steady.STILL}
-
-
-def test_camera_that_zooms_and_turns_moves() -> None:
-    def zoomed(i: int) -> U8:
-        motion = cv2.getRotationMatrix2D((80.0, 60.0), 1.5 * i, 1.0 + 0.03 * i)
-        return np.asarray(cv2.warpAffine(SCENE, motion, THUMBNAIL, borderMode=cv2.BORDER_REFLECT), dtype=np.uint8)
-
-    assert Steady.MOVING in judged([zoomed(i) for i in range(10)])
-
-
-def test_large_person_before_a_dark_noisy_wall_is_no_scene_cut() -> None:
-    rng = np.random.default_rng(0)
-    frames = [np.clip(rng.normal(30.0, 6.0, THUMBNAIL[::-1]), 0, 255).astype(np.uint8) for _ in range(12)]
-    for frame in frames[6:]:
-        frame[:, 40:120] = OTHER[:, :80]
-    assert set(judged(frames)) == {Steady.STILL}
-
-
-MOTION = FloorAlignment(math.radians(120), 3.0, -2.0, 0.0, 0)
-
-
-def two_walkers() -> Trajectories:
-    frame = np.repeat(np.arange(40), 2)
-    walker = np.tile([1, 2], 40)
-    t = frame / 40
-    xy = np.column_stack([np.where(walker == 1, 3 * t, 1 + 0.5 * t), np.where(walker == 1, 0.2 * t, 2 - 3 * t)])
-    return positions_table(frame, walker, xy)
-
-
-def test_rigid_fit_recovers_a_known_motion() -> None:
-    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 2.0]])
-    fit = fit_rigid(points, MOTION.apply(points))
-    assert (fit.rotation_rad, fit.x_m, fit.y_m) == pytest.approx((MOTION.rotation_rad, 3.0, -2.0))
-    assert fit.rms_m == pytest.approx(0.0, abs=1e-12)
-
-
-def test_alignment_finds_the_motion_from_paths_with_noise_and_other_ids() -> None:
-    truth = moved(two_walkers(), MOTION)
-    noisy = two_walkers()
-    rng = np.random.default_rng(1)
-    xy = np.column_stack([noisy.x_m, noisy.y_m]) + rng.normal(0, 0.05, (80, 2))
-    tracks = positions_table(noisy.frame, 10 - noisy.track_id, xy)
-    order = np.lexsort((tracks.track_id, tracks.frame))
-    laid, alignment = align_tracks(tracks.where(order), truth, 0.5)
-    assert alignment.pairs == 80 and math.degrees(alignment.rotation_rad) == pytest.approx(120, abs=1.0)
-    assert alignment.rms_m < 0.1 and np.isfinite(laid.x_m).all()
-
-
-def test_alignment_starts_from_boxes_where_both_have_them() -> None:
-    plain = two_walkers()
-    xy = np.column_stack([plain.x_m, plain.y_m])
-    box = np.column_stack([100 * plain.x_m, 100 * plain.y_m + 300, np.full(80, 40.0), np.full(80, 80.0)])
-    tracks = positions_table(plain.frame, plain.track_id, xy, box_px=box)
-    truth = positions_table(plain.frame, plain.track_id, MOTION.apply(xy), box_px=box)
-    _, alignment = align_tracks(tracks, truth, 0.5)
-    assert (alignment.x_m, alignment.y_m) == pytest.approx((3.0, -2.0))
-
-
-def test_alignment_needs_people_who_move() -> None:
-    still = positions_table(np.arange(20), np.ones(20, dtype=np.int64), np.zeros((20, 2)))
-    with pytest.raises(WorkError, match="tracks that move"):
-        align_tracks(still, still, 0.5)
-
+from stereo.readers import open_any
 
 FRAMES = 60
 
@@ -517,19 +386,6 @@ def test_what_is_no_recording_is_refused_or_reported(tmp_path):
     diagnosis = examine(tmp_path)
     assert isinstance(diagnosis, Diagnosis) and not diagnosis.ok and diagnosis.evidence is None
     assert "expected a recording, found an empty folder" in diagnosis.checks[0].note
-
-
-def test_of_one_camera_is_checked_what_one_camera_shows(tmp_path):
-    still, shaken, camera = tmp_path / "still.avi", tmp_path / "shaken.avi", tmp_path / "camera.toml"
-    write_frames(still, [window(SCENE)] * 12)
-    write_frames(shaken, [window(SCENE, 4 * i) for i in range(12)])
-    assert examine(still).ok and {"moving camera", "over-exposure"} <= {c.name for c in examine(still).checks}
-    assert failed(shaken) == {"moving camera"}
-    save_ground_camera(GroundCamera(160, 120, 100.0, 25.0, 0.5), camera)
-    found = examine(still, OpenOptions(camera)).checks
-    assert [c.name for c in found if not c.ok] == ["camera height"]
-    save_ground_camera(GroundCamera(320, 240, 100.0, 3.0, 0.5), camera)
-    assert "images of 160x120 px, found one for 320x240 px" in examine(still, OpenOptions(camera)).checks[0].note
 
 
 def test_a_picture_over_exposed_by_a_hair_is_a_warning_and_no_refusal():

@@ -1,0 +1,103 @@
+"""Cameras that stand still, move or are cut, by their images alone."""
+
+import cv2
+import numpy as np
+import pytest
+from toy_recordings import write_frames
+
+from calib.ground_camera import GroundCamera, save_ground_camera
+from calib.types import U8
+from planview.checks.camera import THUMBNAIL, Steadiness, Steady
+from planview.checks.examine import examine
+from stereo.readers import OpenOptions
+
+
+def scene(seed: int) -> U8:
+    """(120, 300) uint8 patches, wider than the image."""
+    coarse = np.random.default_rng(seed).integers(40, 216, (12, 30), dtype=np.uint8)
+    return np.asarray(cv2.resize(coarse, (300, 120), interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+
+
+SCENE, OTHER = scene(1), scene(2)
+
+
+def window(image: U8, left_px: int = 0) -> U8:
+    return np.ascontiguousarray(image[:, left_px : left_px + THUMBNAIL[0]])
+
+
+def judged(frames: list[U8]) -> list[Steady]:
+    watch = Steadiness()
+    return [watch.update(i, 0.1 * i, frame) for i, frame in enumerate(frames)]
+
+
+def test_fixed_camera_is_still_when_its_exposure_halves_and_a_panning_one_moves_until_a_second_after():
+    assert set(judged([window(SCENE)] * 5 + [window(SCENE) // 2] * 5)) == {Steady.STILL}
+    pan = [window(SCENE, 2 * i) for i in range(20)]
+    found = judged(pan + [pan[-1]] * 20)
+    assert set(found[5:20]) == {Steady.MOVING} and found[-1] is Steady.STILL
+
+
+def test_cut_is_reported_a_second_after_its_break() -> None:
+    watch = Steadiness()
+    found = [watch.update(i, 0.1 * i, window(SCENE if i < 4 else OTHER)) for i in range(18)]
+    assert found[4:15] == [Steady.BREAK] * 10 + [Steady.CUT]
+    assert set(found[:4] + found[15:]) == {Steady.STILL} and "first at frame 4" in watch.checks()[1].note
+
+
+@pytest.mark.parametrize("frames", [9, 1], ids=["a person close before the camera", "one damaged frame"])
+def test_a_short_break_is_no_cut(frames):
+    found = judged([window(SCENE)] * 4 + [window(OTHER, i) for i in range(frames)] + [window(SCENE)] * 4)
+    assert set(found[4 : 4 + frames]) == {Steady.BREAK} and set(found[4 + frames :]) == {Steady.STILL}
+
+
+def test_darkness_and_noise_are_no_cut() -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (2, 10, 120, 160), np.uint8)
+    frames = [*noise[0], *[np.zeros((120, 160), np.uint8)] * 10, *noise[1]]
+    found = judged([window(SCENE)] * 4 + frames + [window(SCENE)] * 4)
+    assert set(found[4:34]) == {Steady.BREAK} and set(found[34:]) == {Steady.STILL}
+
+
+def test_textured_person_before_a_plain_wall_is_no_moving_camera() -> None:
+    frames = [np.full(THUMBNAIL[::-1], 120, np.uint8) for _ in range(20)]
+    for i, frame in enumerate(frames):
+        frame[20:110, 4 * i + 10 : 4 * i + 60] = SCENE[20:110, :50]
+    assert set(judged(frames)) == {Steady.STILL}
+
+
+def test_crowd_that_fills_the_view_is_no_moving_camera() -> None:
+    steps = np.array([-2, -2, 2, 2] * 3) * np.random.default_rng(3).uniform(0.7, 1.3, 12)
+
+    def crowd(i: int) -> U8:
+        rows = [np.roll(SCENE[10 * row : 10 * row + 10], round(step * i), axis=1) for row, step in enumerate(steps)]
+        return window(np.concatenate(rows))
+
+    assert set(judged([crowd(i) for i in range(20)])) <= {Steady.STILL}
+
+
+def test_camera_that_zooms_and_turns_moves() -> None:
+    def zoomed(i: int) -> U8:
+        motion = cv2.getRotationMatrix2D((80.0, 60.0), 1.5 * i, 1.0 + 0.03 * i)
+        return np.asarray(cv2.warpAffine(SCENE, motion, THUMBNAIL, borderMode=cv2.BORDER_REFLECT), dtype=np.uint8)
+
+    assert Steady.MOVING in judged([zoomed(i) for i in range(10)])
+
+
+def test_large_person_before_a_dark_noisy_wall_is_no_scene_cut() -> None:
+    rng = np.random.default_rng(0)
+    frames = [np.clip(rng.normal(30.0, 6.0, THUMBNAIL[::-1]), 0, 255).astype(np.uint8) for _ in range(12)]
+    for frame in frames[6:]:
+        frame[:, 40:120] = OTHER[:, :80]
+    assert set(judged(frames)) == {Steady.STILL}
+
+
+def test_of_one_camera_is_checked_what_one_camera_shows(tmp_path):
+    still, shaken, camera = tmp_path / "still.avi", tmp_path / "shaken.avi", tmp_path / "camera.toml"
+    write_frames(still, [window(SCENE)] * 12)
+    write_frames(shaken, [window(SCENE, 4 * i) for i in range(12)])
+    assert examine(still).ok and {"moving camera", "over-exposure"} <= {c.name for c in examine(still).checks}
+    assert {c.name for c in examine(shaken).checks if not c.ok} == {"moving camera"}
+    save_ground_camera(GroundCamera(160, 120, 100.0, 25.0, 0.5), camera)
+    found = examine(still, OpenOptions(camera)).checks
+    assert [c.name for c in found if not c.ok] == ["camera height"]
+    save_ground_camera(GroundCamera(320, 240, 100.0, 3.0, 0.5), camera)
+    assert "images of 160x120 px, found one for 320x240 px" in examine(still, OpenOptions(camera)).checks[0].note
