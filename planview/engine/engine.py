@@ -143,10 +143,20 @@ class Stages(Protocol):
 
     Attributes:
         ahead: frames that iteration matches ahead in a thread of their own; 0 for one thread.
+        camera: the (rectified left) camera above the floor; None for one camera that is not calibrated.
+        size: (width, height) of its images [px].
+        rigs: by name, the rigs above the floor, the first over the grid of the maps; empty for one camera.
         checks: of the recording so far: before its first frame, and from the frames seen.
     """
 
     ahead: int
+    size: tuple[int, int]
+
+    @property
+    def camera(self) -> FloorCamera | None: ...
+
+    @property
+    def rigs(self) -> Mapping[str, FloorRig]: ...
 
     @property
     def checks(self) -> Sequence[Check]: ...
@@ -171,33 +181,17 @@ class Engine:
         recording: what is read.
         tracker: follows people.
         config: the full effective configuration.
-        stages: before the tracker.
-        camera: the (rectified left) camera above the floor; None for one camera that is not calibrated.
-        size: (width, height) of its images [px].
-        rigs: by name, the rigs above the floor, the first over the grid of the maps; empty for one camera.
-        ahead: see ``Stages``.
+        stages: before the tracker; ``ahead``, ``camera``, ``size`` and ``rigs`` are theirs.
+        stereo: the first rig, over the grid of the maps; None for one camera.
     """
 
-    def __init__(
-        self,
-        recording: AnyRecording,
-        tracker: Tracker,
-        config: Config,
-        stages: Stages,
-        camera: FloorCamera | None,
-        size: tuple[int, int],
-        rigs: Mapping[str, FloorRig] = {},
-    ) -> None:
+    def __init__(self, recording: AnyRecording, tracker: Tracker, config: Config, stages: Stages) -> None:
         self.recording, self.tracker, self.config, self.stages = recording, tracker, config, stages
-        self.camera, self.size, self.rigs, self.ahead = camera, size, rigs, stages.ahead
+        self.camera, self.size, self.rigs, self.ahead = stages.camera, stages.size, stages.rigs, stages.ahead
+        self.stereo: FloorRig | None = next(iter(self.rigs.values()), None)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.recording!r}, {type(self.tracker).__name__})"
-
-    @property
-    def stereo(self) -> FloorRig | None:
-        """The first rig, over the grid of the maps; None for one camera."""
-        return next(iter(self.rigs.values()), None)
 
     @property
     def checks(self) -> Sequence[Check]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Protocol, runtime_checkable
 
 import cv2
@@ -30,6 +30,7 @@ from planview.foreground.ghosts import (
 )
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
+from planview.maps.rig import FloorRig
 from planview.maps.view import View
 from planview.tracking.base import Decision, ImageTracker, Observation
 from planview.trajectories.state import TrackState
@@ -49,17 +50,30 @@ about a pixel, whatever the frame rate."""
 
 
 class ImageStages:
-    """Separates the foreground and the motion of one camera."""
+    """Separates the foreground and the motion of one camera: ``Stages``."""
 
-    def __init__(self, params: SingleCameraParams, size: tuple[int, int], columns: int | None = None) -> None:
+    ahead = 0
+    rigs: Mapping[str, FloorRig] = {}
+
+    def __init__(
+        self,
+        params: SingleCameraParams,
+        size: tuple[int, int],
+        tracker: ImageTracker | None = None,
+        camera: GroundCamera | None = None,
+    ) -> None:
         """Start without a background.
 
         Args:
             size: (width, height) of all frames [px].
-            columns: of foreground and motion that are enough. Wider frames are reduced by a whole factor: averaged
-                pixels are less noisy. None: those of the frames.
+            tracker: says what it knows of the pixels, and how many columns of foreground and motion are enough: wider
+                frames are reduced by a whole factor, since averaged pixels are less noisy.
+            camera: above the floor; None where it is not calibrated.
         """
-        self.size = size
+        columns: object = tracker.foreground_columns if tracker is not None else None
+        if columns is not None and not (isinstance(columns, int) and columns > 0):
+            raise InputError(f"expected foreground_columns above 0 or None, found {columns!r}", argument="tracker")
+        self.size, self.camera, self._tracker = size, camera, tracker
         factor = -(-size[0] // columns) if columns else 1
         self._reduced = max(1, size[0] // factor), max(1, size[1] // factor)
         shape = self._reduced[::-1]
@@ -86,6 +100,25 @@ class ImageStages:
     def checks(self) -> list[Check]:
         """Whether the camera stands still and shows one scene, from the frames so far."""
         return self._steadiness.checks()
+
+    def match(self, frame: Frame, clock: StageClock) -> Depths:
+        """Nothing: one camera has no depth."""
+        if not isinstance(frame, VideoFrame):
+            refuse_frame("an image of one camera", frame)
+        return ()
+
+    def look(self, frame: VideoFrame, depths: Depths, clock: StageClock) -> tuple[View, ...]:
+        """See ``Stages``."""
+        view = self.view(frame, self._tracker.feedback() if self._tracker is not None else None)
+        clock.record("foreground")
+        return (view,)
+
+    def learn(self, views: Sequence[View], people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
+        """Nothing: the tracker is asked for its feedback."""
+
+    def memory(self) -> dict[str, Remembers]:
+        """All of it."""
+        return {"one camera": self}
 
     def view(self, frame: VideoFrame, feedback: U8 | None = None) -> View:
         """Foreground and motion of one frame; unknown where it shows nothing, as while the camera moves.
@@ -172,47 +205,6 @@ class ImageStages:
         return np.asarray(motion, dtype=np.uint8)
 
 
-class OneCameraStages:
-    """Foreground and motion of one camera, with what its tracker knows of the pixels: ``Stages``.
-
-    Attributes:
-        images: the stages.
-    """
-
-    ahead = 0
-
-    def __init__(self, tracker: ImageTracker, config: Config, size: tuple[int, int]) -> None:
-        columns: object = tracker.foreground_columns
-        if columns is not None and not (isinstance(columns, int) and columns > 0):
-            raise InputError(f"expected foreground_columns above 0 or None, found {columns!r}", argument="tracker")
-        self._tracker, self.images = tracker, ImageStages(config.single_camera, size, columns)
-
-    @property
-    def checks(self) -> list[Check]:
-        """Whether the camera stands still and shows one scene, from the frames so far."""
-        return self.images.checks
-
-    def match(self, frame: Frame, clock: StageClock) -> Depths:
-        """Nothing: one camera has no depth."""
-        if not isinstance(frame, VideoFrame):
-            refuse_frame("an image of one camera", frame)
-        return ()
-
-    def look(self, frame: Frame, depths: Depths, clock: StageClock) -> tuple[View, ...]:
-        """See ``Stages``."""
-        assert isinstance(frame, VideoFrame)
-        view = self.images.view(frame, self._tracker.feedback())
-        clock.record("foreground")
-        return (view,)
-
-    def learn(self, views: Sequence[View], people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
-        """Nothing: the tracker is asked for its feedback."""
-
-    def memory(self) -> dict[str, Remembers]:
-        """What the foreground learned."""
-        return {"one camera": self.images}
-
-
 @runtime_checkable
 class LearnsFirst(Protocol):
     """A tracker that learns from a recording before its first frame is tracked."""
@@ -236,12 +228,12 @@ def one_camera_engine(
             everything while it tracks, as from a camera that runs.
     """
     config = config or Config()
-    stages = OneCameraStages(tracker, config, recording.size)
+    stages = ImageStages(config.single_camera, recording.size, tracker, camera)
     if overview and isinstance(tracker, LearnsFirst):
         step = max(1, round(recording.fps / OVERVIEW_HZ))
         tracker.study(
-            Observation(frame.index, frame.timestamp_s, (stages.images.view(frame),))
+            Observation(frame.index, frame.timestamp_s, (stages.view(frame),))
             for frame in recording if frame.index % step == 0
         )  # fmt: skip
-        stages.images.reset()
-    return Engine(recording, tracker, config, stages, camera, recording.size)
+        stages.reset()
+    return Engine(recording, tracker, config, stages)

@@ -15,7 +15,7 @@ from planview.engine.config import Config, config_of
 from planview.engine.engine import Engine
 from planview.engine.one_camera import one_camera_engine
 from planview.engine.replay import recorded_config, replay_engine
-from planview.engine.stereo import multi_rig_engine, stereo_engine
+from planview.engine.stereo import stereo_engine
 from planview.maps.recording import MapsRecording, is_maps
 from planview.tracking.base import ImageTracker, Tracker, refuse_tracker
 from planview.tracking.detections import BoxTracker, DetectionTracker
@@ -80,7 +80,7 @@ def open_engine(
     if is_multi_rig(path):
         if foreign is not None:
             raise InputError(f"{foreign}: expected the calibration of every head in its own folder")
-        return multi_rig_engine(open_rigs(path), config, _map_tracker(tracker, config, path))
+        return stereo_engine(open_rigs(path), config, _map_tracker(tracker, config, path))
     of_images = tracker in get_args(ImageTrackerName) or hasattr(tracker, "foreground_columns")
     if stereo or not (of_images or detections is not None):
         return stereo_engine(open_any(path, options), config, _map_tracker(tracker, config, path), matcher)

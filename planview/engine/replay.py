@@ -57,7 +57,8 @@ class ReplayStages:
             self._maps = MapBuilder(rig.geometry, rig.floor.world_SE3_left, config.maps, rig.reduction)
         except ValueError as error:
             raise InputError(f"{recording.path}: {error}") from error
-        self._path, self.rig = recording.path, replace(rig, grid=self._maps.grid)
+        self._path, self.camera, self.size = recording.path, rig.camera, rig.geometry.size
+        self.rigs = {"": replace(rig, grid=self._maps.grid)}
 
     def match(self, frame: Frame, clock: StageClock) -> Depths:
         """Nothing: recorded points have been matched."""
@@ -98,9 +99,7 @@ def replay_engine(recording: MapsRecording, tracker: Tracker, config: Config | N
     """An engine for recorded plan-view maps, with the parameters of the recording when ``config`` is None. Raises
     InputError: a parameter that decided which points were recorded differs, or maps of another rig."""
     config = config or recorded_config(recording)
-    stages = ReplayStages(recording, config)
-    rig = stages.rig
-    return Engine(recording, tracker, config, stages, rig.camera, rig.geometry.size, {"": rig})
+    return Engine(recording, tracker, config, ReplayStages(recording, config))
 
 
 def _refuse_fixed(path: Path, recorded: Config, config: Config) -> None:

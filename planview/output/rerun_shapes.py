@@ -96,12 +96,12 @@ def facing_arrows(tracks: Sequence[TrackState], camera: FloorCamera | None) -> t
     known = [(track, arrow) for track in tracks if (arrow := facing_arrow(track)) is not None]
     colours = [person_rgb(track.track_id, track.state) for track, _ in known]
     ends = np.array([np.column_stack([arrow, [0.05, 0.05]]) for _, arrow in known]).reshape(-1, 2, 3)
-    floor = rr.Arrows3D(origins=ends[:, 0], vectors=ends[:, 1] - ends[:, 0], colors=colours, radii=0.015)
+    floor = rr.Arrows3D(origins=ends[:, 0], vectors=ends[:, 1] - ends[:, 0], colors=colours, radii=0.03)
     pixels = np.empty((0, 2, 2)) if camera is None else camera.project(ends.reshape(-1, 3)).reshape(-1, 2, 2)
     seen = np.flatnonzero(np.isfinite(pixels).all(axis=(1, 2)))
     shown = [colours[n] for n in seen.tolist()]
     ahead = pixels[seen, 1] - pixels[seen, 0]
-    return floor, rr.Arrows2D(origins=pixels[seen, 0], vectors=ahead, colors=shown, radii=-1.5)
+    return floor, rr.Arrows2D(origins=pixels[seen, 0], vectors=ahead, colors=shown, radii=-2.5)
 
 
 def foreground_points(result: FrameResult) -> tuple[F32, U8]:

@@ -112,7 +112,7 @@ def test_camera_gives_floor_positions_and_heights():
 def test_walker_is_found_in_images_and_not_absorbed_by_the_background(frames, stops_at):
     scene = np.random.default_rng(0).integers(60, 160, (*SHAPE, 3), dtype=np.uint8)
     tracker = EllipseParticleTracker(GIVEN)
-    source = ImageStages(SingleCameraParams(), SHAPE[::-1], tracker.foreground_columns)
+    source = ImageStages(SingleCameraParams(), SHAPE[::-1], tracker)
     for i in range(frames):
         image = scene.copy()
         if i >= 20:
