@@ -1,0 +1,104 @@
+"""Ghosts, which somebody who was there at the start leaves behind, and the blobs that they are found among."""
+
+import numpy as np
+import pytest
+
+from calib.types import U8
+from planview.engine.config import SingleCameraParams
+from planview.engine.one_camera import ImageStages
+from planview.foreground.blobs import find_blobs
+from planview.foreground.ghosts import find_ghosts, find_still, find_uncovered
+from planview.foreground.mixture import Foreground
+from planview.foreground.params import ForegroundParams
+from stereo.recording import VideoFrame
+
+GHOST_SHAPE = (60, 80)
+
+
+BODY = slice(20, 45), slice(30, 40)
+
+
+NOTHING = np.zeros(GHOST_SHAPE, np.uint8)
+
+
+def scene(*bodies: tuple[slice, slice]) -> U8:
+    image = np.full(GHOST_SHAPE, 150, np.uint8)
+    for body in bodies:
+        image[body] = 40
+    return image
+
+
+def mask_of(*bodies: tuple[slice, slice]) -> U8:
+    return np.where(scene(*bodies) == 40, 255, 0).astype(np.uint8)
+
+
+FULL = np.full(GHOST_SHAPE, 255, np.uint8)
+
+
+BESIDE = slice(20, 45), slice(55, 65)
+
+
+@pytest.mark.parametrize(
+    ("image", "background", "mask", "expected"),
+    [
+        (scene(), scene(BODY), mask_of(BODY), mask_of(BODY)),
+        (scene(BODY), scene(), mask_of(BODY), NOTHING),
+        (scene(BESIDE), scene(BODY), mask_of(BODY, BESIDE), mask_of(BODY)),
+        (scene(), scene(BODY), NOTHING, NOTHING),
+        (scene(), scene(BODY), FULL, NOTHING),
+    ],
+    ids=["outline in the background", "outline in the image", "ghost next to a person", "no blob", "nothing else"],
+)
+def test_blob_with_its_outline_in_the_background_is_a_ghost(image, background, mask, expected):
+    np.testing.assert_array_equal(find_ghosts(image, background, find_blobs(mask), NOTHING), expected)
+
+
+def test_ghost_with_a_walker_in_front_waits_until_the_walker_has_passed():
+    walker = slice(20, 45), slice(40, 50)
+    image, mask = scene(walker), mask_of(BODY, walker)
+    assert not find_ghosts(image, scene(BODY), find_blobs(mask), mask_of(walker)).any()
+
+
+def test_place_that_a_person_leaves_is_told_from_the_person_and_another_in_the_blob_is_not_uncovered():
+    person = slice(20, 45), slice(38, 48)  # two columns overlap BODY
+    uncovered = find_uncovered(scene(person), scene(BODY), mask_of(BODY, person))
+    assert uncovered[25:40, 31:36].all() and not uncovered[:, 39:].any()
+    assert not find_uncovered(scene(BODY), scene(), mask_of(BODY)).any()
+    assert not find_uncovered(scene(), scene(BODY), FULL).any()
+
+
+def test_still_blobs_are_those_in_which_nothing_has_moved():
+    still = find_still(find_blobs(mask_of(BODY, BESIDE)), mask_of(BESIDE))
+    np.testing.assert_array_equal(still, mask_of(BODY))
+
+
+def test_background_luma_is_the_luma_of_the_first_images():
+    foreground = Foreground(ForegroundParams(), GHOST_SHAPE)
+    for k in range(5):
+        foreground.update(scene(BODY), None, k / 10)
+    np.testing.assert_allclose(foreground.background_luma(), scene(BODY), atol=1)
+
+
+def test_person_there_at_the_start_leaves_no_ghost_even_if_a_tracker_protects_it():
+    camera = ImageStages(SingleCameraParams(), GHOST_SHAPE[::-1])
+    protected = np.ones(GHOST_SHAPE, np.uint8)  # PERSON everywhere: nothing would be learned
+    masks = []
+    for k in range(60):
+        image = np.repeat(scene(BODY)[:, :, None] if k < 5 else scene()[:, :, None], 3, axis=2)
+        masks.append(camera.view(VideoFrame(k, k / 10, image), protected if k >= 5 else None).foreground)
+    assert not any(mask[BODY].any() for mask in masks)
+
+
+def test_diagonal_neighbours_are_one_blob_and_others_two() -> None:
+    mask = np.array([[7, 0, 0, 0, 9], [0, 7, 0, 0, 9], [0, 0, 0, 0, 0]], np.uint8)
+    blobs = find_blobs(mask)
+    assert blobs.labels.tolist() == [[1, 0, 0, 0, 2], [0, 1, 0, 0, 2], [0, 0, 0, 0, 0]]
+    assert blobs.area_px.tolist() == [11, 2, 2]
+    assert blobs.box_px[1:].tolist() == [[0, 0, 2, 2], [4, 0, 1, 2]]
+
+
+@pytest.mark.parametrize("value", [0, 255])
+def test_label_0_is_the_background_where_there_are_no_blobs_or_nothing_else(value: int) -> None:
+    blobs = find_blobs(np.full((4, 6), value, np.uint8))
+    assert blobs.area_px.tolist() == ([24] if value == 0 else [0, 24])
+    assert (blobs.labels == (value > 0)).all()
