@@ -1,4 +1,5 @@
-"""Code blocks of README.md and docs/ run, or stand in ``tools/typed.py`` with the reason; all commands are parsed."""
+"""Python and rules of docs/ are taken as they stand, commands are parsed; ``make commands`` runs these, and
+test_examples.py the example of README.md."""
 
 import re
 import shutil
@@ -9,7 +10,7 @@ from short_clip import ROOT
 
 from planview.cli import main, make_app
 from planview.counting.rules import load_rules
-from tools.typed import CANNOT_RUN, PAGES, blocks, cannot_run, commands, words
+from tools.typed import CANNOT_RUN, PAGES, RULES, blocks, commands, words
 
 ALL = sorted(
     {command for page in PAGES for language, text in blocks(page) if not language for command in commands(text)}
@@ -17,10 +18,7 @@ ALL = sorted(
 WITH_BLOCKS = [
     page
     for page in PAGES
-    if any(
-        language == "python" or (not language and not all(map(cannot_run, commands(text))))
-        for language, text in blocks(page)
-    )
+    if page.name != "README.md" and any(language in ("python", "toml") for language, _ in blocks(page))
 ]
 
 
@@ -52,17 +50,17 @@ def run_folder(short_clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
     shutil.copytree(short_clip / "data", folder / "data")
     shutil.copytree(folder / "data" / "synthetic" / "demo", folder / "my_recording")
     shutil.copy(folder / "my_recording" / "truth.csv", folder)
-    with pytest.raises(SystemExit) as done:
-        main(["run", str(folder / "my_recording"), "--out", str(folder / "out")])
-    assert not done.value.code
-    rules = '[[tripwire]]\nname = "door"\nfrom_m = [-2, 4]\nto_m = [2, 4]\n'
-    for name in ("rules.toml", "other.toml"):
-        (folder / name).write_text(rules)
+    run, tracks = folder / "out", folder / "tracks_pedpy.txt"
+    for argv in (["run", folder / "my_recording", "--out", run], ["export", run, "--to", "pedpy", "--out", tracks]):
+        with pytest.raises(SystemExit) as done:
+            main(list(map(str, argv)))
+        assert not done.value.code
+    (folder / "rules.toml").write_text(RULES)
     return folder
 
 
 @pytest.mark.parametrize("page", WITH_BLOCKS, ids=lambda page: page.name)
-def test_code_blocks_of_a_page_run(page: Path, run_folder: Path, tmp_path: Path, monkeypatch) -> None:
+def test_python_and_rules_of_a_page_are_taken(page: Path, run_folder: Path, tmp_path: Path, monkeypatch) -> None:
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -77,16 +75,3 @@ def test_code_blocks_of_a_page_run(page: Path, run_folder: Path, tmp_path: Path,
             name = "rules.toml" if "from_m" in text else "rules_px.toml"  # the clip has fewer pixels than the example
             Path(name).write_text(text)
             assert load_rules(Path(name))
-        elif not language:
-            for command in commands(text):
-                if not cannot_run(command):
-                    run(command)
-
-
-def run(command: str) -> None:
-    """Run a command of the documents, whose new folder may be there from the page before."""
-    if command.startswith("planview run"):
-        shutil.rmtree(words(command)[words(command).index("--out") + 1], ignore_errors=True)
-    with pytest.raises(SystemExit) as done:
-        main(words(command))
-    assert not done.value.code, command

@@ -1,7 +1,6 @@
 """Every program of examples/ and of the README runs, on a part of the committed clip."""
 
 import json
-import re
 import runpy
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +8,8 @@ from typing import Any
 
 import pytest
 from short_clip import KEPT, ROOT
+
+from tools.typed import blocks
 
 EXAMPLES = ROOT / "examples"
 FRAMES = 22
@@ -59,18 +60,9 @@ def test_cells_of_the_notebook_run_in_order(short_clip: Path, monkeypatch: pytes
     assert set(names["table"].columns) >= {"frame", "id", "x_m", "y_m", "state"}
 
 
-def examples() -> list[str]:
-    readme = ROOT / "README.md"
-    return re.findall(r"^```python\n(.*?)^```", readme.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
-
-
-def test_the_readme_has_an_example():
-    assert examples()
-
-
-@pytest.mark.parametrize("example", examples())
-def test_the_example_prints_people(example, short_clip, monkeypatch, capsys):
+def test_the_example_of_the_readme_prints_people(short_clip, monkeypatch, capsys):
     monkeypatch.chdir(short_clip)
+    (example,) = (text for language, text in blocks(ROOT / "README.md") if language == "python")
     exec(compile(example, "README.md", "exec"), {"__name__": "__main__"})
     rows = [[float(word) for word in line.split()] for line in capsys.readouterr().out.splitlines()]
     assert len(rows) > 5

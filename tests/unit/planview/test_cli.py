@@ -118,15 +118,6 @@ def test_completion_knows_the_options_of_commands(capsys):
 
 ROOT = Path(__file__).resolve().parents[3]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-LINES = sorted({found.split("#")[0].strip() for found in re.findall(r"^planview .*", README, re.MULTILINE)})
-
-
-@pytest.mark.parametrize("line", LINES)
-def test_a_command_of_the_readme_has_the_options_that_are_shown(line, capsys):
-    words = line.split()[1:]
-    assert status_of([*words[: 2 if words[0] == "calibrate" else 1], "--help"]) == 0
-    helped = capsys.readouterr().out
-    assert all(word in helped for word in words if word.startswith("--"))
 
 
 def test_the_readme_can_be_read_in_four_minutes():
