@@ -21,14 +21,7 @@ from calib.errors import WorkError
 from planview.counting.stream import Analytics
 from planview.counting.totals import Counts, Span
 from planview.engine.engine import Engine, FrameResult
-from planview.output.folder import (
-    RunInfo,
-    SkippedFrame,
-    folder_lock,
-    prepare_folder,
-    write_result,
-    write_run_info,
-)
+from planview.output.folder import RunInfo, SkippedFrame, folder_lock, prepare_folder, write_result, write_run_info
 from planview.output.resume import (
     Checkpoint,
     calibration_key,

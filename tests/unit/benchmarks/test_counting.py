@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.__main__ import main_benchmarks as main
-from benchmarks.counting import (
-    RULES,
-    SINGLE,
-    count_frames,
-    full_truth,
-    score_rows,
-    strict_accuracy,
-    view_rules,
-)
+from benchmarks.counting import RULES, SINGLE, count_frames, full_truth, score_rows, strict_accuracy, view_rules
 from benchmarks.options import scene_files
 from benchmarks.peaks import PeakTracker, peaks
 from benchmarks.random_scenes.generator import VIEWS, random_scene

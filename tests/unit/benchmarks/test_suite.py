@@ -12,14 +12,7 @@ from benchmarks.passes import Pass, together
 from benchmarks.pets import score_pets, spread
 from benchmarks.random_scenes.generator import SUITE, random_scene
 from benchmarks.real import WALKER_PATH, recordings_with_truth, score_real, truth_of
-from benchmarks.suite import (
-    SuiteJob,
-    SuiteOptions,
-    chosen_files,
-    judged_truth,
-    run_job,
-    suite,
-)
+from benchmarks.suite import SuiteJob, SuiteOptions, chosen_files, judged_truth, run_job, suite
 from calib.errors import InputError
 from planview.engine.config import Config, load_config
 from planview.synthetic.steps import Cartwheel

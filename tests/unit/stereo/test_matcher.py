@@ -11,12 +11,7 @@ from calib.rig import Floor, world_from_plane
 from calib.types import U8
 from stereo import _kernels
 from stereo.depth import RectifiedGeometry
-from stereo.matcher import (
-    DisparityRange,
-    RangeParams,
-    SgbmMatcher,
-    disparity_range,
-)
+from stereo.matcher import DisparityRange, RangeParams, SgbmMatcher, disparity_range
 from stereo.rectify import Rectifier
 
 GEOMETRY = RectifiedGeometry(320, 240, 230.0, 230.0, 159.5, 119.5, 0.12)

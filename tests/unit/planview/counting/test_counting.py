@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from calib.camera import Camera
 from calib.errors import InputError
@@ -158,26 +156,6 @@ def test_depth_in_an_outline_is_the_distance_to_it_with_a_sign():
     outside, inside = Outline(notched).depth(np.array([2.0, 0.5]), np.array([2.0, 1.0]))
     assert outside < 0 < inside
     assert "cross or touch" in problem_of(np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 2.0]]))
-
-
-_json = st.recursive(
-    st.none() | st.booleans() | st.integers(-5, 5) | st.floats() | st.text(max_size=3),
-    lambda inner: (
-        st.lists(inner, max_size=4) | st.dictionaries(st.sampled_from(["name", "from_m", "to_m", "x"]), inner)
-    ),
-    max_leaves=8,
-)
-
-
-@settings(max_examples=80, deadline=None)
-@given(st.dictionaries(st.sampled_from(["tripwire", "zone", "queue", "x"]), _json, max_size=3))
-def test_wild_rules_are_accepted_or_refused(data: dict[str, object]) -> None:
-    try:
-        rules = parse_rules(data, RulePlane(), "r")
-    except InputError as error:
-        assert str(error).startswith("r")  # noqa: PT017
-    else:
-        assert rules.names
 
 
 @pytest.mark.parametrize("name", ["=HYPERLINK(1)", "@door", "-1+1", "+door", "a\tb", "a\x1b[31m"])

@@ -13,7 +13,7 @@ from planview.counting.rules import AnalyticsParams, RulePlane, load_rules, pars
 from planview.counting.stream import Analytics
 from planview.counting.totals import Clock, Counts, count_tracks, count_truth
 from planview.trajectories.state import State, TrackState
-from planview.trajectories.table import Trajectories, positions_table, write_table
+from planview.trajectories.table import Trajectories, positions_table
 
 WIRE = {"name": "door", "from_m": [0, 0], "to_m": [2, 0]}  # from left to right: its left side is y > 0
 ZONE = {"name": "room", "polygon_m": [[0, 0], [4, 0], [4, 4], [0, 4]]}
@@ -226,15 +226,3 @@ def test_walking_up_the_image_is_in(tmp_path):
     up = positions_table(frame, np.ones(40, dtype=np.int64), np.full((40, 2), np.nan), None, 0.1 * frame, box)
     edge = count_tracks(up, load_rules(tmp_path / "rules.toml")).to_json()["rules"]["platform edge"]
     assert (edge["in"], edge["out"]) == (1, 0)
-
-
-def test_the_program_runs(nearer, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "rules.toml").write_text(METRES)
-    (tmp_path / "out").mkdir()
-    with (tmp_path / "out" / "tracks.csv").open("w") as file:
-        write_table(file, nearer)
-    found = re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    assert found
-    exec(found.group(1), {})
-    assert "'door'" in capsys.readouterr().out

@@ -11,16 +11,7 @@ from hypothesis.extra import numpy as hnp
 from calib.ground_camera import GroundCamera
 from planview.tracking.ellipse_particle.fit import cover, fit_ellipses, inside, own_gains, painted, refine, slopes
 from planview.tracking.ellipse_particle.params import ParticleFilterParams
-from planview.tracking.ellipse_particle.particles import (
-    ANGLE,
-    LN_A,
-    VX,
-    ParticleFilter,
-    X,
-    Y,
-    ellipses_of,
-    overlaps,
-)
+from planview.tracking.ellipse_particle.particles import ANGLE, LN_A, VX, ParticleFilter, X, Y, ellipses_of, overlaps
 from planview.tracking.ellipse_particle.size import Size, SizeLearner, log_density, size_of_camera
 
 FIT_SHAPE = (80, 120)
