@@ -127,6 +127,8 @@ def _tried(frame: Explanation, birth_evidence: float, people: People, points: F6
     log_odds = BORN_LOG_ODDS + 0.25 * min(worth, EVIDENCE_MAX)
     person = Person.born(pose, *samples.noise(pose, curvature), log_odds, now_s)
     person.evidence, person.share = worth, mine / max(known, 1e-6)
+    if not frame.shows_height(pose, *trial.tall[n]):
+        person.height_m = body.HEIGHT_MEAN_M
     if frame.coloured:
         owner = np.zeros(len(points), np.int64)
         person.learn_colours(colour_counts(1, owner, points[:, 2] / person.height_m, points[:, 4].astype(np.uint8))[0])

@@ -192,6 +192,12 @@ class Explanation:
                 return True
         return False
 
+    def shows_height(self, pose: F64, tall_m: float, std_m: float) -> bool:
+        """Whether the head of a pose is in view and, of one much lower than somebody ``tall_m``, that one's too: else
+        what is in view may be the legs of anybody."""
+        is_low = float(pose[2]) < tall_m - 2.0 * std_m
+        return self.in_view(pose) and (not is_low or self.in_view(np.array([*pose[:2], tall_m])))
+
     def touching(self, poses: F64) -> Bool:
         """(N, N) whether two people may be on one ray of a camera; all with themselves."""
         touch = np.eye(len(poses), dtype=np.bool_)

@@ -13,7 +13,7 @@ import numpy as np
 from calib.types import F32, F64, I64, U8
 from planview.maps.colour import CODES, smoothing
 from planview.maps.view import View
-from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M, SIDEWARD_RAD, STROLL_MPS, TURNING_RAD2_PS
+from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M, LEAN_STD_M, SIDEWARD_RAD, STROLL_MPS, TURNING_RAD2_PS
 from planview.tracking.joint.explanation import People
 from planview.tracking.joint.samples import LEGS_TO, PARTS, TORSO_TO, Known
 from planview.tracking.kalman import FloorKalman
@@ -27,6 +27,8 @@ FACING_STD_MAX_RAD, AHEAD_MIN = 1.0, 1.0
 """Facing is reported when its deviation [rad] and the log-odds of facing ahead are better."""
 AHEAD_MAX = 4.0
 """Facing is never surer than this to be ahead rather than back to front [log-odds]."""
+LEANING_M2_PS = 0.02
+"""Variance of the change of a lean within a second [m^2/s]."""
 GAIT_M = 0.03
 """A head bobs while walking [m]."""
 LOOK_STD_M = 0.08
@@ -53,7 +55,7 @@ class Person:
         height_m, height_var: of the head's top now [m], and its variance.
         facing, facing_var: where the chest points, counterclockwise from x [rad], and its variance.
         ahead: log-odds of facing so rather than the other way, which looks nearly the same.
-        lean_m: head before the feet [m].
+        lean_m, lean_var: head before the feet [m], and its variance.
         log_odds: of existence.
         seen_s: time of the last look that measured the place.
         seen: place and speed then.
@@ -91,6 +93,7 @@ class Person:
     facing_var: float = ANY_FACING
     ahead: float = 0.0
     lean_m: float = 0.0
+    lean_var: float = LEAN_STD_M**2
     tall_m: float = HEIGHT_MEAN_M
     tall_var: float = HEIGHT_STD_M**2
     born_s: float = 0.0
@@ -158,20 +161,22 @@ class Person:
         return math.degrees(self.facing) if known else math.nan
 
     def predict_facing(self, dt: float) -> None:
-        """Where a person faces is known less surely after dt [s]."""
+        """Where a person faces and leans is known less surely after dt [s]."""
         self.facing_var = min(self.facing_var + TURNING_RAD2_PS * dt, ANY_FACING)
+        self.lean_var = min(self.lean_var + LEANING_M2_PS * dt, LEAN_STD_M**2)
 
-    def measure_facing(self, pose: F64, curvature: float, looks: float) -> None:
-        """Take over how a pose faces and leans; ``curvature`` of Lam [1/rad^2], which counts as so many looks."""
-        if curvature == 0.0:  # seen so that a body looks the same from everywhere
+    def measure_facing(self, pose: F64, curvature: F64, looks: float) -> None:
+        """Take over how a pose faces and leans; ``curvature`` (2,) of Lam in both, which counts as so many looks."""
+        if curvature[0] == 0.0:  # seen so that a body looks the same from everywhere
             return
         prior, facing = self.prior, float(pose[3])
         turned = math.cos(facing - self.facing)
         ahead = 2.0 * prior.walk * math.cos(facing - prior.heading)
         self.ahead = max(-AHEAD_MAX, min(AHEAD_MAX, (self.ahead if turned > 0 else -self.ahead) + looks * ahead))
-        information = 1.0 / self.facing_var + looks * (max(curvature, 0.0) + prior.walk)
+        information = 1.0 / self.facing_var + looks * (max(float(curvature[0]), 0.0) + prior.walk)
         self.facing, self.facing_var = math.remainder(facing, 2.0 * math.pi), 1.0 / information
-        self.lean_m = float(pose[4])
+        gain, before = 1.0 - 1.0 / (1.0 + looks * max(float(curvature[1]), 0.0) * self.lean_var), self.lean_m * turned
+        self.lean_m, self.lean_var = max(before + gain * (float(pose[4]) - before), 0.0), self.lean_var * (1.0 - gain)
 
     @property
     def existence(self) -> float:

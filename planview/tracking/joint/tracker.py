@@ -95,7 +95,7 @@ class ExplainingTracker(Generic[P, Q]):
             noise = noise + STEP_STD_M**2 * np.eye(2)
         person.kalman = person.kalman.found_at(pose[:2], noise, body.SPEED_MAX_MPS)
         looks = min(1.0, dt / self.params.errors_s)
-        person.measure_facing(pose, float(curvature[3]), looks)
+        person.measure_facing(pose, curvature[3:5], looks)
         if person.head_in_view:
             person.height_m, person.height_var = float(pose[2]), 1.0 / (1.0 / person.height_var + up * looks)
         else:  # whatever is in view, nobody's height shows without the head
@@ -253,7 +253,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             (mine, known, total), others = seen[i].tolist(), np.flatnonzero(touch[i])
             person.inside, person.known = min(1.0, total / frame.whole_patches(pose)), known / total if total else 1.0
             person.share, person.patches = mine / max(known, TINY) * min(1.0, 1.25 * person.inside), total
-            person.head_in_view = frame.in_view(pose)
+            person.head_in_view = frame.shows_height(pose, person.height_m, person.upright[1])
             visible = person.share >= self.params.visible_min
             if not person.confirmed:
                 mine_alone = samples.person(i)

@@ -167,8 +167,25 @@ def test_a_place_is_known_to_half_a_step_while_the_head_is_out_of_view(head_in_v
     person.kalman = FloorKalman.measured(np.zeros(2), 25.0 * np.eye(2), 1.0)  # hardly known before
     person.head_in_view = head_in_view
     samples = SimpleNamespace(noise=lambda pose, curvature: (0.02**2 * np.eye(2), 0.0))
-    tracker._measure(person, samples, upright((0.1, 0.0, 1.7)), np.zeros(4), 0.1)
+    tracker._measure(person, samples, upright((0.1, 0.0, 1.7)), np.zeros(6), 0.1)
     assert person.kalman.position_std_m == pytest.approx(std_m, rel=0.02)
+
+
+def test_legs_alone_are_as_tall_as_anybody():
+    low = oblique_camera(height_m=1.0, tilt_deg=75.0)
+    tracker = JointTracker()
+    for n in range(12):
+        states = tracker.update(observed(n, n / 15, look_at(low, [(-0.5 + 0.08 * n, 1.2, 1.75)] if n > 2 else [])))
+    assert [s.height_m for s in states] == [pytest.approx(body.HEIGHT_MEAN_M)]
+
+
+def test_height_shows_where_the_head_is_in_view_and_nobody_taller_could_be():
+    view = look_at(oblique_camera(height_m=1.0, tilt_deg=75.0), [])
+    frame = Explanation([view], likelihood_of_ranges(JointParams()))
+    near, far = upright((0.0, 1.2, 0.8)), upright((0.0, 6.0, 0.8))
+    assert frame.in_view(near) and not frame.shows_height(near, 1.7, 0.12)  # the head of 1.7 m would be above the view
+    assert frame.shows_height(near, 0.85, 0.12)  # of somebody known to sit
+    assert frame.shows_height(far, 1.7, 0.12)
 
 
 def test_who_enters_far_from_where_another_left_is_someone_else():
@@ -393,6 +410,15 @@ def test_which_way_somebody_faces_is_not_known_before_they_walk():
 def test_a_lean_moves_the_head_and_not_the_feet():
     person = Person.born(np.array([1.0, 2.0, 1.7, np.pi / 2, 0.2]), 1e-3 * np.eye(2), 100.0, 4.0, 0.0)
     assert person.at_m == pytest.approx((1.0, 2.0)) and person.head_m == pytest.approx((1.0, 2.2))
+
+
+def test_a_lean_follows_what_is_seen_of_it():
+    person = Person.born(np.array([0.0, 0.0, 1.7, 0.0, 0.0]), 1e-3 * np.eye(2), 100.0, 4.0, 0.0)
+    leaning, as_before = np.array([0.0, 0.0, 1.7, 0.0, 0.15]), body.LEAN_STD_M**-2
+    person.measure_facing(leaning, np.array([50.0, as_before]), 1.0)  # as well seen as it was known
+    assert person.lean_m == pytest.approx(0.075)
+    person.measure_facing(leaning, np.array([50.0, 0.0]), 1.0)  # not seen
+    assert person.lean_m == pytest.approx(0.075)
 
 
 def test_points_of_a_surface_are_fresh_until_they_are_tried_and_again_when_it_moves():
