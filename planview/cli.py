@@ -8,6 +8,7 @@ import re
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
@@ -130,6 +131,15 @@ def _default(value: object) -> str | None:
     return None if value in (None, (), False, "") else str(value)
 
 
+def _note(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int,
+    file: TextIO | None = None, line: str | None = None,
+) -> None:  # fmt: skip
+    """Print our own warnings as sentences, and those of libraries with their place."""
+    own = category is UserWarning
+    print(message if own else warnings.formatwarning(message, category, filename, lineno), file=sys.stderr)
+
+
 def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | None = None) -> None:
     """Run a command; exit status 0 done, 1 the work failed, 2 wrong usage or bad input, 130 interrupted."""
     from calib.errors import InputError, WorkError
@@ -139,6 +149,7 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
     if argv is None:
         sys.stderr = cast(TextIO, UnheardOutput(sys.stderr))
     _stop_on_signals()
+    warnings.showwarning = _note
     try:
         _refuse_empty(words)
         (make or make_app)(words)(words, exit_on_error=False, print_error=False)

@@ -133,9 +133,6 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
     files = load_file(pair.tracks), load_file(pair.truth, truth=True)
     found, true = (file.table for file in files)
     console = PlainConsole(stderr=True, soft_wrap=True)
-    for path, file in zip((pair.tracks, pair.truth), files, strict=True):
-        if file.note:
-            console.print(f"{path}: {file.note}")
     if len(found) and len(true):
         (first, last), (begin, end) = ((int(t.frame.min()), int(t.frame.max())) for t in (found, true))
         if begin > last or end < first:

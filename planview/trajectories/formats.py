@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import re
+import warnings
 import zlib
 from collections.abc import Callable
 from functools import partial
@@ -60,8 +61,15 @@ def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
     Vadere, Pathfinder, crowdit, Viswalk, Ped Data Archive, JuPedSim, Parquet, JSON lines.
 
     Rows without times get them from the frame rate, where the file gives one; ground truth is read as such with
-    ``truth``. Raises InputError: unreadable or none of these.
+    ``truth``. Warns of what was assumed or left out. Raises InputError: unreadable or none of these.
     """
+    file = _load(path, truth)
+    if file.note:
+        warnings.warn(f"{path}: {file.note}", stacklevel=2)
+    return file
+
+
+def _load(path: Path, truth: bool) -> TrajectoryFile:
     require_file(path, "trajectories")
     try:
         with path.open("rb") as file:
@@ -86,7 +94,7 @@ def _unpacked(path: Path, truth: bool) -> TrajectoryFile:
             with gzip.open(path) as packed, inner.open("wb") as out:
                 while (part := packed.read(1 << 20)) and out.tell() < MAX_UNPACKED_BYTES:
                     out.write(part)
-            return load_file(inner, truth=truth)
+            return _load(inner, truth)
         except (OSError, EOFError, zlib.error) as error:
             raise InputError(f"{path}: expected trajectories, found a damaged archive ({reason(error)})") from error
         except InputError as error:

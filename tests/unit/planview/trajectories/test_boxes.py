@@ -1,6 +1,7 @@
 """Rows of boxes: MOTChallenge, PETS, VisDrone, and what detectors found."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -134,6 +135,40 @@ def test_rows_with_inf_or_nan_are_left_out_and_counted(tmp_path: Path) -> None:
     path = written(tmp_path, f"1,1,{BOX},1\n1,2,nan,20,30,60,1\n2,1,10,inf,30,60,1\n")
     assert len(load_tracks(path)) == len(load_detections(path).at(0)) == 1
     assert load_file(path).note == load_detections(path).note == "2 of 3 rows hold inf or NaN and are left out"
+
+
+def test_commands_that_read_a_file_print_what_was_left_out_of_it(
+    tmp_path: Path, cli: Callable[..., tuple[int, str]]
+) -> None:
+    path = written(tmp_path, f"1,1,{BOX},1,0.5,2\n2,1,{BOX},1,0.6,2\n3,1,nan,20,30,60,1,0.7,2\n")
+    rules = tmp_path / "rules.toml"
+    rules.write_text('[[tripwire]]\nname = "a"\nfrom_m = [0.55, 0]\nto_m = [0.55, 3]\n')
+    note = f"{path}: 1 of 3 rows hold inf or NaN and are left out"
+    for words in (
+        ("count", path, "--rules", rules), ("export", path, "--to", "csv", "--out", tmp_path / "a.csv"),
+        ("evaluate", path, path, "--fps", 10),
+    ):  # fmt: skip
+        status, printed = cli(*words)
+        assert status == 0 and note in " ".join(printed.split()), printed
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "frame,id,bb_left,bb_top,bb_width,bb_height,conf,x,y,z\n1,7,10.5,20,30,60,0.5,-1,-1,-1\n",
+        "track_id;frame;x;y;w;h\n7;1;10,5;20;30;60\n",
+        "1;7;10,5;20;30;60;0,5\n",
+    ],
+)
+def test_boxes_are_read_with_a_line_of_names_in_any_order_and_with_decimal_commas(tmp_path: Path, text: str) -> None:
+    table = load_tracks(written(tmp_path, text))
+    assert table.frame.tolist() == [0] and table.track_id.tolist() == [7]
+    assert table.box_px.tolist() == [[10.5, 20.0, 30.0, 60.0]]
+
+
+def test_boxes_without_ids_are_no_tracks(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="found -1 in all: detections, not tracks"):
+        load_tracks(written(tmp_path, f"1,-1,{BOX},1\n1,-1,{BOX},1\n"))
 
 
 def test_boxes_of_minus_one_are_unknown(tmp_path: Path) -> None:
