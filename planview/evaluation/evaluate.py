@@ -29,6 +29,8 @@ from planview.evaluation.significant import (
 )
 from planview.trajectories.table import Trajectories, frame_period_s, frame_step, people_of, rows_by_id
 
+SHIFT_MAX = 30
+"""Farthest that truth and tracks are moved against each other [frames]."""
 SHIFTED = 0.85
 """Share of the error, without which truth and tracks may just as well count frames alike."""
 
@@ -173,15 +175,20 @@ def _of_some_frames(tracks: Trajectories, truth: Trajectories, params: Evaluatio
 
 
 def _shift(truth: Trajectories, tracks: Trajectories, similarity: Similarity) -> int:
-    """The frames, -1 or 1, by which tracks have to be moved for a median error below SHIFTED of what it is, else 0."""
-    errors = {}
-    for shift in (0, -1, 1):
+    """The frames by which tracks have to be moved for a median error below SHIFTED of what it is, else 0; from frame to
+    frame while it falls."""
+
+    def error(shift: int) -> float:
         pairs = build_sequence(truth, replace(tracks, frame=tracks.frame + shift), similarity)
         nearest = np.zeros(pairs.truth_rows)
         np.maximum.at(nearest, pairs.pair_truth, pairs.similarity)
-        errors[shift] = 1.0 - float(np.median(nearest[nearest > 0])) if nearest.any() else 1.0
-    best = min(errors, key=lambda shift: errors[shift])
-    return best if errors[best] < SHIFTED * errors[0] else 0
+        return 1.0 - float(np.median(nearest[nearest > 0])) if nearest.any() else 1.0
+
+    best, least = 0, (whole := error(0))
+    for step in (-1, 1):
+        while abs(best) < SHIFT_MAX and (moved := error(best + step)) < least:
+            best, least = best + step, moved
+    return best if least < SHIFTED * whole else 0
 
 
 def _prediction_histories(

@@ -118,7 +118,7 @@ class Evaluation:
         duration_s: time scored [s].
         tracked_people: tracks that count as people (``people_of``), near somebody or not.
         track_frames, covered_frames: frames with confirmed tracks, and those of them in which the truth has rows.
-        shift: frames, -1 or 1, by which the tracks have to be moved to lie clearly nearer to the truth, else 0.
+        shift: frames by which the tracks have to be moved to lie clearly nearer to the truth, else 0.
         alignment: the motion applied, if asked for.
         left_out_frames: frames with confirmed tracks between those that a truth of only some frames has.
         unplaced_rows: truth rows and confirmed rows without what they are matched on, which are left out.
@@ -192,7 +192,8 @@ class Evaluation:
         if self.covered_frames and self.sequence.track_rows and not len(self.clear.matches):
             return "no track is near any truth row: another unit, swapped axes, or a world frame to align"
         if self.shift:
-            return f"tracks moved by {self.shift:+d} frame fit clearly better: do both count frames from one number?"
+            frames = f"{self.shift:+d} frame{'s' * (abs(self.shift) > 1)}"
+            return f"tracks moved by {frames} fit clearly better: do both count frames from one number?"
         if 2 * self.covered_frames >= self.track_frames:
             return ""
         return (

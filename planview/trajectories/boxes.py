@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,17 +30,36 @@ CORNERS_MIN, CORNERS_SPREAD = 10, 0.5
 """Fewest boxes of a file of corners, and most that right less left may vary as a share of right."""
 
 
+_NAMES = (
+    ("frame", "frame_id", "frame_number", "frame_no", "frame_index"), ("id", "track_id", "trackid", "tid", "identity"),
+    ("left", "bb_left", "bbox_left", "x", "bbox_x", "xmin"), ("top", "bb_top", "bbox_top", "y", "bbox_y", "ymin"),
+    ("width", "w", "bb_width", "bbox_width", "bbox_w"), ("height", "h", "bb_height", "bbox_height", "bbox_h"),
+    ("conf", "confidence", "score"), ("class", "class_id", "cls", "category_id"),
+)  # fmt: skip
+"""Names of the columns in a line before the rows, of which score and class may lack."""
+
+
+def named_columns(line: str) -> list[int]:
+    """Places of frame, id, box, score and class in a line of names; empty of any other line."""
+    names = [name.strip(" \"'").lower() for name in re.split(r"[,;\t]", line.strip())]
+    places = [next((i for i, name in enumerate(names) if name in known), -1) for known in _NAMES]
+    return [] if -1 in places[:6] else [place for place in places if place >= 0]
+
+
 def motchallenge_rows(path: Path, *, of_detector: bool = False) -> F64:
-    """(N, 6 to 10) rows of frame, id, left, top, width, height [px] and more, separated by commas or blanks; NaN where
-    a row is shorter than others, (0, 6) of an empty file. Rows ``of_detector`` are boxes that were found: none is
-    -1. Raises InputError: unreadable, a row of another length, values that are not numbers, or other boxes."""
+    """(N, 6 to 10) rows of frame, id, left, top, width, height [px] and more, separated by commas, blanks, or
+    semicolons with decimal commas; NaN where a row is shorter than others, (0, 6) of an empty file. Before them may be
+    a line of names in any order. Rows ``of_detector`` are boxes that were found: none is -1. Raises InputError:
+    unreadable, a row of another length, values that are not numbers, or other boxes."""
     require_file(path, "rows of numbers")
-    rows, longest = array("d"), 6
+    rows, longest, places = array("d"), 6, list[int]()
     try:
         with path.open(encoding="utf-8-sig") as file:
             for number, line in enumerate(file, 1):
+                if not rows and not places and (places := named_columns(line)):
+                    continue
                 if line.strip() and not line.startswith("#"):
-                    values = _row(path, number, line, of_detector)
+                    values = _row(path, number, line, of_detector, places)
                     longest = max(longest, len(values))
                     rows.extend(values + [math.nan] * (10 - len(values)))
     except (OSError, UnicodeDecodeError) as error:
@@ -56,10 +76,12 @@ def _finite(table: F64) -> tuple[F64, str]:
     return table[finite], f"{odd} of {len(table)} rows hold inf or NaN and are left out" if odd else ""
 
 
-def _row(path: Path, number: int, line: str, of_detector: bool) -> list[float]:
+def _row(path: Path, number: int, line: str, of_detector: bool, places: Sequence[int]) -> list[float]:
+    plain = line.replace(",", ".").replace(";", " ") if ";" in line else line.replace(",", " ")
     try:
-        values = [float(cell) for cell in line.replace(",", " ").split()]
-    except ValueError:
+        cells = plain.replace('"', " ").split()
+        values = [float(cells[place]) for place in places] if places else [float(cell) for cell in cells]
+    except (ValueError, IndexError):
         values = []
     expected = f"6 to 10 numbers, {COLUMNS},..."
     good = 6 <= len(values) <= 10
@@ -108,6 +130,8 @@ def read_motchallenge(path: Path, *, truth: bool) -> TrajectoryFile:
     table, note = _finite(motchallenge_rows(path))
     if truth and not len(table):
         raise InputError(f"{path}: expected rows of truth, found none")
+    if len(table) > 1 and (table[:, 1] == -1).all():
+        raise InputError(f"{path}: expected the id of a person in each row, found -1 in all: detections, not tracks")
     from_zero = len(table) > 0 and table[:, 0].min() == 0
     rows = box_columns(table, path, truth=truth)
     columns = dict(zip((*BOX_COLUMNS, "x_m", "y_m"), (*rows.box_px.T, *rows.floor_m.T), strict=True))

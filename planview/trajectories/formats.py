@@ -24,7 +24,7 @@ from planview.trajectories.binary_formats import (
     write_parquet,
     write_ped_data_archive,
 )
-from planview.trajectories.boxes import read_motchallenge, write_motchallenge
+from planview.trajectories.boxes import named_columns, read_motchallenge, write_motchallenge
 from planview.trajectories.file import TrajectoryFile, checked_rate, replaced, surrounding_area, timed_by_rate
 from planview.trajectories.table import Trajectories, frame_period_s, read_tracks, read_truth, write_table
 from planview.trajectories.text_formats import (
@@ -105,13 +105,13 @@ def _load_text(path: Path, first: bytes, truth: bool) -> TrajectoryFile:
     try:
         line = first.decode("utf-8-sig", "ignore" if len(first) == _FIRST_LINE else "strict")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: expected trajectories, found {error}") from error
-    is_table = re.match(r"\s*[-+.\deE]+(?=[\s,]|$)", line) is not None
-    if line.startswith("#") or (is_table and len(line.split()) < 6 and "," not in line):
+        raise InputError(f"{path}: expected text in UTF-8, found another coding, such as UTF-16 of Excel") from error
+    is_table = re.match(r"\s*[-+.\deE]+(?=[\s,;]|$)", line) is not None
+    if line.startswith("#") or (is_table and len(line.split()) < 6 and not set(",;") & set(line)):
         return read_petrack(path)
     if line.startswith("{"):
         return read_jsonl(path)
-    if is_table or not path.stat().st_size:
+    if is_table or named_columns(line) or not path.stat().st_size:
         return read_motchallenge(path, truth=truth)
     return TrajectoryFile(read_truth(path) if truth else read_tracks(path))
 

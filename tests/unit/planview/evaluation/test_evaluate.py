@@ -69,8 +69,9 @@ def test_without_truth_of_facing_walkers_are_compared_with_their_way():
 def test_truth_that_counts_frames_from_1_is_noticed():
     assert evaluate_tracks(walk(x_m=0.01), walk()).shift == 0
     late = walk()
-    result = evaluate_tracks(walk(x_m=0.01), replace(late, frame=late.frame + 1))
-    assert result.shift == 1 and "tracks moved by +1 frame fit clearly better" in result.uncovered
+    for frames, words in ((1, "+1 frame fit"), (4, "+4 frames fit"), (-3, "-3 frames fit")):
+        result = evaluate_tracks(walk(x_m=0.01), replace(late, frame=late.frame + frames))
+        assert result.shift == frames and f"tracks moved by {words} clearly better" in result.uncovered
 
 
 def test_rates_are_over_the_time_scored():
