@@ -30,6 +30,8 @@ CANNOT_RUN = {
     r".*my_program": "pipes into a program of the reader",
 }
 """Commands that are only parsed, and why."""
+SHORT = ["--frames", "60:240"]
+"""What runs are given on top: a part of the clip in which people come and go."""
 RULES = '[[tripwire]]\nname = "door"\nfrom_m = [-2, 4]\nto_m = [2, 4]\n'
 
 
@@ -83,8 +85,9 @@ def main() -> int:
 def _typed(command: str, place: Path) -> tuple[int, str]:
     """Exit status of a command, and the command with what it printed as a block."""
     start_s = time.monotonic()
+    typed = [*words(command), *(SHORT if command.startswith("planview run ") else [])]
     done = subprocess.run(
-        [sys.executable, "-m", "planview", *words(command)], cwd=place, text=True, check=False,
+        [sys.executable, "-m", "planview", *typed], cwd=place, text=True, check=False,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
     )  # fmt: skip
     took = f"exit status {done.returncode}, {time.monotonic() - start_s:.1f} s"
