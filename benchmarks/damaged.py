@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -40,6 +41,13 @@ def _grey(image: AnyArray, rng: Rng) -> AnyArray:
     return image if image.ndim == 2 else cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
 
 
+def _one_level(image: AnyArray, rng: Rng) -> AnyArray:
+    """One grey level more or less on 1 % of the pixels: how much rounding decides."""
+    change = rng.choice([-1, 1], image.shape[:2]) * (rng.uniform(size=image.shape[:2]) < 0.01)
+    levels = image.astype(np.int16) + change.reshape(*image.shape[:2], *[1] * (image.ndim - 2))
+    return np.asarray(np.clip(levels, 0, 255), np.uint8)
+
+
 IMAGES: dict[str, Callable[[AnyArray, Rng], AnyArray]] = {
     "none": lambda image, rng: image,
     "noise": lambda image, rng: rng.integers(0, 256, image.shape, np.uint8),
@@ -50,6 +58,7 @@ IMAGES: dict[str, Callable[[AnyArray, Rng], AnyArray]] = {
     "blurred": lambda image, rng: cv2.GaussianBlur(image, (0, 0), image.shape[1] / 60),
     "grey": _grey,
     "dark-flash": lambda image, rng: (0.15 * image).astype(np.uint8),
+    "one-level": _one_level,
     "every-second-dark": lambda image, rng: (0.5 * image).astype(np.uint8),
 }
 """By kind of damage, an image of any camera after it."""
@@ -76,7 +85,7 @@ def after(frame: Frame, kind: str, rng: Rng) -> Frame:
 
 
 class Damaged:
-    """A recording with damage of ``length`` frames from each of some frames on; all else is that of the recording."""
+    """A recording with damage of ``length`` frames from each of some frames on ("one-level": of all frames)."""
 
     def __init__(self, recording: AnyRecording, kind: str, length: int, starts: Sequence[int]) -> None:
         self._recording, self._kind, self._rng = recording, kind, np.random.default_rng(0)
@@ -88,7 +97,8 @@ class Damaged:
 
     def __iter__(self) -> Iterator[Frame]:
         for frame in self._recording:
-            yield after(frame, self._kind, self._rng) if frame.index in self._hit else frame
+            hit = frame.index in self._hit or self._kind == "one-level"
+            yield after(frame, self._kind, self._rng) if hit else frame
 
 
 @Parameter(name="*")
@@ -116,7 +126,10 @@ class DamagedOptions:
     """Print one JSON object."""
 
 
-def _score(folder: Path, tracker: str, kind: str, length: int, o: DamagedOptions) -> dict[str, Any]:
+def _score(
+    folder: Path, tracker: str, kind: str, length: int, o: DamagedOptions, plain: Trajectories | None
+) -> tuple[dict[str, Any], Trajectories]:
+    """Figures of one run, compared with the tracks of the ``plain`` recording; its tracks."""
     boxes = (folder / "gt.txt").is_file()
     truth: Trajectories = load_truth(folder / "gt.txt") if boxes else truth_of(folder)
     if boxes:
@@ -129,8 +142,18 @@ def _score(folder: Path, tracker: str, kind: str, length: int, o: DamagedOptions
     params = EvaluationParams(match_on="boxes", fps=engine.recording.fps) if boxes else EvaluationParams()
     figures = evaluate_tracks(tracks, truth, params, (0, n - 1)).to_json()
     found = {"significant": sum(figures["significant_errors"].values()), "lasting": figures["strict_identity_changes"]}
-    return {"recording": folder.name, "tracker": tracker, "damage": kind, "frames": length if kind != "none" else 0,
-            **found, **{name: figures[name] for name in ("mota", "idf1")}}  # fmt: skip
+    found |= {"mota": figures["mota"], "idf1": figures["idf1"], **_moved(tracks, plain or tracks)}
+    shown = length if kind != "none" else 0
+    return {"recording": folder.name, "tracker": tracker, "damage": kind, "frames": shown, **found}, tracks
+
+
+def _moved(tracks: Trajectories, plain: Trajectories) -> dict[str, float]:
+    """How far people are from where they are without damage, by frame and id [cm]: median and largest."""
+    mine, theirs = (t.frame * 100_000 + t.track_id for t in (tracks, plain))
+    _, here, there = np.intersect1d(mine, theirs, return_indices=True)
+    moved = 100.0 * np.hypot(tracks.x_m[here] - plain.x_m[there], tracks.y_m[here] - plain.y_m[there])
+    moved = np.append(moved, math.nan) if len(moved) == 0 else moved
+    return {"moved_median_cm": float(np.median(moved)), "moved_most_cm": float(np.max(moved))}
 
 
 def damaged(*, options: DamagedOptions | None = None) -> None:
@@ -147,7 +170,10 @@ def damaged(*, options: DamagedOptions | None = None) -> None:
     for folder in folders:
         single = ("ellipse-particle", "human-model") if o.camera else ("ellipse-particle",)
         for tracker in o.tracker or (single if (folder / "gt.txt").is_file() else ("joint", "template")):
+            plain: Trajectories | None = None
             for kind, length in [("none", 0), *((kind, length) for kind in kinds for length in o.length)]:
                 progress(f"{folder.name}: {tracker}, {kind} {length}")
-                rows.append(_score(folder, tracker, kind, length, o))
+                row, tracks = _score(folder, tracker, kind, length, o, plain)
+                plain = plain or tracks
+                rows.append(row)
     report(o.json_output, scores=rows)
