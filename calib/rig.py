@@ -49,6 +49,8 @@ class RgbdRig:
 
 MAX_BASELINE_M = 5.0
 """Longer baselines mean wrong units: no pair for people is wider than this."""
+MAX_LIKELY_BASELINE_M = 1.0
+"""Longest baseline that a guess at the unit of length may give."""
 MIN_BASELINE_M = 0.005
 
 
@@ -101,8 +103,9 @@ class StereoRig:
         turn, problem = math.degrees(self.right_SE3_left.angle_rad), ""
         if not MIN_BASELINE_M <= baseline_m <= MAX_BASELINE_M:
             cause = "wrong units?" if baseline_m else "the file holds no distance between the cameras"
-            if MIN_BASELINE_M <= baseline_m / 1000 <= MAX_BASELINE_M:
-                cause = f"millimetres? converted with that unit it is {baseline_m / 1000:g} m"
+            units = {"centimetres": baseline_m / 100, "millimetres": baseline_m / 1000}
+            if likely := {unit: m for unit, m in units.items() if MIN_BASELINE_M <= m <= MAX_LIKELY_BASELINE_M}:
+                cause = " or ".join(f"{m:g} m if it is in {unit}" for unit, m in likely.items())
             problem = f"a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, found {baseline_m:g} m ({cause})"
         elif turn > 45.0:  # they share no view worth matching
             problem = f"cameras that look the same way, found {turn:.0f} degrees between them"

@@ -71,6 +71,13 @@ def _files(folder: Path) -> Iterator[Path]:
                 yield path
 
 
+def _config_files(folder: Path) -> list[Path]:
+    """Those that may be meant as a calibration."""
+    return [
+        file for file in _files(folder) if file.suffix.lower() not in (".csv", ".txt") and file.name != "world.toml"
+    ]
+
+
 def _readable(paths: Iterable[Path]) -> Iterator[Source]:
     for path in paths:
         with suppress(InputError):  # folders hold more than calibrations; a file that is not text is none
@@ -103,7 +110,10 @@ def _in_folder(folder: Path) -> Found:
     if len(rigs) == 1:
         return rigs[0]
     if not rigs:
-        what = next(filter(None, map(arrays_text, entries(folder))), "none")
+        seen = [
+            f"{f.name} is {'not of a known format' if f.stat().st_size else 'empty'}" for f in _config_files(folder)
+        ]
+        what = next(filter(None, map(arrays_text, entries(folder))), "none" + f" ({', '.join(seen[:3])})" * bool(seen))
         what = f"only half of a pair ({halves[0][2].path.name})" if halves else what
         what = closed_text(_files(folder)) or what
         raise InputError(f"{folder}: expected a stereo calibration in it, found {what}")

@@ -15,14 +15,23 @@ from calib.formats.base import Choice, Format, Size, Source
 from calib.rig import StereoRig
 from calib.types import F64
 
-_K1 = ("M1", "K1", "cameraMatrix1", "camera_matrix1", "CM1")
-_K2 = ("M2", "K2", "cameraMatrix2", "camera_matrix2", "CM2")
-_D1, _D2 = ("D1", "d1", "distCoeffs1", "dist_coeffs1"), ("D2", "d2", "distCoeffs2", "dist_coeffs2")
+_K1, _K2 = (
+    (f"M{n}", f"K{n}", f"cameraMatrix{n}", f"camera_matrix{n}", f"CM{n}", f"mtx{n}",
+     f"mtx{side}", f"cameraMatrix{side}", f"K_{side.lower()}", f"K_{word}")
+    for n, side, word in ((1, "L", "left"), (2, "R", "right"))
+)  # fmt: skip
+_D1, _D2 = (
+    (f"D{n}", f"d{n}", f"distCoeffs{n}", f"dist_coeffs{n}", f"dist{n}",
+     f"dist{side}", f"distCoeffs{side}", f"D_{side.lower()}", f"D_{word}")
+    for n, side, word in ((1, "L", "left"), (2, "R", "right"))
+)  # fmt: skip
+_R, _T = ("R", "Rot", "rot", "rotation"), ("T", "t", "Trans", "trans", "translation")
+"""Names that OpenCV's samples, calibrators and tutorials give them."""
 _MATRIX = re.compile(rf"<({'|'.join(_K1)})[ >]|^\s*({'|'.join(_K1)})\s*:", re.MULTILINE)
-_TRANSLATION = re.compile(r"<[Tt][ >]|^\s*[Tt]\s*:", re.MULTILINE)
+_TRANSLATION = re.compile(rf"<({'|'.join(_T)})[ >]|^\s*({'|'.join(_T)})\s*:", re.MULTILINE)
 _JSON_MATRIX = re.compile(rf'"({"|".join(_K1)})"\s*:')
 _T_UNITS_M = {"T_m": 1.0, "T_cm": 0.01, "T_mm": 0.001}
-_JSON_TRANSLATION = re.compile(rf'"({"|".join(("T", "t", *_T_UNITS_M))})"\s*:')
+_JSON_TRANSLATION = re.compile(rf'"({"|".join((*_T, *_T_UNITS_M))})"\s*:')
 _P1, _P2 = ("P1", "P1_rect"), ("P2", "P2_rect")
 
 COMMON_SIZES: tuple[Size, ...] = (
@@ -72,8 +81,8 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
         for k, lens, names in zip(matrices, lenses, (_K1, _K2), strict=True)
     )
     key = next((key for key in _T_UNITS_M if key in data), "T")
-    translation = base.numbers_at(data, 3, key, "t") * choice.unit(_T_UNITS_M.get(key, 1.0))
-    return StereoRig(left, right, base.transform(base.numbers_at(data, 9, "R"), translation, "R"), name)
+    translation = base.numbers_at(data, 3, key, *_T) * choice.unit(_T_UNITS_M.get(key, 1.0))
+    return StereoRig(left, right, base.transform(base.numbers_at(data, 9, *_R), translation, "R"), name)
 
 
 def _is_column(value: Any) -> bool:

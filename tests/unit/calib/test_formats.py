@@ -98,9 +98,20 @@ def test_size_that_a_file_lacks_is_taken_from_the_principal_point_with_a_note(tm
     assert rig.left.size == (640, 480) and "taken from the principal points" in rig.source
 
 
+def test_keys_of_tutorials_are_known_and_files_that_are_not_read_are_named(tmp_path):
+    k, t, r = [[450.0, 0, 319.5], [0, 450.0, 239.5], [0, 0, 1]], [-0.1, 0, 0], np.eye(3).tolist()
+    names = {"mtxL": k, "distL": [0] * 5, "mtxR": k, "distR": [0] * 5, "rot": r, "trans": t}
+    (tmp_path / "a.json").write_text(json.dumps(names))
+    assert load_rig(tmp_path).baseline_m == pytest.approx(0.1)
+    (tmp_path / "a.json").write_text(json.dumps({"K": k}))
+    (tmp_path / "rig.toml").write_text("")
+    with pytest.raises(InputError, match=r"none \(a.json is not of a known format, rig.toml is empty\)"):
+        load_rig(tmp_path)
+
+
 def test_millimetres_and_positive_translations_are_refused_with_the_way_out(tmp_path):
     opencv_pair(tmp_path, tx="-100.")
-    with pytest.raises(InputError, match=r"found 100 m \(millimetres\? converted with that unit it is 0.1 m"):
+    with pytest.raises(InputError, match=r"found 100 m \(1 m if it is in centimetres or 0.1 m if it is in milli"):
         load_rig(tmp_path, (640, 480))
     assert load_rig(tmp_path, (640, 480), unit_m=0.001).baseline_m == pytest.approx(0.1)
     opencv_pair(tmp_path, tx="0.1")
