@@ -282,7 +282,9 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
     def _beside(self, i: int, j: int, s: Samples, people: People) -> tuple[float, F64]:
         """Evidence for a person in another's place: both people, compared with the other one alone anywhere nearby, and
         (5,) the pose that this one would have."""
-        poses, tall, ratios = people.poses, people.tall, people.ratios
+        poses, sure, tall, ratios = people.poses, people.sure.copy(), people.tall, people.ratios
+        sure[[i, j]] = 1.0  # both are there, or one is
+        people = People(poses, sure, tall, ratios)
         rest = np.array([k for k in range(len(poses)) if k not in (i, j)], dtype=np.int64)
         near = np.append(rest, (i, j))  # one alone has arms as well
         s.layer(people, rest, near)
