@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import cv2
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import MofNCompleteColumn, Progress
 
 from calib.errors import InputError, WorkError
 from calib.io import reason
@@ -256,31 +256,16 @@ def _run(study_jobs: Sequence[Planned], run_tasks: Tasks, console: Console) -> l
             waiting.setdefault(job.key, {})[i] = job
     jobs = {key: next(iter(alike.values())) for key, alike in waiting.items()}
     maps = {job.maps.key: job.maps for job in jobs.values() if job.maps and not is_done(job.maps)}
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
-        TextColumn("{task.fields[state]}"),
-    )  # fmt: skip
-    with Progress(*columns, console=console) as watch:
-        recording = watch.add_task("plan-view recordings", total=len(maps), state="", visible=bool(maps))
-        bar = watch.add_task("runs", total=len(study_jobs), state="")
-
-        def show() -> None:
-            counts = {"done before": sum(r.reused for r in results.values())}
-            counts["failed"] = sum(bool(r.error) for r in results.values())
-            state = ", ".join(f"{number} {how}" for how, number in counts.items() if number)
-            watch.update(bar, completed=len(results), state=state)
-
-        show()
-        errors: dict[str, str] = {}
-        for done in run_tasks(track, maps):
-            watch.advance(recording)
-            errors[done.key] = done.error
+    errors: dict[str, str] = {}
+    with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), console=console) as watch:
+        if maps:
+            recorded = watch.track(run_tasks(track, maps), len(maps), description="plan-view recordings")
+            errors = {done.key: done.error for done in recorded}
         ready = {key: job for key, job in jobs.items() if not (job.maps and errors.get(job.maps.key))}
         for key in jobs.keys() - ready.keys():
             results |= {i: _result(job, {}, errors[job.maps.key]) for i, job in waiting[key].items() if job.maps}
-        for done in run_tasks(track_and_score, ready):
+        for done in watch.track(run_tasks(track_and_score, ready), len(ready), description="runs"):
             results |= {i: _result(job, done.value or {}, done.error) for i, job in waiting[done.key].items()}
-            show()
     return [results[i] for i in range(len(study_jobs))]
 
 
