@@ -27,7 +27,7 @@ FPS = 7.0
 """Nominal frame rate of the sequence."""
 GAP_FRAMES = 7
 """A person without a match for longer than this many frames is lost: one second."""
-SHOWN = ("truth_rows", "mota", "idf1", "hota", "switches", "misses", "false_positives")
+PRINTED_FIGURES = ("truth_rows", "mota", "idf1", "hota", "switches", "misses", "false_positives")
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class PetsScores(NamedTuple):
             if result is not None:
                 figures = result.to_json()
                 named = {"tracker": self.tracker, "protocol": protocol, "tracked_frames": self.frames}
-                rows.append(named | {name: figures[name] for name in (figures if whole else SHOWN)})
+                rows.append(named | {name: figures[name] for name in (figures if whole else PRINTED_FIGURES)})
         return rows
 
 

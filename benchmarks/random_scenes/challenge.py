@@ -116,7 +116,7 @@ def refuse_too_near(places: Sequence[F64]) -> None:
             raise NoPlaceError(f"people {i + 1} and {j + 1} walk through each other")
 
 
-FAR = (0.0, -60.0)
+OUT_OF_SCENE_M = (0.0, -60.0)
 """Where things wait that a person brings along: outside of everything."""
 COLOURS = ("#703838", "#2c4a70", "#386048", "#3a3a40", "#8a6a30", "#5a4a7a")
 
@@ -171,7 +171,7 @@ def chair(stage: Stage, plan: Choreography) -> Iterator[Role]:
 def bag(stage: Stage, plan: Choreography) -> Iterator[Role]:
     """One person brings a bag or a box and leaves it on the floor; another takes it away."""
     place, kind = stage.spot(0.9), str(stage.rng.choice(("bag", "box")))
-    item = _put(stage, kind, FAR, size_m=(0.3, 0.4, float(stage.rng.uniform(0.3, 0.55))))
+    item = _put(stage, kind, OUT_OF_SCENE_M, size_m=(0.3, 0.4, float(stage.rng.uniform(0.3, 0.55))))
     bringer = Role(stage, plan.begin_s(0), plan.speed_mps, waits=True)
     way = [bringer.behind, bringer.inside, *stage.floor.route(bringer.inside, place)]
     bringer.go(way, carry=item.name)
@@ -193,7 +193,7 @@ def book(stage: Stage, plan: Choreography) -> Iterator[Role]:
     x = float(stage.rng.choice(far)[0])
     shelf_y = min(stage.room.size_m[1] - 0.2, float(far[:, 1].max()) + 0.55)
     stage.put(kind="shelf", at_m=(x, shelf_y), heading_deg=-90.0)
-    item = _put(stage, "box", FAR, 0.08, size_m=(0.22, 0.07, 0.3))
+    item = _put(stage, "box", OUT_OF_SCENE_M, 0.08, size_m=(0.22, 0.07, 0.3))
     at = np.array([x, shelf_y - 0.2 - PUT_M])
     before = at - np.array([0.0, 0.45])
     bringer = Role(stage, plan.begin_s(0), plan.speed_mps, waits=True)

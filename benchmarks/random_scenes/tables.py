@@ -28,7 +28,7 @@ Phenomenon = Literal[
     "30 frames per second", "short baseline", "long baseline", "narrow lens", "wide lens", "automatic exposure",
     "loads",
 ]  # fmt: skip
-"""What a scene may be hard for. Up to "unusual postures": Harville 2002, section 5; the rest is our choice."""
+"""What a scene may be hard for. Up to "unusual postures": Harville 2002, section 5; the rest is ours."""
 
 Plot = Literal[
     "cross", "meet", "stand", "pair", "return", "wander", "cartwheel", "postures",

@@ -23,7 +23,7 @@ ROWS_MAX = 200
 """Configurations in the table, and failed runs; summary.csv has them all."""
 BARS_MAX = 40
 """Configurations in the picture."""
-PALE, DARK = "#9db2cf", "#1f4e9c"
+DOT_COLOUR, MEAN_COLOUR = "#9db2cf", "#1f4e9c"
 
 
 def ranking_plot(ranking: Sequence[Ranked], figure: FigureName) -> bytes:
@@ -31,8 +31,8 @@ def ranking_plot(ranking: Sequence[Ranked], figure: FigureName) -> bytes:
     picture, axes = new_figure(8.0, 1.2 + 0.28 * len(ranking))
     for row, shown in enumerate(ranking):
         estimate = shown.figures[figure]
-        axes.plot([estimate.low, estimate.high], [row, row], color=PALE, linewidth=4, solid_capstyle="butt")
-        axes.plot(estimate.mean, row, marker="o", markersize=5, color=DARK)
+        axes.plot([estimate.low, estimate.high], [row, row], color=DOT_COLOUR, linewidth=4, solid_capstyle="butt")
+        axes.plot(estimate.mean, row, marker="o", markersize=5, color=MEAN_COLOUR)
     labels = [f"{place}. {_short(shown.configuration.label)}" for place, shown in enumerate(ranking, 1)]
     axes.set_yticks(range(len(ranking)), labels, fontsize=8)
     axes.set_ylim(len(ranking) - 0.5, -0.5)
@@ -52,8 +52,8 @@ def parameter_plot(ranking: Sequence[Ranked], name: str, figure: FigureName) -> 
         at = {value: float(place) for place, value in enumerate(sorted(means))}
         axes.set_xticks(list(at.values()), list(map(_short, at)), fontsize=8)
     for value, x in at.items():
-        axes.plot([x] * len(means[value]), means[value], linestyle="", marker="o", markersize=4, color=PALE)
-    axes.plot(list(at.values()), [np.mean(means[value]) for value in at], color=DARK, marker="s", markersize=4)
+        axes.plot([x] * len(means[value]), means[value], linestyle="", marker="o", markersize=4, color=DOT_COLOUR)
+    axes.plot(list(at.values()), [np.mean(means[value]) for value in at], color=MEAN_COLOUR, marker="s", markersize=4)
     axes.set_xlabel(plain_text(name))
     axes.set_ylabel(FIGURES[figure].label)
     return png_bytes(picture)

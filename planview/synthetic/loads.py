@@ -1,6 +1,6 @@
 """What people of a scene carry, push or sit in: one table of parts, which count as the person's silhouette.
 
-Sizes are those of things in shops, our choice: a removal box, a school bag, an umbrella of 1.05 m, a pram with a carry
+Sizes are those of things in shops: a removal box, a school bag, an umbrella of 1.05 m, a pram with a carry
 cot, a wheelchair of 0.4 m seat width, and a child of two years on the arm.
 """
 

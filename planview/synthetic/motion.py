@@ -1,6 +1,6 @@
 """Where people are and what they do over time: steps of the scene, and random walks, as sampled tracks.
 
-Our choice for random walks: ten times a second a wanderer picks the best of a fan of velocities, the sampled velocity
+For random walks, ten times a second a wanderer picks the best of a fan of velocities, the sampled velocity
 obstacles of van den Berg et al. 2008 in their simplest form. It needs no tuning per scene, and people give way, stop
 and pass as pedestrians do.
 """
