@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -15,47 +15,24 @@ from benchmarks.options import JsonFlag, progress, report
 from calib.errors import InputError
 from planview.engine.config import Config
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
-from planview.evaluation.metrics import clear_scores
 from planview.evaluation.result import Evaluation
-from planview.evaluation.sequence import box_similarity, build_sequence
 from planview.output.script import run
 from planview.trajectories.formats import load_truth
-from planview.trajectories.table import Trajectories, rows_by_id
 
 SingleTracker = Literal["human-model", "ellipse-particle"]
 FPS = 7.0
 """Nominal frame rate of the sequence."""
-GAP_FRAMES = 7
-"""A person without a match for longer than this many frames is lost: one second."""
 PRINTED_FIGURES = ("truth_rows", "mota", "idf1", "hota", "switches", "misses", "false_positives")
-
-
-@dataclass(frozen=True)
-class TrackingErrors:
-    """Events over a whole sequence (del-Blanco et al. 2012, table II, counts "tracking errors" undefined)."""
-
-    false_tracks: int
-    """Confirmed tracks that lie on no person in more than half of their frames."""
-    losses: int
-    """Times that a person goes without a match for more than ``GAP_FRAMES`` consecutive frames of the truth, before,
-    between or after the matches; never being found is one loss."""
-    switches: int
-    """Matches of a person with another track than at its last match (CLEAR)."""
-
-    @property
-    def total(self) -> int:
-        return self.false_tracks + self.losses + self.switches
 
 
 class PetsScores(NamedTuple):
     """Scores of one run of one tracker: with boxes at IoU 0.5, and on the floor with a gate of 1 m, after the rigid
-    motion between the two world frames, where tracks have positions; ``errors`` are those of the boxes."""
+    motion between the two world frames, where tracks have positions."""
 
     tracker: SingleTracker
     frames: int
     boxes: Evaluation
     floor: Evaluation | None
-    errors: TrackingErrors
 
     def rows(self, whole: bool) -> list[dict[str, Any]]:
         """A row per protocol, with every figure or the most important ones."""
@@ -69,7 +46,7 @@ class PetsScores(NamedTuple):
 
 
 def spread(runs: Sequence[PetsScores]) -> dict[str, Any]:
-    """Mean, deviation and range of the boxes' MOTA, and means of IDF1 and errors, over several runs."""
+    """Mean, deviation and range of the boxes' MOTA, and the mean of IDF1, over several runs."""
     mota = np.array([math.nan if run.boxes.clear.mota is None else run.boxes.clear.mota for run in runs])
     return {
         "runs": len(runs),
@@ -77,26 +54,7 @@ def spread(runs: Sequence[PetsScores]) -> dict[str, Any]:
         "mota_deviation": float(mota.std()),
         "mota_range": float(np.ptp(mota)),
         "idf1_mean": float(np.mean([run.boxes.idf1 or 0.0 for run in runs])),
-        "errors_mean": float(np.mean([run.errors.total for run in runs])),
     }
-
-
-def tracking_errors(truth: Trajectories, tracks: Trajectories) -> TrackingErrors:
-    """Count false tracks, losses and switches of image boxes at IoU 0.5.
-
-    Args:
-        truth, tracks: sorted by frame, one row per frame and id; only confirmed rows of the tracks count.
-    """
-    tracks = tracks.where(tracks.state == "confirmed")
-    scores = clear_scores(build_sequence(truth, tracks, box_similarity))
-    on_somebody, found = np.zeros(len(tracks), dtype=np.bool_), np.zeros(len(truth), dtype=np.bool_)
-    found[scores.matches[:, 0]] = on_somebody[scores.matches[:, 1]] = True
-    false_tracks = sum(bool(on_somebody[rows].mean() < 0.5) for _, rows in rows_by_id(tracks.track_id))
-    losses = 0
-    for _, rows in rows_by_id(truth.track_id):
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], found[rows], [True]]).astype(np.int8)))
-        losses += int(np.count_nonzero(np.diff(edges)[::2] > GAP_FRAMES))
-    return TrackingErrors(false_tracks, losses, scores.switches)
 
 
 def score_pets(
@@ -121,7 +79,7 @@ def _score(tracker: SingleTracker, folder: Path, camera: Path | None, frames: in
     boxes = evaluate_tracks(tracks, truth, EvaluationParams(match_on="boxes", fps=FPS), (0, n - 1))
     on_floor = EvaluationParams(gate_m=1.0, align=True, fps=FPS)
     floor = None if camera is None else evaluate_tracks(tracks, truth, on_floor, (0, n - 1))
-    return PetsScores(tracker, n, boxes, floor, tracking_errors(truth.where(truth.frame < n), tracks))
+    return PetsScores(tracker, n, boxes, floor)
 
 
 @Parameter(name="*")
@@ -168,6 +126,5 @@ def pets(folder: Path, *, options: PetsOptions | None = None) -> None:
     report(
         o.json_output,
         scores=[row for first, *_ in runs for row in first.rows(whole=o.json_output)],
-        errors=[{"tracker": s.tracker, **asdict(s.errors), "total": s.errors.total} for s, *_ in runs],
         spread=[{"tracker": some[0].tracker, **spread(some)} for some in runs if len(some) > 1],
     )
