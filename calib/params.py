@@ -51,13 +51,14 @@ def first_problem(error: ValidationError, name: Callable[[Location], str] = dott
     first = error.errors()[0]
     where = name(first["loc"])
     if first["type"] == "extra_forbidden":
-        return f"expected only known names, found {where}"
+        return f"unknown name {where}"
     if first["type"] == "missing":
         return f"expected {where}, found none"
     if first["type"] == "value_error":
         problem = str(first["ctx"]["error"])
     else:
-        problem = f"{first['msg'][:1].lower()}{first['msg'][1:]}, found {first['input']!r:.80}"
+        problem = f"{first['msg'].removeprefix('Input ')}, found {first['input']!r:.80}"
+        problem = problem[:1].lower() + problem[1:]
     return f"{where}: {problem}" if where else problem
 
 

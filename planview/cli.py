@@ -211,8 +211,8 @@ def _usage_error(error: CycloptsError) -> str:
     if isinstance(error, MissingArgumentError) and argument is not None:
         command = " ".join(error.command_chain or ())
         shown = argument.names[0] if argument.names else argument.name
-        option = f"{shown} {'FOLDER' if shown == '--out' else 'VALUE'}" if shown.startswith("--") else shown
-        return f"{command} needs {option}"
+        kind = "FOLDER" if shown == "--out" else "FILE" if argument.hint is Path else "VALUE"
+        return f"{command} needs {shown} {kind}" if shown.startswith("--") else f"{command} needs {shown}"
     if isinstance(error, UnusedCliTokensError):
         return f"unexpected argument {' '.join(error.unused_tokens or ())!r}"
     if isinstance(error, CoercionError) and getattr(error.target_type, "__name__", "") in ("float", "int"):

@@ -307,7 +307,7 @@ def _size(text: str | None, video: Video | None, recorded: tuple[int, int] | Non
     sources = {"--image-size": given, "the video": None if video is None else video.size, str(samples): recorded}
     known = [(source, size) for source, size in sources.items() if size is not None]
     if not known:
-        raise InputError("--image-size: expected WxH of the image that the samples were taken in, found nothing")
+        raise InputError("human needs --image-size WxH, the size of the image in which the samples were marked")
     (first, (width, height)), *others = known
     for source, (w, h) in others:
         if (w, h) != (width, height):

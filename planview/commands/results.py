@@ -47,6 +47,8 @@ def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -
     """
     if not folders:
         raise InputError("report needs the folder of a run")
+    for file in filter(Path.is_file, folders):
+        raise InputError(f"{file}: a file; report takes the folder of a run")
     if len(folders) == 1 and out is not None:
         raise InputError("--out is for a page of several runs; the page of one is report.html in its folder")
     if len(folders) == 1:

@@ -94,8 +94,8 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         return packed_layout(path, video, video.parent, source, sampled(source), options)
     except InputError as error:
         if path.is_file() and (sides := pair_in(path.parent)) and path in sides:
-            found = f"one camera of a pair: give its folder, {path.parent}, or one camera another tracker"
-            raise InputError(f"{video}: expected both cameras, found {found}", remedy="tracker") from error
+            ways = f"give the folder of both, {path.parent}, or track it alone"
+            raise InputError(f"{video}: one camera of a pair; {ways}", remedy="tracker") from error
         if (tracks := video_tracks(video)) < 2:
             raise
         way = "ffmpeg -i IN -map 0:v:0 left.mp4 -map 0:v:1 right.mp4 writes each to a file"

@@ -183,8 +183,8 @@ class Table(Params):
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [
-        ({"cell_m": -1.0}, "maps.cell_m: input should be greater than or equal to 0, found -1.0"),
-        ({"cell_m": 1.0, "cel": 2}, "expected only known names, found maps.cel"),
+        ({"cell_m": -1.0}, "maps.cell_m: should be greater than or equal to 0, found -1.0"),
+        ({"cell_m": 1.0, "cel": 2}, "unknown name maps.cel"),
         ({}, "expected maps.cell_m, found none"),
         ({"cell_m": 1.0, "name": "a b"}, "maps.name: expected one word, found 'a b'"),
         ({"cell_m": "x" * 500}, None),

@@ -83,7 +83,7 @@ def test_line_in_the_image_goes_on_beyond_the_border_where_it_ends():
         ("tripwire = []", "at least one [[tripwire]] or [[zone]], found none"),
         ("[[tripwire]\n", "expected a rules.toml, found"),
         ('[[line]]\nname = "a"\n', "tables named tripwire, zone or queue, found 'line'"),
-        ("tripwire = 3\n", "tripwire: input should be a valid list, found 3"),
+        ("tripwire = 3\n", "tripwire: should be a valid list, found 3"),
         ('[[tripwire]]\nname = "a"\nfrom_m = [1, 1]\nto_m = [1, 1]\n', "'a', found a line of zero length"),
         ('[[tripwire]]\nname = "a"\nfrom_m = [1, 1]\n', "from_m and to_m, or from_px and to_px, in tripwire 'a'"),
         ('[[tripwire]]\nname = "a"\n', "found neither"),
