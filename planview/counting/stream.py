@@ -8,6 +8,7 @@ from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+from calib.carried import Carried
 from calib.types import F64
 from planview.counting.events import Event
 from planview.counting.passages import Area, AreaState, Stay, TrackPlaces, Wire, WireState
@@ -64,12 +65,14 @@ class CountedPerson:
         return x1 + gain * (x1 - x0), y1 + gain * (y1 - y0)
 
 
-class Analytics:
+class Analytics(Carried):
     """Tripwires and zones over tracks.
 
     Call ``update`` once per frame, in order; afterwards ``stays`` and the events returned hold everything
     (``planview.counting.totals``). ``people`` has each person once per rule and visit, however often it is crossed.
     """
+
+    CARRIED = "_of_id", "stays", "people"
 
     def __init__(self, rules: Rules, params: AnalyticsParams | None = None) -> None:
         self.rules = rules

@@ -133,9 +133,13 @@ class AnyRecording(Protocol):
 
 
 class Remembers(Protocol):
-    """What is carried from frame to frame."""
+    """What is carried from frame to frame; ``state`` and ``set_state`` are those of ``Carried``."""
 
     def reset(self) -> None: ...
+
+    def state(self) -> dict[str, Any]: ...
+
+    def set_state(self, state: Mapping[str, Any]) -> None: ...
 
 
 class Stages(Protocol):
@@ -210,14 +214,27 @@ class Engine:
             return stereo_floor_info(self.stereo)
         return ground_floor_info(self.camera) if isinstance(self.camera, GroundCamera) else None
 
-    def memory(self) -> dict[str, Remembers]:
-        """By name, the objects that hold all that the engine carries from frame to frame."""
-        return {"tracker": self.tracker, **self.stages.memory()}
-
     def reset(self) -> None:
         """Forget all frames: people, background and feedback."""
-        for part in self.memory().values():
+        self.tracker.reset()
+        for part in self.stages.memory().values():
             part.reset()
+
+    def state(self) -> dict[str, dict[str, Any]]:
+        """By name of the part and of the value, all that is carried from frame to frame. Raises TypeError: a tracker
+        of one's own without ``state``."""
+        return {name: part.state() for name, part in self._memory().items()}
+
+    def set_state(self, state: Mapping[str, Mapping[str, Any]]) -> None:
+        """Go on from the state of an engine made alike."""
+        for name, part in self._memory().items():
+            part.set_state(state[name])
+
+    def _memory(self) -> dict[str, Remembers]:
+        tracker: Any = self.tracker
+        if not (hasattr(tracker, "state") and hasattr(tracker, "set_state")):
+            raise TypeError(f"{type(tracker).__name__} has no state() and set_state()")
+        return {"tracker": tracker, **self.stages.memory()}
 
     def step(self, frame: Frame) -> FrameResult:
         """Track the next frame, of the kind that ``recording`` gives; frames come in order.

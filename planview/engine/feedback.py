@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from calib.carried import Carried
 from calib.types import U8
 from planview.engine.config import FeedbackParams
 from planview.foreground.params import BACKGROUND, PERSON
@@ -23,7 +24,7 @@ GROUND_M = 0.12
 """Foreground lower than this and away from every person is floor under a new light [m]: a shoe's height."""
 
 
-class Feedback:
+class Feedback(Carried):
     """Feedback of the tracker to the foreground model (Harville 2002, ECCV: A Framework for High-Level Feedback).
 
     Remembers which tracks have walked, and paints the mask for the next frame.
@@ -31,6 +32,8 @@ class Feedback:
     Attributes:
         mask: (H, W) uint8, as the last call returned it; None at first.
     """
+
+    CARRIED = "mask", "_origin", "_walked"
 
     def __init__(self, params: FeedbackParams) -> None:
         self.params = params

@@ -10,6 +10,7 @@ from typing import Protocol, runtime_checkable
 import cv2
 import numpy as np
 
+from calib.carried import Carried
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.images import as_grey
@@ -49,9 +50,10 @@ MOTION_INTERVAL_S = 0.12
 about a pixel, whatever the frame rate."""
 
 
-class ImageStages:
+class ImageStages(Carried):
     """Separates the foreground and the motion of one camera: ``Stages``."""
 
+    CARRIED = "_past", "_ghosts", "_moved_s", "_searched_s", "_first_s", "_steadiness"
     ahead = 0
     rigs: Mapping[str, FloorRig] = {}
 
@@ -117,8 +119,8 @@ class ImageStages:
         """Nothing: the tracker is asked for its feedback."""
 
     def memory(self) -> dict[str, Remembers]:
-        """All of it."""
-        return {"one camera": self}
+        """What the foreground learned, and the rest."""
+        return {"foreground": self._foreground, "one camera": self}
 
     def view(self, frame: VideoFrame, feedback: U8 | None = None) -> View:
         """Foreground and motion of one frame; unknown where it shows nothing, as while the camera moves.

@@ -7,6 +7,7 @@ import math
 import cv2
 import numpy as np
 
+from calib.carried import Carried
 from calib.types import F32, U8, AnyArray
 from planview.foreground import _kernels as kernels
 from planview.foreground.gain import Exposure, GainFollower
@@ -44,12 +45,17 @@ TURN_S = 0.13
 where only every fourth frame is written back to memory."""
 
 
-class Foreground:
+class Foreground(Carried):
     """What is not background, learned while watching; a fixed camera is assumed.
 
     Feedback (optional) is an (H, W) uint8 mask of what a tracker knows of the *current* image: NO_FEEDBACK, PERSON
     (learns nothing) or BACKGROUND (learns within settle_s); Harville 2002, ECCV.
     """
+
+    CARRIED = (
+        "shadow", "shows", "_model", "_gain", "_rebased", "_first_s", "_now_s", "_learned_s", "_frame", "_usual",
+        "_shown_s",
+    )  # fmt: skip
 
     def __init__(
         self,

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from calib.carried import Carried
 from calib.pose import SE3
 from calib.types import F32, U8
 from planview.foreground.gain import Exposure
@@ -23,7 +24,7 @@ RENEW_S = 30.0
 """Time after which moved furniture has become background (``ForegroundParams.learning_rate``) [s]."""
 
 
-class KeptBackground:
+class KeptBackground(Carried):
     """How far the background is, measured again every RENEW_S: furniture that hides people rarely moves.
 
     Attributes:

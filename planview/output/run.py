@@ -185,7 +185,11 @@ class _Run:
     def _frames(self, checkpoint: Checkpoint | None) -> Iterator[FrameResult]:
         self._engine.reset()
         if checkpoint is not None:
-            decode(checkpoint.state, self._state())
+            state = decode(checkpoint.state)
+            self._engine.set_state(state["engine"])
+            self._totals.set_state(state["totals"])
+            if self._options.analytics is not None:
+                self._options.analytics.set_state(state["analytics"])
         limit = self._options.max_frames
         if limit and self._totals.frames >= limit:
             return
@@ -195,8 +199,9 @@ class _Run:
                 return
 
     def _state(self) -> dict[str, object]:
-        state = {"totals": self._totals, **self._engine.memory()}
-        return state | ({"analytics": self._options.analytics} if self._options.analytics else {})
+        analytics = self._options.analytics
+        counted = {} if analytics is None else {"analytics": analytics.state()}
+        return {"engine": self._engine.state(), "totals": self._totals.state(), **counted}
 
     def _mark(self, tables: RunTables) -> bool:
         """Write all that a checkpoint refers to, the checkpoint, then run.json; False when the engine holds what a

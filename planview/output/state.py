@@ -1,4 +1,4 @@
-"""The state of an engine as plain values (JSON) and arrays, and back.
+"""Named values (``calib.carried``) as JSON and arrays, and back.
 
 Every value becomes itself (None, bool, int, float, str) or a reference ``{"#": n}`` to a node ``[kind, content, ...]``
 of a list, so that shared objects and cycles stay so. No code is taken from a file: classes are found by name among
@@ -79,67 +79,53 @@ class _Encoder:
         return ["object", {n: self.save(held, f"{path}.{n}") for n, held in attributes.items()}, _name_of(cls)]
 
 
-def decode(state: SavedState, present: Mapping[str, object]) -> dict[str, Any]:
-    """Restore a graph.
+def decode(state: SavedState) -> dict[str, Any]:
+    """The values that ``encode`` took, by name, made by the same code. Raises ValueError: a class that is not the
+    project's."""
+    decoder = _Decoder(state)
+    return {name: decoder.restore(value) for name, value in state.roots.items()}
 
-    Args:
-        state: from ``encode``, by the same code.
-        present: new objects of the same names. One of a class of ours stays itself and gets the restored attributes,
-            so that all that refers to it resumes.
-    Returns:
-        The restored values by name.
-    Raises:
-        ValueError: a class that is not the project's, or another one than the present object's.
-    """
-    made: dict[int, Any] = {}
 
-    def restore(value: Any) -> Any:
+class _Decoder:
+    """Makes every object of a graph once."""
+
+    def __init__(self, state: SavedState) -> None:
+        self._state = state
+        self._made: dict[int, Any] = {}
+
+    def restore(self, value: Any) -> Any:
+        """A plain value, or what a reference refers to."""
         if type(value) in PLAIN:
             return value
-        if value["#"] not in made:
-            make(value["#"])
-        return made[value["#"]]
+        if value["#"] not in self._made:
+            self._make(value["#"])
+        return self._made[value["#"]]
 
-    def restore_all(values: list[Any]) -> list[Any]:
-        return [restore(value) for value in values]
+    def _restore_all(self, values: list[Any]) -> list[Any]:
+        return [self.restore(value) for value in values]
 
-    def make(number: int) -> None:
-        kind, content, *more = state.nodes[number]
+    def _make(self, number: int) -> None:
+        kind, content, *more = self._state.nodes[number]
+        made, arrays = self._made, self._state.arrays
         new: Any
         if kind in ("dict", "list", "set", "deque"):  # these may hold themselves: made first, filled then
             new = {} if kind == "dict" else deque(maxlen=more[0]) if kind == "deque" else _GROUPS[kind]()
             made[number] = new
-            held = map(restore_all, content) if kind == "dict" else restore_all(content)
+            held = map(self._restore_all, content) if kind == "dict" else self._restore_all(content)
             (new.update if kind in ("dict", "set") else new.extend)(held)
         elif kind == "object":
             made[number] = new = object.__new__(_class_of(more[0]))
-            fill(new, content)
+            for name, value in content.items():  # also of frozen classes
+                object.__setattr__(new, name, self.restore(value))
         elif kind in _GROUPS:
-            made[number] = _GROUPS[kind](restore_all(content))
+            made[number] = _GROUPS[kind](self._restore_all(content))
         elif kind == "record":
-            made[number] = tuple.__new__(_class_of(more[0]), restore_all(content))
+            made[number] = tuple.__new__(_class_of(more[0]), self._restore_all(content))
         elif kind in ("array", "scalar"):
-            made[number] = state.arrays[content] if kind == "array" else state.arrays[content][()]
+            made[number] = arrays[content] if kind == "array" else arrays[content][()]
         else:
             made[number] = generator = np.random.default_rng()
-            generator.bit_generator.state = restore(content)
-
-    def fill(new: object, attributes: dict[str, Any]) -> None:
-        """Set all attributes, also of frozen classes."""
-        for name, value in attributes.items():
-            object.__setattr__(new, name, restore(value))
-
-    for name, root in present.items():
-        if _is_ours(type(root)):
-            number = state.roots[name]["#"]
-            _, attributes, class_name = state.nodes[number]
-            if class_name != _name_of(type(root)):
-                raise ValueError(f"expected the state of {_name_of(type(root))}, found that of {class_name}")
-            made[number] = root
-            for extra in set(getattr(root, "__dict__", ())) - attributes.keys():
-                object.__delattr__(root, extra)
-            fill(root, attributes)
-    return {name: restore(value) for name, value in state.roots.items()}
+            generator.bit_generator.state = self.restore(content)
 
 
 def _named(name: str) -> Any:

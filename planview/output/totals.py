@@ -6,6 +6,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
+from calib.carried import Carried
 from planview.checks.check import Check
 from planview.checks.examine import RecordingWatch, refuse_unless_ok
 from planview.checks.registration import run_checks
@@ -23,7 +24,7 @@ def last_times() -> deque[float]:
 
 
 @dataclass
-class RunTotals:
+class RunTotals(Carried):
     """What a run has counted so far."""
 
     frames: int = 0

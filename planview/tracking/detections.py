@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
+from calib.carried import Carried
 from calib.ground_camera import GroundCamera
 from calib.params import Params
 from calib.types import F64, I64, U8
@@ -76,9 +77,10 @@ class Detected:
         return 1.0 / (1.0 + math.exp(-self.log_odds))
 
 
-class _OfDetections:
+class _OfDetections(Carried):
     """What the trackers of another program's boxes have in common: the boxes, and nothing to say about pixels."""
 
+    CARRIED = "_cycle", "_people"
     foreground_columns: int | None = 80
 
     def __init__(self, detections: Detections) -> None:
@@ -357,7 +359,7 @@ class BoxTracker(_OfDetections):
     def reset(self) -> None:
         """Forget everybody."""
         self._cycle = LifeCycle()
-        self._tracks: list[BoxTrack] = []
+        self._people: list[BoxTrack] = []
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track the boxes of one frame."""
@@ -366,16 +368,16 @@ class BoxTracker(_OfDetections):
         score = boxes[:, 4] if self.detections.scored else np.ones(len(boxes))
         sure = np.flatnonzero(score >= SURE_SCORE)
         unsure = np.flatnonzero((score >= LEAST_SCORE) & (score < SURE_SCORE))
-        seen = [track.existence.observed for track in self._tracks]
-        for track in self._tracks:
+        seen = [track.existence.observed for track in self._people]
+        for track in self._people:
             track.predict(dt_s)
         if not self.detections.looked(observation.frame):
-            return tuple(track.state for track in self._tracks if track.existence.observed)
-        every = np.arange(len(self._tracks))
+            return tuple(track.state for track in self._people if track.existence.observed)
+        every = np.arange(len(self._people))
         found = self._match(every, boxes, sure, SURE_IOU)
-        left = [i for i in every if i not in found and seen[i] and self._tracks[i].existence.confirmed]
+        left = [i for i in every if i not in found and seen[i] and self._people[i].existence.confirmed]
         found |= self._match(np.array(left, dtype=np.int64), boxes, unsure, UNSURE_IOU)
-        for i, track in enumerate(self._tracks):
+        for i, track in enumerate(self._people):
             if i in found:
                 self._cycle.observe(track.existence, f"score {score[found[i]]:.2f}", float(score[found[i]]))
                 self._cycle.confirm(track.existence, "a second box")
@@ -385,13 +387,13 @@ class BoxTracker(_OfDetections):
         for k in np.setdiff1d(sure[score[sure] >= NEW_SCORE], list(found.values())):
             self._start(centred(boxes[k]), float(score[k]), first)
         self._forget()
-        return tuple(track.state for track in self._tracks if track.existence.observed)
+        return tuple(track.state for track in self._people if track.existence.observed)
 
     def _match(self, tracks: I64, boxes: F64, candidates: I64, least_iou: float) -> dict[int, int]:
         """The box of each track that gets one, by the largest sum of overlaps."""
         from scipy.optimize import linear_sum_assignment  # half a second
 
-        predicted = np.array([self._tracks[i].state.box_px for i in tracks]).reshape(-1, 4)
+        predicted = np.array([self._people[i].state.box_px for i in tracks]).reshape(-1, 4)
         shared = overlaps(predicted, boxes[candidates, :4])
         rows, cols = linear_sum_assignment(np.where(shared < least_iou, 0.0, shared), maximize=True)
         pairs = zip(rows, cols, strict=True)
@@ -401,17 +403,17 @@ class BoxTracker(_OfDetections):
         existence = self._cycle.spawn(f"a box of nobody known, score {score:.2f}", score)
         if first:
             self._cycle.confirm(existence, "in the first frame")
-        self._tracks.append(BoxTrack(existence, box, np.zeros(4), np.diag([self._edge**2, SPEED**2])))
+        self._people.append(BoxTrack(existence, box, np.zeros(4), np.diag([self._edge**2, SPEED**2])))
 
     def _forget(self) -> None:
         kept = []
-        for track in self._tracks:
+        for track in self._people:
             who = track.existence
             if who.observed or (who.confirmed and self._cycle.unobserved_s(who) <= LOST_S):
                 kept.append(track)
             else:
                 self._cycle.prune(who, f"no box for {self._cycle.unobserved_s(who):.1f} s")
-        self._tracks = kept
+        self._people = kept
 
 
 def centred(box: F64) -> F64:

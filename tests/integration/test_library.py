@@ -185,6 +185,11 @@ class BrightestInImage(Brightest):
     foreground_columns = None
 
 
+def test_an_engine_with_a_tracker_that_gives_no_state_has_none() -> None:
+    with pytest.raises(TypeError, match=r"BrightestInImage has no state\(\)"):
+        one_camera_engine(CrossingVideo(), BrightestInImage()).state()
+
+
 @pytest.fixture
 def clip(tmp_path: Path) -> Path:
     for i in range(3):

@@ -229,12 +229,12 @@ def assert_resumes(make: Callable[[], Engine], moments: tuple[int, ...]) -> None
     for n, result in enumerate(engine.after(-1)):
         lines.append(repr((result.frame, result.tracks, result.decisions)))
         if n in moments:
-            saved[n] = result.frame, through_a_file(encode(engine.memory()))
+            saved[n] = result.frame, through_a_file(encode(engine.state()))
     assert any("confirmed" in line for line in lines)
     for n, (frame, memory) in saved.items():
         fresh = make()
         fresh.reset()
-        decode(memory, fresh.memory())
+        fresh.set_state(decode(memory))
         assert [repr((r.frame, r.tracks, r.decisions)) for r in fresh.after(frame)] == lines[n + 1 :]
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from calib.carried import Carried
 from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import WALKER
@@ -59,7 +60,7 @@ class Tracked:
     waited_s: float = 0.0
 
 
-class EllipseParticleTracker:
+class EllipseParticleTracker(Carried):
     """Ellipses fitted to foreground, tracked by a particle filter without explicit association.
 
     Args:
@@ -67,6 +68,11 @@ class EllipseParticleTracker:
         camera: gives sizes, floor positions and heights; None leaves positions unknown and learns the size.
         seed: of the only random generator; one seed gives one result.
     """
+
+    CARRIED = (
+        "_cycle", "_filter", "_objects", "_states", "_learner", "_learned", "_studied", "_image_size", "_shape",
+        "_mask", "_measured",
+    )  # fmt: skip
 
     def __init__(
         self, params: EllipseParticleParams | None = None, camera: GroundCamera | None = None, seed: int = 0

@@ -46,6 +46,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
     left over, and a person without evidence ends.
     """
 
+    CARRIED = (*ExplainingTracker.CARRIED, "_known_pixels", "_still_s", "_hides")
     foreground_columns: int | None = None
 
     def __init__(self, params: HumanModelParams, camera: GroundCamera, model_map: HumanModelMap | None = None) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 
+from calib.carried import Carried
 from calib.types import F32, F64, U8, Bool
 from planview.maps.colour import CODES
 from planview.tracking import body
@@ -37,11 +38,13 @@ P = TypeVar("P", bound=Person)
 Q = TypeVar("Q", bound=PeopleParams)
 
 
-class ExplainingTracker(Generic[P, Q]):
+class ExplainingTracker(Carried, Generic[P, Q]):
     """Follows people by the likelihood of all pixels, given where people stand; the same for all sensors.
 
     Existence by the Bernoulli filter of Vo, Vo and Pham 2010.
     """
+
+    CARRIED: ClassVar[tuple[str, ...]] = ("_people", "_departed", "_exchanges", "_log")
 
     def __init__(self, params: Q) -> None:
         self.params = params
@@ -181,6 +184,8 @@ class ExplainingTracker(Generic[P, Q]):
 
 class JointTracker(ExplainingTracker[Person, JointParams]):
     """Follows people by the ranges of all pixels (``docs/method.md``)."""
+
+    CARRIED = (*ExplainingTracker.CARRIED, "_births")
 
     def __init__(self, params: JointParams | None = None) -> None:
         super().__init__(params or JointParams())

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from calib.carried import Carried
 from calib.floor_camera import FloorCamera
 from calib.types import F32, F64, I64
 from planview.maps.plan_view import PlanViewMaps
@@ -95,7 +96,7 @@ class FreeMaps:
         return self.maps.grid.centre_of(rows.start + row - half, cols.start + col - half) if part.max() > 0 else None
 
 
-class TemplateTracker:
+class TemplateTracker(Carried):
     """Tracks people by adaptive templates of height and occupancy.
 
     Each frame, for one person after the other, the most certain first: predict; find where the maps match the
@@ -106,6 +107,8 @@ class TemplateTracker:
         params: see TemplateParams.
         height_max_m: H_max [m].
     """
+
+    CARRIED = "_people", "_life"
 
     def __init__(self, params: TemplateParams | None = None, height_max_m: float = 2.4) -> None:
         self.params = params or TemplateParams()
