@@ -92,7 +92,7 @@ class ReplayStages:
 
     def memory(self) -> dict[str, Remembers]:
         """How far away the background is."""
-        return {"background": self._maps.background}
+        return {"maps": self._maps}
 
 
 def replay_engine(recording: MapsRecording, tracker: Tracker, config: Config | None = None) -> Engine:

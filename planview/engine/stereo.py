@@ -101,7 +101,7 @@ class RigStages:
         if not self.foreground.shows:
             return View.unknown(self.maps.shape, depth.image, self.maps.rays)
         renewed = None
-        if self.foreground.settled and self.maps.background.due(now_s):
+        if self.foreground.settled and self.maps.background_due(now_s):
             renewed = self.foreground.background_disparity()
         view = self.maps.view(depth.disparity, mask, now_s, renewed, depth.image, self.foreground.exposure)
         clock.record("maps")
@@ -109,7 +109,7 @@ class RigStages:
 
     def memory(self) -> dict[str, Remembers]:
         """What is carried from frame to frame."""
-        return {"foreground": self.foreground, "feedback": self.feedback, "background": self.maps.background}
+        return {"foreground": self.foreground, "feedback": self.feedback, "maps": self.maps}
 
 
 class StereoStages:

@@ -21,41 +21,15 @@ from stereo.depth import RectifiedGeometry
 
 REFERENCE = Exposure()
 RENEW_S = 30.0
-"""Time after which moved furniture has become background (``ForegroundParams.learning_rate``) [s]."""
+"""How far the background is, is measured again every so often [s]: moved furniture has become background then
+(``ForegroundParams.learning_rate``), and what hides people rarely moves."""
 
 
-class KeptBackground(Carried):
-    """How far the background is, measured again every RENEW_S: furniture that hides people rarely moves.
-
-    Attributes:
-        range_m: (H, W) float32 along the rays [m], 0 where unknown; None before the first look.
-    """
-
-    def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the background."""
-        self.range_m: F32 | None = None
-        self._looked_s = -math.inf
-
-    def due(self, timestamp_s: float) -> bool:
-        """Whether it is to be looked at again."""
-        return timestamp_s - self._looked_s >= RENEW_S
-
-    def renew(self, disparity: F32, rays: PixelRays, timestamp_s: float) -> None:
-        """Keep what the background looks like now: (H, W) float32 [px], NaN where unknown."""
-        self._looked_s, far = timestamp_s, np.zeros(rays.shape, np.float32)
-        np.divide(np.float32(rays.disparity_metre) * rays.stretch, disparity, out=far, where=disparity > 0)
-        self.range_m = far
-
-
-class MapBuilder:
+class MapBuilder(Carried):
     """Foreground and disparity of one rig to what its pixels show in the world, and to maps (Harville 2002, section 3).
 
     Attributes:
         rays: of the analysed image's pixels.
-        background: how far away it is.
 
     Args:
         geometry: the rectified pair.
@@ -66,6 +40,8 @@ class MapBuilder:
     Raises:
         ValueError: the floor within reach is larger than a grid may be (a larger cell_m helps).
     """
+
+    CARRIED = "_background_m", "_looked_s"
 
     def __init__(
         self,
@@ -86,8 +62,17 @@ class MapBuilder:
         intrinsics = geometry.reduced_matrix(reduction)[[0, 1, 0, 1], [0, 1, 2, 2]]
         self._camera = np.append(intrinsics, geometry.disparity_metre)
         self._pose = np.ascontiguousarray(world_SE3_left.matrix[:3])
-        self.background = KeptBackground()
         self._disparity_min = geometry.disparity_at(_reach_m(geometry, self.params))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget how far the background is."""
+        self._background_m: F32 | None = None
+        self._looked_s = -math.inf
+
+    def background_due(self, timestamp_s: float) -> bool:
+        """Whether the background is to be measured again."""
+        return timestamp_s - self._looked_s >= RENEW_S
 
     def __call__(
         self, disparity: F32, mask: U8, image: U8 | None = None, exposure: Exposure = REFERENCE
@@ -140,13 +125,15 @@ class MapBuilder:
         if codes is not None:
             points = replace(points, colours=codes.reshape(-1)[points.pixels])
         if renewed is not None:
-            self.background.renew(renewed, self.rays, timestamp_s)
+            self._looked_s, self._background_m = timestamp_s, np.zeros(self.shape, np.float32)
+            far = np.float32(self.rays.disparity_metre) * self.rays.stretch
+            np.divide(far, renewed, out=self._background_m, where=renewed > 0)
         kind = np.where(mask.reshape(-1) > 0, np.uint8(NO_DEPTH), np.uint8(BACKGROUND_SEEN))
         low = points.xyz[:, 2] < self.params.height_min_m
         kind[points.pixels] = np.where(low, BACKGROUND_SEEN, SURFACE)
         range_m, colour = np.zeros(kind.size, np.float32), None
-        if self.background.range_m is not None:
-            np.multiply(self.background.range_m.reshape(-1), kind == BACKGROUND_SEEN, out=range_m)
+        if self._background_m is not None:
+            np.multiply(self._background_m.reshape(-1), kind == BACKGROUND_SEEN, out=range_m)
         range_m[points.pixels] = np.linalg.norm(points.xyz - self.rays.centre_m.astype(np.float32), axis=1)
         if points.colours is not None and COLOURED[points.colours].any():
             colour = np.zeros(self.shape, np.uint8)

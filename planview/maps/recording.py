@@ -48,8 +48,12 @@ RANGES: dict[str, tuple[float, float]] = {
     "n_rows": (1, MAX_CELLS), "n_cols": (1, MAX_CELLS),
 }  # fmt: skip
 """What the numbers of a rig, its floor and its grid can be (our choice: wider than any camera)."""
-FRAME_COLUMNS: dict[str, type] = {"index": np.int64, "timestamp_s": np.float64, "end": np.int64}
-POINT_COLUMNS: dict[str, type] = {"pixel": np.int32, "disparity": np.float32}
+APPEARANCE = "points/appearance"
+COLUMNS: dict[str, type] = {
+    "frames/index": np.int64, "frames/timestamp_s": np.float64, "frames/end": np.int64,
+    "frames/unmatched_end": np.int64, "points/pixel": np.int32, "points/disparity": np.float32,
+    "unmatched/pixel": np.int32, "background/frame": np.int64,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,13 +108,11 @@ class MapsRecording:
             self.view = _read_view(file)
             self.config = str(file.attrs["config"])
             self.fps = _number(file.attrs["fps"], "fps", 1e-3, 1e4)
-            self._indices, self._times, self._ends = (
-                _column(file, f"frames/{name}", kind) for name, kind in FRAME_COLUMNS.items()
+            self._indices, self._times, self._ends, self._unmatched_ends, self._renewed = (
+                _column(file, name, kind) for name, kind in COLUMNS.items() if name.startswith(("frames", "background"))
             )
             skipped, why = _column(file, "skipped/index", np.int64), file["skipped/why"].asstr()[: len(self._indices)]
             self.skipped = [Skipped(int(i), str(w)) for i, w in zip(skipped, why, strict=True)]
-            self._unmatched_ends = _column(file, "frames/unmatched_end", np.int64)
-            self._renewed = _column(file, "background/frame", np.int64)
             self._check_tables(file)
         self.n_frames = len(self._indices)
 
@@ -131,8 +133,8 @@ class MapsRecording:
         pixels = self._pixels(file, "points/pixel", self._ends, first, last)
         disparities = self._cut(file, "points/disparity", self._ends, first, last)
         codes: list[Any] = [None] * (last - first)
-        if "points/appearance" in file:
-            codes = self._cut(file, "points/appearance", self._ends, first, last)
+        if APPEARANCE in file:
+            codes = self._cut(file, APPEARANCE, self._ends, first, last)
         unmatched = self._pixels(file, "unmatched/pixel", self._unmatched_ends, first, last)
         for i in range(last - first):
             index, time = int(self._indices[first + i]), float(self._times[first + i])
@@ -140,12 +142,10 @@ class MapsRecording:
                 raise InputError(f"{self.path}: frame {index}: expected disparities of points, found other numbers")
             if codes[i] is not None and (codes[i] >= CODES).any():
                 raise InputError(f"{self.path}: frame {index}: expected colour codes below {CODES}, found others")
-            renewed = np.flatnonzero(self._renewed == index)[:1]
-            background = np.asarray(file["background/disparity"][int(renewed[0])], np.float32) if len(renewed) else None
-            yield MapsFrame(
-                index, time, pixels[i], disparities[i], codes[i], unmatched[i],
-                None if background is None else background.reshape(self.view.shape),
-            )  # fmt: skip
+            background: F32 | None = None
+            for row in np.flatnonzero(self._renewed == index)[:1].tolist():
+                background = np.asarray(file["background/disparity"][row], np.float32).reshape(self.view.shape)
+            yield MapsFrame(index, time, pixels[i], disparities[i], codes[i], unmatched[i], background)
 
     def _cut(self, file: Any, name: str, ends: AnyArray, first: int, last: int) -> list[Any]:
         """The values of each of some frames, whose last ones end at ``ends``."""
@@ -169,12 +169,10 @@ class MapsRecording:
         # Three years: readers take longer steps for a clock that was set.
         if n and not ((np.abs(self._times) <= 1e8).all() and (np.diff(self._times) > 0).all()):
             raise ValueError("times that do not increase")
-        columns = {f"points/{name}": (self._ends, kind) for name, kind in POINT_COLUMNS.items()}
-        if "points/appearance" in file:
-            columns["points/appearance"] = self._ends, np.uint8
-        columns["unmatched/pixel"] = self._unmatched_ends, np.int32
-        for name, (ends, kind) in columns.items():
-            steps = np.diff(ends, prepend=0)
+        columns = dict.fromkeys(("points/pixel", "points/disparity"), self._ends)
+        columns |= {"unmatched/pixel": self._unmatched_ends} | ({APPEARANCE: self._ends} if APPEARANCE in file else {})
+        for name, ends in columns.items():
+            steps, kind = np.diff(ends, prepend=0), COLUMNS.get(name, np.uint8)
             if len(ends) != n or (n and not (steps.min() >= 0 and steps.max() <= height * width)):
                 raise ValueError(f"{name} that does not fit the frames")
             if file[name].dtype != kind or file[name].shape != (int(ends[-1]) if n else 0,):
@@ -202,8 +200,7 @@ def _check_version(path: Path, file: Any) -> None:
             f"{path}: expected plan-view maps of version {VERSION}, found version {file.attrs['version']}: "
             "track the recording again with this version of planview"
         )
-    if "points/appearance" in file and file["points/appearance"].attrs["codes"] != CODES:
-        found = file["points/appearance"].attrs["codes"]
+    if APPEARANCE in file and (found := file[APPEARANCE].attrs["codes"]) != CODES:
         raise InputError(f"{path}: expected colours in {CODES} codes, found {found}: another version wrote them")
 
 

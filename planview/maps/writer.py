@@ -15,7 +15,7 @@ import numpy as np
 from calib.errors import WorkError
 from calib.io import reason
 from planview.maps.colour import CODES
-from planview.maps.recording import BLOCK_FRAMES, FORMAT, FRAME_COLUMNS, POINT_COLUMNS, VERSION, MapsFrame
+from planview.maps.recording import APPEARANCE, BLOCK_FRAMES, COLUMNS, FORMAT, VERSION, MapsFrame
 from planview.maps.rig import FloorRig
 from stereo.recording import Skipped
 
@@ -46,13 +46,8 @@ class MapsWriter:
             _reserve(self._file.id.get_vfd_handle(), SPARE_BYTES)
             self._file.attrs.update(format=FORMAT, version=VERSION, config=config, fps=fps)
             _write_view(self._file, view)
-            for name, kind in FRAME_COLUMNS.items():
-                self._column(f"frames/{name}", kind)
-            for name, kind in POINT_COLUMNS.items():
-                self._column(f"points/{name}", kind)
-            self._column("unmatched/pixel", np.int32)
-            self._column("frames/unmatched_end", np.int64)
-            self._column("background/frame", np.int64)
+            for name, kind in COLUMNS.items():
+                self._column(name, kind)
             size = view.shape[0] * view.shape[1]
             self._file.create_dataset(
                 "background/disparity", (0, size), np.float32, maxshape=(None, size), chunks=(1, size),
@@ -94,15 +89,13 @@ class MapsWriter:
             return
         ends = self._end + np.cumsum([len(frame.pixels) for frame in block])
         self._end = int(ends[-1])
-        unmatched = [f.unmatched for f in block]
-        unmatched_ends = self._unmatched_end + np.cumsum([len(pixels) for pixels in unmatched])
+        unmatched_ends = self._unmatched_end + np.cumsum([len(frame.unmatched) for frame in block])
         self._unmatched_end = int(unmatched_ends[-1])
-        renewed = [f for f in block if f.background is not None]
-        backgrounds = [np.asarray(f.background, np.float32).reshape(-1) for f in renewed]
+        backgrounds = {f.index: f.background.reshape(-1) for f in block if f.background is not None}
         columns: dict[str, Any] = {
-            "unmatched/pixel": np.concatenate(unmatched),
+            "unmatched/pixel": np.concatenate([frame.unmatched for frame in block]),
             "frames/unmatched_end": unmatched_ends,
-            "background/frame": [f.index for f in renewed],
+            "background/frame": list(backgrounds),
             "points/pixel": np.concatenate([frame.pixels for frame in block]),
             "points/disparity": np.concatenate([frame.disparities for frame in block]),
             "frames/index": [frame.index for frame in block],
@@ -110,7 +103,7 @@ class MapsWriter:
             "frames/end": ends,
         }
         if backgrounds:
-            columns["background/disparity"] = np.stack(backgrounds)
+            columns["background/disparity"] = np.stack(list(backgrounds.values()))
         codes = [frame.colours for frame in block if frame.colours is not None]
         if codes and any(frame.colours is None and len(frame.pixels) for frame in block):
             raise ValueError("expected colours in all frames or in none")
@@ -118,9 +111,9 @@ class MapsWriter:
             needed = sum(np.asarray(values).nbytes for values in columns.values()) + sum(len(c) for c in codes)
             _reserve(self._file.id.get_vfd_handle(), self._file.id.get_filesize() + needed + SPARE_BYTES)
             if codes:
-                if "points/appearance" not in self._file:
-                    self._column("points/appearance", np.uint8).attrs["codes"] = CODES
-                columns["points/appearance"] = np.concatenate(codes)
+                if APPEARANCE not in self._file:
+                    self._column(APPEARANCE, np.uint8).attrs["codes"] = CODES
+                columns[APPEARANCE] = np.concatenate(codes)
             for name, values in columns.items():
                 column = self._file[name]
                 start = len(column)
