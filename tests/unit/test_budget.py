@@ -76,17 +76,6 @@ def test_no_tracker_has_more_numbers_than_it_may(tracker: str) -> None:
     assert 0 < numbers <= allowed(name, numbers, budget["target"], budget[tracker])
 
 
-@pytest.mark.parametrize(("size", "warns"), [(9, 0), (10, 0), (15, 1)])
-def test_a_size_above_its_target_warns(size: int, warns: int) -> None:
-    with warnings.catch_warnings(record=True) as caught:
-        assert allowed("room", size, target=10, ceiling=15) == 15
-    assert len(caught) == warns
-
-
-def test_a_room_below_its_target_may_grow_up_to_it() -> None:
-    assert allowed("room", 5, target=10, ceiling=6) == 10
-
-
 def test_a_class_name_means_one_thing() -> None:
     count = Counter(name for name, _ in classes())
     twice = {name: [where for other, where in classes() if other == name] for name, n in count.items() if n > 1}

@@ -71,14 +71,10 @@ def test_ratio_has_median_and_quartiles() -> None:
 
 
 def test_one_core_is_given_back():
-    threads = cv2.getNumThreads()
+    before = cv2.getNumThreads(), os.sched_getaffinity(0)
     with one_core():
-        assert cv2.getNumThreads() == 1
-    assert cv2.getNumThreads() == threads
-    cores = os.sched_getaffinity(0)
-    with one_core():
-        assert len(os.sched_getaffinity(0)) == 1
-    assert os.sched_getaffinity(0) == cores
+        assert (cv2.getNumThreads(), len(os.sched_getaffinity(0))) == (1, 1)
+    assert (cv2.getNumThreads(), os.sched_getaffinity(0)) == before
 
 
 @pytest.mark.parametrize(("size", "disparities"), [((320, 240), 64), ((640, 480), 64), ((1280, 800), 128)])
