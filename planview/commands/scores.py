@@ -245,12 +245,6 @@ def count(tracks: Path, /, *, rules: Path, options: CountOptions = CountOptions(
         name = "door"
         from_m = [0, 2]
         to_m = [1, 2]
-        [[zone]]
-        name = "till"
-        polygon_m = [[0, 0], [2, 0], [2, 1]]
-        [[queue]]
-        name = "waiting"
-        zone = "till"
 
     Parameters
     ----------

@@ -55,7 +55,6 @@ def sweep(
     Example of STUDY.toml:
         recordings = ["hall/*"]
         seeds = [0, 1]
-        objective = "mota"
         [parameters]
         foreground.beta = [6, 12, 24]
         joint.birth_evidence = [4, 8]
