@@ -57,13 +57,10 @@ class GainFollower:
     def __init__(self, shape: tuple[int, int], clip: float, tolerance: float) -> None:
         """Args: levels of 255; tolerance is how far from its prediction an unchanged pixel may be."""
         self.gain, self.offset = 1.0, 0.0
-        self._n_pixels = shape[0] * shape[1]
         # Pixels sampled: a gain of 1 % is then found to 0.01 %, in a tenth of a millisecond.
-        self._stride = max(1, self._n_pixels // 4096)
+        self._stride = max(1, shape[0] * shape[1] // 4096)
         while math.gcd(self._stride, shape[1]) > 1:
             self._stride += 1
-        size = -(-self._n_pixels // self._stride)
-        self._model, self._luma, self._information = (np.zeros(size, np.float32) for _ in range(3))
         self._clip, self._tolerance = clip, tolerance
 
     def reset(self) -> None:
