@@ -11,7 +11,7 @@ from calib.carried import Carried
 from calib.types import U8
 from planview.engine.config import FeedbackParams
 from planview.foreground.params import BACKGROUND, PERSON
-from planview.maps.view import FloorPoints
+from planview.maps.view import View
 from planview.tracking.base import Decision
 from planview.trajectories.state import TrackState
 
@@ -45,25 +45,12 @@ class Feedback(Carried):
         self._origin: dict[int, tuple[float, float]] = {}
         self._walked: set[int] = set()
 
-    def __call__(
-        self,
-        points: FloorPoints,
-        tracks: Sequence[TrackState],
-        shape: tuple[int, int],
-        decisions: Sequence[Decision] = (),
-    ) -> U8 | None:
-        """The mask for the next frame.
-
-        Args:
-            points: foreground points of this frame; their pixels index an image of ``shape``.
-            tracks: people after this frame.
-            decisions: of this frame, which may give people their ids.
-        Returns:
-            (H, W) uint8 of NO_FEEDBACK, PERSON and BACKGROUND; None when feedback is off.
-        """
-        p = self.params
-        if not p.enabled:
-            return None
+    def __call__(self, tracks: Sequence[TrackState], view: View, decisions: Sequence[Decision] = ()) -> U8 | None:
+        """The mask for the next frame, (H, W) uint8 of NO_FEEDBACK, PERSON and BACKGROUND: the last one where a view
+        shows nothing, None when feedback is off. ``decisions`` of this frame may give people their ids."""
+        p, points, shape = self.params, view.points, view.kind.shape
+        if not (p.enabled and view.shows):
+            return self.mask
         self._remember(tracks, decisions)
         x, y, z = np.ascontiguousarray(points.xyz.T)
         near_any, near_walker = np.zeros(len(z), np.bool_), np.zeros(len(z), np.bool_)

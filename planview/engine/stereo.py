@@ -138,8 +138,7 @@ class StereoStages:
     def learn(self, views: Sequence[View], people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
         """Paint people for the next frame's foreground."""
         for rig, view in zip(self._rigs, views, strict=True):
-            if view.shows:
-                rig.feedback(view.points, people, rig.maps.shape, decisions)
+            rig.feedback(people, view, decisions)
 
     @property
     def checks(self) -> tuple[Check, ...]:

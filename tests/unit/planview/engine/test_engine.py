@@ -18,7 +18,7 @@ from planview.engine.feedback import Feedback
 from planview.engine.info import ground_camera_info
 from planview.engine.setup import refuse_foreign_disparity, set_up
 from planview.foreground.params import BACKGROUND, NO_FEEDBACK, PERSON
-from planview.maps.view import FloorPoints
+from planview.maps.view import NO_RAYS, FloorPoints, View
 from planview.tracking.base import BODY_RADIUS_M, NO_BOX, Decision, person_boxes
 from planview.trajectories.state import State, TrackState
 from stereo.depth import RectifiedGeometry
@@ -182,6 +182,11 @@ def test_somebody_out_of_view_or_of_unknown_height_or_place_has_no_box() -> None
 BELIEF_SHAPE = (1, 40)
 
 
+def seen(points: FloorPoints) -> View:
+    kind, ranges = np.zeros(BELIEF_SHAPE, np.uint8), np.zeros(BELIEF_SHAPE, np.float32)
+    return View(NO_RAYS, kind, ranges, None, points)
+
+
 def point(x_m: float, z_m: float, pixel: int) -> FloorPoints:
     xyz = np.array([[x_m, 0.0, z_m]], dtype=np.float32)
     return FloorPoints(xyz, np.ones(1, dtype=np.float32), np.array([pixel], dtype=np.int32))
@@ -192,7 +197,7 @@ def person(x_m: float, state: State = "confirmed", track_id: int = 1) -> TrackSt
 
 
 def mask_after(feedback: Feedback, points: FloorPoints, *tracks: TrackState) -> list[int]:
-    return [int(v) for v in feedback(points, tracks, BELIEF_SHAPE)[0]]
+    return [int(v) for v in feedback(tracks, seen(points))[0]]
 
 
 def walked(spread_px: int = 2) -> Feedback:
@@ -204,14 +209,14 @@ def walked(spread_px: int = 2) -> Feedback:
 def test_body_of_a_track_that_has_walked_is_protected_and_widened_where_feedback_is_on():
     mask = mask_after(walked(), point(1.0, 1.0, 20), person(1.0))
     assert mask[18:23] == [PERSON] * 5 and mask.count(PERSON) == 5 and mask.count(NO_FEEDBACK) == 35
-    assert Feedback(FeedbackParams(enabled=False))(point(0, 1, 2), [], BELIEF_SHAPE) is None
+    assert Feedback(FeedbackParams(enabled=False))([], seen(point(0, 1, 2))) is None
 
 
 def test_a_track_that_is_given_an_id_has_walked_as_far_as_before() -> None:
     feedback = Feedback(FeedbackParams(spread_px=0))
     mask_after(feedback, point(0.0, 1.0, 20), person(0.0, "tentative", -3))
     confirmed = Decision(1, "confirmed", "was -3", was=-3)
-    assert feedback(point(1.0, 1.0, 20), [person(1.0)], BELIEF_SHAPE, [confirmed])[0, 20] == PERSON
+    assert feedback([person(1.0)], seen(point(1.0, 1.0, 20)), [confirmed])[0, 20] == PERSON
 
 
 @pytest.mark.parametrize(
