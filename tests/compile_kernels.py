@@ -36,6 +36,10 @@ def one_camera() -> None:
 
 
 if __name__ == "__main__":
+    joint = HERE.parent / "planview/tracking/joint"
+    calls, called = joint / "_ascent_kernels.py", joint / "_likelihood_kernels.py"
+    if called.stat().st_mtime > calls.stat().st_mtime:  # numba looks at the time of the former alone
+        calls.touch()
     workers = [multiprocessing.Process(target=compile_some) for compile_some in (stereo, one_camera)]
     for worker in workers:
         worker.start()

@@ -1,4 +1,4 @@
-"""Plain numpy twin of the joint tracker's likelihood (``planview/tracking/joint/_kernels.py``)."""
+"""Plain numpy twin of the joint tracker's likelihood (``planview/tracking/joint/_likelihood_kernels.py``)."""
 
 from __future__ import annotations
 

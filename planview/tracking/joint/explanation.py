@@ -12,7 +12,8 @@ from calib.types import F32, F64, I64, U8, AnyArray, Bool
 from planview.maps.colour import CODES
 from planview.maps.view import SURFACE, View
 from planview.tracking import body
-from planview.tracking.joint import _kernels as kernels
+from planview.tracking.joint import _ascent_kernels as ascent
+from planview.tracking.joint import _likelihood_kernels as kernels
 from planview.tracking.joint import _sample_kernels as gathering
 from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.samples import CX, CY, KNOWN, PARTS, Known, Model, SampleArrays, Seen
@@ -250,10 +251,10 @@ class Samples:
         return Samples(self._of, self.arrays.person(k))
 
     def explain(self, people: People, prior: tuple[AnyArray, ...], order: I64, touch: Bool) -> tuple[F64, F64, F64]:
-        """Move several people, in an order, to where they explain best together; see ``_kernels.explain``."""
+        """Move several people, in an order, to where they explain best together; see ``_ascent_kernels.explain``."""
         n = len(people.poses)
         found = np.empty(n), np.zeros((n, 6)), np.empty((n, 3))
-        kernels.explain(people.arrays, prior, order, touch, self.arrays, self._of.table, self._of.model, found)
+        ascent.explain(people.arrays, prior, order, touch, self.arrays, self._of.table, self._of.model, found)
         return found
 
     def layer(self, people: People, others: I64, reaching: I64 | None = None) -> None:
@@ -271,7 +272,7 @@ class Samples:
     def log_prior(self, pose: F64, tall: F64, others: I64 | None = None) -> float:
         """Logarithm of the prior of a pose; ``others`` are those of the layers unless given."""
         near = self._people.arrays, self._others if others is None else others
-        return float(kernels.log_prior(tuple(pose.tolist()), tuple(tall.tolist()), near, self._of.model))
+        return float(ascent.log_prior(tuple(pose.tolist()), tuple(tall.tolist()), near, self._of.model))
 
     def evidence(self, pose: F64, tall: F64, ratios: F32) -> float:
         """For a person: both together."""
@@ -290,7 +291,7 @@ class Samples:
             facing [1/rad^2].
         """
         curvature, of = np.zeros(6), self._of
-        evidence = kernels.ascend(
+        evidence = ascent.ascend(
             pose, curvature, (predicted, known, steps), (*tall.tolist(), ratios), (self._people.arrays, self._others),
             self.arrays, of.table, of.model,
         )  # fmt: skip
@@ -304,7 +305,7 @@ class Samples:
             start = pose * THING_START
             at, prior = start.copy(), (start, about(body.TORSO.torso_radius_m, math.inf), STEPS_M)
             size = float(start[2]), ANY_HEIGHT_M, nobody
-            kernels.ascend(at, np.zeros(6), prior, size, others, self.arrays, table, self._of.model)
+            ascent.ascend(at, np.zeros(6), prior, size, others, self.arrays, table, self._of.model)
             at_end = tuple(at.tolist())
             things.append(float(kernels.log_ratio(at_end, at_end[2], nobody, self.arrays, table, self._of.model)))
         return self.log_ratio(pose, tall, nobody) - max(things)
