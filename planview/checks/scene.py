@@ -124,7 +124,8 @@ def flicker_check(levels: Sequence[float]) -> Check:
     share = math.nan
     if len(own) > 8:
         steps = np.diff(own) * np.where(np.arange(len(own) - 1) % 2, 1.0, -1.0)
-        share = float(abs(np.median(steps)) / max(float(np.median(own)), 1.0))
+        darker = abs(float(np.median(steps)))
+        share = darker / max(float(np.mean(own)) + 0.5 * darker, 1.0)
     # A lamp's flicker and automatic exposure change a few percent.
     note = "share by which every second frame is darker: exposure or emitter alternates; both lights are followed"
     return at_most("light from frame to frame", share, 0.08, "", note, warns=True)
