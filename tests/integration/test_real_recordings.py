@@ -66,7 +66,8 @@ def test_pets_view_1_is_tracked_without_calibration(shared_data: Path, tmp_path:
     truth = truth.where(truth.frame < FRAMES)
     tracks = read_tracks(path)
     scores = evaluate_tracks(tracks, truth, EvaluationParams(match_on="boxes"))
-    assert scores.mota >= 0.68 and scores.idf1 >= 0.70 and scores.clear.switches <= 22
+    assert scores.mota >= 0.68 and scores.idf1 >= 0.70
+    assert scores.clear.switches + len(scores.significant) <= 22, (scores.clear.switches, len(scores.significant))
 
 
 PEOPLE = Path(__file__).resolve().parents[1] / "data" / "pets_people.json"
