@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I64, U8, Bool
+from planview.maps.view import SURFACE, UNKNOWN
 from planview.tracking.body import TURNS_PER_RAD
 from planview.tracking.joint.samples import CX, EX, SampleArrays
 
@@ -143,12 +144,17 @@ def map_lacking(points: F32, low_m: F64, cell_m: float, out: F32) -> None:
 @njit(cache=True, nogil=True, error_model="numpy")
 def fresh_points(pixels: I64, lacking: F32, codes: U8, seen, tried_m: F32, deviations, which: I64, out: F32) -> int:  # type: ignore[no-untyped-def]
     """Points of the pixels whose surface is not where it has been tried: x, y, z [m], what they lack of an explanation
-    and the colour, in ``out`` (5, M); their indices in ``which``; their number.
+    and the colour, in ``out`` (5, M); their indices in ``which``; their number. Forgets what has been tried where
+    there is no surface any more.
 
     ``deviations``: of a body's surface [m], and how many of them make another surface.
     """
     surface_m, changed = deviations
-    centre, cols, n = seen.centre_m, seen.range_m.shape[1], 0
+    centre, (rows, cols), n = seen.centre_m, seen.range_m.shape, 0
+    for r in range(rows):
+        for c in range(cols):
+            if seen.kind[r, c] != SURFACE and seen.kind[r, c] != UNKNOWN:
+                tried_m[r, c] = 0.0
     for i in range(len(pixels)):
         r, c = pixels[i] // cols, pixels[i] % cols
         far = seen.range_m[r, c]

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 
 from calib.types import F32, F64, I64
-from planview.maps.view import SURFACE, UNKNOWN
 from planview.tracking import body
 from planview.tracking.joint._sample_kernels import fresh_points as find_fresh
 from planview.tracking.joint._sample_kernels import map_lacking
@@ -85,10 +84,10 @@ class Births:
     def _fresh(self, k: int, frame: Explanation, o: Owned) -> tuple[I64, F32]:
         """Which pixels of view k have not been tried at the range that they have now, and their points."""
         v, key, n = frame.views[k], frame.views[k].rays.key, len(o.pixels)
-        tried_m = self._tried_m.setdefault(key, np.zeros(v.kind.shape, np.float32))
-        tried_m *= (v.kind == SURFACE) | (v.kind == UNKNOWN)
+        if key not in self._tried_m:
+            self._tried_m[key] = np.zeros(v.kind.shape, np.float32)
         which, points, std_m = np.empty(n, np.int64), np.empty((5, n), np.float32), (SURFACE_STD_M, CHANGED)
-        n = find_fresh(o.pixels, o.lacking, o.colours, frame.seen[k], tried_m, std_m, which, points)
+        n = find_fresh(o.pixels, o.lacking, o.colours, frame.seen[k], self._tried_m[key], std_m, which, points)
         return which[:n], points[:, :n]
 
 
