@@ -39,7 +39,15 @@ from planview.checks.scene import (
     scene_checks,
     standing_things,
 )
-from planview.checks.timing import MotionWatch, SpeedWatch, frame_checks, motion_checks, thumbnails, timing_checks
+from planview.checks.timing import (
+    MotionWatch,
+    SpeedWatch,
+    frame_checks,
+    motion_checks,
+    repeated_check,
+    thumbnails,
+    timing_checks,
+)
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
 from planview.maps.rig import FloorRig
 from stereo.depth import Depth, back_project, median_image
@@ -216,6 +224,7 @@ def _checks_of_one(video: Video, camera: GroundCamera | None, frames: int, searc
     return [
         Check("calibration and layout", True, 1.0, note=note),
         *frame_checks(video, spread, run, min(search.frames, video.n_frames) + count),
+        repeated_check([frame.image for frame in run]),
         *light_checks(images),
         flicker_check([float(as_grey(frame.image)[::8, ::8].mean()) for frame in run]),
         *steadiness.checks(),

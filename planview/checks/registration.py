@@ -13,7 +13,7 @@ import numpy as np
 from calib.images import as_grey
 from calib.types import F32, F64, I64, U8, AnyArray
 from planview.checks.check import Check
-from planview.checks.timing import MAX_LAG, SURELY, Lag, jackknife, lag_of
+from planview.checks.timing import MAX_LAG, SURELY, Lag, jackknife, lag_of, repeated_check
 from stereo.depth import median_image
 from stereo.recording import RgbdFrame, RgbdRecording
 
@@ -27,6 +27,8 @@ where the light's shadow begins."""
 MIN_LIKENESS = 0.15
 """Sum of the correlations of edges and of what moves from which they are judged; what belongs together has 0.5 or more
 (our choice)."""
+FLIPS = {"mirrored": (1, -1), "upside down": (-1, 1), "turned by 180 degrees": (-1, -1)}
+"""Steps down and across through depth that was recorded otherwise than its image."""
 SCALES = (0.72, 0.84, 0.92, 1.09, 1.19, 1.39)
 """Sizes of unregistered depth in the image, whose camera has another lens: 0.92 of Kinects, 0.72 of RealSense."""
 PX = 640.0 / WIDTH
@@ -47,20 +49,22 @@ class Fit(NamedTuple):
         std_px: of the longer of them, by the jackknife over frames.
         scale: size that fits better, 1 where none is sure to.
         gain: how much better than where it is, in deviations.
-        mirror_gain: how much better its mirror image fits than itself, in deviations.
+        flip: of ``FLIPS`` the best.
+        flip_gain: how much better it fits flipped than as it is, in deviations.
     """
 
     shift_px: F64
     std_px: float
     scale: float
     gain: float
-    mirror_gain: float
+    flip: str
+    flip_gain: float
 
 
 def registration_checks(spread: Sequence[RgbdFrame], run: Sequence[RgbdFrame]) -> list[Check]:
     """Of frames spread over a recording, and of consecutive ones."""
     fit = fit_of(spread)
-    lag = Lag(math.nan, math.nan, math.nan) if fit is not None and fit.mirror_gain >= SURELY else delay_of(run)
+    lag = Lag(math.nan, math.nan, math.nan) if fit is not None and fit.flip_gain >= SURELY else delay_of(run)
     which = "late" if lag.frames >= 0 else "ahead"
     late = f"depth {abs(lag.frames):.1f} +- {lag.std:.1f} frames {which} of its image, by movement"
     delay = Check(
@@ -73,9 +77,9 @@ def registration_checks(spread: Sequence[RgbdFrame], run: Sequence[RgbdFrame]) -
     right, down = fit.shift_px
     where = f"best fit of edges and people: {right:+.0f} px to the right, {down:+.0f} down, +- {fit.std_px:.0f}, of 640"
     name = "depth on its image"
-    if fit.mirror_gain >= SURELY:
-        better = f"its mirror image fits better by {fit.mirror_gain:.1f} deviations"
-        return [Check(name, False, math.nan, note=f"depth is mirrored against its image: {better}"), delay]
+    if fit.flip_gain >= SURELY:
+        note = f"depth is {fit.flip} against its image: so it fits better by {fit.flip_gain:.1f} deviations"
+        return [Check(name, False, math.nan, note=note), delay]
     if fit.scale != 1.0:
         note = f"depth is not registered to its image: {fit.scale:g} of its size fits better"
         return [Check(name, False, math.nan, note=note, warns=True), delay]
@@ -87,8 +91,8 @@ def registration_checks(spread: Sequence[RgbdFrame], run: Sequence[RgbdFrame]) -
 def run_checks(recording: RgbdRecording) -> list[Check]:
     """The checks on frames of a recording that is about to be tracked."""
     first = max(0, recording.n_frames // 2 - CONSECUTIVE // 2)
-    run = range(first, min(recording.n_frames, first + CONSECUTIVE))
-    return registration_checks(recording.sample(16), recording.at(list(run)))
+    run = recording.at(list(range(first, min(recording.n_frames, first + CONSECUTIVE))))
+    return [*registration_checks(recording.sample(16), run), repeated_check([frame.image for frame in run])]
 
 
 def fit_of(frames: Sequence[RgbdFrame]) -> Fit | None:
@@ -98,14 +102,15 @@ def fit_of(frames: Sequence[RgbdFrame]) -> Fit | None:
     images = [small_image(frame.image) for frame in frames]
     depths = [small_depth(frame.depth_m) for frame in frames]
     usual, usual_depth = median_image(images), median_image(depths)
-    # Of depth as it is, mirrored, and of other sizes.
-    scores = np.zeros((len(frames), 2 + len(SCALES), 2 * REACH_PX[0] + 1, 2 * REACH_PX[1] + 1))
+    # Of depth as it is, flipped, and of other sizes.
+    scores = np.zeros((len(frames), 1 + len(FLIPS) + len(SCALES), 2 * REACH_PX[0] + 1, 2 * REACH_PX[1] + 1))
     for k, (image, depth) in enumerate(zip(images, depths, strict=True)):
         with np.errstate(invalid="ignore"):
             near = (usual_depth - depth > 0.2).astype(np.float32)
         moved = (np.abs(image - usual) > CHANGE_LEVEL).astype(np.float32)
         for seen, measured in ((edges(image), depth_edges(depth)), (moved, near)):
-            for n, own in enumerate((measured, measured[:, ::-1], *(_scaled(measured, scale) for scale in SCALES))):
+            flipped = [measured[::down, ::across] for down, across in FLIPS.values()]
+            for n, own in enumerate((measured, *flipped, *(_scaled(measured, scale) for scale in SCALES))):
                 scores[k, n] += correlation(np.ascontiguousarray(own), seen)
     whole = scores.mean(axis=0)
     if whole.max() < MIN_LIKENESS:
@@ -113,14 +118,15 @@ def fit_of(frames: Sequence[RgbdFrame]) -> Fit | None:
     without = (scores.sum(axis=0) - scores) / (len(frames) - 1)
     best = _places(whole)
     peaks = np.array([[one[n][tuple(best[n])] for n in range(len(best))] for one in without])
-    own, better = peaks[:, 0], 2 + int(np.argmax(peaks.mean(axis=0)[2:]))
-    gain, mirror_gain, scale_gain = (_gain(a - b) for a, b in (
-        (own, np.array([one[0][REACH_PX] for one in without])), (peaks[:, 1], own), (peaks[:, better], own)
+    own, mean, sizes = peaks[:, 0], peaks.mean(axis=0), 1 + len(FLIPS)
+    flip, size = int(np.argmax(mean[1:sizes])), int(np.argmax(mean[sizes:]))
+    gain, flip_gain, scale_gain = (_gain(a - b) for a, b in (
+        (own, np.array([one[0][REACH_PX] for one in without])), (peaks[:, 1 + flip], own), (peaks[:, sizes + size], own)
     ))  # fmt: skip
     places, shift = np.array([_places(one)[0] for one in without]), (best[0] - REACH_PX) * PX
     std = max(jackknife(places[:, int(np.argmax(np.abs(shift)))].tolist()), 0.5) * PX
-    scale = SCALES[better - 2] if scale_gain >= SURELY else 1.0
-    return Fit(np.asarray(shift[::-1], dtype=np.float64), std, scale, gain, mirror_gain)
+    scale = SCALES[size] if scale_gain >= SURELY else 1.0
+    return Fit(np.asarray(shift[::-1], dtype=np.float64), std, scale, gain, list(FLIPS)[flip], flip_gain)
 
 
 def _gain(gains: AnyArray) -> float:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
+from calib.images import as_grey
 from calib.types import F64, U8
 from planview.checks.check import Check, at_least, at_most
 from planview.checks.recording import Evidence
@@ -222,7 +223,7 @@ def timing_checks(evidence: Evidence) -> list[Check]:
     """Those of ``frame_checks``; of a pair a frozen camera, and lag between the cameras."""
     checks = frame_checks(evidence.recording, evidence.spread, evidence.run, evidence.frames_asked)
     if not isinstance(evidence.rectifier, Rectifier):
-        return checks
+        return [*checks, repeated_check([frame.image for frame in evidence.run])]
     watch = MotionWatch()
     for frame in evidence.run:
         pair = evidence.rectifier(frame.left, frame.right)
@@ -283,6 +284,16 @@ def motion_checks(found: MotionFindings) -> list[Check]:
         at_most("repeated pairs", found.repeated, MAX_REPEATED, "", "share of pairs that repeat the one before"),
         Check("synchronisation", not found.apart, abs(found.lag.frames), "frames", MAX_LAG, "at most", found.lag.text),
     ]
+
+
+def repeated_check(images: Sequence[U8]) -> Check:
+    """Consecutive images of one camera that repeat the one before while something moves."""
+    watch = MotionWatch()
+    for image in images:
+        small = as_grey(image)[::STEP_PX, ::STEP_PX]
+        watch.update(Thumbnails(small, small))
+    share = watch.findings().repeated
+    return at_most("repeated frames", share, MAX_REPEATED, "", "share of frames that repeat the one before", warns=True)
 
 
 def longest_step(times_s: F64) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from calib.errors import InputError, WorkError
 from calib.rig import Floor
 from calib.types import F32, F64
 from planview.checks.check import Check
+from planview.checks.registration import run_checks
 from planview.checks.scene import alignment_checks, floor_checks, image_checks
 from planview.engine.config import Config
 from planview.maps.builder import floor_in_view
@@ -105,7 +107,7 @@ def set_up(recording: StereoRecording | RgbdRecording, config: Config, pose_file
         else:
             floor, source = FloorEstimator(rectifier, search)(frames), "found"
     except WorkError as error:
-        raise WorkError("; ".join([*(check.sentence for check in light if not check.ok), str(error)])) from error
+        raise _explained(error, light) from error
     checks = *light, *alignment_checks(plain, matches, correction), *floor_checks(floor)
     geometry = rectifier.geometry
     return Setup(
@@ -115,12 +117,20 @@ def set_up(recording: StereoRecording | RgbdRecording, config: Config, pose_file
     )  # fmt: skip
 
 
+def _explained(error: WorkError, checks: Sequence[Check]) -> WorkError:
+    """A floor that is not found, behind what is wrong with the images."""
+    return WorkError("; ".join([*(check.sentence for check in checks if check.failed), str(error)]))
+
+
 def _set_up_rgbd(recording: RgbdRecording, config: Config, pose_file: str) -> Setup:
     rectifier = RgbdRectifier(recording.camera, recording.sensor, config.rectify)
     if recording.world_SE3_left is not None:
         floor, source = Floor(recording.world_SE3_left), pose_file
     else:
-        floor, source = sensor_floor(recording, rectifier, config.floor, config.analysis.setup_frames), "found"
+        try:
+            floor, source = sensor_floor(recording, rectifier, config.floor, config.analysis.setup_frames), "found"
+        except WorkError as error:
+            raise _explained(error, run_checks(recording)) from error
     return Setup(
         rectifier.geometry, floor, source, recording.source, math.nan, rectifier.disparities(),
         *_analysed(recording.path, rectifier.geometry, floor, source, config),

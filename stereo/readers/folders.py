@@ -10,7 +10,6 @@ from typing import NamedTuple
 from calib.errors import InputError
 from calib.formats import load_rig
 from calib.io import entries
-from stereo.readers import images
 from stereo.readers.base import (
     Layout,
     Reader,
@@ -25,6 +24,7 @@ from stereo.readers.base import (
 from stereo.readers.images import Colour, bits_note, bits_of, frame_number, image_files, images_of
 from stereo.readers.pairing import Pair, one_of_each, pair_files, split_sides
 from stereo.readers.times import stamps_of
+from stereo.readers.unknown import inside_text
 from stereo.recording import OpenOptions
 
 
@@ -47,7 +47,7 @@ def sides_layout(path: Path, sides: Sides, folder: Path, options: OpenOptions) -
     each = list(zip(sides.folders, sides.files, strict=True))
     for side, found in each:
         if not found:
-            raise InputError(f"{side}: expected images ({', '.join(sorted(images.SUFFIXES))}), found none")
+            raise InputError(f"{side}: expected images of one camera, found {inside_text(side)}")
     if not (folder / "timestamps.csv").is_file():
         timed = [TimedFiles(at, files, own.ns) for at, files in each if (own := stamps_of(files, at, folder))]
         if len(timed) == 2:

@@ -243,12 +243,15 @@ def _rows(path: Path) -> tuple[list[tuple[int, str]], str | None]:
     expected = f"{path}: expected the columns frame,timestamp_s with numbers"
     rows: list[tuple[int, str]] = []
     try:
-        lines = csv.reader(StringIO(read_text(path, "a table of times", MAX_BYTES), newline=""))
+        text = read_text(path, "a table of times", MAX_BYTES)
+        if ";" in text.partition("\n")[0]:  # as spreadsheets write tables where the comma is the decimal point
+            text = text.replace(",", ".").replace(";", ",")
+        lines = csv.reader(StringIO(text, newline=""))
         names = [name.strip().lower() for name in next(lines, [])]
         frame = next((i for i, name in enumerate(names) if name in _FRAME), None)
         time = next((i for i, name in enumerate(names) if _TIME.fullmatch(name)), None)
         if time is None or (frame is None and len(names) > 2):
-            raise InputError(f"{expected}, found {','.join(names)[:80]}")
+            raise InputError(f"{expected}, found {','.join(names)[:80] or 'an empty file'}")
         for row in filter(None, lines):
             text = str(len(rows)) if frame is None else row[frame] if frame < len(row) else ""
             if not re.fullmatch(r"\s*\d{1,12}\s*", text) or time >= len(row) or not row[time]:

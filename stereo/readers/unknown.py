@@ -39,7 +39,7 @@ def what_is_there(path: Path, recordings: Sequence[str]) -> str:
         return _file_text(path)
     if not path.is_dir():
         return "neither a file nor a folder"
-    return _bags_text(path) or _nearly_text(path, recordings) or _content_text(path)
+    return _bags_text(path) or _nearly_text(path, recordings) or inside_text(path)
 
 
 def _file_text(path: Path) -> str:
@@ -110,8 +110,10 @@ def _nearly_text(path: Path, recordings: Sequence[str]) -> str:
     return ""
 
 
-def _content_text(path: Path) -> str:
-    """The kinds of files in a folder without images, videos and bags, and what is known of the most frequent one."""
+def inside_text(path: Path) -> str:
+    """What a folder without images, videos and bags holds, and what is known of the most frequent kind of files."""
+    if folders := [f.name for f in entries(path) if f.is_dir() and image_files(f)]:
+        return f"none in it, but in its folder {listed(folders)}: move them up"
     files = [file for place in (path, *filter(Path.is_dir, entries(path))) for file in entries(place) if file.is_file()]
     kinds = Counter(file.suffix.lower() or file.name for file in files).most_common(4)
     if not kinds:

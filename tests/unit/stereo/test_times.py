@@ -36,6 +36,11 @@ def test_each_camera_has_its_own_file_of_times(tmp_path, name):
     assert [s.index for s in recording.skipped] == [5, 11]
 
 
+def test_table_with_semicolons_and_decimal_commas_is_read(tmp_path):
+    (tmp_path / "timestamps.csv").write_text("frame;timestamp_s\n0;0,5\n1;0,75\n")
+    assert load_timestamps(tmp_path / "timestamps.csv").times_s.tolist() == [0.0, 0.25]
+
+
 def test_times_of_one_camera_alone_are_named_as_not_used(tmp_path):
     folder = folder_recording(tmp_path / "r", 3)
     (folder / "left_timestamps.csv").write_text(table([0.0, 0.1, 0.2]))

@@ -47,6 +47,25 @@ def test_folder_that_nearly_fits_is_told_what_to_do(tmp_path: Path, names: tuple
 @pytest.mark.parametrize(
     ("name", "found"),
     [
+        (
+            "left/a.heic",
+            "left: expected images of one camera, found no images, videos or bags in it (a.heic; 1 .heic): ",
+        ),
+        ("left/images/0.png", "found none in it, but in its folder images: move them up"),
+    ],
+)
+def test_folder_of_one_camera_without_images_says_what_it_holds(tmp_path: Path, name: str, found: str) -> None:
+    write(tmp_path, "right/0.png")
+    (tmp_path / name).parent.mkdir(parents=True)
+    (tmp_path / name).write_bytes(b"1234")
+    with pytest.raises(InputError) as error:
+        find_layout(tmp_path)
+    assert found in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
         ("a.heic", "1 .heic): .heic is a kind of image that is not read: convert it to PNG or JPEG"),
         ("left/a.npy", "arrays: write them as images"),
         ("a.yuv", "pixels without a container: ffmpeg -f rawvideo"),

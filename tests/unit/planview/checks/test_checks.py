@@ -31,6 +31,7 @@ from planview.checks.timing import (
     longest_step,
     motion_checks,
     rate_checks,
+    repeated_check,
     thumbnails,
 )
 from planview.cli import main
@@ -296,6 +297,13 @@ def test_check_writes_the_rig_that_the_recording_corrects(tmp_path, pairs, capsy
             folder,
             options=CheckOptions(frames=8, calibration=tmp_path / "rig.toml", corrected_rig=tmp_path / "other.toml"),
         )
+
+
+def test_frames_that_are_written_twice_are_a_warning(pairs):
+    images = [left for left, _ in pairs[:16]]
+    assert repeated_check(images).ok
+    check = repeated_check([image for image in images for _ in range(2)])
+    assert not check.ok and check.value == pytest.approx(0.5, abs=0.1) and check.warns
 
 
 def test_rate_that_nothing_gives_is_a_warning(tmp_path, pairs):
