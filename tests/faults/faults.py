@@ -42,7 +42,7 @@ FOLDER_FAULTS = (
     Fault("other files among the images", replaced("left/Thumbs.db", b"\0")),
     Fault("right folder missing", removed("right"), 2, "right"),
     Fault("all right images missing", both(removed("right"), lambda f: (f / "right").mkdir()), 2, "right"),
-    Fault("half of the right images missing", removed(*(f"right/{i:06d}.png" for i in range(15))), 2, "15 right"),
+    Fault("half of the right images missing", removed(*(f"right/{i:06d}.png" for i in range(15))), 2, "15 in right"),
     Fault("every image claims 60000 x 60000", images(lambda i, n: i[:0].reshape(0, 160) if n < 0 else i[:60], ["right"]), 2, "160x60"),
     Fault("frame number of 30 digits", lambda f: [(f / i).rename(f / i.split("/")[0] / f"{'9' * 30}.png") for i in (L, R)]),
     Fault("sides swapped", swapped, 1, "swapped"),

@@ -77,7 +77,7 @@ def test_folders_that_do_not_pair_are_refused_by_name(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r", 9)
     for i in (3, 5, 7):
         (folder / "right" / f"{i:04d}.png").unlink()
-    with pytest.raises(InputError, match=r"0003\.png: expected a mate .*9 left, 6 right"):
+    with pytest.raises(InputError, match=r"0003\.png: expected a mate .*9 in left and 6 in right"):
         open_recording(folder)
 
 
