@@ -245,4 +245,4 @@ def explain(people, prior, order, touch: Bool, samples, table, model, found) -> 
                 at = pose[0], pose[1], pose[2], pose[3], pose[4]
                 evidence[a] = log_ratio(at, me[0], me[2], mine, table, model)
                 evidence[a] += log_prior(at, me, (people, others), model)
-                visible(at, me, mine, table, model, seen[a])
+                visible(at, (me[0], me[1], np.ones_like(me[2])), mine, table, model, seen[a])  # in any clothes
