@@ -130,7 +130,7 @@ def _set_up_rgbd(recording: RgbdRecording, config: Config, pose_file: str) -> Se
         try:
             floor, source = sensor_floor(recording, rectifier, config.floor, config.analysis.setup_frames), "found"
         except WorkError as error:
-            raise _explained(error, run_checks(recording)) from error
+            raise _explained(error, run_checks(recording)[:1]) from error  # a delay by depth in another unit is none
     return Setup(
         rectifier.geometry, floor, source, recording.source, math.nan, rectifier.disparities(),
         *_analysed(recording.path, rectifier.geometry, floor, source, config),
