@@ -225,7 +225,7 @@ def share_out(samples, poses: F64, model, owner: I64, found: F32) -> None:  # ty
             found[3, i] = patches * math.log(surface / total)
         else:  # one more person behind all others
             more = ray[THROUGH, n] * (m.body if p.kind == SURFACE else 1.0 - m.body)
-            found[3, i] = math.log((total + more) / total)
+            found[3, i] = math.log((ray[BEFORE, n] + more) / total)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
