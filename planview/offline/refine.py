@@ -158,7 +158,7 @@ def _log_odds(a: Trajectories, b: Trajectories) -> float:
         return -1.0
     ahead_m = body.walks_on_s(gone_s) * np.nan_to_num(a.velocity_mps[end])
     away_m = math.hypot(b.x_m[start] - a.x_m[end] - ahead_m[0], b.y_m[start] - a.y_m[end] - ahead_m[1])
-    place = body.same_place(gone_s, away_m, JOINT.floor_m2)
+    place = body.same_place(gone_s, away_m, math.inf, JOINT.floor_m2)  # without clothes a door is anybody's
     heights = [table.height_m[(table.state == "confirmed") & np.isfinite(table.height_m)] for table in (a, b)]
     if not len(heights[0]) or not len(heights[1]):
         return place

@@ -18,13 +18,14 @@ from planview.tracking.joint.samples import PARTS, TINY
 
 CONTACT_M = 0.7
 """People nearer than this may be confused [m]: a body, and an arm's movement."""
-KNOWN_LOG_ODDS = 0.3
-"""Log-odds from which a newcomer is recognised: probably the same person; without evidence it is a stranger."""
+KNOWN_LOG_ODDS = 3.0
+"""Log-odds from which a newcomer is somebody known: one error in twenty. From 0 on more is waited for; what remains are
+strangers."""
 EXCHANGED_LOG_ODDS = 6.0
 """Log-odds at which two people exchange identities: one error in 400."""
 PART_MAX = 2.0
 """Largest evidence of the colours of one part of a body, as log-odds: light differs within a room."""
-PART_SAMPLES = 3.0
+PART_SAMPLES = 10.0
 """Independent samples that the colours of a part are worth when people are recognised (our choice)."""
 OTHERS_SHARE = 0.8
 """Share of the others seen so far in the colours of a stranger; the rest is any colour alike."""
@@ -95,7 +96,7 @@ def owned_colours(k: int, owned: Sequence[Owned]) -> tuple[F64, float]:
 def continued(
     born: Sequence[P], known: Sequence[P], everybody: Sequence[P], floor_m2: float, low_share: float
 ) -> dict[int, tuple[P, float]]:
-    """Newcomers, by index, who were seen before, with the log-odds: the best joint assignment.
+    """Newcomers, by index, who may have been seen before, with the log-odds: the best joint assignment.
 
     Args:
         everybody: seen so far, in whose clothes strangers come.
@@ -106,26 +107,20 @@ def continued(
 
     odds = np.array([[_log_odds(q, b, everybody, floor_m2, low_share) for q in known] for b in born])
     odds = odds.reshape(len(born), -1)
-    rows, cols = linear_sum_assignment(np.maximum(odds, KNOWN_LOG_ODDS), maximize=True)
-    return {
-        int(i): (known[j], float(odds[i, j])) for i, j in zip(rows, cols, strict=True) if odds[i, j] > KNOWN_LOG_ODDS
-    }
-
-
-def within_reach(q: Person, b: Person) -> bool:
-    """Whether a known person can have walked to where a newcomer was seen first."""
-    return body.within_reach(b.born_s - q.seen_s, math.dist((q.seen.x_m, q.seen.y_m), b.born_m))
+    rows, cols = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
+    return {int(i): (known[j], float(odds[i, j])) for i, j in zip(rows, cols, strict=True) if odds[i, j] > 0.0}
 
 
 def _log_odds(q: Person, b: Person, everybody: Sequence[Person], floor_m2: float, low_share: float) -> float:
     """Log-odds of a newcomer being a known person rather than a stranger, by place, height and colours."""
-    if not within_reach(q, b):
-        return -1.0
+    back_m = math.dist((q.seen.x_m, q.seen.y_m), b.born_m)
+    if not body.within_reach(b.born_s - q.seen_s, back_m):
+        return -math.inf
     gone_s, left = b.born_s - q.seen_s, q.seen
     ahead_s = body.walks_on_s(gone_s)
     away_m = math.dist((left.x_m + ahead_s * left.vx_mps, left.y_m + ahead_s * left.vy_mps), b.born_m)
     others = colours_of([person for person in everybody if person is not q and person is not b])
-    odds = body.same_place(gone_s, away_m, floor_m2) + alike(q, b, others)
+    odds = body.same_place(gone_s, away_m, back_m, floor_m2) + alike(q, b, others)
     if not b.head_in_view:
         return odds
     error = max(math.sqrt(b.height_var), body.HEIGHT_STD_M)  # newcomers show in part at first
@@ -145,8 +140,10 @@ def colours_of(others: Sequence[Person]) -> F64:
 def alike(one: Person, other: Person, stranger: F64) -> float:
     """Log-odds of two tracks showing the colours of one person rather than of two; 0 where there are none.
 
-    A colour that both have counts the more, the rarer it is in the colours of a stranger (PARTS, CODES).
+    The overlap of their colours is compared with that of either with the colours of a stranger (PARTS, CODES).
     """
-    a, b = (q.colours @ SMOOTHING + DOUBT_FRAMES * stranger for q in (one, other))
-    a, b = (shares / shares.sum(axis=1, keepdims=True) for shares in (a, b))
-    return float(np.clip(PART_SAMPLES * np.log((a * b / stranger).sum(axis=1)), -PART_MAX, PART_MAX).sum())
+    seen = [q.colours @ SMOOTHING for q in (one, other)]
+    a, b = ((n + DOUBT_FRAMES * stranger) / (n.sum(axis=1, keepdims=True) + DOUBT_FRAMES) for n in seen)
+    samples = PART_SAMPLES * np.prod([n.sum(axis=1) / (n.sum(axis=1) + DOUBT_FRAMES) for n in seen], axis=0)
+    both, one_s, other_s = (np.log(np.sqrt(p * q).sum(axis=1)) for p, q in ((a, b), (a, stranger), (b, stranger)))
+    return float(np.clip(samples * (both - 0.5 * (one_s + other_s)), -PART_MAX, PART_MAX).sum())

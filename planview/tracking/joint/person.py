@@ -37,6 +37,8 @@ PRIOR_LOOKS = 2.0
 """Weight of anybody's colours next to those seen [frames]."""
 COLOURED_FRAMES_MIN = 5
 """Frames from which on colours distinguish people."""
+COLOURS_S = 1.0
+"""A newcomer's colours have been seen after this time, or cannot be soon: of somebody next to others [s]."""
 RATIO_MAX = 20.0
 """Largest ratio of a person's colours to anybody's."""
 BORN_LOG_ODDS = -3.9
@@ -188,10 +190,10 @@ class Person:
         """Height when upright and its deviation in one frame [m]."""
         return self.tall_m, math.hypot(math.sqrt(self.tall_var), GAIT_M)
 
-    @property
-    def cut_off(self) -> bool:
-        """Whether too little has been seen to tell who it is: less than half of the body, no head and no colours."""
-        return not self.head_in_view and self.inside < 0.5 and self.looks < COLOURED_FRAMES_MIN
+    def shows_more_after(self, now_s: float) -> bool:
+        """Whether more will show of somebody who it is: the colours soon, or more than half of the body or the head."""
+        cut_off = not self.head_in_view and self.inside < 0.5
+        return self.looks < COLOURED_FRAMES_MIN and (cut_off or now_s - self.born_s < COLOURS_S)
 
     @property
     def standing(self) -> tuple[bool, float, int]:

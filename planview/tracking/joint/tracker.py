@@ -15,7 +15,7 @@ from planview.tracking import body
 from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, Drawing, Observation, TrackerDebug, person_boxes
 from planview.tracking.joint.births import EVIDENCE_MAX, LOOSE, Births
 from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, People, Samples, likelihood_of_ranges
-from planview.tracking.joint.identity import Exchanges, continued, within_reach
+from planview.tracking.joint.identity import KNOWN_LOG_ODDS, Exchanges, continued
 from planview.tracking.joint.params import JointParams, PeopleParams
 from planview.tracking.joint.person import Person, colour_counts, colour_ratios, side_by_side
 from planview.tracking.joint.samples import KNOWN, PARTS, TINY
@@ -24,8 +24,6 @@ from planview.trajectories.state import State, TrackState
 
 HEIGHT_CHANGE_MPS = 0.6
 """Speed of a head that goes up and down: sitting down, bending [m/s]."""
-KNOWN_ODDS = 3.0
-"""Log-odds at which a newcomer is somebody known before it is sure to exist: one error in twenty."""
 LOW_WALKERS = 0.01
 """Share of low people who walk: these are children. The others sit or bend, and stay where they are."""
 STEP_STD_M = 0.2
@@ -238,7 +236,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         for newcomer in self._births.find(frame, self._people, owned, self._log.now_s):
             reason = f"evidence {newcomer.evidence:.1f}, {newcomer.height_m:.2f} m tall"
             self._add(newcomer, "spawned", reason, newcomer.evidence)
-        self._recognise()
+        self._recognise(frame.coloured)
         boxes = person_boxes(observation.camera, [(*person.at_m, person.height_m) for person in self._people])
         return tuple(self._state(person, box) for person, box in zip(self._people, boxes, strict=True))
 
@@ -315,27 +313,26 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             if person.existence < 0.05 or gone or self._log.now_s - person.seen_s > self.params.remember_s:
                 self._end(person, f"existence {person.existence:.2f}, evidence {person.evidence:.1f}", person.confirmed)
 
-    def _recognise(self) -> None:
+    def _recognise(self, coloured: bool) -> None:
         """Confirm newcomers, either as a lost or departed person or as a stranger.
 
-        An identity is decided as soon as its odds suffice, and no later than when the person is first reported.
+        An identity is decided as soon as its odds suffice, and no later than when the person has shown who it is.
         """
         p, new = self.params, [person for person in self._people if not person.confirmed]
         report, visible = math.log(p.report / (1 - p.report)), [q for q in new if q.share >= p.visible_min]
         sure = [q for q in visible if min(q.log_odds, q.proven, self._personhood(q)) > report]
+        in_doubt: list[Person] = []
         for newcomer, before, odds in self._known(sure, p.floor_m2):  # before those who may be nobody
-            self._continue(newcomer, before, odds)
+            if odds > KNOWN_LOG_ODDS:
+                self._continue(newcomer, before, odds)
+            elif newcomer.shows_more_after(self._log.now_s if coloured else math.inf):
+                in_doubt.append(newcomer)
         for q in sure:
-            if not q.confirmed and not (q.cut_off and self._may_be_known(q)):
+            if not q.confirmed and q not in in_doubt:
                 self._confirm(q, f"existence {q.existence:.2f}, log-odds of a person {self._personhood(q):.1f}")
         for newcomer, before, odds in self._known([q for q in new if not q.confirmed], p.floor_m2):
-            if odds > KNOWN_ODDS:
+            if odds > KNOWN_LOG_ODDS:
                 self._continue(newcomer, before, odds)
-
-    def _may_be_known(self, newcomer: Person) -> bool:
-        """Whether somebody lost or departed can have come to where a newcomer was seen first."""
-        known = [*self._departed, *(q for q in self._people if q.confirmed and q.share < self.params.visible_min)]
-        return any(within_reach(q, newcomer) for q in known)
 
     def _personhood(self, person: Person) -> float:
         """Log-odds of a person against a thing, by shape and own movement, and by height as far as the head is in view:

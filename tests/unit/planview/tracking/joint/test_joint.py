@@ -117,20 +117,20 @@ def newcomer(track_id: int, x_m: float, now_s: float, log_odds: float) -> Person
 
 def test_a_newcomer_who_may_be_nobody_claims_no_identity_before_one_who_is_reported():
     tracker = JointTracker()
-    gone, sure, ghost = newcomer(1, 0.0, 0.0, 8.0), newcomer(2, 0.2, 1.0, 8.0), newcomer(3, 0.0, 1.0, -2.0)
+    gone, sure, ghost = newcomer(1, 0.0, 0.0, 8.0), newcomer(2, 0.1, 0.5, 8.0), newcomer(3, 0.0, 0.5, -2.0)
     tracker._departed, tracker._people = [gone], [ghost, sure]
-    tracker._log.begin(1.3)
-    tracker._recognise()
+    tracker._log.begin(0.8)
+    tracker._recognise(coloured=True)
     assert (sure.track_id, sure.confirmed, ghost.track_id, ghost.confirmed) == (1, True, 3, False)
 
 
-def test_who_walks_out_is_expected_ahead_and_not_behind() -> None:
+def test_who_walks_out_is_expected_ahead_or_back_in_the_door_and_not_behind() -> None:
     # After 0.7 s a walker has gone on for 0.7 s (1 - 1/e), at 1 m/s 0.44 m.
     walker = newcomer(1, 0.0, 0.0, 3.0)
     walker.seen = FloorKalman(np.array([0.0, 3.0, 1.0, 0.0]), np.eye(4))
-    ahead, behind = (newcomer(-1, x_m, 0.7, 3.0) for x_m in (0.44, -0.44))
-    odds = [_log_odds(walker, found, [], 20.0, 0.1) for found in (ahead, behind)]
-    assert odds[0] > 2.0 > 0.0 > odds[1]
+    found = [newcomer(-1, x_m, 0.7, 3.0) for x_m in (0.44, 0.0, -0.88)]  # -0.88 is three deviations from the door
+    ahead, back, behind = (_log_odds(walker, person, [], 20.0, 0.1) for person in found)
+    assert ahead > back > 2.0 > 0.0 > behind
 
 
 def test_clothes_tell_people_apart_as_far_as_others_do_not_wear_them() -> None:
@@ -148,16 +148,29 @@ def test_clothes_tell_people_apart_as_far_as_others_do_not_wear_them() -> None:
     assert alike(dressed(black), unseen, whites) == pytest.approx(0.0, abs=1e-6)
 
 
+def test_a_newcomer_who_may_be_somebody_known_has_no_id_before_the_clothes_have_been_seen() -> None:
+    tracker = JointTracker()
+    gone, found = newcomer(1, 0.0, 0.0, 8.0), newcomer(-1, 0.4, 2.0, 8.0)
+    tracker._departed, tracker._people = [gone], [found]
+    tracker._log.begin(2.3)
+    tracker._recognise(coloured=True)
+    assert not found.confirmed
+    for person in (gone, found):
+        person.colours[:, 0], person.looks = 5.0, 5
+    tracker._recognise(coloured=True)
+    assert found.confirmed and found.track_id == 1
+
+
 def test_of_whom_the_head_is_out_of_view_is_nobodys_height_and_no_stranger():
     tracker = JointTracker()
-    gone, legs = newcomer(1, -1.5, 0.0, 8.0), newcomer(2, 0.0, 1.0, 8.0)
+    gone, legs = newcomer(1, -0.5, 0.0, 8.0), newcomer(2, 0.0, 1.0, 8.0)
     gone.tall_m, legs.height_m, legs.inside = 1.9, 0.8, 0.4
     tracker._departed, tracker._people = [gone], [legs]
-    tracker._log.begin(1.3)
-    tracker._recognise()
+    tracker._log.begin(2.1)
+    tracker._recognise(coloured=True)
     assert not legs.confirmed
     legs.inside = 0.9  # all but the head: a stranger now
-    tracker._recognise()
+    tracker._recognise(coloured=True)
     assert legs.confirmed and legs.track_id == 1
 
 
