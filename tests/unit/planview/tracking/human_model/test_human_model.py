@@ -318,3 +318,11 @@ def test_match_is_equation_1():
     both = matches([half, half], surface)[0]
     assert both.overlap == pytest.approx(0.5) and both.score == pytest.approx(1.0)
     assert matches([None], surface) == [ModelMatch()]
+
+
+def test_one_more_person_gains_on_foreground_and_loses_on_background():
+    frame = frame_of((0.0, 6.0, RED))
+    shown, empty = (frame.owned(0, people_at(), np.flatnonzero(frame.kind == kind)) for kind in (1, 0))
+    p = frame.likelihood.model[0]
+    assert shown.lacking == pytest.approx(np.log(p["body"] / p["background"]), rel=1e-4)
+    assert empty.lacking == pytest.approx(np.log((1.0 - p["body"]) / (1.0 - p["background"])), rel=1e-4)
