@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-class Opening(TypedDict, total=False):
+class OpenArguments(TypedDict, total=False):
     """How ``run`` opens a recording: the arguments of ``open_engine``, which explains them."""
 
     tracker: AnyTracker
@@ -56,7 +56,7 @@ def run(
     refined: bool = False,
     overwrite: bool = False,
     watch: Callable[[FrameResult], None] | None = None,
-    **opening: Unpack[Opening],
+    **opening: Unpack[OpenArguments],
 ) -> Trajectories:
     """Track people in a recording: ``planview.run("my_recording", "out", tracker="template")``.
 

@@ -35,12 +35,13 @@ def numbers_in(path: Path) -> int:
 
 
 def _is_numeric(value: ast.expr) -> bool:
-    """Whether an expression is made of numbers, or of numbers and other constants."""
+    """Whether an expression is made of numbers, or of numbers and other constants; ``range`` numbers names."""
     try:
         parts = ast.literal_eval(value)
     except ValueError:
         numbers = [n for n in ast.walk(value) if isinstance(n, ast.Constant) and isinstance(n.value, int | float)]
-        return isinstance(value, ast.BinOp | ast.UnaryOp | ast.Call) and bool(numbers)
+        of = ast.unparse(value.func) if isinstance(value, ast.Call) else ""
+        return isinstance(value, ast.BinOp | ast.UnaryOp | ast.Call) and of != "range" and bool(numbers)
     parts = parts if isinstance(parts, tuple) else (parts,)
     return all(isinstance(part, int | float) and not isinstance(part, bool) for part in parts)
 
