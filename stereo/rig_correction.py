@@ -44,7 +44,7 @@ _HUBER = 2.0
 """Residuals beyond this many standard deviations count linearly (our choice)."""
 _ROUNDS = 8
 """Rounds of reweighted least squares: offsets are nearly linear in the angles, four settle them (our choice)."""
-_TURNED = 0.2
+_TURNED = 0.3
 """Share of rigs whose cameras have turned about an axis since calibration (our choice: most calibrations hold)."""
 
 

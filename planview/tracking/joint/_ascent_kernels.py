@@ -146,25 +146,22 @@ def _start(pose: F64, axes, task):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _parabola(best, way, step, unit, axes, task, curvature, bend):  # type: ignore[no-untyped-def]
+def _parabola(best, way, step, unit, axes, task, curvature):  # type: ignore[no-untyped-def]
     """A step each way and one to the top of the parabola: the best of them, and how far it is [steps' unit].
 
-    Fills ``curvature``, how sharply Lam curves there [1/m^2, 1/rad^2], and ``bend``, how the parabola does; where it is
-    known to be negative, one step says where the top is.
+    Fills ``curvature``, how sharply Lam curves there [1/m^2, 1/rad^2].
     """
     m = task[5][0]
     start, value, lam = best
     up = down = value
-    lam_up, far, jump = lam, step, 0.0
+    lam_up = lam_down = lam
+    far, jump = step, 0.0
     for trial in range(3):
-        if trial == 1 and bend[way] < 0.0:
-            down = 2 * value + bend[way] - up
-            continue
         if trial == 2:
-            bend[way], rise = up + down - 2 * value, up - down
+            curve, rise = up + down - 2 * value, up - down
             far = 2 * step if rise > 0 else -2 * step
-            if bend[way] < 0.0:
-                far = max(-2 * step, min(2 * step, -0.5 * step * rise / bend[way]))
+            if curve < 0:
+                far = max(-2 * step, min(2 * step, -0.5 * step * rise / curve))
             if abs(far) < 0.1 * step:
                 break
         new = _moved(start, way, far * unit, axes, m)
@@ -172,10 +169,11 @@ def _parabola(best, way, step, unit, axes, task, curvature, bend):  # type: igno
         if trial == 0:
             up, lam_up = reached, lam_new
         elif trial == 1:
-            down, curvature[way] = reached, (2 * lam - lam_up - lam_new) / (step * unit) ** 2
+            down, lam_down = reached, lam_new
         if reached > best[1] + 1e-6:
             best, jump = (new, reached, lam_new), far
         far = -step
+    curvature[way] = (2 * lam - lam_up - lam_down) / (step * unit) ** 2
     return best, abs(jump)
 
 
@@ -206,13 +204,12 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
     units, axes = (slope, 1.0, 0.5, 1.0 / LEAN_M, 1.0, 0.5), (camera, ax, ay)
     best = _start(pose, axes, task)
     for step in prior[2]:
-        bend = np.zeros(6)
         for again in range(MAX_TURNS):
             farthest = 0.0
             for way in (3, 4, 0, 1, 2, 5):
                 if (way in (3, 4) and (again or len(table.cover) == 1)) or (way == 5 and m.masks == 0.0):
                     continue
-                best, jump = _parabola(best, way, step, units[way], axes, task, curvature, bend)
+                best, jump = _parabola(best, way, step, units[way], axes, task, curvature)
                 farthest = max(farthest, jump)
             if farthest < 0.5 * step:
                 break

@@ -90,7 +90,7 @@ def test_line_in_the_image_goes_on_beyond_the_border_where_it_ends():
         ('[[tripwire]]\nname = "a"\nfrom_m = [1, 1]\nto_px = [1, 2]\n', "found from_m, to_px"),
         ('[[tripwire]]\nname = "a"\nfrom_m = [1, nan]\nto_m = [1, 2]\n', "tripwire 'a'"),
         ('[[tripwire]]\nname = "a"\nfrom_m = ["x", 1]\nto_m = [1, 2]\n', "found 'x'"),
-        ('[[tripwire]]\nname = "a"\nfrom_m = [1, 1]\nto_m = [1, 2]\nhysteresis = 1\n', "found hysteresis in"),
+        ('[[tripwire]]\nname = "a"\nfrom_m = [1, 1]\nto_m = [1, 2]\nhysteresis = 1\n', "unknown name hysteresis in"),
         ("[[tripwire]]\nfrom_m = [1, 1]\nto_m = [1, 2]\n", "expected name in tripwire number 1, found none"),
         (WIRE + WIRE, "a name of its own, found 'door' twice"),
         (WIRE + '[[zone]]\nname = "door"\npolygon_m = [[0, 0], [2, 0], [2, 2]]\n', "found 'door' twice"),
