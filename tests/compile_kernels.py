@@ -37,8 +37,8 @@ def one_camera() -> None:
 
 if __name__ == "__main__":
     joint = HERE.parent / "planview/tracking/joint"
-    calls, called = joint / "_ascent_kernels.py", joint / "_likelihood_kernels.py"
-    if called.stat().st_mtime > calls.stat().st_mtime:  # numba looks at the time of the former alone
+    calls, *called = (joint / f"_{name}_kernels.py" for name in ("ascent", "likelihood", "sample"))
+    if max(file.stat().st_mtime for file in called) > calls.stat().st_mtime:  # numba looks at the time of calls alone
         calls.touch()
     workers = [multiprocessing.Process(target=compile_some) for compile_some in (stereo, one_camera)]
     for worker in workers:

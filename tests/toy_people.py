@@ -26,10 +26,7 @@ def oblique_camera(height_m: float = 2.5, tilt_deg: float = 65.0) -> PixelRays:
 
 
 def look_at(
-    rays: PixelRays,
-    people: Sequence[tuple[float, ...]],
-    codes: Sequence[int] = (),
-    table: BodyTable | None = None,
+    rays: PixelRays, people: Sequence[tuple[float, ...]], codes: Sequence[int] = (), table: BodyTable | None = None
 ) -> View:
     """People (x, y, height and, unless 0, facing and lean), or what else a table shows, before a floor without texture,
     each of one colour code."""

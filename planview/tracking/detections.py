@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -77,14 +78,23 @@ class Detected:
         return 1.0 / (1.0 + math.exp(-self.log_odds))
 
 
-class _OfDetections(Carried):
+P = TypeVar("P")
+
+
+class _OfDetections(Carried, Generic[P]):
     """What the trackers of another program's boxes have in common: the boxes, and nothing to say about pixels."""
 
     CARRIED = "_cycle", "_people"
     foreground_columns: int | None = 80
 
     def __init__(self, detections: Detections) -> None:
-        self.detections, self._cycle = detections, LifeCycle()
+        self.detections = detections
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody."""
+        self._cycle = LifeCycle()
+        self._people: list[P] = []
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
@@ -105,7 +115,7 @@ class _OfDetections(Carried):
         return TrackerDebug()
 
 
-class DetectionTracker(_OfDetections):
+class DetectionTracker(_OfDetections[Detected]):
     """Boxes to people: the global nearest neighbour by likelihood, and existence by the Bernoulli filter.
 
     A box is explained by the cylinder of a standing body (least squares over its edges, with the heights of adults as
@@ -122,22 +132,14 @@ class DetectionTracker(_OfDetections):
     def __init__(self, detections: Detections, params: DetectionParams, camera: GroundCamera) -> None:
         super().__init__(detections)
         self.params, self.camera = params, camera
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everybody."""
-        self._cycle = LifeCycle()
-        self._people: list[Detected] = []
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
-        """Track one frame, whose image gives the size of the view only."""
+        """Track the boxes of one frame."""
         first = math.isnan(self._cycle.now_s)
         dt_s = self._cycle.begin(observation.timestamp_s)
         looks = 1.0 if first else min(1.0, dt_s / ERRORS_S)
-        image = observation.views[0].image if observation.views else None
-        size = (1e9, 1e9) if image is None else image.shape[1::-1]
         boxes = self.detections.at(observation.frame)
-        poses, covariances = self._placed(boxes, size)
+        poses, covariances = self._placed(boxes)
         placed = np.flatnonzero(np.isfinite(poses).all(axis=1))
         boxes, poses, covariances = boxes[placed], poses[placed], covariances[placed]
         scores = np.clip(boxes[:, 4], 1e-6, 1 - 1e-6)
@@ -155,7 +157,7 @@ class DetectionTracker(_OfDetections):
                 k = matched[i]
                 self._found(q, boxes[k], poses[k], covariances[k], looks, gains[i, k])
             else:
-                self._missed(q, dt_s, looks, size)
+                self._missed(q, dt_s, looks)
         taken, same = set(matched.values()), overlaps(boxes[:, :4], boxes[:, :4]) > SAME_PERSON_IOU
         for k in range(len(boxes)):
             if k not in taken and not same[k, list(taken)].any():
@@ -166,14 +168,14 @@ class DetectionTracker(_OfDetections):
             self._people.remove(q)
         return tuple(self._state(q) for q in self._people)
 
-    def _placed(self, boxes: F64, size: tuple[float, float]) -> tuple[F64, F64]:
+    def _placed(self, boxes: F64) -> tuple[F64, F64]:
         """(N, 3) x, y, height [m] of boxes, NaN of those on no floor, and (N, 3, 3) covariances."""
         std_px = self.params.edge * boxes[:, 3]
         edges = np.column_stack([boxes[:, 0], boxes[:, 1], boxes[:, 0] + boxes[:, 2], boxes[:, 1] + boxes[:, 3]])
         foot = np.column_stack([(edges[:, 0] + edges[:, 2]) / 2, edges[:, 3]])
         poses = np.column_stack([self.camera.back_project(foot), np.full(len(boxes), body.HEIGHT_MEAN_M)])
         # An edge on the border of the image is not the person's; arms and strides widen a box.
-        limits = np.array([0, 0, size[0] - 1, size[1] - 1])
+        limits = np.array([0, 0, self.camera.width - 1, self.camera.height - 1])
         own = np.abs(edges - limits) > 2
         weight = own / (std_px[:, None] * np.array([3.0, 1.0, 3.0, 1.0]))
         prior = np.diag([0.0, 0.0, 1 / body.HEIGHT_STD_M**2])
@@ -245,23 +247,20 @@ class DetectionTracker(_OfDetections):
         if q.existence > p.report:
             self._cycle.confirm(q.who, f"existence {q.existence:.3f}", q.existence)
 
-    def _missed(self, q: Detected, dt_s: float, looks: float, size: tuple[float, float]) -> None:
+    def _missed(self, q: Detected, dt_s: float, looks: float) -> None:
         """No box: survival, and evidence against as far as the person should be seen."""
         p = self.params
-        hidden = max((self._covered(q.box, o.box) for o in self._people if o is not q), default=0.0)
-        inside = self._covered(q.box, np.array([0.0, 0.0, *size]), anywhere=True)
+        foot = q.box[1] + q.box[3]  # lower in the image is nearer
+        nearer = np.array([o.box for o in self._people if o is not q and o.box[1] + o.box[3] >= foot]).reshape(-1, 4)
+        hidden, inside = (
+            float(common(q.box[None], boxes).max(initial=0.0) / (q.box[2] * q.box[3]))
+            for boxes in (nearer, np.array([[0.0, 0.0, *self.camera.size]]))
+        )
         away_s = body.LEAVE_S if inside < SAME_PERSON_IOU else p.stay_s
         stays = q.existence * math.exp(-dt_s / away_s)
         q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
         q.log_odds += looks * math.log(1 - p.found * (1 - hidden) * inside)
         self._cycle.miss(q.who, f"no box, hidden {hidden:.2f}, existence {q.existence:.3f}", q.existence)
-
-    @staticmethod
-    def _covered(box: F64, other: F64, *, anywhere: bool = False) -> float:
-        """Share of a box that another covers, which is nearer as its lower edge is lower."""
-        if not anywhere and other[1] + other[3] < box[1] + box[3]:
-            return 0.0
-        return float(common(box[None], other[None])[0, 0] / (box[2] * box[3]))
 
     def _meet(self, box: F64, pose: F64, covariance: F64, worth: float) -> None:
         kalman = FloorKalman.measured(pose[:2], covariance[:2, :2], body.SPEED_MAX_MPS / 2)
@@ -337,7 +336,7 @@ class BoxTrack:
         self.covariance = self.covariance - np.outer(gain, self.covariance[0])
 
 
-class BoxTracker(_OfDetections):
+class BoxTracker(_OfDetections[BoxTrack]):
     """Follows the boxes of a detector without a camera: the two stages of ByteTrack (Zhang et al. 2022) with a Kalman
     filter of boxes.
 
@@ -354,12 +353,6 @@ class BoxTracker(_OfDetections):
     def __init__(self, detections: Detections, edge: float) -> None:
         super().__init__(detections)
         self._edge = edge
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everybody."""
-        self._cycle = LifeCycle()
-        self._people: list[BoxTrack] = []
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track the boxes of one frame."""

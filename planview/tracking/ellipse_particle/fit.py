@@ -13,7 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from calib.types import F32, F64, U8
+from calib.types import F32, F64, U8, Bool
 from planview.tracking.ellipse_particle.size import Size
 
 BACKGROUND_WEIGHT = 0.4
@@ -242,6 +242,36 @@ def painted(ellipses: F64, shape: tuple[int, int]) -> U8:
         window = around(ellipse, shape)
         mask[window] = np.hypot(*along_and_across(ellipse, window)) < 1.0
     return masks
+
+
+def uncovered(measured: U8, objects: U8, share: float) -> Bool:
+    """(M,) measurements that have no object: objects cover less than a share of them, or leave as much next to them.
+
+    One object that lies across two measurements covers enough of both, wherever it is. So each object is given the
+    measurement that it covers most, and one that is left over has none when objects leave as much free of it and of
+    those that they cover with it as they leave of an uncovered one. Our choice; the paper has no association.
+
+    Args:
+        measured, objects: (M, R, C), (N, R, C) uint8, 1 inside each.
+    """
+    from scipy.optimize import linear_sum_assignment  # half a second
+
+    if not len(measured):
+        return np.zeros(0, np.bool_)
+    flat, union = measured.reshape(len(measured), -1), objects.any(axis=0).ravel()
+    areas = np.maximum(flat.sum(axis=1), 1)
+    out = np.asarray((flat & union).sum(axis=1) < share * areas)
+    if not 0 < len(objects) < len(measured):
+        return out
+    covers = objects.reshape(len(objects), -1).astype(np.float32) @ flat.T.astype(np.float32)
+    spare = ~out
+    spare[linear_sum_assignment(covers, maximize=True)[1]] = False
+    for m in np.flatnonzero(spare):
+        near = (covers[covers[:, m] > 0] > 0).any(axis=0)
+        if np.count_nonzero(flat[near].any(axis=0) & ~union) >= (1 - share) * areas[m]:
+            out[m] = True
+            union = union | (flat[m] > 0)
+    return out
 
 
 def inside(ellipse: F64, window: Window) -> F64:

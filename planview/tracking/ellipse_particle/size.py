@@ -61,6 +61,10 @@ class Size(NamedTuple):
         """Half lengths expected in rows, float64 of their shape."""
         return np.asarray(np.maximum(self.least, self.level + self.slope * rows))
 
+    def cells_per_m(self, rows: F64) -> F64:
+        """Cells per metre where an object is centred in rows, float64 of their shape."""
+        return np.asarray(2.0 * self.aspect / BREADTH_M * self.half_lengths(rows))
+
     def on(self, scale: float) -> Size:
         """This size, in pixels, on a grid of cells of ``scale`` pixels; pixel and cell 0 share their corner."""
         shift = self.level + self.slope * (scale - 1) / 2
@@ -82,6 +86,17 @@ def size_of_camera(camera: GroundCamera) -> Size | None:
         return None
     slope, level = np.polyfit(middle[seen], half[seen], 1)
     return Size(float(level), max(0.0, float(slope)), float(half[seen].min()), ASPECT) if slope < 1 else None
+
+
+def height_of(camera: GroundCamera, floor: F64, top_row: float) -> float:
+    """Height [m] above a floor position at which a vertical line meets an image row; NaN where there is none."""
+    heights = np.linspace(0.3, 2.5, 45)
+    if not np.isfinite(floor).all():
+        return math.nan
+    rows = camera.project(np.column_stack([np.broadcast_to(floor, (len(heights), 2)), heights]))[:, 1]
+    seen = np.isfinite(rows)
+    order = np.argsort(rows[seen])
+    return float(np.interp(top_row, rows[seen][order], heights[seen][order])) if seen.sum() > 1 else math.nan
 
 
 class SizeLearner:

@@ -15,10 +15,10 @@ from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import WALKER
 from planview.maps.view import SHADOW, View
 from planview.tracking.base import Decision, Drawing, Observation, TrackerDebug
-from planview.tracking.ellipse_particle.fit import BACKGROUND_WEIGHT, fit_ellipses, painted
+from planview.tracking.ellipse_particle.fit import BACKGROUND_WEIGHT, fit_ellipses, painted, uncovered
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter, Y, ellipses_of
-from planview.tracking.ellipse_particle.size import ASPECT, BREADTH_M, Size, SizeLearner, size_of_camera
+from planview.tracking.ellipse_particle.size import ASPECT, BREADTH_M, Size, SizeLearner, height_of, size_of_camera
 from planview.tracking.lifecycle import Existence, LifeCycle
 from planview.trajectories.state import TrackState
 
@@ -69,6 +69,7 @@ class EllipseParticleTracker(Carried):
         seed: of the only random generator; one seed gives one result.
     """
 
+    foreground_columns: int | None = COLUMNS
     CARRIED = (
         "_cycle", "_filter", "_objects", "_states", "_learner", "_learned", "_studied", "_image_size", "_shape",
         "_mask", "_measured",
@@ -78,7 +79,10 @@ class EllipseParticleTracker(Carried):
         self, params: EllipseParticleParams | None = None, camera: GroundCamera | None = None, seed: int = 0
     ) -> None:
         self._params, self._camera, self._seed = params or EllipseParticleParams(), camera, seed
-        self.foreground_columns: int | None = COLUMNS
+        height_px = self._params.size.person_height_px
+        self._given = size_of_camera(camera) if camera is not None else None
+        if height_px is not None:
+            self._given = Size(height_px / 2, 0.0, 1.0, ASPECT)
         self._studied: tuple[Size, float] | None = None
         self.reset()
 
@@ -103,7 +107,7 @@ class EllipseParticleTracker(Carried):
     @property
     def notes(self) -> tuple[str, ...]:
         """The size of people that was learned, in a sentence."""
-        if self._learned is None or self._given() is not None or self._image_size is None:
+        if self._learned is None or self._given is not None or self._image_size is None:
             return ()
         size, share = self._learned
         length_px = 2.0 * float(size.half_lengths(np.array(self._image_size[0] / 2)))
@@ -121,7 +125,7 @@ class EllipseParticleTracker(Carried):
         The result then does not depend on which person comes first.
         """
         self.reset()
-        if self._given() is not None:
+        if self._given is not None:
             return
         for observation in observations:
             if observation.timestamp_s > LEARN_S:
@@ -155,8 +159,7 @@ class EllipseParticleTracker(Carried):
         flooded = float(self._mask.mean()) > FLOODED
         moving = None if view.motion is None else _averaged(view.motion, self._shape) > 0
 
-        self._filter.predict(dt_s, size, cells_per_m(size, self._states[:, Y]))
-        self._states = np.asarray(self._filter.particles.mean(axis=0))
+        self._predict(dt_s, size)
         self._measured = np.zeros((0, 5)) if flooded else fit_ellipses(self._mask, size)
         measured = painted(self._measured, self._shape)
         self._weigh(np.asarray(measured.any(axis=0), dtype=np.uint8), size)
@@ -175,11 +178,14 @@ class EllipseParticleTracker(Carried):
         if size is None or not self._objects:
             return ()
         size = size.on(self._scale)
-        self._filter.predict(dt_s, size, cells_per_m(size, self._states[:, Y]))
-        self._states = np.asarray(self._filter.particles.mean(axis=0))
+        self._predict(dt_s, size)
         for t in self._objects:
             self._cycle.pause(t.who, dt_s)
         return self._reported(size)
+
+    def _predict(self, dt_s: float, size: Size) -> None:
+        self._filter.predict(dt_s, size, size.cells_per_m(self._states[:, Y]))
+        self._states = np.asarray(self._filter.particles.mean(axis=0))
 
     def _weigh(self, union: U8, size: Size) -> None:
         """Weigh the objects that were measured in the last frame, one after the other.
@@ -236,7 +242,7 @@ class EllipseParticleTracker(Carried):
         ellipses = ellipses_of(self._states, size)
         known = np.array([t.measured for t in self._objects], np.bool_)
         left = uncovered(measured, painted(ellipses[known], measured.shape[1:]), MIN_OVERLAP)
-        per_m = cells_per_m(size, self._measured[:, 1])
+        per_m = size.cells_per_m(self._measured[:, 1])
         if left.any() and len(self._objects):
             away = np.hypot(*(self._measured[None, :, :2] - self._states[:, None, : Y + 1]).transpose(2, 0, 1)) / per_m
             spread = np.hypot(*self._filter.particles[..., : Y + 1].std(axis=0).T)[:, None] / per_m
@@ -312,17 +318,9 @@ class EllipseParticleTracker(Carried):
             tiles={"foreground": self._mask},
         )
 
-    def _given(self) -> Size | None:
-        """The size given by hand or by the camera [px]."""
-        p = self._params.size
-        if p.person_height_px is not None:
-            return Size(p.person_height_px / 2, 0.0, 1.0, ASPECT)
-        return None if self._camera is None else size_of_camera(self._camera)
-
     def _size(self) -> Size | None:
-        """The size known now [px]."""
-        given = self._given()
-        return given if given is not None or self._learned is None else self._learned[0]
+        """The size known now, given by hand or by the camera or learned [px]."""
+        return self._given if self._given is not None or self._learned is None else self._learned[0]
 
     def _foreground(self, view: View) -> U8 | None:
         """(h, w) uint8 foreground of a frame; what looks like a shadow speaks neither for nor against a person."""
@@ -333,7 +331,7 @@ class EllipseParticleTracker(Carried):
             raise ValueError(f"expected a (H, W) uint8 foreground, got {given.shape} {given.dtype}")
         height, width = given.shape if view.image is None else view.image.shape[:2]
         self._image_size = height, width
-        if self._given() is None and self._studied is None and given.mean() < 255 * FLOODED:
+        if self._given is None and self._studied is None and given.mean() < 255 * FLOODED:
             self._learner.add(given, view.motion)
         unsure = np.uint8(round(255 * weight / (1 + weight)))
         return np.where(view.kind == SHADOW, unsure, given)
@@ -390,49 +388,3 @@ class EllipseParticleTracker(Carried):
 def _averaged(image: U8, shape: tuple[int, int]) -> U8:
     """(R, C) uint8 means of an image (h, w) over cells."""
     return np.asarray(cv2.resize(image, shape[::-1], interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-def height_of(camera: GroundCamera, floor: F64, top_row: float) -> float:
-    """Height [m] above a floor position at which a vertical line meets an image row; NaN where there is none."""
-    heights = np.linspace(0.3, 2.5, 45)
-    if not np.isfinite(floor).all():
-        return math.nan
-    rows = camera.project(np.column_stack([np.broadcast_to(floor, (len(heights), 2)), heights]))[:, 1]
-    seen = np.isfinite(rows)
-    order = np.argsort(rows[seen])
-    return float(np.interp(top_row, rows[seen][order], heights[seen][order])) if seen.sum() > 1 else math.nan
-
-
-def cells_per_m(size: Size, rows: F64) -> F64:
-    """(N,) cells per metre where an object is centred in rows (N,)."""
-    return np.asarray(2.0 * size.aspect / BREADTH_M * size.half_lengths(rows))
-
-
-def uncovered(measured: U8, objects: U8, share: float) -> Bool:
-    """(M,) measurements that have no object: objects cover less than a share of them, or leave as much next to them.
-
-    One object that lies across two measurements covers enough of both, wherever it is. So each object is given the
-    measurement that it covers most, and one that is left over has none when objects leave as much free of it and of
-    those that they cover with it as they leave of an uncovered one. Our choice; the paper has no association.
-
-    Args:
-        measured, objects: (M, R, C), (N, R, C) uint8, 1 inside each.
-    """
-    from scipy.optimize import linear_sum_assignment  # half a second
-
-    if not len(measured):
-        return np.zeros(0, np.bool_)
-    flat, union = measured.reshape(len(measured), -1), objects.any(axis=0).ravel()
-    areas = np.maximum(flat.sum(axis=1), 1)
-    out = np.asarray((flat & union).sum(axis=1) < share * areas)
-    if not 0 < len(objects) < len(measured):
-        return out
-    covers = objects.reshape(len(objects), -1).astype(np.float32) @ flat.T.astype(np.float32)
-    spare = ~out
-    spare[linear_sum_assignment(covers, maximize=True)[1]] = False
-    for m in np.flatnonzero(spare):
-        near = (covers[covers[:, m] > 0] > 0).any(axis=0)
-        if np.count_nonzero(flat[near].any(axis=0) & ~union) >= (1 - share) * areas[m]:
-            out[m] = True
-            union = union | (flat[m] > 0)
-    return out

@@ -23,7 +23,7 @@ CORE_WIDTH = 0.7
 BANDS = 6
 """A hull is summed in this many boxes above each other: bodies lean in the images of wide lenses."""
 BORN_LOG_ODDS = -2.4
-"""Of a newcomer after its first look: one in twelve."""
+"""Of a newcomer after its first observation: one in twelve."""
 PLACE_STD_M = 0.5
 """How far the place of a newcomer may be from where its residual is strongest [m]."""
 BIRTH_PX, BIRTH_SHARE = 30.0, 0.625

@@ -22,7 +22,6 @@ from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.walker import Walker, matches
 from planview.tracking.joint.explanation import Owned, People
 from planview.tracking.joint.person import side_by_side
-from planview.tracking.joint.samples import TINY
 from planview.tracking.joint.tracker import ExplainingTracker
 from planview.trajectories.state import TrackState
 
@@ -119,7 +118,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         self._judge(frame, owned, motion, hulls)
         self._learn_hiding(frame, seen, hulls, dt)
         if frame.coloured:
-            self._learn([owned], (frame.touching(people.poses).sum(axis=1) == 1).tolist(), dt)
+            self._learn([owned], (frame.touching(people.poses).sum(axis=1) == 0).tolist(), dt)
         self._paint_known(frame, owned, motion, dt)
         self._clean(dt)
         born, poses = births(self._places, frame, side_by_side(self._people), owned, self._log.now_s, self.params)
@@ -139,14 +138,10 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
 
     def _explain(self, frame: MaskExplanation, people: People, dt: float) -> None:
         """Places, then the frame's evidence on each person's existence."""
-        touch = frame.touching(people.poses)
-        np.fill_diagonal(touch, False)
-        samples, evidence, curvature, visible = self._ascend(frame, people, touch)
+        samples, evidence, curvature, visible = self._ascend(frame, people, frame.touching(people.poses))
         for i, person in enumerate(self._people):
             person.evidence, pose = float(evidence[i]), people.poses[i]
-            mine, known, total = visible[i].tolist()
-            person.inside, person.known = self._visibility(pose), known / total if total else 1.0
-            person.share = mine / max(known, TINY) * min(1.0, 1.25 * person.inside)
+            person.see(visible[i], self._visibility(pose))
             self._measure(person, samples.person(i), pose, curvature[i], dt)
         # The surer person wins; of two equally sure ones the one that came first.
         ranks = sorted(range(len(self._people)), key=lambda k: self._people[k].standing)

@@ -1,6 +1,6 @@
 """Compiled kernels that move people to where they explain best; poses and tuples are as in ``_likelihood_kernels.py``.
 
-Numba keeps them by the time of this file alone: after a change of that file, touch this one.
+Numba keeps them by the time of this file alone: after a change of other kernels, touch this one.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from numba import njit
 from calib.types import F64, Bool
 from planview.tracking.body import LEAN_M
 from planview.tracking.joint._likelihood_kernels import lay_others, log_ratio, visible
-from planview.tracking.joint.samples import CX, CY, CZ, TINY, SampleArrays
+from planview.tracking.joint._sample_kernels import samples_of
+from planview.tracking.joint.samples import CX, CY, CZ, TINY
 
 MAX_TURNS = 3
 """Most rounds of the ascent with one step."""
@@ -21,13 +22,6 @@ BODY_SOFTNESS_M = 0.07
 """Deviation of the least distance of two bodies' axes [m]."""
 SLOPE_MAX = 4.0
 """Most that a step along a flat ray is lengthened."""
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _samples_of(samples, k):  # type: ignore[no-untyped-def]
-    """Those of one person."""
-    rays, pixels, layers = samples.rays[k], samples.pixels[k], samples.layers[k]
-    return SampleArrays(rays, pixels, layers, samples.counts[k], samples.which[k], samples.size[k])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -70,17 +64,17 @@ def log_known(pose, predicted: F64, known):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _posterior(pose, task):  # type: ignore[no-untyped-def]
-    """Lam plus what is known before plus the logarithm of the prior of a pose; Lam alone."""
+    """Log-likelihood ratio plus what is known before plus the logarithm of the prior of a pose; the ratio alone."""
     (predicted, known, _), me, others, samples, table, model = task
-    lam = log_ratio(pose, me[0], me[2], samples, table, model)
-    return lam + log_known(pose, predicted, known[0]) + log_prior(pose, me, others, model), lam
+    ratio = log_ratio(pose, me[0], me[2], samples, table, model)
+    return ratio + log_known(pose, predicted, known[0]) + log_prior(pose, me, others, model), ratio
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _better(new, best, task):  # type: ignore[no-untyped-def]
-    """The better of a pose and the best so far: pose, posterior, Lam."""
-    value, lam = _posterior(new, task)
-    return (new, value, lam) if value > best[1] else best
+    """The better of a pose and the best so far: pose, posterior, log-likelihood ratio."""
+    value, ratio = _posterior(new, task)
+    return (new, value, ratio) if value > best[1] else best
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -124,12 +118,12 @@ def _moved(pose, way, far, axes, m):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, error_model="numpy")
 def _start(pose: F64, axes, task):  # type: ignore[no-untyped-def]
     """The best of a pose, the upright one and, in masks, the sitting one; then of the postures 45 degrees apart where
-    nothing is known of them, else of this one and that back to front: pose, posterior, Lam. Upright, front and back
-    look the same."""
+    nothing is known of them, else of this one and that back to front: pose, posterior, log-likelihood ratio. Upright,
+    front and back look the same."""
     (_, known, _), me, _, _, table, model = task
     m, at = model[0], (pose[0], pose[1], pose[2], pose[3], pose[4])
-    value, lam = _posterior(at, task)
-    best = at, value, lam
+    value, ratio = _posterior(at, task)
+    best = at, value, ratio
     for posture in range(2 if m.masks > 0.0 else 1):
         tall_m = me[0] * (m.sitting if posture == 1 else 1.0)
         new = _along_head(best[0], tall_m, axes[0]) if m.masks > 0.0 else (at[0], at[1], tall_m, at[3], at[4])
@@ -149,12 +143,12 @@ def _start(pose: F64, axes, task):  # type: ignore[no-untyped-def]
 def _parabola(best, way, step, unit, axes, task, curvature):  # type: ignore[no-untyped-def]
     """A step each way and one to the top of the parabola: the best of them, and how far it is [steps' unit].
 
-    Fills ``curvature``, how sharply Lam curves there [1/m^2, 1/rad^2].
+    Fills ``curvature``, that of the log-likelihood ratio there [1/m^2, 1/rad^2].
     """
     m = task[5][0]
-    start, value, lam = best
+    start, value, ratio = best
     up = down = value
-    lam_up = lam_down = lam
+    ratio_up = ratio_down = ratio
     far, jump = step, 0.0
     for trial in range(3):
         if trial == 2:
@@ -165,24 +159,24 @@ def _parabola(best, way, step, unit, axes, task, curvature):  # type: ignore[no-
             if abs(far) < 0.1 * step:
                 break
         new = _moved(start, way, far * unit, axes, m)
-        reached, lam_new = (value, lam) if new == start else _posterior(new, task)
+        reached, ratio_new = (value, ratio) if new == start else _posterior(new, task)
         if trial == 0:
-            up, lam_up = reached, lam_new
+            up, ratio_up = reached, ratio_new
         elif trial == 1:
-            down, lam_down = reached, lam_new
+            down, ratio_down = reached, ratio_new
         if reached > best[1] + 1e-6:
-            best, jump = (new, reached, lam_new), far
+            best, jump = (new, reached, ratio_new), far
         far = -step
-    curvature[way] = (2 * lam - lam_up - lam_down) / (step * unit) ** 2
+    curvature[way] = (2 * ratio - ratio_up - ratio_down) / (step * unit) ** 2
     return best, abs(jump)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) -> float:  # type: ignore[no-untyped-def]
-    """Ascent on Lam plus what is known before by parabolas along and across the first camera's ray, in height, facing
-    and lean and, in masks, in height along the ray of the head.
+    """Ascent on the log-likelihood ratio plus what is known before, by parabolas along and across the first camera's
+    ray, in height, facing and lean and, in masks, in height along the ray of the head.
 
-    Moves ``pose``; fills ``curvature`` (6,), how sharply Lam curves there [1/m^2, 1/rad^2].
+    Moves ``pose``; fills ``curvature`` (6,), that of the log-likelihood ratio there [1/m^2, 1/rad^2].
 
     Args:
         prior: (5,) predicted pose, what is known of it (one of KNOWN), and steps.
@@ -190,7 +184,7 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
         others: people and which of them: bodies that cannot be entered.
 
     Returns:
-        Lam at the end plus the logarithm of the prior of such a pose.
+        The log-likelihood ratio at the end plus the logarithm of the prior of such a pose.
     """
     m, task = model[0], (prior, me, others, samples, table, model)
     camera, ax, ay, slope = (pose[0] - 1.0, pose[1], 1e6), 1.0, 0.0, 1.0
@@ -231,7 +225,7 @@ def explain(people, prior, order, touch: Bool, samples, table, model, found) -> 
     (poses, _, tall, ratios), (predicted, known, steps, first), (evidence, curvature, seen) = people, prior, found
     for sweep in range(3):
         for a in order:
-            others, mine = np.flatnonzero(touch[a]), _samples_of(samples, a)
+            others, mine = np.flatnonzero(touch[a]), samples_of(samples, a)
             if sweep == 0 or len(others):
                 lay_others(mine, people, others, others, table, model)
             me, pose = (tall[a, 0], tall[a, 1], ratios[a]), poses[a]

@@ -199,7 +199,7 @@ def lay_others(samples, people, who: I64, reaching: I64, table, model) -> None: 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def share_out(samples, poses: F64, model, owner: I64, found: F32) -> None:  # type: ignore[no-untyped-def]
+def assign_pixels(samples, poses: F64, model, owner: I64, found: F32) -> None:  # type: ignore[no-untyped-def]
     """The owner of each of the samples that ``take_pixels`` took, among the people laid on them; see ``Owned``.
 
     Fills ``found`` (4, N): share, relative height, patches and what is lacking.
@@ -230,7 +230,7 @@ def share_out(samples, poses: F64, model, owner: I64, found: F32) -> None:  # ty
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def log_ratio(pose, tall_m: float, ratios: F32, samples, table, model) -> float:  # type: ignore[no-untyped-def]
-    """Lam of all samples with one person at a pose among the others, less Lam without that person."""
+    """The log-likelihood ratio of all samples: with one person at a pose among the others, to without that person."""
     m = model[0]
     total, product, factors, weight = 0.0, 1.0, 0, 0.0
     floor_seen = m.unknown / m.range_m / (1.0 - m.unknown)

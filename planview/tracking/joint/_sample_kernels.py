@@ -113,13 +113,18 @@ def _gather(pose: F64, reach_m: float, seen, samples, table, model) -> None:  # 
     samples.size[0] = n
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def samples_of(samples, k):  # type: ignore[no-untyped-def]
+    """Those of one person."""
+    rays, pixels, layers = samples.rays[k], samples.pixels[k], samples.layers[k]
+    return SampleArrays(rays, pixels, layers, samples.counts[k], samples.which[k], samples.size[k])
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def gather(poses: F64, reach_m: float, seen, samples, table, model) -> None:  # type: ignore[no-untyped-def]
     """Append the samples of one camera within ``reach_m`` of each body to those of that body."""
     for k in range(len(poses)):
-        rays, pixels, layers = samples.rays[k], samples.pixels[k], samples.layers[k]
-        mine = SampleArrays(rays, pixels, layers, samples.counts[k], samples.which[k], samples.size[k])
-        _gather(poses[k], reach_m, seen, mine, table, model)
+        _gather(poses[k], reach_m, seen, samples_of(samples, k), table, model)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -135,7 +140,7 @@ def take_pixels(pixels: I64, seen, samples, table, model) -> None:  # type: igno
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def map_lacking(points: F32, low_m: F64, cell_m: float, out: F32) -> None:
-    """Add what points lack of an explanation, as ``share_out`` gives it, to the cells of a map of the floor."""
+    """Add what points lack of an explanation, as ``assign_pixels`` gives it, to the cells of a map of the floor."""
     for i in range(points.shape[1]):
         row, col = int((points[0, i] - low_m[0]) / cell_m), int((points[1, i] - low_m[1]) / cell_m)
         out[row, col] += points[3, i]

@@ -18,7 +18,7 @@ from planview.tracking.joint.person import BORN_LOG_ODDS, Person, colour_counts,
 from planview.tracking.joint.samples import TINY
 
 EVIDENCE_MAX = 6.0
-"""Largest evidence of one look for or against a person, as a log-odds."""
+"""Largest evidence of one observation for or against a person, as a log-odds."""
 CELL_M = 0.05
 BODY_CELLS = 9
 """Side of the box that is summed: a body's breadth [cells]."""

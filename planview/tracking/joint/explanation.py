@@ -200,10 +200,11 @@ class Explanation:
         return self.in_view(pose) and (not is_low or self.in_view(np.array([*pose[:2], tall_m])))
 
     def touching(self, poses: F64) -> Bool:
-        """(N, N) whether two people may be on one ray of a camera; all with themselves."""
-        touch = np.eye(len(poses), dtype=np.bool_)
+        """(N, N) whether two people may be on one ray of a camera; nobody with oneself."""
+        touch = np.zeros((len(poses), len(poses)), np.bool_)
         for seen in self.seen:
             gathering.mark_touching(poses, BOX_HALF_M, seen, touch)
+        np.fill_diagonal(touch, False)
         return touch
 
     def nearest_first(self, poses: F64) -> I64:
@@ -232,7 +233,7 @@ class Explanation:
         gathering.take_pixels(pixels, self.seen[k], samples, of.table, of.model)
         everybody = np.arange(len(people.poses))
         kernels.lay_others(samples, people.arrays, everybody, everybody, of.table, of.model)
-        kernels.share_out(samples, people.poses, of.model, owner, found)
+        kernels.assign_pixels(samples, people.poses, of.model, owner, found)
         near = samples.pixels["near"].view(np.bool_)
         colours, (share, height, patches, lacking) = self.seen[k].colour.reshape(-1)[pixels], found
         return Owned(pixels, colours, owner, share, height, patches, lacking, near)
@@ -265,7 +266,7 @@ class Samples:
         kernels.lay_others(self.arrays, people.arrays, others, near, of.table, of.model)
 
     def log_ratio(self, pose: F64, tall: F64, ratios: F32) -> float:
-        """Lam with one more person at a pose, less Lam with the others alone."""
+        """Log-likelihood ratio of one more person at a pose to the others alone."""
         of = self._of
         return float(kernels.log_ratio(tuple(pose.tolist()), float(tall[0]), ratios, self.arrays, of.table, of.model))
 
@@ -287,8 +288,8 @@ class Samples:
             known: (1,) of KNOWN, of the pose before the frame, see ``about``.
 
         Returns:
-            The evidence there; (6,) how sharply Lam curves there along the ray, across it, in height [1/m^2], and in
-            facing [1/rad^2].
+            The evidence there; (6,) curvature of the log-likelihood ratio there: along the ray, across it, in height
+            [1/m^2], in facing [1/rad^2], in lean and, in masks, along the head's ray [1/m^2].
         """
         curvature, of = np.zeros(6), self._of
         evidence = ascent.ascend(
@@ -317,7 +318,7 @@ class Samples:
         return seen
 
     def noise(self, pose: F64, curvature: F64) -> tuple[F64, float]:
-        """Covariance (2, 2) of the place [m^2] and information on the height [1/m^2], from the curvature of Lam."""
+        """Covariance (2, 2) of the place [m^2] and information on the height [1/m^2], from a curvature."""
         s, (x, y) = self.arrays, pose[:2].tolist()
         ax, ay = (x - float(s.rays[CX, 0]), y - float(s.rays[CY, 0])) if s.size[0] else (1.0, 0.0)
         norm = max(math.hypot(ax, ay), 1e-6)

@@ -15,7 +15,7 @@ from planview.maps.colour import CODES, smoothing
 from planview.maps.view import View
 from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M, LEAN_STD_M, SIDEWARD_RAD, STROLL_MPS, TURNING_RAD2_PS
 from planview.tracking.joint.explanation import People
-from planview.tracking.joint.samples import LEGS_TO, PARTS, TORSO_TO, Known
+from planview.tracking.joint.samples import LEGS_TO, PARTS, TINY, TORSO_TO, Known
 from planview.tracking.kalman import FloorKalman
 
 SMOOTHING = smoothing()
@@ -31,9 +31,9 @@ LEANING_M2_PS = 0.02
 """Variance of the change of a lean within a second [m^2/s]."""
 GAIT_M = 0.03
 """A head bobs while walking [m]."""
-LOOK_STD_M = 0.08
-"""Deviation of a height measured in one look [m]."""
-PRIOR_LOOKS = 2.0
+HEIGHT_SEEN_STD_M = 0.08
+"""Deviation of a height measured in one observation [m]."""
+PRIOR_FRAMES = 2.0
 """Weight of anybody's colours next to those seen [frames]."""
 COLOURED_FRAMES_MIN = 5
 """Frames from which on colours distinguish people."""
@@ -42,7 +42,7 @@ COLOURS_S = 1.0
 RATIO_MAX = 20.0
 """Largest ratio of a person's colours to anybody's."""
 BORN_LOG_ODDS = -3.9
-"""Of a newcomer before its first look: one in fifty."""
+"""Of a newcomer before its first observation: one in fifty."""
 OUTLINE_PATCHES = 0.5
 """Narrower strips of new surface are the outline's noise [patches]."""
 
@@ -59,7 +59,7 @@ class Person:
         ahead: log-odds of facing so rather than the other way, which looks nearly the same.
         lean_m, lean_var: head before the feet [m], and its variance.
         log_odds: of existence.
-        seen_s: time of the last look that measured the place.
+        seen_s: time of the last observation that measured the place.
         seen: place and speed then.
         tall_m, tall_var: height when upright [m], and its variance.
         born_s, born_m: when and where it was seen first.
@@ -72,7 +72,7 @@ class Person:
         densities: (PARTS, CODES) float32 of colours, neighbours and anybody's prior taken in.
         looks: frames in which colours were learned.
         confirmed: has been reported, and is until the end.
-        evidence: of the last frame: Lam with the person less Lam without, plus the prior of the pose.
+        evidence: of the last frame: log-likelihood ratio of with to without the person, plus the prior of the pose.
         share: visible share of the body in the last frame, of what shows something.
         known: share of the body in view of which the last frame shows something.
         unseen_s: for how long it has been looked for in vain [s].
@@ -168,7 +168,7 @@ class Person:
         self.lean_var = min(self.lean_var + LEANING_M2_PS * dt, LEAN_STD_M**2)
 
     def measure_facing(self, pose: F64, curvature: F64, looks: float) -> None:
-        """Take over how a pose faces and leans; ``curvature`` (2,) of Lam in both, which counts as so many looks."""
+        """Take over how a pose faces and leans; ``curvature`` (2,) in both, which counts as so many observations."""
         if curvature[0] == 0.0:  # seen so that a body looks the same from everywhere
             return
         prior, facing = self.prior, float(pose[3])
@@ -179,6 +179,12 @@ class Person:
         self.facing, self.facing_var = math.remainder(facing, 2.0 * math.pi), 1.0 / information
         gain, before = 1.0 - 1.0 / (1.0 + looks * max(float(curvature[1]), 0.0) * self.lean_var), self.lean_m * turned
         self.lean_m, self.lean_var = max(before + gain * (float(pose[4]) - before), 0.0), self.lean_var * (1.0 - gain)
+
+    def see(self, visible: F64, inside: float) -> None:
+        """Take over the patches of a frame (``Samples.visible``), and the share of the body inside the image."""
+        mine, known, self.patches = visible.tolist()
+        self.inside, self.known = inside, known / self.patches if self.patches else 1.0
+        self.share = mine / max(known, TINY) * min(1.0, 1.25 * inside)
 
     @property
     def existence(self) -> float:
@@ -203,8 +209,8 @@ class Person:
     def count_evidence(self, owned: Sequence[tuple[View, I64, F32]]) -> None:
         """Add the evidence of pixels that have not been evidence before.
 
-        A wrong pixel that stays the same is one error, however often it is seen: a look is as independent of those
-        before it as the share of the body that is new. The first look found the person, and is spent by the search.
+        A wrong pixel that stays the same is one error, however often it is seen: an observation is as independent
+        of those before it as the share of the body that is new. The first one found the person: the search spent it.
 
         Args:
             owned: views, (M,) the person's pixels in each and (M,) the patches that each is.
@@ -233,7 +239,7 @@ class Person:
         off = self.height_m - self.tall_m
         upright = (1 - low_share) * math.exp(-0.5 * (off / std) ** 2) / std
         lower = low_share * math.sqrt(2 * math.pi) / self.tall_m
-        gain = self.tall_var / (self.tall_var + LOOK_STD_M**2 / max(looks, 1e-3)) * upright / (upright + lower)
+        gain = self.tall_var / (self.tall_var + HEIGHT_SEEN_STD_M**2 / max(looks, 1e-3)) * upright / (upright + lower)
         self.tall_m += gain * off
         self.tall_var *= 1 - gain
 
@@ -243,7 +249,7 @@ class Person:
         seen = pixels[:, 0] > 5
         self.colours[seen] += counts[seen] / pixels[seen]
         self.looks += bool(seen.any())
-        mass = self.colours @ SMOOTHING + PRIOR_LOOKS / CODES
+        mass = self.colours @ SMOOTHING + PRIOR_FRAMES / CODES
         self.densities = mass / mass.sum(axis=1, keepdims=True)
 
     def take_identity(self, other: Person) -> None:

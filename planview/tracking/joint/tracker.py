@@ -18,7 +18,7 @@ from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, Peo
 from planview.tracking.joint.identity import KNOWN_LOG_ODDS, Exchanges, continued
 from planview.tracking.joint.params import JointParams, PeopleParams
 from planview.tracking.joint.person import Person, colour_counts, colour_ratios, side_by_side
-from planview.tracking.joint.samples import KNOWN, PARTS, TINY
+from planview.tracking.joint.samples import KNOWN, PARTS
 from planview.tracking.lifecycle import TrackLog
 from planview.trajectories.state import State, TrackState
 
@@ -79,7 +79,7 @@ class ExplainingTracker(Carried, Generic[P, Q]):
             touch: (N, N) who may be on a ray of whom.
 
         Returns:
-            The samples; of everybody the evidence, how sharply Lam curves, and what is visible (``Samples.explain``).
+            The samples; of everybody the evidence, the curvature, and what is visible (``Samples.explain``).
         """
         predicted, order = people.poses.copy(), frame.nearest_first(people.poses)
         samples = frame.around(predicted, body.TORSO.torso_radius_m + 0.1)
@@ -243,7 +243,6 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
     def _explain(self, frame: Explanation, people: People, dt: float) -> None:
         """Places, then the frame's evidence on each person's existence."""
         touch = frame.touching(people.poses)
-        np.fill_diagonal(touch, False)
         samples, evidence, curvature, seen = self._ascend(frame, people, touch)
         stood_up: list[tuple[Person, F64]] = []
         for i, person in enumerate(self._people):
@@ -253,9 +252,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
                 person.evidence = min(person.evidence, both)
                 if both < 0.0 and alone[2] > people.poses[rival, 2] + body.HEIGHT_STD_M:
                     stood_up.append((self._people[rival], alone))
-            (mine, known, total), others = seen[i].tolist(), np.flatnonzero(touch[i])
-            person.inside, person.known = min(1.0, total / frame.whole_patches(pose)), known / total if total else 1.0
-            person.share, person.patches = mine / max(known, TINY) * min(1.0, 1.25 * person.inside), total
+            person.see(seen[i], min(1.0, float(seen[i, 2]) / frame.whole_patches(pose)))
+            others = np.flatnonzero(touch[i])
             person.head_in_view = frame.shows_height(pose, person.height_m, person.upright[1])
             visible = person.share >= self.params.visible_min
             if not person.confirmed:

@@ -9,7 +9,6 @@ import pytest
 
 from calib.errors import InputError
 from calib.types import F64
-from planview.maps.view import View
 from planview.tracking.base import Observation
 from planview.tracking.detections import DetectionParams, DetectionTracker
 from planview.tracking.kalman import FloorKalman
@@ -89,7 +88,6 @@ def test_life_cycle_tells_states_and_reasons() -> None:
 
 
 FPS = 10.0
-IMAGE = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
 
 
 def box(x_m: float, y_m: float, height_m: float = 1.75, score: float = 1.0) -> list[float]:
@@ -102,9 +100,7 @@ def box(x_m: float, y_m: float, height_m: float = 1.75, score: float = 1.0) -> l
 
 def track(frames: list[list[list[float]]]) -> list[tuple[TrackState, ...]]:
     tracker = DetectionTracker(Detections.of(frames), DetectionParams(), CAMERA)
-    return [
-        tracker.update(Observation(i, i / FPS, (View.unknown(IMAGE.shape[:2], IMAGE),))) for i in range(len(frames))
-    ]
+    return [tracker.update(Observation(i, i / FPS)) for i in range(len(frames))]
 
 
 def confirmed(states: tuple[TrackState, ...]) -> list[TrackState]:

@@ -16,9 +16,8 @@ from planview.foreground.params import NO_FEEDBACK, WALKER
 from planview.maps.view import View
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle import EllipseParticleParams, EllipseParticleTracker
-from planview.tracking.ellipse_particle.fit import painted
+from planview.tracking.ellipse_particle.fit import painted, uncovered
 from planview.tracking.ellipse_particle.params import EllipseSizeParams, ParticleFilterParams
-from planview.tracking.ellipse_particle.tracker import uncovered
 from planview.trajectories.state import TrackState
 from stereo.recording import VideoFrame
 
