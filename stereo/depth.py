@@ -1,4 +1,4 @@
-"""Metres from disparity and how far they may be off."""
+"""Metres from stored depth and from disparity, and how far they may be off."""
 
 from __future__ import annotations
 
@@ -22,7 +22,44 @@ if TYPE_CHECKING:
 DISPARITY_STD_PX = 0.25
 """Standard deviation of a matched disparity [px] (``python -m benchmarks matching``: 0.24 to 0.30 on people)."""
 DEPTH_MAX_M = 30.0
-"""Farther points are left out [m]: their predicted deviation exceeds any room (our choice)."""
+"""Farther points are left out [m]: sensors for rooms do not reach them, and a pair's deviation exceeds any room."""
+UNITS_PER_M = 1000.0
+"""Depth values per metre of files without a scale: sensors and their tools write millimetres."""
+DEPTH_UNITS = (10_000.0, 8000.0, 5000.0, 4000.0, UNITS_PER_M, 256.0, 100.0)
+"""Values per metre of depth in files: RealSense D405, Kinect's with three bits for players, TUM, RealSense L515, most
+sensors, KITTI, centimetres."""
+
+
+@dataclass
+class Depths:
+    """Pixels of depth as stored, as float32 metres (see ``metres``)."""
+
+    units_per_m: float = UNITS_PER_M
+    name, text = "depth images (one channel of 16 bits)", "depth"
+
+    def fits(self, stored: AnyArray) -> bool:
+        """Whether stored values are those of depth."""
+        return stored.ndim == 2 and stored.dtype in (np.uint16, np.float32, np.float64)
+
+    def prepare(self, first: AnyArray) -> None:
+        """Depth has no colour."""
+
+    def __call__(self, stored: AnyArray) -> AnyArray:
+        return metres(stored, self.units_per_m)
+
+
+def metres(stored: AnyArray, units_per_m: float) -> F32:
+    """(H, W) float32 [m] of depth as stored, NaN where unknown: 0, negative, not finite or out of any range.
+    Whole numbers count ``units_per_m`` to the metre; floating-point numbers are metres, or millimetres where most would
+    be beyond any range."""
+    whole = np.issubdtype(stored.dtype, np.integer)
+    depth = stored.astype(np.float32) * np.float32(1.0 / units_per_m if whole else 1.0)
+    with np.errstate(invalid="ignore"):
+        few = depth[::8, ::8]
+        few = few[(few > 0) & (few < np.inf)]
+        if not whole and len(few) and np.median(few) > DEPTH_MAX_M:  # millimetres
+            depth = depth / np.float32(UNITS_PER_M)
+        return np.where((depth > 0) & (depth < DEPTH_MAX_M), depth, np.float32(np.nan))
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from calib.floor.plane import FLOOR_DISPARITY_STD_PX, INLIER_SIGMAS, MAD_TO_SIGM
 from calib.params import Params
 from calib.rig import Floor
 from calib.types import F32, F64, U8, AnyArray, Bool
-from stereo.depth import RectifiedGeometry, back_project, median_image
+from stereo.depth import DEPTH_UNITS, RectifiedGeometry, back_project, median_image
 from stereo.matcher import RangeParams, SgbmMatcher, SgbmParams, disparity_range
 from stereo.recording import Frame, Recorded, RgbdRecording, StereoFrame
 from stereo.rectify import RectifiedPair, Rectifier, RectifyParams
@@ -46,9 +46,6 @@ MIN_VALID = 0.03
 """Smallest share of pixels with disparity in the median frame: a bare room still has more, unrelated images less
 (our choice)."""
 _BLIND_PAIR = "left and right are swapped, the calibration belongs to another rig, or the images show no texture"
-DEPTH_UNITS = (10_000.0, 8000.0, 5000.0, 4000.0, 1000.0, 256.0, 100.0)
-"""Values per metre of depth in files: RealSense D405, Kinect's with three bits for players, TUM, RealSense L515, most
-sensors, KITTI, centimetres."""
 BLIND_SENSOR = "the depth has another scale than the calibration has, or everything is out of the sensor's range"
 
 

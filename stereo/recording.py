@@ -11,7 +11,7 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from calib.images import as_colour
 from calib.pose import SE3
 from calib.rig import DepthSensor, StereoRig
 from calib.types import F32, F64, U8, AnyArray
+from stereo.depth import Depths
 
 T = TypeVar("T")
 Frame = TypeVar("Frame")
@@ -324,12 +325,6 @@ class LiveRecording(StereoRecording):
         return frames
 
 
-class DepthUnits(Protocol):
-    """How many values of stored depth make a metre; frames read from then on have it."""
-
-    units_per_m: float
-
-
 @dataclass(eq=False, repr=False)
 class RgbdRecording(Recorded[RgbdFrame]):
     """Images with registered depth, which a sensor measured.
@@ -337,7 +332,7 @@ class RgbdRecording(Recorded[RgbdFrame]):
     Attributes:
         camera, source: calibration of the images at their size, and where it came from, for messages and run.json.
         registration: moves depth into the pixels of the image.
-        depth_units: of depth as it is stored; None where its metres are known.
+        depth_units: of depth as it is stored, also of frames read later; None where its metres are known.
         world_SE3_left: of the image's camera, from ``world.toml``, else None (the floor is then found).
     """
 
@@ -346,7 +341,7 @@ class RgbdRecording(Recorded[RgbdFrame]):
     sensor: DepthSensor
     registration: Callable[[F32], F32]
     world_SE3_left: SE3 | None
-    depth_units: DepthUnits | None = None
+    depth_units: Depths | None = None
     sides = ("image: ", "depth: ")
 
     def _joined(self, index: int, timestamp_s: float, *images: Any) -> RgbdFrame:

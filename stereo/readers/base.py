@@ -135,27 +135,33 @@ def other_state(calibration: Path, size: Size) -> OtherRig:
     return lambda rig: rectified_rig(partial(load_rig, calibration, size, rectified=True), rig)
 
 
+class FramePairs(NamedTuple):
+    """Frames of two cameras: how those of ascending indices, or all, are decoded, how many are announced, how many of
+    one camera the other lacks, and whether they come as they are taken."""
+
+    decode: Callable[[Sequence[int] | None], Generator[DecodedPair, None, None]]
+    n_frames: int
+    unpaired: int = 0
+    live: bool = False
+
+
 def stereo_layout(
     path: Path,
-    pairs: Callable[[Sequence[int] | None], Generator[DecodedPair, None, None]],
+    pairs: FramePairs,
     streams: tuple[Stream, ...],
-    n_frames: int,
     clock: FrameClock,
     rig: Callable[[], StereoRig],
     notes: Iterable[str] = (),
-    *,
-    unpaired: int = 0,
     folder: Path | None = None,
-    live: bool = False,
     other: OtherRig | None = None,
 ) -> Layout:
-    """Two cameras whose frames are paired (``pairs`` decodes those of ascending indices, or all); world.toml lies in
-    the folder, or at the path; ``other`` gives the rig of images in another state than expected."""
-    remarks = (*clock.notes, *notes, *["one pair of images, in which nobody walks"] * (n_frames == 1))
+    """Two cameras whose frames are paired; world.toml lies in the folder, or at the path; ``other`` gives the rig of
+    images in another state than expected."""
+    remarks = (*clock.notes, *notes, *["one pair of images, in which nobody walks"] * (pairs.n_frames == 1))
 
     def opened() -> StereoRecording:
-        kind = LiveRecording if live else StereoRecording
-        recording = kind(path, pairs, n_frames, clock, [*remarks], rig(), world_pose(folder or path))
+        kind = LiveRecording if pairs.live else StereoRecording
+        recording = kind(path, pairs.decode, pairs.n_frames, clock, [*remarks], rig(), world_pose(folder or path))
         if other is not None:
             with suppress(InputError):  # the calibration has no other
                 seen = [(frame.left, frame.right) for frame in recording.sample(3)]
@@ -163,7 +169,7 @@ def stereo_layout(
                 recording.notes += [note] * bool(note)
         return recording
 
-    return Layout("stereo", streams, n_frames, clock, remarks, unpaired, opened)
+    return Layout("stereo", streams, pairs.n_frames, clock, remarks, pairs.unpaired, opened)
 
 
 def clock_of(
@@ -215,13 +221,12 @@ def world_pose(folder: Path) -> SE3 | None:
     return load_world(file).world_SE3_left if file.is_file() else None
 
 
-def same_size(a: Any, b: Any, left: Path | str, right: Path | str) -> Size:
+def same_size(a: FrameSource, b: FrameSource, left: Path | str, right: Path | str) -> Size:
     """The size of two sources."""
     if a.size != b.size:
         wanted, found = size_text(a.size), size_text(b.size)
         raise InputError(f"{right}: expected images as large as {Path(left).name}'s {wanted}, found {found}")
-    size: Size = a.size
-    return size
+    return a.size
 
 
 class TimedFiles(NamedTuple):
@@ -260,9 +265,9 @@ def timed_layout(
         for name, side, source in (("left", left, a), ("right", right, b))
     )
     return stereo_layout(
-        path, together(a, b), streams, len(pairs.left), clock_of_pairs(pairs, options), partial(rig, size),
-        (*notes, *bits_note(bits)), unpaired=pairs.unpaired, folder=folder,
-        other=other_state(calibration, size) if calibration else None,
+        path, FramePairs(together(a, b), len(pairs.left), pairs.unpaired), streams, clock_of_pairs(pairs, options),
+        partial(rig, size), (*notes, *bits_note(bits)), folder,
+        other_state(calibration, size) if calibration else None,
     )  # fmt: skip
 
 

@@ -25,9 +25,10 @@ from calib.formats.rgbd import find_rgbd, load_rgbd
 from calib.io import entries, read_text
 from calib.rig import RgbdRig
 from calib.types import I64
+from stereo.depth import Depths
 from stereo.readers.base import Layout, Reader, TimedFiles, own_times, rate_of, timed_layout
 from stereo.readers.folders import files_layout
-from stereo.readers.images import Colour, Depths, frame_number, image_files, images_of
+from stereo.readers.images import Colour, frame_number, image_files, images_of
 from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
 from stereo.readers.rgbd import rgbd_layout
 from stereo.readers.times import MAX_BYTES, NS, read_stamps, stamp_list

@@ -11,6 +11,7 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.io import entries
 from stereo.readers.base import (
+    FramePairs,
     Layout,
     Reader,
     TimedFiles,
@@ -51,9 +52,8 @@ def sides_layout(path: Path, sides: Sides, folder: Path, options: OpenOptions) -
     if not (folder / "timestamps.csv").is_file():
         timed = [TimedFiles(at, files, own.ns) for at, files in each if (own := stamps_of(files, at, folder))]
         if len(timed) == 2:
-            rig = partial(load_rig, options.calibration or folder)
-            calibration = options.calibration or folder
-            return timed_layout(path, timed[0], timed[1], options, rig, folder=folder, calibration=calibration)
+            given = options.calibration or folder
+            return timed_layout(path, timed[0], timed[1], options, partial(load_rig, given), (), folder, given)
     return files_layout(path, pair_files(*sides.files, sides.number), options, folder)
 
 
@@ -70,9 +70,9 @@ def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions, folder
         for name, files, source in zip(("left", "right"), sides, (a, b), strict=True)
     )
     return stereo_layout(
-        path, together(a, b), streams, len(pairs), clock, partial(load_rig, options.calibration or folder, size),
-        bits_note(bits), unpaired=sum(None in pair for pair in pairs), folder=folder,
-        other=other_state(options.calibration or folder, size),
+        path, FramePairs(together(a, b), len(pairs), sum(None in pair for pair in pairs)), streams, clock,
+        partial(load_rig, options.calibration or folder, size), bits_note(bits), folder,
+        other_state(options.calibration or folder, size),
     )  # fmt: skip
 
 

@@ -19,7 +19,8 @@ from PIL import Image
 from calib.errors import InputError, UnreadableError
 from calib.images import as_colour, as_grey
 from calib.io import entries, file_size, reason, size_text
-from calib.types import F32, F64, I64, U8, AnyArray
+from calib.types import F64, I64, U8, AnyArray
+from stereo.depth import Depths
 from stereo.recording import Decoded
 
 Image.MAX_IMAGE_PIXELS = None  # ``MAX_PIXELS`` is checked
@@ -78,12 +79,6 @@ def is_grey(image: U8) -> bool:
     return int(np.ptp(green)) > 4 * most and difference <= most
 
 
-DEPTH_MAX_M = 30.0
-"""No depth sensor for rooms measures farther; larger values mark what is unknown (65535, for one)."""
-UNITS_PER_M = 1000.0
-"""Depth values per metre of files without a scale: sensors and their tools write millimetres."""
-
-
 @dataclass
 class Colour:
     """Pixels of images with 8 bits per value, or 16 of which ``bits`` are used (``bits_of``), as uint8 grey or BGR."""
@@ -109,27 +104,6 @@ class Colour:
     def __call__(self, stored: AnyArray) -> AnyArray:
         image = to_8_bits(stored, self.bits)
         return as_grey(image) if self.is_grey else as_colour(image)
-
-
-@dataclass
-class Depths:
-    """Pixels of depth, as float32 metres.
-
-    Whole numbers count ``units_per_m`` to the metre, with 0 for unknown; floating-point numbers: see ``metres``.
-    """
-
-    units_per_m: float = UNITS_PER_M
-    name, text = "depth images (one channel of 16 bits)", "depth"
-
-    def fits(self, stored: AnyArray) -> bool:
-        """Whether stored values are those of depth."""
-        return stored.ndim == 2 and stored.dtype in (np.uint16, np.float32, np.float64)
-
-    def prepare(self, first: AnyArray) -> None:
-        """Depth has no colour."""
-
-    def __call__(self, stored: AnyArray) -> AnyArray:
-        return metres(stored, self.units_per_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,19 +200,6 @@ def images_of(files: Sequence[Path | None], pixels: Colour | Depths) -> Images:
         lambda place: f"{paths[place].parent.name}/{paths[place].name}",
         (stored_in(file, decoded) for file in there),
     )
-
-
-def metres(stored: AnyArray, units_per_m: float) -> F32:
-    """(H, W) float32 [m] of depth as stored, NaN where unknown: 0, negative, not finite or out of any range.
-    Floating-point numbers are metres; millimetres where most would be beyond any range."""
-    whole = np.issubdtype(stored.dtype, np.integer)
-    depth = stored.astype(np.float32) * np.float32(1.0 / units_per_m if whole else 1.0)
-    with np.errstate(invalid="ignore"):
-        few = depth[::8, ::8]
-        few = few[(few > 0) & (few < np.inf)]
-        if not whole and len(few) and np.median(few) > DEPTH_MAX_M:  # millimetres
-            depth = depth / np.float32(1000.0)
-        return np.where((depth > 0) & (depth < DEPTH_MAX_M), depth, np.float32(np.nan))
 
 
 def stored_in(file: Path, decoded: Callable[[bytes], AnyArray] | None = None) -> Stored:

@@ -17,7 +17,7 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.images import as_grey
 from calib.rig import StereoRig
-from stereo.readers.base import Layout, Reader, same_size, stereo_layout
+from stereo.readers.base import FramePairs, Layout, Reader, same_size, stereo_layout
 from stereo.readers.images import Stream, is_grey
 from stereo.readers.side_by_side import packed_layout
 from stereo.recording import DEFAULT_FPS, Decoded, DecodedPair, FrameClock, OpenOptions
@@ -103,7 +103,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     )
     clock = FrameClock(options.fps or DEFAULT_FPS, even=options.fps is not None)
     note = "two cameras that run freely: their images are paired as they come"
-    return stereo_layout(named, pairs, streams, 0, clock, rig, (note,), folder=folder, live=True)
+    return stereo_layout(named, FramePairs(pairs, 0, live=True), streams, clock, rig, (note,), folder)
 
 
 def addresses(path: Path) -> list[str]:

@@ -16,8 +16,9 @@ from calib.errors import InputError
 from calib.formats.rgbd import load_rgbd
 from calib.io import entries, size_text
 from calib.rig import DepthSensor, RgbdRig
+from stereo.depth import Depths
 from stereo.readers.base import Layout, Reader, clock_of, rate_of, together, world_pose
-from stereo.readers.images import Colour, Depths, Images, Size, Stream, image_files, images_of
+from stereo.readers.images import Colour, Images, Size, Stream, image_files, images_of
 from stereo.readers.pairing import Pair, depth_note, nearest_mates, pair_files
 from stereo.readers.times import stamps_of
 from stereo.recording import FrameClock, OpenOptions, RgbdRecording

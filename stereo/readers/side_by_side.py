@@ -16,7 +16,7 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.rig import StereoRig
 from calib.types import U8
-from stereo.readers.base import FrameSource, Layout, Reader, clock_of, split_pairs, stereo_layout
+from stereo.readers.base import FramePairs, FrameSource, Layout, Reader, clock_of, split_pairs, stereo_layout
 from stereo.readers.images import Colour, Size, Stream, bits_of, image_files, images_of, is_grey
 from stereo.readers.state import Common, common, find_order, rectified_rig
 from stereo.readers.video import SUFFIXES, VideoFile, pair_in, video_files, video_tracks
@@ -168,8 +168,8 @@ def packed_layout(
 
     clock = clock_of(folder, options, source.n_frames, source.fps, source.raw)
     return stereo_layout(
-        path, partial(split_pairs, source, views), streams, source.n_frames, clock, rig or own_rig,
-        notes, folder=folder, live=live,
+        path, FramePairs(partial(split_pairs, source, views), source.n_frames, live=live), streams, clock,
+        rig or own_rig, notes, folder,
     )  # fmt: skip
 
 

@@ -139,7 +139,7 @@ LISTS = ("timestamps.txt", "times.txt", "timestamp.txt")
 """Names of lists with one time a line."""
 _WORDS = re.compile(r"(frames?_?)?(time_?stamps?|times?|stamps?|ts)")
 MAX_BYTES = 1 << 25
-"""Larger tables are none of frames: half a day at 30 Hz has so much."""
+"""Larger files are no tables of frames: half a day at 30 Hz fills this."""
 _FRAME = ("frame", "frame_id", "frame_number", "frame_no", "frame_index", "index", "idx", "id", "seq", "n")
 _TIME = re.compile(r"#?\s*(timestamp|time|stamp|t)s?(?:[ _]?[\[(]?(ns|us|ms|s|sec|nsec|usec|msec)[\])]?)?")
 _UNITS = {"nsec": "ns", "usec": "us", "msec": "ms", "ns": "ns", "us": "us", "ms": "ms"}

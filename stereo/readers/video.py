@@ -18,6 +18,7 @@ from calib.images import as_grey
 from calib.io import entries, require_file
 from calib.types import F64, I64, U8
 from stereo.readers.base import (
+    FramePairs,
     Layout,
     Reader,
     check_paired,
@@ -257,10 +258,8 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
     folder."""
     a, b = VideoFile(left), VideoFile(right)
     size = same_size(a, b, left, right)
-    rig, other = (
-        partial(load_rig, options.calibration or folder, size),
-        other_state(options.calibration or folder, size),
-    )
+    calibration = options.calibration or folder
+    rig, other = partial(load_rig, calibration, size), other_state(calibration, size)
     if not (folder / "timestamps.csv").is_file():
         own_s, pairs = [_packets(video) for video in (left, right)], None
         listed = [camera_times(at, folder, len(own)) for at, own in zip((left, right), own_s, strict=True)]
@@ -272,14 +271,13 @@ def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenO
             pairs = _by_time(*own_s)
         if pairs:
             timed = tuple(Stream(name, size, len(s), s) for name, s in zip(("left", "right"), own_s, strict=True))
-            return stereo_layout(
-                path, together(_PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right)), timed, len(pairs.left),
-                clock_of_pairs(pairs, options), rig, unpaired=pairs.unpaired, folder=folder, other=other,
-            )  # fmt: skip
+            placed = together(_PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right))
+            each, clock = FramePairs(placed, len(pairs.left), pairs.unpaired), clock_of_pairs(pairs, options)
+            return stereo_layout(path, each, timed, clock, rig, (), folder, other)
     streams = tuple(Stream(name, size, source.n_frames) for name, source in (("left", a), ("right", b)))
     clock = clock_of(folder, options, min(a.n_frames, b.n_frames), a.fps, a.raw)
-    count = max(a.n_frames, b.n_frames)
-    return stereo_layout(path, together(a, b), streams, count, clock, rig, folder=folder, other=other)
+    each = FramePairs(together(a, b), max(a.n_frames, b.n_frames))
+    return stereo_layout(path, each, streams, clock, rig, (), folder, other)
 
 
 def pair_in(folder: Path) -> tuple[Path, Path] | None:

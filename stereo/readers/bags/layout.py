@@ -22,10 +22,12 @@ from calib.formats.ros import camera_from, region_of, windowed
 from calib.io import entries, reason, size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
+from stereo.depth import Depths
 from stereo.readers.bags.messages import camera_fields, field, frame_id, pose_of, transforms
 from stereo.readers.bags.storage import STORAGES, ZSTD, Bag, error_text, open_bag
 from stereo.readers.bags.topics import TopicImages, choose_topics, frames_of_topic, info_topic
 from stereo.readers.base import (
+    FramePairs,
     Layout,
     Reader,
     check_paired,
@@ -36,7 +38,7 @@ from stereo.readers.base import (
     stereo_layout,
     together,
 )
-from stereo.readers.images import Colour, Depths, Size, bits_note, true_bits
+from stereo.readers.images import Colour, Size, bits_note, true_bits
 from stereo.readers.pairing import depth_note, nearest_mates, pair_stamps
 from stereo.readers.rgbd import rgbd_layout
 from stereo.recording import OpenOptions
@@ -87,7 +89,7 @@ def _pose(bag: Bag, target: CameraMessage, source: CameraMessage) -> tuple[SE3 |
 
 
 def _depths(bag: Bag, topic: str) -> Depths:
-    """Depth of a topic, in the unit that the SDK writes beside it, else in millimetres."""
+    """Depth of a topic, in the unit that the SDK writes next to it, else in millimetres."""
     if match := _SDK.fullmatch(topic):
         for name in ("Depth_Units", "Depth Units"):
             with suppress(Exception):  # no such message, or damage
@@ -249,8 +251,8 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     elif not any(map(_SDK.fullmatch, names)):
         other = partial(_other_rig, bag, names, sizes[0], not rectified)
     return stereo_layout(
-        path, together(a, b), streams, len(pairs.left), clock, stereo_rig, remarks, unpaired=pairs.unpaired,
-        folder=path if path.is_dir() else path.parent, other=other,
+        path, FramePairs(together(a, b), len(pairs.left), pairs.unpaired), streams, clock, stereo_rig, remarks,
+        path if path.is_dir() else path.parent, other,
     )  # fmt: skip
 
 

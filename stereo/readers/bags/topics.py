@@ -12,9 +12,10 @@ import numpy as np
 
 from calib.errors import InputError, UnreadableError
 from calib.types import I64
+from stereo.depth import Depths
 from stereo.readers.bags.messages import image_message, stamp_ns, stored_pixels
 from stereo.readers.bags.storage import Bag, Message, Topic, error_text
-from stereo.readers.images import FRAMES, Colour, Depths, Images, Stored
+from stereo.readers.images import FRAMES, Colour, Images, Stored
 from stereo.readers.pairing import split_sides
 
 _TRANSPORT = re.compile(r"/(compressed|compressedDepth|theora|ffmpeg|zstd)$")

@@ -13,8 +13,8 @@ from calib.errors import InputError
 from calib.pose import SE3
 from calib.rig import RgbdRig
 from stereo._kernels import register_depth
+from stereo.depth import metres
 from stereo.readers import OpenOptions, find_layout, open_any
-from stereo.readers.images import metres
 from stereo.readers.pairing import nearest_mates
 from stereo.recording import RgbdFrame, RgbdRecording
 from stereo.rgbd import DepthRegistration, RgbdRectifier
