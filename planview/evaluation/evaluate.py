@@ -30,9 +30,9 @@ from planview.evaluation.significant import (
 from planview.trajectories.table import Trajectories, frame_period_s, frame_step, people_of, rows_by_id
 
 SHIFT_MAX = 30
-"""Farthest that truth and tracks are moved against each other [frames]."""
+"""Largest shift of the tracks that is tried [frames]."""
 SHIFTED = 0.85
-"""Share of the error, without which truth and tracks may just as well count frames alike."""
+"""Share of the error that a shift must get below: with less gain both may count frames alike (our choice)."""
 
 
 class EvaluationParams(Params):
@@ -63,7 +63,7 @@ def evaluate_tracks(
     Confirmed rows count. Tentative rows are not yet claimed and never count; lost rows are predictions: they match
     nothing and are no false positives, but a prediction within the gate keeps a hidden person from being a significant
     loss, and one that strays from its person for long is a significant error. Raises InputError: no row has what the
-    matching needs (floor positions, or boxes). Raises WorkError: alignment was asked for and is not possible.
+    matching needs (floor positions, or boxes). Raises WorkError: ``align`` is set, and no alignment is possible.
 
     Args:
         frames: first and last frame to score, both included; all by default. A frame without truth rows is an
@@ -80,21 +80,16 @@ def evaluate_tracks(
     frame_s, on_floor = frame_period_s(tracks, 1.0 / params.fps), params.match_on == "floor"
     claimed, predicted, people, alignment = _comparable(tracks, truth, params)
     similarity = floor_similarity(params.gate_m) if on_floor else box_similarity
-    # Ignored people take their own tracks first, so that these are neither false nor given to another person.
-    ignored, excused = people.visible < params.min_visible, np.zeros(len(claimed), dtype=np.bool_)
-    if ignored.any():
-        own = clear_scores(build_sequence(people, claimed, similarity)).matches
-        excused[own[ignored[own[:, 0]], 1]] = True
+    ignored, excused = _ignored(people, claimed, params.min_visible, similarity)
     counted, followed = people.where(~ignored), claimed.where(~excused)
     sequence = build_sequence(counted, followed, similarity)
     clear = clear_scores(sequence)
-    t, k = clear.matches.T
-    persons = _person_histories(counted, followed, predicted, clear.matches, similarity)
-    stray = ~excused
-    stray[np.flatnonzero(~excused)[k]] = False
-    histories = [TrackHistory(i, claimed.frame[rows], stray[rows]) for i, rows in rows_by_id(claimed.track_id)]
+    matches = clear.matches
+    t, k = matches.T
+    persons = _person_histories(counted, followed, predicted, matches, similarity)
+    histories = _track_histories(claimed, excused, k)
     predictions = (
-        _prediction_histories(predicted, people, followed, counted, clear.matches, params.gate_m) if on_floor else []
+        _prediction_histories(predicted, people, followed, counted, matches, params.gate_m) if on_floor else []
     )
     significant = significant_errors(persons, histories, frame_s, predictions)
     placed = on_floor or alignment is not None  # else the world frames may differ
@@ -103,7 +98,7 @@ def evaluate_tracks(
     return Evaluation(
         sequence=sequence,
         clear=clear,
-        rows=_truth_rows(counted, followed, clear.matches, placed),
+        rows=_truth_rows(counted, followed, matches, placed),
         ignored_rows=int(ignored.sum()),
         height_error_m=heights[np.isfinite(heights)],
         facing=facing_errors(facing_deg, counted.where(t), velocities(people, frame_s)[~ignored][t]),
@@ -125,7 +120,8 @@ def _comparable(
 ) -> tuple[Trajectories, Trajectories, Trajectories, FloorAlignment | None]:
     """Confirmed and lost rows of tracks and the rows of the truth that have what is matched on, in one world frame."""
     on_floor = params.match_on == "floor"
-    claimed, predicted = _rows_of(tracks, "confirmed", on_floor), _rows_of(tracks, "lost", on_floor)
+    usable = _usable(tracks, on_floor)
+    claimed, predicted = (tracks.where(usable & (tracks.state == state)) for state in ("confirmed", "lost"))
     people = _checked(truth, on_floor, "truth")
     if not len(claimed) and (tracks.state == "confirmed").any():
         _checked(tracks.where(tracks.state == "confirmed"), on_floor, "tracks")
@@ -133,6 +129,17 @@ def _comparable(
         return claimed, predicted, people, None
     claimed, alignment = align_tracks(claimed, people, params.gate_m)
     return claimed, moved(predicted, alignment), people, alignment
+
+
+def _ignored(
+    people: Trajectories, tracks: Trajectories, min_visible: float, similarity: Similarity
+) -> tuple[Bool, Bool]:
+    """Which people are too hidden to count, and which tracks are theirs: neither false nor given to another person."""
+    ignored, theirs = people.visible < min_visible, np.zeros(len(tracks), dtype=np.bool_)
+    if ignored.any():
+        matches = clear_scores(build_sequence(people, tracks, similarity)).matches
+        theirs[matches[ignored[matches[:, 0]], 1]] = True
+    return ignored, theirs
 
 
 def _truth_rows(truth: Trajectories, tracks: Trajectories, matches: I64, placed: bool) -> TruthRows:
@@ -158,6 +165,13 @@ def _person_histories(
     return [PersonHistory(i, truth.frame[own], holder[own]) for i, own in rows_by_id(truth.track_id)]
 
 
+def _track_histories(tracks: Trajectories, excused: Bool, matched: I64) -> list[TrackHistory]:
+    """Where each track is on nobody: neither excused nor of the other rows those that are matched."""
+    stray = ~excused
+    stray[np.flatnonzero(stray)[matched]] = False
+    return [TrackHistory(i, tracks.frame[rows], stray[rows]) for i, rows in rows_by_id(tracks.track_id)]
+
+
 def _of_some_frames(tracks: Trajectories, truth: Trajectories, params: EvaluationParams) -> Evaluation:
     """Scores in the frames that have truth rows, as if they followed one another."""
     annotated = np.unique(truth.frame)
@@ -175,8 +189,8 @@ def _of_some_frames(tracks: Trajectories, truth: Trajectories, params: Evaluatio
 
 
 def _shift(truth: Trajectories, tracks: Trajectories, similarity: Similarity) -> int:
-    """The frames by which tracks have to be moved for a median error below SHIFTED of what it is, else 0; from frame to
-    frame while it falls."""
+    """The shift of the tracks [frames] at which their median error stops falling; 0 unless it is below SHIFTED of that
+    without a shift."""
 
     def error(shift: int) -> float:
         pairs = build_sequence(truth, replace(tracks, frame=tracks.frame + shift), similarity)
@@ -186,8 +200,8 @@ def _shift(truth: Trajectories, tracks: Trajectories, similarity: Similarity) ->
 
     best, least = 0, (whole := error(0))
     for step in (-1, 1):
-        while abs(best) < SHIFT_MAX and (moved := error(best + step)) < least:
-            best, least = best + step, moved
+        while abs(best) < SHIFT_MAX and (shifted := error(best + step)) < least:
+            best, least = best + step, shifted
     return best if least < SHIFTED * whole else 0
 
 
@@ -230,11 +244,6 @@ def _usable(table: Trajectories, on_floor: bool) -> Bool:
     """(N,) whether rows have what is matched on."""
     needed = np.column_stack([table.x_m, table.y_m]) if on_floor else table.box_px
     return np.asarray(np.isfinite(needed).all(axis=1))
-
-
-def _rows_of(table: Trajectories, state: str, on_floor: bool) -> Trajectories:
-    rows = table.where((table.state == state) & _usable(table, on_floor))
-    return replace(rows, state=np.broadcast_to(np.array(state), len(rows)))
 
 
 def _checked(table: Trajectories, on_floor: bool, what: str) -> Trajectories:

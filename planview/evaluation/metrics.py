@@ -53,32 +53,15 @@ def solved(rows: I64, cols: I64, weight: F64) -> Bool:
     return np.asarray(partner[i] == j)
 
 
-@dataclass(frozen=True)
-class IdentityScores:
-    """Rows matched (idtp) and not (idfn, idfp) by the best assignment of tracks to people.
-
-    ``idf1`` is 2 idtp / (truth rows + track rows); None when there are neither.
-    """
-
-    idtp: int
-    idfn: int
-    idfp: int
-    idf1: float | None
-
-
-def identity_scores(sequence: Sequence, threshold: float = THRESHOLD) -> IdentityScores:
-    """Count common rows of every person and track, then assign one to one for the most rows matched.
-
-    Maximising the common rows minimises idfn + idfp, since their sum is truth rows + track rows - 2 idtp.
-    """
+def idf1(sequence: Sequence, threshold: float = THRESHOLD) -> float | None:
+    """2 IDTP / (truth rows + track rows), with the most rows (IDTP) that one track for each person, of its own, can
+    match; None without any rows."""
     near = sequence.similarity >= threshold - EPS
     pairs = sequence.truth[sequence.pair_truth[near]], sequence.tracks[sequence.pair_track[near]]
     (person, track), common = np.unique(np.stack(pairs), axis=1, return_counts=True)
-    idtp = int(common[best_pairs(person, track, common.astype(np.float64), np.zeros_like(person))].sum())
+    matched = int(common[best_pairs(person, track, common.astype(np.float64), np.zeros_like(person))].sum())
     rows = sequence.truth_rows + sequence.track_rows
-    return IdentityScores(
-        idtp, sequence.truth_rows - idtp, sequence.track_rows - idtp, 2.0 * idtp / rows if rows else None
-    )
+    return 2.0 * matched / rows if rows else None
 
 
 ALPHAS: F64 = np.arange(1, 20, dtype=np.float64) * 0.05

@@ -18,10 +18,9 @@ from planview.evaluation.facing import FacingErrors
 from planview.evaluation.metrics import (
     ClearScores,
     HotaScores,
-    IdentityScores,
     clear_scores,
     hota_scores,
-    identity_scores,
+    idf1,
 )
 from planview.evaluation.sequence import Sequence, joined_rows
 from planview.evaluation.significant import ErrorKind, SignificantError, poisson_upper
@@ -119,7 +118,7 @@ class Evaluation:
         tracked_people: tracks that count as people (``people_of``), near somebody or not.
         track_frames, covered_frames: frames with confirmed tracks, and those of them in which the truth has rows.
         shift: frames by which the tracks have to be moved to lie clearly nearer to the truth, else 0.
-        alignment: the motion applied, if asked for.
+        alignment: the motion applied to the tracks; None without ``align``.
         left_out_frames: frames with confirmed tracks between those that a truth of only some frames has.
         unplaced_rows: truth rows and confirmed rows without what they are matched on, which are left out.
     """
@@ -202,10 +201,6 @@ class Evaluation:
         )
 
     @cached_property
-    def _identity(self) -> IdentityScores:
-        return identity_scores(self.sequence)
-
-    @cached_property
     def _hota(self) -> HotaScores:
         return hota_scores(self.sequence)
 
@@ -214,9 +209,9 @@ class Evaluation:
         """None without truth that counts, as is every score that the data cannot give."""
         return self.clear.mota
 
-    @property
+    @cached_property
     def idf1(self) -> float | None:
-        return self._identity.idf1
+        return idf1(self.sequence)
 
     @property
     def hota(self) -> float | None:

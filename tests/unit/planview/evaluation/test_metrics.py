@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planview.evaluation.metrics import clear_scores, hota_scores, identity_scores
+from planview.evaluation.metrics import clear_scores, hota_scores, idf1
 from planview.evaluation.sequence import Sequence, box_similarity, build_sequence, floor_similarity
 from planview.evaluation.significant import (
     PREDICTED,
@@ -57,7 +57,7 @@ def test_a_perfect_sequence_counts_as_one_and_without_truth_scores_are_unknown()
     assert (scores.mota, scores.misses, scores.false_positives, scores.switches) == (1.0, 0, 0, 0)
     assert len(scores.matches) == 10 and hota_scores(sequence(rows, rows)).hota == pytest.approx(1.0)
     scores = clear_scores(sequence([], [(0, 1, 0, 0)]))
-    assert (scores.mota, scores.false_positives) == (None, 1) and identity_scores(sequence([], [])).idf1 is None
+    assert (scores.mota, scores.false_positives) == (None, 1) and idf1(sequence([], [])) is None
 
 
 def test_clear_counts_misses_false_positives_and_a_switch():
@@ -100,15 +100,14 @@ def test_joined_sequences_add_up_and_share_no_identity():
     joined = Sequence.joined([one, two])
     scores = clear_scores(joined)
     assert (joined.truth_rows, joined.track_rows, scores.misses, scores.switches) == (8, 7, 1, 1)
-    assert identity_scores(joined).idtp == 3 + 2
+    assert idf1(joined) == pytest.approx(2 * (3 + 2) / (8 + 7))
 
 
 def test_identity_gives_a_person_only_the_track_that_explains_most():
-    # Track 1 holds the person for 3 of 5 frames, track 2 for the other 2: idtp 3, idf1 = 2 * 3 / (5 + 5).
+    # Track 1 holds the person for 3 of 5 frames, track 2 for the other 2: 2 * 3 / (5 + 5).
     truth = [(t, 1, 0, 0) for t in range(5)]
     tracks = [(t, 1 if t < 3 else 2, 0, 0) for t in range(5)]
-    scores = identity_scores(sequence(truth, tracks))
-    assert (scores.idtp, scores.idfn, scores.idfp) == (3, 2, 2) and scores.idf1 == pytest.approx(0.6)
+    assert idf1(sequence(truth, tracks)) == pytest.approx(0.6)
 
 
 def test_hota_of_a_split_track_is_the_root_of_its_association_and_a_match_counts_up_to_its_localisation():
@@ -134,11 +133,11 @@ _rows = st.lists(
 @given(_rows, _rows)
 def test_metrics_stay_in_range_whatever_the_rows(truth, tracks):
     rows = sequence(truth, tracks)
-    clear, identity, hota = clear_scores(rows), identity_scores(rows), hota_scores(rows)
+    clear, hota = clear_scores(rows), hota_scores(rows)
     assert clear.misses + len(clear.matches) == len(truth)
     assert clear.false_positives + len(clear.matches) == len(tracks)
     assert len({tuple(pair) for pair in clear.matches}) == len(clear.matches)
-    for value in (identity.idf1, hota.hota, hota.deta, hota.assa):
+    for value in (idf1(rows), hota.hota, hota.deta, hota.assa):
         assert value is None or 0.0 <= value <= 1.0 + 1e-12
     if clear.mota is not None:
         assert clear.mota <= 1.0
@@ -186,7 +185,7 @@ def test_metrics_of_wild_sequences_are_those_of_trackeval(seed, counts, scores):
     clear, hota = clear_scores(rows), hota_scores(rows)
     found = clear.misses, clear.false_positives, clear.switches
     assert (*found, clear.mostly_tracked, clear.mostly_lost, clear.fragmentations) == counts
-    found = clear.mota, identity_scores(rows).idf1, hota.hota, hota.deta, hota.assa
+    found = clear.mota, idf1(rows), hota.hota, hota.deta, hota.assa
     assert found == pytest.approx(scores, abs=1e-6)
 
 
