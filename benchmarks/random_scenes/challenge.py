@@ -14,8 +14,9 @@ from benchmarks.random_scenes.choreography import Role, arriving, direction, uni
 from benchmarks.random_scenes.stage import Stage
 from benchmarks.random_scenes.tables import Challenge, Choreography, NoPlaceError, Plot, RandomScene
 from calib.types import F64
-from planview.synthetic.motion import Obstacles, scripted_motion, wander
+from planview.synthetic.motion import scripted_motion, wander
 from planview.synthetic.people import PUSH_M, PUT_M
+from planview.synthetic.room import Obstacles
 from planview.synthetic.scene import Furniture, Scene
 
 APART_M = 0.38
@@ -98,12 +99,7 @@ def refuse_implausible(scene: Scene, stage: Stage) -> None:
 
 
 def _occlusions(a: F64, b: F64, both: F64) -> int:
-    """How many times two people hide each other.
-
-    Args:
-        a, b: (N, 2) their places from the camera.
-        both: (N,) whether both are in view.
-    """
+    """How many times two people hide each other, by (N, 2) places from the camera and whether both are in view (N,)."""
     far = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
     hidden = both & (np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / far < HIDDEN_M)
     return int((hidden[1:] & ~hidden[:-1]).sum()) + int(hidden[0])

@@ -12,7 +12,7 @@ from benchmarks.random_scenes.appearance import floor_surface
 from benchmarks.random_scenes.tables import Challenge, NoPlaceError
 from calib.types import F64, Bool
 from planview.synthetic.camera import CameraView, camera_view, mount_pose, stereo_rig
-from planview.synthetic.motion import Obstacles
+from planview.synthetic.room import Obstacles
 from planview.synthetic.scene import Furniture, Opening, Panel, Rig, Room, Surface
 
 CELL_M = 0.15

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,8 +16,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from calib.types import F64
 from planview.synthetic import steps
-from planview.synthetic.room import furniture_size, wall_pieces
-from planview.synthetic.scene import Furniture, Room, Scene, ScenePerson, Wall, Wander
+from planview.synthetic.room import Obstacles, furniture_size
+from planview.synthetic.scene import Furniture, Scene, ScenePerson, Wander
 
 TICK_HZ = 60.0
 ACTIONS = ("sit", "floor", "reach", "bend", "carry", "push", "low", "crouch", "turns")
@@ -258,28 +257,6 @@ class _Walker:
     detour: bool = False
     gone_s: float = np.inf
     track: list[F64] = field(default_factory=list)
-
-
-class Obstacles:
-    """Footprints of standing furniture and of walls around their openings, as oriented rectangles."""
-
-    def __init__(self, room: Room, furniture: Sequence[Furniture]) -> None:
-        low = [f for f in furniture if f.z_m < 1.8 and not f.moves]
-        walls = [piece for side in get_args(Wall) for piece in wall_pieces(room, side)]
-        middles = [(a + b) / 2 for a, b in walls]
-        spans = [b - a for a, b in walls]
-        self._centre = np.array([*(f.at_m for f in low), *middles], np.float64).reshape(-1, 2)
-        self._angle = np.array([*(np.deg2rad(f.heading_deg) for f in low), *(np.arctan2(v[1], v[0]) for v in spans)])
-        sizes = [*(furniture_size(f)[:2] for f in low), *((float(np.hypot(v[0], v[1])), 0.02) for v in spans)]
-        self._half = np.array(sizes, np.float64).reshape(-1, 2) / 2
-
-    def distance(self, points: F64) -> F64:
-        """(N,) distance of points (N, 2) from the nearest footprint, 0 inside."""
-        d = points[:, None, :] - self._centre
-        c, s = np.cos(self._angle), np.sin(self._angle)
-        local = np.stack([d[..., 0] * c + d[..., 1] * s, -d[..., 0] * s + d[..., 1] * c], -1)
-        outside = np.maximum(np.abs(local) - self._half, 0.0)
-        return np.asarray(np.hypot(outside[..., 0], outside[..., 1]).min(axis=1))
 
 
 def wander(scene: Scene, scripted: Sequence[Motion]) -> list[Motion]:

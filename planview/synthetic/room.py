@@ -1,8 +1,8 @@
-"""Meshes of the room (floor, walls with openings, ceiling, panels) and of furniture."""
+"""The room (floor, walls with openings, ceiling, panels) and furniture: meshes, and what stands in the way."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import get_args
 
 import numpy as np
@@ -213,3 +213,25 @@ _KINDS: dict[FurnitureKind, tuple[Size, Surface, Builder]] = {
     "door": ((0.05, 0.95, 2.05), Surface(colour="#8a6a48", texture="wood", scale_m=0.3), _block),
     "bag": ((0.25, 0.45, 0.32), Surface(colour="#2a3c34", scale_m=0.05, contrast=0.3), _block),
 }
+
+
+class Obstacles:
+    """Footprints of standing furniture and of walls around their openings, as oriented rectangles."""
+
+    def __init__(self, room: Room, furniture: Sequence[Furniture]) -> None:
+        low = [f for f in furniture if f.z_m < 1.8 and not f.moves]
+        walls = [piece for side in get_args(Wall) for piece in wall_pieces(room, side)]
+        middles = [(a + b) / 2 for a, b in walls]
+        spans = [b - a for a, b in walls]
+        self._centre = np.array([*(f.at_m for f in low), *middles], np.float64).reshape(-1, 2)
+        self._angle = np.array([*(np.deg2rad(f.heading_deg) for f in low), *(np.arctan2(v[1], v[0]) for v in spans)])
+        sizes = [*(furniture_size(f)[:2] for f in low), *((float(np.hypot(v[0], v[1])), 0.02) for v in spans)]
+        self._half = np.array(sizes, np.float64).reshape(-1, 2) / 2
+
+    def distance(self, points: F64) -> F64:
+        """(N,) distance of points (N, 2) from the nearest footprint, 0 inside."""
+        d = points[:, None, :] - self._centre
+        c, s = np.cos(self._angle), np.sin(self._angle)
+        local = np.stack([d[..., 0] * c + d[..., 1] * s, -d[..., 0] * s + d[..., 1] * c], -1)
+        outside = np.maximum(np.abs(local) - self._half, 0.0)
+        return np.asarray(np.hypot(outside[..., 0], outside[..., 1]).min(axis=1))
