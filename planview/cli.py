@@ -182,7 +182,8 @@ def main(argv: list[str] | None = None, make: Callable[[Sequence[str]], App] | N
 def _settings_as_options(words: Sequence[str]) -> list[str]:
     """The words, with parameters of earlier versions as the options that they are: ``--set run.frames=100``."""
     pattern = r"--set[=\0]run\.(frames|overwrite|rrd_every|checkpoint_every)(?:_s)?="
-    return re.sub(pattern, lambda m: f"--{m[1].replace('_', '-')}=", "\0".join(words)).split("\0") if words else []
+    text = re.sub(r"\0--set[=\0]run\.frames=0(?=\0|$)", "", "\0".join(words))  # all of them
+    return re.sub(pattern, lambda m: f"--{m[1].replace('_', '-')}=", text).split("\0") if words else []
 
 
 def _foreign_library(error: BaseException | None) -> str:
