@@ -17,5 +17,5 @@ class Carried:
         return {name: vars(self)[name] for name in self.CARRIED or vars(self)}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from the state of an object made alike."""
+        """Continue from the state of an object with the same parameters."""
         vars(self).update(state)

@@ -68,7 +68,7 @@ def _again(name: str, first: str, values: Params) -> str:
 
 
 def _section(name: str, cls: type[Params], values: Params, places: dict[str, str]) -> str:
-    """A table; ``places`` has the table of each meaning so far, which is not told again."""
+    """A table; ``places`` has the table of each meaning so far, which is not repeated."""
     title = f"`[{name}]`" if name else "Top level"
     rows, again = [], dict[str, list[str]]()
     for field in described(cls, values):

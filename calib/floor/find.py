@@ -44,7 +44,6 @@ EDGE_CELLS = (np.hypot(*np.mgrid[-2:3, -2:3]) <= 2.5).astype(np.uint8)
 semi-global matching smooths over)."""
 MIN_POINTS = 1000
 """Fewer points than this are not reported."""
-NO_COVARIANCE = np.zeros((3, 3))
 SCORED = 1500
 """Points that each plane tried is compared with (for speed)."""
 

@@ -71,13 +71,6 @@ def _files(folder: Path) -> Iterator[Path]:
                 yield path
 
 
-def _config_files(folder: Path) -> list[Path]:
-    """Those that may be meant as a calibration."""
-    return [
-        file for file in _files(folder) if file.suffix.lower() not in (".csv", ".txt") and file.name != "world.toml"
-    ]
-
-
 def _readable(paths: Iterable[Path]) -> Iterator[Source]:
     for path in paths:
         with suppress(InputError):  # folders hold more than calibrations; a file that is not text is none
@@ -111,7 +104,9 @@ def _in_folder(folder: Path) -> Found:
         return rigs[0]
     if not rigs:
         seen = [
-            f"{f.name} is {'not of a known format' if f.stat().st_size else 'empty'}" for f in _config_files(folder)
+            f"{file.name} is {'not of a known format' if file.stat().st_size else 'empty'}"
+            for file in _files(folder)
+            if file.suffix.lower() not in (".csv", ".txt") and file.name != "world.toml"
         ]
         what = next(filter(None, map(arrays_text, entries(folder))), "none" + f" ({', '.join(seen[:3])})" * bool(seen))
         what = f"only half of a pair ({halves[0][2].path.name})" if halves else what

@@ -39,7 +39,7 @@ from calib.types import F64, Bool
 GRID = (14, 24, 37)
 """Focal lengths and camera heights in equal ratios, and tilts (at most 5 degrees apart) to start from."""
 STARTS = 3
-"""So many distinct results of the search are refined (height and focal length trade off in a valley)."""
+"""Distinct results of the search that are refined (height and focal length trade off in a valley)."""
 MAX_ERROR = 0.25
 """Largest plausible error of the samples that fit, their median [1]: beyond it they are not standing people in an
 upright image."""

@@ -34,7 +34,7 @@ from calib.types import F64, Bool
 POINT_PX = 2.0
 """Deviation of a point or edge marked by hand [px] (what people reach on a screen)."""
 OUTLINE_PX = 2.0
-"""By so much the ends of outlines err alike [px] (as much as a hand errs at each)."""
+"""Error that all ends of outlines have in common [px] (that of a hand at each)."""
 STRETCHES = 6
 """Parts of a recording that are left out one by one: about a walker each."""
 FAR = 1e4
@@ -278,19 +278,17 @@ def with_outline_errors(fit: GroundCameraFit, people: MarkedPeople, model: Human
 def with_stretches_left_out(
     fit: GroundCameraFit, people: MarkedPeople, model: HumanModel, frames: Sequence[int]
 ) -> GroundCameraFit:
-    """The fit to people who are observed often, by the frame of each: what is odd about a walker errs alike all along.
+    """The fit with the errors that samples of one walker have in common; ``frames`` are those of the samples.
 
-    What the camera moves by when one stretch of the recording after another is left out is added to its covariance (the
+    How far the camera moves when each stretch of the recording is left out in turn is added to its covariance (the
     jackknife of Tukey 1958 over groups).
     """
     parts = np.array_split(np.argsort(frames, kind="stable"), STRETCHES)
     cameras = []
     for part in parts:
         kept = np.delete(np.arange(len(people)), part)
-        few = replace(
-            people, rows=people.rows[kept], scale=people.scale[kept], scale_std=people.scale_std[kept],
-            given=people.given[kept],
-        )  # fmt: skip
+        columns = people.rows[kept], people.scale[kept], people.scale_std[kept], people.given[kept]
+        few = MarkedPeople(*columns, people.repeats)
         cameras.append(fit_camera(fit.camera, few, model, fit.prior, fit.variation).shared[:N_CAMERA])
     off = np.array(cameras) - np.mean(cameras, axis=0)
     covariance = fit.covariance.copy()

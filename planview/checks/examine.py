@@ -1,4 +1,4 @@
-"""All checks of a recording, before a run and while one goes on, with pictures for people."""
+"""All checks of a recording, before and during a run, with pictures for people."""
 
 from __future__ import annotations
 

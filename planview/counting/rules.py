@@ -143,7 +143,7 @@ def stereo_plane(rig_path: Path) -> RulePlane:
 
 Point = tuple[float, float]
 NEAR_HEIGHTS = 3.0
-"""A rule is near to tracks within so many heights of a person, where all of them are in one place."""
+"""Heights of a person within which a rule is near to tracks that are all in one place."""
 
 
 class AnalyticsParams(Params):

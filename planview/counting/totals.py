@@ -284,6 +284,6 @@ def count_truth(
     those of the tracks.
     """
     params = (params or AnalyticsParams()).model_copy(update={"stitch_s": 0.0})
-    # For true occupancy: a head sways by as much when a person stands on the outline [m].
+    # For true occupancy: how far a head sways when a person stands on the outline [m].
     visible = truth.where(truth.visible != IGNORED)
     return count_tracks(visible, rules.of_truth(0.05), params, clock=clock, n_frames=n_frames)

@@ -129,7 +129,7 @@ def grid(parameters: Mapping[str, Space]) -> list[Configuration]:
 
 
 def random_draws(parameters: Mapping[str, Space], count: int, seed: int) -> list[Configuration]:
-    """So many independent draws, each once; fewer where the space holds fewer."""
+    """``count`` independent draws, each once; fewer where the space holds fewer."""
     generator = np.random.default_rng(seed)
     found: dict[Configuration, None] = {}
     for _ in range(20 * count):
