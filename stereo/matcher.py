@@ -216,7 +216,7 @@ class SgbmMatcher:
 
     def _coarse(self, left: U8, right: U8) -> F32:
         """(h, w) float32 disparity [px] of the reduced images."""
-        pad = self._first + self._count  # OpenCV leaves so many columns on the left without disparity
+        pad = self._first + self._count  # columns on the left that OpenCV leaves without disparity
         padded = (cv2.copyMakeBorder(image, 0, 0, pad, 0, cv2.BORDER_REPLICATE) for image in (left, right))
         fixed = self._sgbm.compute(*padded)[:, pad:]
         darkest, brightest = cv2.erode(left, self._texture), cv2.dilate(left, self._texture)

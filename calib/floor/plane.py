@@ -340,7 +340,7 @@ def choose_floor(candidates: Sequence[Candidate], params: FloorParams) -> Candid
 
     Planes that fill the view where they would be seen are likely, those with something beneath less so. A camera that
     looks straight down hangs at the height of a ceiling rather than at twice that, a level one is low, and a room is
-    2.2 to 3.5 m high: so a wall seen straight on is told from the floor below an overhead camera.
+    2.2 to 3.5 m high, which distinguishes a wall seen straight on from the floor below an overhead camera.
 
     A camera near the horizontal sees the wall in front as a camera leaning backwards sees its floor. Where both
     readings are open the upright camera is the likelier, so a plane that asks for leaning back gives way.

@@ -172,8 +172,7 @@ class _Advisor:
             return give or "mark more people, at more distances"
         u, v = found.foot_px
         more = f"add people {_where(self.fit, found.foot_px)}, near pixel ({u:.0f}, {v:.0f})"
-        # So many further samples are a bearable effort: when they are not enough, a known value
-        # is asked for.
+        # Six further samples are a bearable effort: where they are not enough, a known value is better advice.
         reached = self._enough(6 * self.gain)
         if self.fit.prior.reading == "boxes":
             more, reached = "mark heads and feet where they are, not at the middles of the boxes' edges", False

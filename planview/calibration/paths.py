@@ -38,7 +38,7 @@ class WalkedPath:
         return self.first + len(self.xy_m)
 
     def at(self, ticks: F64, disparity_px: float = 0.0) -> F64:
-        """(N, 2) positions at fractional ticks, with all disparities so much larger; NaN outside of the path."""
+        """(N, 2) positions at fractional ticks, with all disparities larger by ``disparity_px``; NaN outside."""
         known, values = np.arange(self.first, self.end), self.xy_m + disparity_px * self.per_px_m
         return np.column_stack([np.interp(ticks, known, column, left=np.nan, right=np.nan) for column in values.T])
 

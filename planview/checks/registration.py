@@ -28,7 +28,7 @@ MIN_LIKENESS = 0.15
 """Sum of the correlations of edges and of what moves from which they are judged; what belongs together has 0.5 or more
 (our choice)."""
 FLIPS = {"mirrored": (1, -1), "upside down": (-1, 1), "turned by 180 degrees": (-1, -1)}
-"""Steps down and across through depth that was recorded otherwise than its image."""
+"""Steps down and across that flip depth back onto its image."""
 SCALES = (0.72, 0.84, 0.92, 1.09, 1.19, 1.39)
 """Sizes of unregistered depth in the image, whose camera has another lens: 0.92 of Kinects, 0.72 of RealSense."""
 PX = 640.0 / WIDTH
@@ -78,7 +78,7 @@ def registration_checks(spread: Sequence[RgbdFrame], run: Sequence[RgbdFrame]) -
     where = f"best fit of edges and people: {right:+.0f} px to the right, {down:+.0f} down, +- {fit.std_px:.0f}, of 640"
     name = "depth on its image"
     if fit.flip_gain >= SURELY:
-        note = f"depth is {fit.flip} against its image: so it fits better by {fit.flip_gain:.1f} deviations"
+        note = f"depth is {fit.flip} against its image: flipped back, it fits better by {fit.flip_gain:.1f} deviations"
         return [Check(name, False, math.nan, note=note), delay]
     if fit.scale != 1.0:
         note = f"depth is not registered to its image: {fit.scale:g} of its size fits better"

@@ -143,7 +143,7 @@ def _ignored(
 
 
 def _truth_rows(truth: Trajectories, tracks: Trajectories, matches: I64, placed: bool) -> TruthRows:
-    """What is known of every row of the truth; ``placed`` where positions may be compared."""
+    """Distance, visibility, company and match of every row of the truth; ``placed`` where positions may be compared."""
     t, k = matches.T
     matched, away = np.zeros(len(truth), dtype=np.bool_), np.full(len(truth), np.nan)
     matched[t] = True

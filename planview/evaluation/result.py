@@ -192,7 +192,7 @@ class Evaluation:
             return "no track is near any truth row: another unit, swapped axes, or a world frame to align"
         if self.shift:
             frames = f"{self.shift:+d} frame{'s' * (abs(self.shift) > 1)}"
-            return f"tracks moved by {frames} fit clearly better: do both count frames from one number?"
+            return f"tracks moved by {frames} fit clearly better: do both number frames from the same start?"
         if 2 * self.covered_frames >= self.track_frames:
             return ""
         return (

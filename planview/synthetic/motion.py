@@ -332,7 +332,7 @@ def _danger(place: F64, candidates: F64, others: F64, moving: F64) -> F64:
     offset = others - place
     relative = moving[None] - candidates[:, None]
     square = np.maximum((relative**2).sum(-1), 1e-9)
-    # Wanderers look so far ahead [s].
+    # At most 2.5 s ahead.
     when = np.clip(-(offset * relative).sum(-1) / square, 0, 2.5)
     closest = np.linalg.norm(offset + relative * when[..., None], axis=-1)
     soon = np.linalg.norm(offset + relative * 0.3, axis=-1)

@@ -226,7 +226,7 @@ class Detections:
         return self.step == 1 or len(self.at(frame)) > 0
 
     def of_frames(self, frames: int) -> Detections:
-        """Self for a video of so many frames, with a doubt where the last of them have no boxes: those of every n-th
+        """Self for a video of ``frames`` frames, with a doubt where the last of them have no boxes: those of every n-th
         frame may be numbered 1, 2, 3. Raises InputError: boxes of later frames."""
         last = len(self.frames)
         if last > frames:

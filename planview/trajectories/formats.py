@@ -105,7 +105,7 @@ def _load_text(path: Path, first: bytes, truth: bool) -> TrajectoryFile:
     try:
         line = first.decode("utf-8-sig", "ignore" if len(first) == _FIRST_LINE else "strict")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: expected text in UTF-8, found another coding, such as UTF-16 of Excel") from error
+        raise InputError(f"{path}: expected text in UTF-8, found another encoding, such as UTF-16 of Excel") from error
     is_table = re.match(r"\s*[-+.\deE]+(?=[\s,;]|$)", line) is not None
     if line.startswith("#") or (is_table and len(line.split()) < 6 and not set(",;") & set(line)):
         return read_petrack(path)

@@ -110,7 +110,7 @@ def _numbered(files: list[Path], number: Callable[[Path], int | None]) -> dict[i
 
 def _unpaired(file: Path, left: list[Path], right: list[Path]) -> InputError:
     counts = " and ".join(f"{len(own)} in {own[0].parent.name}" for own in (left, right) if own)
-    found = f"found none ({counts}): a file of times for each pairs them, or delete those without"
+    found = f"found none ({counts}): add a file of times for each camera, or delete images without a mate"
     return InputError(f"{file}: expected a mate in the other folder for every image, {found}")
 
 

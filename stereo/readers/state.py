@@ -111,8 +111,8 @@ def settled(pairs: Iterable[tuple[U8, U8]], rig: StereoRig, other: StereoRig, ho
 
 
 class Common(NamedTuple):
-    """What the two views of some pairs have in common: of so many corners (N, 4) float64 matches [px of the view as
-    it is given], u, v in the first view, u, v in the second."""
+    """What the two views of some pairs have in common: the number of corners, and (N, 4) float64 matches of them [px of
+    the view as it is given], u, v in the first view, u, v in the second."""
 
     corners: int = 0
     matches: F64 = np.empty((0, 4))

@@ -111,7 +111,7 @@ def _nearly_text(path: Path, recordings: Sequence[str]) -> str:
 
 
 def inside_text(path: Path) -> str:
-    """What a folder without images, videos and bags holds, and what is known of the most frequent kind of files."""
+    """What a folder without images, videos and bags holds, and advice on the most frequent kind of files."""
     if folders := [f.name for f in entries(path) if f.is_dir() and image_files(f)]:
         return f"none in it, but in its folder {listed(folders)}: move them up"
     files = [file for place in (path, *filter(Path.is_dir, entries(path))) for file in entries(place) if file.is_file()]

@@ -202,7 +202,7 @@ def _rvl(data: bytes) -> AnyArray:
         raise ValueError("a size that no image has")
     words = np.frombuffer(data, "<u4", offset=8, count=(len(data) - 8) // 4)
     groups = ((words[:, None] >> np.arange(28, -4, -4, dtype=np.uint32)) & 15).ravel().astype(np.int64)
-    first = np.concatenate([[True], groups[:-1] < 8])  # the fourth bit: the number goes on
+    first = np.concatenate([[True], groups[:-1] < 8])  # the fourth bit: the number continues
     starts = np.flatnonzero(first)
     place = np.arange(len(groups)) - starts[np.cumsum(first) - 1]
     values = np.add.reduceat((groups & 7) << (3 * np.minimum(place, 12)), starts)
