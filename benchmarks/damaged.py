@@ -141,7 +141,7 @@ def _score(
     tracks = run(engine, frames=n)
     params = EvaluationParams(match_on="boxes", fps=engine.recording.fps) if boxes else EvaluationParams()
     figures = evaluate_tracks(tracks, truth, params, (0, n - 1)).to_json()
-    found = {"significant": sum(figures["significant_errors"].values()), "lasting": figures["strict_identity_changes"]}
+    found = {"significant": figures["significant_errors"]["total"], "lasting": figures["strict_identity_changes"]}
     found |= {"mota": figures["mota"], "idf1": figures["idf1"], **_moved(tracks, plain or tracks)}
     shown = length if kind != "none" else 0
     return {"recording": folder.name, "tracker": tracker, "damage": kind, "frames": shown, **found}, tracks

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from cyclopts import Parameter
 
 from benchmarks.options import JsonFlag, progress, report
 from calib.errors import InputError
+from calib.ground_camera import load_ground_camera, save_ground_camera
 from planview.engine.config import Config
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import Evaluation
@@ -45,24 +47,39 @@ class PetsScores(NamedTuple):
         return rows
 
 
-def spread(runs: Sequence[PetsScores]) -> dict[str, Any]:
-    """Mean, deviation and range of the boxes' MOTA, and the mean of IDF1, over several runs."""
-    mota = np.array([math.nan if run.boxes.clear.mota is None else run.boxes.clear.mota for run in runs])
-    return {
-        "runs": len(runs),
-        "mota_mean": float(mota.mean()),
-        "mota_deviation": float(mota.std()),
-        "mota_range": float(np.ptp(mota)),
-        "idf1_mean": float(np.mean([run.boxes.idf1 or 0.0 for run in runs])),
-    }
+def spread(runs: Sequence[PetsScores]) -> list[dict[str, Any]]:
+    """Mean, deviation and range over several runs, a row per protocol."""
+    rows = []
+    for protocol, results in (("boxes", [one.boxes for one in runs]), ("floor", [one.floor for one in runs])):
+        scored = [result for result in results if result is not None]
+        mota = np.array([math.nan if result.clear.mota is None else result.clear.mota for result in scored])
+        idf1 = np.array([result.idf1 or 0.0 for result in scored])
+        if scored:
+            figures = {"mota_mean": mota.mean(), "mota_deviation": mota.std(), "mota_range": np.ptp(mota)}
+            figures |= {"idf1_mean": idf1.mean(), "idf1_deviation": idf1.std()}
+            rows.append({"tracker": runs[0].tracker, "protocol": protocol, "runs": len(scored), **figures})
+    return rows
 
 
 def score_pets(
     tracker: SingleTracker, folder: Path, camera: Path | None, frames: int | None = None, seeds: int = 1
 ) -> list[PetsScores]:
-    """Score the runs of a tracker with seeds 0 to ``seeds - 1``; without a camera.toml only boxes are scored. Raises
-    InputError: files that are missing or do not fit."""
-    return [_score(tracker, folder, camera, frames, seed) for seed in range(seeds)]
+    """Score runs of a tracker; without a camera.toml only boxes are scored.
+
+    Args:
+        seeds: runs, with seeds from 0 on; the human-model tracker draws nothing, so that its camera has a focal length
+            longer by as many hundred-thousandths.
+
+    Raises:
+        InputError: files that are missing or do not fit.
+    """
+    if camera is None or tracker == "ellipse-particle":
+        return [_score(tracker, folder, camera, frames, seed) for seed in range(seeds)]
+    with TemporaryDirectory() as place:
+        like, nearby = load_ground_camera(camera), [Path(place) / f"{n}.toml" for n in range(seeds)]
+        for n, path in enumerate(nearby):
+            save_ground_camera(replace(like, focal_px=like.focal_px * (1.0 + 1e-5 * n)), path)
+        return [_score(tracker, folder, path, frames, 0) for path in nearby]
 
 
 def _score(tracker: SingleTracker, folder: Path, camera: Path | None, frames: int | None, seed: int) -> PetsScores:
@@ -95,7 +112,8 @@ class PetsOptions:
     frames: int | None = None
     """Only the first frames."""
     seeds: int = 1
-    """Run the ellipse-particle tracker with this many seeds, and give the spread of its scores."""
+    """Run the ellipse-particle tracker with this many seeds, the human-model tracker with this many cameras that are
+    nearly alike, and print the spread of the scores."""
     json_output: JsonFlag = False
     """Print one JSON object on stdout."""
 
@@ -120,11 +138,11 @@ def pets(folder: Path, *, options: PetsOptions | None = None) -> None:
     runs: list[list[PetsScores]] = []
     progress(f"tracking {folder}")
     if o.tracker != "ellipse-particle":
-        runs.append(score_pets("human-model", folder, o.camera, o.frames))
+        runs.append(score_pets("human-model", folder, o.camera, o.frames, o.seeds))
     if o.tracker != "human-model":
         runs.append(score_pets("ellipse-particle", folder, o.camera, o.frames, seeds=o.seeds))
     report(
         o.json_output,
         scores=[row for first, *_ in runs for row in first.rows(whole=o.json_output)],
-        spread=[{"tracker": some[0].tracker, **spread(some)} for some in runs if len(some) > 1],
+        spread=[row for some in runs if len(some) > 1 for row in spread(some)],
     )

@@ -106,6 +106,8 @@ def set_up(recording: StereoRecording | RgbdRecording, config: Config, pose_file
             floor, source = Floor(recording.world_SE3_left), pose_file
         else:
             floor, source = FloorEstimator(rectifier, search)(frames), "found"
+            if floor.doubt and any(check.name == "compression" and check.failed for check in light):
+                raise WorkError(f"no floor found: {floor.doubt}, and compressed blocks match like such a plane")
     except WorkError as error:
         raise _explained(error, light) from error
     checks = *light, *alignment_checks(plain, matches, correction), *floor_checks(floor)

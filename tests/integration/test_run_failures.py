@@ -53,8 +53,8 @@ BARE = ToyWorld(tilt_deg=60.0, wall_y_m=1.0)
 
 
 def compressed(image: U8) -> U8:
-    """The image as JPEG of a very low quality gives it."""
-    return np.asarray(cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 4])[1], 0), dtype=np.uint8)
+    """The image as JPEG of the lowest quality gives it."""
+    return np.asarray(cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 2])[1], 0), dtype=np.uint8)
 
 
 @pytest.mark.parametrize(

@@ -150,7 +150,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_spread_is_that_of_every_seed(folder):
     runs = score_pets("ellipse-particle", folder, None, seeds=3)
     assert [run.boxes.clear.mota for run in runs] == pytest.approx([1.0, 0.9, 0.8])
-    found = spread(runs)
+    (found,) = spread(runs)
     assert found["mota_range"] == pytest.approx(0.2)
     assert found["mota_deviation"] == pytest.approx(0.1 * (2 / 3) ** 0.5)
     assert found["idf1_mean"] == pytest.approx((1 + 18 / 19 + 16 / 18) / 3)
