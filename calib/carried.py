@@ -1,4 +1,4 @@
-"""What an object carries from frame to frame, as values with names."""
+"""State that is carried from frame to frame, as named values."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any, ClassVar
 
 
 class Carried:
-    """An object that says what it carries from frame to frame, so that an interrupted run resumes."""
+    """An object whose state can be saved and restored, so that an interrupted run resumes."""
 
     CARRIED: ClassVar[tuple[str, ...]] = ()
-    """Names of the attributes; all of the object where there are none."""
+    """Names of the attributes that are carried from frame to frame; empty for all of them."""
 
     def state(self) -> dict[str, Any]:
-        """By name, numbers, texts and arrays, and groups and records of these."""
+        """The attributes by name: numbers, strings and arrays, and collections and records of these."""
         return {name: vars(self)[name] for name in self.CARRIED or vars(self)}
 
     def set_state(self, state: Mapping[str, Any]) -> None:

@@ -226,7 +226,7 @@ class Engine:
         return {name: part.state() for name, part in self._memory().items()}
 
     def set_state(self, state: Mapping[str, Mapping[str, Any]]) -> None:
-        """Go on from the state of an engine made alike."""
+        """Resume from the state of an engine that was made with the same arguments."""
         for name, part in self._memory().items():
             part.set_state(state[name])
 

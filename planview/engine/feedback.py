@@ -45,7 +45,7 @@ class Feedback(Carried):
         self._origin: dict[int, tuple[float, float]] = {}
         self._walked: set[int] = set()
 
-    def __call__(self, tracks: Sequence[TrackState], view: View, decisions: Sequence[Decision] = ()) -> U8 | None:
+    def update(self, tracks: Sequence[TrackState], view: View, decisions: Sequence[Decision] = ()) -> U8 | None:
         """The mask for the next frame, (H, W) uint8 of NO_FEEDBACK, PERSON and BACKGROUND: the last one where a view
         shows nothing, None when feedback is off. ``decisions`` of this frame may give people their ids."""
         p, points, shape = self.params, view.points, view.kind.shape

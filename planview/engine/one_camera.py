@@ -68,8 +68,8 @@ class ImageStages(Carried):
 
         Args:
             size: (width, height) of all frames [px].
-            tracker: says what it knows of the pixels, and how many columns of foreground and motion are enough: wider
-                frames are reduced by a whole factor, since averaged pixels are less noisy.
+            tracker: labels pixels for the foreground, and limits the columns of foreground and motion: wider frames
+                are reduced by a whole factor, since averaged pixels are less noisy.
             camera: above the floor; None where it is not calibrated.
         """
         columns: object = tracker.foreground_columns if tracker is not None else None

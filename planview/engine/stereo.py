@@ -138,7 +138,7 @@ class StereoStages:
     def learn(self, views: Sequence[View], people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
         """Paint people for the next frame's foreground."""
         for rig, view in zip(self._rigs, views, strict=True):
-            rig.feedback(people, view, decisions)
+            rig.feedback.update(people, view, decisions)
 
     @property
     def checks(self) -> tuple[Check, ...]:

@@ -21,17 +21,7 @@ if TYPE_CHECKING:  # its kernels: readers of decisions need no numba
     from planview.maps.view import View
 
 DecisionKind = Literal[
-    "spawned",
-    "confirmed",
-    "matched",
-    "recentred",
-    "lost",
-    "reacquired",
-    "pruned",
-    "split",
-    "merged",
-    "state",
-    "identity",
+    "spawned", "confirmed", "matched", "recentred", "lost", "reacquired", "pruned", "split", "state", "identity"
 ]
 
 

@@ -137,31 +137,31 @@ class DetectionTracker(_OfDetections[Detected]):
         """Track the boxes of one frame."""
         first = math.isnan(self._cycle.now_s)
         dt_s = self._cycle.begin(observation.timestamp_s)
-        looks = 1.0 if first else min(1.0, dt_s / ERRORS_S)
+        fresh = 1.0 if first else min(1.0, dt_s / ERRORS_S)
         boxes = self.detections.at(observation.frame)
         poses, covariances = self._placed(boxes)
         placed = np.flatnonzero(np.isfinite(poses).all(axis=1))
         boxes, poses, covariances = boxes[placed], poses[placed], covariances[placed]
         scores = np.clip(boxes[:, 4], 1e-6, 1 - 1e-6)
-        worth = np.clip(np.log(scores / (1 - scores)), -EVIDENCE_MAX, EVIDENCE_MAX) * self.detections.scored
+        evidence = np.clip(np.log(scores / (1 - scores)), -EVIDENCE_MAX, EVIDENCE_MAX) * self.detections.scored
         for q in self._people:
             if not q.who.observed:
                 q.kalman = q.kalman.slowed(dt_s, body.SLOW_DOWN_S)
             q.kalman = q.kalman.predicted(dt_s, body.ACCELERATION_MPS2)
             self._move_box(q)
         gains = np.array([[self._gain(q, z, c) for z, c in zip(poses, covariances, strict=True)] for q in self._people])
-        gains = gains.reshape(len(self._people), len(boxes)) + worth
+        gains = gains.reshape(len(self._people), len(boxes)) + evidence
         matched = self._assign(gains)
         for i, q in enumerate(self._people if self.detections.looked(observation.frame) else ()):
             if i in matched:
                 k = matched[i]
-                self._found(q, boxes[k], poses[k], covariances[k], looks, gains[i, k])
+                self._found(q, boxes[k], poses[k], covariances[k], fresh, gains[i, k])
             else:
-                self._missed(q, dt_s, looks)
+                self._missed(q, dt_s, fresh)
         taken, same = set(matched.values()), overlaps(boxes[:, :4], boxes[:, :4]) > SAME_PERSON_IOU
         for k in range(len(boxes)):
             if k not in taken and not same[k, list(taken)].any():
-                self._meet(boxes[k], poses[k], covariances[k], float(worth[k]))
+                self._meet(boxes[k], poses[k], covariances[k], float(evidence[k]))
                 taken.add(k)
         for q in [q for q in self._people if q.existence < FORGOTTEN]:
             self._cycle.prune(q.who, f"existence {q.existence:.2f}", q.existence)
@@ -235,19 +235,19 @@ class DetectionTracker(_OfDetections[Detected]):
         pairs = zip(*linear_sum_assignment(total, maximize=True), strict=True)
         return {int(i): int(k) for i, k in pairs if total[i, k]}
 
-    def _found(self, q: Detected, box: F64, pose: F64, covariance: F64, looks: float, gain: float) -> None:
+    def _found(self, q: Detected, box: F64, pose: F64, covariance: F64, fresh: float, gain: float) -> None:
         p = self.params
-        fresh = max(looks, 1e-3)
-        q.kalman = q.kalman.corrected(pose[:2], covariance[:2, :2] / fresh)
-        share = q.height_var / (q.height_var + float(covariance[2, 2]) / fresh)
+        weight = max(fresh, 1e-3)
+        q.kalman = q.kalman.corrected(pose[:2], covariance[:2, :2] / weight)
+        share = q.height_var / (q.height_var + float(covariance[2, 2]) / weight)
         q.height_m, q.height_var = q.height_m + share * (float(pose[2]) - q.height_m), (1 - share) * q.height_var
         q.box, q.foot = box[:4].copy(), self._foot(q.kalman)
-        q.log_odds = min(q.log_odds + looks * gain, body.LOG_ODDS_MAX)
+        q.log_odds = min(q.log_odds + fresh * gain, body.LOG_ODDS_MAX)
         self._cycle.observe(q.who, f"log-likelihood {gain:.1f} over a false box, existence {q.existence:.3f}", gain)
         if q.existence > p.report:
             self._cycle.confirm(q.who, f"existence {q.existence:.3f}", q.existence)
 
-    def _missed(self, q: Detected, dt_s: float, looks: float) -> None:
+    def _missed(self, q: Detected, dt_s: float, fresh: float) -> None:
         """No box: survival, and evidence against as far as the person should be seen."""
         p = self.params
         foot = q.box[1] + q.box[3]  # lower in the image is nearer
@@ -259,12 +259,12 @@ class DetectionTracker(_OfDetections[Detected]):
         away_s = body.LEAVE_S if inside < SAME_PERSON_IOU else p.stay_s
         stays = q.existence * math.exp(-dt_s / away_s)
         q.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
-        q.log_odds += looks * math.log(1 - p.found * (1 - hidden) * inside)
+        q.log_odds += fresh * math.log(1 - p.found * (1 - hidden) * inside)
         self._cycle.miss(q.who, f"no box, hidden {hidden:.2f}, existence {q.existence:.3f}", q.existence)
 
-    def _meet(self, box: F64, pose: F64, covariance: F64, worth: float) -> None:
+    def _meet(self, box: F64, pose: F64, covariance: F64, evidence: float) -> None:
         kalman = FloorKalman.measured(pose[:2], covariance[:2, :2], body.SPEED_MAX_MPS / 2)
-        odds = math.log(NEWCOMER_SHARE / (1 - NEWCOMER_SHARE)) + worth
+        odds = math.log(NEWCOMER_SHARE / (1 - NEWCOMER_SHARE)) + evidence
         who = self._cycle.spawn(f"a box that shows nobody known, {pose[2]:.2f} m tall", odds)
         height_m, height_var = float(pose[2]), float(covariance[2, 2])
         self._people.append(Detected(who, odds, kalman, height_m, height_var, box[:4].copy(), self._foot(kalman)))

@@ -119,7 +119,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         self._learn_hiding(frame, seen, hulls, dt)
         if frame.coloured:
             self._learn([owned], (frame.touching(people.poses).sum(axis=1) == 0).tolist(), dt)
-        self._paint_known(frame, owned, motion, dt)
+        self._paint_known(owned, motion, dt)
         self._clean(dt)
         born, poses = births(self._places, frame, side_by_side(self._people), owned, self._log.now_s, self.params)
         for person, pose in zip(self._people, poses, strict=True):
@@ -166,12 +166,12 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
             if person.confirmed and person.motion == "moving" and person.share >= p.visible_min and hull is not None:
                 middle = hull.mean(axis=0)
                 cv2.fillConvexPoly(walkers, np.rint(middle + CORE_WIDTH * (hull - middle)).astype(np.int32), 1)
-        inside, looks = np.flatnonzero(walkers.view(np.bool_)), min(1.0, dt / p.errors_s)
+        inside, fresh = np.flatnonzero(walkers.view(np.bool_)), min(1.0, dt / p.errors_s)
         hidden = math.log((1 - p.seen_on_background) / (1 - p.seen_on_body))
         shown = math.log(p.seen_on_background / p.seen_on_body)
         more = seen.reshape(-1)[inside] * hidden + (frame.kind.reshape(-1)[inside] == SURFACE) * shown
         hides = self._hides.reshape(-1)
-        hides[inside] = np.clip(hides[inside] + looks * more, 2 * HIDDEN_LOG_ODDS, -HIDDEN_LOG_ODDS)
+        hides[inside] = np.clip(hides[inside] + fresh * more, 2 * HIDDEN_LOG_ODDS, -HIDDEN_LOG_ODDS)
 
     def _visibility(self, pose: F64) -> float:
         """The human visibility ratio of the model map."""
@@ -202,7 +202,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
                     f"existence {person.existence:.3f}", person.match.score,
                 )  # fmt: skip
 
-    def _paint_known(self, frame: MaskExplanation, owned: Owned, motion: U8, dt: float) -> None:
+    def _paint_known(self, owned: Owned, motion: U8, dt: float) -> None:
         """Mark people for the foreground model, and what has been still and unexplained for long."""
         labels = np.zeros(len(self._people) + 1, np.uint8)
         for i, person in enumerate(self._people):

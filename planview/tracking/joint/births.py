@@ -27,8 +27,8 @@ PLACES_MAX = 6
 MAP_CELLS_MAX = 4_000_000
 CHANGED = 3.0
 """A surface is another one from so many deviations of its range on."""
-LOOSE = about(body.TORSO.torso_radius_m, 1.0)
-"""What a search knows of a pose: a place within a body's radius, and a height within a metre."""
+SEARCH_PRIOR = about(body.TORSO.torso_radius_m, 1.0)
+"""Prior of a search: the place within a body's radius, and the height within a metre."""
 
 
 class Births:
@@ -110,22 +110,22 @@ def _tried(frame: Explanation, birth_evidence: float, people: People, points: F6
     starts = [upright((*place, height)) for height in (body.HEIGHT_MEAN_M, top)]
     poses = [start.copy() for start in starts]
     found = [
-        samples.ascend(pose, start, LOOSE, tall, ratios, STEPS_M[:1])[0]
+        samples.ascend(pose, start, SEARCH_PRIOR, tall, ratios, STEPS_M[:1])[0]
         for pose, start in zip(poses, starts, strict=True)
     ]
     best = int(np.argmax(found))
     if found[best] < 0.5 * birth_evidence:  # a finer step gains less
         return None
     pose = poses[best]
-    worth, curvature = samples.ascend(pose, starts[best], LOOSE, tall, ratios, STEPS_M[1:])
+    evidence, curvature = samples.ascend(pose, starts[best], SEARCH_PRIOR, tall, ratios, STEPS_M[1:])
     # Evidence is a mean over all directions of facing, of which two opposite ones explain like the best one.
-    worth += min(0.0, 0.5 * math.log(2.0 / (math.pi * max(float(curvature[3]), TINY))))
+    evidence += min(0.0, 0.5 * math.log(2.0 / (math.pi * max(float(curvature[3]), TINY))))
     mine, known, _ = samples.visible(pose, tall, ratios).tolist()
-    if worth < birth_evidence or mine < 0.25 * known:
+    if evidence < birth_evidence or mine < 0.25 * known:
         return None
-    log_odds = BORN_LOG_ODDS + 0.25 * min(worth, EVIDENCE_MAX)
+    log_odds = BORN_LOG_ODDS + 0.25 * min(evidence, EVIDENCE_MAX)
     person = Person.born(pose, *samples.noise(pose, curvature), log_odds, now_s)
-    person.evidence, person.share = worth, mine / max(known, 1e-6)
+    person.evidence, person.share = evidence, mine / max(known, 1e-6)
     if not frame.shows_height(pose, *trial.tall[n]):
         person.height_m = body.HEIGHT_MEAN_M
     if frame.coloured:

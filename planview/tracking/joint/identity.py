@@ -19,8 +19,8 @@ from planview.tracking.joint.samples import PARTS, TINY
 CONTACT_M = 0.7
 """People nearer than this may be confused [m]: a body, and an arm's movement."""
 KNOWN_LOG_ODDS = 3.0
-"""Log-odds from which a newcomer is somebody known: one error in twenty. From 0 on more is waited for; what remains are
-strangers."""
+"""Log-odds from which a newcomer is somebody known: one error in twenty. Between 0 and this more evidence is awaited;
+whoever still has no more then is a stranger."""
 EXCHANGED_LOG_ODDS = 6.0
 """Log-odds at which two people exchange identities: one error in 400."""
 PART_MAX = 2.0
@@ -65,7 +65,7 @@ class Exchanges:
                 pair = min(a.track_id, b.track_id), max(a.track_id, b.track_id)
                 if math.dist(a.at_m, b.at_m) < CONTACT_M:
                     self._evidence.setdefault(pair, 0.0)
-                known = min(a.looks, b.looks) >= COLOURED_FRAMES_MIN and a.confirmed and b.confirmed
+                known = min(a.coloured_frames, b.coloured_frames) >= COLOURED_FRAMES_MIN and a.confirmed and b.confirmed
                 if pair not in self._evidence or not known:
                     continue
                 gain, ratios = 0.0, np.log(colour_ratios(people)) if ratios is None else ratios

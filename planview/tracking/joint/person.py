@@ -70,7 +70,7 @@ class Person:
         likeness: the same from independent evidence, see ``count_evidence``.
         colours: (PARTS, CODES) float32, sums of normalised histograms of legs, torso and head.
         densities: (PARTS, CODES) float32 of colours, neighbours and anybody's prior taken in.
-        looks: frames in which colours were learned.
+        coloured_frames: in which colours were learned.
         confirmed: has been reported, and is until the end.
         evidence: of the last frame: log-likelihood ratio of with to without the person, plus the prior of the pose.
         share: visible share of the body in the last frame, of what shows something.
@@ -107,7 +107,7 @@ class Person:
     likeness: float = 0.0
     colours: F32 = field(default_factory=lambda: np.zeros((PARTS, CODES), np.float32))
     densities: F32 = field(default_factory=lambda: np.full((PARTS, CODES), 1 / CODES, np.float32))
-    looks: int = 0
+    coloured_frames: int = 0
     confirmed: bool = False
     evidence: float = 0.0
     share: float = 1.0
@@ -167,24 +167,24 @@ class Person:
         self.facing_var = min(self.facing_var + TURNING_RAD2_PS * dt, ANY_FACING)
         self.lean_var = min(self.lean_var + LEANING_M2_PS * dt, LEAN_STD_M**2)
 
-    def measure_facing(self, pose: F64, curvature: F64, looks: float) -> None:
-        """Take over how a pose faces and leans; ``curvature`` (2,) in both, which counts as so many observations."""
+    def measure_facing(self, pose: F64, curvature: F64, fresh: float) -> None:
+        """Take over how a pose faces and leans; ``curvature`` (2,) of both, of which ``fresh`` is independent."""
         if curvature[0] == 0.0:  # seen so that a body looks the same from everywhere
             return
         prior, facing = self.prior, float(pose[3])
         turned = math.cos(facing - self.facing)
         ahead = 2.0 * prior.walk * math.cos(facing - prior.heading)
-        self.ahead = max(-AHEAD_MAX, min(AHEAD_MAX, (self.ahead if turned > 0 else -self.ahead) + looks * ahead))
-        information = 1.0 / self.facing_var + looks * (max(float(curvature[0]), 0.0) + prior.walk)
+        self.ahead = max(-AHEAD_MAX, min(AHEAD_MAX, (self.ahead if turned > 0 else -self.ahead) + fresh * ahead))
+        information = 1.0 / self.facing_var + fresh * (max(float(curvature[0]), 0.0) + prior.walk)
         self.facing, self.facing_var = math.remainder(facing, 2.0 * math.pi), 1.0 / information
-        gain, before = 1.0 - 1.0 / (1.0 + looks * max(float(curvature[1]), 0.0) * self.lean_var), self.lean_m * turned
+        gain, before = 1.0 - 1.0 / (1.0 + fresh * max(float(curvature[1]), 0.0) * self.lean_var), self.lean_m * turned
         self.lean_m, self.lean_var = max(before + gain * (float(pose[4]) - before), 0.0), self.lean_var * (1.0 - gain)
 
     def see(self, visible: F64, inside: float) -> None:
         """Take over the patches of a frame (``Samples.visible``), and the share of the body inside the image."""
         mine, known, self.patches = visible.tolist()
         self.inside, self.known = inside, known / self.patches if self.patches else 1.0
-        self.share = mine / max(known, TINY) * min(1.0, 1.25 * inside)
+        self.share = mine / max(known, TINY) * min(1.0, 1.25 * inside)  # the border may cut off a fifth
 
     @property
     def existence(self) -> float:
@@ -199,7 +199,7 @@ class Person:
     def shows_more_after(self, now_s: float) -> bool:
         """Whether more will show of somebody who it is: the colours soon, or more than half of the body or the head."""
         cut_off = not self.head_in_view and self.inside < 0.5
-        return self.looks < COLOURED_FRAMES_MIN and (cut_off or now_s - self.born_s < COLOURS_S)
+        return self.coloured_frames < COLOURED_FRAMES_MIN and (cut_off or now_s - self.born_s < COLOURS_S)
 
     @property
     def standing(self) -> tuple[bool, float, int]:
@@ -233,13 +233,13 @@ class Person:
         self.proven += share_new * max(self.evidence, 0.0)
         self.likeness += share_new * self.shape
 
-    def learn_height(self, looks: float, low_share: float) -> None:
+    def learn_height(self, fresh: float, low_share: float) -> None:
         """Learn the height when upright from the present height, as far as the person is upright now."""
         _, std = self.upright
         off = self.height_m - self.tall_m
         upright = (1 - low_share) * math.exp(-0.5 * (off / std) ** 2) / std
         lower = low_share * math.sqrt(2 * math.pi) / self.tall_m
-        gain = self.tall_var / (self.tall_var + HEIGHT_SEEN_STD_M**2 / max(looks, 1e-3)) * upright / (upright + lower)
+        gain = self.tall_var / (self.tall_var + HEIGHT_SEEN_STD_M**2 / max(fresh, 1e-3)) * upright / (upright + lower)
         self.tall_m += gain * off
         self.tall_var *= 1 - gain
 
@@ -248,14 +248,14 @@ class Person:
         pixels = counts.sum(axis=1, keepdims=True)
         seen = pixels[:, 0] > 5
         self.colours[seen] += counts[seen] / pixels[seen]
-        self.looks += bool(seen.any())
+        self.coloured_frames += bool(seen.any())
         mass = self.colours @ SMOOTHING + PRIOR_FRAMES / CODES
         self.densities = mass / mass.sum(axis=1, keepdims=True)
 
     def take_identity(self, other: Person) -> None:
         """Exchange with another person everything that belongs to the identity and not to the place."""
-        owned = "track_id", "colours", "densities", "looks", "tall_m", "tall_var", "origin_m", "walked_m", "moved"
-        for name in owned:
+        colours = "colours", "densities", "coloured_frames"
+        for name in ("track_id", *colours, "tall_m", "tall_var", "origin_m", "walked_m", "moved"):
             mine = getattr(self, name)
             setattr(self, name, getattr(other, name))
             setattr(other, name, mine)

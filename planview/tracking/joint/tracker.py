@@ -13,7 +13,7 @@ from calib.types import F32, F64, U8, Bool
 from planview.maps.colour import CODES
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, Drawing, Observation, TrackerDebug, person_boxes
-from planview.tracking.joint.births import EVIDENCE_MAX, LOOSE, Births
+from planview.tracking.joint.births import EVIDENCE_MAX, SEARCH_PRIOR, Births
 from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, People, Samples, likelihood_of_ranges
 from planview.tracking.joint.identity import KNOWN_LOG_ODDS, Exchanges, continued
 from planview.tracking.joint.params import JointParams, PeopleParams
@@ -95,10 +95,10 @@ class ExplainingTracker(Carried, Generic[P, Q]):
         if not person.head_in_view:
             noise = noise + STEP_STD_M**2 * np.eye(2)
         person.kalman = person.kalman.found_at(pose[:2], noise, body.SPEED_MAX_MPS)
-        looks = min(1.0, dt / self.params.errors_s)
-        person.measure_facing(pose, curvature[3:5], looks)
+        fresh = min(1.0, dt / self.params.errors_s)
+        person.measure_facing(pose, curvature[3:5], fresh)
         if person.head_in_view:
-            person.height_m, person.height_var = float(pose[2]), 1.0 / (1.0 / person.height_var + up * looks)
+            person.height_m, person.height_var = float(pose[2]), 1.0 / (1.0 / person.height_var + up * fresh)
         else:  # whatever is in view, nobody's height shows without the head
             person.height_m, person.height_var = person.tall_m, person.upright[1] ** 2
         person.seen, person.seen_s, person.unseen_s = person.kalman, self._log.now_s, 0.0
@@ -106,16 +106,16 @@ class ExplainingTracker(Carried, Generic[P, Q]):
     def _weigh(self, person: P, dt: float, away_s: float) -> None:
         """Update the existence: an unseen person stays for ``away_s`` on average, as far as there is anything to see;
         then add the frame's evidence."""
-        p, looks = self.params, min(1.0, dt / self.params.errors_s)
+        p, fresh = self.params, min(1.0, dt / self.params.errors_s)
         if person.share < p.visible_min:
             person.unseen_s += dt * person.known
             stays = person.existence * math.exp(-dt * person.known / away_s)
             person.log_odds = math.log(max(stays, 1e-6) / max(1 - stays, 1e-6))
         if person.known > 0.0:  # else the evidence is the prior of the pose alone
-            person.log_odds += looks * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, person.evidence))
+            person.log_odds += fresh * max(-EVIDENCE_MAX, min(EVIDENCE_MAX, person.evidence))
         person.log_odds = max(-body.LOG_ODDS_MAX, min(body.LOG_ODDS_MAX, person.log_odds))
         if person.share >= p.visible_min and person.head_in_view:
-            person.learn_height(looks, p.low_share)
+            person.learn_height(fresh, p.low_share)
 
     # -- identities, births, deaths ---------------------------------------------------------------------------------
     def _learn(self, owned: Sequence[Owned], apart: Sequence[bool], dt: float) -> None:
@@ -291,11 +291,11 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         s.layer(people, rest, near)
         first = s.log_ratio(poses[i], tall[i], ratios[i])
         starts = poses[j].copy(), np.array([*poses[i, :2], tall[j, 0], *poses[j, 3:]])
-        worth = [s.ascend(start, poses[j], LOOSE, tall[j], ratios[j])[0] for start in starts]
+        found = [s.ascend(start, poses[j], SEARCH_PRIOR, tall[j], ratios[j])[0] for start in starts]
         prior = s.log_prior(poses[j], tall[j]) + s.log_prior(poses[i], tall[i], np.array([j]))
         s.layer(people, np.append(rest, i), near)
         both = first + s.log_ratio(poses[j], tall[j], ratios[j]) + prior
-        return both - max(worth), starts[int(np.argmax(worth))]
+        return both - max(found), starts[int(np.argmax(found))]
 
     def _note_movement(self, person: Person, alone: bool) -> None:
         """Count movement as evidence for a person; next to somebody it may be a shadow or something carried."""

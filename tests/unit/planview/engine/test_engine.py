@@ -197,7 +197,7 @@ def person(x_m: float, state: State = "confirmed", track_id: int = 1) -> TrackSt
 
 
 def mask_after(feedback: Feedback, points: FloorPoints, *tracks: TrackState) -> list[int]:
-    return [int(v) for v in feedback(tracks, seen(points))[0]]
+    return [int(v) for v in feedback.update(tracks, seen(points))[0]]
 
 
 def walked(spread_px: int = 2) -> Feedback:
@@ -209,14 +209,14 @@ def walked(spread_px: int = 2) -> Feedback:
 def test_body_of_a_track_that_has_walked_is_protected_and_widened_where_feedback_is_on():
     mask = mask_after(walked(), point(1.0, 1.0, 20), person(1.0))
     assert mask[18:23] == [PERSON] * 5 and mask.count(PERSON) == 5 and mask.count(NO_FEEDBACK) == 35
-    assert Feedback(FeedbackParams(enabled=False))([], seen(point(0, 1, 2))) is None
+    assert Feedback(FeedbackParams(enabled=False)).update([], seen(point(0, 1, 2))) is None
 
 
 def test_a_track_that_is_given_an_id_has_walked_as_far_as_before() -> None:
     feedback = Feedback(FeedbackParams(spread_px=0))
     mask_after(feedback, point(0.0, 1.0, 20), person(0.0, "tentative", -3))
     confirmed = Decision(1, "confirmed", "was -3", was=-3)
-    assert feedback([person(1.0)], seen(point(1.0, 1.0, 20)), [confirmed])[0, 20] == PERSON
+    assert feedback.update([person(1.0)], seen(point(1.0, 1.0, 20)), [confirmed])[0, 20] == PERSON
 
 
 @pytest.mark.parametrize(

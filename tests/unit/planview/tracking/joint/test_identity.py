@@ -64,7 +64,7 @@ def test_a_newcomer_who_may_be_somebody_known_has_no_id_before_the_clothes_have_
     tracker = recognising([gone], [found], 2.3)
     assert not found.confirmed
     for person in (gone, found):
-        person.colours[:, 0], person.looks = 5.0, 5
+        person.colours[:, 0], person.coloured_frames = 5.0, 5
     tracker._recognise(coloured=True)
     assert found.confirmed and found.track_id == 1
 
