@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-import threading
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -160,48 +159,18 @@ def assumed_clock(fps: float, even: bool = False, why: str = "") -> FrameClock:
 
 def prefetch(items: Iterable[T], depth: int = 8) -> Generator[T, None, None]:
     """The same items, made by a background thread up to ``depth`` ahead: 8 frames bridge a slow key frame. An exception
-    of the source is raised in its place; leaving early stops the thread, which closes a source that is a generator."""
-    kept: deque[T] = deque()
-    changed = threading.Condition()
-    state = SimpleNamespace(ended=False, stop=False, error=None)
-
-    def work() -> None:
-        iterator = iter(items)
+    of the source is raised in its place; leaving early stops the thread and closes a source that is a generator."""
+    iterator, end = iter(items), object()
+    with ThreadPoolExecutor(1, "ahead") as pool:
+        kept = deque(pool.submit(next, iterator, end) for _ in range(depth))
         try:
-            for item in iterator:
-                with changed:
-                    changed.wait_for(lambda: len(kept) < depth or state.stop)
-                    if state.stop:
-                        break
-                    kept.append(item)
-                    changed.notify_all()
-        except BaseException as error:
-            state.error = error
+            while (item := kept.popleft().result()) is not end:
+                kept.append(pool.submit(next, iterator, end))
+                yield cast(T, item)
         finally:
+            pool.shutdown(cancel_futures=True)
             if isinstance(iterator, Generator):
                 iterator.close()
-            with changed:
-                state.ended = True
-                changed.notify_all()
-
-    thread = threading.Thread(target=work, daemon=True, name="ahead")
-    thread.start()
-    try:
-        while True:
-            with changed:
-                changed.wait_for(lambda: kept or state.ended)
-                if not kept:
-                    break
-                item = kept.popleft()
-                changed.notify_all()
-            yield item
-        if state.error is not None:
-            raise state.error
-    finally:
-        with changed:
-            state.stop = True
-            changed.notify_all()
-        thread.join(timeout=15.0)
 
 
 DecodedPair = tuple[Decoded, Decoded]
