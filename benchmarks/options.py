@@ -4,23 +4,20 @@
 # subclass, which does not know these names.
 
 import hashlib
-import json
-import math
 import os
-import shutil
 import sys
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import pandas
 from cyclopts import Parameter
+from pydantic_core import to_json
 
 from benchmarks.random_scenes.generator import SUITE
-from calib.errors import InputError, WorkError
-from calib.io import reason
+from calib.errors import InputError
+from calib.io import whole_folder
 from planview.engine.config import Config, load_config
 from planview.synthetic.assets import SCENES
 from planview.synthetic.render import RENDERER_VERSION, SceneRenderer
@@ -121,39 +118,18 @@ def rendered(scene: Scene, name: str, options: Rendering) -> Path:
     if folder.is_dir():
         return folder
     progress(f"rendering {name}")
-    with new_folder(folder) as part:
+    with whole_folder(folder) as part:
         write_recording(SceneRenderer(scene, options.scale), part, frames=options.frames, storage="jpg")
     return folder
 
 
-@contextmanager
-def new_folder(folder: Path) -> Iterator[Path]:
-    """An empty folder that gets its place in the cache when all went well. Raises WorkError: the cache cannot be
-    written."""
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    except OSError as error:
-        raise WorkError(f"{folder.parent}: the cache cannot be written: {reason(error)}") from error
-    try:
-        yield part
-        if not folder.is_dir():
-            part.rename(folder)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
-
-
 def show(rows: Sequence[Mapping[str, Any]]) -> None:
     """Print rows of figures as a table, however wide: their keys head the columns, "-" stands for an unknown figure."""
-    keys = list(dict.fromkeys(key for row in rows for key in row))
-    lines = [[key.replace("_", " ") for key in keys], *([_cell(row.get(key)) for key in keys] for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    for line in lines:
-        first, *others = (
-            f"{cell:{'>' if k else ''}{width}}" for k, (cell, width) in enumerate(zip(line, widths, strict=True))
-        )
-        print(first, *others, sep="  ")
-    print()
+    table = pandas.DataFrame([{key.replace("_", " "): _cell(value) for key, value in row.items()} for row in rows])
+    names, table = table.columns[0], table.fillna("-")
+    width = max(map(len, [names, *table[names]]))
+    table = table.assign(**{names: table[names].str.ljust(width)}).rename(columns={names: names.ljust(width)})
+    print(table.to_string(index=False), end="\n\n")
 
 
 def _cell(value: object) -> str:
@@ -176,15 +152,7 @@ def report(json_output: bool, **tables: Sequence[Mapping[str, Any]]) -> None:
 
 def json_text(value: object) -> str:
     """As JSON; numbers that are not finite are null."""
-
-    def known(item: Any) -> Any:
-        if isinstance(item, Mapping):
-            return {key: known(inner) for key, inner in item.items()}
-        if isinstance(item, list | tuple):
-            return [known(inner) for inner in item]
-        return None if isinstance(item, float) and not math.isfinite(item) else item
-
-    return json.dumps(known(value), indent=2) + "\n"
+    return to_json(value, indent=2, inf_nan_mode="null").decode() + "\n"
 
 
 def progress(message: str) -> None:

@@ -17,8 +17,9 @@ from joblib import Parallel, delayed, parallel_config
 
 import planview
 from benchmarks import peaks
-from benchmarks.options import new_folder, progress, show
+from benchmarks.options import progress, show
 from benchmarks.peaks import PeakTracker
+from calib.io import whole_folder
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine
@@ -77,7 +78,7 @@ def run_pass(job: Pass) -> Path:
     if finished_run(job.folder) is not None:
         return job.folder
     shutil.rmtree(job.folder, ignore_errors=True)
-    with new_folder(job.folder) as part:
+    with whole_folder(job.folder) as part:
         engine = bench_engine(job.recording, job.tracker, job.config)
         logs: list[RunLog] = [MapsLog(engine, part / "maps.h5")] if job.recorded else []
         run(engine, part, RunOptions(tracker=job.tracker), logs)

@@ -6,14 +6,16 @@ import errno
 import math
 import os
 import re
+import shutil
 import stat
 import tomllib
+import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from calib.errors import InputError, UnreadableError
+from calib.errors import InputError, UnreadableError, WorkError
 
 MAX_BYTES = 2_000_000
 """Settings, rules and calibrations are kilobytes; anything larger is something else and is not read."""
@@ -168,6 +170,27 @@ def whole_file(path: Path) -> Iterator[Path]:
     # Bring a folder's names to the disk, where the system can.
     with suppress(OSError):
         sync(target.parent)
+
+
+ATTEMPT = ".attempt-"
+"""Begin of the name of a folder that is being filled; what is found under it later is what a killed program left."""
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """A new folder next to another one, whose name it gets when the block ends without an error: results are there when
+    they are whole, and of two at the same time the first that is done stays. Raises WorkError: it cannot be made."""
+    part = folder.parent / f"{ATTEMPT}{os.getpid()}-{uuid.uuid4().hex[:8]}"
+    try:
+        part.mkdir(parents=True)
+        yield part
+        if not folder.is_dir():
+            part.rename(folder)
+    except OSError as error:
+        if not folder.is_dir():
+            raise WorkError(f"{folder}: cannot be written ({reason(error)})") from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
 
 
 def write_whole(path: Path, content: str | bytes) -> None:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import traceback
-import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,7 +16,7 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
 
 from calib.errors import InputError, WorkError
-from calib.io import reason
+from calib.io import ATTEMPT, whole_folder
 from planview.engine.open import open_engine
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.output.folder import finished_run, folder_lock, read_run_info, write_result
@@ -116,21 +113,15 @@ def on_cluster(address: str, function: Callable[..., Any], arguments: Mapping[st
             yield task.result() if task.status == "finished" else Done(keys[task], error=lost)
 
 
-ATTEMPT = ".attempt-"
-
-
 def track(job: RunJob) -> None:
-    """Run into ``job.folder`` unless it is there.
-
-    Results appear there in one step when they are whole: a run that is killed leaves only an attempt, and of two at the
-    same time the first that finishes stays.
-    """
+    """Run into ``job.folder`` unless it is there (see ``whole_folder``)."""
     if job.version != code_version():
         raise WorkError(f"expected planview {job.version} on this worker, found {code_version()}")
     if is_done(job):
         return
     cv2.setNumThreads(1)  # a study runs a job per core
-    with _attempt(job.folder) as folder:
+    shutil.rmtree(job.folder, ignore_errors=True)
+    with whole_folder(job.folder) as folder:
         engine = open_engine(
             job.source.path, job.tracker, job.config, job.source.camera, OpenOptions(job.source.calibration)
         )
@@ -182,24 +173,6 @@ def _scores_file(job: StudyJob) -> Path:
 def remove_attempts(out: Path) -> None:
     """Remove what killed processes left in the folder of a study, which nobody else writes into."""
     for folder in out.glob(f"*/{ATTEMPT}*"):
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-@contextmanager
-def _attempt(final: Path) -> Iterator[Path]:
-    """A folder that becomes ``final`` when all went well."""
-    folder = final.parent / f"{ATTEMPT}{os.getpid()}-{uuid.uuid4().hex[:8]}"
-    try:
-        folder.mkdir(parents=True)
-        yield folder
-        if final.is_dir() and finished_run(final) is None:
-            shutil.rmtree(final)
-        with suppress(FileExistsError):
-            os.rename(folder, final)
-    except OSError as error:
-        if finished_run(final) is None:
-            raise WorkError(f"{final}: cannot be written ({reason(error)})") from error
-    finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
