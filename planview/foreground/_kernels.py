@@ -23,9 +23,7 @@ been seen: by night, cameras show none."""
 F = np.float32
 ZERO, ONE = F(0), F(1)
 NEW_VARIANCE = F(4)
-"""Variances of a new Gaussian, over the smallest: twice the deviation of noise."""
-BLACK = F(2)
-"""Luma that the model expects of a pixel without light, above what the image shows as 0."""
+"""Variances of a new Gaussian, over those of a frame's noise: twice its deviation."""
 NO_MATCH, SAME, OTHER_LIGHT = 0, 1, 2
 """How an observation matches a Gaussian: not, by colour, or by depth under a shadow or a patch of light."""
 
@@ -48,8 +46,10 @@ class Constants(NamedTuple):
     clip_image: Real  # clip as the image shows it, 0-255
     gain: Real  # image luma = gain * model luma + offset
     offset: Real
-    floor_y: Real  # smallest variances
+    floor_y: Real  # variances of the frame's noise
     floor_uv: Real
+    least_y: Real  # least variances learned: a dark frame's noise is not the surface's
+    least_uv: Real
     floor_d: Real
     floor_d_per_d4: Real  # growth of the disparity's smallest variance with its fourth power
     active: Real  # mean |dY| above which a pixel is active
@@ -121,11 +121,18 @@ def both_have_depth(g: Gaussian, o: Pixel, s: Constants) -> Any:
 
 
 @njit(inline="always")
+def distance_in_chroma(g: Gaussian, du: Real, dv: Real, s: Constants) -> Real:
+    """Squared normalised distance in chroma."""
+    return du * du / max(g.var_u, s.floor_uv) + dv * dv / max(g.var_v, s.floor_uv)
+
+
+@njit(inline="always")
 def colour_distance(g: Gaussian, o: Pixel, s: Constants) -> Real:
-    """Squared normalised distance in luma, and in chroma where that counts."""
+    """Squared normalised distance in luma, and in chroma where that counts; not a number, or infinite, from nothing."""
     dy, du, dv = o.y - shown_luma(g, s), o.u - g.u, o.v - g.v
-    in_chroma = du * du / g.var_u + dv * dv / g.var_v if chroma_counts(g, o, s) else ZERO
-    return dy * dy / abs(g.var_y) + in_chroma
+    noise_y = s.floor_y if g.var_y != ZERO else ZERO
+    in_chroma = distance_in_chroma(g, du, dv, s) if chroma_counts(g, o, s) else ZERO
+    return dy * dy / max(abs(g.var_y), noise_y) + in_chroma
 
 
 @njit(inline="always")
@@ -133,7 +140,7 @@ def is_other_light(g: Gaussian, o: Pixel, chroma: bool, darkest: Real, s: Consta
     """The same surface under a shadow or a patch of light: luma off by a plausible ratio, chroma scaled alike."""
     ratio = (o.y - s.black) / max(shown_luma(g, s) - s.black, ONE)
     du, dv = o.u - ratio * g.u, o.v - ratio * g.v
-    like = not chroma or du * du / g.var_u + dv * dv / g.var_v < s.beta
+    like = not chroma or distance_in_chroma(g, du, dv, s) < s.beta
     return like and ratio >= darkest and ratio * darkest <= ONE
 
 
@@ -176,14 +183,14 @@ def learn(g: Gaussian, o: Pixel, kind: int, rate: Real, s: Constants) -> None:
     is_bound = g.var_y < ZERO
     if kind == SAME:
         is_bound = o.y >= s.clip and (is_bound or g.y <= s.clip)
-    var_y = max(abs(g.var_y) + rate_var * (dy * dy - abs(g.var_y)), s.floor_y)
+    var_y = max(abs(g.var_y) + rate_var * (dy * dy - abs(g.var_y)), s.least_y)
     g.y = max(g.y, s.clip) if is_bound and kind == SAME else g.y + rate * dy
     g.var_y = -var_y if is_bound else var_y
     g.u += rate_c * du
     g.v += rate_c * dv
     if g.var_u > ZERO:
-        g.var_u = max(g.var_u + rate_var_c * (du * du - g.var_u), s.floor_uv)
-        g.var_v = max(g.var_v + rate_var_c * (dv * dv - g.var_v), s.floor_uv)
+        g.var_u = max(g.var_u + rate_var_c * (du * du - g.var_u), s.least_uv)
+        g.var_v = max(g.var_v + rate_var_c * (dv * dv - g.var_v), s.least_uv)
     elif o.chroma and rate > ZERO:
         g.u, g.v, g.var_u, g.var_v = o.u, o.v, NEW_VARIANCE * s.floor_uv, NEW_VARIANCE * s.floor_uv
 
@@ -296,7 +303,7 @@ def settle(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def count_shown(model: PixelMixtures, frame: Frame, s: Constants, step: int) -> tuple[int, int, int, int]:
-    """Of every ``step``-th row and column: pixels; those neither black nor saturated; which of these show the
+    """Of every ``step``-th row and column: pixels; those neither dark nor saturated; which of these show the
     background; and all whose depth can be compared with that of the background."""
     spare = np.empty(1, GAUSSIAN)
     n, lit, shown, compared = 0, 0, 0, 0
@@ -306,7 +313,7 @@ def count_shown(model: PixelMixtures, frame: Frame, s: Constants, step: int) -> 
             o = observe(frame.image, row, column, frame.disparity[row, column], s)
             leader = model.gaussians[0, row, column]
             compared += both_have_depth(leader, o, s)
-            if s.black + BLACK < o.y < s.clip:
+            if s.dark < o.y < s.clip:
                 lit += 1
                 if match(leader, o, s) != NO_MATCH:
                     shown += 1

@@ -29,9 +29,9 @@ ACTIVITY_LEVEL = 5.0
 """Mean |Y_t - Y_(t-1)| above which a pixel is active (levels of 255). Our choice: noise of 3 levels gives 3.4."""
 SAMPLED = 4
 """Every so many rows and columns are looked at to see whether a frame shows anything."""
-SHOWN_MIN, DEPTH_MIN, LIT_MIN = 0.6, 0.33, 0.1
+SHOWN_MIN, DEPTH_MIN, LIT_MIN = 0.6, 0.33, 0.5
 """Least parts of the usual shares of pixels: explained by the background, with depth to be compared with that of the
-background, and neither black nor saturated."""
+background, and neither dark nor saturated."""
 COVER_S = 0.15
 """Time in which somebody who comes near covers the rest of that share [s]."""
 DAMAGE_S = 3.0
@@ -261,6 +261,7 @@ class Foreground(Carried):
     def _constants(self) -> kernels.Constants:
         """In the exposure of the model, whose luma the image shows with a gain and an offset."""
         p, gain, offset = self.params, self._gain.gain, self._gain.offset
+        least = min(1.0 / gain, self._rebased.gain, 1.0)
         values = kernels.Constants(
             beta=p.beta,
             beta_relaxed=p.beta * p.depth_relaxation,
@@ -274,6 +275,8 @@ class Foreground(Carried):
             offset=offset,
             floor_y=(p.luma_noise / gain) ** 2,
             floor_uv=(p.chroma_noise / gain) ** 2,
+            least_y=(p.luma_noise * least) ** 2,
+            least_uv=(p.chroma_noise * least) ** 2,
             floor_d=DISPARITY_NOISE_PX**2,
             floor_d_per_d4=self._noise_per_px2**2,
             active=ACTIVITY_LEVEL / gain,

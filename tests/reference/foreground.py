@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planview.foreground._kernels import BLACK, NEW_VARIANCE, Constants
+from planview.foreground._kernels import NEW_VARIANCE, Constants
 from planview.foreground.params import BACKGROUND, FOREGROUND, NEARER, PERSON, SHADOW
 
 F32 = np.float32
@@ -108,13 +108,13 @@ def update(m: Mixtures, o: Pixels, feedback: np.ndarray, s: Constants, rates: Ra
 
 
 def count_shown(m: Mixtures, o: Pixels, s: Constants) -> tuple[int, int, int]:
-    """Pixels neither black nor saturated, those of them that show the background, and those with depth to compare."""
+    """Pixels neither dark nor saturated, those of them that show the background, and those with depth to compare."""
     kinds = np.stack([_match_kind(m, k, o, s) for k in range(len(m.weight))])
     matched = (kinds > 0) & (m.weight > 0)
     matched[0] = kinds[0] > 0
     found = np.where(matched.any(axis=0), matched.argmax(axis=0), -1)
     known = np.isin(_classify(m, found, _uncovered(m, o, s)[0], o, s), (0, SHADOW))
-    lit = (o.y > s.black + BLACK) & (o.y < s.clip)
+    lit = (o.y > s.dark) & (o.y < s.clip)
     compared = ~np.isnan(o.d) & (m.depth_fraction[0] >= s.min_depth_fraction)
     return int(lit.sum()), int((known & lit).sum()), int(compared.sum())
 
@@ -127,15 +127,19 @@ def _chroma(m: Mixtures, k: int, o: Pixels, s: Constants) -> np.ndarray:
     return o.chroma & (np.minimum(_shown(m, k, s), o.y) > s.dark) & (m.var_y[k] > 0) & (m.var_u[k] > 0)
 
 
-def _in_chroma(m: Mixtures, k: int, du: np.ndarray, dv: np.ndarray) -> np.ndarray:
-    var_u, var_v = (np.where(var > 0, var, F32(1)) for var in (m.var_u[k], m.var_v[k]))
+def _noisy(var_y: np.ndarray, s: Constants) -> np.ndarray:
+    return np.where(var_y != 0, np.maximum(np.abs(var_y), s.floor_y), F32(0))
+
+
+def _in_chroma(m: Mixtures, k: int, du: np.ndarray, dv: np.ndarray, s: Constants) -> np.ndarray:
+    var_u, var_v = (np.maximum(var, s.floor_uv) for var in (m.var_u[k], m.var_v[k]))
     return du * du / var_u + dv * dv / var_v
 
 
 def _other_light(m: Mixtures, k: int, o: Pixels, chroma: np.ndarray, darkest: float, s: Constants) -> np.ndarray:
     ratio = (o.y - s.black) / np.maximum(_shown(m, k, s) - s.black, F32(1))
     du, dv = o.u - ratio * m.u[k], o.v - ratio * m.v[k]
-    like = (_in_chroma(m, k, du, dv) < s.beta) | ~chroma
+    like = (_in_chroma(m, k, du, dv, s) < s.beta) | ~chroma
     return like & (ratio >= darkest) & (ratio * darkest <= 1)
 
 
@@ -143,8 +147,8 @@ def _match_kind(m: Mixtures, k: int, o: Pixels, s: Constants) -> np.ndarray:
     """0 no match, 1 by colour, 2 other light where depth agrees."""
     dy, du, dv, dd = o.y - _shown(m, k, s), o.u - m.u[k], o.v - m.v[k], o.d - m.d[k]
     chroma = _chroma(m, k, o, s)
-    far = dy * dy / np.abs(m.var_y[k])
-    far = far + np.where(chroma, _in_chroma(m, k, du, dv), F32(0))
+    far = dy * dy / _noisy(m.var_y[k], s)
+    far = far + np.where(chroma, _in_chroma(m, k, du, dv, s), F32(0))
     both = ~np.isnan(o.d) & (m.depth_fraction[k] >= s.min_depth_fraction)
     agree = both & (dd * dd < s.beta * m.var_d[k])
     nearer = s.body_over_metre * m.d[k]
@@ -180,7 +184,7 @@ def _classify(m: Mixtures, found: np.ndarray, unclipped: np.ndarray, o: Pixels, 
         (darkest > 0) & np.isnan(o.d) & (o.y < m.y[0]) & _other_light(m, 0, o, o.chroma & (m.var_u[0] > 0), darkest, s)
     )
     dy, du, dv = o.y - _shown(m, 0, s), o.u - m.u[0], o.v - m.v[0]
-    far = dy**2 / np.abs(m.var_y[0]) + np.where(_chroma(m, 0, o, s), _in_chroma(m, 0, du, dv), 0)
+    far = dy**2 / _noisy(m.var_y[0], s) + np.where(_chroma(m, 0, o, s), _in_chroma(m, 0, du, dv, s), 0)
     nearer = (far < s.beta) & (o.d > m.d[0]) & (m.depth_fraction[0] >= s.min_depth_fraction)
     return np.where(known, 0, np.where(shadow, SHADOW, np.where(nearer, NEARER, FOREGROUND))).astype(np.uint8)
 
@@ -215,7 +219,7 @@ def _learn_gaussian(
     learns_d = has_depth & (rate > 0)
     rate_d = np.where(learns_d, rate / np.maximum(depth_fraction, np.maximum(rate, F32(1e-30))), F32(0))
     dd = np.where(has_depth, o.d - m.d[k], F32(0))
-    var_y = np.maximum(np.abs(m.var_y[k]) + rate_var * (dy * dy - np.abs(m.var_y[k])), s.floor_y)
+    var_y = np.maximum(np.abs(m.var_y[k]) + rate_var * (dy * dy - np.abs(m.var_y[k])), s.least_y)
     var_d = np.maximum(m.var_d[k] + rate_d * (dd * dd - m.var_d[k]), _smallest_var_d(m.d[k], s))
     first_depth = learns_d & (m.depth_fraction[k] <= 0)
     new = {
@@ -231,7 +235,7 @@ def _learn_gaussian(
         new[mean] = np.where(first, getattr(o, mean), old + np.where(chroma, rate, F32(0)) * change)
         step = np.where(chroma, rate_var, F32(0)) * (change * change - old_var)
         started = np.where(first, NEW_VARIANCE * s.floor_uv, F32(0))
-        new[var] = np.where(old_var > 0, np.maximum(old_var + step, s.floor_uv), started)
+        new[var] = np.where(old_var > 0, np.maximum(old_var + step, s.least_uv), started)
     for name, values in new.items():
         array = getattr(m, name)
         array[k] = np.where(chosen, values, array[k])
