@@ -208,7 +208,7 @@ def point_cloud(
 def median_image(images: Sequence[AnyArray]) -> F32:
     """The background of some frames, which people who move do not change: (H, W) float32 median of the valid values of
     each pixel of (H, W) images, NaN invalid; NaN where there is none."""
-    ordered = np.sort(np.stack(images, dtype=np.float32), axis=0)  # NaN comes last
-    known = np.isfinite(ordered).sum(axis=0)[None]
-    middle = [np.take_along_axis(ordered, np.maximum(n, 0), axis=0)[0] for n in ((known - 1) // 2, known // 2)]
-    return np.asarray(np.where(known[0] > 0, 0.5 * (middle[0] + middle[1]), np.nan), dtype=np.float32)
+    ordered = np.sort(np.stack(images, axis=-1, dtype=np.float32), axis=-1)  # NaN comes last
+    known = np.isfinite(ordered).sum(axis=-1, keepdims=True)
+    middle = [np.take_along_axis(ordered, np.maximum(n, 0), axis=-1) for n in ((known - 1) // 2, known // 2)]
+    return np.asarray(np.where(known > 0, 0.5 * (middle[0] + middle[1]), np.nan)[..., 0], dtype=np.float32)

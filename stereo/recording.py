@@ -235,9 +235,11 @@ class Recorded(ABC, Generic[Frame]):
                     yield frame
         skipped += [Skipped(i, "recording ends before this frame") for i in range(last + 1, self.n_frames)]
 
-    def sample(self, count: int) -> list[Frame]:
-        """Up to ``count`` usable frames spread evenly over the recording; ``skipped`` is not touched."""
-        spread = np.unique(np.linspace(0, self.n_frames - 1, max(1, min(count, self.n_frames))).round().astype(int))
+    def sample(self, count: int, among: int | None = None) -> list[Frame]:
+        """Up to ``count`` usable frames spread evenly over the recording, or ``among`` its first ones; ``skipped`` is
+        not touched."""
+        among = min(among or self.n_frames, self.n_frames)
+        spread = np.unique(np.linspace(0, among - 1, max(1, min(count, among))).round().astype(int))
         return self.at([int(i) for i in spread])
 
     def at(self, indices: Sequence[int]) -> list[Frame]:
@@ -280,7 +282,7 @@ class LiveRecording(StereoRecording):
 
     is_live = True
 
-    def sample(self, count: int) -> list[StereoFrame]:
+    def sample(self, count: int, among: int | None = None) -> list[StereoFrame]:
         """Up to ``count`` usable frames from now on, 0.25 s apart (our choice: 12 for the floor take 3 s)."""
         frames: list[StereoFrame] = []
         with closing(self.decode(None)) as pairs:

@@ -146,6 +146,12 @@ class Cells:
         self.points, self.counts = points.where(kept), counts[full]
         self.places = np.stack(np.divmod(np.flatnonzero(full), CELLS_ACROSS), axis=1)
         self._index: I64 = (np.cumsum(full) - 1)[index[kept]]
+        # A row of a table for the points of each cell, and the place in it of each point.
+        self._rows = np.full((len(self.counts), self.counts.max()), np.inf)
+        order = np.argsort(self._index, kind="stable")
+        before = np.arange(len(order)) - np.repeat(np.cumsum(self.counts) - self.counts, self.counts)
+        self._place: I64 = np.empty(len(order), dtype=np.int64)
+        self._place[order] = self._index[order] * self._rows.shape[1] + before
         means = [np.bincount(self._index, v) / self.counts for v in (*self.points.rays.T, self.points.sigma)]
         self._rays, self._sigma = np.stack(means[:3], axis=1), means[3]
 
@@ -158,20 +164,19 @@ class Cells:
         mostly show it: what passes is always nearer and would pull the median.
         """
         if q is None:
-            return Rays(self._rays, self._medians(self._index, self.points.inverse), self._sigma)
+            return Rays(self._rays, self._medians(self.points.inverse), self._sigma)
         value = self.points.inverse - self.points.rays @ q
         near = np.abs(value) < GATE * self.points.sigma
         mostly = np.bincount(self._index[near], minlength=len(self.counts)) > 0.5 * self.counts
         used = near | ~mostly[self._index]
-        return Rays(self._rays, self._medians(self._index[used], value[used]) + self._rays @ q, self._sigma)
+        return Rays(self._rays, self._medians(np.where(used, value, np.inf)) + self._rays @ q, self._sigma)
 
-    def _medians(self, index: I64, value: F64) -> F64:
-        """(N,) upper median of the values of each cell, which are sorted as fractions that follow its number."""
-        low, span = value.min(), max(float(np.ptp(value)), 1e-9) * (1.0 + 1e-9)
-        ordered = np.sort(index + (value - low) / span)
-        counts = np.bincount(index)
-        middle = ordered[np.cumsum(counts) - counts + counts // 2]
-        return np.asarray((middle - np.arange(len(counts))) * span + low)
+    def _medians(self, value: F64) -> F64:
+        """(N,) upper median of the finite values of each cell."""
+        table = self._rows.copy()
+        table.ravel()[self._place] = value
+        table.sort(axis=1)
+        return np.asarray(table[np.arange(len(table)), np.isfinite(table).sum(axis=1) // 2])
 
 
 def fit_plane(points: Rays, q: F64) -> Plane | None:

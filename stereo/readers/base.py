@@ -164,7 +164,8 @@ def stereo_layout(
         recording = kind(path, pairs.decode, pairs.n_frames, clock, [*remarks], rig(), world_pose(folder or path))
         if other is not None:
             with suppress(InputError):  # the calibration has no other
-                seen = [(frame.left, frame.right) for frame in recording.sample(3)]
+                # What the state is shows in any second; frames from the whole of a video would all have to be decoded.
+                seen = [(frame.left, frame.right) for frame in recording.sample(3, among=30)]
                 recording.rig, note = settled(seen, recording.rig, *other(recording.rig))
                 recording.notes += [note] * bool(note)
         return recording
