@@ -21,8 +21,7 @@ from planview.engine.config import Config, load_config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
 from planview.maps.grid import Grid
-from planview.maps.plan_view import PlanViewMaps
-from planview.maps.view import FloorPoints
+from planview.maps.plan_view import FloorPoints, PlanViewMaps
 from planview.output.script import run
 from planview.tracking.base import Observation
 from planview.tracking.template import TemplateTracker

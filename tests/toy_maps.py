@@ -9,10 +9,8 @@ from toy_stereo import ToyWorld
 
 from calib.rig import Floor
 from planview.engine.config import Config
-from planview.maps.builder import MapBuilder
-from planview.maps.recording import MapsFrame
-from planview.maps.rig import FloorRig
-from planview.maps.writer import MapsWriter
+from planview.maps.recording import MapsFrame, MapsWriter
+from planview.maps.view import FloorRig, MapBuilder
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
 from stereo.recording import Skipped

@@ -49,7 +49,7 @@ from planview.checks.timing import (
     timing_checks,
 )
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
-from planview.maps.rig import FloorRig
+from planview.maps.view import FloorRig
 from stereo.depth import Depth, back_project, median_image
 from stereo.floor import FloorSearch, setup_frames
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video

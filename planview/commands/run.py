@@ -35,6 +35,7 @@ from planview.engine.open import ImageTrackerName, TrackerName, base_config, ope
 from planview.maps.recording import is_maps
 from planview.output.finished import refine_run
 from planview.output.folder import HoldsResultsError, RunInfo, check_folder, finished_run, folder_lock
+from planview.output.maps_log import MapsLog
 from planview.output.progress import FrameProgress, PlainConsole, compile_notice, summary
 from planview.output.render import frames_or_none
 from planview.output.replay import difference_picture, difference_text, replay_run
@@ -217,8 +218,6 @@ def _track(
     positions = checkpoint.written["logs"] if checkpoint else {}
     logs: list[RunLog] = []
     if options.maps:
-        from planview.output.maps_log import MapsLog  # few runs write maps, and h5py takes a while
-
         logs.append(MapsLog(engine, out / "maps.h5", positions.get("MapsLog")))
     if options.rrd:
         from planview.output.rerun_log import RerunLog  # rerun takes a second, and few runs write for it

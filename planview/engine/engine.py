@@ -26,8 +26,7 @@ from planview.engine.info import (
 )
 from planview.maps.plan_view import plan_view
 from planview.maps.recording import MapsFrame
-from planview.maps.rig import FloorRig
-from planview.maps.view import View
+from planview.maps.view import FloorRig, View
 from planview.tracking.base import Decision, Observation, Tracker, followed
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth, point_cloud

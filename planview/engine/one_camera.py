@@ -31,8 +31,7 @@ from planview.foreground.ghosts import (
 )
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
-from planview.maps.rig import FloorRig
-from planview.maps.view import View
+from planview.maps.view import FloorRig, View
 from planview.tracking.base import Decision, ImageTracker, Observation
 from planview.trajectories.state import TrackState
 from stereo.recording import Video, VideoFrame

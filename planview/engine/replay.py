@@ -12,9 +12,8 @@ from calib.errors import InputError
 from calib.types import U8
 from planview.engine.config import Config
 from planview.engine.engine import Depths, Engine, Frame, Remembers, StageClock, refuse_frame
-from planview.maps.builder import MapBuilder, floor_in_view
 from planview.maps.recording import MapsFrame, MapsRecording
-from planview.maps.view import View
+from planview.maps.view import MapBuilder, View, floor_in_view
 from planview.tracking.base import Decision, Tracker
 from planview.trajectories.state import TrackState
 

@@ -17,10 +17,8 @@ from planview.engine.engine import Depths, Engine, Frame, Remembers, StageClock,
 from planview.engine.feedback import Feedback
 from planview.engine.setup import Setup, refuse_foreign_disparity, set_up
 from planview.foreground.mixture import Foreground
-from planview.maps.builder import MapBuilder
 from planview.maps.plan_view import joint_grid
-from planview.maps.rig import FloorRig
-from planview.maps.view import View
+from planview.maps.view import FloorRig, MapBuilder, View
 from planview.tracking.base import Decision, Tracker
 from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState

@@ -21,10 +21,9 @@ import cv2
 import numpy as np
 from pydantic import Field
 
-from calib.types import F32, AnyArray
+from calib.types import F32, I32, U8, AnyArray
 from planview.maps._kernels import accumulate
 from planview.maps.grid import Grid, GridParams
-from planview.maps.view import FloorPoints
 
 TEMPLATE_M = 0.8
 """Side of a person's template, 2 W_avg [m] (Harville 2002, section 4)."""
@@ -49,6 +48,23 @@ class MapParams(GridParams):
     2 W_avg of a template (Harville 2002, section 4; our choice)."""
     distance_max_m: float = Field(15.0, gt=0.5, le=100.0)
     """Farthest horizontal distance covered by the grid [m], where the depth allows it (our choice)."""
+
+
+@dataclass(frozen=True, eq=False)
+class FloorPoints:
+    """Foreground points of one frame in the world frame.
+
+    Attributes:
+        xyz: (N, 3) float32 [m].
+        area: (N,) float32, surface that the pixel subtends, Z^2/(fu fv) [m^2].
+        pixels: (N,) int32, row * width + column in the foreground mask.
+        colours: (N,) uint8 colour codes (``planview.maps.colour``), None where no image was given.
+    """
+
+    xyz: F32
+    area: F32
+    pixels: I32
+    colours: U8 | None = None
 
 
 @dataclass(frozen=True, eq=False)

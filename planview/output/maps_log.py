@@ -8,8 +8,7 @@ from pathlib import Path
 from calib.errors import InputError
 from calib.io import PART, sync, whole_file
 from planview.engine.engine import Engine, FrameResult
-from planview.maps.recording import MapsFrame, MapsRecording
-from planview.maps.writer import MapsWriter
+from planview.maps.recording import MapsFrame, MapsRecording, MapsWriter
 
 
 class MapsLog:

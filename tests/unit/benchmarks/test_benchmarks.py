@@ -40,8 +40,7 @@ from calib.world import RigEntry
 from planview.engine.config import Config, load_config
 from planview.engine.open import open_engine
 from planview.maps.grid import Grid
-from planview.maps.plan_view import PlanViewMaps
-from planview.maps.view import FloorPoints
+from planview.maps.plan_view import FloorPoints, PlanViewMaps
 
 
 def test_missing_recordings_and_too_few_frames_are_refused(tmp_path, capsys):

@@ -18,7 +18,8 @@ from planview.engine.feedback import Feedback
 from planview.engine.info import ground_camera_info
 from planview.engine.setup import refuse_foreign_disparity, set_up
 from planview.foreground.params import BACKGROUND, NO_FEEDBACK, PERSON
-from planview.maps.view import NO_RAYS, FloorPoints, View
+from planview.maps.plan_view import FloorPoints
+from planview.maps.view import NO_RAYS, View
 from planview.tracking.base import BODY_RADIUS_M, NO_BOX, Decision, person_boxes
 from planview.trajectories.state import State, TrackState
 from stereo.depth import RectifiedGeometry

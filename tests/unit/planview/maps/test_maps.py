@@ -20,13 +20,11 @@ from calib.types import F64
 from planview.engine.open import open_engine
 from planview.foreground.gain import Exposure
 from planview.maps import _kernels as kernels
-from planview.maps.builder import MapBuilder
 from planview.maps.colour import CHROMA_EDGES, CODES, LUMA_CELLS, colour_codes, smoothing
 from planview.maps.grid import Grid
-from planview.maps.plan_view import MapParams, joint_grid, plan_view
-from planview.maps.recording import MapsFrame, MapsRecording
-from planview.maps.view import FloorPoints
-from planview.maps.writer import MapsWriter
+from planview.maps.plan_view import FloorPoints, MapParams, joint_grid, plan_view
+from planview.maps.recording import MapsFrame, MapsRecording, MapsWriter
+from planview.maps.view import MapBuilder
 from stereo.depth import RectifiedGeometry
 from stereo.recording import Skipped
 from tests.reference import maps as reference

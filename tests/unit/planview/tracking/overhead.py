@@ -3,7 +3,7 @@
 import numpy as np
 
 from calib.rig import world_from_plane
-from planview.maps.builder import MapBuilder
+from planview.maps.view import MapBuilder
 from planview.tracking.base import Observation
 from stereo.depth import RectifiedGeometry
 

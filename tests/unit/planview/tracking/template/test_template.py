@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from planview.maps.grid import Grid
-from planview.maps.plan_view import PlanViewMaps
-from planview.maps.view import FloorPoints, View
+from planview.maps.plan_view import FloorPoints, PlanViewMaps
+from planview.maps.view import View
 from planview.tracking.base import Observation
 from planview.tracking.template import TemplateParams, TemplateTracker
 from planview.tracking.template.tracker import differences
