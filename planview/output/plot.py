@@ -45,7 +45,7 @@ def figure_of(
     if len({bool(np.isfinite(run.tracks.x_m).any()) for run in runs if len(run.tracks)}) > 1:
         raise InputError("some of the runs are in metres and some in pixels; plot them one by one")
     figure, places = _arranged(panels, _shape(runs))
-    for n, (name, tracks) in enumerate(runs):
+    for n, (name, tracks) in enumerate((name, tracks.to_dataframe()) for name, tracks in runs):
         own = RUN_COLOURS[n] if len(runs) > 1 else None
         if axes := places.get("paths"):
             # Of runs that lie over each other the first is the widest.
@@ -57,9 +57,10 @@ def figure_of(
             plot_counts(tracks, axes, colour=own or BLUE, label=name if own else "tracked")
     if truth is not None:
         if axes := places.get("paths"):
-            plot_truth(truth, axes)
+            plot_truth(truth.to_dataframe(), axes)
         if axes := places.get("counts"):
-            plot_counts(truth, axes, colour=TRUTH_COLOUR, label="truth", style="--", clock=runs[0].tracks)
+            clock = runs[0].tracks.to_dataframe()
+            plot_counts(truth.to_dataframe(), axes, colour=TRUTH_COLOUR, label="truth", style="--", clock=clock)
     _legends(figure, places, runs, colour)
     return figure
 

@@ -190,7 +190,7 @@ class Trajectories:
             import matplotlib.pyplot
 
             axes = matplotlib.pyplot.subplots(figsize=(7, 6), layout="constrained")[1]
-        plot_paths(self, axes, colour=colour)
+        plot_paths(self.to_dataframe(), axes, colour=colour)
         if colour == "id" and len(self):
             axes.legend(title="person", fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return axes

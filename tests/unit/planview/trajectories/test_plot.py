@@ -24,37 +24,37 @@ def axes() -> object:
 
 
 def test_path_of_a_person_is_a_line_of_its_positions_with_equal_axes() -> None:
-    drawn = plot_paths(walkers(), axes())
+    drawn = plot_paths(walkers().to_dataframe(), axes())
     line = drawn.get_lines()[0]
     assert line.get_xydata()[-1] == pytest.approx([0.5, 0.05 * 59]) and line.get_label() == "1"
     assert drawn.get_aspect() == 1.0 and (drawn.get_xlabel(), drawn.get_ylabel()) == ("x [m]", "y [m]")
 
 
 def test_missing_frames_are_a_gap_in_the_path() -> None:
-    table = walkers()
-    drawn = plot_paths(table.where((table.frame < 20) | (table.frame > 40)), axes())
+    table = walkers().to_dataframe()
+    drawn = plot_paths(table[(table.frame < 20) | (table.frame > 40)], axes())
     assert np.isnan(drawn.get_lines()[0].get_ydata()).sum() == 1
 
 
 def test_legend_names_twenty_people_and_counts_the_others() -> None:
-    labels = plot_paths(walkers(people=23), axes()).get_legend_handles_labels()[1]
+    labels = plot_paths(walkers(people=23).to_dataframe(), axes()).get_legend_handles_labels()[1]
     assert len(labels) == NAMED_MAX + 1 and labels[-1] == "3 more"
 
 
 def test_speed_without_velocities_is_that_of_the_positions() -> None:
-    line = plot_speed(walkers(), axes()).get_lines()[0]
+    line = plot_speed(walkers().to_dataframe(), axes()).get_lines()[0]
     assert np.asarray(line.get_ydata()) == pytest.approx(1.5)
 
 
 def test_counts_are_people_in_every_frame() -> None:
-    table = walkers(people=2)
-    line = plot_counts(table.where((table.track_id == 1) | (table.frame < 30)), axes()).get_lines()[0]
+    table = walkers(people=2).to_dataframe()
+    line = plot_counts(table[(table.id == 1) | (table.frame < 30)], axes()).get_lines()[0]
     assert list(line.get_ydata())[:31:30] == [2, 1] and list(line.get_ydata())[-1] == 0
 
 
 def test_frames_without_rows_have_the_times_between_their_neighbours_and_beyond() -> None:
-    table = walkers()
-    assert times_of(table.where(table.frame % 10 == 0), np.array([5, 65])) == pytest.approx([5 / 30, 65 / 30])
+    table = walkers().to_dataframe()
+    assert times_of(table[table.frame % 10 == 0], np.array([5, 65])) == pytest.approx([5 / 30, 65 / 30])
 
 
 def test_tracks_of_a_table_draw_themselves() -> None:
