@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from bz2 import BZ2Decompressor
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib import import_module
@@ -92,7 +90,7 @@ def error_text(error: Exception) -> str:
 
 MAX_UNPACKED_BYTES = 1 << 28
 """Chunks and messages that unpack to more are damage, or made to fill the memory (recorders write some megabytes)."""
-ZSTD, LZ4 = b"\x28\xb5\x2f\xfd", b"\x04\x22\x4d\x18"
+ZSTD = b"\x28\xb5\x2f\xfd"
 _TOO_LARGE = f"compressed data of more than {MAX_UNPACKED_BYTES >> 20} MB"
 STORAGES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 """Endings of the files of a ROS 2 bag."""
@@ -154,17 +152,6 @@ def _unpacked_message(data: bytes) -> bytes:
     return bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=MAX_UNPACKED_BYTES))
 
 
-def _unpacked_chunk(data: bytes) -> bytes:
-    """A chunk of a ROS 1 bag; what is not compressed begins with a short record's length."""
-    if not data.startswith((b"BZh", LZ4)):
-        return data
-    unpacker = BZ2Decompressor() if data.startswith(b"BZh") else import_module("lz4.frame").LZ4FrameDecompressor()
-    unpacked = bytes(unpacker.decompress(data, max_length=MAX_UNPACKED_BYTES))
-    if not unpacker.eof:
-        raise ValueError(_TOO_LARGE if len(unpacked) == MAX_UNPACKED_BYTES else "compressed data that were cut off")
-    return unpacked
-
-
 @lru_cache
 def _usual_types(ros1: bool) -> Any:
     """Those of ROS itself, for files without definitions."""
@@ -177,14 +164,7 @@ class _RosFiles:
     """ROS 1 bags or ROS 2 databases."""
 
     def __init__(self, files: Sequence[Path], reader: Any) -> None:
-        self._opened = partial(reader, files, default_typestore=_usual_types(files[0].suffix == ".bag"))
-
-    @contextmanager
-    def _open(self) -> Iterator[Any]:
-        with self._opened() as bag:
-            for reader in () if bag.is2 else bag.readers:  # of ROS 1 bags the library unpacks whatever there is
-                reader.chunks = {k: chunk._replace(decompressor=_unpacked_chunk) for k, chunk in reader.chunks.items()}
-            yield bag
+        self._open = partial(reader, files, default_typestore=_usual_types(files[0].suffix == ".bag"))
 
     def topics(self) -> list[tuple[str, str, int]]:
         """Name, type and number of messages of each."""

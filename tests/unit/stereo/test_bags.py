@@ -28,7 +28,9 @@ zstandard = pytest.importorskip("zstandard")
     [("a.bag", True, "", False), ("b.bag", True, "", True), ("c", False, "sqlite3", False), ("d", False, "mcap", True)],
 )
 def test_stereo_bag_of_every_storage_gives_the_same_pairs(tmp_path, name, ros1, plugin, compressed):
-    recording = open_recording(stereo_bag(tmp_path / name, ros1, plugin or "sqlite3", compressed=compressed))
+    chunks = {"a.bag": "lz4", "b.bag": "bz2"}.get(name, "")
+    path = stereo_bag(tmp_path / name, ros1, plugin or "sqlite3", compressed=compressed, chunks=chunks)
+    recording = open_recording(path)
     frames = list(recording)
     assert [int(f.left[0, 0]) for f in frames] == [10 * i for i in range(COUNT)]
     assert recording.fps == pytest.approx(10.0) and recording.skipped == []
@@ -150,10 +152,8 @@ def zstd_messages(path: Path) -> Path:
         lambda path: stereo_bag(path / "a", False, "mcap"),
         lambda path: foxglove_file(path / "a.mcap", "json"),
         zstd_messages,
-        lambda path: stereo_bag(path / "a.bag", chunks="bz2"),
-        lambda path: stereo_bag(path / "a.bag", chunks="lz4"),
     ],
-    ids=["mcap chunks in a folder", "mcap chunks in a file", "zstd messages", "bz2 chunks", "lz4 chunks"],
+    ids=["mcap chunks in a folder", "mcap chunks in a file", "zstd messages"],
 )
 def test_data_that_unpack_without_end_are_refused(tmp_path, monkeypatch, make):
     path = make(tmp_path)
