@@ -344,6 +344,11 @@ def parse_yaml(text: str) -> Mapping[str, Any]:
     return data
 
 
+def yaml_text(values: Mapping[str, Any]) -> str:
+    """YAML with every list on a line of its own; floats keep all their digits."""
+    return yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=10_000)
+
+
 NATIVE = Format(
     "rig",
     "planview rig.toml",

@@ -52,16 +52,14 @@ def _euroc_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
     poses = SE3.identity(), rig.right_SE3_left.inverse()
     for name, one, body_SE3_camera in zip(("cam0", "cam1"), (rig.left, rig.right), poses, strict=True):
         model, coefficients = base.held("EuRoC", one, {"brown": 4, "fisheye": 4})
-        values = [float(v) for v in np.asarray(body_SE3_camera.matrix).ravel()]
-        texts[path / name / "sensor.yaml"] = (
-            "sensor_type: camera\n"
-            f"T_BS:\n  cols: 4\n  rows: 4\n  data: {values}\n"
-            f"resolution: [{one.width}, {one.height}]\n"
-            "camera_model: pinhole\n"
-            f"intrinsics: {[float(v) for v in (one.fx, one.fy, one.cx, one.cy)]}\n"
-            f"distortion_model: {'equidistant' if model == 'fisheye' else 'radial-tangential'}\n"
-            f"distortion_coefficients: {coefficients}\n"
-        )
+        lens = "equidistant" if model == "fisheye" else "radial-tangential"
+        texts[path / name / "sensor.yaml"] = base.yaml_text({
+            "sensor_type": "camera",
+            "T_BS": {"cols": 4, "rows": 4, "data": body_SE3_camera.matrix.ravel().tolist()},
+            "resolution": [*one.size], "camera_model": "pinhole",
+            "intrinsics": [float(v) for v in (one.fx, one.fy, one.cx, one.cy)],
+            "distortion_model": lens, "distortion_coefficients": coefficients,
+        })  # fmt: skip
     return texts
 
 

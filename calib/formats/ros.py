@@ -104,21 +104,15 @@ def _ros_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
         projection = np.column_stack([k, [focal * shift, 0.0, 0.0]])
         model, coefficients = base.held("ROS", one, {"brown": 5, "rational": 8, "fisheye": 4})
         lens = {"brown": "plumb_bob", "rational": "rational_polynomial", "fisheye": "equidistant"}[model]
-        blocks = [
-            f"image_width: {one.width}\nimage_height: {one.height}\ncamera_name: {name}\n",
-            _block("camera_matrix", one.matrix),
-            f"distortion_model: {lens}\n",
-            _block("distortion_coefficients", np.array([coefficients])),
-            _block("rectification_matrix", rotation),
-            _block("projection_matrix", projection),
-        ]
-        texts[path / f"{name}.yaml"] = "".join(blocks)
+        matrices = {
+            "camera_matrix": one.matrix, "distortion_coefficients": np.array([coefficients]),
+            "rectification_matrix": rotation, "projection_matrix": projection,
+        }  # fmt: skip
+        texts[path / f"{name}.yaml"] = base.yaml_text(
+            {"image_width": one.width, "image_height": one.height, "camera_name": name, "distortion_model": lens}
+            | {key: {"rows": len(m), "cols": m.shape[1], "data": m.ravel().tolist()} for key, m in matrices.items()}
+        )
     return texts
-
-
-def _block(name: str, matrix: F64) -> str:
-    rows, cols = matrix.shape
-    return f"{name}:\n  rows: {rows}\n  cols: {cols}\n  data: {[float(v) for v in matrix.ravel()]}\n"
 
 
 ROS = Format("ros", "ROS camera_info pair", _ros_part, _ros_read, _ros_texts, "")
@@ -176,21 +170,18 @@ def _index(name: str) -> int:
 
 
 def _kalibr_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
-    lines = [*_camera_lines("cam0", rig.left), *_camera_lines("cam1", rig.right), "  T_cn_cnm1:"]
-    lines += [f"  - {row}" for row in np.asarray(rig.right_SE3_left.matrix).tolist()]
-    return {path: "\n".join(lines) + "\n"}
+    cameras = {"cam0": _entry(rig.left), "cam1": _entry(rig.right)}
+    cameras["cam1"]["T_cn_cnm1"] = rig.right_SE3_left.matrix.tolist()
+    return {path: base.yaml_text(cameras)}
 
 
-def _camera_lines(name: str, one: Camera) -> list[str]:
+def _entry(one: Camera) -> dict[str, Any]:
     model, coefficients = base.held("Kalibr", one, {"brown": 4, "fisheye": 4})
-    return [
-        f"{name}:",
-        "  camera_model: pinhole",
-        f"  intrinsics: {[float(v) for v in (one.fx, one.fy, one.cx, one.cy)]}",
-        f"  distortion_model: {'equidistant' if model == 'fisheye' else 'radtan'}",
-        f"  distortion_coeffs: {coefficients}",
-        f"  resolution: [{one.width}, {one.height}]",
-    ]
+    return {
+        "camera_model": "pinhole", "intrinsics": [float(v) for v in (one.fx, one.fy, one.cx, one.cy)],
+        "distortion_model": "equidistant" if model == "fisheye" else "radtan",
+        "distortion_coeffs": coefficients, "resolution": [*one.size],
+    }  # fmt: skip
 
 
 _IS_KALIBR = base.whole_with(r"^\s*[\"']?cam\d+[\"']?\s*:", r"^\s*(camera_model|distortion_coeffs)\s*:")
