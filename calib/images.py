@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import reason, write_whole
+from calib.io import expecting, write_whole
 from calib.types import U8
 
 
@@ -52,11 +52,11 @@ def focal_share(photo: Path | bytes) -> float:
     from PIL import Image, UnidentifiedImageError
 
     name = "the photograph" if isinstance(photo, bytes) else str(photo)
-    try:
-        with Image.open(BytesIO(photo) if isinstance(photo, bytes) else photo) as image:
-            millimetres = float(image.getexif().get_ifd(0x8769).get(0xA405, 0))  # focal length in 35 mm film
-    except (OSError, UnidentifiedImageError, ValueError, TypeError, SyntaxError) as error:
-        raise InputError(f"{name}: expected a photograph, found {reason(error)}") from error
+    with (
+        expecting(name, "a photograph", OSError, UnidentifiedImageError, ValueError, TypeError, SyntaxError),
+        Image.open(BytesIO(photo) if isinstance(photo, bytes) else photo) as image,
+    ):
+        millimetres = float(image.getexif().get_ifd(0x8769).get(0xA405, 0))  # focal length in 35 mm film
     if not 5 <= millimetres <= 2000:
         found = f"{millimetres:g} mm" if millimetres else "none"
         raise InputError(f"{name}: expected EXIF with the focal length in 35 mm film, found {found}")

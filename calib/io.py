@@ -66,6 +66,15 @@ def reason(error: Exception) -> str:
     return known or " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
 
 
+@contextmanager
+def expecting(path: Path | str, what: str, *errors: type[Exception]) -> Iterator[None]:
+    """Turns errors of reading ``what`` a file should hold into an InputError that names the file."""
+    try:
+        yield
+    except errors as error:
+        raise InputError(f"{path}: expected {what}, found {reason(error)}") from error
+
+
 def file_size(path: Path) -> int:
     """Size of a regular file that can be opened [bytes]; reading a pipe or a device could wait or go on for ever.
     Raises UnreadableError: nothing there, no permission, or no regular file."""

@@ -15,7 +15,7 @@ import yaml
 
 from calib.camera import Camera, LensModel
 from calib.errors import InputError
-from calib.io import read_text, reason, require_file
+from calib.io import expecting, read_text, require_file
 from calib.pose import SE3
 from calib.rig import StereoRig, parse_rig, rig_text
 from calib.types import F64
@@ -111,12 +111,10 @@ def _array_name(name: str) -> str:
 def _arrays_as_text(path: Path) -> str:
     """The small arrays of a NumPy archive as JSON, by OpenCV's names. Raises InputError: no archive of numbers."""
     require_file(path, "a calibration file")
-    try:
-        with np.load(path, allow_pickle=False) as held:
-            small = [name for name in held.files if held.zip.getinfo(f"{name}.npy").file_size < 4096]
-            return json.dumps({_array_name(name): held[name].tolist() for name in small})
-    except Exception as error:  # NumPy raises whatever a damaged file provokes
-        raise InputError(f"{path}: expected arrays of NumPy, found {reason(error)}") from error
+    # NumPy raises whatever a damaged file provokes.
+    with expecting(path, "arrays of NumPy", Exception), np.load(path, allow_pickle=False) as held:
+        small = [name for name in held.files if held.zip.getinfo(f"{name}.npy").file_size < 4096]
+        return json.dumps({_array_name(name): held[name].tolist() for name in small})
 
 
 def read_source(path: Path) -> Source:

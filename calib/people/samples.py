@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import read_text, write_whole
+from calib.io import expecting, read_text, write_whole
 from calib.types import F64, Bool
 
 COLUMNS = (
@@ -197,17 +197,13 @@ def _rows(text: str, path: Path) -> list[dict[str, Any]]:
         if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
             raise InputError(f"{path}: expected a list of samples with box, head and foot, found something else")
         return rows
-    try:
+    with expecting(path, "a CSV of samples", csv.Error):
         return [dict(row) for row in csv.DictReader(text.splitlines(), skipinitialspace=True)]
-    except csv.Error as error:
-        raise InputError(f"{path}: expected a CSV of samples, found {error}") from error
 
 
 def _json(text: str, path: Path) -> Any:
-    try:
+    with expecting(path, "JSON", ValueError, RecursionError):
         return json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: expected JSON, found {error}") from error
 
 
 def _sample(row: Mapping[str, Any]) -> HumanSample:

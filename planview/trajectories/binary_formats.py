@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError
+from calib.io import expecting
 from calib.types import AnyArray
 from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many, replaced
 from planview.trajectories.table import TRACK_COLUMNS, table_of
@@ -65,23 +66,22 @@ def read_ped_data_archive(path: Path) -> TrajectoryFile:
     damaged, without its frame rate, or too large."""
     import h5py  # a tenth of a second, and only these files need it
 
-    try:
-        with opened(path) as file:
-            trajectory = file.get("trajectory")
-            if not isinstance(trajectory, h5py.Dataset):
-                found = ", ".join(file)[:200] or "nothing"
-                raise InputError(f"{path}: expected the dataset 'trajectory', found {found}")
-            names = trajectory.dtype.names or ()
-            if {"id", "frame", "x", "y"} - set(names) or trajectory.ndim != 1:
-                found = ", ".join(names) or "none"
-                raise InputError(f"{path}: expected a list with the fields id, frame, x, y, found {found}")
-            refuse_many(path, len(trajectory))
-            rows: AnyArray = trajectory[:]
-            fps = checked_rate(path, trajectory.attrs.get("fps"))
-            area = file.attrs.get("wkt_geometry")
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
-        text = " ".join(str(error).split())
-        raise InputError(f"{path}: expected an HDF5 file of the Ped Data Archive, found {text}") from error
+    with (
+        expecting(path, "an HDF5 file of the Ped Data Archive", OSError, KeyError, ValueError, TypeError, RuntimeError),
+        opened(path) as file,
+    ):
+        trajectory = file.get("trajectory")
+        if not isinstance(trajectory, h5py.Dataset):
+            found = ", ".join(file)[:200] or "nothing"
+            raise InputError(f"{path}: expected the dataset 'trajectory', found {found}")
+        names = trajectory.dtype.names or ()
+        if {"id", "frame", "x", "y"} - set(names) or trajectory.ndim != 1:
+            found = ", ".join(names) or "none"
+            raise InputError(f"{path}: expected a list with the fields id, frame, x, y, found {found}")
+        refuse_many(path, len(trajectory))
+        rows: AnyArray = trajectory[:]
+        fps = checked_rate(path, trajectory.attrs.get("fps"))
+        area = file.attrs.get("wkt_geometry")
     columns = {"id": rows["id"], "frame": rows["frame"], "x_m": rows["x"], "y_m": rows["y"]}
     if "z" in names:
         columns["height_m"] = np.where(rows["z"] > 0, rows["z"], np.nan)
@@ -111,27 +111,27 @@ def write_ped_data_archive(path: Path, file: TrajectoryFile) -> None:
 def read_jupedsim(path: Path) -> TrajectoryFile:
     """Read a database; several walkable areas come as one collection. Raises InputError: another database, damaged, of
     another version, without its frame rate, or too large."""
-    try:
-        with closing(sqlite3.connect(path.resolve().as_uri() + "?mode=ro&immutable=1", uri=True)) as database:
-            database.execute("PRAGMA trusted_schema = OFF")
-            kinds = database.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'").fetchall()
-            tables = {name for name, sql in kinds if not str(sql).upper().startswith("CREATE VIRTUAL")}
-            if not {"trajectory_data", "metadata"} <= tables:
-                found = ", ".join(sorted(tables)) or "none"
-                raise InputError(f"{path}: expected the tables trajectory_data and metadata, found {found}")
-            metadata = dict(database.execute("SELECT key, value FROM metadata LIMIT 100").fetchall())
-            if str(metadata.get("version")) not in ("1", "2"):
-                raise InputError(f"{path}: expected version 1 or 2, found {metadata.get('version')!r}")
-            refuse_many(path, int(database.execute("SELECT count(*) FROM trajectory_data").fetchone()[0]))
-            cells = database.execute("SELECT frame, id, pos_x, pos_y FROM trajectory_data").fetchall()
-            columns = zip(("frame", "id", "x_m", "y_m"), np.array(cells, dtype=object).reshape(-1, 4).T, strict=True)
-            rows, fps = table_of(dict(columns), path), checked_rate(path, metadata.get("fps"))
-            area = "SELECT DISTINCT wkt FROM geometry LIMIT 100" if "geometry" in tables else "SELECT NULL"
-            areas = [checked_area(str(wkt), str(path)) for (wkt,) in database.execute(area).fetchall() if wkt]
-            all_areas = f"GEOMETRYCOLLECTION ({', '.join(areas)})" if len(areas) > 1 else "".join(areas) or None
-            return TrajectoryFile(rows, fps, all_areas)
-    except (sqlite3.Error, ValueError, OverflowError) as error:
-        raise InputError(f"{path}: expected a database of JuPedSim, found {error}") from error
+    with (
+        expecting(path, "a database of JuPedSim", sqlite3.Error, ValueError, OverflowError),
+        closing(sqlite3.connect(path.resolve().as_uri() + "?mode=ro&immutable=1", uri=True)) as database,
+    ):
+        database.execute("PRAGMA trusted_schema = OFF")
+        kinds = database.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'").fetchall()
+        tables = {name for name, sql in kinds if not str(sql).upper().startswith("CREATE VIRTUAL")}
+        if not {"trajectory_data", "metadata"} <= tables:
+            found = ", ".join(sorted(tables)) or "none"
+            raise InputError(f"{path}: expected the tables trajectory_data and metadata, found {found}")
+        metadata = dict(database.execute("SELECT key, value FROM metadata LIMIT 100").fetchall())
+        if str(metadata.get("version")) not in ("1", "2"):
+            raise InputError(f"{path}: expected version 1 or 2, found {metadata.get('version')!r}")
+        refuse_many(path, int(database.execute("SELECT count(*) FROM trajectory_data").fetchone()[0]))
+        cells = database.execute("SELECT frame, id, pos_x, pos_y FROM trajectory_data").fetchall()
+        columns = zip(("frame", "id", "x_m", "y_m"), np.array(cells, dtype=object).reshape(-1, 4).T, strict=True)
+        rows, fps = table_of(dict(columns), path), checked_rate(path, metadata.get("fps"))
+        area = "SELECT DISTINCT wkt FROM geometry LIMIT 100" if "geometry" in tables else "SELECT NULL"
+        areas = [checked_area(str(wkt), str(path)) for (wkt,) in database.execute(area).fetchall() if wkt]
+        all_areas = f"GEOMETRYCOLLECTION ({', '.join(areas)})" if len(areas) > 1 else "".join(areas) or None
+        return TrajectoryFile(rows, fps, all_areas)
 
 
 def write_jupedsim(path: Path, file: TrajectoryFile) -> None:
@@ -173,7 +173,7 @@ def read_parquet(path: Path) -> TrajectoryFile:
     from pyarrow import ArrowException
     from pyarrow.parquet import ParquetFile
 
-    try:
+    with expecting(path, "trajectories in Parquet", OSError, ValueError, TypeError, ArrowException):
         with ParquetFile(path) as file:
             refuse_many(path, file.metadata.num_rows)
             names = [name for name in TRACK_COLUMNS if name in file.schema_arrow.names]
@@ -184,8 +184,6 @@ def read_parquet(path: Path) -> TrajectoryFile:
             None if fps is None else checked_rate(path, fps),
             None if area is None else checked_area(str(area), str(path)),
         )
-    except (OSError, ValueError, TypeError, ArrowException) as error:
-        raise InputError(f"{path}: expected trajectories in Parquet, found {' '.join(str(error).split())}") from error
 
 
 def _require_pyarrow() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.io import read_text, reason, require_file
+from calib.io import expecting, read_text, require_file
 from calib.types import F64
 from planview.trajectories.columns import box_columns, left_out, listed_numbers, people_among
 from planview.trajectories.file import TrajectoryFile, replaced
@@ -53,17 +53,17 @@ def motchallenge_rows(path: Path, *, of_detector: bool = False) -> F64:
     unreadable, a row of another length, values that are not numbers, or other boxes."""
     require_file(path, "rows of numbers")
     rows, longest, places = array("d"), 6, list[int]()
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            for number, line in enumerate(file, 1):
-                if not rows and not places and (places := named_columns(line)):
-                    continue
-                if line.strip() and not line.startswith("#"):
-                    values = _row(path, number, line, of_detector, places)
-                    longest = max(longest, len(values))
-                    rows.extend(values + [math.nan] * (10 - len(values)))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected rows of {COLUMNS},..., found {reason(error)}") from error
+    with (
+        expecting(path, f"rows of {COLUMNS},...", OSError, UnicodeDecodeError),
+        path.open(encoding="utf-8-sig") as file,
+    ):
+        for number, line in enumerate(file, 1):
+            if not rows and not places and (places := named_columns(line)):
+                continue
+            if line.strip() and not line.startswith("#"):
+                values = _row(path, number, line, of_detector, places)
+                longest = max(longest, len(values))
+                rows.extend(values + [math.nan] * (10 - len(values)))
     table = np.frombuffer(rows, dtype=np.float64).reshape(-1, 10)[:, :longest]
     _refuse_misread(table[np.isfinite(table[:, :6]).all(axis=1), 2:6], str(path))
     return table

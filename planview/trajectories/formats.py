@@ -15,7 +15,7 @@ from typing import IO, Literal, NamedTuple
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import entries, read_text, reason, require_file
+from calib.io import entries, expecting, read_text, reason, require_file
 from planview.trajectories.binary_formats import (
     read_jupedsim,
     read_parquet,
@@ -71,11 +71,8 @@ def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
 
 def _load(path: Path, truth: bool) -> TrajectoryFile:
     require_file(path, "trajectories")
-    try:
-        with path.open("rb") as file:
-            start = file.read(_FIRST_LINE)
-    except OSError as error:
-        raise InputError(f"{path}: expected trajectories, found {reason(error)}") from error
+    with expecting(path, "trajectories", OSError), path.open("rb") as file:
+        start = file.read(_FIRST_LINE)
     if start.startswith(b"\x1f\x8b"):
         return _unpacked(path, truth)
     if start.startswith(b"version ") and path.suffix == ".trc":

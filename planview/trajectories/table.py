@@ -13,7 +13,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import reason, require_file
+from calib.io import expecting, reason, require_file
 from calib.types import F64, I64, Bool
 from planview.trajectories.state import TrackState
 
@@ -54,10 +54,8 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
         if name not in columns:
             raise InputError(f"{source}: expected the column {name!r}, found {', '.join(map(str, columns)) or 'none'}")
     known = {name: np.asarray(columns[name]) for name in COLUMNS if name in columns}
-    try:
+    with expecting(source, "numbers in the columns of tracks", TypeError, ValueError, OverflowError):
         rows = pandas.DataFrame(known, columns=list(COLUMNS)).astype(dict.fromkeys((*NUMBER_COLUMNS, "visible"), "f8"))
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{source}: expected numbers in the columns of tracks, found {reason(error)}") from error
     rows = rows.fillna({"state": "confirmed", "visible": 1.0})
     if foreign := set(rows["state"].unique()) - set(STATES):
         raise InputError(f"{source}: expected a state of {', '.join(STATES)}, found {str(min(foreign, key=str))!r}")

@@ -13,7 +13,7 @@ from typing import IO, Any, NamedTuple, NoReturn
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import reason, require_file
+from calib.io import expecting, require_file
 from calib.types import F64
 from planview.trajectories.file import TrajectoryFile, checked_rate, replaced
 from planview.trajectories.table import NUMBER_COLUMNS, STATES, Trajectories, row_states, table_of
@@ -32,13 +32,10 @@ def read_petrack(path: Path) -> TrajectoryFile:
     laboratory experiments of Juelich: centimetres at 16 frames per second. A z of 0 or less, or none, is no height.
     Raises InputError: no unit in the comments, fewer than 4 columns, or values that are not numbers."""
     rate, scale = _comments(path)
-    try:
-        with warnings.catch_warnings():
-            # A file with nothing but comments is an empty table.
-            warnings.filterwarnings("ignore", "loadtxt: input contained no data")
-            table = np.loadtxt(path, ndmin=2, dtype=np.float64, encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: expected rows of id frame x y z, found {reason(error)}") from error
+    with expecting(path, "rows of id frame x y z", OSError, ValueError), warnings.catch_warnings():
+        # A file with nothing but comments is an empty table.
+        warnings.filterwarnings("ignore", "loadtxt: input contained no data")
+        table = np.loadtxt(path, ndmin=2, dtype=np.float64, encoding="utf-8-sig")
     table = table if len(table) else np.empty((0, 5))
     if table.shape[1] < 4:
         raise InputError(f"{path}: expected the columns id frame x y z, found {table.shape[1]} columns")
@@ -63,11 +60,11 @@ def write_petrack(path: Path, file: TrajectoryFile, unit: str = "m") -> None:
 
 def _comments(path: Path) -> tuple[float | None, float]:
     """Frames per second (None without a comment) and metres per unit."""
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            lines = [line for line, _ in zip(file, range(1000), strict=False)]
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected rows of id frame x y z, found {reason(error)}") from error
+    with (
+        expecting(path, "rows of id frame x y z", OSError, UnicodeDecodeError),
+        path.open(encoding="utf-8-sig") as file,
+    ):
+        lines = [line for line, _ in zip(file, range(1000), strict=False)]
     text = "".join(takewhile(lambda line: line.startswith("#") or not line.strip(), lines))
     if not text.strip():
         return 16.0, METRES["cm"]
@@ -103,26 +100,23 @@ def read_jsonl(path: Path) -> TrajectoryFile:
     unreadable, or a line that is not a frame with people."""
     numbers: list[list[float]] = []
     states: list[str] = []
-    try:
-        with path.open(encoding="utf-8") as file:
-            for line, text in enumerate(iter(lambda: file.readline(LINE_MAX), ""), 1):
-                try:
-                    frame = json.loads(text, parse_constant=_refuse) if text.strip() else {"people": ()}
-                except (ValueError, RecursionError) as error:
-                    if not text.endswith("\n") and len(text) < LINE_MAX and line > 1:
-                        break
-                    raise InputError(f"{path}: expected JSON in line {line}, found {error}") from error
-                try:
-                    for person in frame["people"]:
-                        numbers.append(_numbers(frame, person))
-                        states.append(person.get("state", "confirmed"))
-                        if states[-1] not in STATES:
-                            raise ValueError(f"the state {str(states[-1])[:40]!r}")
-                except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-                    found = f"no {error}" if isinstance(error, KeyError) else error
-                    raise InputError(f"{path}: expected a frame with people in line {line}, found {found}") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected JSON lines, found {reason(error)}") from error
+    with expecting(path, "JSON lines", OSError, UnicodeDecodeError), path.open(encoding="utf-8") as file:
+        for line, text in enumerate(iter(lambda: file.readline(LINE_MAX), ""), 1):
+            try:
+                frame = json.loads(text, parse_constant=_refuse) if text.strip() else {"people": ()}
+            except (ValueError, RecursionError) as error:
+                if not text.endswith("\n") and len(text) < LINE_MAX and line > 1:
+                    break
+                raise InputError(f"{path}: expected JSON in line {line}, found {error}") from error
+            try:
+                for person in frame["people"]:
+                    numbers.append(_numbers(frame, person))
+                    states.append(person.get("state", "confirmed"))
+                    if states[-1] not in STATES:
+                        raise ValueError(f"the state {str(states[-1])[:40]!r}")
+            except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+                found = f"no {error}" if isinstance(error, KeyError) else error
+                raise InputError(f"{path}: expected a frame with people in line {line}, found {found}") from error
     table: F64 = np.array(numbers, dtype=np.float64).reshape(-1, len(NUMBER_COLUMNS))
     columns = dict(zip(NUMBER_COLUMNS, table.T, strict=True))
     return TrajectoryFile(table_of({**columns, "state": np.array(states, dtype=np.str_)}, path))
@@ -187,7 +181,7 @@ def read_simulation(path: Path, simulation: Simulation, header: int) -> Trajecto
     import pandas  # half a second
 
     require_file(path, f"trajectories of {simulation.name}")
-    try:
+    with expecting(path, f"trajectories of {simulation.name}", OSError, ValueError, AttributeError, StopIteration):
         with path.open(encoding="utf-8-sig") as file:
             names = _names([next(file) for _ in range(header + 1)][-1], simulation.separator)
         cells = pandas.read_csv(
@@ -197,8 +191,6 @@ def read_simulation(path: Path, simulation: Simulation, header: int) -> Trajecto
         if len(cells) and cells.iloc[0, 1].strip(" []()").isalpha():  # Pathfinder's line of units
             cells = cells.iloc[1:]
         track_id, time_s, x, y = (np.asarray(cells[name].astype(np.float64)) for name in simulation.columns)
-    except (OSError, ValueError, AttributeError, StopIteration) as error:
-        raise InputError(f"{path}: expected trajectories of {simulation.name}, found {reason(error)}") from error
     rows = np.column_stack([track_id, time_s, x, y])[np.lexsort((time_s, track_id))]
     steps = np.diff(rows[:, 1])[np.diff(rows[:, 0]) == 0]
     if not (np.isfinite(rows).all() and (steps > 0).any()):
