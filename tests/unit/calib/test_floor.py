@@ -85,16 +85,6 @@ def test_floor_is_found_among_walls_and_a_table_at_any_tilt(tilt_deg: float) -> 
     assert math.degrees(floor.tilt_rad - Floor(true_tilt).tilt_rad) == pytest.approx(0.0, abs=0.3)
 
 
-def test_floor_in_a_part_of_the_view_is_found_under_a_larger_wall() -> None:
-    room = Room(pose_of(72, 2.2))
-    room.add((0.0, 0.0, 1.0), 0.0)
-    room.add((0.0, 1.0, 0.0), 4.0)
-    room.add((1.0, 0.0, 0.0), -1.0)
-    room.add((1.0, 0.0, 0.0), 1.5)
-    floor = found(room.clouds())
-    assert floor.height_m == pytest.approx(2.2, abs=0.02) and floor.inlier_fraction < 0.4
-
-
 def test_wall_before_which_people_walk_is_no_floor_seen_from_above() -> None:
     room = Room(pose_of(80, 1.8))
     room.add((0.0, 1.0, 0.0), 5.5)
@@ -151,14 +141,6 @@ def test_floor_takes_the_floor_below_a_table_that_is_larger() -> None:
     room.add((0.0, 0.0, 1.0), 0.0)
     room.add((0.0, 0.0, 1.0), 0.75, (-1.0, 1.0, -0.5, 0.7))
     assert found(room.clouds(people=False)).height_m == pytest.approx(3.0, abs=0.02)
-
-
-def test_floor_refuses_walls_without_a_floor() -> None:
-    room = Room(pose_of(60, 3.0))
-    room.add((0.0, 1.0, 0.0), 4.0)
-    room.add((1.0, 0.0, 0.0), -2.0)
-    with pytest.raises(WorkError, match=r"no floor found in 4 frames .*wall or ceiling"):
-        found(room.clouds(people=False))
 
 
 def test_upside_down_camera_is_named_where_its_floor_is_refused() -> None:

@@ -64,15 +64,6 @@ def test_missing_file_leaves_a_gap_in_time(tmp_path: Path) -> None:
     assert recording.fps == pytest.approx(10.0) and recording.skipped[0].index == 2
 
 
-def test_numbers_missing_on_both_sides_are_skipped_frames(tmp_path: Path) -> None:
-    folder = folder_recording(tmp_path / "r", 15)
-    for side in ("left", "right"):
-        (folder / side / "0005.png").unlink()
-    recording = open_recording(folder)
-    assert len(list(recording)) == 14
-    assert recording.n_frames == 15 and [s.index for s in recording.skipped] == [5]
-
-
 def test_folders_that_do_not_pair_are_refused_by_name(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r", 9)
     for i in (3, 5, 7):
@@ -125,14 +116,6 @@ def test_sample_spreads_frames_leaves_skipped_alone_and_seeks_in_videos(tmp_path
     assert [f.index for f in recording.sample(100)] == list(range(6)) and recording.skipped == []
     frames = open_recording(video_pair(tmp_path, (12, 12))).sample(4)
     assert [(f.index, round(int(f.left[4, 4]) / 20)) for f in frames] == [(i, i) for i in (0, 4, 7, 11)]
-
-
-def test_calibration_of_the_whole_sensor_is_scaled_and_of_another_aspect_refused(tmp_path: Path) -> None:
-    recording = open_recording(folder_recording(tmp_path / "r", size=(64, 48)))
-    assert (recording.rig.left.size, recording.rig.left.fx) == ((W, H), pytest.approx(15.0))
-    assert "scaled from 64x48 to 32x24" in recording.rig.source
-    with pytest.raises(InputError, match="32x24, found one for 64x40"):
-        open_recording(folder_recording(tmp_path / "s", size=(64, 40)))
 
 
 def test_recording_without_images_names_what_it_found(tmp_path: Path) -> None:

@@ -50,14 +50,6 @@ def test_rows_of_a_turned_pair_are_aligned(distortion: tuple[float, ...], lens: 
     assert len(offsets) > 60 and np.median(np.abs(offsets)) < most
 
 
-def test_rectified_baseline_lies_along_x() -> None:
-    rig = toy_rig(rotation_deg=TURN)
-    left, right = rig.rectifying_rotations()
-    between = right @ rig.right_SE3_left.rotation @ left.T
-    np.testing.assert_allclose(between, np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(right @ rig.right_SE3_left.translation, [-0.12, 0.0, 0.0], atol=1e-12)
-
-
 def test_cameras_one_above_the_other_give_an_upright_strip() -> None:
     camera = toy_rig().left
     rig = StereoRig(camera, camera, SE3(np.eye(3), np.array([0.0, -0.12, 0.0])))
@@ -121,12 +113,6 @@ def test_aligned_rectifier_takes_out_a_turn_the_calibration_missed(turn_deg: tup
     rectifier, found = aligned_rectifier(claimed, frames)
     left = (rectifier.rig.right_SE3_left @ true.right_SE3_left.inverse()).rotvec
     assert np.degrees(np.abs(left)).max() < 0.03 and found.after_px < 0.1 < found.before_px
-
-
-def test_aligned_rectifier_leaves_a_good_calibration_alone() -> None:
-    rig = toy_rig(rotation_deg=TURN)
-    _, found = aligned_rectifier(rig, [StereoFrame(0, 0.0, *ToyWorld().pair(rig))])
-    assert np.degrees(np.abs(found.applied)).max() < 0.005 and found.before_px < 0.1 and found.after_px < 0.1
 
 
 def test_rectifier_takes_colour_on_the_left_and_refuses_other_sizes():

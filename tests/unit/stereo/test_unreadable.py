@@ -11,7 +11,6 @@ import pytest
 from toy_recordings import folder_recording, picture, write_video
 
 from calib.errors import InputError
-from calib.formats import load_rig
 from stereo.readers import find_layout, open_recording, open_video
 from stereo.readers.video import boxes, video_tracks
 
@@ -124,10 +123,3 @@ def test_foreign_opencv_of_pythonpath_is_one_sentence(tmp_path, text):
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=tmp_path)
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert f"{tmp_path}/cv2.py: another cv2" in done.stderr and "unset PYTHONPATH" in done.stderr
-
-
-def test_calibration_that_may_not_be_read_is_named_in_its_folder(tmp_path, monkeypatch):
-    folder = folder_recording(tmp_path / "r", 1)
-    closed(monkeypatch, folder / "rig.toml")
-    with pytest.raises(InputError, match=r"found rig\.toml, which cannot be read"):
-        load_rig(folder)

@@ -10,7 +10,7 @@ import pytest
 
 from calib.errors import InputError, WorkError
 from planview.cli import main
-from planview.evaluation.align import FloorAlignment, align_tracks, fit_rigid, moved
+from planview.evaluation.align import FloorAlignment, align_tracks, moved
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import KINDS
 from planview.output.folder import RunInfo, write_run_info
@@ -353,13 +353,6 @@ def two_walkers() -> Trajectories:
     t = frame / 40
     xy = np.column_stack([np.where(walker == 1, 3 * t, 1 + 0.5 * t), np.where(walker == 1, 0.2 * t, 2 - 3 * t)])
     return positions_table(frame, walker, xy)
-
-
-def test_rigid_fit_recovers_a_known_motion() -> None:
-    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 2.0]])
-    fit = fit_rigid(points, MOTION.apply(points))
-    assert (fit.rotation_rad, fit.x_m, fit.y_m) == pytest.approx((MOTION.rotation_rad, 3.0, -2.0))
-    assert fit.rms_m == pytest.approx(0.0, abs=1e-12)
 
 
 def test_alignment_finds_the_motion_from_paths_with_noise_and_other_ids() -> None:

@@ -59,12 +59,6 @@ def test_rows_that_are_not_flag_class_visibility_are_metres(tmp_path: Path, colu
     assert [truth.x_m[0], truth.y_m[0]] == [float(value) for value in columns.split(",")[1:3]]
 
 
-@pytest.mark.parametrize("row", ["1,7,10,20,30,60,1,-1,-1,-1", "1 7 10 20 30 60 1 -1 -1 -1"])
-def test_motchallenge_rows_are_separated_by_commas_or_blanks(tmp_path: Path, row: str) -> None:
-    table = load_tracks(written(tmp_path, row))
-    assert table.frame.tolist() == [0] and table.box_px.tolist() == [[10, 20, 30, 60]]
-
-
 def test_motchallenge_frames_from_0_are_kept_with_a_note(tmp_path: Path) -> None:
     file = load_file(written(tmp_path, "0,7,10,20,30,60\n1,7,10,20,30,60\n"))
     assert file.table.frame.tolist() == [0, 1] and "from 0" in file.note

@@ -5,7 +5,6 @@ import sqlite3
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import Literal
 
 import h5py
 import numpy as np
@@ -60,14 +59,6 @@ def test_collected_tracks_are_those_of_a_round_trip_through_the_file(tmp_path: P
     assert (read.frame[1], read.track_id[1], read.state[1]) == (3, 9, "lost")
     assert read.facing_deg[1] == -90.0 and np.isnan(read.facing_deg[0])
     assert (read.x_m[0], read.y_m[0]) == (1.0001, 2.0) and np.isnan(read.height_m[0]) and np.isnan(read.box_px[0]).all()
-
-
-@pytest.mark.parametrize("name", ["csv", "jsonl", "parquet"])
-def test_facing_survives_an_export(tmp_path: Path, name: Literal["csv", "jsonl", "parquet"]) -> None:
-    columns = {"frame": [0, 1], "id": [1, 1], "x_m": [0.0, 1.0], "y_m": [0.0, 0.0], "facing_deg": [135.5, np.nan]}
-    path = tmp_path / f"tracks.{name}"
-    FORMATS[name].write(path, TrajectoryFile(table_of(columns, "here"), 10.0))
-    np.testing.assert_array_equal(load_tracks(path).facing_deg, [135.5, np.nan])
 
 
 def test_jupedsim_is_given_where_a_person_faces_and_else_where_it_walks(tmp_path: Path) -> None:
@@ -191,7 +182,7 @@ def test_frame_rate_and_walkable_area_survive_an_export(name, tmp_path):
 def test_formats_with_states_keep_every_column(name, tmp_path):
     table = two_walkers()
     table.state[3] = "lost"
-    table.height_m[3] = np.nan
+    table.height_m[3], table.facing_deg[3] = np.nan, 135.5
     FORMATS[name].write(tmp_path / "x", prepared(TrajectoryFile(table), name))
     again = load_tracks(tmp_path / "x")
     for column in Trajectories.__dataclass_fields__:
