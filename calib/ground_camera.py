@@ -104,8 +104,6 @@ class GroundCamera:
         Pixel (0, 0) is the centre of the top-left pixel.
         """
         p = np.asarray(points_world, dtype=np.float64)
-        if p.ndim == 1:
-            return self._project_one(*p.tolist())
         s, c = math.sin(self.tilt_rad), math.cos(self.tilt_rad)
         drop = self.height_m - p[..., 2]
         depth = p[..., 1] * s + drop * c
@@ -120,53 +118,17 @@ class GroundCamera:
         s, c = math.sin(self.roll_rad), math.cos(self.roll_rad)
         return np.stack([c * x - s * y + (self.width - 1) / 2, s * x + c * y + (self.height - 1) / 2], axis=-1)
 
-    def _project_one(self, x_m: float, y_m: float, z_m: float) -> F64:
-        """``project`` of one point (see ``_back_project_one``)."""
-        s, c = math.sin(self.tilt_rad), math.cos(self.tilt_rad)
-        drop = self.height_m - z_m
-        depth = y_m * s + drop * c
-        if not depth > 1e-6:
-            return np.array([math.nan, math.nan])
-        x = self.focal_px * x_m / depth
-        y = self.focal_px * (drop * s - y_m * c) / depth
-        r, k = float(np.hypot(x, y)), self.distortion_k
-        scale = 1.0 + k * r if 1.0 + 2.0 * k * r > 0.0 else math.nan
-        x, y = x * scale, y * scale
-        s, c = math.sin(self.roll_rad), math.cos(self.roll_rad)
-        return np.array([c * x - s * y + (self.width - 1) / 2, s * x + c * y + (self.height - 1) / 2])
-
     def back_project(self, pixels: ArrayLike, height_m: float = 0.0) -> F64:
         """(..., 2) world (x, y) [m] of (..., 2) pixels [px] that show points at a height above the floor [m].
 
         NaN where the ray does not meet that height ahead of the camera: of what is lower than the camera it does below
         the horizon, of what is higher above it.
         """
-        if np.ndim(pixels) == 1:
-            u, v = np.asarray(pixels, dtype=np.float64).tolist()
-            return self._back_project_one(u, v, height_m)
         ray = self.rays(pixels)
         down, below_m = -ray[..., 2], self.height_m - height_m
         meets = below_m * down > abs(below_m) * LEVEL_PX
         lam = np.where(meets, below_m / np.where(meets, down, 1.0), np.nan)
         return lam[..., None] * ray[..., :2]
-
-    def _back_project_one(self, u: float, v: float, height_m: float) -> F64:
-        """``back_project`` of one pixel: trackers ask thirty times a frame, and arrays cost more than the sums."""
-        right, low = u - (self.width - 1) / 2, v - (self.height - 1) / 2
-        s, c = math.sin(self.roll_rad), math.cos(self.roll_rad)
-        x, y = c * right + s * low, c * low - s * right
-        k = self.distortion_k
-        if k != 0.0:
-            r = float(np.hypot(x, y))
-            if not 1.0 + 4.0 * k * r >= 0.0:
-                return np.array([math.nan, math.nan])
-            scale = 2.0 / (1.0 + math.sqrt(1.0 + 4.0 * k * r)) if r > 0 else 1.0
-            x, y = x * scale, y * scale
-        s, c = math.sin(self.tilt_rad), math.cos(self.tilt_rad)
-        down = self.focal_px * c + y * s
-        below_m = self.height_m - height_m
-        far = below_m / down if below_m * down > abs(below_m) * LEVEL_PX else math.nan
-        return np.array([far * x, far * (self.focal_px * s - y * c)])
 
     def rays(self, pixels: ArrayLike) -> F64:
         """(..., 3) directions in the world of (..., 2) pixels, of length focal_px at the image centre."""

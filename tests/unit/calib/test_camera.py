@@ -108,18 +108,6 @@ def test_what_is_higher_than_the_camera_is_ahead_of_it_or_nowhere() -> None:
     assert np.isnan(camera.back_project(pixel, 1.2)).all()
 
 
-@pytest.mark.parametrize("lens", sorted(LENS_K_320))
-def test_one_point_is_projected_to_the_bit_as_many_are(lens: str) -> None:
-    rng, camera = np.random.default_rng(1), GroundCamera(640, 480, 300.0, 4.0, math.radians(65), lens, 0.1)
-    pixels = np.vstack([rng.uniform(-600, 1200, (300, 2)), [[319.5, 239.5], [np.nan, 3.0]]])
-    points = np.vstack([rng.uniform((-9, -9, 0), (9, 30, 2), (300, 3)), [[np.nan, 1.0, 0.0]]])
-    for height_m in (1.1, 5.0):
-        many = camera.back_project(pixels, height_m)
-        assert np.isnan(many).any()
-        np.testing.assert_array_equal([camera.back_project(p, height_m) for p in pixels], many)
-    np.testing.assert_array_equal([camera.project(p) for p in points], camera.project(points))
-
-
 def test_camera_survives_saving_its_file_may_lack_the_roll_and_one_on_its_side_is_refused(tmp_path: Path) -> None:
     path, camera = tmp_path / "camera.toml", GroundCamera(640, 480, 512.3, 4.1, math.radians(61), "normal", -0.0436)
     save_ground_camera(camera, path)
