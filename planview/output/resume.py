@@ -153,7 +153,7 @@ class Checkpoint(NamedTuple):
 def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
     """Write a checkpoint in the place of the one before. Raises WorkError: it cannot be written, and that is kept."""
     (identity, written, state), path, archive = checkpoint, folder / CHECKPOINT, io.BytesIO()
-    document = {"identity": identity, "written": written, "roots": state.roots, "nodes": state.nodes}
+    document = {"identity": identity, "written": written, "state": state.document}
     arrays: dict[str, Any] = {f"array{n}": array for n, array in enumerate(state.arrays)}
     np.savez(archive, document=np.frombuffer(json.dumps(document).encode(), dtype=np.uint8), **arrays)
     data = archive.getvalue()
@@ -170,8 +170,7 @@ def read_checkpoint(path: Path) -> Checkpoint:
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         document = json.loads(file["document"].tobytes())
         arrays = [file[f"array{n}"] for n in range(len(file.files) - 1)]
-    state = SavedState(document["roots"], document["nodes"], arrays)
-    return Checkpoint(document["identity"], document["written"], state)
+    return Checkpoint(document["identity"], document["written"], SavedState(document["state"], arrays))
 
 
 def _digest(data: bytes) -> bytes:

@@ -217,8 +217,7 @@ MAP = build_model_map(CAMERA, params=PARAMS.map)
 
 def through_a_file(state: SavedState) -> SavedState:
     """As it comes back: JSON, and memory of its own."""
-    roots, nodes = json.loads(json.dumps([state.roots, state.nodes]))
-    return SavedState(roots, nodes, [array.copy() for array in state.arrays])
+    return SavedState(json.loads(json.dumps(state.document)), [array.copy() for array in state.arrays])
 
 
 def assert_resumes(make: Callable[[], Engine], moments: tuple[int, ...]) -> None:
