@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from planview.maps.view import COLOURED, NO_DEPTH, SURFACE, PixelRays, View
 from planview.tracking import body
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.silhouette import silhouette
-from planview.tracking.joint.explanation import ANYBODY, Explanation, Likelihood, Owned, People, Samples, about
+from planview.tracking.joint.explanation import ANYBODY, Explanation, Likelihood, Owned, People, about
 from planview.tracking.joint.samples import Model
 
 SPACING_M = 0.05
@@ -52,13 +53,11 @@ class Pair(NamedTuple):
         evidence: for two.
         alone: (5,) pose of one alone.
         gain: how much that gains on the second's present pose.
-        first: whether the one alone is where the first is: the second is too many.
     """
 
     evidence: float
     alone: F64
     gain: float
-    first: bool
 
 
 class MaskExplanation(Explanation):
@@ -102,7 +101,7 @@ class MaskExplanation(Explanation):
         return np.where(common.max(axis=1, initial=0.0) > RIVAL_OVERLAP, common.argmax(axis=1), -1)
 
     def pair(self, i: int, j: int, people: People, refit: bool = False) -> Pair:
-        """Evidence for two people against the second alone, who may be anywhere near.
+        """Evidence for two people against the second alone, who may be anywhere near either.
 
         Args:
             refit: move both to where they explain most together.
@@ -113,24 +112,22 @@ class MaskExplanation(Explanation):
         touch = self.touching(poses)
         touch[:, [i, j]] = False
         rest = np.flatnonzero(touch[i] | touch[j])
-        mine, other = (self.around(poses[k], 0.4) for k in (i, j))
-        information = about(NEAR_M, body.HEIGHT_STD_M)
-        mine.layer(people, rest)
-        other.layer(people, rest)
-        here, first = other.evidence(poses[j], tall[j], ratios[j]), mine.log_ratio(poses[i], tall[i], ratios[i])
-        fits: list[tuple[float, F64, Samples]] = []
-        for start, s in ((poses[j], other), (np.array([*poses[i, :2], *poses[j, 2:]]), mine)):
+        # The same pixels with the same weights for one and for two.
+        samples = self.around(0.5 * (poses[i] + poses[j]), 0.4 + 0.5 * math.dist(poses[i, :2], poses[j, :2]))
+        samples.layer(people, rest)
+        here, information = samples.evidence(poses[j], tall[j], ratios[j]), about(NEAR_M, body.HEIGHT_STD_M)
+        fits: list[tuple[float, F64]] = []
+        for start in (poses[j], np.array([*poses[i, :2], *poses[j, 2:]])):
             moved = start.copy()
             # How tall the one is may have been learned without what the other covers.
-            fits.append((s.ascend(moved, start, information, ANYBODY, ratios[j])[0], moved, s))
-        value, alone, where = max(fits, key=lambda fit: fit[0])
-        if refit:
-            for a, b, s in ((j, i, other), (i, j, mine)):
-                s.layer(people, np.append(rest, b))
-                s.ascend(poses[a], poses[a].copy(), information, tall[a], ratios[a])
-            mine.layer(people, rest)
-            first = mine.log_ratio(poses[i], tall[i], ratios[i])
-        both = first + mine.log_prior(poses[i], tall[i], np.append(rest, j)) + other.log_prior(poses[j], tall[j], rest)
-        other.layer(people, np.append(rest, i))
-        both += other.log_ratio(poses[j], tall[j], ratios[j])
-        return Pair(both - value - TOGETHER, alone, value - here, where is mine)
+            fits.append((samples.ascend(moved, start, information, ANYBODY, ratios[j])[0], moved))
+        value, alone = max(fits, key=lambda fit: fit[0])
+        for a, b in ((j, i), (i, j)) if refit else ():
+            samples.layer(people, np.append(rest, b))
+            samples.ascend(poses[a], poses[a].copy(), information, tall[a], ratios[a])
+        samples.layer(people, rest)
+        both = samples.log_ratio(poses[i], tall[i], ratios[i]) + samples.log_prior(poses[j], tall[j])
+        both += samples.log_prior(poses[i], tall[i], np.append(rest, j))
+        samples.layer(people, np.append(rest, i))
+        both += samples.log_ratio(poses[j], tall[j], ratios[j])
+        return Pair(both - value - TOGETHER, alone, value - here)

@@ -139,21 +139,18 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
     def _explain(self, frame: MaskExplanation, people: People, dt: float) -> None:
         """Places, then the frame's evidence on each person's existence."""
         samples, evidence, curvature, visible = self._ascend(frame, people, frame.touching(people.poses))
-        for i, person in enumerate(self._people):
-            person.evidence, pose = float(evidence[i]), people.poses[i]
-            person.see(visible[i], self._visibility(pose))
-            self._measure(person, samples.person(i), pose, curvature[i], dt)
         # The surer person wins; of two equally sure ones the one that came first.
         ranks = sorted(range(len(self._people)), key=lambda k: self._people[k].standing)
         rivals = frame.rivals(people, np.argsort(ranks).astype(np.float64))
         for i, person in enumerate(self._people):
-            if rivals[i] >= 0 and person.share >= self.params.visible_min:
-                pair = frame.pair(i, int(rivals[i]), people)
-                superfluous = self._people[rivals[i]] if pair.first else person
-                superfluous.evidence = min(superfluous.evidence, pair.evidence)
-        for person in self._people:
+            person.evidence, pose = float(evidence[i]), people.poses[i]
+            person.see(visible[i], self._visibility(pose))
+            self._measure(person, samples.person(i), pose, curvature[i], dt)
+            seen = person.share >= self.params.visible_min
+            if seen and rivals[i] >= 0 and not person.confirmed:  # who is has been seen apart from others
+                person.evidence = min(person.evidence, frame.pair(i, int(rivals[i]), people).evidence)
             self._weigh(person, dt, self.params.stay_s)
-            if person.share >= self.params.visible_min:
+            if seen:
                 farther = math.dist(person.origin_m, person.at_m) - person.kalman.position_std_m - person.walked_m
                 farther = max(0.0, farther)
                 person.walked_m += farther
