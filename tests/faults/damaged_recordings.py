@@ -1,25 +1,14 @@
 # ruff: noqa: E501
-"""Files damaged at random: bags, plan-view maps and the text files of images; each is read or refused.
-
-``python tests/faults/damaged_recordings.py --cases 300 --seed 1`` tries them, each in a process of its own, and
-counts what became of them: a traceback, a crash, 10 s of processor time or 4 GB fail.
-"""
+"""Files damaged at random: bags, plan-view maps and the text files of images."""
 
 from __future__ import annotations
 
-import argparse
 import atexit
 import os
 import random
-import resource
 import shutil
-import signal
-import sys
 import tempfile
-import traceback
-from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -28,10 +17,6 @@ from unittest.mock import patch
 import cv2
 import h5py
 import numpy as np
-
-if __name__ == "__main__":
-    sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[2])]
-
 from toy_bags import COUNT, stereo_bag
 from toy_maps import write_toy_maps
 from toy_stereo import ToyWorld, toy_rig, walking, write_toy_recording
@@ -45,7 +30,6 @@ from planview.engine.setup import set_up
 from planview.engine.stereo import stereo_engine
 from stereo.readers import open_any, open_recording
 
-SECONDS, MEMORY = 10, 4 << 30
 NUMBERS = (
     "0", "-1", "1e-9", "-1e6", "1e9", "5e8", "1e308", "1e999999", "nan", "inf", "-2147483648", "99999999999999999999",
 )  # fmt: skip
@@ -219,53 +203,3 @@ def attempt(kind: str, seed: int) -> str:
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     return "read"
-
-
-def in_a_process(kind: str, seed: int, log: Path) -> str:
-    """What became of a case: read, refused, traceback, crash N, or hang."""
-    child = os.fork()
-    if child == 0:
-        status = 2
-        signal.alarm(SECONDS * 12)  # the processor time counts, on a machine with other work; this finds waiting
-        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-        with log.open("w") as out:
-            os.dup2(out.fileno(), 1)
-            os.dup2(out.fileno(), 2)
-            try:
-                status = int(attempt(kind, seed) != "read")
-            except BaseException:
-                traceback.print_exc()
-        os._exit(status)
-    _, ended = os.waitpid(child, 0)
-    if os.WIFSIGNALED(ended):
-        hung = os.WTERMSIG(ended) in (signal.SIGALRM, signal.SIGXCPU, signal.SIGKILL)
-        return "hang" if hung else f"crash {os.WTERMSIG(ended)}"
-    return ("read", "refused", "traceback")[os.WEXITSTATUS(ended)]
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=300, help="of every kind")
-    parser.add_argument("--seed", type=int, default=1, help="of the first case; the others follow")
-    parser.add_argument("--kind", choices=list(CASES), action="append")
-    options = parser.parse_args()
-    cv2.setNumThreads(1)
-    originals()
-    with tempfile.TemporaryDirectory() as place:
-        for seed in range(4):  # kernels are compiled before the clock of a case
-            with suppress(Exception):
-                attempt("maps", seed)
-        for kind in options.kind or CASES:
-            counts: Counter[str] = Counter()
-            for seed in range(options.seed, options.seed + options.cases):
-                found = in_a_process(kind, seed, Path(place) / "log")
-                counts[found] += 1
-                if found not in ("read", "refused"):
-                    lines = (Path(place) / "log").read_text().splitlines()[-3:]
-                    print(f"{kind} {seed}: {found}", *lines, sep="\n  ", flush=True)
-            print(kind, dict(counts), flush=True)
-
-
-if __name__ == "__main__":
-    main()

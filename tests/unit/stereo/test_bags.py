@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -50,13 +51,6 @@ def test_message_that_is_missing_on_one_side_is_a_skipped_frame(tmp_path):
     assert [f.index for f in recording] == [0, 1, 2, 3, 4, 5, 7]
     assert recording.skipped[0].why == "right: image is missing"
     assert "1 of 8 frames without a mate within 25.0 ms" in recording.notes[0]
-
-
-def test_messages_recorded_out_of_order_come_in_the_order_of_their_stamps(tmp_path):
-    order = [0, 1, 3, 2, 4, 5, 6, 7]
-    recording = open_recording(stereo_bag(tmp_path / "a.bag", stamps=lambda i, side: START_NS + order[i] * STEP_NS))
-    assert [int(f.left[0, 0]) // 10 for f in recording] == order
-    assert any("out of order" in note for note in recording.notes)
 
 
 def test_headers_without_a_time_of_this_world_take_the_time_of_recording(tmp_path):
@@ -205,19 +199,24 @@ def test_parts_of_a_bag_follow_each_other(tmp_path):
     assert times == [START_NS + i * STEP_NS for i in range(2 * COUNT)]
 
 
+def write_sdk_stream(writer: Writer, stream: str, x_m: float, model: str, pictures: list[Any], encoding: str) -> None:
+    """A camera as the RealSense SDK records it."""
+    types = writer.store.types
+    no_turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    place = types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](x_m, 0.0, 0.0), no_turn)
+    writer.write(f"/device_0/{stream}/tf/0", START_NS, place)
+    info = changed(writer.info(START_NS, 0.0, "0"), {"p": np.zeros(12), "r": np.zeros(9), "distortion_model": model})
+    writer.write(f"/device_0/{stream}/info/camera_info", START_NS, info)
+    for i, pixels in enumerate(pictures):
+        log = START_NS + i * STEP_NS
+        writer.write(f"/device_0/{stream}/image/data", log, writer.image(log, pixels, encoding))
+
+
 def test_bag_of_the_realsense_sdk_has_its_baseline_from_the_places_of_its_cameras(tmp_path):
     writer = Writer(tmp_path / "a.bag", True)
-    types = writer.store.types
-    for number, x in ((1, 0.0), (2, -0.055)):
-        camera = f"/device_0/sensor_0/Infrared_{number}"
-        no_turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-        place = types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](x, 0.0, 0.0), no_turn)
-        writer.write(f"{camera}/tf/0", START_NS, place)
-        info = changed(writer.info(START_NS, 0.0, "0"), {"p": np.zeros(12), "distortion_model": "Brown Conrady"})
-        writer.write(f"{camera}/info/camera_info", START_NS, info)
-        for i in range(COUNT):
-            log = START_NS + i * STEP_NS
-            writer.write(f"{camera}/image/data", log, writer.image(log, picture(10 * i)))
+    pictures = [picture(10 * i) for i in range(COUNT)]
+    for number, x_m in ((1, 0.0), (2, -0.055)):
+        write_sdk_stream(writer, f"sensor_0/Infrared_{number}", x_m, "Brown Conrady", pictures, "mono8")
     writer.close()
     recording = open_recording(tmp_path / "a.bag")
     assert len(list(recording)) == COUNT
@@ -226,19 +225,11 @@ def test_bag_of_the_realsense_sdk_has_its_baseline_from_the_places_of_its_camera
 
 def test_depth_of_the_realsense_sdk_has_the_unit_and_the_place_that_the_bag_holds(tmp_path):
     writer = Writer(tmp_path / "a.bag", True)
-    types = writer.store.types
-    writer.write("/device_0/sensor_0/option/Depth_Units/value", START_NS, types["std_msgs/msg/Float32"](1e-4))
-    deep = np.full((H, W), 20_000, np.uint16)
-    for stream, x, pixels in (("sensor_0/Depth_0", 0.0, deep), ("sensor_1/Color_0", 0.2, picture(0))):
-        no_turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-        place = types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](x, 0.0, 0.0), no_turn)
-        writer.write(f"/device_0/{stream}/tf/0", START_NS, place)
-        unset = {"p": np.zeros(12), "r": np.zeros(9), "distortion_model": "Inverse Brown Conrady"}
-        writer.write(f"/device_0/{stream}/info/camera_info", START_NS, changed(writer.info(START_NS, 0.0, "0"), unset))
-        for i in range(COUNT):
-            log = START_NS + i * STEP_NS
-            image = writer.image(log, pixels, "16UC1" if "Depth" in stream else "mono8")
-            writer.write(f"/device_0/{stream}/image/data", log, image)
+    unit = writer.store.types["std_msgs/msg/Float32"](1e-4)
+    writer.write("/device_0/sensor_0/option/Depth_Units/value", START_NS, unit)
+    deep, model = [np.full((H, W), 20_000, np.uint16)] * COUNT, "Inverse Brown Conrady"
+    write_sdk_stream(writer, "sensor_0/Depth_0", 0.0, model, deep, "16UC1")
+    write_sdk_stream(writer, "sensor_1/Color_0", 0.2, model, [picture(0)] * COUNT, "mono8")
     writer.close()
     recording = open_any(tmp_path / "a.bag")
     (frame, *_) = recording
@@ -299,82 +290,73 @@ def test_file_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path, monkey
         find_layout(path)
 
 
-writer_module = pytest.importorskip("mcap.writer")
+mcap = pytest.importorskip("mcap.writer")
+mcap_protobuf = pytest.importorskip("mcap_protobuf.writer")
 descriptors = pytest.importorskip("google.protobuf.descriptor_pb2")
-pytest.importorskip("mcap_protobuf.decoder")
+pytest.importorskip("google.protobuf.timestamp_pb2")
 
 N_FRAMES, PERIOD_NS, BEGIN_NS = 4, 50_000_000, 1_700_000_000_000_000_000
 
 
-def messages(side: str, i: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """A CompressedImage and a CameraCalibration."""
-    stamp = divmod(BEGIN_NS + i * PERIOD_NS, 10**9)
-    png = np.asarray(cv2.imencode(".png", picture(10 * i))[1]).tobytes()
-    image = {"timestamp": stamp, "frame_id": side, "data": png, "format": "png"}
+def messages(side: str, i: int) -> dict[str, dict[str, Any]]:
+    """An image and its calibration by their topics."""
+    seconds, nanos = divmod(BEGIN_NS + i * PERIOD_NS, 10**9)
+    sent = {"timestamp": {"seconds": seconds, "nanos": nanos}, "frame_id": side}
     shift = -3.0 if side == "right" else 0.0
     camera = {
-        "timestamp": stamp, "frame_id": side, "width": W, "height": H, "distortion_model": "plumb_bob",
+        "width": W, "height": H, "distortion_model": "plumb_bob",
         "D": [0.0] * 5, "K": [30.0, 0, 15.5, 0, 30.0, 11.5, 0, 0, 1], "R": [1.0, 0, 0, 0, 1, 0, 0, 0, 1],
         "P": [30.0, 0, 15.5, shift, 0, 30.0, 11.5, 0, 0, 0, 1, 0],
     }  # fmt: skip
-    return image, camera
+    png = cv2.imencode(".png", picture(10 * i))[1].tobytes()
+    return {"image": sent | {"data": png, "format": "png"}, "calibration": sent | camera}
+
+
+KINDS = {"image": "foxglove.CompressedImage", "calibration": "foxglove.CameraCalibration"}
+PROTOBUF_TYPES = {list: 1, int: 3, str: 9, dict: 11, bytes: 12}
+
+
+@cache
+def message_class(topic: str) -> Any:
+    """The class of the messages of a topic in protobuf."""
+    from google.protobuf import descriptor_pool, message_factory
+
+    package, name = KINDS[topic].split(".")
+    time = "google/protobuf/timestamp.proto"
+    file = descriptors.FileDescriptorProto(name=name, package=package, syntax="proto3", dependency=[time])
+    fields = file.message_type.add(name=name).field
+    for number, (key, value) in enumerate(messages("left", 0)[topic].items(), 1):
+        kind = PROTOBUF_TYPES[type(value)]
+        of = ".google.protobuf.Timestamp" if kind == 11 else None
+        fields.add(name=key, number=number, type=kind, type_name=of, label=3 if kind == 1 else 1)
+    pool = descriptor_pool.Default()
+    pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(KINDS[topic]))
 
 
 def as_json(message: dict[str, Any]) -> bytes:
-    seconds, nanoseconds = message["timestamp"]
-    plain = message | {"timestamp": {"sec": seconds, "nsec": nanoseconds}}
-    if "data" in plain:
-        plain["data"] = base64.b64encode(plain["data"]).decode()
-    return json.dumps(plain).encode()
-
-
-def classes() -> tuple[bytes, dict[str, Any]]:
-    """The file descriptor set of the two messages, and their classes by name."""
-    from google.protobuf.descriptor_pool import DescriptorPool
-    from google.protobuf.message_factory import GetMessageClass
-
-    kinds = descriptors.FieldDescriptorProto
-    file = descriptors.FileDescriptorProto(name="test.proto", package="foxglove", syntax="proto3")
-    time = file.message_type.add(name="Time")
-    for number, name in enumerate(("seconds", "nanos"), 1):
-        time.field.add(name=name, number=number, type=kinds.TYPE_INT64, label=kinds.LABEL_OPTIONAL)
-    texts = {"frame_id": kinds.TYPE_STRING, "format": kinds.TYPE_STRING, "distortion_model": kinds.TYPE_STRING,
-             "data": kinds.TYPE_BYTES, "width": kinds.TYPE_INT64, "height": kinds.TYPE_INT64}  # fmt: skip
-    for kind, names in (
-        ("CompressedImage", ("frame_id", "data", "format")),
-        ("CameraCalibration", ("frame_id", "width", "height", "distortion_model", "D", "K", "R", "P")),
-    ):
-        one = file.message_type.add(name=kind)
-        one.field.add(name="timestamp", number=1, type=kinds.TYPE_MESSAGE, type_name=".foxglove.Time", label=1)
-        for number, name in enumerate(names, 2):
-            label = kinds.LABEL_OPTIONAL if name in texts else kinds.LABEL_REPEATED
-            one.field.add(name=name, number=number, type=texts.get(name, kinds.TYPE_DOUBLE), label=label)
-    pool = DescriptorPool()
-    pool.Add(file)
-    names = ("CompressedImage", "CameraCalibration")
-    found = {name: GetMessageClass(pool.FindMessageTypeByName(f"foxglove.{name}")) for name in names}
-    return descriptors.FileDescriptorSet(file=[file]).SerializeToString(), found
+    time = message["timestamp"]
+    plain = message | {"timestamp": {"sec": time["seconds"], "nsec": time["nanos"]}}
+    return json.dumps(plain, default=lambda data: base64.b64encode(data).decode()).encode()
 
 
 def foxglove_file(path: Path, encoding: str) -> Path:
-    schema_data, by_name = (b"{}", {}) if encoding == "json" else classes()
+    channels = [(f"/{side}/{topic}", side, topic) for side in ("left", "right") for topic in KINDS]
+    sent = [(c, BEGIN_NS // 10**6 + i, messages(c[1], i)[c[2]]) for c in channels for i in range(N_FRAMES)]
     with path.open("wb") as file:
-        writer = writer_module.Writer(file)
+        if encoding == "protobuf":
+            with mcap_protobuf.Writer(file) as writer:
+                for (name, _, topic), at, message in sent:
+                    writer.write_message(name, message_class(topic)(**message), at, at)
+            return path
+        writer = mcap.Writer(file)
         writer.start()
-        for side in ("left", "right"):
-            for k, (kind, topic) in enumerate((("CompressedImage", "image"), ("CameraCalibration", "calibration"))):
-                schema_encoding = "jsonschema" if encoding == "json" else "protobuf"
-                schema = writer.register_schema(f"foxglove.{kind}", schema_encoding, schema_data)
-                channel = writer.register_channel(f"/{side}/{topic}", encoding, schema)
-                for i in range(N_FRAMES):
-                    message = messages(side, i)[k]
-                    if encoding == "json":
-                        data = as_json(message)
-                    else:
-                        seconds, nanoseconds = message["timestamp"]
-                        stamp = {"seconds": seconds, "nanos": nanoseconds}
-                        data = by_name[kind](**(message | {"timestamp": stamp})).SerializeToString()
-                    writer.add_message(channel, BEGIN_NS // 10**6 + i, data, BEGIN_NS // 10**6 + i)
+        ids = {}
+        for channel in channels:
+            schema = writer.register_schema(KINDS[channel[2]], "jsonschema", b"{}")
+            ids[channel] = writer.register_channel(channel[0], encoding, schema)
+        for channel, at, message in sent:
+            writer.add_message(ids[channel], at, as_json(message), at)
         writer.finish()
     return path
 

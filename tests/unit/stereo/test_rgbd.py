@@ -14,7 +14,7 @@ from calib.pose import SE3
 from calib.rig import RgbdRig
 from stereo._kernels import register_depth
 from stereo.depth import metres
-from stereo.readers import OpenOptions, find_layout, open_any
+from stereo.readers import OpenOptions, open_any
 from stereo.readers.pairing import nearest_mates
 from stereo.recording import RgbdFrame, RgbdRecording
 from stereo.rgbd import DepthRegistration, RgbdRectifier
@@ -201,13 +201,6 @@ def test_lost_depth_image_is_skipped_with_a_reason(tmp_path: Path) -> None:
     assert [frame.index for frame in recording] == [0, 2]
     why = "depth: depth/1.png cannot be decoded: no image that OpenCV reads"
     assert [(s.index, s.why) for s in recording.skipped] == [(1, why)]
-
-
-def test_colour_pictures_of_depth_are_no_depth(tmp_path: Path) -> None:
-    _write(tmp_path / "rgb", ["0", "1"])
-    _write(tmp_path / "depth", ["0", "1"])
-    with pytest.raises(InputError, match="uint8 values in 3 channels"):
-        find_layout(tmp_path)
 
 
 def _tum(path: Path, depth_at: list[str]) -> Path:
