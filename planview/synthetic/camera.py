@@ -71,12 +71,7 @@ def ground_view(camera: GroundCamera, room_SE3_world: SE3) -> CameraView:
         return camera.project(world_SE3_camera @ points)
 
     def unproject(pixels: F64) -> F64:
-        centre = np.array([(camera.width - 1) / 2, (camera.height - 1) / 2])
-        xy = np.asarray(pixels, np.float64) - centre
-        radius, k = np.hypot(xy[:, 0], xy[:, 1]), camera.distortion_k
-        inside = 1.0 + 4.0 * k * radius
-        scale = np.where(inside >= 0, 2.0 / (1.0 + np.sqrt(np.maximum(inside, 0.0))), np.nan)
-        return np.column_stack([xy * scale[:, None] / camera.focal_px, np.ones(len(xy))])
+        return np.asarray(camera.rays(pixels) @ rotation / camera.focal_px)
 
     pose = room_SE3_world @ world_SE3_camera
     return CameraView(camera.width, camera.height, camera.focal_px, pose, project, unproject)
