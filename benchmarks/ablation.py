@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,10 +12,9 @@ import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.options import ChallengeOptions, json_text, show
-from benchmarks.passes import Pass, provenance, run_pass, watched
+from benchmarks.passes import Pass, bootstrap, provenance, run_pass, watched
 from benchmarks.suite import Way, chosen_files, judged_truth, refined_tracks, suite_recording
 from calib.errors import InputError
-from calib.types import F64, I64
 from planview.engine.config import Config, load_config
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.evaluation.result import KINDS, Evaluation, pooled
@@ -31,8 +29,6 @@ from planview.trajectories.table import Trajectories, read_tracks, read_truth
 Statistic = Literal["both", "height", "occupancy"]
 NOMINAL_HEIGHT_M = 1.7
 """Height of everything where height is not measured [m]: an adult, so that no test of height refuses it."""
-RESAMPLES = 2000
-"""Bootstrap samples: the ends of a 95 % interval then rest on 50 samples each."""
 DECIDES_POINTS = ("foreground", "feedback")
 """Tables whose parameters decide which foreground points there are: recorded ones do not serve."""
 
@@ -141,8 +137,6 @@ def ablation_rows(scores: Mapping[Variant, Sequence[Evaluation]]) -> list[dict[s
     Args:
         scores: of every variant, of the same recordings in the same order; with ``CONFIGURED``.
     """
-    n = len(scores[CONFIGURED])
-    samples = np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
     base = np.array([len(e.significant) for e in scores[CONFIGURED]])
     # One length for all: the span that a variant's tracks cover differs from variant to variant.
     tens = np.array([e.duration_s / 600 for e in scores[CONFIGURED]])
@@ -164,23 +158,8 @@ def ablation_rows(scores: Mapping[Variant, Sequence[Evaluation]]) -> list[dict[s
         }
         kinds = Counter(error.kind for error in pooled(parts).significant)
         rows.append({"variant": variant.name, **{str(kind): kinds[kind] for kind in KINDS}, "paper": variant.paper})
-        rows[-1] |= {name: bootstrap(*sums, samples) for name, sums in figures.items()}
+        rows[-1] |= {name: bootstrap(*sums) for name, sums in figures.items()}
     return rows
-
-
-def bootstrap(numerator: F64, denominator: F64, samples: I64) -> tuple[float, float, float]:
-    """The ratio of two sums over recordings, and its 95 % percentile interval; NaN where there is none.
-
-    Args:
-        numerator, denominator: (R,) of every recording.
-        samples: (B, R) recordings, sampled with replacement.
-    """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        value = float(numerator.sum() / denominator.sum())
-        resampled = numerator[samples].sum(axis=1) / denominator[samples].sum(axis=1)
-    known = resampled[np.isfinite(resampled)]
-    low, high = np.percentile(known, (2.5, 97.5)) if len(known) else (math.nan, math.nan)
-    return value, float(low), float(high)
 
 
 class OneStatistic(TemplateTracker):

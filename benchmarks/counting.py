@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import tempfile
 from collections.abc import Callable, Sequence
@@ -12,9 +11,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
+import pandas
 from cyclopts import Parameter
 
-from benchmarks.options import BenchOptions, Rendering, progress, rendered, report, scene_files
+from benchmarks.options import BenchOptions, Rendering, Row, progress, rendered, report, scene_files
+from benchmarks.passes import bootstrap
 from benchmarks.random_scenes.generator import VIEWS, random_scene
 from benchmarks.random_scenes.tables import RandomScene
 from calib.errors import InputError
@@ -43,7 +44,6 @@ PAPER_RIGHT_PERCENT = {"0": 96.6, "1-2": 97.4, "3-5": 99.1, "6-9": 95.2, "10+": 
 """Time with the right occupancy by true number: the aim, and table 4 of Zhang et al. 2008."""
 FULL_BOX = ("full_left_px", "full_top_px", "full_width_px", "full_height_px")
 SingleTracker = Literal["human-model", "ellipse-particle"]
-Row = dict[str, Any]
 
 
 def score_rows(recording: str, scores: CountScores) -> dict[str, list[Row]]:
@@ -175,9 +175,7 @@ def view_rules(view: RandomScene) -> dict[str, Any]:
 def full_truth(path: Path) -> Trajectories:
     """``truth.csv`` with the boxes of whole silhouettes inside the image, whatever hides them."""
     truth = read_truth(path)
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = [[float(row[name] or "nan") for name in FULL_BOX] for row in csv.DictReader(file)]
-    truth.box_px[:] = np.array(rows).reshape(-1, 4)
+    truth.box_px[:] = pandas.read_csv(path, usecols=FULL_BOX)[[*FULL_BOX]]
     return truth
 
 
@@ -194,10 +192,8 @@ def view_means(views: Sequence[Row]) -> list[Row]:
     for tracker in dict.fromkeys(row["tracker"] for row in views):
         mine = [row for row in views if row["tracker"] == tracker]
         strict = np.array([row["strict"] for row in mine])
-        resampled = np.random.default_rng(0).choice(strict, (10_000, len(strict))).mean(axis=1)
-        low, high = map(float, np.quantile(resampled, (0.025, 0.975)))
         means.append({
-            "tracker": tracker, "strict_mean": (float(strict.mean()), low, high),
+            "tracker": tracker, "strict_mean": bootstrap(strict, np.ones(len(strict))),
             "strict_worst": float(strict.min()), "people": sum(row["people"] for row in mine),
             "there": sum(row["there"] for row in mine), "occupancy": float(np.mean([row["occupancy"] for row in mine])),
         })  # fmt: skip

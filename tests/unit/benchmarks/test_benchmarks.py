@@ -18,7 +18,6 @@ from benchmarks.ablation import (
     NOMINAL_HEIGHT_M,
     AblationOptions,
     ablation,
-    bootstrap,
     chosen_variants,
     reduced,
 )
@@ -32,6 +31,7 @@ from benchmarks.calibration import (
     low_room_floor,
 )
 from benchmarks.options import report
+from benchmarks.passes import bootstrap
 from benchmarks.speed import LIMITS, Yardstick, compared, counted, one_core, ratio_row
 from calib.errors import InputError
 from calib.pose import SE3
@@ -162,10 +162,8 @@ def test_maps_without_height_are_equally_high_and_keep_occupancy(maps):
 
 
 def test_interval_spans_the_resampled_recordings_and_is_their_figure_where_they_are_equal():
-    samples = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
-    value, low, high = bootstrap(np.array([0.0, 4.0]), np.array([1.0, 1.0]), samples)
-    assert value == 2.0 and low == pytest.approx(0.15) and high == pytest.approx(3.85)
-    assert bootstrap(np.array([3.0, 3.0]), np.array([2.0, 2.0]), np.array([[0, 1], [1, 1]])) == (1.5, 1.5, 1.5)
+    assert bootstrap(np.array([0.0, 4.0]), np.ones(2)) == (2.0, 0.0, 4.0)
+    assert bootstrap(np.array([3.0, 3.0]), np.array([2.0, 2.0])) == (1.5, 1.5, 1.5)
 
 
 def test_unknown_variants_and_recordings_without_truth_are_refused(tmp_path):
