@@ -187,7 +187,7 @@ def table_of(
         facing: relative to the ray, of TURNS; None for the mean over all of them.
     """
     u, w = ((np.arange(cells) + 0.5 - cells / 2) * CELL_M for cells in (u_cells, W_CELLS))
-    across, up = np.meshgrid(u, w, indexing="ij")
+    across, up = np.meshgrid(u, w, indexing="ij", sparse=True)
     angles = np.deg2rad(ANGLE_MIN_DEG + ANGLE_STEP_DEG * np.arange(ANGLES))
     turn = None if facing is None else 2 * math.pi * facing / TURNS
     cover = np.empty((1, ANGLES, u_cells, W_CELLS), np.float32)
@@ -205,7 +205,7 @@ def _seen(
     nearest = np.min(
         [enter for enter, part in zip(entered, parts, strict=True) if part.covers == 1.0], axis=0, initial=np.inf
     )
-    cover, front, likeliest = np.zeros((3, *u.shape))
+    cover, front, likeliest = np.zeros((3, *entered[0].shape))
     for enter, part in zip(entered, parts, strict=True):
         always, blur = part.covers == 1.0, part.blur_m / CELL_M
         hit = np.isfinite(enter) & ((enter == nearest) | (not always))
@@ -231,7 +231,7 @@ def cylinders(
     c, s = np.cos(depression), np.sin(depression)
     c = c if abs(c) > 1e-6 else 1e-6
     s = s if abs(s) > 1e-6 else 1e-6
-    enter = np.full(u.shape, np.inf)
+    enter = np.full(np.broadcast_shapes(u.shape, w.shape), np.inf)
     for low_share, high_share, radius, ratio in profile:
         low, high = low_share * TORSO.height_m, high_share * TORSO.height_m
         if turn is None:  # From above it may face anywhere: a circle of the same area.
