@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast, overload
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -177,6 +178,13 @@ class Depth:
     step: int
     greys: tuple[U8, U8] | None
     picture: Callable[[], U8]
+
+    @staticmethod
+    def of_whole(left: U8, disparity: F32, step: int, greys: tuple[U8, U8] | None = None) -> Depth:
+        """Of a rectified (H, W[, 3]) image and its (H, W) disparity, at an n-th of their size."""
+        few = np.ascontiguousarray(disparity[::step, ::step])
+        image = left if step == 1 else cv2.resize(left, few.shape[::-1], interpolation=cv2.INTER_AREA)
+        return Depth(np.asarray(image, dtype=np.uint8), few, step, greys, lambda: left)
 
 
 def back_project(depth: F32, geometry: RectifiedGeometry, step: int = 1) -> F32:

@@ -29,7 +29,7 @@ from planview.commands.results import RenderOptions, render
 from planview.commands.scores import EvaluateOptions, evaluate, print_counts
 from planview.counting.rules import RulePlane, load_rules
 from planview.counting.stream import Analytics
-from planview.engine.config import Config, config_of, load_config
+from planview.engine.config import Config, load_config
 from planview.engine.engine import Engine
 from planview.engine.open import ImageTrackerName, TrackerName, base_config, open_engine
 from planview.maps.recording import is_maps
@@ -263,7 +263,7 @@ def replay(
         raise InputError(f"{folder}: expected a run without --detections, whose file a run does not keep; run it again")
     first = results.info.first_frame
     in_range("--frame", frame, first, results.n_frames - 1)
-    config = load_config(None, set_, config_of(results.info.config, str(folder / "run.json")))
+    config = load_config(None, set_, results.config)
     console = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
     with FrameProgress(console, frame + 1 - first, first) as progress:
         replayed = replay_run(results, config, frame, progress)

@@ -8,15 +8,16 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from calib.carried import Carried
 from calib.errors import InputError
 from calib.types import U8
 from calib.world import RIGS_FILE
 from planview.checks.check import Check
-from planview.engine.config import Config
+from planview.engine.config import Config, FeedbackParams
 from planview.engine.engine import Depths, Engine, Frame, Remembers, StageClock, refuse_frame
-from planview.engine.feedback import Feedback
 from planview.engine.setup import Setup, refuse_foreign_disparity, set_up
 from planview.foreground.mixture import Foreground
+from planview.foreground.params import BACKGROUND, PERSON
 from planview.maps.plan_view import joint_grid
 from planview.maps.view import FloorRig, MapBuilder, View
 from planview.tracking.base import Decision, Tracker
@@ -29,9 +30,19 @@ from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecord
 from stereo.rectify import Rectifier
 from stereo.rgbd import RgbdRectifier
 
+OWN_M = 0.6
+"""Foreground this near to a person's axis on the floor belongs to the person [m]: an arm's length."""
+TRAVELLED_M = 0.5
+"""Only a track that has moved this far since its start is protected from being learned [m]: furniture that was
+mistaken for a person does not walk, and must fade into the background."""
+GROUND_M = 0.12
+"""Foreground lower than this and away from every person is floor under a new light [m]: a shoe's height."""
+
 
 class RigStages:
-    """The stages of one rig.
+    """One rig, frame by frame (Harville 2002): ``match`` measures depth, ``look`` separates the foreground by colour
+    and depth (section 2) and puts its pixels into the world (section 3); the tracker follows people, and ``feedback``
+    keeps them from becoming background.
 
     Attributes:
         name: among several rigs.
@@ -54,60 +65,118 @@ class RigStages:
                 f"{rig.calibration}: expected a stereo pair for a matcher of your own, found images with depth"
             )
         geometry, step = rig.geometry, rig.reduction
+        if of_pairs and matcher is None:
+            self._sgbm = rig.matcher(config, step)
         self.maps = MapBuilder(geometry, rig.floor.world_SE3_left, config.maps, step)
         self.foreground = Foreground(
             config.foreground, self.maps.shape, geometry.disparity_std_per_px2, step, geometry.disparity_metre
         )
-        if of_pairs and matcher is None:
-            self._sgbm = rig.matcher(config, step)
         self.feedback = Feedback(config.feedback)
 
     def match(self, frame: Frame, clock: StageClock) -> Depth:
         """Rectify and match a frame."""
         rectifier, step = self.rig.rectifier, self.rig.reduction
-        greys: tuple[U8, U8] | None = None
         if isinstance(rectifier, RgbdRectifier):
             if not isinstance(frame, RgbdFrame):
                 refuse_frame("an image with depth", frame)
             seen = rectifier(frame)
             clock.record("rectify")
-            left, disparity = seen.left, rectifier.disparity(seen)
-        elif not isinstance(frame, StereoFrame):
+            return Depth.of_whole(seen.left, rectifier.disparity(seen), step)
+        if not isinstance(frame, StereoFrame):
             refuse_frame("a stereo pair", frame)
-        elif self._matcher is None:
+        if self._matcher is None:
             pair = rectifier.reduced(frame.left, frame.right, step)
             clock.record("rectify")
             greys = pair.left_grey, pair.right_grey
             return Depth(pair.image, self._sgbm.sampled(*greys), step, greys, pair.left)
-        else:
-            whole = rectifier(frame.left, frame.right)
-            clock.record("rectify")
-            left, greys = whole.left, (whole.left_grey, whole.right_grey)
-            disparity = self._matcher(*greys)
-            refuse_foreign_disparity(disparity, rectifier.geometry.size[::-1], self.rig.disparities)
-        image = cv2.resize(left, self.maps.shape[::-1], interpolation=cv2.INTER_AREA) if step > 1 else left
-        return Depth(
-            np.asarray(image, np.uint8), np.ascontiguousarray(disparity[::step, ::step]), step, greys, lambda: left
-        )
+        whole = rectifier(frame.left, frame.right)
+        clock.record("rectify")
+        greys = whole.left_grey, whole.right_grey
+        disparity = self._matcher(*greys)
+        refuse_foreign_disparity(disparity, rectifier.geometry.size[::-1], self.rig.disparities)
+        return Depth.of_whole(whole.left, disparity, step, greys)
 
     def look(self, depth: Depth | None, now_s: float, clock: StageClock) -> View:
         """What the rig shows, from what was learned of the frames before; ``depth``: None where it has no frame."""
         if depth is None:
             return View.unknown(self.maps.shape, rays=self.maps.rays)
-        mask = self.foreground.update(depth.image, depth.disparity, now_s, self.feedback.mask)
+        foreground = self.foreground
+        mask = foreground.update(depth.image, depth.disparity, now_s, self.feedback.mask)
         clock.record("foreground")
-        if not self.foreground.shows:
+        if not foreground.shows:
             return View.unknown(self.maps.shape, depth.image, self.maps.rays)
-        renewed = None
-        if self.foreground.settled and self.maps.background_due(now_s):
-            renewed = self.foreground.background_disparity()
-        view = self.maps.view(depth.disparity, mask, now_s, renewed, depth.image, self.foreground.exposure)
+        due = foreground.settled and self.maps.background_due(now_s)
+        background = foreground.background_disparity() if due else None
+        view = self.maps.view(depth.disparity, mask, now_s, background, depth.image, foreground.exposure)
         clock.record("maps")
         return view
 
     def memory(self) -> dict[str, Remembers]:
         """What is carried from frame to frame."""
         return {"foreground": self.foreground, "feedback": self.feedback, "maps": self.maps}
+
+
+class Feedback(Carried):
+    """Feedback of the tracker to the foreground model (Harville 2002, ECCV: A Framework for High-Level Feedback).
+
+    Remembers which tracks have walked, and paints the mask for the next frame.
+
+    Attributes:
+        mask: (H, W) uint8, as the last call returned it; None at first.
+    """
+
+    CARRIED = "mask", "_origin", "_walked"
+
+    def __init__(self, params: FeedbackParams) -> None:
+        self.params = params
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all tracks."""
+        self.mask: U8 | None = None
+        self._origin: dict[int, tuple[float, float]] = {}
+        self._walked: set[int] = set()
+
+    def update(self, tracks: Sequence[TrackState], view: View, decisions: Sequence[Decision] = ()) -> U8 | None:
+        """The mask for the next frame, (H, W) uint8 of NO_FEEDBACK, PERSON and BACKGROUND: the last one where a view
+        shows nothing, None when feedback is off. ``decisions`` of this frame may give people their ids."""
+        p, points, shape = self.params, view.points, view.kind.shape
+        if not (p.enabled and view.shows):
+            return self.mask
+        self._remember(tracks, decisions)
+        x, y, z = np.ascontiguousarray(points.xyz.T)
+        near_any, near_walker = np.zeros(len(z), np.bool_), np.zeros(len(z), np.bool_)
+        for track in tracks:
+            off_x, off_y = x - np.float32(track.x_m), y - np.float32(track.y_m)
+            near = off_x * off_x + off_y * off_y < OWN_M**2
+            near_any |= near
+            if track.state == "confirmed" and track.track_id in self._walked:
+                near_walker |= near
+        self.mask = mask = np.zeros(shape, np.uint8)
+        mask.reshape(-1)[points.pixels[(z < GROUND_M) & ~near_any]] = BACKGROUND
+        persons = np.zeros(shape, np.uint8)
+        persons.reshape(-1)[points.pixels[near_walker]] = 1
+        left, top, width, height = cv2.boundingRect(persons)
+        if width:
+            reach, side = p.spread_px, 2 * p.spread_px + 1
+            rows, columns = (slice(max(0, low - reach), low + n + reach) for low, n in ((top, height), (left, width)))
+            spread = cv2.dilate(persons[rows, columns], np.ones((side, side), dtype=np.uint8))
+            # A person's pixel is no ground.
+            mask[rows, columns][spread > 0] = PERSON
+        return mask
+
+    def _remember(self, tracks: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
+        for known in decisions:
+            if known.was in self._origin:
+                self._origin.setdefault(known.track_id, self._origin[known.was])
+                self._walked |= {known.track_id} if known.was in self._walked else set()
+        alive = {track.track_id for track in tracks}
+        self._walked &= alive
+        self._origin = {i: xy for i, xy in self._origin.items() if i in alive}
+        for track in tracks:
+            x, y = self._origin.setdefault(track.track_id, (track.x_m, track.y_m))
+            if (track.x_m - x) ** 2 + (track.y_m - y) ** 2 >= TRAVELLED_M**2:
+                self._walked.add(track.track_id)
 
 
 class StereoStages:

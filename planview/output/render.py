@@ -22,7 +22,7 @@ from calib.types import U8
 from planview.counting.events import Event, way_words
 from planview.drawing.image import ImagePainter
 from planview.drawing.plan import PlanBounds, PlanPainter, Snapshot, snapshot_at
-from planview.engine.config import Config, config_of
+from planview.engine.config import Config
 from planview.engine.engine import StageClock
 from planview.engine.setup import set_up
 from planview.engine.stereo import RigStages
@@ -224,14 +224,13 @@ def open_frames(run: RunFolder) -> SceneFrames:
     path, info = run.recording, run.info
     if path is None or not path.exists():
         raise InputError(f"{path}: expected the recording of the run, found nothing there")
-    config = config_of(info.config, "run.json")
     if is_multi_rig(path):
         rigs = open_rigs(path)
-        return SceneFrames(rigs, *_of_recording(rigs.rigs[0].recording, run.world_SE3_left, config))
+        return SceneFrames(rigs, *_of_recording(rigs.rigs[0].recording, run.world_SE3_left, run.config))
     if info.rig is None or (info.rig.baseline_m is None and info.rig.depth_sensor is None):
         return SceneFrames(open_video(path, run.options), run.ground_camera, lambda frame: frame.image)
     recording = open_any(path, run.options)
-    return SceneFrames(recording, *_of_recording(recording, run.world_SE3_left, config))
+    return SceneFrames(recording, *_of_recording(recording, run.world_SE3_left, run.config))
 
 
 def frames_or_none(run: RunFolder, warn: Callable[[str], object]) -> SceneFrames | None:
@@ -263,7 +262,7 @@ def scene_of(path: Path, options: OpenOptions | None = None) -> PointCloud:
     config, recording, options = Config(), path, options or OpenOptions()
     if (path / "run.json").is_file():
         run = RunFolder(path)
-        config, recording = config_of(run.info.config, str(path / "run.json")), run.recording or path
+        config, recording = run.config, run.recording or path
         options = options if options.calibration else run.options
     if not recording.exists() or not (options.calibration or holds_pair(recording, options)):
         raise InputError(f"{recording}: expected a recording of a stereo pair or of images with depth, found none")

@@ -14,7 +14,7 @@ import numpy as np
 from calib.errors import InputError, WorkError
 from calib.ground_camera import save_ground_camera
 from calib.types import U8
-from planview.engine.config import Config, config_of
+from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.open import TrackerName, open_engine
 from planview.engine.replay import FIXED_TABLES
@@ -125,8 +125,7 @@ def replay_run(
     """Track up to a frame with other parameters: the plan-view recording of the run where they leave it valid, else the
     recording. Raises InputError: no recording any more, or parameters that its maps exclude. WorkError: the recording
     ends before the frame."""
-    base = config_of(results.info.config, str(results.path / "run.json"))
-    path = _source(results, base, config)
+    path = _source(results, config)
     engine = _engine(path, results, config)
     collector, decisions, reached = TrajectoryCollector(), [], -1
     engine.reset()
@@ -144,10 +143,10 @@ def replay_run(
     return ReplayedRun(replace(results, other_tracks=collector.trajectories()), decisions, path)
 
 
-def _source(results: RunFolder, base: Config, config: Config) -> Path:
+def _source(results: RunFolder, config: Config) -> Path:
     """The run's maps.h5 where the changed parameters leave it valid, else its recording."""
     maps = results.path / "maps.h5"
-    fixed = all(getattr(base, table) == getattr(config, table) for table in (*FIXED_TABLES, "maps"))
+    fixed = all(getattr(results.config, table) == getattr(config, table) for table in (*FIXED_TABLES, "maps"))
     if maps.is_file() and fixed:
         return maps
     path = results.tracked if results.tracked is not None and is_maps(results.tracked) else results.recording

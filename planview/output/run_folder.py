@@ -27,6 +27,7 @@ from planview.trajectories.table import Trajectories, people_of, read_tracks
 from stereo.recording import OpenOptions
 
 if TYPE_CHECKING:
+    from planview.engine.config import Config
     from planview.evaluation.evaluate import EvaluationParams
     from planview.evaluation.result import Evaluation
 
@@ -66,6 +67,13 @@ class RunFolder:
     def info(self) -> RunInfo:
         """run.json."""
         return read_run_info(self.path / "run.json") if self.has_run else RunInfo()
+
+    @cached_property
+    def config(self) -> Config:
+        """The parameters of the run; raises InputError: those of another version."""
+        from planview.engine.config import config_of  # brings all trackers
+
+        return config_of(self.info.config, str(self.path / "run.json"))
 
     @cached_property
     def tracks(self) -> Trajectories:

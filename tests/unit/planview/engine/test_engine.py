@@ -14,9 +14,9 @@ from calib.params import described, tables_of
 from calib.pose import SE3
 from calib.types import F32
 from planview.engine.config import Config, FeedbackParams, load_config
-from planview.engine.feedback import Feedback
 from planview.engine.info import ground_camera_info
 from planview.engine.setup import refuse_foreign_disparity, set_up
+from planview.engine.stereo import Feedback
 from planview.foreground.params import BACKGROUND, NO_FEEDBACK, PERSON
 from planview.maps.plan_view import FloorPoints
 from planview.maps.view import NO_RAYS, View
