@@ -35,7 +35,7 @@ def write_toy_maps(path: Path, n_frames: int = 40) -> Path:
         disparity[20:23, left : left + 3] = np.nan
         image = np.full((*cloud.shape, 3), (40, 40, 160), np.uint8)
         renewed = background if index == 0 else None
-        view_now = cloud.view(disparity, mask, index / 15.0, renewed, image)
+        view_now = cloud.view(cloud.points(disparity, mask, image), mask, index / 15.0, renewed, image)
         writer.add(MapsFrame.of(index, index / 15.0, disparity, view_now))
     writer.close([Skipped(7, "left: file is missing")])
     return path

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from calib.errors import InputError
-from calib.types import U8
 from planview.engine.config import Config
 from planview.engine.engine import Depths, Engine, Frame, Remembers, StageClock, refuse_frame
 from planview.maps.recording import MapsFrame, MapsRecording
@@ -71,18 +70,15 @@ class ReplayStages:
         disparity, mask = np.full(maps.shape, np.nan, np.float32), np.zeros(maps.shape, np.uint8)
         disparity.reshape(-1)[frame.pixels] = frame.disparities
         mask.reshape(-1)[frame.pixels] = mask.reshape(-1)[frame.unmatched] = 255
-        codes: U8 | None = None
-        if frame.colours is not None:
-            codes = np.zeros(mask.shape, np.uint8)
-            codes.reshape(-1)[frame.pixels] = frame.colours
-        view = maps.view(disparity, mask, frame.timestamp_s, frame.background, codes=codes)
-        if len(frame.unmatched) == mask.size:
-            view = View.unknown(maps.shape, rays=maps.rays)
-        if len(view.points.pixels) != len(frame.pixels):
+        points = maps.points(disparity, mask)
+        if len(points.pixels) != len(frame.pixels):
             raise InputError(
                 f"{self._path}: frame {frame.index}: expected {len(frame.pixels)} points in reach of the rig, "
-                f"found {len(view.points.pixels)}: the maps are damaged or another rig's"
+                f"found {len(points.pixels)}: the maps are damaged or another rig's"
             )
+        view = maps.view(replace(points, colours=frame.colours), mask, frame.timestamp_s, frame.background)
+        if len(frame.unmatched) == mask.size:
+            view = View.unknown(maps.shape, rays=maps.rays)
         clock.record("maps")
         return (view,)
 

@@ -107,7 +107,8 @@ class RigStages:
             return View.unknown(self.maps.shape, depth.image, self.maps.rays)
         due = foreground.settled and self.maps.background_due(now_s)
         background = foreground.background_disparity() if due else None
-        view = self.maps.view(depth.disparity, mask, now_s, background, depth.image, foreground.exposure)
+        points = self.maps.points(depth.disparity, mask, depth.image, foreground.exposure)
+        view = self.maps.view(points, mask, now_s, background, depth.image)
         clock.record("maps")
         return view
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -273,24 +273,17 @@ class MapBuilder(Carried):
         return PixelRays.of(self.geometry.above(self.world_SE3_left, self._reduction), self.geometry, self._reduction)
 
     def view(
-        self, disparity: F32, mask: U8, timestamp_s: float, renewed: F32 | None = None,
-        image: U8 | None = None, exposure: Exposure = REFERENCE, codes: U8 | None = None,
-    ) -> View:  # fmt: skip
+        self, points: FloorPoints, mask: U8, timestamp_s: float, renewed: F32 | None = None, image: U8 | None = None
+    ) -> View:
         """What every pixel of a frame shows.
 
         Foreground as low as the floor shows that nobody is in the way, as the background does.
 
         Args:
-            disparity: (H, W) float32 [px], NaN where invalid.
+            points: of the foreground.
             mask: (H, W) uint8, non-zero where foreground.
-            renewed: see ``View``.
-            image: (H, W[, 3]) uint8 grey or BGR, for the points' colours.
-            exposure: of the image, relative to the recording's first.
-            codes: (H, W) uint8 colour codes, where there is no image.
+            renewed, image: see ``View``.
         """
-        points = self.points(disparity, mask, image, exposure)
-        if codes is not None:
-            points = replace(points, colours=codes.reshape(-1)[points.pixels])
         if renewed is not None:
             self._looked_s, self._background_m = timestamp_s, np.zeros(self.shape, np.float32)
             far = np.float32(self.rays.disparity_metre) * self.rays.stretch
