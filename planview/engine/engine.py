@@ -40,7 +40,7 @@ Frame = StereoFrame | RgbdFrame | MultiRigFrame | VideoFrame | MapsFrame
 
 STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
 """Stages timed, in order."""
-Depths = tuple[Depth | None, ...]
+RigDepths = tuple[Depth | None, ...]
 """Of every rig, None for one without a frame at that time; empty for one camera and recorded maps."""
 
 
@@ -65,7 +65,7 @@ class FrameResult:
     decisions: tuple[Decision, ...]
     observation: Observation
     stages_ms: dict[str, float]
-    depths: Depths = ()
+    depths: RigDepths = ()
     stereo: FloorRig | None = None
 
     def __repr__(self) -> str:
@@ -164,10 +164,10 @@ class Stages(Protocol):
     @property
     def checks(self) -> Sequence[Check]: ...
 
-    def match(self, frame: Any, clock: StageClock) -> Depths:
+    def match(self, frame: Any, clock: StageClock) -> RigDepths:
         """The part of the work that depends on no other frame."""
 
-    def look(self, frame: Any, depths: Depths, clock: StageClock) -> tuple[View, ...]:
+    def look(self, frame: Any, depths: RigDepths, clock: StageClock) -> tuple[View, ...]:
         """What the cameras show, from what was learned of the frames before."""
 
     def learn(self, views: Sequence[View], people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
@@ -245,7 +245,7 @@ class Engine:
         clock = StageClock()
         return self._track(frame, self.stages.match(frame, clock), clock)
 
-    def _track(self, frame: Frame, depths: Depths, clock: StageClock) -> FrameResult:
+    def _track(self, frame: Frame, depths: RigDepths, clock: StageClock) -> FrameResult:
         """Look, follow people, and keep where they are."""
         clock.start()
         views = self.stages.look(frame, depths, clock)

@@ -18,7 +18,7 @@ from calib.types import U8
 from planview.checks.camera import Steadiness, Steady
 from planview.checks.check import Check
 from planview.engine.config import Config, SingleCameraParams
-from planview.engine.engine import Depths, Engine, Frame, Remembers, StageClock, refuse_frame
+from planview.engine.engine import Engine, Frame, Remembers, RigDepths, StageClock, refuse_frame
 from planview.foreground.blobs import find_blobs
 from planview.foreground.ghosts import (
     SEARCH_INTERVAL_S,
@@ -102,13 +102,13 @@ class ImageStages(Carried):
         """Whether the camera stands still and shows one scene, from the frames so far."""
         return self._steadiness.checks()
 
-    def match(self, frame: Frame, clock: StageClock) -> Depths:
+    def match(self, frame: Frame, clock: StageClock) -> RigDepths:
         """Nothing: one camera has no depth."""
         if not isinstance(frame, VideoFrame):
             refuse_frame("an image of one camera", frame)
         return ()
 
-    def look(self, frame: VideoFrame, depths: Depths, clock: StageClock) -> tuple[View, ...]:
+    def look(self, frame: VideoFrame, depths: RigDepths, clock: StageClock) -> tuple[View, ...]:
         """See ``Stages``."""
         view = self.view(frame, self._tracker.feedback() if self._tracker is not None else None)
         clock.record("foreground")

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.errors import InputError
 from planview.engine.config import Config
-from planview.engine.engine import Depths, Engine, Frame, Remembers, StageClock, refuse_frame
+from planview.engine.engine import Engine, Frame, Remembers, RigDepths, StageClock, refuse_frame
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.maps.view import MapBuilder, View, floor_in_view
 from planview.tracking.base import Decision, Tracker
@@ -58,11 +58,11 @@ class ReplayStages:
         self._path, self.camera, self.size = recording.path, rig.camera, rig.geometry.size
         self.rigs = {"": replace(rig, grid=self._maps.grid)}
 
-    def match(self, frame: Frame, clock: StageClock) -> Depths:
+    def match(self, frame: Frame, clock: StageClock) -> RigDepths:
         """Nothing: recorded points have been matched."""
         return ()
 
-    def look(self, frame: Frame, depths: Depths, clock: StageClock) -> tuple[View, ...]:
+    def look(self, frame: Frame, depths: RigDepths, clock: StageClock) -> tuple[View, ...]:
         """See ``Stages``. Raises InputError: damaged maps."""
         if not isinstance(frame, MapsFrame):
             refuse_frame("the points of plan-view maps", frame)

@@ -14,7 +14,7 @@ from calib.types import U8
 from calib.world import RIGS_FILE
 from planview.checks.check import Check
 from planview.engine.config import Config, FeedbackParams
-from planview.engine.engine import Depths, Engine, Frame, Remembers, StageClock, refuse_frame
+from planview.engine.engine import Engine, Frame, Remembers, RigDepths, StageClock, refuse_frame
 from planview.engine.setup import Setup, refuse_foreign_disparity, set_up
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON
@@ -192,14 +192,14 @@ class StereoStages:
         self.rigs: Mapping[str, FloorRig] = {rig.name: rig.rig for rig in rigs} | {rigs[0].name: first}
         self.camera, self.size = first.camera, first.geometry.size
 
-    def match(self, frame: Frame, clock: StageClock) -> Depths:
+    def match(self, frame: Frame, clock: StageClock) -> RigDepths:
         """See ``Stages``."""
         frames = frame.frames if isinstance(frame, MultiRigFrame) else (frame,)
         depths = tuple(None if f is None else r.match(f, clock) for r, f in zip(self._rigs, frames, strict=True))
         clock.record("match")
         return depths
 
-    def look(self, frame: Frame, depths: Depths, clock: StageClock) -> tuple[View, ...]:
+    def look(self, frame: Frame, depths: RigDepths, clock: StageClock) -> tuple[View, ...]:
         """See ``Stages``."""
         return tuple(rig.look(d, frame.timestamp_s, clock) for rig, d in zip(self._rigs, depths, strict=True))
 
