@@ -17,10 +17,8 @@ from planview.engine.engine import Engine, FrameResult
 from planview.output.folder import RunWarning
 from stereo.recording import Recorded, RgbdRecording
 
-
-def last_times() -> deque[float]:
-    """For the last 4096 times of a stage [ms]: their median is known to 2 %."""
-    return deque(maxlen=4096)
+TIMES_MAX = 4096
+"""Times of a stage that are kept, the last ones: their median is known to 2 %."""
 
 
 @dataclass
@@ -54,7 +52,7 @@ class RunTotals(Carried):
             if track.state == "confirmed":
                 self.people[track.track_id] = self.people.get(track.track_id, 0) + 1
         for stage, duration in result.stages_ms.items():
-            self.stages.setdefault(stage, last_times()).append(duration)
+            self.stages.setdefault(stage, deque(maxlen=TIMES_MAX)).append(duration)
 
     def remark(self, people: int) -> str:
         """Why there are no people, or that the clock has jumped; or nothing."""
