@@ -29,7 +29,6 @@ from stereo.readers.open import is_multi_rig
 from stereo.recording import Video
 
 TrackerName = Literal["joint", "template", "human-model", "ellipse-particle"]
-FloorTrackerName = Literal["joint", "template"]
 ImageTrackerName = Literal["human-model", "ellipse-particle"]
 AnyTracker = TrackerName | Tracker
 
@@ -64,7 +63,7 @@ def open_engine(
     if not isinstance(options, OpenOptions | None):
         raise InputError(f"expected OpenOptions, found {type(options).__name__}", argument="options")
     options = options or OpenOptions()
-    stereo = is_stereo(path, options.calibration or options.right)
+    stereo = bool(options.calibration or options.right) or holds_pair(path)
     if matcher is not None and (is_maps(path) or is_multi_rig(path) or not stereo):
         raise InputError(f"{path}: expected a recording of one stereo pair for a matcher of your own")
     foreign = camera or options.calibration
@@ -113,24 +112,15 @@ def _map_tracker(tracker: AnyTracker, config: Config, path: Path) -> Tracker:
             f"{path}: expected a tracker of stereo recordings and plan-view maps (joint, template), found "
             f"{tracker}, which tracks one camera without depth"
         )
-    return floor_tracker(cast(FloorTrackerName, tracker), config) if isinstance(tracker, str) else tracker
-
-
-def is_stereo(path: Path, given: Path | None = None) -> bool:
-    """Whether a path holds two cameras or images with depth, as a given calibration or right camera shows, too."""
-    return given is not None or holds_pair(path)
+    if tracker == "template":
+        return TemplateTracker(config.template, config.maps.height_max_m)
+    return JointTracker(config.joint) if tracker == "joint" else cast(Tracker, tracker)
 
 
 def base_config(path: Path) -> Config:
     """What parameters are changed from: those that made the plan-view maps, else the defaults. Raises InputError: maps
     that cannot be read."""
     return recorded_config(MapsRecording(path)) if is_maps(path) else Config()
-
-
-def floor_tracker(tracker: FloorTrackerName, config: Config) -> Tracker:
-    """A tracker of plan-view maps with its parameters."""
-    template = TemplateTracker(config.template, config.maps.height_max_m)
-    return JointTracker(config.joint) if tracker == "joint" else template
 
 
 def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamera | None) -> ImageTracker:

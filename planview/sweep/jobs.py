@@ -12,13 +12,14 @@ from typing import NamedTuple
 from calib.errors import InputError
 from calib.world import load_rigs
 from planview.engine.config import Config, load_config
-from planview.engine.open import TrackerName, base_config, is_stereo
+from planview.engine.open import TrackerName, base_config
 from planview.engine.replay import FIXED_MAP_PARAMETERS, FIXED_TABLES
 from planview.maps.recording import is_maps
 from planview.output.resume import code_version, content_key, key_of
 from planview.sweep.results import JobResult
 from planview.sweep.study import Configuration, RecordingEntry, Study
 from planview.trajectories.formats import truth_file
+from stereo.readers import holds_pair
 from stereo.readers.open import is_multi_rig, rigs_file
 
 _COMPANIONS = frozenset((".yml", ".yaml", ".json", ".xml", ".conf"))
@@ -103,7 +104,7 @@ def planned(study: Study, out: Path, names: Sequence[str], configurations: Seque
         entry, maps = recording.entry, None
         full, points = effective(configuration, seed, recording.base)
         single = is_maps(entry.path) or is_multi_rig(entry.path) or study.tracker == "human-model"
-        if study.maps and not single and (study.tracker == "joint" or is_stereo(entry.path, entry.calibration)):
+        if study.maps and not single and (study.tracker == "joint" or entry.calibration or holds_pair(entry.path)):
             maps = run_job(entry, recording.key, points, "maps")
         source = RecordingEntry(path=maps.folder / MAPS_FILE) if maps else entry
         run = run_job(source, maps.key if maps else recording.key, full, "jobs")
