@@ -37,7 +37,7 @@ def open_engine(
     path: Path | str,
     tracker: AnyTracker = "joint",
     config: Config | dict[str, Any] | None = None,
-    camera: Path | str | None = None,
+    camera: Path | str | GroundCamera | None = None,
     options: OpenOptions | None = None,
     matcher: Matcher | None = None,
     detections: Path | str | Sequence[ArrayLike] | None = None,
@@ -51,13 +51,14 @@ def open_engine(
     Args:
         tracker: a name, or a tracker of your own: an ``ImageTracker`` where the recording is of one camera without
             depth, else one of plan-view maps.
+        camera: camera.toml of one camera, its Tsai XML, or the camera itself.
         options: calibration, rate and topics of a stereo recording that are not taken from itself.
         matcher: of stereo pairs; SGBM when None.
         detections: boxes of people that another program found in a video, which are tracked in place of ``tracker``: a
             file (see ``load_detections``), or per frame (N, 4) left, top, width, height [px] or (N, 5) with a score.
         config: every parameter, or tables of those that differ; the defaults, or those that made the maps, when None.
     """
-    path, camera = Path(path), None if camera is None else Path(camera)
+    path, camera = Path(path), Path(camera) if isinstance(camera, str) else camera
     config = config if isinstance(config, Config | None) else config_of(config, argument="config")
     refuse_tracker(tracker, get_args(TrackerName))
     if not isinstance(options, OpenOptions | None):
@@ -84,7 +85,7 @@ def open_engine(
     if stereo or not (of_images or detections is not None):
         return stereo_engine(open_any(path, options), config, _map_tracker(tracker, config, path), matcher)
     video = open_video(path, options)
-    ground_camera = load_one_camera(camera, video.size) if camera else None
+    ground_camera = load_one_camera(camera, video.size) if isinstance(camera, Path) else camera
     if detections is not None:
         tracker = _box_tracker(_boxes_for(video, detections), config, ground_camera)
     if isinstance(tracker, str):

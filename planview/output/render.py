@@ -15,7 +15,7 @@ import numpy as np
 from calib.errors import InputError, WorkError
 from calib.floor_camera import FloorCamera
 from calib.images import as_colour, write_image
-from calib.io import PART, reason
+from calib.io import PART
 from calib.libraries import import_open3d
 from calib.pose import SE3
 from calib.types import U8
@@ -290,10 +290,8 @@ def write_cloud(path: Path, cloud: PointCloud) -> int:
     # Out goes a point whose mean distance to 16 neighbours is 2 deviations above the mean of all (values of open3d's
     # documentation, rounded).
     thin, _ = cloud.voxel_down_sample(0.015).remove_statistical_outlier(16, 2.0)
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
     if not o3d.io.write_point_cloud(str(path), thin):
         raise WorkError(f"{path}: cannot be written")
     return len(thin.points)

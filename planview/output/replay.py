@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,10 +11,9 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError, WorkError
-from calib.ground_camera import save_ground_camera
 from calib.types import U8
 from planview.engine.config import Config
-from planview.engine.engine import Engine, FrameResult
+from planview.engine.engine import FrameResult
 from planview.engine.open import TrackerName, open_engine
 from planview.engine.replay import FIXED_TABLES
 from planview.evaluation.metrics import clear_scores
@@ -126,7 +124,8 @@ def replay_run(
     recording. Raises InputError: no recording any more, or parameters that its maps exclude. WorkError: the recording
     ends before the frame."""
     path = _source(results, config)
-    engine = _engine(path, results, config)
+    options = None if is_maps(path) else results.options
+    engine = open_engine(path, cast(TrackerName, results.info.tracker), config, results.ground_camera, options)
     collector, decisions, reached = TrajectoryCollector(), [], -1
     engine.reset()
     for result in engine.after(results.info.first_frame - 1):
@@ -153,14 +152,3 @@ def _source(results: RunFolder, config: Config) -> Path:
     if path is None or not path.exists():
         raise InputError(f"{path}: expected the recording of the run, found nothing there")
     return path
-
-
-def _engine(path: Path, results: RunFolder, config: Config) -> Engine:
-    tracker, camera = cast(TrackerName, results.info.tracker), results.ground_camera
-    options = None if is_maps(path) else results.options
-    if camera is None:
-        return open_engine(path, tracker, config, options=options)
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "camera.toml"
-        save_ground_camera(camera, file)
-        return open_engine(path, tracker, config, file, options)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
+from calib.ground_camera import GroundCamera
 from planview.counting import rules as rules_files
 from planview.counting import totals
 from planview.counting.rules import AnalyticsParams, Rules
@@ -42,7 +43,7 @@ class OpenArguments(TypedDict, total=False):
 
     tracker: AnyTracker
     config: Config | dict[str, Any] | None
-    camera: Path | str | None
+    camera: Path | str | GroundCamera | None
     options: OpenOptions | None
     matcher: Matcher | None
     detections: Path | str | Sequence[ArrayLike] | None
