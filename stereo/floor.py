@@ -43,8 +43,7 @@ on a factory calibration: up to 0.55 px)."""
 LIKE_LIGHT = 0.2
 """Logarithm of the ratio of two images' mean luma up to which they show the same light: people change it by less."""
 MIN_VALID = 0.03
-"""Smallest share of pixels with disparity in the median frame: a bare room still has more, unrelated images less
-(our choice)."""
+"""Smallest share of pixels with disparity in the median frame: a bare room still has more, unrelated images less."""
 _BLIND_PAIR = "left and right are swapped, the calibration belongs to another rig, or the images show no texture"
 BLIND_SENSOR = "the depth has another scale than the calibration has, or everything is out of the sensor's range"
 

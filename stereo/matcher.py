@@ -37,14 +37,14 @@ class RangeParams(Params):
 
     nearest_m: float = Field(default=0.7, gt=0.05, le=10.0)
     """Nearest depth to measure [m] while the floor is not known; an overhead camera at 2.7 m has a tall person's raised
-    hand about that near (our choice)."""
+    hand about that near."""
     reach_m: float = Field(default=2.0, gt=0.5, le=5.0)
     """Highest point to measure above a known floor [m]: the head of a very tall person; a hand raised right below the
-    camera is not worth twice the search (our choice)."""
+    camera is not worth twice the search."""
     below_floor_m: float = Field(default=0.5, ge=0.0, le=5.0)
-    """Lowest point to measure, this far below a known floor [m]: a step or a floor fitted badly (our choice)."""
+    """Lowest point to measure, this far below a known floor [m]: a step or a floor fitted badly."""
     max_disparities: int = Field(default=160, ge=16, le=512)
-    """Most disparities to search; beyond it the nearest distance gives way, for speed (our choice)."""
+    """Most disparities to search; beyond it the nearest distance gives way, for speed."""
 
 
 @dataclass(frozen=True)
@@ -89,17 +89,17 @@ def _descent(geometry: RectifiedGeometry, floor: Floor) -> tuple[float, float]:
 
 
 SATURATED_LEVEL = 250
-"""Blocks entirely at or above this grey level hold no texture to match (our choice)."""
+"""Blocks entirely at or above this grey level hold no texture to match."""
 TEXTURE_MIN = 4
 """Smallest difference between the darkest and the brightest sample around a match [grey levels]; below it there is
-nothing but sensor noise: a third of such disparities are off by more than a pixel (our choice)."""
+nothing but sensor noise: a third of such disparities are off by more than a pixel."""
 
 
 class SgbmParams(Params):
     """OpenCV's semi-global block matching (Hirschmueller 2008), in its fast three-way pass."""
 
     block_px: int = Field(default=5, ge=1, le=21)
-    """Side of the matched block [px], odd. 5 keeps a head's outline; larger blocks fatten edges (our choice)."""
+    """Side of the matched block [px], odd. 5 keeps a head's outline; larger blocks fatten edges."""
     p1: int = Field(default=8, ge=0, le=200)
     """Penalty on a disparity change of 1, per pixel of the block (OpenCV's recommendation: 8)."""
     p2: int = Field(default=32, ge=1, le=800)
@@ -109,15 +109,15 @@ class SgbmParams(Params):
     left_right_px: int = Field(default=1, ge=0, le=16)
     """Left-right check: largest difference of the two disparities [px]."""
     speckle_m: float = Field(default=0.10, ge=0.0, le=1.0)
-    """Connected patches smaller than a square of this side at 4 m are dropped [m]: about half a head (our choice)."""
+    """Connected patches smaller than a square of this side at 4 m are dropped [m]: about half a head."""
 
 
 ANALYSIS_PX = 320
 """Width near which images are reduced for the semi-global search: Harville's (2002, section 5)."""
 EVEN_SIDE = 9
-"""Side of the samples in which both cameras' brightness is made equal (our choice)."""
+"""Side of the samples in which both cameras' brightness is made equal."""
 SLOPE_NOISE = 12.0
-"""Squared slopes that 5x5 samples of noise alone add up to [grey levels^2 / px^2]: .7 of a level each (our choice)."""
+"""Squared slopes that 5x5 samples of noise alone add up to [grey levels^2 / px^2]: .7 of a level each."""
 
 
 def valid_mask(mask: U8, params: SgbmParams) -> U8:

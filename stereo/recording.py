@@ -283,7 +283,7 @@ class LiveRecording(StereoRecording):
     is_live = True
 
     def sample(self, count: int, among: int | None = None) -> list[StereoFrame]:
-        """Up to ``count`` usable frames from now on, 0.25 s apart (our choice: 12 for the floor take 3 s)."""
+        """Up to ``count`` usable frames from now on, 0.25 s apart (12 for the floor take 3 s)."""
         frames: list[StereoFrame] = []
         with closing(self.decode(None)) as pairs:
             for frame in map(self._frame, pairs):

@@ -168,10 +168,10 @@ class RectifyParams(Params):
 
     working_px: int = Field(default=640, ge=0, le=8192)
     """Longest side of the rectified images [px]; larger recordings are reduced to it, 0 keeps the full size. Harville
-    2002, section 5, ran at 320x240; 640 keeps a head at 8 m some 10 px wide (our choice)."""
+    2002, section 5, ran at 320x240; 640 keeps a head at 8 m some 10 px wide."""
     field_quantile: float = Field(default=0.5, ge=0.0, le=1.0)
     """How much of a distorted border to keep: 0 the largest view without empty corners, 1 every pixel with many of
-    them; between, that share of each border (our choice)."""
+    them; between, that share of each border."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +261,7 @@ def aligned_rectifier(
     rig is the corrected one, and what was measured, in pixels of its images.
     """
     params = params or RectifyParams()
-    # Longest side of the images in which the calibration is corrected [px]: more cost time (our choice).
+    # Longest side of the images in which the calibration is corrected [px]: more cost time.
     plain = Rectifier(rig, params.model_copy(update={"working_px": 1280}))
     searched = disparity_range(plain.geometry)
     pairs = ((pair.left_grey, pair.right_grey) for pair in (plain(frame.left, frame.right) for frame in frames))

@@ -65,8 +65,8 @@ NOISE: dict[DepthSensor, tuple[float, float]] = {
 
 Structured light: Khoshelham and Elberink 2012 (Sensors 12), eq. 10 with m = 2.85e-5 / cm and half a step of
 disparity: 1.3 cm at 3 m, 3.6 cm at 5 m. Time of flight: Fankhauser et al. 2015 (Kinect v2 for mobile robot navigation)
-measured 1.3 mm at 1 m and 4.3 mm at 4 m on flat targets; that growth, with 5 mm of multipath and motion (our choice).
-Stereo: sigma_d / (f b) of an active stereo camera, 0.1 px of 848 over 5 cm (our choice after RealSense D435)."""
+measured 1.3 mm at 1 m and 4.3 mm at 4 m on flat targets; that growth, with 5 mm of multipath and motion.
+Stereo: sigma_d / (f b) of an active stereo camera, 0.1 px of 848 over 5 cm (after RealSense D435)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,32 +20,32 @@ from stereo.depth import RectifiedGeometry
 _PATCH = 7
 """Half side of a matched patch [px]."""
 _SIMILARITY_MIN = 0.9
-"""Smallest normalised correlation of two patches that count as a match (our choice)."""
+"""Smallest normalised correlation of two patches that count as a match."""
 _SEARCHED_PX = 640
-"""Width near which images are reduced to search for a patch, which is then refined at full size (our choice)."""
+"""Width near which images are reduced to search for a patch, which is then refined at full size."""
 _SEARCH = 0.02
 """Largest row offset searched, each way, over the image's width: more is not age but a wrong calibration."""
 _CELLS = 12
-"""Square cells across the image, each of which counts once (our choice)."""
+"""Square cells across the image, each of which counts once."""
 _CELLS_MIN = 20
-"""Fewest cells with matches that determine five angles (our choice)."""
+"""Fewest cells with matches that determine five angles."""
 _MOUNT_DEG = 0.3
-"""Standard deviation of the turn of a camera in its mount since calibration, about each axis (our choice: factory
+"""Standard deviation of the turn of a camera in its mount since calibration, about each axis (factory
 calibrations of some years have 0.1 to 0.2)."""
 _LENS = 2e-4
-"""Standard deviation of a lens's decentring coefficients (our choice: what calibrations with boards state)."""
+"""Standard deviation of a lens's decentring coefficients (what calibrations with boards state)."""
 _YAW_DEG = 0.15
 """Error of yaw that matches cannot show: lenses and the matcher's lag look like it (rendered right rigs: 0.23)."""
 _FIXED = 1e-5
 """Deviation of pitch and roll of a rig as calibrated [rad]."""
 _NOISE_MIN_PX = 0.1
-"""Least noise of a cell [px]: what interpolation leaves (our choice)."""
+"""Least noise of a cell [px]: what interpolation leaves."""
 _HUBER = 2.0
-"""Residuals beyond this many standard deviations count linearly (our choice)."""
+"""Residuals beyond this many standard deviations count linearly."""
 _ROUNDS = 8
-"""Rounds of reweighted least squares: offsets are nearly linear in the angles, four settle them (our choice)."""
+"""Rounds of reweighted least squares: offsets are nearly linear in the angles, four settle them."""
 _TURNED = 0.3
-"""Share of rigs whose cameras have turned about an axis since calibration (our choice: most calibrations hold)."""
+"""Share of rigs whose cameras have turned about an axis since calibration (most calibrations hold)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +221,7 @@ def match_corners(
 
     Args:
         disparity_max_px, disparity_min_px: disparities to search [px]; negative ones show swapped images.
-        features: corners tried (our choice).
+        features: corners tried.
         search_px: largest row offset searched, each way.
     Returns:
         (N, 4) float64 [px]: u and v in the left image, u in the right image, v_right - v_left.

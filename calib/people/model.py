@@ -19,7 +19,7 @@ ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M = 1.70, 0.12
 CIRCLE_POINTS = 16
 """Points sampled on each circle; with 16 the polygon's box equals the circle's along both axes."""
 HULL_POINTS = 24
-"""Vertices of a projected hull: its extreme points in 24 directions (our choice; within 1 % of the area)."""
+"""Vertices of a projected hull: its extreme points in 24 directions (within 1 % of the area)."""
 
 
 @dataclass(frozen=True)

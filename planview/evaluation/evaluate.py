@@ -32,7 +32,7 @@ from planview.trajectories.table import Trajectories, frame_period_s, frame_step
 SHIFT_MAX = 30
 """Largest shift of the tracks that is tried [frames]."""
 SHIFTED = 0.85
-"""Share of the error that a shift must get below: with less gain both may count frames alike (our choice)."""
+"""Share of the error that a shift must get below: with less gain both may count frames alike."""
 
 
 class EvaluationParams(Params):

@@ -33,7 +33,7 @@ FALSE_TRACK_S = 1.0
 [s]. One second of doubt is what the real overhead recording is allowed, too."""
 PREDICTED_S = 1.0
 """A lost track predicted beyond the gate from the person whom it followed for longer, at a stretch, is a false
-track [s]: the paper reports predictions, too. Our choice, equal to FALSE_TRACK_S."""
+track [s]: the paper reports predictions, too. Equal to FALSE_TRACK_S."""
 PERSIST_S = 0.5
 """An identity held for less is a flicker between people that touch: it neither makes nor ends an error [s]. Longer than
 two people need to pass within arm's length, shorter than any use made of an identity."""
@@ -41,7 +41,7 @@ GONE_S = 4.0
 """Not visible for longer ends a visit: afterwards a new id is right [s]. Harville 2002, section 4: people lost for
 longer are gone."""
 EXCHANGE_S = 4.0
-"""Two people taking each other's identities within this time are one swap [s]. Our choice, equal to GONE_S."""
+"""Two people taking each other's identities within this time are one swap [s]. Equal to GONE_S."""
 EVENT_S = 2.0
 """Errors that begin within this time of an event's first one, and concern its people or tracks, belong to it [s].
 One bad moment of people in contact costs several errors and is over by then."""

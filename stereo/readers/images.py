@@ -31,9 +31,9 @@ Stored = AnyArray | UnreadableError
 """The values of an image as stored, or why there are none."""
 
 MAX_PIXELS = 100_000_000
-"""Largest image that is decoded: larger than any camera's, and 0.6 GB at 16 bits in three channels (our choice)."""
+"""Largest image that is decoded: larger than any camera's, and 0.6 GB at 16 bits in three channels."""
 FRAMES = 5
-"""Frames of each camera in which the largest value is searched (our choice)."""
+"""Frames of each camera in which the largest value is searched."""
 
 
 def true_bits(images: Iterable[AnyArray]) -> int | None:

@@ -46,7 +46,7 @@ class LiveSource:
         return (replace(frame, index=index) for index, frame in zip(indices, self, strict=False))
 
     def __iter__(self) -> Generator[Decoded, None, None]:
-        # An address that does not answer, or a stream without a frame, is given up after 10 s (our choice).
+        # An address that does not answer, or a stream without a frame, is given up after 10 s.
         limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 10_000, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 10_000]
         opens = [int(self._address)] if self._address.isdecimal() else [self._address, cv2.CAP_FFMPEG, limits]
         capture = cv2.VideoCapture(*opens)

@@ -93,7 +93,7 @@ class _Stream:
 
 def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[MultiRigFrame]:
     """Frames by time: the earliest that waits, and those of other rigs taken within 0.6 of the slowest rig's period:
-    half of it would let rigs that run half a period apart flicker between together and apart (our choice)."""
+    half of it would let rigs that run half a period apart flicker between together and apart."""
     index = 0
     while any(stream.next is not None for stream in streams):
         until = min(stream.time_s for stream in streams) + 0.6 * period_s

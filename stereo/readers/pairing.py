@@ -67,7 +67,7 @@ def pair_files(left: list[Path], right: list[Path], number: Callable[[Path], int
 
     Numbered files pair by number: a number that only one side has, or that both leave out of an otherwise even
     sequence, is a missing frame, so that indices (and times) keep the gap. Files without numbers pair in sorted
-    order. Beyond a tenth of unpaired numbers (our choice), or with different counts of unnumbered files, any pairing
+    order. Beyond a tenth of unpaired numbers, or with different counts of unnumbered files, any pairing
     would be a guess that silently mates wrong frames, so it is refused.
 
     Args:
@@ -115,10 +115,10 @@ def _unpaired(file: Path, left: list[Path], right: list[Path]) -> InputError:
 
 
 TOLERANCE = 0.25
-"""Times of a pair differ at most by this share of the frame period (our choice: a walker of 2 m/s moves 1.7 cm in a
+"""Times of a pair differ at most by this share of the frame period (a walker of 2 m/s moves 1.7 cm in a
 quarter of 1/30 s; a mate that is farther off may as well be that of the next frame)."""
 JUMP_S = 3600.0
-"""A step this long, or ten frame periods back, is a clock that was set, not a pause (our choice)."""
+"""A step this long, or ten frame periods back, is a clock that was set, not a pause."""
 
 
 @dataclass(frozen=True, eq=False)

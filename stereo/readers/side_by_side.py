@@ -62,7 +62,7 @@ def find_packing(pictures: Sequence[U8], aspect: float | None) -> tuple[Packing 
     found = shared[best]
     if found.corners < 20:  # too few: what is most usual for the size
         return (None if candidates[0].squeezed else candidates[0]), found
-    # Real pairs have 0.3 to 0.8 of the corners in common, halves of one picture under 0.03 (our choice).
+    # Real pairs have 0.3 to 0.8 of the corners in common, halves of one picture under 0.03.
     return (candidates[best] if fractions[best] >= 0.12 else None), found
 
 

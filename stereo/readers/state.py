@@ -17,9 +17,9 @@ from calib.types import F64, U8
 from stereo.rig_correction import match_corners
 
 NEARER = 0.8
-"""Share of corners nearer than infinity of views in their right order; of swapped ones nearly none is (our choice)."""
+"""Share of corners nearer than infinity of views in their right order; of swapped ones nearly none is."""
 ROWS_PX = 1.5
-"""Median row offset [px of 640] up to which rows count as aligned (our choice; a worn factory calibration has 0.6)."""
+"""Median row offset [px of 640] up to which rows count as aligned (a worn factory calibration has 0.6)."""
 
 
 class Order(NamedTuple):
@@ -39,7 +39,7 @@ def find_order(matches: F64, rig: StereoRig, rectified: StereoRig) -> Order | No
         rig: of the views as the cameras took them.
         rectified: of the views when they are rectified.
     Returns:
-        The one that fits best, what is usual first; None when there are too few corners (our choice), or none fits.
+        The one that fits best, what is usual first; None when there are too few corners, or none fits.
     """
     if len(matches) < 40:
         return None
@@ -131,10 +131,10 @@ def common(pairs: Iterable[tuple[U8, U8]]) -> Common:
         a, b = (np.asarray(cv2.resize(v, size, interpolation=cv2.INTER_AREA), np.uint8) for v in (first, second))
         points = cv2.goodFeaturesToTrack(a, features, 0.01, 14.0)
         corners += 0 if points is None else len(points)
-        reach = 0.3 * a.shape[1]  # largest disparity, each way (our choice)
+        reach = 0.3 * a.shape[1]  # largest disparity, each way
         matches = match_corners(a, b, reach, -reach, features=features, search_px=search_px)
         if len(matches):
-            # Matches of one pair of cameras lie about on one row offset [px of 320] (our choice).
+            # Matches of one pair of cameras lie about on one row offset [px of 320].
             near = np.abs(matches[:, 3] - np.median(matches[:, 3])) <= 4.0
             u, v, u_second, offset = matches[near].T
             found.append(np.column_stack([u, v, u_second, v + offset]) * scale)

@@ -26,7 +26,7 @@ NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 """Nanoseconds of a unit."""
 _MAX_STEP = {"s": 2, "ms": 2_000, "us": 2_000_000}
 """Steps between frames up to 2 s give the unit of a clock that counts from the start of the machine: two units differ
-by a factor of 1000, the periods of cameras (1 to 250 Hz) by 250 (our choice)."""
+by a factor of 1000, the periods of cameras (1 to 250 Hz) by 250."""
 _NUMBER = re.compile(r"[+-]?\d{1,20}(\.\d{0,30})?([eE][+-]?\d{1,2})?")
 _DATE = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?\d*(?:Z|\+00:?00)?")
 _DAY = re.compile(r"\d{4}-\d\d-\d\d ")
@@ -272,7 +272,7 @@ class Rate:
         fps: frames per second, of the mean of the steps that are no gaps.
         jitter_ms: standard deviation of the steps that are no gaps [ms].
         duration_s: from the first frame to the last, without jumps of the clock [s].
-        gaps: steps longer than 1.5 frame periods (our choice).
+        gaps: steps longer than 1.5 frame periods.
         dropped: frames that would have fallen into them.
         longest_gap_s: the longest of them [s]; 0 without any.
     """

@@ -195,7 +195,7 @@ class TopicImages:
         stream: Iterator[Message] = iter(())
         next_place = -1
         for place in places:
-            # Up to 64 messages are read past rather than looked up again (our choice).
+            # Up to 64 messages are read past rather than looked up again.
             if not 0 <= place - next_place <= 64 or next_place < 0:
                 start = int(self.log_ns[place])
                 next_place = int(np.searchsorted(self.log_ns, start))
