@@ -65,6 +65,11 @@ class FloorKalman(NamedTuple):
         det = xx * yy - xy * xy
         return yy / det, -xy / det, xx / det
 
+    def log_prior(self, xy_m: F64) -> float:
+        """Logarithm of the density of the position (2,) [m], over that of the likeliest one."""
+        off = xy_m - self.mean[:2]
+        return -0.5 * float(off @ _inverse(self.covariance[:2, :2]) @ off)
+
     def predicted(self, dt_s: float, acceleration_std_mps2: float) -> FloorKalman:
         """After dt with a random acceleration that is constant over dt."""
         step = np.array([[1.0, 0.0, dt_s, 0.0], [0.0, 1.0, 0.0, dt_s], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])

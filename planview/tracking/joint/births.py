@@ -9,13 +9,15 @@ import cv2
 import numpy as np
 
 from calib.types import F32, F64, I64
+from planview.maps.colour import CODES
 from planview.tracking import body
 from planview.tracking.joint._sample_kernels import fresh_points as find_fresh
 from planview.tracking.joint._sample_kernels import map_lacking
 from planview.tracking.joint.explanation import STEPS_M, SURFACE_STD_M, Explanation, Owned, People, about, upright
 from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
-from planview.tracking.joint.samples import TINY
+from planview.tracking.joint.samples import PARTS, TINY
+from planview.tracking.kalman import FloorKalman
 
 EVIDENCE_MAX = 6.0
 """Largest evidence of one observation for or against a person, as a log-odds."""
@@ -132,3 +134,31 @@ def _tried(frame: Explanation, birth_evidence: float, people: People, points: F6
         owner = np.zeros(len(points), np.int64)
         person.learn_colours(colour_counts(1, owner, points[:, 2] / person.height_m, points[:, 4].astype(np.uint8))[0])
     return person
+
+
+def odds_of_moving(
+    frame: Explanation, known: Sequence[tuple[Person, FloorKalman]], born: Sequence[Person], birth_evidence: float
+) -> F64:
+    """(people, newcomers) log-odds of somebody followed being a newcomer, rather than both being there.
+
+    Where somebody was predicted badly, an ascent from there ends on whatever is near and misses the person.
+
+    Args:
+        known: people and where each was predicted.
+    """
+    people, nobody = side_by_side([*(person for person, _ in known), *born]), np.ones((PARTS, CODES), np.float32)
+    touch, odds = frame.touching(people.poses), np.full((len(known), len(born)), -math.inf)
+    for i, (_, predicted) in enumerate(known):
+        pose, tall, ratios = people.poses[i], people.tall[i], people.ratios[i]
+        prior = [predicted.log_prior(place) for place in people.poses[:, :2]]
+        for k in range(len(born)):
+            n = len(known) + k
+            if prior[n] + birth_evidence < 0.0:
+                continue
+            here, there = (frame.around(people.poses[j], body.TORSO.torso_radius_m + 0.1) for j in (i, n))
+            here.layer(people, np.flatnonzero(touch[i]))
+            there.layer(people, np.setdiff1d(np.flatnonzero(touch[n]), [i]))
+            both = prior[i] + here.evidence(pose, tall, ratios) - birth_evidence
+            both += there.evidence(people.poses[n], people.tall[n], nobody)
+            odds[i, k] = prior[n] + there.evidence(people.poses[n], tall, ratios) - both
+    return odds

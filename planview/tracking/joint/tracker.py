@@ -13,12 +13,13 @@ from calib.types import F32, F64, U8, Bool
 from planview.maps.colour import CODES
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, Drawing, Observation, TrackerDebug, person_boxes
-from planview.tracking.joint.births import EVIDENCE_MAX, SEARCH_PRIOR, Births
+from planview.tracking.joint.births import EVIDENCE_MAX, SEARCH_PRIOR, Births, odds_of_moving
 from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, People, Samples, likelihood_of_ranges
 from planview.tracking.joint.identity import KNOWN_LOG_ODDS, Exchanges, continued
 from planview.tracking.joint.params import JointParams, PeopleParams
 from planview.tracking.joint.person import Person, colour_counts, colour_ratios, side_by_side
 from planview.tracking.joint.samples import KNOWN, PARTS
+from planview.tracking.kalman import FloorKalman
 from planview.tracking.lifecycle import TrackLog
 from planview.trajectories.state import State, TrackState
 
@@ -218,6 +219,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         if not observation.views:
             raise ValueError("expected the pixels that the cameras saw (Observation.views), found none")
         dt, views = self._begin(observation.timestamp_s), observation.views
+        predicted = [(person, person.kalman) for person in self._people]
         frame = Explanation(views, self._likelihood)
         ratios = colour_ratios(self._people)
         if self._people:
@@ -233,7 +235,8 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
             gaps = [min((math.dist(a, b) for b in places if b is not a), default=math.inf) for a in places]
             self._learn(owned, [gap >= body.REACH_M for gap in gaps], dt)
         self._forget_gone()
-        for newcomer in self._births.find(frame, self._people, owned, self._log.now_s):
+        born = self._births.find(frame, self._people, owned, self._log.now_s)
+        for newcomer in self._moved(frame, born, predicted) if born else ():
             reason = f"evidence {newcomer.evidence:.1f}, {newcomer.height_m:.2f} m tall"
             self._add(newcomer, "spawned", reason, newcomer.evidence)
         self._recognise(frame.coloured)
@@ -296,6 +299,26 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         s.layer(people, np.append(rest, i), near)
         both = first + s.log_ratio(poses[j], tall[j], ratios[j]) + prior
         return both - max(found), starts[int(np.argmax(found))]
+
+    def _moved(
+        self, frame: Explanation, born: list[Person], predicted: Sequence[tuple[Person, FloorKalman]]
+    ) -> list[Person]:
+        """The newcomers of a frame, without those to whom somebody moves who was predicted elsewhere."""
+        fit = [(p, k) for p, k in predicted if p.confirmed and p.share >= self.params.visible_min and p in self._people]
+        odds = odds_of_moving(frame, fit, born, self.params.birth_evidence)
+        strangers = list(born)
+        while odds.size and odds.max() > KNOWN_LOG_ODDS:
+            i, k = np.unravel_index(int(np.argmax(odds)), odds.shape)
+            (person, before), newcomer = fit[i], born[k]
+            noise = newcomer.kalman.covariance[:2, :2]
+            newcomer.kalman = before.found_at(newcomer.pose[:2], noise, body.SPEED_MAX_MPS)
+            newcomer.log_odds, newcomer.confirmed = person.log_odds, True
+            newcomer.take_identity(person)
+            self._people[self._people.index(person)] = newcomer
+            self._note(newcomer, "matched", f"in a newcomer's place: log-odds {odds[i, k]:.1f}", odds[i, k])
+            strangers.remove(newcomer)
+            odds[i], odds[:, k] = -math.inf, -math.inf
+        return strangers
 
     def _note_movement(self, person: Person, alone: bool) -> None:
         """Count movement as evidence for a person; next to somebody it may be a shadow or something carried."""

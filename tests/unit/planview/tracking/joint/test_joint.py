@@ -139,6 +139,17 @@ def test_a_walker_keeps_existence_and_id_while_nothing_is_known():
     assert odds[22] == pytest.approx(odds[14], abs=1e-6)
 
 
+def test_who_turns_round_while_nothing_is_known_is_not_the_thing_that_stands_ahead():
+    tracker, states = JointTracker(), ()
+    for n in range(34):
+        walker, thing = (-1.0 + 0.06 * min(n, 44 - n), 3.0, 1.75), (0.8, 3.0, 1.0)
+        scene = look_at(CAMERA, [walker, thing] if n >= 32 else [walker], (30, 160))
+        if 15 <= n < 32:
+            scene.kind[:], scene.range_m[:] = UNKNOWN, 0.0
+        states = tracker.update(observed(n, n / 15, scene))
+    assert [(s.track_id, s.x_m) for s in confirmed(states)] == [(1, pytest.approx(-0.34, abs=0.08))]
+
+
 def test_a_reset_ends_everybody_and_earlier_times_are_refused():
     tracker = JointTracker()
     for n in range(20):
