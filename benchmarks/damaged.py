@@ -18,7 +18,7 @@ from benchmarks.real import recordings_with_truth, truth_of
 from calib.errors import InputError
 from calib.types import AnyArray
 from planview.engine.config import Config
-from planview.engine.engine import AnyRecording, Frame
+from planview.engine.engine import Frame, Recording
 from planview.engine.open import open_engine
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.output.script import run
@@ -87,7 +87,7 @@ def after(frame: Frame, kind: str, rng: Rng) -> Frame:
 class Damaged:
     """A recording with damage of ``length`` frames from each of some frames on ("one-level": of all frames)."""
 
-    def __init__(self, recording: AnyRecording, kind: str, length: int, starts: Sequence[int]) -> None:
+    def __init__(self, recording: Recording, kind: str, length: int, starts: Sequence[int]) -> None:
         self._recording, self._kind, self._rng = recording, kind, np.random.default_rng(0)
         every = 2 if kind == "every-second-dark" else 1
         self._hit = {start + k for start in starts for k in range(0, every * length, every)}

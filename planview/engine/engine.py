@@ -113,8 +113,8 @@ class StageClock:
         self.stages_ms[stage] = self.stages_ms.get(stage, 0.0) + 1e3 * (self._since - since)
 
 
-class AnyRecording(Protocol):
-    """What stereo recordings, videos and recorded maps have in common (see ``stereo.recording.Recording``)."""
+class Recording(Protocol):
+    """What stereo recordings, videos and recorded maps have in common (see ``stereo.recording.Recorded``)."""
 
     @property
     def path(self) -> Path: ...
@@ -188,7 +188,7 @@ class Engine:
         stereo: the first rig, over the grid of the maps; None for one camera.
     """
 
-    def __init__(self, recording: AnyRecording, tracker: Tracker, config: Config, stages: Stages) -> None:
+    def __init__(self, recording: Recording, tracker: Tracker, config: Config, stages: Stages) -> None:
         self.recording, self.tracker, self.config, self.stages = recording, tracker, config, stages
         self.camera, self.size, self.rigs, self.ahead = stages.camera, stages.size, stages.rigs, stages.ahead
         self.stereo: FloorRig | None = next(iter(self.rigs.values()), None)

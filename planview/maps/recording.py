@@ -96,7 +96,7 @@ class MapsRecording:
         path: the file.
         view: the rig, its floor and the grid of the maps.
         config: JSON of the configuration that made the points.
-        n_frames, fps, skipped: see ``stereo.recording.Recording``.
+        n_frames, fps, skipped: see ``stereo.recording.Recorded``.
     """
 
     def __init__(self, path: Path) -> None:

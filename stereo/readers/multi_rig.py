@@ -41,7 +41,7 @@ class MultiRigRecording:
     Attributes:
         path: the folder with ``rigs.toml``.
         rigs: in the order of ``rigs.toml``; their ``world_SE3_left`` is that of the common world.
-        n_frames, fps, skipped: see ``stereo.recording.Recording``; moments at the rate of the slowest rig.
+        n_frames, fps, skipped: see ``stereo.recording.Recorded``; moments at the rate of the slowest rig.
     """
 
     def __init__(self, path: Path, rigs: Sequence[RigRecording]) -> None:
