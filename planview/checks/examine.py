@@ -27,7 +27,6 @@ from planview.checks.registration import registration_checks
 from planview.checks.scene import (
     CAMERA_HEIGHTS_M,
     MIN_VALID,
-    SATURATED_LEVEL,
     alignment_checks,
     flicker_check,
     height_check,
@@ -52,6 +51,7 @@ from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_c
 from planview.maps.view import FloorRig
 from stereo.depth import Depth, back_project, median_image
 from stereo.floor import FloorSearch, setup_frames
+from stereo.matcher import SATURATED_LEVEL
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video
 from stereo.recording import StereoRecording, Video
 

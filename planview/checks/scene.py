@@ -17,6 +17,7 @@ from planview.checks.recording import Evidence
 from planview.foreground.blobs import find_blobs
 from planview.maps.grid import GridParams
 from stereo.depth import RectifiedGeometry, back_project, median_image
+from stereo.matcher import SATURATED_LEVEL
 from stereo.recording import StereoFrame
 from stereo.rectify import Rectifier
 from stereo.rig_correction import RigCorrection, fit_correction
@@ -82,8 +83,6 @@ def epipolar_error(left: F64, right: F64, rotation: F64, translation: F64) -> fl
     return float(np.median(np.abs(np.sum(normals * right, axis=1))))
 
 
-SATURATED_LEVEL = 250
-"""Grey levels from here on hold no texture (as in the matcher)."""
 BLOCK_PX = 8
 """Side of the blocks that JPEG, MPEG and H.264 transform."""
 
