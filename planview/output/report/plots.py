@@ -210,7 +210,8 @@ def template_plot(run: RunFolder) -> bytes | None:
 
     from planview.engine.open import open_engine
 
-    engine, middle = open_engine(maps), run.tracks.where(np.array([mine[len(mine) // 2] for mine in rows]))
+    # Only the maps are of use: the template tracker is the one that costs little.
+    engine, middle = open_engine(maps, "template"), run.tracks.where(np.array([mine[len(mine) // 2] for mine in rows]))
     figure = Figure(figsize=(0.75 * len(rows) + 0.3, 1.9), layout="constrained")
     axes = figure.subplots(2, len(rows), squeeze=False)
     for frame in takewhile(lambda frame: frame.index <= middle.frame.max(), engine.recording):
