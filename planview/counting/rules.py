@@ -46,17 +46,14 @@ class RulePlane:
             raise InputError(
                 f"{what}: expected pixels (from_px, polygon_px), since a camera without a calibration has no metres"
             )
-        if self.camera is None:
-            if not in_pixels:
-                return "floor", points
-            self._require_in_view(points, _along(points), what)
-            return "image", points
-        if not in_pixels:
-            outline = _along(points)
+        outline = _along(points)
+        if in_pixels:
+            self._require_in_view(points, outline, what)
+        elif self.camera is not None:
             pixels = self.camera.project(np.column_stack([outline, np.zeros(len(outline))]))
             self._require_in_view(points, pixels, what, self.camera.back_project(self._raster()))
-            return "floor", points
-        self._require_in_view(points, _along(points), what)
+        if self.camera is None or not in_pixels:
+            return "image" if in_pixels else "floor", points
         on_floor = self.camera.back_project(points)
         if not np.isfinite(on_floor).all():
             bad = tuple(points[~np.isfinite(on_floor).all(axis=1)][0].tolist())
