@@ -33,7 +33,9 @@ SHOWN_MIN, DEPTH_MIN, LIT_MIN = 0.6, 0.33, 0.5
 """Least parts of the usual shares of pixels: explained by the background, with depth to be compared with that of the
 background, and neither dark nor saturated."""
 COVER_S = 0.15
-"""Time in which somebody who comes near covers the rest of that share [s]."""
+"""Time in which somebody who comes near covers the rest of the first share [s]."""
+BACK_MIN = 0.9
+"""The first share while the camera is known to move: from which it is back where it was."""
 DAMAGE_S = 3.0
 """Longer than this no frames are damaged: the view or the light is another one [s]."""
 GREY_LEVELS, GREY_SHARE = 8, 0.002
@@ -167,7 +169,8 @@ class Foreground(Carried):
         n, lit, shown, compared = kernels.count_shown(self._model, frame, self._constants(), SAMPLED)
         shares = shown / max(lit, 1), compared / n, lit / n
         gap_s = timestamp_s - self._shown_s
-        least = SHOWN_MIN ** max(1.0, gap_s / COVER_S) if self.shows else SHOWN_MIN, DEPTH_MIN, LIT_MIN
+        covered = SHOWN_MIN ** max(1.0, gap_s / COVER_S) if self.shows else SHOWN_MIN
+        least = covered if steady else BACK_MIN, DEPTH_MIN, LIT_MIN
         if self.settled and any(now < a * usual for now, a, usual in zip(shares, least, self._usual, strict=True)):
             if not steady or gap_s < DAMAGE_S:
                 return False

@@ -337,10 +337,11 @@ def test_parameters_out_of_range_are_refused():
         Foreground(ForegroundParams(), (0, 5))
 
 
-def test_one_camera_that_moves_or_is_covered_shows_nothing_and_keeps_its_background():
+@pytest.mark.parametrize(("block_px", "shifts_px"), [(4, (6, 15, 3, 12, 18)), (8, (4, -4, 4, -4, 4))])
+def test_one_camera_that_moves_or_is_covered_shows_nothing_and_keeps_its_background(block_px, shifts_px):
     rng = np.random.default_rng(4)
-    wall = np.kron(rng.integers(40, 216, (40, 60)), np.ones((4, 4))).astype(np.uint8)
-    views = [wall[:120, :160]] * 40 + [np.roll(wall, 3 * k, 1)[:120, :160] for k in (2, 5, 1, 4, 6)]
+    wall = np.kron(rng.integers(40, 216, (40, 60)), np.ones((block_px, block_px))).astype(np.uint8)
+    views = [wall[:120, :160]] * 40 + [np.roll(wall, shift, 1)[:120, :160] for shift in shifts_px]
     views += [np.zeros((120, 160), np.uint8)] * 10 + [wall[:120, :160]] * 20
     camera = ImageStages(SingleCameraParams(), (160, 120))
     seen = [camera.view(VideoFrame(k, k / 10, view.copy())) for k, view in enumerate(views)]
