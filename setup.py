@@ -10,7 +10,7 @@ SCENES = Path("data") / "synthetic"
 
 
 class BuildWithScenes(build_py):
-    """In a checkout they lie in data/synthetic, in a wheel beside planview/synthetic/assets.py."""
+    """In a checkout they lie in data/synthetic, in a wheel next to planview/synthetic/assets.py."""
 
     def run(self) -> None:
         super().run()

@@ -290,7 +290,7 @@ def floor_errors(found: Floor, true: Floor) -> tuple[float, float]:
 
 
 def low_floors(rooms: int) -> tuple[float, int, int]:
-    """Of so many rooms, the share whose floor is found within HEIGHT_OFF_M and ANGLE_OFF_DEG, and the numbers of wrong
+    """The share of ``rooms`` rooms whose floor is found within HEIGHT_OFF_M and ANGLE_OFF_DEG, and the numbers of wrong
     floors with a doubt and without."""
     good, doubted, silent = 0, 0, 0
     for seed in range(rooms):

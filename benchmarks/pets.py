@@ -53,7 +53,7 @@ def spread(runs: Sequence[PetsScores]) -> list[dict[str, Any]]:
     for protocol, results in (("boxes", [one.boxes for one in runs]), ("floor", [one.floor for one in runs])):
         scored = [result for result in results if result is not None]
         mota = np.array([math.nan if result.clear.mota is None else result.clear.mota for result in scored])
-        idf1 = np.array([result.idf1 or 0.0 for result in scored])
+        idf1 = np.array([math.nan if result.idf1 is None else result.idf1 for result in scored])
         if scored:
             figures = {"mota_mean": mota.mean(), "mota_deviation": mota.std(), "mota_range": np.ptp(mota)}
             figures |= {"idf1_mean": idf1.mean(), "idf1_deviation": idf1.std()}
@@ -67,8 +67,8 @@ def score_pets(
     """Score runs of a tracker; without a camera.toml only boxes are scored.
 
     Args:
-        seeds: runs, with seeds from 0 on; the human-model tracker draws nothing, so that its camera has a focal length
-            longer by as many hundred-thousandths.
+        seeds: number of runs, with seeds from 0 on. The human-model tracker draws no random numbers: its runs differ by
+            1e-5 in the focal length of the camera.
 
     Raises:
         InputError: files that are missing or do not fit.

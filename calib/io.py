@@ -76,7 +76,7 @@ def expecting(path: Path | str, what: str, *errors: type[Exception]) -> Iterator
 
 
 def file_size(path: Path) -> int:
-    """Size of a regular file that can be opened [bytes]; reading a pipe or a device could wait or go on for ever.
+    """Size of a regular file that can be opened [bytes]; reading a pipe or a device might never end.
     Raises UnreadableError: nothing there, no permission, or no regular file."""
     try:
         status = path.stat()

@@ -41,7 +41,7 @@ class FeedbackParams(Params):
     enabled: bool = True
     """Give feedback at all."""
     spread_px: int = Field(5, ge=0, le=50)
-    """A person's pixels are widened by so much for the next frame [px]."""
+    """Margin added around a person's pixels for the next frame [px]."""
 
 
 class SingleCameraParams(Params):

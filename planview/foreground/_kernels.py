@@ -128,7 +128,7 @@ def distance_in_chroma(g: Gaussian, du: Real, dv: Real, s: Constants) -> Real:
 
 @njit(inline="always")
 def colour_distance(g: Gaussian, o: Pixel, s: Constants) -> Real:
-    """Squared normalised distance in luma, and in chroma where that counts; not a number, or infinite, from nothing."""
+    """Squared normalised distance in luma, and in chroma where that counts; NaN or infinite for an empty Gaussian."""
     dy, du, dv = o.y - shown_luma(g, s), o.u - g.u, o.v - g.v
     noise_y = s.floor_y if g.var_y != ZERO else ZERO
     in_chroma = distance_in_chroma(g, du, dv, s) if chroma_counts(g, o, s) else ZERO

@@ -108,8 +108,8 @@ class GainFollower:
         scale = kernels.consensus_scale(*pixels, self._clip, self._tolerance)
         for start in (line, (scale, 0.0)):
             other = self._refined(pixels, *start)
-            # The inliers of a new gain must weigh so many times more than those of the last one: a large
-            # person is no gain step (our choice).
+            # The inliers of a new gain must weigh 10 % more than those of the last one: a large person is no
+            # gain step (our choice).
             if other.evidence > 1.1 * best.evidence:
                 best = other
         return best

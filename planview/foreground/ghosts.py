@@ -19,7 +19,7 @@ from planview.foreground.blobs import Blobs, find_blobs
 SEARCH_INTERVAL_S = 0.5
 """Time between two searches for ghosts [s]."""
 EDGE_RATIO = 1.5
-"""Edges along a ghost's boundary are so many times stronger in the background than in the image. Edges of the
+"""Edges along a ghost's boundary, in the background over in the image: at least this much stronger. Edges of the
 scene behind are in both and pull the ratio towards 1."""
 EDGE_LEVELS = 5.0
 """Smallest mean step along that boundary in the background [levels of 255]: more than noise makes."""

@@ -28,14 +28,14 @@ ACTIVITY_S = 1.0
 ACTIVITY_LEVEL = 5.0
 """Mean |Y_t - Y_(t-1)| above which a pixel is active (levels of 255). Our choice: noise of 3 levels gives 3.4."""
 SAMPLED = 4
-"""Every so many rows and columns are looked at to see whether a frame shows anything."""
+"""Step of the rows and columns sampled to see whether a frame shows anything."""
 SHOWN_MIN, DEPTH_MIN, LIT_MIN = 0.6, 0.33, 0.5
 """Least parts of the usual shares of pixels: explained by the background, with depth to be compared with that of the
 background, and neither dark nor saturated."""
 COVER_S = 0.15
 """Time in which somebody who comes near covers the rest of the first share [s]."""
 BACK_MIN = 0.9
-"""The first share while the camera is known to move: from which it is back where it was."""
+"""Replaces SHOWN_MIN while the camera moves: with more than this it is back in its place."""
 DAMAGE_S = 3.0
 """Longer than this no frames are damaged: the view or the light is another one [s]."""
 GREY_LEVELS, GREY_SHARE = 8, 0.002
@@ -160,8 +160,8 @@ class Foreground(Carried):
     def _judge(self, frame: kernels.Frame, timestamp_s: float, steady: bool) -> bool:
         """Whether a frame shows what the background can be compared with, as nearly as much as usual.
 
-        No person covers so much of the view, or takes the depth of so much of it, from one frame to the next. What
-        stays so is no damage but another light, or another view, which begins a new background.
+        No person covers the rest of the view, or takes the depth of it, from one frame to the next. What lasts is no
+        damage but another light, or another view, which begins a new background.
         """
         if not steady and not self.settled:  # what has been learned is of another view
             self.reset()

@@ -42,7 +42,7 @@ class ForegroundParams(Params):
     """Start during which every observation counts alike (rate 1/n), and the time constant at pixels that are known
     to be background or that were uncovered [s]. The recordings start with three empty seconds."""
     activity_slowdown: float = Field(5.0, ge=1, le=100)
-    """Active pixels learn so many times slower. Harville 2001: about 5."""
+    """Factor by which active pixels learn slower. Harville 2001: about 5."""
     background_weight: float = Field(0.4, gt=0, lt=1)
     """The leading Gaussians up to this weight are background (T). Harville 2001: about 0.4."""
     deepest_weight: float = Field(0.2, gt=0, lt=1)

@@ -402,7 +402,7 @@ def _write_view(file: Any, view: FloorRig) -> None:
 
 
 def _reserve(descriptor: int, size: int) -> None:
-    """Take room for a file of so many bytes: HDF5 ends the process when the disk is full while it writes.
+    """Reserve ``size`` bytes for a file: HDF5 ends the process when the disk is full while it writes.
 
     Raises:
         OSError: there is no room.

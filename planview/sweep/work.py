@@ -120,7 +120,6 @@ def track(job: RunJob) -> None:
     if is_done(job):
         return
     cv2.setNumThreads(1)  # a study runs a job per core
-    shutil.rmtree(job.folder, ignore_errors=True)
     with whole_folder(job.folder) as folder:
         engine = open_engine(
             job.source.path, job.tracker, job.config, job.source.camera, OpenOptions(job.source.calibration)
@@ -136,6 +135,8 @@ def track(job: RunJob) -> None:
             from planview.output.report.page import write_report
 
             write_report(folder)
+        if not is_done(job):  # what lacks something makes room only now
+            shutil.rmtree(job.folder, ignore_errors=True)
 
 
 def is_done(job: RunJob) -> bool:

@@ -232,7 +232,7 @@ class Page:
             while self._asked:
                 self._asked = 0
                 self.refresh()
-                # In a thread: the page must go on answering, or the browser takes it for dead.
+                # In a thread: the page must keep answering, or the browser takes it for dead.
                 solution = await run.io_bound(self._session.solve)
                 # None when the server is going down.
                 self._session.solution = solution or self._session.solution

@@ -135,7 +135,7 @@ class SizeLearner:
 
     @property
     def is_due(self) -> bool:
-        """Whether there is so much more to learn from than in the last ``size`` that it may be another one."""
+        """Whether enough has been added since the last ``size`` that it may have changed."""
         return self._frames > 1.2 * self._fitted_at + 2
 
     def size(self) -> tuple[Size, float] | None:

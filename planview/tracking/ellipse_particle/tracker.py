@@ -351,7 +351,7 @@ class EllipseParticleTracker(Carried):
         return self._image_size[1] / self._shape[1]
 
     def _grid(self, size: Size, foreground: U8) -> tuple[int, int]:
-        """Rows and columns of the grid on which a person in the middle row is so many cells long as asked for."""
+        """Rows and columns of the grid on which a person in the middle row has the wanted length in cells."""
         assert self._image_size is not None
         height, width = self._image_size
         cell_px = 2.0 * float(size.half_lengths(np.array(height / 2))) / PERSON_CELLS

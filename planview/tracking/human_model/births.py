@@ -56,7 +56,7 @@ class FloorPlaces:
         self.scale: F32 = (1.0 / patch_px**2).astype(np.float32)
 
     def scores(self, frame: MaskExplanation, people: People, owned: Owned, least: float) -> tuple[I64, F64]:
-        """Places where one more person would gain at least so much, and what, about [log-odds of pixels].
+        """Places where one more person would gain at least ``least``, and roughly how much [log-odds of pixels].
 
         Args:
             owned: the foreground, as ``people`` own it.

@@ -52,7 +52,7 @@ class Walker(Person):
     """A person followed by one camera.
 
     Attributes:
-        head_in_view: taken for granted: who is seen in part is not looked for (``birth_visible``).
+        head_in_view: always True: people seen in part are not searched for (``birth_visible``).
         motion, stability: the two automata.
         posture: as the height implies it.
         match: of the last frame.

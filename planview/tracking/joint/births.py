@@ -28,7 +28,7 @@ PLACES_MAX = 6
 """Places that are tried in a frame."""
 MAP_CELLS_MAX = 4_000_000
 CHANGED = 3.0
-"""A surface is another one from so many deviations of its range on."""
+"""Deviations of its range from which a surface is another one."""
 SEARCH_PRIOR = about(body.TORSO.torso_radius_m, 1.0)
 """Prior of a search: the place within a body's radius, and the height within a metre."""
 
@@ -137,28 +137,36 @@ def _tried(frame: Explanation, birth_evidence: float, people: People, points: F6
 
 
 def odds_of_moving(
-    frame: Explanation, known: Sequence[tuple[Person, FloorKalman]], born: Sequence[Person], birth_evidence: float
+    frame: Explanation,
+    people: Sequence[Person],
+    predicted: Sequence[FloorKalman],
+    born: Sequence[Person],
+    p: JointParams,
 ) -> F64:
     """(people, newcomers) log-odds of somebody followed being a newcomer, rather than both being there.
 
     Where somebody was predicted badly, an ascent from there ends on whatever is near and misses the person.
 
     Args:
-        known: people and where each was predicted.
+        predicted: where each of the people was.
     """
-    people, nobody = side_by_side([*(person for person, _ in known), *born]), np.ones((PARTS, CODES), np.float32)
-    touch, odds = frame.touching(people.poses), np.full((len(known), len(born)), -math.inf)
-    for i, (_, predicted) in enumerate(known):
-        pose, tall, ratios = people.poses[i], people.tall[i], people.ratios[i]
-        prior = [predicted.log_prior(place) for place in people.poses[:, :2]]
-        for k in range(len(born)):
-            n = len(known) + k
-            if prior[n] + birth_evidence < 0.0:
-                continue
-            here, there = (frame.around(people.poses[j], body.TORSO.torso_radius_m + 0.1) for j in (i, n))
-            here.layer(people, np.flatnonzero(touch[i]))
-            there.layer(people, np.setdiff1d(np.flatnonzero(touch[n]), [i]))
-            both = prior[i] + here.evidence(pose, tall, ratios) - birth_evidence
-            both += there.evidence(people.poses[n], people.tall[n], nobody)
-            odds[i, k] = prior[n] + there.evidence(people.poses[n], tall, ratios) - both
+    everybody, nobody = side_by_side([*people, *born]), np.ones((PARTS, CODES), np.float32)
+    poses, touch = everybody.poses, frame.touching(everybody.poses)
+    odds = np.full((len(people), len(born)), -math.inf)
+    reach_m = body.TORSO.torso_radius_m + 0.1
+    for i, (person, before) in enumerate(zip(people, predicted, strict=True)):
+        prior = np.array([before.log_prior(place) for place in poses[:, :2]])
+        likely = np.flatnonzero(prior[len(people) :] + p.birth_evidence >= 0.0)
+        if len(likely) == 0 or not person.confirmed or person.share < p.visible_min:
+            continue
+        tall, ratios = everybody.tall[i], everybody.ratios[i]
+        own = frame.around(poses[i], reach_m)
+        own.layer(everybody, np.flatnonzero(touch[i]))
+        both = prior[i] + own.evidence(poses[i], tall, ratios) - p.birth_evidence
+        for k in likely:
+            n = len(people) + k
+            there = frame.around(poses[n], reach_m)
+            there.layer(everybody, np.setdiff1d(np.flatnonzero(touch[n]), [i]))
+            moved = prior[n] + there.evidence(poses[n], tall, ratios)
+            odds[i, k] = moved - both - there.evidence(poses[n], everybody.tall[n], nobody)
     return odds

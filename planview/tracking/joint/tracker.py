@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -219,7 +219,7 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         if not observation.views:
             raise ValueError("expected the pixels that the cameras saw (Observation.views), found none")
         dt, views = self._begin(observation.timestamp_s), observation.views
-        predicted = [(person, person.kalman) for person in self._people]
+        predicted = {person.track_id: person.kalman for person in self._people}
         frame = Explanation(views, self._likelihood)
         ratios = colour_ratios(self._people)
         if self._people:
@@ -300,21 +300,18 @@ class JointTracker(ExplainingTracker[Person, JointParams]):
         both = first + s.log_ratio(poses[j], tall[j], ratios[j]) + prior
         return both - max(found), starts[int(np.argmax(found))]
 
-    def _moved(
-        self, frame: Explanation, born: list[Person], predicted: Sequence[tuple[Person, FloorKalman]]
-    ) -> list[Person]:
+    def _moved(self, frame: Explanation, born: list[Person], predicted: Mapping[int, FloorKalman]) -> list[Person]:
         """The newcomers of a frame, without those to whom somebody moves who was predicted elsewhere."""
-        fit = [(p, k) for p, k in predicted if p.confirmed and p.share >= self.params.visible_min and p in self._people]
-        odds = odds_of_moving(frame, fit, born, self.params.birth_evidence)
-        strangers = list(born)
+        people, strangers = list(self._people), list(born)
+        odds = odds_of_moving(frame, people, [predicted[q.track_id] for q in people], born, self.params)
         while odds.size and odds.max() > KNOWN_LOG_ODDS:
             i, k = np.unravel_index(int(np.argmax(odds)), odds.shape)
-            (person, before), newcomer = fit[i], born[k]
+            person, newcomer, before = people[i], born[k], predicted[people[i].track_id]
             noise = newcomer.kalman.covariance[:2, :2]
             newcomer.kalman = before.found_at(newcomer.pose[:2], noise, body.SPEED_MAX_MPS)
             newcomer.log_odds, newcomer.confirmed = person.log_odds, True
             newcomer.take_identity(person)
-            self._people[self._people.index(person)] = newcomer
+            self._people[i] = newcomer
             self._note(newcomer, "matched", f"in a newcomer's place: log-odds {odds[i, k]:.1f}", odds[i, k])
             strangers.remove(newcomer)
             odds[i], odds[:, k] = -math.inf, -math.inf

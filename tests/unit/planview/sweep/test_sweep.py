@@ -6,6 +6,7 @@ import shutil
 import signal
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from inline_tasks import InlineTasks
 import planview
 from calib.errors import InputError, WorkError
 from planview.output.resume import code_version, content_key
+from planview.sweep import work
 from planview.sweep.jobs import companion_files
 from planview.sweep.results import JobResult, estimate, ranked, summary_csv, why_no_intervals
 from planview.sweep.study import Configuration, Range, grid, load_study, random_draws
@@ -237,6 +239,16 @@ def double(argument: object) -> int:
     if argument < 0:
         raise WorkError("expected a number from 0")
     return 2 * argument // argument
+
+
+def test_finished_run_without_its_maps_stays_when_the_new_one_fails(tmp_path, monkeypatch):
+    monkeypatch.setattr(work, "is_done", lambda job: False)
+    (tmp_path / "run").mkdir()
+    source = SimpleNamespace(path=tmp_path / "nope", camera=None, calibration=None)
+    job = SimpleNamespace(version=code_version(), folder=tmp_path / "run", source=source, tracker="joint", config=None)
+    with pytest.raises(InputError, match="nope"):
+        work.track(job)
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 def test_task_that_fails_stops_no_other_and_has_one_sentence() -> None:
