@@ -20,9 +20,9 @@ from planview.output.finished import edit_run, refine_run, scores_of_refinement,
 from planview.output.progress import PlainConsole
 from planview.output.run_folder import RunFolder
 from planview.trajectories.file import limited, region_of
-from planview.trajectories.formats import FORMATS, ExportName, load_file, prepared, tracks_file
+from planview.trajectories.formats import FORMATS, ExportName, load_file, prepared, tracks_file, write_file
+from planview.trajectories.layouts import stream_jsonl
 from planview.trajectories.table import frame_period_s, people_of
-from planview.trajectories.text_formats import stream_jsonl, write_petrack
 
 _Many = Annotated[Sequence[str], Parameter(negative="")]
 
@@ -212,10 +212,7 @@ def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions, console
         return
     out = options.out or source.with_name(f"{source.stem}_{to}{FORMATS[to].suffix}")
     _refuse_existing(out, source, options.overwrite)
-    if to == "pedpy":
-        write_petrack(out, file, options.unit)
-    else:
-        FORMATS[to].write(out, file)
+    write_file(out, file, to, options.unit)
     run = RunFolder.around(tracks)
     frame_s = run.frame_s if run is not None else 1 / file.fps if file.fps else frame_period_s(found.table, 1 / 30)
     people = len(people_of(found.table, frame_s))

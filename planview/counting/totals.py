@@ -18,7 +18,7 @@ from planview.counting.events import Direction, Event
 from planview.counting.passages import Stay, TrackPlaces
 from planview.counting.rules import AnalyticsParams, Placed, Queue, Rules
 from planview.counting.stream import Analytics
-from planview.trajectories.table import IGNORED, Trajectories, frame_period_s
+from planview.trajectories.table import IGNORED, Trajectories, frame_period_s, frame_times
 
 INTERVALS_MAX = 10_080
 """Intervals of the totals at most, a week of minutes: where the clock has jumped they are longer."""
@@ -65,9 +65,7 @@ class Clock:
     """
 
     def __init__(self, tracks: Trajectories, fps: float) -> None:
-        known = np.isfinite(tracks.timestamp_s)
-        frames, first = np.unique(tracks.frame[known], return_index=True)
-        times = tracks.timestamp_s[known][first]
+        frames, times = frame_times(tracks)
         self.frame_s = frame_period_s(tracks, 1.0 / fps)
         self._frames = frames if len(frames) else np.zeros(1, dtype=np.int64)
         self._times = times if len(frames) else np.zeros(1)

@@ -31,7 +31,7 @@ from calib.world import MAX_AWAY_M, refuse_strange_pose
 from planview.maps.colour import CODES
 from planview.maps.grid import MAX_CELLS, Grid
 from planview.maps.view import NO_DEPTH, FloorRig, View
-from planview.trajectories.binary_formats import SIGNATURE, opened
+from planview.trajectories.layouts import SIGNATURE, opened
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
 from stereo.recording import Skipped

@@ -1,4 +1,4 @@
-"""Boxes of people in images: rows of MOTChallenge and PETS, and what a detector elsewhere found."""
+"""Boxes of people in images: rows of MOTChallenge, VisDrone, CVAT, PETS and of detectors, and what is found in them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import math
 import re
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -16,10 +16,9 @@ from numpy.typing import ArrayLike
 
 from calib.errors import InputError
 from calib.io import expecting, read_text, require_file
-from calib.types import F64
-from planview.trajectories.columns import box_columns, left_out, listed_numbers, people_among
-from planview.trajectories.file import TrajectoryFile, replaced
-from planview.trajectories.table import BOX_COLUMNS, ordinal, table_of
+from calib.types import F64, Bool
+from planview.trajectories.file import TrajectoryFile
+from planview.trajectories.table import BOX_COLUMNS, IGNORED, ordinal, table_of
 
 FRAMES_MAX = 10_000_000
 COLUMNS = "frame (from 1),id,left,top,width,height"
@@ -28,9 +27,16 @@ OUTSIDE_MAX = 0.1
 """Share of boxes whose centre may lie outside of the image: people at its border."""
 CORNERS_MIN, CORNERS_SPREAD = 10, 0.5
 """Fewest boxes of a file of corners, and most that right less left may vary as a share of right."""
+DISTRACTORS = (2, 7, 8, 12)
+"""Classes of MOT16 and later that excuse a track (Milan et al. 2016, section 3.2): person on a vehicle, static person,
+distractor, reflection."""
+VISDRONE_PEOPLE = (1, 2)
+"""Pedestrians, and people who do not walk (Zhu et al. 2018, VisDrone)."""
+VISIBLE_OF_OCCLUSION = np.array([1.0, 0.75, 0.25])
+"""Unoccluded fraction of VisDrone's levels: none, up to half and more than half hidden; the middle of each."""
+NAMES = re.compile(r"\b(person|people|pedestrian|human|man|woman|walker)s?\b", re.IGNORECASE)
 
-
-_NAMES = (
+HEADERS = (
     ("frame", "frame_id", "frame_number", "frame_no", "frame_index"), ("id", "track_id", "trackid", "tid", "identity"),
     ("left", "bb_left", "bbox_left", "x", "bbox_x", "xmin"), ("top", "bb_top", "bbox_top", "y", "bbox_y", "ymin"),
     ("width", "w", "bb_width", "bbox_width", "bbox_w"), ("height", "h", "bb_height", "bbox_height", "bbox_h"),
@@ -42,16 +48,15 @@ _NAMES = (
 def named_columns(line: str) -> list[int]:
     """Places of frame, id, box, score and class in a line of names; empty of any other line."""
     names = [name.strip(" \"'").lower() for name in re.split(r"[,;\t]", line.strip())]
-    places = [next((i for i, name in enumerate(names) if name in known), -1) for known in _NAMES]
+    places = [next((i for i, name in enumerate(names) if name in known), -1) for known in HEADERS]
     return [] if -1 in places[:6] else [place for place in places if place >= 0]
 
 
-def motchallenge_rows(path: Path, *, of_detector: bool = False) -> F64:
+def motchallenge_rows(path: Path, *, of_detector: bool = False) -> tuple[F64, str]:
     """(N, 6 to 10) rows of frame, id, left, top, width, height [px] and more, separated by commas, blanks, or
-    semicolons with decimal commas; NaN where a row is shorter than others, (0, 6) of an empty file. Before them may be
-    a line of names in any order. Rows ``of_detector`` are boxes that were found: none is -1. Raises InputError:
-    unreadable, a row of another length, values that are not numbers, or other boxes."""
-    require_file(path, "rows of numbers")
+    semicolons with decimal commas; NaN where a row is shorter than others, (0, 6) of an empty file; and what was left
+    out, in a sentence. Before them may be a line of names in any order. Rows ``of_detector`` are boxes that were found:
+    none is -1. Raises InputError: unreadable, a row of another length, no numbers, or other boxes."""
     rows, longest, places = array("d"), 6, list[int]()
     with (
         expecting(path, f"rows of {COLUMNS},...", OSError, UnicodeDecodeError),
@@ -64,9 +69,9 @@ def motchallenge_rows(path: Path, *, of_detector: bool = False) -> F64:
                 values = _row(path, number, line, of_detector, places)
                 longest = max(longest, len(values))
                 rows.extend(values + [math.nan] * (10 - len(values)))
-    table = np.frombuffer(rows, dtype=np.float64).reshape(-1, 10)[:, :longest]
-    _refuse_misread(table[np.isfinite(table[:, :6]).all(axis=1), 2:6], str(path))
-    return table
+    table, note = _finite(np.frombuffer(rows, dtype=np.float64).reshape(-1, 10)[:, :longest])
+    _refuse_misread(table[:, 2:6], str(path))
+    return table, note
 
 
 def _finite(table: F64) -> tuple[F64, str]:
@@ -124,37 +129,145 @@ def refuse_outside(boxes: F64, size: tuple[int, int], source: str) -> None:
         )
 
 
+def box_columns(table: F64, path: Path, *, truth: bool = False) -> tuple[dict[str, F64], str]:
+    """The people among (N, 6 to 10) rows of frame, id, left, top, width, height and what follows.
+
+    - flag (0 or 1), class, visibility (0 to 1): MOT16 and later, CVAT. Flag 0 is left out of truth.
+    - flag, class, truncation (0 or 1), occlusion (0 to 2): VisDrone.
+    - score and class, with nothing or -1 after them; or class, or class and score: a detector of many classes.
+    - confidence, X, Y (and Z): MOT15 and PETS, metres on the floor, unknown where all are -1; confidence 0 is left out
+      of truth.
+
+    People are the classes that ``labels.txt`` next to the file names (CVAT), else those of the format; a detector's are
+    0 where it counts classes from 0, else 1. Raises InputError: truth of which no row counts, or no class of people.
+
+    Returns:
+        (M,) columns of ``table_of`` and "score", NaN where a value is unknown; and what was assumed or left out.
+    """
+    more, kind = table[:, 6:], _class_column(table)
+    unknown = np.full(len(table), np.nan)
+    score, visible, note = more[:, 0] if more.shape[1] else unknown, np.ones(len(table)), ""
+    keep: Bool = np.ones(len(table), dtype=np.bool_)
+    floor = np.column_stack([unknown, unknown])
+    if kind is not None:
+        keep, score, visible, note = _of_classes(table, kind, path, truth)
+    elif truth and more.shape[1]:
+        keep = np.asarray(score != 0)
+        if len(table) and not keep.any():
+            raise InputError(f"{path}: expected truth rows that count, found the confidence 0 in all of them")
+    if kind is None and more.shape[1] >= 3:
+        known = np.isfinite(more[:, 1:3]).all(axis=1) & ~(more[:, 1:] == -1).all(axis=1)
+        floor = np.where(known[:, None], more[:, 1:3], np.nan)
+    box = np.where((table[:, 4:6] > 0).all(axis=1, keepdims=True), table[:, 2:6], np.nan)
+    columns = np.column_stack([table[:, :2], box, score, floor, visible])[keep]
+    return dict(zip(("frame", "id", *BOX_COLUMNS, "score", "x_m", "y_m", "visible"), columns.T, strict=True)), note
+
+
+def people_among(classes: Iterable[float]) -> tuple[int, ...]:
+    """The class of people of a detector: 0 where its classes count from 0, else 1, as in COCO."""
+    return (0,) if 0 in set(classes) else (1,)
+
+
+def left_out(people: Iterable[float], others: Iterable[float], where: str) -> str:
+    """A sentence on the classes of a file; empty where all rows show people."""
+    others = sorted(others)
+    return (
+        f"class {listed_numbers(people)} in {where} is people; class {listed_numbers(others)} is left out"
+        if others
+        else ""
+    )
+
+
+def _of_classes(table: F64, kind: int, path: Path, truth: bool) -> tuple[Bool, F64, F64, str]:
+    """Which rows count, their score and their unoccluded fraction, and what was left out."""
+    more = table[:, 6:]
+    classes, visible = more[:, kind], np.ones(len(table))
+    benchmark = kind == 1 and more.shape[1] > 2 and bool((more[:, 2:] >= 0).all())
+    named, usual = _people_in_labels(path), people_among(classes)
+    if benchmark and more.shape[1] == 4:
+        usual, visible = VISDRONE_PEOPLE, VISIBLE_OF_OCCLUSION[more[:, 3].astype(np.int64)]
+    elif benchmark:
+        usual, visible = (1,) if truth else usual, more[:, 2]
+    people = named or usual
+    person = np.isin(classes, people)
+    if benchmark and truth:
+        person &= more[:, 0] == 1
+    of_mot = benchmark and truth and not named
+    excuses = np.isin(classes, DISTRACTORS if of_mot and usual == (1,) else ())
+    if not person.any():
+        listed, wanted = listed_numbers(np.unique(classes)), listed_numbers(people)
+        expected = f"rows of people (class {wanted} in column {kind + 7}), found class {listed}"
+        if truth and benchmark:
+            flags = listed_numbers(np.unique(more[:, 0]))
+            expected = f"truth rows that count (flag 1, class {wanted}: person), found class {listed}, flags {flags}"
+        raise InputError(f"{path}: expected {expected}")
+    note = "" if of_mot else left_out(people, np.setdiff1d(classes, people), f"column {kind + 7}")
+    score = more[:, 1 - kind] if more.shape[1] > 1 else np.full(len(table), np.nan)
+    return person | excuses, score, np.where(excuses, IGNORED, visible), note
+
+
+def _class_column(table: F64) -> int | None:
+    """Which column behind the box holds a class; None where none does."""
+    more = table[:, 6:]
+    n = more.shape[1]
+    if not len(table) or not n:
+        return None
+    whole = [bool((np.floor(column) == column).all() and column.min() >= -1) for column in more.T]
+    if n >= 2 and whole[1] and more[:, 1].max() >= 0:
+        rest = more[:, 2:]
+        flag = bool(np.isin(more[:, 0], (0, 1)).all()) and more[:, 1].min() >= 0
+        visibility = flag and n == 3 and bool(((rest >= 0) & (rest <= 1)).all())
+        levels = flag and n == 4 and all(whole) and bool(((rest >= 0) & (rest <= (1, 2))).all())
+        levels = levels and more[:, 1].max() > 0  # else somebody who stays at the origin of the floor
+        if visibility or levels or bool(((rest == -1) | np.isnan(rest)).all()):
+            return 1
+    # A class first: more than a flag, people among them, and one for all rows of an id, unlike scores in percent.
+    scored = n == 2 and not whole[1] and bool(((more[:, 1] >= 0) & (more[:, 1] <= 1)).all())
+    if (n == 1 or scored) and whole[0] and more[:, 0].max() > 1 and np.isin(more[:, 0], (0, 1)).any():
+        of_id = np.unique(table[table[:, 1] > 0][:, (1, 6)], axis=0)
+        return 0 if len(of_id) == len(np.unique(of_id[:, 0])) else None
+    return None
+
+
+def _people_in_labels(path: Path) -> tuple[int, ...]:
+    """Classes of people, from 1, that ``labels.txt`` next to the file names a line each; empty without it."""
+    file = path.parent / "labels.txt"
+    if not file.is_file():
+        return ()
+    names = enumerate(read_text(file, "names of classes").splitlines(), 1)
+    return tuple(number for number, name in names if NAMES.search(name))
+
+
+def listed_numbers(values: Iterable[float]) -> str:
+    shown = [f"{value:g}" for value in values]
+    return ", ".join(shown[:8]) + (f" and {len(shown) - 8} more" if len(shown) > 8 else "")
+
+
 def read_motchallenge(path: Path, *, truth: bool) -> TrajectoryFile:
     """Rows of people, frame (from 1; from 0 where there is a 0), id, left, top, width, height and what ``box_columns``
     knows. Raises InputError: a row of another length, values that are not numbers, or truth of which no row counts."""
-    table, note = _finite(motchallenge_rows(path))
+    table, odd = motchallenge_rows(path)
     if truth and not len(table):
         raise InputError(f"{path}: expected rows of truth, found none")
     if len(table) > 1 and (table[:, 1] == -1).all():
         raise InputError(f"{path}: expected the id of a person in each row, found -1 in all: detections, not tracks")
     from_zero = len(table) > 0 and table[:, 0].min() == 0
-    rows = box_columns(table, path, truth=truth)
-    columns = dict(zip((*BOX_COLUMNS, "x_m", "y_m"), (*rows.box_px.T, *rows.floor_m.T), strict=True))
-    columns |= {"frame": rows.frame - (not from_zero), "id": rows.track_id, "visible": rows.visible}
-    notes = FROM_ZERO if from_zero else "", rows.note, note
-    return TrajectoryFile(table_of(columns, path), note="; ".join(filter(None, notes)))
+    columns, note = box_columns(table, path, truth=truth)
+    columns["frame"] = columns["frame"] - (not from_zero)
+    notes = filter(None, (FROM_ZERO if from_zero else "", note, odd))
+    return TrajectoryFile(table_of(columns, path), note="; ".join(notes))
 
 
 def write_motchallenge(path: Path, file: TrajectoryFile) -> None:
-    """Write rows of frame (from 1), id, box, confidence 1 and world X, Y, Z [m] with Z 0 on the floor; an unknown box
-    or position is -1 throughout, heights and times have no column. Raises WorkError: the file cannot be written."""
+    """Rows of frame (from 1), id, box, confidence 1 and world X, Y, Z [m] with Z 0 on the floor; an unknown box or
+    position is -1 throughout, heights and times have no column."""
     table = file.table
-    world = np.column_stack([table.x_m, table.y_m, np.zeros(len(table))])
-    columns = [table.frame + 1, table.track_id, _or_minus_one(table.box_px), np.ones(len(table)), _or_minus_one(world)]
-    rows = np.column_stack(columns)
-    formats = ["%d", "%d", *["%.1f"] * 4, "%d", *["%.4f"] * 3]
-    with replaced(path) as part:
-        np.savetxt(part, rows, formats, delimiter=",")
-
-
-def _or_minus_one(values: F64) -> F64:
-    """The rows of an (N, M) array, -1 throughout where a value is unknown."""
-    return np.where(np.isfinite(values).all(axis=1, keepdims=True), values, -1.0)
+    box, floor = (
+        np.where(np.isfinite(values).all(axis=1, keepdims=True), values, -1.0)
+        for values in (table.box_px, np.column_stack([table.x_m, table.y_m, np.zeros(len(table))]))
+    )
+    rows = np.column_stack([table.frame + 1, table.track_id, box, np.ones(len(table)), floor])
+    np.savetxt(path, rows, ["%d", "%d", *["%.1f"] * 4, "%d", *["%.4f"] * 3], delimiter=",")
 
 
 MAX_BYTES = 1 << 29
@@ -253,10 +366,10 @@ def load_detections(path: Path) -> Detections:
     if is_json:
         table, *notes = _coco(path, read_text(path, "COCO results", MAX_BYTES))
     else:
-        found, odd = _finite(motchallenge_rows(path, of_detector=True))
-        rows = box_columns(found, path)
-        score = np.where(np.isfinite(rows.score), rows.score, 1.0)
-        table, notes = np.column_stack([rows.frame, rows.box_px, score]), [rows.note, odd]
+        found, odd = motchallenge_rows(path, of_detector=True)
+        columns, note = box_columns(found, path)
+        table, notes = np.column_stack([columns[name] for name in ("frame", *BOX_COLUMNS, "score")]), [note, odd]
+        table[~np.isfinite(table[:, 5]), 5] = 1.0
     if not len(table):
         raise InputError(f"{path}: expected boxes of people, found none")
     first = min(int(table[:, 0].min()), 1)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import shapely
 
-from calib.errors import InputError, WorkError
-from calib.io import read_text, reason, whole_file
+from calib.errors import InputError
+from calib.io import read_text
 from calib.types import Bool
 from planview.trajectories.table import Trajectories
 
@@ -38,14 +37,6 @@ class TrajectoryFile:
     fps: float | None = None
     walkable_wkt: str | None = None
     note: str = ""
-
-
-def timed_by_rate(file: TrajectoryFile) -> TrajectoryFile:
-    """The file with times frame / fps [s] where its rows have none."""
-    table = file.table
-    if file.fps is None or np.isfinite(table.timestamp_s).any():
-        return file
-    return replace(file, table=replace(table, timestamp_s=table.frame / file.fps))
 
 
 def checked_rate(path: Path, value: object) -> float:
@@ -80,18 +71,6 @@ def refuse_many(path: Path, rows: int) -> None:
     """Refuse a table before allocating memory. Raises InputError: more rows than ROWS_MAX."""
     if rows > ROWS_MAX:
         raise InputError(f"{path}: expected up to {ROWS_MAX} rows, found {rows}")
-
-
-@contextmanager
-def replaced(path: Path) -> Iterator[Path]:
-    """A path to write to, which becomes ``path`` in one step when all is written (see ``calib.files.whole_file``).
-    Raises WorkError: the file cannot be written; what was there is kept."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as part:
-            yield part
-    except OSError as error:
-        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
 
 
 class Region:

@@ -7,6 +7,7 @@ import re
 import warnings
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,29 +15,18 @@ from typing import IO, Literal, NamedTuple
 
 import numpy as np
 
-from calib.errors import InputError
-from calib.io import entries, expecting, read_text, reason, require_file
-from planview.trajectories.binary_formats import (
-    read_jupedsim,
-    read_parquet,
-    read_ped_data_archive,
-    write_jupedsim,
-    write_parquet,
-    write_ped_data_archive,
-)
+from calib.errors import InputError, WorkError
+from calib.io import entries, expecting, read_text, reason, require_file, whole_file
+from planview.trajectories import layouts
 from planview.trajectories.boxes import named_columns, read_motchallenge, write_motchallenge
-from planview.trajectories.file import TrajectoryFile, checked_rate, replaced, surrounding_area, timed_by_rate
+from planview.trajectories.file import TrajectoryFile, checked_rate, surrounding_area
 from planview.trajectories.table import Trajectories, frame_period_s, read_tracks, read_truth, write_table
-from planview.trajectories.text_formats import (
-    read_jsonl,
-    read_petrack,
-    read_simulation,
-    simulation_of,
-    stream_jsonl,
-    write_petrack,
-)
 
-BINARY = {b"\x89HDF\r\n\x1a\n": read_ped_data_archive, b"SQLite format 3\x00": read_jupedsim, b"PAR1": read_parquet}
+BINARY = {
+    layouts.SIGNATURE: layouts.read_ped_data_archive,
+    b"SQLite format 3\x00": layouts.read_jupedsim,
+    b"PAR1": layouts.read_parquet,
+}
 """Readers by the first bytes of a file."""
 _FIRST_LINE = 10_000
 MAX_UNPACKED_BYTES = 1 << 31
@@ -66,7 +56,9 @@ def load_file(path: Path, *, truth: bool = False) -> TrajectoryFile:
     file = _load(path, truth)
     if file.note:
         warnings.warn(f"{path}: {file.note}", stacklevel=2)
-    return file
+    if file.fps is None or np.isfinite(file.table.timestamp_s).any():
+        return file
+    return replace(file, table=replace(file.table, timestamp_s=file.table.frame / file.fps))
 
 
 def _load(path: Path, truth: bool) -> TrajectoryFile:
@@ -77,10 +69,24 @@ def _load(path: Path, truth: bool) -> TrajectoryFile:
         return _unpacked(path, truth)
     if start.startswith(b"version ") and path.suffix == ".trc":
         raise InputError(f"{path}: expected trajectories in metres, found pixels of PeTrack: export its .txt")
-    if found := simulation_of(start.decode("utf-8-sig", "ignore")):
-        return timed_by_rate(read_simulation(path, *found))
-    binary = next((reader for magic, reader in BINARY.items() if start.startswith(magic)), None)
-    return timed_by_rate(binary(path) if binary else _load_text(path, start.split(b"\n")[0], truth))
+    if found := layouts.simulation_of(start.decode("utf-8-sig", "ignore")):
+        return layouts.read_simulation(path, *found)
+    for magic, reader in BINARY.items():
+        if start.startswith(magic):
+            return reader(path)
+    first = start.split(b"\n")[0]
+    try:
+        line = first.decode("utf-8-sig", "ignore" if len(first) == _FIRST_LINE else "strict")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: expected text in UTF-8, found another encoding, such as UTF-16 of Excel") from error
+    is_table = re.match(r"\s*[-+.\deE]+(?=[\s,;]|$)", line) is not None
+    if line.startswith("#") or (is_table and len(line.split()) < 6 and not set(",;") & set(line)):
+        return layouts.read_petrack(path)
+    if line.startswith("{"):
+        return layouts.read_jsonl(path)
+    if is_table or named_columns(line) or not start:
+        return read_motchallenge(path, truth=truth)
+    return TrajectoryFile(read_truth(path) if truth else read_tracks(path))
 
 
 def _unpacked(path: Path, truth: bool) -> TrajectoryFile:
@@ -98,21 +104,6 @@ def _unpacked(path: Path, truth: bool) -> TrajectoryFile:
             raise InputError(str(error).replace(str(inner), str(path))) from error
 
 
-def _load_text(path: Path, first: bytes, truth: bool) -> TrajectoryFile:
-    try:
-        line = first.decode("utf-8-sig", "ignore" if len(first) == _FIRST_LINE else "strict")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: expected text in UTF-8, found another encoding, such as UTF-16 of Excel") from error
-    is_table = re.match(r"\s*[-+.\deE]+(?=[\s,;]|$)", line) is not None
-    if line.startswith("#") or (is_table and len(line.split()) < 6 and not set(",;") & set(line)):
-        return read_petrack(path)
-    if line.startswith("{"):
-        return read_jsonl(path)
-    if is_table or named_columns(line) or not path.stat().st_size:
-        return read_motchallenge(path, truth=truth)
-    return TrajectoryFile(read_truth(path) if truth else read_tracks(path))
-
-
 class ExportFormat(NamedTuple):
     """Its usual ending, its writer, and whether it keeps the state of a row (else it holds confirmed rows) and needs
     floor positions."""
@@ -124,19 +115,30 @@ class ExportFormat(NamedTuple):
 
 
 def _write_text(write: Callable[[IO[str], Trajectories], None], path: Path, file: TrajectoryFile) -> None:
-    with replaced(path) as part, part.open("w", encoding="utf-8") as out:
+    with path.open("w", encoding="utf-8") as out:
         write(out, file.table)
 
 
 FORMATS: dict[ExportName, ExportFormat] = {
-    "pedpy": ExportFormat(".txt", write_petrack, False),
-    "ped-data-archive": ExportFormat(".h5", write_ped_data_archive, False),
-    "jupedsim": ExportFormat(".sqlite", write_jupedsim, False),
+    "pedpy": ExportFormat(".txt", layouts.write_petrack, False),
+    "ped-data-archive": ExportFormat(".h5", layouts.write_ped_data_archive, False),
+    "jupedsim": ExportFormat(".sqlite", layouts.write_jupedsim, False),
     "motchallenge": ExportFormat(".txt", write_motchallenge, False, needs_floor=False),
-    "parquet": ExportFormat(".parquet", write_parquet, True),
+    "parquet": ExportFormat(".parquet", layouts.write_parquet, True),
     "csv": ExportFormat(".csv", partial(_write_text, write_table), True),
-    "jsonl": ExportFormat(".jsonl", partial(_write_text, stream_jsonl), True),
+    "jsonl": ExportFormat(".jsonl", partial(_write_text, layouts.stream_jsonl), True),
 }
+
+
+def write_file(path: Path, file: TrajectoryFile, name: ExportName, unit: Literal["m", "cm"] = "m") -> None:
+    """Write what ``prepared`` gives, in the unit that pedpy alone has. Raises WorkError: the file cannot be written;
+    what was there is kept. InputError: a package is missing."""
+    write = partial(layouts.write_petrack, unit=unit) if name == "pedpy" else FORMATS[name].write
+    try:
+        with whole_file(path) as part:
+            write(part, file)
+    except OSError as error:
+        raise WorkError(f"{path}: cannot be written ({reason(error)})") from error
 
 
 def prepared(

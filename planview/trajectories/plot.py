@@ -57,6 +57,8 @@ def plot_paths(
     Raises:
         InputError: neither positions on the floor nor boxes.
     """
+    from matplotlib.collections import LineCollection
+
     placed, unit = _placed(rows)
     shown = _of_people(placed)
     longest = shown["id"].value_counts().index
@@ -68,7 +70,11 @@ def plot_paths(
         if not seen.all():
             axes.plot(*_broken(path, frames).T, ":", color=single if colour != "time" else FAINT, lw=1.0)
         if colour == "time":
-            _plot_by_time(axes, solid, own["time_s"].to_numpy(), placed["time_s"].to_numpy())
+            segments = list(np.stack([solid[:-1], solid[1:]], axis=1))
+            lines = LineCollection(segments, cmap="viridis", lw=1.8, capstyle="round")
+            lines.set_array(own["time_s"].to_numpy()[:-1])
+            lines.set_clim(float(placed["time_s"].min()), float(placed["time_s"].max()))
+            axes.add_collection(lines)
         else:
             name = str(track_id) if track_id in chosen else None
             axes.plot(*_broken(solid, frames).T, color=single, lw=width, solid_capstyle="round", label=name)
@@ -169,15 +175,6 @@ def _broken(values: F64, frames: I64) -> F64:
     """The (N, 2) values with a row of NaN wherever frames are missing, so that no line bridges them."""
     gaps = np.flatnonzero(np.diff(frames) > 2 * _frame_step(frames)) + 1
     return np.asarray(np.insert(values.astype(np.float64), gaps, np.nan, axis=0))
-
-
-def _plot_by_time(axes: Axes, path: F64, times_s: F64, all_s: F64) -> None:
-    from matplotlib.collections import LineCollection
-
-    lines = LineCollection(list(np.stack([path[:-1], path[1:]], axis=1)), cmap="viridis", lw=1.8, capstyle="round")
-    lines.set_array(times_s[:-1])
-    lines.set_clim(float(all_s.min()), float(all_s.max()))
-    axes.add_collection(lines)
 
 
 def _speed(own: DataFrame) -> F64:

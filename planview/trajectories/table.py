@@ -78,6 +78,8 @@ def table_of(columns: Mapping[str, Any] | DataFrame, source: Path | str) -> Traj
 
 
 def _read(file: Path | str, required: Sequence[str], what: str) -> Trajectories:
+    import pandas  # half a second
+
     path = Path(file)
     require_file(path, f"a {what} file")
     missing: list[str] = []
@@ -86,8 +88,12 @@ def _read(file: Path | str, required: Sequence[str], what: str) -> Trajectories:
             names = next(csv.reader(text), [])
             if missing := [name for name in required if name not in names]:
                 raise InputError(f"{path}: expected a {what} file with the column {missing[0]!r}, found {names}")
-            text.seek(0)
-            cells = _cells(text, names)
+        kinds = {name: "str" if name == "state" else "f8" for name in COLUMNS if name in names}
+        cells = pandas.read_csv(
+            path, usecols=list({*kinds, names[-1]}), dtype=kinds, index_col=False, keep_default_na=False,
+            na_values=["", " ", "nan", "NaN"], skipinitialspace=True, float_precision="round_trip",
+            encoding="utf-8-sig",
+        )  # fmt: skip
         # A row that is cut short lacks its last cell at least.
         if cells[names[-1]].isna().any() and (fault := _first_fault(path, cells=False)):
             raise InputError(f"{path}: {fault}")
@@ -98,16 +104,6 @@ def _read(file: Path | str, required: Sequence[str], what: str) -> Trajectories:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: expected a {what} file, found {reason(error)}") from error
-
-
-def _cells(text: IO[str], names: Sequence[str]) -> DataFrame:
-    import pandas  # half a second
-
-    kinds = {name: "str" if name == "state" else "f8" for name in COLUMNS if name in names}
-    return pandas.read_csv(
-        text, usecols=list({*kinds, names[-1]}), dtype=kinds, index_col=False, keep_default_na=False,
-        na_values=["", " ", "nan", "NaN"], skipinitialspace=True, float_precision="round_trip", encoding="utf-8-sig",
-    )  # fmt: skip
 
 
 def _first_fault(path: Path, *, cells: bool = True) -> str:
@@ -303,12 +299,17 @@ def read_truth(path: Path | str) -> Trajectories:
     return _read(path, TRUTH_COLUMNS, "truth")
 
 
+def frame_times(table: Trajectories) -> tuple[I64, F64]:
+    """(F,) frames of which a row has a time, ascending, and their times [s]."""
+    known = np.isfinite(table.timestamp_s)
+    frames, first = np.unique(table.frame[known], return_index=True)
+    return frames, table.timestamp_s[known][first]
+
+
 def frame_period_s(table: Trajectories, fallback_s: float) -> float:
     """Median time per frame [s] over rows with timestamps: the mean where most frames share one, ``fallback_s`` where
     fewer than two frames have one or time stands."""
-    known = np.isfinite(table.timestamp_s)
-    frames, first = np.unique(table.frame[known], return_index=True)
-    times = table.timestamp_s[known][first]
+    frames, times = frame_times(table)
     if len(frames) < 2 or times[-1] <= times[0]:
         return fallback_s
     period = float(np.median(np.diff(times) / np.diff(frames)))

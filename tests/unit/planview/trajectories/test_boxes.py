@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from planview.trajectories.boxes import Detections, load_detections, motchallenge_rows
+from planview.trajectories.boxes import Detections, load_detections
 from planview.trajectories.formats import load_file, load_tracks, load_truth
 from planview.trajectories.table import IGNORED
 
@@ -77,8 +77,8 @@ def test_boxes_outside_of_the_image_are_refused() -> None:
 
 
 def test_rows_of_a_detector_may_be_shorter_than_others(tmp_path: Path) -> None:
-    rows = motchallenge_rows(written(tmp_path, "1 7 10 20 30 60\n2,7,10,20,30,60,0.5\n"))
-    assert rows.shape == (2, 7) and np.isnan(rows[0, 6]) and rows[1, 6] == 0.5
+    found = load_detections(written(tmp_path, "1 7 10 20 30 60\n2,7,10,20,30,60,0.5\n"))
+    assert [found.at(frame).tolist() for frame in (0, 1)] == [[[10, 20, 30, 60, 1.0]], [[10, 20, 30, 60, 0.5]]]
 
 
 @pytest.mark.parametrize(("text", "rows"), [("", 0), ("1,7,10,20,30,60,1,0,1.0\n", 1)], ids=["empty", "with classes"])

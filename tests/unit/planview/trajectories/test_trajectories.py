@@ -22,6 +22,7 @@ from planview.trajectories.formats import (
     prepared,
     sequence_rate,
     sequence_size,
+    write_file,
 )
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import (
@@ -35,7 +36,6 @@ from planview.trajectories.table import (
     write_header,
     write_rows,
 )
-from planview.trajectories.text_formats import read_petrack, write_petrack
 
 
 def test_nothing_collected_is_an_empty_table() -> None:
@@ -205,7 +205,7 @@ def test_rate_is_that_of_the_median_frame_where_the_clock_jumps():
 def test_petrack_text_in_centimetres_is_read_in_metres(tmp_path):
     path = tmp_path / "cm.txt"
     path.write_text("# framerate: 50 fps\n# id frame x/cm y/cm z/cm markerID\n7 3 -130.147 20 180 999\n")
-    file = read_petrack(path)
+    file = load_file(path)
     assert file.fps == 50.0 and (file.table.track_id[0], file.table.frame[0]) == (7, 3)
     assert (file.table.x_m[0], file.table.y_m[0], file.table.height_m[0]) == pytest.approx((-1.30147, 0.2, 1.8))
 
@@ -335,7 +335,7 @@ def test_file_is_refused_for_what_is_wrong_in_it(tmp_path: Path, read, name, tex
 
 
 def test_text_is_written_as_its_format_asks(tmp_path):
-    write_petrack(tmp_path / "x.txt", TrajectoryFile(two_walkers(1), 15.0), unit="cm")
+    write_file(tmp_path / "x.txt", TrajectoryFile(two_walkers(1), 15.0), "pedpy", "cm")
     rows = "1 0 -50.00 100.00 175.00\n2 0 50.00 100.00 162.00\n"
     assert (tmp_path / "x.txt").read_text() == "# framerate: 15 fps\n# id frame x/cm y/cm z/cm\n" + rows
     FORMATS["motchallenge"].write(tmp_path / "x.txt", TrajectoryFile(two_walkers(1)))

@@ -1,0 +1,389 @@
+"""Trajectories in the files of other programs: PeTrack and PedPy, JSON lines, simulations, the Ped Data Archive (HDF5),
+JuPedSim (SQLite) and Parquet.
+
+Every reader takes a path and raises InputError: unreadable, damaged, not what its format asks for, or too large.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import mmap
+import re
+import sqlite3
+import struct
+import warnings
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from importlib.util import find_spec
+from itertools import takewhile
+from pathlib import Path
+from typing import IO, Any, NamedTuple, NoReturn
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.io import expecting
+from calib.types import F64, AnyArray
+from planview.trajectories.file import TrajectoryFile, checked_area, checked_rate, refuse_many
+from planview.trajectories.table import (
+    NUMBER_COLUMNS,
+    STATES,
+    TRACK_COLUMNS,
+    Trajectories,
+    row_states,
+    table_of,
+)
+
+METRES = {"m": 1.0, "cm": 0.01}
+_RATE = re.compile(r"framerate\s*[:=]?\s*([^\s,;]+)", re.IGNORECASE)
+_CENTIMETRES = re.compile(r"x\s*[/\[(]\s*cm\b|\bin\s+cm\b", re.IGNORECASE)
+_METRES = re.compile(r"x\s*[/\[(]\s*m\b|\bin\s+(m\b|met)", re.IGNORECASE)
+LINE_MAX = 10_000_000
+"""Most characters of a line: a frame of 50,000 people."""
+_VALUES = ("x_m", "y_m", "vx_mps", "vy_mps", "height_m")
+
+
+def read_petrack(path: Path) -> TrajectoryFile:
+    """PeTrack, PedPy: comments give the unit and, usually, the frame rate; without comments it is one of the laboratory
+    experiments of Juelich: centimetres at 16 frames per second. A z of 0 or less, or none, is no height."""
+    rate, scale = _comments(path)
+    with expecting(path, "rows of id frame x y z", OSError, ValueError), warnings.catch_warnings():
+        # A file with nothing but comments is an empty table.
+        warnings.filterwarnings("ignore", "loadtxt: input contained no data")
+        table = np.loadtxt(path, ndmin=2, dtype=np.float64, encoding="utf-8-sig")
+    table = table if len(table) else np.empty((0, 5))
+    if table.shape[1] < 4:
+        raise InputError(f"{path}: expected the columns id frame x y z, found {table.shape[1]} columns")
+    columns = {"id": table[:, 0], "frame": table[:, 1], "x_m": scale * table[:, 2], "y_m": scale * table[:, 3]}
+    if table.shape[1] > 4:
+        columns["height_m"] = np.where(table[:, 4] > 0, scale * table[:, 4], np.nan)
+    return TrajectoryFile(table_of(columns, path), rate)
+
+
+def write_petrack(path: Path, file: TrajectoryFile, unit: str = "m") -> None:
+    """Rows with known positions by id, then frame, to 0.1 mm in a unit, "m" or "cm"; an unknown height is ``nan``."""
+    table = file.table
+    order = np.lexsort((table.frame, table.track_id))
+    values = np.column_stack([table.x_m, table.y_m, table.height_m])[order] / METRES[unit]
+    rows: F64 = np.column_stack([table.track_id[order], table.frame[order], values])
+    digits = "%.4f" if unit == "m" else "%.2f"
+    header = f"# framerate: {file.fps:g} fps\n# id frame x/{unit} y/{unit} z/{unit}"
+    np.savetxt(path, rows, ["%d", "%d", digits, digits, digits], header=header, comments="")
+
+
+def _comments(path: Path) -> tuple[float | None, float]:
+    """Frames per second (None without a comment) and metres per unit."""
+    with (
+        expecting(path, "rows of id frame x y z", OSError, UnicodeDecodeError),
+        path.open(encoding="utf-8-sig") as file,
+    ):
+        lines = [line for line, _ in zip(file, range(1000), strict=False)]
+    text = "".join(takewhile(lambda line: line.startswith("#") or not line.strip(), lines))
+    if not text.strip():
+        return 16.0, METRES["cm"]
+    rate = _RATE.search(text)
+    if _CENTIMETRES.search(text):
+        scale = METRES["cm"]
+    elif _METRES.search(text):
+        scale = METRES["m"]
+    else:
+        raise InputError(f"{path}: expected a comment with the unit (x/m or x/cm) before the rows, found none")
+    return (checked_rate(path, rate.group(1)) if rate else None), scale
+
+
+def stream_jsonl(out: IO[str], table: Trajectories) -> None:
+    """JSON lines: one per frame that has rows; what is unknown is null."""
+    frames, first = np.unique(table.frame, return_index=True)
+    for frame, start, end in zip(frames.tolist(), first.tolist(), [*first[1:].tolist(), len(table)], strict=True):
+        people = [
+            {name.removeprefix("track_"): _known(value) for name, value in vars(person).items()}
+            for person in row_states(table, slice(start, end))
+        ]
+        line = {"frame": frame, "timestamp_s": _known(float(table.timestamp_s[start])), "people": people}
+        out.write(json.dumps(line) + "\n")
+
+
+def read_jsonl(path: Path) -> TrajectoryFile:
+    """JSON lines; a last one that is cut short (the writer was interrupted) is left out."""
+    numbers: list[list[float]] = []
+    states: list[str] = []
+    with expecting(path, "JSON lines", OSError, UnicodeDecodeError), path.open(encoding="utf-8") as file:
+        for line, text in enumerate(iter(lambda: file.readline(LINE_MAX), ""), 1):
+            try:
+                frame = json.loads(text, parse_constant=_refuse) if text.strip() else {"people": ()}
+            except (ValueError, RecursionError) as error:
+                if not text.endswith("\n") and len(text) < LINE_MAX and line > 1:
+                    break
+                raise InputError(f"{path}: expected JSON in line {line}, found {error}") from error
+            try:
+                for person in frame["people"]:
+                    numbers.append(_numbers(frame, person))
+                    states.append(person.get("state", "confirmed"))
+                    if states[-1] not in STATES:
+                        raise ValueError(f"the state {str(states[-1])[:40]!r}")
+            except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+                found = f"no {error}" if isinstance(error, KeyError) else error
+                raise InputError(f"{path}: expected a frame with people in line {line}, found {found}") from error
+    table: F64 = np.array(numbers, dtype=np.float64).reshape(-1, len(NUMBER_COLUMNS))
+    columns = dict(zip(NUMBER_COLUMNS, table.T, strict=True))
+    return TrajectoryFile(table_of({**columns, "state": np.array(states, dtype=np.str_)}, path))
+
+
+def _numbers(frame: dict[str, Any], person: dict[str, Any]) -> list[float]:
+    """The NUMBER_COLUMNS of one person."""
+    box = person.get("box_px") or [None] * 4
+    if len(box) != 4:
+        raise ValueError(f"a box of {len(box)} numbers")
+    values = (*(person.get(name) for name in _VALUES), *box, person.get("facing_deg"))
+    cells = (frame["frame"], frame.get("timestamp_s"), person["id"], *values)
+    return [math.nan if cell is None else float(cell) for cell in cells]
+
+
+def _known(value: Any) -> Any:
+    """The value; None where it is, or holds, NaN."""
+    cells = value if isinstance(value, tuple) else (value,)
+    return None if any(cell != cell for cell in cells) else value
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(f"the constant {constant}")
+
+
+RATE_HZ = 10.0
+"""Frames per second of positions whose times are uneven, between which they are interpolated."""
+
+
+class Simulation(NamedTuple):
+    """A program's table: columns of id, time [s], x and y [m], what separates cells, and what begins comments."""
+
+    name: str
+    columns: tuple[str, str, str, str]
+    separator: str
+    comment: str | None = None
+
+
+SIMULATIONS = (
+    Simulation("Vadere", ("pedestrianId", "simTime", "startX", "startY"), " ", "#"),
+    Simulation("Pathfinder", ("id", "t", "x", "y"), ","),
+    Simulation("crowdit", ("pedID", "time", "posX", "posY"), ","),
+    Simulation("Viswalk", ("NO", "SIMSEC", "COORDCENTX", "COORDCENTY"), ";", "*"),
+)
+
+
+def simulation_of(text: str) -> tuple[Simulation, int] | None:
+    """The program whose columns one of the first lines of a file names, and the number of that line, from 0."""
+    lines = enumerate(text.splitlines()[:50])
+    found = ((s, n) for n, line in lines for s in SIMULATIONS if {*s.columns} <= {*_names(line, s.separator)})
+    return next(found, None)
+
+
+def _names(line: str, separator: str) -> list[str]:
+    """Names of columns without what Vadere adds behind ("-PID1") and Viswalk before ("$PEDESTRIAN:")."""
+    cells = (cell.strip().strip('"') for cell in line.split(separator))
+    return [cell.removeprefix("$PEDESTRIAN:").partition("-PID")[0] for cell in cells]
+
+
+def read_simulation(path: Path, simulation: Simulation, header: int) -> TrajectoryFile:
+    """A table whose columns line ``header``, from 0, names; the time between its rows gives the frames, and where it is
+    uneven (Vadere writes footsteps), the positions are interpolated."""
+    import pandas  # half a second
+
+    with expecting(path, f"trajectories of {simulation.name}", OSError, ValueError, AttributeError, StopIteration):
+        with path.open(encoding="utf-8-sig") as file:
+            names = _names([next(file) for _ in range(header + 1)][-1], simulation.separator)
+        cells = pandas.read_csv(
+            path, sep=simulation.separator, comment=simulation.comment, skiprows=header + 1, names=names,
+            usecols=simulation.columns, index_col=False, dtype="str", encoding="utf-8-sig", skip_blank_lines=True,
+        )[list(simulation.columns)]  # fmt: skip
+        if len(cells) and cells.iloc[0, 1].strip(" []()").isalpha():  # Pathfinder's line of units
+            cells = cells.iloc[1:]
+        track_id, time_s, x, y = (np.asarray(cells[name].astype(np.float64)) for name in simulation.columns)
+    rows = np.column_stack([track_id, time_s, x, y])[np.lexsort((time_s, track_id))]
+    steps = np.diff(rows[:, 1])[np.diff(rows[:, 0]) == 0]
+    if not (np.isfinite(rows).all() and (steps > 0).any()):
+        raise InputError(f"{path}: expected people at several times, found none")
+    period_s, note = float(np.median(steps[steps > 0])), ""
+    frames = rows[:, 1] / period_s
+    if (np.abs(frames - np.round(frames)) > 0.1).any():
+        note = f"times are uneven: positions are interpolated to {RATE_HZ:g} frames per second"
+        period_s, rows = 1 / RATE_HZ, np.concatenate([_even(rows[rows[:, 0] == i]) for i in np.unique(rows[:, 0])])
+        frames = rows[:, 1] / period_s
+    columns = {"id": rows[:, 0], "frame": np.round(frames), "x_m": rows[:, 2], "y_m": rows[:, 3]}
+    return TrajectoryFile(table_of(columns, path), 1 / period_s, note=note)
+
+
+def _even(rows: F64) -> F64:
+    """(M, 4) rows of one person at even times, from (N, 4) id, time, x and y by time."""
+    frames = np.arange(np.ceil(rows[0, 1] * RATE_HZ - 1e-9), np.floor(rows[-1, 1] * RATE_HZ + 1e-9) + 1)
+    times = frames / RATE_HZ
+    x, y = (np.interp(times, rows[:, 1], rows[:, axis]) for axis in (2, 3))
+    return np.column_stack([np.full(len(times), rows[0, 0]), times, x, y])
+
+
+_ROW = {"id": "<i8", "frame": "<i8", "x": "<f8", "y": "<f8", "z": "<f8"}
+_SCHEMA = """
+CREATE TABLE trajectory_data (frame INTEGER NOT NULL, id INTEGER NOT NULL, pos_x REAL NOT NULL, pos_y REAL NOT NULL,
+    ori_x REAL NOT NULL, ori_y REAL NOT NULL);
+CREATE TABLE metadata (key TEXT NOT NULL UNIQUE PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE geometry (wkt TEXT NOT NULL, hash INTEGER NOT NULL DEFAULT 0);
+CREATE TABLE frame_data (frame INTEGER NOT NULL, geometry_hash INTEGER NOT NULL);
+CREATE INDEX frame_id_idx ON trajectory_data (frame, id);
+"""
+
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_HEAP = b"GCOL\x01\0\0\0"
+"""First bytes of a global heap, which holds strings (format specification, III.E); its size and objects follow."""
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """The file, to read. Raises OSError, RuntimeError: unreadable, or another file. ValueError: a damaged heap of
+    strings: libhdf5 2.0 and before walk in place over an object of no size."""
+    import h5py  # a tenth of a second, and only these files need it
+
+    with path.open("rb") as raw, mmap.mmap(raw.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        sizes = data[13:15] if data[8:9] in (b"\0", b"\1") else data[9:11]
+        if data[:8] != SIGNATURE or sizes != b"\x08\x08":  # bytes of an address and of a length
+            raise ValueError("another file")
+        start = data.find(_HEAP)
+        while start >= 0:
+            (size,) = struct.unpack("<Q", data[start + 8 : start + 16].ljust(8, b"\0"))  # a file may end in it
+            end, place = min(start + size, len(data)), start + 16
+            while place + 16 <= end:  # object 0 is what is free, header included
+                number, length = struct.unpack_from("<H6xQ", data, place)
+                step = 16 + (length + 7) // 8 * 8 if number else length
+                if not 0 < step <= end - place:
+                    raise ValueError(f"a damaged heap of strings at byte {place}")
+                place += step
+            start = data.find(_HEAP, start + 1)
+    with h5py.File(path, "r") as file:
+        yield file
+
+
+def read_ped_data_archive(path: Path) -> TrajectoryFile:
+    """HDF5 of the Ped Data Archive; a z of 0 or less, or none, is no height."""
+    import h5py  # a tenth of a second, and only these files need it
+
+    with (
+        expecting(path, "an HDF5 file of the Ped Data Archive", OSError, KeyError, ValueError, TypeError, RuntimeError),
+        opened(path) as file,
+    ):
+        trajectory = file.get("trajectory")
+        if not isinstance(trajectory, h5py.Dataset):
+            found = ", ".join(file)[:200] or "nothing"
+            raise InputError(f"{path}: expected the dataset 'trajectory', found {found}")
+        names = trajectory.dtype.names or ()
+        if {"id", "frame", "x", "y"} - set(names) or trajectory.ndim != 1:
+            found = ", ".join(names) or "none"
+            raise InputError(f"{path}: expected a list with the fields id, frame, x, y, found {found}")
+        refuse_many(path, len(trajectory))
+        rows: AnyArray = trajectory[:]
+        fps = checked_rate(path, trajectory.attrs.get("fps"))
+        area = file.attrs.get("wkt_geometry")
+    columns = {"id": rows["id"], "frame": rows["frame"], "x_m": rows["x"], "y_m": rows["y"]}
+    if "z" in names:
+        columns["height_m"] = np.where(rows["z"] > 0, rows["z"], np.nan)
+    text = area.decode("utf-8", "replace") if isinstance(area, bytes) else area
+    return TrajectoryFile(table_of(columns, path), fps, None if text is None else checked_area(str(text), str(path)))
+
+
+def write_ped_data_archive(path: Path, file: TrajectoryFile) -> None:
+    """Rows with known positions by id, then frame."""
+    import h5py
+
+    table = file.table
+    order = np.lexsort((table.frame, table.track_id))
+    rows = np.empty(len(table), dtype=list(_ROW.items()))
+    for name, column in zip(_ROW, (table.track_id, table.frame, table.x_m, table.y_m, table.height_m), strict=True):
+        rows[name] = column[order]
+    with h5py.File(path, "w") as out:
+        out.attrs.update(file_version="1.0.0", wkt_geometry=file.walkable_wkt or "", source="planview")
+        dataset = out.create_dataset("trajectory", data=rows, compression="gzip" if len(rows) else None)
+        dataset.attrs.update(
+            fps=file.fps, id="unique identifier for pedestrian", frame="frame number",
+            x="pedestrian x-coordinate (meter [m])", y="pedestrian y-coordinate (meter [m])",
+            z="pedestrian z-coordinate (meter [m])",
+        )  # fmt: skip
+
+
+def read_jupedsim(path: Path) -> TrajectoryFile:
+    """A database of JuPedSim; several walkable areas come as one collection."""
+    with (
+        expecting(path, "a database of JuPedSim", sqlite3.Error, ValueError, OverflowError),
+        closing(sqlite3.connect(path.resolve().as_uri() + "?mode=ro&immutable=1", uri=True)) as database,
+    ):
+        database.execute("PRAGMA trusted_schema = OFF")
+        kinds = database.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'").fetchall()
+        tables = {name for name, sql in kinds if not str(sql).upper().startswith("CREATE VIRTUAL")}
+        if not {"trajectory_data", "metadata"} <= tables:
+            found = ", ".join(sorted(tables)) or "none"
+            raise InputError(f"{path}: expected the tables trajectory_data and metadata, found {found}")
+        metadata = dict(database.execute("SELECT key, value FROM metadata LIMIT 100").fetchall())
+        if str(metadata.get("version")) not in ("1", "2"):
+            raise InputError(f"{path}: expected version 1 or 2, found {metadata.get('version')!r}")
+        refuse_many(path, int(database.execute("SELECT count(*) FROM trajectory_data").fetchone()[0]))
+        cells = database.execute("SELECT frame, id, pos_x, pos_y FROM trajectory_data").fetchall()
+        columns = zip(("frame", "id", "x_m", "y_m"), np.array(cells, dtype=object).reshape(-1, 4).T, strict=True)
+        rows, fps = table_of(dict(columns), path), checked_rate(path, metadata.get("fps"))
+        area = "SELECT DISTINCT wkt FROM geometry LIMIT 100" if "geometry" in tables else "SELECT NULL"
+        areas = [checked_area(str(wkt), str(path)) for (wkt,) in database.execute(area).fetchall() if wkt]
+        all_areas = f"GEOMETRYCOLLECTION ({', '.join(areas)})" if len(areas) > 1 else "".join(areas) or None
+        return TrajectoryFile(rows, fps, all_areas)
+
+
+def write_jupedsim(path: Path, file: TrajectoryFile) -> None:
+    """Rows with known positions; the orientation is where a person faces, else the direction of the velocity, (0, 0)
+    where both are unknown."""
+    table, area = file.table, file.walkable_wkt or ""
+    area_hash = int.from_bytes(hashlib.sha256(area.encode()).digest()[:8], "big", signed=True)
+    speed = np.hypot(*table.velocity_mps.T)[:, None]
+    heading = np.where(speed > 0, table.velocity_mps / np.where(speed > 0, speed, 1.0), 0.0)
+    facing = np.radians(table.facing_deg)[:, None]
+    heading = np.where(np.isfinite(facing), np.hstack([np.cos(facing), np.sin(facing)]), heading)
+    rows = zip(*(c.tolist() for c in (table.frame, table.track_id, table.x_m, table.y_m, *heading.T)), strict=True)
+    metadata = [("version", "2"), ("fps", f"{file.fps!r}")]
+    for axis, values in (("x", table.x_m), ("y", table.y_m)) if len(table) else ():
+        metadata += [(f"{axis}min", f"{values.min()}"), (f"{axis}max", f"{values.max()}")]
+    with closing(sqlite3.connect(path)) as database, database:
+        database.executescript(_SCHEMA)
+        database.executemany("INSERT INTO trajectory_data VALUES (?, ?, ?, ?, ?, ?)", rows)
+        database.executemany("INSERT INTO metadata VALUES (?, ?)", metadata)
+        database.execute("INSERT INTO geometry VALUES (?, ?)", (area, area_hash))
+        frames = [(int(frame), area_hash) for frame in np.unique(table.frame)]
+        database.executemany("INSERT INTO frame_data VALUES (?, ?)", frames)
+
+
+def write_parquet(path: Path, file: TrajectoryFile) -> None:
+    """All rows. Raises InputError: pyarrow is not installed."""
+    _require_pyarrow()
+    frame = file.table.to_dataframe()
+    frame.attrs.update(fps=file.fps, walkable_wkt=file.walkable_wkt)
+    frame.to_parquet(path, engine="pyarrow", index=False)
+
+
+def read_parquet(path: Path) -> TrajectoryFile:
+    """A table; a column that is missing is unknown. Raises InputError also: pyarrow is not installed."""
+    _require_pyarrow()
+    import pandas
+    from pyarrow import ArrowException
+    from pyarrow.parquet import ParquetFile
+
+    with expecting(path, "trajectories in Parquet", OSError, ValueError, TypeError, ArrowException):
+        with ParquetFile(path) as file:
+            refuse_many(path, file.metadata.num_rows)
+            names = [name for name in TRACK_COLUMNS if name in file.schema_arrow.names]
+        frame = pandas.read_parquet(path, engine="pyarrow", columns=names)
+        fps, area = frame.attrs.get("fps"), frame.attrs.get("walkable_wkt")
+        return TrajectoryFile(
+            table_of(frame, path),
+            None if fps is None else checked_rate(path, fps),
+            None if area is None else checked_area(str(area), str(path)),
+        )
+
+
+def _require_pyarrow() -> None:
+    if find_spec("pyarrow") is None:
+        raise InputError("expected the package pyarrow; install planview[table]")
