@@ -8,12 +8,12 @@ from typing import Protocol
 
 import cv2
 import numpy as np
+from numba import njit
 from pydantic import Field
 
 from calib.params import Params
 from calib.rig import Floor
-from calib.types import F32, U8
-from stereo._kernels import coarse_disparity, differences, shared_step
+from calib.types import F32, U8, AnyArray
 from stereo.depth import RectifiedGeometry
 
 STEP = 16
@@ -262,3 +262,80 @@ class SgbmMatcher:
 def _means(image: U8, side: int) -> U8:
     """Of ``side`` x ``side`` pixels from each pixel on."""
     return image if side == 1 else np.asarray(cv2.blur(image, (side, side), anchor=(0, 0)), dtype=np.uint8)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def coarse_disparity(fixed: AnyArray, usable: U8, right_mask: U8, step: int, lowest: int, out: F32) -> None:
+    """Sixteenths of a sample to pixels; NaN where nothing can have been measured.
+
+    That is where ``usable`` is 0, where the matched right sample is masked or outside, and where the value is below
+    ``lowest``. A sample is ``step`` pixels wide.
+    """
+    for row in range(fixed.shape[0]):
+        for col in range(fixed.shape[1]):
+            value = np.int32(fixed[row, col])
+            right = col - (value >> 4)
+            if usable[row, col] == 0 or value < lowest or right < 0 or right_mask[row, right] == 0:
+                out[row, col] = np.nan
+            else:
+                out[row, col] = np.float32(value * step) / np.float32(16.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def differences(left: U8, right: U8, disparity: F32, first: int, step: int, apart: int, error: F32, slope: F32) -> None:
+    """How much brighter each left sample is than the right image at its disparity, and the right image's slope.
+
+    Sample (r, c) of ``left`` (h, w) is pixel ``first`` + ``step`` (r, c) of ``right`` (H, W) without a disparity; the
+    slope [1/px] is taken over ``apart`` pixels either way. Both are 0 without a disparity and where it leads out of the
+    image.
+    """
+    height, width = right.shape
+    for row in range(disparity.shape[0]):
+        v = min(first + step * row, height - 1)
+        for col in range(disparity.shape[1]):
+            x = np.float32(first + step * col) - disparity[row, col]
+            if not (x >= apart and x < width - 1 - apart):
+                error[row, col] = slope[row, col] = np.float32(0.0)
+                continue
+            i = int(x)
+            t = x - np.float32(i)
+            here = np.float32(right[v, i])
+            here += t * (np.float32(right[v, i + 1]) - here)
+            behind, ahead = np.float32(right[v, i - apart]), np.float32(right[v, i + apart])
+            behind += t * (np.float32(right[v, i + 1 - apart]) - behind)
+            ahead += t * (np.float32(right[v, i + 1 + apart]) - ahead)
+            error[row, col] = np.float32(left[row, col]) - here
+            slope[row, col] = (ahead - behind) / np.float32(2 * apart)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def shared_step(disparity: F32, error: F32, slope: F32, same_px: float, noise: float, out: F32) -> None:
+    """A Gauss-Newton step to the one disparity of each 5x5 samples, as far as they are within ``same_px`` of it.
+
+    With slope g and error e of sample j: sum g_j (g_j (d_j - d) - e_j) / (sum g_j^2 + noise) is added to d (Lucas and
+    Kanade 1981, along the row).
+    """
+    height, width = disparity.shape
+    near = np.float32(same_px)
+    d = np.full((height + 4, width + 4), np.float32(-1e6))  # samples without a disparity are near none
+    g2, ge = np.zeros_like(d), np.zeros_like(d)
+    for row in range(height):
+        for col in range(width):
+            if not np.isnan(disparity[row, col]):
+                d[row + 2, col + 2] = disparity[row, col]
+                g2[row + 2, col + 2] = slope[row, col] * slope[row, col]
+                ge[row + 2, col + 2] = slope[row, col] * error[row, col]
+    above, below = np.empty(width, np.float32), np.empty(width, np.float32)
+    for row in range(height):
+        above[:], below[:] = np.float32(0.0), np.float32(noise)
+        here = d[row + 2, 2 : width + 2]
+        for r in range(row, row + 5):
+            for c in range(5):  # so that the loop over columns, which is the longest, runs on vectors
+                there, g2_there, ge_there = d[r, c : c + width], g2[r, c : c + width], ge[r, c : c + width]
+                for col in range(width):
+                    apart = there[col] - here[col]
+                    same = np.float32(1.0) if abs(apart) < near else np.float32(0.0)
+                    above[col] += same * (g2_there[col] * apart - ge_there[col])
+                    below[col] += same * g2_there[col]
+        for col in range(width):
+            out[row, col] = disparity[row, col] + above[col] / below[col]

@@ -140,12 +140,12 @@ class Warp:
         self._maps: tuple[AnyArray, AnyArray] = np.asarray(fixed), np.asarray(fraction)
 
     def __call__(self, image: U8) -> U8:
-        """(H, W) or (H, W, 3) uint8 of an image of the camera, by bilinear interpolation."""
-        return self.of(self.source(image))
+        """(H, W) or (H, W, 3) uint8 of an image of the camera, or of its ``source``, by bilinear interpolation."""
+        return np.asarray(cv2.remap(self.source(image), *self._maps, cv2.INTER_LINEAR), dtype=np.uint8)
 
-    def of(self, source: U8) -> U8:
-        """A call, from what ``source`` gave."""
-        return np.asarray(cv2.remap(source, *self._maps, cv2.INTER_LINEAR), dtype=np.uint8)
+    def grey(self, image: U8) -> U8:
+        """(H, W) uint8: a call, of an image in grey."""
+        return self(image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8))
 
     def source(self, image: U8) -> U8:
         """An image of the camera, or what another warp of it needs, averaged down as this warp needs it."""
@@ -209,7 +209,7 @@ class Rectifier:
 
     def __init__(self, rig: StereoRig, params: RectifyParams | None = None) -> None:
         """Prepare the maps; ``rig`` is the calibration at the recorded size."""
-        self.rig = rig
+        self.rig, self._shape = rig, rig.left.size[::-1]
         self.params = params or RectifyParams()
         left_rotation, right_rotation = rig.rectifying_rotations()
         self.rect_SE3_left = SE3(left_rotation, np.zeros(3))
@@ -225,15 +225,14 @@ class Rectifier:
         """Rectify (h, w) or (h, w, 3) uint8 images at the rig's size, BGR. Raises ValueError: another size."""
         self._check(left, right)
         rectified = self._left(left)
-        return RectifiedPair(rectified, as_grey(rectified), self._right(as_grey(right)))
+        return RectifiedPair(rectified, as_grey(rectified), self._right.grey(right))
 
     def reduced(self, left: U8, right: U8, step: int) -> ReducedPair:
         """Rectify a pair, its left image as recorded at an n-th of the size (arguments and errors as of a call)."""
         self._check(left, right)
         ours = self._left.source(left)
-        warp = self._reduced(step)
-        greys = self._left.of(as_grey(ours)), self._right(as_grey(right))
-        return ReducedPair(warp.of(warp.source(ours)), *greys, partial(self._left, left))
+        greys = self._left.grey(ours), self._right.grey(right)
+        return ReducedPair(self._reduced(step)(ours), *greys, partial(self._left, left))
 
     def _reduced(self, step: int) -> Warp:
         """Of the left image at an n-th of its size."""
@@ -247,9 +246,8 @@ class Rectifier:
         return self._smaller[step]
 
     def _check(self, left: U8, right: U8) -> None:
-        size = self.rig.left.size[::-1]
-        if left.shape[:2] != size or right.shape[:2] != size:
-            raise ValueError(f"expected images of shape {size}, got {left.shape} and {right.shape}")
+        if left.shape[:2] != self._shape or right.shape[:2] != self._shape:
+            raise ValueError(f"expected images of shape {self._shape}, got {left.shape} and {right.shape}")
 
 
 def aligned_rectifier(

@@ -9,8 +9,9 @@ from toy_stereo import ToyWorld
 
 from calib.rig import Floor
 from planview.engine.config import Config
+from planview.maps.grid import FloorRig
 from planview.maps.recording import MapsFrame, MapsWriter
-from planview.maps.view import FloorRig, MapBuilder
+from planview.maps.view import MapBuilder
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
 from stereo.recording import Skipped

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -43,7 +44,7 @@ class HumanModel:
         if not all(math.isfinite(size) and size > 0 for size in astuple(self)):
             raise ValueError(f"expected positive cylinder sizes [m], got {astuple(self)}")
 
-    @property
+    @cached_property
     def height_m(self) -> float:
         """Floor to the top of the head [m]; 1.76 by default."""
         return self.head_m + self.torso_m + self.leg_m

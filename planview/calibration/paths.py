@@ -13,7 +13,7 @@ from calib.pose import SE3
 from calib.types import F32, F64
 from planview.engine.config import Config
 from planview.engine.stereo import stereo_engine
-from planview.maps.view import FloorRig
+from planview.maps.grid import FloorRig
 from planview.trajectories.table import Trajectories, TrajectoryCollector
 from stereo.depth import back_project, median_image
 from stereo.readers import open_any

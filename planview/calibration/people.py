@@ -18,7 +18,7 @@ from calib.people.samples import MIN_SAMPLES, HumanSample, choose_spread
 from calib.types import F64, U8, Bool
 from planview.engine.config import SingleCameraParams
 from planview.engine.one_camera import ImageStages
-from planview.foreground.blobs import Blobs, find_blobs
+from planview.foreground.ghosts import Blobs, find_blobs
 from stereo.recording import Video
 
 GIVEN = (255, 140, 0)

@@ -48,7 +48,7 @@ from planview.checks.timing import (
     timing_checks,
 )
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
-from planview.maps.view import FloorRig
+from planview.maps.grid import FloorRig
 from stereo.depth import Depth, back_project, median_image
 from stereo.floor import FloorSearch, setup_frames
 from stereo.matcher import SATURATED_LEVEL

@@ -14,8 +14,8 @@ from calib.rig import Floor
 from calib.types import F32, F64, U8, Bool
 from planview.checks.check import Check, at_least, at_most, between
 from planview.checks.recording import Evidence
-from planview.foreground.blobs import find_blobs
-from planview.maps.grid import GridParams
+from planview.foreground.ghosts import find_blobs
+from planview.maps.grid import MapParams
 from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.matcher import SATURATED_LEVEL
 from stereo.recording import StereoFrame
@@ -249,7 +249,7 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
 def depth_checks(geometry: RectifiedGeometry) -> list[Check]:
     """Predicted deviation of depth, and of a point's place in cells of the plan-view map, at 2, 4 and 8 m."""
     checks = []
-    cell_m = GridParams().cell_m
+    cell_m = MapParams().cell_m
     cells_of = f"cells of {cell_m * 100:g} cm"
     for distance, most in MAX_DEPTH.items():
         deviation = geometry.depth_std_m(distance)

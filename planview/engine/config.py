@@ -14,7 +14,7 @@ from calib.floor.plane import FloorParams
 from calib.io import MAX_DEPTH, load_toml, parse_toml
 from calib.params import Params, dotted, first_problem
 from planview.foreground.params import ForegroundParams
-from planview.maps.plan_view import MapParams
+from planview.maps.grid import MapParams
 from planview.tracking.detections import DetectionParams
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.human_model.params import HumanModelParams

@@ -24,9 +24,10 @@ from planview.engine.info import (
     rigs_info,
     stereo_floor_info,
 )
+from planview.maps.grid import FloorRig
 from planview.maps.plan_view import plan_view
 from planview.maps.recording import MapsFrame
-from planview.maps.view import FloorRig, View
+from planview.maps.view import View
 from planview.tracking.base import Decision, Observation, Tracker, followed
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth, point_cloud

@@ -14,7 +14,7 @@ from calib.ground_camera import GroundCamera
 from calib.pose import SE3
 
 if TYPE_CHECKING:  # readers of results need none of their kernels
-    from planview.maps.view import FloorRig
+    from planview.maps.grid import FloorRig
 
 VIEW_DISTANCE_M = 15.0
 """The outline of a stereo camera's view on the floor ends here [m]: depth is too coarse beyond (our choice)."""

@@ -19,11 +19,11 @@ from planview.checks.camera import Steadiness, Steady
 from planview.checks.check import Check
 from planview.engine.config import Config, SingleCameraParams
 from planview.engine.engine import Engine, Frame, Remembers, RigDepths, StageClock, refuse_frame
-from planview.foreground.blobs import find_blobs
 from planview.foreground.ghosts import (
     SEARCH_INTERVAL_S,
     START_S,
     STILL_S,
+    find_blobs,
     find_ghosts,
     find_still,
     find_uncovered,
@@ -31,7 +31,8 @@ from planview.foreground.ghosts import (
 )
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
-from planview.maps.view import FloorRig, View
+from planview.maps.grid import FloorRig
+from planview.maps.view import View
 from planview.tracking.base import Decision, ImageTracker, Observation
 from planview.trajectories.state import TrackState
 from stereo.recording import Video, VideoFrame

@@ -11,8 +11,9 @@ import numpy as np
 from calib.errors import InputError
 from planview.engine.config import Config
 from planview.engine.engine import Engine, Frame, Remembers, RigDepths, StageClock, refuse_frame
+from planview.maps.grid import floor_in_view
 from planview.maps.recording import MapsFrame, MapsRecording
-from planview.maps.view import MapBuilder, View, floor_in_view
+from planview.maps.view import MapBuilder, View
 from planview.tracking.base import Decision, Tracker
 from planview.trajectories.state import TrackState
 

@@ -16,8 +16,7 @@ from planview.checks.check import Check
 from planview.checks.registration import run_checks
 from planview.checks.scene import alignment_checks, floor_checks, image_checks
 from planview.engine.config import Config
-from planview.maps.grid import Grid
-from planview.maps.view import FloorRig, floor_in_view
+from planview.maps.grid import FloorRig, Grid, floor_in_view
 from stereo.depth import RectifiedGeometry
 from stereo.floor import FloorEstimator, FloorSearch, sensor_floor, setup_frames
 from stereo.matcher import BODY_LAG, DisparityRange, SgbmMatcher, disparity_range

@@ -18,8 +18,9 @@ from planview.engine.engine import Engine, Frame, Remembers, RigDepths, StageClo
 from planview.engine.setup import Setup, refuse_foreign_disparity, set_up
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON
+from planview.maps.grid import FloorRig
 from planview.maps.plan_view import joint_grid
-from planview.maps.view import FloorRig, MapBuilder, View
+from planview.maps.view import MapBuilder, View
 from planview.tracking.base import Decision, Tracker
 from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState

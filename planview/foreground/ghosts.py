@@ -10,11 +10,12 @@ looks like what is around the blob, in the image and not in the background; a pe
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
-from calib.types import F32, U8, Bool
-from planview.foreground.blobs import Blobs, find_blobs
+from calib.types import F32, I32, I64, U8, Bool
 
 SEARCH_INTERVAL_S = 0.5
 """Time between two searches for ghosts [s]."""
@@ -34,9 +35,35 @@ People who come in walk: what stays for this long, half a step, and has not walk
 GHOST_MOTION = 0.02
 """Largest moving share of a ghost's pixels, for noise. A passer-by merges with it into one blob, which is examined
 again when the person has passed."""
-
-
 _SQUARE: U8 = np.ones((3, 3), np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class Blobs:
+    """Connected groups of foreground pixels; label 0 is the background.
+
+    Attributes:
+        labels: (H, W) int32.
+        area_px: (n,) int64 pixels of each label, the background's included.
+        box_px: (n, 4) int32 left, top, width, height of each label.
+    """
+
+    labels: I32
+    area_px: I64
+    box_px: I32
+
+    def __len__(self) -> int:
+        return len(self.area_px)
+
+
+def find_blobs(mask: U8) -> Blobs:
+    """Group the non-zero pixels of a (H, W) uint8 mask, diagonal neighbours included."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStatsWithAlgorithm(mask, 8, cv2.CV_32S, cv2.CCL_BBDT)
+    return Blobs(
+        np.asarray(labels, np.int32),
+        stats[:, cv2.CC_STAT_AREA].astype(np.int64),
+        np.asarray(stats[:, : cv2.CC_STAT_AREA], np.int32),
+    )
 
 
 def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8) -> U8:

@@ -19,35 +19,13 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from pydantic import Field
+from numba import njit
 
 from calib.types import F32, I32, U8, AnyArray
-from planview.maps._kernels import accumulate
-from planview.maps.grid import Grid, GridParams
+from planview.maps.grid import Grid, MapParams
 
 TEMPLATE_M = 0.8
 """Side of a person's template, 2 W_avg [m] (Harville 2002, section 4)."""
-
-
-class MapParams(GridParams):
-    """Plan-view maps."""
-
-    height_max_m: float = Field(2.4, gt=0.5, le=5.0)
-    """H_max [m]: how high a very tall person reaches standing on tiptoe (Harville 2002, section 3); 2.4 m is the
-    95th percentile of men's vertical grip reach plus toes (our choice)."""
-    height_min_m: float = Field(0.15, ge=0.0, le=1.0)
-    """Foreground lower than this is the floor under another light, or a shoe [m], and left out of the maps: three
-    deviations of the floor's depth measured from 2.7 m above (our choice)."""
-    smoothing_m: float = Field(0.04, ge=0.0, le=0.2)
-    """Standard deviation of the Gaussian that smooths both maps [m]. Harville 2002, section 3: 1-4 cm."""
-    occupancy_min: float = Field(0.25, ge=0.0, le=10.0)
-    """theta_occ as visible surface per floor area [m^2/m^2]: height counts only where there is more. A head viewed
-    from the side or from above gives about 1, stray matches are far below (our choice; the paper gives no value)."""
-    depth_std_max_m: float = Field(0.40, ge=0.01, le=10.0)
-    """Points whose predicted depth deviation is larger [m] are left out: beyond it a body smears over more than the
-    2 W_avg of a template (Harville 2002, section 4; our choice)."""
-    distance_max_m: float = Field(15.0, gt=0.5, le=100.0)
-    """Farthest horizontal distance covered by the grid [m], where the depth allows it (our choice)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +36,7 @@ class FloorPoints:
         xyz: (N, 3) float32 [m].
         area: (N,) float32, surface that the pixel subtends, Z^2/(fu fv) [m^2].
         pixels: (N,) int32, row * width + column in the foreground mask.
-        colours: (N,) uint8 colour codes (``planview.maps.colour``), None where no image was given.
+        colours: (N,) uint8 colour codes (``planview.maps.view``), None where no image was given.
     """
 
     xyz: F32
@@ -191,3 +169,33 @@ def _around(occupancy: F32, side: int) -> F32:
     summed: AnyArray = cv2.boxFilter(occupancy, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
     # Running sums leave crumbs where nothing is.
     return np.asarray(np.where(summed > 1e-6, summed, 0.0), dtype=np.float32)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def accumulate(  # type: ignore[no-untyped-def]
+    points: F32,
+    weight: F32,
+    height_min_m: float,
+    x_min_m: float,
+    y_min_m: float,
+    cell_m: float,
+    height: F32,
+    occupancy: F32,
+):
+    """Highest point and summed weight per cell in one pass (Harville 2002, section 3).
+
+    ``height`` and ``occupancy`` (n_rows, n_cols) are zeroed first; points outside the grid or lower than
+    ``height_min_m`` are skipped.
+    """
+    height[:] = 0.0
+    occupancy[:] = 0.0
+    rows, cols = height.shape
+    for i in range(len(points)):
+        if points[i, 2] < height_min_m:
+            continue
+        col = math.floor((float(points[i, 0]) - x_min_m) / cell_m)
+        row = math.floor((float(points[i, 1]) - y_min_m) / cell_m)
+        if col < 0 or row < 0 or col >= cols or row >= rows:
+            continue
+        height[row, col] = max(height[row, col], points[i, 2])
+        occupancy[row, col] += weight[i]

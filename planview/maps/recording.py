@@ -2,7 +2,7 @@
 
 Height and occupancy maps are functions of the points (Harville 2002, section 3), and a point of its pixel and
 disparity, so that these two are stored, without loss, and the maps are built again by the code that built them first.
-A point's appearance is its colour code (``planview.maps.colour``).
+A point's appearance is its colour code (``planview.maps.view``).
 
 Layout: attributes ``format``, ``version``, ``config`` (JSON), ``fps``; groups ``rig``, ``floor`` and ``grid`` with
 attributes named as in the classes they hold; per frame ``frames/index``, ``frames/timestamp_s``, ``frames/end`` (where
@@ -28,9 +28,8 @@ from calib.pose import SE3
 from calib.rig import DepthSensor, Floor
 from calib.types import F32, I32, U8, AnyArray
 from calib.world import MAX_AWAY_M, refuse_strange_pose
-from planview.maps.colour import CODES
-from planview.maps.grid import MAX_CELLS, Grid
-from planview.maps.view import NO_DEPTH, FloorRig, View
+from planview.maps.grid import MAX_CELLS, FloorRig, Grid
+from planview.maps.view import CODES, NO_DEPTH, View
 from planview.trajectories.layouts import SIGNATURE, opened
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange

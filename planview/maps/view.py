@@ -1,4 +1,10 @@
-"""A camera above the floor, and what each of its pixels shows: background, a surface, or a surface without depth."""
+"""A camera above the floor, and what each of its pixels shows: background, a surface, or a surface without depth.
+
+Surfaces have colour codes, enough to distinguish clothes, too little to make a picture of: a cell of luma and chroma
+(YUV). People are compared by histograms of codes, smoothed over neighbouring cells so that a slightly other light moves
+little mass (our choice; the cells are as wide as a sensor's noise and the difference of light within a room leave room
+for).
+"""
 
 from __future__ import annotations
 
@@ -7,69 +13,34 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 
 from calib.carried import Carried
-from calib.floor_camera import FloorCamera, FloorPinhole
+from calib.floor_camera import FloorCamera
 from calib.pose import SE3
-from calib.rig import DepthSensor, Floor
-from calib.types import F32, F64, U8
+from calib.types import F32, F64, I32, U8
 from planview.foreground.gain import Exposure
-from planview.maps._kernels import back_project
-from planview.maps.colour import CHROMA_CELLS, colour_codes
-from planview.maps.grid import Grid
-from planview.maps.plan_view import FloorPoints, MapParams, PlanViewMaps, plan_view
+from planview.maps.grid import MapParams, floor_in_view, reach_m
+from planview.maps.plan_view import FloorPoints, PlanViewMaps, plan_view
 from stereo.depth import RectifiedGeometry
-from stereo.matcher import DisparityRange
 
 BACKGROUND_SEEN, SURFACE, NO_DEPTH, UNKNOWN, SHADOW = range(5)
 """Kinds of pixels: the background is seen, foreground with depth, foreground without, pixels that show nothing (no
 evidence for or against anybody), and of one camera what looks like background in a shadow."""
+LUMA_CELLS = 8
+CHROMA_EDGES = (-24.0, -8.0, 8.0, 24.0)
+"""Edges of the cells of U and V around grey [levels of 255]; noise of grey clothes is below 8."""
+CHROMA_CELLS = len(CHROMA_EDGES) + 1
+CODES = LUMA_CELLS * CHROMA_CELLS**2
 COLOURED = np.arange(256) % CHROMA_CELLS**2 != CHROMA_CELLS**2 // 2
 """(256,) bool, by code: not grey."""
+LUMA_SPREAD, CHROMA_SPREAD = 0.75, 0.4
+"""Deviation of the smoothing, in cells: light differs by a fifth within a room, chroma hardly."""
 REFERENCE = Exposure()
 RENEW_S = 30.0
 """How far the background is, is measured again every so often [s]: moved furniture has become background then
 (``ForegroundParams.learning_rate``), and what hides people rarely moves."""
 NO_POINTS = FloorPoints(np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.int32))
-
-
-@dataclass(frozen=True, eq=False)
-class FloorRig:
-    """A rectified pair above its floor; an image with depth stands for the pair that its noise is equivalent to.
-
-    Attributes:
-        geometry: of the rectified pair.
-        floor: pose of the rectified left camera and how well it is known.
-        floor_source: "found" in the recording, or the file that gave it.
-        calibration: file or folder the calibration came from; empty when unknown.
-        vertical_residual_px: row offset left after rectification [px]; NaN when unknown.
-        disparities: range searched.
-        grid: cells of the plan-view maps.
-        reduction: foreground and maps use every ``reduction``-th row and column of the rectified image.
-        sensor: how depth was measured; None where a pair was matched.
-        correction: sentence on how the recording corrects the calibration; empty when that was not looked at.
-    """
-
-    geometry: RectifiedGeometry
-    floor: Floor
-    floor_source: str
-    calibration: str
-    vertical_residual_px: float
-    disparities: DisparityRange
-    grid: Grid
-    reduction: int
-    sensor: DepthSensor | None = None
-    correction: str = ""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(height, width) of disparity and foreground at the reduced size."""
-        return -(-self.geometry.height // self.reduction), -(-self.geometry.width // self.reduction)
-
-    @property
-    def camera(self) -> FloorPinhole:
-        """The rectified left camera above the floor."""
-        return self.geometry.above(self.floor.world_SE3_left)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +126,7 @@ class View:
         rays: of the camera; NO_RAYS where its place is not known.
         kind: (H, W) uint8 of BACKGROUND_SEEN, SURFACE, NO_DEPTH, UNKNOWN and SHADOW.
         range_m: (H, W) float32 along the ray: the surface's, or the background's where that is seen; 0 unknown.
-        colour: (H, W) uint8 colour codes (``planview.maps.colour``); None where all is grey:
-            light alone does not distinguish clothes.
+        colour: (H, W) uint8 colour codes; None where all is grey: light alone does not distinguish clothes.
         points: foreground points in the world; their pixels index the images above.
         image: (H, W[, 3]) uint8, at this size, of one camera as recorded; None where it was not recorded.
         foreground: (H, W) uint8, 255 where not background; None where nothing shows.
@@ -197,6 +167,7 @@ class MapBuilder(Carried):
 
     Attributes:
         rays: of the analysed image's pixels.
+        shape: (height, width) of the disparities and masks to come.
 
     Args:
         geometry: the rectified pair.
@@ -211,31 +182,28 @@ class MapBuilder(Carried):
     CARRIED = "_background_m", "_looked_s"
 
     def __init__(
-        self,
-        geometry: RectifiedGeometry,
-        world_SE3_left: SE3,
-        params: MapParams | None = None,
-        reduction: int = 1,
+        self, geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapParams | None = None, reduction: int = 1
     ) -> None:
         self.params = params or MapParams()
-        self.geometry = geometry
-        self.world_SE3_left, self._reduction = world_SE3_left, reduction
         self.grid = floor_in_view(geometry, world_SE3_left, self.params)
-        self.shape = (-(-geometry.height // reduction), -(-geometry.width // reduction))
-        n = self.shape[0] * self.shape[1]
-        self._points = np.empty((n, 3), dtype=np.float32)
-        self._area = np.empty(n, dtype=np.float32)
-        self._pixels = np.empty(n, dtype=np.int32)
-        intrinsics = geometry.reduced_matrix(reduction)[[0, 1, 0, 1], [0, 1, 2, 2]]
+        self._geometry, self._reduction = geometry, reduction
+        self._left = geometry.above(world_SE3_left, reduction)
+        self.shape = self._left.size[::-1]
+        intrinsics = self._left.matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
         self._camera = np.append(intrinsics, geometry.disparity_metre)
         self._pose = np.ascontiguousarray(world_SE3_left.matrix[:3])
-        self._disparity_min = geometry.disparity_at(_reach_m(geometry, self.params))
+        self._limits = geometry.disparity_at(reach_m(geometry, self.params)), self.params.height_max_m
         self.reset()
 
     def reset(self) -> None:
         """Forget how far the background is."""
         self._background_m: F32 | None = None
         self._looked_s = -math.inf
+
+    @cached_property
+    def rays(self) -> PixelRays:
+        """See the class."""
+        return PixelRays.of(self._left, self._geometry, self._reduction)
 
     def background_due(self, timestamp_s: float) -> bool:
         """Whether the background is to be measured again."""
@@ -244,7 +212,11 @@ class MapBuilder(Carried):
     def __call__(
         self, disparity: F32, mask: U8, image: U8 | None = None, exposure: Exposure = REFERENCE
     ) -> PlanViewMaps:
-        """Build the maps of one frame.
+        """The maps of one frame; arguments and errors are those of ``points``."""
+        return plan_view([self.points(disparity, mask, image, exposure)], self.grid, self.params)
+
+    def points(self, disparity: F32, mask: U8, image: U8 | None = None, exposure: Exposure = REFERENCE) -> FloorPoints:
+        """Foreground points of one frame.
 
         Args:
             disparity: (H, W) float32 [px], NaN where invalid.
@@ -254,23 +226,10 @@ class MapBuilder(Carried):
         Raises:
             ValueError: the arrays do not have the size of the geometry.
         """
-        return plan_view([self.points(disparity, mask, image, exposure)], self.grid, self.params)
-
-    def points(self, disparity: F32, mask: U8, image: U8 | None = None, exposure: Exposure = REFERENCE) -> FloorPoints:
-        """Foreground points of one frame; arguments and errors are those of a call."""
         if disparity.shape != self.shape or mask.shape != self.shape:
             raise ValueError(f"expected disparity and mask of {self.shape}, got {disparity.shape} and {mask.shape}")
-        out = self._points, self._area, self._pixels
-        limits = self._disparity_min, self.params.height_max_m
-        n = back_project(disparity, mask, self._camera, self._pose, limits, out)
-        pixels = self._pixels[:n].copy()
-        colours = None if image is None else colour_codes(image, pixels, exposure)
-        return FloorPoints(self._points[:n].copy(), self._area[:n].copy(), pixels, colours)
-
-    @cached_property
-    def rays(self) -> PixelRays:
-        """See the class."""
-        return PixelRays.of(self.geometry.above(self.world_SE3_left, self._reduction), self.geometry, self._reduction)
+        xyz, area, pixels = back_project(disparity, mask, self._camera, self._pose, self._limits)
+        return FloorPoints(xyz, area, pixels, None if image is None else colour_codes(image, pixels, exposure))
 
     def view(
         self, points: FloorPoints, mask: U8, timestamp_s: float, renewed: F32 | None = None, image: U8 | None = None
@@ -298,31 +257,95 @@ class MapBuilder(Carried):
         if points.colours is not None and COLOURED[points.colours].any():
             colour = np.zeros(self.shape, np.uint8)
             colour.reshape(-1)[points.pixels] = points.colours
-        return View(
-            self.rays, kind.reshape(self.shape), range_m.reshape(self.shape), colour, points, image, mask,
-            renewed=renewed,
-        )  # fmt: skip
+        kind, range_m = kind.reshape(self.shape), range_m.reshape(self.shape)
+        return View(self.rays, kind, range_m, colour, points, image, mask, renewed=renewed)
 
 
-def floor_in_view(geometry: RectifiedGeometry, world_SE3_left: SE3, params: MapParams) -> Grid:
-    """The floor rectangle below everything between the floor and H_max that the camera sees within reach."""
-    reach = _reach_m(geometry, params)
-    u = np.linspace(0, geometry.width - 1, 17)
-    v = np.linspace(0, geometry.height - 1, 17)
-    rays = geometry.rays(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
-    depths = np.linspace(0.2, reach, 60)
-    points = world_SE3_left @ (rays[:, None, :] * depths[None, :, None])
-    inside = (points[..., 2] >= 0.0) & (points[..., 2] <= params.height_max_m)
-    out = points[..., :2] - world_SE3_left.translation[:2]
-    inside &= np.hypot(out[..., 0], out[..., 1]) <= params.distance_max_m
-    if not inside.any():
-        raise ValueError("expected a camera that sees the space between floor and H_max, got none of it in view")
-    visible = points[inside]
-    margin = 0.5
-    (x0, y0), (x1, y1) = visible[:, :2].min(axis=0) - margin, visible[:, :2].max(axis=0) + margin
-    return Grid.covering(float(x0), float(y0), float(x1), float(y1), params.cell_m)
+@njit(cache=True, nogil=True, error_model="numpy")
+def back_project(disparity: F32, mask: U8, camera: F64, pose: F64, limits: tuple[float, float]) -> tuple[F32, F32, I32]:
+    """Foreground pixels with a disparity to world points (Harville 2002, eq. 1 and 2).
+
+    Args:
+        camera: fu, fv, cu, cv, fu times the baseline.
+        pose: (3, 4) world_SE3_left.
+        limits: less disparity and points above are dropped [px, m].
+    Returns:
+        Points (N, 3), area (N,) = Z^2/(fu fv), pixels (N,) = row * width + column.
+    """
+    fu, fv, cu, cv, focal_baseline = camera
+    disparity_min, height_max_m = limits
+    room = np.count_nonzero(mask)
+    points, area, pixels = np.empty((room, 3), np.float32), np.empty(room, np.float32), np.empty(room, np.int32)
+    rows, cols = disparity.shape
+    n = 0
+    for row in range(rows):
+        ray_y = (row - cv) / fv
+        bx = pose[0, 1] * ray_y + pose[0, 2]
+        by = pose[1, 1] * ray_y + pose[1, 2]
+        bz = pose[2, 1] * ray_y + pose[2, 2]
+        for col in range(cols):
+            if mask[row, col] == 0:
+                continue
+            d = disparity[row, col]
+            if not d >= disparity_min:
+                continue
+            z = focal_baseline / d
+            ray_x = (col - cu) / fu
+            height = z * (pose[2, 0] * ray_x + bz) + pose[2, 3]
+            if height > height_max_m:
+                continue
+            points[n, 0] = z * (pose[0, 0] * ray_x + bx) + pose[0, 3]
+            points[n, 1] = z * (pose[1, 0] * ray_x + by) + pose[1, 3]
+            points[n, 2] = height
+            area[n] = z * z / (fu * fv)
+            pixels[n] = row * cols + col
+            n += 1
+    return points[:n], area[:n], pixels[:n]
 
 
-def _reach_m(geometry: RectifiedGeometry, params: MapParams) -> float:
-    """Depth at which the predicted deviation reaches depth_std_max_m, which is far more than what it is nearby."""
-    return math.sqrt(params.depth_std_max_m / geometry.depth_std_per_m2)
+def colour_codes(image: U8, pixels: I32, exposure: Exposure) -> U8:
+    """Codes of some pixels.
+
+    Args:
+        image: (H, W) grey or (H, W, 3) BGR.
+        pixels: (N,) int32, row * W + column.
+        exposure: of the image; codes are those of the reference exposure.
+    Returns:
+        (N,) uint8, luma cell * CHROMA_CELLS^2 + U cell * CHROMA_CELLS + V cell.
+    """
+    codes = np.empty(len(pixels), np.uint8)
+    encode_colours(np.ascontiguousarray(image).reshape(image.shape[0] * image.shape[1], -1), pixels, *exposure, codes)
+    return codes
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def encode_colours(image: U8, pixels: I32, gain: float, offset: float, codes: U8) -> None:
+    """``colour_codes`` of an image (H * W, channels), in float32."""
+    f = np.float32
+    g, o, scale, top = f(gain), f(offset), f(LUMA_CELLS / 256.0), f(LUMA_CELLS - 1)
+    for i in range(len(pixels)):
+        pixel = image[pixels[i]]
+        luma = f(pixel[0])
+        u = v = f(0)
+        if len(pixel) > 1:
+            blue, green, red = f(pixel[0]), f(pixel[1]), f(pixel[2])
+            luma = f(0.114) * blue + f(0.587) * green + f(0.299) * red
+            u, v = f(0.492) * (blue - luma) / g, f(0.877) * (red - luma) / g
+        code = int(min(max((luma - o) / g * scale, f(0)), top))
+        for value in (u, v):
+            code *= CHROMA_CELLS
+            for edge in CHROMA_EDGES:
+                code += int(value > edge)
+        codes[i] = code
+
+
+def smoothing() -> F32:
+    """(CODES, CODES) float32 matrix that spreads a histogram of codes over neighbouring cells; rows sum to 1."""
+
+    def spread(n: int, deviation: float) -> F32:
+        steps = np.arange(n)
+        kernel = np.exp(-0.5 * ((steps[:, None] - steps[None, :]) / deviation) ** 2)
+        return np.asarray(kernel / kernel.sum(axis=1, keepdims=True), dtype=np.float32)
+
+    chroma = spread(CHROMA_CELLS, CHROMA_SPREAD)
+    return np.kron(spread(LUMA_CELLS, LUMA_SPREAD), np.kron(chroma, chroma))

@@ -17,7 +17,7 @@ from calib.io import reason, sync
 from calib.types import U8
 from planview.drawing.plan import PlanBounds, bounds_of
 from planview.engine.engine import Engine, FrameResult
-from planview.maps.view import FloorRig
+from planview.maps.grid import FloorRig
 from planview.output.folder import rrd_parts
 from planview.output.report.page import errors_of, scores_of
 from planview.output.rerun_shapes import (

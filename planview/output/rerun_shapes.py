@@ -16,7 +16,7 @@ from calib.types import F32, U8
 from planview.drawing.plan import PlanBounds, facing_arrow
 from planview.drawing.style import disparity_colours
 from planview.engine.engine import Engine, FrameResult
-from planview.maps.view import FloorRig
+from planview.maps.grid import FloorRig
 from planview.tracking.base import Drawing
 from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState

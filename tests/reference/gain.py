@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planview.foreground import _gain_kernels as kernels
+from planview.foreground import gain as kernels
 
 
 def information(luma: np.ndarray, tolerance: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Plain numpy twins of stereo/_kernels.py; they define what the compiled loops compute."""
+"""Plain numpy twins of the compiled loops of stereo/matcher.py and stereo/rgbd.py; they define what these compute."""
 
 import numpy as np
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from calib.types import F32, F64, I64, U8
 from planview.foreground.gain import Exposure
-from planview.maps.colour import colour_codes
-from planview.maps.view import COLOURED, NO_DEPTH, SURFACE, PixelRays, View
+from planview.maps.view import COLOURED, NO_DEPTH, SURFACE, PixelRays, View, colour_codes
 from planview.tracking import body
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.human_model.silhouette import silhouette

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from calib.types import F32, F64, I64
-from planview.maps.colour import CODES
+from planview.maps.view import CODES
 from planview.tracking import body
 from planview.tracking.joint._sample_kernels import fresh_points as find_fresh
 from planview.tracking.joint._sample_kernels import map_lacking

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calib.types import F32, F64, I64, U8, AnyArray, Bool
-from planview.maps.colour import CODES
-from planview.maps.view import SURFACE, View
+from planview.maps.view import CODES, SURFACE, View
 from planview.tracking import body
 from planview.tracking.joint import _ascent_kernels as ascent
 from planview.tracking.joint import _likelihood_kernels as kernels

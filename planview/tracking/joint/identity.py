@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from calib.types import F32, F64
-from planview.maps.colour import CODES
+from planview.maps.view import CODES
 from planview.tracking import body
 from planview.tracking.joint.explanation import Owned
 from planview.tracking.joint.params import PeopleParams

@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 
 from calib.types import F32, F64, I64, U8
-from planview.maps.colour import CODES, smoothing
-from planview.maps.view import View
+from planview.maps.view import CODES, View, smoothing
 from planview.tracking.body import HEIGHT_MEAN_M, HEIGHT_STD_M, LEAN_STD_M, SIDEWARD_RAD, STROLL_MPS, TURNING_RAD2_PS
 from planview.tracking.joint.explanation import People
 from planview.tracking.joint.samples import LEGS_TO, PARTS, TINY, TORSO_TO, Known

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib.carried import Carried
 from calib.types import F32, F64, U8, Bool
-from planview.maps.colour import CODES
+from planview.maps.view import CODES
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, Drawing, Observation, TrackerDebug, person_boxes
 from planview.tracking.joint.births import EVIDENCE_MAX, SEARCH_PRIOR, Births, odds_of_moving

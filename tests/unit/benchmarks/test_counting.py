@@ -14,8 +14,8 @@ from calib.errors import InputError
 from planview.counting.events import Event
 from planview.counting.rules import RulePlane, parse_rules
 from planview.counting.scoring import CountScores, OccupancyGroup, crossing_scores
-from planview.maps.grid import Grid
-from planview.maps.plan_view import FloorPoints, MapParams, PlanViewMaps, plan_view
+from planview.maps.grid import Grid, MapParams
+from planview.maps.plan_view import FloorPoints, PlanViewMaps, plan_view
 from planview.synthetic.camera import ground_camera
 from planview.tracking.base import Observation
 from planview.trajectories.table import read_tracks, read_truth

@@ -9,9 +9,16 @@ from toy_stereo import SIZE, ToyWorld, toy_rig
 
 from calib.rig import Floor, world_from_plane
 from calib.types import U8
-from stereo import _kernels
 from stereo.depth import RectifiedGeometry
-from stereo.matcher import DisparityRange, RangeParams, SgbmMatcher, disparity_range
+from stereo.matcher import (
+    DisparityRange,
+    RangeParams,
+    SgbmMatcher,
+    coarse_disparity,
+    differences,
+    disparity_range,
+    shared_step,
+)
 
 GEOMETRY = RectifiedGeometry(320, 240, 230.0, 230.0, 159.5, 119.5, 0.12)
 OVERHEAD = RectifiedGeometry(640, 400, 406.0, 406.0, 320.0, 200.0, 0.0738)
@@ -110,7 +117,7 @@ def test_coarse_disparity_equals_its_numpy_twin(seed: int, lowest: int, step: in
     fixed = rng.integers(-16, 500, (9, 37)).astype(np.int16)
     usable, right_mask = (np.where(rng.uniform(size=(9, 37)) < 0.8, 255, 0).astype(np.uint8) for _ in range(2))
     ours = np.empty((9, 37), np.float32)
-    _kernels.coarse_disparity(fixed, usable, right_mask, step, lowest, ours)
+    coarse_disparity(fixed, usable, right_mask, step, lowest, ours)
     np.testing.assert_array_equal(ours, reference.coarse_disparity(fixed, usable, right_mask, step, lowest))
 
 
@@ -122,8 +129,8 @@ def test_differences_and_shared_step_equal_their_numpy_twins(seed: int, step: in
     disparity = rng.uniform(3.0, 7.0, (9, 12)).astype(np.float32)
     disparity[rng.uniform(size=disparity.shape) < 0.2] = np.nan
     error, slope, found = (np.empty_like(disparity) for _ in range(3))
-    _kernels.differences(left, right, disparity, 2, step, apart, error, slope)
+    differences(left, right, disparity, 2, step, apart, error, slope)
     expected = reference.differences(left, right, disparity, 2, step, apart)
     np.testing.assert_allclose((error, slope), expected, atol=2e-3)
-    _kernels.shared_step(disparity, error, slope, 1.0, 12.0, found)
+    shared_step(disparity, error, slope, 1.0, 12.0, found)
     np.testing.assert_allclose(found, reference.shared_step(disparity, error, slope, 1.0, 12.0), atol=1e-3)

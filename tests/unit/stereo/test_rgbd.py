@@ -12,12 +12,11 @@ from calib.camera import Camera
 from calib.errors import InputError
 from calib.pose import SE3
 from calib.rig import RgbdRig
-from stereo._kernels import register_depth
 from stereo.depth import metres
 from stereo.readers import OpenOptions, open_any
 from stereo.readers.pairing import nearest_mates
 from stereo.recording import RgbdFrame, RgbdRecording
-from stereo.rgbd import DepthRegistration, RgbdRectifier
+from stereo.rgbd import DepthRegistration, RgbdRectifier, register_depth
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 31.5, 23.5)
 LENS = (-0.1, 0.05, 0.0, 0.0, 0.0)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import gain as reference
 
-from planview.foreground import _gain_kernels as kernels
+from planview.foreground import gain as kernels
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 

@@ -6,8 +6,7 @@ import pytest
 from calib.types import U8
 from planview.engine.config import SingleCameraParams
 from planview.engine.one_camera import ImageStages
-from planview.foreground.blobs import find_blobs
-from planview.foreground.ghosts import find_ghosts, find_still, find_uncovered
+from planview.foreground.ghosts import find_blobs, find_ghosts, find_still, find_uncovered
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 from stereo.recording import VideoFrame

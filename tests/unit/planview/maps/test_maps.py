@@ -19,12 +19,10 @@ from calib.rig import world_from_plane
 from calib.types import F64
 from planview.engine.open import open_engine
 from planview.foreground.gain import Exposure
-from planview.maps import _kernels as kernels
-from planview.maps.colour import CHROMA_EDGES, CODES, LUMA_CELLS, colour_codes, smoothing
-from planview.maps.grid import Grid
-from planview.maps.plan_view import FloorPoints, MapParams, joint_grid, plan_view
+from planview.maps.grid import Grid, MapParams
+from planview.maps.plan_view import FloorPoints, accumulate, joint_grid, plan_view
 from planview.maps.recording import MapsFrame, MapsRecording, MapsWriter
-from planview.maps.view import MapBuilder
+from planview.maps.view import CODES, MapBuilder, back_project, colour_codes, encode_colours, smoothing
 from stereo.depth import RectifiedGeometry
 from stereo.recording import Skipped
 from tests.reference import maps as reference
@@ -95,7 +93,7 @@ def test_grid_cell_owns_its_lower_edge() -> None:
     assert grid.index_of(0.05, 0.05) == pytest.approx((0.0, 0.0))
     height, occupancy = np.empty(grid.shape, np.float32), np.empty(grid.shape, np.float32)
     point = np.array([[0.5, 0.25, 1.0]], np.float32)
-    kernels.accumulate(point, np.ones(1, np.float32), 0.0, 0.0, 0.0, 0.25, height, occupancy)
+    accumulate(point, np.ones(1, np.float32), 0.0, 0.0, 0.0, 0.25, height, occupancy)
     assert height[1, 2] == 1.0
 
 
@@ -109,13 +107,11 @@ def test_map_kernels_equal_their_reference(seed: int) -> None:
     pose = SE3.from_rotvec(rng.normal(size=3), rng.normal(size=3)).matrix[:3]
     camera = np.array([20.0, 22.0, 7.5, 5.5, 10.0])
     results = []
-    for module in (kernels, reference):
-        points, area = np.zeros((192, 3), np.float32), np.zeros(192, np.float32)
-        pixels = np.zeros(192, np.int32)
-        n = module.back_project(disparity, mask, camera, pose, (0.5, 2.4), (points, area, pixels))
+    for project, add_up in ((back_project, accumulate), (reference.back_project, reference.accumulate)):
+        points, area, pixels = project(disparity, mask, camera, pose, (0.5, 2.4))
         height, occupancy = np.empty((9, 11), np.float32), np.empty((9, 11), np.float32)
-        module.accumulate(points[:n], area[:n], 0.15, -1.0, -2.0, 0.5, height, occupancy)
-        results.append((n, points, area, pixels, height, occupancy))
+        add_up(points, area, 0.15, -1.0, -2.0, 0.5, height, occupancy)
+        results.append((points, area, pixels, height, occupancy))
     for ours, theirs in zip(*results, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-6)
 
@@ -333,9 +329,9 @@ def test_colour_codes_of_grey_lie_in_the_middle_of_chroma_whatever_the_exposure(
 @pytest.mark.parametrize("channels", [1, 3])
 def test_colour_kernel_equals_its_reference(channels: int) -> None:
     rng = np.random.default_rng(channels)
-    image, edges = rng.integers(0, 256, 300 * channels).astype(np.uint8), np.float32(CHROMA_EDGES)
+    image = rng.integers(0, 256, (300, channels)).astype(np.uint8)
     pixels = rng.permutation(300)[:200].astype(np.int32)
     ours, theirs = np.empty(200, np.uint8), np.empty(200, np.uint8)
-    for module, codes in ((kernels, ours), (reference, theirs)):
-        module.encode_colours(image, channels, pixels, 1.3, -4.5, LUMA_CELLS, edges, codes)
+    for encode, codes in ((encode_colours, ours), (reference.encode_colours, theirs)):
+        encode(image, pixels, 1.3, -4.5, codes)
     np.testing.assert_array_equal(ours, theirs)

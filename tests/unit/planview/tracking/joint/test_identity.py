@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from planview.maps.colour import CODES
+from planview.maps.view import CODES
 from planview.tracking import body
 from planview.tracking.joint import JointTracker
 from planview.tracking.joint.explanation import upright
