@@ -17,7 +17,7 @@ from calib.people.model import HumanModel
 from calib.people.samples import MIN_SAMPLES, HumanSample, choose_spread
 from calib.types import F64, U8, Bool
 from planview.engine.config import SingleCameraParams
-from planview.engine.one_camera import ImageStages
+from planview.engine.one_camera import ImageForeground
 from planview.foreground.ghosts import Blobs, find_blobs
 from stereo.recording import Video
 
@@ -115,7 +115,7 @@ def collect_samples(video: Video, count: int = 50, done: Callable[[], None] = la
     out. Head and foot are the ends of the blob's longest axis, the head the upper one; where most blobs have no longest
     axis (from straight above) both are its middle. Raises WorkError: too few samples, or none of a usual size.
     """
-    camera = ImageStages(SingleCameraParams(), video.size)
+    camera = ImageForeground(SingleCameraParams(), video.size)
     paths: list[_Path] = []
     for frame in video:
         mask = camera.view(frame).foreground

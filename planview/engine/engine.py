@@ -12,23 +12,14 @@ from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from calib.errors import InputError
 from calib.floor_camera import FloorCamera
-from calib.ground_camera import GroundCamera
 from calib.types import F32
 from planview.checks.check import Check
 from planview.engine.config import Config
-from planview.engine.info import (
-    CameraInfo,
-    FloorInfo,
-    ground_camera_info,
-    ground_floor_info,
-    rigs_info,
-    stereo_floor_info,
-)
+from planview.engine.info import CameraInfo, FloorInfo, camera_info, floor_info
 from planview.maps.grid import FloorRig
-from planview.maps.plan_view import plan_view
 from planview.maps.recording import MapsFrame
 from planview.maps.view import View
-from planview.tracking.base import Decision, Observation, Tracker, followed
+from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth, point_cloud
 from stereo.readers.multi_rig import MultiRigFrame
@@ -96,11 +87,10 @@ class FrameResult:
         return point_cloud(self.depth.disparity, self.depth.image, geometry, pose, self.depth.step)
 
 
-class StageClock:
+class StageClock(dict[str, float]):
     """Adds up a frame's stage times [ms]."""
 
     def __init__(self) -> None:
-        self.stages_ms: dict[str, float] = {}
         self.start()
 
     def start(self) -> None:
@@ -111,7 +101,7 @@ class StageClock:
         """The stage ends now, and the next one begins."""
         since = self._since
         self.start()
-        self.stages_ms[stage] = self.stages_ms.get(stage, 0.0) + 1e3 * (self._since - since)
+        self[stage] = self.get(stage, 0.0) + 1e3 * (self._since - since)
 
 
 class Recording(Protocol):
@@ -143,9 +133,10 @@ class Remembers(Protocol):
 
 
 class Stages(Protocol):
-    """What comes before the tracker, of one kind of recording. Errors are those of ``Engine.step``.
+    """How frames of one kind of recording become people. Errors are those of ``Engine.step``.
 
     Attributes:
+        tracker: follows people.
         ahead: frames that iteration matches ahead in a thread of their own; 0 for one thread.
         camera: the (rectified left) camera above the floor; None for one camera that is not calibrated.
         size: (width, height) of its images [px].
@@ -155,6 +146,9 @@ class Stages(Protocol):
 
     ahead: int
     size: tuple[int, int]
+
+    @property
+    def tracker(self) -> Tracker: ...
 
     @property
     def camera(self) -> FloorCamera | None: ...
@@ -168,14 +162,11 @@ class Stages(Protocol):
     def match(self, frame: Any, clock: StageClock) -> RigDepths:
         """The part of the work that depends on no other frame."""
 
-    def look(self, frame: Any, depths: RigDepths, clock: StageClock) -> tuple[View, ...]:
-        """What the cameras show, from what was learned of the frames before."""
-
-    def learn(self, views: Sequence[View], people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
-        """Keep where people are for the next frame."""
+    def track(self, frame: Any, depths: RigDepths, clock: StageClock) -> tuple[Observation, tuple[TrackState, ...]]:
+        """What the cameras show, by what was learned of the frames before, and the people in it."""
 
     def memory(self) -> dict[str, Remembers]:
-        """By name, the objects that hold all that is carried from frame to frame."""
+        """By name, the objects but the tracker that hold what is carried from frame to frame."""
 
 
 class Engine:
@@ -183,14 +174,13 @@ class Engine:
 
     Attributes:
         recording: what is read.
-        tracker: follows people.
         config: the full effective configuration.
-        stages: before the tracker; ``ahead``, ``camera``, ``size`` and ``rigs`` are theirs.
+        stages: of a frame; ``tracker``, ``ahead``, ``camera``, ``size`` and ``rigs`` are theirs.
         stereo: the first rig, over the grid of the maps; None for one camera.
     """
 
-    def __init__(self, recording: Recording, tracker: Tracker, config: Config, stages: Stages) -> None:
-        self.recording, self.tracker, self.config, self.stages = recording, tracker, config, stages
+    def __init__(self, recording: Recording, config: Config, stages: Stages) -> None:
+        self.recording, self.config, self.stages, self.tracker = recording, config, stages, stages.tracker
         self.camera, self.size, self.rigs, self.ahead = stages.camera, stages.size, stages.rigs, stages.ahead
         self.stereo: FloorRig | None = next(iter(self.rigs.values()), None)
 
@@ -204,15 +194,11 @@ class Engine:
 
     def camera_info(self) -> CameraInfo | None:
         """The camera as ``run.json`` has it; None for one that is not calibrated."""
-        if self.rigs:
-            return rigs_info(self.rigs)
-        return ground_camera_info(self.camera) if isinstance(self.camera, GroundCamera) else None
+        return camera_info(self.camera, self.rigs)
 
     def floor_info(self) -> FloorInfo | None:
         """The floor as ``run.json`` has it; None where there is no calibrated camera."""
-        if self.stereo is not None:
-            return stereo_floor_info(self.stereo)
-        return ground_floor_info(self.camera) if isinstance(self.camera, GroundCamera) else None
+        return floor_info(self.camera, self.stereo)
 
     def reset(self) -> None:
         """Forget all frames: people, background and feedback."""
@@ -247,21 +233,11 @@ class Engine:
         return self._track(frame, self.stages.match(frame, clock), clock)
 
     def _track(self, frame: Frame, depths: RigDepths, clock: StageClock) -> FrameResult:
-        """Look, follow people, and keep where they are."""
         clock.start()
-        views = self.stages.look(frame, depths, clock)
-        observation = self._observed(frame, views)
-        people, decisions = followed(self.tracker, observation), self.tracker.decisions
-        self.stages.learn(views, people, decisions)
+        observation, people = self.stages.track(frame, depths, clock)
         clock.record("track")
-        now_s, stages_ms = frame.timestamp_s, clock.stages_ms
-        return FrameResult(frame.index, now_s, people, decisions, observation, stages_ms, depths, self.stereo)
-
-    def _observed(self, frame: Frame, views: tuple[View, ...]) -> Observation:
-        if (rig := self.stereo) is None:
-            return Observation(frame.index, frame.timestamp_s, views)
-        build = partial(plan_view, [view.points for view in views], rig.grid, self.config.maps)
-        return Observation(frame.index, frame.timestamp_s, views, self.camera, build)
+        at = frame.index, frame.timestamp_s
+        return FrameResult(*at, people, self.tracker.decisions, observation, clock, depths, self.stereo)
 
     def __iter__(self) -> Iterator[FrameResult]:
         """Track the recording from its first frame; each iteration starts with ``reset``."""

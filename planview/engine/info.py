@@ -84,68 +84,52 @@ class CameraInfo(InfoPart):
     """All cameras of a recording with several rigs, the first one included."""
 
 
-def rigs_info(views: Mapping[str, FloorRig]) -> CameraInfo:
-    """The camera of the first rig, with those of all where there are several."""
-    cameras = [stereo_camera_info(view) for view in views.values()]
-    if len(cameras) == 1:
-        return cameras[0]
-    places = [view.floor.world_SE3_left.translation[:2].tolist() for view in views.values()]
-    named = [
-        camera.model_copy(update={"name": name, "at_m": tuple(place)})
-        for camera, name, place in zip(cameras, views, places, strict=True)
-    ]
-    return named[0].model_copy(update={"heads": named})
+def camera_info(camera: FloorCamera | None, rigs: Mapping[str, FloorRig]) -> CameraInfo | None:
+    """The camera of the first of some rigs by name, with those of all where there are several, or a single camera; None
+    for one that is not calibrated."""
+    if isinstance(camera, GroundCamera):
+        # The view ends where a person of 1.7 m is so high in the image [px] (our choice).
+        view_m = _outline(camera, max(VIEW_DISTANCE_M, 1.7 * camera.focal_px / 20.0))
+        width, height = camera.size
+        return CameraInfo(width=width, height=height, focal_px=camera.focal_px, lens=camera.lens, view_m=view_m)
+    heads = [_rig_info(rig) for rig in rigs.values()]
+    if len(heads) > 1:
+        for head, (name, rig) in zip(heads, rigs.items(), strict=True):
+            x_m, y_m, _ = rig.floor.world_SE3_left.translation.tolist()
+            head.name, head.at_m = name, (x_m, y_m)
+        return heads[0].model_copy(update={"heads": heads})
+    return heads[0] if heads else None
 
 
-def stereo_camera_info(view: FloorRig) -> CameraInfo:
-    """The rectified left camera, or that of images with depth."""
-    geometry, residual_px = view.geometry, view.vertical_residual_px
+def _rig_info(rig: FloorRig) -> CameraInfo:
+    geometry, residual_px = rig.geometry, rig.vertical_residual_px
     return CameraInfo(
         width=geometry.width,
         height=geometry.height,
         focal_px=geometry.focal_u_px,
         focal_v_px=geometry.focal_v_px,
         center_px=(geometry.cu_px, geometry.cv_px),
-        baseline_m=geometry.baseline_m if view.sensor is None else None,
-        depth_sensor=view.sensor,
-        calibration=view.calibration or None,
-        correction=view.correction or None,
+        baseline_m=geometry.baseline_m if rig.sensor is None else None,
+        depth_sensor=rig.sensor,
+        calibration=rig.calibration or None,
+        correction=rig.correction or None,
         vertical_residual_px=None if math.isnan(residual_px) else residual_px,
-        view_m=_outline(view.camera, VIEW_DISTANCE_M),
+        view_m=_outline(rig.camera, VIEW_DISTANCE_M),
     )
 
 
-def stereo_floor_info(view: FloorRig) -> FloorInfo:
-    """The floor below a stereo pair."""
-    floor = view.floor
-    known = not math.isnan(floor.inlier_fraction)
-    return FloorInfo(
-        height_m=floor.height_m,
-        tilt_deg=math.degrees(floor.tilt_rad),
-        roll_deg=math.degrees(floor.roll_rad),
-        inlier_fraction=floor.inlier_fraction if known else None,
-        residual_m=floor.residual_m if known else None,
-        world_SE3_left=floor.world_SE3_left.matrix.tolist(),
-        source=view.floor_source,
-    )
-
-
-def ground_camera_info(camera: GroundCamera) -> CameraInfo:
-    """A single camera."""
-    return CameraInfo(
-        width=camera.width,
-        height=camera.height,
-        focal_px=camera.focal_px,
-        lens=camera.lens,
-        # That of a single camera ends where a person of 1.7 m is so high in the image [px] (our choice).
-        view_m=_outline(camera, max(VIEW_DISTANCE_M, 1.7 * camera.focal_px / 20.0)),
-    )
-
-
-def ground_floor_info(camera: GroundCamera) -> FloorInfo:
-    """The floor below a single camera."""
-    tilt_deg, roll_deg = math.degrees(camera.tilt_rad), math.degrees(camera.roll_rad)
-    return FloorInfo(height_m=camera.height_m, tilt_deg=tilt_deg, roll_deg=roll_deg, source="camera.toml")
+def floor_info(camera: FloorCamera | None, rig: FloorRig | None) -> FloorInfo | None:
+    """The floor below a rig, or below a single camera; None for one that is not calibrated."""
+    floor = camera if isinstance(camera, GroundCamera) else None if rig is None else rig.floor
+    if floor is None:
+        return None
+    tilt_deg, roll_deg = math.degrees(floor.tilt_rad), math.degrees(floor.roll_rad)
+    info = FloorInfo(height_m=floor.height_m, tilt_deg=tilt_deg, roll_deg=roll_deg, source="camera.toml")
+    if rig is not None:
+        info.world_SE3_left, info.source = rig.floor.world_SE3_left.matrix.tolist(), rig.floor_source
+        if not math.isnan(rig.floor.inlier_fraction):
+            info.inlier_fraction, info.residual_m = rig.floor.inlier_fraction, rig.floor.residual_m
+    return info
 
 
 def camera_of(rig: CameraInfo, floor: FloorInfo) -> FloorCamera | None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +12,10 @@ from calib.errors import InputError
 from planview.engine.config import Config
 from planview.engine.engine import Engine, Frame, Remembers, RigDepths, StageClock, refuse_frame
 from planview.maps.grid import floor_in_view
+from planview.maps.plan_view import plan_view
 from planview.maps.recording import MapsFrame, MapsRecording
 from planview.maps.view import MapBuilder, View
-from planview.tracking.base import Decision, Tracker
+from planview.tracking.base import Observation, Tracker, followed
 from planview.trajectories.state import TrackState
 
 FIXED_TABLES = ("analysis", "rectify", "range", "sgbm", "floor", "foreground", "feedback")
@@ -46,9 +47,9 @@ class ReplayStages:
     ahead = 0
     checks = ()
 
-    def __init__(self, recording: MapsRecording, config: Config) -> None:
+    def __init__(self, recording: MapsRecording, config: Config, tracker: Tracker) -> None:
         """Raises InputError: a parameter that decided which points were recorded differs, or maps of another rig."""
-        recorded, rig = recorded_config(recording), recording.view
+        recorded, rig, self.tracker = recorded_config(recording), recording.view, tracker
         _refuse_fixed(recording.path, recorded, config)
         try:
             if floor_in_view(rig.geometry, rig.floor.world_SE3_left, recorded.maps) != rig.grid:
@@ -61,12 +62,21 @@ class ReplayStages:
 
     def match(self, frame: Frame, clock: StageClock) -> RigDepths:
         """Nothing: recorded points have been matched."""
-        return ()
-
-    def look(self, frame: Frame, depths: RigDepths, clock: StageClock) -> tuple[View, ...]:
-        """See ``Stages``. Raises InputError: damaged maps."""
         if not isinstance(frame, MapsFrame):
             refuse_frame("the points of plan-view maps", frame)
+        return ()
+
+    def track(
+        self, frame: MapsFrame, depths: RigDepths, clock: StageClock
+    ) -> tuple[Observation, tuple[TrackState, ...]]:
+        """See ``Stages``. Raises InputError: damaged maps."""
+        view = self._view(frame)
+        clock.record("maps")
+        maps = partial(plan_view, [view.points], self._maps.grid, self._maps.params)
+        observation = Observation(frame.index, frame.timestamp_s, (view,), self.camera, maps)
+        return observation, followed(self.tracker, observation)
+
+    def _view(self, frame: MapsFrame) -> View:
         maps = self._maps
         disparity, mask = np.full(maps.shape, np.nan, np.float32), np.zeros(maps.shape, np.uint8)
         disparity.reshape(-1)[frame.pixels] = frame.disparities
@@ -77,14 +87,9 @@ class ReplayStages:
                 f"{self._path}: frame {frame.index}: expected {len(frame.pixels)} points in reach of the rig, "
                 f"found {len(points.pixels)}: the maps are damaged or another rig's"
             )
-        view = maps.view(replace(points, colours=frame.colours), mask, frame.timestamp_s, frame.background)
         if len(frame.unmatched) == mask.size:
-            view = View.unknown(maps.shape, rays=maps.rays)
-        clock.record("maps")
-        return (view,)
-
-    def learn(self, views: Sequence[View], people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
-        """Nothing: the foreground is recorded."""
+            return View.unknown(maps.shape, rays=maps.rays)
+        return maps.view(replace(points, colours=frame.colours), mask, frame.timestamp_s, frame.background)
 
     def memory(self) -> dict[str, Remembers]:
         """How far away the background is."""
@@ -95,7 +100,7 @@ def replay_engine(recording: MapsRecording, tracker: Tracker, config: Config | N
     """An engine for recorded plan-view maps, with the parameters of the recording when ``config`` is None. Raises
     InputError: a parameter that decided which points were recorded differs, or maps of another rig."""
     config = config or recorded_config(recording)
-    return Engine(recording, tracker, config, ReplayStages(recording, config))
+    return Engine(recording, config, ReplayStages(recording, config, tracker))
 
 
 def _refuse_fixed(path: Path, recorded: Config, config: Config) -> None:

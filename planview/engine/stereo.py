@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -12,16 +13,15 @@ from calib.carried import Carried
 from calib.errors import InputError
 from calib.types import U8
 from calib.world import RIGS_FILE
-from planview.checks.check import Check
 from planview.engine.config import Config, FeedbackParams
 from planview.engine.engine import Engine, Frame, Remembers, RigDepths, StageClock, refuse_frame
 from planview.engine.setup import Setup, refuse_foreign_disparity, set_up
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON
 from planview.maps.grid import FloorRig
-from planview.maps.plan_view import joint_grid
+from planview.maps.plan_view import joint_grid, plan_view
 from planview.maps.view import MapBuilder, View
-from planview.tracking.base import Decision, Tracker
+from planview.tracking.base import Decision, Observation, Tracker, followed
 from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth
@@ -41,9 +41,8 @@ GROUND_M = 0.12
 
 
 class RigStages:
-    """One rig, frame by frame (Harville 2002): ``match`` measures depth, ``look`` separates the foreground by colour
-    and depth (section 2) and puts its pixels into the world (section 3); the tracker follows people, and ``feedback``
-    keeps them from becoming background.
+    """One rig: ``match`` measures depth, ``look`` separates the foreground by colour and depth (Harville 2002, section
+    2) and puts its pixels into the world (section 3); ``feedback`` keeps people from becoming background.
 
     Attributes:
         name: among several rigs.
@@ -52,27 +51,25 @@ class RigStages:
     """
 
     def __init__(self, rig: Setup, config: Config, matcher: Matcher | None = None, name: str = "") -> None:
-        """Compose the stages.
-
-        Args:
-            matcher: of whole pairs; SGBM over the rig's disparities when None.
-        Raises:
-            InputError: a matcher for images with depth.
-        """
+        """Compose the stages; ``matcher`` is of whole pairs, SGBM over the rig's disparities when None. Raises
+        InputError: a matcher for images with depth."""
         self.name, self.rig, self._matcher = name, rig, matcher
-        of_pairs = isinstance(rig.rectifier, Rectifier)
+        geometry, step, of_pairs = rig.geometry, rig.reduction, isinstance(rig.rectifier, Rectifier)
         if matcher is not None and not of_pairs:
             raise InputError(
                 f"{rig.calibration}: expected a stereo pair for a matcher of your own, found images with depth"
             )
-        geometry, step = rig.geometry, rig.reduction
-        if of_pairs and matcher is None:
+        if matcher is None and of_pairs:
             self._sgbm = rig.matcher(config, step)
         self.maps = MapBuilder(geometry, rig.floor.world_SE3_left, config.maps, step)
         self.foreground = Foreground(
             config.foreground, self.maps.shape, geometry.disparity_std_per_px2, step, geometry.disparity_metre
         )
         self.feedback = Feedback(config.feedback)
+
+    def memory(self) -> dict[str, Remembers]:
+        """What is carried from frame to frame."""
+        return {"foreground": self.foreground, "feedback": self.feedback, "maps": self.maps}
 
     def match(self, frame: Frame, clock: StageClock) -> Depth:
         """Rectify and match a frame."""
@@ -113,9 +110,45 @@ class RigStages:
         clock.record("maps")
         return view
 
+
+class StereoStages:
+    """Frames of one rig (a pair, or images with depth) or of several above one floor to people: ``Stages``."""
+
+    ahead = 2
+
+    def __init__(self, rigs: Sequence[RigStages], tracker: Tracker) -> None:
+        """Join the maps of the rigs. Raises ValueError: the floor covered together is larger than a grid may be."""
+        first = replace(rigs[0].rig, grid=joint_grid([rig.maps.grid for rig in rigs]))
+        self._rigs, self.tracker = tuple(rigs), tracker
+        self.rigs: Mapping[str, FloorRig] = {rig.name: rig.rig for rig in rigs} | {rigs[0].name: first}
+        self.camera, self.size = first.camera, first.geometry.size
+        self.checks = [
+            replace(check, name=f"{rig.name}: {check.name}") if rig.name else check
+            for rig in rigs for check in rig.rig.checks
+        ]  # fmt: skip
+
+    def track(self, frame: Frame, depths: RigDepths, clock: StageClock) -> tuple[Observation, tuple[TrackState, ...]]:
+        """What the rigs show, the people who explain it, and where these are for the next frame's foreground."""
+        now_s = frame.timestamp_s
+        views = tuple(rig.look(depth, now_s, clock) for rig, depth in zip(self._rigs, depths, strict=True))
+        first = self._rigs[0]
+        maps = partial(plan_view, [view.points for view in views], self.rigs[first.name].grid, first.maps.params)
+        observation = Observation(frame.index, now_s, views, self.camera, maps)
+        people = followed(self.tracker, observation)
+        for rig, view in zip(self._rigs, views, strict=True):
+            rig.feedback.update(people, view, self.tracker.decisions)
+        return observation, people
+
+    def match(self, frame: Frame, clock: StageClock) -> RigDepths:
+        """Depth of every rig; runs ahead, since it depends on no other frame."""
+        frames = frame.frames if isinstance(frame, MultiRigFrame) else (frame,)
+        depths = tuple(None if f is None else r.match(f, clock) for r, f in zip(self._rigs, frames, strict=True))
+        clock.record("match")
+        return depths
+
     def memory(self) -> dict[str, Remembers]:
-        """What is carried from frame to frame."""
-        return {"foreground": self.foreground, "feedback": self.feedback, "maps": self.maps}
+        """What every rig remembers."""
+        return {f"{name}{n}": part for n, rig in enumerate(self._rigs) for name, part in rig.memory().items()}
 
 
 class Feedback(Carried):
@@ -181,45 +214,6 @@ class Feedback(Carried):
                 self._walked.add(track.track_id)
 
 
-class StereoStages:
-    """The stages of one rig (a pair, or images with depth) or of several above one floor: ``Stages``."""
-
-    ahead = 2
-
-    def __init__(self, rigs: Sequence[RigStages]) -> None:
-        """Join the maps of the rigs. Raises ValueError: the floor covered together is larger than a grid may be."""
-        first = replace(rigs[0].rig, grid=joint_grid([rig.maps.grid for rig in rigs]))
-        self._rigs = tuple(rigs)
-        self.rigs: Mapping[str, FloorRig] = {rig.name: rig.rig for rig in rigs} | {rigs[0].name: first}
-        self.camera, self.size = first.camera, first.geometry.size
-
-    def match(self, frame: Frame, clock: StageClock) -> RigDepths:
-        """See ``Stages``."""
-        frames = frame.frames if isinstance(frame, MultiRigFrame) else (frame,)
-        depths = tuple(None if f is None else r.match(f, clock) for r, f in zip(self._rigs, frames, strict=True))
-        clock.record("match")
-        return depths
-
-    def look(self, frame: Frame, depths: RigDepths, clock: StageClock) -> tuple[View, ...]:
-        """See ``Stages``."""
-        return tuple(rig.look(d, frame.timestamp_s, clock) for rig, d in zip(self._rigs, depths, strict=True))
-
-    def learn(self, views: Sequence[View], people: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
-        """Paint people for the next frame's foreground."""
-        for rig, view in zip(self._rigs, views, strict=True):
-            rig.feedback.update(people, view, decisions)
-
-    @property
-    def checks(self) -> tuple[Check, ...]:
-        """See ``Stages``; those of several rigs under their names."""
-        every = [(rig.name, check) for rig in self._rigs for check in rig.rig.checks]
-        return tuple(replace(check, name=f"{name}: {check.name}") if name else check for name, check in every)
-
-    def memory(self) -> dict[str, Remembers]:
-        """What every rig remembers."""
-        return {f"{name}{n}": part for n, rig in enumerate(self._rigs) for name, part in rig.memory().items()}
-
-
 def stereo_engine(
     recording: StereoRecording | RgbdRecording | MultiRigRecording,
     config: Config | None = None,
@@ -244,7 +238,7 @@ def stereo_engine(
     else:
         rigs = [RigStages(setup or set_up(recording, config), config, matcher)]
     try:
-        stages = StereoStages(rigs)
+        stages = StereoStages(rigs, tracker or JointTracker(config.joint))
     except ValueError as error:
         raise InputError(f"{recording.path}: expected heads of one place, found them far apart: {error}") from error
-    return Engine(recording, tracker or JointTracker(config.joint), config, stages)
+    return Engine(recording, config, stages)

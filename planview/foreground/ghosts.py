@@ -10,11 +10,14 @@ looks like what is around the blob, in the image and not in the background; a pe
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from calib.carried import Carried
 from calib.types import F32, I32, I64, U8, Bool
 
 SEARCH_INTERVAL_S = 0.5
@@ -66,6 +69,51 @@ def find_blobs(mask: U8) -> Blobs:
     )
 
 
+class Ghosts(Carried):
+    """Where people of the first frames have left: searched from time to time, and in every frame while they set out.
+
+    Attributes:
+        mask: (H, W) uint8, 255 in ghosts.
+    """
+
+    CARRIED = "mask", "_moved_s", "_searched_s", "_first_s"
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._shape = shape
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self.mask, self._moved_s = np.zeros(self._shape, np.uint8), np.zeros(self._shape, np.float32)
+        self._searched_s, self._first_s = -math.inf, math.nan
+
+    def update(
+        self, now_s: float, luma: U8, background: Callable[[], U8], mask: U8, motion: U8, walkers: Bool | None
+    ) -> None:
+        """Search one frame.
+
+        Args:
+            luma, mask, motion: (H, W) uint8, of the image; foreground and moving pixels are not 0.
+            background: gives the (H, W) uint8 luma of the learned background.
+            walkers: (H, W) bool, pixels of people who have walked; None where none is known.
+        """
+        if math.isnan(self._first_s):
+            self._first_s = now_s
+        age_s = now_s - self._first_s
+        starting = age_s <= START_S
+        if not starting and now_s - self._searched_s < SEARCH_INTERVAL_S - 5e-4:
+            return
+        self._searched_s = now_s
+        behind, blobs = background(), find_blobs(mask)
+        self.mask = find_ghosts(luma, behind, blobs, motion)
+        if starting:
+            self._moved_s[motion > 0] = age_s
+            self.mask |= find_uncovered(luma, behind, mask)
+            self.mask |= find_still(blobs, self._moved_s > np.float32(age_s - STILL_S))
+        if walkers is not None:
+            self.mask[walkers] = 0
+
+
 def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8) -> U8:
     """Blobs of the foreground whose outline is in the background and not in the image.
 
@@ -86,29 +134,19 @@ def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8) -> U8:
     return _painted(blobs, (before >= EDGE_LEVELS) & (before >= EDGE_RATIO * here) & _still(blobs, motion))
 
 
-def moved_lately(motion: U8, now_s: float, span_s: float, moved_s: F32) -> U8:
-    """(H, W) uint8, 255 where motion, (H, W) uint8, has not been 0 within a span until now [s].
-
-    Args:
-        moved_s: (H, W) times of the last motion [s], kept up to date.
-    """
-    moved_s[motion > 0] = now_s
-    return np.where(moved_s > np.float32(now_s - span_s), np.uint8(255), np.uint8(0))
-
-
-def find_still(blobs: Blobs, moved: U8) -> U8:
+def find_still(blobs: Blobs, moved: U8 | Bool) -> U8:
     """Blobs of the foreground that have not moved for a while.
 
     Args:
         blobs: of the foreground.
-        moved: (H, W) uint8, pixels that have moved are not 0.
+        moved: (H, W), pixels that have moved are not 0.
     Returns:
         (H, W) uint8, 255 in such blobs.
     """
     return _painted(blobs, _still(blobs, moved))
 
 
-def _still(blobs: Blobs, motion: U8) -> Bool:
+def _still(blobs: Blobs, motion: U8 | Bool) -> Bool:
     """(n,) whether each blob is large enough and hardly any of it moves; the background is none."""
     moving = np.bincount(blobs.labels[motion > 0], minlength=len(blobs)) / np.maximum(1, blobs.area_px)
     still = (moving <= GHOST_MOTION) & (blobs.area_px >= GHOST_AREA_PX)

@@ -14,7 +14,7 @@ from calib.params import described, tables_of
 from calib.pose import SE3
 from calib.types import F32
 from planview.engine.config import Config, FeedbackParams, load_config
-from planview.engine.info import ground_camera_info
+from planview.engine.info import camera_info
 from planview.engine.setup import refuse_foreign_disparity, set_up
 from planview.engine.stereo import Feedback
 from planview.foreground.params import BACKGROUND, NO_FEEDBACK, PERSON
@@ -127,13 +127,13 @@ def test_disparity_of_another_kind_is_told_and_in_pixels_passes_unchanged(dispar
 
 def test_view_reaches_far_in_its_directions_and_straight_down_is_the_image_on_the_floor():
     camera = GroundCamera(640, 480, 500.0, 3.0, math.radians(80))
-    outline = np.array(ground_camera_info(camera).view_m)
+    outline = np.array(camera_info(camera, {}).view_m)
     far = outline[np.hypot(*outline.T) > 40]
     half_angle = np.degrees(np.arctan2(far[:, 0], far[:, 1]))
     assert (half_angle.min(), half_angle.max()) == pytest.approx((-32.6, 32.6), abs=3)
     assert np.hypot(*outline.T).max() == pytest.approx(1.7 * 500 / 20)
     camera = GroundCamera(641, 481, 500.0, 3.0, 0.0)
-    outline = np.array(ground_camera_info(camera).view_m)
+    outline = np.array(camera_info(camera, {}).view_m)
     assert np.abs(outline).max(axis=0) == pytest.approx([3 * 320 / 500, 3 * 240 / 500])
 
 

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from reference import foreground as reference
 
 from planview.foreground import _kernels as kernels
-from planview.foreground.ghosts import moved_lately
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 
@@ -90,10 +89,3 @@ def test_model_moves_to_an_exposure_that_is_far_away():
     state = _mixtures(foreground._model)
     assert state.y[0] == pytest.approx(2 * image.reshape(N) + 5.0, abs=1)
     assert state.var_y[0] == pytest.approx(4 * 64, rel=0.02)
-
-
-def test_motion_is_remembered_for_a_while() -> None:
-    moved_s = np.array([[0.0, 1.0, 2.0]], np.float32)
-    motion = np.array([[255, 0, 0]], np.uint8)
-    np.testing.assert_array_equal(moved_lately(motion, 2.5, 1.0, moved_s), [[255, 0, 255]])
-    np.testing.assert_array_equal(moved_s, [[2.5, 1.0, 2.0]])

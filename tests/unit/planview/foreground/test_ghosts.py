@@ -5,7 +5,7 @@ import pytest
 
 from calib.types import U8
 from planview.engine.config import SingleCameraParams
-from planview.engine.one_camera import ImageStages
+from planview.engine.one_camera import ImageForeground
 from planview.foreground.ghosts import find_blobs, find_ghosts, find_still, find_uncovered
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
@@ -79,7 +79,7 @@ def test_background_luma_is_the_luma_of_the_first_images():
 
 
 def test_person_there_at_the_start_leaves_no_ghost_even_if_a_tracker_protects_it():
-    camera = ImageStages(SingleCameraParams(), GHOST_SHAPE[::-1])
+    camera = ImageForeground(SingleCameraParams(), GHOST_SHAPE[::-1])
     protected = np.ones(GHOST_SHAPE, np.uint8)  # PERSON everywhere: nothing would be learned
     masks = []
     for k in range(60):
