@@ -56,7 +56,7 @@ def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -
     else:
         page = out or Path("compare.html")
         page.parent.mkdir(parents=True, exist_ok=True)
-        from planview.sweep.page import write_comparison  # half a second
+        from planview.sweep.results import write_comparison  # half a second
 
         write_comparison(folders, page, truth)
     PlainConsole(stderr=True, soft_wrap=True).print(str(page))

@@ -1,20 +1,25 @@
-"""What came of the jobs of a study: ``summary.csv``, and configurations ranked with confidence intervals."""
+"""Runs compared: ``summary.csv``, configurations ranked with confidence intervals, and the page of them."""
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from calib.types import F64
-from planview.sweep.study import FIGURES, Configuration, FigureName
+from planview.drawing.style import page_of
+from planview.evaluation.significant import SignificantError
+from planview.output.folder import write_result
+from planview.output.report.page import errors_of, figure_text, flat_settings, scores_of
+from planview.output.report.plots import COLOURS, Picture, floor_plot, new_figure, picture, plain_text, png_bytes
+from planview.output.run_folder import RunFolder
+from planview.sweep.study import FIGURES, Configuration, FigureName, Study, run_figures
+
+if TYPE_CHECKING:
+    from pandas import DataFrame, Series
 
 BOOTSTRAP_DRAWS = 1000
 RECORDINGS_MIN = 5
@@ -38,41 +43,41 @@ class JobResult:
 
     def to_json(self) -> dict[str, Any]:
         """A run of ``sweep --json``."""
-        return {
-            "recording": self.recording,
-            "settings": list(self.configuration.settings),
-            "seed": self.seed,
-            "folder": str(self.folder) if self.folder else None,
-            "error": self.error or None,
-            "reused": self.reused,
-            "from_maps": self.from_maps,
-            **self.figures,
-        }
+        own = {name: value for name, value in vars(self).items() if name not in ("configuration", "figures")}
+        own |= {"settings": list(self.configuration.settings), "error": self.error or None}
+        return own | {"folder": str(self.folder) if self.folder else None} | self.figures
+
+
+def table_of(results: Sequence[JobResult]) -> DataFrame:
+    """A row per run: recording, varied parameters, seed, state, figures (NaN where unknown), folder, error."""
+    from pandas import DataFrame  # half a second
+
+    names = list(dict.fromkeys(s.partition("=")[0] for r in results for s in r.configuration.settings))
+    rows = [
+        {"recording": r.recording}
+        | {name: r.configuration.value(name) for name in names}
+        | {"seed": r.seed, "state": "failed" if r.error else "done"}
+        | {"tracked_from": "maps" if r.from_maps else "recording"}
+        | {name: r.figures.get(name, math.nan) for name in FIGURES}
+        | {"folder": str(r.folder or ""), "error": r.error}
+        for r in results
+    ]
+    return DataFrame(rows)
 
 
 def summary_csv(results: Sequence[JobResult]) -> str:
-    """A row per run: recording, varied parameters, seed, state, figures, folder."""
-    names = list(dict.fromkeys(s.partition("=")[0] for r in results for s in r.configuration.settings))
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["recording", *names, "seed", "state", "tracked_from", *FIGURES, "folder", "error"])
-    for result in results:
-        figures = [f"{result.figures[name]:.6g}" if name in result.figures else "" for name in FIGURES]
-        row = [
-            result.recording, *(result.configuration.value(name) for name in names), str(result.seed),
-            "failed" if result.error else "done", "maps" if result.from_maps else "recording", *figures,
-            str(result.folder or ""), result.error,
-        ]  # fmt: skip
-        writer.writerow([_cell(value) for value in row])
-    return text.getvalue()
+    """``table_of`` as text."""
+    return str(table_of(results).map(_cell).to_csv(index=False, float_format="%.6g", lineterminator="\n"))
 
 
-def _cell(value: str) -> str:
+def _cell(value: object) -> object:
     """Spreadsheets take a text that begins like a formula for one: an apostrophe keeps it a text."""
+    if not isinstance(value, str) or value[:1] not in ("=", "+", "-", "@", "\t", "\r"):
+        return value
     try:
         float(value)
     except ValueError:
-        return f"'{value}" if value[:1] in ("=", "+", "-", "@", "\t", "\r") else value
+        return f"'{value}"
     return value
 
 
@@ -81,8 +86,8 @@ class Estimate:
     """A mean with its interval; NaN where there is none (fewer than RECORDINGS_MIN recordings)."""
 
     mean: float
-    low: float
-    high: float
+    low: float = math.nan
+    high: float = math.nan
 
     def text(self, digits: int, sign: str = "") -> str:
         """With its interval in brackets; "-" without a mean."""
@@ -123,49 +128,202 @@ def ranked(results: Sequence[JobResult], objective: FigureName) -> list[Ranked]:
     Recordings count the same, and the seeds of a recording among themselves. Intervals hold LEVEL of BOOTSTRAP_DRAWS
     means over recordings, sampled with replacement; the scatter of seeds is in the mean of each recording.
     """
-    places = {c: i for i, c in enumerate(dict.fromkeys(r.configuration for r in results))}
-    names = {name: i for i, name in enumerate(dict.fromkeys(r.recording for r in results))}
-    seeds = {seed: i for i, seed in enumerate(dict.fromkeys(r.seed for r in results))}
-    table = np.full((len(places), len(FIGURES), len(names), len(seeds)), np.nan)
-    failed = np.zeros(len(places), dtype=np.int64)
-    for r in results:
-        figures = [r.figures.get(name, np.nan) for name in FIGURES]
-        table[places[r.configuration], :, names[r.recording], seeds[r.seed]] = figures
-        failed[places[r.configuration]] += bool(r.error)
-    judged = table[:, list(FIGURES).index(objective)]
-
-    means = _mean_of_means(judged)
+    table = table_of(results).set_index(["recording", "seed"])
+    places: dict[Configuration, list[int]] = {}
+    for i, result in enumerate(results):
+        places.setdefault(result.configuration, []).append(i)
+    runs_of = {configuration: table.iloc[rows] for configuration, rows in places.items()}
+    means = {configuration: _of_recordings(runs[objective]).mean() for configuration, runs in runs_of.items()}
 
     def order(configuration: Configuration) -> tuple[bool, bool, float]:
-        i = places[configuration]
-        return math.isnan(means[i]), bool(np.isnan(judged[i]).any()), -FIGURES[objective].better * float(means[i])
+        lacks_some = bool(runs_of[configuration][objective].isna().any())
+        return math.isnan(means[configuration]), lacks_some, -FIGURES[objective].better * means[configuration]
 
-    ranking, ordered = [], sorted(places, key=order)
-    for configuration in ordered:
-        i, first = places[configuration], judged[places[ordered[0]]]
-        estimates = {name: estimate(values) for name, values in zip(FIGURES, table[i], strict=True)}
-        known = {name: found for name, found in estimates.items() if not math.isnan(found.mean)}
-        n_runs = len(names) * len(seeds) - int(failed[i])
-        ranking.append(Ranked(configuration, known, estimate(judged[i] - first), n_runs, int(failed[i])))
+    ranking: list[Ranked] = []
+    for configuration in (ordered := sorted(runs_of, key=order)):
+        runs = runs_of[configuration]
+        known = {name: estimate(runs[name]) for name in FIGURES if runs[name].notna().any()}
+        behind = estimate(runs[objective] - runs_of[ordered[0]][objective])
+        failed = int((runs["state"] == "failed").sum())
+        ranking.append(Ranked(configuration, known, behind, len(runs) - failed, failed))
     return ranking
 
 
-def estimate(values: F64) -> Estimate:
-    """Of (recordings, seeds) values, NaN where a run is missing."""
-    mean, values = float(_mean_of_means(values)), values[np.isfinite(values).any(axis=1)]
-    if len(values) < RECORDINGS_MIN:
-        return Estimate(mean, math.nan, math.nan)
+def estimate(values: Series[float]) -> Estimate:
+    """Of a figure by recording and seed, NaN where a run is missing."""
+    means = _of_recordings(values)
+    if len(means) < RECORDINGS_MIN:
+        return Estimate(float(means.mean()))
     from scipy.stats import bootstrap  # half a second, and only many recordings need it
 
     found = bootstrap(
-        (np.nanmean(values, axis=1),), np.mean, n_resamples=BOOTSTRAP_DRAWS, confidence_level=LEVEL,
-        method="percentile", rng=0,
+        (means.to_numpy(),), np.mean, n_resamples=BOOTSTRAP_DRAWS, confidence_level=LEVEL, method="percentile", rng=0
+    )
+    return Estimate(float(means.mean()), *map(float, found.confidence_interval))
+
+
+def _of_recordings(values: Series[float]) -> Series[float]:
+    """The mean over seeds of each recording that has one."""
+    return values.groupby(level="recording", sort=False).mean().dropna()
+
+
+LABEL_MAX = 60
+"""Characters of a configuration's label at its bar; the table has it whole."""
+ROWS_MAX = 200
+"""Configurations in the table, and failed runs; summary.csv has them all."""
+BARS_MAX = 40
+"""Configurations in the picture."""
+DOT_COLOUR, MEAN_COLOUR = "#9db2cf", "#1f4e9c"
+
+
+def _ranking_plot(ranking: Sequence[Ranked], figure: FigureName) -> bytes:
+    """Mean and interval of a figure per configuration, best on top."""
+    picture, axes = new_figure(8.0, 1.2 + 0.28 * len(ranking))
+    for row, shown in enumerate(ranking):
+        estimate = shown.figures[figure]
+        axes.plot([estimate.low, estimate.high], [row, row], color=DOT_COLOUR, linewidth=4, solid_capstyle="butt")
+        axes.plot(estimate.mean, row, marker="o", markersize=5, color=MEAN_COLOUR)
+    labels = [f"{place}. {_short(shown.configuration.label)}" for place, shown in enumerate(ranking, 1)]
+    axes.set_yticks(range(len(ranking)), labels, fontsize=8)
+    axes.set(ylim=(len(ranking) - 0.5, -0.5), xlabel=FIGURES[figure].label)
+    return png_bytes(picture)
+
+
+def _parameter_plot(ranking: Sequence[Ranked], name: str, figure: FigureName) -> bytes:
+    """A figure over the values of a parameter: a dot per configuration, their mean per value as a line."""
+    picture, axes = new_figure(5.0, 3.4)
+    values = [row.configuration.value(name) for row in ranking]
+    means = np.array([row.figures[figure].mean for row in ranking])
+    try:
+        at = {value: float(value) for value in sorted(set(values), key=float)}
+    except ValueError:  # words
+        at = {value: float(place) for place, value in enumerate(sorted(set(values)))}
+        axes.set_xticks(list(at.values()), list(map(_short, at)), fontsize=8)
+    axes.plot([at[value] for value in values], means, linestyle="", marker="o", markersize=4, color=DOT_COLOUR)
+    middle = [means[[value == one for value in values]].mean() for one in at]
+    axes.plot(list(at.values()), middle, color=MEAN_COLOUR, marker="s", markersize=4)
+    axes.set(xlabel=plain_text(name), ylabel=FIGURES[figure].label)
+    return png_bytes(picture)
+
+
+def _recordings_plot(ranking: Sequence[Ranked], runs: Sequence[JobResult], figure: FigureName) -> bytes:
+    """A figure by recording, a line per configuration (of the first ones, best first)."""
+    picture, axes = new_figure(8.0, 3.6)
+    names = list(dict.fromkeys(run.recording for run in runs))
+    table = table_of(runs).groupby([[run.configuration.label for run in runs], "recording"])[figure].mean()
+    for place, (shown, colour) in enumerate(zip(ranking, COLOURS, strict=False), 1):
+        row = table[shown.configuration.label].reindex(names).to_numpy()
+        known = np.flatnonzero(np.isfinite(row))
+        axes.plot(known, row[known], marker="o", markersize=4, color=colour, label=f"{place}.", linewidth=1)
+    axes.set_xticks(range(len(names)), list(map(_short, names)), fontsize=8, rotation=30, ha="right")
+    axes.set_ylabel(FIGURES[figure].label)
+    axes.legend(fontsize=8, ncols=5, frameon=False)
+    return png_bytes(picture)
+
+
+def _short(text: str) -> str:
+    text = plain_text(text)
+    return text if len(text) <= LABEL_MAX else f"...{text[-LABEL_MAX:]}"
+
+
+def _pictures(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked]) -> list[Picture]:
+    figure = study.objective
+    known = [row for row in ranking if figure in row.figures]
+    if not known:
+        return []
+    note = "Mean (dot)" if why_no_intervals(runs) else f"Mean (dot) and {LEVEL:.0%} interval (bar)"
+    note += f" of the first {BARS_MAX}." if len(known) > BARS_MAX else "."
+    pictures = [picture(f"Ranking by {FIGURES[figure].label}", _ranking_plot(known[:BARS_MAX], figure), note)]
+    note = "A dot per configuration; the line joins the means of each value."
+    pictures += [picture(name, _parameter_plot(known, name, figure), note) for name in study.parameters]
+    if 1 < len({run.recording for run in runs}) <= 40:
+        note = "Lines are configurations by their place in the ranking."
+        pictures.append(picture("By recording", _recordings_plot(known, runs, figure), note))
+    return pictures
+
+
+class SharedError(NamedTuple):
+    """An error with its note in every run that makes it."""
+
+    frame: int
+    kind: str
+    person: str
+    notes: list[str]
+
+
+def study_page(study: Study, runs: Sequence[JobResult], ranking: Sequence[Ranked], title: str) -> str:
+    """The page of a study as text."""
+    stopped = f", {study.frames} frames of each recording" if study.frames else ""
+    about = f"{study.tracker}, {study.method}{stopped}, ranked by {FIGURES[study.objective].label}"
+    return _page(runs, ranking, study.objective, title=title, about=about, pictures=_pictures(study, runs, ranking))
+
+
+def write_comparison(folders: Sequence[Path], path: Path, truth: Path | None = None) -> None:
+    """Write a page that compares runs of a recording: a configuration each, named by the settings that differ.
+
+    Args:
+        folders: of runs, at least one.
+        path: of the page.
+        truth: file of the true people; ``truth.csv`` of each recording where not given.
+    Raises:
+        InputError: a folder without tracks, or a file that cannot be read.
+        WorkError: the page cannot be written.
+    """
+    names, folders_of = _names(folders), [RunFolder(folder, truth) for folder in folders]
+    scores = [scores_of(run) for run in folders_of]
+    errors = [errors_of(known) for known in scores]
+    runs = [
+        JobResult(run.info.input, Configuration((f"run={name}", *differing)), 0, run.path, run_figures(run.info, known))
+        for name, run, known, differing in zip(names, folders_of, scores, _settings(folders_of), strict=True)
+    ]
+    page = _page(
+        runs, ranked(runs, "mota"), "mota", title=f"{len(runs)} runs", about="Runs with their settings that differ",
+        pictures=[picture(f"Floor: {name}", floor_plot(run)) for name, run in zip(names, folders_of, strict=True)],
+        names=names, errors=shared_errors(errors, folders_of[0].clock.frame_s),
     )  # fmt: skip
-    return Estimate(mean, *map(float, found.confidence_interval))
+    write_result(path, page)
 
 
-def _mean_of_means(values: F64) -> F64:
-    """Means over recordings of the means over seeds of (..., recordings, seeds); NaN values are left out."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Mean of empty slice")
-        return np.asarray(np.nanmean(np.nanmean(values, axis=-1), axis=-1))
+def _page(runs: Sequence[JobResult], ranking: Sequence[Ranked], objective: FigureName, **shown: object) -> str:
+    return page_of(
+        "planview.sweep", "study.html.j2", runs=runs, ranking=ranking, objective=objective, figures=FIGURES,
+        failed=[run for run in runs if run.error], rows_max=ROWS_MAX, level=LEVEL, draws=BOOTSTRAP_DRAWS,
+        columns=[name for name in FIGURES if any(name in row.figures for row in ranking)],
+        why_no_intervals=why_no_intervals(runs), **({"names": (), "errors": ()} | shown),
+    )  # fmt: skip
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """The last parts of the folders' names, as many as make them different."""
+    parts = [folder.resolve().parts for folder in folders]
+    for depth in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(p[-depth:]) for p in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [str(folder) for folder in folders]
+
+
+def _settings(runs: Sequence[RunFolder]) -> list[list[str]]:
+    """The settings in which runs differ."""
+    tables = []
+    for info in (run.info for run in runs):
+        versions = {f"version of {name}": version for name, version in info.versions.items()}
+        known = {"recording": info.input, "tracker": info.tracker, **versions, **flat_settings(info.config)}
+        tables.append({name: figure_text(value) for name, value in known.items()})
+    varied = [n for n in dict.fromkeys(n for table in tables for n in table) if len({t.get(n) for t in tables}) > 1]
+    return [[f"{name}={table.get(name, '-')}" for name in varied] for table in tables]
+
+
+def shared_errors(errors: Sequence[Sequence[SignificantError]], frame_s: float) -> list[SharedError]:
+    """Errors of every run by frame; those of one kind and person within a second are one row."""
+    rows: list[SharedError] = []
+    for n, mine in enumerate(errors):
+        for error in mine:
+            person = f"P{error.truth_id}" if error.truth_id is not None else ""
+            same = [row for row in rows if (row.kind, row.person, row.notes[n]) == (error.kind, person, "")]
+            row = next((row for row in same if abs(row.frame - error.frame) * frame_s <= 1.0), None)
+            if row is None:
+                row = SharedError(error.frame, error.kind, person, [""] * len(errors))
+                rows.append(row)
+            row.notes[n] = f"frame {error.frame}: {error.note}"
+    return sorted(rows, key=lambda row: row.frame)

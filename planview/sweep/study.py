@@ -78,17 +78,18 @@ class Range(Params):
 
     @property
     def steps(self) -> int:
+        """Number of values of a range with a step."""
         return int(min((self.max - self.min) / (self.step or 1), 1e9) + 1e-9) + 1
 
-    def listed(self) -> list[int | float]:
-        """All values of a range with a step."""
-        values = (self.min + (self.step or 1) * i for i in range(self.steps))
-        return [float(f"{value:.9g}") if isinstance(value, float) else value for value in values]
+    def nth(self, number: int) -> int | float:
+        """A value of a range with a step."""
+        value = self.min + (self.step or 1) * number
+        return float(f"{value:.9g}") if isinstance(value, float) else value
 
     def at(self, fraction: float) -> int | float:
         """The value a fraction (0 to below 1) of the way through the range."""
         if self.step is not None:
-            return self.min + self.step * int(fraction * self.steps)
+            return self.nth(int(fraction * self.steps))
         is_whole = isinstance(self.min, int) and isinstance(self.max, int)
         if is_whole and not self.log:
             return int(self.min + math.floor(fraction * (self.max - self.min + 1)))
@@ -117,31 +118,31 @@ class Configuration:
         return next((s.partition("=")[2] for s in self.settings if s.partition("=")[0] == name), "")
 
 
-def configuration(values: Mapping[str, Any]) -> Configuration:
+def _chosen(values: Mapping[str, Any]) -> Configuration:
     return Configuration(tuple(f"{name}={json.dumps(value)}" for name, value in values.items()))
 
 
 def grid(parameters: Mapping[str, Space]) -> list[Configuration]:
     """All combinations, the last parameter fastest. Raises InputError: a range without step."""
     combinations(parameters)
-    values = [space if isinstance(space, list) else space.listed() for space in parameters.values()]
-    return [configuration(dict(zip(parameters, chosen, strict=True))) for chosen in itertools.product(*values)]
+    spaces = parameters.values()
+    values = [space if isinstance(space, list) else map(space.nth, range(space.steps)) for space in spaces]
+    return [_chosen(dict(zip(parameters, chosen, strict=True))) for chosen in itertools.product(*values)]
 
 
 def random_draws(parameters: Mapping[str, Space], count: int, seed: int) -> list[Configuration]:
     """``count`` independent draws, each once; fewer where the space holds fewer."""
+
+    def at(space: Space, fraction: float) -> Any:
+        return space.at(fraction) if isinstance(space, Range) else space[int(fraction * len(space))]
+
     generator = np.random.default_rng(seed)
     found: dict[Configuration, None] = {}
     for _ in range(20 * count):
-        values = {name: _at(space, float(generator.random())) for name, space in parameters.items()}
-        found[configuration(values)] = None
+        found[_chosen({name: at(space, float(generator.random())) for name, space in parameters.items()})] = None
         if len(found) == count:
             break
     return list(found)
-
-
-def _at(space: Space, fraction: float) -> Any:
-    return space.at(fraction) if isinstance(space, Range) else space[int(fraction * len(space))]
 
 
 def combinations(parameters: Mapping[str, Space]) -> int:
@@ -217,8 +218,7 @@ def load_study(path: Path) -> Study:
     """Read a study file. Raises InputError: a value that does not belong, or a pattern that matches nothing."""
     tables = load_toml(path, "a study in TOML")
     try:
-        listed = tables.get("recordings", [])
-        if not isinstance(listed, list):
+        if not isinstance(listed := tables.get("recordings", []), list):
             raise InputError(f"expected a list of recordings, found {str(listed)[:80]!r}")
         tables["recordings"] = [entry for item in listed for entry in _entry(item, path.parent)]
         tables["parameters"] = _flat(tables.get("parameters", {}))
@@ -234,13 +234,13 @@ def load_study(path: Path) -> Study:
 
 
 def _entry(item: Any, folder: Path) -> list[dict[str, Any]]:
+    """A recording of the study file with its files, or all that a pattern matches."""
     if isinstance(item, dict):
         return [{key: folder / str(value) for key, value in item.items()}]
     text = str(item)
     if not any(sign in text for sign in "*?["):
         return [{"path": folder / text}]
-    root, pattern = (Path("/"), text.lstrip("/")) if text.startswith("/") else (folder, text)
-    found = sorted(root.glob(pattern))
+    found = sorted(Path("/").glob(text.lstrip("/")) if text.startswith("/") else folder.glob(text))
     if not found:
         raise InputError(f"no recordings match {text!r}")
     return [{"path": path} for path in found]

@@ -11,15 +11,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from inline_tasks import InlineTasks
+from pandas import MultiIndex, Series
 
 import planview
 from calib.errors import InputError, WorkError
 from planview.output.resume import code_version, content_key
 from planview.sweep import work
-from planview.sweep.jobs import companion_files
 from planview.sweep.results import JobResult, estimate, ranked, summary_csv, why_no_intervals
 from planview.sweep.study import Configuration, Range, grid, load_study, random_draws
-from planview.sweep.work import on_cluster, on_processes
+from planview.sweep.work import companion_files, on_cluster, on_processes
 
 
 @pytest.fixture
@@ -104,14 +104,18 @@ def test_comes_first(runs, objective):
         assert (ranking[1].runs, ranking[1].failed) in ((2, 0), (1, 1))
 
 
+def by_recording_and_seed(values: np.ndarray) -> Series:
+    index = MultiIndex.from_product([range(n) for n in values.shape], names=["recording", "seed"])
+    return Series(values.ravel(), index)
+
+
 def test_seeds_of_a_recording_count_together_as_much_as_another_recording() -> None:
-    values = np.array([[0.0, 0.0], [1.0, math.nan]])
-    assert estimate(values).mean == 0.5
+    assert estimate(by_recording_and_seed(np.array([[0.0, 0.0], [1.0, math.nan]]))).mean == 0.5
 
 
 @pytest.mark.parametrize("values", [[[0.4]], [[0.4, 0.5]] * 4, [[0.4]] * 4 + [[math.nan]]])
 def test_fewer_than_five_recordings_have_no_interval_and_a_reason(values):
-    found = estimate(np.array(values))
+    found = estimate(by_recording_and_seed(np.array(values)))
     assert found.mean == pytest.approx(np.nanmean(values)) and math.isnan(found.low) and math.isnan(found.high)
     why = why_no_intervals([result(A, "x", 0.5), result(A, "y", None)])
     assert why == "no 95% intervals: they need 5 recordings, found 1"
@@ -119,10 +123,10 @@ def test_fewer_than_five_recordings_have_no_interval_and_a_reason(values):
 
 
 def test_interval_is_that_of_the_mean_and_of_equal_recordings_without_width():
-    found = estimate(np.full((5, 1), 0.25))
+    found = estimate(by_recording_and_seed(np.full((5, 1), 0.25)))
     assert (found.mean, found.low, found.high) == pytest.approx((0.25, 0.25, 0.25))
     values = np.random.default_rng(1).normal(0.0, 1.0, (400, 1))
-    found = estimate(values)
+    found = estimate(by_recording_and_seed(values))
     assert found.high - found.low == pytest.approx(2 * 1.96 * values.std() / 20, rel=0.1)
 
 
@@ -241,11 +245,11 @@ def double(argument: object) -> int:
     return 2 * argument // argument
 
 
-def test_finished_run_without_its_maps_stays_when_the_new_one_fails(tmp_path, monkeypatch):
-    monkeypatch.setattr(work, "is_done", lambda job: False)
+def test_finished_run_without_its_maps_stays_when_the_new_one_fails(tmp_path):
     (tmp_path / "run").mkdir()
     source = SimpleNamespace(path=tmp_path / "nope", camera=None, calibration=None)
     job = SimpleNamespace(version=code_version(), folder=tmp_path / "run", source=source, tracker="joint", config=None)
+    job.is_done = False
     with pytest.raises(InputError, match="nope"):
         work.track(job)
     assert [path.name for path in tmp_path.iterdir()] == ["run"]

@@ -25,7 +25,7 @@ from planview.output.report.plots import UNHELD, heat_plot, held_by, identity_pi
 from planview.output.report.snapshots import busiest_frame, scene_pictures
 from planview.output.run_folder import RunFolder
 from planview.output.tables import DECISION_COLUMNS
-from planview.sweep.page import shared_errors, write_comparison
+from planview.sweep.results import shared_errors, write_comparison
 from planview.trajectories.table import Trajectories, positions_table
 
 HEADER = "frame,timestamp_s,id,x_m,y_m,height_m,state\n"
