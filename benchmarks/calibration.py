@@ -27,8 +27,7 @@ from calib.pose import SE3
 from calib.rig import Floor, StereoRig, world_from_plane
 from calib.types import F32, F64
 from calib.world import RIGS_FILE, RigEntry, load_rigs
-from planview.calibration.align import align_records, rig_entries
-from planview.calibration.paths import record_rig
+from planview.calibration.align import align_records, record_rig, rig_entries
 from planview.engine.config import Config
 from planview.synthetic.assets import SCENES
 from planview.synthetic.render import SceneRenderer

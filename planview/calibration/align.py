@@ -8,24 +8,29 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from pydantic import Field
 from scipy.optimize import least_squares
 
 from calib.errors import InputError, WorkError
-from calib.params import Params
 from calib.pose import SE3
-from calib.types import F64
+from calib.types import F32, F64
 from calib.world import RigEntry
-from planview.calibration.paths import TICK_S, RigRecord, WalkedPath
+from planview.engine.config import Config
+from planview.engine.stereo import stereo_engine
 from planview.evaluation.align import floor_rotation
+from planview.maps.grid import FloorRig
+from planview.trajectories.table import Trajectories, TrajectoryCollector
+from stereo.depth import back_project, median_image
+from stereo.readers import open_any
 
+TICK_S = 0.1
+"""Time between the samples of a path [s]: a walker moves a hand's breadth in it."""
 PIECE_S = 6.0
 """Length of the pieces of paths that are laid over each other [s]: a walk across a room."""
 PIECE_RMS_M = 0.20
@@ -45,26 +50,101 @@ RIVAL_SHARE = 0.8
 to and fro on one line is the same line turned by 180 degrees at another clock."""
 DISPARITY_STD_PX = 0.05
 """Deviation of that from one camera to another [px]; it is a part of the deviations of x and y."""
-POSITION_STD_MAX_M = 0.10
-"""Largest deviation of the position that is accepted [m]."""
-HEADING_STD_MAX_DEG = 2.0
-"""Largest deviation of the heading that is accepted [deg]."""
-CLOCK_STD_MAX_S = 0.10
-"""Largest deviation of the clock that is accepted [s]."""
+DISPARITY_PX = 0.07
+"""What is missing in the disparities of people [px]: they are small against the window of the matching, which mixes
+them with what is behind, so that they are found 2 to 4 cm too far away on small images, and rigs that face each other
+would be found twice that apart. Measured against truth on a rendered recording of 320x240 (0.06 and 0.07)."""
+STD_MAX_M, STD_MAX_DEG, STD_MAX_S = 0.10, 2.0, 0.10
+"""Largest deviations of position, heading and clock that are accepted."""
 
 
-class AlignParams(Params):
-    """How two rigs are laid over each other; our choices."""
+@dataclass(frozen=True, eq=False)
+class WalkedPath:
+    """One person without a gap: from tick ``first`` on (N, 2) floor positions, one per tick [m], median height [m], NaN
+    when unknown, and (N, 2) how far the positions move when all disparities grow by a pixel [m]."""
 
-    clock_s: float = Field(10.0, ge=0.0, le=3600.0)
-    """Largest difference of the times at which the two recordings begin [s]."""
-    disparity_px: float = Field(0.07, ge=-2.0, le=2.0)
-    """What is missing in the disparities of people [px]: they are small against the window of the matching, which mixes
-    them with what is behind, so that they are found 2 to 4 cm too far away on small images, and rigs that face each
-    other would be found twice that apart. Measured against truth on a rendered recording of 320x240 (0.06 and 0.07)."""
+    first: int
+    xy_m: F64
+    height_m: float
+    per_px_m: F64
+
+    @property
+    def end(self) -> int:
+        """The tick after the last sample."""
+        return self.first + len(self.xy_m)
+
+    def at(self, ticks: F64, disparity_px: float = 0.0) -> F64:
+        """(N, 2) positions at fractional ticks, with all disparities larger by ``disparity_px``; NaN outside."""
+        known, values = np.arange(self.first, self.end), self.xy_m + disparity_px * self.per_px_m
+        return np.column_stack([np.interp(ticks, known, column, left=np.nan, right=np.nan) for column in values.T])
 
 
-@dataclass(frozen=True)
+def paths_of(tracks: Trajectories, world_SE3_left: SE3, disparity_metre: float) -> list[WalkedPath]:
+    """Confirmed people as paths, for the pose of the rectified left camera and f b [px m]; predicted rows are gaps."""
+    known = (tracks.state == "confirmed") & np.isfinite(tracks.x_m + tracks.y_m + tracks.timestamp_s)
+    rows = tracks.where(known)
+    paths = []
+    for track_id in np.unique(rows.track_id):
+        own = rows.where(rows.track_id == track_id)
+        # Over longer gaps a path is not interpolated [s].
+        cuts = np.flatnonzero(np.diff(own.timestamp_s) > 0.5) + 1
+        for part in np.split(np.arange(len(own)), cuts):
+            times_s, columns = own.timestamp_s[part], (own.x_m[part], own.y_m[part])
+            first, last = math.ceil(times_s[0] / TICK_S), math.floor(times_s[-1] / TICK_S)
+            # Shorter pieces are left out [s].
+            if (last - first) * TICK_S < 2.0:
+                continue
+            ticks = np.arange(first, last + 1) * TICK_S
+            xy = np.column_stack([np.interp(ticks, times_s, column) for column in columns])
+            heights = own.height_m[part][np.isfinite(own.height_m[part])]
+            height_m = float(np.median(heights)) if len(heights) else math.nan
+            # What an offset of the disparities does: dZ/dd = -Z^2 / (f b), along the ray to a head at 1.6 m.
+            out = np.column_stack([xy, np.full(len(xy), 1.6)]) - world_SE3_left.translation
+            depth = out @ world_SE3_left.rotation[:, 2]
+            per_px_m = -out[:, :2] * depth[:, None] / disparity_metre
+            paths.append(WalkedPath(first, xy, height_m, np.asarray(per_px_m)))
+    return paths
+
+
+@dataclass(frozen=True, eq=False)
+class RigRecord:
+    """One rig, in its own world and on its own clock: its recording, the pose of its rectified left camera, the paths
+    of all people, and (N, 3) float32 points that stand still [m]."""
+
+    path: Path
+    world_SE3_left: SE3
+    paths: list[WalkedPath]
+    scene: F32
+
+
+def record_rig(path: Path, config: Config | None = None, done: Callable[[], None] = lambda: None) -> RigRecord:
+    """Track a rig's recording and gather the scene behind the people."""
+    engine = stereo_engine(open_any(path), config or Config())
+    (view,) = engine.rigs.values()
+    collector, disparities = TrajectoryCollector(), []
+    # Frames, spread over the recording, whose median is the scene without people.
+    every = max(1, engine.recording.n_frames // 24)
+    for result in engine:
+        collector.add(result.frame, result.timestamp_s, result.tracks)
+        if result.frame % every == 0 and result.depth is not None:
+            disparities.append(result.depth.disparity)
+        done()
+    pose = view.floor.world_SE3_left
+    paths = paths_of(collector.trajectories(), pose, view.geometry.disparity_metre)
+    return RigRecord(path, pose, paths, _scene(view, disparities))
+
+
+def _scene(view: FloorRig, disparities: list[F32]) -> F32:
+    """Points of the median disparity that are known well enough."""
+    geometry, disparity = view.geometry, median_image(disparities)
+    # Points of the scene with a larger predicted depth deviation are left out [m].
+    farthest = (0.30 / geometry.depth_std_m(1.0)) ** 0.5
+    points = back_project(geometry.depth(disparity, farthest), geometry, view.reduction).reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    return np.asarray(view.floor.world_SE3_left @ points, dtype=np.float32)
+
+
+@dataclass(frozen=True, eq=False)
 class RigAlignment:
     """``first_SE2_second`` and the clock, with the deviation of each value.
 
@@ -73,7 +153,7 @@ class RigAlignment:
         clock_s: time on the first rig's clock at which the second one's begins.
         residual_m: root mean square distance of people who meet, per axis.
         shared_s: how long people are seen by both rigs, added up.
-        covariance: of (heading_rad, x_m, y_m, clock_s), row by row; of x and y where people meet, see ``pivot_m``.
+        std: of (heading_rad, x_m, y_m, clock_s); of x and y where people meet, see ``pivot_m``.
         pivot_m: middle of the second rig's positions that meet, in its world; x and y are most certain there.
     """
 
@@ -83,7 +163,7 @@ class RigAlignment:
     clock_s: float
     residual_m: float = math.nan
     shared_s: float = 0.0
-    covariance: tuple[tuple[float, ...], ...] = ()
+    std: tuple[float, float, float, float] = (math.nan,) * 4
     pivot_m: tuple[float, float] = (0.0, 0.0)
 
     def apply(self, xy_m: F64) -> F64:
@@ -92,37 +172,39 @@ class RigAlignment:
 
     @property
     def heading_std_rad(self) -> float:
-        return math.sqrt(self.covariance[0][0])
+        return self.std[0]
 
     @property
     def position_std_m(self) -> float:
         """Of the place in the floor where people meet, the larger of both axes."""
-        return math.sqrt(max(self.covariance[1][1], self.covariance[2][2]))
+        return max(self.std[1:3])
 
     @property
     def clock_std_s(self) -> float:
-        return math.sqrt(self.covariance[3][3])
+        return self.std[3]
 
 
-def align_rigs(first: list[WalkedPath], second: list[WalkedPath], params: AlignParams | None = None) -> RigAlignment:
-    """Lay the second rig's people over the first's. Raises WorkError: people do not determine it: too few, too short,
-    standing, or walking so that several motions fit."""
-    params = params or AlignParams()
+Paths = Sequence[WalkedPath]
+
+
+def align_rigs(first: Paths, second: Paths, clock_s: float = 10.0, disparity_px: float = DISPARITY_PX) -> RigAlignment:
+    """Lay the second rig's people over the first's; ``clock_s``: how much later or earlier one recording may begin.
+    Raises WorkError: people do not determine it: too few, too short, standing, or walking so that several motions fit.
+    """
     if not first or not second:
         raise WorkError("expected people who walk in both heads' views, found none in one of them")
-    found = _hypotheses(first, second, params.clock_s)
+    found = _hypotheses(first, second, clock_s)
     if not found:
         raise WorkError(
             f"expected people who walk for {PIECE_S:g} s where both heads see them, found no path that fits "
-            f"another within {params.clock_s:g} s of clock: the heads see different places, or people stood"
+            f"another within {clock_s:g} s of clock: the heads see different places, or people stood"
         )
     scores = np.array([_score(hypothesis, first, second) for hypothesis in found])
     best = found[int(np.argmax(scores))]
     for meet_m in [MEET_M] * 4 + [NEAR_M] * 4:
-        best = _refined(best, first, second, meet_m, params.disparity_px)
+        best = _refined(best, first, second, meet_m, disparity_px)
     top = _score(best, first, second)
-    others = [score for other, score in zip(found, scores, strict=True) if _apart(best, other)]
-    rival = max(others, default=0.0)
+    rival = max((score for other, score in zip(found, scores, strict=True) if _apart(best, other)), default=0.0)
     if rival > RIVAL_SHARE * max(top, float(scores.max())):
         raise WorkError(
             "expected people who walk so that one position of the heads fits best, found another that fits "
@@ -134,9 +216,9 @@ def align_rigs(first: list[WalkedPath], second: list[WalkedPath], params: AlignP
             f"expected people in both heads' views for at least {SHARED_S:g} s, found {best.shared_s:.1f} s"
         )
     for name, std, limit, unit in (
-        ("position", 100 * best.position_std_m, 100 * POSITION_STD_MAX_M, "cm"),
-        ("heading", math.degrees(best.heading_std_rad), HEADING_STD_MAX_DEG, "degrees"),
-        ("clock", 1000 * best.clock_std_s, 1000 * CLOCK_STD_MAX_S, "ms"),
+        ("position", 100 * best.position_std_m, 100 * STD_MAX_M, "cm"),
+        ("heading", math.degrees(best.heading_std_rad), STD_MAX_DEG, "degrees"),
+        ("clock", 1000 * best.clock_std_s, 1000 * STD_MAX_S, "ms"),
     ):
         if not std <= limit:
             raise WorkError(
@@ -154,13 +236,18 @@ def _apart(one: RigAlignment, other: RigAlignment) -> bool:
     return abs(math.degrees(turn)) > 15.0 or shift > 0.75 or abs(one.clock_s - other.clock_s) > 1.0
 
 
-def _score(motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath]) -> float:
+def _same_height(path: WalkedPath, other: WalkedPath) -> bool:
+    """Whether two paths may be of one person; also where a height is not known."""
+    return not abs(path.height_m - other.height_m) > HEIGHT_M
+
+
+def _score(motion: RigAlignment, first: Paths, second: Paths) -> float:
     """Seconds of the first rig's paths that meet the second's under a motion; nearer ones count more."""
     total = 0.0
     for path in first:
         best = np.zeros(len(path.xy_m))
         for other in second:
-            if not abs(path.height_m - other.height_m) > HEIGHT_M:
+            if _same_height(path, other):
                 best = np.fmax(best, 1.0 - (_apart_m(motion, path, other) / MEET_M) ** 2)
         total += float(best.sum()) * TICK_S
     return total
@@ -176,7 +263,7 @@ def _apart_m(motion: RigAlignment, path: WalkedPath, other: WalkedPath) -> F64:
     return np.asarray(np.hypot(*(motion.apply(other.at(ticks - shift)) - path.xy_m).T))
 
 
-def _hypotheses(first: list[WalkedPath], second: list[WalkedPath], clock_s: float) -> list[RigAlignment]:
+def _hypotheses(first: Paths, second: Paths, clock_s: float) -> list[RigAlignment]:
     """Motions that lay a piece of one path over another at some clock, the best of each pair of paths first."""
     length = max(4, round(PIECE_S / TICK_S))
     widest = math.ceil(clock_s / TICK_S)
@@ -188,7 +275,7 @@ def _hypotheses(first: list[WalkedPath], second: list[WalkedPath], clock_s: floa
             if np.sqrt(np.linalg.eigvalsh(np.cov(piece.T))[-1]) < 0.5:
                 continue
             for other in second:
-                if not abs(path.height_m - other.height_m) > HEIGHT_M:
+                if _same_height(path, other):
                     found += _fits(piece, path.first + start, other, widest)
     found.sort(key=lambda pair: pair[0])
     # Motions that are judged by all people.
@@ -223,9 +310,7 @@ def _fits(piece: F64, tick: int, other: WalkedPath, widest: int) -> list[tuple[f
     return motions
 
 
-def _refined(
-    motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath], meet_m: float, disparity_px: float
-) -> RigAlignment:
+def _refined(motion: RigAlignment, first: Paths, second: Paths, meet_m: float, disparity_px: float) -> RigAlignment:
     """The motion and clock that fit all people best who meet under a motion."""
     meetings = [m for m in _meetings(motion, first, second, meet_m) if len(m.ticks) >= 5]
     if not meetings:
@@ -251,13 +336,13 @@ def _refined(
     normal = jacobian.T @ jacobian + 1e-9 * np.eye(4)
     effect = np.linalg.solve(normal, jacobian.T @ systematic_m)
     # Errors of a track's positions last about so long [s]: a sample counts as the share of it that a tick is.
-    covariance = np.asarray(np.linalg.inv(normal) * sigma**2 * (1.0 / TICK_S) + effect @ effect.T)
-    v = result.x
-    shift = v[1:3] - floor_rotation(float(v[0])) @ pivot
+    covariance = np.linalg.inv(normal) * sigma**2 * (1.0 / TICK_S) + effect @ effect.T
+    heading, x, y, clock_s = result.x.tolist()
+    shift = np.array([x, y]) - floor_rotation(heading) @ pivot
     return RigAlignment(
-        math.remainder(float(v[0]), 2 * math.pi), float(shift[0]), float(shift[1]), float(v[3]),
+        math.remainder(heading, 2 * math.pi), float(shift[0]), float(shift[1]), clock_s,
         float(np.sqrt((left**2).mean())), len(left) / 2 * TICK_S,
-        tuple(tuple(float(c) for c in row) for row in covariance), (float(pivot[0]), float(pivot[1])),
+        tuple(np.sqrt(np.diag(covariance)).tolist()), tuple(pivot.tolist()),
     )  # fmt: skip
 
 
@@ -275,13 +360,13 @@ class _Meeting(NamedTuple):
         return np.nan_to_num(((theirs - pivot) @ floor_rotation(v[0]).T + v[1:3] - ours).ravel(), nan=0.0)
 
 
-def _meetings(motion: RigAlignment, first: list[WalkedPath], second: list[WalkedPath], meet_m: float) -> list[_Meeting]:
+def _meetings(motion: RigAlignment, first: Paths, second: Paths, meet_m: float) -> list[_Meeting]:
     """Where people of both rigs meet under a motion."""
     pairs = []
     for path, other in product(first, second):
         near = np.nan_to_num(_apart_m(motion, path, other), nan=np.inf) <= meet_m
         # Two paths that meet for a shorter time are of people who pass each other [s].
-        if near.sum() * TICK_S >= 1.0 and not abs(path.height_m - other.height_m) > HEIGHT_M:
+        if near.sum() * TICK_S >= 1.0 and _same_height(path, other):
             pairs.append(_Meeting(path, other, path.first + np.flatnonzero(near).astype(np.float64)))
     return pairs
 
@@ -294,18 +379,17 @@ def after(before: RigAlignment, nearer: RigAlignment) -> RigAlignment:
     return replace(nearer, heading_rad=heading, x_m=float(x), y_m=float(y), clock_s=before.clock_s + nearer.clock_s)
 
 
-def align_records(records: Sequence[RigRecord], params: AlignParams | None = None) -> list[RigAlignment]:
+def align_records(records: Sequence[RigRecord], clock_s: float = 10.0) -> list[RigAlignment]:
     """Alignments of all rigs but the first to the first: a rig is laid over every rig that has its place already, and
     takes the most certain result. Raises WorkError: people do not determine where a rig is; it is named."""
     placed = {0: RigAlignment(0.0, 0.0, 0.0, 0.0)}
-    waiting = list(range(1, len(records)))
-    while waiting:
+    while waiting := [k for k in range(len(records)) if k not in placed]:
         reasons: dict[int, WorkError] = {}
         for k in waiting:
             found = []
             for j, before in placed.items():
                 try:
-                    nearer = align_rigs(records[j].paths, records[k].paths, params)
+                    nearer = align_rigs(records[j].paths, records[k].paths, clock_s)
                 except WorkError as error:
                     reasons[k] = error
                     continue
@@ -315,7 +399,6 @@ def align_records(records: Sequence[RigRecord], params: AlignParams | None = Non
         if not set(waiting) & placed.keys():
             k = waiting[0]
             raise WorkError(f"{records[k].path}: {reasons[k]}") from reasons[k]
-        waiting = [k for k in waiting if k not in placed]
     return [placed[k] for k in range(1, len(records))]
 
 

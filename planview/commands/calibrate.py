@@ -23,9 +23,8 @@ from calib.errors import InputError, WorkError
 from calib.formats import FORMATS, calibration_files, load_rig, write_rig
 from calib.io import parse_length, parse_size
 from calib.world import save_rigs
-from planview.calibration.align import AlignParams, RigAlignment, align_records, relative_to, rig_entries
+from planview.calibration.align import RigAlignment, RigRecord, align_records, record_rig, relative_to, rig_entries
 from planview.calibration.board import BoardRequest, calibrate_images, write_report
-from planview.calibration.paths import RigRecord, record_rig
 from planview.commands.options import Flag, JsonFlag, OneSetting, Settings, in_range
 from planview.engine.config import Config, load_config
 from planview.output.progress import PlainConsole
@@ -74,7 +73,7 @@ def calibrate_align(first: Path, second: Path, /, *others: Path, options: AlignO
             relative_to(head, options.out.parent)
     console = PlainConsole(stderr=True)
     records = _records(heads, load_config(options.config, options.set_), console)
-    alignments = align_records(records, AlignParams(clock_s=options.clock))
+    alignments = align_records(records, options.clock)
     for record, alignment in zip(records[1:], alignments, strict=True):
         console.print(sentence(record.path.name, alignment), highlight=False)
     if options.out is not None:

@@ -11,9 +11,8 @@ from toy_recordings import write_frames
 
 from calib.errors import InputError, WorkError
 from calib.types import F64
-from planview.calibration.align import AlignParams, RigAlignment, after, align_rigs
+from planview.calibration.align import TICK_S, RigAlignment, WalkedPath, after, align_rigs
 from planview.calibration.board import BoardImages
-from planview.calibration.paths import TICK_S, WalkedPath
 from planview.evaluation.align import floor_rotation
 
 
@@ -83,7 +82,6 @@ def test_a_side_by_side_video_gives_named_frames(tmp_path: Path) -> None:
     assert [pair.left.shape[:2] for pair in images if pair.left is not None] == [(48, 80)] * 6
 
 
-PARAMS = AlignParams(disparity_px=0.0)
 TRUE = RigAlignment(math.radians(140.0), 3.0, 1.5, 2.34)
 
 
@@ -110,7 +108,7 @@ def curve(t: F64) -> F64:
 
 def test_a_walk_with_turns_gives_heading_place_and_clock() -> None:
     first, second = both_heads(curve(0.05 * np.arange(600)))
-    found = align_rigs([first], [second], PARAMS)
+    found = align_rigs([first], [second], disparity_px=0.0)
     assert math.degrees(abs(found.heading_rad - TRUE.heading_rad)) < 0.5
     assert math.hypot(found.x_m - TRUE.x_m, found.y_m - TRUE.y_m) < 0.03
     assert found.clock_s == pytest.approx(TRUE.clock_s, abs=0.02)
@@ -131,16 +129,16 @@ def test_a_walk_with_turns_gives_heading_place_and_clock() -> None:
 def test_walks_that_determine_no_alignment_are_refused(x_m, noise_m, found):
     first, second = both_heads(np.column_stack([x_m, np.full(len(x_m), 3.0)]), noise_m)
     with pytest.raises(WorkError, match=found):
-        align_rigs([first], [second], PARAMS)
+        align_rigs([first], [second], disparity_px=0.0)
     with pytest.raises(WorkError, match="found none"):
-        align_rigs([], [], PARAMS)
+        align_rigs([], [], disparity_px=0.0)
 
 
 def test_people_of_other_heights_do_not_meet() -> None:
     first, second = both_heads(curve(0.05 * np.arange(600)))
     taller = WalkedPath(second.first, second.xy_m, 1.95, second.per_px_m)
     with pytest.raises(WorkError, match="no path that fits"):
-        align_rigs([first], [taller], PARAMS)
+        align_rigs([first], [taller], disparity_px=0.0)
 
 
 def test_a_third_head_is_placed_by_the_second() -> None:
