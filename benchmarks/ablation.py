@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.options import ChallengeOptions, json_text, show
+from benchmarks.options import ChallengeOptions, report
 from benchmarks.passes import Pass, bootstrap, provenance, run_pass, watched
 from benchmarks.suite import Way, chosen_files, judged_truth, refined_tracks, suite_recording
 from calib.errors import InputError
@@ -241,11 +241,7 @@ def ablation(*, options: AblationOptions | None = None) -> None:
     for some in (variants[:1], variants[1:]):
         done |= watched(run_trial, [replace(trial, variant=v) for v in some for trial in trials], o.jobs)
     rows = ablation_rows({v: [done[replace(trial, variant=v)] for trial in trials] for v in variants})
-    if o.json_output:
-        names = [trial.name for trial in trials]
-        print(json_text({"recordings": names, **provenance(), "variants": rows}), end="")
-        return
-    show(rows)
-    for variant in variants:
+    report(o.json_output, recordings=[trial.name for trial in trials], **provenance(), variants=rows)
+    for variant in () if o.json_output else variants:
         if variant.meaning:
             print(f"{variant.name}: {variant.meaning}")

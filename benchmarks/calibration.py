@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
 
-from benchmarks.options import JsonFlag, progress, report
+from benchmarks.options import JsonFlag, Row, progress, report
 from benchmarks.random_scenes.generator import random_scene
 from calib.board.detect import Board, BoardView
 from calib.board.solve import solve_board
@@ -68,18 +68,9 @@ PEOPLE_LIMITS = {"height": 5.0, "tilt": 2.0, "focal": 6.0}
 RIG_LIMITS = {"place": ("cm", 5.0), "heading": ("deg", 0.5), "clock": ("ms", 30.0)}
 
 
-class Row(NamedTuple):
+def figure(name: str, value: float, unit: str, limit: float = math.nan) -> Row:
     """A figure measured against known truth, which is only reported where the limit is NaN."""
-
-    name: str
-    value: float
-    unit: str
-    limit: float = math.nan
-
-    @property
-    def ok(self) -> bool:
-        """Whether it keeps the limit."""
-        return not self.value > self.limit
+    return {"name": name, "value": value, "unit": unit, "limit": limit, "ok": not value > limit}
 
 
 def random_rig(lens: str, rng: np.random.Generator) -> StereoRig:
@@ -120,20 +111,17 @@ def board_views(rig: StereoRig, board: Board, n: int, noise_px: float, rng: np.r
 
 def calibration_errors(truth: StereoRig, found: StereoRig) -> tuple[float, float, float]:
     """Worst focal length error [%], baseline error [%] and rotation error [deg]."""
-    focal = max(
-        abs(getattr(getattr(found, side), key) / getattr(getattr(truth, side), key) - 1)
-        for side in ("left", "right")
-        for key in ("fx", "fy")
-    )
+    (left, right), (true_left, true_right) = ((rig.left, rig.right) for rig in (found, truth))
+    ratios = (left.fx / true_left.fx, left.fy / true_left.fy, right.fx / true_right.fx, right.fy / true_right.fy)
     baseline = abs(found.baseline_m / truth.baseline_m - 1)
     turn = (found.right_SE3_left @ truth.right_SE3_left.inverse()).rotvec
+    focal = max(abs(ratio - 1) for ratio in ratios)
     return 100 * focal, 100 * baseline, math.degrees(float(np.linalg.norm(turn)))
 
 
 def board_rows() -> list[Row]:
     """Worst errors over the random rigs of every lens."""
-    rows, board = [], Board(9, 6, 0.03)
-    n_rigs = 3
+    rows, board, n_rigs = [], Board(9, 6, 0.03), 3
     for lens in LENSES:
         progress(f"boards, {lens} lens")
         errors = []
@@ -142,14 +130,11 @@ def board_rows() -> list[Row]:
             truth = random_rig(lens, rng)
             views = board_views(truth, board, n=30, noise_px=0.2, rng=rng)
             errors.append(calibration_errors(truth, solve_board(views, board, truth.left.size).rig))
-        focal, baseline, rotation = (float(worst) for worst in np.max(errors, axis=0))
         # The principal point, and with it the direction of the optical axis, is open the more the longer the lens.
-        name, turn = f"boards, {lens} lens, worst of {n_rigs} rigs", 0.075
-        rows += [
-            Row(f"{name}: focal length", focal, "%", 0.2),
-            Row(f"{name}: baseline", baseline, "%", 0.3),
-            Row(f"{name}: rotation", rotation, "deg", turn if lens == "tele" else 0.05),
-        ]
+        turn = 0.075 if lens == "tele" else 0.05
+        limits = ("focal length", "%", 0.2), ("baseline", "%", 0.3), ("rotation", "deg", turn)
+        for (what, unit, limit), worst in zip(limits, np.max(errors, axis=0).tolist(), strict=True):
+            rows.append(figure(f"boards, {lens} lens, worst of {n_rigs} rigs: {what}", worst, unit, limit))
     return rows
 
 
@@ -159,23 +144,22 @@ def floor_rows() -> list[Row]:
     for tilt_deg in (0, 15, 30, 45, 60, 75):
         progress(f"floor at {tilt_deg} degrees")
         name, (rig, truth, frames) = f"floor, rendered at {tilt_deg} degrees", rendered_lobby(tilt_deg)
-        try:
-            found = floor_found(rig, frames)
+        try:  # as the engine finds it
+            found = FloorEstimator(aligned_rectifier(rig, frames)[0])(frames)
         except WorkError:
-            rows.append(Row(f"{name}: height", math.inf, "cm", HEIGHT_LIMIT_CM))
+            rows.append(figure(f"{name}: height", math.inf, "cm", HEIGHT_LIMIT_CM))
             continue
-        tilt, roll = found.tilt_rad - truth.tilt_rad, found.roll_rad - truth.roll_rad
-        rows.append(Row(f"{name}: height", 100 * abs(found.height_m - truth.height_m), "cm", HEIGHT_LIMIT_CM))
-        rows.append(Row(f"{name}: tilt", math.degrees(abs(tilt)), "deg", ANGLE_LIMIT_DEG))
-        rows.append(Row(f"{name}: roll", math.degrees(abs(roll)), "deg", ANGLE_LIMIT_DEG))
+        rows.append(figure(f"{name}: height", 100 * abs(found.height_m - truth.height_m), "cm", HEIGHT_LIMIT_CM))
+        for what, turned in (("tilt", found.tilt_rad - truth.tilt_rad), ("roll", found.roll_rad - truth.roll_rad)):
+            rows.append(figure(f"{name}: {what}", math.degrees(abs(turned)), "deg", ANGLE_LIMIT_DEG))
     progress(f"floor in {LOW_ROOMS} rooms full of furniture")
-    found_share, doubted, silent = low_floors(LOW_ROOMS)
+    verdicts = Counter(low_room_verdict(low_room(seed)) for seed in range(LOW_ROOMS))
     name = f"floor, 3 to 15 % of {LOW_ROOMS} views"
     return [
         *rows,
-        Row(f"{name}: not within 1 cm and 0.5 deg", 100 * (1 - found_share), "%", 10.0),
-        Row(f"{name}: wrong with a doubt", 100 * doubted / LOW_ROOMS, "%"),
-        Row(f"{name}: wrong without a doubt", 100 * silent / LOW_ROOMS, "%", 0.0),
+        figure(f"{name}: not within 1 cm and 0.5 deg", 100 * (1 - verdicts["good"] / LOW_ROOMS), "%", 10.0),
+        figure(f"{name}: wrong with a doubt", 100 * verdicts["doubted"] / LOW_ROOMS, "%"),
+        figure(f"{name}: wrong without a doubt", 100 * verdicts["wrong"] / LOW_ROOMS, "%", 0.0),
     ]
 
 
@@ -195,14 +179,7 @@ def rendered_lobby(tilt_deg: float) -> tuple[StereoRig, Floor, list[StereoFrame]
     return renderer.rig, Floor(renderer.world_SE3_left), frames
 
 
-def floor_found(rig: StereoRig, frames: list[StereoFrame]) -> Floor:
-    """The floor as the engine finds it. Raises WorkError: it does not."""
-    rectifier, _ = aligned_rectifier(rig, frames)
-    return FloorEstimator(rectifier)(frames)
-
-
-@dataclass(frozen=True, eq=False)
-class LowRoom:
+class LowRoom(NamedTuple):
     """Depth images [m] of a room, NaN where unknown, the true floor, and its share of the measured pixels."""
 
     depths: list[F32]
@@ -234,7 +211,8 @@ def low_room(seed: int) -> LowRoom:
         if walks:
             x, y = rng.uniform(left + 0.4, right - 0.4), rng.uniform(1.2, max(1.3, far - 0.5))
             depth = np.fmin(still, _cast(np.array([[x - 0.25, y - 0.15, 0.1, x + 0.25, y + 0.15, 1.7]]), floor)[0])
-        noisy = depth + NOISE["structured-light"][0] * depth**2 * _smooth(rng, depth.shape)
+        noise = cv2.GaussianBlur(rng.standard_normal(depth.shape), (0, 0), 1.5)  # neighbours share it, as in matching
+        noisy = depth + NOISE["structured-light"][0] * depth**2 * (noise / noise.std())
         noisy[rng.random(depth.shape) < 0.05] = np.nan
         depths.append(noisy.astype(np.float32))
     return LowRoom(depths, floor, share)
@@ -270,12 +248,6 @@ def _cast(boxes: F64, floor: Floor) -> tuple[F64, F64]:
     return np.where(depth < LOW_RANGE_M, depth, np.nan).reshape(shape), which.reshape(shape)
 
 
-def _smooth(rng: np.random.Generator, shape: tuple[int, int]) -> F64:
-    """(H, W) noise that neighbours share, as a matching window does, with a deviation of 1."""
-    noise = cv2.GaussianBlur(rng.standard_normal(shape), (0, 0), 1.5)
-    return np.asarray(noise / noise.std())
-
-
 def low_room_floor(room: LowRoom) -> Floor:
     """The floor as a run finds it. Raises WorkError: it does not."""
     rectifier = RgbdRectifier(LOW_CAMERA, "structured-light")
@@ -288,22 +260,19 @@ def floor_errors(found: Floor, true: Floor) -> tuple[float, float]:
     return abs(found.height_m - true.height_m), math.degrees(math.acos(min(1.0, float(a @ b))))
 
 
-def low_floors(rooms: int) -> tuple[float, int, int]:
-    """The share of ``rooms`` rooms whose floor is found within HEIGHT_OFF_M and ANGLE_OFF_DEG, and the numbers of wrong
-    floors with a doubt and without."""
-    good, doubted, silent = 0, 0, 0
-    for seed in range(rooms):
-        room = low_room(seed)
-        try:
-            found = low_room_floor(room)
-        except WorkError:
-            continue
-        height_m, angle_deg = floor_errors(found, room.floor)
-        if height_m < HEIGHT_OFF_M and angle_deg < ANGLE_OFF_DEG:
-            good += 1
-        elif height_m > WRONG_M or angle_deg > WRONG_DEG:
-            doubted, silent = doubted + bool(found.doubt), silent + (not found.doubt)
-    return good / rooms, doubted, silent
+def low_room_verdict(room: LowRoom) -> str:
+    """Whether the floor is found: "good" within HEIGHT_OFF_M and ANGLE_OFF_DEG; "doubted" or "wrong" where it is
+    another plane, with or without a doubt; else empty."""
+    try:
+        found = low_room_floor(room)
+    except WorkError:
+        return ""
+    height_m, angle_deg = floor_errors(found, room.floor)
+    if height_m < HEIGHT_OFF_M and angle_deg < ANGLE_OFF_DEG:
+        return "good"
+    if height_m > WRONG_M or angle_deg > WRONG_DEG:
+        return "doubted" if found.doubt else "wrong"
+    return ""
 
 
 def human_rows() -> list[Row]:
@@ -321,9 +290,9 @@ def human_rows() -> list[Row]:
         }
         for key, values in errors.items():
             unit, what = "deg" if key == "tilt" else "%", f"people, {name}: {key}"
-            rows.append(Row(f"{what}, median of {PEOPLE_SEEDS}", float(np.median(values)), unit))
-            rows.append(Row(f"{what}, worst of {PEOPLE_SEEDS}", max(values), unit, PEOPLE_LIMITS[key]))
-        rows.append(Row(f"people, {name}: search", max(f.search_s for f in found), "s", 2.0))
+            rows.append(figure(f"{what}, median of {PEOPLE_SEEDS}", float(np.median(values)), unit))
+            rows.append(figure(f"{what}, worst of {PEOPLE_SEEDS}", max(values), unit, PEOPLE_LIMITS[key]))
+        rows.append(figure(f"people, {name}: search", max(f.search_s for f in found), "s", 2.0))
     return rows
 
 
@@ -361,7 +330,7 @@ def rig_rows() -> list[Row]:
                 progress(f"refused: {error}")
                 errors = (math.inf,) * 3
         named = zip(RIG_LIMITS.items(), errors, strict=True)
-        rows += [Row(f"rigs, seed {seed}: {key}", value, *limit) for (key, limit), value in named]
+        rows += [figure(f"rigs, seed {seed}: {key}", value, *limit) for (key, limit), value in named]
     return rows
 
 
@@ -393,5 +362,4 @@ def calibration(*, only: Family | None = None, json_output: JsonFlag = False) ->
     json_output
         Print one JSON object on stdout.
     """
-    rows = [row for name, measure in FAMILIES.items() if only in (None, name) for row in measure()]
-    report(json_output, rows=[{**row._asdict(), "ok": row.ok} for row in rows])
+    report(json_output, rows=[row for name, rows in FAMILIES.items() if only in (None, name) for row in rows()])

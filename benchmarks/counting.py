@@ -14,7 +14,7 @@ import numpy as np
 import pandas
 from cyclopts import Parameter
 
-from benchmarks.options import BenchOptions, Rendering, Row, progress, rendered, report, scene_files
+from benchmarks.options import BenchOptions, Row, progress, rendered, report, scene_files
 from benchmarks.passes import bootstrap
 from benchmarks.random_scenes.generator import VIEWS, random_scene
 from benchmarks.random_scenes.tables import RandomScene
@@ -96,9 +96,11 @@ def count_frames(tracks: Trajectories, truth: Trajectories, n_frames: int) -> Ro
 
 @dataclass(frozen=True)
 class Scorer:
-    """How scenes of a single camera are rendered and tracked; ``out`` gets a folder with each run."""
+    """How scenes of a single camera are rendered, at most their first frames, and tracked; ``out`` gets a folder with
+    each run."""
 
-    rendering: Rendering
+    cache: Path
+    frames: int | None
     out: Path
     config: Config
 
@@ -116,9 +118,9 @@ class Scorer:
         self, scene: Scene, name: str, tracker: SingleTracker, rules_on: Callable[[RulePlane], Rules]
     ) -> dict[str, list[Row]]:
         """Score a scene, with rules on the floor below its camera."""
-        recording = rendered(scene, name, self.rendering)
+        recording = rendered(scene, name, self.cache, self.frames)
         engine, tracks = self.track(recording, tracker, recording / "camera.toml", name)
-        truth, n_frames = read_truth(recording / "truth.csv"), self.rendering.frames or engine.recording.n_frames
+        truth, n_frames = read_truth(recording / "truth.csv"), self.frames or engine.recording.n_frames
         scores = score_rules(rules_on(RulePlane(engine.camera)), tracks, truth, engine.recording.fps, n_frames)
         frames = [{"recording": name, **count_frames(tracks, truth, n_frames)}]
         return score_rows(name, scores) | {"frames": frames}
@@ -129,13 +131,13 @@ class Scorer:
         Ellipses are tracked and counted in the image without a camera; the human model on the floor with the true one.
         """
         view = random_scene("views", seed, path)
-        recording = rendered(view.scene, f"view-{path.stem}-{seed}", self.rendering)
+        recording = rendered(view.scene, f"view-{path.stem}-{seed}", self.cache, self.frames)
         camera = recording / "camera.toml" if tracker == "human-model" else None
         engine, tracks = self.track(recording, tracker, camera, f"{path.stem}-{seed}-{tracker}")
         truth = full_truth(recording / "truth.csv")
         size = view.scene.mount.width, view.scene.mount.height
         rules = parse_rules(view_rules(view), RulePlane(engine.camera, size), "line")
-        n = self.rendering.frames or view.scene.n_frames
+        n = self.frames or view.scene.n_frames
         scores = score_rules(rules, tracks, truth, view.scene.fps, n)
         line, middle = scores.crossings["line"], scores.occupancy["middle"]
         right = sum(g.frames * (g.right_percent or 0.0) for g in middle) / 100
@@ -239,7 +241,7 @@ def counting(*, options: CountingOptions | None = None) -> None:
         found = f"{o.frames}, {list(o.seeds)} and {list(o.rooms)}"
         raise InputError(f"expected --frames from 1, --seeds and --rooms from 0, found {found}")
     with tempfile.TemporaryDirectory() as temporary:
-        scorer = Scorer(Rendering(o.cache_folder, frames=o.frames), o.out or Path(temporary), o.settings())
+        scorer = Scorer(o.cache_folder, o.frames, o.out or Path(temporary), o.settings())
         if o.seeds:
             views = [
                 scorer.view(path, seed, tracker)

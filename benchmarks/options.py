@@ -32,12 +32,6 @@ JsonFlag = Annotated[bool, Parameter(name="--json", negative="")]
 """The switch --json: one JSON object on standard output."""
 
 
-def cache_folder() -> Path:
-    """Where rendered recordings are kept: $XDG_CACHE_HOME or ~/.cache, below planview/scenes."""
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "planview" / "scenes"
-
-
 @Parameter(name="*")
 @dataclass(frozen=True)
 class BenchOptions:
@@ -54,8 +48,9 @@ class BenchOptions:
 
     @property
     def cache_folder(self) -> Path:
-        """The folder for rendered recordings."""
-        return self.cache or cache_folder()
+        """Where rendered recordings are kept: by default $XDG_CACHE_HOME or ~/.cache, below planview/scenes."""
+        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+        return self.cache or Path(base) / "planview" / "scenes"
 
     def settings(self) -> Config:
         """The parameters of the engine. Raises InputError: an unknown parameter, or a value out of its range."""
@@ -90,15 +85,6 @@ class ChallengeOptions(BenchOptions):
         return scene_files(self.scene, self.scenes)
 
 
-@dataclass(frozen=True)
-class Rendering:
-    """How scenes are rendered: where they are kept, factor on the image size, most frames."""
-
-    cache: Path
-    scale: float = 1.0
-    frames: int | None = None
-
-
 def scene_files(names: Sequence[str] = (), folder: Path = SCENES, ending: str = ".toml") -> list[Path]:
     """Files of a folder by their names without the ending; all when none is named. Raises InputError: no such scene."""
     known = {path.name.removesuffix(ending): path for path in sorted(folder.glob(f"*{ending}"))}
@@ -108,18 +94,18 @@ def scene_files(names: Sequence[str] = (), folder: Path = SCENES, ending: str = 
     return [known[name] for name in names or known]
 
 
-def rendered(scene: Scene, name: str, options: Rendering) -> Path:
-    """The recording of a scene, rendered unless the cache has it.
+def rendered(scene: Scene, name: str, cache: Path, frames: int | None = None, scale: float = 1.0) -> Path:
+    """The recording of a scene, or of its first frames, with a factor on the image size; rendered unless the cache has
+    it.
 
     The key is a hash of everything in the scene, the renderer's version and the size; a recording appears in the cache
     only when it is whole. Raises WorkError: the cache cannot be written."""
-    text = f"{scene.model_dump_json()} {RENDERER_VERSION} {options.scale} {options.frames}"
-    folder = options.cache / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
-    if folder.is_dir():
-        return folder
-    progress(f"rendering {name}")
-    with whole_folder(folder) as part:
-        write_recording(SceneRenderer(scene, options.scale), part, frames=options.frames, storage="jpg")
+    text = f"{scene.model_dump_json()} {RENDERER_VERSION} {scale} {frames}"
+    folder = cache / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+    if not folder.is_dir():
+        progress(f"rendering {name}")
+        with whole_folder(folder) as part:
+            write_recording(SceneRenderer(scene, scale), part, frames=frames, storage="jpg")
     return folder
 
 
@@ -140,13 +126,13 @@ def _cell(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def report(json_output: bool, **tables: Sequence[Mapping[str, Any]]) -> None:
-    """Print tables of rows, or one JSON object of them by their names."""
+def report(json_output: bool, **parts: Any) -> None:
+    """Print tables of rows, or one JSON object of them and all else by their names."""
     if json_output:
-        print(json_text(tables), end="")
+        print(json_text(parts), end="")
         return
-    for rows in tables.values():
-        if rows:
+    for rows in parts.values():
+        if rows and isinstance(rows, list) and isinstance(rows[0], dict):
             show(rows)
 
 

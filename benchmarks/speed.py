@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
@@ -102,26 +102,6 @@ class Mog2:
         return time.perf_counter() - start
 
 
-class Turns(NamedTuple):
-    """Times over the (N,) timed frames [ms]: of the engine, its stages and its rivals; and confirmed people."""
-
-    ms: dict[str, F64]
-    people: I64
-
-    def row(self, ours: str, rival: str, suffix: str = "") -> Row:
-        """A ratio with its quartiles, measured frame by frame."""
-        counts = counted(self.people)
-        return ratio_row(f"{ours}{suffix} / {rival}", self.ms[ours][counts], self.ms[rival][counts])
-
-    def stages(self) -> list[Row]:
-        """Medians of the stages, and of all of them by the number of people [ms]."""
-        counts = counted(self.people)
-        rows = [{"stage": name, "ms": float(np.median(self.ms[name][counts]))} for name in STAGES if name in self.ms]
-        for n in np.unique(self.people).tolist():
-            rows.append({"stage": f"all, with {n} people", "ms": float(np.median(self.ms["engine"][self.people == n]))})
-        return rows
-
-
 def ratio_row(name: str, ours_ms: F64, theirs_ms: F64) -> Row:
     """Median times of both sides, and the median and the quartiles of their ratio."""
     low, middle, high = map(float, np.percentile(ours_ms / theirs_ms, (25, 50, 75)))
@@ -129,9 +109,9 @@ def ratio_row(name: str, ours_ms: F64, theirs_ms: F64) -> Row:
     return {"ours / OpenCV": name, **times, "ratio": (middle, low, high), "limit": LIMITS.get(name)}
 
 
-def take_turns(engine: Engine, frames: Sequence[Frame], rivals: Rivals) -> Turns:
+def take_turns(engine: Engine, frames: Sequence[Frame], rivals: Rivals) -> tuple[dict[str, F64], I64]:
     """The engine over decoded frames, and rivals on every TURN_FRAMES-th; timed after SETTLED_FRAMES, or in the second
-    half of a clip that is that short."""
+    half of a clip that is that short. (N,) times [ms] of the engine, its stages and rivals; and confirmed people."""
     engine.reset()
     rows: list[dict[str, float]] = []
     people: list[int] = []
@@ -146,7 +126,7 @@ def take_turns(engine: Engine, frames: Sequence[Frame], rivals: Rivals) -> Turns
         people.append(sum(track.state == "confirmed" for track in result.tracks))
     settled = SETTLED_FRAMES if len(rows) > SETTLED_FRAMES else len(rows) // 2
     timed = rows[settled:]
-    return Turns({name: np.array([row[name] for row in timed]) for name in timed[0]}, np.array(people[settled:]))
+    return {name: np.array([row[name] for row in timed]) for name in timed[0]}, np.array(people[settled:])
 
 
 def counted(people: I64) -> Bool:
@@ -173,9 +153,15 @@ def compared(engine: Engine, n_frames: int) -> dict[str, list[Row]]:
     for cores, limited in ((" on all cores", nullcontext()), ("", one_core())):
         progress(f"the engine and {', '.join(rivals)}{cores or ' on one core'}")
         with limited:
-            turns = take_turns(engine, frames, rivals)
-        ratios += [turns.row("engine", name, cores) for name in yardsticks or rivals]
-    return {"ratios": [*ratios, turns.row("foreground", "MOG2")], "stages": turns.stages()}
+            ms, people = take_turns(engine, frames, rivals)
+        counts = {name: values[counted(people)] for name, values in ms.items()}
+        for name in yardsticks or rivals:
+            ratios.append(ratio_row(f"engine{cores} / {name}", counts["engine"], counts[name]))
+    ratios.append(ratio_row("foreground / MOG2", counts["foreground"], counts["MOG2"]))
+    stages = {name: counts[name] for name in STAGES if name in counts}
+    stages |= {f"all, with {n} people": ms["engine"][people == n] for n in np.unique(people).tolist()}
+    medians = [{"stage": name, "ms": float(np.median(values))} for name, values in stages.items()]
+    return {"ratios": ratios, "stages": medians}
 
 
 def start_up(recording: Path) -> list[Row]:

@@ -18,7 +18,6 @@ from benchmarks.options import (
     BenchOptions,
     ChallengeOptions,
     Flag,
-    Rendering,
     json_text,
     progress,
     rendered,
@@ -35,8 +34,7 @@ from planview.synthetic.assets import SCENES
 from planview.synthetic.camera import mount_pose, rectified_world, stereo_rig
 from planview.synthetic.motion import TURNS
 from planview.synthetic.people import Cast
-from planview.synthetic.scene import Scene, load_scene
-from planview.synthetic.steps import Cartwheel
+from planview.synthetic.scene import Cartwheel, Scene, load_scene
 from planview.synthetic.texture import Palette
 from planview.trajectories.table import Trajectories, read_tracks, read_truth
 
@@ -89,7 +87,7 @@ def suite_recording(path: Path, seed: int | None, cache: Path, frames: int | Non
     """The recording of a seed, or of a committed scene, and its scene; from the cache when it is there."""
     scene = load_scene(path) if seed is None else random_scene("suite", seed, path).scene
     name = path.stem if seed is None else f"suite-{path.stem}-{seed}"
-    return rendered(scene, name, Rendering(cache, frames=frames)), scene
+    return rendered(scene, name, cache, frames), scene
 
 
 def judged_truth(truth: Trajectories, scene: Scene) -> Trajectories:
@@ -224,15 +222,11 @@ def accuracy(*, options: AccuracyOptions | None = None) -> None:
     files, settings = scene_files(o.scene, o.scenes), o.settings()
     jobs = [SuiteJob(path, None, o.cache_folder, o.out, settings, o.tracker, frames=o.frames) for path in files]
     scores = scored(jobs, 1)[0].get("online", [])
-    if o.json_output:
-        print(json_text(scores_json(scores) | {"limits": LIMITS, "ok": keeps_limits(scores)}), end="")
-        return
-    print_scores("scene", scores)
-    print(f"limits: {LIMITS}: {'kept' if keeps_limits(scores) else 'not kept'}")
-
-
-def keeps_limits(scores: Sequence[SceneScore]) -> bool:
-    """Whether all scenes together keep LIMITS."""
     totals: dict[str, Any] = together(scores).to_json()
     found = totals | {"significant_errors": totals["significant_errors"]["total"]}
-    return all((found[name] or 0.0) <= limit for name, limit in LIMITS.items())
+    kept = all((found[name] or 0.0) <= limit for name, limit in LIMITS.items())
+    if o.json_output:
+        print(json_text(scores_json(scores) | {"limits": LIMITS, "ok": kept}), end="")
+        return
+    print_scores("scene", scores)
+    print(f"limits: {LIMITS}: {'kept' if kept else 'not kept'}")

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.random_scenes import choreography as together
-from benchmarks.random_scenes.appearance import clothes, lights_and_sensor, looks
 from benchmarks.random_scenes.choreography import Role, arriving, direction, unit, visit
-from benchmarks.random_scenes.stage import Stage
+from benchmarks.random_scenes.stage import Stage, clothes, lights_and_sensor, looks
 from benchmarks.random_scenes.tables import Challenge, Choreography, NoPlaceError, Plot, RandomScene
 from calib.types import F64
 from planview.synthetic.motion import scripted_motion, wander

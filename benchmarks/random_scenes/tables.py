@@ -15,8 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from calib.params import Params
-from planview.synthetic.scene import Capture, LoadKind, Scene
-from planview.synthetic.steps import Pair
+from planview.synthetic.scene import Capture, LoadKind, Pair, Scene
 from planview.synthetic.write import RigScene
 
 Phenomenon = Literal[

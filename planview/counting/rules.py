@@ -103,18 +103,17 @@ class Outline:
     """An (N, 2) polygon, for asking about points."""
 
     def __init__(self, polygon: F64) -> None:
-        self._polygon = polygon
+        self._area = shapely.Polygon(polygon)
 
     def depth(self, x: F64, y: F64) -> F64:
         """Distance of points (of any shape) to the outline: positive inside, negative outside, NaN for NaN."""
-        area = shapely.Polygon(self._polygon)
-        away = np.where(np.isfinite(x + y), shapely.distance(area.exterior, shapely.points(x, y)), np.nan)
-        return np.where(shapely.contains_xy(area, x, y), away, -away)
+        away = np.where(np.isfinite(x + y), shapely.distance(self._area.exterior, shapely.points(x, y)), np.nan)
+        return np.where(shapely.contains_xy(self._area, x, y), away, -away)
 
     def inner_radius(self) -> float:
         """Radius of the largest circle inside, within a hundredth of the polygon's size."""
-        tolerance = float(np.ptp(self._polygon, axis=0).max()) / 100
-        return float(shapely.maximum_inscribed_circle(shapely.Polygon(self._polygon), tolerance).length)
+        left, low, right, high = self._area.bounds
+        return float(shapely.maximum_inscribed_circle(self._area, max(right - left, high - low) / 100).length)
 
 
 def problem_of(polygon: F64) -> str:
@@ -138,7 +137,6 @@ def stereo_plane(rig_path: Path) -> RulePlane:
     return RulePlane(geometry.above(load_world(world).world_SE3_left))
 
 
-Point = tuple[float, float]
 NEAR_HEIGHTS = 3.0
 """Heights of a person within which a rule is near to tracks that are all in one place."""
 

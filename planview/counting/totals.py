@@ -58,11 +58,8 @@ class Span:
 
 
 class Clock:
-    """Frame to time, interpolated between the rows with times and extrapolated beyond them.
-
-    Args:
-        fps: frame rate where fewer than two frames have a timestamp [1/s].
-    """
+    """Frame to time, interpolated between the rows with times and extrapolated beyond them, at ``fps`` [1/s] where
+    fewer than two frames have one."""
 
     def __init__(self, tracks: Trajectories, fps: float) -> None:
         frames, times = frame_times(tracks)
@@ -235,21 +232,12 @@ def _passages(events: Sequence[Event]) -> dict[str, int]:
 
 
 def count_tracks(
-    tracks: Trajectories,
-    rules: Rules,
-    params: AnalyticsParams | None = None,
-    *,
-    clock: Clock | None = None,
+    tracks: Trajectories, rules: Rules, params: AnalyticsParams | None = None, *, clock: Clock | None = None,
     n_frames: int = 0,
-) -> Counts:
-    """Apply rules to tracks.
-
-    Args:
-        clock: time of the frames; that of the tracks (30 frames per second without timestamps) by default.
-        n_frames: length of the recording where known; otherwise it ends with the last row.
-    Raises:
-        InputError: the tracks have no place in the plane of a rule.
-    """
+) -> Counts:  # fmt: skip
+    """Apply rules to tracks, with the time of their frames (30 a second without timestamps) or another clock; a
+    recording of unknown length ends with the last row. Raises InputError: the tracks have no place in the plane of a
+    rule."""
     for rule in (*rules.tripwires, *rules.zones):
         places = tracks.box_px.sum(axis=1) if rule.plane == "image" else tracks.x_m + tracks.y_m
         if len(tracks) and not np.isfinite(places).any():

@@ -10,8 +10,14 @@ import numpy as np
 
 from calib.errors import WorkError
 from calib.types import F64, I64
-from planview.evaluation.metrics import best_pairs
-from planview.evaluation.sequence import THRESHOLD, Similarity, box_similarity, build_sequence, floor_similarity
+from planview.evaluation.metrics import (
+    THRESHOLD,
+    Similarity,
+    best_pairs,
+    box_similarity,
+    build_sequence,
+    floor_similarity,
+)
 from planview.trajectories.table import Trajectories
 
 

@@ -10,12 +10,10 @@ from pydantic import Field
 
 from calib.errors import InputError
 from calib.params import Params
-from calib.types import I64, Bool
+from calib.types import F64, I64, Bool
 from planview.evaluation.align import FloorAlignment, align_tracks, moved
-from planview.evaluation.facing import facing_errors, velocities
-from planview.evaluation.metrics import clear_scores
-from planview.evaluation.result import Evaluation, TruthRows
-from planview.evaluation.sequence import Similarity, box_similarity, build_sequence, floor_similarity
+from planview.evaluation.metrics import Similarity, box_similarity, build_sequence, clear_scores, floor_similarity
+from planview.evaluation.result import Evaluation, FacingErrors, TruthRows
 from planview.evaluation.significant import (
     EVENT_S,
     PREDICTED,
@@ -33,6 +31,9 @@ SHIFT_MAX = 30
 """Largest shift of the tracks that is tried [frames]."""
 SHIFTED = 0.85
 """Share of the error that a shift must get below: with less gain both may count frames alike."""
+STEP_S = 0.25
+"""Time before and after, between which the velocity of the truth is measured [s]. Half a stride, so that
+the sway of a walker cancels."""
 
 
 class EvaluationParams(Params):
@@ -213,12 +214,8 @@ def _prediction_histories(
     matches: I64,
     gate_m: float,
 ) -> list[PredictionHistory]:
-    """Of all tracks that matched somebody before they were lost.
-
-    Args:
-        people: of the truth, hidden ones too.
-        tracks, truth: the rows that ``matches`` are of.
-    """
+    """Of all tracks that matched one of the (all) people before they were lost; ``matches``: of ``tracks`` and
+    ``truth``."""
     ids = np.unique(people.track_id)
     place = people.frame * len(ids) + np.searchsorted(ids, people.track_id)
     order = np.argsort(place)
@@ -238,6 +235,29 @@ def _prediction_histories(
             PredictionHistory(track, predicted.frame[rows], person, (place[at] == wanted) & (away > gate_m))
         )
     return histories
+
+
+def facing_errors(facing_deg: F64, truth: Trajectories, velocity_mps: F64) -> FacingErrors:
+    """The errors of matches; (N,) facing of tracks, the truth rows that they match, and (N, 2) velocities of these."""
+    known = np.isfinite(facing_deg)
+    facing, (vx, vy) = facing_deg[known], velocity_mps[known].T
+    to_truth, to_walk = (
+        np.abs((facing - other + 180.0) % 360.0 - 180.0)
+        for other in (truth.facing_deg[known], np.degrees(np.arctan2(vy, vx)))
+    )
+    return FacingErrors(to_truth, to_walk, np.hypot(vx, vy))
+
+
+def velocities(table: Trajectories, frame_s: float) -> F64:
+    """(N, 2) velocities of the rows of a table [m/s], from places STEP_S before and after; NaN for a single row."""
+    velocity = np.full((len(table), 2), np.nan)
+    for _, rows in rows_by_id(table.track_id):
+        times = table.frame[rows] * frame_s
+        before, after = np.maximum(times - STEP_S, times[0]), np.minimum(times + STEP_S, times[-1])
+        span = np.where(after > before, after - before, np.nan)
+        for axis, place in enumerate((table.x_m[rows], table.y_m[rows])):
+            velocity[rows, axis] = (np.interp(after, times, place) - np.interp(before, times, place)) / span
+    return velocity
 
 
 def _usable(table: Trajectories, on_floor: bool) -> Bool:

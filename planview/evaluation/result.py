@@ -14,19 +14,59 @@ import numpy as np
 
 from calib.types import F64, I64, Bool
 from planview.evaluation.align import FloorAlignment
-from planview.evaluation.facing import FacingErrors
 from planview.evaluation.metrics import (
     ClearScores,
     HotaScores,
+    Sequence,
     clear_scores,
     hota_scores,
     idf1,
+    joined_rows,
 )
-from planview.evaluation.sequence import Sequence, joined_rows
 from planview.evaluation.significant import ErrorKind, SignificantError, poisson_upper
 
 PEOPLE_GROUPS = (("0", 0, 0.0), ("1-2", 1, 2.0), ("3-5", 3, 5.0), ("6-9", 6, 9.0), ("10+", 10, math.inf))
 """(name, first, last): numbers of people as table 4 of Zhang et al. 2008 groups them."""
+
+
+WALKING_MPS = 0.5
+"""Who is faster walks, and who is slower stands, by the truth [m/s]. Shuffling on the spot is slower."""
+
+
+@dataclass(frozen=True, eq=False)
+class FacingErrors:
+    """Of every match whose track faces somewhere, (K,) each.
+
+    Attributes:
+        to_truth_deg: to where the truth faces, 0 to 180; NaN where it does not say.
+        to_walk_deg: to where the true person moves, 0 to 180; NaN where that is unknown.
+        speed_mps: of the true person; NaN where unknown.
+    """
+
+    to_truth_deg: F64
+    to_walk_deg: F64
+    speed_mps: F64
+
+    def to_json(self) -> dict[str, Any]:
+        """Rows and median differences [deg] of walkers and of standers against the truth; empty without any."""
+        groups = {"walkers": self.speed_mps > WALKING_MPS, "standers": self.speed_mps <= WALKING_MPS}
+        figures = {}
+        for name, members in groups.items():
+            known = self.to_truth_deg[members & np.isfinite(self.to_truth_deg)]
+            if len(known):
+                turned = float(np.median(np.minimum(known, 180.0 - known)))
+                figures[name] = {
+                    "rows": len(known), "median_deg": float(np.median(known)), "median_modulo_180_deg": turned,
+                }  # fmt: skip
+        return figures
+
+    @property
+    def walkers_deg(self) -> float | None:
+        """Median difference of walkers to the truth, or where that does not say where people face, to the direction in
+        which they walk; None without any."""
+        against = self.to_truth_deg if np.isfinite(self.to_truth_deg).any() else self.to_walk_deg
+        known = against[(self.speed_mps > WALKING_MPS) & np.isfinite(against)]
+        return float(np.median(known)) if len(known) else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -115,14 +115,8 @@ def significant_errors(
     frame_s: float,
     predictions: Sequence[PredictionHistory] = (),
 ) -> list[SignificantError]:
-    """All significant errors by frame.
-
-    Args:
-        people: one per person of the truth.
-        tracks: one per track that was ever confirmed.
-        frame_s: time from frame to frame [s].
-        predictions: one per track that was ever lost; a track is false once, for its confirmed or its predicted rows.
-    """
+    """All significant errors by frame, of histories of every person of the truth, of every track that was ever
+    confirmed and of every one that was ever lost; a track is false once, for its confirmed or its predicted rows."""
     visits = [visit for person in people for visit in split_visits(person, frame_s)]
     errors = [error for visit in visits for error in _visit_errors(visit, frame_s)]
     errors += _identity_errors(visits, frame_s)
@@ -192,10 +186,9 @@ def _visit_errors(visit: PersonHistory, frame_s: float) -> Iterator[SignificantE
 
 
 def _losses(tracked: Bool, min_frames: float, max_alone: float) -> Iterator[tuple[int, int]]:
-    """(start, stop) of continuous stretches without a track, longer than ``max_alone`` frames.
+    """(start, stop) of continuous stretches without a track, longer than ``max_alone`` frames, after the first track.
 
     Of several between which the person is tracked for less than ``min_frames`` frames the first stands for all.
-    Before the first track there is nothing to lose.
     """
     for start, stop in runs(~_without_blips(tracked, min_frames)):
         stretches = [(start + a, start + b) for a, b in runs(~tracked[start:stop]) if b - a > max_alone]
@@ -212,15 +205,8 @@ def _without_blips(held: Bool, min_frames: float) -> Bool:
     return steady
 
 
-@dataclass(frozen=True)
-class _Change:
-    """A person's persistent identity changed from old to new at a frame, ``alone_s`` at a stretch without any."""
-
-    frame: int
-    truth_id: int
-    old: int
-    new: int
-    alone_s: float
+_Change = tuple[int, int, int, int, float]
+"""Frame, person, old and new persistent identity, and the time at a stretch without any between them [s]."""
 
 
 def _identity_errors(visits: list[PersonHistory], frame_s: float) -> Iterator[SignificantError]:
@@ -231,21 +217,19 @@ def _identity_errors(visits: list[PersonHistory], frame_s: float) -> Iterator[Si
             first_held.setdefault(track, []).append((int(visit.frame[start]), visit.truth_id))
     changes = [change for visit, held in stretches for change in _changes(visit, held, frame_s)]
     reported: list[_Change] = []
-    for change in sorted(changes, key=lambda c: c.frame):
-        owners = {p for frame, p in first_held[change.new] if frame < change.frame and p != change.truth_id}
+    for change in sorted(changes, key=lambda c: c[0]):
+        at, person, old, new, alone_s = change
+        owners = {p for frame, p in first_held[new] if frame < at and p != person}
         if not owners:
-            if change.alone_s <= LOST_S:  # longer is reported as lost already
-                note = f"went on as a new track {change.new}"
-                yield SignificantError("lost", change.frame, change.truth_id, change.old, change.alone_s, note)
+            if alone_s <= LOST_S:  # longer is reported as lost already
+                yield SignificantError("lost", at, person, old, alone_s, f"went on as a new track {new}")
         elif not any(
-            (change.old, change.new) == (other.new, other.old)
-            and change.truth_id != other.truth_id
-            and abs(change.frame - other.frame) <= EXCHANGE_S / frame_s
-            for other in reported
+            (old, new) == (back, gone) and person != other and abs(at - then) <= EXCHANGE_S / frame_s
+            for then, other, gone, back, _ in reported
         ):
             reported.append(change)
-            note = f"took over track {change.new} of person {', '.join(map(str, sorted(owners)))}"
-            yield SignificantError("swapped", change.frame, change.truth_id, change.new, None, note)
+            note = f"took over track {new} of person {', '.join(map(str, sorted(owners)))}"
+            yield SignificantError("swapped", at, person, new, None, note)
 
 
 def _transfers(visits: Sequence[PersonHistory], frame_s: float) -> Iterator[SignificantError]:
@@ -285,7 +269,7 @@ def _persistent(visit: PersonHistory, min_frames: float) -> list[tuple[int, int,
 def _changes(visit: PersonHistory, held: list[tuple[int, int, int]], frame_s: float) -> Iterator[_Change]:
     for (old, _, stop), (new, start, _) in pairwise(held):
         alone = max((b - a for a, b in runs(visit.track_id[stop:start] == UNMATCHED)), default=0)
-        yield _Change(int(visit.frame[start]), visit.truth_id, old, new, alone * frame_s)
+        yield int(visit.frame[start]), visit.truth_id, old, new, alone * frame_s
 
 
 def _stray_errors(track: TrackHistory, frame_s: float) -> Iterator[SignificantError]:

@@ -37,10 +37,8 @@ class CameraView:
     unproject: Callable[[F64], F64]
 
     def rays(self) -> F32:
-        """(H * W, 6) origin and direction in the room of every pixel centre.
-
-        Directions have unit camera z, so that the ray parameter of a hit is its depth.
-        """
+        """(H * W, 6) origin and direction in the room of every pixel centre. Directions have unit camera z, so that the
+        ray parameter of a hit is its depth."""
         u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
         pixels = np.column_stack([u.ravel(), v.ravel()]).astype(np.float64)
         directions = np.nan_to_num(self.unproject(pixels), nan=0.0) @ self.room_SE3_camera.rotation.T

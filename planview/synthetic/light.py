@@ -233,15 +233,8 @@ class LightStack:
         self.lit = [np.zeros((n, 3), np.float32) for _ in range(lamps)]
 
     def add(self, index: I64, at: Surfaces, weight: F32, open_share: F32, lamps: list[F32]) -> None:
-        """Add surfaces seen by pixels ``index`` (each at most once).
-
-        Args:
-            index: (N,) pixels.
-            at: (N,) surfaces.
-            weight: (N,) share of the pixel.
-            open_share: (N,) ambient light that reaches the surface.
-            lamps: per lamp (N, 3) light that reaches it.
-        """
+        """Add surfaces (N,) seen by pixels ``index``, each at most once: ``weight`` is their share of the pixel,
+        ``open_share`` the ambient light and ``lamps`` the (N, 3) light of every lamp that reaches them."""
         albedo = at.albedo * weight[:, None]
         self.glow[index] += albedo * at.emission[:, None]
         self.ambient[index] += albedo * (ambient(at.normals) * open_share)[:, None]

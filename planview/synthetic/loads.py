@@ -113,13 +113,8 @@ class HeldLoad:
         self._meshes = {holder: join(parts) for holder, parts in meshes.items()}
 
     def placed(self, chest: F64, hips: F64, hands: list[F64]) -> list[Mesh]:
-        """Its parts in the frame of the body, x ahead, whose lowest point is the floor.
-
-        Args:
-            chest: (3, 3) rotation of the chest.
-            hips: (3,) origin of the chest above the floor [m].
-            hands: (3,) left and right hand [m].
-        """
+        """Its parts in the frame of the body, x ahead, whose lowest point is the floor: with the (3, 3) rotation of the
+        chest, its origin above the floor (3,), and the left and right hand (3,) [m]."""
         eye, floor = np.eye(3), np.zeros(3)
         holders = {"chest": (chest, hips), "hands": (eye, np.mean(hands, axis=0)), "right_hand": (eye, hands[1]),
                    "floor": (eye, floor)}  # fmt: skip

@@ -87,14 +87,8 @@ def box(low: ArrayLike, high: ArrayLike, material: int) -> Mesh:
 
 
 def sweep(rings: ArrayLike, material: int, segments: int = 14) -> Mesh:
-    """A solid from elliptic rings stacked along z; its ends are closed.
-
-    Args:
-        rings: (R, 5) rows z, half size in x, half size in y, centre x, centre y [m], z strictly monotonic
-            except at ends, where half sizes of 0 make poles.
-        material: index of its material.
-        segments: vertices per ring.
-    """
+    """A solid from (R, 5) elliptic rings stacked along z, each z, half size in x and in y, centre x and y [m]; z is
+    strictly monotonic except at ends, where half sizes of 0 make poles. ``segments``: vertices per ring."""
     r = np.asarray(rings, np.float64)
     if r[0, 0] > r[-1, 0]:
         r = r[::-1]
@@ -138,20 +132,12 @@ def dome_rings(
     return np.column_stack([z, half[0] * s, half[1] * s, np.full(n, centre[0]), np.full(n, centre[1])])
 
 
-def limb_rings(length: float, radii: Sequence[float], flat: float = 1.0) -> F64:
-    """Rings of a limb hanging from the origin along -z with rounded ends, for ``sweep``.
-
-    Args:
-        length: between the joint centres [m].
-        radii: at equal steps from the upper joint to the lower [m].
-        flat: half size in y relative to x.
-    """
+def limb_rings(length: float, radii: Sequence[float]) -> F64:
+    """Rings of a limb hanging from the origin along -z with rounded ends, for ``sweep``: ``length`` between the joint
+    centres, ``radii`` at equal steps from the upper to the lower [m]."""
     z = np.linspace(0.0, -length, len(radii))
     top, bottom = radii[0], radii[-1]
-    rows = [[top, 0.0], [0.87 * top, 0.5 * top], [0.5 * top, 0.87 * top]]
-    rows += [[float(zi), ri] for zi, ri in zip(z, radii, strict=True)]
-    rows += [[-length - 0.5 * bottom, 0.87 * bottom], [-length - 0.87 * bottom, 0.5 * bottom], [-length - bottom, 0.0]]
-    out = np.zeros((len(rows), 5))
-    table = np.array(rows)
-    out[:, 0], out[:, 1], out[:, 2] = table[:, 0], table[:, 1], table[:, 1] * flat
-    return out
+    rows = [(top, 0.0), (0.87 * top, 0.5 * top), (0.5 * top, 0.87 * top), *zip(z.tolist(), radii, strict=True)]
+    rows += [(-length - 0.5 * bottom, 0.87 * bottom), (-length - 0.87 * bottom, 0.5 * bottom), (-length - bottom, 0.0)]
+    along, half = np.array(rows).T
+    return np.column_stack([along, half, half, 0 * half, 0 * half])

@@ -15,9 +15,22 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter1d
 
 from calib.types import F64
-from planview.synthetic import steps
 from planview.synthetic.room import Obstacles, furniture_size
-from planview.synthetic.scene import Furniture, Scene, ScenePerson, Wander
+from planview.synthetic.scene import (
+    Bend,
+    Cartwheel,
+    Crouch,
+    Furniture,
+    OnSpot,
+    Reach,
+    Scene,
+    ScenePerson,
+    Sit,
+    Stand,
+    StandUntil,
+    Walk,
+    Wander,
+)
 
 TICK_HZ = 60.0
 ACTIONS = ("sit", "floor", "reach", "bend", "carry", "push", "low", "crouch", "turns")
@@ -137,26 +150,26 @@ def scripted_motion(person: ScenePerson, furniture: dict[str, Furniture], end_s:
     script = _Script(person)
     for step in person.steps:
         face = np.nan
-        if isinstance(step, steps.OnSpot) and step.face_deg is not None:
+        if isinstance(step, OnSpot) and step.face_deg is not None:
             face = float(np.deg2rad(step.face_deg))
         match step:
-            case steps.Walk():
+            case Walk():
                 _walk(script, step)
-            case steps.Stand(stand_s=seconds):
+            case Stand(stand_s=seconds):
                 script.stay(seconds, face)
-            case steps.StandUntil(until_s=time_s):
+            case StandUntil(until_s=time_s):
                 script.stay(max(time_s - script.now_s, 1 / TICK_HZ), face)
-            case steps.Reach(reach_s=seconds):
+            case Reach(reach_s=seconds):
                 script.stay(seconds, face, reach=1.0)
-            case steps.Bend(bend_s=seconds):
+            case Bend(bend_s=seconds):
                 script.stay(seconds, face, bend=1.0)
-            case steps.Crouch(crouch_s=seconds):
+            case Crouch(crouch_s=seconds):
                 script.stay(seconds, face, crouch=1.0)
-            case steps.Cartwheel(cartwheel=point):
+            case Cartwheel(cartwheel=point):
                 _turn_cartwheel(script, point)
-            case steps.Sit(sit_s=seconds, on=str(chair)):
+            case Sit(sit_s=seconds, on=str(chair)):
                 _sit(script, seconds, furniture[chair], face)
-            case steps.Sit(sit_s=seconds):
+            case Sit(sit_s=seconds):
                 script.stay(seconds, face, floor=1.0)
     done = script.now_s
     if done < end_s + 1:
@@ -202,7 +215,7 @@ def step_length_m(height_m: float, speed_mps: F64) -> F64:
     return np.asarray(0.41 * height_m * np.sqrt(np.maximum(speed_mps, 0.15) / 1.35))
 
 
-def _walk(script: _Script, step: steps.Walk) -> None:
+def _walk(script: _Script, step: Walk) -> None:
     begin = script.now_s
     for point in step.go:
         script.walk(point, step.speed_mps, carry=float(step.carry is not None), push=float(step.push is not None))
@@ -260,14 +273,8 @@ class _Walker:
 
 
 def wander(scene: Scene, scripted: Sequence[Motion]) -> list[Motion]:
-    """Replace the motions of wanderers.
-
-    Args:
-        scene: the scene; its seed decides the walks.
-        scripted: motion of each person's steps; a wanderer's walk begins when they end.
-    Returns:
-        one motion per person.
-    """
+    """The motions of all people, of which wanderers walk on when the steps of ``scripted`` end; the seed of the scene
+    decides their walks."""
     walkers = {
         i: _Walker(p, p.wander, begin, scripted[i].at(begin)[0], np.random.default_rng([scene.seed, i]))
         for i, p in enumerate(scene.people)

@@ -81,23 +81,11 @@ class Body:
         hair = palette.add(Surface(colour=person.hair, scale_m=0.02, contrast=0.35))
         shoes = palette.add(Surface(colour="#2a2624", scale_m=0.05, contrast=0.2))
         sleeve = shirt if person.sleeves == "long" else skin
-        rows = [
-            (-0.075, 0.0, 0.0, 0.0),
-            (-0.06, 0.045, 0.06, 0.0),
-            (-0.03, 0.063, 0.092, 0.0),
-            (0.02, 0.063, 0.094, 0.0),
-        ]
+        hips = [(-0.075, 0, 0, 0), (-0.06, 0.045, 0.06, 0), (-0.03, 0.063, 0.092, 0), (0.02, 0.063, 0.094, 0)]
         if person.skirt:
-            rows = [
-                (-0.26, 0.0, 0.0, 0.0),
-                (-0.26, 0.088, 0.115, 0.0),
-                (-0.1, 0.075, 0.105, 0.0),
-                (0.02, 0.06, 0.09, 0.0),
-            ]
-        rows.append((0.03, 0.0, 0.0, 0.0))
-        pelvis = sweep(_rings(h, rows, b), trousers, 18)
+            hips = [(-0.26, 0, 0, 0), (-0.26, 0.088, 0.115, 0), (-0.1, 0.075, 0.105, 0), (0.02, 0.06, 0.09, 0)]
         self._parts = {
-            "pelvis": pelvis,
+            "pelvis": sweep(_rings(h, [*hips, (0.03, 0, 0, 0)], b), trousers, 18),
             "torso": _torso(h, b, shirt, skin),
             "head": _head(h, person.hair_style, skin, hair),
             "arm": _limb(h, UPPER_ARM, (0.030, 0.027, 0.024, 0.021), b, shirt),

@@ -46,19 +46,13 @@ def write_recording(
     world: bool = False,
     done: Callable[[], None] = lambda: None,
 ) -> Written:
-    """Render a scene into a new folder: ``left/`` and ``right/``, or the images of a single camera in it.
+    """Render a scene into a new folder: ``left/`` and ``right/``, or the images of a single camera in it. Raises
+    InputError: the folder is in use. WorkError: it cannot be written.
 
     Args:
-        renderer: the scene.
-        folder: made here; refused when it exists and is not empty.
-        frames: most frames.
         storage: images losslessly, as JPEG, or as video.
-        opencv: also write intrinsics.yml and extrinsics.yml.
-        world: also write world.toml, so that the floor need not be found.
+        opencv, world: also write intrinsics.yml and extrinsics.yml, or world.toml, so that the floor need not be found.
         done: called after each frame.
-    Raises:
-        InputError: the folder is in use.
-        WorkError: it cannot be written.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: expected a new or empty folder for the recording, found one in use")

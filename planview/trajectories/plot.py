@@ -48,14 +48,11 @@ def plot_paths(
     """Draw where people walked, seen from above: metres on the floor, or pixels where only boxes are known.
 
     A ring is where a path begins, a dot where it ends; dotted lines are predicted while a person was hidden. Tracks
-    that were never confirmed are left out.
+    that were never confirmed are left out. Raises InputError: neither positions on the floor nor boxes.
 
     Args:
-        colour: "id", "time" with a colour bar, or one colour of matplotlib for all.
-        label: of all paths together in the legend, for one colour.
+        colour: "id", "time" with a colour bar, or one colour of matplotlib for all, with a label in the legend.
         width: of the lines, in points.
-    Raises:
-        InputError: neither positions on the floor nor boxes.
     """
     from matplotlib.collections import LineCollection
 

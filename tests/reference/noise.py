@@ -1,4 +1,4 @@
-"""Plain numpy twin of planview/synthetic/_kernels.py: defines the texture noise."""
+"""Plain numpy twin of planview/synthetic/texture.py: defines the texture noise."""
 
 import numpy as np
 

@@ -253,8 +253,11 @@ def identity_pictures(run: RunFolder, errors: Sequence[SignificantError]) -> lis
 
 def held_by(tracks: Trajectories, truth: Trajectories) -> I64:
     """(N,) id of the confirmed track matched to every row of the truth, UNHELD where there is none."""
-    from planview.evaluation.metrics import clear_scores  # brings scipy
-    from planview.evaluation.sequence import build_sequence, floor_similarity
+    from planview.evaluation.metrics import (
+        build_sequence,
+        clear_scores,  # brings scipy
+        floor_similarity,
+    )
 
     claimed = tracks.where((tracks.state == "confirmed") & np.isfinite(tracks.x_m))
     matches = clear_scores(build_sequence(truth, claimed, floor_similarity(0.5))).matches

@@ -24,8 +24,8 @@ from benchmarks.ablation import (
 from benchmarks.calibration import (
     ANGLE_OFF_DEG,
     HEIGHT_OFF_M,
-    Row,
     alignment_error,
+    figure,
     floor_errors,
     low_room,
     low_room_floor,
@@ -108,8 +108,8 @@ def test_alignment_error_is_that_of_place_heading_and_clock_and_kept_without_a_l
     true = [rig("a", 0, 0, 0), rig("b", 170, 3, 4, 1.0)]
     error = alignment_error([rig("a", 0, 0, 0), rig("b", -179, 3.03, 4.04, 1.02)], true)
     assert error == pytest.approx((5.0, 11.0, 20.0))
-    assert [Row("a", value, "cm", 2.0).ok for value in (2.0, 2.1, math.inf)] == [True, False, False]
-    assert Row("a", 5.0, "cm").ok
+    assert [figure("a", value, "cm", 2.0)["ok"] for value in (2.0, 2.1, math.inf)] == [True, False, False]
+    assert figure("a", 5.0, "cm")["ok"]
 
 
 @pytest.mark.parametrize("seed", [1, 11], ids=["nobody moves", "somebody walks"])

@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.random_scenes.appearance import EXPOSURE_DELAY_S, automatic_exposure
 from benchmarks.random_scenes.generator import KINDS, LOADS, SUITE, VIEWS, random_scene, scene_of_table
-from benchmarks.random_scenes.stage import FreeFloor
+from benchmarks.random_scenes.stage import EXPOSURE_DELAY_S, FreeFloor, automatic_exposure
 from benchmarks.random_scenes.tables import Challenge, NoPlaceError, Phenomenon, resolved
 from calib.errors import InputError, WorkError
 from planview.synthetic.camera import ground_camera

@@ -15,7 +15,7 @@ from benchmarks.real import WALKER_PATH, recordings_with_truth, score_real, trut
 from benchmarks.suite import SuiteJob, SuiteOptions, chosen_files, judged_truth, run_job, suite
 from calib.errors import InputError
 from planview.engine.config import Config, load_config
-from planview.synthetic.steps import Cartwheel
+from planview.synthetic.scene import Cartwheel
 from planview.trajectories.table import Trajectories, positions_table, read_tracks
 
 

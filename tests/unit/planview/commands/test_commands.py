@@ -14,7 +14,7 @@ from toy_rgbd import write_toy_rgbd
 from toy_stereo import toy_rig
 
 from benchmarks.__main__ import main_benchmarks
-from benchmarks.options import Rendering, rendered, scene_files
+from benchmarks.options import rendered, scene_files
 from calib.errors import InputError
 from calib.formats import load_rig, write_rig
 from calib.formats.one_camera import LensOnlyError
@@ -107,11 +107,11 @@ def test_synth_refuses_wrong_usage_and_folders_in_use(scene, tmp_path, words, pr
 
 
 def test_rendered_recording_is_kept_and_found_again(scene, tmp_path, capsys):
-    options = Rendering(tmp_path / "cache", 1.0, 1)
-    first = rendered(load_scene(scene), "s", options)
-    assert rendered(load_scene(scene), "s", options) == first and capsys.readouterr().err == "rendering s\n"
+    first = rendered(load_scene(scene), "s", tmp_path / "cache", 1)
+    assert rendered(load_scene(scene), "s", tmp_path / "cache", 1) == first
+    assert capsys.readouterr().err == "rendering s\n"
     scene.write_text(SCENE.replace("2.4", "2.5"))
-    assert rendered(load_scene(scene), "s", options) != first
+    assert rendered(load_scene(scene), "s", tmp_path / "cache", 1) != first
 
 
 def test_accuracy_knows_its_scenes(capsys):

@@ -5,8 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from planview.evaluation.metrics import clear_scores, hota_scores, idf1
-from planview.evaluation.sequence import Sequence, box_similarity, build_sequence, floor_similarity
+from planview.evaluation.metrics import (
+    Sequence,
+    box_similarity,
+    build_sequence,
+    clear_scores,
+    floor_similarity,
+    hota_scores,
+    idf1,
+)
 from planview.evaluation.significant import (
     PREDICTED,
     UNMATCHED,

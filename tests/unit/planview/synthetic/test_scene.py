@@ -9,13 +9,12 @@ from cli import JsonOf
 from calib.errors import InputError
 from calib.world import load_rigs
 from planview.synthetic import assets
-from planview.synthetic._kernels import fractal_noise
 from planview.synthetic.loads import LOADS
 from planview.synthetic.motion import scripted_motion, step_length_m
 from planview.synthetic.people import Body, Cast, Pose, pose_at
 from planview.synthetic.render import SceneRenderer, SensorModel
 from planview.synthetic.scene import Furniture, ScenePerson, Sensor, load_scene, parse_scene
-from planview.synthetic.texture import Palette
+from planview.synthetic.texture import Palette, fractal_noise
 from planview.synthetic.write import load_rig_scenes, write_rigs
 from planview.trajectories.table import read_truth
 from tests.reference.noise import fractal_noise as plain_noise
