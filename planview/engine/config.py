@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from calib.errors import InputError
 from calib.floor.plane import FloorParams
 from calib.io import MAX_DEPTH, load_toml, parse_toml
-from calib.params import Params, dotted, first_problem
+from calib.params import Params, dotted, first_problem, tables_of
 from planview.foreground.params import ForegroundParams
 from planview.maps.grid import MapParams
 from planview.tracking.detections import DetectionParams
@@ -79,13 +79,13 @@ class Config(Params):
 def load_config(path: Path | str | None = None, overrides: Sequence[str] = (), base: Config | None = None) -> Config:
     """The base (the defaults when None), then the file, then overrides like ``foreground.learning_rate=0.002``. Raises
     InputError: an unreadable file, an unknown key, or a value out of range, by name."""
-    tables: dict[str, Any] = {}
-    if path is not None:
-        tables = load_toml(Path(path), "a TOML configuration")
-        _validate(tables, str(path), base)
+    tables = {} if path is None else load_toml(Path(path), "a TOML configuration")
+    config = _validate(tables, str(path), base)
+    if not overrides:
+        return config
     for override in overrides:
         _apply(tables, override)
-    return _validate(tables, "" if overrides else str(path), base, "overrides" if overrides else "")
+    return _validate(tables, "", base, "overrides")
 
 
 def config_of(tables: Mapping[str, Any], source: str = "", argument: str = "") -> Config:
@@ -136,15 +136,8 @@ def _suggestion(error: ValidationError) -> str:
         return ""
     if first["loc"][0] == "matching":
         return " (every frame is matched as a whole now: leave it out)"
-    names, unknown = list(_names(Config, "")), dotted(first["loc"])
+    names = [f"{table}.{name}".lstrip(".") for table, params in tables_of(Config) for name in params.model_fields]
+    unknown = dotted(first["loc"])
     near = get_close_matches(unknown, names, n=1, cutoff=0.75)
     near += [name for name in names if name.rpartition(".")[2] == unknown.rpartition(".")[2]]
     return f" (did you mean {near[0]}?)" if near else ""
-
-
-def _names(table: type[BaseModel], prefix: str) -> Iterator[str]:
-    """All tables and values below a table, with dots."""
-    for name, field in table.model_fields.items():
-        yield prefix + name
-        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
-            yield from _names(field.annotation, f"{prefix}{name}.")

@@ -87,23 +87,22 @@ def open_engine(
     video = open_video(path, options)
     ground_camera = load_one_camera(camera, video.size) if isinstance(camera, Path) else camera
     if detections is not None:
-        tracker = _box_tracker(_boxes_for(video, detections), config, ground_camera)
-    if isinstance(tracker, str):
+        tracker = _box_tracker(video, detections, config, ground_camera)
+    elif isinstance(tracker, str):
         tracker = image_tracker(cast(ImageTrackerName, tracker), config, ground_camera)
     return one_camera_engine(video, cast(ImageTracker, tracker), config, ground_camera, overview=True)
 
 
-def _box_tracker(boxes: Detections, config: Config, camera: GroundCamera | None) -> ImageTracker:
+def _box_tracker(
+    video: Video, detections: Path | str | Sequence[ArrayLike], config: Config, camera: GroundCamera | None
+) -> ImageTracker:
     """A tracker of another program's boxes: on the floor with a camera, in the image without one."""
+    boxes = load_detections(Path(detections)) if isinstance(detections, str | Path) else Detections.of(detections)
+    boxes = boxes.within(video.size)
+    boxes = boxes.of_frames(video.n_frames) if video.n_frames > 0 else boxes
     if camera is None:
         return BoxTracker(boxes, config.detections.edge)
     return DetectionTracker(boxes, config.detections, camera)
-
-
-def _boxes_for(video: Video, detections: Path | str | Sequence[ArrayLike]) -> Detections:
-    boxes = load_detections(Path(detections)) if isinstance(detections, str | Path) else Detections.of(detections)
-    boxes = boxes.within(video.size)
-    return boxes.of_frames(video.n_frames) if video.n_frames > 0 else boxes
 
 
 def _map_tracker(tracker: AnyTracker, config: Config, path: Path) -> Tracker:

@@ -19,7 +19,7 @@ from planview.engine.config import Config
 from planview.maps.grid import FloorRig, Grid, floor_in_view
 from stereo.depth import RectifiedGeometry
 from stereo.floor import FloorEstimator, FloorSearch, sensor_floor, setup_frames
-from stereo.matcher import BODY_LAG, DisparityRange, SgbmMatcher, disparity_range
+from stereo.matcher import DisparityRange, disparity_range
 from stereo.recording import RgbdRecording, StereoRecording
 from stereo.rectify import Rectifier, aligned_rectifier
 from stereo.rgbd import RgbdRectifier
@@ -37,12 +37,6 @@ class Setup(FloorRig):
 
     rectifier: Rectifier | RgbdRectifier
     checks: tuple[Check, ...]
-
-    def matcher(self, config: Config, step: int | None = None) -> SgbmMatcher:
-        """SGBM over the disparities of a pair; ``step`` as of ``SgbmMatcher``."""
-        assert isinstance(self.rectifier, Rectifier)
-        masks = self.rectifier.mask, self.rectifier.right_mask
-        return SgbmMatcher(self.rectifier.geometry, config.sgbm, self.disparities, *masks, step, BODY_LAG)
 
 
 def refuse_foreign_disparity(disparity: F32, shape: tuple[int, int], searched: DisparityRange) -> None:

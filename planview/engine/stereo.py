@@ -25,7 +25,7 @@ from planview.tracking.base import Decision, Observation, Tracker, followed
 from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth
-from stereo.matcher import Matcher
+from stereo.matcher import BODY_LAG, Matcher, SgbmMatcher
 from stereo.readers.multi_rig import MultiRigFrame, MultiRigRecording
 from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import Rectifier
@@ -54,13 +54,14 @@ class RigStages:
         """Compose the stages; ``matcher`` is of whole pairs, SGBM over the rig's disparities when None. Raises
         InputError: a matcher for images with depth."""
         self.name, self.rig, self._matcher = name, rig, matcher
-        geometry, step, of_pairs = rig.geometry, rig.reduction, isinstance(rig.rectifier, Rectifier)
-        if matcher is not None and not of_pairs:
+        geometry, step, rectifier = rig.geometry, rig.reduction, rig.rectifier
+        if isinstance(rectifier, Rectifier):
+            masks = rectifier.mask, rectifier.right_mask
+            self._sgbm = SgbmMatcher(geometry, config.sgbm, rig.disparities, *masks, step, BODY_LAG)
+        elif matcher is not None:
             raise InputError(
                 f"{rig.calibration}: expected a stereo pair for a matcher of your own, found images with depth"
             )
-        if matcher is None and of_pairs:
-            self._sgbm = rig.matcher(config, step)
         self.maps = MapBuilder(geometry, rig.floor.world_SE3_left, config.maps, step)
         self.foreground = Foreground(
             config.foreground, self.maps.shape, geometry.disparity_std_per_px2, step, geometry.disparity_metre

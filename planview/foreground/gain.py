@@ -77,12 +77,12 @@ class GainFollower:
 
     def __init__(self, shape: tuple[int, int], clip: float, tolerance: float) -> None:
         """Args: levels of 255; tolerance is how far from its prediction an unchanged pixel may be."""
-        self.gain, self.offset = 1.0, 0.0
         # Pixels sampled: a gain of 1 % is then found to 0.01 %, in a tenth of a millisecond.
         self._stride = max(1, shape[0] * shape[1] // 4096)
         while math.gcd(self._stride, shape[1]) > 1:
             self._stride += 1
         self._clip, self._tolerance = clip, tolerance
+        self.reset()
 
     def reset(self) -> None:
         """Back to gain 1: the model is in the exposure of the image."""
@@ -99,9 +99,7 @@ class GainFollower:
         known = (model["var_y"] > 0) & (model["y"] > BLACK)
         model, bgr = model["y"][known], bgr[known]
         luma = bgr @ BGR_TO_LUMA if image.shape[2] == 3 else bgr[:, 0].astype(np.float32)
-        n = len(model)
-        pixels = model, luma, np.empty(n, np.float32)
-        fill_information(pixels[1], self._tolerance, pixels[2])
+        n, pixels = len(model), (model, luma, information_of(luma, self._tolerance))
         best = self._refined(pixels, self.gain, self.offset)
         # Fraction of inliers above which no other gain is searched (our choice).
         if best.inliers < 0.7 * n:
@@ -117,10 +115,9 @@ class GainFollower:
         """
         if not 1 / KEPT_GAIN_MAX < line.gain < KEPT_GAIN_MAX:
             return False
-        model, _, information = pixels
-        mean = float(model.mean())
+        model, mean = pixels[0], float(pixels[0].mean())
         brightness = (line.gain * mean + line.offset) / mean
-        fill_information(np.clip(brightness * model, 0.0, 255.0), self._tolerance, information)
+        information = information_of(np.clip(brightness * model, 0.0, 255.0), self._tolerance)
         return line.evidence >= INLIERS_MIN * float(information.sum())
 
     def _searched(self, pixels: _Pixels, best: _Line) -> _Line:
@@ -140,25 +137,16 @@ class GainFollower:
         return _Line(gain, offset, *weigh_inliers(*pixels, gain, offset, self._clip, self._tolerance, 1))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def fill_information(luma: F32, tolerance: float, information: F32) -> None:
+def information_of(luma: F32, tolerance: float) -> F32:
     """Evidence of each pixel for a line that it lies on [nat]: the less, the more of the image has its luma by chance.
 
     Whatever covers most of the image in one luma lies on any line of that luma.
     """
-    below = np.zeros(257)
-    for i in range(luma.size):
-        below[int(luma[i]) + 1] += 1.0 / luma.size
-    for level in range(256):
-        below[level + 1] += below[level]
-    reach = int(tolerance)
-    of_level = np.empty(256, np.float32)
-    for level in range(256):
-        first, last = max(level - reach, 0), min(level + reach, 255)
-        by_chance = (1.0 - ANY_LUMA) * (below[last + 1] - below[first]) + ANY_LUMA * (last + 1 - first) / 256.0
-        of_level[level] = -math.log(by_chance)
-    for i in range(luma.size):
-        information[i] = of_level[int(luma[i])]
+    levels, level, reach = np.arange(256), luma.astype(np.int64), int(tolerance)
+    below = np.append(0.0, np.bincount(level, minlength=256).cumsum() / max(luma.size, 1))
+    first, last = np.maximum(levels - reach, 0), np.minimum(levels + reach, 255) + 1
+    by_chance = (1.0 - ANY_LUMA) * (below[last] - below[first]) + ANY_LUMA * (last - first) / 256.0
+    return np.asarray(-np.log(by_chance), np.float32)[level]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -115,16 +115,8 @@ class Ghosts(Carried):
 
 
 def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8) -> U8:
-    """Blobs of the foreground whose outline is in the background and not in the image.
-
-    Args:
-        luma: (H, W) uint8, the image.
-        background: (H, W) uint8, luma of the learned background.
-        blobs: of the foreground.
-        motion: (H, W) uint8, moving pixels are not 0.
-    Returns:
-        (H, W) uint8, 255 in ghosts.
-    """
+    """(H, W) uint8, 255 in blobs whose outline is in the background and not in the image, (H, W) uint8 luma of both;
+    none that moves, where ``motion``, (H, W) uint8, is not 0."""
     mask = (blobs.labels > 0).astype(np.uint8)
     rim = (mask > 0) & (cv2.erode(mask, _SQUARE) == 0)
     which = blobs.labels[rim]
@@ -135,38 +127,23 @@ def find_ghosts(luma: U8, background: U8, blobs: Blobs, motion: U8) -> U8:
 
 
 def find_still(blobs: Blobs, moved: U8 | Bool) -> U8:
-    """Blobs of the foreground that have not moved for a while.
-
-    Args:
-        blobs: of the foreground.
-        moved: (H, W), pixels that have moved are not 0.
-    Returns:
-        (H, W) uint8, 255 in such blobs.
-    """
+    """(H, W) uint8, 255 in blobs that have not moved for a while: ``moved``, (H, W), is 0 nearly all over them."""
     return _painted(blobs, _still(blobs, moved))
 
 
 def _still(blobs: Blobs, motion: U8 | Bool) -> Bool:
-    """(n,) whether each blob is large enough and hardly any of it moves; the background is none."""
+    """(n,) whether each blob is large enough and hardly any of it moves."""
     moving = np.bincount(blobs.labels[motion > 0], minlength=len(blobs)) / np.maximum(1, blobs.area_px)
-    still = (moving <= GHOST_MOTION) & (blobs.area_px >= GHOST_AREA_PX)
-    still[0] = False
-    return np.asarray(still)
+    return np.asarray((moving <= GHOST_MOTION) & (blobs.area_px >= GHOST_AREA_PX))
 
 
 def find_uncovered(luma: U8, background: U8, mask: U8) -> U8:
-    """Foreground pixels that look like what is around their blob where the background does not.
+    """(H, W) uint8, 255 in foreground that looks like what is around its blob where the background does not, of the
+    (H, W) uint8 luma of both.
 
     Each pixel is compared with the image at the nearest pixel outside the foreground, by the mean difference over the
     foreground within 5x5 pixels, which average noise and texture and are narrower than a limb of a person of 60 px (our
     choice). Texture of the scene is in both differences and pulls their ratio towards 1.
-
-    Args:
-        luma: (H, W) uint8, the image.
-        background: (H, W) uint8, luma of the learned background.
-        mask: (H, W) uint8, foreground is not 0.
-    Returns:
-        (H, W) uint8, 255 in uncovered places.
     """
     left, top, width, height = cv2.boundingRect(mask)
     uncovered = np.zeros(mask.shape, np.uint8)
@@ -182,9 +159,7 @@ def find_uncovered(luma: U8, background: U8, mask: U8) -> U8:
     alike = np.where((inside > 0) & (before >= EDGE_RATIO * here + EDGE_LEVELS), np.uint8(255), np.uint8(0))
     if alike.any():
         parts = find_blobs(np.asarray(cv2.morphologyEx(alike, cv2.MORPH_OPEN, _SQUARE), np.uint8))
-        large = parts.area_px >= GHOST_AREA_PX
-        large[0] = False
-        uncovered[rows, cols] = _painted(parts, large)
+        uncovered[rows, cols] = _painted(parts, parts.area_px >= GHOST_AREA_PX)
     return uncovered
 
 
@@ -211,5 +186,6 @@ def _steps(luma: U8) -> F32:
 
 
 def _painted(blobs: Blobs, chosen: Bool) -> U8:
-    """(H, W) uint8, 255 in the blobs that are chosen, (n,)."""
+    """(H, W) uint8, 255 in the blobs that are chosen, (n,); the background is none."""
+    chosen = chosen & (np.arange(len(blobs)) > 0)
     return np.where(chosen, np.uint8(255), np.uint8(0))[blobs.labels]

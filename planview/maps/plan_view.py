@@ -81,9 +81,8 @@ class PlanViewMaps:
 
 def accumulated(points: FloorPoints, grid: Grid, height_min_m: float) -> tuple[F32, F32]:
     """Highest point [m] and summed area [m^2] of every cell, of points above ``height_min_m``."""
-    height, total = np.empty(grid.shape, np.float32), np.empty(grid.shape, np.float32)
-    accumulate(points.xyz, points.area, height_min_m, grid.x_min_m, grid.y_min_m, grid.cell_m, height, total)
-    return height, total
+    corner = grid.x_min_m, grid.y_min_m, grid.cell_m
+    return accumulate(points.xyz, points.area, height_min_m, corner, grid.shape)
 
 
 def plan_view(heads: Sequence[FloorPoints], grid: Grid, params: MapParams) -> PlanViewMaps:
@@ -119,20 +118,13 @@ def _blur(image: F32, sigma: float) -> F32:
 
 
 def joint_grid(grids: Sequence[Grid]) -> Grid:
-    """The grid that covers those of all rigs, whose cells have one size.
-
-    Raises:
-        ValueError: the floor covered together is larger than a grid may be.
-    """
+    """The grid that covers those of all rigs, whose cells have one size. Raises ValueError: the floor covered together
+    is larger than a grid may be."""
     if len(grids) == 1:
         return grids[0]
-    return Grid.covering(
-        min(g.x_min_m for g in grids),
-        min(g.y_min_m for g in grids),
-        max(g.x_max_m for g in grids),
-        max(g.y_max_m for g in grids),
-        grids[0].cell_m,
-    )
+    lower = min(g.x_min_m for g in grids), min(g.y_min_m for g in grids)
+    upper = max(g.x_max_m for g in grids), max(g.y_max_m for g in grids)
+    return Grid.covering(*lower, *upper, grids[0].cell_m)
 
 
 def _joined(points: Sequence[FloorPoints], g: Grid, height_min_m: float) -> FloorPoints:
@@ -141,7 +133,7 @@ def _joined(points: Sequence[FloorPoints], g: Grid, height_min_m: float) -> Floo
     surface = np.stack([_around(accumulated(p, g, height_min_m)[1], side) for p in points])
     total = surface.sum(axis=0)
     factor = surface.max(axis=0) / np.where(total > 0, total, np.float32(1.0))  # max S / sum S, 0 without S
-    every = concatenated(points)
+    every = _concatenated(points)
     cols = np.floor((every.xyz[:, 0] - g.x_min_m) / g.cell_m).astype(np.int64)
     rows = np.floor((every.xyz[:, 1] - g.y_min_m) / g.cell_m).astype(np.int64)
     inside = (cols >= 0) & (rows >= 0) & (cols < g.n_cols) & (rows < g.n_rows)
@@ -152,16 +144,12 @@ def _joined(points: Sequence[FloorPoints], g: Grid, height_min_m: float) -> Floo
     return replace(every, area=every.area * weight)
 
 
-def concatenated(points: Sequence[FloorPoints]) -> FloorPoints:
+def _concatenated(points: Sequence[FloorPoints]) -> FloorPoints:
     """The points of several rigs one after the other; colours only when all that have points have them."""
     coloured = all(p.colours is not None or not len(p.xyz) for p in points)
     colours = [p.colours for p in points if p.colours is not None]
-    return FloorPoints(
-        np.concatenate([p.xyz for p in points]),
-        np.concatenate([p.area for p in points]),
-        np.concatenate([p.pixels for p in points]),
-        np.concatenate(colours) if coloured and colours else None,
-    )
+    xyz, area, pixels = (np.concatenate([getattr(p, name) for p in points]) for name in ("xyz", "area", "pixels"))
+    return FloorPoints(xyz, area, pixels, np.concatenate(colours) if coloured and colours else None)
 
 
 def _around(occupancy: F32, side: int) -> F32:
@@ -172,30 +160,22 @@ def _around(occupancy: F32, side: int) -> F32:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def accumulate(  # type: ignore[no-untyped-def]
-    points: F32,
-    weight: F32,
-    height_min_m: float,
-    x_min_m: float,
-    y_min_m: float,
-    cell_m: float,
-    height: F32,
-    occupancy: F32,
-):
-    """Highest point and summed weight per cell in one pass (Harville 2002, section 3).
+def accumulate(
+    points: F32, weight: F32, height_min_m: float, corner: tuple[float, float, float], shape: tuple[int, int]
+) -> tuple[F32, F32]:
+    """Highest point and summed weight per cell in one pass (Harville 2002, section 3), ``shape`` float32 each.
 
-    ``height`` and ``occupancy`` (n_rows, n_cols) are zeroed first; points outside the grid or lower than
+    ``corner``: x and y where the grid begins, and the side of a cell [m]. Points outside the grid or lower than
     ``height_min_m`` are skipped.
     """
-    height[:] = 0.0
-    occupancy[:] = 0.0
-    rows, cols = height.shape
+    height, occupancy = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    x_min_m, y_min_m, cell_m = corner
     for i in range(len(points)):
         if points[i, 2] < height_min_m:
             continue
         col = math.floor((float(points[i, 0]) - x_min_m) / cell_m)
         row = math.floor((float(points[i, 1]) - y_min_m) / cell_m)
-        if col < 0 or row < 0 or col >= cols or row >= rows:
-            continue
-        height[row, col] = max(height[row, col], points[i, 2])
-        occupancy[row, col] += weight[i]
+        if 0 <= col < shape[1] and 0 <= row < shape[0]:
+            height[row, col] = max(height[row, col], points[i, 2])
+            occupancy[row, col] += weight[i]
+    return height, occupancy

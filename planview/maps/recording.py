@@ -99,11 +99,8 @@ class MapsRecording:
     """
 
     def __init__(self, path: Path) -> None:
-        """Read all but the points.
-
-        Raises:
-            InputError: no such file, not a plan-view recording, cut short, damaged, or of another version.
-        """
+        """Read all but the points. Raises InputError: no such file, not a plan-view recording, cut short, damaged, or
+        of another version."""
         self.path = path
         with _reading(path), opened(path) as file:
             _check_version(path, file)
@@ -122,66 +119,58 @@ class MapsRecording:
         return f"{type(self).__name__}({str(self.path)!r}, {self.n_frames} frames, {self.fps:.4g} per second)"
 
     def __iter__(self) -> Iterator[MapsFrame]:
-        """Every frame in order.
-
-        Raises:
-            InputError: points that are damaged or outside the image.
-        """
+        """Every frame in order. Raises InputError: points that are damaged or outside the image."""
         with _reading(self.path), opened(self.path) as file:
-            for first in range(0, self.n_frames, BLOCK_FRAMES):
-                yield from self._block(file, first, min(first + BLOCK_FRAMES, self.n_frames))
+            ends = self._ends_of(file)
+            for n in range(self.n_frames):
+                yield self._frame(file, n, ends)
 
-    def _block(self, file: Any, first: int, last: int) -> Iterator[MapsFrame]:
-        pixels = self._pixels(file, "points/pixel", self._ends, first, last)
-        disparities = self._cut(file, "points/disparity", self._ends, first, last)
-        codes: list[Any] = [None] * (last - first)
-        if APPEARANCE in file:
-            codes = self._cut(file, APPEARANCE, self._ends, first, last)
-        unmatched = self._pixels(file, "unmatched/pixel", self._unmatched_ends, first, last)
-        for i in range(last - first):
-            index, time = int(self._indices[first + i]), float(self._times[first + i])
-            if not (np.isfinite(disparities[i]).all() and (disparities[i] > 0).all()):
-                raise InputError(f"{self.path}: frame {index}: expected disparities of points, found other numbers")
-            if codes[i] is not None and (codes[i] >= CODES).any():
-                raise InputError(f"{self.path}: frame {index}: expected colour codes below {CODES}, found others")
-            background: F32 | None = None
-            for row in np.flatnonzero(self._renewed == index)[:1].tolist():
-                background = np.asarray(file["background/disparity"][row], np.float32).reshape(self.view.shape)
-            yield MapsFrame(index, time, pixels[i], disparities[i], codes[i], unmatched[i], background)
+    def _ends_of(self, file: Any) -> dict[str, AnyArray]:
+        """By name of a column of points, where each frame's end."""
+        points = ["points/pixel", "points/disparity", *([APPEARANCE] if APPEARANCE in file else [])]
+        return dict.fromkeys(points, self._ends) | {"unmatched/pixel": self._unmatched_ends}
 
-    def _cut(self, file: Any, name: str, ends: AnyArray, first: int, last: int) -> list[Any]:
-        """The values of each of some frames, whose last ones end at ``ends``."""
-        start, end = int(ends[first - 1]) if first else 0, int(ends[last - 1])
-        return np.split(file[name][start:end], (ends[first : last - 1] - start).astype(int))
-
-    def _pixels(self, file: Any, name: str, ends: AnyArray, first: int, last: int) -> list[Any]:
-        parts, (height, width) = self._cut(file, name, ends, first, last), self.view.shape
-        for own in parts:
-            if len(own) and not (own[0] >= 0 and own[-1] < height * width and (np.diff(own) > 0).all()):
-                raise InputError(f"{self.path}: expected pixels in order inside {width}x{height}, found others")
-        return parts
+    def _frame(self, file: Any, n: int, ends: dict[str, AnyArray]) -> MapsFrame:
+        """The n-th frame with its points."""
+        own = {name: file[name][int(end[n - 1]) if n else 0 : int(end[n])] for name, end in ends.items()}
+        index, (height, width), background = int(self._indices[n]), self.view.shape, None
+        pixels, disparities, unmatched = (own[name] for name in ("points/pixel", "points/disparity", "unmatched/pixel"))
+        codes, wrong = own.get(APPEARANCE), ""
+        if not all(_ascend(each, height * width) for each in (pixels, unmatched)):
+            wrong = f"pixels in order inside {width}x{height}"
+        elif not (np.isfinite(disparities).all() and (disparities > 0).all()):
+            wrong = "disparities of points"
+        elif codes is not None and (codes >= CODES).any():
+            wrong = f"colour codes below {CODES}"
+        if wrong:
+            raise InputError(f"{self.path}: frame {index}: expected {wrong}, found others")
+        for row in np.flatnonzero(self._renewed == index)[:1].tolist():
+            background = np.asarray(file["background/disparity"][row], np.float32).reshape(self.view.shape)
+        return MapsFrame(index, float(self._times[n]), pixels, disparities, codes, unmatched, background)
 
     def _check_tables(self, file: Any) -> None:
         """Columns fit the frames, and hold what the kernels may be given."""
-        n, (height, width) = len(self._indices), self.view.shape
+        n, pixels = len(self._indices), self.view.shape[0] * self.view.shape[1]
         if not n == len(self._times) == len(self._ends):
             raise ValueError("columns of frames that differ in length")
-        if n and (self._indices[0] < 0 or (np.diff(self._indices) <= 0).any()):
+        if (np.diff(self._indices, prepend=-1) <= 0).any():
             raise ValueError("frames out of order")
         # Three years: readers take longer steps for a clock that was set.
-        if n and not ((np.abs(self._times) <= 1e8).all() and (np.diff(self._times) > 0).all()):
+        if not ((np.abs(self._times) <= 1e8).all() and (np.diff(self._times) > 0).all()):
             raise ValueError("times that do not increase")
-        columns = dict.fromkeys(("points/pixel", "points/disparity"), self._ends)
-        columns |= {"unmatched/pixel": self._unmatched_ends} | ({APPEARANCE: self._ends} if APPEARANCE in file else {})
-        for name, ends in columns.items():
-            steps, kind = np.diff(ends, prepend=0), COLUMNS.get(name, np.uint8)
-            if len(ends) != n or (n and not (steps.min() >= 0 and steps.max() <= height * width)):
+        for name, ends in self._ends_of(file).items():
+            steps, last = np.diff(ends, prepend=0), int(ends[-1]) if len(ends) else 0
+            if len(ends) != n or (steps < 0).any() or (steps > pixels).any():
                 raise ValueError(f"{name} that does not fit the frames")
-            if file[name].dtype != kind or file[name].shape != (int(ends[-1]) if n else 0,):
-                raise ValueError(f"{name} of {file[name].shape} {file[name].dtype} where frames end with {ends[-1:]}")
+            if file[name].dtype != COLUMNS.get(name, np.uint8) or file[name].shape != (last,):
+                raise ValueError(f"{name} of {file[name].shape} {file[name].dtype} where frames end with {last}")
         background = file["background/disparity"]
-        if background.dtype != np.float32 or background.shape != (len(self._renewed), height * width):
+        if background.dtype != np.float32 or background.shape != (len(self._renewed), pixels):
             raise ValueError("backgrounds of another size")
+
+
+def _ascend(pixels: AnyArray, below: int) -> bool:
+    return not len(pixels) or bool(pixels[0] >= 0 and pixels[-1] < below and (np.diff(pixels) > 0).all())
 
 
 def is_maps(path: Path) -> bool:
@@ -233,13 +222,14 @@ def _read_view(file: Any) -> FloorRig:
 
 def _fields(attributes: dict[str, Any], kind: Any) -> dict[str, Any]:
     """The fields of a dataclass among attributes, as Python's own numbers; an older file has none for newer fields."""
-    missing = {f.name for f in fields(kind) if f.default is not MISSING} - attributes.keys()
-    found = {
-        f.name: _number(attributes[f.name], f.name, *RANGES[f.name]) for f in fields(kind) if f.name not in missing
-    }
-    if parts := [f.name for f in fields(kind) if f.type == "int" and found.get(f.name, 0.0) % 1]:
-        raise ValueError(f"{parts[0]} of {found[parts[0]]:g}")
-    return {f.name: int(found[f.name]) if f.type == "int" else found[f.name] for f in fields(kind) if f.name in found}
+    found: dict[str, Any] = {}
+    for field in fields(kind):
+        if field.name in attributes or field.default is MISSING:
+            value = _number(attributes[field.name], field.name, *RANGES[field.name])
+            if field.type == "int" and value % 1:
+                raise ValueError(f"{field.name} of {value:g}")
+            found[field.name] = int(value) if field.type == "int" else value
+    return found
 
 
 def _number(value: Any, name: str, low: float, high: float) -> float:
@@ -258,6 +248,9 @@ def _column(file: Any, name: str, kind: type) -> AnyArray:
     return np.asarray(column[:])
 
 
+_DAMAGE = ArithmeticError, AttributeError, LookupError, MemoryError, OSError, RuntimeError, TypeError, ValueError
+
+
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
     try:
@@ -271,21 +264,19 @@ def _reading(path: Path) -> Iterator[None]:
         RuntimeError,
         TypeError,
         ValueError,
-    ) as error:
-        text = " ".join(str(error).split())
-        raise InputError(f"{path}: expected plan-view maps, found {text}") from error
+    ) as e:
+        raise InputError(f"{path}: expected plan-view maps, found {' '.join(str(e).split())}") from e
 
 
 class MapsWriter:
-    """Writes a plan-view recording; ``close`` it, or it cannot be read.
+    """Writes a plan-view recording; ``close`` it, or it cannot be read. Raises WorkError: the disk is full, or the file
+    cannot be written.
 
     Args:
         path: the file to make.
         view: the rig, its floor and the grid of the maps.
         config: JSON of the configuration that made the points.
         fps: nominal frames per second.
-    Raises:
-        WorkError: the file cannot be written.
     """
 
     def __init__(self, path: Path, view: FloorRig, config: str, fps: float) -> None:
@@ -293,7 +284,6 @@ class MapsWriter:
 
         self._path = path
         self._block: list[MapsFrame] = []
-        self._end = self._unmatched_end = 0
         with _writing(path):
             with path.open("wb") as file:
                 _reserve(file.fileno(), SPARE_BYTES)
@@ -303,28 +293,16 @@ class MapsWriter:
             _write_view(self._file, view)
             for name, kind in COLUMNS.items():
                 self._column(name, kind)
-            size = view.shape[0] * view.shape[1]
-            self._file.create_dataset(
-                "background/disparity", (0, size), np.float32, maxshape=(None, size), chunks=(1, size),
-                compression="gzip", compression_opts=4, shuffle=True,
-            )  # fmt: skip
+            self._column("background/disparity", np.float32, view.shape[0] * view.shape[1])
 
     def add(self, frame: MapsFrame) -> None:
-        """Append a frame.
-
-        Raises:
-            WorkError: the disk is full.
-        """
+        """Append a frame."""
         self._block.append(frame)
         if len(self._block) == BLOCK_FRAMES:
             self._flush()
 
     def close(self, skipped: Sequence[Skipped] = ()) -> None:
-        """Write what is left, and the frames passed over.
-
-        Raises:
-            WorkError: the disk is full.
-        """
+        """Write what is left, and the frames passed over."""
         from h5py import string_dtype
 
         try:
@@ -344,44 +322,45 @@ class MapsWriter:
         block, self._block = self._block, []
         if not block:
             return
-        ends = self._end + np.cumsum([len(frame.pixels) for frame in block])
-        self._end = int(ends[-1])
-        unmatched_ends = self._unmatched_end + np.cumsum([len(frame.unmatched) for frame in block])
-        self._unmatched_end = int(unmatched_ends[-1])
-        backgrounds = {f.index: f.background.reshape(-1) for f in block if f.background is not None}
         columns: dict[str, Any] = {
-            "unmatched/pixel": np.concatenate([frame.unmatched for frame in block]),
-            "frames/unmatched_end": unmatched_ends,
-            "background/frame": list(backgrounds),
-            "points/pixel": np.concatenate([frame.pixels for frame in block]),
-            "points/disparity": np.concatenate([frame.disparities for frame in block]),
+            "points/pixel": [frame.pixels for frame in block],
+            "points/disparity": [frame.disparities for frame in block],
+            "unmatched/pixel": [frame.unmatched for frame in block],
+            APPEARANCE: [frame.colours for frame in block if frame.colours is not None],
+            "background/disparity": [f.background.reshape(1, -1) for f in block if f.background is not None],
+        }
+        columns = {name: np.concatenate(parts) for name, parts in columns.items() if parts}
+        if APPEARANCE in columns and len(columns[APPEARANCE]) != len(columns["points/pixel"]):
+            raise ValueError("expected colours in all frames or in none")
+        columns |= {
             "frames/index": [frame.index for frame in block],
             "frames/timestamp_s": [frame.timestamp_s for frame in block],
-            "frames/end": ends,
+            "frames/end": self._ends("points/pixel", [len(frame.pixels) for frame in block]),
+            "frames/unmatched_end": self._ends("unmatched/pixel", [len(frame.unmatched) for frame in block]),
+            "background/frame": [frame.index for frame in block if frame.background is not None],
         }
-        if backgrounds:
-            columns["background/disparity"] = np.stack(list(backgrounds.values()))
-        codes = [frame.colours for frame in block if frame.colours is not None]
-        if codes and any(frame.colours is None and len(frame.pixels) for frame in block):
-            raise ValueError("expected colours in all frames or in none")
         with _writing(self._path):
-            needed = sum(np.asarray(values).nbytes for values in columns.values()) + sum(len(c) for c in codes)
+            needed = sum(np.asarray(values).nbytes for values in columns.values())
             _reserve(self._file.id.get_vfd_handle(), self._file.id.get_filesize() + needed + SPARE_BYTES)
-            if codes:
-                if APPEARANCE not in self._file:
-                    self._column(APPEARANCE, np.uint8).attrs["codes"] = CODES
-                columns[APPEARANCE] = np.concatenate(codes)
+            if APPEARANCE in columns and APPEARANCE not in self._file:
+                self._column(APPEARANCE, np.uint8).attrs["codes"] = CODES
             for name, values in columns.items():
                 column = self._file[name]
                 start = len(column)
                 column.resize(start + len(values), axis=0)
                 column[start:] = values
 
-    def _column(self, name: str, kind: Any) -> Any:
-        # Values compressed together.
+    def _ends(self, column: str, lengths: Sequence[int]) -> AnyArray:
+        """Where some more frames' values end in a column."""
+        return len(self._file[column]) + np.cumsum(lengths)
+
+    def _column(self, name: str, kind: Any, width: int = 0) -> Any:
+        """A column of numbers, or of rows of so many, with as many compressed together."""
+        row, chunks = ((width,), (1, width)) if width else ((), (32768,))
         return self._file.create_dataset(
-            name, (0,), kind, maxshape=(None,), chunks=(32768,), compression="gzip", compression_opts=4, shuffle=True
-        )
+            name, (0, *row), kind, maxshape=(None, *row), chunks=chunks, compression="gzip", compression_opts=4,
+            shuffle=True,
+        )  # fmt: skip
 
 
 def _write_view(file: Any, view: FloorRig) -> None:
@@ -401,11 +380,8 @@ def _write_view(file: Any, view: FloorRig) -> None:
 
 
 def _reserve(descriptor: int, size: int) -> None:
-    """Reserve ``size`` bytes for a file: HDF5 ends the process when the disk is full while it writes.
-
-    Raises:
-        OSError: there is no room.
-    """
+    """Reserve ``size`` bytes for a file: HDF5 ends the process when the disk is full while it writes. Raises OSError:
+    there is no room."""
     if hasattr(os, "posix_fallocate"):
         os.posix_fallocate(descriptor, 0, size)
 

@@ -7,14 +7,6 @@ import numpy as np
 from planview.foreground import gain as kernels
 
 
-def information(luma: np.ndarray, tolerance: float) -> np.ndarray:
-    """Evidence of each pixel for a line that it lies on [nat]: minus the logarithm of its luma's share of the image."""
-    level = luma.astype(int)
-    alike = (np.abs(level[:, None] - level) <= int(tolerance)).mean(axis=1)
-    levels = np.minimum(level + int(tolerance), 255) - np.maximum(level - int(tolerance), 0) + 1
-    return np.asarray(-np.log((1 - kernels.ANY_LUMA) * alike + kernels.ANY_LUMA * levels / 256))
-
-
 def weigh_inliers(
     model: np.ndarray, luma: np.ndarray, information: np.ndarray, gain: float, offset: float, clip: float,
     tolerance: float, step: int,

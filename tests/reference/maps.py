@@ -19,17 +19,17 @@ def back_project(disparity: F32, mask: U8, camera: F64, pose: F64, limits: tuple
 
 
 def accumulate(
-    points: F32, weight: F32, height_min_m: float, x_min_m: float, y_min_m: float, cell_m: float,
-    height: F32, occupancy: F32,
-) -> None:  # fmt: skip
-    height[:] = occupancy[:] = 0.0
+    points: F32, weight: F32, height_min_m: float, corner: tuple[float, float, float], shape: tuple[int, int]
+) -> tuple[F32, F32]:
+    height, occupancy = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    x_min_m, y_min_m, cell_m = corner
     xy = points[:, :2].astype(np.float64)
     col = np.floor((xy[:, 0] - x_min_m) / cell_m).astype(np.int64)
     row = np.floor((xy[:, 1] - y_min_m) / cell_m).astype(np.int64)
-    rows, cols = height.shape
-    keep = (points[:, 2] >= height_min_m) & (col >= 0) & (row >= 0) & (col < cols) & (row < rows)
+    keep = (points[:, 2] >= height_min_m) & (col >= 0) & (row >= 0) & (col < shape[1]) & (row < shape[0])
     np.maximum.at(height, (row[keep], col[keep]), points[keep, 2])
     np.add.at(occupancy, (row[keep], col[keep]), weight[keep])
+    return height, occupancy
 
 
 def encode_colours(image: U8, pixels: I32, gain: float, offset: float, codes: U8) -> None:

@@ -22,12 +22,6 @@ def _lumas(seed: int, gain: float, offset: float, outliers: float) -> tuple[np.n
     return model, luma.clip(0, 255).astype(np.float32)
 
 
-def _information(luma: np.ndarray) -> np.ndarray:
-    information = np.empty_like(luma)
-    kernels.fill_information(luma, TOLERANCE, information)
-    return information
-
-
 @settings(max_examples=30, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -38,8 +32,7 @@ def _information(luma: np.ndarray) -> np.ndarray:
 )
 def test_gain_kernels_agree_with_numpy(seed: int, gain: float, offset: float, outliers: float, start: float) -> None:
     model, luma = _lumas(seed, gain, offset, outliers)
-    information = _information(luma)
-    assert information == pytest.approx(reference.information(luma, TOLERANCE), rel=1e-4)
+    information = kernels.information_of(luma, TOLERANCE)
     most = float(information.max())
     for step in (1, kernels.THINNING):
         args = model, luma, information, start, offset, CLIP, TOLERANCE, step
@@ -58,7 +51,7 @@ def test_gain_kernels_agree_with_numpy(seed: int, gain: float, offset: float, ou
 @pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (0.6, 20.0), (1.8, -40.0), (0.9, -80.0)])
 def test_line_is_found_from_nowhere_with_forty_percent_outliers(gain: float, offset: float) -> None:
     model, luma = _lumas(3, gain, offset, 0.4)
-    found = kernels.consensus_line(model, luma, _information(luma), 1.0, 0.0, CLIP, TOLERANCE)
+    found = kernels.consensus_line(model, luma, kernels.information_of(luma, TOLERANCE), 1.0, 0.0, CLIP, TOLERANCE)
     refined = kernels.refine_gain(model, luma, *found, CLIP, TOLERANCE)
     levels = np.array([60.0, 150.0])
     assert refined[0] * levels + refined[1] == pytest.approx(gain * levels + offset, abs=3)
@@ -68,7 +61,7 @@ def test_scale_is_found_on_an_image_that_is_nearly_all_clipped() -> None:
     rng = np.random.default_rng(0)
     model = rng.uniform(100, 200, 2000).astype(np.float32)
     luma = np.minimum(2.4 * model + rng.normal(0, 2, 2000), 255).astype(np.float32)
-    information = _information(luma)
+    information = kernels.information_of(luma, TOLERANCE)
     gain = kernels.consensus_scale(model, luma, information, CLIP, TOLERANCE)
     assert kernels.weigh_inliers(model, luma, information, gain, 0.0, CLIP, TOLERANCE, 1)[0] > 1900
 
@@ -76,7 +69,7 @@ def test_scale_is_found_on_an_image_that_is_nearly_all_clipped() -> None:
 def test_pixel_tells_the_less_the_more_of_the_image_has_its_luma() -> None:
     luma = np.array([100.0] * 90 + [200.0] * 10, np.float32)
     by_chance = np.array([0.9 * 0.9, 0.9 * 0.1]) + 0.1 * 25 / 256
-    assert _information(luma)[[0, -1]] == pytest.approx(-np.log(by_chance), rel=1e-5)
+    assert kernels.information_of(luma, TOLERANCE)[[0, -1]] == pytest.approx(-np.log(by_chance), rel=1e-5)
 
 
 WALL = np.random.default_rng(0).uniform(40, 160, (60, 80))

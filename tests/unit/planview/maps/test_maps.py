@@ -91,10 +91,8 @@ def test_grid_cell_owns_its_lower_edge() -> None:
     grid = Grid.covering(0.0, 0.0, 1.0, 0.5, 0.1)
     assert grid.shape == (5, 10) and grid.centre_of(0, 0) == pytest.approx((0.05, 0.05))
     assert grid.index_of(0.05, 0.05) == pytest.approx((0.0, 0.0))
-    height, occupancy = np.empty(grid.shape, np.float32), np.empty(grid.shape, np.float32)
     point = np.array([[0.5, 0.25, 1.0]], np.float32)
-    accumulate(point, np.ones(1, np.float32), 0.0, 0.0, 0.0, 0.25, height, occupancy)
-    assert height[1, 2] == 1.0
+    assert accumulate(point, np.ones(1, np.float32), 0.0, (0.0, 0.0, 0.25), grid.shape)[0][1, 2] == 1.0
 
 
 @settings(max_examples=30, deadline=None)
@@ -109,9 +107,7 @@ def test_map_kernels_equal_their_reference(seed: int) -> None:
     results = []
     for project, add_up in ((back_project, accumulate), (reference.back_project, reference.accumulate)):
         points, area, pixels = project(disparity, mask, camera, pose, (0.5, 2.4))
-        height, occupancy = np.empty((9, 11), np.float32), np.empty((9, 11), np.float32)
-        add_up(points, area, 0.15, -1.0, -2.0, 0.5, height, occupancy)
-        results.append((points, area, pixels, height, occupancy))
+        results.append((points, area, pixels, *add_up(points, area, 0.15, (-1.0, -2.0, 0.5), (9, 11))))
     for ours, theirs in zip(*results, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-6)
 
