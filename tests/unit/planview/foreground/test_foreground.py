@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from planview.engine.config import SingleCameraParams
 from planview.engine.one_camera import ImageForeground
@@ -151,18 +150,14 @@ def test_feedback_keeps_a_person_standing_for_ten_minutes():
     assert share(scene.watch(600, PERSON_THERE, feedback=feedback)) > 0.95
 
 
-def test_fidgeting_slows_absorption():
-    """Fidgeting: between two looks, so that luma changes all the time."""
-
-    def stands(seconds: float, fidgets: bool) -> float:
-        scene = Scene(fps=5)
-        scene.watch(3)
-        for i in range(round(seconds * 5)):
-            look = 40.0 if fidgets and i % 2 else 20.0
-            mask = scene.frame([(BLOB, (look, look, 3 * look), 16.0)])
-        return share(mask)
-
-    assert stands(60, fidgets=False) < 0.1 and stands(60, fidgets=True) > 0.9
+@pytest.mark.parametrize("fidgets", [False, True])
+def test_somebody_whose_luma_changes_all_the_time_is_absorbed_more_slowly(fidgets):
+    scene = Scene(fps=5)
+    scene.watch(3)
+    for i in range(300):
+        look = 40.0 if fidgets and i % 2 else 20.0
+        mask = scene.frame([(BLOB, (look, look, 3 * look), 16.0)])
+    assert share(mask) > 0.9 if fidgets else share(mask) < 0.1
 
 
 def test_moved_chair_becomes_background_within_a_minute_and_its_old_place_within_two_seconds():
@@ -226,37 +221,14 @@ def test_clipped_floor_that_comes_out_of_saturation_is_background():
 
 def test_flickering_disparity_does_not_flood_the_mask():
     scene = Scene()
-    shares = []
-    for i in range(120):
-        mask = scene.frame(invalid=0.6)
-        if i > 30:
-            shares.append((mask > 0).mean())
-    assert max(shares) < 0.01
+    shares = [(scene.frame(invalid=0.6) > 0).mean() for _ in range(120)]
+    assert max(shares[31:]) < 0.01
 
 
 def test_rarely_measured_depth_does_not_decide():
     scene = Scene()
     scene.watch(4, invalid=0.95)
     assert share(scene.frame([(BLOB, 1.0, 16.0)], invalid=0)) < 0.4
-
-
-def test_same_input_gives_the_same_masks():
-    def masks() -> list[np.ndarray]:
-        scene = Scene(fps=30)
-        scene.watch(4)
-        return [scene.frame(PERSON_THERE) for _ in range(8)]
-
-    for one, other in zip(masks(), masks(), strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
-def test_a_brighter_exposure_is_followed():
-    scene, rng = Scene(), np.random.default_rng(2)
-    scene.watch(3)
-    for n in range(6):
-        image = (scene.wall * (1 + 0.1 * n) + rng.normal(0, 2, scene.wall.shape)).clip(0, 255).astype(np.uint8)
-        scene.foreground.update(image, np.full(SHAPE, 10, np.float32), 3 + 0.1 * n)
-    assert scene.foreground.exposure.gain == pytest.approx(1.5, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -272,6 +244,8 @@ def test_a_brighter_exposure_is_followed():
 def test_wrong_arrays_are_refused_by_name(image, disparity, feedback, message):
     with pytest.raises(ValueError, match=message):
         Foreground(ForegroundParams(), SHAPE).update(image, disparity, 0.0, feedback)
+    with pytest.raises(ValueError, match="size"):
+        Foreground(ForegroundParams(), (0, 5))
 
 
 DAMAGE = {
@@ -328,13 +302,6 @@ def test_a_camera_that_turns_grey_and_back_shows_no_foreground(grey_first, chann
         scene.wall = wall
         mask = scene.watch(4 if n == 0 else 2)
         assert scene.foreground.shows and share(mask, np.s_[:]) < 0.02, n
-
-
-def test_parameters_out_of_range_are_refused():
-    with pytest.raises(ValidationError):
-        ForegroundParams(gaussians=9)
-    with pytest.raises(ValueError, match="size"):
-        Foreground(ForegroundParams(), (0, 5))
 
 
 @pytest.mark.parametrize(("block_px", "shifts_px"), [(4, (6, 15, 3, 12, 18)), (8, (4, -4, 4, -4, 2))])

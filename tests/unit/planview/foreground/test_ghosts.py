@@ -12,12 +12,8 @@ from planview.foreground.params import ForegroundParams
 from stereo.recording import VideoFrame
 
 GHOST_SHAPE = (60, 80)
-
-
-BODY = slice(20, 45), slice(30, 40)
-
-
-NOTHING = np.zeros(GHOST_SHAPE, np.uint8)
+BODY, BESIDE, WALKER = (slice(20, 45), slice(30, 40)), (slice(20, 45), slice(55, 65)), (slice(20, 45), slice(40, 50))
+NOTHING, FULL = np.zeros(GHOST_SHAPE, np.uint8), np.full(GHOST_SHAPE, 255, np.uint8)
 
 
 def scene(*bodies: tuple[slice, slice]) -> U8:
@@ -31,31 +27,23 @@ def mask_of(*bodies: tuple[slice, slice]) -> U8:
     return np.where(scene(*bodies) == 40, 255, 0).astype(np.uint8)
 
 
-FULL = np.full(GHOST_SHAPE, 255, np.uint8)
-
-
-BESIDE = slice(20, 45), slice(55, 65)
-
-
 @pytest.mark.parametrize(
-    ("image", "background", "mask", "expected"),
+    ("image", "background", "mask", "motion", "expected"),
     [
-        (scene(), scene(BODY), mask_of(BODY), mask_of(BODY)),
-        (scene(BODY), scene(), mask_of(BODY), NOTHING),
-        (scene(BESIDE), scene(BODY), mask_of(BODY, BESIDE), mask_of(BODY)),
-        (scene(), scene(BODY), NOTHING, NOTHING),
-        (scene(), scene(BODY), FULL, NOTHING),
+        (scene(), scene(BODY), mask_of(BODY), NOTHING, mask_of(BODY)),
+        (scene(BODY), scene(), mask_of(BODY), NOTHING, NOTHING),
+        (scene(BESIDE), scene(BODY), mask_of(BODY, BESIDE), NOTHING, mask_of(BODY)),
+        (scene(WALKER), scene(BODY), mask_of(BODY, WALKER), mask_of(WALKER), NOTHING),
+        (scene(), scene(BODY), NOTHING, NOTHING, NOTHING),
+        (scene(), scene(BODY), FULL, NOTHING, NOTHING),
     ],
-    ids=["outline in the background", "outline in the image", "ghost next to a person", "no blob", "nothing else"],
-)
-def test_blob_with_its_outline_in_the_background_is_a_ghost(image, background, mask, expected):
-    np.testing.assert_array_equal(find_ghosts(image, background, find_blobs(mask), NOTHING), expected)
-
-
-def test_ghost_with_a_walker_in_front_waits_until_the_walker_has_passed():
-    walker = slice(20, 45), slice(40, 50)
-    image, mask = scene(walker), mask_of(BODY, walker)
-    assert not find_ghosts(image, scene(BODY), find_blobs(mask), mask_of(walker)).any()
+    ids=[
+        "outline in the background", "outline in the image", "next to a person", "a walker in front", "no blob",
+        "nothing else",
+    ],
+)  # fmt: skip
+def test_blob_with_its_outline_in_the_background_is_a_ghost(image, background, mask, motion, expected):
+    np.testing.assert_array_equal(find_ghosts(image, background, find_blobs(mask), motion), expected)
 
 
 def test_place_that_a_person_leaves_is_told_from_the_person_and_another_in_the_blob_is_not_uncovered():

@@ -293,22 +293,14 @@ def test_strings_that_the_library_would_read_without_end_are_refused(maps: Path,
     maps.write_bytes(data)
     with pytest.raises(InputError, match=r"maps\.h5: .*a damaged heap of strings"):
         MapsRecording(maps)
-
-
-@pytest.mark.parametrize("left", [8, 12, 17, 24])
-def test_a_file_that_ends_in_a_heap_of_strings_is_refused(maps: Path, left: int) -> None:
-    data = maps.read_bytes()
-    maps.write_bytes(data[: data.index(b"GCOL") + left])
+    maps.write_bytes(data[: first + 1])
     with pytest.raises(InputError, match=r"maps\.h5: "):
         MapsRecording(maps)
 
 
-REFERENCE = Exposure()
-
-
-def codes_of(colour: tuple[int, int, int], exposure: Exposure = REFERENCE) -> int:
+def codes_of(colour: tuple[int, int, int], gain: float = 1.0) -> int:
     image = np.full((1, 1, 3), colour, np.uint8)
-    return int(colour_codes(image, np.zeros(1, np.int32), exposure)[0])
+    return int(colour_codes(image, np.zeros(1, np.int32), Exposure(gain))[0])
 
 
 def test_colour_codes_of_grey_lie_in_the_middle_of_chroma_whatever_the_exposure() -> None:
@@ -316,7 +308,7 @@ def test_colour_codes_of_grey_lie_in_the_middle_of_chroma_whatever_the_exposure(
     assert codes_of((100, 100, 100)) == (3 * 5 + 2) * 5 + 2
     both = colour_codes(np.array([[10, 200]], np.uint8), np.array([0, 1], np.int32), Exposure())
     assert both.tolist() == [codes_of((10, 10, 10)), codes_of((200, 200, 200))]
-    assert codes_of((110, 50, 70)) == codes_of((165, 75, 105), Exposure(1.5, 0.0))
+    assert codes_of((110, 50, 70)) == codes_of((165, 75, 105), 1.5)
     corners = [codes_of((b, g, r)) for b in (0, 255) for g in (0, 255) for r in (0, 255)]
     assert 0 <= min(corners) <= max(corners) < CODES
     np.testing.assert_allclose(smoothing().sum(axis=1), 1.0, rtol=1e-5)  # a histogram keeps its mass
