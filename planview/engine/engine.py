@@ -22,7 +22,7 @@ from planview.maps.view import View
 from planview.tracking.base import Decision, Observation, Tracker
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth, point_cloud
-from stereo.readers.multi_rig import MultiRigFrame
+from stereo.readers.open import MultiRigFrame
 from stereo.recording import RgbdFrame, Skipped, StereoFrame, VideoFrame, prefetch
 
 if TYPE_CHECKING:

@@ -24,8 +24,7 @@ from planview.tracking.template import TemplateTracker
 from planview.trajectories.boxes import Detections, load_detections
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
-from stereo.readers.multi_rig import open_rigs
-from stereo.readers.open import is_multi_rig
+from stereo.readers.open import is_multi_rig, open_rigs
 from stereo.recording import Video
 
 TrackerName = Literal["joint", "template", "human-model", "ellipse-particle"]

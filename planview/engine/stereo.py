@@ -26,7 +26,7 @@ from planview.tracking.joint import JointTracker
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth
 from stereo.matcher import BODY_LAG, Matcher, SgbmMatcher
-from stereo.readers.multi_rig import MultiRigFrame, MultiRigRecording
+from stereo.readers.open import MultiRigFrame, MultiRigRecording
 from stereo.recording import RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
 from stereo.rectify import Rectifier
 from stereo.rgbd import RgbdRectifier

@@ -32,8 +32,7 @@ from stereo.depth import median_image, point_cloud
 from stereo.floor import setup_frames
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
 from stereo.readers.base import AnyRecording
-from stereo.readers.multi_rig import MultiRigRecording, open_rigs
-from stereo.readers.open import is_multi_rig
+from stereo.readers.open import MultiRigRecording, is_multi_rig, open_rigs
 from stereo.recording import Recorded, RgbdRecording
 from stereo.rectify import Rectifier
 from stereo.rgbd import RgbdRectifier

@@ -16,10 +16,11 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.io import size_text
 from calib.pose import SE3
-from calib.rig import StereoRig
+from calib.rig import DepthSensor, RgbdRig, StereoRig
 from calib.types import F64, I64, U8
 from calib.world import load_world
-from stereo.readers.images import Colour, Size, Stream, bits_note, bits_of, images_of
+from stereo.depth import Depths
+from stereo.readers.images import Colour, Images, Size, Stream, bits_note, bits_of, images_of
 from stereo.readers.pairing import TimePairs, pair_stamps
 from stereo.readers.state import rectified_rig, settled
 from stereo.readers.times import load_timestamps, rate_of_times, unused_times
@@ -171,6 +172,50 @@ def stereo_layout(
         return recording
 
     return Layout("stereo", streams, pairs.n_frames, clock, remarks, pairs.unpaired, opened)
+
+
+SENSOR_OF_SIZE: dict[Size, DepthSensor] = {
+    **dict.fromkeys(
+        [(512, 424), (640, 576), (320, 288), (512, 512), (1024, 1024)], "time-of-flight"
+    ),  # Kinect 2, Azure
+    (1024, 768): "time-of-flight",  # RealSense L515
+    **dict.fromkeys([(848, 480), (1280, 720), (480, 270)], "stereo"),  # RealSense D400
+    **dict.fromkeys([(1280, 800), (640, 400)], "stereo"),  # OAK-D
+}
+"""Sizes of depth images that only one kind of sensor has; all others count as structured light, 640x480 and 320x240
+being those of Kinect, Xtion and Astra."""
+
+
+def rgbd_layout(
+    path: Path,
+    images: Images,
+    depths: Images,
+    streams: tuple[Stream, ...],
+    clock: FrameClock,
+    rig: Callable[[], RgbdRig],
+    notes: Iterable[str] = (),
+    unpaired: int = 0,
+) -> Layout:
+    """Images and depth whose frames are paired; ``rig`` reads the calibration, or raises InputError."""
+    remarks = (*clock.notes, *notes)
+
+    def opened() -> RgbdRecording:
+        from stereo.rgbd import DepthRegistration  # its kernels: only images with depth need numba here
+
+        found, depth, own = rig(), depths.size, list(remarks)
+        if found.depth_camera is None and images.size != depth:
+            own.append(f"depth of {size_text(depth)} without a calibration of its own counts as registered")
+            found = replace(found, depth_camera=found.camera.scaled(*depth))
+        sensor = found.sensor or SENSOR_OF_SIZE.get(depth, "structured-light")
+        if isinstance(depths.pixels, Depths) and found.units_per_m is not None:
+            depths.pixels.units_per_m = found.units_per_m
+        folder = path if path.is_dir() else path.parent
+        return RgbdRecording(
+            path, together(images, depths), images.n_frames, clock, own, found.camera, found.source, sensor,
+            DepthRegistration(found), world_pose(folder), depths.pixels if isinstance(depths.pixels, Depths) else None,
+        )  # fmt: skip
+
+    return Layout("rgbd", streams, images.n_frames, clock, remarks, unpaired, opened)
 
 
 def clock_of(

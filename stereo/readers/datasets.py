@@ -26,11 +26,10 @@ from calib.io import entries, read_text
 from calib.rig import RgbdRig
 from calib.types import I64
 from stereo.depth import Depths
-from stereo.readers.base import Layout, Reader, TimedFiles, own_times, rate_of, timed_layout
+from stereo.readers.base import Layout, Reader, TimedFiles, own_times, rate_of, rgbd_layout, timed_layout
 from stereo.readers.folders import files_layout
 from stereo.readers.images import Colour, frame_number, image_files, images_of
 from stereo.readers.pairing import MAX_APART_S, depth_note, nearest_mates
-from stereo.readers.rgbd import rgbd_layout
 from stereo.readers.times import MAX_BYTES, NS, read_stamps, stamp_list
 from stereo.recording import FrameClock, OpenOptions
 

@@ -1,15 +1,22 @@
-"""Images as files, in a folder for each camera or all in one, with left and right in their names."""
+"""Images as files, in a folder for each camera or all in one: of two cameras, or of one and its depth."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from PIL import Image
+
 from calib.errors import InputError
 from calib.formats import load_rig
+from calib.formats.rgbd import load_rgbd
 from calib.io import entries
+from stereo.depth import Depths
 from stereo.readers.base import (
     FramePairs,
     Layout,
@@ -17,16 +24,18 @@ from stereo.readers.base import (
     TimedFiles,
     clock_of,
     other_state,
+    rate_of,
+    rgbd_layout,
     same_size,
     stereo_layout,
     timed_layout,
     together,
 )
 from stereo.readers.images import Colour, bits_note, bits_of, frame_number, image_files, images_of
-from stereo.readers.pairing import Pair, one_of_each, pair_files, split_sides
+from stereo.readers.pairing import Pair, depth_note, nearest_mates, one_of_each, pair_files, split_sides
 from stereo.readers.times import stamps_of
 from stereo.readers.unknown import inside_text
-from stereo.recording import OpenOptions
+from stereo.recording import FrameClock, OpenOptions
 
 
 class Sides(NamedTuple):
@@ -93,9 +102,77 @@ def _sides(path: Path) -> Sides | None:
     return Sides((path, path), ([files[i] for i in sided.left], [files[i] for i in sided.right]), numbers.get)
 
 
-READER = Reader(
+FOLDERS = Reader(
     "folders",
     "images of two cameras",
     lambda path: _sides(path) is not None,
     lambda path, options: sides_layout(path, _sides(path) or in_folders(path, path), path, options),
 )
+
+
+_COLOUR = re.compile(r"(?<![a-z])(rgb|colou?r|image|images|img|left)(?![a-z])|^(rgb|colou?r)", re.IGNORECASE)
+_DEPTH = re.compile(r"depth", re.IGNORECASE)
+_REGISTERED = re.compile(r"registered|aligned|depth_?(to|2|in)_?(rgb|colou?r)", re.IGNORECASE)
+
+
+def _colour_and_depth(path: Path) -> tuple[list[Path], list[Path]] | None:
+    """Images and depth at a path: in two folders, or side by side in one, distinguished by their names."""
+    if not path.is_dir():
+        return None
+    folders = [f for f in entries(path) if f.is_dir()]
+    colour = [f for f in folders if _COLOUR.search(f.name) and not _DEPTH.search(f.name)]
+    depth = [f for f in folders if _DEPTH.search(f.name)]
+    if len(depth) > 1:  # depth in the pixels of its image
+        depth = [f for f in depth if _REGISTERED.search(f.name)]
+    if len(colour) == 1 and len(depth) == 1:
+        return image_files(colour[0]), image_files(depth[0])
+    files = image_files(path)
+    of_depth = [f for f in files if _DEPTH.search(f.stem)]
+    of_colour = [f for f in files if not _DEPTH.search(f.stem)]
+    if not of_depth:  # 0001.jpg and 0001.png
+        kinds = {suffix: [f for f in files if f.suffix == suffix] for suffix in {f.suffix for f in files}}
+        deep = {suffix for suffix, own in kinds.items() if _is_deep(own[0])}
+        if len(kinds) == 2 and len(deep) == 1:
+            (of_depth,) = (kinds[suffix] for suffix in deep)
+            (of_colour,) = (kinds[suffix] for suffix in kinds.keys() - deep)
+    return (of_colour, of_depth) if of_colour and of_depth else None
+
+
+def _is_deep(file: Path) -> bool:
+    """Whether an image has one channel of more than 8 bits, by its header."""
+    with suppress(Exception), Image.open(file) as header:  # libraries raise whatever a damaged file provokes
+        return header.mode.startswith(("I", "F"))
+    return False
+
+
+def _find_rgbd(path: Path, options: OpenOptions) -> Layout:
+    sides = _colour_and_depth(path)
+    if sides is None:
+        raise InputError(f"{path}: expected images and depth, found neither")
+    timed = None if (path / "timestamps.csv").is_file() else _timed(*sides, path)
+    pairs = timed[0] if timed else pair_files(*sides)
+    clock = timed[1] if timed and options.fps is None else clock_of(path, options, len(pairs))
+    images, depths = images_of([pair[0] for pair in pairs], Colour()), images_of([pair[1] for pair in pairs], Depths())
+    streams = (
+        images.stream("image", len(sides[0]), clock.times_s),
+        depths.stream("depth", len(sides[1]), clock.times_s),
+    )
+    rig = partial(load_rgbd, options.calibration or path, images.size, depths.size)
+    return rgbd_layout(path, images, depths, streams, clock, rig)
+
+
+def _timed(images: list[Path], depths: list[Path], folder: Path) -> tuple[list[Pair], FrameClock] | None:
+    """Images with the depth of their time, by files of times or the names; None where these number the frames."""
+    stamps, depth_stamps = (stamps_of(files, files[0].parent, folder) for files in (images, depths))
+    if stamps is None or depth_stamps is None:
+        return None
+    order = np.argsort(stamps.ns)
+    ns, mates = stamps.ns[order], nearest_mates(stamps.ns[order], depth_stamps.ns)
+    if not (mates >= 0).any():
+        return None
+    times = np.asarray((ns - ns[0]) / 1e9, dtype=np.float64)
+    pairs = [(images[i], depths[mate] if mate >= 0 else None) for i, mate in zip(order, mates, strict=True)]
+    return list(pairs), FrameClock(rate_of(times), times, tuple(depth_note(mates)))
+
+
+RGBD_FOLDERS = Reader("rgbd", "images with depth", lambda path: all(_colour_and_depth(path) or (False,)), _find_rgbd)

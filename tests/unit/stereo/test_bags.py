@@ -13,10 +13,9 @@ import pytest
 from toy_bags import COUNT, FOCAL, START_NS, STEP_NS, H, W, Writer, changed, picture, stereo_bag
 
 from calib.errors import InputError
-from stereo.readers import OpenOptions, find_layout, open_any, open_recording
-from stereo.readers.bags import storage
-from stereo.readers.bags.storage import Message, Topic, kind_of, open_bag
-from stereo.readers.bags.topics import choose_topics, info_topic
+from stereo.readers import OpenOptions, bag_files, find_layout, open_any, open_recording
+from stereo.readers.bag_files import Message, Topic, kind_of, open_bag
+from stereo.readers.bags import choose_topics, info_topic
 
 rosbag1 = pytest.importorskip("rosbags.rosbag1")
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
@@ -153,7 +152,7 @@ def test_data_that_unpack_without_end_are_refused(tmp_path, monkeypatch, make):
     path = make(tmp_path)
     _, layout = find_layout(path)
     assert layout.n_frames >= 2 and layout.streams[0].size == (W, H)
-    monkeypatch.setattr(storage, "MAX_UNPACKED_BYTES", 100)
+    monkeypatch.setattr(bag_files, "MAX_UNPACKED_BYTES", 100)
     with pytest.raises(InputError, match="compressed data of more than"):
         find_layout(path)
 
@@ -284,7 +283,7 @@ def test_file_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path, monkey
     (path / f"{file.name}.zstd").write_bytes(whole)
     file.unlink()
     assert find_layout(path)[1].n_frames == COUNT
-    monkeypatch.setattr(storage, "MAX_UNPACKED_BYTES", 100)
+    monkeypatch.setattr(bag_files, "MAX_UNPACKED_BYTES", 100)
     (path / f"{file.name}.zstd").write_bytes(zstandard.ZstdCompressor().compress(bytes(10**7)))
     with pytest.raises(InputError, match="more than a hundred times its size"):
         find_layout(path)
@@ -379,7 +378,7 @@ class Sent(Listed):
 
     def messages(self, topic, start_ns=None):
         image = {"data": b"", "width": 1, "height": 1, "step": 2, "encoding": self._encodings[topic]}
-        yield Message(0, b"", lambda data: image)
+        yield Message(0, lambda: image)
 
 
 RGB, STEREO = "/oak/rgb/image_raw", "/oak/stereo/image_raw"

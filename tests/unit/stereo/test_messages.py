@@ -10,7 +10,7 @@ from toy_bags import START_NS, Writer, picture
 
 from calib.errors import InputError, UnreadableError
 from stereo.readers import open_recording
-from stereo.readers.bags.messages import ImageMessage, stored_pixels
+from stereo.readers.bag_messages import ImageMessage, stored_pixels
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from calib.rig import save_rig
 from calib.world import RigEntry, save_rigs
 from stereo.readers import OpenOptions, find_layout, find_reader, open_recording, open_video
 from stereo.readers.live import READER, without_password
-from stereo.readers.multi_rig import open_rigs
+from stereo.readers.open import open_rigs
 from stereo.readers.pairing import even_sequence, pair_files
 from stereo.readers.video import VideoFile
 from stereo.recording import LiveRecording, prefetch

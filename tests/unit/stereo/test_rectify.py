@@ -12,7 +12,7 @@ from calib.camera import Camera
 from calib.images import as_grey
 from calib.pose import SE3
 from calib.rig import StereoRig
-from stereo.readers.multi_rig import MultiRigRecording, RigRecording
+from stereo.readers.open import MultiRigRecording, RigRecording
 from stereo.recording import Skipped, StereoFrame, StereoRecording
 from stereo.rectify import Rectifier, RectifyParams, aligned_rectifier, fold_radius, ideal_pinhole, source_pixels
 from stereo.rig_correction import match_corners

@@ -1,19 +1,27 @@
-"""Files of messages: ROS 1 bags and ROS 2 databases through rosbags, MCAP files through mcap."""
+"""Bags: ROS 1 bags and ROS 2 databases through rosbags, MCAP files through mcap; and the images of their topics."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal, NamedTuple
 
-from calib.errors import InputError
+import numpy as np
+
+from calib.errors import InputError, UnreadableError
 from calib.io import entries, file_size
+from calib.types import I64
+from stereo.depth import Depths
+from stereo.readers.bag_messages import MAX_NS, image_message, stamp_ns, stored_pixels
+from stereo.readers.images import FRAMES, Colour, Images, Stored
 
 Kind = Literal["image", "compressed", "coded", "info", "tf", "other"]
 
@@ -40,27 +48,16 @@ class Topic:
 
 
 class Message(NamedTuple):
-    """One message: when it was recorded [ns], its data as stored, and what makes an object or a mapping of them."""
+    """One message: when it was recorded [ns], and what makes an object or a mapping with its fields."""
 
     log_ns: int
-    data: bytes
-    decode: Callable[[bytes], Any]
-
-    def decoded(self) -> Any:
-        """The object or mapping with the message's fields."""
-        return self.decode(self.data)
+    decoded: Callable[[], Any]
 
 
-@dataclass(frozen=True)
-class Bag:
-    """Files of messages.
-
-    Attributes:
-        topics: by name; several connections of one topic count as one.
-        messages: of a topic by the time of recording, from a time on [ns] or all; each call opens the files again, so
-            that threads do not meet.
-        kept: what must live as long as the files.
-    """
+class Bag(NamedTuple):
+    """Files of messages: topics by name (several connections of one count as one); the messages of a topic by the time
+    of recording, from a time on [ns] or all, each call opening the files again, so that threads do not meet; and what
+    must live as long as the files."""
 
     path: Path
     topics: tuple[Topic, ...]
@@ -177,7 +174,7 @@ class _RosFiles:
             types, connections = bag.typestore, [c for c in bag.connections if c.topic == topic]
             decode = types.deserialize_cdr if bag.is2 else types.deserialize_ros1
             for connection, log_ns, data in bag.messages(connections, start=start_ns) if connections else ():
-                yield Message(log_ns, _unpacked_message(data), partial(decode, typename=connection.msgtype))
+                yield Message(log_ns, partial(decode, _unpacked_message(data), typename=connection.msgtype))
 
 
 class _McapFiles:
@@ -208,7 +205,7 @@ class _McapFiles:
                 for schema, channel, message in self._reader(file).iter_messages([topic], starting_at=start_ns):
                     if channel.id not in codecs:
                         codecs[channel.id] = _codec(channel.message_encoding, schema, self._path)
-                    yield Message(message.log_time, _unpacked_message(message.data), codecs[channel.id])
+                    yield Message(message.log_time, partial(codecs[channel.id], _unpacked_message(message.data)))
 
 
 def _codec(encoding: str, schema: Any, path: Path) -> Callable[[bytes], Any]:
@@ -225,3 +222,68 @@ def _codec(encoding: str, schema: Any, path: Path) -> Callable[[bytes], Any]:
         factory = require("mcap_protobuf.decoder", path).DecoderFactory()
         return factory.decoder_for(encoding, schema)  # type: ignore[no-any-return]
     raise InputError(f"{path}: expected messages as cdr, ros1, protobuf or json, found {encoding!r}")
+
+
+class TopicImages:
+    """Images of a topic by their place in it.
+
+    Attributes:
+        log_ns, stamp_ns: (n,) int64 [ns], when each was recorded and when it was taken by its header.
+        notes: of damage that ends the topic.
+    """
+
+    notes: tuple[str, ...] = ()
+
+    def __init__(self, bag: Bag, topic: Topic) -> None:
+        self.bag, self.topic = bag, topic
+        log, stamp = [], []
+        try:
+            for message in bag.messages(topic.name):
+                if not 0 <= message.log_ns <= MAX_NS:
+                    raise ValueError(f"a message recorded at {message.log_ns} ns")
+                taken = message.log_ns
+                with suppress(Exception):  # a damaged header leaves the time of recording
+                    taken = stamp_ns(message.decoded())
+                log.append(message.log_ns)
+                stamp.append(taken if abs(taken) <= MAX_NS else message.log_ns)
+        except Exception as error:  # libraries raise whatever a damaged file provokes
+            if not log:
+                raise InputError(f"{bag.path}: expected images in {topic.name}, found {error_text(error)}") from error
+            self.notes = (f"{topic.name} ends after {len(log)} messages in damage ({error_text(error)})",)
+        if not log:
+            raise InputError(f"{bag.path}: expected images in {topic.name}, found no message")
+        self.log_ns, self.stamp_ns = np.array(log, dtype=np.int64), np.array(stamp, dtype=np.int64)
+
+    def at(self, places: Iterable[int]) -> Generator[Stored, None, None]:
+        """The stored values at these places, which may be in any order."""
+        stream: Iterator[Message] = iter(())
+        next_place = -1
+        for place in places:
+            # Up to 64 messages are read past rather than looked up again.
+            if not 0 <= place - next_place <= 64 or next_place < 0:
+                start = int(self.log_ns[place])
+                next_place = int(np.searchsorted(self.log_ns, start))
+                stream = self.bag.messages(self.topic.name, start)
+            yield self._read(stream, place - next_place)
+            next_place = place + 1
+
+    def sample(self) -> list[Stored]:
+        """A few images spread over the topic."""
+        spread = sorted({round(float(i)) for i in np.linspace(0, len(self.log_ns) - 1, FRAMES)})
+        with closing(self.at(spread)) as images:
+            return list(images)
+
+    def frames(self, places: I64, pixels: Colour | Depths, sample: Sequence[Stored]) -> Images:
+        """The images in the order of the recording (arguments of ``Images``)."""
+        name, where = self.topic.name, f"{self.bag.path}: {self.topic.name}"
+        return Images(where, places, pixels, self.at, lambda place: f"a message of {name}", sample)
+
+    def _read(self, stream: Iterator[Message], skip: int) -> Stored:
+        try:
+            message = next(islice(stream, skip, None))
+            image = image_message(message.decoded(), self.topic.kind == "compressed")
+            return stored_pixels(image)
+        except UnreadableError as error:
+            return error
+        except Exception as error:  # a damaged message is a frame that is skipped, whatever the libraries raise
+            return UnreadableError(f"a damaged message ({error_text(error)})")

@@ -44,6 +44,10 @@ def field(message: Any, *names: str) -> Any:
     raise ValueError(f"expected a message with {' or '.join(names)}, found none")
 
 
+MAX_NS = 2**62
+"""Times beyond the year 2116 are no clock's."""
+
+
 def stamp_ns(message: Any) -> int:
     """When the message was made [ns]."""
     holder = message if _has(message, "timestamp") else field(message, "header")

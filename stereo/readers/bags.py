@@ -1,47 +1,172 @@
-"""Bags as recordings: their calibration, pairs of cameras, and images with depth."""
+"""Bags as recordings: which topics are the cameras or the image and its depth, and their calibration."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from calib.camera import Camera
 from calib.errors import InputError, UnreadableError
 from calib.formats import fitted, load_rig, refuse_strange_camera
-from calib.formats.base import camera as camera_of
+from calib.formats.base import projected
 from calib.formats.rgbd import fitted_rgbd, load_rgbd
 from calib.formats.ros import camera_from, region_of, windowed
 from calib.io import entries, reason, size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
 from stereo.depth import Depths
-from stereo.readers.bags.messages import camera_fields, field, frame_id, pose_of, transforms
-from stereo.readers.bags.storage import STORAGES, ZSTD, Bag, error_text, open_bag
-from stereo.readers.bags.topics import TopicImages, choose_topics, frames_of_topic, info_topic
+from stereo.readers.bag_files import STORAGES, ZSTD, Bag, Topic, TopicImages, error_text, open_bag
+from stereo.readers.bag_messages import camera_fields, field, frame_id, image_message, pose_of, transforms
 from stereo.readers.base import (
     FramePairs,
     Layout,
+    OtherRig,
     Reader,
     check_paired,
     clock_of_pairs,
     other_state,
     own_times,
+    rgbd_layout,
     same_size,
     stereo_layout,
     together,
 )
 from stereo.readers.images import Colour, Size, bits_note, true_bits
-from stereo.readers.pairing import depth_note, nearest_mates, pair_stamps
-from stereo.readers.rgbd import rgbd_layout
+from stereo.readers.pairing import depth_note, nearest_mates, pair_stamps, split_sides
 from stereo.recording import OpenOptions
+
+_TRANSPORT = re.compile(r"/(compressed|compressedDepth|theora|ffmpeg|zstd)$")
+_DEPTH = re.compile(r"depth|disparity", re.IGNORECASE)
+_COLOUR = re.compile(r"rgb|colou?r", re.IGNORECASE)
+_PREFERENCE = ("image_raw", "image_color", "image_rect_color", "image_rect", "image_mono")
+"""Of one camera's topics the first is taken: what the driver sent before what was made of it."""
+
+
+TopicChoice = tuple[Literal["stereo", "rgbd"], str, str]
+"""Two topics and what they are."""
+
+
+def choose_topics(bag: Bag, named: Sequence[str]) -> TopicChoice:
+    """The topics that were named, else the pair that is clear from names and types: left and right before depth."""
+    there = [topic for topic in bag.topics if topic.kind in ("image", "compressed") and topic.count]
+    if named:
+        for name in named:
+            if name not in [topic.name for topic in there]:
+                expected = f"expected image topics of {bag.path.name} ({_listed(there)})"
+                raise InputError(f"{expected}, found {name!r}", argument="topics")
+        first, second = named
+        depths = _depths(bag, [topic for topic in there if topic.name in named])
+        if first in depths and second not in depths:
+            first, second = second, first
+        return "rgbd" if second in depths else "stereo", first, second
+    coded = ", ".join([f"{t.name} of {t.schema}" for t in bag.topics if t.kind == "coded" and t.count][:4])
+    also = f"; not read are {coded}" if coded else ""
+    if not there:
+        empty = [topic for topic in bag.topics if topic.kind in ("image", "compressed")]
+        found = f"no message in {_listed(empty)}" if empty else _listed(bag.topics)
+        if coded:
+            found = f"images coded as video or objects, which are not read ({coded}): {_REPUBLISH}"
+        raise InputError(f"{bag.path}: expected image topics of two cameras, found {found}")
+    by_base: dict[str, Topic] = {}  # each image once: raw before compressed
+    for topic in sorted(there, key=lambda topic: topic.kind == "compressed"):
+        by_base.setdefault(_TRANSPORT.sub("", topic.name), topic)
+    pairs = _stereo(list(by_base))
+    if not pairs:
+        depths = _depths(bag, list(by_base.values()))
+        pairs = _rgbd(list(by_base), {base for base, topic in by_base.items() if topic.name in depths})
+    if not pairs and len(there) == 1:
+        raise InputError(
+            f"{bag.path}: expected image topics of two cameras, or an image and its depth, "
+            f"found only {there[0].name}: one camera{also}"
+        )
+    if len(pairs) != 1:
+        what = f"{len(pairs)} pairs" if pairs else "no clear pair"
+        expected = f"{bag.path}: expected one pair of image topics"
+        raise InputError(f"{expected}, found {what} among {_listed(there)}{also}", remedy="topics")
+    kind, first, second = pairs[0]
+    return kind, by_base[first].name, by_base[second].name
+
+
+_REPUBLISH = "ros2 run image_transport republish writes them as raw or compressed images, to be recorded again"
+
+
+def info_topic(topics: Iterable[Topic], image: str) -> str | None:
+    """The camera_info topic of an image topic: of the same camera, else the one that shares most of its name."""
+    infos = [topic.name for topic in topics if topic.kind == "info" and topic.count]
+    base = _TRANSPORT.sub("", image)
+    for name in (f"{base.rsplit('/', 1)[0]}/camera_info", f"{base}/camera_info"):
+        if name in infos:
+            return name
+
+    def shared(name: str) -> int:
+        parts = zip(name.strip("/").split("/"), base.strip("/").split("/"), strict=False)
+        return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], parts))
+
+    best = max(map(shared, infos), default=0)
+    if len(infos) > 1 and not best:
+        return None
+    return min((name for name in infos if shared(name) == best), key=len, default=None)
+
+
+def _depths(bag: Bag, topics: Sequence[Topic]) -> set[str]:
+    """Names of the topics that hold depth by their name, or by the encoding of their first image where not all of the
+    topics have it (drivers of infrared pairs send 16UC1, too)."""
+    named = {topic.name for topic in topics if _DEPTH.search(topic.name)}
+    encoded = {topic.name for topic in topics if _is_encoded_depth(bag, topic)}
+    return named | encoded if len(encoded) < len(topics) else named
+
+
+def _is_encoded_depth(bag: Bag, topic: Topic) -> bool:
+    try:
+        message = next(iter(bag.messages(topic.name)))
+        found = image_message(message.decoded(), topic.kind == "compressed").encoding
+    except Exception:  # a damaged message has no encoding; reading the topic reports it
+        return False
+    return found.upper() in ("16UC1", "32FC1") or "compressedDepth" in found
+
+
+def _stereo(bases: Sequence[str]) -> list[TopicChoice]:
+    """Left and right topics whose names differ in the side alone, one pair for each rig."""
+    images = [base for base in bases if not _DEPTH.search(base) and not _COLOUR.search(base.rsplit("/", 1)[0])]
+    parts = [image.split("/") for image in images]
+    # What all have in common is no side, such as the numbers of a device and its sensor.
+    shared = sum(1 for _ in takewhile(lambda same: len(set(same)) == 1, zip(*parts, strict=False)))
+    sided = split_sides(["/".join(own[shared:]) for own in parts])
+    if sided is None:
+        return []
+    rights = {sided.rest[i]: images[i] for i in sided.right}
+    lefts = {sided.rest[i]: images[i] for i in sided.left if sided.rest[i] in rights}
+    return [("stereo", lefts[rest], rights[rest]) for rest in _preferred(lefts)]
+
+
+def _rgbd(bases: Sequence[str], depth_bases: set[str]) -> list[TopicChoice]:
+    """Images of colour, or whatever is not depth, with the depth topic of the same camera."""
+    depths = _preferred([base for base in bases if base in depth_bases])
+    images = [base for base in bases if base not in depth_bases]
+    images = _preferred([base for base in images if _COLOUR.search(base)] or images)
+    return [("rgbd", image, depth) for image in images for depth in depths]
+
+
+def _preferred(names: Iterable[str]) -> list[str]:
+    """One topic of each camera, by what drivers call it."""
+    by_camera: dict[str, list[str]] = {}
+    for name in names:
+        by_camera.setdefault(name.rsplit("/", 1)[0], []).append(name)
+    rank = {word: i for i, word in enumerate(_PREFERENCE)}
+    return [min(own, key=lambda name: rank.get(name.rsplit("/", 1)[-1], len(rank))) for own in by_camera.values()]
+
+
+def _listed(topics: Sequence[Topic]) -> str:
+    names = ", ".join(topic.name for topic in topics[:8]) or "no topics"
+    return names + (f" and {len(topics) - 8} more" if len(topics) > 8 else "")
 
 
 def rig_of(bag: Bag, topics: tuple[str, str], size: Size, rectified: bool) -> StereoRig:
@@ -72,10 +197,6 @@ _SDK = re.compile(r"((/device_\d+/sensor_\d+)/\w+)/(image/data|info/camera_info)
 The SDK rectifies infrared images."""
 
 
-def _other_rig(bag: Bag, topics: tuple[str, str], size: Size, rectified: bool, _: StereoRig) -> tuple[StereoRig, str]:
-    return rig_of(bag, topics, size, rectified), ""
-
-
 def _pose(bag: Bag, target: CameraMessage, source: CameraMessage) -> tuple[SE3 | None, str]:
     """target_SE3_source of two cameras, None where the bag does not hold it, and where it is looked for."""
     sdk = [match[1] for info in (target, source) if (match := _SDK.fullmatch(info.topic))]
@@ -88,7 +209,7 @@ def _pose(bag: Bag, target: CameraMessage, source: CameraMessage) -> tuple[SE3 |
     return found, "tf_static"
 
 
-def _depths(bag: Bag, topic: str) -> Depths:
+def _depth_pixels(bag: Bag, topic: str) -> Depths:
     """Depth of a topic, in the unit that the SDK writes next to it, else in millimetres."""
     if match := _SDK.fullmatch(topic):
         for name in ("Depth_Units", "Depth Units"):
@@ -116,8 +237,8 @@ def _camera(bag: Bag, info: CameraMessage, rectified: bool) -> tuple[Camera, SE3
     try:
         if rectified:
             size, _, p = windowed(info.fields)
-            camera = camera_of(size, p[:, :3].ravel(), np.empty(0), "brown", f"P of {info.topic}")
-            pose = SE3(np.eye(3), np.asarray(-np.linalg.solve(p[:, :3], p[:, 3]), dtype=np.float64))
+            camera, camera_SE3_rect = projected(size, p.tolist(), f"P of {info.topic}", 1.0)
+            pose = camera_SE3_rect.inverse()
         else:
             camera, pose = camera_from(info.fields, info.topic)
         refuse_strange_camera(camera, info.topic)
@@ -208,15 +329,14 @@ _MAGIC = {b"#ROSBAG V2.0": "ros1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0
 def _find(path: Path, options: OpenOptions) -> Layout:
     file = _bag_file(path) or path
     bag = open_bag(file, "" if file.is_dir() else _kind(file) or "")
-    choice = choose_topics(bag, options.topics)
-    named = {topic.name: topic for topic in bag.topics}
-    names = choice.first, choice.second
-    first, second = TopicImages(bag, named[names[0]]), TopicImages(bag, named[names[1]])
+    kind, *chosen = choose_topics(bag, options.topics)
+    names, named = (chosen[0], chosen[1]), {topic.name: topic for topic in bag.topics}
+    first, second = (TopicImages(bag, named[name]) for name in names)
     stamps, remarks = (first.stamp_ns, second.stamp_ns), first.notes + second.notes
     if not all(own.any() and (len(own) < 2 or np.ptp(own)) for own in stamps):
         stamps = first.log_ns, second.log_ns
         remarks = ("headers hold no times: the times of recording are taken", *remarks)
-    samples, is_rgbd = (first.sample(), second.sample()), choice.kind == "rgbd"
+    samples, is_rgbd = (first.sample(), second.sample()), kind == "rgbd"
     if is_rgbd:
         pairs = pair_stamps(stamps[0], stamps[0], (names[0], names[0]))
         mates = np.where(pairs.left >= 0, nearest_mates(*stamps)[pairs.left], -1)
@@ -230,8 +350,8 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     read = samples[0] if is_rgbd else [*samples[0], *samples[1]]
     bits = true_bits(image for image in read if not isinstance(image, UnreadableError))
     remarks += bits_note(bits)
-    a = frames_of_topic(first, pairs.left, Colour(bits), samples[0])
-    b = frames_of_topic(second, mates, _depths(bag, names[1]) if is_rgbd else Colour(bits), samples[1])
+    a = first.frames(pairs.left, Colour(bits), samples[0])
+    b = second.frames(mates, _depth_pixels(bag, names[1]) if is_rgbd else Colour(bits), samples[1])
     sizes = (a.size, b.size) if is_rgbd else (same_size(a, b, *names),) * 2
     each = zip(names, (a, b), stamps, strict=True)
     streams = tuple(source.stream(name, len(own), own_times(own)) for name, source, own in each)
@@ -245,11 +365,15 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         return rgbd_layout(path, a, b, streams, clock, rig, (*remarks, *assumed), unpaired=lacking)
 
     rectified = all(is_rectified(name) for name in names)
-    stereo_rig, other = partial(rig_of, bag, names, sizes[0], rectified), None
+    stereo_rig: Callable[[], StereoRig] = partial(rig_of, bag, names, sizes[0], rectified)
+    other: OtherRig | None = None
     if options.calibration:
         stereo_rig, other = partial(load_rig, options.calibration, sizes[0]), other_state(options.calibration, sizes[0])
     elif not any(map(_SDK.fullmatch, names)):
-        other = partial(_other_rig, bag, names, sizes[0], not rectified)
+
+        def other(_: StereoRig) -> tuple[StereoRig, str]:
+            return rig_of(bag, names, sizes[0], not rectified), ""
+
     return stereo_layout(
         path, FramePairs(together(a, b), len(pairs.left), pairs.unpaired), streams, clock, stereo_rig, remarks,
         path if path.is_dir() else path.parent, other,
@@ -286,9 +410,4 @@ def _head(file: Path, length: int) -> bytes:
         raise InputError(f"{file}: expected a recording, found a file that cannot be read ({reason(error)})") from error
 
 
-READER = Reader(
-    "bag",
-    "a bag",
-    lambda path: _bag_file(path) is not None,
-    _find,
-)
+READER = Reader("bag", "a bag", lambda path: _bag_file(path) is not None, _find)

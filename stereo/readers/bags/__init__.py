@@ -1,1 +1,0 @@
-"""ROS 1 bags, ROS 2 bags and MCAP files."""
