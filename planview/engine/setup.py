@@ -40,29 +40,25 @@ class Setup(FloorRig):
 
 
 def refuse_foreign_disparity(disparity: F32, shape: tuple[int, int], searched: DisparityRange) -> None:
-    """Refuse what is no disparity in pixels, as a matcher of the user's may give.
-
-    Args:
-        shape: (H, W) of the rectified image.
-        searched: disparities that people on the floor can have.
-    Raises:
-        InputError: another shape or kind of number, sixteenths of a pixel, depth, or a number for "none".
-    """
+    """Refuse what is no (H, W) float32 disparity in pixels, as a matcher of the user's may give; ``searched`` are those
+    that people on the floor can have. Raises InputError: another shape or kind of number, sixteenths of a pixel, depth,
+    or a number for "none"."""
     if disparity.shape != shape or disparity.dtype != np.float32:
         raise InputError(
             f"matcher: expected float32 disparities of {shape}, found {disparity.dtype} of {disparity.shape}"
         )
     few = disparity[::8, ::8]
     valid = few[np.isfinite(few)]
-    largest = searched.first_px + searched.count
-    none = float(((valid == 0) | (valid <= -1)).mean()) if len(valid) else 0.0
+    if not len(valid):
+        return
+    largest, none = searched.first_px + searched.count, float(((valid == 0) | (valid <= -1)).mean())
     # Share of disparities of exactly 0, or below -1, from which they stand for "none" (our choice): nothing lies
     # beyond infinity, and what lies there has a disparity of about 0.
     if none > 0.2:
         raise InputError(f"matcher: expected NaN where there is no disparity, found {none:.0%} of 0 or below -1")
-    if len(valid) and float(np.median(valid)) > largest:
+    if (middle := float(np.median(valid))) > largest:
         raise InputError(
-            f"matcher: expected disparities in pixels, up to {largest} on this floor, found {np.median(valid):.0f} in "
+            f"matcher: expected disparities in pixels, up to {largest} on this floor, found {middle:.0f} in "
             "the middle of the range: sixteenths of a pixel (divide OpenCV's by 16), or depth?"
         )
 
@@ -143,24 +139,14 @@ def _analysed(path: Path, geometry: RectifiedGeometry, floor: Floor, source: str
 
 def floor_search(config: Config) -> FloorSearch:
     """How a run with this configuration looks for its floor."""
-    return FloorSearch(
-        frames=config.analysis.setup_frames,
-        rectify=config.rectify,
-        range=config.range,
-        sgbm=config.sgbm,
-        floor=config.floor,
-    )
+    frames = config.analysis.setup_frames
+    return FloorSearch(frames=frames, rectify=config.rectify, range=config.range, sgbm=config.sgbm, floor=config.floor)
 
 
 def refuse_foreign(path: Path, rectifier: Rectifier, matches: F64) -> None:
-    """Matched corners must lie nearer than infinity and about on their rows.
-
-    Args:
-        rectifier: of the calibration as it is, without correction.
-        matches: (N, 4) float64 [px] in its images, as from ``match_corners``.
-    Raises:
-        WorkError: left and right are swapped, or the calibration is another rig's.
-    """
+    """Matched corners, (N, 4) float64 [px] as from ``match_corners``, lie nearer than infinity and about on their rows
+    in the images of the calibration as it is. Raises WorkError: left and right are swapped, or the calibration is
+    another rig's."""
     # Fewest corners matched in both images by which they are (our choice).
     if len(matches) < 40:
         return

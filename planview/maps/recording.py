@@ -39,7 +39,7 @@ FORMAT = "planview maps"
 VERSION = 2
 """Changes when an older reader would misunderstand the file."""
 BLOCK_FRAMES = 32
-"""Frames written and read at a time."""
+"""Frames written at a time."""
 RANGES: dict[str, tuple[float, float]] = {
     "width": (1, 20_000), "height": (1, 20_000), "reduction": (1, 64), "first_px": (0, 20_000), "count": (1, 20_000),
     "focal_u_px": (1.0, 1e6), "focal_v_px": (1.0, 1e6), "cu_px": (-1e5, 1e5), "cv_px": (-1e5, 1e5),
@@ -255,17 +255,8 @@ _DAMAGE = ArithmeticError, AttributeError, LookupError, MemoryError, OSError, Ru
 def _reading(path: Path) -> Iterator[None]:
     try:
         yield
-    except (
-        ArithmeticError,
-        AttributeError,
-        LookupError,
-        MemoryError,
-        OSError,
-        RuntimeError,
-        TypeError,
-        ValueError,
-    ) as e:
-        raise InputError(f"{path}: expected plan-view maps, found {' '.join(str(e).split())}") from e
+    except _DAMAGE as error:
+        raise InputError(f"{path}: expected plan-view maps, found {' '.join(str(error).split())}") from error
 
 
 class MapsWriter:

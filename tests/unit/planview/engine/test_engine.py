@@ -180,12 +180,8 @@ def test_somebody_out_of_view_or_of_unknown_height_or_place_has_no_box() -> None
         assert person_boxes(GEOMETRY.above(LEVEL), [place]) == [NO_BOX]
 
 
-BELIEF_SHAPE = (1, 40)
-
-
 def seen(points: FloorPoints) -> View:
-    kind, ranges = np.zeros(BELIEF_SHAPE, np.uint8), np.zeros(BELIEF_SHAPE, np.float32)
-    return View(NO_RAYS, kind, ranges, None, points)
+    return View(NO_RAYS, np.zeros((1, 40), np.uint8), np.zeros((1, 40), np.float32), None, points)
 
 
 def point(x_m: float, z_m: float, pixel: int) -> FloorPoints:
@@ -232,7 +228,7 @@ def test_a_track_that_is_given_an_id_has_walked_as_far_as_before() -> None:
     ids=["has not moved", "lost", "high, away from people", "low, away from people", "feet of a person"],
 )
 def test_foreground_is_a_persons_the_floors_or_left_to_the_model(where, who, expected):
-    mask = mask_after(walked(), where, who)
+    mask = mask_after(walked(), where, who, person(9.0, track_id=2))
     assert set(mask) == expected and mask[20] == max(expected, key=lambda label: label != NO_FEEDBACK)
     assert mask.count(BACKGROUND) == (BACKGROUND in expected)
 
@@ -246,12 +242,3 @@ def test_track_must_walk_again_when_it_was_away_or_forgotten(reset):
     else:
         mask_after(feedback, point(1.0, 1.0, 20))
     assert PERSON not in mask_after(feedback, point(1.0, 1.0, 20), person(1.0))
-
-
-def test_ground_is_what_no_person_is_near_of_several():
-    xyz = np.array([[1.0, 0.0, 0.05], [2.5, 0.0, 0.05], [4.0, 0.0, 0.05], [4.0, 0.0, 1.0]], dtype=np.float32)
-    points = FloorPoints(xyz, np.ones(4, dtype=np.float32), np.array([5, 15, 25, 35], dtype=np.int32))
-    feedback = Feedback(FeedbackParams(spread_px=0))
-    mask_after(feedback, points, person(0.0), person(4.0, track_id=2))
-    mask = mask_after(feedback, points, person(1.0), person(4.0, track_id=2))
-    assert [mask[i] for i in (5, 15, 25, 35)] == [PERSON, BACKGROUND, NO_FEEDBACK, NO_FEEDBACK]
