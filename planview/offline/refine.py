@@ -58,7 +58,7 @@ def changes_csv(changes: Iterable[Change]) -> str:
 def smoothed(times_s: F64, xy_m: F64, measured: Bool) -> tuple[F64, F64]:
     """(N, 2) positions [m] and velocities [m/s] at (N,) rising times [s] from (N, 2) positions where measured, the
     first among them, before and after (Rauch, Tung, Striebel 1965)."""
-    state = FloorKalman.at(float(xy_m[0, 0]), float(xy_m[0, 1]), POSITION_STD_M, body.SPEED_STD_MPS)
+    state = FloorKalman.at(float(xy_m[0, 0]), float(xy_m[0, 1]), POSITION_STD_M)
     filtered, predicted = [state], [state]  # after, and before, the measurement of every row
     for k in range(1, len(times_s)):
         state = state.predicted(float(times_s[k] - times_s[k - 1]), body.ACCELERATION_MPS2)

@@ -22,8 +22,6 @@ THING_RADII = (0.12, 0.2, 0.34)
 """Radii of things over their heights, from a pillar to a crate."""
 SPEED_MAX_MPS = 2.5
 """Fastest walk [m/s]: men change to running at 2.0 to 2.5 m/s (Hreljac 1993)."""
-SPEED_STD_MPS = 1.0
-"""Deviation of a walker's speed: of one who appears [m/s]."""
 SEEN_STD_M, WANDER_MPS = 0.1, 0.9
 """Deviation of a place when somebody is last seen, or seen again [m], and of the mean speed out of sight once a walker
 no longer walks on [m/s]. Our choice: the prediction errs by about 0.1 m after 0.3 s and by half a metre after 1 s."""

@@ -14,9 +14,8 @@ from calib.ground_camera import GroundCamera
 from calib.params import Params
 from calib.types import F64, I64, U8
 from planview.tracking import body
-from planview.tracking.base import Decision, Observation, TrackerDebug
+from planview.tracking.base import Decision, Existence, LifeCycle, Observation, TrackerDebug
 from planview.tracking.kalman import FloorKalman
-from planview.tracking.lifecycle import Existence, LifeCycle
 from planview.trajectories.boxes import Detections
 from planview.trajectories.state import TrackState
 

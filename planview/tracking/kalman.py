@@ -9,6 +9,9 @@ import numpy as np
 
 from calib.types import F64
 
+SPEED_STD_MPS = 1.0
+"""Deviation of the velocity of a person who appears [m/s]."""
+
 
 class FloorKalman(NamedTuple):
     """Position and velocity of one person.
@@ -22,12 +25,12 @@ class FloorKalman(NamedTuple):
     covariance: F64
 
     @staticmethod
-    def at(x_m: float, y_m: float, position_std_m: float, speed_std_mps: float) -> FloorKalman:
+    def at(x_m: float, y_m: float, position_std_m: float, speed_std_mps: float = SPEED_STD_MPS) -> FloorKalman:
         """Standing at a place; how fast it will move is unknown."""
         return FloorKalman.measured(np.array([x_m, y_m]), position_std_m**2 * np.eye(2), speed_std_mps)
 
     @staticmethod
-    def measured(xy_m: F64, noise: F64, speed_std_mps: float) -> FloorKalman:
+    def measured(xy_m: F64, noise: F64, speed_std_mps: float = SPEED_STD_MPS) -> FloorKalman:
         """As ``at``, with a measured position (2,) [m] and its covariance (2, 2) [m^2]."""
         covariance = np.diag([0.0, 0.0, speed_std_mps**2, speed_std_mps**2])
         covariance[:2, :2] = noise

@@ -14,12 +14,11 @@ from calib.ground_camera import GroundCamera
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import WALKER
 from planview.maps.view import SHADOW, View
-from planview.tracking.base import Decision, Drawing, Observation, TrackerDebug
+from planview.tracking.base import Decision, Drawing, Existence, LifeCycle, Observation, TrackerDebug
 from planview.tracking.ellipse_particle.fit import BACKGROUND_WEIGHT, fit_ellipses, painted, uncovered
 from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter, Y, ellipses_of
 from planview.tracking.ellipse_particle.size import ASPECT, BREADTH_M, Size, SizeLearner, height_of, size_of_camera
-from planview.tracking.lifecycle import Existence, LifeCycle
 from planview.trajectories.state import TrackState
 
 COLUMNS = 320

@@ -13,8 +13,7 @@ from numba import njit
 from calib.types import F64, Bool
 from planview.tracking.body import LEAN_M
 from planview.tracking.joint._likelihood_kernels import lay_others, log_ratio, visible
-from planview.tracking.joint._sample_kernels import samples_of
-from planview.tracking.joint.samples import CX, CY, CZ, TINY
+from planview.tracking.joint.samples import CX, CY, CZ, TINY, samples_of
 
 MAX_TURNS = 3
 """Most rounds of the ascent with one step."""

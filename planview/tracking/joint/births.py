@@ -11,12 +11,11 @@ import numpy as np
 from calib.types import F32, F64, I64
 from planview.maps.view import CODES
 from planview.tracking import body
-from planview.tracking.joint._sample_kernels import fresh_points as find_fresh
-from planview.tracking.joint._sample_kernels import map_lacking
 from planview.tracking.joint.explanation import STEPS_M, SURFACE_STD_M, Explanation, Owned, People, about, upright
 from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.person import BORN_LOG_ODDS, Person, colour_counts, side_by_side
-from planview.tracking.joint.samples import PARTS, TINY
+from planview.tracking.joint.samples import PARTS, TINY, map_lacking
+from planview.tracking.joint.samples import fresh_points as find_fresh
 from planview.tracking.kalman import FloorKalman
 
 EVIDENCE_MAX = 6.0

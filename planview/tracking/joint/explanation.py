@@ -13,7 +13,7 @@ from planview.maps.view import CODES, SURFACE, View
 from planview.tracking import body
 from planview.tracking.joint import _ascent_kernels as ascent
 from planview.tracking.joint import _likelihood_kernels as kernels
-from planview.tracking.joint import _sample_kernels as gathering
+from planview.tracking.joint import samples as gathering
 from planview.tracking.joint.params import JointParams
 from planview.tracking.joint.samples import CX, CY, KNOWN, PARTS, Known, Model, SampleArrays, Seen
 

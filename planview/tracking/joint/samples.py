@@ -1,12 +1,17 @@
-"""Arrays that the kernels of the joint explanation share: what is assumed, what a camera saw, pixels near people."""
+"""What the kernels of the joint explanation share: what is assumed, what a camera saw, and the samples of a frame:
+pixels near people, and those that lack an explanation."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
-from calib.types import F32, F64, I64, U8, AnyArray
+from calib.types import F32, F64, I64, U8, AnyArray, Bool
+from planview.maps.view import SURFACE, UNKNOWN
+from planview.tracking.body import TURNS_PER_RAD
 
 PARTS = 3
 LEGS_TO, TORSO_TO = 0.45, 0.85
@@ -19,6 +24,16 @@ CX, CY, CZ, EX, EY, COS, SIN, ACROSS, UP, AHEAD = range(10)
 """Rows of ``SampleArrays.rays``."""
 MAX_SAMPLES = 4000
 TINY = 1e-12
+AROUND_M = 0.25
+"""Margin of samples beyond a body's reach [m]."""
+NEAREST_M = 0.15
+"""Bodies nearer to a camera's plane are as far as this [m]."""
+SAMPLES_OF_VIEW = 3000
+"""Most samples of a person in one view."""
+GAP_PX = 6
+"""People whose boxes are nearer than this in an image are explained together [px]."""
+GOLDEN = 0.6180339887498949, 0.7548776662466927
+"""Shares whose multiples spread evenly: which of two neighbouring tables a sample takes."""
 
 
 class Known(NamedTuple):
@@ -150,3 +165,151 @@ class SampleArrays(NamedTuple):
     def person(self, k: int) -> SampleArrays:
         """Those of one person."""
         return SampleArrays._make(array[k] for array in self)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def boxes(poses: F64, half_m: float, seen, out: F64) -> None:  # type: ignore[no-untyped-def]
+    """Left, top, right, bottom (N, 4) [px] of boxes around bodies: ``half_m`` to each side, 0.1 m above their heads;
+    beyond the lens's reach a box is the whole image."""
+    projection, k = seen.projection, seen.distortion_k
+    middle_u, middle_v = 0.5 * (seen.kind.shape[1] - 1), 0.5 * (seen.kind.shape[0] - 1)
+    for a in range(len(poses)):
+        out[a, :2], out[a, 2:] = 1e4, -1e4
+        for corner in range(8):
+            x = poses[a, 0] + (half_m if corner & 1 else -half_m)
+            y = poses[a, 1] + (half_m if corner & 2 else -half_m)
+            z = poses[a, 2] + 0.1 if corner & 4 else 0.0
+            depth = projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
+            depth = max(depth, NEAREST_M)
+            u = (projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3]) / depth
+            v = (projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3]) / depth
+            if k != 0.0:
+                r = math.hypot(u - middle_u, v - middle_v)
+                if 1.0 + 2.0 * k * r <= 0.0:
+                    out[a, :2], out[a, 2:] = -1e4, 1e4
+                    break
+                u, v = middle_u + (u - middle_u) * (1.0 + k * r), middle_v + (v - middle_v) * (1.0 + k * r)
+            u, v = min(max(u, -1e4), 1e4), min(max(v, -1e4), 1e4)
+            out[a, 0], out[a, 1] = min(out[a, 0], u), min(out[a, 1], v)
+            out[a, 2], out[a, 3] = max(out[a, 2], u), max(out[a, 3], v)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def mark_touching(poses: F64, half_m: float, seen, touch: Bool) -> None:  # type: ignore[no-untyped-def]
+    """Mark the (N, N) pairs of people who may be on one ray of a camera."""
+    box = np.empty((len(poses), 4))
+    boxes(poses, half_m, seen, box)
+    box = np.trunc(box)
+    for i in range(len(poses)):
+        for j in range(len(poses)):
+            apart = box[i, 0] - GAP_PX > box[j, 2] or box[j, 0] - GAP_PX > box[i, 2]
+            apart = apart or box[i, 1] - GAP_PX > box[j, 3] or box[j, 1] - GAP_PX > box[i, 3]
+            touch[i, j] = touch[i, j] or not apart
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _take(n, r, c, weight, spread, seen, samples, table, model):  # type: ignore[no-untyped-def]
+    """A pixel becomes the n-th sample; ``spread``: of the ray's direction and of the lean."""
+    rays, p, m = samples.rays, samples.pixels[n], model[0]
+    for axis in range(3):
+        rays[CX + axis, n] = seen.centre_m[axis]
+    for k in range(4):
+        rays[EX + k, n] = seen.level[r, c, k]
+    far, std = seen.range_m[r, c], seen.std_per_m2 / seen.stretch[r, c]
+    p.kind, p.code, p.range_m, p.matched_m = seen.kind[r, c], seen.colour[r, c], far, seen.matched_m[r, c]
+    # A range errs as one of what it shows; what it does not show, the body's own surface errs.
+    p.sharp = 1.0 / math.sqrt(max(m.surface_var + (std * far * far) ** 2, 1e-12))
+    angle = int((seen.level[r, c, 4] - table.angle_min_rad) / table.angle_step_rad + 0.5)
+    p.angle = min(max(angle, 0), table.cover.shape[1] - 1)
+    p.turn, p.slant, p.weight, p.near = seen.level[r, c, 5] * TURNS_PER_RAD - spread[0], spread[1], weight, 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather(pose: F64, reach_m: float, seen, samples, table, model) -> None:  # type: ignore[no-untyped-def]
+    """Append the samples of one camera within ``reach_m`` of a body."""
+    m, centre, projection = model[0], seen.centre_m, seen.projection
+    rows, cols = seen.stretch.shape
+    half, box = reach_m + AROUND_M, np.empty((1, 4))
+    boxes(pose.reshape(1, -1), half, seen, box)
+    x0, y0, x1, y1 = box[0]
+    if x1 < 0 or y1 < 0 or x0 > cols - 1 or y0 > rows - 1:
+        return
+    c0, c1, r0, r1 = max(0, int(x0)), min(cols - 1, int(x1) + 1), max(0, int(y0)), min(rows - 1, int(y1) + 1)
+    dx, dy, dz = pose[0] - centre[0], pose[1] - centre[1], 0.5 * pose[2] - centre[2]
+    step = max(1, int(m.spacing_m / math.sqrt((dx * dx + dy * dy + dz * dz) * seen.pixel_sr) + 0.5))
+    while ((c1 - c0) // step + 1) * ((r1 - r0) // step + 1) > SAMPLES_OF_VIEW:
+        step += 1
+    depth = projection[2, 0] * pose[0] + projection[2, 1] * pose[1] + 0.5 * projection[2, 2] * pose[2]
+    depth = max(depth + projection[2, 3], NEAREST_M)
+    weight = (step / max(m.patch_m / (depth * math.sqrt(seen.pixel_sr)), m.patch_px)) ** 2
+    n = samples.size[0]
+    for r in range(r0 + (-r0) % step, r1 + 1, step):
+        # In masks every other row half a step aside: edges of bodies are upright.
+        shift = (r // step % 2) * (step // 2) if m.masks > 0.0 else 0
+        for c in range(c0 + (shift - c0) % step, c1 + 1, step):
+            ex, ey, cos, sin = seen.level[r, c, 0], seen.level[r, c, 1], seen.level[r, c, 2], seen.level[r, c, 3]
+            far = (dx * ex + dy * ey) * cos - dz * sin
+            if n < len(samples.pixels) and abs(dy * ex - dx * ey) <= half and far >= NEAREST_M:
+                spread = GOLDEN[0] * n % 1.0, GOLDEN[1] * n % 1.0
+                _take(n, r, c, weight, spread, seen, samples, table, model)
+                n += 1
+    samples.size[0] = n
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def samples_of(samples, k):  # type: ignore[no-untyped-def]
+    """Those of one person."""
+    rays, pixels, layers = samples.rays[k], samples.pixels[k], samples.layers[k]
+    return SampleArrays(rays, pixels, layers, samples.counts[k], samples.which[k], samples.size[k])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def gather(poses: F64, reach_m: float, seen, samples, table, model) -> None:  # type: ignore[no-untyped-def]
+    """Append the samples of one camera within ``reach_m`` of each body to those of that body."""
+    for k in range(len(poses)):
+        _gather(poses[k], reach_m, seen, samples_of(samples, k), table, model)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def take_pixels(pixels: I64, seen, samples, table, model) -> None:  # type: ignore[no-untyped-def]
+    """Some pixels of a view become the samples, each weighted by its patches at a range of 1 m."""
+    m, cols = model[0], seen.kind.shape[1]
+    for n in range(len(pixels)):
+        r, c = pixels[n] // cols, pixels[n] % cols
+        weight = seen.pixel_sr / (seen.stretch[r, c] * m.patch_m) ** 2
+        _take(n, r, c, weight, (0.5, 0.5), seen, samples, table, model)
+    samples.size[0] = len(pixels)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def map_lacking(points: F32, low_m: F64, cell_m: float, out: F32) -> None:
+    """Add what points lack of an explanation, as ``assign_pixels`` gives it, to the cells of a map of the floor."""
+    for i in range(points.shape[1]):
+        row, col = int((points[0, i] - low_m[0]) / cell_m), int((points[1, i] - low_m[1]) / cell_m)
+        out[row, col] += points[3, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fresh_points(pixels: I64, lacking: F32, codes: U8, seen, tried_m: F32, deviations, which: I64, out: F32) -> int:  # type: ignore[no-untyped-def]
+    """Points of the pixels whose surface is not where it has been tried: x, y, z [m], what they lack of an explanation
+    and the colour, in ``out`` (5, M); their indices in ``which``; their number. Forgets what has been tried where
+    there is no surface any more.
+
+    ``deviations``: of a body's surface [m], and how many of them make another surface.
+    """
+    surface_m, changed = deviations
+    centre, (rows, cols), n = seen.centre_m, seen.range_m.shape, 0
+    for r in range(rows):
+        for c in range(cols):
+            if seen.kind[r, c] != SURFACE and seen.kind[r, c] != UNKNOWN:
+                tried_m[r, c] = 0.0
+    for i in range(len(pixels)):
+        r, c = pixels[i] // cols, pixels[i] % cols
+        far = seen.range_m[r, c]
+        if abs(far - tried_m[r, c]) < changed * math.hypot(surface_m, seen.std_per_m2 * far * far):
+            continue
+        ex, ey, cos, sin = seen.level[r, c, 0], seen.level[r, c, 1], seen.level[r, c, 2], seen.level[r, c, 3]
+        out[0, n], out[1, n] = centre[0] + ex * cos * far, centre[1] + ey * cos * far
+        out[2, n], out[3, n], out[4, n], which[n] = centre[2] - sin * far, lacking[i], codes[i], i
+        n += 1
+    return n

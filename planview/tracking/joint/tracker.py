@@ -12,15 +12,31 @@ from calib.carried import Carried
 from calib.types import F32, F64, U8, Bool
 from planview.maps.view import CODES
 from planview.tracking import body
-from planview.tracking.base import NO_BOX, Box, Decision, DecisionKind, Drawing, Observation, TrackerDebug, person_boxes
+from planview.tracking.base import (
+    NO_BOX,
+    Box,
+    Decision,
+    DecisionKind,
+    Drawing,
+    Observation,
+    TrackerDebug,
+    TrackLog,
+    person_boxes,
+)
 from planview.tracking.joint.births import EVIDENCE_MAX, SEARCH_PRIOR, Births, odds_of_moving
 from planview.tracking.joint.explanation import STEPS_M, Explanation, Owned, People, Samples, likelihood_of_ranges
-from planview.tracking.joint.identity import KNOWN_LOG_ODDS, Exchanges, continued
 from planview.tracking.joint.params import JointParams, PeopleParams
-from planview.tracking.joint.person import Person, colour_counts, colour_ratios, side_by_side
+from planview.tracking.joint.person import (
+    KNOWN_LOG_ODDS,
+    Exchanges,
+    Person,
+    colour_counts,
+    colour_ratios,
+    continued,
+    side_by_side,
+)
 from planview.tracking.joint.samples import KNOWN, PARTS
 from planview.tracking.kalman import FloorKalman
-from planview.tracking.lifecycle import TrackLog
 from planview.trajectories.state import State, TrackState
 
 HEIGHT_CHANGE_MPS = 0.6

@@ -16,16 +16,23 @@ from calib.carried import Carried
 from calib.floor_camera import FloorCamera
 from calib.types import F32, F64, I64
 from planview.maps.plan_view import PlanViewMaps
-from planview.tracking.base import NO_TERMS, Decision, Drawing, Observation, ScoreTerms, TrackerDebug, person_boxes
+from planview.tracking.base import (
+    NO_TERMS,
+    Decision,
+    Drawing,
+    Existence,
+    LifeCycle,
+    Observation,
+    ScoreTerms,
+    TrackerDebug,
+    person_boxes,
+)
 from planview.tracking.kalman import FloorKalman
-from planview.tracking.lifecycle import Existence, LifeCycle
 from planview.tracking.template.params import TemplateParams
 from planview.trajectories.state import TrackState
 
 SEARCH_SIGMA = 3.0
 """Half side of the search zone in deviations of the predicted position (the paper: from the Kalman uncertainty)."""
-SPEED_STD_MPS = 1.0
-"""Deviation of the unknown velocity of a newcomer [m/s]: walking pace."""
 
 Place = tuple[float, float]
 """Floor position (x, y) [m]."""
@@ -285,7 +292,7 @@ class TemplateTracker(Carried):
             if area[row, col] < p.area_min_m2:
                 return
             at_m = grid.centre_of(row, col)
-            kalman = FloorKalman.at(*at_m, grid.cell_m, SPEED_STD_MPS)
+            kalman = FloorKalman.at(*at_m, grid.cell_m)
             lost = [(_apart(q, at_m), q.existence.track_id, q) for q in self._people if q.existence.lost]
             away, _, person = min(lost, default=(math.inf, 0, None))
             if person is not None and away <= p.reattach_m:

@@ -19,7 +19,7 @@ from planview.foreground.params import ForegroundParams
 from planview.output.folder import RunInfo, write_run_info
 from planview.output.resume import CHECKPOINT, Checkpoint, checkpoint_of, difference, read_checkpoint, write_checkpoint
 from planview.output.state import SavedState, decode, encode
-from planview.tracking.lifecycle import Existence
+from planview.tracking.base import Existence
 
 IDENTITY: dict[str, Any] = {
     "version": {},

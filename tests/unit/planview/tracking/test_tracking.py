@@ -9,10 +9,9 @@ import pytest
 
 from calib.errors import InputError
 from calib.types import F64
-from planview.tracking.base import Observation
+from planview.tracking.base import LifeCycle, Observation
 from planview.tracking.detections import DetectionParams, DetectionTracker
 from planview.tracking.kalman import FloorKalman
-from planview.tracking.lifecycle import LifeCycle
 from planview.trajectories.boxes import Detections, load_detections
 from planview.trajectories.state import TrackState
 from tests.human_model_world import CAMERA
@@ -42,7 +41,7 @@ def test_certain_direction_follows_the_measurement():
 
 
 def test_kalman_learns_a_constant_velocity_and_grows_uncertain_without_measurements():
-    state = FloorKalman.at(0.0, 0.0, 0.05, 1.0)
+    state = FloorKalman.at(0.0, 0.0, 0.05)
     for i in range(1, 40):
         state = state.predicted(0.1, 0.5).updated(0.1 * i, -0.05 * i, 0.05)
     assert (state.vx_mps, state.vy_mps) == pytest.approx((1.0, -0.5), abs=0.02)

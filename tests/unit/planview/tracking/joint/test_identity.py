@@ -10,8 +10,7 @@ from planview.maps.view import CODES
 from planview.tracking import body
 from planview.tracking.joint import JointTracker
 from planview.tracking.joint.explanation import upright
-from planview.tracking.joint.identity import _log_odds, alike, colours_of
-from planview.tracking.joint.person import Person
+from planview.tracking.joint.person import Person, _log_odds, alike, colours_of
 from planview.tracking.kalman import FloorKalman
 
 
