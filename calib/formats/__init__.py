@@ -12,12 +12,10 @@ import numpy as np
 
 from calib.camera import Camera
 from calib.errors import InputError
-from calib.formats.base import NATIVE, Choice, Format, Source, arrays_text, read_source
-from calib.formats.datasets import EUROC, KITTI, MIDDLEBURY
-from calib.formats.devices import DEPTHAI, ZED
+from calib.formats.base import NATIVE, Choice, Format, Source, arrays_text, is_tsai, read_source
+from calib.formats.devices import DEPTHAI, KITTI, MIDDLEBURY, ZED
 from calib.formats.opencv import FORMAT as OPENCV
-from calib.formats.ros import KALIBR, ROS
-from calib.formats.tsai import is_tsai
+from calib.formats.ros import EUROC, KALIBR, ROS
 from calib.io import MAX_BYTES, closed_text, entries, reason, size_text, write_whole
 from calib.rig import StereoRig
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,24 +23,15 @@ Size = tuple[int, int]
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
-class Source:
+class Source(NamedTuple):
     """A file and its text."""
 
     path: Path
     text: str
 
 
-@dataclass(frozen=True)
-class Choice:
-    """What the caller supplies and a file may lack.
-
-    Attributes:
-        size: (width, height) of the recording's images [px]; selects or supplies the resolution.
-        cameras: names of the left and right camera in a file that holds more than two.
-        unit_m: length of the file's unit of translation [m]; None takes the format's own.
-        rectified: whether the images are, where a file holds both calibrations; None decides by their size.
-    """
+class Choice(NamedTuple):
+    """What the caller supplies and a file may lack: arguments of ``calib.formats.load_rig``."""
 
     size: Size | None = None
     cameras: tuple[str, str] | None = None
@@ -53,8 +43,7 @@ class Choice:
         return default_m if self.unit_m is None else self.unit_m
 
 
-@dataclass(frozen=True)
-class Format:
+class Format(NamedTuple):
     """How one tool writes a rig.
 
     Attributes:
@@ -125,6 +114,11 @@ def read_source(path: Path) -> Source:
     if arrays:
         raise InputError(f"{path}: expected a calibration file as text, found {arrays}")
     return Source(path, read_text(path, "a calibration file"))
+
+
+def is_tsai(source: Source) -> bool:
+    """Does this text hold one camera in Tsai's model?"""
+    return "<Geometry" in source.text and "<Extrinsic" in source.text
 
 
 def side_of(name: str) -> str | None:

@@ -1,7 +1,8 @@
-"""ROS camera_info and Kalibr camchain.
+"""Calibrations of the world of ROS: camera_info pairs, Kalibr's camchain, and EuRoC's sensor.yaml.
 
 camera_info is a YAML file per camera, as camera_calibration writes it or as the message is printed; camchain a table
-per camera, with poses as nested rows or as 16 values in a row.
+per camera, with poses as nested rows or as 16 values in a row. EuRoC's sensor.yaml lies in each camera's folder; T_BS
+maps the camera to the body.
 """
 
 from __future__ import annotations
@@ -118,27 +119,41 @@ def _ros_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
 ROS = Format("ros", "ROS camera_info pair", _ros_part, _ros_read, _ros_texts, "")
 
 
-_KALIBR_MODELS: dict[str, tuple[LensModel, int]] = {
-    "radtan": ("brown", 4), "equidistant": ("fisheye", 4), "none": ("brown", 0),
+_PINHOLE_LENSES: dict[str, LensModel] = {
+    "radtan": "brown", "radial-tangential": "brown", "equidistant": "fisheye", "none": "brown",
 }  # fmt: skip
 
 
-def _kalibr_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
-    data = base.parse_yaml(sources[0].text)
-    left, right = choice.cameras or ("cam0", "cam1")
-    one, other = (_kalibr_camera(base.table(base.entry(data, name), name), name) for name in (left, right))
-    return StereoRig(one, other, _pose(data, left, right, choice.unit()), sources[0].path.name)
-
-
-def _kalibr_camera(values: Mapping[str, Any], name: str) -> Camera:
-    projection = str(values.get("camera_model", "pinhole"))
-    if projection != "pinhole":
-        raise ValueError(f"expected a pinhole camera_model in {name}, found {projection!r}")
-    model, count = base.lens_of(values, _KALIBR_MODELS, name)
-    size = base.size_of(base.entry(values, "resolution"), "resolution")
-    coefficients = base.numbers(values.get("distortion_coeffs", []), f"distortion_coeffs of {name}", (count, 4))
+def _pinhole(values: Mapping[str, Any], name: str, key: str, counts: tuple[int, ...]) -> Camera:
+    """A camera of Kalibr's or EuRoC's, whose ``key`` holds these numbers of coefficients."""
+    model = base.lens_of(values, _PINHOLE_LENSES, name)
+    none = values["distortion_model"] == "none"
+    listed = values.get(key, []) if none else base.entry(values, key)
+    coefficients = base.numbers(listed, f"{key} of {name}", (0, 4) if none else counts)
     intrinsics = base.numbers(base.entry(values, "intrinsics"), f"intrinsics of {name}", 4)
+    size = base.size_of(base.entry(values, "resolution"), "resolution")
     return base.camera(size, intrinsics, coefficients, model, name)
+
+
+def _pinhole_entry(one: Camera, name: str, key: str, polynomial: str) -> dict[str, Any]:
+    """The same as a table; ``polynomial`` is what the format of this name calls the lens of k1 k2 p1 p2."""
+    model, coefficients = base.held(name, one, {"brown": 4, "fisheye": 4})
+    return {
+        "camera_model": "pinhole", "intrinsics": [float(v) for v in (one.fx, one.fy, one.cx, one.cy)],
+        "distortion_model": "equidistant" if model == "fisheye" else polynomial, key: coefficients,
+        "resolution": [*one.size],
+    }  # fmt: skip
+
+
+def _kalibr_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
+    data, cameras = base.parse_yaml(sources[0].text), []
+    left, right = choice.cameras or ("cam0", "cam1")
+    for name in (left, right):
+        values = base.table(base.entry(data, name), name)
+        if (projection := str(values.get("camera_model", "pinhole"))) != "pinhole":
+            raise ValueError(f"expected a pinhole camera_model in {name}, found {projection!r}")
+        cameras.append(_pinhole(values, name, "distortion_coeffs", (4,)))
+    return StereoRig(cameras[0], cameras[1], _pose(data, left, right, choice.unit()), sources[0].path.name)
 
 
 def _pose(data: Mapping[str, Any], left: str, right: str, unit_m: float) -> SE3:
@@ -170,19 +185,38 @@ def _index(name: str) -> int:
 
 
 def _kalibr_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
-    cameras = {"cam0": _entry(rig.left), "cam1": _entry(rig.right)}
-    cameras["cam1"]["T_cn_cnm1"] = rig.right_SE3_left.matrix.tolist()
-    return {path: base.yaml_text(cameras)}
-
-
-def _entry(one: Camera) -> dict[str, Any]:
-    model, coefficients = base.held("Kalibr", one, {"brown": 4, "fisheye": 4})
-    return {
-        "camera_model": "pinhole", "intrinsics": [float(v) for v in (one.fx, one.fy, one.cx, one.cy)],
-        "distortion_model": "equidistant" if model == "fisheye" else "radtan",
-        "distortion_coeffs": coefficients, "resolution": [*one.size],
-    }  # fmt: skip
+    one, other = (_pinhole_entry(camera, "Kalibr", "distortion_coeffs", "radtan") for camera in (rig.left, rig.right))
+    return {path: base.yaml_text({"cam0": one, "cam1": other | {"T_cn_cnm1": rig.right_SE3_left.matrix.tolist()}})}
 
 
 _IS_KALIBR = base.whole_with(r"^\s*[\"']?cam\d+[\"']?\s*:", r"^\s*(camera_model|distortion_coeffs)\s*:")
 KALIBR = Format("kalibr", "Kalibr camchain", _IS_KALIBR, _kalibr_read, _kalibr_texts, ".yaml")
+
+
+_IS_SENSOR = base.whole_with(r"^\s*T_BS\s*:", r"^\s*intrinsics\s*:")  # an IMU's has T_BS, too
+
+
+def _euroc_part(source: Source) -> str | None:
+    return _IS_SENSOR(source) and (base.side_of(source.path.parent.name) or base.side_of(source.path.stem))
+
+
+def _euroc_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
+    names, halves = [f"{source.path.parent.name}/{source.path.name}" for source in sources], []
+    for source, name in zip(sources, names, strict=True):
+        data = base.parse_yaml(source.text)
+        body_SE3_camera = base.rigid(base.entry(data, "T_BS"), f"T_BS of {name}", choice.unit())
+        halves.append((_pinhole(data, name, "distortion_coefficients", (0, 4)), body_SE3_camera.inverse()))
+    return base.joined(halves[0], halves[1], "+".join(names))
+
+
+def _euroc_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
+    texts = {}
+    poses = SE3.identity(), rig.right_SE3_left.inverse()
+    for name, one, body_SE3_camera in zip(("cam0", "cam1"), (rig.left, rig.right), poses, strict=True):
+        pose = {"cols": 4, "rows": 4, "data": body_SE3_camera.matrix.ravel().tolist()}
+        entry = _pinhole_entry(one, "EuRoC", "distortion_coefficients", "radial-tangential")
+        texts[path / name / "sensor.yaml"] = base.yaml_text({"sensor_type": "camera", "T_BS": pose} | entry)
+    return texts
+
+
+EUROC = Format("euroc", "EuRoC sensor.yaml pair", _euroc_part, _euroc_read, _euroc_texts, "")

@@ -20,8 +20,8 @@ from toy_stereo import toy_rig
 
 from calib.errors import InputError
 from calib.formats import FORMATS, load_rig, write_rig
+from calib.formats.one_camera import load_tsai
 from calib.formats.rgbd import load_rgbd
-from calib.formats.tsai import load_tsai
 from calib.ground_camera import GroundCamera, load_ground_camera, save_ground_camera
 from calib.people.samples import read_image_size, read_samples
 from calib.pose import SE3

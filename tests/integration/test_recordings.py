@@ -8,7 +8,7 @@ import pytest
 
 from calib.errors import InputError
 from calib.formats import load_rig
-from calib.formats.tsai import load_tsai
+from calib.formats.one_camera import load_tsai
 from calib.types import F32, U8
 from stereo.depth import RectifiedGeometry
 from stereo.floor import FloorEstimator, setup_frames

@@ -16,8 +16,7 @@ from calib.camera import Camera
 from calib.errors import InputError
 from calib.floor_camera import FloorCamera, FloorPinhole
 from calib.formats import base
-from calib.formats.one_camera import holds_one_camera, load_one_camera
-from calib.formats.tsai import load_tsai
+from calib.formats.one_camera import holds_one_camera, load_one_camera, load_tsai
 from calib.ground_camera import LENS_K_320, GroundCamera, load_ground_camera, save_ground_camera
 from calib.pose import SE3
 from calib.rig import Floor, world_from_plane
