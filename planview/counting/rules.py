@@ -76,8 +76,7 @@ class RulePlane:
         if self.image_size is None:
             return
         width, height = self.image_size
-        u, v = outline_px.T
-        if ((u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)).any():
+        if ((outline_px >= -0.5) & (outline_px <= np.array(self.image_size) - 0.5)).all(axis=1).any():
             return
         visible = self._raster() if raster is None else raster[np.isfinite(raster).all(axis=1)]
         if len(points) > 2 and (Outline(points).depth(*visible.T) > 0).any():
@@ -92,11 +91,9 @@ class RulePlane:
 
 
 def _along(points: F64) -> F64:
-    """Points on the closed outline, corners included."""
-    # Points along a line that are tested for being in view.
+    """65 points on each side of the closed outline, which are tested for being in view."""
     t = np.linspace(0.0, 1.0, 65)[:, None]
-    ends = np.roll(points, -1, axis=0)
-    return np.concatenate([a + t * (b - a) for a, b in zip(points, ends, strict=True)])
+    return np.concatenate([a + t * (b - a) for a, b in zip(points, np.roll(points, -1, axis=0), strict=True)])
 
 
 class Outline:
@@ -319,8 +316,7 @@ def parse_rules(data: dict[str, Any], plane: RulePlane, source: str) -> Rules:
     if not file.tripwire and not file.zone:
         raise InputError(f"{source}: expected at least one [[tripwire]] or [[zone]], found none")
     names, zones = [rule.name for rule in (*file.tripwire, *file.zone, *file.queue)], [z.name for z in file.zone]
-    twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
-    if twice is not None:
+    if twice := next((name for i, name in enumerate(names) if name in names[:i]), None):
         raise InputError(f"{source}: expected every rule to have a name of its own, found {twice!r} twice")
     for queue in file.queue:
         if queue.zone not in zones:
@@ -330,10 +326,7 @@ def parse_rules(data: dict[str, Any], plane: RulePlane, source: str) -> Rules:
             )
     return Rules(
         tuple(_wire(rule, plane, source) for rule in file.tripwire),
-        tuple(
-            Placed(rule.name, *_zone_points(rule, plane, source), rule.hysteresis_m, rule.min_age_s)
-            for rule in file.zone
-        ),
+        tuple(_zone(rule, plane, source) for rule in file.zone),
         tuple(file.queue),
         source,
     )
@@ -371,7 +364,7 @@ def _wire(rule: Tripwire, plane: RulePlane, source: str) -> Placed:
     return Placed(rule.name, where, points, rule.hysteresis_m, rule.min_age_s, rule.inward or "", counted)
 
 
-def _zone_points(rule: Zone, plane: RulePlane, source: str) -> tuple[PlaneName, F64]:
+def _zone(rule: Zone, plane: RulePlane, source: str) -> Placed:
     if (rule.polygon_m is None) == (rule.polygon_px is None):
         found = "neither" if rule.polygon_m is None else "both"
         raise InputError(f"{source}: expected polygon_m or polygon_px in zone {rule.name!r}, found {found}")
@@ -381,9 +374,9 @@ def _zone_points(rule: Zone, plane: RulePlane, source: str) -> tuple[PlaneName, 
         points = points[:-1]
     if len(points) < 3:
         raise InputError(f"{source}: expected at least 3 points in zone {rule.name!r}, found {len(points)}")
-    problem = problem_of(points)
-    if problem:
+    if problem := problem_of(points):
         raise InputError(
             f"{source}: expected a polygon that does not cross itself in zone {rule.name!r}, found {problem}"
         )
-    return plane.place(points, in_pixels=rule.polygon_px is not None, what=f"{source}: zone {rule.name!r}")
+    where, points = plane.place(points, in_pixels=rule.polygon_px is not None, what=f"{source}: zone {rule.name!r}")
+    return Placed(rule.name, where, points, rule.hysteresis_m, rule.min_age_s)

@@ -123,15 +123,20 @@ class ImagePainter:
         camera = self._camera
         return visible_parts(camera.project, points_m, camera.size) if camera is not None else []
 
+    def _feet(self, person: TrackState) -> F64 | None:
+        """The pixel of a person's feet, also outside of the image; None where it is unknown."""
+        if self._camera is None or math.isnan(person.x_m):
+            return None
+        feet = self._camera.project(np.array([person.x_m, person.y_m, 0.0]))
+        return feet if np.isfinite(feet).all() and np.abs(feet).max() < 2**14 else None
+
     def _place(self, person: TrackState) -> F64 | None:
         """Where a person's label stands: over the box, else at the feet [px]; None outside of the image."""
         if not math.isnan(person.box_px[0]):
             return np.array(person.box_px[:2])
-        if self._camera is None or math.isnan(person.x_m):
-            return None
-        feet = self._camera.project(np.array([person.x_m, person.y_m, 0.0]))
-        inside = np.isfinite(feet).all() and (feet >= 0).all() and (feet < self._camera.size).all()
-        return feet if inside else None
+        feet = self._feet(person)
+        size = self._camera.size if self._camera is not None else (0, 0)
+        return feet if feet is not None and (feet >= 0).all() and (feet < size).all() else None
 
     def _paint_arrow(self, picture: U8, person: TrackState, scale: int) -> None:
         """Where a person faces, on the floor, with a white edge."""
@@ -146,10 +151,7 @@ class ImagePainter:
 
     def _paint_truth(self, picture: U8, person: TrackState, scale: int) -> None:
         """A white and black cross at the true person's feet."""
-        if self._camera is None or math.isnan(person.x_m):
-            return
-        feet = self._camera.project(np.array([person.x_m, person.y_m, 0.0]))
-        if np.isfinite(feet).all() and np.abs(feet).max() < 2**14:
+        if (feet := self._feet(person)) is not None:
             at = _pixels(feet[None], scale)[0].tolist()
             cv2.drawMarker(picture, at, (255, 255, 255), cv2.MARKER_TILTED_CROSS, 13, 4)
             cv2.drawMarker(picture, at, as_bgr(TRUTH), cv2.MARKER_TILTED_CROSS, 12, 2)

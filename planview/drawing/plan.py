@@ -102,14 +102,9 @@ def bounds_of(*places_m: F64) -> PlanBounds:
 
 
 class PlanPainter:
-    """Draws snapshots on the floor, fitted into pictures of (width, height) pixels.
-
-    Args:
-        cameras: place on the floor (x, y) [m] and outline of the view (N, 2) [m] of every camera.
-    Attributes:
-        paper: (H, W, 3) uint8 BGR, the floor without people.
-        scale: [px/m].
-    """
+    """Draws snapshots on the floor, fitted into pictures of (width, height) pixels at ``scale`` [px/m]. ``cameras``:
+    place (x, y) and outline of the view (N, 2) on the floor [m]; ``paper``: (H, W, 3) uint8 BGR, the floor without
+    people."""
 
     def __init__(
         self,
@@ -164,9 +159,7 @@ class PlanPainter:
                 at = self.px(np.array([(person.x_m, person.y_m)]))[0].tolist()
                 cv2.drawMarker(picture, at, as_bgr(TRUTH), cv2.MARKER_TILTED_CROSS, 15, 2)
                 self._paint_arrow(picture, person, as_bgr(TRUTH), 1)
-        for person in snapshot.people:
-            if math.isnan(person.x_m):
-                continue
+        for person in (person for person in snapshot.people if not math.isnan(person.x_m)):
             x, y = self.px(np.array([(person.x_m, person.y_m)]))[0].tolist()
             colour = as_bgr(person_rgb(person.track_id, person.state))
             self._paint_arrow(picture, person, colour, 2)

@@ -96,11 +96,8 @@ _BY_ID: dict[str, Callable[..., Trajectories]] = {
 
 def _shorter(table: Trajectories, seconds: float) -> Trajectories:
     frame_s = frame_period_s(table, 1 / 30)
-    short = [
-        i for i, rows in rows_by_id(table.track_id)
-        if np.count_nonzero(table.state[rows] == "confirmed") * frame_s < seconds
-    ]  # fmt: skip
-    return table.where(~np.isin(table.track_id, short))
+    ids, times = np.unique(table.track_id[table.state == "confirmed"], return_counts=True)
+    return table.where(np.isin(table.track_id, ids[times * frame_s >= seconds]) | (seconds <= 0))
 
 
 def _join_gaps(table: Trajectories, seconds: float, metres: float) -> Trajectories:
@@ -113,8 +110,7 @@ def _join_gaps(table: Trajectories, seconds: float, metres: float) -> Trajectori
     near: list[tuple[float, int, int]] = []
     for i in range(len(track_id)):
         gap_s = (first_frame - last_frame[i]) * frame_s
-        last = lasts[i]
-        away_m = np.hypot(table.x_m[firsts] - table.x_m[last], table.y_m[firsts] - table.y_m[last])
+        away_m = np.hypot(table.x_m[firsts] - table.x_m[lasts[i]], table.y_m[firsts] - table.y_m[lasts[i]])
         found = np.flatnonzero((gap_s > 0) & (gap_s <= seconds) & (away_m <= metres))
         near += [(float(away_m[j]), i, j) for j in found.tolist()]
     former: dict[int, int] = {}
@@ -124,10 +120,8 @@ def _join_gaps(table: Trajectories, seconds: float, metres: float) -> Trajectori
     ids = track_id.copy()
     for j in np.argsort(first_frame, kind="stable").tolist():
         ids[j] = ids[former.get(j, j)]
-    which = np.searchsorted(track_id, table.track_id)
-    placed = np.isin(table.track_id, track_id)
-    renamed = np.where(placed, ids[np.where(placed, which, 0)], table.track_id) if len(ids) else table.track_id
-    return _with_ids(table, renamed)
+    new = dict(zip(track_id.tolist(), ids.tolist(), strict=True))
+    return _with_ids(table, np.array([new.get(i, i) for i in table.track_id.tolist()], dtype=np.int64))
 
 
 def _own(table: Trajectories, track_id: int) -> Bool:

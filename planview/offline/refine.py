@@ -31,9 +31,6 @@ JOINT = JointParams()
 """The tracker whose floor and share of low people are taken."""
 
 
-CHANGE_COLUMNS = ("id", "first_frame", "last_frame", "kind", "reason", "value")
-
-
 class Change(NamedTuple):
     """A row of refinement.csv: the id after refinement, the frames that changed, "join" (another id made one with this)
     or "smooth" (positions moved), the reason, and the log-odds of the join or root mean square movement [m]."""
@@ -50,7 +47,7 @@ def changes_csv(changes: Iterable[Change]) -> str:
     """The text of refinement.csv."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(CHANGE_COLUMNS)
+    writer.writerow(("id", *Change._fields[1:]))
     writer.writerows((*change[:5], f"{change.value:.4f}") for change in changes)
     return file.getvalue()
 
@@ -89,10 +86,7 @@ def refine(tracks: Trajectories) -> Refined:
     No row is added and no state changes: only ids of joined tracks and positions up to the last confirmed row of a
     person. Predictions of a track end where the one that continues it begins. Tracks never confirmed stay as they are.
 
-    Args:
-        tracks: as written online; 30 frames per second where no row has a time.
-    Raises:
-        InputError: confirmed rows without floor positions.
+    Where no row has a time, there are 30 frames per second. Raises InputError: confirmed rows without floor positions.
     """
     confirmed = tracks.where(tracks.state == "confirmed")
     if not np.isfinite(confirmed.x_m + confirmed.y_m).all():

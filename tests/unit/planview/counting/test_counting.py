@@ -21,7 +21,6 @@ from planview.counting.rules import (
     Rules,
     load_rules,
     parse_rules,
-    problem_of,
     stereo_plane,
 )
 from planview.counting.scoring import crossing_scores, occupancy_groups
@@ -109,29 +108,21 @@ def test_bad_rules_get_one_sentence_that_names_the_file(tmp_path: Path, text: st
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("rule", "sentence"),
-    [
-        ({"from_px": [700, 10], "to_px": [900, 10]}, "inside the view of 640x480 pixels"),
-        ({"from_px": [100, 5], "to_px": [200, 5]}, "above the horizon"),
-        ({"from_m": [-1, -5], "to_m": [1, -5]}, "inside the view"),
-        ({"from_m": [50, 5], "to_m": [50, 6]}, "inside the view"),
-    ],
-)
-def test_line_outside_the_view_is_refused(rule: dict[str, list[float]], sentence: str) -> None:
-    camera = GroundCamera(640, 480, 500.0, 3.0, math.radians(80))
-    with pytest.raises(InputError, match=sentence):
-        parse_rules({"tripwire": [{"name": "w", **rule}]}, RulePlane(camera), "r")
+STEEP = RulePlane(GroundCamera(640, 480, 500.0, 3.0, math.radians(80)))
 
 
 @pytest.mark.parametrize(
     ("rule", "plane", "sentence"),
     [
+        ({"from_px": [700, 10], "to_px": [900, 10]}, STEEP, "inside the view of 640x480 pixels"),
+        ({"from_px": [100, 5], "to_px": [200, 5]}, STEEP, "above the horizon"),
+        ({"from_m": [-1, -5], "to_m": [1, -5]}, STEEP, "inside the view"),
+        ({"from_m": [50, 5], "to_m": [50, 6]}, STEEP, "inside the view"),
         ({"from_px": [0.5, 0.25], "to_px": [0.5, 0.9]}, RulePlane(), "found fractions of the image, up to 0.9"),
         ({"from_m": [1, 2], "to_m": [3, 2]}, RulePlane(None, (640, 480), has_floor=False), "has no metres"),
     ],
 )
-def test_line_in_another_unit_is_refused(rule: dict[str, list[float]], plane: RulePlane, sentence: str) -> None:
+def test_line_outside_the_view_or_in_another_unit_is_refused(rule, plane: RulePlane, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         parse_rules({"tripwire": [{"name": "w", **rule}]}, plane, "r")
 
@@ -152,10 +143,7 @@ def test_depth_in_an_outline_is_the_distance_to_it_with_a_sign():
     assert Outline(SQUARE).depth(x, y) == pytest.approx([0.25, -1.0, -5.0])
     assert Outline(SQUARE).inner_radius() == pytest.approx(1.0, abs=0.1)
     notched = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 1.0], [0.0, 4.0]])
-    assert problem_of(notched) == ""
-    outside, inside = Outline(notched).depth(np.array([2.0, 0.5]), np.array([2.0, 1.0]))
-    assert outside < 0 < inside
-    assert "cross or touch" in problem_of(np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 2.0]]))
+    assert np.sign(Outline(notched).depth(np.array([2.0, 0.5]), np.array([2.0, 1.0]))).tolist() == [-1, 1]
 
 
 @pytest.mark.parametrize("name", ["=HYPERLINK(1)", "@door", "-1+1", "+door", "a\tb", "a\x1b[31m"])

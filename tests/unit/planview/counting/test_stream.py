@@ -205,24 +205,19 @@ PAGE = Path(__file__).resolve().parents[4] / "docs" / "counting.md"
 METRES, PIXELS = re.findall(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
 
 
-@pytest.fixture
-def nearer() -> Trajectories:
-    """Somebody who walks towards the camera through the door of the page."""
-    frame = np.arange(40)
-    xy = np.column_stack([np.zeros(40), 5.0 - 0.1 * frame])
-    return positions_table(frame, np.ones(40, dtype=np.int64), xy, np.full(40, 1.7), 0.1 * frame)
+def rows_of(xy_m: np.ndarray | None = None, box_px: np.ndarray | None = None) -> Trajectories:
+    """Forty frames of one person."""
+    frame, xy_m = np.arange(40), np.full((40, 2), np.nan) if xy_m is None else xy_m
+    return positions_table(frame, np.ones(40, dtype=np.int64), xy_m, None, 0.1 * frame, box_px)
 
 
-def test_coming_towards_the_camera_is_in(nearer, tmp_path):
-    (tmp_path / "rules.toml").write_text(METRES)
-    door = count_tracks(nearer, load_rules(tmp_path / "rules.toml")).to_json()["rules"]["door"]
-    assert (door["in"], door["out"]) == (1, 0)
+STEPS = np.arange(40.0)
+TOWARDS = rows_of(xy_m=np.column_stack([0 * STEPS, 5.0 - 0.1 * STEPS]))
+UP = rows_of(box_px=np.column_stack([0 * STEPS + 300, 350 - 6 * STEPS, 0 * STEPS + 30, 0 * STEPS + 60]))
 
 
-def test_walking_up_the_image_is_in(tmp_path):
-    (tmp_path / "rules.toml").write_text(PIXELS)
-    frame = np.arange(40)
-    box = np.column_stack([np.full(40, 300.0), 350.0 - 6 * frame, np.full(40, 30.0), np.full(40, 60.0)])
-    up = positions_table(frame, np.ones(40, dtype=np.int64), np.full((40, 2), np.nan), None, 0.1 * frame, box)
-    edge = count_tracks(up, load_rules(tmp_path / "rules.toml")).to_json()["rules"]["platform edge"]
-    assert (edge["in"], edge["out"]) == (1, 0)
+@pytest.mark.parametrize(("page", "rule", "tracks"), [(METRES, "door", TOWARDS), (PIXELS, "platform edge", UP)])
+def test_rules_of_the_page_count_who_comes_towards_the_camera_and_up_the_image_as_in(tmp_path, page, rule, tracks):
+    (tmp_path / "rules.toml").write_text(page)
+    counted = count_tracks(tracks, load_rules(tmp_path / "rules.toml")).to_json()["rules"][rule]
+    assert (counted["in"], counted["out"]) == (1, 0)
