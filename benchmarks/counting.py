@@ -20,8 +20,7 @@ from benchmarks.random_scenes.generator import VIEWS, random_scene
 from benchmarks.random_scenes.tables import RandomScene
 from calib.errors import InputError
 from planview.counting.rules import RulePlane, Rules, load_rules, parse_rules
-from planview.counting.scoring import CountScores, CrossingScores, score_counts
-from planview.counting.totals import Clock, count_tracks, count_truth
+from planview.counting.totals import Clock, CountScores, CrossingScores, count_tracks, count_truth, score_counts
 from planview.engine.config import Config
 from planview.engine.engine import Engine
 from planview.engine.open import open_engine

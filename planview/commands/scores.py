@@ -20,8 +20,7 @@ from calib.io import missing, reason, require_file
 from planview.commands.options import Flag, Ignored, JsonFlag, Region, checked, frame_span
 from planview.counting.events import read_events, write_event_header, write_event_rows
 from planview.counting.rules import AnalyticsParams, RulePlane, load_rules, stereo_plane
-from planview.counting.scoring import score_counts, score_events
-from planview.counting.totals import Clock, Counts, count_tracks, count_truth
+from planview.counting.totals import Clock, Counts, count_tracks, count_truth, score_counts, score_events
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import Evaluation, pooled
 from planview.output.folder import unfinished_note, write_result, writing

@@ -1,4 +1,5 @@
-"""Counting frame by frame: the same for a file of tracks and for a live run."""
+"""Counting frame by frame, the same for a file of tracks and for a live run: where people are observed, and how they
+pass tripwires and stay in zones."""
 
 from __future__ import annotations
 
@@ -8,12 +9,228 @@ from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from calib.carried import Carried
-from calib.types import F64
-from planview.counting.events import Event
-from planview.counting.passages import Area, AreaState, Stay, TrackPlaces, Wire, WireState
-from planview.counting.rules import AnalyticsParams, Placed, PlaneName, Rules
+from calib.types import F64, I64, Bool
+from planview.counting.events import Direction, Event, EventKind
+from planview.counting.rules import AnalyticsParams, Outline, Placed, PlaneName, Rules
 from planview.trajectories.state import TrackState
+from planview.trajectories.table import Trajectories, WordColumn
+
+
+@dataclass(frozen=True, eq=False)
+class TrackPlaces:
+    """Rows of tracks: (N,) ids and states, (N, 2) places on the floor [m], and (N, 4) boxes left, top, width, height
+    [px]."""
+
+    track_id: I64
+    state: WordColumn
+    floor_m: F64
+    box_px: F64
+
+    @staticmethod
+    def of_states(tracks: Sequence[TrackState]) -> TrackPlaces:
+        """One frame's tracks."""
+        return TrackPlaces(
+            np.array([track.track_id for track in tracks], dtype=np.int64),
+            np.array([track.state for track in tracks], dtype=np.str_),
+            np.array([(track.x_m, track.y_m) for track in tracks], dtype=np.float64).reshape(-1, 2),
+            np.array([track.box_px for track in tracks], dtype=np.float64).reshape(-1, 4),
+        )
+
+    @staticmethod
+    def of_rows(tracks: Trajectories, rows: slice | I64) -> TrackPlaces:
+        """Rows of a table."""
+        floor_m = np.column_stack([tracks.x_m[rows], tracks.y_m[rows]])
+        return TrackPlaces(tracks.track_id[rows], tracks.state[rows], floor_m, tracks.box_px[rows])
+
+    @property
+    def observed(self) -> Bool:
+        """(N,) whether a row has a place and is more than a prediction."""
+        return np.asarray((self.state != "lost") & np.isfinite(self.metres().sum(axis=1)))
+
+    def within(self, plane: PlaneName) -> tuple[F64, F64, F64]:
+        """(N,) x and y in a plane and its units per metre there, NaN where unknown: on the floor, or of the foot in the
+        image, the middle of the box's lower edge."""
+        if plane == "floor":
+            return self.floor_m[:, 0], self.floor_m[:, 1], np.ones(len(self.floor_m))
+        left, top, width, height = self.box_px.T
+        # Height that a box is taken to show where only boxes are known: it gives metres to pixels [m].
+        return left + width / 2, top + height, np.where(height > 0, height / 1.7, np.nan)
+
+    def metres(self) -> F64:
+        """(N, 2) places in metres: on the floor where known, else from the image."""
+        x, y, unit = self.within("image")
+        return np.where(np.isfinite(self.floor_m[:, :1]), self.floor_m, np.column_stack([x, y]) / unit[:, None])
+
+
+class Sight(NamedTuple):
+    """A sighting relative to a rule: its distance left of a line or inside a zone, negative on the other side, and its
+    place along a line, 0 at its first and 1 at its second point."""
+
+    frame: int
+    timestamp_s: float
+    inside_m: float
+    along: float = 0.0
+
+    def share_to(self, later: Sight) -> float:
+        """Where between two sightings on different sides the rule is passed, from 0 to 1."""
+        return self.inside_m / (self.inside_m - later.inside_m)
+
+    def passed(self, later: Sight) -> tuple[int, float]:
+        """The first frame at or after the rule is passed, and the moment."""
+        part = self.share_to(later)
+        moment = self.timestamp_s + part * (later.timestamp_s - self.timestamp_s)
+        return math.ceil(self.frame + part * (later.frame - self.frame)), moment
+
+
+class Passage(NamedTuple):
+    """A rule passed: the first frame at or after the moment, the moment, and which way."""
+
+    frame: int
+    timestamp_s: float
+    kind: EventKind
+    direction: Direction = ""
+
+
+JUMP_M, JUMP_MPS = 1.0, 8.0
+"""A step over a line that is longer [m] and faster [m/s] is a correction by the tracker and not a movement (ten times
+the noise of a good tracker, and a sprint)."""
+UNDO_S = 2.0
+"""A jump back over the line within this time of a crossing waits as long before it counts [s]."""
+
+
+class Wire:
+    """A tripwire of (2, 2) points; on its sides, a person counts from ``hysteresis_m`` away."""
+
+    def __init__(self, name: str, points: F64, plane: PlaneName, hysteresis_m: float, min_age_s: float) -> None:
+        self.name, self.plane, self.hysteresis_m, self.min_age_s = name, plane, hysteresis_m, min_age_s
+        self._start: list[float] = points[0].tolist()
+        self._length = float(np.hypot(*(points[1] - points[0])))
+        self._ahead: list[float] = ((points[1] - points[0]) / self._length).tolist()
+        self._left_sign = 1.0 if plane == "floor" else -1.0  # y points down in images
+
+    def locate(self, places: TrackPlaces) -> tuple[F64, F64]:
+        """(N,) distance left of the line [m], and place along it from 0 to 1; NaN when not known in this plane."""
+        x, y, unit = places.within(self.plane)
+        dx, dy = x - self._start[0], y - self._start[1]
+        ahead = self._ahead[0] * dx + self._ahead[1] * dy
+        left = self._left_sign * (self._ahead[0] * dy - self._ahead[1] * dx)
+        return left / unit, np.where(np.isfinite(x + y + unit), ahead / self._length, np.nan)
+
+
+class WireState:
+    """One person at one wire.
+
+    The side changes where the person is observed far enough on the other one. That is a crossing if the steps since
+    then went through the wire, and not around its end. A crossing in a jump waits: it counts when the person stays, and
+    is dropped when the person comes back through the wire, since the jump was an error of measurement then.
+    """
+
+    stay: Stay | None = None  # nobody stays on a line
+
+    def __init__(self, wire: Wire) -> None:
+        self._wire = wire
+        self._last: Sight | None = None
+        self._side = 0  # 1 left, -1 right, 0 not yet observed far enough from the line
+        self._net = 0  # steps through the wire since then, 1 to the left, -1 to the right
+        self._step = 0, 0.0, False  # the last of them: first frame after it, moment, whether too fast for a person
+        self._crossed_s = -math.inf
+        self._waiting: tuple[Passage, float] | None = None  # a crossing in a jump, and how long it waits [s]
+
+    def update(self, frame: int, timestamp_s: float, side_m: float, along: float) -> Passage | None:
+        """The crossing that is certain now; dated to when the line was passed."""
+        if not math.isfinite(along):
+            return None
+        last, now, side = self._last, Sight(frame, timestamp_s, side_m, along), 1 if side_m >= 0 else -1
+        self._last, crossing = now, None
+        is_over = last is not None and (last.inside_m >= 0) != (side_m >= 0)
+        # Beyond the ends of the wire its extension is passed, which does not count.
+        if last and is_over and 0.0 <= last.along + last.share_to(now) * (along - last.along) <= 1.0:
+            step_m, step_s = abs(side_m - last.inside_m), timestamp_s - last.timestamp_s
+            self._step = *last.passed(now), step_m > JUMP_M and step_m > JUMP_MPS * step_s
+            self._net += side
+        if abs(side_m) >= self._wire.hysteresis_m:
+            if self._side == -side and self._net * side > 0:
+                first, moment, is_jump = self._step
+                crossing = Passage(first, moment, "crossing", "right_to_left" if side > 0 else "left_to_right")
+                if self._waiting is not None:
+                    crossing = self._waiting = None
+                elif is_jump:  # soon after a crossing it is likely to be its undoing
+                    is_soon = moment - self._crossed_s <= UNDO_S
+                    self._waiting, crossing = (crossing, UNDO_S if is_soon else self._wire.min_age_s), None
+            self._side, self._net = side, 0
+        if self._waiting is not None and timestamp_s - self._waiting[0].timestamp_s >= self._waiting[1]:
+            crossing, self._waiting = self._waiting[0], None
+        if crossing is not None:
+            self._crossed_s = crossing.timestamp_s
+        return crossing
+
+
+@dataclass(eq=False)
+class Stay:
+    """One person inside, until the last observation so far."""
+
+    start_s: float
+    end_s: float
+    entered: bool
+    """Came in over the outline; false for a track that began inside."""
+    left: bool = False
+    """Went out over the outline; false for a track that ended inside, or is still there."""
+
+    @property
+    def dwell_s(self) -> float:
+        return self.end_s - self.start_s
+
+
+class Area:
+    """A zone of (N, 2) corners; a person is inside or outside from ``hysteresis_m`` beyond the outline."""
+
+    def __init__(self, name: str, points: F64, plane: PlaneName, hysteresis_m: float, min_age_s: float) -> None:
+        self.name, self.plane, self.min_age_s = name, plane, min_age_s
+        self._outline = Outline(points)
+        self._hysteresis_m = hysteresis_m
+        # People in the middle of a narrow zone are inside.
+        self._margin_limit = 0.25 * self._outline.inner_radius()
+
+    def locate(self, places: TrackPlaces) -> tuple[F64, F64]:
+        """(N,) depth inside (negative outside) and the margin that decides [m]; NaN when not known in this plane."""
+        x, y, unit = places.within(self.plane)
+        margin = np.minimum(self._hysteresis_m, self._margin_limit / unit)
+        known = np.isfinite(x + y + unit)
+        return self._outline.depth(x, y) / unit, np.where(known, margin, np.nan)
+
+
+class AreaState:
+    """One person at one zone. ``stay`` is the current one, None outside."""
+
+    def __init__(self) -> None:
+        self._last: Sight | None = None
+        self._passed: tuple[int, float] = (0, 0.0)
+        self.stay: Stay | None = None
+
+    def update(self, frame: int, timestamp_s: float, depth_m: float, margin_m: float) -> Passage | None:
+        """An entry or exit once the person is far enough in or out, dated to when the outline was passed."""
+        if not math.isfinite(margin_m):
+            return None
+        now, before = Sight(frame, timestamp_s, depth_m), self._last
+        if before is not None and (before.inside_m >= 0) != (depth_m >= 0):
+            self._passed = before.passed(now)
+        self._last = now
+        if self.stay is None:
+            if before is None and depth_m >= 0:
+                self.stay = Stay(timestamp_s, timestamp_s, entered=False)
+            elif depth_m >= margin_m:
+                self.stay = Stay(self._passed[1], timestamp_s, entered=True)
+                return Passage(*self._passed, "entry")
+            return None
+        if depth_m <= -margin_m and depth_m < 0:
+            self.stay.end_s, self.stay.left = self._passed[1], True
+            self.stay = None
+            return Passage(*self._passed, "exit")
+        self.stay.end_s = timestamp_s
+        return None
 
 
 class TrackRow(NamedTuple):

@@ -20,8 +20,7 @@ from calib.libraries import import_open3d
 from calib.pose import SE3
 from calib.types import U8
 from planview.counting.events import Event, way_words
-from planview.drawing.image import ImagePainter
-from planview.drawing.plan import PlanBounds, PlanPainter, Snapshot, snapshot_at
+from planview.drawing.people import ImagePainter, PlanBounds, PlanPainter, Snapshot, snapshot_at
 from planview.engine.config import Config
 from planview.engine.engine import StageClock
 from planview.engine.setup import set_up

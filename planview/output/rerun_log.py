@@ -15,7 +15,7 @@ import rerun as rr
 from calib.errors import InputError, WorkError
 from calib.io import reason, sync
 from calib.types import U8
-from planview.drawing.plan import PlanBounds, bounds_of
+from planview.drawing.people import PlanBounds, bounds_of
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.grid import FloorRig
 from planview.output.folder import rrd_parts

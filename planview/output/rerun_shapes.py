@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 from calib.floor_camera import FloorCamera
 from calib.images import as_colour, encode_image
 from calib.types import F32, U8
-from planview.drawing.plan import PlanBounds, facing_arrow
+from planview.drawing.people import PlanBounds, facing_arrow
 from planview.drawing.style import disparity_colours
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.grid import FloorRig

@@ -13,7 +13,7 @@ from benchmarks.random_scenes.generator import VIEWS, random_scene
 from calib.errors import InputError
 from planview.counting.events import Event
 from planview.counting.rules import RulePlane, parse_rules
-from planview.counting.scoring import CountScores, OccupancyGroup, crossing_scores
+from planview.counting.totals import CountScores, OccupancyGroup, crossing_scores
 from planview.maps.grid import Grid, MapParams
 from planview.maps.plan_view import FloorPoints, PlanViewMaps, plan_view
 from planview.synthetic.camera import ground_camera

@@ -23,9 +23,8 @@ from planview.counting.rules import (
     parse_rules,
     stereo_plane,
 )
-from planview.counting.scoring import crossing_scores, occupancy_groups
 from planview.counting.stream import Analytics
-from planview.counting.totals import INTERVALS_MAX, Clock, count_tracks
+from planview.counting.totals import INTERVALS_MAX, Clock, count_tracks, crossing_scores, occupancy_groups
 from planview.trajectories.state import TrackState
 from planview.trajectories.table import Trajectories, TrajectoryCollector, positions_table, row_states
 from stereo.depth import RectifiedGeometry

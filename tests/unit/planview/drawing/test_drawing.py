@@ -7,9 +7,9 @@ import pytest
 from calib.errors import InputError
 from calib.ground_camera import GroundCamera
 from calib.types import U8
-from planview.drawing.image import ImagePainter
-from planview.drawing.plan import (
+from planview.drawing.people import (
     ARROW_M,
+    ImagePainter,
     PlanBounds,
     PlanPainter,
     Rule,
