@@ -38,16 +38,15 @@ def look_at(
         front = (cover > 0.5) & (at < nearest)
         nearest[front], kind[front] = at[front], SURFACE
         colour[front] = codes[k] if codes else 0
-    floor = np.where(rays.direction[..., 2] < -1e-3, -rays.centre_m[2] / rays.direction[..., 2], 0.0)
+    sin = rays.level[..., 3]
+    floor = np.divide(rays.centre_m[2], sin, out=np.zeros(rays.shape), where=sin > 1e-3)
     return View(rays, kind, np.where(kind == SURFACE, nearest, floor).astype(np.float32), colour)
 
 
 def seen_body(rays: PixelRays, person: tuple[float, ...], table: BodyTable | None = None) -> tuple[F64, F64]:
     """Cover and range of one body on every ray, from the table, in plain numpy."""
     table, (x, y, h, facing, lean) = table or body_table(), (*person, 0.0, 0.0)[:5]
-    d = rays.direction.astype(np.float64)
-    cos = np.hypot(d[..., 0], d[..., 1])
-    ex, ey, sin = d[..., 0] / cos, d[..., 1] / cos, -d[..., 2]
+    ex, ey, cos, sin = np.moveaxis(rays.level[..., :4].astype(np.float64), -1, 0)
     dx, dy, dz = x - rays.centre_m[0], y - rays.centre_m[1], 0.5 * h - rays.centre_m[2]
     along, scale = dx * ex + dy * ey, TORSO.height_m / h
     angle = np.arctan2(sin, cos)
@@ -61,6 +60,12 @@ def seen_body(rays: PixelRays, person: tuple[float, ...], table: BodyTable | Non
     p = np.where(len(table.cover) > 1, way + TURNS * (lean > 0.5 * LEAN_M), 0)
     cover = np.where(inside, table.cover[p, a, u, w], 0.0)
     return cover, along * cos - dz * sin - table.front[p, a, u, w] / scale
+
+
+def towards(rays: PixelRays) -> F64:
+    """(H, W, 3) unit vectors away from the camera."""
+    ex, ey, cos, sin = np.moveaxis(rays.level[..., :4].astype(np.float64), -1, 0)
+    return np.stack([ex * cos, ey * cos, -sin], axis=-1)
 
 
 def observed(frame: int, timestamp_s: float, *views: View) -> Observation:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -43,13 +44,13 @@ RENEW_S = 30.0
 NO_POINTS = FloorPoints(np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.int32))
 
 
-@dataclass(frozen=True, eq=False)
-class PixelRays:
-    """The rays of a camera's analysis pixels in the world.
+class PixelRays(NamedTuple):
+    """The rays of a camera's analysis pixels in the world, as kernels take them.
 
     Attributes:
         centre_m: (3,) float64, the camera's centre [m].
-        direction: (H, W, 3) float32 unit vectors away from the camera.
+        level: (H, W, 6) float32: horizontal unit vector below each ray; cosine and sine of the ray's depression, the
+            depression and the azimuth [rad].
         stretch: (H, W) float32, range along the ray over depth.
         matched_m: (H, W) float32, range along the ray from which on the right camera sees the ray, too; 0 where depth
             does not come from a pair [m].
@@ -60,7 +61,7 @@ class PixelRays:
     """
 
     centre_m: F64
-    direction: F32
+    level: F32
     stretch: F32
     matched_m: F32
     projection: F64
@@ -77,15 +78,6 @@ class PixelRays:
     def key(self) -> tuple[float, ...]:
         """Distinguishes cameras."""
         return tuple(self.centre_m.tolist())
-
-    @cached_property
-    def level(self) -> F32:
-        """(H, W, 6) float32: horizontal unit vector below each ray; cosine and sine of the ray's depression, the
-        depression and the azimuth [rad]."""
-        flat, up = np.hypot(self.direction[..., 0], self.direction[..., 1])[..., None], self.direction[..., 2:]
-        along = np.where(flat > 1e-6, self.direction[..., :2] / np.maximum(flat, 1e-6), (1.0, 0.0))
-        angles = np.arctan2(-up, flat), np.arctan2(along[..., 1:], along[..., :1])
-        return np.concatenate([along, flat, -up, *angles], axis=-1).astype(np.float32)
 
     @staticmethod
     def of(camera: FloorCamera, pair: RectifiedGeometry | None = None, step: int = 1) -> PixelRays:
@@ -106,14 +98,19 @@ class PixelRays:
         matched = np.zeros(stretch.shape)
         if pair is not None and pair.depth_std_min_m == 0.0:
             matched = stretch * disparity_metre / np.maximum(cols * step + 0.5 * (step - 1), 0.5)
+        unit = unit.astype(np.float32)
+        flat, up = np.hypot(unit[..., 0], unit[..., 1])[..., None], unit[..., 2:]
+        along = np.where(flat > 1e-6, unit[..., :2] / np.maximum(flat, 1e-6), (1.0, 0.0))
+        angles = np.arctan2(-up, flat), np.arctan2(along[..., 1:], along[..., :1])
+        level = np.concatenate([along, flat, -up, *angles], axis=-1)
         return PixelRays(
-            camera.centre_m, np.ascontiguousarray(unit, dtype=np.float32), np.asarray(stretch, dtype=np.float32),
-            np.asarray(matched, dtype=np.float32), projection, camera.pixel_sr, disparity_metre, camera.distortion_k,
+            camera.centre_m, level.astype(np.float32), stretch.astype(np.float32), matched.astype(np.float32),
+            projection, camera.pixel_sr, disparity_metre, camera.distortion_k,
         )  # fmt: skip
 
 
 NO_RAYS = PixelRays(
-    np.full(3, np.nan), np.empty((0, 0, 3), np.float32), np.empty((0, 0), np.float32), np.empty((0, 0), np.float32),
+    np.full(3, np.nan), np.empty((0, 0, 6), np.float32), np.empty((0, 0), np.float32), np.empty((0, 0), np.float32),
     np.full((3, 4), np.nan), np.nan, np.nan,
 )  # fmt: skip
 

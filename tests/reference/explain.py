@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from toy_people import seen_body
+from toy_people import seen_body, towards
 
 from calib.types import F64
 from planview.maps.view import SURFACE, UNKNOWN, PixelRays, View
@@ -21,7 +21,7 @@ Poses = Sequence[tuple[float, ...]]
 def log_likelihood(seen: View, people: Poses, p: JointParams, reaching: Poses) -> float:
     """Sum of log L_p over all pixels, without weights and colours; ``people`` are certain, ``reaching`` have arms."""
     bodies = [seen_body(seen.rays, person) for person in people]
-    camera = seen.rays.centre_m
+    camera, direction = seen.rays.centre_m, towards(seen.rays)
     total = 0.0
     for row in range(seen.kind.shape[0]):
         for col in range(seen.kind.shape[1]):
@@ -30,12 +30,12 @@ def log_likelihood(seen: View, people: Poses, p: JointParams, reaching: Poses) -
                 continue
             stretch = float(seen.rays.stretch[row, col])
             std = p.disparity_std_px / seen.rays.disparity_metre / stretch
-            point = camera + z * seen.rays.direction[row, col]
+            point = camera + z * direction[row, col]
             near = any(math.dist(point[:2], person[:2]) < body.REACH_M for person in reaching) and kind == SURFACE
             layers = sorted((float(at[row, col]), float(cover[row, col])) for cover, at in bodies)
             passing, value = 1.0, 0.0
             for at, cover in layers:
-                if cover < 0.01 or camera[2] + at * seen.rays.direction[row, col, 2] < 0.0:
+                if cover < 0.01 or camera[2] + at * direction[row, col, 2] < 0.0:
                     continue
                 value += passing * cover * _of_body(kind, z, at, std)
                 passing *= 1.0 - cover
@@ -74,6 +74,7 @@ def patches_of(seen: View, per_patch: float) -> F64:
 def log_likelihood_of_mask(frame: MaskExplanation, people: Poses, reaching: Poses, tall_m: float) -> float:
     """Sum of log L_p over all pixels of a mask; ``people`` are certain and ``tall_m`` when upright."""
     m, table, rays = frame.likelihood.model[0], frame.likelihood.table, frame.views[0].rays
+    direction = towards(rays)
     bodies = [(*seen_body(rays, person, table), person[2]) for person in people]
     total = 0.0
     for row, col in np.argwhere(frame.kind < UNKNOWN).tolist():
@@ -81,7 +82,7 @@ def log_likelihood_of_mask(frame: MaskExplanation, people: Poses, reaching: Pose
         near = any(_reaches(rays, person, row, col, m["reach_m"]) for person in reaching)
         passing, value = 1.0, 0.0
         for at, cover, height in sorted((float(at[row, col]), float(cover[row, col]), h) for cover, at, h in bodies):
-            z = (rays.centre_m[2] + at * float(rays.direction[row, col, 2])) / height
+            z = (rays.centre_m[2] + at * float(direction[row, col, 2])) / height
             if cover < 0.005 or z < 0.0:
                 continue
             sits = height < m["sitting_from"] * tall_m
@@ -96,10 +97,8 @@ def log_likelihood_of_mask(frame: MaskExplanation, people: Poses, reaching: Pose
 
 def _reaches(rays: PixelRays, pose: tuple[float, ...], row: int, col: int, reach_m: float) -> bool:
     """Whether a ray passes a body's axis within reach, between the floor and the head."""
-    d = rays.direction[row, col].astype(np.float64)
-    flat = math.hypot(d[0], d[1])
-    ex, ey = d[0] / flat, d[1] / flat
+    ex, ey, flat, sin = rays.level[row, col, :4].tolist()
     dx, dy = pose[0] - rays.centre_m[0], pose[1] - rays.centre_m[1]
-    at = (dx * ex + dy * ey) * flat + (0.5 * pose[2] - rays.centre_m[2]) * d[2]
-    z = rays.centre_m[2] + at * d[2]
+    at = (dx * ex + dy * ey) * flat - (0.5 * pose[2] - rays.centre_m[2]) * sin
+    z = rays.centre_m[2] - at * sin
     return abs(dy * ex - dx * ey) < reach_m and -0.1 < z < pose[2] + 0.2

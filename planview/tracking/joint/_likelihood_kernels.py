@@ -3,7 +3,7 @@
 A sample is one pixel near a person: its camera, ray, kind, range and weight. ``pose`` is (x, y, height, facing, lean):
 where the feet are [m], how high the head is and how far before the feet [m], and where the chest points [rad],
 counterclockwise from x. Arrays that belong together are passed as one tuple: ``samples`` (``SampleArrays``), ``people``
-(``People.arrays``), ``table`` (``BodyTable``) and ``model`` (an array of one ``Model``).
+(``People``), ``table`` (``BodyTable``) and ``model`` (an array of one ``Model``).
 """
 
 from __future__ import annotations

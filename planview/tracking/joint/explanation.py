@@ -118,8 +118,8 @@ class Owned(NamedTuple):
     near: Bool
 
 
-class People:
-    """The people of an explanation: all arrays have one row per person.
+class People(NamedTuple):
+    """The people of an explanation, as kernels take them: all arrays have one row per person.
 
     Attributes:
         poses: (N, 5) float64 x, y, height [m], facing [rad], lean [m].
@@ -128,13 +128,10 @@ class People:
         ratios: (N, PARTS, CODES) float32 colours over those of anybody.
     """
 
-    def __init__(self, poses: F64, sure: F64, tall: F64, ratios: F32) -> None:
-        self.poses, self.sure, self.tall, self.ratios = poses, sure, tall, ratios
-
-    @property
-    def arrays(self) -> tuple[F64, F64, F64, F32]:
-        """As kernels take them."""
-        return self.poses, self.sure, self.tall, self.ratios
+    poses: F64
+    sure: F64
+    tall: F64
+    ratios: F32
 
     def with_one(self, pose: F64) -> People:
         """With one more, unknown person."""
@@ -164,11 +161,8 @@ class Explanation:
         self.seen = [self._seen(v) for v in views]
 
     def _seen(self, v: View) -> Seen:
-        r, colour = v.rays, v.colour if v.colour is not None else v.kind
-        return Seen(
-            r.centre_m, r.projection, r.distortion_k, r.pixel_sr, self.likelihood.disparity_std_px / r.disparity_metre,
-            r.level, r.stretch, r.matched_m, v.kind, v.range_m, colour,
-        )  # fmt: skip
+        std_per_m2 = self.likelihood.disparity_std_px / v.rays.disparity_metre
+        return Seen(v.rays, std_per_m2, v.kind, v.range_m, v.colour if v.colour is not None else v.kind)
 
     def around(self, poses: F64, reach_m: float) -> Samples:
         """The samples within reach of each of (N, 5) bodies, or of one (5,), of all cameras."""
@@ -231,7 +225,7 @@ class Explanation:
         owner, found = np.empty(len(pixels), np.int64), np.empty((4, len(pixels)), np.float32)
         gathering.take_pixels(pixels, self.seen[k], samples, of.table, of.model)
         everybody = np.arange(len(people.poses))
-        kernels.lay_others(samples, people.arrays, everybody, everybody, of.table, of.model)
+        kernels.lay_others(samples, people, everybody, everybody, of.table, of.model)
         kernels.assign_pixels(samples, people.poses, of.model, owner, found)
         near = samples.pixels["near"].view(np.bool_)
         colours, (share, height, patches, lacking) = self.seen[k].colour.reshape(-1)[pixels], found
@@ -254,7 +248,7 @@ class Samples:
         """Move several people, in an order, to where they explain best together; see ``_ascent_kernels.explain``."""
         n = len(people.poses)
         found = np.empty(n), np.zeros((n, 6)), np.empty((n, 3))
-        ascent.explain(people.arrays, prior, order, touch, self.arrays, self._of.table, self._of.model, found)
+        ascent.explain(people, prior, order, touch, self.arrays, self._of.table, self._of.model, found)
         return found
 
     def layer(self, people: People, others: I64, reaching: I64 | None = None) -> None:
@@ -262,7 +256,7 @@ class Samples:
         and shadows may be on the ground, the others unless given."""
         self._people, self._others, of = people, others, self._of
         near = others if reaching is None else reaching
-        kernels.lay_others(self.arrays, people.arrays, others, near, of.table, of.model)
+        kernels.lay_others(self.arrays, people, others, near, of.table, of.model)
 
     def log_ratio(self, pose: F64, tall: F64, ratios: F32) -> float:
         """Log-likelihood ratio of one more person at a pose to the others alone."""
@@ -271,7 +265,7 @@ class Samples:
 
     def log_prior(self, pose: F64, tall: F64, others: I64 | None = None) -> float:
         """Logarithm of the prior of a pose; ``others`` are those of the layers unless given."""
-        near = self._people.arrays, self._others if others is None else others
+        near = self._people, self._others if others is None else others
         return float(ascent.log_prior(tuple(pose.tolist()), tuple(tall.tolist()), near, self._of.model))
 
     def evidence(self, pose: F64, tall: F64, ratios: F32) -> float:
@@ -292,7 +286,7 @@ class Samples:
         """
         curvature, of = np.zeros(6), self._of
         evidence = ascent.ascend(
-            pose, curvature, (predicted, known, steps), (*tall.tolist(), ratios), (self._people.arrays, self._others),
+            pose, curvature, (predicted, known, steps), (*tall.tolist(), ratios), (self._people, self._others),
             self.arrays, of.table, of.model,
         )  # fmt: skip
         return float(evidence), curvature
@@ -300,7 +294,7 @@ class Samples:
     def against_thing(self, pose: F64, tall: F64) -> float:
         """Log-likelihood ratio of a person at a pose to the thing that explains the same pixels best."""
         nobody = np.ones((PARTS, CODES), np.float32)
-        things, others = [], (self._people.arrays, self._others)
+        things, others = [], (self._people, self._others)
         for table in body.thing_tables():
             start = pose * THING_START
             at, prior = start.copy(), (start, about(body.TORSO.torso_radius_m, math.inf), STEPS_M)

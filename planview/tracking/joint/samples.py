@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from calib.types import F32, F64, I64, U8, AnyArray, Bool
-from planview.maps.view import SURFACE, UNKNOWN
+from planview.maps.view import SURFACE, UNKNOWN, PixelRays
 from planview.tracking.body import TURNS_PER_RAD
 
 PARTS = 3
@@ -116,20 +116,14 @@ class Model(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """One view as kernels take it: what ``PixelRays`` and ``View`` hold, and
+    """One view as kernels take it: of a ``View``, and
 
     Attributes:
         std_per_m2: deviation of a range over its square, in the middle of the image [1/m].
     """
 
-    centre_m: F64
-    projection: F64
-    distortion_k: float
-    pixel_sr: float
+    rays: PixelRays
     std_per_m2: float
-    level: F32
-    stretch: F32
-    matched_m: F32
     kind: U8
     range_m: F32
     colour: U8
@@ -171,7 +165,7 @@ class SampleArrays(NamedTuple):
 def boxes(poses: F64, half_m: float, seen, out: F64) -> None:  # type: ignore[no-untyped-def]
     """Left, top, right, bottom (N, 4) [px] of boxes around bodies: ``half_m`` to each side, 0.1 m above their heads;
     beyond the lens's reach a box is the whole image."""
-    projection, k = seen.projection, seen.distortion_k
+    projection, k = seen.rays.projection, seen.rays.distortion_k
     middle_u, middle_v = 0.5 * (seen.kind.shape[1] - 1), 0.5 * (seen.kind.shape[0] - 1)
     for a in range(len(poses)):
         out[a, :2], out[a, 2:] = 1e4, -1e4
@@ -210,25 +204,25 @@ def mark_touching(poses: F64, half_m: float, seen, touch: Bool) -> None:  # type
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _take(n, r, c, weight, spread, seen, samples, table, model):  # type: ignore[no-untyped-def]
     """A pixel becomes the n-th sample; ``spread``: of the ray's direction and of the lean."""
-    rays, p, m = samples.rays, samples.pixels[n], model[0]
+    rays, p, m, of = samples.rays, samples.pixels[n], model[0], seen.rays
     for axis in range(3):
-        rays[CX + axis, n] = seen.centre_m[axis]
+        rays[CX + axis, n] = of.centre_m[axis]
     for k in range(4):
-        rays[EX + k, n] = seen.level[r, c, k]
-    far, std = seen.range_m[r, c], seen.std_per_m2 / seen.stretch[r, c]
-    p.kind, p.code, p.range_m, p.matched_m = seen.kind[r, c], seen.colour[r, c], far, seen.matched_m[r, c]
+        rays[EX + k, n] = of.level[r, c, k]
+    far, std = seen.range_m[r, c], seen.std_per_m2 / of.stretch[r, c]
+    p.kind, p.code, p.range_m, p.matched_m = seen.kind[r, c], seen.colour[r, c], far, of.matched_m[r, c]
     # A range errs as one of what it shows; what it does not show, the body's own surface errs.
     p.sharp = 1.0 / math.sqrt(max(m.surface_var + (std * far * far) ** 2, 1e-12))
-    angle = int((seen.level[r, c, 4] - table.angle_min_rad) / table.angle_step_rad + 0.5)
+    angle = int((of.level[r, c, 4] - table.angle_min_rad) / table.angle_step_rad + 0.5)
     p.angle = min(max(angle, 0), table.cover.shape[1] - 1)
-    p.turn, p.slant, p.weight, p.near = seen.level[r, c, 5] * TURNS_PER_RAD - spread[0], spread[1], weight, 0
+    p.turn, p.slant, p.weight, p.near = of.level[r, c, 5] * TURNS_PER_RAD - spread[0], spread[1], weight, 0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _gather(pose: F64, reach_m: float, seen, samples, table, model) -> None:  # type: ignore[no-untyped-def]
     """Append the samples of one camera within ``reach_m`` of a body."""
-    m, centre, projection = model[0], seen.centre_m, seen.projection
-    rows, cols = seen.stretch.shape
+    m, centre, projection, level = model[0], seen.rays.centre_m, seen.rays.projection, seen.rays.level
+    rows, cols = seen.rays.stretch.shape
     half, box = reach_m + AROUND_M, np.empty((1, 4))
     boxes(pose.reshape(1, -1), half, seen, box)
     x0, y0, x1, y1 = box[0]
@@ -236,18 +230,18 @@ def _gather(pose: F64, reach_m: float, seen, samples, table, model) -> None:  # 
         return
     c0, c1, r0, r1 = max(0, int(x0)), min(cols - 1, int(x1) + 1), max(0, int(y0)), min(rows - 1, int(y1) + 1)
     dx, dy, dz = pose[0] - centre[0], pose[1] - centre[1], 0.5 * pose[2] - centre[2]
-    step = max(1, int(m.spacing_m / math.sqrt((dx * dx + dy * dy + dz * dz) * seen.pixel_sr) + 0.5))
+    step = max(1, int(m.spacing_m / math.sqrt((dx * dx + dy * dy + dz * dz) * seen.rays.pixel_sr) + 0.5))
     while ((c1 - c0) // step + 1) * ((r1 - r0) // step + 1) > SAMPLES_OF_VIEW:
         step += 1
     depth = projection[2, 0] * pose[0] + projection[2, 1] * pose[1] + 0.5 * projection[2, 2] * pose[2]
     depth = max(depth + projection[2, 3], NEAREST_M)
-    weight = (step / max(m.patch_m / (depth * math.sqrt(seen.pixel_sr)), m.patch_px)) ** 2
+    weight = (step / max(m.patch_m / (depth * math.sqrt(seen.rays.pixel_sr)), m.patch_px)) ** 2
     n = samples.size[0]
     for r in range(r0 + (-r0) % step, r1 + 1, step):
         # In masks every other row half a step aside: edges of bodies are upright.
         shift = (r // step % 2) * (step // 2) if m.masks > 0.0 else 0
         for c in range(c0 + (shift - c0) % step, c1 + 1, step):
-            ex, ey, cos, sin = seen.level[r, c, 0], seen.level[r, c, 1], seen.level[r, c, 2], seen.level[r, c, 3]
+            ex, ey, cos, sin = level[r, c, 0], level[r, c, 1], level[r, c, 2], level[r, c, 3]
             far = (dx * ex + dy * ey) * cos - dz * sin
             if n < len(samples.pixels) and abs(dy * ex - dx * ey) <= half and far >= NEAREST_M:
                 spread = GOLDEN[0] * n % 1.0, GOLDEN[1] * n % 1.0
@@ -276,7 +270,7 @@ def take_pixels(pixels: I64, seen, samples, table, model) -> None:  # type: igno
     m, cols = model[0], seen.kind.shape[1]
     for n in range(len(pixels)):
         r, c = pixels[n] // cols, pixels[n] % cols
-        weight = seen.pixel_sr / (seen.stretch[r, c] * m.patch_m) ** 2
+        weight = seen.rays.pixel_sr / (seen.rays.stretch[r, c] * m.patch_m) ** 2
         _take(n, r, c, weight, (0.5, 0.5), seen, samples, table, model)
     samples.size[0] = len(pixels)
 
@@ -298,7 +292,7 @@ def fresh_points(pixels: I64, lacking: F32, codes: U8, seen, tried_m: F32, devia
     ``deviations``: of a body's surface [m], and how many of them make another surface.
     """
     surface_m, changed = deviations
-    centre, (rows, cols), n = seen.centre_m, seen.range_m.shape, 0
+    centre, level, (rows, cols), n = seen.rays.centre_m, seen.rays.level, seen.range_m.shape, 0
     for r in range(rows):
         for c in range(cols):
             if seen.kind[r, c] != SURFACE and seen.kind[r, c] != UNKNOWN:
@@ -308,7 +302,7 @@ def fresh_points(pixels: I64, lacking: F32, codes: U8, seen, tried_m: F32, devia
         far = seen.range_m[r, c]
         if abs(far - tried_m[r, c]) < changed * math.hypot(surface_m, seen.std_per_m2 * far * far):
             continue
-        ex, ey, cos, sin = seen.level[r, c, 0], seen.level[r, c, 1], seen.level[r, c, 2], seen.level[r, c, 3]
+        ex, ey, cos, sin = level[r, c, 0], level[r, c, 1], level[r, c, 2], level[r, c, 3]
         out[0, n], out[1, n] = centre[0] + ex * cos * far, centre[1] + ey * cos * far
         out[2, n], out[3, n], out[4, n], which[n] = centre[2] - sin * far, lacking[i], codes[i], i
         n += 1

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from reference.explain import log_likelihood, patches_of
-from toy_people import look_at, oblique_camera
+from toy_people import look_at, oblique_camera, towards
 
 from planview.maps.view import SURFACE, UNKNOWN, View
 from planview.tracking import body
@@ -167,7 +167,7 @@ def test_points_of_a_surface_are_fresh_until_they_are_tried_and_again_when_it_mo
     (owned,) = frame.assign_pixels(people_of())
     which, points = births._fresh(0, frame, owned)
     np.testing.assert_array_equal(which, np.arange(len(owned.pixels)))
-    plain_points = seen.rays.centre_m + (seen.range_m[..., None] * seen.rays.direction).reshape(-1, 3)[owned.pixels]
+    plain_points = seen.rays.centre_m + (seen.range_m[..., None] * towards(seen.rays)).reshape(-1, 3)[owned.pixels]
     np.testing.assert_allclose(points[:3].T, plain_points, atol=1e-4)
     np.testing.assert_array_equal(points[3:], [owned.lacking, owned.colours])
     births._tried_m[seen.rays.key][:] = seen.range_m
