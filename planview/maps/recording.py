@@ -39,7 +39,7 @@ FORMAT = "planview maps"
 VERSION = 2
 """Changes when an older reader would misunderstand the file."""
 BLOCK_FRAMES = 32
-"""Frames written at a time."""
+"""Frames written and read at a time."""
 RANGES: dict[str, tuple[float, float]] = {
     "width": (1, 20_000), "height": (1, 20_000), "reduction": (1, 64), "first_px": (0, 20_000), "count": (1, 20_000),
     "focal_u_px": (1.0, 1e6), "focal_v_px": (1.0, 1e6), "cu_px": (-1e5, 1e5), "cv_px": (-1e5, 1e5),
@@ -121,18 +121,19 @@ class MapsRecording:
     def __iter__(self) -> Iterator[MapsFrame]:
         """Every frame in order. Raises InputError: points that are damaged or outside the image."""
         with _reading(self.path), opened(self.path) as file:
-            ends = self._ends_of(file)
-            for n in range(self.n_frames):
-                yield self._frame(file, n, ends)
+            for first in range(0, self.n_frames, BLOCK_FRAMES):
+                last = min(first + BLOCK_FRAMES, self.n_frames)
+                parts = {name: _split(file[name], ends, first, last) for name, ends in self._ends_of(file).items()}
+                for n in range(first, last):
+                    yield self._frame(file, n, {name: own[n - first] for name, own in parts.items()})
 
     def _ends_of(self, file: Any) -> dict[str, AnyArray]:
         """By name of a column of points, where each frame's end."""
         points = ["points/pixel", "points/disparity", *([APPEARANCE] if APPEARANCE in file else [])]
         return dict.fromkeys(points, self._ends) | {"unmatched/pixel": self._unmatched_ends}
 
-    def _frame(self, file: Any, n: int, ends: dict[str, AnyArray]) -> MapsFrame:
+    def _frame(self, file: Any, n: int, own: dict[str, AnyArray]) -> MapsFrame:
         """The n-th frame with its points."""
-        own = {name: file[name][int(end[n - 1]) if n else 0 : int(end[n])] for name, end in ends.items()}
         index, (height, width), background = int(self._indices[n]), self.view.shape, None
         pixels, disparities, unmatched = (own[name] for name in ("points/pixel", "points/disparity", "unmatched/pixel"))
         codes, wrong = own.get(APPEARANCE), ""
@@ -167,6 +168,12 @@ class MapsRecording:
         background = file["background/disparity"]
         if background.dtype != np.float32 or background.shape != (len(self._renewed), pixels):
             raise ValueError("backgrounds of another size")
+
+
+def _split(column: Any, ends: AnyArray, first: int, last: int) -> list[AnyArray]:
+    """The values of each of some frames, which end at ``ends``."""
+    start = int(ends[first - 1]) if first else 0
+    return np.split(column[start : int(ends[last - 1])], (ends[first : last - 1] - start).astype(int))
 
 
 def _ascend(pixels: AnyArray, below: int) -> bool:
