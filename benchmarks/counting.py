@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, get_args
 
 import numpy as np
 import pandas
@@ -18,6 +18,7 @@ from benchmarks.options import BenchOptions, Row, progress, rendered, report, sc
 from benchmarks.passes import bootstrap
 from benchmarks.random_scenes.generator import VIEWS, random_scene
 from benchmarks.random_scenes.tables import RandomScene
+from benchmarks.real import SingleTracker
 from calib.errors import InputError
 from planview.counting.rules import RulePlane, Rules, load_rules, parse_rules
 from planview.counting.totals import Clock, CountScores, CrossingScores, count_tracks, count_truth, score_counts
@@ -42,7 +43,6 @@ RIGHT_MIN_PERCENT = {"0": 98.0, "1-2": 98.0, "3-5": 98.0, "6-9": 96.0, "10+": 88
 PAPER_RIGHT_PERCENT = {"0": 96.6, "1-2": 97.4, "3-5": 99.1, "6-9": 95.2, "10+": 85.2}
 """Time with the right occupancy by true number: the aim, and table 4 of Zhang et al. 2008."""
 FULL_BOX = ("full_left_px", "full_top_px", "full_width_px", "full_height_px")
-SingleTracker = Literal["human-model", "ellipse-particle"]
 
 
 def score_rows(recording: str, scores: CountScores) -> dict[str, list[Row]]:

@@ -1,26 +1,35 @@
-"""Real plan-view recordings with truth: how often the right number of people is found, and who is who."""
+"""Recordings with truth: how often the right number of people is found and who is who, PETS S2-L1 for one camera, and
+what frames that show nothing cost each tracker."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
+import cv2
 import numpy as np
 from cyclopts import Parameter
 from pandas import read_csv
 
-from benchmarks.options import JsonFlag, progress, report
+from benchmarks.options import JsonFlag, Row, progress, report
 from benchmarks.passes import FACING, bench_engine
 from calib.errors import InputError
-from calib.types import I64
-from planview.engine.config import load_config
-from planview.engine.open import base_config
-from planview.evaluation.evaluate import evaluate_tracks
+from calib.ground_camera import load_ground_camera, save_ground_camera
+from calib.types import I64, AnyArray
+from planview.engine.config import Config, load_config
+from planview.engine.engine import Frame, Recording
+from planview.engine.open import base_config, open_engine
+from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
+from planview.evaluation.result import Evaluation
 from planview.output.script import run
 from planview.synthetic.assets import real_recordings
+from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, positions_table, read_truth
+from stereo.recording import RgbdFrame, StereoFrame, VideoFrame
 
 BASELINE = "peaks"
 """The tracker to beat, which is always scored too."""
@@ -121,3 +130,276 @@ def real(*, options: RealOptions | None = None) -> None:
     report(o.json_output, scores=rows)
     progress("right number: as many people are reported as show; those too hidden to judge may be reported or not")
     progress(f"facing deg: {FACING}")
+
+
+SingleTracker = Literal["human-model", "ellipse-particle"]
+FPS = 7.0
+"""Nominal frame rate of the sequence."""
+PRINTED_FIGURES = ("truth_rows", "mota", "idf1", "hota", "switches", "misses", "false_positives")
+
+
+class PetsScores(NamedTuple):
+    """Scores of one run of one tracker: with boxes at IoU 0.5, and on the floor with a gate of 1 m, after the rigid
+    motion between the two world frames, where tracks have positions."""
+
+    tracker: SingleTracker
+    frames: int
+    boxes: Evaluation
+    floor: Evaluation | None
+
+    @property
+    def protocols(self) -> dict[str, Evaluation]:
+        """The scores by what they are of."""
+        return {"boxes, IoU 0.5": self.boxes} | ({"floor, 1 m": self.floor} if self.floor is not None else {})
+
+    def rows(self, whole: bool) -> list[Row]:
+        """A row per protocol, with every figure or the most important ones."""
+        rows = []
+        for protocol, result in self.protocols.items():
+            figures = result.to_json()
+            named = {"tracker": self.tracker, "protocol": protocol, "tracked_frames": self.frames}
+            rows.append(named | {name: figures[name] for name in (figures if whole else PRINTED_FIGURES)})
+        return rows
+
+
+def spread(runs: Sequence[PetsScores]) -> list[Row]:
+    """Mean, deviation and range over several runs, a row per protocol."""
+    rows = []
+    for protocol in runs[0].protocols:
+        scored = [run.protocols[protocol] for run in runs]
+        mota, idf1 = np.array([(result.clear.mota, result.idf1) for result in scored], dtype=np.float64).T  # None: NaN
+        figures = {"mota_mean": mota.mean(), "mota_deviation": mota.std(), "mota_range": np.ptp(mota)}
+        figures |= {"idf1_mean": idf1.mean(), "idf1_deviation": idf1.std()}
+        named = {"tracker": runs[0].tracker, "protocol": protocol.partition(",")[0], "runs": len(scored)}
+        rows.append(named | figures)
+    return rows
+
+
+def score_pets(
+    tracker: SingleTracker, folder: Path, camera: Path | None, frames: int | None = None, seeds: int = 1
+) -> list[PetsScores]:
+    """Score ``seeds`` runs of a tracker; without a camera.toml only boxes are scored. The human-model tracker draws no
+    random numbers: its runs differ by 1e-5 in the focal length of the camera. Raises InputError: files that are missing
+    or do not fit."""
+    if camera is None or tracker == "ellipse-particle":
+        return [_score_run(tracker, folder, camera, frames, seed) for seed in range(seeds)]
+    with TemporaryDirectory() as place:
+        like, nearby = load_ground_camera(camera), [Path(place) / f"{n}.toml" for n in range(seeds)]
+        for n, path in enumerate(nearby):
+            save_ground_camera(replace(like, focal_px=like.focal_px * (1.0 + 1e-5 * n)), path)
+        return [_score_run(tracker, folder, path, frames, 0) for path in nearby]
+
+
+def _score_run(tracker: SingleTracker, folder: Path, camera: Path | None, frames: int | None, seed: int) -> PetsScores:
+    for name in ("gt.txt", "view001.mp4"):
+        if not (folder / name).is_file():
+            raise InputError(f"{folder}: expected a folder with {name} (PETS S2-L1 view 1), found none")
+    truth = load_truth(folder / "gt.txt")
+    tracked: list[int] = []
+    tracks = run(
+        folder / "view001.mp4", tracker=tracker, config=Config(seed=seed), camera=camera, frames=frames or 0,
+        watch=lambda result: tracked.append(result.frame),
+    )  # fmt: skip
+    n = len(tracked)
+    boxes = evaluate_tracks(tracks, truth, EvaluationParams(match_on="boxes", fps=FPS), (0, n - 1))
+    on_floor = EvaluationParams(gate_m=1.0, align=True, fps=FPS)
+    floor = None if camera is None else evaluate_tracks(tracks, truth, on_floor, (0, n - 1))
+    return PetsScores(tracker, n, boxes, floor)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class PetsOptions:
+    """Which trackers are scored, and on how much."""
+
+    camera: Path | None = None
+    """camera.toml, e.g. from planview calibrate human with tests/data/pets_people.json; the ellipse-particle tracker
+    needs none, but is scored on the floor with one."""
+    tracker: Literal["both", "human-model", "ellipse-particle"] = "both"
+    """Which tracker to score."""
+    frames: int | None = None
+    """Only the first frames."""
+    seeds: int = 1
+    """Run the ellipse-particle tracker with this many seeds, the human-model tracker with this many cameras that are
+    nearly alike, and print the spread of the scores."""
+    json_output: JsonFlag = False
+    """Print one JSON object on stdout."""
+
+
+def pets(folder: Path, *, options: PetsOptions | None = None) -> None:
+    """Score the single-camera trackers on PETS S2-L1 view 1.
+
+    Example: python -m benchmarks pets ../shared/data/pets09-s2l1-view001 --camera camera.toml
+
+    Example: python -m benchmarks pets ../shared/data/pets09-s2l1-view001 --tracker ellipse-particle --seeds 20
+
+    Parameters
+    ----------
+    folder
+        Folder with view001.mp4 and gt.txt.
+    """
+    o = options or PetsOptions()
+    if (o.frames is not None and o.frames < 1) or not 1 <= o.seeds <= 1000:
+        raise InputError(f"expected --frames from 1, --seeds 1 to 1000, found {o.frames}, {o.seeds}")
+    if o.camera is None and o.tracker != "ellipse-particle":
+        raise InputError("--camera: the human-model tracker needs a camera.toml (see planview calibrate human)")
+    progress(f"tracking {folder}")
+    trackers = [tracker for tracker in get_args(SingleTracker) if o.tracker in ("both", tracker)]
+    runs = [score_pets(tracker, folder, o.camera, o.frames, o.seeds) for tracker in trackers]
+    report(
+        o.json_output,
+        scores=[row for first, *_ in runs for row in first.rows(whole=o.json_output)],
+        spread=[row for some in runs if len(some) > 1 for row in spread(some)],
+    )
+
+
+Rng = np.random.Generator
+SHAKE_PX = 12
+"""Largest shift of a camera that is shaken [px of a 640 px wide image]."""
+
+
+def _shaken(image: AnyArray, rng: Rng) -> AnyArray:
+    shift = rng.integers(-SHAKE_PX, SHAKE_PX + 1, 2) * image.shape[1] // 640
+    return np.roll(image, shift, (0, 1))
+
+
+def _grey(image: AnyArray, rng: Rng) -> AnyArray:
+    return image if image.ndim == 2 else cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+
+
+def _one_level(image: AnyArray, rng: Rng) -> AnyArray:
+    """One grey level more or less on 1 % of the pixels: how much rounding decides."""
+    change = rng.choice([-1, 1], image.shape[:2]) * (rng.uniform(size=image.shape[:2]) < 0.01)
+    levels = image.astype(np.int16) + change.reshape(*image.shape[:2], *[1] * (image.ndim - 2))
+    return np.asarray(np.clip(levels, 0, 255), np.uint8)
+
+
+IMAGES: dict[str, Callable[[AnyArray, Rng], AnyArray]] = {
+    "none": lambda image, rng: image,
+    "noise": lambda image, rng: rng.integers(0, 256, image.shape, np.uint8),
+    "black": lambda image, rng: np.zeros_like(image),
+    "white": lambda image, rng: np.full_like(image, 255),
+    "one-black": lambda image, rng: image,
+    "shaken": _shaken,
+    "blurred": lambda image, rng: cv2.GaussianBlur(image, (0, 0), image.shape[1] / 60),
+    "grey": _grey,
+    "dark-flash": lambda image, rng: (0.15 * image).astype(np.uint8),
+    "one-level": _one_level,
+    "every-second-dark": lambda image, rng: (0.5 * image).astype(np.uint8),
+}
+"""By kind of damage, an image of any camera after it."""
+RANGES = {"noise", "black", "white", "one-black"}
+"""Kinds that leave no depth of a sensor of depth; of a pair, "one-black" is the right camera."""
+
+
+def after(frame: Frame, kind: str, rng: Rng) -> Frame:
+    """A frame of one camera, of a pair, or with depth, after damage."""
+    change, black = IMAGES[kind], IMAGES["black"]
+    seed = int(rng.integers(2**32))  # both cameras are shaken together
+
+    def of(image: AnyArray) -> AnyArray:
+        return change(image, np.random.default_rng(seed))
+
+    if isinstance(frame, StereoFrame):
+        right = black(frame.right, rng) if kind == "one-black" else change(frame.right, np.random.default_rng(seed))
+        return replace(frame, left=of(frame.left), right=rng.permutation(right) if kind == "noise" else right)
+    if isinstance(frame, RgbdFrame):
+        depth = np.full_like(frame.depth_m, np.nan) if kind in RANGES else frame.depth_m
+        return replace(frame, image=of(frame.image), depth_m=of(depth) if kind == "shaken" else depth)
+    assert isinstance(frame, VideoFrame)
+    return replace(frame, image=of(frame.image))
+
+
+class Damaged:
+    """A recording with damage of ``length`` frames from each of some frames on ("one-level": of all frames)."""
+
+    def __init__(self, recording: Recording, kind: str, length: int, starts: Sequence[int]) -> None:
+        self._recording, self._kind, self._rng = recording, kind, np.random.default_rng(0)
+        every = 2 if kind == "every-second-dark" else 1
+        self._hit = {start + k for start in starts for k in range(0, every * length, every)}
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._recording, name)
+
+    def __iter__(self) -> Iterator[Frame]:
+        for frame in self._recording:
+            hit = frame.index in self._hit or self._kind == "one-level"
+            yield after(frame, self._kind, self._rng) if hit else frame
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class DamagedOptions:
+    """What is damaged, how, and who tracks it."""
+
+    recording: Annotated[Sequence[Path], Parameter(negative="")] = ()
+    """Folders of recordings with truth.csv, or with gt.txt next to a video (boxes are scored then). Default: the real
+    recordings."""
+    camera: Path | None = None
+    """camera.toml of the videos, for the human-model tracker."""
+    tracker: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Trackers, as of planview run. Default: joint and template; of videos ellipse-particle and, with a camera,
+    human-model."""
+    kind: Annotated[Sequence[str], Parameter(negative="")] = ()
+    """Kinds of damage. Default: all."""
+    length: Annotated[Sequence[int], Parameter(negative="")] = (8,)
+    """Damaged frames in a row."""
+    at: Annotated[Sequence[float], Parameter(negative="")] = (0.35, 0.55, 0.75)
+    """Where damage begins, as shares of the recording."""
+    frames: int = 0
+    """Only the first frames; 0 for all."""
+    json_output: JsonFlag = False
+    """Print one JSON object."""
+
+
+def _score(
+    folder: Path, tracker: str, kind: str, length: int, o: DamagedOptions, plain: Trajectories | None
+) -> tuple[dict[str, Any], Trajectories]:
+    """Figures of one run, compared with the tracks of the ``plain`` recording; its tracks."""
+    boxes = (folder / "gt.txt").is_file()
+    truth: Trajectories = load_truth(folder / "gt.txt") if boxes else truth_of(folder)
+    if boxes:
+        engine = open_engine(next(folder.glob("*.mp4")), tracker, camera=o.camera)  # type: ignore[arg-type]
+    else:
+        engine = bench_engine(folder, tracker, Config())
+    n = min(o.frames or engine.recording.n_frames, engine.recording.n_frames)
+    engine.recording = Damaged(engine.recording, kind, length, [int(share * n) for share in o.at])
+    tracks = run(engine, frames=n)
+    params = EvaluationParams(match_on="boxes", fps=engine.recording.fps) if boxes else EvaluationParams()
+    figures = evaluate_tracks(tracks, truth, params, (0, n - 1)).to_json()
+    found = {"significant": figures["significant_errors"]["total"], "lasting": figures["strict_identity_changes"]}
+    found |= {"mota": figures["mota"], "idf1": figures["idf1"], **_moved(tracks, plain or tracks)}
+    shown = length if kind != "none" else 0
+    return {"recording": folder.name, "tracker": tracker, "damage": kind, "frames": shown, **found}, tracks
+
+
+def _moved(tracks: Trajectories, plain: Trajectories) -> dict[str, float]:
+    """How far people are from where they are without damage, by frame and id [cm]: median and largest."""
+    mine, theirs = (t.frame * 100_000 + t.track_id for t in (tracks, plain))
+    _, here, there = np.intersect1d(mine, theirs, return_indices=True)
+    moved = 100.0 * np.hypot(tracks.x_m[here] - plain.x_m[there], tracks.y_m[here] - plain.y_m[there])
+    moved = np.append(moved, math.nan) if len(moved) == 0 else moved
+    return {"moved_median_cm": float(np.median(moved)), "moved_most_cm": float(np.max(moved))}
+
+
+def damaged(*, options: DamagedOptions | None = None) -> None:
+    """Score recordings with and without frames that show nothing in them.
+
+    Example: python -m benchmarks damaged --recording data/synthetic/demo --kind black --length 8
+    """
+    o = options or DamagedOptions()
+    kinds = list(o.kind or [kind for kind in IMAGES if kind != "none"])
+    if foreign := set(kinds) - set(IMAGES):
+        raise InputError(f"--kind: expected {', '.join(IMAGES)}, found {min(foreign)!r}")
+    folders = list(o.recording) or recordings_with_truth(real_recordings())
+    rows = []
+    for folder in folders:
+        single = ("ellipse-particle", "human-model") if o.camera else ("ellipse-particle",)
+        for tracker in o.tracker or (single if (folder / "gt.txt").is_file() else ("joint", "template")):
+            plain: Trajectories | None = None
+            for kind, length in [("none", 0), *((kind, length) for kind in kinds for length in o.length)]:
+                progress(f"{folder.name}: {tracker}, {kind} {length}")
+                row, tracks = _score(folder, tracker, kind, length, o, plain)
+                plain = plain or tracks
+                rows.append(row)
+    report(o.json_output, scores=rows)

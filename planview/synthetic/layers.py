@@ -67,16 +67,15 @@ class ViewRenderer:
         self._solid = Tracer(static)
         self._shader = Shader(scene, self._solid, Tracer(furniture))
         self._rays = view.rays()
-        self._steps = view.ray_steps(self._rays)
+        steps = view.ray_steps(self._rays)
         n, lamps = view.width * view.height, len(scene.lights.lamps)
         self._room, self._mirror = LightStack(n, lamps), LightStack(n, lamps)
-        for k in range(STATIC_SAMPLES**2):
+        s, index = STATIC_SAMPLES, np.arange(n)
+        share = np.float32(1 / (s * s))
+        for k in range(s * s):
             # One of the rays of every pixel, with its own sample of every lamp.
-            s = STATIC_SAMPLES
             right, down = (k % s + 0.5) / s - 0.5, (k // s + 0.5) / s - 0.5
-            rays = self._rays + np.float32(right) * self._steps[0] + np.float32(down) * self._steps[1]
-            share = np.float32(1 / (s * s))
-            index = np.arange(len(rays))
+            rays = self._rays + np.float32(right) * steps[0] + np.float32(down) * steps[1]
             hit, at = self._see(rays, 1 / (self._view.focal_px * s))
             self._add(self._room, index[hit], at, np.full(len(hit), share, np.float32), k)
             glossy = np.flatnonzero(at.gloss > 0)
@@ -217,9 +216,9 @@ class ViewRenderer:
     def _box(self, pixels: I64) -> Box:
         if len(pixels) == 0:
             return (np.nan, np.nan, np.nan, np.nan)
-        rows, cols = np.divmod(pixels, self._view.width)
-        left, top = int(cols.min()), int(rows.min())
-        return float(left), float(top), float(cols.max() - left + 1), float(rows.max() - top + 1)
+        places = np.stack(np.divmod(pixels, self._view.width))
+        (top, left), (height, width) = places.min(axis=1).tolist(), (np.ptp(places, axis=1) + 1).tolist()
+        return float(left), float(top), float(width), float(height)
 
 
 def _bounds(view: CameraView, mesh: Mesh) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -227,9 +226,8 @@ def _bounds(view: CameraView, mesh: Mesh) -> tuple[tuple[int, int], tuple[int, i
     local = view.room_SE3_camera.inverse() @ mesh.vertices.astype(np.float64)
     if (local[:, 2] < 0.05).all():
         return (0, 0), (0, 0)
-    uv = view.project(local)
+    uv, size = view.project(local), (view.width, view.height)
     if (local[:, 2] < 0.3).any() or not np.isfinite(uv).all():
-        return (0, 0), (view.width, view.height)
-    low = np.clip(np.floor(uv.min(axis=0)) - 1, 0, [view.width, view.height])
-    high = np.clip(np.ceil(uv.max(axis=0)) + 2, 0, [view.width, view.height])
-    return (int(low[0]), int(low[1])), (int(high[0]), int(high[1]))
+        return (0, 0), size
+    low, high = np.clip([np.floor(uv.min(axis=0)) - 1, np.ceil(uv.max(axis=0)) + 2], 0, size).astype(int).tolist()
+    return (low[0], low[1]), (high[0], high[1])

@@ -174,14 +174,8 @@ def scripted_motion(person: ScenePerson, furniture: dict[str, Furniture], end_s:
     done = script.now_s
     if done < end_s + 1:
         script.stay(end_s + 1 - done, np.nan)
-    motion = motion_from_ticks(
-        person,
-        np.concatenate(script.xy),
-        np.concatenate(script.face),
-        np.concatenate(script.actions),
-        tuple(script.handlings),
-        done if person.leaves else np.inf,
-    )
+    xy, facing, actions = (np.concatenate(parts) for parts in (script.xy, script.face, script.actions))
+    motion = motion_from_ticks(person, xy, facing, actions, tuple(script.handlings), done if person.leaves else np.inf)
     return replace(motion, script_end_s=done)
 
 
@@ -195,10 +189,9 @@ def motion_from_ticks(
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     along = np.arctan2(velocity[:, 1], velocity[:, 0])
     # Along the movement while moving, else as the step has it, else unchanged; turned smoothly the short way.
-    first = float(np.deg2rad(person.face_deg))
+    current = float(np.deg2rad(person.face_deg))
     wanted = np.where(speed > 0.25, along, face)
     held = np.empty_like(wanted)
-    current = first
     for i, value in enumerate(wanted):
         if np.isfinite(value):
             current += float(np.angle(np.exp(1j * (value - current))))

@@ -6,7 +6,7 @@ in fractions of the standing height: ankle 0.039, knee 0.285, hip 0.530, shoulde
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -186,9 +186,8 @@ def _torso(h: float, b: float, shirt: int, skin: int) -> Mesh:
 def _head(h: float, style: str, skin: int, hair: int) -> Mesh:
     """Head with hair; the origin is the top of the neck and the highest point (1 - NECK) h above it."""
     top = (1.0 - NECK) * h
-    bare = style == "bald"
+    bare, low = style == "bald", top - 0.132 * h
     skull_top = top if bare else top - 0.004 * h
-    low = top - 0.132 * h
     parts = [sweep(dome_rings(low, skull_top, (0.056 * h, 0.044 * h), (0.004 * h, 0.0)), skin, 16)]
     nose = dome_rings(low + 0.045 * h, low + 0.065 * h, (0.010 * h, 0.008 * h), (0.060 * h, 0.0), 5)
     parts.append(sweep(nose, skin, 8))
@@ -215,14 +214,11 @@ def _foot(h: float, shoes: int) -> Mesh:
         (-0.045, 0.0, 0.0), (-0.043, 0.017, 0.018), (-0.02, 0.030, 0.025), (0.02, 0.030, 0.026),
         (0.06, 0.020, 0.030), (0.095, 0.014, 0.027), (0.108, 0.008, 0.015), (0.110, 0.0, 0.0),
     ]  # fmt: skip
-    rows = np.array(profile) * h
-    # Swept along z, then laid down along x: z -> x, x -> z.
-    sole = -ANKLE * h
-    rings = np.column_stack([rows[:, 0], rows[:, 1], rows[:, 2], sole + rows[:, 1], np.zeros(len(rows))])
-    upright = sweep(rings, shoes, 10)
-    swap = np.array([[0, 0, 1], [0, 1, 0], [1, 0, 0]], np.float64)
-    flat = upright.moved(swap, np.zeros(3))
-    return Mesh(flat.vertices, flat.normals, flat.local, flat.triangles[:, ::-1].copy(), flat.material)
+    along, half_height, half_width = (np.array(profile) * h).T
+    rings = np.column_stack([along, half_height, half_width, half_height - ANKLE * h, 0 * along])
+    # Swept along z, then laid down along x: z -> x, x -> z, which turns the triangles inside out.
+    flat = sweep(rings, shoes, 10).moved(np.eye(3)[::-1], np.zeros(3))
+    return replace(flat, triangles=flat.triangles[:, ::-1].copy())
 
 
 def pose_at(

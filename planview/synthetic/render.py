@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -248,9 +249,8 @@ def truth_row(actor: Actor, k: int, layer: Layer, view: CameraView, world_SE3_ro
     x, y, _ = world_SE3_room @ actor.body.head
     ahead = world_SE3_room.rotation @ actor.body.chest
     facing_deg = math.degrees(math.atan2(ahead[1], ahead[0]))
-    rows, cols = np.flatnonzero(mine.any(axis=1)), np.flatnonzero(mine.any(axis=0))
-    box = (float(cols[0]), float(rows[0]), float(cols[-1] - cols[0] + 1), float(rows[-1] - rows[0] + 1))
-    visible = min(1.0, shown / whole)
+    left, top, width, height = map(float, cv2.boundingRect(mine.astype(np.uint8)))
+    box, visible = (left, top, width, height), min(1.0, shown / whole)
     return TruthRow(actor.person, float(x), float(y), actor.body.top_m, visible, facing_deg, box, layer.boxes[k])
 
 
@@ -289,7 +289,5 @@ def _inside(view: CameraView, pixels: F64) -> Bool:
 def _border(view: CameraView) -> F64:
     """Pixels along the outer edges of the image."""
     w, h = view.width - 0.5, view.height - 0.5
-    u, v = np.linspace(-0.5, w, 50), np.linspace(-0.5, h, 50)
-    sides = [np.column_stack([u, np.full(50, y)]) for y in (-0.5, h)]
-    sides += [np.column_stack([np.full(50, x), v]) for x in (-0.5, w)]
-    return np.concatenate(sides)
+    corners = np.array([(-0.5, -0.5), (w, -0.5), (w, h), (-0.5, h), (-0.5, -0.5)])
+    return np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(corners)])

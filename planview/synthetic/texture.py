@@ -57,16 +57,9 @@ def fractal_noise(points: F32, footprint: F32, wavelength: F32, octaves: int, se
             fade = min(max(length / (2.0 * footprint[i] + 1e-9) - 0.5, 0.0), 1.0)
             if fade <= 0.0:
                 break
-            total += (
-                weight
-                * fade
-                * _value_noise(
-                    points[i, 0] / length + 17.3 * octave,
-                    points[i, 1] / length - 9.1 * octave,
-                    points[i, 2] / length + 3.7 * octave,
-                    seed + octave,
-                )
-            )
+            x, y, z = points[i, 0] / length, points[i, 1] / length, points[i, 2] / length
+            noise = _value_noise(x + 17.3 * octave, y - 9.1 * octave, z + 3.7 * octave, seed + octave)
+            total += weight * fade * noise
             length *= 0.5
             weight *= 0.6
         out[i] = total
@@ -155,11 +148,11 @@ def _pattern(m: Material, p: F32, footprint: F32) -> tuple[F32, F32]:
             _line(x + 0.37 * plank * 8 * s.scale_m, 8 * s.scale_m, 0.003, footprint),
         )
         grain = _noise(p * np.array([0.12, 1.5, 1.5], np.float32), footprint, 0.08, 4, m.seed + 5)
-        return gap, _tone(m, board, plank, 0.16) * _shade(0.25 * grain)
+        return gap, _tone(m, board, plank, 0.16) * (1.0 + 0.25 * grain)
     if s.texture == "carpet":
-        return none, _shade(0.5 * s.contrast * _noise(p, footprint, 0.03, 2, m.seed + 9))
+        return none, (1.0 + 0.5 * s.contrast * _noise(p, footprint, 0.03, 2, m.seed + 9))
     if s.texture == "concrete":
-        return none, _shade(0.6 * s.contrast * _noise(p, footprint, 4 * s.scale_m, 2, m.seed + 3))
+        return none, (1.0 + 0.6 * s.contrast * _noise(p, footprint, 4 * s.scale_m, 2, m.seed + 3))
     if s.texture == "stripes":
         return _wave(z, s.scale_m, footprint), one
     if s.texture == "checks":
@@ -180,10 +173,6 @@ def _noise(p: F32, footprint: F32, scale_m: float, octaves: int, seed: int) -> F
     wavelength = np.full(len(p), scale_m, np.float32)
     points, pixel = np.ascontiguousarray(p, np.float32), np.ascontiguousarray(footprint, np.float32)
     return np.asarray(fractal_noise(points, pixel, wavelength, octaves, seed), np.float32)
-
-
-def _shade(variation: F32) -> F32:
-    return np.asarray(1.0 + variation, np.float32)
 
 
 def _tone(m: Material, i: AnyArray, j: AnyArray, amount: float) -> F32:

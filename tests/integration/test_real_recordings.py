@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.pets import score_pets
+from benchmarks.real import score_pets
 from calib.ground_camera import save_ground_camera
 from calib.people.calibration import calibrate_from_people
 from calib.people.samples import read_image_size, read_samples

@@ -7,11 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks import pets
 from benchmarks.passes import Pass, together
-from benchmarks.pets import score_pets, spread
 from benchmarks.random_scenes.generator import SUITE, random_scene
-from benchmarks.real import WALKER_PATH, recordings_with_truth, score_real, truth_of
+from benchmarks.real import WALKER_PATH, recordings_with_truth, score_pets, score_real, spread, truth_of
 from benchmarks.suite import SuiteJob, SuiteOptions, chosen_files, judged_truth, run_job, suite
 from calib.errors import InputError
 from planview.engine.config import Config, load_config
@@ -143,7 +141,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         path.write_text(ROWS + "".join(f"{i},{i / 7:.3f},5,,,9,9,20,50,confirmed\n" for i in range(10 - config.seed)))
         return read_tracks(path)
 
-    monkeypatch.setattr(pets, "run", run)
+    monkeypatch.setattr("benchmarks.real.run", run)
     return tmp_path
 
 
