@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError
-from calib.io import load_toml, write_whole
+from calib.io import expecting_table, load_toml, write_whole
 from calib.types import F64
 
 LENS_K_320: dict[str, float] = {
@@ -166,7 +166,7 @@ def save_ground_camera(camera: GroundCamera, path: Path) -> None:
 def load_ground_camera(path: Path) -> GroundCamera:
     """Read ``camera.toml``. Raises InputError: unreadable, keys missing or unknown, or values out of range."""
     keys = {"width", "height", "focal_px", "height_m", "tilt_deg", "lens", "roll_deg"}
-    try:
+    with expecting_table(path, "a camera.toml"):
         data = load_toml(path, "a camera.toml")
         if unknown := set(data) - keys:
             raise InputError(f"{path}: expected the keys {sorted(keys)}, found {sorted(unknown)[0]!r}")
@@ -174,7 +174,3 @@ def load_ground_camera(path: Path) -> GroundCamera:
         focal_px, height_m, tilt_deg = (float(data[key]) for key in ("focal_px", "height_m", "tilt_deg"))
         lens, roll_deg = str(data.get("lens", "pinhole")), float(data.get("roll_deg", 0.0))
         return GroundCamera(width, height, focal_px, height_m, math.radians(tilt_deg), lens, math.radians(roll_deg))
-    except KeyError as error:
-        raise InputError(f"{path}: expected a camera.toml with the key {error}, found none") from error
-    except (ValueError, TypeError, OverflowError) as error:
-        raise InputError(f"{path}: expected a camera.toml, found {error}") from error

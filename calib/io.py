@@ -75,6 +75,19 @@ def expecting(path: Path | str, what: str, *errors: type[Exception]) -> Iterator
         raise InputError(f"{path}: expected {what}, found {reason(error)}") from error
 
 
+@contextmanager
+def expecting_table(path: Path, what: str) -> Iterator[None]:
+    """Turns errors of taking values out of a table that a file holds into an InputError that names the file."""
+    try:
+        yield
+    except KeyError as error:
+        raise InputError(f"{path}: expected {what} with the key {error}, found none") from error
+    except (ValueError, TypeError, AttributeError, OverflowError) as error:
+        text = str(error)
+        problem = text if text.startswith("expected a camera") else f"expected {what}, found {text}"
+        raise InputError(f"{path}: {problem}") from error
+
+
 def file_size(path: Path) -> int:
     """Size of a regular file that can be opened [bytes]; reading a pipe or a device might never end.
     Raises UnreadableError: nothing there, no permission, or no regular file."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from calib.errors import InputError
-from calib.io import load_toml, quoted, write_whole
+from calib.io import expecting_table, load_toml, quoted, write_whole
 from calib.pose import SE3
 from calib.rig import Floor
 
@@ -52,7 +52,7 @@ def save_world(floor: Floor, path: Path) -> None:
 def load_world(path: Path) -> Floor:
     """Read ``world.toml``: a table ``world_SE3_left`` with ``rotation`` and ``translation_m``, or a 4x4 matrix. Raises
     InputError: unreadable, keys missing, or values that cannot be a camera above a floor."""
-    try:
+    with expecting_table(path, "a world.toml"):
         data = load_toml(path, "a world.toml")
         table, pose = data.get("floor", {}), data["world_SE3_left"]
         covariance, extent = table.get("covariance"), None
@@ -69,13 +69,7 @@ def load_world(path: Path) -> Floor:
             extent,
         )
         refuse_strange_pose(floor.world_SE3_left)
-    except KeyError as error:
-        raise InputError(f"{path}: expected a world.toml with the key {error}, found none") from error
-    except (ValueError, TypeError, AttributeError, OverflowError) as error:
-        text = str(error)
-        what = text if text.startswith("expected a camera") else f"expected a world.toml, found {text}"
-        raise InputError(f"{path}: {what}") from error
-    return floor
+        return floor
 
 
 RIGS_FILE = "rigs.toml"
@@ -108,12 +102,8 @@ def save_rigs(entries: Sequence[RigEntry], path: Path, comment: str = "") -> Non
 def load_rigs(path: Path) -> tuple[RigEntry, ...]:
     """Read ``rigs.toml``. Raises InputError: unreadable, keys missing, or heads that cannot be: none, two of one
     folder, a folder outside of the file's own, a pose below the floor."""
-    try:
+    with expecting_table(path, "a rigs.toml"):
         entries = tuple(_entry(table) for table in load_toml(path, "a rigs.toml")["head"])
-    except KeyError as error:
-        raise InputError(f"{path}: expected a rigs.toml with the key {error}, found none") from error
-    except (ValueError, TypeError, AttributeError, OverflowError) as error:
-        raise InputError(f"{path}: expected a rigs.toml, found {error}") from error
     if not 1 <= len(entries) <= 32:  # more in one world are a mistake
         raise InputError(f"{path}: expected 1 to 32 heads, found {len(entries)}")
     inside = path.parent.resolve()

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -75,8 +75,7 @@ Side = Literal["left", "right"]
 SIDES: tuple[Side, Side] = ("left", "right")
 
 
-@dataclass(frozen=True, eq=False)
-class Corners:
+class Corners(NamedTuple):
     """Corners of the board found in one image: (n,) ids into the board's points and (n, 2) pixels."""
 
     ids: I64
@@ -237,25 +236,20 @@ def larger_counts(images: Iterable[U8], given: tuple[int, int]) -> tuple[int, in
 
 def complete_charuco(board: Board, images: Sequence[U8], *, any_dictionary: bool, any_marker: bool) -> Board:
     """The ChArUco board with the dictionary, marker size and layout that find most in a few images."""
-    greys = [as_grey(image) for image in images[:3]]
+    greys, wanted = [as_grey(image) for image in images[:3]], (board.cols + 1) * (board.rows + 1) // 2
+
+    def markers(number: int) -> int:
+        """Those of a dictionary whose ids the board can hold."""
+        detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(number))
+        found = [detector.detectMarkers(grey)[1] for grey in greys]
+        return sum(len({int(i) for i in np.asarray(ids).ravel() if i < wanted}) for ids in found if ids is not None)
+
+    def corners(one: Board) -> int:
+        detector = Detector(one)
+        return sum(len(found.ids) for grey in greys if (found := detector(grey)) is not None)
+
     if any_dictionary:
-        wanted = (board.cols + 1) * (board.rows + 1) // 2
-        name = max(dictionaries(), key=lambda name: (_markers(name, wanted, greys), -dictionaries()[name]))
-        board = replace(board, dictionary=name)
-    board = max((replace(board, legacy=legacy) for legacy in (False, True)), key=lambda one: _found(one, greys))
-    if not any_marker:
-        return board
+        board = replace(board, dictionary=max(dictionaries().items(), key=lambda item: (markers(item[1]), -item[1]))[0])
+    board = max((replace(board, legacy=legacy) for legacy in (False, True)), key=corners)
     sizes = [replace(board, marker_m=share * board.square_m) for share in MARKER_SHARES]
-    return max(sizes, key=lambda one: _found(one, greys))
-
-
-def _markers(dictionary: str, wanted: int, greys: Sequence[U8]) -> int:
-    """Markers of a dictionary in the images whose ids a board with ``wanted`` markers can hold."""
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(dictionaries()[dictionary]))
-    found = [detector.detectMarkers(grey)[1] for grey in greys]
-    return sum(len({int(i) for i in np.asarray(ids).ravel() if i < wanted}) for ids in found if ids is not None)
-
-
-def _found(board: Board, images: Sequence[U8]) -> int:
-    detector = Detector(board)
-    return sum(len(corners.ids) for image in images if (corners := detector(image)) is not None)
+    return max(sizes, key=corners) if any_marker else board

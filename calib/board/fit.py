@@ -162,18 +162,15 @@ def fit_camera(views: Sequence[BoardView], points: F64, side: Side, size: tuple[
     calibrate: Any = opencv.fisheye.calibrate if fisheye else opencv.calibrateCamera
     # First guesses of the focal length [image widths] where OpenCV's own, from vanishing points, leads nowhere.
     for share in (None, 0.4, 0.8, 1.6):
-        matrix, flags = None, lens.flags
+        start: tuple[Any, Any] = None, None
+        flags = lens.flags
         if share is not None:
-            focal = share * size[0]
-            matrix = np.array([[focal, 0.0, (size[0] - 1) / 2], [0.0, focal, (size[1] - 1) / 2], [0.0, 0.0, 1.0]])
-            flags |= cv2.CALIB_USE_INTRINSIC_GUESS
+            guess = Camera(*size, share * size[0], share * size[0], (size[0] - 1) / 2, (size[1] - 1) / 2)
+            start, flags = (guess.matrix, np.zeros(lens.count)), flags | cv2.CALIB_USE_INTRINSIC_GUESS
         with suppress(cv2.error, FitError):
-            start = None if matrix is None else np.zeros(lens.count)
-            error, matrix, coefficients, *_ = calibrate(
-                objects, pixels, size, matrix, start, flags=flags, criteria=_criteria(_MAX_ITERATIONS)
-            )
+            error, *found = calibrate(objects, pixels, size, *start, flags=flags, criteria=_criteria(_MAX_ITERATIONS))
             if math.isfinite(error):
-                return lens.camera(size, matrix, coefficients)
+                return lens.camera(size, *found[:2])
     raise FitError(f"no {lens.name} camera fits the {side} images")
 
 

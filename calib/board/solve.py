@@ -83,9 +83,8 @@ def compare_lenses(views: Sequence[BoardView], points: F64, fits: Mapping[Lens, 
             for k in range(folds):
                 inside = [view for i, view in enumerate(views) if i % folds != k]
                 rig = fit_rig(inside, points, (full.rig.left, full.rig.right), lens, REFIT_ITERATIONS).rig
-                squares += [
-                    held_out_error(rig, v, points, full.poses[i]) for i, v in enumerate(views) if i % folds == k
-                ]
+                left_out = range(k, len(views), folds)
+                squares += [held_out_error(rig, views[i], points, full.poses[i]) for i in left_out]
             tried.append(LensChoice(lens, float(np.sqrt(np.mean(squares)))))
     if not tried:
         raise FitError("no lens model fits the views")
@@ -103,8 +102,7 @@ MIN_PAIRS = 5
 """Fewer pairs leave focal length and distortion to chance (three orientations are the bare minimum)."""
 
 
-@dataclass(frozen=True)
-class RejectedView:
+class RejectedView(NamedTuple):
     """A pair that was not used, and why."""
 
     name: str
@@ -178,17 +176,16 @@ def solve_board(
             f"found {len(views)} of {len(views) + len(rejected)}{first}"
         )
     _refuse_alike(views, 0.02 * size[0], source)
+    lenses = [one for one in (*LENSES, RATIONAL) if (one in LENSES if model is None else one.model == model)]
     try:
-        lenses = [one for one in (*LENSES, RATIONAL) if (one in LENSES if model is None else one.model == model)]
         points, out = board.points, list(rejected)
         fits = fit_lenses(views, points, size, lenses)
         # Outliers are found with the simplest lens; a better one will fit better, but not three times better.
         base = next(iter(fits))
         _refuse_unfit(fits[base], size, source, slack=3.0)
         _, kept = _without_outliers(fits[base], list(views), out, points, base, source)
-        tried = compare_lenses(
-            kept, points, fits if len(kept) == len(views) else fit_lenses(kept, points, size, lenses)
-        )
+        fits = fits if len(kept) == len(views) else fit_lenses(kept, points, size, lenses)
+        tried = compare_lenses(kept, points, fits)
         lens = choose_lens(tried).lens
         fit, kept = _without_outliers(fit_lens(kept, points, size, lens), kept, out, points, lens, source)
     except FitError as error:
@@ -245,8 +242,7 @@ def _without_outliers(
 
 
 def _refuse_unfit(fit: RigFit, size: tuple[int, int], source: str, slack: float = 1.0) -> None:
-    """Refuse views that no fixed pair of cameras explains."""
-    # Share of the image width; a worse fit means images that do not belong together.
+    """Refuse views that no fixed pair of cameras explains; the limit is a share of the image's width."""
     if not fit.rms_px <= slack * 0.003 * size[0]:
         found = f"a reprojection error of {fit.rms_px:.2f} px"
         raise InputError(f"{source}: expected pairs taken at the same moment by two fixed cameras, found {found}")

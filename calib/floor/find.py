@@ -11,24 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.errors import InputError, WorkError
-from calib.floor.plane import (
-    CELLS_ACROSS,
-    FLOOR_DISPARITY_STD_PX,
-    INLIER_SIGMAS,
-    MIN_INLIER_FRACTION,
-    Candidate,
-    Cells,
-    FloorParams,
-    Moved,
-    Plane,
-    Rays,
-    choose_floor,
-    doubt,
-    fit_plane,
-    in_place,
-    judge,
-    nothing_found,
-)
+from calib.floor import plane as planes
+from calib.floor.plane import INLIER_SIGMAS, Candidate, Cells, FloorParams, Moved, Plane, Rays
 from calib.people.model import ADULT_HEIGHT_M, ADULT_HEIGHT_STD_M
 from calib.rig import Floor, world_from_plane
 from calib.types import F32, F64, I64, Bool
@@ -82,17 +66,17 @@ def find_floor(
     if len(points) < MIN_POINTS:
         raise WorkError(f"no floor found: only {len(points)} points with valid depth in {len(clouds)} frames")
     if sigma_z is None:
-        noise = FLOOR_DISPARITY_STD_PX / (focal_px * baseline_m)
+        noise = planes.FLOOR_DISPARITY_STD_PX / (focal_px * baseline_m)
         points = Rays(points.rays, points.inverse, np.full(len(points), noise))
     seen = Moved(np.empty((0, 3)) if moved is None else moved, np.array([*bodies]).reshape(-1, 3))
     cells = Cells(points)
     candidates = floor_candidates(cells, params, seen)
-    best = choose_floor(candidates, params)
+    best = planes.choose_floor(candidates, params)
     if best is None:
-        raise WorkError(nothing_found(candidates, len(clouds)))
+        raise WorkError(planes.nothing_found(candidates, len(clouds)))
     if align is not None:
         best = replace(best, plane=align(best.plane))
-    return replace(_floor(best, cells), doubt=doubt(best, candidates, seen))
+    return replace(_floor(best, cells), doubt=planes.doubt(best, candidates, seen))
 
 
 def floor_candidates(cells: Cells, params: FloorParams, moved: Moved) -> list[Candidate]:
@@ -100,19 +84,19 @@ def floor_candidates(cells: Cells, params: FloorParams, moved: Moved) -> list[Ca
     rest = view = cells.medians()
     found: list[Candidate] = []
     for n in range(2 * N_CANDIDATES):
-        if len(rest) < max(3, 0.5 * MIN_INLIER_FRACTION * len(view)):
+        if len(rest) < max(3, 0.5 * planes.MIN_INLIER_FRACTION * len(view)):
             break
         # Of what the largest planes leave, walls for the most part, only what may be a floor.
         guess = _ransac(rest, None if n < N_CANDIDATES else params)
         off = np.abs(rest.residuals(guess))
-        if (off < INLIER_SIGMAS).sum() < 0.5 * MIN_INLIER_FRACTION * len(view):
+        if (off < INLIER_SIGMAS).sum() < 0.5 * planes.MIN_INLIER_FRACTION * len(view):
             break
         # Planes cross: a third of the layer taken out leaves enough of a floor that this one cuts through.
         rest = rest.where(off >= INLIER_SIGMAS / 3)
-        rough = fit_plane(view, guess)
+        rough = planes.fit_plane(view, guess)
         if rough is not None and not any(_same(rough, other.plane, view) for other in found):
             plane, view_on = _refined(rough, cells)
-            found.append(judge(plane, view_on, cells, moved, params))
+            found.append(planes.judge(plane, view_on, cells, moved, params))
     return found
 
 
@@ -121,7 +105,7 @@ def _refined(plane: Plane, cells: Cells) -> tuple[Plane, Rays]:
     view = cells.medians(plane.q)
     for _ in range(2):
         inside = view.where(_away_from_edges(plane, cells, view))
-        plane = fit_plane(inside, plane.q) or plane
+        plane = planes.fit_plane(inside, plane.q) or plane
         view = cells.medians(plane.q)
     return plane, view
 
@@ -131,7 +115,7 @@ def _away_from_edges(plane: Plane, cells: Cells, view: Rays) -> Bool:
     residuals = view.residuals(plane.q)
     on, other = np.abs(residuals) < INLIER_SIGMAS, residuals >= INLIER_SIGMAS
     rows, columns = cells.places.T
-    image = np.zeros((rows.max() + 1, CELLS_ACROSS), np.uint8)
+    image = np.zeros((rows.max() + 1, planes.CELLS_ACROSS), np.uint8)
     image[rows, columns] = other
     free = cv2.dilate(image, EDGE_CELLS)[rows, columns] == 0
     # A floor in small pieces is all edge: better fitted with them than not at all.
@@ -190,14 +174,14 @@ def _ransac(points: Rays, floors: FloorParams | None) -> F64:
     three = rng.integers(0, len(points), (RANSAC_ITERATIONS, 3))
     corners = points.rays[three]
     sound = np.abs(np.linalg.det(corners)) > 1e-9
-    planes = np.linalg.solve(corners[sound], points.inverse[three][sound][..., None])[..., 0]
+    tried = np.linalg.solve(corners[sound], points.inverse[three][sound][..., None])[..., 0]
     if floors is not None:
-        planes = planes[in_place(planes, floors)]
+        tried = tried[planes.in_place(tried, floors)]
     few = np.linspace(0, len(points) - 1, min(len(points), SCORED)).astype(np.int64)
     scored = np.column_stack([points.rays, points.inverse])[few] / (INLIER_SIGMAS * points.sigma[few, None])
-    off = np.column_stack([planes, np.full(len(planes), -1.0)]).astype(np.float32) @ scored.T.astype(np.float32)
+    off = np.column_stack([tried, np.full(len(tried), -1.0)]).astype(np.float32) @ scored.T.astype(np.float32)
     held = np.maximum(np.float32(1.0) - off * off, np.float32(0.0)).sum(axis=1)
-    return planes[int(np.argmax(held))] if len(held) else np.zeros(3)
+    return tried[int(np.argmax(held))] if len(held) else np.zeros(3)
 
 
 def _same(a: Plane, b: Plane, points: Rays) -> bool:

@@ -140,8 +140,6 @@ def load_rig(
         unit_m: length of the unit of the file's translations [m]; None: what the format prescribes.
         swap: the file calls the right camera left.
         rectified: whether the images are, where a file holds both calibrations; None decides by their size.
-    Returns:
-        The rig, checked (``StereoRig.check``).
     """
     choice = Choice(size, cameras, unit_m, rectified)
     found, sources = find_rig(path)
@@ -150,7 +148,7 @@ def load_rig(
         rig = found.read(sources, choice)
         refuse_strange_camera(rig.left, "left")
         refuse_strange_camera(rig.right, "right")
-    except (ValueError, TypeError, KeyError, IndexError, OverflowError, np.linalg.LinAlgError) as error:
+    except (ValueError, TypeError, LookupError, OverflowError) as error:
         text = " ".join(str(error).split())
         detail = text if text.startswith("expected") else f"expected a calibration, found {text}"
         raise InputError(f"{name} ({found.name}): {detail}") from error
@@ -172,13 +170,10 @@ def write_rig(rig: StereoRig, path: Path, format_key: str | None = None, keep: C
         keep: files that must not be written over.
     """
     keys, suffix = ", ".join(f.key for f in FORMATS), path.suffix.lower()
-    matches = [f for f in FORMATS if (f.key == format_key if format_key else suffix and f.suffix == suffix)]
-    if not matches:
-        problem = f"a format of {keys}, found {format_key!r}"
-        if format_key is None:
-            problem = f"the name of a format ({keys}), because none has the suffix of {path.name!r}"
-        raise InputError(f"{path}: expected {problem}")
-    chosen = matches[0]
+    matches = (f for f in FORMATS if (f.key == format_key if format_key else suffix and f.suffix == suffix))
+    if (chosen := next(matches, None)) is None:
+        problem = f"the name of a format ({keys}), because none has the suffix of {path.name!r}"
+        raise InputError(f"{path}: expected {f'a format of {keys}, found {format_key!r}' if format_key else problem}")
     try:
         texts = chosen.texts(rig, path)
         if kept := {file.resolve() for file in texts} & {file.resolve() for file in keep}:

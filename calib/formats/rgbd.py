@@ -55,7 +55,7 @@ def load_rgbd(path: Path, size: Size, depth_size: Size) -> RgbdRig:
     file, data = found
     try:
         return fitted_rgbd(replace(_rig(data, size, depth_size), source=str(file)), size, depth_size)
-    except (ValueError, TypeError, KeyError, IndexError, OverflowError, np.linalg.LinAlgError) as error:
+    except (ValueError, TypeError, LookupError, OverflowError) as error:
         raise InputError(f"{file}: expected a calibration of images with depth, but {error}") from error
 
 
@@ -115,26 +115,23 @@ def _rig(data: Mapping[str, Any], size: Size, depth_size: Size) -> RgbdRig:
     tables = _tables(data)
     if tables["colour"] is data.get("left") and _is_camera(data.get("right")):
         raise ValueError("it is that of a stereo pair: name the camera of the images alone")
-    colour = _camera(tables["colour"], _lens_of(data, _COLOUR), size, "image")
+    colour = _camera(tables["colour"], data.get("distortion"), _COLOUR, size, "image")
     rig = RgbdRig(colour, units_per_m=_units(data, tables.get("depth", {})), sensor=_sensor(data))
     if "depth" not in tables:
         return rig
     pose = _pose(data, "ppx" in tables["colour"])
-    depth = _camera(tables["depth"], _lens_of(data, _DEPTH), depth_size, "depth")
+    depth = _camera(tables["depth"], data.get("distortion"), _DEPTH, depth_size, "depth")
     if pose is None and depth == colour:
         return rig
     return replace(rig, depth_camera=depth, camera_SE3_depth=pose or IDENTITY)
 
 
-def _lens_of(data: Mapping[str, Any], names: tuple[str, ...]) -> Any:
-    """Distortion that a file lists next to its cameras."""
-    listed = data.get("distortion")
-    return next((listed[name] for name in names if name in listed), None) if isinstance(listed, Mapping) else None
-
-
-def _camera(table: Mapping[str, Any], lens: Any, size: Size, name: str) -> Camera:
-    own = next((table[key] for key in _DISTORTION if key in table and not _is_empty(table[key])), lens)
-    coefficients = np.empty(0) if _is_empty(own) else base.numbers(own, f"{name} distortion", (4, 5, 8, 12, 14))
+def _camera(table: Mapping[str, Any], listed: Any, names: tuple[str, ...], size: Size, name: str) -> Camera:
+    """The camera of a table; its distortion may be ``listed`` next to the cameras under one of their names."""
+    held = [table[key] for key in _DISTORTION if key in table]
+    held += [listed[key] for key in names if key in listed] if isinstance(listed, Mapping) else []
+    own: Any = next((value for value in held if value is not None and value != []), [])
+    coefficients = base.numbers(own, f"{name} distortion", (4, 5, 8, 12, 14)) if own != [] else np.empty(0)
     if not coefficients.size and "k1" in table:
         keys = [key for key in ("k1", "k2", "p1", "p2", "k3") if key in table]
         coefficients = np.array([base.number(table[key], key) for key in keys])
@@ -146,10 +143,6 @@ def _camera(table: Mapping[str, Any], lens: Any, size: Size, name: str) -> Camer
     result = base.camera(size, _matrix(table), coefficients, model, name)
     refuse_strange_camera(result, name)
     return result
-
-
-def _is_empty(value: Any) -> bool:
-    return value is None or (isinstance(value, list) and not value)
 
 
 def _matrix(table: Mapping[str, Any]) -> F64:

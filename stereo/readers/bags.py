@@ -23,22 +23,9 @@ from calib.io import entries, reason, size_text
 from calib.pose import SE3
 from calib.rig import IDENTITY, RgbdRig, StereoRig
 from stereo.depth import Depths
+from stereo.readers import base
 from stereo.readers.bag_files import STORAGES, ZSTD, Bag, Topic, TopicImages, error_text, open_bag
 from stereo.readers.bag_messages import camera_fields, field, frame_id, image_message, pose_of, transforms
-from stereo.readers.base import (
-    FramePairs,
-    Layout,
-    OtherRig,
-    Reader,
-    check_paired,
-    clock_of_pairs,
-    other_state,
-    own_times,
-    rgbd_layout,
-    same_size,
-    stereo_layout,
-    together,
-)
 from stereo.readers.images import Colour, Size, bits_note, true_bits
 from stereo.readers.pairing import depth_note, nearest_mates, pair_stamps, split_sides
 from stereo.recording import OpenOptions
@@ -326,7 +313,7 @@ def _rgbd_rig(bag: Bag, names: tuple[str, str], sizes: tuple[Size, Size], regist
 _MAGIC = {b"#ROSBAG V2.0": "ros1", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "sqlite"}
 
 
-def _find(path: Path, options: OpenOptions) -> Layout:
+def _find(path: Path, options: OpenOptions) -> base.Layout:
     file = _bag_file(path) or path
     bag = open_bag(file, "" if file.is_dir() else _kind(file) or "")
     kind, *chosen = choose_topics(bag, options.topics)
@@ -345,39 +332,38 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         remarks += tuple(depth_note(mates))
     else:
         pairs = pair_stamps(*stamps, names)
-        check_paired(pairs, path)
+        base.check_paired(pairs, path)
         mates = pairs.right
     read = samples[0] if is_rgbd else [*samples[0], *samples[1]]
     bits = true_bits(image for image in read if not isinstance(image, UnreadableError))
     remarks += bits_note(bits)
     a = first.frames(pairs.left, Colour(bits), samples[0])
     b = second.frames(mates, _depth_pixels(bag, names[1]) if is_rgbd else Colour(bits), samples[1])
-    sizes = (a.size, b.size) if is_rgbd else (same_size(a, b, *names),) * 2
+    sizes = (a.size, b.size) if is_rgbd else (base.same_size(a, b, *names),) * 2
     each = zip(names, (a, b), stamps, strict=True)
-    streams = tuple(source.stream(name, len(own), own_times(own)) for name, source, own in each)
-    clock = clock_of_pairs(pairs, options)
+    streams = tuple(source.stream(name, len(own), base.own_times(own)) for name, source, own in each)
+    clock = base.clock_of_pairs(pairs, options)
     if is_rgbd:
         registered, assumed = _is_registered(bag, names)
         rig = partial(_rgbd_rig, bag, names, sizes, registered)
         if options.calibration:
             rig = partial(load_rgbd, options.calibration, *sizes)
-        lacking = int(np.count_nonzero(mates < 0))
-        return rgbd_layout(path, a, b, streams, clock, rig, (*remarks, *assumed), unpaired=lacking)
+        return base.rgbd_layout(path, a, b, streams, clock, rig, (*remarks, *assumed), int((mates < 0).sum()))
 
     rectified = all(is_rectified(name) for name in names)
     stereo_rig: Callable[[], StereoRig] = partial(rig_of, bag, names, sizes[0], rectified)
-    other: OtherRig | None = None
+    other: base.OtherRig | None = None
     if options.calibration:
-        stereo_rig, other = partial(load_rig, options.calibration, sizes[0]), other_state(options.calibration, sizes[0])
+        stereo_rig = partial(load_rig, options.calibration, sizes[0])
+        other = base.other_state(options.calibration, sizes[0])
     elif not any(map(_SDK.fullmatch, names)):
 
         def other(_: StereoRig) -> tuple[StereoRig, str]:
             return rig_of(bag, names, sizes[0], not rectified), ""
 
-    return stereo_layout(
-        path, FramePairs(together(a, b), len(pairs.left), pairs.unpaired), streams, clock, stereo_rig, remarks,
-        path if path.is_dir() else path.parent, other,
-    )  # fmt: skip
+    frames = base.FramePairs(base.together(a, b), len(pairs.left), pairs.unpaired)
+    folder = path if path.is_dir() else path.parent
+    return base.stereo_layout(path, frames, streams, clock, stereo_rig, remarks, folder, other)
 
 
 def _bag_file(path: Path) -> Path | None:
@@ -410,4 +396,4 @@ def _head(file: Path, length: int) -> bytes:
         raise InputError(f"{file}: expected a recording, found a file that cannot be read ({reason(error)})") from error
 
 
-READER = Reader("bag", "a bag", lambda path: _bag_file(path) is not None, _find)
+READER = base.Reader("bag", "a bag", lambda path: _bag_file(path) is not None, _find)

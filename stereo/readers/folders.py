@@ -17,20 +17,7 @@ from calib.formats import load_rig
 from calib.formats.rgbd import load_rgbd
 from calib.io import entries
 from stereo.depth import Depths
-from stereo.readers.base import (
-    FramePairs,
-    Layout,
-    Reader,
-    TimedFiles,
-    clock_of,
-    other_state,
-    rate_of,
-    rgbd_layout,
-    same_size,
-    stereo_layout,
-    timed_layout,
-    together,
-)
+from stereo.readers import base
 from stereo.readers.images import Colour, bits_note, bits_of, frame_number, image_files, images_of
 from stereo.readers.pairing import Pair, depth_note, nearest_mates, one_of_each, pair_files, split_sides
 from stereo.readers.times import stamps_of
@@ -51,7 +38,7 @@ def in_folders(left: Path, right: Path) -> Sides:
     return Sides((left, right), (image_files(left), image_files(right)))
 
 
-def sides_layout(path: Path, sides: Sides, folder: Path, options: OpenOptions) -> Layout:
+def sides_layout(path: Path, sides: Sides, folder: Path, options: OpenOptions) -> base.Layout:
     """Images of two cameras by the times in lists next to them or in their names, else, and where there is a
     timestamps.csv, by their names; that, calibration and world.toml lie in ``folder``."""
     each = list(zip(sides.folders, sides.files, strict=True))
@@ -59,29 +46,29 @@ def sides_layout(path: Path, sides: Sides, folder: Path, options: OpenOptions) -
         if not found:
             raise InputError(f"{side}: expected images of one camera, found {inside_text(side)}")
     if not (folder / "timestamps.csv").is_file():
-        timed = [TimedFiles(at, files, own.ns) for at, files in each if (own := stamps_of(files, at, folder))]
+        timed = [base.TimedFiles(at, files, own.ns) for at, files in each if (own := stamps_of(files, at, folder))]
         if len(timed) == 2:
             given = options.calibration or folder
-            return timed_layout(path, timed[0], timed[1], options, partial(load_rig, given), (), folder, given)
+            return base.timed_layout(path, timed[0], timed[1], options, partial(load_rig, given), (), folder, given)
     return files_layout(path, pair_files(*sides.files, sides.number), options, folder)
 
 
-def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions, folder: Path | None = None) -> Layout:
+def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions, folder: Path | None = None) -> base.Layout:
     """Images that pair by their names, at the times of the folder's timestamps.csv."""
     folder, sides = folder or path, ([pair[0] for pair in pairs], [pair[1] for pair in pairs])
     bits = bits_of(*sides)
     a, b = (images_of(files, Colour(bits)) for files in sides)
     left, right = (next(file for file in files if file) for files in sides)
     names = (left, right) if left.parent == right.parent else (left.parent, right.parent)
-    size, clock = same_size(a, b, *names), clock_of(folder, options, len(pairs))
+    size, clock = base.same_size(a, b, *names), base.clock_of(folder, options, len(pairs))
     streams = tuple(
         source.stream(name, sum(file is not None for file in files), clock.times_s)
         for name, files, source in zip(("left", "right"), sides, (a, b), strict=True)
     )
-    return stereo_layout(
-        path, FramePairs(together(a, b), len(pairs), sum(None in pair for pair in pairs)), streams, clock,
+    return base.stereo_layout(
+        path, base.FramePairs(base.together(a, b), len(pairs), sum(None in pair for pair in pairs)), streams, clock,
         partial(load_rig, options.calibration or folder, size), bits_note(bits), folder,
-        other_state(options.calibration or folder, size),
+        base.other_state(options.calibration or folder, size),
     )  # fmt: skip
 
 
@@ -102,7 +89,7 @@ def _sides(path: Path) -> Sides | None:
     return Sides((path, path), ([files[i] for i in sided.left], [files[i] for i in sided.right]), numbers.get)
 
 
-FOLDERS = Reader(
+FOLDERS = base.Reader(
     "folders",
     "images of two cameras",
     lambda path: _sides(path) is not None,
@@ -145,20 +132,20 @@ def _is_deep(file: Path) -> bool:
     return False
 
 
-def _find_rgbd(path: Path, options: OpenOptions) -> Layout:
+def _find_rgbd(path: Path, options: OpenOptions) -> base.Layout:
     sides = _colour_and_depth(path)
     if sides is None:
         raise InputError(f"{path}: expected images and depth, found neither")
     timed = None if (path / "timestamps.csv").is_file() else _timed(*sides, path)
     pairs = timed[0] if timed else pair_files(*sides)
-    clock = timed[1] if timed and options.fps is None else clock_of(path, options, len(pairs))
+    clock = timed[1] if timed and options.fps is None else base.clock_of(path, options, len(pairs))
     images, depths = images_of([pair[0] for pair in pairs], Colour()), images_of([pair[1] for pair in pairs], Depths())
     streams = (
         images.stream("image", len(sides[0]), clock.times_s),
         depths.stream("depth", len(sides[1]), clock.times_s),
     )
     rig = partial(load_rgbd, options.calibration or path, images.size, depths.size)
-    return rgbd_layout(path, images, depths, streams, clock, rig)
+    return base.rgbd_layout(path, images, depths, streams, clock, rig)
 
 
 def _timed(images: list[Path], depths: list[Path], folder: Path) -> tuple[list[Pair], FrameClock] | None:
@@ -172,7 +159,9 @@ def _timed(images: list[Path], depths: list[Path], folder: Path) -> tuple[list[P
         return None
     times = np.asarray((ns - ns[0]) / 1e9, dtype=np.float64)
     pairs = [(images[i], depths[mate] if mate >= 0 else None) for i, mate in zip(order, mates, strict=True)]
-    return list(pairs), FrameClock(rate_of(times), times, tuple(depth_note(mates)))
+    return list(pairs), FrameClock(base.rate_of(times), times, tuple(depth_note(mates)))
 
 
-RGBD_FOLDERS = Reader("rgbd", "images with depth", lambda path: all(_colour_and_depth(path) or (False,)), _find_rgbd)
+RGBD_FOLDERS = base.Reader(
+    "rgbd", "images with depth", lambda path: all(_colour_and_depth(path) or (False,)), _find_rgbd
+)

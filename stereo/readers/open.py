@@ -11,18 +11,8 @@ from pathlib import Path
 from calib.errors import InputError
 from calib.io import entries, missing, refuse_unreadable
 from calib.world import RIGS_FILE, load_rigs
+from stereo.readers import base
 from stereo.readers.bags import READER as BAG
-from stereo.readers.base import (
-    AnyRecording,
-    FrameSource,
-    Layout,
-    Reader,
-    clock_of,
-    clock_of_pairs,
-    own_times,
-    rate_of,
-    together,
-)
 from stereo.readers.datasets import EUROC, KITTI, KITTI_SEQUENCE, MIDDLEBURY, TUM_RGBD
 from stereo.readers.folders import FOLDERS, RGBD_FOLDERS, in_folders, sides_layout
 from stereo.readers.images import SUFFIXES, Colour, bits_note, bits_of, image_files, images_of
@@ -56,7 +46,7 @@ def is_multi_rig(path: Path) -> bool:
     return rigs_file(path).is_file()
 
 
-def _refuse_several(path: Path, _options: OpenOptions) -> Layout:
+def _refuse_several(path: Path, _options: OpenOptions) -> base.Layout:
     file = rigs_file(path)
     folders = ", ".join(str(file.parent / entry.folder) for entry in load_rigs(file))
     raise InputError(
@@ -65,15 +55,15 @@ def _refuse_several(path: Path, _options: OpenOptions) -> Layout:
     )
 
 
-READERS: tuple[Reader, ...] = (
-    Reader("heads", "several heads", is_multi_rig, _refuse_several), BAG,
+READERS: tuple[base.Reader, ...] = (
+    base.Reader("heads", "several heads", is_multi_rig, _refuse_several), BAG,
     EUROC, KITTI, KITTI_SEQUENCE, TUM_RGBD, MIDDLEBURY, FOLDERS, RGBD_FOLDERS, VIDEO_PAIR, SIDE_BY_SIDE,
     LIVE,
 )  # fmt: skip
 """In this order: the first that a path fits opens it."""
 
 
-def find_reader(path: Path) -> Reader:
+def find_reader(path: Path) -> base.Reader:
     """The reader whose layout a path has. Raises InputError: nothing there, or no layout that is known."""
     refuse_unreadable(path, "a recording")
     if reader := next((reader for reader in READERS if reader.fits(path)), None):
@@ -93,7 +83,7 @@ def _is_recording(path: Path) -> bool:
     return False
 
 
-def _two_paths(left: Path, options: OpenOptions) -> Layout:
+def _two_paths(left: Path, options: OpenOptions) -> base.Layout:
     """The recordings of a left and a right camera, two videos or two folders of images, as one."""
     paths = left, options.right or left
     for path in paths:
@@ -118,18 +108,18 @@ def holds_pair(path: Path, options: OpenOptions | None = None) -> bool:
     return reader is not None and reader.key not in ("side-by-side", "live")
 
 
-def find_layout(path: Path | str, options: OpenOptions | None = None) -> tuple[Reader, Layout]:
+def find_layout(path: Path | str, options: OpenOptions | None = None) -> tuple[base.Reader, base.Layout]:
     """What is at a path; no calibration is needed yet. Raises InputError: no recording there, unreadable, or sides that
     differ in size."""
     path, options = Path(path), options or OpenOptions()
-    two = Reader("two-paths", "two recordings of one camera each", lambda path: False, _two_paths)
+    two = base.Reader("two-paths", "two recordings of one camera each", lambda path: False, _two_paths)
     reader = two if options.right is not None else find_reader(path)
     if options.topics and reader is not BAG:
         raise InputError(f"expected a bag, found {path}: {reader.name}", argument="topics")
     return reader, reader.find(path, options)
 
 
-def open_any(path: Path | str, options: OpenOptions | None = None) -> AnyRecording:
+def open_any(path: Path | str, options: OpenOptions | None = None) -> base.AnyRecording:
     """Open a recording of any kind, with its calibration (same errors as ``open_recording``)."""
     recording = find_layout(path, options)[1].open()
     recording.options = options or OpenOptions()
@@ -166,17 +156,17 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Video:
     bits, clock, frames = bits_of(files), None, list[Path | None](files)
     if files and not (path / "timestamps.csv").is_file() and (stamps := stamps_of(files, path, path)):
         own = pair_stamps(stamps.ns, stamps.ns)
-        frames, clock = [files[i] if i >= 0 else None for i in own.left], clock_of_pairs(own, options)
-    source: FrameSource = images_of(frames, Colour(bits)) if files else VideoFile(videos[0])
+        frames, clock = [files[i] if i >= 0 else None for i in own.left], base.clock_of_pairs(own, options)
+    source: base.FrameSource = images_of(frames, Colour(bits)) if files else VideoFile(videos[0])
     listed = None if files else camera_times(videos[0], videos[0].parent, source.n_frames)
     if listed and options.fps is None:
-        times = own_times(read_times(listed, source.n_frames).ns)
-        clock = FrameClock(rate_of(times), times)
-    clock = clock or clock_of(path, options, source.n_frames, source.fps, source.raw)
+        times = base.own_times(read_times(listed, source.n_frames).ns)
+        clock = FrameClock(base.rate_of(times), times)
+    clock = clock or base.clock_of(path, options, source.n_frames, source.fps, source.raw)
     notes = [*clock.notes, *bits_note(bits)]
     if not files and (tracks := video_tracks(videos[0])) > 1:
         notes.append(f"{tracks} video tracks in the file: the first is read")
-    return Video(path, together(source), source.n_frames, clock, notes, source.size, options=options)
+    return Video(path, base.together(source), source.n_frames, clock, notes, source.size, options=options)
 
 
 AnyFrame = StereoFrame | RgbdFrame
@@ -197,7 +187,7 @@ class RigRecording:
     """One rig of a recording: its folder, its frames on its own clock, and the time of the first on the common one."""
 
     name: str
-    recording: AnyRecording
+    recording: base.AnyRecording
     start_s: float
 
 
@@ -259,7 +249,7 @@ class _Stream:
 
 def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[MultiRigFrame]:
     """Frames by time: the earliest that waits, and those of other rigs taken within 0.6 of the slowest rig's period:
-    half of it would let rigs that run half a period apart flicker between together and apart."""
+    half of it would let rigs that run half a period apart flicker between base.together and apart."""
     index = 0
     while any(stream.next is not None for stream in streams):
         until = min(stream.time_s for stream in streams) + 0.6 * period_s

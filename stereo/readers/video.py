@@ -17,19 +17,7 @@ from calib.formats import load_rig
 from calib.images import as_grey
 from calib.io import entries, require_file
 from calib.types import F64, I64, U8
-from stereo.readers.base import (
-    FramePairs,
-    Layout,
-    Reader,
-    check_paired,
-    clock_of,
-    clock_of_pairs,
-    other_state,
-    own_times,
-    same_size,
-    stereo_layout,
-    together,
-)
+from stereo.readers import base
 from stereo.readers.images import Stream, is_grey
 from stereo.readers.pairing import TimePairs, one_of_each, pair_stamps
 from stereo.readers.times import camera_times, rate_of_times, read_times
@@ -253,31 +241,31 @@ class _PlacedVideo:
             yield replace(found, index=index) if found else Decoded(index, None, None, "lost by the recorder")
 
 
-def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenOptions) -> Layout:
+def video_pair(path: Path, left: Path, right: Path, folder: Path, options: OpenOptions) -> base.Layout:
     """Two videos, paired by their times where these differ, else in order; calibration, times and world.toml lie in the
     folder."""
     a, b = VideoFile(left), VideoFile(right)
-    size = same_size(a, b, left, right)
+    size = base.same_size(a, b, left, right)
     calibration = options.calibration or folder
-    rig, other = partial(load_rig, calibration, size), other_state(calibration, size)
+    rig, other = partial(load_rig, calibration, size), base.other_state(calibration, size)
     if not (folder / "timestamps.csv").is_file():
         own_s, pairs = [_packets(video) for video in (left, right)], None
         listed = [camera_times(at, folder, len(own)) for at, own in zip((left, right), own_s, strict=True)]
         if listed[0] and listed[1]:
             ns = [read_times(file, len(own)).ns for file, own in zip(listed, own_s, strict=True) if file]
-            pairs, own_s = pair_stamps(ns[0], ns[1]), [own_times(own) for own in ns]
-            check_paired(pairs, path)
+            pairs, own_s = pair_stamps(ns[0], ns[1]), [base.own_times(own) for own in ns]
+            base.check_paired(pairs, path)
         elif not (a.raw or b.raw):
             pairs = _by_time(*own_s)
         if pairs:
             timed = tuple(Stream(name, size, len(s), s) for name, s in zip(("left", "right"), own_s, strict=True))
-            placed = together(_PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right))
-            each, clock = FramePairs(placed, len(pairs.left), pairs.unpaired), clock_of_pairs(pairs, options)
-            return stereo_layout(path, each, timed, clock, rig, (), folder, other)
+            placed = base.together(_PlacedVideo(a, pairs.left), _PlacedVideo(b, pairs.right))
+            each, clock = base.FramePairs(placed, len(pairs.left), pairs.unpaired), base.clock_of_pairs(pairs, options)
+            return base.stereo_layout(path, each, timed, clock, rig, (), folder, other)
     streams = tuple(Stream(name, size, source.n_frames) for name, source in (("left", a), ("right", b)))
-    clock = clock_of(folder, options, min(a.n_frames, b.n_frames), a.fps, a.raw)
-    each = FramePairs(together(a, b), max(a.n_frames, b.n_frames))
-    return stereo_layout(path, each, streams, clock, rig, (), folder, other)
+    clock = base.clock_of(folder, options, min(a.n_frames, b.n_frames), a.fps, a.raw)
+    each = base.FramePairs(base.together(a, b), max(a.n_frames, b.n_frames))
+    return base.stereo_layout(path, each, streams, clock, rig, (), folder, other)
 
 
 def pair_in(folder: Path) -> tuple[Path, Path] | None:
@@ -289,7 +277,7 @@ def pair_in(folder: Path) -> tuple[Path, Path] | None:
     return one_of_each(videos)
 
 
-READER = Reader(
+READER = base.Reader(
     "videos",
     "a pair of videos",
     lambda path: path.is_dir() and pair_in(path) is not None,
