@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
-from pydantic_core import PydanticUndefined
 
 LARGEST = {"_m": 1e4, "_m2": 1e4, "_s": 1e6, "_px": 1e6, "_deg": 3600.0, "_mps": 100.0, "_mps2": 1e4}
 """Largest magnitude by the unit in a parameter's name: beyond the reach of any camera, a recording of ten days, an
@@ -88,17 +87,12 @@ def tables_of(table: type[Params], name: str = "") -> Iterator[tuple[str, type[P
 def described(table: type[Params], values: Params | None = None) -> list[Described]:
     """The parameters of a table in words, without those of tables inside of it; ``values`` gives the defaults where the
     table is part of another."""
-    meanings = _field_docs(table)
-    return [
-        Described(
-            name,
-            _default(info) if values is None else _shown(getattr(values, name)),
-            _range(info),
-            " ".join(meanings.get(name, "").split()),
-        )
-        for name, info in table.model_fields.items()
-        if not (isinstance(info.annotation, type) and issubclass(info.annotation, Params))
-    ]
+    meanings, found = _field_docs(table), []
+    for name, info in table.model_fields.items():
+        if not (isinstance(info.annotation, type) and issubclass(info.annotation, Params)):
+            default = _default(info) if values is None else _shown(getattr(values, name))
+            found.append(Described(name, default, _range(info), " ".join(meanings.get(name, "").split())))
+    return found
 
 
 def _field_docs(table: type[BaseModel]) -> dict[str, str]:
@@ -117,13 +111,7 @@ def _field_docs(table: type[BaseModel]) -> dict[str, str]:
 
 
 def _default(info: Any) -> str:
-    if info.default is not PydanticUndefined:
-        value = info.default
-    elif info.default_factory is not None:
-        value = info.default_factory()
-    else:
-        return ""
-    return _shown(value)
+    return "" if info.is_required() else _shown(info.get_default(call_default_factory=True))
 
 
 def _shown(value: object) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -62,12 +63,9 @@ def find_floor(
         Floor with inlier fraction, residual, covariance and extent.
     """
     params = params or FloorParams()
-    points = _points(clouds, sigma_z)
+    points = _points(clouds, sigma_z, planes.FLOOR_DISPARITY_STD_PX / (focal_px * baseline_m))
     if len(points) < MIN_POINTS:
         raise WorkError(f"no floor found: only {len(points)} points with valid depth in {len(clouds)} frames")
-    if sigma_z is None:
-        noise = planes.FLOOR_DISPARITY_STD_PX / (focal_px * baseline_m)
-        points = Rays(points.rays, points.inverse, np.full(len(points), noise))
     seen = Moved(np.empty((0, 3)) if moved is None else moved, np.array([*bodies]).reshape(-1, 3))
     cells = Cells(points)
     candidates = floor_candidates(cells, params, seen)
@@ -145,23 +143,27 @@ def _floor(best: Candidate, cells: Cells) -> Floor:
     )
 
 
-def _points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None) -> Rays:
-    """Valid points of all clouds, thinned evenly to what the fit looks at."""
+def _points(clouds: Sequence[F32], sigma_z: Sequence[F32] | None, noise: float) -> Rays:
+    """Valid points of all clouds, thinned evenly to what the fit looks at; ``noise`` is that of inverse depth without
+    deviations."""
     if shapes := [np.shape(cloud) for cloud in clouds if np.ndim(cloud) != 2 or np.shape(cloud)[1] != 3]:
         raise ValueError(f"expected clouds of (N, 3) points, got {shapes[0]}")
     if sigma_z is not None and [len(s) for s in sigma_z] != [len(c) for c in clouds]:
         raise ValueError("expected one depth deviation per point")
     stride = max(1, math.ceil(sum(len(c) for c in clouds) / FIT_POINTS))
+
     # Another offset per frame, so that every pixel is used in some frame.
-    thinned = [np.asarray(c)[i % stride :: stride] for i, c in enumerate(clouds)]
-    points = np.concatenate([np.empty((0, 3)), *thinned]).astype(np.float64)
-    sigma = np.ones(len(points))
-    if sigma_z is not None:
-        sigma = np.concatenate([np.empty(0), *(np.asarray(s)[i % stride :: stride] for i, s in enumerate(sigma_z))])
+    def thinned(columns: Sequence[F32], shape: tuple[int, ...]) -> F64:
+        parts = (np.asarray(column)[i % stride :: stride] for i, column in enumerate(columns))
+        return np.concatenate([np.empty(shape), *parts]).astype(np.float64)
+
+    points = thinned(clouds, (0, 3))
     valid = np.isfinite(points).all(axis=1) & (np.nan_to_num(points[:, 2]) > 1e-3)
     z = points[valid, 2:]
-    sigma = sigma[valid] if sigma_z is None else np.maximum(sigma[valid] / z[:, 0] ** 2, 1e-9)
-    return Rays(points[valid] / z, 1.0 / z[:, 0], sigma.astype(np.float64))
+    sigma = np.full(len(z), noise)
+    if sigma_z is not None:
+        sigma = np.maximum(thinned(sigma_z, (0,))[valid] / z[:, 0] ** 2, 1e-9)
+    return Rays(points[valid] / z, 1.0 / z[:, 0], sigma)
 
 
 def _ransac(points: Rays, floors: FloorParams | None) -> F64:
@@ -232,8 +234,7 @@ def floor_from_points(points: ArrayLike, name: str = "points", depth_std_m: Arra
     return Floor(pose, residual_m=residual, covariance=covariance)
 
 
-@dataclass(frozen=True, eq=False)
-class PeopleSeen:
+class PeopleSeen(NamedTuple):
     """Tracked people in the rectified left camera frame: (n,) ids, and (n, 3) tops of heads and places where a foot
     meets the floor [m], NaN where unknown."""
 

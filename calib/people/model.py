@@ -52,13 +52,9 @@ class HumanModel:
     @property
     def planes(self) -> tuple[tuple[float, float], ...]:
         """(height, radius) [m] of the four critical planes, floor first: the wider cylinder where two meet."""
-        hip, shoulder = self.leg_m, self.leg_m + self.torso_m
-        return (
-            (0.0, self.leg_radius_m),
-            (hip, max(self.leg_radius_m, self.torso_radius_m)),
-            (shoulder, max(self.torso_radius_m, self.head_radius_m)),
-            (self.height_m, self.head_radius_m),
-        )
+        head, torso, leg = self.head_radius_m, self.torso_radius_m, self.leg_radius_m
+        heights = 0.0, self.leg_m, self.leg_m + self.torso_m, self.height_m
+        return tuple(zip(heights, (leg, max(leg, torso), max(torso, head), head), strict=True))
 
     def scaled(self, height_m: float) -> HumanModel:
         """The same proportions at another body height [m]."""
@@ -68,8 +64,7 @@ class HumanModel:
     def circles(self) -> F64:
         """(4 * CIRCLE_POINTS, 3) float64 [m]: points on the circles of the critical planes, person at the origin."""
         unit = _directions(CIRCLE_POINTS)
-        rings = [np.column_stack([r * unit, np.full(CIRCLE_POINTS, z)]) for z, r in self.planes]
-        return np.concatenate(rings)
+        return np.concatenate([np.column_stack([r * unit, np.full(CIRCLE_POINTS, z)]) for z, r in self.planes])
 
     def outline_points(self, camera: GroundCamera, xy_m: ArrayLike) -> F64:
         """(..., 4 * CIRCLE_POINTS, 2) pixels of the circles at (..., 2) floor positions [m]; NaN behind the camera.

@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +46,7 @@ class HumanSample:
     height_m: float | None = None
 
     def __post_init__(self) -> None:
-        values = (*self.box_px, *self.head_px, *self.foot_px)
-        if not all(math.isfinite(v) for v in values):
+        if not all(map(math.isfinite, values := (*self.box_px, *self.head_px, *self.foot_px))):
             raise ValueError(f"expected finite pixels, got {values}")
         if self.height_m is not None and not 0.5 <= self.height_m <= 2.5:
             raise ValueError(f"expected a person of 0.5 to 2.5 m, got {self.height_m:g}")
@@ -138,8 +138,11 @@ def read_samples(path: Path) -> tuple[HumanSample, ...]:
     height], "head" [u, v], "foot" [u, v] and optionally "frame" and the person's "height_m", or the columns of the CSV
     as keys. Raises InputError: unreadable, columns missing, or values that cannot be a person's.
     """
-    samples = []
-    for i, row in enumerate(_rows(_text(path), path), 1):
+    samples, data = [], _content(path)
+    rows = data.get("samples") if isinstance(data, dict) else data
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise InputError(f"{path}: expected a list of samples with box, head and foot, found something else")
+    for i, row in enumerate(rows, 1):
         try:
             samples.append(_sample(row))
         except KeyError as error:
@@ -155,8 +158,7 @@ def read_samples(path: Path) -> tuple[HumanSample, ...]:
 def read_image_size(path: Path) -> tuple[int, int] | None:
     """(width, height) [px] of the image that the samples of a JSON were taken in; None where it has none. Raises
     InputError: unreadable, or an "image_size" that is not two positive whole numbers."""
-    text = _text(path)
-    data = _json(text, path) if text.lstrip()[:1] == "{" else {}
+    data = _content(path)
     size = data.get("image_size") if isinstance(data, dict) else None
     if size is None:
         return None
@@ -169,41 +171,28 @@ def read_image_size(path: Path) -> tuple[int, int] | None:
 def write_samples(samples: Sequence[HumanSample], path: Path, image_size: tuple[int, int] | None = None) -> None:
     """Write samples as JSON with the (width, height) of their image, or as CSV when the name ends so."""
     if path.suffix.lower() == ".csv":
-        columns = ("frame", *COLUMNS, *["height_m"] * any(s.height_m is not None for s in samples))
-        lines = [",".join(columns)]
+        columns = ["frame", *COLUMNS, *["height_m"] * any(s.height_m is not None for s in samples)]
+        text = StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(columns)
         for s in samples:
-            body = "" if s.height_m is None else repr(float(s.height_m))
-            cells = [str(s.frame), *(repr(float(v)) for v in (*s.box_px, *s.head_px, *s.foot_px)), body]
-            lines.append(",".join(cells[: len(columns)]))
-        write_whole(path, "\n".join(lines) + "\n")
+            table.writerow([s.frame, *map(float, (*s.box_px, *s.head_px, *s.foot_px)), s.height_m][: len(columns)])
+        write_whole(path, text.getvalue())
         return
-    rows = [
-        {"frame": s.frame, "box": list(s.box_px), "head": list(s.head_px), "foot": list(s.foot_px)}
-        | ({} if s.height_m is None else {"height_m": s.height_m})
-        for s in samples
-    ]
-    size = {} if image_size is None else {"image_size": list(image_size)}
+    names = {"frame": "frame", "box": "box_px", "head": "head_px", "foot": "foot_px", "height_m": "height_m"}
+    rows = [{k: v for k, name in names.items() if (v := getattr(s, name)) is not None} for s in samples]
+    size = {} if image_size is None else {"image_size": image_size}
     write_whole(path, json.dumps({**size, "samples": rows}, indent=1) + "\n")
 
 
-def _text(path: Path) -> str:
-    return read_text(path, "a CSV or JSON file of samples", 10_000_000)
-
-
-def _rows(text: str, path: Path) -> list[dict[str, Any]]:
+def _content(path: Path) -> Any:
+    """The value of a JSON, or the rows of a CSV."""
+    text = read_text(path, "a CSV or JSON file of samples", 10_000_000)
     if text.lstrip()[:1] in ("[", "{"):
-        data = _json(text, path)
-        rows = data.get("samples") if isinstance(data, dict) else data
-        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-            raise InputError(f"{path}: expected a list of samples with box, head and foot, found something else")
-        return rows
+        with expecting(path, "JSON", ValueError, RecursionError):
+            return json.loads(text)
     with expecting(path, "a CSV of samples", csv.Error):
-        return [dict(row) for row in csv.DictReader(text.splitlines(), skipinitialspace=True)]
-
-
-def _json(text: str, path: Path) -> Any:
-    with expecting(path, "JSON", ValueError, RecursionError):
-        return json.loads(text)
+        return list(csv.DictReader(text.splitlines(), skipinitialspace=True))
 
 
 def _sample(row: Mapping[str, Any]) -> HumanSample:
