@@ -1,13 +1,23 @@
-"""What is marked on a frame, and how its parts are picked up and moved."""
+"""What is marked on a frame, how its parts are picked up and moved, and what the marks are solved to."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations, islice
 from typing import Literal, NamedTuple
 
+import numpy as np
+
+from calib.errors import InputError
+from calib.floor.find import floor_from_points
+from calib.ground_camera import GroundCamera
+from calib.people.calibration import HumanCalibration
 from calib.people.samples import HumanSample
+from calib.rig import Floor
+from calib.types import F64, Bool
+from planview.calibration.floor import FloorDepths
 
 Point = tuple[float, float]
 Part = Literal["head", "foot", "nw", "ne", "sw", "se", "whole", "point"]
@@ -87,3 +97,143 @@ def _add(point: Point, by: Point) -> Point:
 def _inside(sample: HumanSample, at: Point) -> bool:
     left, top, width, height = sample.box_px
     return left <= at[0] <= left + width and top <= at[1] <= top + height
+
+
+class ValueRow(NamedTuple):
+    """One value: its name, itself and its deviation, as text with units."""
+
+    name: str
+    value: str
+    deviation: str
+
+
+class Assessed(NamedTuple):
+    """Whether a solution may be used without a second thought, and why."""
+
+    enough: bool
+    sentence: str
+
+
+_VALUES = (
+    ("height above the floor", "{:.2f} m", "height_m", 1.0),
+    ("tilt from straight down", "{:.1f}°", "tilt_rad", math.degrees(1)),
+    ("roll", "{:.1f}°", "roll_rad", math.degrees(1)),
+)
+
+
+def _rows(above: Floor | GroundCamera, std: Sequence[float], found: Floor | None = None) -> list[ValueRow]:
+    """Height, tilt and roll with their deviations, and in brackets those of a floor found without marks."""
+    rows = []
+    for (name, form, key, unit), deviation in zip(_VALUES, std, strict=True):
+        also = "" if found is None else f" (found {form.format(unit * getattr(found, key))})"
+        value = form.format(unit * getattr(above, key))
+        rows.append(ValueRow(name, value, f"± {form.format(unit * deviation)}{also}"))
+    return rows
+
+
+MAX_HEIGHT_STD, MAX_ANGLE_STD_DEG = 0.02, 1.0
+"""Deviation of a floor's height, as a share of it, and of its angles, up to which it is known well enough (5 cm for a
+camera at 2.5 m, and as much on the floor 3 m away)."""
+
+
+class FloorFit(NamedTuple):
+    """A floor through the points that are used, (n,) signed distances of every point from it [m], up positive, and
+    (n,) whether the point lies on it."""
+
+    floor: Floor
+    distance_m: F64
+    used: Bool
+
+    @property
+    def std(self) -> tuple[float, float, float]:
+        """Of height [m], tilt and roll [rad]."""
+        assert self.floor.covariance is not None
+        height, tilt, roll = np.sqrt(self.floor.covariance.diagonal()).tolist()
+        return height, tilt, roll
+
+    def rows(self, found: Floor | None) -> list[ValueRow]:
+        """The values of the floor, next to those of one found without points."""
+        distance = ValueRow("points from the plane", f"{100 * self.floor.residual_m:.1f} cm rms", "")
+        return [*_rows(self.floor, self.std, found), distance]
+
+    def assessment(self) -> Assessed:
+        """A plane through three points fits whatever they lie on; the fourth one checks it, and their distances from
+        each other decide how well it is known."""
+        n_used, n_off = int(self.used.sum()), int((~self.used).sum())
+        if n_off and n_used < n_off + 3:
+            return Assessed(False, f"not enough: {n_off} of {n_used + n_off} points lie off the plane of the others")
+        if n_used < 4:
+            return Assessed(False, "not enough: three points fit any plane; add a fourth one far from them as a check")
+        height_m, angle_deg = self.std[0], math.degrees(max(self.std[1:]))
+        known = f"height known to {100 * height_m:.0f} cm and angles to {angle_deg:.1f}°"
+        limit_m = MAX_HEIGHT_STD * self.floor.height_m
+        if not (height_m <= limit_m and angle_deg <= MAX_ANGLE_STD_DEG):
+            most = f"at most {100 * limit_m:.0f} cm and {MAX_ANGLE_STD_DEG:g}°"
+            way = "add points far from the others, near and far, left and right"
+            return Assessed(False, f"not enough: {known} only ({most}); {way}")
+        off = f"; {n_off} off the plane not used" if n_off else ""
+        return Assessed(True, f"enough: {n_used} points lie on one plane, {known}{off}")
+
+
+def fit_floor(view: FloorDepths, pixels: Sequence[Point]) -> FloorFit:
+    """The plane that most points lie on; of several with as many, that of the points clicked first. Raises InputError:
+    fewer than three points, a point without depth, or no three that span a floor."""
+    points = view.points_at(np.array(pixels, dtype=np.float64).reshape(-1, 2))
+    # A point this far from the plane of the others is not on the floor [m] (lower than a step)...
+    # ...or three deviations of its depth, where that is more.
+    limit = np.array([max(0.06, 3.0 * view.geometry.depth_std_m(float(p[2]))) for p in points])
+    return fit_plane(points, limit, view.depth_std_m(points))
+
+
+def fit_plane(points: F64, limit_m: F64, depth_std_m: F64) -> FloorFit:
+    """As ``fit_floor``, of (n, 3) points [m] in the left camera's frame with (n,) distances that are allowed and (n,)
+    deviations of depth [m]."""
+    best: FloorFit | None = None
+    problem = InputError(f"expected three or more floor points, found {len(points)}")
+
+    def through(chosen: Sequence[int] | Bool) -> FloorFit:
+        floor = floor_from_points(points[chosen], "floor points", depth_std_m[chosen])
+        distance = (floor.world_SE3_left @ points)[:, 2]
+        return FloorFit(floor, distance, np.abs(distance) <= limit_m)
+
+    for triple in islice(combinations(range(len(points)), 3), 400):  # all of 14 points
+        try:
+            fit = through(list(triple))
+        except InputError as error:
+            problem = error
+            continue
+        if best is None or fit.used.sum() > best.used.sum():
+            best = fit
+    if best is None:
+        raise problem
+    return through(best.used)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A camera from samples, or the floor of a stereo recording from points; else the problem, empty where nothing was
+    solved."""
+
+    found: HumanCalibration | None = None
+    fit: FloorFit | None = None
+    problem: str = ""
+
+    def rows(self, plain_floor: Floor | None = None) -> list[ValueRow]:
+        """Values with their deviations, next to those of a floor found without points; empty without a solution."""
+        if self.found is None:
+            return self.fit.rows(plain_floor) if self.fit else []
+        camera, std = self.found.camera, self.found.std
+        return [
+            *_rows(camera, (std.height * camera.height_m, std.tilt_rad, std.roll_rad)),
+            ValueRow("focal length", f"{camera.focal_px:.0f} px", f"± {std.focal * camera.focal_px:.0f} px"),
+            ValueRow("lens", camera.lens, ""),
+            ValueRow("floor positions", "", f"± {self.found.assessment.floor_error_m:.2f} m"),
+        ]
+
+    def assessment(self) -> Assessed | None:
+        """Whether it is enough; None where nothing was solved."""
+        if self.problem:
+            return Assessed(False, self.problem)
+        if self.found is not None:
+            return Assessed(self.found.assessment.enough, self.found.assessment.sentence)
+        return self.fit.assessment() if self.fit else None

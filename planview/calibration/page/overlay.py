@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -66,12 +67,15 @@ def _samples(session: CalibrationSession) -> list[dict[str, Any]]:
 
 
 def _floor_points(session: CalibrationSession) -> list[dict[str, Any]]:
-    fit, metres, marks = session.solution.fit, session.solution.metres(session.floor_points), []
+    solution, marks = session.solution, []
     for number, point in enumerate(session.floor_points):
-        colour, text = FLOOR, "{:.2f}, {:.2f} m".format(*metres[number] or (0, 0)) if metres[number] else ""
-        if fit is not None and number < len(fit.used):
-            colour, off = (FLOOR, "") if fit.used[number] else (ODD, " off the plane: not used")
-            text = f"{round(100 * fit.distance_m[number]):+d} cm{off}"
+        colour, text = FLOOR, ""
+        if solution.found is not None:
+            x, y = solution.found.camera.back_project(np.array(point)).tolist()
+            text = f"{x:.2f}, {y:.2f} m" if math.isfinite(x + y) else ""
+        elif solution.fit is not None and number < len(solution.fit.used):
+            colour, off = (FLOOR, "") if solution.fit.used[number] else (ODD, " off the plane: not used")
+            text = f"{round(100 * solution.fit.distance_m[number]):+d} cm{off}"
         selected = session.selected == Handle(number, "point")
         marks.append({"point": point, "text": text, "colour": colour, "selected": selected})
     return marks

@@ -43,125 +43,7 @@ HELP = (
 )
 
 
-class SidePanel:
-    """Widgets of the panel."""
-
-    def __init__(self, session: CalibrationSession, page: Page) -> None:
-        self._session, self._page = session, page
-        self.everywhere = False
-        self._listed: object = None
-        with ui.column().classes("pv-side q-pa-sm gap-2 no-wrap h-full"):
-            with ui.row().classes("items-center gap-2"):
-                self._spinner = ui.spinner(size="1.2em")
-                self._busy = ui.label("solving").classes("text-caption")
-                self._count = ui.label().classes("text-caption")
-            self._assessment = ui.label().classes("w-full q-pa-sm rounded-borders text-white")
-            self._values = ui.column().classes("w-full gap-0")
-            self._people = ui.column().classes("w-full gap-0")
-            if session.view is None:
-                # What means something for one camera only: lens, known values, files of samples.
-                ui.checkbox("draw people all over the floor", on_change=self._on_everywhere).props("dense")
-                ui.label("known values").classes("text-caption q-mt-sm")
-                with ui.grid(columns=2).classes("w-full gap-x-2 gap-y-0"):
-                    self._known = {}
-                    for name, text in KNOWN.items():
-                        field = ui.number(text, value=getattr(session.known, name), on_change=self._on_known)
-                        self._known[name] = field.props("dense debounce=600 clearable")
-                lens = ui.select(LENSES, value=session.lens or "", on_change=self._on_lens, label="lens")
-                lens.props("dense").classes("w-full")
-                self._note = ui.label().classes("text-caption")
-                with ui.row().classes("gap-1"):
-                    _picker("Focal length of a photo", "image/*", self._on_photo)
-                    _picker("Load samples", ".json,.csv", self._on_samples)
-                    ui.button("Save samples", on_click=lambda: self._page.export(False)).props("dense flat no-caps")
-
-    def refresh(self, solving: bool) -> None:
-        """Show the session as it is."""
-        session = self._session
-        self._spinner.visible = self._busy.visible = solving
-        points = f", {len(session.floor_points)} floor points" if session.floor_points else ""
-        people = f"{len(session.samples)} {'person' if len(session.samples) == 1 else 'people'}"
-        self._count.text = f"{people if session.view is None else 'floor of a stereo recording'}{points}"
-        assessment = session.solution.assessment()
-        self._assessment.visible = assessment is not None
-        if assessment is not None:
-            self._assessment.text = assessment.sentence
-            colour = "#1b7f3b" if assessment.enough else "#b54708"
-            self._assessment.style(f"background: {colour}; opacity: {0.5 if solving else 1}")
-        # Rebuilt only when changed: the page refreshes with every movement of the mouse.
-        listed = (session.solution, tuple(session.samples), session.shown, session.selected)
-        if listed != self._listed:
-            self._listed = listed
-            self._values.clear()
-            with self._values:
-                for name, value, deviation in session.solution.rows(session.plain_floor):
-                    with ui.row().classes("w-full no-wrap items-baseline gap-2"):
-                        ui.label(name).classes("text-caption grow")
-                        ui.label(value).classes("text-weight-medium")
-                        ui.label(deviation).classes("text-caption")
-            self._list_people()
-
-    def _list_people(self) -> None:
-        session, found = self._session, self._session.solution.found
-        self._people.clear()
-        with self._people:
-            here = {number for number, _ in session.here()}
-            odd = [i for i in (found.odd if found else ()) if i < len(session.samples)]
-            for title, numbers in (("on this frame", sorted(here)), ("look at again", odd)):
-                if numbers:
-                    ui.label(title).classes("text-caption")
-                for number in numbers:
-                    sample, errors = session.samples[number], found.sample_errors if found else ()
-                    error = f", error {errors[number]:.2f}" if number < len(errors) else ""
-                    chosen = session.tool == "select" and session.selected and session.selected.number == number
-                    colour = "negative" if number in odd else "primary" if chosen else "grey-8"
-                    show = partial(self._page.show_sample, number)
-                    button = ui.button(f"{number + 1}: frame {sample.frame}{error}", on_click=show)
-                    button.props(f"dense flat no-caps color={colour}")
-            first = {s.frame: i for i, s in reversed(list(enumerate(session.samples)))}
-            others = [frame for frame in sorted(first) if frame != session.indices[session.shown]]
-            if others:
-                ui.label("people on other frames").classes("text-caption")
-                with ui.row().classes("gap-0 w-full"):
-                    for frame in others:
-                        go = partial(self._page.show_sample, first[frame])
-                        ui.button(str(frame), on_click=go).props("dense flat no-caps color=grey-8")
-
-    def _on_everywhere(self, event: events.ValueChangeEventArguments[Any]) -> None:
-        self.everywhere = bool(event.value)
-        self._page.refresh()
-
-    async def _on_lens(self, event: events.ValueChangeEventArguments[Any]) -> None:
-        self._session.lens = event.value or None
-        await self._page.solve()
-
-    async def _on_known(self) -> None:
-        given = {name: field.value for name, field in self._known.items() if field.value not in (None, "")}
-        self._note.text = ""
-        try:
-            known = KnownValues(**{name: float(value) for name, value in given.items()})
-        except ValueError as error:
-            self._note.text = reduce(lambda text, item: text.replace(*item), KNOWN.items(), str(error))
-            return
-        if known != self._session.known:
-            self._session.known = known
-            await self._page.solve()
-
-    async def _on_photo(self, event: events.UploadEventArguments) -> None:
-        width, height = self._session.size
-        try:
-            focal_px = focal_share(await event.file.read()) * math.hypot(width, height)
-        except InputError as error:
-            self._note.text = str(error)
-            return
-        field = 2 * math.degrees(math.atan(width / 2 / focal_px))
-        self._session.known = replace(self._session.known, focal_px=focal_px, field_deg=None)
-        self._known["field_deg"].value, self._known["focal_px"].value = None, round(focal_px, 1)
-        self._note.text = f"{focal_px:.0f} px, {field:.0f}° across; videos of a phone often show less than its photos"
-        await self._page.solve()
-
-    async def _on_samples(self, event: events.UploadEventArguments) -> None:
-        await self._page.load(event.file.name, await event.file.read())
+FLAT = "dense flat no-caps"
 
 
 def _picker(text: str, accept: str, on_upload: Callable[[events.UploadEventArguments], Awaitable[None]]) -> None:
@@ -172,7 +54,7 @@ def _picker(text: str, accept: str, on_upload: Callable[[events.UploadEventArgum
         upload.reset()
         upload.run_method("pickFiles")
 
-    ui.button(text, on_click=pick).props("dense flat no-caps")
+    ui.button(text, on_click=pick).props(FLAT)
 
 
 class Page:
@@ -180,15 +62,16 @@ class Page:
 
     def __init__(self, session: CalibrationSession, folder: Path) -> None:
         self._session, self._folder = session, folder
-        self._asked, self._solving = 0, False
+        self._asked, self._solving, self._everywhere = 0, False, False
+        self._listed: object = None
         ui.add_body_html(VIEWER.read_text(encoding="utf-8"))
         ui.keyboard(on_key=self._on_key)
         with ui.column().classes("w-full h-screen gap-0 no-wrap"):
             with ui.row().classes("items-center w-full q-px-sm q-py-xs gap-2"):
                 tools = {name: text for name, text in TOOLS.items() if session.view is None or name != "person"}
                 self._tool = ui.toggle(tools, value=session.tool, on_change=self._on_tool).props("dense no-caps")
-                ui.button("Undo", on_click=self.undo).props("dense flat no-caps")
-                ui.button("Delete", on_click=self.remove).props("dense flat no-caps")
+                ui.button("Undo", on_click=self.undo).props(FLAT)
+                ui.button("Delete", on_click=self.remove).props(FLAT)
                 ui.space()
                 ui.label(f"calibration of {session.name}").classes("text-caption")
                 ui.button("Export", on_click=self._on_export).props("dense no-caps")
@@ -198,7 +81,7 @@ class Page:
                         _source(session.frames[session.shown]), on_mouse=self._on_mouse, cross="#ffffff80",
                         events=["mousedown", "mousemove", "mouseup"], size=session.size, sanitize=False,
                     )  # fmt: skip
-                self._panel = SidePanel(session, self)
+                self._add_panel()
             with ui.row().classes("items-center w-full q-px-sm gap-3 no-wrap"):
                 self._status = ui.label().classes("text-subtitle1")
                 ui.space()
@@ -210,16 +93,87 @@ class Page:
                     self._slider.style("width: 300px; flex: none")
         self.refresh()
 
+    def _add_panel(self) -> None:
+        """The side panel: values and people; of one camera also the lens, known values and files of samples."""
+        with ui.column().classes("pv-side q-pa-sm gap-2 no-wrap h-full"):
+            with ui.row().classes("items-center gap-2"):
+                self._spinner = ui.spinner(size="1.2em")
+                self._busy = ui.label("solving").classes("text-caption")
+                self._count = ui.label().classes("text-caption")
+            self._assessment = ui.label().classes("w-full q-pa-sm rounded-borders text-white")
+            self._values = ui.column().classes("w-full gap-0")
+            self._people = ui.column().classes("w-full gap-0")
+            if self._session.view is not None:
+                return
+            ui.checkbox("draw people all over the floor", on_change=self._on_everywhere).props("dense")
+            ui.label("known values").classes("text-caption q-mt-sm")
+            with ui.grid(columns=2).classes("w-full gap-x-2 gap-y-0"):
+                self._known = {}
+                for name, text in KNOWN.items():
+                    field = ui.number(text, value=getattr(self._session.known, name), on_change=self._on_known)
+                    self._known[name] = field.props("dense debounce=600 clearable")
+            lens = ui.select(LENSES, value=self._session.lens or "", on_change=self._on_lens, label="lens")
+            lens.props("dense").classes("w-full")
+            self._note = ui.label().classes("text-caption")
+            with ui.row().classes("gap-1"):
+                _picker("Focal length of a photo", "image/*", self._on_photo)
+                _picker("Load samples", ".json,.csv", self._on_samples)
+                ui.button("Save samples", on_click=lambda: self.export(False)).props(FLAT)
+
     def refresh(self) -> None:
         """Show the session as it is."""
-        session = self._session
-        self._image.content = overlay(session, self._panel.everywhere)
+        session, assessment = self._session, self._session.solution.assessment()
+        self._image.content = overlay(session, self._everywhere)
         self._tool.value = session.tool
         self._status.text = session.message
-        self._panel.refresh(self._solving)
         if len(session.frames) > 1:
             self._frame_text.text = f"frame {session.indices[session.shown]}"
             self._slider.value = session.shown
+        self._spinner.visible = self._busy.visible = self._solving
+        points = f", {len(session.floor_points)} floor points" if session.floor_points else ""
+        people = f"{len(session.samples)} {'person' if len(session.samples) == 1 else 'people'}"
+        self._count.text = f"{people if session.view is None else 'floor of a stereo recording'}{points}"
+        self._assessment.visible = assessment is not None
+        if assessment is not None:
+            self._assessment.text = assessment.sentence
+            colour = "#1b7f3b" if assessment.enough else "#b54708"
+            self._assessment.style(f"background: {colour}; opacity: {0.5 if self._solving else 1}")
+        # Rebuilt only when changed: the page refreshes with every movement of the mouse.
+        listed = (session.solution, tuple(session.samples), session.shown, session.selected)
+        if listed != self._listed:
+            self._listed = listed
+            self._values.clear()
+            with self._values:
+                for name, value, deviation in session.solution.rows(session.plain_floor):
+                    with ui.row().classes("w-full no-wrap items-baseline gap-2"):
+                        ui.label(name).classes("text-caption grow")
+                        ui.label(value).classes("text-weight-medium")
+                        ui.label(deviation).classes("text-caption")
+            self._people.clear()
+            with self._people:
+                self._list_people()
+
+    def _list_people(self) -> None:
+        session, found = self._session, self._session.solution.found
+        odd = [i for i in (found.odd if found else ()) if i < len(session.samples)]
+        errors = found.sample_errors if found else ()
+        for title, numbers in (("on this frame", [n for n, _ in session.here()]), ("look at again", odd)):
+            if numbers:
+                ui.label(title).classes("text-caption")
+            for number in numbers:
+                error = f", error {errors[number]:.2f}" if number < len(errors) else ""
+                chosen = session.tool == "select" and session.selected and session.selected.number == number
+                colour = "negative" if number in odd else "primary" if chosen else "grey-8"
+                text = f"{number + 1}: frame {session.samples[number].frame}{error}"
+                ui.button(text, on_click=partial(self.show_sample, number)).props(f"{FLAT} color={colour}")
+        first = {s.frame: i for i, s in reversed(list(enumerate(session.samples)))}
+        others = [frame for frame in sorted(first) if frame != session.indices[session.shown]]
+        if others:
+            ui.label("people on other frames").classes("text-caption")
+            with ui.row().classes("gap-0 w-full"):
+                for frame in others:
+                    go = partial(self.show_sample, first[frame])
+                    ui.button(str(frame), on_click=go).props(f"{FLAT} color=grey-8")
 
     async def solve(self) -> None:
         """Compute the solution of the marks; what changes meanwhile is solved next, once."""
@@ -241,24 +195,20 @@ class Page:
             self.refresh()
 
     async def undo(self) -> None:
-        """Take back the last change."""
         if self._session.undo():
             await self.solve()
         self.refresh()
 
     async def remove(self) -> None:
-        """Delete what is selected."""
         if self._session.remove_selected():
             await self.solve()
         self.refresh()
 
     def show(self, number: int) -> None:
-        """Show a frame."""
         self._session.show(number)
         self._reload()
 
     def show_sample(self, number: int) -> None:
-        """Show and select a person."""
         self._session.show_sample(number)
         self._reload()
 
@@ -356,6 +306,42 @@ class Page:
                     ui.button("Write samples only", on_click=lambda: answer(False)).props("no-caps")
                 ui.button("Write it all the same", on_click=lambda: answer(True)).props("no-caps flat color=negative")
                 ui.button("Go on", on_click=dialog.close).props("no-caps flat")
+
+    def _on_everywhere(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        self._everywhere = bool(event.value)
+        self.refresh()
+
+    async def _on_lens(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        self._session.lens = event.value or None
+        await self.solve()
+
+    async def _on_known(self) -> None:
+        given = {name: field.value for name, field in self._known.items() if field.value not in (None, "")}
+        self._note.text = ""
+        try:
+            known = KnownValues(**{name: float(value) for name, value in given.items()})
+        except ValueError as error:
+            self._note.text = reduce(lambda text, item: text.replace(*item), KNOWN.items(), str(error))
+            return
+        if known != self._session.known:
+            self._session.known = known
+            await self.solve()
+
+    async def _on_photo(self, event: events.UploadEventArguments) -> None:
+        width, height = self._session.size
+        try:
+            focal_px = focal_share(await event.file.read()) * math.hypot(width, height)
+        except InputError as error:
+            self._note.text = str(error)
+            return
+        field = 2 * math.degrees(math.atan(width / 2 / focal_px))
+        self._session.known = replace(self._session.known, focal_px=focal_px, field_deg=None)
+        self._known["field_deg"].value, self._known["focal_px"].value = None, round(focal_px, 1)
+        self._note.text = f"{focal_px:.0f} px, {field:.0f}° across; videos of a phone often show less than its photos"
+        await self.solve()
+
+    async def _on_samples(self, event: events.UploadEventArguments) -> None:
+        await self.load(event.file.name, await event.file.read())
 
 
 class SameOriginOnly:

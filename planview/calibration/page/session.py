@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
@@ -24,8 +24,7 @@ from calib.rig import Floor
 from calib.types import U8, Bool
 from calib.world import save_world
 from planview.calibration.floor import FloorDepths, view_floor
-from planview.calibration.page.marks import Draft, Handle, Point, grabbed, moved, nearest
-from planview.calibration.page.solution import Solution, fit_floor
+from planview.calibration.page.marks import Draft, Handle, Point, Solution, fit_floor, grabbed, moved, nearest
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_recording, open_video
 from stereo.recording import Video
@@ -190,8 +189,7 @@ class CalibrationSession:
         if self.selected is None:
             return False
         self._remember()
-        things: list[HumanSample] | list[Point] = self.floor_points if self.selected.part == "point" else self.samples
-        del things[self.selected.number]
+        del (self.floor_points if self.selected.part == "point" else self.samples)[self.selected.number]
         self.cancel()
         return True
 
@@ -218,38 +216,36 @@ class CalibrationSession:
         """The camera or the floor of the marks so far; takes up to seconds, in which marks may be added."""
         samples, points = tuple(self.samples), tuple(self.floor_points)
         try:
-            if self.view is not None and len(points) >= 3:
-                return Solution(fit=fit_floor(self.view, points))
-            if self.view is None and len(samples) >= MIN_SAMPLES:
-                return Solution(
-                    calibrate_from_people(
-                        samples, self.size, self.lens, known=self.known, name=self.name, walked=self.walked
-                    )
-                )
+            if self.view is not None:
+                return Solution(fit=fit_floor(self.view, points)) if len(points) >= 3 else Solution()
+            if len(samples) < MIN_SAMPLES:
+                return Solution()
+            how = partial(calibrate_from_people, known=self.known, name=self.name, walked=self.walked)
+            return Solution(how(samples, self.size, self.lens))
         except (InputError, WorkError) as error:
             return Solution(problem=str(error))
-        return Solution()
 
     def export(self, folder: Path, solution: bool = True) -> tuple[Path, ...]:
         """Write samples.json and, with ``solution``, camera.toml or world.toml as far as there is one. Raises
         InputError: nothing to write yet, or nowhere to write it."""
-        writers: dict[str, Callable[[Path], None]] = {}
-        if self.samples:
-            writers["samples.json"] = lambda path: write_samples(self.samples, path, self.size)
-        if solution and (found := self.solution.found):
-            writers["camera.toml"] = partial(save_ground_camera, found.camera)
-        if solution and (fit := self.solution.fit):
-            writers["world.toml"] = partial(save_world, fit.floor)
-        if not writers:
-            raise InputError(f"{self.name}: expected marks before an export, found nothing")
+        found, fit = (self.solution.found, self.solution.fit) if solution else (None, None)
+        written = []
         try:
-            for name, write in writers.items():
-                write(folder / name)
+            if self.samples:
+                written.append(folder / "samples.json")
+                write_samples(self.samples, written[-1], self.size)
+            if found:
+                written.append(folder / "camera.toml")
+                save_ground_camera(found.camera, written[-1])
+            if fit:
+                written.append(folder / "world.toml")
+                save_world(fit.floor, written[-1])
         except OSError as error:
             raise InputError(f"{folder}: expected a folder to write to, found {reason(error)}") from error
-        written = tuple(folder / name for name in writers)
+        if not written:
+            raise InputError(f"{self.name}: expected marks before an export, found nothing")
         self.message = "wrote " + ", ".join(map(str, written))
-        return written
+        return tuple(written)
 
     def next_step(self) -> str:
         """What the person at the screen does next."""
@@ -322,19 +318,17 @@ class VideoPictures:
     """Every frame of a video, read when it is asked for; grey where one cannot be decoded."""
 
     def __init__(self, video: Video) -> None:
-        self._video = video
-        self._read = lru_cache(PICTURES_MAX)(self._decoded)
+        def read(index: int) -> U8:
+            frames, (width, height) = video.at([index]), video.size
+            return frames[0].image if frames else np.full((height, width, 3), 128, np.uint8)
+
+        self._n_frames, self._read = video.n_frames, lru_cache(PICTURES_MAX)(read)
 
     def __len__(self) -> int:
-        return self._video.n_frames
+        return self._n_frames
 
     def __getitem__(self, index: int) -> U8:
         return self._read(index)
-
-    def _decoded(self, index: int) -> U8:
-        frames = self._video.at([index])
-        width, height = self._video.size
-        return frames[0].image if frames else np.full((height, width, 3), 128, np.uint8)
 
 
 def known_of(path: Path, size: tuple[int, int]) -> KnownValues:

@@ -11,9 +11,9 @@ pytest.importorskip("nicegui", reason="the extra ui is not installed")
 from nicegui.testing.user_simulation import user_simulation
 
 from calib.ground_camera import GroundCamera
+from planview.calibration.page.marks import Solution
 from planview.calibration.page.page import Page
 from planview.calibration.page.session import CalibrationSession
-from planview.calibration.page.solution import Solution
 from tests.people import standing_people
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.5, math.radians(55), "pinhole")

@@ -14,10 +14,9 @@ from calib.floor.find import floor_from_points
 from calib.ground_camera import GroundCamera, load_ground_camera
 from calib.people.model import KnownValues
 from calib.people.samples import HumanSample, read_samples
-from planview.calibration.page.marks import Handle
+from planview.calibration.page.marks import Handle, fit_plane
 from planview.calibration.page.overlay import overlay
 from planview.calibration.page.session import CalibrationSession, open_session
-from planview.calibration.page.solution import fit_plane, floor_assessment, floor_rows
 from planview.synthetic.assets import DEMO
 from tests.people import standing_people
 
@@ -156,8 +155,10 @@ def test_floor_point_that_is_picked_up_moves_with_the_mouse():
 
 
 def test_floor_points_have_metres_once_the_camera_is_known(solved):
-    pixel = CAMERA.project((0.5, 4.0, 0.0))
-    assert solved.solution.metres([(float(pixel[0]), float(pixel[1]))])[0] == pytest.approx((0.5, 4.0), abs=0.15)
+    session = new_session()
+    session.solution = solved.solution
+    session.floor_points = [solved.solution.found.camera.project((0.5, 4.0, 0.0)).tolist()]
+    assert ">0.50, 4.00 m<" in overlay(session)
 
 
 def test_known_focal_length_is_kept_to(solved):
@@ -258,16 +259,16 @@ def test_points_off_the_plane_are_refused_with_their_height_once_the_others_agre
 def test_points_on_a_line_are_refused_three_are_not_enough_and_four_on_a_plane_are():
     with pytest.raises(InputError, match="on one line"):
         fit_plane(np.array([(0.0, 2.0, z) for z in (3.0, 4.0, 5.0)]), LIMIT[:3], DEPTH_STD[:3])
-    three, four = (floor_assessment(fit_plane(FLOOR[:n], LIMIT[:n], DEPTH_STD[:n])) for n in (3, 4))
+    three, four = (fit_plane(FLOOR[:n], LIMIT[:n], DEPTH_STD[:n]).assessment() for n in (3, 4))
     assert not three.enough and "fourth" in three.sentence and four.enough
 
 
 def test_four_clicks_close_together_are_not_enough_and_show_the_floor_found_without_them() -> None:
     close = np.array([(-0.25, 2.0, 3.0), (0.25, 2.0, 3.0), (0.25, 2.0, 3.5), (-0.25, 2.0, 3.5)])
     fit = fit_plane(close, LIMIT[:4], DEPTH_STD[:4])
-    verdict = floor_assessment(fit)
+    verdict = fit.assessment()
     assert not verdict.enough and "points far from the others" in verdict.sentence
-    height, tilt, _, _ = floor_rows(fit, fit.floor)
+    height, tilt, _, _ = fit.rows(fit.floor)
     assert height.deviation.endswith("(found 2.00 m)") and tilt.value == "90.0°"
     assert float(tilt.deviation.split("°")[0].lstrip("± ")) > 1.0
 
