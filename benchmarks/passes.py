@@ -29,9 +29,9 @@ from planview.engine.open import open_engine
 from planview.evaluation.result import KINDS, Evaluation, pooled
 from planview.evaluation.significant import poisson_upper
 from planview.output.folder import finished_run
-from planview.output.maps_log import MapsLog
 from planview.output.resume import code_version, key_of
 from planview.output.run import RunLog, RunOptions, run
+from planview.output.tables import MapsLog
 from stereo.readers import OpenOptions
 
 FACING = "median difference of walkers to the truth, or where that has no facing, to their direction of walking"

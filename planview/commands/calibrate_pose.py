@@ -17,6 +17,7 @@ from rich.progress import Progress
 
 from calib.errors import InputError
 from calib.floor.find import floor_from_points
+from calib.floor_camera import FloorPinhole
 from calib.ground_camera import LENS_K_320, save_ground_camera
 from calib.images import as_colour, write_image
 from calib.io import parse_size
@@ -159,11 +160,11 @@ def _floor_of_run(recording: StereoRecording | RgbdRecording, tracks: Path) -> F
     world = tracks.with_name("world.toml")
     if world.is_file():
         return load_world(world)
-    pose = RunFolder(tracks.parent).world_SE3_left
-    if pose is None:
+    camera = RunFolder(tracks.parent).camera
+    if not isinstance(camera, FloorPinhole):
         run = tracks.with_name("run.json")
         raise InputError(f"{run}: no run.json or world.toml gives the floor of that run")
-    return Floor(pose)
+    return Floor(camera.world_SE3_camera)
 
 
 def _sentence(floor: Floor) -> str:

@@ -151,7 +151,7 @@ def render(folder: Path, /, *, options: RenderOptions = RenderOptions()) -> None
     results = RunFolder(folder, options.truth)
     known = results.tracks.frame
     frames = frames_or_none(results, console.print)
-    composer = SceneComposer(results, frames, options.trail, plan=not options.no_plan, truth=not options.no_truth)
+    composer = SceneComposer(results, options.trail, plan=not options.no_plan, truth=not options.no_truth)
     end = results.n_frames - 1
     if options.frame is not None:
         path = options.out or folder / f"frame-{options.frame}.png"

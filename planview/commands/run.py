@@ -35,7 +35,6 @@ from planview.engine.open import ImageTrackerName, TrackerName, base_config, ope
 from planview.maps.recording import is_maps
 from planview.output.finished import refine_run
 from planview.output.folder import HoldsResultsError, RunInfo, check_folder, finished_run, folder_lock
-from planview.output.maps_log import MapsLog
 from planview.output.progress import FrameProgress, PlainConsole, compile_notice, summary
 from planview.output.render import frames_or_none
 from planview.output.replay import difference_picture, difference_text, replay_run
@@ -45,6 +44,7 @@ from planview.output.resume import checkpoint_of, remove_checkpoint
 from planview.output.run import RunLog, RunOptions, begin_run, run_identity
 from planview.output.run import run as run_engine
 from planview.output.run_folder import RunFolder
+from planview.output.tables import MapsLog
 from planview.synthetic.assets import DEMO
 from stereo.readers.open import is_multi_rig
 

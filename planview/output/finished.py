@@ -16,11 +16,11 @@ from calib.io import missing
 from calib.params import first_problem
 from planview.offline.edit import edited
 from planview.offline.refine import Refined, changes_csv, refine
-from planview.output.folder import RunInfo, finished_run, folder_lock, write_result, write_run_info
+from planview.output.folder import RunInfo, finished_run, folder_lock, write_result, write_run_info, writing
 from planview.output.report.page import write_report
 from planview.output.report.snapshots import read_decision_log
 from planview.output.run_folder import RunFolder
-from planview.trajectories.table import people_of, read_tracks, write_table
+from planview.trajectories.table import Trajectories, people_of, read_tracks, write_table
 
 EDITS = "edits.json"
 TRACKS_BEFORE = "tracks_before.csv"
@@ -58,30 +58,35 @@ def edit_run(folder: Path, lines: Sequence[str]) -> EditedRun:
     All edits so far are applied to these again, so that the tracks always follow from ``edits.json``. An edit that is
     refused changes nothing. Raises InputError: no finished run in the folder, another process writes there, or an edit
     that cannot be applied."""
+    before = _readable_run(folder)
     step = EditStep(at=datetime.now(UTC).isoformat(timespec="seconds"), edits=list(lines))
-    _readable_run(folder)
     with folder_lock(folder):
-        return _rewrite(folder, [*read_steps(folder), step])
+        _rewrite(before, [*read_steps(folder), step])
+        return _changed(before)
 
 
 def undo_edits(folder: Path, *, everything: bool = False) -> EditedRun:
     """Undo the last call of edits or, where none is left, the refinement; or all of them, after which ``tracks.csv`` is
     what the tracker wrote, byte for byte. Raises InputError: as ``edit_run``, or nothing to undo."""
-    info = _readable_run(folder)
+    before = _readable_run(folder)
     with folder_lock(folder):
         done = read_steps(folder)
-        if not done and not info.refined:
+        if not done and not before.info.refined:
             raise InputError(f"{folder}: nothing to undo")
-        now = RunFolder(folder)
-        before = {"rows_before": len(now.tracks), "people_before": len(now.people)}
-        result = _rewrite(folder, [] if everything else done[:-1]) if done else None
-        if info.refined and (everything or not done):
-            result = _without_refinement(folder)
-        assert result is not None
-        return result._replace(**before)
+        if done:
+            _rewrite(before, [] if everything else done[:-1])
+        if before.info.refined and (everything or not done):
+            _without_refinement(folder)
+        return _changed(before)
 
 
-def _without_refinement(folder: Path) -> EditedRun:
+def _changed(before: RunFolder) -> EditedRun:
+    after = RunFolder(before.path)
+    steps = len(read_steps(after.path)) + after.info.refined
+    return EditedRun(steps, len(before.tracks), len(after.tracks), len(before.people), len(after.people))
+
+
+def _without_refinement(folder: Path) -> None:
     tracks, online = folder / "tracks.csv", folder / "tracks_online.csv"
     if not online.is_file():
         raise InputError(f"{online}: the tracks before the refinement are missing")
@@ -91,7 +96,6 @@ def _without_refinement(folder: Path) -> EditedRun:
     for path in (online, folder / "refinement.csv"):
         path.unlink(missing_ok=True)
     write_report(folder)
-    return EditedRun(0, 0, len(run.tracks), 0, len(run.people))
 
 
 def scores_of_refinement(folder: Path) -> str:
@@ -123,37 +127,30 @@ def read_steps(folder: Path) -> list[EditStep]:
     return steps
 
 
-def _readable_run(folder: Path) -> RunInfo:
-    """run.json; refuses, before anything changes, what is no finished run or what no page could be written from."""
-    info = finished_run(folder) if folder.is_dir() else None
-    if info is None:
+def _readable_run(folder: Path) -> RunFolder:
+    """The run; refuses, before anything changes, what is no finished one or what no page could be written from."""
+    if not folder.is_dir() or finished_run(folder) is None:
         raise InputError(f"{folder}: no finished run in it") if folder.exists() else missing(folder)
-    tracks = RunFolder(folder).read_all().tracks
-    read_decision_log(folder / "decisions.csv", set(tracks.track_id.tolist()))
-    return info
+    run = RunFolder(folder).read_all()
+    read_decision_log(folder / "decisions.csv", set(run.tracks.track_id.tolist()))
+    return run
 
 
-def _rewrite(folder: Path, steps: list[EditStep]) -> EditedRun:
-    tracks, kept = folder / "tracks.csv", folder / TRACKS_BEFORE
-    source = kept if kept.is_file() else tracks
-    original, run = read_tracks(source), RunFolder(folder)
-    people_before, rows_before = len(run.people), len(run.tracks)
-    after = edited(original, [line for step in steps for line in step.edits])
-    if source is tracks:
+def _rewrite(run: RunFolder, steps: list[EditStep]) -> None:
+    tracks, kept = run.path / "tracks.csv", run.path / TRACKS_BEFORE
+    after = edited(read_tracks(kept) if kept.is_file() else run.tracks, [line for step in steps for line in step.edits])
+    if not kept.is_file():
         write_result(kept, tracks.read_text(encoding="utf-8"))
-    write_result(folder / EDITS, json.dumps({"steps": [step.model_dump() for step in steps]}, indent=2) + "\n")
+    write_result(run.path / EDITS, json.dumps({"steps": [step.model_dump() for step in steps]}, indent=2) + "\n")
     if steps:
-        text = io.StringIO()
-        write_table(text, after)
-        write_result(tracks, text.getvalue())
+        write_result(tracks, _text(after))
     else:
-        write_result(tracks, kept.read_text(encoding="utf-8"))
-        for name in (EDITS, TRACKS_BEFORE):
-            (folder / name).unlink()
+        with writing(tracks):
+            kept.replace(tracks)
+            (run.path / EDITS).unlink()
     people = len(people_of(after, run.frame_s))
-    write_run_info(run.info.model_copy(update={"people": people}), folder / "run.json")
-    write_report(folder)
-    return EditedRun(len(steps) + run.info.refined, rows_before, len(after), people_before, people)
+    write_run_info(run.info.model_copy(update={"people": people}), run.path / "run.json")
+    write_report(run.path)
 
 
 def refine_run(folder: Path) -> tuple[Refined, RunInfo]:
@@ -163,13 +160,13 @@ def refine_run(folder: Path) -> tuple[Refined, RunInfo]:
     ``refined: true`` before tracks.csv changes, so that refined tracks never pass for online ones. report.html is
     written last: a folder without it is refined again when its run is resumed. Raises InputError: no finished run in
     the folder, an edited one, a refined one without its online tracks, or tracks without floor positions."""
-    info = _readable_run(folder)
+    run = _readable_run(folder)
     if read_steps(folder):
         raise InputError(f"{folder}: its tracks were edited; undo the edits first")
     tracks, online = folder / "tracks.csv", folder / "tracks_online.csv"
-    if info.refined and not online.is_file():
+    if run.info.refined and not online.is_file():
         raise InputError(f"{online}: expected the online tracks of a refined run, found no file")
-    source = online if info.refined else tracks
+    source = online if run.info.refined else tracks
     found = read_tracks(source)
     try:
         refined = refine(found)
@@ -178,12 +175,16 @@ def refine_run(folder: Path) -> tuple[Refined, RunInfo]:
     if source is tracks:
         write_result(online, tracks.read_text(encoding="utf-8"))
     (folder / "report.html").unlink(missing_ok=True)
-    people = people_of(refined.tracks, RunFolder(folder).frame_s)
-    info = info.model_copy(update={"refined": True, "people": len(people)})
+    people = len(people_of(refined.tracks, run.frame_s))
+    info = run.info.model_copy(update={"refined": True, "people": people})
     write_run_info(info, folder / "run.json")
     write_result(folder / "refinement.csv", changes_csv(refined.changes))
-    text = io.StringIO()
-    write_table(text, refined.tracks)
-    write_result(tracks, text.getvalue())
+    write_result(tracks, _text(refined.tracks))
     write_report(folder)
     return refined, info
+
+
+def _text(tracks: Trajectories) -> str:
+    text = io.StringIO()
+    write_table(text, tracks)
+    return text.getvalue()

@@ -203,10 +203,7 @@ PRODUCTS = (*_NAMES, *(name + PART for name in _NAMES))
 
 
 def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -> None:
-    """Check that results can go to a folder, before any work is done.
-
-    Args:
-        recording: the input, which must not be among the files that are replaced.
+    """Check that results can go to a folder, before any work is done; the input ``recording`` must not be replaced.
 
     Raises:
         HoldsResultsError: it holds results and ``overwrite`` is not set.
@@ -223,9 +220,9 @@ def check_folder(folder: Path, overwrite: bool, recording: Path | None = None) -
     except OSError as error:
         why = "files cannot be created there" if error.errno == errno.ENOENT else reason(error)
         raise WorkError(f"{folder}: cannot be written ({why})") from error
-    is_product = recording is not None and any(fnmatch(recording.name, pattern) for pattern in PRODUCTS)
-    if recording is not None and is_product and recording.resolve().parent == folder.resolve():
-        raise InputError(f"{folder}: expected another folder than that of the input, found {recording} in it")
+    inside = recording if recording is not None and recording.resolve().parent == folder.resolve() else None
+    if inside is not None and any(fnmatch(inside.name, pattern) for pattern in PRODUCTS):
+        raise InputError(f"{folder}: expected another folder than that of the input, found {inside} in it")
     found = products_in(folder)
     for path in [*found, *folder.glob(LOCK_NAME)]:
         if path.exists() and not path.is_file():
@@ -269,7 +266,5 @@ def rrd_parts(path: Path) -> list[Path]:
 def finished_run(folder: Path) -> RunInfo | None:
     """The run.json of a finished run, else None. Raises InputError: a run.json that cannot be read."""
     path = folder / "run.json"
-    if not path.is_file():
-        return None
-    info = read_run_info(path)
-    return info if info.finished else None
+    info = read_run_info(path) if path.is_file() else None
+    return info if info is not None and info.finished else None

@@ -21,16 +21,12 @@ if TYPE_CHECKING:
 
 
 class PlainConsole(Console):
-    """Console that shows control characters instead of sending them: a folder's name may hold escape codes.
-
-    Markup in square brackets is text too, unless ``markup=True``.
-    """
+    """Console that shows control characters, since a folder's name may hold escape codes, and markup unless asked."""
 
     def __init__(self, *, markup: bool = False, **options: Any) -> None:
         super().__init__(markup=markup, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """See ``rich.console.Console.render_str``."""
         return super().render_str(printable(text), **options)
 
 
@@ -44,17 +40,13 @@ def compile_notice(console: Console) -> Iterator[None]:
     from numba.core.event import Event, Listener, install_listener  # half a second, which only a run pays
 
     class Lines(Listener):
-        """Counts kernels as numba compiles them."""
-
         kernels, last_s = 0, 0.0
 
         def on_start(self, event: Event) -> None:
-            """A kernel that no cache holds is about to be compiled."""
             if not self.last_s:
                 self.show("compiling kernels, once per installation: about a minute")
 
         def on_end(self, event: Event) -> None:
-            """It is compiled."""
             self.kernels += 1
             if time.monotonic() - self.last_s > EVERY_S:
                 self.show(f"compiling kernels: {self.kernels} so far")
@@ -71,15 +63,9 @@ class FrameProgress(Progress):
     """A bar with frames per second, remaining time and the people in view; call it with every frame."""
 
     def __init__(self, console: Console, n_frames: int | None, first: int = 0) -> None:
-        super().__init__(
-            TextColumn("tracking"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[rate]}"),
-            TimeRemainingColumn(),
-            TextColumn("{task.fields[people]}"),
-            console=console,
-        )
+        rate, people = TextColumn("{task.fields[rate]}"), TextColumn("{task.fields[people]}")
+        columns = TextColumn("tracking"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn(), people
+        super().__init__(*columns, console=console)
         self._frames, self._first = 0, first
         self._task = self.add_task("tracking", total=n_frames, rate="", people="")
 
@@ -102,11 +88,9 @@ def summary(console: Console, info: RunInfo, folder: Path) -> None:
         table.add_row("note", note)
     if info.rig and info.rig.correction:
         table.add_row("calibration", info.rig.correction)
-    if info.floor:
-        floor = info.floor
-        table.add_row(
-            "camera", f"{floor.height_m:.2f} m above the floor, tilt {floor.tilt_deg:.1f} deg ({floor.source})"
-        )
+    if floor := info.floor:
+        above = f"{floor.height_m:.2f} m above the floor, tilt {floor.tilt_deg:.1f} deg ({floor.source})"
+        table.add_row("camera", above)
     stages = ", ".join(f"{name} {ms:.1f}" for name, ms in info.stages_ms.items() if ms is not None)
     table.add_row("ms per stage", f"{stages} (median; reading overlaps)")
     table.add_row("results", str(folder))

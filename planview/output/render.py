@@ -13,11 +13,9 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError, WorkError
-from calib.floor_camera import FloorCamera
 from calib.images import as_colour, write_image
 from calib.io import PART
 from calib.libraries import import_open3d
-from calib.pose import SE3
 from calib.types import U8
 from planview.counting.events import Event, way_words
 from planview.drawing.people import ImagePainter, PlanBounds, PlanPainter, Snapshot, snapshot_at
@@ -30,7 +28,6 @@ from planview.output.run_folder import RunFolder
 from stereo.depth import median_image, point_cloud
 from stereo.floor import setup_frames
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
-from stereo.readers.base import AnyRecording
 from stereo.readers.open import MultiRigRecording, is_multi_rig, open_rigs
 from stereo.recording import Recorded, RgbdRecording
 from stereo.rectify import Rectifier
@@ -47,17 +44,16 @@ _INK, _BACK, _FONT = (40, 40, 40), (255, 255, 255), cv2.FONT_HERSHEY_SIMPLEX
 
 def tally(events: Sequence[Event], rules: Mapping[str, Any], frame: int) -> list[str]:
     """What each rule of (all) events has counted up to a frame; ``rules``: see ``RunFolder.rule_counts``."""
-    count: Counter[tuple[str, str]] = Counter(
-        (event.rule, event.direction or event.kind) for event in events if event.frame <= frame
-    )
+    known = [(event.rule, str(event.direction or event.kind)) for event in events if event.frame <= frame]
+    count = Counter(known)
     lines = []
     for rule, kind in {event.rule: event.kind for event in sorted(events, key=lambda e: e.frame)}.items():
-        entries = count[rule, "entry"]
-        parts = [f"{entries - count[rule, 'exit']} inside", f"{entries} entries"]
         if kind == "crossing":
-            ways = ("left_to_right", "right_to_left")
-            inward = rules.get(rule, {}).get("inward")
+            inward, ways = rules.get(rule, {}).get("inward"), ("left_to_right", "right_to_left")
             parts = [f"{count[rule, way]} {way_words(way, inward)}" for way in ways]
+        else:
+            entries = count[rule, "entry"]
+            parts = [f"{entries - count[rule, 'exit']} inside", f"{entries} entries"]
         lines.append(f"{rule}: {', '.join(parts)}")
     return lines
 
@@ -66,14 +62,12 @@ class SceneComposer:
     """Draws frames of a run: the image with people, and the floor from above.
 
     Args:
-        frames: of the recording; None for the floor alone.
         bounds: of the floor that is shown; where people were when None.
     """
 
     def __init__(
         self,
         results: RunFolder,
-        frames: SceneFrames | None,
         trail_s: float = 4.0,
         *,
         plan: bool = True,
@@ -85,7 +79,7 @@ class SceneComposer:
         self._trail = round(trail_s / results.clock.frame_s)
         self._truth = results.truth if truth else None
         self._with_plan = plan and results.on_floor
-        self._image = ImagePainter(frames.camera if frames else None, results.rules, self._bounds)
+        self._image = ImagePainter(results.camera, results.rules, self._bounds)
         self._plan: PlanPainter | None = None
 
     def __call__(self, frame: int, image: U8 | None) -> U8:
@@ -190,10 +184,9 @@ _BATCH = 16
 
 class SceneFrames:
     """Images of a recording, of several rigs those of the first, as frame and (H, W[, 3]) uint8 BGR, in whose pixels
-    the boxes of tracks.csv are; ``camera`` is None where it is not calibrated."""
+    the boxes of tracks.csv are."""
 
-    def __init__(self, recording: Any, camera: FloorCamera | None, image_of: Callable[[Any], U8]) -> None:
-        self.camera = camera
+    def __init__(self, recording: Any, image_of: Callable[[Any], U8]) -> None:
         self._recording, self._image_of = recording, image_of
 
     def at(self, frames: Sequence[int]) -> Iterator[tuple[int, U8]]:
@@ -219,16 +212,18 @@ class SceneFrames:
 
 def open_frames(run: RunFolder) -> SceneFrames:
     """Open the recording of a run again. Raises InputError: it is missing, or another version made the run."""
-    path, info = run.recording, run.info
+    path, rig = run.recording, run.info.rig
     if path is None or not path.exists():
         raise InputError(f"{path}: expected the recording of the run, found nothing there")
-    if is_multi_rig(path):
-        rigs = open_rigs(path)
-        return SceneFrames(rigs, *_of_recording(rigs.rigs[0].recording, run.world_SE3_left, run.config))
-    if info.rig is None or (info.rig.baseline_m is None and info.rig.depth_sensor is None):
-        return SceneFrames(open_video(path, run.options), run.ground_camera, lambda frame: frame.image)
-    recording = open_any(path, run.options)
-    return SceneFrames(recording, *_of_recording(recording, run.world_SE3_left, run.config))
+    if not is_multi_rig(path) and (rig is None or (rig.baseline_m is None and rig.depth_sensor is None)):
+        return SceneFrames(open_video(path, run.options), lambda frame: frame.image)
+    recording = open_rigs(path) if is_multi_rig(path) else open_any(path, run.options)
+    first = recording.rigs[0].recording if isinstance(recording, MultiRigRecording) else recording
+    if isinstance(first, RgbdRecording):
+        sensor = RgbdRectifier(first.camera, first.sensor, run.config.rectify)
+        return SceneFrames(recording, lambda frame: sensor(frame).left)
+    pair = Rectifier(first.rig, run.config.rectify)
+    return SceneFrames(recording, lambda frame: pair(frame.left, frame.right).left)
 
 
 def frames_or_none(run: RunFolder, warn: Callable[[str], object]) -> SceneFrames | None:
@@ -238,20 +233,6 @@ def frames_or_none(run: RunFolder, warn: Callable[[str], object]) -> SceneFrames
     except (InputError, WorkError) as error:
         warn(f"no images, only the floor: {error}")
         return None
-
-
-def _of_recording(
-    recording: AnyRecording, pose: SE3 | None, config: Config
-) -> tuple[FloorCamera | None, Callable[[Any], U8]]:
-    """The camera above the floor, and what makes the image of a frame."""
-    image_of: Callable[[Any], U8]
-    if isinstance(recording, RgbdRecording):
-        rgbd = RgbdRectifier(recording.camera, recording.sensor, config.rectify)
-        geometry, image_of = rgbd.geometry, lambda frame: rgbd(frame).left
-    else:
-        pair = Rectifier(recording.rig, config.rectify)
-        geometry, image_of = pair.geometry, lambda frame: pair(frame.left, frame.right).left
-    return None if pose is None else geometry.above(pose), image_of
 
 
 def scene_of(path: Path, options: OpenOptions | None = None) -> PointCloud:
@@ -273,13 +254,8 @@ def scene_of(path: Path, options: OpenOptions | None = None) -> PointCloud:
 
 
 def write_cloud(path: Path, cloud: PointCloud) -> int:
-    """Write a cloud, thinned and without outliers, in the format of the file's name (.ply, .pcd, .xyz).
-
-    Returns:
-        How many points were written.
-    Raises:
-        InputError: another format.
-        WorkError: open3d is missing, or the file cannot be written.
+    """Write a cloud, thinned and without outliers, in the format of the file's name (.ply, .pcd, .xyz), and return how
+    many points it has. Raises InputError: another format. WorkError: open3d is missing, or the file cannot be written.
     """
     if path.suffix.lower() not in (".ply", ".pcd", ".xyz"):
         raise InputError(f"{path}: expected a name that ends in .ply, .pcd or .xyz")

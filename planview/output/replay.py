@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import cv2
 import numpy as np
 
 from calib.errors import InputError, WorkError
+from calib.ground_camera import GroundCamera
 from calib.types import U8
 from planview.engine.config import Config
 from planview.engine.engine import FrameResult
@@ -30,13 +32,14 @@ TITLE_PX = 30
 
 def difference_text(results: RunFolder, replayed: ReplayedRun, frame: int) -> list[str]:
     """Lines: when tracks begin to differ, people at the frame in both, and decisions that only one of them made."""
-    before = _until(results.tracks, frame)
-    after = _until(replayed.results.tracks, frame)
+    before, after = (
+        run.tracks.where((run.tracks.frame <= frame) & (run.tracks.state != "tentative"))
+        for run in (results, replayed.results)
+    )
     differing = sorted({frame for frame, *_ in _rows(before) ^ _rows(after)})
     lines = [f"tracks differ from frame {differing[0]} on" if differing else "tracks are the same up to this frame"]
     lines += _people(before.where(before.frame == frame), after.where(after.frame == frame))
-    lines += _decisions(results.path / "decisions.csv", replayed, frame)
-    return lines
+    return lines + _decisions(results.path / "decisions.csv", replayed, frame)
 
 
 def difference_picture(
@@ -44,7 +47,7 @@ def difference_picture(
 ) -> U8:
     """(H, W, 3) uint8 BGR: the frame as it was tracked on top, as it is tracked now below."""
     image = next((image for _, image in frames.at([frame])), None) if frames is not None else None
-    shown = [SceneComposer(each, frames, bounds=results.bounds())(frame, image) for each in (results, replayed.results)]
+    shown = [SceneComposer(each, bounds=results.bounds())(frame, image) for each in (results, replayed.results)]
     width = max(picture.shape[1] for picture in shown)
     rows = []
     for picture, text in zip(shown, ("as it was run", title), strict=True):
@@ -55,31 +58,24 @@ def difference_picture(
     return np.vstack(rows)
 
 
-def _until(tracks: Trajectories, last: int) -> Trajectories:
-    return tracks.where((tracks.frame <= last) & (tracks.state != "tentative"))
+def _rows(table: Trajectories) -> set[tuple[Any, ...]]:
+    # Positions that differ by less count as the same [m].
+    x, y = (np.round(np.nan_to_num(values, nan=-1e6) / 0.02).astype(int) for values in (table.x_m, table.y_m))
+    columns = (table.frame, table.track_id, table.state, x, y)
+    return set(zip(*(column.tolist() for column in columns), strict=True))
 
 
-def _rows(table: Trajectories) -> set[tuple[int, int, str, int, int]]:
-    x, y = (
-        # Positions that differ by less count as the same [m].
-        np.round(np.nan_to_num(values, nan=-1e6) / 0.02).astype(int).tolist()
-        for values in (table.x_m, table.y_m)
-    )
-    return set(zip(table.frame.tolist(), table.track_id.tolist(), table.state.tolist(), x, y, strict=True))
-
-
-def _people(before: Trajectories, after: Trajectories) -> list[str]:
+def _people(*tables: Trajectories) -> list[str]:
     """A line per person at the frame; the same person in both by place, within 0.5 m, since ids may differ."""
-    known = [table.where(np.isfinite(table.x_m)) for table in (before, after)]
-    matches = clear_scores(build_sequence(known[0], known[1], floor_similarity(0.5))).matches.tolist()
+    before, after = (table.where(np.isfinite(table.x_m)) for table in tables)
+    matches = clear_scores(build_sequence(before, after, floor_similarity(0.5))).matches.tolist()
     lines = []
     for a, b in matches:
-        apart = float(np.hypot(known[0].x_m[a] - known[1].x_m[b], known[0].y_m[a] - known[1].y_m[b]))
-        old, new = _described(known[0], a), _described(known[1], b)
-        lines.append(f"{old} -> {new}, {100 * apart:.0f} cm apart")
-    for n, which in enumerate(("only before", "only now")):
-        alone = set(range(len(known[n]))) - {pair[n] for pair in matches}
-        lines += [f"{which}: {_described(known[n], row)}" for row in sorted(alone)]
+        apart = math.hypot(before.x_m[a] - after.x_m[b], before.y_m[a] - after.y_m[b])
+        lines.append(f"{_described(before, a)} -> {_described(after, b)}, {100 * apart:.0f} cm apart")
+    for n, (which, known) in enumerate((("only before", before), ("only now", after))):
+        alone = set(range(len(known))) - {pair[n] for pair in matches}
+        lines += [f"{which}: {_described(known, row)}" for row in sorted(alone)]
     return lines
 
 
@@ -124,7 +120,8 @@ def replay_run(
     ends before the frame."""
     path = _source(results, config)
     options = None if is_maps(path) else results.options
-    engine = open_engine(path, cast(TrackerName, results.info.tracker), config, results.ground_camera, options)
+    camera = results.camera if isinstance(results.camera, GroundCamera) else None
+    engine = open_engine(path, cast(TrackerName, results.info.tracker), config, camera, options)
     collector, decisions, reached = TrajectoryCollector(), [], -1
     engine.reset()
     for result in engine.after(results.info.first_frame - 1):

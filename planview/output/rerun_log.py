@@ -15,29 +15,12 @@ import rerun as rr
 from calib.errors import InputError, WorkError
 from calib.io import reason, sync
 from calib.types import U8
-from planview.drawing.people import PlanBounds, bounds_of
+from planview.drawing.people import bounds_of
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.grid import FloorRig
+from planview.output import rerun_shapes as shapes
 from planview.output.folder import rrd_parts
 from planview.output.report.page import errors_of, scores_of
-from planview.output.rerun_shapes import (
-    LABEL_M,
-    blueprint,
-    disparity_photo,
-    facing_arrows,
-    floor_image,
-    foreground_points,
-    label_of,
-    map_image,
-    metre_grid,
-    mosaic,
-    outlines,
-    photo,
-    scene_cloud,
-    shown_floor,
-    strips_of,
-    templates,
-)
 from planview.output.run_folder import RunFolder
 from planview.tracking.base import person_boxes
 from planview.trajectories.plot import person_rgb
@@ -48,15 +31,13 @@ def log_assessment(stream: rr.RecordingStream, results: RunFolder) -> None:
     """Log the truth of the recording and the errors against it, where there is one."""
     errors, truth = errors_of(scores_of(results)), results.truth
     if truth is not None and len(truth):
-        # Points on the floor and at the heads, a row per frame.
-        frames, starts, counts = np.unique(truth.frame, return_index=True, return_counts=True)
-        rows = slice(int(starts[0]), int(starts[-1] + counts[-1]))
-        xy = np.column_stack([truth.x_m[rows], truth.y_m[rows]])
-        # Of a true person whose height is not known.
-        heights = np.nan_to_num(truth.height_m[rows], nan=1.7)
+        # Points on the floor and at the heads, a row per frame; 1.7 m of a true person whose height is not known.
+        frames, counts = np.unique(truth.frame, return_counts=True)
+        heights = np.nan_to_num(truth.height_m, nan=1.7)
         times = rr.TimeColumn("time", duration=results.clock.at(frames))
-        for path, z, radius in (("plan/truth", np.full(len(xy), 0.04), 0.06), ("world/truth", heights, 0.05)):
-            columns = rr.Points3D.columns(positions=np.column_stack([xy, z]).astype(np.float32)).partition(counts)
+        for path, z, radius in (("plan/truth", np.full(len(truth), 0.04), 0.06), ("world/truth", heights, 0.05)):
+            places = np.column_stack([truth.x_m, truth.y_m, z]).astype(np.float32)
+            columns = rr.Points3D.columns(positions=places).partition(counts)
             rr.send_columns(path, [rr.TimeColumn("frame", sequence=frames), times], columns, recording=stream)
             stream.log(path, rr.Points3D.from_fields(colors=[(255, 255, 255)], radii=[radius]), static=True)
     for error in errors:
@@ -101,7 +82,7 @@ class RerunLog:
             batcher_config=rr.ChunkBatcherConfig(flush_tick=10.0),
         )  # fmt: skip
         self._stream.save(str(self._path))  # with a blueprint it would wait for ever on a disk without room for it
-        self._stream.send_blueprint(blueprint(self._engine), make_active=False)
+        self._stream.send_blueprint(shapes.blueprint(self._engine), make_active=False)
         self._keep("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         for n, (name, stereo) in enumerate(engine.rigs.items()):
             pose, geometry = stereo.floor.world_SE3_left, stereo.geometry
@@ -112,11 +93,11 @@ class RerunLog:
             )  # fmt: skip
             self._keep(f"world/{name}" if n else "world/camera", place, lens)
         if self._stereo:
-            self._keep("world/floor", metre_grid(PlanBounds(*shown_floor(self._stereo))))
+            self._keep("world/floor", shapes.metre_grid(shapes.shown_floor(self._stereo)))
 
-    def _keep(self, path: str, *shapes: rr.AsComponents) -> None:
+    def _keep(self, path: str, *things: rr.AsComponents) -> None:
         """Log what holds for all frames."""
-        self._stream.log(path, *shapes, static=True)
+        self._stream.log(path, *things, static=True)
 
     def mark(self) -> dict[str, int]:
         self._flush()
@@ -155,8 +136,8 @@ class RerunLog:
             xy = np.column_stack([results.tracks.x_m, results.tracks.y_m])[results.tracks.state == "confirmed"]
             if np.isfinite(xy).any():
                 bounds = bounds_of(xy)
-                self._keep("plan/grid", metre_grid(bounds))
-                self._stream.send_blueprint(blueprint(self._engine, bounds))
+                self._keep("plan/grid", shapes.metre_grid(bounds))
+                self._stream.send_blueprint(shapes.blueprint(self._engine, bounds))
             log_assessment(self._stream, results)
         self.mark()
         self._stream.disconnect()  # where rerun's thread could not write it would wait for ever
@@ -183,12 +164,10 @@ class RerunLog:
             )
 
     def _log_scene(self, result: FrameResult) -> None:
-        due_s = self._scenes_at_s
-        if not due_s or result.timestamp_s < due_s[0] or self._stereo is None or result.depth is None:
-            return
-        if (cloud := scene_cloud(result, self._stereo)) is not None:
-            self._keep("world/scene", cloud)
-            self._keep("plan/floor", floor_image(result.depth.picture(), self._stereo))
+        due_s, depth = self._scenes_at_s, result.depth
+        if due_s and result.timestamp_s >= due_s[0] and self._stereo is not None and depth is not None:
+            self._keep("world/scene", shapes.scene_cloud(depth, result.views[0], self._stereo))
+            self._keep("plan/floor", shapes.floor_image(depth.picture(), self._stereo))
             self._scenes_at_s = [result.timestamp_s + 3.0] if math.isinf(due_s[0]) else []
 
     def _log_images(self, result: FrameResult) -> None:
@@ -205,10 +184,10 @@ class RerunLog:
         for drawing in debug.drawings:
             path = f"{'plan' if drawing.plane == 'floor' else 'image'}/{drawing.name}"
             names.add(path)
-            self._stream.log(path, strips_of(drawing))
-        if tiles := templates(result) | debug.tiles:
+            self._stream.log(path, shapes.strips_of(drawing))
+        if tiles := shapes.templates(result) | debug.tiles:
             names.add("templates")
-            self._stream.log("templates", rr.Image(mosaic(tiles)))
+            self._stream.log("templates", rr.Image(shapes.mosaic(tiles)))
         for name in self._shown - names:
             self._stream.log(name, rr.Clear(recursive=False))
         self._shown = names
@@ -216,55 +195,46 @@ class RerunLog:
     def _log_image(self, path: str, image: U8 | None, foreground: U8 | None) -> None:
         if image is None:
             return
-        self._stream.log(f"{path}/left", photo(image))
+        self._stream.log(f"{path}/left", shapes.photo(image))
         mask = np.zeros((1, 1), np.uint8) if foreground is None else foreground
-        self._stream.log(f"{path}/foreground", outlines(mask, (image.shape[1], image.shape[0])))
+        self._stream.log(f"{path}/foreground", shapes.outlines(mask, (image.shape[1], image.shape[0])))
 
     def _log_depth(self, stereo: FloorRig, result: FrameResult) -> None:
         """Disparity, the foreground cloud in colour, and the maps."""
         if result.depth is not None:
-            self._stream.log("disparity", disparity_photo(result.depth.disparity, stereo))
+            self._stream.log("disparity", shapes.disparity_photo(result.depth.disparity, stereo))
         if result.depths:
-            xyz, colours = foreground_points(result)
-            # Foreground points logged per frame at most: enough to recognise five people, in 24 kB.
-            step = -(-len(xyz) // 1500) or 1
-            cloud = rr.Points3D(xyz[::step], colors=colours[::step], radii=0.018)
-            self._stream.log("world/foreground", cloud)
+            self._stream.log("world/foreground", shapes.foreground_points(result))
         if (maps := result.observation.maps) is not None:
-            density = maps.occupancy / maps.grid.cell_m**2
-            self._stream.log("plan/height", map_image(maps.height, self._engine.config.maps.height_max_m, stereo))
-            self._stream.log("plan/occupancy", map_image(density, 4.0, stereo))
+            highest, density = self._engine.config.maps.height_max_m, maps.occupancy / maps.grid.cell_m**2
+            self._stream.log("plan/height", shapes.map_image(maps.height, highest, stereo))
+            self._stream.log("plan/occupancy", shapes.map_image(density, 4.0, stereo))
 
     def _log_boxes(self, path: str, people: Sequence[TrackState]) -> None:
         tracks = [t for t in people if t.state != "tentative" and not math.isnan(t.box_px[0])]
         boxes = np.array([track.box_px for track in tracks], dtype=np.float32).reshape(-1, 4)
-        self._stream.log(
-            f"{path}/people",
-            rr.Boxes2D(
-                array=boxes, array_format=rr.Box2DFormat.XYWH, labels=[label_of(track) for track in tracks],
-                colors=[person_rgb(track.track_id, track.state) for track in tracks],
-            ),
-        )  # fmt: skip
+        labels, colours = _labels_and_colours(tracks)
+        shown = rr.Boxes2D(array=boxes, array_format=rr.Box2DFormat.XYWH, labels=labels, colors=colours)
+        self._stream.log(f"{path}/people", shown)
 
     def _log_bodies(self, tracks: list[TrackState]) -> None:
-        heights = [1.7 if math.isnan(track.height_m) else track.height_m for track in tracks]
-        colours = [person_rgb(track.track_id, track.state) for track in tracks]
-        labels = [label_of(track) for track in tracks]
-        centres = [(track.x_m, track.y_m, height / 2) for track, height in zip(tracks, heights, strict=True)]
-        sizes = [(BODY_M, BODY_M, height) for height in heights]
-        self._stream.log("world/people", rr.Boxes3D(centers=centres, sizes=sizes, colors=colours, labels=labels))
-        heads = [(track.x_m, track.y_m, 0.05) for track in tracks]
+        labels, colours = _labels_and_colours(tracks)
+        places = [(track.x_m, track.y_m, 1.7 if math.isnan(track.height_m) else track.height_m) for track in tracks]
+        boxes = rr.Boxes3D(
+            centers=[(x, y, z / 2) for x, y, z in places], sizes=[(BODY_M, BODY_M, z) for *_, z in places],
+            colors=colours, labels=labels,
+        )  # fmt: skip
+        self._stream.log("world/people", boxes)
+        feet = [(x, y, 0.05) for x, y, _ in places]
         # The blueprint shows those of some seconds together.
-        self._stream.log(
-            "world/trails" if self._stereo else "plan/trails", rr.Points3D(heads, colors=colours, radii=0.03)
-        )
-        self._stream.log("plan/people", rr.Points3D(heads, colors=colours, radii=0.05))
-        floor, image = facing_arrows(tracks, self._engine.camera)
+        trails = "world/trails" if self._stereo else "plan/trails"
+        self._stream.log(trails, rr.Points3D(feet, colors=colours, radii=0.03))
+        self._stream.log("plan/people", rr.Points3D(feet, colors=colours, radii=0.05))
+        floor, image = shapes.facing_arrows(tracks, self._engine.camera)
         for path, arrows in (("world/facing", floor), ("plan/facing", floor), ("image/facing", image)):
             self._stream.log(path, arrows)
-        ids = [str(track.track_id) for track in tracks]
-        places = [(track.x_m + LABEL_M, track.y_m, 0.06) for track in tracks]
-        self._stream.log("plan/labels", rr.Points3D(places, colors=colours, labels=ids, radii=0.001))
+        ids, beside = [str(track.track_id) for track in tracks], [(x + shapes.LABEL_M, y, 0.06) for x, y, _ in places]
+        self._stream.log("plan/labels", rr.Points3D(beside, colors=colours, labels=ids, radii=0.001))
 
     def _log_series(self, result: FrameResult) -> None:
         values = {f"time_ms/{stage}": duration for stage, duration in result.stages_ms.items()}
@@ -279,3 +249,12 @@ class RerunLog:
                 values[path] = decision.value
         for path, value in values.items():
             self._stream.log(path, rr.Scalars(value))
+
+
+def _labels_and_colours(tracks: Sequence[TrackState]) -> tuple[list[str], list[tuple[int, int, int]]]:
+    """Id, height and state of people, and the colours of their ids."""
+    labels = []
+    for track in tracks:
+        height = "" if math.isnan(track.height_m) else f" {track.height_m:.2f} m"
+        labels.append(f"{track.track_id}{height}" + ("" if track.state == "confirmed" else f" ({track.state})"))
+    return labels, [person_rgb(track.track_id, track.state) for track in tracks]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,32 +13,30 @@ import rerun.blueprint as rrb
 
 from calib.floor_camera import FloorCamera
 from calib.images import as_colour, encode_image
-from calib.types import F32, U8
+from calib.types import F32, U8, Bool
 from planview.drawing.people import PlanBounds, facing_arrow
 from planview.drawing.style import disparity_colours
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.grid import FloorRig
+from planview.maps.view import View
 from planview.tracking.base import Drawing
 from planview.trajectories.plot import person_rgb
 from planview.trajectories.state import TrackState
-from stereo.depth import back_project
+from stereo.depth import Depth, back_project
 
 LABEL_M = 0.45
 """Distance of ids from people in plan views, where they hide no peak of the maps [m]."""
 
 
-def photo(image: U8) -> rr.EncodedImage:
-    """A JPEG of the camera's image."""
-    # 0.6 of the size of quality 80, and people are as well to be recognised.
-    return rr.EncodedImage(contents=encode_image(image, quality=50), media_type="image/jpeg")
+def photo(image: U8, quality: int = 50) -> rr.EncodedImage:
+    """A JPEG of a BGR image; of this quality it takes .6 of the room of 80, and people are as well recognised."""
+    return rr.EncodedImage(contents=encode_image(image, quality=quality), media_type="image/jpeg")
 
 
 def disparity_photo(disparity: F32, stereo: FloorRig) -> rr.EncodedImage:
     """Near red, far blue, invalid black (as ``planview check`` shows it)."""
     first = stereo.disparities.first_px
-    picture = disparity_colours(disparity, first, first + stereo.disparities.count)
-    contents = encode_image(picture, quality=40)
-    return rr.EncodedImage(contents=contents, media_type="image/jpeg")
+    return photo(disparity_colours(disparity, first, first + stereo.disparities.count), 40)
 
 
 def outlines(foreground: U8, size: tuple[int, int]) -> rr.LineStrips2D:
@@ -50,15 +49,13 @@ def outlines(foreground: U8, size: tuple[int, int]) -> rr.LineStrips2D:
 
 def strips_of(drawing: Drawing) -> rr.LineStrips3D | rr.LineStrips2D | rr.Points2D | rr.Points3D:
     """A tracker's drawing; labels in the image show under the pointer, those on the floor would hide the maps."""
-    labels = list(drawing.labels) or None
-    points = drawing.strips and all(len(strip) == 1 for strip in drawing.strips)
+    are_points = drawing.strips and all(len(strip) == 1 for strip in drawing.strips)
     if drawing.plane == "image":
         flat = [np.asarray(strip, dtype=np.float32) for strip in drawing.strips]
-        if points:
-            return rr.Points2D(np.concatenate(flat), labels=labels, show_labels=False)
-        return rr.LineStrips2D(flat, labels=labels, show_labels=False)
+        shown: dict[str, Any] = {"labels": list(drawing.labels) or None, "show_labels": False}
+        return rr.Points2D(np.concatenate(flat), **shown) if are_points else rr.LineStrips2D(flat, **shown)
     raised = [np.column_stack([strip, np.full(len(strip), 0.03)]) for strip in drawing.strips]
-    if points:
+    if are_points:
         return rr.Points3D(np.concatenate(raised), radii=0.01)
     return rr.LineStrips3D(raised, colors=[0, 230, 120], radii=0.01)
 
@@ -79,16 +76,9 @@ def templates(result: FrameResult) -> dict[str, F32 | U8]:
     tiles: dict[str, F32 | U8] = {}
     for track in result.tracks:
         if (template := result.template(track)) is not None:
-            tiles |= zip(
-                (f"template/{track.track_id}/{part}" for part in ("height", "occupancy")), template, strict=True
-            )
+            names = (f"template/{track.track_id}/{part}" for part in ("height", "occupancy"))
+            tiles |= zip(names, template, strict=True)
     return tiles
-
-
-def label_of(track: TrackState) -> str:
-    """Id, height and state."""
-    height = "" if math.isnan(track.height_m) else f" {track.height_m:.2f} m"
-    return f"{track.track_id}{height}" + ("" if track.state == "confirmed" else f" ({track.state})")
 
 
 def facing_arrows(tracks: Sequence[TrackState], camera: FloorCamera | None) -> tuple[rr.Arrows3D, rr.Arrows2D]:
@@ -104,12 +94,14 @@ def facing_arrows(tracks: Sequence[TrackState], camera: FloorCamera | None) -> t
     return floor, rr.Arrows2D(origins=pixels[seen, 0], vectors=ahead, colors=shown, radii=-2.5)
 
 
-def foreground_points(result: FrameResult) -> tuple[F32, U8]:
-    """(N, 3) foreground points of all rigs [m], and their RGB, each from its rig's image."""
-    shown = [(view.points, as_colour(view.image).reshape(-1, 3)) for view in result.views if view.image is not None]
-    xyz = [np.empty((0, 3), np.float32), *(points.xyz for points, _ in shown)]
-    colours = [np.empty((0, 3), np.uint8), *(image[points.pixels, ::-1] for points, image in shown)]
-    return np.concatenate(xyz), np.concatenate(colours)
+def foreground_points(result: FrameResult) -> rr.Points3D:
+    """Foreground points of all rigs [m], each in the colour of its rig's image."""
+    shown = [(view.points, _rgb(view.image).reshape(-1, 3)) for view in result.views if view.image is not None]
+    xyz = np.concatenate([np.empty((0, 3), np.float32), *(points.xyz for points, _ in shown)])
+    colours = np.concatenate([np.empty((0, 3), np.uint8), *(image[points.pixels] for points, image in shown)])
+    # Points logged per frame at most: enough to recognise five people, in 24 kB.
+    step = -(-len(xyz) // 1500) or 1
+    return rr.Points3D(xyz[::step], colors=colours[::step], radii=0.018)
 
 
 UNDER, OVER = -50.0, 10.0
@@ -119,17 +111,15 @@ HEIGHT_SHOWN_M = (-0.5, 3.5)
 POINTS_MAX = 60_000
 
 
-def scene_cloud(result: FrameResult, stereo: FloorRig) -> rr.Points3D | None:
-    """What a frame shows besides people, in colour; None without disparity."""
-    if (depth := result.depth) is None:
-        return None
-    geometry, pose = stereo.geometry, stereo.floor.world_SE3_left
+def scene_cloud(depth: Depth, view: View, stereo: FloorRig) -> rr.Points3D:
+    """What a frame shows besides people, in colour."""
+    geometry, pose, grid = stereo.geometry, stereo.floor.world_SE3_left, stereo.grid
     seen = back_project(geometry.depth(depth.disparity), geometry, depth.step).reshape(-1, 3)
     points = np.asarray(seen @ pose.rotation.T + pose.translation, dtype=np.float32)
-    grid, (x, y, z), foreground = stereo.grid, points.T, result.views[0].foreground
+    x, y, z = points.T
     near = (x > grid.x_min_m - 1) & (x < grid.x_max_m + 1) & (y > grid.y_min_m - 1) & (y < grid.y_max_m + 1)
     near &= (z > HEIGHT_SHOWN_M[0]) & (z < HEIGHT_SHOWN_M[1])
-    keep = np.flatnonzero(near if foreground is None else near & (foreground.reshape(-1) == 0))
+    keep = np.flatnonzero(near if view.foreground is None else near & (view.foreground.reshape(-1) == 0))
     keep = keep[:: max(1, -(-len(keep) // POINTS_MAX))]
     return rr.Points3D(points[keep], colors=_rgb(depth.image).reshape(-1, 3)[keep], radii=0.012)  # [m]
 
@@ -144,8 +134,7 @@ def floor_image(image: U8, stereo: FloorRig) -> rr.GridMap:
     shown = cv2.remap(_rgb(image), pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     # The image on the floor is darkened by this, so that the maps on it stand out.
     dimmed = np.asarray(shown * 0.55, dtype=np.uint8)
-    visible = np.where(dimmed.any(axis=2), 255, 0).astype(np.uint8)
-    return _grid_map(np.dstack([dimmed, visible]), stereo, UNDER)
+    return _grid_map(dimmed, np.asarray(dimmed.any(axis=2)), stereo, UNDER)
 
 
 def metre_grid(bounds: PlanBounds) -> rr.LineStrips3D:
@@ -162,15 +151,13 @@ def metre_grid(bounds: PlanBounds) -> rr.LineStrips3D:
 def map_image(values: F32, largest: float, stereo: FloorRig) -> rr.GridMap:
     """A plan-view map (n_rows, n_cols), row 0 at y_min, in colours up to ``largest``; transparent where it is empty."""
     levels = np.clip(values * (255.0 / largest), 0, 255).astype(np.uint8)
-    bgr = np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO), dtype=np.uint8)
-    rgba = np.dstack([bgr[..., ::-1], np.where(levels > 0, 255, 0).astype(np.uint8)])
-    rgba[levels == 0] = 0
-    return _grid_map(rgba, stereo, OVER)
+    return _grid_map(_rgb(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO)), levels > 0, stereo, OVER)
 
 
-def _grid_map(pixels: U8, stereo: FloorRig, order: float) -> rr.GridMap:
-    """(n_rows, n_cols, 4) RGBA pixels of the grid, row 0 at y_min, where a grid map has its upper row first."""
-    grid = stereo.grid
+def _grid_map(rgb: U8, is_shown: Bool, stereo: FloorRig, order: float) -> rr.GridMap:
+    """(n_rows, n_cols, 3) pixels of the grid, row 0 at y_min, where a grid map has its upper row first."""
+    grid, mask = stereo.grid, np.where(is_shown, 255, 0).astype(np.uint8)
+    pixels = np.dstack([cv2.bitwise_and(rgb, rgb, mask=mask), mask])
     return rr.GridMap(
         data=np.ascontiguousarray(pixels[::-1]).tobytes(),
         format=rr.components.ImageFormat(
@@ -182,12 +169,12 @@ def _grid_map(pixels: U8, stereo: FloorRig, order: float) -> rr.GridMap:
     )  # fmt: skip
 
 
-def _rgb(image: U8) -> U8:
-    return np.ascontiguousarray(as_colour(image)[..., ::-1])
+def _rgb(image: cv2.typing.MatLike) -> U8:
+    return np.ascontiguousarray(as_colour(np.asarray(image, dtype=np.uint8))[..., ::-1])
 
 
 _AGO = rrb.TimeRangeBoundary.cursor_relative
-_LAST_SECONDS = rrb.VisibleTimeRanges([
+_TRAILS = rrb.VisibleTimeRanges([
     rrb.VisibleTimeRange("time", start=_AGO(seconds=-10.0), end=_AGO(seconds=0.0)),
     rrb.VisibleTimeRange("frame", start=_AGO(seq=-150), end=_AGO(seq=0)),
 ])  # fmt: skip
@@ -210,21 +197,20 @@ def blueprint(engine: Engine, people: PlanBounds | None = None) -> rrb.Blueprint
 
 
 def _of_depth(engine: Engine, stereo: FloorRig, people: PlanBounds | None) -> rrb.Vertical:
-    image: rrb.Spatial2DView | rrb.Tabs = rrb.Spatial2DView(origin="image", name="image, foreground, people")
-    bounds = people or PlanBounds(*shown_floor(stereo))
-    others = [rrb.Spatial2DView(origin=f"{name}/image", name=name) for name in list(engine.rigs)[1:]]
-    if others:
-        image = rrb.Tabs(image, *others, active_tab=0)
-    world = rrb.Spatial3DView(
-        origin="world", name="3D", eye_controls=_eye(bounds, (0.0, -0.75, 0.55)), line_grid=False,
-        overrides={"world/trails": _LAST_SECONDS},
-    )  # fmt: skip
-    maps = [_plan_view(f"{name} from above", [f"plan/{name}", *MAP_LAYERS], bounds) for name in ("height", "occupancy")]
+    bounds, names = people or shown_floor(stereo), list(engine.rigs)
+    images = [rrb.Spatial2DView(origin="image", name="image, foreground, people")]
+    images += [rrb.Spatial2DView(origin=f"{name}/image", name=name) for name in names[1:]]
+    world = _view("3D", bounds, (0.0, -0.75, 0.55), "world")
+    maps = [
+        _view(f"{name} from above", bounds, DOWN, "plan", [f"plan/{name}", *MAP_LAYERS])
+        for name in ("height", "occupancy")
+    ]
     disparity = rrb.Tabs(
         rrb.Spatial2DView(origin="disparity", name="disparity"),
         rrb.Spatial2DView(origin="templates", name="owners of pixels, templates"),
         active_tab=0,
     )
+    image = rrb.Tabs(*images, active_tab=0) if len(images) > 1 else images[0]
     return rrb.Vertical(rrb.Horizontal(image, world), rrb.Horizontal(disparity, *maps, _series()), row_shares=[3, 2])
 
 
@@ -232,7 +218,7 @@ def _of_one_camera(engine: Engine, people: PlanBounds | None) -> rrb.Horizontal:
     right: list[rrb.View | rrb.Container] = []
     if engine.camera is not None:
         bounds = people or PlanBounds(-8.0, 0.0, 8.0, 16.0)
-        right.append(_plan_view("floor from above", ["plan/trails", *MAP_LAYERS], bounds))
+        right.append(_view("floor from above", bounds, DOWN, "plan", ["plan/trails", *MAP_LAYERS]))
     # Number of people, which every tracker of one camera gives; not all have match scores.
     right.append(_series(active_tab=2))
     image = rrb.Spatial2DView(origin="image", name="image, people")
@@ -251,25 +237,31 @@ def _series(active_tab: int = 0) -> rrb.Tabs:
     )
 
 
-def _plan_view(name: str, layers: list[str], bounds: PlanBounds) -> rrb.Spatial3DView:
-    return rrb.Spatial3DView(
-        origin="plan", contents=layers, name=name, eye_controls=_eye(bounds, (0.0, -0.001, 0.9)), line_grid=False,
-        overrides={"plan/trails": _LAST_SECONDS},
-    )  # fmt: skip
+DOWN = (0.0, -0.001, 0.9)
 
 
-def _eye(bounds: PlanBounds, direction: tuple[float, float, float]) -> rrb.EyeControls3D:
+def _view(
+    name: str,
+    bounds: PlanBounds,
+    direction: tuple[float, float, float],
+    origin: str,
+    layers: Sequence[str] = ("$origin/**",),
+) -> rrb.Spatial3DView:
     """Looking at the middle of a part of the floor, from a direction, the way the camera looks upwards."""
     centre = np.array([(bounds.x_min_m + bounds.x_max_m) / 2, (bounds.y_min_m + bounds.y_max_m) / 2, 0.0])
     distance = max(1.1 * (bounds.x_max_m - bounds.x_min_m), 1.25 * (bounds.y_max_m - bounds.y_min_m), 3.0)
-    return rrb.EyeControls3D(
+    eye = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital, position=centre + distance * np.array(direction), look_target=centre,
-        eye_up=(0.0, 1.0, 0.0) if abs(direction[1]) < 0.01 else (0.0, 0.0, 1.0),
+        eye_up=(0.0, 1.0, 0.0) if direction is DOWN else (0.0, 0.0, 1.0),
+    )  # fmt: skip
+    return rrb.Spatial3DView(
+        origin=origin, contents=layers, name=name, eye_controls=eye, line_grid=False,
+        overrides={f"{origin}/trails": _TRAILS},
     )  # fmt: skip
 
 
-def shown_floor(stereo: FloorRig) -> tuple[float, float, float, float]:
+def shown_floor(stereo: FloorRig) -> PlanBounds:
     """Bounds of the visible floor, else of the grid; the place below the camera included [m]."""
     grid = stereo.grid
     x_min, y_min, x_max, y_max = stereo.floor.extent_m or (grid.x_min_m, grid.y_min_m, grid.x_max_m, grid.y_max_m)
-    return min(x_min, 0.0), min(y_min, 0.0), max(x_max, 0.0), max(y_max, 0.0)
+    return PlanBounds(min(x_min, 0.0), min(y_min, 0.0), max(x_max, 0.0), max(y_max, 0.0))

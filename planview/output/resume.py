@@ -1,4 +1,9 @@
-"""Checkpoint files, and where an interrupted run resumes."""
+"""What a run is made of, and checkpoints: where an interrupted run resumes.
+
+A checkpoint holds named values (``calib.carried``) as JSON and arrays. Numbers and texts become themselves, all else
+``{kind: content}``; an object in two places is one again. No code is taken from a file: classes are found by name among
+those of the project, instances are made without calling anything of theirs, and attributes are set.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +13,9 @@ import json
 import os
 import platform
 import re
-from collections.abc import Callable, Iterator
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from fnmatch import translate
@@ -22,8 +29,8 @@ import numpy as np
 import planview
 from calib.errors import InputError
 from calib.io import PART, reason, whole_file
+from calib.types import AnyArray
 from planview.output.folder import LOCK_NAME, PRODUCTS, HoldsResultsError, RunInfo, products_in, read_run_info, writing
-from planview.output.state import SavedState
 from planview.output.tables import is_as_marked
 
 
@@ -74,7 +81,6 @@ def digest_of(values: object) -> str:
     return str(joblib.hash(values))
 
 
-_IMAGES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp", ".bin", ".raw"))
 _NO_CONTENT = re.compile("|".join(map(translate, ("truth.csv", "gt.txt", ".*", LOCK_NAME, *PRODUCTS))))
 _TEXTS = frozenset((
     "", ".csv", ".toml", ".yml", ".yaml", ".json", ".txt", ".conf", ".xml", ".md", ".rst", ".html", ".pdf", ".log",
@@ -83,15 +89,10 @@ _TEXTS = frozenset((
 
 def content_key(path: Path, *, texts: bool = True) -> str:
     """Digest of a recording's file or folder: names, sizes and sampled content, without truth, hidden files, and
-    results of runs and studies.
+    results of runs and studies; without calibrations, times and other ``texts`` where these do not count.
 
     Of a large file 16 blocks count, of a folder's images at most 64: a change that keeps every size and lies between
-    all samples is not noticed.
-
-    Args:
-        texts: with calibrations, times and other files of text in a folder.
-    Raises:
-        InputError: no such file, or it cannot be read.
+    all samples is not noticed. Raises InputError: no such file, or it cannot be read.
     """
     try:
         if path.is_file():
@@ -99,11 +100,11 @@ def content_key(path: Path, *, texts: bool = True) -> str:
         if not path.is_dir():
             raise InputError(f"{path}: expected a recording, found no such file or folder")
         files = sorted(_content(path), key=lambda file: file.relative_to(path).as_posix())
-        files = [file for file in files if texts or file.suffix.lower() not in _TEXTS]
-        images = [file for file in files if file.suffix.lower() in _IMAGES]
-        sampled = set(files) - set(images) | set(images[:: -(-len(images) // 64) or 1])
+        images = [file for file in files if file.suffix.lower() not in _TEXTS]
+        files = files if texts else images
+        left_out = set(images) - set(images[:: -(-len(images) // 64) or 1])
         names = [os.fsencode(file.relative_to(path)).hex() for file in files]
-        contents = [(file.stat().st_size, _sampled(file) if file in sampled else "") for file in files]
+        contents = [(file.stat().st_size, "" if file in left_out else _sampled(file)) for file in files]
         return key_of([[name, *content] for name, content in zip(names, contents, strict=True)])
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({reason(error)})") from error
@@ -134,6 +135,116 @@ def _sampled(path: Path, whole_bytes: int = 256 * 1024, block_bytes: int = 64 * 
             file.seek((size - block_bytes) * block // 15 if block else 0)
             digest.update(file.read(block_bytes if size > whole_bytes else whole_bytes))
     return digest.hexdigest()
+
+
+PACKAGES = frozenset({"calib", "stereo", "planview"})
+PLAIN = (type(None), bool, int, float, str)
+_GROUPS: dict[str, type[Any]] = {"list": list, "set": set, "tuple": tuple, "frozenset": frozenset}
+
+
+class SavedState(NamedTuple):
+    """A value as JSON, in which numbers stand for the arrays that go with it."""
+
+    document: Any
+    arrays: list[AnyArray]
+
+
+def encode(value: object) -> SavedState:
+    """A value and all that it holds. Raises TypeError: something of a class that is not the project's, with the place
+    where it was found."""
+    arrays: list[AnyArray] = []
+    return SavedState(_encoded(value, "", arrays, {}), arrays)
+
+
+def _encoded(value: Any, path: str, arrays: list[AnyArray], known: dict[int, int]) -> Any:
+    """``known``: numbers of the objects so far, by their id."""
+
+    def every(values: Any) -> list[Any]:
+        return [_encoded(held, f"{path}[{n}]", arrays, known) for n, held in enumerate(values)]
+
+    def named(values: Mapping[Any, Any]) -> list[Any]:
+        return [_encoded(held, f"{path}.{name}".strip("."), arrays, known) for name, held in values.items()]
+
+    cls = type(value)
+    if cls in PLAIN:
+        return value
+    if cls is dict:
+        return {"dict": [every(value), named(value)]}
+    if cls in _GROUPS.values():
+        return {cls.__name__: every(value)}
+    if cls is deque:
+        return {"deque": [every(value), value.maxlen]}
+    if (cls is np.ndarray or isinstance(value, np.generic)) and not value.dtype.hasobject:
+        arrays.append(np.array(value))
+        return {"array" if cls is np.ndarray else "scalar": len(arrays) - 1}
+    if cls is np.random.Generator:
+        return {"generator": _encoded(dict(value.bit_generator.state), path, arrays, known)}
+    name = f"{cls.__module__}:{cls.__qualname__}"
+    if _named(name) is not cls:
+        raise TypeError(f"{path} is of class {cls.__module__}.{cls.__qualname__}, which a checkpoint cannot hold")
+    if isinstance(value, tuple):
+        return {"record": [name, every(value)]}
+    if id(value) in known:
+        return {"same": known[id(value)]}
+    known[id(value)] = len(known)
+    held = {slot: getattr(value, slot) for slot in getattr(cls, "__slots__", ()) if slot != "__dict__"}
+    held |= getattr(value, "__dict__", {})
+    return {"object": [name, dict(zip(held, named(held), strict=True))]}
+
+
+def decode(state: SavedState) -> Any:
+    """The value that ``encode`` took, made by the same code. Raises ValueError: a class that is not the project's."""
+    return _decoded(state.document, state.arrays, [])
+
+
+def _decoded(value: Any, arrays: Sequence[AnyArray], known: list[Any]) -> Any:
+    """``known``: the objects so far."""
+
+    def every(values: Sequence[Any]) -> list[Any]:
+        return [_decoded(held, arrays, known) for held in values]
+
+    if type(value) in PLAIN:
+        return value
+    ((kind, content),) = value.items()
+    if kind in _GROUPS:
+        return _GROUPS[kind](every(content))
+    if kind in ("array", "scalar"):
+        return arrays[content] if kind == "array" else arrays[content][()]
+    if kind == "same":
+        return known[content]
+    if kind == "generator":
+        generator = np.random.default_rng()
+        generator.bit_generator.state = _decoded(content, arrays, known)
+        return generator
+    first, second = content
+    if kind == "dict":
+        return dict(zip(every(first), every(second), strict=True))
+    if kind == "deque":
+        return deque(every(first), second)
+    if kind == "record":
+        return tuple.__new__(_class_of(first), every(second))
+    made = object.__new__(_class_of(first))
+    known.append(made)
+    for name, held in second.items():  # also of frozen classes
+        object.__setattr__(made, name, _decoded(held, arrays, known))
+    return made
+
+
+def _named(name: str) -> Any:
+    """The object called "module:qualified name" in a loaded module of the project; None for all others."""
+    module, _, path = name.partition(":")
+    found: Any = sys.modules.get(module) if module.partition(".")[0] in PACKAGES else None
+    for part in path.split("."):
+        found = getattr(found, part, None)
+    return found
+
+
+def _class_of(name: str) -> Any:
+    """A class from a file, found among those that are loaded; nothing is imported for it."""
+    found = _named(name)
+    if not isinstance(found, type) or f"{found.__module__}:{found.__qualname__}" != name:
+        raise ValueError(f"expected a class of planview, found {name!r}")
+    return found
 
 
 CHECKPOINT = "checkpoint.npz"

@@ -3,40 +3,57 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import threading
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from calib.carried import Carried
 from calib.errors import WorkError
+from planview.checks.check import Check
+from planview.checks.examine import RecordingWatch, refuse_unless_ok
+from planview.checks.registration import run_checks
+from planview.checks.timing import rate_checks
+from planview.counting.events import Event
 from planview.counting.stream import Analytics
-from planview.counting.totals import Counts, Span
+from planview.counting.totals import JUMP_S, Counts, Span, jump_note
 from planview.engine.engine import Engine, FrameResult
-from planview.output.folder import RunInfo, SkippedFrame, folder_lock, prepare_folder, write_result, write_run_info
+from planview.output.folder import (
+    RunInfo,
+    RunWarning,
+    SkippedFrame,
+    folder_lock,
+    prepare_folder,
+    write_result,
+    write_run_info,
+)
 from planview.output.resume import (
     Checkpoint,
     calibration_key,
     code_version,
     content_key,
+    decode,
     digest_of,
+    encode,
     library_versions,
     remove_checkpoint,
     write_checkpoint,
 )
-from planview.output.state import decode, encode
 from planview.output.tables import RunTables
-from planview.output.totals import RunChecks, RunTotals
 from planview.trajectories.table import is_person
-from stereo.recording import OpenOptions
+from stereo.recording import OpenOptions, Recorded, RgbdRecording
 
 
 class RunLog(Protocol):
@@ -117,14 +134,13 @@ def run(
         KeyboardInterrupt: Ctrl-C, SIGTERM or SIGHUP came; raised after the frame under way, with all files closed.
     """
     job = _Run(engine, folder, options or RunOptions(), logs)
-    finished = False
     with folder_lock(folder):
         try:
             job.track(watch, checkpoint)
-            finished = True
-        finally:
-            info = job.end(finished)
-    return info
+        except BaseException:
+            job.end(finished=False)
+            raise
+        return job.end(finished=True)
 
 
 def begin_run(engine: Engine, folder: Path, options: RunOptions, *, overwrite: bool) -> None:
@@ -132,6 +148,85 @@ def begin_run(engine: Engine, folder: Path, options: RunOptions, *, overwrite: b
     ``prepare_folder``)."""
     prepare_folder(folder, overwrite)
     write_run_info(_info_of(engine, options).model_copy(update={"state": "running"}), folder / "run.json")
+
+
+TIMES_MAX = 4096
+"""Times of a stage that are kept, the last ones: their median is known to 2 %."""
+
+
+@dataclass
+class RunTotals(Carried):
+    """What a run has counted so far."""
+
+    frames: int = 0
+    last_frame: int = -1
+    tracks: int = 0
+    """Rows."""
+    people: dict[int, int] = field(default_factory=dict)
+    """In how many frames each id was confirmed."""
+    stages: dict[str, deque[float]] = field(default_factory=dict)
+    events: list[Event] = field(default_factory=list)
+    first_s: float = 0.0
+    last_s: float = 0.0
+    elapsed_s: float = 0.0
+    """Time of the run up to its last checkpoint [s]."""
+    jump: str = ""
+    """The last jump of the clock, in words."""
+
+    def take(self, result: FrameResult) -> None:
+        if self.frames == 0:
+            self.first_s = result.timestamp_s
+        elif result.timestamp_s - self.last_s > JUMP_S:
+            self.jump = jump_note(self.last_frame, result.frame, result.timestamp_s - self.last_s)
+        self.frames += 1
+        self.last_frame, self.last_s = result.frame, result.timestamp_s
+        self.tracks += len(result.tracks)
+        for track in result.tracks:
+            if track.state == "confirmed":
+                self.people[track.track_id] = self.people.get(track.track_id, 0) + 1
+        for stage, duration in result.stages_ms.items():
+            self.stages.setdefault(stage, deque(maxlen=TIMES_MAX)).append(duration)
+
+    def remark(self, people: int) -> str:
+        """Why there are no people, or that the clock has jumped; or nothing."""
+        if people or not self.frames:
+            return self.jump
+        if not self.tracks:
+            return f"nothing of a person's size moved in {self.frames} frames"
+        return "everything that moved was too short-lived or too small for a person (decisions.csv has the reasons)"
+
+
+class RunChecks:
+    """Watches a run; ``strict``: raise InputError when a check fails, before the first frame and while tracking."""
+
+    def __init__(self, engine: Engine, strict: bool) -> None:
+        self._engine = engine
+        self._watch = RecordingWatch(engine.stereo) if engine.stereo is not None else None
+        recording = engine.recording
+        self._before = rate_checks(recording) if isinstance(recording, Recorded) else []
+        self._before += run_checks(recording) if isinstance(recording, RgbdRecording) else []
+        self._strict, self._frames = strict, 0
+        self.refuse()
+
+    def update(self, result: FrameResult) -> None:
+        if self._watch is not None:
+            places = {t.track_id: (t.x_m, t.y_m) for t in result.tracks if t.state == "confirmed"}
+            self._watch.update(result.timestamp_s, result.depth, result.views[0].foreground, places)
+        self._frames += 1
+        if self._frames % 60 == 0:
+            self.refuse()
+
+    def refuse(self) -> None:
+        if self._strict:
+            refuse_unless_ok(self._all(), str(self._engine.recording.path))
+
+    def warnings(self) -> list[RunWarning]:
+        """The checks that failed."""
+        failed = [(check, check.value if math.isfinite(check.value) else None) for check in self._all() if not check.ok]
+        return [RunWarning(name=c.name, value=value, unit=c.unit, text=c.sentence) for c, value in failed]
+
+    def _all(self) -> list[Check]:
+        return list(self._engine.checks) + self._before + (self._watch.checks() if self._watch else [])
 
 
 class _Run:
@@ -144,25 +239,28 @@ class _Run:
         self._checks = RunChecks(engine, options.strict)
 
     def track(self, watch: Callable[[FrameResult], None] | None, checkpoint: Checkpoint | None) -> None:
-        options = self._options
+        options, recording, totals = self._options, self._engine.recording, self._totals
+        analytics = options.analytics
         with ExitStack() as stack:
             for log in self._logs.values():
                 stack.callback(log.close)
             interrupts = stack.enter_context(noted_interrupts())
-            frames = self._frames(checkpoint)
             if checkpoint is not None or not (self._folder / "run.json").is_file():
                 write_run_info(self._information("running"), self._folder / "run.json")
             marks = checkpoint and checkpoint.written["tables"]
-            tables = RunTables(self._folder, options.analytics is not None, marks)
+            tables = RunTables(self._folder, analytics is not None, marks)
             stack.callback(tables.close)
-            is_live = getattr(self._engine.recording, "is_live", False)
+            self._engine.reset()
+            if checkpoint is not None:
+                self._set_state(decode(checkpoint.state))
+            is_live = getattr(recording, "is_live", False)
             every_s = 0.0 if is_live else options.checkpoint_every_s
             marked_s = time.monotonic()
-            for result in frames:
-                self._totals.take(result)
-                analytics = options.analytics
+            left = max(0, options.max_frames - totals.frames) if options.max_frames else None
+            for result in islice(self._engine.after(max(totals.last_frame, options.first_frame - 1)), left):
+                totals.take(result)
                 events = analytics.update(result.frame, result.timestamp_s, result.tracks) if analytics else ()
-                self._totals.events.extend(events)
+                totals.events.extend(events)
                 tables.add(result, events)
                 for log in self._logs.values():
                     log.frame(result)
@@ -176,48 +274,33 @@ class _Run:
                     break  # the usual end of cameras that run
                 if interrupts.is_set():
                     raise KeyboardInterrupt
-        recording = self._engine.recording
-        if self._totals.frames == 0:
+        if totals.frames == 0:
             why = f" ({recording.skipped[0].why})" if recording.skipped else ""
             raise WorkError(f"{recording.path}: none of {recording.n_frames} frames can be used{why}")
         self._checks.refuse()
 
-    def _frames(self, checkpoint: Checkpoint | None) -> Iterator[FrameResult]:
-        self._engine.reset()
-        if checkpoint is not None:
-            state = decode(checkpoint.state)
-            self._engine.set_state(state["engine"])
-            self._totals.set_state(state["totals"])
-            if self._options.analytics is not None:
-                self._options.analytics.set_state(state["analytics"])
-        limit = self._options.max_frames
-        if limit and self._totals.frames >= limit:
-            return
-        for result in self._engine.after(max(self._totals.last_frame, self._options.first_frame - 1)):
-            yield result
-            if self._totals.frames == limit:
-                return
-
     def _state(self) -> dict[str, object]:
         analytics = self._options.analytics
         counted = {} if analytics is None else {"analytics": analytics.state()}
-        return {"engine": self._engine.state(), "totals": self._totals.state(), **counted}
+        totals = self._totals.state() | {"elapsed_s": self._elapsed_s()}
+        return {"engine": self._engine.state(), "totals": totals, **counted}
+
+    def _set_state(self, state: dict[str, Any]) -> None:
+        self._engine.set_state(state["engine"])
+        self._totals.set_state(state["totals"])
+        if self._options.analytics is not None:
+            self._options.analytics.set_state(state["analytics"])
 
     def _mark(self, tables: RunTables) -> bool:
         """Write all that a checkpoint refers to, the checkpoint, then run.json; False when the engine holds what a
         checkpoint cannot (a tracker from elsewhere)."""
         written = {"tables": tables.mark(), "logs": {name: log.mark() for name, log in self._logs.items()}}
-        before_s = self._totals.elapsed_s
-        self._totals.elapsed_s = self._elapsed_s()
         try:
             state = encode(self._state())
         except TypeError as error:
             warnings.warn(f"this run writes no checkpoints: {error}", stacklevel=2)
             return False
-        finally:
-            self._totals.elapsed_s = before_s
-        if self._identity is None:
-            self._identity = run_identity(self._engine, self._options, list(self._logs))
+        self._identity = self._identity or run_identity(self._engine, self._options, list(self._logs))
         write_checkpoint(self._folder, Checkpoint(self._identity, written, state))
         write_run_info(self._information("running"), self._folder / "run.json")
         return True

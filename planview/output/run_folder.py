@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calib.errors import InputError
-from calib.floor_camera import FloorCamera, FloorPinhole
-from calib.ground_camera import GroundCamera
+from calib.floor_camera import FloorCamera
 from calib.io import reason
-from calib.pose import SE3
 from calib.types import F64, I64, Bool
 from planview.counting.events import Event, read_events
 from planview.counting.rules import RulePlane
@@ -131,16 +129,6 @@ class RunFolder:
         people = load_truth(self.truth_file)
         return people.where((people.frame >= self.info.first_frame) & (people.frame < self.n_frames))
 
-    @property
-    def ground_camera(self) -> GroundCamera | None:
-        """The camera of a run with one camera; None for others and for one that is not calibrated."""
-        return self.camera if isinstance(self.camera, GroundCamera) else None
-
-    @property
-    def world_SE3_left(self) -> SE3 | None:
-        """Pose of the rectified left camera; None of one camera."""
-        return self.camera.world_SE3_camera if isinstance(self.camera, FloorPinhole) else None
-
     @cached_property
     def camera(self) -> FloorCamera | None:
         """The camera in whose pixels the boxes are, above the floor; None where run.json does not hold it."""
@@ -244,14 +232,13 @@ class RunFolder:
             *(rule.points for rule in self.rules if rule.on_floor),
         ]
         bounds = bounds_of(*places)
-        size = max(bounds.x_max_m - bounds.x_min_m, bounds.y_max_m - bounds.y_min_m)
-        near = []
+        # Cameras within this share of the size of the floor that people used are shown with it: a camera far from them
+        # would make everything small.
+        reach = 0.6 * max(bounds.x_max_m - bounds.x_min_m, bounds.y_max_m - bounds.y_min_m)
         for (x, y), _ in self.cameras:
             beyond = max(bounds.x_min_m - x, x - bounds.x_max_m, bounds.y_min_m - y, y - bounds.y_max_m)
-            # Cameras within this share of the size of the floor that people used are shown with it: a camera far from
-            # them would make everything small.
-            near += [np.array([(x, y)])] if beyond <= 0.6 * size else []
-        return bounds_of(*places, *near)
+            places += [np.array([(x, y)])] if beyond <= reach else []
+        return bounds_of(*places)
 
 
 def _recording_of(info: RunInfo) -> Path | None:

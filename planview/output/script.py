@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -88,8 +88,14 @@ def run(
     else:
         engine, tracker = source, source.tracker
     if out is None:
-        tracks = _gathered(islice(engine, frames or None), watch)
-        return replace(refine(tracks).tracks, n_frames=tracks.n_frames) if refined else tracks
+        collector, n_frames = TrajectoryCollector(), 0
+        for result in islice(engine, frames or None):
+            collector.add(result.frame, result.timestamp_s, result.tracks)
+            n_frames = result.frame + 1
+            if watch:
+                watch(result)
+        tracks = collector.trajectories()
+        return replace(refine(tracks).tracks if refined else tracks, n_frames=n_frames)
     name = tracker if isinstance(tracker, str) else type(tracker).__name__
     name = name if opening.get("detections") is None else "detections"
     folder = Path(out)
@@ -101,21 +107,21 @@ def run(
     return replace(read_tracks(folder / "tracks.csv"), n_frames=RunFolder(folder).n_frames)
 
 
-def _gathered(results: Iterable[FrameResult], watch: Callable[[FrameResult], None] | None) -> Trajectories:
-    gathered, n_frames = TrajectoryCollector(), 0
-    for result in results:
-        gathered.add(result.frame, result.timestamp_s, result.tracks)
-        n_frames = result.frame + 1
-        if watch:
-            watch(result)
-    return replace(gathered.trajectories(), n_frames=n_frames)
-
-
 def _table(tracks: Trajectories | DataFrame) -> Trajectories:
-    if not (isinstance(tracks, Trajectories) or hasattr(tracks, "columns")):
+    if isinstance(tracks, Trajectories):
+        return tracks
+    if not hasattr(tracks, "columns"):
         found = type(tracks).__name__
         raise InputError(f"expected a table (Trajectories or DataFrame), a file or a folder, found {found}")
-    return tracks if isinstance(tracks, Trajectories) else Trajectories.from_dataframe(tracks)
+    return Trajectories.from_dataframe(tracks)
+
+
+def _read(tracks: Trajectories | DataFrame | Path | str) -> tuple[Trajectories, RunFolder | None]:
+    """A table, and the run whose tracks it holds."""
+    if not isinstance(tracks, Path | str):
+        return _table(tracks), None
+    path = tracks_file(Path(tracks))
+    return load_tracks(path), RunFolder.around(path)
 
 
 def evaluate(
@@ -139,13 +145,9 @@ def evaluate(
     """
     if frames is not None and not 0 <= frames[0] <= frames[1]:
         raise InputError(f"expected the first and the last frame, found {frames}", argument="frames")
-    run = None
-    if isinstance(tracks, Path | str):
-        path = tracks_file(Path(tracks))
-        run, tracks = RunFolder.around(path), load_tracks(path)
+    found, run = _read(tracks)
     if isinstance(truth, Path | str):
         truth = load_truth(truth_file(Path(truth)) or Path(truth))
-    found = _table(tracks)
     if run is None and truth is None:
         raise InputError("expected a truth for tracks that are not those of a run's folder, found None")
     if run is not None:
@@ -182,16 +184,11 @@ def count_tracks(
     Raises:
         InputError: a file that cannot be read, or tracks without a place in the plane of a rule.
     """
-    run = None
-    if isinstance(tracks, Path | str):
-        path = tracks_file(Path(tracks))
-        run, tracks = RunFolder.around(path), load_tracks(path)
-    table = _table(tracks)
+    table, run = _read(tracks)
     if not isinstance(rules, Rules):
         rules = load_rules(rules, run.path if run is not None else None)
     for note in filter(None, (rules.of_unknown_size, rules.unreached(table))):
         warnings.warn(note, stacklevel=2)
     if run is None:
         return totals.count_tracks(table, rules, params)
-    counts = totals.count_tracks(table, rules, params, clock=totals.Clock(table, run.info.fps or 30.0))
-    return replace(counts, span=run.span)
+    return replace(totals.count_tracks(table, rules, params, clock=run.clock), span=run.span)

@@ -1,4 +1,4 @@
-"""The tables of a run, written frame by frame and valid whenever the run ends."""
+"""The tables of a run and its plan-view recording, written frame by frame and valid whenever the run ends."""
 
 from __future__ import annotations
 
@@ -9,16 +9,19 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import IO
 
 from calib.errors import InputError, WorkError
-from calib.io import reason
+from calib.io import PART, reason, sync, whole_file
 from planview.counting.events import Event, write_event_header, write_event_rows
-from planview.engine.engine import FrameResult
+from planview.engine.engine import Engine, FrameResult
+from planview.maps.recording import MapsFrame, MapsRecording, MapsWriter
 from planview.output.folder import writing
 from planview.tracking.base import ScoreTerms
 from planview.trajectories.table import write_header, write_rows
+from stereo.recording import Skipped
 
 KEPT_NOTE = "; earlier frames are kept"
 
@@ -135,3 +138,72 @@ class RunTables:
     def close(self) -> None:
         for file in self._files.values():
             file.close()
+
+
+class MapsLog:
+    """Writes the foreground points of every frame: a ``RunLog``.
+
+    HDF5 cannot be read after a kill. So every ``mark`` ends a file of its own (``maps-1.h5``, ...); they become one
+    when the log is closed.
+
+    Args:
+        position: of ``mark``, to resume from; what was written after it is dropped.
+    Raises:
+        InputError: an engine without disparity, or the files up to the position are missing.
+        WorkError: the file cannot be written.
+    """
+
+    def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None) -> None:
+        if engine.stereo is None:
+            raise InputError("expected a stereo pair or images with depth, found a camera without depth")
+        self._recording, self._path = engine.recording, path
+        self._open_path = path.with_name(path.name + PART)
+        self._new_writer = partial(
+            MapsWriter, view=engine.stereo, config=engine.config.model_dump_json(), fps=engine.recording.fps
+        )
+        self._parts = 0 if position is None else position["parts"]
+        kept = self._part_paths
+        for missing in (part for part in kept if not part.is_file()):
+            raise InputError(f"{missing}: expected the points before the checkpoint, found no file")
+        for part in set(path.parent.glob(f"{path.stem}-[0-9]*.h5")) - set(kept) if position else ():
+            part.unlink()
+        self._writer: MapsWriter | None = self._new_writer(self._open_path)
+
+    def frame(self, result: FrameResult) -> None:
+        if result.depth is None:
+            raise InputError("expected a recording with images, found recorded maps")
+        self._writer = self._writer or self._new_writer(self._open_path)
+        self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, result.depth.disparity, result.views[0]))
+
+    def mark(self) -> dict[str, int]:
+        self._end_part()
+        return {"parts": self._parts}
+
+    def close(self) -> None:
+        if self._parts == 0:
+            self._end(self._path, self._recording.skipped)
+            return
+        self._end_part()
+        with whole_file(self._path) as whole:
+            writer = self._new_writer(whole)
+            for path in self._part_paths:
+                for frame in MapsRecording(path):
+                    writer.add(frame)
+            writer.close(self._recording.skipped)
+
+    @property
+    def _part_paths(self) -> list[Path]:
+        return [self._path.with_name(f"{self._path.stem}-{n}.h5") for n in range(1, self._parts + 1)]
+
+    def _end_part(self) -> None:
+        if self._writer is not None:
+            self._parts += 1
+            self._end(self._part_paths[-1])
+
+    def _end(self, path: Path, skipped: Sequence[Skipped] = ()) -> None:
+        """Give the file under way its name."""
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            writer.close(skipped)
+            sync(self._open_path)
+            self._open_path.replace(path)

@@ -26,11 +26,11 @@ from planview.engine.replay import FIXED_MAP_PARAMETERS, FIXED_TABLES
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.maps.recording import is_maps
 from planview.output.folder import finished_run, folder_lock, read_run_info, write_result
-from planview.output.maps_log import MapsLog
 from planview.output.report.page import write_report
 from planview.output.resume import code_version, content_key, key_of
 from planview.output.run import RunOptions, run
 from planview.output.run_folder import read_object
+from planview.output.tables import MapsLog
 from planview.sweep.results import JobResult, Ranked, ranked, study_page, summary_csv
 from planview.sweep.study import Configuration, RecordingEntry, Study, grid, random_draws, run_figures
 from planview.trajectories.formats import load_tracks, load_truth, truth_file

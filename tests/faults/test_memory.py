@@ -19,8 +19,8 @@ from planview.engine.config import Config
 from planview.engine.engine import Engine, FrameResult
 from planview.engine.setup import set_up
 from planview.engine.stereo import stereo_engine
-from planview.output.maps_log import MapsLog
 from planview.output.run import RunLog, RunOptions, run
+from planview.output.tables import MapsLog
 from stereo.readers import open_recording
 from stereo.recording import StereoFrame, StereoRecording
 

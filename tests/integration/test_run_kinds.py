@@ -20,9 +20,9 @@ from planview.engine.open import open_engine
 from planview.engine.replay import recorded_config, replay_engine
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info
-from planview.output.maps_log import MapsLog
 from planview.output.report.page import write_report
 from planview.output.run import RunOptions, run
+from planview.output.tables import MapsLog
 from planview.tracking.joint import JointTracker
 from planview.trajectories.table import read_tracks
 from stereo.readers import OpenOptions, open_recording

@@ -23,10 +23,9 @@ from planview.engine.setup import set_up
 from planview.engine.stereo import stereo_engine
 from planview.maps.recording import MapsRecording
 from planview.output.folder import read_run_info, rrd_parts
-from planview.output.maps_log import MapsLog
-from planview.output.resume import CHECKPOINT, checkpoint_of, difference
+from planview.output.resume import CHECKPOINT, SavedState, checkpoint_of, decode, difference, encode
 from planview.output.run import RunOptions, run, run_identity
-from planview.output.state import SavedState, decode, encode
+from planview.output.tables import MapsLog
 from planview.tracking.ellipse_particle import EllipseParticleTracker
 from planview.tracking.human_model import HumanModelParams
 from planview.tracking.human_model.model_map import HumanModelMapParams, build_model_map

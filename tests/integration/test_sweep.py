@@ -13,8 +13,8 @@ from toy_stereo import walking
 
 from planview.cli import main
 from planview.engine.engine import Engine
-from planview.output.maps_log import MapsLog
 from planview.output.run import run
+from planview.output.tables import MapsLog
 
 TRUTH = "frame,id,x_m,y_m,height_m\n" + "".join(
     f"{i},1,{walking(i - EMPTY)[0].x_m:.3f},{walking(i - EMPTY)[0].y_m:.3f},1.75\n" for i in range(EMPTY, FRAMES)

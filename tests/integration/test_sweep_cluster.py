@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from planview.output.maps_log import MapsLog
 from planview.output.run import run
+from planview.output.tables import MapsLog
 
 pytestmark = pytest.mark.slow
 distributed = pytest.importorskip("distributed")

@@ -13,9 +13,7 @@ from calib.errors import InputError, WorkError
 from calib.params import first_problem
 from calib.types import I64
 from planview.counting.events import way_words
-from planview.counting.totals import Clock
 from planview.drawing.style import page_of
-from planview.engine.info import CameraInfo
 from planview.evaluation.result import LABELS
 from planview.evaluation.significant import SignificantError
 from planview.output.folder import RunInfo, write_result
@@ -24,7 +22,6 @@ from planview.output.report.plots import Picture, picture
 from planview.output.report.snapshots import ERRORS_MAX, read_decision_log, scene_pictures
 from planview.output.run_folder import RunFolder, read_object
 from planview.trajectories.plot import person_hex
-from planview.trajectories.table import Trajectories
 
 
 def scores_of(results: RunFolder) -> dict[str, Any]:
@@ -74,32 +71,18 @@ def write_report(folder: Path, evaluation: dict[str, Any] | None = None, truth: 
     """
     results = RunFolder(folder, truth).read_all()
     evaluation = scores_of(results) if evaluation is None else evaluation
-    errors, ids = errors_of(evaluation), results.people
-    logs = read_decision_log(results.path / "decisions.csv", set(ids[:PEOPLE_MAX].tolist()))
-    people = people_rows(results.tracks, results.clock, ids[:PEOPLE_MAX])
+    info, errors, ids = results.info, errors_of(evaluation), results.people[:PEOPLE_MAX]
+    logs = read_decision_log(results.path / "decisions.csv", set(ids.tolist()))
     page = page_of(
-        "planview.output.report",
-        "report.html.j2",
-        run=results,
-        info=results.info,
-        title=Path(results.info.input).name or results.path.resolve().name,
+        "planview.output.report", "report.html.j2", run=results, info=info,
+        title=Path(info.input).name or results.path.resolve().name,
         recorded_s=results.clock.span(results.n_frames).duration_s if results.n_frames else 0.0,
-        scenes=scene_pictures(results, errors),
-        identities=plots.identity_pictures(results, errors),
-        pictures=_pictures(results),
-        figures=_figures,
-        evaluation=evaluation,
-        scores=evaluation_rows(evaluation),
-        errors=errors,
-        errors_max=ERRORS_MAX,
-        n_people=len(ids),
-        people=[
-            row | {"colour": person_hex(row["track_id"]), "decisions": logs.get(row["track_id"])} for row in people
-        ],
-        camera=_camera_rows(results.info),
-        stages={stage: ms for stage, ms in results.info.stages_ms.items() if ms is not None},
-        settings=changed_settings(results.info.config),
-    )
+        scenes=scene_pictures(results, errors), identities=plots.identity_pictures(results, errors),
+        pictures=_pictures(results), figures=_figures, evaluation=evaluation, scores=evaluation_rows(evaluation),
+        errors=errors, errors_max=ERRORS_MAX, n_people=len(results.people), people=_people(results, ids, logs),
+        camera=_camera_rows(info), stages={stage: ms for stage, ms in info.stages_ms.items() if ms is not None},
+        settings=changed_settings(info.config),
+    )  # fmt: skip
     path = folder / "report.html"
     write_result(path, page)
     return path
@@ -130,42 +113,37 @@ def _pictures(results: RunFolder) -> list[Picture]:
     for name, rule in rules.items():
         for way in ("left_to_right", "right_to_left") if rule.get("kind") == "tripwire" else ():
             times = sorted(e.timestamp_s for e in results.events if (e.rule, e.direction) == (name, way))
-            label = f"{name}, {way_words(way, rule.get('inward'))}"
-            crossings[label] = [(0.0, 0), *((time_s, n) for n, time_s in enumerate(times, 1))]
-    if crossings:
-        pictures.append(picture("Crossings over time", plots.steps_plot(crossings, end_s, "crossings")))
-    series = {name: rule.get("occupancy") or rule.get("length") for name, rule in rules.items()}
-    known = {name: changes for name, changes in series.items() if changes}
-    if known:
-        pictures.append(picture("Occupancy and queues", plots.steps_plot(known, end_s, "people")))
+            steps = [(0.0, 0), *((time_s, n) for n, time_s in enumerate(times, 1))]
+            crossings[f"{name}, {way_words(way, rule.get('inward'))}"] = steps
+    inside = {name: rule.get("occupancy") or rule.get("length") or [] for name, rule in rules.items()}
+    for title, series in (("Crossings over time", crossings), ("Occupancy and queues", inside)):
+        if known := {name: changes for name, changes in series.items() if changes}:
+            label = "crossings" if series is crossings else "people"
+            pictures.append(picture(title, plots.steps_plot(known, end_s, label)))
     return pictures
 
 
-def people_rows(tracks: Trajectories, clock: Clock, ids: I64) -> list[dict[str, Any]]:
-    """Of confirmed people, (P,) ids ascending: times [s], way [m], mean speed [m/s], median height [m]; empty where
-    unknown."""
-    rows = np.flatnonzero((tracks.state == "confirmed") & np.isin(tracks.track_id, ids))
-    rows = rows[np.argsort(tracks.track_id[rows], kind="stable")]
-    cuts = np.searchsorted(tracks.track_id[rows], ids[1:])
-    return [_person_row(tracks.where(mine), clock) for mine in np.split(rows, cuts) if len(mine)]
-
-
-def _person_row(person: Trajectories, clock: Clock) -> dict[str, Any]:
-    when = clock.at(person.frame)
-    # From places half a second apart, so that noise does not add up.
-    picked = np.concatenate([[True], np.diff(np.floor((when - when[0]) / 0.5)) > 0])
-    way = float(np.hypot(np.diff(person.x_m[picked]), np.diff(person.y_m[picked])).sum())
-    span = float(when[-1] - when[0])
-    known = person.height_m[np.isfinite(person.height_m)]
-    return {
-        "track_id": int(person.track_id[0]),
-        "first": f"{when[0]:.1f}",
-        "last": f"{when[-1]:.1f}",
-        "observed": f"{len(person) * clock.frame_s:.1f}",
-        "way": f"{way:.1f}" if np.isfinite(way) else "",
-        "speed": f"{way / span:.2f}" if span > 0 and np.isfinite(way) else "",
-        "height": f"{np.median(known):.2f}" if len(known) else "",
-    }
+def _people(run: RunFolder, ids: I64, logs: dict[int, dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of confirmed people, their colour and decisions, times [s], way [m], mean speed [m/s], median height [m]; empty
+    where unknown."""
+    rows, confirmed = [], run.tracks.where(run.of_people)
+    for track_id in ids.tolist():
+        person = confirmed.where(confirmed.track_id == track_id)
+        when = run.clock.at(person.frame)
+        # From places half a second apart, so that noise does not add up.
+        picked = np.concatenate([[True], np.diff(np.floor((when - when[0]) / 0.5)) > 0])
+        way = float(np.hypot(np.diff(person.x_m[picked]), np.diff(person.y_m[picked])).sum())
+        span = float(when[-1] - when[0])
+        known = person.height_m[np.isfinite(person.height_m)]
+        rows.append({
+            "track_id": track_id, "colour": person_hex(track_id), "decisions": logs.get(track_id),
+            "first": f"{when[0]:.1f}", "last": f"{when[-1]:.1f}",
+            "observed": f"{len(person) * run.clock.frame_s:.1f}",
+            "way": f"{way:.1f}" if np.isfinite(way) else "",
+            "speed": f"{way / span:.2f}" if span > 0 and np.isfinite(way) else "",
+            "height": f"{np.median(known):.2f}" if len(known) else "",
+        })  # fmt: skip
+    return rows
 
 
 def _figures(values: dict[str, Any]) -> list[Figure]:
@@ -175,27 +153,21 @@ def _figures(values: dict[str, Any]) -> list[Figure]:
 def evaluation_rows(evaluation: dict[str, Any]) -> list[Figure]:
     """The scores of an evaluation, ready to print."""
     known = {k: v for k, v in evaluation.items() if k != "alignment" and (v is None or isinstance(v, int | float))}
-    rows = [(LABELS.get(k) or words_of(k), figure_text(v)) for k, v in known.items()]
+    rows = [(LABELS.get(k) or words_of(k), v) for k, v in known.items()]
     for people, facing in evaluation.get("facing", {}).items():
-        rows.append((f"facing of {people}: median difference [deg]", figure_text(facing["median_deg"])))
-        rows.append(
-            (f"facing of {people}: with front and back alike [deg]", figure_text(facing["median_modulo_180_deg"]))
-        )
+        rows.append((f"facing of {people}: median difference [deg]", facing["median_deg"]))
+        rows.append((f"facing of {people}: with front and back alike [deg]", facing["median_modulo_180_deg"]))
     errors = evaluation.get("significant_errors") or {}
-    return rows + [(f"significant errors, {words_of(k)}", figure_text(v)) for k, v in errors.items()]
+    rows += [(f"significant errors, {words_of(k)}", v) for k, v in errors.items()]
+    return [(name, figure_text(value)) for name, value in rows]
 
 
 def _camera_rows(info: RunInfo) -> list[Figure]:
     cameras = (info.rig.heads or [info.rig]) if info.rig is not None else []
-    rows = []
-    for part in (*cameras, info.floor):
-        if part is None:
-            continue
-        head = f"{part.name}: " if isinstance(part, CameraInfo) and part.name else ""
-        for name, value in part.model_dump(exclude=_NOT_SHOWN).items():
-            if value is not None:
-                rows.append((head + words_of(name), figure_text(value)))
-    return rows
+    heads = [f"{camera.name}: " if camera.name else "" for camera in cameras]
+    parts = [*zip(heads, cameras, strict=True), *([("", info.floor)] if info.floor is not None else [])]
+    values = [(head + words_of(n), v) for head, part in parts for n, v in part.model_dump(exclude=_NOT_SHOWN).items()]
+    return [(name, figure_text(value)) for name, value in values if value is not None]
 
 
 def changed_settings(config: dict[str, JsonValue]) -> list[tuple[str, str, str]]:
@@ -211,10 +183,7 @@ def flat_settings(config: dict[str, JsonValue], prefix: str = "") -> dict[str, J
     """Values by their dotted names."""
     flat: dict[str, JsonValue] = {}
     for key, value in config.items():
-        if isinstance(value, dict):
-            flat |= flat_settings(value, f"{prefix}{key}.")
-        else:
-            flat[prefix + key] = value
+        flat |= flat_settings(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: value}
     return flat
 
 

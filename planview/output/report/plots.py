@@ -68,11 +68,8 @@ def steps_plot(series: Mapping[str, Sequence[tuple[float, int]]], end_s: float, 
     """Whole numbers over time; ``series``: (time [s], number from then on) by name."""
     figure, axes = new_figure(7.0, 2.6)
     for place, (name, changes) in enumerate(series.items()):
-        times, numbers = zip(*changes, strict=True)
-        colour = COLOURS[place % len(COLOURS)]
-        axes.step(
-            [*times, max(end_s, times[-1])], [*numbers, numbers[-1]], where="post", color=colour, label=plain_text(name)
-        )
+        times, numbers = zip(*changes, (max(end_s, changes[-1][0]), changes[-1][1]), strict=True)
+        axes.step(times, numbers, where="post", color=COLOURS[place % len(COLOURS)], label=plain_text(name))
     _count_axes(axes, label)
     return png_bytes(figure)
 
@@ -91,9 +88,7 @@ def _count_axes(axes: Axes, label: str) -> None:
     """A whole number over time; the legend above the picture, where it hides nothing."""
     from matplotlib.ticker import MaxNLocator
 
-    axes.set_ylim(0, 1.1 * max(1.0, axes.get_ylim()[1]))
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel(label)
+    axes.set(ylim=(0, 1.1 * max(1.0, axes.get_ylim()[1])), xlabel="time [s]", ylabel=label)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.margins(x=0)
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8, frameon=False)

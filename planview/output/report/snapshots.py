@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -38,22 +39,20 @@ def read_decision_log(path: Path, people: set[int]) -> dict[int, dict[str, Any]]
     and ``scores``, the matches in one sentence. Raises InputError: not a table of decisions."""
     if not path.is_file():
         return {}
-    decided: dict[int, list[tuple[str, ...]]] = {}
-    matches: dict[int, list[list[float]]] = {}
+    decided: dict[int, tuple[list[tuple[str, ...]], list[list[float]]]] = {}
     with reading_decisions(path) as rows:
         for row in rows:
-            if (person := int(row["id"])) not in people:
-                continue
-            mine, scores = decided.setdefault(person, []), matches.setdefault(person, [])
-            if row["kind"] == "matched":
-                scores.append([float(row.get(name) or "nan") for name in ("frame", "value", *TERMS)])
-            else:
-                mine.append((row["frame"], f"{float(row['timestamp_s']):.2f}", row["kind"], row["reason"]))
+            if (person := int(row["id"])) in people:
+                events, scores = decided.setdefault(person, ([], []))
+                if row["kind"] == "matched":
+                    scores.append([float(row.get(name) or "nan") for name in ("frame", "value", *TERMS)])
+                else:
+                    events.append((row["frame"], f"{float(row['timestamp_s']):.2f}", row["kind"], row["reason"]))
     logs: dict[int, dict[str, Any]] = {}
-    for person, mine in decided.items():
-        events = [*mine[: EVENTS_MAX - 10], *mine[-10:]] if len(mine) > EVENTS_MAX else mine
-        words = _sentence(np.array(matches[person], dtype=np.float64).reshape(-1, 2 + len(TERMS)))
-        logs[person] = {"events": events, "more": len(mine) - len(events), "scores": words}
+    for person, (events, scores) in decided.items():
+        shown = [*events[: EVENTS_MAX - 10], *events[-10:]] if len(events) > EVENTS_MAX else events
+        words = _sentence(np.array(scores, dtype=np.float64).reshape(-1, 2 + len(TERMS)))
+        logs[person] = {"events": shown, "more": len(events) - len(shown), "scores": words}
     return logs
 
 
@@ -81,13 +80,12 @@ SPREAD = 3
 
 
 class _Wanted(NamedTuple):
-    """A picture to be made of frames, whose first one may be cropped to a person."""
+    """A picture to be made of a frame; or of one at each of STRIP_S, cropped to a person."""
 
     title: str
     note: str
     frames: tuple[int, ...]
     focus: tuple[int | None, int | None] | None = None  # ids of truth and track; None: the whole image
-    times_s: tuple[float, ...] = ()
 
 
 class ScenePictures(NamedTuple):
@@ -110,19 +108,17 @@ def scene_pictures(results: RunFolder, errors: Sequence[SignificantError]) -> Sc
         made = iter(_paint(results, open_frames(results), [wanted for group in groups for wanted in group]))
     except (InputError, WorkError) as error:
         return ScenePictures([], [], [], f"No pictures of the scene: {error}.")
-    overview, strips, crossings = ([p for p in [next(made) for _ in group] if p is not None] for group in groups)
+    overview, strips, crossings = ([p for p in islice(made, len(group)) if p is not None] for group in groups)
     return ScenePictures(overview, strips, crossings)
 
 
 def busiest_frame(results: RunFolder) -> int | None:
     """The frame in the middle of the longest stretch with the most people; None without people."""
-    frames = results.tracks.frame[results.of_people]
-    if not len(frames):
+    found, counts = np.unique(results.tracks.frame[results.of_people], return_counts=True)
+    if not len(found):
         return None
-    found, counts = np.unique(frames, return_counts=True)
     most = found[counts == counts.max()]
-    stretches = np.split(most, np.flatnonzero(np.diff(most) > 1) + 1)
-    longest = max(stretches, key=len)
+    longest = max(np.split(most, np.flatnonzero(np.diff(most) > 1) + 1), key=len)
     return int(longest[len(longest) // 2])
 
 
@@ -139,9 +135,9 @@ def _overview(results: RunFolder) -> list[_Wanted]:
 def _strips(results: RunFolder, errors: Sequence[SignificantError]) -> list[_Wanted]:
     wanted, last = [], max(0, results.n_frames - 1)
     for error in errors[:ERRORS_MAX]:
-        frames = [min(max(error.frame + round(s / results.clock.frame_s), 0), last) for s in STRIP_S]
+        frames = tuple(min(max(error.frame + round(s / results.clock.frame_s), 0), last) for s in STRIP_S)
         title, note = f"{error.kind.replace('_', ' ')}: {error.who}", f"{_when(results, error.frame)}: {error.note}"
-        wanted.append(_Wanted(title, note, tuple(frames), (error.truth_id, error.track_id), STRIP_S))
+        wanted.append(_Wanted(title, note, frames, (error.truth_id, error.track_id)))
     return wanted
 
 
@@ -162,19 +158,18 @@ def _when(results: RunFolder, frame: int) -> str:
 
 def _paint(results: RunFolder, frames: SceneFrames, wanted: Sequence[_Wanted]) -> list[Picture | None]:
     """Read every frame once, in order; a picture whose frames cannot be read is None."""
-    painter = ImagePainter(frames.camera, results.rules, results.bounds())
+    painter = ImagePainter(results.camera, results.rules, results.bounds())
     tiles: dict[tuple[int, int], U8] = {}
     # Trails of 4 s.
     trail = round(4.0 / results.clock.frame_s)
     for frame, image in frames.at(sorted({frame for want in wanted for frame in want.frames})):
         snapshot = snapshot_at(results.tracks, frame, trail, results.truth)
-        picture = painter(image, snapshot)
-        scale = picture.shape[1] / image.shape[1]
+        painted = painter(image, snapshot)
         for n, want in enumerate(wanted):
-            if frame in want.frames and want.focus is None:
-                tiles[n, frame] = picture
-            elif frame in want.frames and want.focus is not None:
-                tiles[n, frame] = _crop(picture, _place(snapshot, want.focus, frames.camera), scale)
+            if frame in want.frames:
+                place = _place(snapshot, want.focus, results.camera) if want.focus else None
+                scale = painted.shape[1] / image.shape[1]
+                tiles[n, frame] = painted if want.focus is None else _crop(painted, place, scale)
     return [_picture(want, [tiles.get((n, frame)) for frame in want.frames]) for n, want in enumerate(wanted)]
 
 
@@ -184,12 +179,11 @@ def _picture(want: _Wanted, tiles: Sequence[U8 | None]) -> Picture | None:
         return None
     if want.focus is None:
         return picture(want.title, encode_image(known[0], quality=QUALITY), want.note, kind="jpeg")
-    gap = np.full((TILE_PX, 4, 3), 128, dtype=np.uint8)
     row = []
-    for tile, time_s in zip(tiles, want.times_s, strict=True):
+    for tile, time_s in zip(tiles, STRIP_S, strict=True):
         shown = np.full((TILE_PX, TILE_PX, 3), 128, dtype=np.uint8) if tile is None else tile
         Labels(shown).put(f"{time_s:+.1f} s" if time_s else "0 s", (0, TILE_PX), (30, 30, 30))
-        row += [shown, gap]
+        row += [shown, np.full((TILE_PX, 4, 3), 128, dtype=np.uint8)]
     strip = encode_image(np.hstack(row[:-1]), quality=QUALITY)
     return picture(want.title, strip, want.note, is_strip=True, kind="jpeg")
 

@@ -17,8 +17,17 @@ from planview.foreground.gain import Exposure
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import ForegroundParams
 from planview.output.folder import RunInfo, write_run_info
-from planview.output.resume import CHECKPOINT, Checkpoint, checkpoint_of, difference, read_checkpoint, write_checkpoint
-from planview.output.state import SavedState, decode, encode
+from planview.output.resume import (
+    CHECKPOINT,
+    Checkpoint,
+    SavedState,
+    checkpoint_of,
+    decode,
+    difference,
+    encode,
+    read_checkpoint,
+    write_checkpoint,
+)
 from planview.tracking.base import Existence
 
 IDENTITY: dict[str, Any] = {
