@@ -12,6 +12,9 @@ class Carried:
     CARRIED: ClassVar[tuple[str, ...]] = ()
     """Names of the attributes that are carried from frame to frame; empty for all of them."""
 
+    def reset(self) -> None:
+        """Forget what is carried, where that is of use."""
+
     def state(self) -> dict[str, Any]:
         """The attributes by name: numbers, strings and arrays, and collections and records of these."""
         return {name: vars(self)[name] for name in self.CARRIED or vars(self)}

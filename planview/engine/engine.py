@@ -10,6 +10,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
+from calib.carried import Carried
 from calib.errors import InputError
 from calib.floor_camera import FloorCamera
 from calib.types import F32
@@ -122,16 +123,6 @@ class Recording(Protocol):
     def __iter__(self) -> Iterator[Frame]: ...
 
 
-class Remembers(Protocol):
-    """What is carried from frame to frame; ``state`` and ``set_state`` are those of ``Carried``."""
-
-    def reset(self) -> None: ...
-
-    def state(self) -> dict[str, Any]: ...
-
-    def set_state(self, state: Mapping[str, Any]) -> None: ...
-
-
 class Stages(Protocol):
     """How frames of one kind of recording become people. Errors are those of ``Engine.step``.
 
@@ -165,7 +156,7 @@ class Stages(Protocol):
     def track(self, frame: Any, depths: RigDepths, clock: StageClock) -> tuple[Observation, tuple[TrackState, ...]]:
         """What the cameras show, by what was learned of the frames before, and the people in it."""
 
-    def memory(self) -> dict[str, Remembers]:
+    def memory(self) -> dict[str, Carried]:
         """By name, the objects but the tracker that hold what is carried from frame to frame."""
 
 
@@ -216,7 +207,7 @@ class Engine:
         for name, part in self._memory().items():
             part.set_state(state[name])
 
-    def _memory(self) -> dict[str, Remembers]:
+    def _memory(self) -> dict[str, Carried]:
         tracker: Any = self.tracker
         if not (hasattr(tracker, "state") and hasattr(tracker, "set_state")):
             raise TypeError(f"{type(tracker).__name__} has no state() and set_state()")

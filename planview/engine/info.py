@@ -124,12 +124,18 @@ def floor_info(camera: FloorCamera | None, rig: FloorRig | None) -> FloorInfo | 
     if floor is None:
         return None
     tilt_deg, roll_deg = math.degrees(floor.tilt_rad), math.degrees(floor.roll_rad)
-    info = FloorInfo(height_m=floor.height_m, tilt_deg=tilt_deg, roll_deg=roll_deg, source="camera.toml")
-    if rig is not None:
-        info.world_SE3_left, info.source = rig.floor.world_SE3_left.matrix.tolist(), rig.floor_source
-        if not math.isnan(rig.floor.inlier_fraction):
-            info.inlier_fraction, info.residual_m = rig.floor.inlier_fraction, rig.floor.residual_m
-    return info
+    if rig is None:
+        return FloorInfo(height_m=floor.height_m, tilt_deg=tilt_deg, roll_deg=roll_deg, source="camera.toml")
+    known = not math.isnan(rig.floor.inlier_fraction)
+    return FloorInfo(
+        height_m=floor.height_m,
+        tilt_deg=tilt_deg,
+        roll_deg=roll_deg,
+        inlier_fraction=rig.floor.inlier_fraction if known else None,
+        residual_m=rig.floor.residual_m if known else None,
+        world_SE3_left=rig.floor.world_SE3_left.matrix.tolist(),
+        source=rig.floor_source,
+    )
 
 
 def camera_of(rig: CameraInfo, floor: FloorInfo) -> FloorCamera | None:

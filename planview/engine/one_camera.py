@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping
-from typing import Protocol, runtime_checkable
+from collections.abc import Mapping
 
 import cv2
 import numpy as np
@@ -17,7 +16,7 @@ from calib.types import U8
 from planview.checks.camera import Steadiness, Steady
 from planview.checks.check import Check
 from planview.engine.config import Config, SingleCameraParams
-from planview.engine.engine import Engine, Frame, Remembers, RigDepths, StageClock, refuse_frame
+from planview.engine.engine import Engine, Frame, RigDepths, StageClock, refuse_frame
 from planview.foreground.ghosts import Ghosts
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
@@ -71,7 +70,7 @@ class ImageForeground(Carried):
         """Whether the camera stands still and shows one scene, from the frames so far."""
         return self._steadiness.checks()
 
-    def memory(self) -> dict[str, Remembers]:
+    def memory(self) -> dict[str, Carried]:
         """What the foreground learned, and the rest."""
         return {"foreground": self._foreground, "ghosts": self._ghosts, "one camera": self}
 
@@ -177,17 +176,9 @@ class ImageStages:
         observation = Observation(frame.index, frame.timestamp_s, (view,))
         return observation, followed(self.tracker, observation)
 
-    def memory(self) -> dict[str, Remembers]:
+    def memory(self) -> dict[str, Carried]:
         """What the foreground learned."""
         return self.foreground.memory()
-
-
-@runtime_checkable
-class LearnsFirst(Protocol):
-    """A tracker that learns from a recording before its first frame is tracked."""
-
-    def study(self, observations: Iterable[Observation]) -> None:
-        """Take as many observations as are of use, in order; what is learned survives ``reset``."""
 
 
 def one_camera_engine(
@@ -201,14 +192,15 @@ def one_camera_engine(
 
     Args:
         camera: calibration above the floor, None where the tracker needs none.
-        overview: a tracker that can learn from the beginning of the recording sees it first; otherwise it learns
-            everything while it tracks, as from a camera that runs.
+        overview: a tracker with ``study(observations)`` sees the beginning of the recording first, and what it learns
+            survives ``reset``; otherwise it learns everything while it tracks, as from a camera that runs.
     """
     config = config or Config()
     stages = ImageStages(config.single_camera, recording.size, tracker, camera)
-    if overview and isinstance(tracker, LearnsFirst):
+    study = getattr(tracker, "study", None)
+    if overview and study is not None:
         step = max(1, round(recording.fps / OVERVIEW_HZ))
-        tracker.study(
+        study(
             Observation(frame.index, frame.timestamp_s, (stages.foreground.view(frame),))
             for frame in recording if frame.index % step == 0
         )  # fmt: skip

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.carried import Carried
 from calib.errors import InputError
 from planview.engine.config import Config
-from planview.engine.engine import Engine, Frame, Remembers, RigDepths, StageClock, refuse_frame
+from planview.engine.engine import Engine, Frame, RigDepths, StageClock, refuse_frame
 from planview.maps.grid import floor_in_view
 from planview.maps.plan_view import plan_view
 from planview.maps.recording import MapsFrame, MapsRecording
@@ -91,7 +92,7 @@ class ReplayStages:
             return View.unknown(maps.shape, rays=maps.rays)
         return maps.view(replace(points, colours=frame.colours), mask, frame.timestamp_s, frame.background)
 
-    def memory(self) -> dict[str, Remembers]:
+    def memory(self) -> dict[str, Carried]:
         """How far away the background is."""
         return {"maps": self._maps}
 

@@ -14,7 +14,7 @@ from calib.errors import InputError
 from calib.types import U8
 from calib.world import RIGS_FILE
 from planview.engine.config import Config, FeedbackParams
-from planview.engine.engine import Engine, Frame, Remembers, RigDepths, StageClock, refuse_frame
+from planview.engine.engine import Engine, Frame, RigDepths, StageClock, refuse_frame
 from planview.engine.setup import Setup, refuse_foreign_disparity, set_up
 from planview.foreground.mixture import Foreground
 from planview.foreground.params import BACKGROUND, PERSON
@@ -68,7 +68,7 @@ class RigStages:
         )
         self.feedback = Feedback(config.feedback)
 
-    def memory(self) -> dict[str, Remembers]:
+    def memory(self) -> dict[str, Carried]:
         """What is carried from frame to frame."""
         return {"foreground": self.foreground, "feedback": self.feedback, "maps": self.maps}
 
@@ -147,7 +147,7 @@ class StereoStages:
         clock.record("match")
         return depths
 
-    def memory(self) -> dict[str, Remembers]:
+    def memory(self) -> dict[str, Carried]:
         """What every rig remembers."""
         return {f"{name}{n}": part for n, rig in enumerate(self._rigs) for name, part in rig.memory().items()}
 
