@@ -25,8 +25,6 @@ INTERVALS_MAX = 10_080
 """Intervals of the totals at most, a week of minutes: where the clock has jumped they are longer."""
 JUMP_S = 600.0
 """A step of the clock from one frame to the next that is longer is a jump [s]: no recorder pauses so long unnoticed."""
-
-
 SLOW_S = 5.0
 """Milliseconds read as seconds make a frame last so long at up to 200 frames per second."""
 
@@ -121,8 +119,10 @@ class Counts:
 
     def to_json(self) -> dict[str, Any]:
         """The object of ``count --json`` and counts.json: ``rules`` by name, the totals per interval within."""
-        rules: dict[str, Any] = {rule.name: self._wire(rule) | _place(rule) for rule in self.rules.tripwires}
-        rules |= {rule.name: self._zone(rule.name) | _place(rule) for rule in self.rules.zones}
+        rules: dict[str, Any] = {rule.name: self._wire(rule) for rule in self.rules.tripwires}
+        rules |= {rule.name: self._zone(rule.name) for rule in self.rules.zones}
+        for rule in (*self.rules.tripwires, *self.rules.zones):  # where it was applied, for pictures
+            rules[rule.name] |= {"plane": rule.plane, "points": rule.points.tolist()}
         rules |= {queue.name: self._queue(queue) for queue in self.rules.queues}
         span = {"start_s": self.span.start_s, "duration_s": self.span.duration_s}
         return {"rules": rules, **span, "interval_s": self.interval_s}
@@ -216,11 +216,6 @@ def _times(stays: Sequence[Stay], frame_s: float) -> tuple[F64, F64]:
     return np.array([stay.start_s for stay in stays], dtype=np.float64), np.array(ends, dtype=np.float64)
 
 
-def _place(rule: Placed) -> dict[str, Any]:
-    """Where a rule was applied, for pictures."""
-    return {"plane": rule.plane, "points": rule.points.tolist()}
-
-
 def _by_direction(events: Sequence[Event], inward: Direction) -> dict[str, int]:
     count = Counter(event.direction for event in events)
     found = {"left_to_right": count["left_to_right"], "right_to_left": count["right_to_left"]}
@@ -233,9 +228,13 @@ def _passages(events: Sequence[Event]) -> dict[str, int]:
 
 
 def count_tracks(
-    tracks: Trajectories, rules: Rules, params: AnalyticsParams | None = None, *, clock: Clock | None = None,
+    tracks: Trajectories,
+    rules: Rules,
+    params: AnalyticsParams | None = None,
+    *,
+    clock: Clock | None = None,
     n_frames: int = 0,
-) -> Counts:  # fmt: skip
+) -> Counts:
     """Apply rules to tracks, with the time of their frames (30 a second without timestamps) or another clock; a
     recording of unknown length ends with the last row. Raises InputError: the tracks have no place in the plane of a
     rule."""
@@ -354,11 +353,13 @@ def crossing_scores(true: Sequence[Event], found: Sequence[Event], window_s: flo
     late = np.array([found[j].timestamp_s - true[i].timestamp_s for i, j in pairs])
     n_true, n_found, n = len(true), len(found), len(pairs)
     wrong = (n_true - n) + (n_found - n)
+    ways = {
+        f"{kind}_{way}": sum(event.direction == way for event in events)
+        for kind, events in (("true", true), ("found", found))
+        for way in ("left_to_right", "right_to_left")
+    }
     return CrossingScores(
-        true_left_to_right=_count(true, "left_to_right"),
-        true_right_to_left=_count(true, "right_to_left"),
-        found_left_to_right=_count(found, "left_to_right"),
-        found_right_to_left=_count(found, "right_to_left"),
+        **ways,
         matched=n,
         wrong_direction=len(turned),
         accuracy=max(0.0, 1.0 - abs(n_found - n_true) / n_true) if n_true else None,
@@ -368,10 +369,6 @@ def crossing_scores(true: Sequence[Event], found: Sequence[Event], window_s: flo
         timing_mean_s=float(late.mean()) if n else None,
         timing_std_s=float(late.std()) if n else None,
     )
-
-
-def _count(events: Sequence[Event], direction: Direction) -> int:
-    return sum(event.direction == direction for event in events)
 
 
 def occupancy_groups(true: I64, found: I64) -> list[OccupancyGroup]:

@@ -11,7 +11,7 @@ import csv
 import io
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -72,8 +72,7 @@ def smoothed(times_s: F64, xy_m: F64, measured: Bool) -> tuple[F64, F64]:
     return states[:, :2], states[:, 2:]
 
 
-@dataclass(frozen=True, eq=False)
-class Refined:
+class Refined(NamedTuple):
     """The refined table and what was changed."""
 
     tracks: Trajectories
@@ -136,7 +135,7 @@ def _joined(tracks: Sequence[Trajectories]) -> tuple[list[Trajectories], list[Ch
             changes.append(Change(person, *frames, "join", reason, float(odds[i, j])))
         chains.setdefault(first[j], []).append(track)
     people = [concatenated(chain) for chain in chains.values()]
-    ids = [int(chain[0].track_id[0]) for chain in chains.values()]
+    ids = [chain[0].track_id[0] for chain in chains.values()]
     return [replace(p, track_id=np.full(len(p), i)) for p, i in zip(people, ids, strict=True)], changes
 
 

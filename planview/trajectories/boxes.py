@@ -170,12 +170,9 @@ def people_among(classes: Iterable[float]) -> tuple[int, ...]:
 
 def left_out(people: Iterable[float], others: Iterable[float], where: str) -> str:
     """A sentence on the classes of a file; empty where all rows show people."""
-    others = sorted(others)
-    return (
-        f"class {listed_numbers(people)} in {where} is people; class {listed_numbers(others)} is left out"
-        if others
-        else ""
-    )
+    if not (others := sorted(others)):
+        return ""
+    return f"class {listed_numbers(people)} in {where} is people; class {listed_numbers(others)} is left out"
 
 
 def _of_classes(table: F64, kind: int, path: Path, truth: bool) -> tuple[Bool, F64, F64, str]:

@@ -26,7 +26,7 @@ from planview.counting.rules import (
 from planview.counting.stream import Analytics
 from planview.counting.totals import INTERVALS_MAX, Clock, count_tracks, crossing_scores, occupancy_groups
 from planview.trajectories.state import TrackState
-from planview.trajectories.table import Trajectories, TrajectoryCollector, positions_table, row_states
+from planview.trajectories.table import Trajectories, TrajectoryCollector, positions_table, row_states, table_of
 from stereo.depth import RectifiedGeometry
 
 CAMERA = GroundCamera(640, 480, 500.0, 3.0, math.radians(60))
@@ -278,13 +278,8 @@ def wild_tracks(seed: int) -> Trajectories:
             state = rng.choice(["confirmed", "lost", "tentative"], p=[0.9, 0.07, 0.03])
             if not away and all(row[:2] != (frame, track_id) for row in rows[-2000:]):
                 rows.append((frame, track_id, *place, state))
-    rows.sort(key=lambda row: row[:2])
-    frame, ids, x, y, state = zip(*rows, strict=True)
-    n = len(rows)
-    return Trajectories(
-        np.array(frame), np.array(ids), np.array(frame) / 10, np.array(x), np.array(y), np.full(n, 1.7),
-        np.array(state), np.ones(n), np.full((n, 4), np.nan), np.full((n, 2), np.nan), np.full(n, np.nan),
-    )  # fmt: skip
+    columns = dict(zip(("frame", "id", "x_m", "y_m", "state"), zip(*rows, strict=True), strict=True))
+    return table_of(columns | {"timestamp_s": np.array(columns["frame"]) / 10}, "wild")
 
 
 def every_frame(tracks: Trajectories, rules: Rules, params: AnalyticsParams) -> tuple[list[Event], Stays, People]:
