@@ -8,6 +8,9 @@ from typing import Any
 import pytest
 from cli import Cli, JsonOf, Refused, one_sentence
 
+# As in planview.cli: threads of small matrices wait for each other, most of all in tests side by side.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 WITHOUT_RECORDINGS = "real recordings are not here"
 """Begins the reason of every skip for that."""
 
