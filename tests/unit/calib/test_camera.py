@@ -24,15 +24,10 @@ from calib.world import RigEntry, load_rigs, load_world, save_rigs, save_world
 
 BROWN = Camera(640, 480, 500.0, 505.0, 320.0, 240.0, "brown", (-0.3, 0.1, 0.001, -0.001, 0.0))
 FISHEYE = Camera(640, 480, 300.0, 300.0, 320.0, 240.0, "fisheye", (0.02, -0.01, 0.003, 0.0))
-
-
-RATIONAL = Camera(
-    1280, 800, 808.3, 807.5, 634.2, 407.7, "rational", (-9.2, 65.3, -5e-5, 5e-4, -87.7, -9.29, 65.5, -87.8)
-)
-TILTED = Camera(
-    640, 480, 500.0, 505.0, 320.0, 240.0, "rational",
-    (-0.3, 0.1, 0.001, -0.001, 0.0, 0.1, 0.05, 0.01, 0.001, 0.002, -0.001, 0.0005, 0.02, -0.03),
-)  # fmt: skip
+EIGHT = (-9.2, 65.3, -5e-5, 5e-4, -87.7, -9.29, 65.5, -87.8)
+TILT = (*BROWN.distortion, 0.1, 0.05, 0.01, 0.001, 0.002, -0.001, 0.0005, 0.02, -0.03)
+RATIONAL = Camera(1280, 800, 808.3, 807.5, 634.2, 407.7, "rational", EIGHT)
+TILTED = Camera(640, 480, 500.0, 505.0, 320.0, 240.0, "rational", TILT)
 
 
 @pytest.mark.parametrize("camera", [BROWN, FISHEYE, RATIONAL, TILTED])
@@ -68,14 +63,17 @@ def test_pose_knows_its_inverse_and_the_angle_of_its_rotation_at_any_size(angle)
     np.testing.assert_allclose((pose.inverse() @ pose).matrix, np.eye(4), atol=1e-12)
 
 
-def test_world_has_y_up_the_image_of_an_overhead_camera_and_ahead_of_a_level_one():
-    floor = Floor(world_from_plane(np.array([0.0, 0.0, -1.0]), 2.7))
-    np.testing.assert_allclose(floor.world_SE3_left @ [[1.0, 0.0, 2.7]], [[1.0, 0.0, 0.0]], atol=1e-12)
-    np.testing.assert_allclose(floor.world_SE3_left @ [[0.0, -1.0, 1.7]], [[0.0, 1.0, 1.0]], atol=1e-12)
-    assert floor.tilt_rad == pytest.approx(0.0) and floor.height_m == pytest.approx(2.7)
-    floor = Floor(world_from_plane(np.array([0.0, -1.0, 0.0]), 2.0))
-    np.testing.assert_allclose(floor.world_SE3_left @ [[0.0, 2.0, 5.0]], [[0.0, 5.0, 0.0]], atol=1e-12)
-    assert np.degrees(floor.tilt_rad) == pytest.approx(90.0)
+@pytest.mark.parametrize(
+    ("normal", "height_m", "tilt_deg", "points"),
+    [
+        ([0.0, 0.0, -1.0], 2.7, 0.0, {(1.0, 0.0, 2.7): [1.0, 0.0, 0.0], (0.0, -1.0, 1.7): [0.0, 1.0, 1.0]}),
+        ([0.0, -1.0, 0.0], 2.0, 90.0, {(0.0, 2.0, 5.0): [0.0, 5.0, 0.0]}),
+    ],
+)
+def test_world_has_y_up_the_image_of_an_overhead_camera_and_ahead_of_a_level_one(normal, height_m, tilt_deg, points):
+    floor = Floor(world_from_plane(np.array(normal), height_m))
+    np.testing.assert_allclose(floor.world_SE3_left @ list(points), list(points.values()), atol=1e-12)
+    assert np.degrees(floor.tilt_rad) == pytest.approx(tilt_deg) and floor.height_m == pytest.approx(height_m)
 
 
 def test_roll_turns_the_image_clockwise_about_its_centre() -> None:
@@ -145,15 +143,10 @@ def test_heads_that_cannot_be_are_refused(entries: list[RigEntry], found: str, t
         load_rigs(tmp_path / "rigs.toml")
 
 
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [(text, "") for text in ("head = 3", "[[head]]\nfolder = 'a'", "head = [1]", "[[head", "head = []")]
-    + [("a" + ".a" * 60_000 + " = 1", ".*nested more than 32 deep")],
-    ids=lambda text: text[:20],
-)
-def test_files_that_list_no_heads_are_refused_at_once(text, found, tmp_path):
+@pytest.mark.parametrize("text", ["head = 3", "[[head]]\nfolder = 'a'", "head = [1]", "[[head", "head = []"])
+def test_files_that_list_no_heads_are_refused_at_once(text, tmp_path):
     (tmp_path / "rigs.toml").write_text(text)
-    with pytest.raises(InputError, match=rf"rigs\.toml: expected{found}"):
+    with pytest.raises(InputError, match=r"rigs\.toml: expected"):
         load_rigs(tmp_path / "rigs.toml")
 
 
@@ -164,17 +157,12 @@ def test_extent_that_is_no_rectangle_is_refused(extent: tuple[float, float, floa
         load_world(tmp_path / "world.toml")
 
 
+PINHOLE = np.array([[250.0, 0.0, 160.0], [0.0, 240.0, 119.0], [0.0, 0.0, 1.0]])
+POSE = SE3.from_rotvec([np.radians(180 + 40), 0.0, 0.1], [0.2, -0.3, 2.7])
+
+
 @pytest.mark.parametrize(
-    "camera",
-    [
-        GroundCamera(320, 240, 250.0, 3.0, 0.9, roll_rad=0.1),
-        FloorPinhole(
-            (320, 240),
-            np.array([[250.0, 0.0, 160.0], [0.0, 240.0, 119.0], [0.0, 0.0, 1.0]]),
-            SE3.from_rotvec([np.radians(180 + 40), 0.0, 0.1], [0.2, -0.3, 2.7]),
-        ),
-    ],
-    ids=["four parameters", "a pinhole with a pose"],
+    "camera", [GroundCamera(320, 240, 250.0, 3.0, 0.9, roll_rad=0.1), FloorPinhole((320, 240), PINHOLE, POSE)]
 )
 def test_floor_cameras_agree_with_their_projection_and_find_the_floor_again(camera: FloorCamera) -> None:
     pixels = np.array([[100.0, 200.0], [160.0, 120.0], [300.0, 230.0]])
@@ -187,88 +175,62 @@ def test_floor_cameras_agree_with_their_projection_and_find_the_floor_again(came
     np.testing.assert_allclose(np.cross(rays, towards), 0.0, atol=1e-6 * np.linalg.norm(rays))
 
 
-XML = """<?xml version="1.0" encoding="UTF-8"?>
-<Camera name="test">
-  <Geometry width="768" height="576" ncx="800" nfx="768" dx="0.0096" dy="0.01" {pitch} dpy="0.01"/>
-  <Intrinsic focal="{focal}" kappa1="{kappa}" cx="384" cy="288" sx="1.0"/>
-  <Extrinsic tx="0" ty="0" tz="5000" rx="{rx}" ry="0" rz="0"/>
-</Camera>
-"""
-
-
-def write(folder: Path, focal: str = "8", kappa: str = "0", rx: str = "3.141592653589793", pitch: str = "") -> Path:
-    (folder / "view.xml").write_text(XML.format(focal=focal, kappa=kappa, rx=rx, pitch=pitch))
+def tsai(folder: Path, focal="8", kappa="0", rx=f"{math.pi}", ty="0", tz="5000", pitch="") -> Path:
+    """A camera of 768 x 576 px and dpx = 0.0096 * 800 / 768 = 0.01 mm, 5 m above the origin, looking straight down."""
+    (folder / "view.xml").write_text(
+        f'<Camera><Geometry width="768" height="576" ncx="800" nfx="768" dx="0.0096" dy="0.01" {pitch} dpy="0.01"/>'
+        f'<Intrinsic focal="{focal}" kappa1="{kappa}" cx="384" cy="288" sx="1.0"/>'
+        f'<Extrinsic tx="0" ty="{ty}" tz="{tz}" rx="{rx}" ry="0" rz="0"/></Camera>'
+    )
     return folder / "view.xml"
 
 
-def test_tsai_camera_projects_as_by_hand_and_nothing_above_the_horizon(tmp_path):
-    # 5 m above the origin looking straight down; dpx = 0.0096 * 800 / 768 = 0.01 mm, so 800 px of focal length.
-    camera = load_tsai(write(tmp_path))
+@pytest.mark.parametrize(("point", "pixel"), [((1.0, 0.0), (384 + 160, 288)), ((0.0, 1.0), (384, 288 - 160))])
+def test_tsai_camera_projects_as_by_hand(tmp_path, point, pixel):
+    camera = load_tsai(tsai(tmp_path))  # 800 px of focal length
     np.testing.assert_allclose(camera.centre_m, [0.0, 0.0, 5.0], atol=1e-12)
-    np.testing.assert_allclose(camera.project([[1.0, 0.0, 0.0]]), [[384 + 160, 288]], atol=1e-9)
-    np.testing.assert_allclose(camera.project([[0.0, 1.0, 0.0]]), [[384, 288 - 160]], atol=1e-9)
-    camera = load_tsai(write(tmp_path, rx="-1.5707963267948966"))
-    assert np.isnan(camera.back_project([[384.0, 0.0]])).all()
+    np.testing.assert_allclose(camera.project([[*point, 0.0]]), [pixel], atol=1e-9)
+
+
+def test_tsai_camera_has_nothing_above_the_horizon(tmp_path):
+    assert np.isnan(load_tsai(tsai(tmp_path, rx=f"{-math.pi / 2}")).back_project([[384.0, 0.0]])).all()
 
 
 @pytest.mark.parametrize("kappa", ["0.01", "-0.005"])
 def test_tsai_back_projection_inverts_projection(kappa: str, tmp_path: Path) -> None:
-    camera = load_tsai(write(tmp_path, kappa=kappa, rx="2.2"))
+    camera = load_tsai(tsai(tmp_path, kappa=kappa, rx="2.2"))
     floor = np.array([[0.0, 0.5, 0.3], [0.4, -0.2, 0.3]])
     np.testing.assert_allclose(camera.back_project(camera.project(floor), 0.3), floor[:, :2], atol=1e-10)
 
 
-@pytest.mark.parametrize(("field", "value"), [("focal", "nan"), ("focal", "-1"), ("focal", "x"), ("pitch", 'dpx="0"')])
-def test_tsai_file_with_a_bad_number_is_refused(field: str, value: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("value", [{"focal": "nan"}, {"focal": "-1"}, {"focal": "x"}, {"pitch": 'dpx="0"'}], ids=str)
+def test_tsai_file_with_a_bad_number_is_refused(value, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"view.xml: expected a Tsai camera"):
-        load_tsai(write(tmp_path, **{field: value}))
-
-
-def tsai_of(camera: GroundCamera) -> str:
-    """A Tsai XML of an upright camera that looks along +y, in millimetres, without distortion."""
-    turn = math.pi - camera.tilt_rad  # about x
-    y, z = (SE3.from_rotvec([turn, 0.0, 0.0]).rotation @ [0.0, 0.0, -1000.0 * camera.height_m])[1:]
-    return (
-        f'<Camera><Geometry width="{camera.width}" height="{camera.height}" dpx="0.01" dpy="0.01"/>'
-        f'<Intrinsic focal="{0.01 * camera.focal_px}" kappa1="0" cx="{(camera.width - 1) / 2}" '
-        f'cy="{(camera.height - 1) / 2}" sx="1"/>'
-        f'<Extrinsic tx="0" ty="{y}" tz="{z}" rx="{turn}" ry="0" rz="0"/></Camera>'
-    )
-
-
-STREET = GroundCamera(768, 576, 1100.0, 7.0, math.radians(70))
+        load_tsai(tsai(tmp_path, **value))
 
 
 def test_tsai_camera_is_the_same_camera_above_the_floor_at_the_size_of_the_images(tmp_path: Path) -> None:
-    (tmp_path / "view.xml").write_text(tsai_of(STREET))
-    assert holds_one_camera(tmp_path / "view.xml")
-    found, expected = load_one_camera(tmp_path / "view.xml", (384, 288)), STREET.scaled(384, 288)
+    turn = math.radians(180 - 70)  # looks along +y, 7 m above the floor
+    path = tsai(tmp_path, "11", rx=f"{turn}", ty=f"{7000 * math.sin(turn)}", tz=f"{-7000 * math.cos(turn)}")
+    assert holds_one_camera(path)
+    found = load_one_camera(path, (384, 288))
     assert (found.size, found.lens) == ((384, 288), "pinhole")
-    assert found.height_m == pytest.approx(7.0) and found.focal_px == pytest.approx(expected.focal_px, rel=1e-3)
+    assert found.height_m == pytest.approx(7.0) and found.focal_px == pytest.approx(550.0, rel=1e-3)
     assert math.degrees(found.tilt_rad) == pytest.approx(70.0, abs=0.05)
     with pytest.raises(InputError, match=r"expected a camera for images of 640x360 px, found one for 768x576 px"):
-        load_one_camera(tmp_path / "view.xml", (640, 360))
+        load_one_camera(path, (640, 360))
+
+
+K3 = "data: [700., 0, 320, 0, 701, 240, 0, 0, 1]"
 
 
 @pytest.mark.parametrize(
     ("name", "text", "lens"),
     [
-        (
-            "opencv.yml",
-            "%YAML:1.0\n---\ncamera_matrix: {data: [700., 0, 320, 0, 701, 240, 0, 0, 1]}\n",
-            "focal length 700",
-        ),
-        ("cameras.txt", "# Camera list\n1 PINHOLE 640 480 512.5 512.5 320 240\n", "COLMAP, PINHOLE, focal length 512"),
-        (
-            "kalibr.yaml",
-            "cam0:\n  intrinsics: [458.6, 457.2, 367.2, 248.3]\n  resolution: [752, 480]\n",
-            "focal length 459",
-        ),
-        (
-            "room.pet",
-            '<PETRACK><OLD_MODEL CX="1" CY="2" FX="842.5" FY="842.7"/></PETRACK>',
-            "PeTrack .*focal length 842",
-        ),
+        ("opencv.yml", f"%YAML:1.0\n---\ncamera_matrix: {{{K3}}}\n", "focal length 700"),
+        ("cameras.txt", "# List\n1 PINHOLE 640 480 512.5 512.5 320 240\n", "COLMAP, PINHOLE, focal length 512"),
+        ("kalibr.yaml", "cam0: {intrinsics: [458, 457, 367, 248], resolution: [752, 480]}\n", "focal length 458"),
+        ("room.pet", '<PETRACK><OLD_MODEL FX="842.5" FY="842.7"/></PETRACK>', "PeTrack .*focal length 842"),
     ],
 )
 def test_lens_without_a_place_is_refused_with_its_focal_length(name, text, lens, tmp_path):

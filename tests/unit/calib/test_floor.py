@@ -1,6 +1,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -65,40 +66,43 @@ class Room:
         return (self.rays * (FOCAL_PX * BASELINE_M / disparity)[:, None]).astype(np.float32)
 
 
-def found(clouds: list[F32]) -> Floor:
-    return find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M)
+def found(clouds: list[F32], **seen: F64) -> Floor:
+    return find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M, **seen)
+
+
+FLOOR, WALL = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
+PERSON = np.column_stack([np.zeros(900), np.linspace(-0.5, 1.2, 900), np.full(900, 2.2)])
+"""Points that move in front of a level camera."""
+
+
+def room(pose: SE3, *planes: tuple[Any, ...]) -> Room:
+    """A room of planes: normal, offset and bounds of each, of a floor alone by default."""
+    made = Room(pose)
+    for one in planes or ((FLOOR, 0.0),):
+        made.add(*one)
+    return made
 
 
 @pytest.mark.parametrize("tilt_deg", [0, 30, 60, 75])
 def test_floor_is_found_among_walls_and_a_table_at_any_tilt(tilt_deg: float) -> None:
-    height = 2.6
-    room = Room(pose_of(tilt_deg, height, 2.0))
-    room.add((0.0, 0.0, 1.0), 0.0)
-    room.add((0.0, 1.0, 0.0), 6.0)
-    room.add((1.0, 0.0, 0.0), -3.0)
-    ahead = height * math.tan(math.radians(tilt_deg))
-    room.add((0.0, 0.0, 1.0), 0.75, (-0.6, 0.6, ahead - 0.4, ahead + 0.4))
-    floor = found(room.clouds())
-    assert floor.height_m == pytest.approx(height, abs=0.02)
+    pose, ahead = pose_of(tilt_deg, 2.6, 2.0), 2.6 * math.tan(math.radians(tilt_deg))
+    table = (FLOOR, 0.75, (-0.6, 0.6, ahead - 0.4, ahead + 0.4))
+    floor = found(room(pose, (FLOOR, 0.0), (WALL, 6.0), ((1.0, 0.0, 0.0), -3.0), table).clouds())
+    assert floor.height_m == pytest.approx(2.6, abs=0.02)
     assert math.degrees(floor.roll_rad) == pytest.approx(2.0, abs=0.3)
-    true_tilt = pose_of(tilt_deg, height, 2.0)
-    assert math.degrees(floor.tilt_rad - Floor(true_tilt).tilt_rad) == pytest.approx(0.0, abs=0.3)
+    assert math.degrees(floor.tilt_rad - Floor(pose).tilt_rad) == pytest.approx(0.0, abs=0.3)
 
 
 def test_wall_before_which_people_walk_is_no_floor_seen_from_above() -> None:
-    room = Room(pose_of(80, 1.8))
-    room.add((0.0, 1.0, 0.0), 5.5)
-    clouds = room.clouds(6, people=False)
+    clouds = room(pose_of(80, 1.8), (WALL, 5.5)).clouds(6, people=False)
     floor = found(clouds)
     assert floor.height_m == pytest.approx(5.5, abs=0.2) and "a wall in front of a level camera" in floor.doubt
-    person = np.column_stack([np.zeros(900), np.linspace(-0.5, 1.2, 900), np.full(900, 2.2)])
     with pytest.raises(WorkError, match="of what moves is higher than people above it"):
-        find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M, moved=person)
+        found(clouds, moved=PERSON)
 
 
 def test_wall_along_which_people_stand_is_no_floor() -> None:
-    wall = Plane(np.array([0.0, 0.0, 1 / 3.2]), 1.0, np.eye(3))
-    floor = Plane(np.array([0.0, 1 / 1.3, 0.0]), 1.0, np.eye(3))
+    wall, floor = (Plane(np.array(q), 1.0, np.eye(3)) for q in ([0.0, 0.0, 1 / 3.2], [0.0, 1 / 1.3, 0.0]))
     moved = Moved(np.empty((0, 3)), np.array([[0.0, 1.0, 0.1], [0.1, -1.0, 0.0], [0.0, 1.0, 0.0], [np.nan] * 3]))
     assert moved.objection(wall) == "what moves does not stand on it but lies along it"
     assert moved.objection(floor) == ""
@@ -106,12 +110,8 @@ def test_wall_along_which_people_stand_is_no_floor() -> None:
 
 @pytest.mark.parametrize("tilt_deg", [88.5, 90, 91.5])
 def test_floor_of_a_level_camera_is_found_where_people_walk_before_the_wall(tilt_deg: float) -> None:
-    room = Room(pose_of(tilt_deg, 1.3))
-    room.add((0.0, 0.0, 1.0), 0.0)
-    room.add((0.0, 1.0, 0.0), 6.0)
-    person = np.column_stack([np.zeros(900), np.linspace(-0.5, 1.2, 900), np.full(900, 2.2)])
-    clouds = room.clouds(6, people=False)
-    floor = find_floor(clouds, focal_px=FOCAL_PX, baseline_m=BASELINE_M, moved=person)
+    clouds = room(pose_of(tilt_deg, 1.3), (FLOOR, 0.0), (WALL, 6.0)).clouds(6, people=False)
+    floor = found(clouds, moved=PERSON)
     assert floor.height_m == pytest.approx(1.3, abs=0.03) and floor.inlier_fraction < 0.35
     assert math.degrees(floor.tilt_rad) == pytest.approx(tilt_deg, abs=0.3) and not floor.doubt
     alone = found(clouds)
@@ -119,34 +119,26 @@ def test_floor_of_a_level_camera_is_found_where_people_walk_before_the_wall(tilt
 
 
 def test_refusal_names_the_best_plane_and_the_world_that_accepts_it(tmp_path: Path) -> None:
-    room = Room(pose_of(60, 0.7))
-    room.add((0.0, 0.0, 1.0), 0.0)
     with pytest.raises(WorkError, match=r"best plane, 0.70 m from the camera at tilt 60.0 .* refused: 0.70 m") as e:
-        found(room.clouds(people=False))
+        found(room(pose_of(60, 0.7)).clouds(people=False))
     (tmp_path / "world.toml").write_text("world_SE3_left" + str(e.value).split("world_SE3_left")[1])
     assert load_world(tmp_path / "world.toml").height_m == pytest.approx(0.7, abs=0.01)
 
 
 def test_floor_has_its_uncertainty_and_extent() -> None:
-    room = Room(pose_of(45, 3.0))
-    room.add((0.0, 0.0, 1.0), 0.0, (-2, 2, 1.5, 6))
-    floor = found(room.clouds())
+    floor = found(room(pose_of(45, 3.0), (FLOOR, 0.0, (-2, 2, 1.5, 6))).clouds())
     assert floor.covariance is not None and floor.extent_m is not None
     assert 0 < math.sqrt(floor.covariance[0, 0]) < 0.02 and floor.residual_m < 0.1
     assert floor.extent_m[1] == pytest.approx(1.5, abs=0.2)
 
 
 def test_floor_takes_the_floor_below_a_table_that_is_larger() -> None:
-    room = Room(pose_of(0, 3.0))
-    room.add((0.0, 0.0, 1.0), 0.0)
-    room.add((0.0, 0.0, 1.0), 0.75, (-1.0, 1.0, -0.5, 0.7))
-    assert found(room.clouds(people=False)).height_m == pytest.approx(3.0, abs=0.02)
+    clouds = room(pose_of(0, 3.0), (FLOOR, 0.0), (FLOOR, 0.75, (-1.0, 1.0, -0.5, 0.7))).clouds(people=False)
+    assert found(clouds).height_m == pytest.approx(3.0, abs=0.02)
 
 
 def test_upside_down_camera_is_named_where_its_floor_is_refused() -> None:
-    room = Room(pose_of(60, 2.5))
-    room.add((0.0, 0.0, 1.0), 0.0)
-    turned = [cloud * np.array([-1, -1, 1], np.float32) for cloud in room.clouds(people=False)]
+    turned = [cloud * np.array([-1, -1, 1], np.float32) for cloud in room(pose_of(60, 2.5)).clouds(people=False)]
     with pytest.raises(WorkError, match=r"wall or ceiling, or the floor of an upside-down camera \(tilt -60"):
         found(turned)
 

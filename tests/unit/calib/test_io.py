@@ -2,6 +2,7 @@
 
 import os
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -16,7 +17,7 @@ from calib import libraries
 from calib.errors import MESSAGE_MAX, InputError, WorkError, printable
 from calib.formats import load_rig
 from calib.formats.base import parse_yaml
-from calib.images import as_colour, as_grey, encode_image, focal_share, write_image
+from calib.images import as_colour, as_grey, focal_share, write_image
 from calib.io import (
     MAX_TOML,
     load_toml,
@@ -34,38 +35,26 @@ from planview.counting.rules import load_rules
 from planview.engine.config import load_config
 from planview.trajectories.formats import load_file
 
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "a" + ".a" * 90_000 + " = 1",
-        "a = " + "[" * 90_000,
-        "a = " + "{b = " * 1000,
-        "a = " + "9" * 5000,
-        "x" * (MAX_TOML + 1),
-    ],
-    ids=["dotted key", "deep list", "deep table", "5000 digits", "too long"],
-)  # fmt: skip
-def test_toml_beyond_reason_is_refused(text: str) -> None:
-    with pytest.raises(ValueError):
-        parse_toml(text)
-
-
-def test_toml_as_people_write_it_is_read() -> None:
-    assert parse_toml('a.b.c = [[1.5, 2.5], [3.5, 4.5]] # "a.b.c.d"\n') == {"a": {"b": {"c": [[1.5, 2.5], [3.5, 4.5]]}}}
-
-
 MERGES = "\n".join(["b0: &b0 {x: 1}", *(f"b{i}: &b{i}\n  <<: [{', '.join([f'*b{i - 1}'] * 9)}]" for i in range(1, 9))])
 
 
 @pytest.mark.parametrize(
-    ("text", "found"),
-    [(MERGES, "reference"), ("a: " + "[" * 5000, "expected YAML"), ("a: [" + "1, " * 100_000 + "1]", "expected YAML")],
-    ids=["merge bomb", "deep", "long"],
+    ("parse", "text", "found"),
+    [
+        (parse_toml, "a" + ".a" * 90_000 + " = 1", "nested more than 32 deep"),
+        (parse_toml, "a = " + "[" * 90_000, None),
+        (parse_toml, "a = " + "{b = " * 1000, None),
+        (parse_toml, "a = " + "9" * 5000, None),
+        (parse_toml, "x" * (MAX_TOML + 1), None),
+        (parse_yaml, MERGES, "reference"),
+        (parse_yaml, "a: " + "[" * 5000, "expected YAML"),
+        (parse_yaml, "a: [" + "1, " * 100_000 + "1]", "expected YAML"),
+    ],
+    ids=["dotted key", "deep list", "deep table", "5000 digits", "too long", "merge bomb", "deep YAML", "long YAML"],
 )
-def test_yaml_beyond_reason_is_refused(text: str, found: str) -> None:
+def test_text_beyond_reason_is_refused(parse: Callable[[str], object], text: str, found: str | None) -> None:
     with pytest.raises(ValueError, match=found):
-        parse_yaml(text)
+        parse(text)
 
 
 @pytest.mark.parametrize("read", [load_rig, load_rules, load_config, load_file], ids=lambda f: f.__name__)
@@ -90,16 +79,9 @@ def test_large_files_folders_and_absence_are_named(tmp_path):
         load_toml(tmp_path / "none", "a rules.toml")
 
 
-@pytest.mark.parametrize(
-    ("setting", "named"),
-    [
-        ("joint.patch_m=1e9", "patch_m"),
-        ("joint.template_time_s=1e-30", "template_time_s"),
-        ("maps.distance_max_m=1e300", "distance_max_m"),
-    ],
-)  # fmt: skip
-def test_settings_beyond_what_their_unit_can_mean_are_refused_by_name(setting: str, named: str) -> None:
-    with pytest.raises(InputError, match=named):
+@pytest.mark.parametrize("setting", ["joint.patch_m=1e9", "joint.template_time_s=1e-30", "maps.distance_max_m=1e300"])
+def test_settings_beyond_what_their_unit_can_mean_are_refused_by_name(setting: str) -> None:
+    with pytest.raises(InputError, match=setting.split("=")[0]):
         load_config(None, [setting])
 
 
@@ -115,7 +97,6 @@ def test_polygon_of_too_many_corners_is_refused(tmp_path: Path) -> None:
     [
         (NotADirectoryError(20, "Not a directory", "a/b"), "a file where a folder is expected"),
         (OSError(28, "No space left on device"), "no space left on the disk"),
-        (OSError(9999, "Odd"), "Odd"),
         (ValueError("two\nlines"), "two lines"),
         (OSError(), "OSError"),
     ],
@@ -235,17 +216,12 @@ BLUE = np.full((2, 3, 3), (255, 0, 0), np.uint8)
 GREY = np.arange(6, dtype=np.uint8).reshape(2, 3)
 
 
-def test_grey_and_colour_of_an_image() -> None:
+def test_image_in_grey_and_in_colour_is_written_as_png_exactly(tmp_path) -> None:
     np.testing.assert_array_equal(as_grey(BLUE), np.full((2, 3), 29))
     assert as_grey(GREY) is GREY
-    np.testing.assert_array_equal(as_colour(GREY), np.dstack([GREY] * 3))
-
-
-def test_png_holds_the_image_exactly_and_jpeg_of_lower_quality_is_smaller(tmp_path):
-    write_image(tmp_path / "a.png", BLUE)
-    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a.png")), BLUE)
-    noise = np.random.default_rng(0).integers(0, 256, (64, 64), dtype=np.uint8)
-    assert len(encode_image(noise, quality=50)) < len(encode_image(noise, quality=95))
+    for name, image in (("blue.png", BLUE), ("grey.png", GREY)):
+        write_image(tmp_path / name, image)
+        np.testing.assert_array_equal(cv2.imread(str(tmp_path / name)), as_colour(image))
 
 
 @pytest.mark.parametrize("name", ["floor.toml", "floor"])
