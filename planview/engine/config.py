@@ -16,7 +16,7 @@ from calib.params import Params, dotted, first_problem, tables_of
 from planview.foreground.params import ForegroundParams
 from planview.maps.grid import MapParams
 from planview.tracking.detections import DetectionParams
-from planview.tracking.ellipse_particle.params import EllipseParticleParams
+from planview.tracking.ellipse_particle.tracker import EllipseParticleParams
 from planview.tracking.human_model.params import HumanModelParams
 from planview.tracking.joint.params import JointParams
 from planview.tracking.template import TemplateParams

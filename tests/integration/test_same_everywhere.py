@@ -14,7 +14,7 @@ from planview.maps.view import View
 from planview.tracking.base import Observation
 from planview.tracking.ellipse_particle import EllipseParticleParams, EllipseParticleTracker
 from planview.tracking.ellipse_particle.fit import painted
-from planview.tracking.ellipse_particle.params import EllipseSizeParams, ParticleFilterParams
+from planview.tracking.ellipse_particle.tracker import EllipseSizeParams, ParticleFilterParams
 from planview.tracking.template import TemplateTracker
 from tests.human_model_world import BLUE, RED, run
 

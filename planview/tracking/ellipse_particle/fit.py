@@ -74,13 +74,10 @@ def fit_ellipses(mask: F32, size: Size) -> F64:
 
 
 def cover(mask: F32, half: F64, aspect: float) -> F64:
-    """(N, 5) upright ellipses of the expected size, one after the other where foreground less background is most.
+    """(N, 5) upright ellipses of the size expected in each row, (R,), where foreground less background is most.
 
     The sum is that of a box of an ellipse's area, as a share of its area in the grid, or of half of it where less is
     inside: what lies outside speaks for nothing.
-
-    Args:
-        half: (R,) half length expected of an object centred in each row [cells].
     """
     n_rows, n_cols = mask.shape
     stride = max(1, round(0.4 * aspect * float(np.median(half))))
@@ -105,12 +102,7 @@ def cover(mask: F32, half: F64, aspect: float) -> F64:
 def expect_and_maximise(mask: F32, ellipses: F64, half: F64, aspect: float, upright: bool) -> None:
     """Maximum posterior of a mixture of ellipses, each the two-sigma contour of a Gaussian, and uniform clutter.
 
-    The prior of a covariance is that of the expected ellipse, and weighs as much as one object.
-
-    Args:
-        half: (R,) half length expected in each row.
-        aspect: width over length expected.
-        upright: length axes stay nearer the columns than the rows.
+    The prior of a covariance is that of the ellipse expected in a row, (R,), and weighs as much as one object.
     """
     rows, cols = np.nonzero(mask)
     weight, x, y = mask[rows, cols].astype(np.float64), cols.astype(np.float64), rows.astype(np.float64)
@@ -245,14 +237,12 @@ def painted(ellipses: F64, shape: tuple[int, int]) -> U8:
 
 
 def uncovered(measured: U8, objects: U8, share: float) -> Bool:
-    """(M,) measurements that have no object: objects cover less than a share of them, or leave as much next to them.
+    """(M,) measurements that have no object, of masks (M, R, C) and (N, R, C): objects cover less than a share of them,
+    or leave as much next to them.
 
     One object that lies across two measurements covers enough of both, wherever it is. So each object is given the
     measurement that it covers most, and one that is left over has none when objects leave as much free of it and of
     those that they cover with it as they leave of an uncovered one. Our choice; the paper has no association.
-
-    Args:
-        measured, objects: (M, R, C), (N, R, C) uint8, 1 inside each.
     """
     from scipy.optimize import linear_sum_assignment  # half a second
 

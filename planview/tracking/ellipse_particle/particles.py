@@ -9,7 +9,6 @@ import numpy as np
 
 from calib.types import F64, I64, U8, Bool
 from planview.tracking import body
-from planview.tracking.ellipse_particle.params import ParticleFilterParams
 from planview.tracking.ellipse_particle.size import Size
 
 X, Y, VX, VY, LN_A, LN_B, ANGLE = range(7)
@@ -35,38 +34,38 @@ class ParticleFilter:
         particles: (P, N, 7) float64, columns ``X`` to ``ANGLE``.
     """
 
-    def __init__(self, params: ParticleFilterParams, rng: np.random.Generator) -> None:
-        self._params, self._rng = params, rng
-        self.particles: F64 = np.zeros((params.particles, 0, 7))
-        self._surprise: F64 = np.zeros((params.particles, 0))
+    def __init__(self, count: int, speed_mps: float, rng: np.random.Generator) -> None:
+        """Args: speed_mps: deviation of each velocity component of a new object."""
+        self._speed_mps, self._rng = speed_mps, rng
+        self.particles: F64 = np.zeros((count, 0, 7))
+        self._surprise: F64 = np.zeros((count, 0))
 
-    def add(self, ellipse: F64, size: Size, cells_per_m: float) -> None:
+    def add(self, ellipse: F64, size: Size) -> None:
         """Append an object around a measured ellipse (x, y, a, b, angle), with a random walking velocity."""
-        shape = (self._params.particles, 1)
+        shape = (len(self.particles), 1)
         self.particles = np.concatenate([self.particles, np.zeros((*shape, 7))], axis=1)
         self._surprise = np.concatenate([self._surprise, np.zeros(shape)], axis=1)
-        self.place(-1, ellipse, size, np.zeros(2), self._params.speed_mps * cells_per_m)
+        self._place(-1, ellipse, size, np.zeros(2), self._speed_mps)
 
-    def place(self, n: int, ellipse: F64, size: Size, velocity: F64, speed: float) -> None:
-        """Sample object n again around a measured ellipse; velocity (2,) and its deviation in cells per second."""
+    def find_again(self, n: int, ellipse: F64, size: Size, velocity: F64) -> None:
+        """Sample object n anew around a measured ellipse; velocity (2,) in cells per second."""
+        self._place(n, ellipse, size, velocity, self._speed_mps / 2)
+
+    def _place(self, n: int, ellipse: F64, size: Size, velocity: F64, speed_mps: float) -> None:
         x, y, a, b, angle = ellipse
-        half = float(size.half_lengths(y))
+        half, speed = float(size.half_lengths(y)), speed_mps * float(size.cells_per_m(y))
         mean = np.array([x, y, *velocity, math.log(a / half), math.log(b / (half * size.aspect)), angle])
         shape = SHAPE_SPREAD / 2
         deviation = np.array([0.1 * b, 0.1 * b, speed, speed, shape, shape, size.lean / 2])
-        self.particles[:, n] = mean + deviation * self._rng.standard_normal((self._params.particles, 7))
+        self.particles[:, n] = mean + deviation * self._rng.standard_normal((len(self.particles), 7))
 
     def keep(self, index: I64) -> None:
         """Keep only the objects of these columns."""
         self.particles, self._surprise = self.particles[:, index].copy(), self._surprise[:, index].copy()
 
     def predict(self, dt_s: float, size: Size, cells_per_m: F64) -> None:
-        """Draw from the transition of equation (6), the proposal of equation (11).
-
-        Args:
-            dt_s: time since the last frame [s].
-            cells_per_m: (N,) where each object is.
-        """
+        """Draw from the transition of equation (6), the proposal of equation (11), dt after the last frame; cells per
+        metre (N,) where each object is."""
         p, noise = self.particles, self._rng.standard_normal(self.particles.shape, dtype=np.float32)
         push = body.ACCELERATION_MPS2 * cells_per_m[:, None] * dt_s
         pull = np.hypot(0.5 * push * dt_s, JITTER_M * cells_per_m[:, None])
@@ -89,8 +88,7 @@ class ParticleFilter:
         Args:
             measured, others: (R, C) uint8, 1 inside the measurements and inside the other objects.
             area: of one object [cells], the unit of the deviation.
-        Returns:
-            (7,) the most probable particle, moved to the mean of its mode.
+        Returns: (7,) the most probable particle, moved to the mean of its mode.
         """
         p = self.particles[:, n].copy()
         covered, outside = overlaps(ellipses_of(p, size), [measured > others, (measured | others) == 0])
@@ -122,9 +120,8 @@ def overlaps(ellipses: F64, masks: Sequence[Bool]) -> F64:
     # In the row t * down below its centre an ellipse covers x + t * lean +- half.
     down, t = np.hypot(a * c, b * s), ((2.0 * np.arange(COVER_ROWS) + 1.0) / COVER_ROWS - 1.0).astype(np.float32)
     middle, half = x + t * ((a * a - b * b) * s * c / down), a * b / down * np.sqrt(1.0 - t * t)
-    sums = np.zeros(
-        (len(masks), n_rows + 2, n_cols + 1), np.int32
-    )  # left of each edge; nothing is covered beyond the border
+    # Left of each edge; nothing is covered beyond the border.
+    sums = np.zeros((len(masks), n_rows + 2, n_cols + 1), np.int32)
     np.cumsum(masks, axis=2, out=sums[:, 1:-1, 1:])
     row = np.clip(np.rint(y + t * down), -1, n_rows).astype(np.int32) + 1
     ends = (np.clip(np.rint(middle + side * half + 0.5), 0, n_cols).astype(np.int32) for side in (-1, 1))

@@ -11,6 +11,7 @@ import numpy as np
 from calib.ground_camera import GroundCamera
 from calib.types import F64, U8, Bool
 from planview.tracking.body import HEIGHT_MEAN_M
+from planview.tracking.detections import overlaps
 
 BREADTH_M = 0.55
 """Breadth of a person in an image, arms and stride included [m], whatever the angle: from shoulders to a stride."""
@@ -72,11 +73,8 @@ class Size(NamedTuple):
 
 
 def size_of_camera(camera: GroundCamera) -> Size | None:
-    """Length [px] of a standing adult in the middle column: the line over the rows of the centre that is nearest to it.
-
-    None where nobody is seen upright: the camera looks steeply down (less than 35 degrees from the vertical), or from
-    so low that centres of people at all distances lie in nearly the same row.
-    """
+    """Size [px] of a standing adult in the middle column, by the nearest line; None where nobody is seen upright, from
+    less than 35 degrees off the vertical, or so low that people at all distances are centred in nearly one row."""
     feet = np.linspace(0.0, 2.0 * camera.height, 50)
     floor = camera.back_project(np.column_stack([np.full(50, (camera.width - 1) / 2), feet]))
     heads = camera.project(np.column_stack([floor, np.full(50, HEIGHT_MEAN_M)]))[:, 1]
@@ -110,16 +108,11 @@ class SizeLearner:
     def __init__(self) -> None:
         self._before: F64 = np.zeros((0, 4))
         self._regions: F64 = np.zeros((0, CUT + 1))
-        self._frames, self._every = 0, 1
+        self._frames, self._every, self._fitted_at = 0, 1, 0
         self._shape = 0, 0
-        self._fitted_at = 0
 
     def add(self, foreground: U8, motion: U8 | None) -> None:
-        """Take the largest regions of the next frame.
-
-        Args:
-            foreground, motion: (H, W) uint8, 255 where it is; no motion where that is not known.
-        """
+        """Take the largest regions of the next frame, (H, W), 255 where it is; no motion where that is not known."""
         self._shape = foreground.shape[0], foreground.shape[1]
         new, self._before = regions(foreground, motion, self._before)
         self._frames += 1
@@ -129,82 +122,81 @@ class SizeLearner:
             self._regions, self._every = self._regions[::2], 2 * self._every
 
     @property
-    def n_cols(self) -> int:
-        """Columns of the foreground."""
-        return self._shape[1]
-
-    @property
     def is_due(self) -> bool:
         """Whether enough has been added since the last ``size`` that it may have changed."""
         return self._frames > 1.2 * self._fitted_at + 2
 
-    def size(self) -> tuple[Size, float] | None:
-        """The size by all regions so far [px], and the share of their area that has it; None while they are few."""
+    def size(self, n_cols: int) -> tuple[Size, float] | None:
+        """The size by all regions so far, in pixels of an image of so many columns, and the share of their area that
+        has it; None while they are few."""
         self._fitted_at = self._frames
-        found, n_rows = self._regions, self._shape[0]
-        if len(found) < FIRST:
+        if len(self._regions) < FIRST:
             return None
-        whole = found[found[:, CUT] == 0]
-        if len(whole) >= FIRST:
-            elongated = np.sqrt(whole[:, AREA]) * (1.0 - whole[:, MINOR] / whole[:, MAJOR])
-            if np.average(whole[:, LEAN], weights=elongated + 1e-9) < UPRIGHT:
-                discs = found.copy()
-                discs[:, [LENGTH, WIDTH]] = 2 * np.sqrt(found[:, AREA, None] / (FILLED * math.pi))
-                size, share = self._fitted(discs, np.zeros(1))
-                if size.level > n_rows / 10:
-                    aspect = float(np.median(whole[:, MINOR] / whole[:, MAJOR]))
-                    k = 1 / math.sqrt(aspect)
-                    return Size(k * size.level, 0.0, k * size.least, aspect, upright=False), share
-        return self._fitted(found, None)
+        size, share = self._from_above() or _fitted(self._regions)
+        return size.on(self._shape[1] / n_cols), share
 
-    def _fitted(self, found: F64, slopes: F64 | None) -> tuple[Size, float]:
-        # Two side by side are wider for their length than most.
-        ratio = found[:, WIDTH] / found[:, LENGTH]
-        found = found[(found[:, CUT] > 0) | (ratio <= 1.6 * np.percentile(ratio, 30))]
-        foot, length, cut = found[:, FOOT], found[:, LENGTH], found[:, CUT] > 0
-        # The same place and length again adds less than another one.
-        _, which, count = np.unique(found[:, [FOOT, LENGTH]] // 4, axis=0, return_inverse=True, return_counts=True)
-        weight = np.sqrt(found[:, AREA] / count[which.ravel()])
-        chosen = np.argsort(foot, kind="stable")[np.linspace(0, len(foot) - 1, min(len(foot), 40)).astype(np.int64)]
-        levels, rise = length[chosen], np.zeros(len(chosen))
-        if slopes is None:
-            i, j = (chosen[k] for k in np.triu_indices(len(chosen), 1))
-            i, j = (k[(np.abs(foot[i] - foot[j]) > 20) & ~cut[i] & ~cut[j]] for k in (i, j))
-            steep = (length[i] - length[j]) / (foot[i] - foot[j])
-            i, steep = i[(steep > 0) & (steep < 1.5)], steep[(steep > 0) & (steep < 1.5)]
-            levels, rise = np.concatenate([levels, length[i] - steep * foot[i]]), np.concatenate([rise, steep])
-        expected = np.maximum(levels[:, None] + rise[:, None] * foot, 1.0)
-        best = int(np.argmax(log_density(length / expected, cut) @ weight))
-        level, slope = float(levels[best]), float(rise[best])
-        for _ in range(3):
-            away = np.log(length / np.maximum(level + slope * foot, 1.0)) / (math.sqrt(2) * SPREAD)
-            one = np.abs(away) < 1.5
-            own = weight * one * np.exp(-0.5 * away**2) + 1e-9
-            x, y = np.average(foot, weights=own), np.average(length, weights=own)
-            if slope > 0:
-                spread = np.average((foot - x) ** 2, weights=own)
-                slope = float(np.average((foot - x) * (length - y), weights=own) / max(float(spread), 1e-9))
-                slope = min(max(slope, 0.0), 1.5)
-            level = float(y - slope * x)
-        # foot = centre + length / 2
-        k = 1 / (1 - slope / 2)
-        whole = one & ~cut if (one & ~cut).any() else one
-        aspect = float(np.median(found[whole, AREA] / (FILLED * math.pi / 4 * length[whole] ** 2)))
-        share = float(weight[one | (cut & (away < 0))].sum() / weight.sum())
-        least = 0.4 * float(np.percentile(length[one], 5))
-        return Size(k * level / 2, k * slope / 2, least, min(max(aspect, 0.2), 1.0)), share
+    def _from_above(self) -> tuple[Size, float] | None:
+        """Of large people whose regions lie in all directions; None for upright or small ones."""
+        whole = self._regions[self._regions[:, CUT] == 0]
+        if len(whole) < FIRST:
+            return None
+        slim = whole[:, MINOR] / whole[:, MAJOR]
+        if np.average(whole[:, LEAN], weights=np.sqrt(whole[:, AREA]) * (1.0 - slim) + 1e-9) >= UPRIGHT:
+            return None
+        discs = self._regions.copy()
+        discs[:, [LENGTH, WIDTH]] = 2 * np.sqrt(discs[:, AREA, None] / (FILLED * math.pi))
+        size, share = _fitted(discs, level_only=True)
+        aspect = float(np.median(slim))
+        k = 1 / math.sqrt(aspect)
+        above = Size(k * size.level, 0.0, k * size.least, aspect, upright=False)
+        return (above, share) if size.level > self._shape[0] / 10 else None
+
+
+def _fitted(found: F64, level_only: bool = False) -> tuple[Size, float]:
+    """The likeliest line of regions, and the share of their area that is one person."""
+    # Two side by side are wider for their length than most.
+    ratio = found[:, WIDTH] / found[:, LENGTH]
+    found = found[(found[:, CUT] > 0) | (ratio <= 1.6 * np.percentile(ratio, 30))]
+    foot, length, cut = found[:, FOOT], found[:, LENGTH], found[:, CUT] > 0
+    # The same place and length again adds less than another one.
+    _, which, count = np.unique(found[:, [FOOT, LENGTH]] // 4, axis=0, return_inverse=True, return_counts=True)
+    weight = np.sqrt(found[:, AREA] / count[which.ravel()])
+    chosen = np.argsort(foot, kind="stable")[np.linspace(0, len(foot) - 1, min(len(foot), 40)).astype(np.int64)]
+    levels, rise = length[chosen], np.zeros(len(chosen))
+    if not level_only:
+        i, j = (chosen[k] for k in np.triu_indices(len(chosen), 1))
+        i, j = (k[(np.abs(foot[i] - foot[j]) > 20) & ~cut[i] & ~cut[j]] for k in (i, j))
+        steep = (length[i] - length[j]) / (foot[i] - foot[j])
+        i, steep = i[(steep > 0) & (steep < 1.5)], steep[(steep > 0) & (steep < 1.5)]
+        levels, rise = np.concatenate([levels, length[i] - steep * foot[i]]), np.concatenate([rise, steep])
+    expected = np.maximum(levels[:, None] + rise[:, None] * foot, 1.0)
+    best = int(np.argmax(log_density(length / expected, cut) @ weight))
+    level, slope = float(levels[best]), float(rise[best])
+    for _ in range(3):
+        away = np.log(length / np.maximum(level + slope * foot, 1.0)) / (math.sqrt(2) * SPREAD)
+        one = np.abs(away) < 1.5
+        own = weight * one * np.exp(-0.5 * away**2) + 1e-9
+        x, y = np.average(foot, weights=own), np.average(length, weights=own)
+        if slope > 0:
+            spread = np.average((foot - x) ** 2, weights=own)
+            slope = float(np.average((foot - x) * (length - y), weights=own) / max(float(spread), 1e-9))
+            slope = min(max(slope, 0.0), 1.5)
+        level = float(y - slope * x)
+    # foot = centre + length / 2
+    k = 1 / (1 - slope / 2)
+    whole = one & ~cut if (one & ~cut).any() else one
+    aspect = float(np.median(found[whole, AREA] / (FILLED * math.pi / 4 * length[whole] ** 2)))
+    share = float(weight[one | (cut & (away < 0))].sum() / weight.sum())
+    least = 0.4 * float(np.percentile(length[one], 5))
+    return Size(k * level / 2, k * slope / 2, least, min(max(aspect, 0.2), 1.0)), share
 
 
 def log_density(ratio: F64, cut: Bool) -> F64:
-    """Logarithm of the density of the logarithms of lengths over one person's, (..., N).
-
-    Args:
-        ratio: (..., N) lengths over that of one person.
-        cut: (N,) whether the border cuts the region: then any part of a person may show.
-    """
-    away = np.log(ratio)
-    bell = np.exp(-0.5 * (away / (math.sqrt(2) * SPREAD)) ** 2)
-    one = np.where(cut, np.where(ratio < 1, ratio, bell), bell / (math.sqrt(2 * math.pi) * (math.sqrt(2) * SPREAD)))
+    """(..., N) logarithm of the density of the logarithms of lengths over one person's, (..., N); any part of somebody
+    may show of a region that the border cuts, (N,)."""
+    away, std = np.log(ratio), math.sqrt(2) * SPREAD
+    bell = np.exp(-0.5 * (away / std) ** 2)
+    one = np.where(cut, np.where(ratio < 1, ratio, bell), bell / (math.sqrt(2 * math.pi) * std))
     return np.asarray(np.log(ONE * one + (1 - ONE) * 0.5 * np.exp(-np.abs(away))))
 
 
@@ -219,21 +211,16 @@ def regions(foreground: U8, motion: U8 | None, before: F64) -> tuple[F64, F64]:
     boxes = stats[order, :4].astype(np.float64)
     if not len(boxes) or not len(before):
         return np.zeros((0, CUT + 1)), boxes
-    low = np.maximum(boxes[:, None, :2], before[None, :, :2])
-    high = np.minimum(boxes[:, None, :2] + boxes[:, None, 2:], before[None, :, :2] + before[None, :, 2:])
-    common = np.maximum(high - low, 0).prod(axis=2)
-    union = boxes[:, 2:].prod(axis=1)[:, None] + before[:, 2:].prod(axis=1) - common
     alike = np.abs(np.log(boxes[:, None, 3] / before[None, :, 3])) < np.log(1.25)
-    stays = ((common > 0.3 * union) & alike).any(axis=1)
+    stays = ((overlaps(boxes, before) > 0.3) & alike).any(axis=1)
     rows = []
     for label, (left, top, width, height) in zip(order[stays], boxes[stays], strict=True):
         inside = (slice(int(top), int(top + height)), slice(int(left), int(left + width)))
         own = ((labels[inside] == label) & (foreground[inside] > 0)).astype(np.uint8)
         m = cv2.moments(own, binaryImage=True)
-        if m["m00"] < 24 or (motion is not None and np.count_nonzero(own & motion[inside]) < 0.05 * m["m00"]):
+        still = motion is not None and np.count_nonzero(own & motion[inside]) < 0.05 * m["m00"]
+        if still or m["m00"] < max(24, 0.12 * height**2) or width >= n_cols:  # a pole, a change of light
             continue
-        if width >= n_cols or m["m00"] < 0.12 * height**2:
-            continue  # a change of light, a pole
         across, down, mixed = (m[name] / m["m00"] for name in ("mu20", "mu02", "mu11"))
         half = math.hypot((down - across) / 2, mixed)
         mean = (down + across) / 2 + 1 / 12

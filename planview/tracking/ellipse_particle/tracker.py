@@ -8,15 +8,16 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from pydantic import Field
 
 from calib.carried import Carried
 from calib.ground_camera import GroundCamera
+from calib.params import Params
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import WALKER
 from planview.maps.view import SHADOW, View
 from planview.tracking.base import Decision, Drawing, Existence, LifeCycle, Observation, TrackerDebug
 from planview.tracking.ellipse_particle.fit import BACKGROUND_WEIGHT, fit_ellipses, painted, uncovered
-from planview.tracking.ellipse_particle.params import EllipseParticleParams
 from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter, Y, ellipses_of
 from planview.tracking.ellipse_particle.size import ASPECT, BREADTH_M, Size, SizeLearner, height_of, size_of_camera
 from planview.trajectories.state import TrackState
@@ -37,6 +38,53 @@ FLOODED = 0.5
 """Share of foreground above which a frame measures and teaches nothing (a light was switched, the camera moved)."""
 GAMMA_SHAPE = 4.0
 """Of the Gamma distribution of the time after which an object has left: half the mean is its deviation. Our choice."""
+
+
+class EllipseSizeParams(Params):
+    """How large people are in the image."""
+
+    person_height_px: float | None = Field(None, ge=4, le=20_000)
+    """Height of a person in the image [px], the same in all rows; None learns it, row by row."""
+
+
+class ParticleFilterParams(Params):
+    """The particle filter of sections III and IV."""
+
+    particles: int = Field(1000, ge=10, le=20_000)
+    """Hypotheses N_s of equation (9). Our choice."""
+    speed_mps: float = Field(1.2, gt=0, le=20)
+    """Deviation of each velocity component of a new object [m/s]: walking speed."""
+
+
+class ExistenceParams(Params):
+    """When an object exists and when it has left (section V)."""
+
+    false_alarms: float = Field(2.0, gt=0, le=1000)
+    """Expected false measurements for each object that enters, the parameter of the binomial. Our choice."""
+    detection: float = Field(0.85, gt=0, lt=1)
+    """Probability of measuring a present object. Our choice."""
+    repetition: float = Field(0.4, gt=0, lt=1)
+    """Probability that a false measurement repeats in the same place. Our choice: legs that come into view before the
+    body repeat for some frames; a person counted twice is worse than 0.2 s of delay."""
+    probability: float = Field(0.8, gt=0.5, lt=1)
+    """Of being an object, above which a new one is confirmed, and of having left, above which it is pruned."""
+    moving: float = Field(0.05, ge=0, lt=1)
+    """Share of an object's ellipse that must move in a frame which speaks for a new object: limbs and edges of a walker
+    do; where a person of the first frames has left, nothing does. Our choice."""
+    patience_s: float = Field(2.0, gt=0, le=600)
+    """Mean N_t of the Gamma distribution: time without measurement after which an object has left [s]; twice as long
+    where it shares its measurement with an older one (occlusion). Our choice."""
+
+
+class EllipseParticleParams(Params):
+    """All parameters of ``EllipseParticleTracker``."""
+
+    size: EllipseSizeParams = EllipseSizeParams()
+    """Sizes."""
+    filter: ParticleFilterParams = ParticleFilterParams()
+    """Particles."""
+    existence: ExistenceParams = ExistenceParams()
+    """When objects exist."""
 
 
 @dataclass
@@ -70,7 +118,7 @@ class EllipseParticleTracker(Carried):
 
     foreground_columns: int | None = COLUMNS
     CARRIED = (
-        "_cycle", "_filter", "_objects", "_states", "_learner", "_learned", "_studied", "_image_size", "_shape",
+        "_cycle", "_filter", "_objects", "_states", "_learner", "_size_px", "_studied", "_image_size", "_shape",
         "_mask", "_measured",
     )  # fmt: skip
 
@@ -79,22 +127,23 @@ class EllipseParticleTracker(Carried):
     ) -> None:
         self._params, self._camera, self._seed = params or EllipseParticleParams(), camera, seed
         height_px = self._params.size.person_height_px
-        self._given = size_of_camera(camera) if camera is not None else None
+        given = size_of_camera(camera) if camera is not None else None
         if height_px is not None:
-            self._given = Size(height_px / 2, 0.0, 1.0, ASPECT)
-        self._studied: tuple[Size, float] | None = None
+            given = Size(height_px / 2, 0.0, 1.0, ASPECT)
+        self._given = given is not None
+        self._studied: tuple[Size, float] | None = None if given is None else (given, 1.0)
         self.reset()
 
     def reset(self) -> None:
         """Forget people, sizes learned in tracking and the random state; ids start at 1 again."""
+        p = self._params.filter
         self._cycle = LifeCycle()
-        self._filter = ParticleFilter(self._params.filter, np.random.default_rng(self._seed))
+        self._filter = ParticleFilter(p.particles, p.speed_mps, np.random.default_rng(self._seed))
         self._objects: list[Tracked] = []
         self._states: F64 = np.zeros((0, 7))
         self._learner = SizeLearner()
-        self._learned = self._studied
-        self._image_size: tuple[int, int] | None = None
-        self._shape: tuple[int, int] | None = None
+        self._size_px = self._studied
+        self._image_size, self._shape = (0, 0), (0, 0)
         self._mask: F32 | None = None
         self._measured: F64 = np.zeros((0, 5))
 
@@ -106,16 +155,15 @@ class EllipseParticleTracker(Carried):
     @property
     def notes(self) -> tuple[str, ...]:
         """The size of people that was learned, in a sentence."""
-        if self._learned is None or self._given is not None or self._image_size is None:
+        if self._given or self._size_px is None or self._image_size == (0, 0):
             return ()
-        size, share = self._learned
+        size, share = self._size_px
         length_px = 2.0 * float(size.half_lengths(np.array(self._image_size[0] / 2)))
-        way = "high" if size.upright else "long"
-        learned = f"assumed size of people: {length_px:.0f} px {way} in the middle of the image"
         alike = "" if share >= 0.5 else f", though only {share:.0%} of it has that size"
-        other = "parameter ellipse_particle.size.person_height_px sets another"
         return (
-            f"{learned}, the size of whatever moves here{alike}: other things of that size count as people ({other})",
+            f"assumed size of people: {length_px:.0f} px {'high' if size.upright else 'long'} in the middle of the "
+            f"image, the size of whatever moves here{alike}: other things of that size count as people (parameter "
+            "ellipse_particle.size.person_height_px sets another)",
         )
 
     def study(self, observations: Iterable[Observation]) -> None:
@@ -124,14 +172,14 @@ class EllipseParticleTracker(Carried):
         The result then does not depend on which person comes first.
         """
         self.reset()
-        if self._given is not None:
+        if self._given:
             return
         for observation in observations:
             if observation.timestamp_s > LEARN_S:
                 break
             self._foreground(observation.views[0])
         self._learn()
-        self._studied = self._learned
+        self._studied = self._size_px
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track one frame. Raises ValueError: the foreground is not (H, W) uint8.
@@ -140,20 +188,17 @@ class EllipseParticleTracker(Carried):
             one state per object, tentative ones included; x, y, velocity and height are NaN without a camera.
         """
         dt_s = self._cycle.begin(observation.timestamp_s)
-        if observation.unknown:
-            return self._predicted(dt_s)
         view = observation.views[0]
-        foreground = self._foreground(view)
-        if foreground is None or self._image_size is None:
-            return ()
+        foreground = None if observation.unknown else self._foreground(view)
+        if foreground is None:
+            return self._predicted(dt_s) if observation.unknown else ()
         if self._learner.is_due:
             self._learn()
-        size = self._size()
-        if size is None:
+        if self._size_px is None:
             return ()
-        if self._shape is None:
-            self._shape = self._grid(size, foreground)
-        size = size.on(self._scale)
+        if self._shape == (0, 0):
+            self._shape = self._grid(self._size_px[0], foreground)
+        size = self._size_px[0].on(self._scale)
         self._mask = np.asarray(_averaged(foreground, self._shape), dtype=np.float32) / np.float32(255)
         flooded = float(self._mask.mean()) > FLOODED
         moving = None if view.motion is None else _averaged(view.motion, self._shape) > 0
@@ -165,26 +210,29 @@ class EllipseParticleTracker(Carried):
         self._observe(measured, moving, dt_s, size)
         self._enter(measured, size)
         self._leave(size)
-        return self._reported(size)
-
-    def _reported(self, size: Size) -> tuple[TrackState, ...]:
-        ellipses = ellipses_of(self._states, size)
-        return tuple(self._state(t.who, e, s) for t, e, s in zip(self._objects, ellipses, self._states, strict=True))
+        return self._reported()
 
     def _predicted(self, dt_s: float) -> tuple[TrackState, ...]:
         """Everybody where they were heading, in a frame that shows nothing."""
-        size = self._size()
-        if size is None or not self._objects:
-            return ()
-        size = size.on(self._scale)
-        self._predict(dt_s, size)
+        if self._size_px is not None and self._objects:
+            self._predict(dt_s, self._size_px[0].on(self._scale))
         for t in self._objects:
             self._cycle.pause(t.who, dt_s)
-        return self._reported(size)
+        return self._reported()
 
     def _predict(self, dt_s: float, size: Size) -> None:
         self._filter.predict(dt_s, size, size.cells_per_m(self._states[:, Y]))
         self._states = np.asarray(self._filter.particles.mean(axis=0))
+
+    def _reported(self) -> tuple[TrackState, ...]:
+        found = zip(self._objects, self._ellipses(), self._states, strict=True)
+        return tuple(self._state(t.who, ellipse, state) for t, ellipse, state in found)
+
+    def _ellipses(self) -> F64:
+        """(N, 5) of all objects [cells]."""
+        if self._size_px is None or not self._objects:
+            return np.zeros((0, 5))
+        return ellipses_of(self._states, self._size_px[0].on(self._scale))
 
     def _weigh(self, union: U8, size: Size) -> None:
         """Weigh the objects that were measured in the last frame, one after the other.
@@ -238,11 +286,10 @@ class EllipseParticleTracker(Carried):
         Each new one is an object with the same probability, so their number is binomial.
         """
         p = self._params.existence
-        ellipses = ellipses_of(self._states, size)
         known = np.array([t.measured for t in self._objects], np.bool_)
-        left = uncovered(measured, painted(ellipses[known], measured.shape[1:]), MIN_OVERLAP)
-        per_m = size.cells_per_m(self._measured[:, 1])
+        left = uncovered(measured, painted(ellipses_of(self._states, size)[known], measured.shape[1:]), MIN_OVERLAP)
         if left.any() and len(self._objects):
+            per_m = size.cells_per_m(self._measured[:, 1])
             away = np.hypot(*(self._measured[None, :, :2] - self._states[:, None, : Y + 1]).transpose(2, 0, 1)) / per_m
             spread = np.hypot(*self._filter.particles[..., : Y + 1].std(axis=0).T)[:, None] / per_m
             near = away <= np.minimum(REACH_M, BREADTH_M + 3.0 * spread)
@@ -250,14 +297,13 @@ class EllipseParticleTracker(Carried):
                 t = self._objects[n]
                 if left[m] and not (t.measured and t.own):
                     left[m] = False
-                    speed = self._params.filter.speed_mps * float(per_m[m]) / 2
-                    self._filter.place(n, self._measured[m], size, self._states[n, VX : VY + 1], speed)
+                    self._filter.find_again(n, self._measured[m], size, self._states[n, VX : VY + 1])
                     self._states[n] = self._filter.particles[:, n].mean(axis=0)
                     reason = f"measured {away[n, m]:.2f} m from its prediction after {t.waited_s:.1f} s"
                     t.measured, t.own, t.waited_s = True, True, 0.0
                     self._cycle.observe(t.who, reason, float(away[n, m]))
         for m in np.flatnonzero(left).tolist():
-            self._filter.add(self._measured[m], size, float(per_m[m]))
+            self._filter.add(self._measured[m], size)
             x, y = self._px(self._measured[m, :2])
             who = self._cycle.spawn(f"a measurement at ({x:.0f}, {y:.0f}) px overlaps no object")
             self._objects.append(Tracked(who, -math.log(p.false_alarms)))
@@ -267,12 +313,9 @@ class EllipseParticleTracker(Carried):
         """Objects that have left: a Gamma distribution of the time without measurement, or their odds as tentative."""
         from scipy.special import gammainc  # a quarter of a second
 
-        p, (rows, cols) = self._params.existence, self._shape or (0, 0)
-        keep = []
-        ellipses = ellipses_of(self._states, size)
-        inside = painted(ellipses, (rows, cols)).sum(axis=(1, 2), dtype=np.int64) / (
-            math.pi * ellipses[:, 2] * ellipses[:, 3]
-        )
+        p, ellipses = self._params.existence, ellipses_of(self._states, size)
+        keep, areas = [], math.pi * ellipses[:, 2] * ellipses[:, 3]
+        inside = painted(ellipses, self._shape).sum(axis=(1, 2), dtype=np.int64) / areas
         for n, t in enumerate(self._objects):
             gone = float(gammainc(GAMMA_SHAPE, GAMMA_SHAPE * t.waited_s / p.patience_s))
             if not t.who.confirmed:
@@ -290,68 +333,53 @@ class EllipseParticleTracker(Carried):
 
     def feedback(self) -> U8 | None:
         """(H, W) uint8, WALKER in the outlines of confirmed people who are measured; None before the first image."""
-        size = self._size()
-        if self._image_size is None:
+        if self._image_size == (0, 0):
             return None
         mask = np.zeros(self._image_size, dtype=np.uint8)
-        if size is not None and self._shape is not None:
-            for t, e in zip(self._objects, ellipses_of(self._states, size.on(self._scale)), strict=True):
-                if t.who.confirmed and t.measured:
-                    cv2.fillPoly(mask, [np.round(self._outline(e)).astype(np.int32)], WALKER)
+        for t, ellipse in zip(self._objects, self._ellipses(), strict=True):
+            if t.who.confirmed and t.measured:
+                cv2.fillPoly(mask, [np.round(self._outline(ellipse)).astype(np.int32)], WALKER)
         return mask
 
     def debug(self) -> TrackerDebug:
         """Measured ellipses, objects' ellipses with ids, a sample of the particles, the foreground grid as a tile."""
-        size = self._size()
-        if self._mask is None or size is None:
+        if self._mask is None:
             return TrackerDebug()
         ids = tuple(str(t.who.track_id) for t in self._objects)
         shown = self._filter.particles[:: max(1, len(self._filter.particles) // 60), :, : Y + 1].reshape(-1, 2)
-        objects = tuple(self._outline(e) for e in ellipses_of(self._states, size.on(self._scale)))
-        return TrackerDebug(
-            drawings=(
-                Drawing("measurements", "image", tuple(self._outline(e) for e in self._measured)),
-                Drawing("objects", "image", objects, ids),
-                Drawing("particles", "image", tuple(p[None] for p in self._px(shown).astype(np.float32))),
-            ),
-            tiles={"foreground": self._mask},
+        measured, objects = (tuple(map(self._outline, of)) for of in (self._measured, self._ellipses()))
+        drawings = (
+            Drawing("measurements", "image", measured),
+            Drawing("objects", "image", objects, ids),
+            Drawing("particles", "image", tuple(p[None] for p in self._px(shown).astype(np.float32))),
         )
-
-    def _size(self) -> Size | None:
-        """The size known now, given by hand or by the camera or learned [px]."""
-        return self._given if self._given is not None or self._learned is None else self._learned[0]
+        return TrackerDebug(drawings, {"foreground": self._mask})
 
     def _foreground(self, view: View) -> U8 | None:
         """(h, w) uint8 foreground of a frame; what looks like a shadow speaks neither for nor against a person."""
-        given, weight = view.foreground, BACKGROUND_WEIGHT
+        given = view.foreground
         if given is None:
             return None
         if given.ndim != 2 or given.dtype != np.uint8:
             raise ValueError(f"expected a (H, W) uint8 foreground, got {given.shape} {given.dtype}")
         height, width = given.shape if view.image is None else view.image.shape[:2]
         self._image_size = height, width
-        if self._given is None and self._studied is None and given.mean() < 255 * FLOODED:
+        if self._studied is None and given.mean() < 255 * FLOODED:
             self._learner.add(given, view.motion)
-        unsure = np.uint8(round(255 * weight / (1 + weight)))
+        unsure = np.uint8(round(255 * BACKGROUND_WEIGHT / (1 + BACKGROUND_WEIGHT)))
         return np.where(view.kind == SHADOW, unsure, given)
 
     def _learn(self) -> None:
         """The size by all frames so far."""
-        if self._image_size is not None:
-            found = self._learner.size()
-            if found is not None:
-                size, share = found
-                self._learned = size.on(self._learner.n_cols / self._image_size[1]), share
+        self._size_px = self._learner.size(self._image_size[1]) or self._size_px
 
     @property
     def _scale(self) -> float:
-        """Pixels per cell."""
-        assert self._image_size is not None and self._shape is not None  # there has been a frame
+        """Pixels per cell, once there has been a frame."""
         return self._image_size[1] / self._shape[1]
 
     def _grid(self, size: Size, foreground: U8) -> tuple[int, int]:
         """Rows and columns of the grid on which a person in the middle row has the wanted length in cells."""
-        assert self._image_size is not None
         height, width = self._image_size
         cell_px = 2.0 * float(size.half_lengths(np.array(height / 2))) / PERSON_CELLS
         n_cols = max(8, min(foreground.shape[1], round(width / cell_px)))

@@ -15,9 +15,13 @@ from planview.engine.one_camera import ImageForeground
 from planview.foreground.params import NO_FEEDBACK, WALKER
 from planview.maps.view import View
 from planview.tracking.base import Observation
-from planview.tracking.ellipse_particle import EllipseParticleParams, EllipseParticleTracker
 from planview.tracking.ellipse_particle.fit import painted, uncovered
-from planview.tracking.ellipse_particle.params import EllipseSizeParams, ParticleFilterParams
+from planview.tracking.ellipse_particle.tracker import (
+    EllipseParticleParams,
+    EllipseParticleTracker,
+    EllipseSizeParams,
+    ParticleFilterParams,
+)
 from planview.trajectories.state import TrackState
 from stereo.recording import VideoFrame
 
@@ -61,30 +65,21 @@ def test_two_people_keep_their_ids_when_they_cross():
     assert first != second and near(out[-1], 137).track_id == first and near(out[-1], 23).track_id == second
 
 
-def test_id_survives_an_occlusion_by_something_static():
+def test_id_survives_a_pillar_wider_than_the_person():
     masks = [foreground((20 + 3 * i, 60)) for i in range(40)]
     for mask in masks:
-        mask[:, 66:84] = 0  # a pillar wider than the person
+        mask[:, 66:84] = 0
     out = follow(EllipseParticleTracker(GIVEN), masks)
-    assert {s.track_id for states in out for s in states if s.state == "confirmed"} == {1}
-    assert [s.state for s in out[-1]] == ["confirmed"]
+    assert [(s.track_id, s.state) for s in out[-1]] == [(1, "confirmed")]
 
 
 def test_person_who_leaves_is_removed_with_a_reason():
-    tracker = EllipseParticleTracker(GIVEN)
-    reasons = []
+    tracker, reasons = EllipseParticleTracker(GIVEN), []
     for i in range(80):
-        mask = foreground((80, 60)) if i < 20 else foreground()
-        tracker.update(masked(i, mask))
+        tracker.update(masked(i, foreground((80, 60)) if i < 20 else foreground()))
         reasons += [(d.kind, d.reason) for d in tracker.decisions]
     assert [kind for kind, _ in reasons] == ["spawned", "confirmed", "lost", "pruned"]
     assert "left with probability" in reasons[-1][1]
-
-
-def test_sizes_are_learned_without_being_given():
-    params = EllipseParticleParams(filter=ParticleFilterParams(particles=300))
-    out = follow(EllipseParticleTracker(params), [foreground((20 + 2 * i, 50), (140 - 2 * i, 80)) for i in range(30)])
-    assert len(out[-1]) == 2 and all(s.box_px[3] == pytest.approx(30, rel=0.2) for s in out[-1])
 
 
 def test_same_seed_same_tracks_and_reset_starts_again():
@@ -166,11 +161,10 @@ def test_what_never_moves_is_nobody(moves, state):
 
 
 def test_piece_of_an_older_object_is_not_confirmed_beside_it():
-    tracker = EllipseParticleTracker(GIVEN)
     whole = [foreground((40 + i, 60)) for i in range(10)]
     # A bag as large as half a person comes to the side of the walker.
-    follow(tracker, [*whole, *(foreground((50 + i, 60), (55 + i, 60)) for i in range(20))])
-    states = tracker.update(masked(30, foreground((70, 60), (75, 60))))
+    bag = [foreground((50 + i, 60), (55 + i, 60)) for i in range(21)]
+    states = follow(EllipseParticleTracker(GIVEN), whole + bag)[-1]
     assert sum(s.state == "confirmed" for s in states) == 1
 
 
@@ -192,22 +186,20 @@ def test_measurements_that_no_object_covers_are_new():
     assert uncovered(twins, across, 0.35).sum() == 1
 
 
-def test_learned_size_is_told_as_that_of_whatever_moves():
+@pytest.mark.parametrize("first", [False, True], ids=["while tracking", "beforehand"])
+def test_size_is_learned_and_told_as_that_of_whatever_moves(first):
     tracker = EllipseParticleTracker(EllipseParticleParams(filter=ParticleFilterParams(particles=50)))
     assert tracker.notes == ()
-    follow(tracker, [foreground((20 + 2 * i, 60)) for i in range(30)])
+    masks = [foreground((20 + 2 * i, 60)) for i in range(30)]
+    if first:
+        tracker.study(masked(i, mask) for i, mask in enumerate(masks))
+        tracker.reset()
+    (last,) = follow(tracker, masks)[7 if first else -1]
+    assert last.state == "confirmed" and last.box_px[3] == pytest.approx(30, rel=0.2)
     (note,) = tracker.notes
     assert note.startswith(("assumed size of people: 29", "assumed size of people: 30")) and "px high" in note
     assert "whatever moves" in note and "100%" not in note  # no assurance that these are people
     assert EllipseParticleTracker(GIVEN).notes == ()
-
-
-def test_size_learned_beforehand_is_kept_by_reset():
-    tracker = EllipseParticleTracker(EllipseParticleParams(filter=ParticleFilterParams(particles=50)))
-    tracker.study(masked(i, foreground((20 + 2 * i, 60))) for i in range(30))
-    tracker.reset()
-    out = follow(tracker, [foreground((20 + 2 * i, 60)) for i in range(8)])
-    assert [s.state for s in out[-1]] == ["confirmed"]
 
 
 def test_shadow_speaks_neither_for_nor_against_a_body():
