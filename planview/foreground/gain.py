@@ -64,15 +64,12 @@ class _Line(NamedTuple):
     evidence: float
 
 
-class GainFollower:
+class GainFinder:
     """Finds image luma = gain * model luma + offset by consensus of subsampled pixels (our method).
 
     The last gain, refined, competes with the line through two pixels and the pure gain of largest evidence: pixels
     of a common luma weigh little, so that a plain shirt which fills most of the image is no change of the exposure.
     Clipped pixels count as inliers but take no part in the fit.
-
-    Attributes:
-        gain, offset: as of the last update.
     """
 
     def __init__(self, shape: tuple[int, int], clip: float, tolerance: float) -> None:
@@ -82,14 +79,9 @@ class GainFollower:
         while math.gcd(self._stride, shape[1]) > 1:
             self._stride += 1
         self._clip, self._tolerance = clip, tolerance
-        self.reset()
 
-    def reset(self) -> None:
-        """Back to gain 1: the model is in the exposure of the image."""
-        self.gain, self.offset = 1.0, 0.0
-
-    def update(self, leaders: AnyArray, image: U8) -> None:
-        """Follow one image.
+    def __call__(self, leaders: AnyArray, image: U8, last: Exposure) -> Exposure:
+        """Of one image over the model, or the last one where the scene has changed.
 
         Args:
             leaders: (H, W) leading Gaussians. image: (H, W, 1) grey or (H, W, 3) BGR uint8.
@@ -100,12 +92,12 @@ class GainFollower:
         model, bgr = model["y"][known], bgr[known]
         luma = bgr @ BGR_TO_LUMA if image.shape[2] == 3 else bgr[:, 0].astype(np.float32)
         n, pixels = len(model), (model, luma, information_of(luma, self._tolerance))
-        best = self._refined(pixels, self.gain, self.offset)
+        best = self._refined(pixels, *last)
         # Fraction of inliers above which no other gain is searched (our choice).
         if best.inliers < 0.7 * n:
             best = self._searched(pixels, best)
-        if best.inliers >= max(INLIERS_MIN * n, PIXELS_MIN) and self._is_exposure(best, pixels):
-            self.gain, self.offset = best.gain, best.offset
+        found = best.inliers >= max(INLIERS_MIN * n, PIXELS_MIN) and self._is_exposure(best, pixels)
+        return Exposure(best.gain, best.offset) if found else last
 
     def _is_exposure(self, line: _Line, pixels: _Pixels) -> bool:
         """Whether a line keeps enough of the scene.

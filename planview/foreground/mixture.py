@@ -10,7 +10,7 @@ import numpy as np
 from calib.carried import Carried
 from calib.types import F32, U8, AnyArray
 from planview.foreground import _kernels as kernels
-from planview.foreground.gain import Exposure, GainFollower
+from planview.foreground.gain import Exposure, GainFinder
 from planview.foreground.params import FOREGROUND, NO_FEEDBACK, SHADOW, ForegroundParams
 
 BODY_M = 0.5
@@ -55,7 +55,7 @@ class Foreground(Carried):
     """
 
     CARRIED = (
-        "shadow", "shows", "_model", "_gain", "_rebased", "_first_s", "_now_s", "_learned_s", "_frame", "_usual",
+        "shadow", "shows", "_model", "_exposure", "_rebased", "_first_s", "_now_s", "_learned_s", "_frame", "_usual",
         "_shown_s",
     )  # fmt: skip
 
@@ -89,7 +89,7 @@ class Foreground(Carried):
             np.zeros(shape, np.float32),
             np.zeros(shape, np.float32),
         )
-        self._gain = GainFollower(shape, CLIP_LEVEL, 3 * params.luma_noise)
+        self._gain = GainFinder(shape, CLIP_LEVEL, 3 * params.luma_noise)
         self.reset()
 
     def reset(self) -> None:
@@ -101,8 +101,7 @@ class Foreground(Carried):
         self._first_s = self._now_s = math.nan
         self._learned_s = np.zeros(TURNS_MAX)
         self._frame = 0
-        self._gain.reset()
-        self._rebased = Exposure()
+        self._exposure = self._rebased = Exposure()
         self.shows = True
         """Whether the last image showed anything that is known: else nothing was learned from it."""
         self._usual, self._shown_s = (0.0, 0.0, 0.0), math.nan
@@ -136,11 +135,10 @@ class Foreground(Carried):
             self._checked(feedback, NO_FEEDBACK, np.uint8, "feedback"),
         )
         if not is_first:
-            before = self._gain.gain, self._gain.offset
-            self._gain.update(self._model.gaussians[0], image)
+            before, self._exposure = self._exposure, self._gain(self._model.gaussians[0], image, self._exposure)
             self.shows = self._judge(frame, timestamp_s, steady)
             if not self.shows:
-                self._gain.gain, self._gain.offset = before
+                self._exposure = before
                 self.shadow[:] = 0
                 return np.zeros(self.shape, np.uint8)
             self._rebase()
@@ -199,7 +197,8 @@ class Foreground(Carried):
 
     def background_luma(self) -> U8:
         """(H, W) uint8 luma of the most common background, as the current exposure shows it; zeros before an update."""
-        levels = self._model.gaussians["y"][0] * np.float32(self._gain.gain) + np.float32(self._gain.offset)
+        gain, offset = map(np.float32, self._exposure)
+        levels = self._model.gaussians["y"][0] * gain + offset
         return np.asarray(np.rint(np.clip(levels, 0.0, 255.0)), np.uint8)
 
     def background_disparity(self) -> F32:
@@ -221,10 +220,10 @@ class Foreground(Carried):
     @property
     def exposure(self) -> Exposure:
         """The camera's exposure in the last frame, relative to the first."""
-        return self._rebased.after(Exposure(self._gain.gain, self._gain.offset))
+        return self._rebased.after(self._exposure)
 
     def _rebase(self) -> None:
-        gain, offset = self._gain.gain, self._gain.offset
+        gain, offset = self._exposure
         # The model moves to the exposure of the image when that differs by a factor of 2, so that noise stays
         # comparable, or by 20 levels, beyond which ratios of luma mean little.
         if 0.5 < gain < 2.0 and abs(offset) <= 20.0:
@@ -236,8 +235,7 @@ class Foreground(Carried):
             scaled *= np.float32(gain)
         for name in ("var_y", "var_u", "var_v"):
             gaussians[name] *= np.float32(gain) * np.float32(gain)
-        self._rebased = self.exposure
-        self._gain.reset()
+        self._rebased, self._exposure = self.exposure, Exposure()
 
     def _rates(self, timestamp_s: float) -> F32:
         """(TURNS_MAX, 4) float32 rates of the rows of each turn at the next frame; zeros where it is not due."""
@@ -263,7 +261,7 @@ class Foreground(Carried):
 
     def _constants(self) -> kernels.Constants:
         """In the exposure of the model, whose luma the image shows with a gain and an offset."""
-        p, gain, offset = self.params, self._gain.gain, self._gain.offset
+        p, (gain, offset) = self.params, self._exposure
         least = min(1.0 / gain, self._rebased.gain, 1.0)
         values = kernels.Constants(
             beta=p.beta,

@@ -90,9 +90,9 @@ def _follow(gains: list[float]) -> Foreground:
 
 def test_gain_is_followed_and_where_it_is_far_away_the_model_moves_to_it():
     foreground = _follow([1.0] * 10 + [1.3])
-    assert foreground._gain.gain == pytest.approx(1.3, abs=0.03)
+    assert foreground._exposure.gain == pytest.approx(1.3, abs=0.03)
     foreground = _follow([1.0] * 10 + [0.4, 0.4])
-    assert foreground._gain.gain == pytest.approx(1.0, abs=0.05)
+    assert foreground._exposure.gain == pytest.approx(1.0, abs=0.05)
 
 
 def test_plain_shirt_over_most_or_all_of_the_image_is_no_gain() -> None:
@@ -109,6 +109,6 @@ def test_drifting_light_does_not_run_away_and_another_scene_is_no_gain():
     rng = np.random.default_rng(5)
     drift = np.exp(np.cumsum(rng.normal(0, 0.02, 1000)))
     foreground = _follow(list(np.clip(drift, 0.4, 1.5)))
-    assert 0.4 < foreground._gain.gain < 2.5
+    assert 0.4 < foreground._exposure.gain < 2.5
     foreground, _ = _watch([rng.integers(0, 255, WALL.shape) for _ in range(10)])
-    assert foreground._gain.gain == pytest.approx(1.0, abs=0.3)
+    assert foreground._exposure.gain == pytest.approx(1.0, abs=0.3)
