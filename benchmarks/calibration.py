@@ -33,9 +33,8 @@ from planview.synthetic.assets import SCENES
 from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import load_scene
 from planview.synthetic.write import write_rigs
-from stereo.floor import BLIND_SENSOR, FloorEstimator, floor_in
+from stereo.floor import BLIND_SENSOR, PairFrames, floor_in
 from stereo.recording import StereoFrame
-from stereo.rectify import aligned_rectifier
 from stereo.rgbd import NOISE, RgbdRectifier
 
 Family = Literal["board", "floor", "human", "rigs"]
@@ -145,7 +144,7 @@ def floor_rows() -> list[Row]:
         progress(f"floor at {tilt_deg} degrees")
         name, (rig, truth, frames) = f"floor, rendered at {tilt_deg} degrees", rendered_lobby(tilt_deg)
         try:  # as the engine finds it
-            found = FloorEstimator(aligned_rectifier(rig, frames)[0])(frames)
+            found = PairFrames(rig, frames).floor()
         except WorkError:
             rows.append(figure(f"{name}: height", math.inf, "cm", HEIGHT_LIMIT_CM))
             continue

@@ -97,7 +97,7 @@ class Mog2:
 
     def __call__(self, frame: Frame) -> float:
         """Time of an update [s]."""
-        image = frame.left if isinstance(frame, StereoFrame) else frame.image
+        image = frame.image
         height, width = image.shape[:2]
         columns = min(width, self._most_px)
         small = cv2.resize(image, (columns, round(columns * height / width)))

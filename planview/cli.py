@@ -197,7 +197,7 @@ def _foreign_library(error: BaseException | None) -> str:
             files += [getattr(error, "path", None) or "", getattr(module, "__file__", None) or ""]
             for file, place in ((Path(file), place) for file in files if file for place in places):
                 name = file.relative_to(place).parts[0].split(".")[0] if file.is_relative_to(place) else ""
-                if name in packages_distributions() and name not in ("planview", "stereo", "calib"):
+                if name not in ("", "planview", "stereo", "calib") and name in packages_distributions():
                     what = f"another {name} than the installed one comes first by PYTHONPATH"
                     return f"{file}: {what} ({' '.join(str(error).split())}); unset PYTHONPATH"
         error = error.__cause__ or error.__context__

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -12,14 +13,16 @@ from pydantic import Field
 from calib.errors import WorkError
 from calib.floor.find import find_floor
 from calib.floor.plane import FLOOR_DISPARITY_STD_PX, INLIER_SIGMAS, MAD_TO_SIGMA, TUKEY_C, FloorParams, Plane, sandwich
+from calib.images import as_grey
 from calib.params import Params
-from calib.rig import Floor
+from calib.rig import Floor, StereoRig
 from calib.types import F32, F64, U8, AnyArray, Bool
 from stereo.depth import DEPTH_UNITS, RectifiedGeometry, back_project, median_image
 from stereo.matcher import RangeParams, SgbmMatcher, SgbmParams, disparity_range
-from stereo.recording import Frame, Recorded, RgbdRecording, StereoFrame
-from stereo.rectify import RectifiedPair, Rectifier, RectifyParams
-from stereo.rgbd import RgbdRectifier
+from stereo.recording import Frame, Recorded, RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
+from stereo.rectify import RectifiedPair, Rectifier, RectifyParams, aligned_rectifier
+from stereo.rgbd import RectifiedRgbd, RgbdRectifier
+from stereo.rig_correction import match_corners
 
 SETUP_FRAMES = 24
 """Frames, spread over a recording, in which floor and rig are measured."""
@@ -59,48 +62,153 @@ class FloorSearch(Params):
     floor: FloorParams = FloorParams()
 
 
-class FloorEstimator:
-    """The floor in rectified pairs of one rig (see ``calib.floor.find.find_floor``).
+class PairFrames:
+    """Frames spread over a stereo recording, rectified by its calibration as they correct it.
 
     Attributes:
-        rectifier: of the rig as the recording corrects it.
-        disparities: range searched, from infinity to ``range.nearest_m``.
+        frames: as recorded.
+        rectifier: of the corrected calibration.
+        correction: of the calibration, in pixels of the rectifier's images.
+        searched: disparities from infinity to ``range.nearest_m``.
     """
 
-    def __init__(self, rectifier: Rectifier, search: FloorSearch | None = None) -> None:
-        self.rectifier = rectifier
-        self._search = search or FloorSearch()
-        geometry = rectifier.geometry
-        self.disparities = disparity_range(geometry, self._search.range)
-        masks = rectifier.mask, rectifier.right_mask
-        self._match = SgbmMatcher(geometry, self._search.sgbm, self.disparities, *masks)
+    def __init__(self, rig: StereoRig, frames: Sequence[StereoFrame], search: FloorSearch | None = None) -> None:
+        self.frames, self._rig, self._search = frames, rig, search or FloorSearch()
+        self.rectifier, self.correction = aligned_rectifier(rig, frames, self._search.rectify)
+        geometry = self.rectifier.geometry
+        self.searched = disparity_range(geometry, self._search.range)
+        masks = self.rectifier.mask, self.rectifier.right_mask
+        self._match = SgbmMatcher(geometry, self._search.sgbm, self.searched, *masks)
 
-    def disparity(self, pair: RectifiedPair) -> F32:
-        """(H, W) float32 disparity [px] of a pair; NaN where unknown."""
-        return self._match(pair.left_grey, pair.right_grey)
+    @cached_property
+    def plain(self) -> Rectifier:
+        """The rectifier of the calibration as it is."""
+        return Rectifier(self._rig, self._search.rectify)
 
-    def depth(self, pair: RectifiedPair) -> F32:
-        """(H, W) float32 depth [m] of a pair; NaN where unknown."""
-        return self.rectifier.geometry.depth(self.disparity(pair))
+    @cached_property
+    def matches(self) -> F64:
+        """(N, 4) float64 corners [px] in four frames rectified by ``plain``: u, v, u in the right image, row offset.
 
-    def floor(self, pairs: Sequence[RectifiedPair], depths: Sequence[F32]) -> Floor:
-        """The floor common to some frames: found in the (H, W) float32 depth of each [m], then aligned with their
-        images. Raises WorkError: hardly any disparity is valid, or no floor is visible."""
-        geometry, params = self.rectifier.geometry, self._search.floor
-        alike: list[int] = np.flatnonzero(of_like_light([p.left_grey for p in pairs])).tolist()
-        pairs, depths = [pairs[k] for k in alike], [depths[k] for k in alike]
+        Disparities of both signs are searched, and rows that are wide apart, as they are when the wrong calibration is
+        taken to an image: a rig turned by 2 degrees still matches.
+        """
+        searched, found = disparity_range(self.plain.geometry), [np.empty((0, 4))]
+        largest = float(searched.first_px + searched.count)
+        for frame in self.frames[:: -(-len(self.frames) // 4)]:
+            pair = self.plain(frame.left, frame.right)
+            found.append(match_corners(pair.left_grey, pair.right_grey, largest, -largest, search_px=24))
+        return np.concatenate(found)
+
+    @cached_property
+    def rectified(self) -> list[RectifiedPair]:
+        """Each pair, rectified."""
+        return [self.rectifier(frame.left, frame.right) for frame in self.frames]
+
+    @property
+    def greys(self) -> list[U8]:
+        """(H, W) uint8 left image of each."""
+        return [pair.left_grey for pair in self.rectified]
+
+    @cached_property
+    def disparities(self) -> list[F32]:
+        """(H, W) float32 disparity [px] of each, NaN where unknown."""
+        return [self._match(pair.left_grey, pair.right_grey) for pair in self.rectified]
+
+    @cached_property
+    def depths(self) -> list[F32]:
+        """(H, W) float32 depth [m] of each, NaN where unknown."""
+        return [self.rectifier.geometry.depth(disparity) for disparity in self.disparities]
+
+    def depth_of(self, frame: StereoFrame) -> F32:
+        """(H, W) float32 depth [m] of another frame; NaN where unknown."""
+        pair = self.rectifier(frame.left, frame.right)
+        return self.rectifier.geometry.depth(self._match(pair.left_grey, pair.right_grey))
+
+    def floor(self) -> Floor:
+        """The floor common to the frames: found in the depth of each, then aligned with their images. Raises WorkError:
+        hardly any disparity is valid, or no floor is visible."""
+        geometry, alike = self.rectifier.geometry, np.flatnonzero(of_like_light(self.greys))
+        pairs, depths = [self.rectified[k] for k in alike], [self.depths[k] for k in alike]
 
         def align(plane: Plane) -> Plane:
             left, right = (median_image([p.left_grey for p in pairs]), median_image([p.right_grey for p in pairs]))
             return align_plane(plane, left, right, median_image(depths), geometry)
 
         blind = f"{_BLIND_PAIR}; a baseline of {geometry.baseline_m:.3g} m may be in another unit, such as squares"
-        return floor_in(depths, geometry, params, blind, align)
+        return floor_in(depths, geometry, self._search.floor, blind, align)
 
-    def __call__(self, frames: Iterable[StereoFrame]) -> Floor:
-        """The floor common to some frames as recorded (same errors as ``floor``)."""
-        pairs = [self.rectifier(frame.left, frame.right) for frame in frames]
-        return self.floor(pairs, [self.depth(pair) for pair in pairs])
+
+class DepthFrames:
+    """Frames spread over a recording of images with depth, without distortion; see ``PairFrames``."""
+
+    def __init__(self, recording: RgbdRecording, search: FloorSearch | None = None) -> None:
+        self._recording, self._search = recording, search or FloorSearch()
+        self.rectifier = RgbdRectifier(recording.camera, recording.sensor, self._search.rectify)
+        self.searched = self.rectifier.disparities()
+
+    @cached_property
+    def frames(self) -> list[RgbdFrame]:
+        """As recorded."""
+        return setup_frames(self._recording, self._search.frames)
+
+    @cached_property
+    def rectified(self) -> list[RectifiedRgbd]:
+        """Each without distortion."""
+        return [self.rectifier(frame) for frame in self.frames]
+
+    @property
+    def greys(self) -> list[U8]:
+        """(H, W) uint8 image of each."""
+        return [as_grey(image.left) for image in self.rectified]
+
+    @property
+    def disparities(self) -> list[F32]:
+        """(H, W) float32 disparity [px] that a pair would have, of each."""
+        return [self.rectifier.disparity(image) for image in self.rectified]
+
+    @property
+    def depths(self) -> list[F32]:
+        """(H, W) float32 depth [m] of each, NaN where unknown."""
+        return [image.depth_m for image in self.rectified]
+
+    def depth_of(self, frame: RgbdFrame) -> F32:
+        """(H, W) float32 depth [m] of another frame, NaN where unknown."""
+        return self.rectifier(frame).depth_m
+
+    def floor(self) -> Floor:
+        """The floor common to the frames. Raises WorkError: hardly any depth, or no floor is visible; the message
+        names the units of depth in which one would be."""
+        try:
+            return self._floor_in(self.depths)
+        except WorkError as error:
+            units = self._recording.depth_units
+            if units is None:
+                raise
+            assumed, found = units.units_per_m, []
+            for units.units_per_m in DEPTH_UNITS:
+                with suppress(WorkError):
+                    frames = setup_frames(self._recording, self._search.frames)
+                    height_m = self._floor_in([self.depth_of(frame) for frame in frames]).height_m
+                    found.append(f"{height_m:.2f} m below the camera at {units.units_per_m:g} values per metre")
+            units.units_per_m = assumed
+            if not found:
+                raise
+            raise WorkError(
+                f"another unit of depth? The floor would be {', or '.join(found)} (depth_scale in the calibration); at "
+                f"{assumed:g}: {error}"
+            ) from error
+
+    def _floor_in(self, depths: Sequence[F32]) -> Floor:
+        return floor_in(depths, self.rectifier.geometry, self._search.floor, BLIND_SENSOR)
+
+
+def spread_frames(
+    recording: StereoRecording | RgbdRecording, search: FloorSearch | None = None
+) -> PairFrames | DepthFrames:
+    """Frames spread over a recording, in which its floor is measured. Raises WorkError: none can be used."""
+    if isinstance(recording, RgbdRecording):
+        return DepthFrames(recording, search)
+    return PairFrames(recording.rig, setup_frames(recording, (search or FloorSearch()).frames), search)
 
 
 def of_like_light(images: Sequence[U8]) -> Bool:
@@ -201,34 +309,6 @@ def floor_in(
         moved=None if moved is None else np.concatenate(moved), bodies=[*map(long_axis, moved or ())],
         align=align, params=params,
     )  # fmt: skip
-
-
-def sensor_floor(recording: RgbdRecording, rectifier: RgbdRectifier, params: FloorParams, count: int) -> Floor:
-    """The floor common to ``count`` frames spread over images with depth. Raises WorkError: no usable frame, hardly any
-    depth, or no floor is visible; the message names the units of depth in which one would be."""
-    try:
-        return _sensor_floor(recording, rectifier, params, count)
-    except WorkError as error:
-        units = recording.depth_units
-        if units is None:
-            raise
-        assumed, found = units.units_per_m, []
-        for units.units_per_m in DEPTH_UNITS:
-            with suppress(WorkError):
-                height_m = _sensor_floor(recording, rectifier, params, count).height_m
-                found.append(f"{height_m:.2f} m below the camera at {units.units_per_m:g} values per metre")
-        units.units_per_m = assumed
-        if not found:
-            raise
-        raise WorkError(
-            f"another unit of depth? The floor would be {', or '.join(found)} (depth_scale in the calibration); at "
-            f"{assumed:g}: {error}"
-        ) from error
-
-
-def _sensor_floor(recording: RgbdRecording, rectifier: RgbdRectifier, params: FloorParams, count: int) -> Floor:
-    depths = [rectifier(frame).depth_m for frame in setup_frames(recording, count)]
-    return floor_in(depths, rectifier.geometry, params, BLIND_SENSOR)
 
 
 def long_axis(points: F64) -> F64:

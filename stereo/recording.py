@@ -77,6 +77,11 @@ class StereoFrame:
     left: U8
     right: U8
 
+    @property
+    def image(self) -> U8:
+        """The left image, which stands for the frame."""
+        return self.left
+
 
 @dataclass(frozen=True, eq=False)
 class RgbdFrame:
@@ -269,6 +274,16 @@ class StereoRecording(Recorded[StereoFrame]):
     world_SE3_left: SE3 | None = None
     sides = ("left: ", "right: ")
     is_live: ClassVar = False
+
+    @property
+    def camera(self) -> Camera:
+        """The left camera, whose images stand for the frames."""
+        return self.rig.left
+
+    @property
+    def source(self) -> str:
+        """Where the calibration came from, for messages and run.json."""
+        return self.rig.source
 
     def _joined(self, index: int, timestamp_s: float, *images: Any) -> StereoFrame:
         a, b = images

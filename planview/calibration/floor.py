@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +21,8 @@ from calib.types import F32, F64, U8
 from planview.drawing.people import Project, grid_lines
 from planview.trajectories.table import Trajectories
 from stereo.depth import RectifiedGeometry, median_image
-from stereo.floor import FloorEstimator, FloorSearch, sensor_floor, setup_frames
+from stereo.floor import FloorSearch, spread_frames
 from stereo.recording import RgbdRecording, StereoRecording
-from stereo.rectify import aligned_rectifier
-from stereo.rgbd import RgbdRectifier
 
 GRID = (90, 220, 90)
 AXIS = (60, 200, 255)
@@ -82,23 +80,9 @@ class FloorDepths:
 
 def view_floor(recording: StereoRecording | RgbdRecording, search: FloorSearch) -> FloorDepths:
     """Depth of frames spread over a recording. Raises WorkError: no usable frame."""
-    if isinstance(recording, RgbdRecording):
-        sensor = RgbdRectifier(recording.camera, recording.sensor, search.rectify)
-        seen = [sensor(frame) for frame in setup_frames(recording, search.frames)]
-        find = partial(sensor_floor, recording, sensor, search.floor, search.frames)
-        images, depths = [image.left for image in seen], tuple(image.depth_m for image in seen)
-        return FloorDepths(
-            sensor.geometry, images[len(images) // 2], depths, lambda frame: sensor(frame).depth_m, find
-        )  # fmt: skip
-    frames = setup_frames(recording, search.frames)
-    rectifier, _ = aligned_rectifier(recording.rig, frames, search.rectify)
-    estimator = FloorEstimator(rectifier, search)
-    pairs = [rectifier(frame.left, frame.right) for frame in frames]
-    depths = tuple(map(estimator.depth, pairs))
-    return FloorDepths(
-        rectifier.geometry, pairs[len(pairs) // 2].left, depths,
-        lambda frame: estimator.depth(rectifier(frame.left, frame.right)), partial(estimator.floor, pairs, depths),
-    )  # fmt: skip
+    seen = spread_frames(recording, search)
+    middle = seen.rectified[len(seen.rectified) // 2]
+    return FloorDepths(seen.rectifier.geometry, middle.left, tuple(seen.depths), seen.depth_of, seen.floor)
 
 
 def floor_from_tracks(

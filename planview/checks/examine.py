@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,22 +13,23 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calib.errors import InputError
+from calib.errors import InputError, WorkError
 from calib.formats import load_rig
 from calib.formats.one_camera import holds_one_camera, load_one_camera
 from calib.ground_camera import GroundCamera
 from calib.images import as_colour, as_grey, write_image
 from calib.io import missing
+from calib.rig import Floor
 from calib.types import F64, U8
 from planview.checks.camera import Steadiness
 from planview.checks.check import Check, at_least, between
-from planview.checks.recording import Evidence, busiest, gather
 from planview.checks.registration import registration_checks
 from planview.checks.scene import (
     CAMERA_HEIGHTS_M,
     MIN_VALID,
     alignment_checks,
     flicker_check,
+    grey_level,
     height_check,
     heights_above_floor,
     image_checks,
@@ -42,18 +43,16 @@ from planview.checks.timing import (
     MotionWatch,
     SpeedWatch,
     frame_checks,
-    motion_checks,
     repeated_check,
     thumbnails,
-    timing_checks,
 )
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
 from planview.maps.grid import FloorRig
 from stereo.depth import Depth, back_project, median_image
-from stereo.floor import FloorSearch, setup_frames
+from stereo.floor import DepthFrames, FloorSearch, PairFrames, setup_frames, spread_frames
 from stereo.matcher import SATURATED_LEVEL
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video
-from stereo.recording import StereoRecording, Video
+from stereo.recording import Recorded, StereoFrame, Video
 
 LINE_STEP_PX = 25
 FLOOR_BAND_M = 0.10
@@ -63,7 +62,7 @@ BELOW: Rgb = (60, 90, 255)
 SATURATED: Rgb = (255, 0, 255)
 
 
-def write_pictures(evidence: Evidence, folder: Path) -> list[Path]:
+def write_pictures(seen: PairFrames | DepthFrames, floor: Floor | None, folder: Path) -> list[Path]:
     """Write PNG pictures of the frame in the middle of the recording.
 
     Returns:
@@ -71,18 +70,20 @@ def write_pictures(evidence: Evidence, folder: Path) -> list[Path]:
         (what lies on the floor green, above it red, below it blue) and ``exposure.png`` (saturated pixels magenta).
     """
     folder.mkdir(parents=True, exist_ok=True)
-    middle = len(evidence.disparities) // 2
-    disparity, left, frame = evidence.disparities[middle], evidence.lefts[middle], evidence.spread[middle]
-    recorded = [frame.image] if evidence.pair is None else [frame.left, frame.right]
-    first_px, last_px = evidence.searched.first_px, evidence.searched.first_px + evidence.searched.count
-    turbo, ends = disparity_colours(disparity, first_px, last_px), (f"far: {first_px} px", f"near: {last_px} px")
+    middle = len(seen.frames) // 2
+    first_px, last_px = seen.searched.first_px, seen.searched.first_px + seen.searched.count
+    turbo = disparity_colours(seen.disparities[middle], first_px, last_px)
+    ends = f"far: {first_px} px", f"near: {last_px} px"
+    frame = seen.frames[middle]
+    recorded = [frame.image] + ([frame.right] if isinstance(frame, StereoFrame) else [])
     pictures = {
         "disparity.png": with_colour_bar(turbo, cv2.COLORMAP_TURBO, *ends, [Entry((0, 0, 0), "unknown")]),
-        "floor.png": floor_picture(evidence),
+        "floor.png": floor_picture(seen, floor),
         "exposure.png": np.hstack([_saturated(as_grey(image)) for image in recorded]),
     }
-    if evidence.pair is not None:
-        rows = as_colour(np.hstack([left, evidence.pair.rectified[middle].right_grey]))
+    if isinstance(seen, PairFrames):
+        pair = seen.rectified[middle]
+        rows = as_colour(np.hstack([pair.left_grey, pair.right_grey]))
         rows[LINE_STEP_PX // 2 :: LINE_STEP_PX] = as_bgr(ROW)
         pictures["rows.png"] = with_legend(rows, [Entry(ROW, "one row: the same point is on it in both images")])
     for name, picture in pictures.items():
@@ -90,16 +91,16 @@ def write_pictures(evidence: Evidence, folder: Path) -> list[Path]:
     return [folder / name for name in pictures]
 
 
-def floor_picture(evidence: Evidence) -> U8:
+def floor_picture(seen: PairFrames | DepthFrames, floor: Floor | None) -> U8:
     """The left image, median of the frames, tinted green where it shows the floor, red above it and blue below it."""
-    picture = as_colour(median_image(evidence.lefts).astype(np.uint8))
-    if evidence.floor is None:
+    picture = as_colour(median_image(seen.greys).astype(np.uint8))
+    if floor is None:
         return with_legend(picture, [Entry(ABOVE, "no floor was found")])
-    geometry = evidence.rectifier.geometry
-    points = back_project(geometry.depth(median_image(evidence.disparities)), geometry)
-    above = heights_above_floor(points, evidence.floor.world_SE3_left)
+    geometry = seen.rectifier.geometry
+    points = back_project(geometry.depth(median_image(seen.disparities)), geometry)
+    above = heights_above_floor(points, floor.world_SE3_left)
     with np.errstate(invalid="ignore"):
-        slope = evidence.floor.height_m / points[..., 2]  # height above the floor by depth, along the ray of a pixel
+        slope = floor.height_m / points[..., 2]  # height above the floor by depth, along the ray of a pixel
         within = FLOOR_BAND_M + 2 * slope * geometry.depth_std_m(points[..., 2])
         bands = {
             Entry(ROW, f"on the floor, within {100 * FLOOR_BAND_M:.0f} cm and noise"): np.abs(above) <= within,
@@ -119,10 +120,12 @@ def _saturated(image: U8) -> U8:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What was found: every check, and its evidence; None of one camera, and of a recording that was refused."""
+    """What was found: every check; of a pair or images with depth also the frames that were looked at and their floor,
+    where there is one."""
 
     checks: tuple[Check, ...]
-    evidence: Evidence | None
+    seen: PairFrames | DepthFrames | None = None
+    floor: Floor | None = None
 
     @property
     def ok(self) -> bool:
@@ -158,34 +161,58 @@ def examine(
     """
     if not path.exists():
         raise missing(path)
-    options = options or OpenOptions()
+    options, search = options or OpenOptions(), search or FloorSearch()
     try:
         if video := _video_of_one(path, options):
             if person_height_m is not None:
                 raise InputError(f"{path}: expected a pair or images with depth to measure people, found one camera")
-            return Diagnosis(tuple(_checks_of_one(*video, frames, search or FloorSearch())), None)
+            return Diagnosis(tuple(_checks_of_one(*video, frames, search)))
         recording = open_any(path, options)
     except InputError as error:
-        return Diagnosis((Check("calibration and layout", False, 0.0, note=str(error)),), None)
-    evidence = gather(recording, frames, search)
-    pair = evidence.pair
-    if pair is None:
-        light = light_checks([f.image for f in evidence.spread])
-        geometry = registration_checks(evidence.spread, evidence.run)
+        return Diagnosis((Check("calibration and layout", False, 0.0, note=str(error)),))
+    seen, floor, refused = spread_frames(recording, search), None, ""
+    try:
+        floor = seen.floor()
+    except WorkError as error:
+        refused = str(error)
+    run, times = _run_of(recording, seen.frames, frames, search)
+    if isinstance(seen, PairFrames):
+        watch = MotionWatch()
+        for pair in (seen.rectifier(frame.left, frame.right) for frame in run):
+            watch.update(thumbnails(pair.left_grey, pair.right_grey))
+        seen_in_images, geometry = [*watch.checks(), *image_checks(seen.frames)], alignment_checks(seen)
     else:
-        light = image_checks(evidence.spread)
-        geometry = alignment_checks(pair.plain, pair.matches, pair.correction)
-    source = recording.rig.source if isinstance(recording, StereoRecording) else recording.source
+        seen_in_images, geometry = _image_checks(seen.frames, run), registration_checks(seen.frames, run)
     checks = [
-        Check("calibration and layout", True, 1.0, note=source),
-        *timing_checks(evidence),
-        *light,
-        flicker_check([float(as_grey(f.image if pair is None else f.left)[::8, ::8].mean()) for f in evidence.run]),
+        Check("calibration and layout", True, 1.0, note=recording.source),
+        *times,
+        *seen_in_images,
+        flicker_check([grey_level(frame.image) for frame in run]),
         *geometry,
-        *scene_checks(evidence),
-        height_check(person_heights(evidence), person_height_m),
+        *scene_checks(seen, floor, refused),
+        height_check(person_heights(seen, floor), person_height_m),
     ]
-    return Diagnosis(tuple(checks), evidence)
+    return Diagnosis(tuple(checks), seen, floor)
+
+
+def _run_of(
+    recording: Recorded[Any], spread: Sequence[Any], count: int, search: FloorSearch
+) -> tuple[list[Any], list[Check]]:
+    """Consecutive frames around the one of some spread over the recording that differs most from the usual picture,
+    and the checks of times."""
+    small = np.stack([frame.image[::8, ::8].reshape(-1) for frame in spread]).astype(np.float32)
+    change = (np.abs(small - np.median(small, axis=0)) > 25).mean(axis=1)
+    # A change of light changes everything: it is no movement.
+    change[change > 0.5] = 0.0
+    count = max(3, min(count, recording.n_frames))
+    first = max(0, min(spread[int(np.argmax(change))].index - count // 2, recording.n_frames - count))
+    run = recording.at(list(range(first, min(first + count, recording.n_frames))))
+    return run, frame_checks(recording, spread, run, min(search.frames, recording.n_frames) + count)
+
+
+def _image_checks(spread: Sequence[Any], run: Sequence[Any]) -> list[Check]:
+    """Copies and light of images that are no pair."""
+    return [repeated_check([frame.image for frame in run]), *light_checks([frame.image for frame in spread])]
 
 
 def _video_of_one(path: Path, options: OpenOptions) -> tuple[Video, GroundCamera | None] | None:
@@ -213,9 +240,7 @@ def _video_of_one(path: Path, options: OpenOptions) -> tuple[Video, GroundCamera
 def _checks_of_one(video: Video, camera: GroundCamera | None, frames: int, search: FloorSearch) -> list[Check]:
     """Checks of one camera: times, light, whether it stands still, and its calibration."""
     spread = setup_frames(video, search.frames)
-    count = max(3, min(frames, video.n_frames))
-    images = [frame.image for frame in spread]
-    run = video.at(busiest(images, [frame.index for frame in spread], video.n_frames, count))
+    run, times = _run_of(video, spread, frames, search)
     steadiness = Steadiness()
     for frame in run:
         steadiness.update(frame.index, frame.timestamp_s, as_grey(frame.image))
@@ -223,10 +248,9 @@ def _checks_of_one(video: Video, camera: GroundCamera | None, frames: int, searc
     note = "one camera, no calibration: places are in pixels" if camera is None else "one camera, calibrated"
     return [
         Check("calibration and layout", True, 1.0, note=note),
-        *frame_checks(video, spread, run, min(search.frames, video.n_frames) + count),
-        repeated_check([frame.image for frame in run]),
-        *light_checks(images),
-        flicker_check([float(as_grey(frame.image)[::8, ::8].mean()) for frame in run]),
+        *times,
+        *_image_checks(spread, run),
+        flicker_check([grey_level(frame.image) for frame in run]),
         *steadiness.checks(),
         between("camera height", height, CAMERA_HEIGHTS_M, "m", "of the camera above the floor, by its calibration"),
     ]
@@ -257,7 +281,7 @@ class RecordingWatch:
         self._speed.update(timestamp_s, places)
         if depth is not None and depth.greys is not None:
             self._motion.update(thumbnails(*depth.greys))
-            self._levels.append(float(depth.greys[0][::8, ::8].mean()))
+            self._levels.append(grey_level(depth.greys[0]))
         if depth is not None and self._frames % STEP == 0:
             self._valid.append(float(np.isfinite(depth.disparity).mean()))
             if foreground is not None:
@@ -273,7 +297,7 @@ class RecordingWatch:
         # Fewest measured things by which the scale is doubted: shadows and doors are no people.
         heights = large_heights(things) if len(things) >= 20 else np.empty(0)
         return [
-            *motion_checks(self._motion.findings()),
+            *self._motion.checks(),
             flicker_check(list(self._levels)),
             at_least("valid disparity", valid, MIN_VALID, "", "share of the picture, median frame"),
             height_check(heights),

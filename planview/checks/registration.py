@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from calib.images import as_grey
 from calib.types import F32, F64, I64, U8, AnyArray
 from planview.checks.check import Check
-from planview.checks.timing import MAX_LAG, SURELY, Lag, jackknife, lag_of, repeated_check
+from planview.checks.timing import SURELY, Lag, jackknife, lag_of, repeated_check
 from stereo.depth import median_image
 from stereo.recording import RgbdFrame, RgbdRecording
 
@@ -41,51 +40,11 @@ CONSECUTIVE = 48
 """Frames in a row in which a delay is searched (our choice)."""
 
 
-class Fit(NamedTuple):
-    """Where depth lies best on its image.
-
-    Attributes:
-        shift_px: (2,) float64, how far depth must be moved right and down [px of 640].
-        std_px: of the longer of them, by the jackknife over frames.
-        scale: size that fits better, 1 where none is sure to.
-        gain: how much better than where it is, in deviations.
-        flip: of ``FLIPS`` the best.
-        flip_gain: how much better it fits flipped than as it is, in deviations.
-    """
-
-    shift_px: F64
-    std_px: float
-    scale: float
-    gain: float
-    flip: str
-    flip_gain: float
-
-
 def registration_checks(spread: Sequence[RgbdFrame], run: Sequence[RgbdFrame]) -> list[Check]:
     """Of frames spread over a recording, and of consecutive ones."""
-    fit = fit_of(spread)
-    lag = Lag(math.nan, math.nan, math.nan) if fit is not None and fit.flip_gain >= SURELY else delay_of(run)
-    which = "late" if lag.frames >= 0 else "ahead"
-    late = f"depth {abs(lag.frames):.1f} +- {lag.std:.1f} frames {which} of its image, by movement"
-    delay = Check(
-        "depth delay", not (lag.gain >= SURELY and abs(lag.frames) > MAX_LAG), abs(lag.frames), "frames", MAX_LAG,
-        "at most", late if math.isfinite(lag.frames) else "of depth after its image, by movement",
-    )  # fmt: skip
-    if fit is None:
-        return [Check("depth on its image", True, math.nan, note="too few edges to compare"), delay]
-    size = float(np.abs(fit.shift_px).max())
-    right, down = fit.shift_px
-    where = f"best fit of edges and people: {right:+.0f} px to the right, {down:+.0f} down, +- {fit.std_px:.0f}, of 640"
-    name = "depth on its image"
-    if fit.flip_gain >= SURELY:
-        note = f"depth is {fit.flip} against its image: flipped back, it fits better by {fit.flip_gain:.1f} deviations"
-        return [Check(name, False, math.nan, note=note), delay]
-    if fit.scale != 1.0:
-        note = f"depth is not registered to its image: {fit.scale:g} of its size fits better"
-        return [Check(name, False, math.nan, note=note, warns=True), delay]
-    ok = not (size > MAX_SHIFT_PX and fit.gain >= SURELY)
-    note = where if ok else f"depth is not registered to its image ({where})"
-    return [Check(name, ok, size, "px", MAX_SHIFT_PX, "at most", note, warns=True), delay]
+    place, is_flipped = place_check(spread)
+    lag = Lag() if is_flipped else delay_of(run)
+    return [place, lag.check("depth delay", "depth", " of its image", apart=lag.apart)]
 
 
 def run_checks(recording: RgbdRecording) -> list[Check]:
@@ -95,14 +54,38 @@ def run_checks(recording: RgbdRecording) -> list[Check]:
     return [*registration_checks(recording.sample(16), run), repeated_check([frame.image for frame in run])]
 
 
-def fit_of(frames: Sequence[RgbdFrame]) -> Fit | None:
-    """Where depth fits; None where there are too few frames or edges."""
-    if len(frames) < 4:
-        return None
+def place_check(frames: Sequence[RgbdFrame]) -> tuple[Check, bool]:
+    """Where depth lies best on its image, and whether it does flipped: of the ways to lay it there, that which fits
+    better than it does as it is by ``SURELY`` deviations (jackknife over frames)."""
+    name, scores = "depth on its image", _scores(frames) if len(frames) >= 4 else np.zeros((1, 1, 1, 1))
+    whole = scores.mean(axis=0)
+    if whole.max() < MIN_LIKENESS:
+        return Check(name, True, math.nan, note="too few edges to compare"), False
+    without = (scores.sum(axis=0) - scores) / (len(frames) - 1)
+    best = _places(whole)
+    peaks = np.array([[one[n][tuple(best[n])] for n in range(len(best))] for one in without])
+    own, mean, sizes = peaks[:, 0], peaks.mean(axis=0), 1 + len(FLIPS)
+    flip, size = int(np.argmax(mean[1:sizes])), int(np.argmax(mean[sizes:]))
+    if (gain := _gain(peaks[:, 1 + flip] - own)) >= SURELY:
+        how = f"{list(FLIPS)[flip]} against its image: flipped back, it fits better by {gain:.1f} deviations"
+        return Check(name, False, math.nan, note=f"depth is {how}"), True
+    if _gain(peaks[:, sizes + size] - own) >= SURELY:
+        note = f"depth is not registered to its image: {SCALES[size]:g} of its size fits better"
+        return Check(name, False, math.nan, note=note, warns=True), False
+    shift = (best[0] - REACH_PX) * PX
+    places = np.array([_places(one)[0] for one in without])
+    std = max(jackknife(places[:, int(np.argmax(np.abs(shift)))].tolist()), 0.5) * PX
+    ok = not (np.abs(shift).max() > MAX_SHIFT_PX and _gain(own - without[:, 0, *REACH_PX]) >= SURELY)
+    where = f"best fit of edges and people: {shift[1]:+.0f} px to the right, {shift[0]:+.0f} down, +- {std:.0f}, of 640"
+    note = where if ok else f"depth is not registered to its image ({where})"
+    return Check(name, ok, float(np.abs(shift).max()), "px", MAX_SHIFT_PX, "at most", note, warns=True), False
+
+
+def _scores(frames: Sequence[RgbdFrame]) -> F64:
+    """Of each frame and of depth as it is, flipped and in other sizes: correlation with the image at every shift."""
     images = [small_image(frame.image) for frame in frames]
     depths = [small_depth(frame.depth_m) for frame in frames]
     usual, usual_depth = median_image(images), median_image(depths)
-    # Of depth as it is, flipped, and of other sizes.
     scores = np.zeros((len(frames), 1 + len(FLIPS) + len(SCALES), 2 * REACH_PX[0] + 1, 2 * REACH_PX[1] + 1))
     for k, (image, depth) in enumerate(zip(images, depths, strict=True)):
         with np.errstate(invalid="ignore"):
@@ -112,21 +95,7 @@ def fit_of(frames: Sequence[RgbdFrame]) -> Fit | None:
             flipped = [measured[::down, ::across] for down, across in FLIPS.values()]
             for n, own in enumerate((measured, *flipped, *(_scaled(measured, scale) for scale in SCALES))):
                 scores[k, n] += correlation(np.ascontiguousarray(own), seen)
-    whole = scores.mean(axis=0)
-    if whole.max() < MIN_LIKENESS:
-        return None
-    without = (scores.sum(axis=0) - scores) / (len(frames) - 1)
-    best = _places(whole)
-    peaks = np.array([[one[n][tuple(best[n])] for n in range(len(best))] for one in without])
-    own, mean, sizes = peaks[:, 0], peaks.mean(axis=0), 1 + len(FLIPS)
-    flip, size = int(np.argmax(mean[1:sizes])), int(np.argmax(mean[sizes:]))
-    gain, flip_gain, scale_gain = (_gain(a - b) for a, b in (
-        (own, np.array([one[0][REACH_PX] for one in without])), (peaks[:, 1 + flip], own), (peaks[:, sizes + size], own)
-    ))  # fmt: skip
-    places, shift = np.array([_places(one)[0] for one in without]), (best[0] - REACH_PX) * PX
-    std = max(jackknife(places[:, int(np.argmax(np.abs(shift)))].tolist()), 0.5) * PX
-    scale = SCALES[size] if scale_gain >= SURELY else 1.0
-    return Fit(np.asarray(shift[::-1], dtype=np.float64), std, scale, gain, list(FLIPS)[flip], flip_gain)
+    return scores
 
 
 def _gain(gains: AnyArray) -> float:
@@ -148,7 +117,7 @@ def _places(scores: F64) -> I64:
 def delay_of(frames: Sequence[RgbdFrame]) -> Lag:
     """Frames by which depth moves after its image (see ``lag_of``)."""
     if len(frames) < 2:
-        return Lag(math.nan, math.nan, math.nan)
+        return Lag()
     images = [small_image(frame.image) for frame in frames]
     depths = [small_depth(frame.depth_m) for frame in frames]
     moved = [_cells(np.abs(b - a) > CHANGE_LEVEL) for a, b in pairwise(images)]

@@ -13,23 +13,22 @@ from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import F32, F64, U8, Bool
 from planview.checks.check import Check, at_least, at_most, between
-from planview.checks.recording import Evidence
 from planview.foreground.ghosts import find_blobs
 from planview.maps.grid import MapParams
 from stereo.depth import RectifiedGeometry, back_project, median_image
+from stereo.floor import DepthFrames, PairFrames
 from stereo.matcher import SATURATED_LEVEL
 from stereo.recording import StereoFrame
 from stereo.rectify import Rectifier
-from stereo.rig_correction import RigCorrection, fit_correction
+from stereo.rig_correction import fit_correction
 
 MIN_MATCHES = 60
 """Fewest corners found in both images on which the geometry is judged."""
 
 
-def alignment_checks(plain: Rectifier, matches: F64, correction: RigCorrection) -> list[Check]:
-    """Row offset and what turn of a camera explains it, left-right order and mirrored pose, from the rectifier of the
-    calibration as it is, (N, 4) matches in its images (``match_corners``), whose rows may be far off, and the
-    correction that a run makes."""
+def alignment_checks(seen: PairFrames) -> list[Check]:
+    """Row offset and what turn of a camera explains it, left-right order and mirrored pose."""
+    plain, matches, correction = seen.plain, seen.matches, seen.correction
     enough = len(matches) >= MIN_MATCHES
     offset = float(np.median(np.abs(matches[:, 3]))) * 640.0 / plain.geometry.width if enough else math.nan
     positive = float(np.mean(matches[:, 0] - matches[:, 2] > -0.5)) if enough else math.nan
@@ -117,6 +116,11 @@ def light_checks(*cameras: Sequence[U8]) -> list[Check]:
     ]
 
 
+def grey_level(image: U8) -> float:
+    """Mean grey level of an image."""
+    return float(as_grey(image)[::8, ::8].mean())
+
+
 def flicker_check(levels: Sequence[float]) -> Check:
     """Light that alternates, from the mean grey levels of consecutive frames."""
     own = np.asarray(levels, dtype=np.float64)
@@ -160,16 +164,16 @@ def height_check(heights: F64, person_height_m: float | None = None) -> Check:
     return between("person height", value, limits, "m", f"{note}: baseline and units", needed=True)
 
 
-def person_heights(evidence: Evidence) -> F64:
+def person_heights(seen: PairFrames | DepthFrames, floor: Floor | None) -> F64:
     """(N,) heights [m] of things that stand out of the background, one per thing and frame."""
-    if evidence.floor is None:
+    if floor is None:
         return np.empty(0)
-    geometry = evidence.rectifier.geometry
-    background = median_image(evidence.disparities)
+    geometry, disparities = seen.rectifier.geometry, seen.disparities
+    background = median_image(disparities)
     found = []
-    for disparity in evidence.disparities:
+    for disparity in disparities:
         depth = geometry.depth(disparity)
-        above = heights_above_floor(back_project(depth, geometry), evidence.floor.world_SE3_left)
+        above = heights_above_floor(back_project(depth, geometry), floor.world_SE3_left)
         # Disparity by which something must be nearer than the background to stand out of it: four deviations.
         found.append(standing_things(above, depth, disparity - background > 1.0))
     return large_heights(np.concatenate(found))
@@ -212,20 +216,18 @@ def standing_things(above: F32, depth: F32, moved: Bool) -> F64:
 
 MIN_VALID = 0.35
 """Share of pixels with a disparity; bare walls and saturated floors have none, people must."""
-MAX_DEPTH = {2.0: 0.15, 4.0: 0.5, 8.0: math.inf}
-"""Predicted depth deviation at a distance [m]: at 4 m half a metre is a person's width."""
 CAMERA_HEIGHTS_M = (1.2, 10.0)
 """Heights of a camera above the floor from which people are tracked [m]."""
 
 
-def scene_checks(evidence: Evidence) -> list[Check]:
+def scene_checks(seen: PairFrames | DepthFrames, floor: Floor | None, refused: str) -> list[Check]:
     """Share of valid disparity, floor share, flatness and height, depth and cell error at 2, 4 and 8 m."""
-    inside = evidence.rectifier.mask > 0
-    shares = [float(np.mean(np.isfinite(d[inside]))) for d in evidence.disparities]
+    inside = seen.rectifier.mask > 0
+    shares = [float(np.mean(np.isfinite(disparity[inside]))) for disparity in seen.disparities]
     return [
         at_least("valid disparity", float(np.median(shares)), MIN_VALID, "", "share of the picture, median frame"),
-        *floor_checks(evidence.floor, evidence.floor_refused),
-        *depth_checks(evidence.rectifier.geometry),
+        *floor_checks(floor, refused),
+        *depth_checks(seen.rectifier.geometry),
     ]
 
 
@@ -248,15 +250,14 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
 
 def depth_checks(geometry: RectifiedGeometry) -> list[Check]:
     """Predicted deviation of depth, and of a point's place in cells of the plan-view map, at 2, 4 and 8 m."""
-    checks = []
-    cell_m = MapParams().cell_m
-    cells_of = f"cells of {cell_m * 100:g} cm"
-    for distance, most in MAX_DEPTH.items():
-        deviation = geometry.depth_std_m(distance)
-        name, note = f"depth error at {distance:g} m", "predicted standard deviation"
-        limited = at_most(name, deviation, most, "m", note)
-        checks.append(limited if math.isfinite(most) else Check(name, True, deviation, "m", note=note))
-        across = distance / geometry.focal_u_px * geometry.disparity_std_px
-        cells = math.hypot(deviation, across) / cell_m
-        checks.append(Check(f"cell error at {distance:g} m", True, cells, "cells", note=cells_of))
+    checks, cell_m, note = [], MapParams().cell_m, "predicted standard deviation"
+    # Largest deviation at a distance [m]: at 4 m half a metre is a person's width.
+    for distance, most in ((2, 0.15), (4, 0.5), (8, None)):
+        deviation = geometry.depth_std_m(float(distance))
+        name = f"depth error at {distance} m"
+        free = Check(name, True, deviation, "m", note=note)
+        checks.append(free if most is None else at_most(name, deviation, most, "m", note))
+        cells = math.hypot(deviation, distance / geometry.focal_u_px * geometry.disparity_std_px) / cell_m
+        name, of = f"cell error at {distance} m", f"cells of {cell_m * 100:g} cm"
+        checks.append(Check(name, True, cells, "cells", note=of))
     return checks

@@ -13,9 +13,7 @@ import numpy as np
 from calib.images import as_grey
 from calib.types import F64, U8
 from planview.checks.check import Check, at_least, at_most
-from planview.checks.recording import Evidence
 from stereo.recording import Recorded
-from stereo.rectify import Rectifier
 
 STEP_PX = 2
 """Every n-th row and column is compared: a person at 8 m still has 100 pixels."""
@@ -42,6 +40,10 @@ SURELY = 2.0
 """Deviations by which a lag must make the movement of both cameras more alike than none does: less is chance."""
 MIN_TAIL = 48
 """Frames from which on a lag is searched in the last part of the time alone."""
+MAX_REPEATED = 0.1
+"""Share of pairs that repeat the one before while people move: a tenth spoils every velocity."""
+MAX_LAG = 0.5
+"""Cameras may be apart by half a frame: at 15 fps a walker moves 4 cm in that time, which is 1 px at 4 m."""
 
 
 class Thumbnails(NamedTuple):
@@ -63,36 +65,21 @@ class Lag(NamedTuple):
     not; its deviation; and how much more alike than without a lag, in deviations of that. Both by the jackknife over
     parts of the time, NaN where one part holds most of what moves."""
 
-    frames: float
-    std: float
-    gain: float
+    frames: float = math.nan
+    std: float = math.nan
+    gain: float = math.nan
 
     @property
-    def text(self) -> str:
-        """The lag in words."""
-        if not math.isfinite(self.frames):
-            return "offset of the right camera, by movement"
+    def apart(self) -> bool:
+        """Whether the cameras are surely apart: it explains their movement better than no lag does."""
+        return self.gain >= SURELY and abs(self.frames) > MAX_LAG
+
+    def check(self, name: str, what: str, against: str = "", *, apart: bool) -> Check:
+        """The lag of ``what`` as a check."""
         which = "late" if self.frames >= 0 else "ahead"
-        return f"right camera {abs(self.frames):.1f} +- {self.std:.1f} frames {which}, by movement"
-
-
-class MotionFindings(NamedTuple):
-    """What the movement in both images shows; NaN where too little moves.
-
-    Attributes:
-        lag: over all the time, or over its first half or its end where that leaves less doubt.
-        apart: whether the cameras are surely apart by it: it explains their movement better than none does, or they are
-            as far apart as pictures that were written twice leave them.
-        frozen: share of the frames with movement in which one camera stands still.
-        stall: longest such stretch [frames].
-        repeated: share of the frames with movement around them that repeat the pair before.
-    """
-
-    lag: Lag
-    apart: bool
-    frozen: float
-    stall: float
-    repeated: float
+        known = f"{what} {abs(self.frames):.1f} +- {self.std:.1f} frames {which}{against}"
+        note = f"{known if math.isfinite(self.frames) else f'offset of the {what}'}, by movement"
+        return Check(name, not apart, abs(self.frames), "frames", MAX_LAG, "at most", note)
 
 
 class MotionWatch:
@@ -133,10 +120,29 @@ class MotionWatch:
             self._bands.append(np.stack([np.sqrt(m[:rows].reshape(BANDS, -1).mean(axis=1)) for m in moved]))
             self._bands_since += 1
 
-    def findings(self) -> MotionFindings:
-        """Of all pairs so far."""
+    def checks(self) -> list[Check]:
+        """Cameras that do not move together in time, by all pairs so far; NaN where too little moves."""
+        active, (lag, apart) = self._active or math.nan, self._lag()
+        longest = float(self._longest) if self._active else math.nan
+        alone = "share of frames that stand still in one camera only"
+        return [
+            at_most("frozen camera", self._frozen / active, 0.1, "", alone),
+            # Half a second at 15 Hz [frames]; what both cameras show moves in both.
+            at_most("stalled camera", longest, 8, "frames", "longest time only one camera moves", warns=True),
+            at_most("repeated pairs", self.repeated, MAX_REPEATED, "", "share of pairs that repeat the one before"),
+            lag.check("synchronisation", "right camera", apart=apart),
+        ]
+
+    @property
+    def repeated(self) -> float:
+        """Share of the frames with movement around them that repeat the pair before."""
+        return self._repeated / ((self._active or math.nan) + self._repeated)
+
+    def _lag(self) -> tuple[Lag, bool]:
+        """The lag over all the time, or over its first half or its end where that leaves less doubt; and whether the
+        cameras are apart by it, or as far apart as pictures that were written twice leave them."""
         if not self._active:
-            return MotionFindings(Lag(np.nan, np.nan, np.nan), False, np.nan, np.nan, np.nan)
+            return Lag(), False
         signals = np.stack(self._bands)
         count, half = len(signals), len(signals) // 2
         parts = [signals, *([signals[:half]] if half >= WINDOW else [])]
@@ -145,13 +151,11 @@ class MotionWatch:
         lags = [lag_of(part[:, 0], part[:, 1]) for part in parts]
         lag = max(lags[1:], key=lambda lag: lag.gain if lag.gain >= SURELY else -1.0, default=lags[0])
         lag = lag if lag.gain >= SURELY > lags[0].gain else lags[0]
-        apart = lag.gain >= SURELY and abs(lag.frames) > MAX_LAG
-        if not apart and self._behind and MIN_FRAMES <= self._bands_since < count:
+        if not lag.apart and self._behind and MIN_FRAMES <= self._bands_since < count:
             since = lag_of(*signals[count - self._bands_since :].transpose(1, 0, 2))
-            if apart := round(since.frames) == self._behind if math.isfinite(since.frames) else False:
-                lag = since
-        repeated = self._repeated / (self._active + self._repeated)
-        return MotionFindings(lag, apart, self._frozen / self._active, float(self._longest), repeated)
+            if math.isfinite(since.frames) and round(since.frames) == self._behind:
+                return since, True
+        return lag, lag.apart
 
 
 def lag_of(left: F64, right: F64) -> Lag:
@@ -159,7 +163,7 @@ def lag_of(left: F64, right: F64) -> Lag:
     time are left out."""
     frames = len(left)
     if frames < MIN_FRAMES:
-        return Lag(np.nan, np.nan, np.nan)
+        return Lag()
     # Each less its mean over every WINDOW frames.
     parts = (np.array_split(signal, max(1, round(frames / WINDOW))) for signal in (left, right))
     left, right = (np.concatenate([part - part.mean(axis=0) for part in each]) for each in parts)
@@ -175,9 +179,9 @@ def lag_of(left: F64, right: F64) -> Lag:
     likeness = _likeness(whole)
     best = int(np.argmax(likeness))
     if likeness[best] < MIN_LIKENESS:
-        return Lag(np.nan, np.nan, np.nan)
+        return Lag()
     if power.max() > 0.8 * power.sum():
-        return Lag(_between(likeness, best), np.nan, np.nan)
+        return Lag(_between(likeness, best))
     without = [_likeness(whole - part) for part in sums]
     gains = [float(one[best] - one[LONGEST_LAG]) for one in without]
     gain = float(likeness[best] - likeness[LONGEST_LAG]) / max(jackknife(gains), 1e-6)
@@ -206,40 +210,16 @@ def _between(likeness: F64, best: int) -> float:
     return float(best - LONGEST_LAG + shift)
 
 
-MAX_GAP = 2.5
-"""Longest step between frames over the usual one: one dropped frame passes, two in a row do not."""
-MIN_USABLE = 0.9
-MAX_FROZEN = 0.1
-"""Share of frames with movement in which one camera stands still."""
-MAX_STALL = 8
-"""Longest such stretch [frames]: half a second at 15 Hz; what both cameras show moves in both."""
-MAX_REPEATED = 0.1
-"""Share of pairs that repeat the one before while people move: a tenth spoils every velocity."""
-MAX_LAG = 0.5
-"""Cameras may be apart by half a frame: at 15 fps a walker moves 4 cm in that time, which is 1 px at 4 m."""
-
-
-def timing_checks(evidence: Evidence) -> list[Check]:
-    """Those of ``frame_checks``; of a pair a frozen camera, and lag between the cameras."""
-    checks = frame_checks(evidence.recording, evidence.spread, evidence.run, evidence.frames_asked)
-    if not isinstance(evidence.rectifier, Rectifier):
-        return [*checks, repeated_check([frame.image for frame in evidence.run])]
-    watch = MotionWatch()
-    for frame in evidence.run:
-        pair = evidence.rectifier(frame.left, frame.right)
-        watch.update(thumbnails(pair.left_grey, pair.right_grey))
-    return [*checks, *motion_checks(watch.findings())]
-
-
-def frame_checks(recording: Recorded[Any], spread: list[Any], run: list[Any], frames_asked: int) -> list[Check]:
-    """Usable frames and gaps in the timestamps of any recording (see ``Evidence``)."""
-    usable = (len(spread) + len(run)) / max(1, frames_asked)
+def frame_checks(recording: Recorded[Any], spread: Sequence[Any], run: Sequence[Any], asked: int) -> list[Check]:
+    """Usable frames and gaps in the timestamps of any recording, from frames spread over it and consecutive ones."""
+    usable = (len(spread) + len(run)) / max(1, asked)
     times = recording.times_s
     known = np.array([f.timestamp_s for f in run]) if times is None else times[np.isfinite(times)]
     gap = "longest step between frames over the usual one"
     return [
-        at_least("usable frames", usable, MIN_USABLE, "", "share of the frames read that can be decoded"),
-        at_most("timestamp gap", longest_step(known), MAX_GAP, "steps", gap, warns=True),
+        at_least("usable frames", usable, 0.9, "", "share of the frames read that can be decoded"),
+        # One dropped frame passes, two in a row do not.
+        at_most("timestamp gap", longest_step(known), 2.5, "steps", gap, warns=True),
         *rate_checks(recording),
     ]
 
@@ -276,24 +256,14 @@ class SpeedWatch:
         return at_most("walking speed", value, 2.5, "m/s", note, warns=True)
 
 
-def motion_checks(found: MotionFindings) -> list[Check]:
-    """Cameras that do not move together in time."""
-    return [
-        at_most("frozen camera", found.frozen, MAX_FROZEN, "", "share of frames that stand still in one camera only"),
-        at_most("stalled camera", found.stall, MAX_STALL, "frames", "longest time only one camera moves", warns=True),
-        at_most("repeated pairs", found.repeated, MAX_REPEATED, "", "share of pairs that repeat the one before"),
-        Check("synchronisation", not found.apart, abs(found.lag.frames), "frames", MAX_LAG, "at most", found.lag.text),
-    ]
-
-
 def repeated_check(images: Sequence[U8]) -> Check:
     """Consecutive images of one camera that repeat the one before while something moves."""
     watch = MotionWatch()
     for image in images:
         small = as_grey(image)[::STEP_PX, ::STEP_PX]
         watch.update(Thumbnails(small, small))
-    share = watch.findings().repeated
-    return at_most("repeated frames", share, MAX_REPEATED, "", "share of frames that repeat the one before", warns=True)
+    note = "share of frames that repeat the one before"
+    return at_most("repeated frames", watch.repeated, MAX_REPEATED, "", note, warns=True)
 
 
 def longest_step(times_s: F64) -> float:

@@ -18,11 +18,11 @@ from calib.errors import InputError, WorkError
 from calib.io import parse_length
 from calib.rig import save_rig
 from planview.checks.examine import Diagnosis, examine, write_pictures
-from planview.checks.recording import PairEvidence
 from planview.commands.options import Flag, FrameRate, JsonFlag, Topics, in_range, open_options, typed
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search
 from planview.output.progress import PlainConsole
+from stereo.floor import PairFrames
 from stereo.readers import find_layout
 from stereo.readers.base import Layout, Reader
 from stereo.readers.images import Stream
@@ -88,16 +88,16 @@ def check(recording: Path, right: Path | None = None, /, *, options: CheckOption
             PlainConsole(soft_wrap=True).print(line, highlight=False)
         PlainConsole(markup=True).print(table(diagnosis))
     if options.out is not None:
-        written = write_pictures(diagnosis.evidence, options.out) if diagnosis.evidence else []
+        written = write_pictures(diagnosis.seen, diagnosis.floor, options.out) if diagnosis.seen else []
         lines = [f"wrote {path}" for path in written] or [f"{options.out}: no pictures, which show a pair or depth"]
         PlainConsole(stderr=True, highlight=False).print("\n".join(lines))
-    _correct(recording, diagnosis.evidence.pair if diagnosis.evidence else None, options.corrected_rig)
+    _correct(recording, diagnosis.seen if isinstance(diagnosis.seen, PairFrames) else None, options.corrected_rig)
     failed = [check.name for check in diagnosis.checks if check.failed]
     if failed:
         raise WorkError(f"{recording}: {len(failed)} of {len(diagnosis.checks)} checks failed: {', '.join(failed)}")
 
 
-def _correct(recording: Path, pair: PairEvidence | None, corrected_rig: Path | None) -> None:
+def _correct(recording: Path, pair: PairFrames | None, corrected_rig: Path | None) -> None:
     """Write the calibration as the recording corrects it where a file is named, else print how; nothing where it fits.
     Raises WorkError: a file is named, and there is nothing to correct."""
     if pair is None or not pair.correction.is_applied.any():
@@ -162,11 +162,10 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
     durations = [camera["duration_s"] for camera in cameras if camera["duration_s"] is not None]
     size, calibration, has_world = layout.streams[0].size, None, False
     if opened is not None:
-        camera = opened.rig.left if isinstance(opened, StereoRecording) else opened.camera
-        pose = opened.world_SE3_left
-        size, has_world = camera.size, pose is not None  # squeezed halves are stretched
+        camera = opened.camera
+        size, has_world = camera.size, opened.world_SE3_left is not None  # squeezed halves are stretched
         calibration = {
-            "source": opened.rig.source if isinstance(opened, StereoRecording) else opened.source,
+            "source": opened.source,
             "focal_px": camera.fx,
             "fov_deg": [
                 math.degrees(2.0 * math.atan(pixels / (2.0 * focal)))  # of the pinhole without its distortion

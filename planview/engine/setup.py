@@ -18,12 +18,11 @@ from planview.checks.scene import alignment_checks, floor_checks, image_checks
 from planview.engine.config import Config
 from planview.maps.grid import FloorRig, Grid, floor_in_view
 from stereo.depth import RectifiedGeometry
-from stereo.floor import FloorEstimator, FloorSearch, sensor_floor, setup_frames
+from stereo.floor import DepthFrames, FloorSearch, PairFrames, setup_frames
 from stereo.matcher import DisparityRange, disparity_range
 from stereo.recording import RgbdRecording, StereoRecording
-from stereo.rectify import Rectifier, aligned_rectifier
+from stereo.rectify import Rectifier
 from stereo.rgbd import RgbdRectifier
-from stereo.rig_correction import match_corners
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -72,38 +71,27 @@ def set_up(recording: StereoRecording | RgbdRecording, config: Config, pose_file
         InputError: a floor of which the camera sees nothing or too much.
         WorkError: no usable frame, left and right swapped, hardly any disparity or depth, or no floor visible.
     """
-    if isinstance(recording, RgbdRecording):
-        return _set_up_rgbd(recording, config, pose_file)
     search = floor_search(config)
-    frames = setup_frames(recording, search.frames)
-    plain = Rectifier(recording.rig, config.rectify)
-    searched = disparity_range(plain.geometry)
-    largest = float(searched.first_px + searched.count)
-    found = [np.empty((0, 4))]
-    # Setup frames in which the order of left and right is checked (our choice).
-    for frame in frames[:: -(-len(frames) // 4)]:
-        pair = plain(frame.left, frame.right)
-        # Rows are wide apart when the wrong calibration is taken to an image.
-        found.append(match_corners(pair.left_grey, pair.right_grey, largest, -largest, search_px=24))
-    matches = np.concatenate(found)
-    refuse_foreign(recording.path, plain, matches)
-    rectifier, correction = aligned_rectifier(recording.rig, frames, config.rectify)
-    light = image_checks(frames)
+    if isinstance(recording, RgbdRecording):
+        return _set_up_rgbd(recording, config, search, pose_file)
+    seen = PairFrames(recording.rig, setup_frames(recording, search.frames), search)
+    refuse_foreign(recording.path, seen.plain, seen.matches)
+    light = image_checks(seen.frames)
     try:
         if recording.world_SE3_left is not None:
             floor, source = Floor(recording.world_SE3_left), pose_file
         else:
-            floor, source = FloorEstimator(rectifier, search)(frames), "found"
+            floor, source = seen.floor(), "found"
             if floor.doubt and any(check.name == "compression" and check.failed for check in light):
                 raise WorkError(f"no floor found: {floor.doubt}, and compressed blocks match like such a plane")
     except WorkError as error:
         raise _explained(error, light) from error
-    checks = *light, *alignment_checks(plain, matches, correction), *floor_checks(floor)
-    geometry = rectifier.geometry
+    checks = *light, *alignment_checks(seen), *floor_checks(floor)
+    geometry = seen.rectifier.geometry
     return Setup(
-        geometry, floor, source, rectifier.rig.source, correction.after_px,
+        geometry, floor, source, seen.rectifier.rig.source, seen.correction.after_px,
         disparity_range(geometry, config.range, floor), *_analysed(recording.path, geometry, floor, source, config),
-        correction=str(correction), rectifier=rectifier, checks=checks,
+        correction=str(seen.correction), rectifier=seen.rectifier, checks=checks,
     )  # fmt: skip
 
 
@@ -112,19 +100,20 @@ def _explained(error: WorkError, checks: Sequence[Check]) -> WorkError:
     return WorkError("; ".join([*(check.sentence for check in checks if check.failed), str(error)]))
 
 
-def _set_up_rgbd(recording: RgbdRecording, config: Config, pose_file: str) -> Setup:
-    rectifier = RgbdRectifier(recording.camera, recording.sensor, config.rectify)
+def _set_up_rgbd(recording: RgbdRecording, config: Config, search: FloorSearch, pose_file: str) -> Setup:
+    seen = DepthFrames(recording, search)
     if recording.world_SE3_left is not None:
         floor, source = Floor(recording.world_SE3_left), pose_file
     else:
         try:
-            floor, source = sensor_floor(recording, rectifier, config.floor, config.analysis.setup_frames), "found"
+            floor, source = seen.floor(), "found"
         except WorkError as error:
             raise _explained(error, run_checks(recording)[:1]) from error  # a delay by depth in another unit is none
+    geometry = seen.rectifier.geometry
     return Setup(
-        rectifier.geometry, floor, source, recording.source, math.nan, rectifier.disparities(),
-        *_analysed(recording.path, rectifier.geometry, floor, source, config),
-        sensor=recording.sensor, rectifier=rectifier, checks=tuple(floor_checks(floor)),
+        geometry, floor, source, recording.source, math.nan, seen.searched,
+        *_analysed(recording.path, geometry, floor, source, config),
+        sensor=recording.sensor, rectifier=seen.rectifier, checks=tuple(floor_checks(floor)),
     )  # fmt: skip
 
 

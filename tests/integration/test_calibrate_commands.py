@@ -117,9 +117,8 @@ def files(folder: Path) -> set[str]:
 
 def test_check_and_calibration_find_the_floor_of_a_run(small: Path, json_of: JsonOf) -> None:
     of_run = set_up(open_recording(small), load_config()).floor
-    evidence = examine(small, frames=4).evidence
-    assert evidence is not None and evidence.floor is not None
-    assert evidence.floor.world_SE3_left.matrix.tolist() == of_run.world_SE3_left.matrix.tolist()
+    floor = examine(small, frames=4).floor
+    assert floor is not None and floor.world_SE3_left.matrix.tolist() == of_run.world_SE3_left.matrix.tolist()
     printed = json_of("calibrate", "floor", small)
     assert printed["height_m"] == of_run.height_m and printed["inlier_fraction"] == of_run.inlier_fraction
 

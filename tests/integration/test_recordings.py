@@ -11,7 +11,7 @@ from calib.formats import load_rig
 from calib.formats.one_camera import load_tsai
 from calib.types import F32, U8
 from stereo.depth import RectifiedGeometry
-from stereo.floor import FloorEstimator, setup_frames
+from stereo.floor import PairFrames, setup_frames
 from stereo.matcher import DisparityRange, SgbmMatcher
 from stereo.readers import find_layout, open_recording
 from stereo.rectify import Rectifier, aligned_rectifier
@@ -164,12 +164,13 @@ def test_middlebury_is_matched_better_than_by_plain_sgbm(shared_data: Path, scen
 def test_overhead_pair_is_corrected_by_its_own_matches(shared_data: Path) -> None:
     recording = open_recording(shared_data / "overhead-stereo")
     frames = setup_frames(recording)
-    rectifier, found = aligned_rectifier(recording.rig, frames)
+    pairs = PairFrames(recording.rig, frames)
+    found = pairs.correction
     assert np.degrees(found.angles[2]) == pytest.approx(0.158, abs=0.02)  # see the recording's README
     assert list(found.is_applied) == [True, False, True]  # yaw cannot be printed
     assert "roll corrected by 0.15" in str(found) and found.before_px > 0.3
     assert found.after_px < 0.25  # 0.5 px of the recorded 1280
-    floor = FloorEstimator(rectifier)(frames)
+    floor = pairs.floor()
     assert floor.height_m == pytest.approx(2.706, abs=0.02)
     up = floor.world_SE3_left.rotation[2]
     about_x, about_y = np.degrees([np.arctan2(-up[1], -up[2]), np.arcsin(up[0])])

@@ -23,13 +23,11 @@ from planview.checks.timing import (
     LONGEST_LAG,
     SURELY,
     WINDOW,
-    MotionFindings,
     MotionWatch,
     SpeedWatch,
     Thumbnails,
     lag_of,
     longest_step,
-    motion_checks,
     rate_checks,
     repeated_check,
     thumbnails,
@@ -49,11 +47,11 @@ def picture(t: float, shift: int) -> U8:
     return image
 
 
-def watched(left: list[U8], right: list[U8]) -> MotionFindings:
+def watched(left: list[U8], right: list[U8]) -> dict[str, Check]:
     watch = MotionWatch()
     for pair in zip(left, right, strict=True):
         watch.update(Thumbnails(*pair))
-    return watch.findings()
+    return {check.name: check for check in watch.checks()}
 
 
 @pytest.fixture(scope="module")
@@ -61,38 +59,41 @@ def sides() -> tuple[list[U8], list[U8]]:
     return [picture(i, 0) for i in range(FRAMES)], [picture(i, 6) for i in range(FRAMES)]
 
 
-def failing(found: MotionFindings) -> set[str]:
-    return {check.name for check in motion_checks(found) if not check.ok}
+def failing(found: dict[str, Check]) -> set[str]:
+    return {name for name, check in found.items() if not check.ok}
 
 
 def test_cameras_in_step_and_still_scenes_pass_and_frozen_cameras_and_copies_are_reported(sides):
     found = watched(*sides)
-    assert abs(found.lag.frames) < 0.2 and failing(found) == set()
+    assert found["synchronisation"].value < 0.2 and failing(found) == set()
     still = watched(*[[picture(0, 0)] * FRAMES] * 2)
-    assert np.isnan(still.lag.frames) and failing(still) == set()
+    assert np.isnan(still["synchronisation"].value) and failing(still) == set()
     frozen = watched(sides[0], [sides[1][0]] * FRAMES)
-    assert frozen.frozen == 1.0 and {"frozen camera", "stalled camera"} <= failing(frozen)
+    assert frozen["frozen camera"].value == 1.0 and {"frozen camera", "stalled camera"} <= failing(frozen)
     copied = watched(*([side[i * 4 // 5] for i in range(FRAMES)] for side in sides))
-    assert copied.repeated == pytest.approx(0.17, abs=0.05)
+    assert copied["repeated pairs"].value == pytest.approx(0.17, abs=0.05)
 
 
 @pytest.mark.parametrize("late", [1, 2, 3, 8, -2])
-def test_images_that_are_late_are_reported_with_their_lag_negative_on_the_left(sides, late):
+def test_images_that_are_late_are_reported_with_their_lag(sides, late):
     left, right = sides
     found = watched(left[late:], right[:-late]) if late > 0 else watched(left[:late], right[-late:])
-    assert found.lag.frames == pytest.approx(late, abs=0.3) and "synchronisation" in failing(found)
+    lag = found["synchronisation"]
+    assert not lag.ok and lag.value == pytest.approx(abs(late), abs=0.3)
+    assert lag.note.endswith("late, by movement" if late > 0 else "ahead, by movement")
 
 
 def test_camera_that_stalls_once_is_reported_by_the_length_of_the_stall(sides: tuple[list[U8], list[U8]]) -> None:
     left, right = sides
     found = watched(left * 5, (right[:20] + [right[19]] * 12 + right[32:]) + right * 4)
-    assert found.frozen < 0.1 and 10 <= found.stall <= 12 and failing(found) == {"stalled camera"}
+    assert found["frozen camera"].value < 0.1 and 10 <= found["stalled camera"].value <= 12
+    assert failing(found) == {"stalled camera"}
 
 
 def test_second_half_that_is_late_is_reported(sides: tuple[list[U8], list[U8]]) -> None:
     long = [[picture(i * 1.0 + 0.001 * i * i, shift) for i in range(360)] for shift in (0, 6)]
     found = watched(long[0], long[1][:180] + long[1][165:345])
-    assert found.lag.frames == pytest.approx(15, abs=1.0)
+    assert found["synchronisation"].value == pytest.approx(15, abs=1.0)
 
 
 @pytest.mark.parametrize("side", [0, 1])
@@ -100,8 +101,8 @@ def test_picture_written_twice_leaves_its_camera_behind(sides: tuple[list[U8], l
     both = [list(images) for images in sides]
     both[side] = both[side][:15] + both[side][14:-1]
     found = watched(*both)
-    assert round(found.lag.frames) == (1 if side else -1) and "synchronisation" in failing(found)
-    assert found.lag.text.endswith("late, by movement" if side else "ahead, by movement")
+    assert round(found["synchronisation"].value) == 1 and "synchronisation" in failing(found)
+    assert found["synchronisation"].note.endswith("late, by movement" if side else "ahead, by movement")
 
 
 def test_every_second_frame_that_is_darker_is_a_warning() -> None:
@@ -363,16 +364,16 @@ def test_the_verdict_comes_first_and_names_what_failed_before_what_is_a_warning(
     warned = height_check(np.full(30, 1.05))
     failed = Check("valid disparity", False, 0.2, "", 0.35, "at least", "share of the picture")
     fine = Check("row offset", True, 0.1)
-    lines = verdict(Diagnosis((fine, warned, failed), None))
+    lines = verdict(Diagnosis((fine, warned, failed)))
     assert lines[0] == "Results of this recording cannot be trusted: 1 of 3 checks failed and 1 warning."
     assert lines[1] == "failed: valid disparity: expected at least 0.35, found 0.2 (share of the picture)"
     assert lines[2].startswith(
         "warning: person height: expected 1.5 to 1.95 m, found 1.05 (likely a wrong focal length"
     )
-    assert verdict(Diagnosis((fine, warned), None))[0] == "Results can be used, with 1 warning."
+    assert verdict(Diagnosis((fine, warned)))[0] == "Results can be used, with 1 warning."
     unknown = height_check(np.empty(0))
     expected = "Nothing wrong was found: 1 checks passed; not measured: person height."
-    assert verdict(Diagnosis((fine, unknown), None)) == [expected]
+    assert verdict(Diagnosis((fine, unknown))) == [expected]
 
 
 def test_command_prints_the_verdict_before_the_table(tmp_path, capsys):
@@ -392,7 +393,7 @@ def test_what_is_no_recording_is_refused_or_reported(tmp_path):
     with pytest.raises(InputError, match="no such file or folder"):
         examine(tmp_path / "absent")
     diagnosis = examine(tmp_path)
-    assert isinstance(diagnosis, Diagnosis) and not diagnosis.ok and diagnosis.evidence is None
+    assert isinstance(diagnosis, Diagnosis) and not diagnosis.ok and diagnosis.seen is None
     assert "expected a recording, found an empty folder" in diagnosis.checks[0].note
 
 
@@ -402,4 +403,4 @@ def test_a_picture_over_exposed_by_a_hair_is_a_warning_and_no_refusal():
     over = next(check for check in light_checks([image]) if check.name == "over-exposure")
     assert over.value == pytest.approx(0.37, abs=0.02) and not over.ok and not over.failed
     refuse_unless_ok([over], "recording")  # --strict goes on
-    assert Diagnosis((over,), None).ok
+    assert Diagnosis((over,)).ok
