@@ -16,11 +16,10 @@ from toy_maps import write_toy_maps
 from calib.errors import InputError
 from calib.pose import SE3
 from calib.rig import world_from_plane
-from calib.types import F64
 from planview.engine.open import open_engine
 from planview.foreground.gain import Exposure
 from planview.maps.grid import Grid, MapParams
-from planview.maps.plan_view import FloorPoints, accumulate, joint_grid, plan_view
+from planview.maps.plan_view import FloorPoints, PlanViewMaps, accumulate, joint_grid, plan_view
 from planview.maps.recording import MapsFrame, MapsRecording, MapsWriter
 from planview.maps.view import CODES, MapBuilder, back_project, colour_codes, encode_colours, smoothing
 from stereo.depth import RectifiedGeometry
@@ -31,58 +30,44 @@ GEOMETRY = RectifiedGeometry(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1)
 OVERHEAD = world_from_plane(np.array([0.0, 0.0, -1.0]), 3.0)
 
 
-def builder(**params: float | bool) -> MapBuilder:
-    exact = {"smoothing_m": 0.0, "occupancy_min": 0.0}
-    return MapBuilder(GEOMETRY, OVERHEAD, MapParams.model_validate(exact | params))
-
-
-def flat(depth_m: float) -> np.ndarray:
-    return np.full((48, 64), GEOMETRY.disparity_at(depth_m), dtype=np.float32)
-
-
-def mask_at(rows: slice, columns: slice) -> np.ndarray:
-    mask = np.zeros((48, 64), dtype=np.uint8)
+def maps_of(depth_m, rows=np.s_[20:28], columns=np.s_[28:36], step=1, **params):
+    """Of a block of pixels that show something so far below a camera 3 m above the floor."""
+    disparity, mask = np.full((48, 64), GEOMETRY.disparity_at(depth_m), np.float32), np.zeros((48, 64), np.uint8)
     mask[rows, columns] = 255
-    return mask
+    disparity[:, 50:] = np.nan
+    exact = MapParams.model_validate({"smoothing_m": 0.0, "occupancy_min": 0.0} | params)
+    return MapBuilder(GEOMETRY, OVERHEAD, exact, step)(disparity[::step, ::step], mask[::step, ::step])
 
 
 def test_a_template_is_the_maps_around_a_place_and_zero_outside_the_grid() -> None:
-    maps = builder()(flat(2.0), mask_at(np.s_[20:28], np.s_[28:36]))
+    maps = maps_of(2.0)
     height, occupancy = maps.around(0.0, 0.0)
     assert height.shape == occupancy.shape == (21, 21)
     assert height[10, 10] == pytest.approx(1.0, abs=1e-5) and occupancy.sum() == pytest.approx(maps.occupancy.sum())
     assert (maps.around(maps.grid.x_max_m + 1, 0.0)[0] == 0).all()
 
 
-def test_height_of_a_table_below_an_overhead_camera_is_its_height_and_occupancy_its_area_at_any_distance() -> None:
-    assert builder()(flat(2.0), mask_at(np.s_[20:28], np.s_[28:36])).height_raw.max() == pytest.approx(1.0, abs=1e-5)
-    mask = mask_at(np.s_[10:30], np.s_[20:40])
-    for depth in (1.0, 2.0):
-        # 20 x 20 pixels, each depth / 50 wide.
-        assert builder()(flat(depth), mask).occupancy_raw.sum() == pytest.approx((20 * depth / 50) ** 2, rel=1e-4)
-    half = MapBuilder(GEOMETRY, OVERHEAD, MapParams(smoothing_m=0.0, occupancy_min=0.0), reduction=2)
-    reduced = half(flat(2.0)[::2, ::2], mask[::2, ::2])
-    assert reduced.occupancy_raw.sum() == pytest.approx((20 * 2.0 / 50) ** 2, rel=1e-4)
+@pytest.mark.parametrize(("depth_m", "step"), [(1.0, 1), (2.0, 1), (2.0, 2)])
+def test_table_below_an_overhead_camera_has_its_height_and_its_area_at_any_distance(depth_m, step) -> None:
+    maps = maps_of(depth_m, np.s_[10:30], np.s_[20:40], step)
+    assert maps.height_raw.max() == pytest.approx(3.0 - depth_m, abs=1e-5)
+    # 20 x 20 pixels, each depth / 50 wide.
+    assert maps.occupancy_raw.sum() == pytest.approx((20 * depth_m / 50) ** 2, rel=1e-4)
 
 
 def test_maps_skip_background_and_what_has_no_depth_is_above_h_max_or_on_the_ground():
-    disparity = flat(2.0)
-    disparity[:, :32] = np.nan
-    mask = np.full((48, 64), 255, dtype=np.uint8)
-    mask[24:] = 0
-    assert len(builder()(disparity, mask).points.xyz) == 24 * 32
-    assert builder()(flat(0.4), mask).height_raw.max() == 0.0
-    assert builder()(flat(2.95), mask).height_raw.max() == 0.0
+    assert len(maps_of(2.0, np.s_[:24], np.s_[:]).points.xyz) == 24 * 50
+    assert maps_of(0.4).height_raw.max() == maps_of(2.95).height_raw.max() == 0.0
 
 
 def test_height_is_masked_where_occupancy_is_low() -> None:
-    lone = builder(smoothing_m=0.04, occupancy_min=2.0)(flat(2.0), mask_at(np.s_[20:21], np.s_[30:31]))
+    lone = maps_of(2.0, np.s_[20:21], np.s_[30:31], smoothing_m=0.04, occupancy_min=2.0)
     assert lone.height_raw.max() > 0.9 and lone.height.max() == 0.0
 
 
 def test_images_of_another_size_and_halls_too_large_are_refused():
     with pytest.raises(ValueError, match="expected disparity and mask"):
-        builder()(flat(2.0)[:-1], np.zeros((47, 64), dtype=np.uint8))
+        MapBuilder(GEOMETRY, OVERHEAD)(np.zeros((47, 64), np.float32), np.zeros((47, 64), np.uint8))
     with pytest.raises(ValueError, match="at most"):
         Grid.covering(0.0, 0.0, 1000.0, 1000.0, 0.03)
 
@@ -113,51 +98,39 @@ def test_map_kernels_equal_their_reference(seed: int) -> None:
 
 
 GRID = Grid(-2.0, -2.0, 0.04, 100, 100)
-PARAMS = MapParams(smoothing_m=0.0)
 
 
-def points(xy: F64, area_m2: float = 0.5) -> FloorPoints:
-    """An upright surface over some floor positions."""
-    z = np.linspace(0.2, 1.7, len(xy))
-    xyz = np.column_stack([xy, z]).astype(np.float32)
-    return FloorPoints(xyz, np.full(len(xy), area_m2 / len(xy), np.float32), np.arange(len(xy), dtype=np.int32))
+def side(x: float, y: float, area_m2: float = 0.5) -> FloorPoints:
+    """What shows of a body: an upright surface over a line of cells."""
+    xyz = np.column_stack([np.linspace(x - 0.2, x + 0.2, 400), np.full(400, y), np.linspace(0.2, 1.7, 400)])
+    return FloorPoints(xyz.astype(np.float32), np.full(400, area_m2 / 400, np.float32), np.arange(400, dtype=np.int32))
 
 
-def side(x: float, y: float) -> FloorPoints:
-    """What shows of a body: a line of cells."""
-    return points(np.column_stack([np.linspace(x - 0.2, x + 0.2, 400), np.full(400, y)]))
-
-
-JOINT = joint_grid([GRID, GRID])
+def joined(*heads: FloorPoints) -> PlanViewMaps:
+    return plan_view(heads, joint_grid([GRID, GRID]), MapParams(smoothing_m=0.0))
 
 
 def test_surface_of_one_head_counts_whole_and_heights_are_the_highest_of_all_heads():
-    alone = side(0.3, -0.1)
-    maps = plan_view([alone], JOINT, PARAMS)
-    assert maps.occupancy_raw.sum() == pytest.approx(0.5, rel=1e-4)
-    np.testing.assert_array_equal(maps.points.area, alone.area)
-    far_away = side(1.9, 1.9)
-    np.testing.assert_array_equal(plan_view([alone, far_away], JOINT, PARAMS).points.area[:400], alone.area)
-    low, high = side(0.0, 0.0), side(0.0, 0.0)
+    alone, far_away, low = side(0.3, -0.1), side(1.9, 1.9), side(0.3, -0.1)
+    np.testing.assert_array_equal(joined(alone).points.area, alone.area)
+    np.testing.assert_array_equal(joined(alone, far_away).points.area[:400], alone.area)
     low.xyz[:, 2] *= 0.5
-    assert plan_view([low, high], JOINT, PARAMS).height_raw.max() == pytest.approx(1.7, abs=1e-6)
+    assert joined(low, alone).height_raw.max() == pytest.approx(1.7, abs=1e-6)
 
 
-def test_two_sides_of_a_body_count_as_the_side_that_shows_most() -> None:
-    front, back = side(0.0, -0.12), side(0.0, 0.12)
-    back.area[:] *= 0.5
-    maps = plan_view([front, back], JOINT, PARAMS)
-    assert maps.occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
-    rows = maps.occupancy_raw.sum(axis=1)
-    assert (rows > 0).sum() == 2 and rows.max() == pytest.approx(2 * rows[rows > 0].min(), rel=0.05)
-
-
-def test_bodies_that_different_heads_see_do_not_share_and_one_hidden_from_a_head_keeps_its_surface() -> None:
-    here, there = side(-1.0, 0.0), side(1.0, 0.0)
-    assert plan_view([here, there], JOINT, PARAMS).occupancy_raw.sum() == pytest.approx(1.0, rel=1e-4)
-    seen, rest = side(0.0, -0.12), side(0.0, 0.12)
-    rest.area[:] *= 0.01
-    assert plan_view([seen, rest], JOINT, PARAMS).occupancy_raw.sum() == pytest.approx(0.5, rel=0.01)
+@pytest.mark.parametrize(
+    ("heads", "area_m2"),
+    [
+        ([side(0.3, -0.1)], 0.5),
+        ([side(0.0, -0.12), side(0.0, 0.12, 0.25)], 0.5),
+        ([side(-1.0, 0.0), side(1.0, 0.0)], 1.0),
+        ([side(0.0, -0.12), side(0.0, 0.12, 0.005)], 0.5),
+    ],
+    ids=["one head", "two sides of a body: that which shows most", "two bodies", "nearly hidden from a head"],
+)
+def test_surface_of_a_body_is_what_the_best_head_sees(heads, area_m2):
+    occupancy = joined(*heads).occupancy_raw
+    assert occupancy.sum() == pytest.approx(area_m2, rel=0.01)
 
 
 FIELDS = (
@@ -183,12 +156,11 @@ def track(path: Path) -> int:
 
 def test_frames_are_read_as_they_were_written(maps: Path) -> None:
     recording = MapsRecording(maps)
-    frames = list(recording)
+    first, second, *_ = frames = list(recording)
     assert [f.index for f in frames][5:9] == [5, 6, 8, 9] and recording.n_frames == track(maps) == 39
     assert recording.skipped == [Skipped(7, "left: file is missing")] and recording.fps == 15.0
-    first = frames[0]
     assert len(first.unmatched) >= 9 and len(first.pixels) == len(first.disparities)
-    assert first.background is not None and frames[1].background is None
+    assert first.background is not None and second.background is None
 
 
 def test_a_frame_that_shows_nothing_is_replayed_as_one(maps: Path, tmp_path: Path) -> None:
