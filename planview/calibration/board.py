@@ -14,18 +14,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from calib.board.detect import (
-    SIDES,
-    Board,
-    BoardView,
-    Detector,
-    common_view,
-    complete_charuco,
-    find_counts,
-    larger_counts,
-    same_order,
-    spans_a_plane,
-)
+from calib.board import detect
+from calib.board.detect import SIDES, Board, BoardView
 from calib.board.fit import MAX_VIEWS, rig_parameters, rms, select_views, sharpness
 from calib.board.solve import FOLDS, BoardCalibration, RejectedView, solve_board
 from calib.camera import LensModel
@@ -128,20 +118,18 @@ def _pair(name: str, images: Sequence[U8 | None], which: str = "") -> BoardPair:
 def _in_folder(folder: Path) -> tuple[list[Files], Sequence[Path]]:
     """Images, or videos; those of the two cameras are distinguished by the names of their folders or their own."""
     folders = [f for f in entries(folder) if f.is_dir() and image_files(f)]
-    sided = split_sides([f.name for f in folders])
-    if sided is not None:
+    if (sided := split_sides([f.name for f in folders])) is not None:
         if len(sided.left) != 1 or len(sided.right) != 1:
             raise InputError(f"{folder}: expected one folder of left and one of right images, found {len(folders)}")
-        return _paired(*(image_files(folders[side[0]]) for side in (sided.left, sided.right))), ()
+        return _paired(image_files(folders[sided.left[0]]), image_files(folders[sided.right[0]])), ()
     images, videos = image_files(folder), video_files(folder)
-    sided = split_sides([f.stem for f in images or videos])
-    left, right = ([(images or videos)[i] for i in side] for side in (sided[:2] if sided else ((), ())))
+    files = images or videos
+    sided = split_sides([f.stem for f in files])
+    left, right = ([files[i] for i in side] for side in (sided[:2] if sided else ((), ())))
     if images:
         return (_paired(left, right) if left else [(file,) for file in images]), ()
-    if len(left) == len(right) == 1:
-        return [], (left[0], right[0])
-    if len(videos) == 1:
-        return [], videos
+    if len(left) == len(right) == 1 or len(videos) == 1:
+        return [], (left + right) or videos
     wanted = "left and right images or videos, or images or a video side by side"
     raise InputError(f"{folder}: expected {wanted}, found {len(videos) or 'no images or'} videos")
 
@@ -197,18 +185,18 @@ def _board(images: BoardImages, request: BoardRequest) -> Board:
     """The board, its counts found or checked."""
     sample = images.sample(4)
     if request.board is not None and request.board.dictionary:
-        return complete_charuco(
+        return detect.complete_charuco(
             request.board, sample, any_dictionary=request.any_dictionary, any_marker=request.any_marker
         )
     if request.board is None:
-        counts = find_counts(sample) or find_counts(images.sample(20))
+        counts = detect.find_counts(sample) or detect.find_counts(images.sample(20))
         if counts is None:
             raise InputError(
                 f"{images.path}: expected images of a chessboard, found none in {len(sample)} of them: "
                 "name its inner corners (COLSxROWS) or a ChArUco board's squares (charuco:COLSxROWS)"
             )
         return Board(*counts, request.square_m)
-    counts = larger_counts(sample, (request.board.cols, request.board.rows))
+    counts = detect.larger_counts(sample, (request.board.cols, request.board.rows))
     if counts is not None:
         raise InputError(
             f"{images.path}: expected a board of {request.board.cols}x{request.board.rows} inner corners, "
@@ -228,7 +216,7 @@ class _Detected(NamedTuple):
 
 def _detect(images: BoardImages, board: Board, progress: Callable[[int, int], None]) -> _Detected:
     """The corners that both images of a pair show and how sharp the lesser image is, or why a pair is of no use."""
-    detector = Detector(board, thorough=not images.is_video)
+    detector = detect.Detector(board, thorough=not images.is_video)
     found, size = _Detected([], [], [], (0, 0)), (0, 0)
     for done, pair in enumerate(images, 1):
         progress(done, len(images))
@@ -246,8 +234,8 @@ def _detect(images: BoardImages, board: Board, progress: Callable[[int, int], No
             missing = " and ".join(side for side, corners in (("left", left), ("right", right)) if corners is None)
             found.rejected.append(RejectedView(pair.name, f"no {board.name} found in the {missing} image"))
             continue
-        view = common_view(pair.name, left, same_order(board, left, right))
-        if not spans_a_plane(board, view.ids):
+        view = detect.common_view(pair.name, left, detect.same_order(board, left, right))
+        if not detect.spans_a_plane(board, view.ids):
             why = f"only {len(view.ids)} corners of the {board.name} are in both images"
             found.rejected.append(RejectedView(pair.name, why))
             continue
@@ -262,30 +250,23 @@ def _detect(images: BoardImages, board: Board, progress: Callable[[int, int], No
 def write_report(result: BoardCalibration, images: Path, path: Path) -> Path:
     """Write the page and return its path; one of the pairs in ``images`` is read again and shown rectified."""
     name, picture = _rectified_pair(result, images)
+    rig, used = result.rig, len(result.views)
     page = page_of(
-        "planview.calibration",
-        "board_report.html.j2",
-        source=images.name or str(images),
-        board=result.board.name,
-        size=f"{result.rig.left.width}x{result.rig.left.height}",
+        "planview.calibration", "board_report.html.j2", source=images.name or str(images), board=result.board.name,
+        size=f"{rig.left.width}x{rig.left.height}", pair_name=name, rejected=result.rejected, lenses=result.lenses,
+        chosen=result.chosen_lens, folds=min(FOLDS, used), parameters=_parameters(result),
+        rectified=base64.b64encode(encode_image(picture)).decode("ascii"),
+        errors=base64.b64encode(_figure(result)).decode("ascii"),
         figures=[
             ("stereo rms", f"{result.fit.rms_px:.3f} px"),
             ("rows after rectification, rms", f"{result.row_rms_px:.3f} px"),
-            ("baseline", f"{1000 * result.rig.baseline_m:.2f} ± {1000 * result.std['baseline']:.2f} mm"),
+            ("baseline", f"{1000 * rig.baseline_m:.2f} ± {1000 * result.std['baseline']:.2f} mm"),
             ("baseline in squares", f"{result.baseline_squares:.3f}"),
-            ("between the cameras", f"{math.degrees(result.rig.right_SE3_left.angle_rad):.2f}°"),
-            ("pairs used", f"{len(result.views)} of {len(result.views) + len(result.rejected)}"),
-            ("lens", result.rig.left.model),
+            ("between the cameras", f"{math.degrees(rig.right_SE3_left.angle_rad):.2f}°"),
+            ("pairs used", f"{used} of {used + len(result.rejected)}"),
+            ("lens", rig.left.model),
         ],
-        pair_name=name,
-        rectified=base64.b64encode(encode_image(picture)).decode("ascii"),
-        errors=base64.b64encode(_figure(result)).decode("ascii"),
-        rejected=result.rejected,
-        lenses=result.lenses,
-        chosen=result.chosen_lens,
-        folds=min(FOLDS, len(result.views)),
-        parameters=_parameters(result),
-    )
+    )  # fmt: skip
     write_whole(path, page)
     return path
 

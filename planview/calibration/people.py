@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -34,10 +35,8 @@ def draw_samples(image: U8, camera: GroundCamera, model: HumanModel, samples: Se
     canvas = as_colour(image).copy()
     for sample in samples:
         left, top, width, height = sample.box_px
-        corners = np.array([[left, top], [left + width, top], [left + width, top + height], [left, top + height]])
-        _polyline(canvas, np.vstack([corners, corners[:1]]), GIVEN)
-        for point in (sample.head_px, sample.foot_px):
-            _dot(canvas, np.array(point), GIVEN)
+        corners = np.array([(left, top), (left + width, top), (left + width, top + height), (left, top + height)])
+        _outline(canvas, corners, (sample.head_px, sample.foot_px), GIVEN)
         draw_person(canvas, camera, model, camera.back_project(sample.foot_px), COMPUTED)
     return canvas
 
@@ -48,9 +47,15 @@ def draw_person(
     """One computed person: outline, head and foot; nothing where the camera cannot see them."""
     hull = model.hull(camera, *(float(v) for v in np.asarray(xy_m)))
     if np.isfinite(hull).all():
-        _polyline(canvas, np.vstack([hull, hull[:1]]), colour)
-        _dot(canvas, model.head(camera, xy_m), colour)
-        _dot(canvas, model.foot(camera, xy_m), colour)
+        _outline(canvas, hull, (model.head(camera, xy_m), model.foot(camera, xy_m)), colour)
+
+
+def _outline(canvas: U8, corners: F64, dots: Sequence[ArrayLike], colour: tuple[int, int, int]) -> None:
+    """A closed line through (N, 2) corners, with dots."""
+    cv2.polylines(canvas, [np.rint(corners).astype(np.int32).reshape(-1, 1, 2)], True, colour, 1, cv2.LINE_AA)
+    for u, v in (np.asarray(dot, dtype=np.float64) for dot in dots):
+        if math.isfinite(u + v) and max(abs(u), abs(v)) < 1e5:
+            cv2.circle(canvas, (round(float(u)), round(float(v))), 3, colour, -1, cv2.LINE_AA)
 
 
 def floor_around(camera: GroundCamera, samples: Sequence[HumanSample]) -> tuple[float, float, float, float] | None:
@@ -73,15 +78,6 @@ def crowd(camera: GroundCamera, model: HumanModel) -> F64:
     far = boxes[:, :2] + boxes[:, 2:]
     inside = (boxes[:, :2] > 0).all(axis=1) & (far < np.array(camera.size)).all(axis=1)
     return np.asarray(feet[inside])
-
-
-def _polyline(canvas: U8, points: F64, colour: tuple[int, int, int]) -> None:
-    cv2.polylines(canvas, [np.rint(points).astype(np.int32).reshape(-1, 1, 2)], False, colour, 1, cv2.LINE_AA)
-
-
-def _dot(canvas: U8, point: F64, colour: tuple[int, int, int]) -> None:
-    if np.isfinite(point).all() and np.abs(point).max() < 1e5:
-        cv2.circle(canvas, (round(float(point[0])), round(float(point[1]))), 3, colour, -1, cv2.LINE_AA)
 
 
 @dataclass(eq=False)
@@ -124,10 +120,9 @@ def collect_samples(video: Video, count: int = 50, done: Callable[[], None] = la
             _continue(paths, bodies_of(mask, frame.index), frame.index)
         done()
     walking = [path for path in paths if path.walks]
-    walkers = [sample for path in walking for sample in path.samples]
-    name = str(video.path)
+    walkers, name = [sample for path in walking for sample in path.samples], str(video.path)
     upright = [s for s in walkers if s.head_px != s.foot_px]
-    bodies = upright if len(upright) >= 0.5 * len(walkers) else list(walkers)
+    bodies = upright if len(upright) >= 0.5 * len(walkers) else walkers
     if len(bodies) < MIN_SAMPLES:
         found = f"{len(bodies)} sightings of a whole person apart from others in {video.n_frames} frames"
         raise WorkError(
@@ -169,12 +164,10 @@ def usual_sizes(samples: Sequence[HumanSample]) -> Bool:
     best = np.zeros(len(sizes), dtype=np.bool_)
     for _ in range(400):
         chosen = rng.choice(len(sizes), 3, replace=False)
-        if abs(np.linalg.det(terms[chosen])) < 1.0:
-            continue
-        expected = terms @ np.linalg.solve(terms[chosen], sizes[chosen])
-        fits = np.abs(sizes - expected) < SIZE_TOLERANCE * np.maximum(expected, 1.0)
-        if fits.sum() > best.sum():
-            best = fits
+        if abs(np.linalg.det(terms[chosen])) >= 1.0:
+            expected = terms @ np.linalg.solve(terms[chosen], sizes[chosen])
+            fits = np.abs(sizes - expected) < SIZE_TOLERANCE * np.maximum(expected, 1.0)
+            best = max(best, fits, key=np.count_nonzero)
     return best if best.any() else np.abs(sizes - np.median(sizes)) < SIZE_TOLERANCE * sizes
 
 

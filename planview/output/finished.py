@@ -9,14 +9,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from calib.errors import InputError
 from calib.io import missing
-from calib.params import first_problem
 from planview.offline.edit import edited
 from planview.offline.refine import Refined, changes_csv, refine
-from planview.output.folder import RunInfo, finished_run, folder_lock, write_result, write_run_info, writing
+from planview.output.folder import RunInfo, finished_run, folder_lock, read_model, write_result, write_run_info, writing
 from planview.output.report.page import write_report
 from planview.output.report.snapshots import read_decision_log
 from planview.output.run_folder import RunFolder
@@ -116,12 +115,7 @@ def read_steps(folder: Path) -> list[EditStep]:
     path = folder / EDITS
     if not path.is_file():
         return []
-    try:
-        steps = _EditsFile.model_validate_json(path.read_text(encoding="utf-8")).steps
-    except ValidationError as error:
-        raise InputError(f"{path}: expected the edits of a run: {first_problem(error)}") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected the edits of a run, found {error}") from error
+    steps = read_model(path, _EditsFile, "the edits of a run").steps
     if steps and not (folder / TRACKS_BEFORE).is_file():
         raise InputError(f"{folder / TRACKS_BEFORE}: expected the tracks before the edits, found no file")
     return steps

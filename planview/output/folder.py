@@ -11,12 +11,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import IO, Literal
+from typing import IO, Literal, TypeVar
 
-from pydantic import Field, JsonValue, ValidationError
+from pydantic import BaseModel, Field, JsonValue, ValidationError
 
 from calib.errors import InputError, WorkError
-from calib.io import PART, reason, write_whole
+from calib.io import PART, expecting, reason, write_whole
 from calib.params import first_problem
 from planview.engine.info import CameraInfo, FloorInfo, InfoPart
 from stereo.recording import OpenOptions
@@ -135,14 +135,21 @@ def unfinished_note(tracks: Path) -> str:
     return f"{tracks}: the run {how}: only the frames tracked so far are used"
 
 
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read_model(path: Path, model: type[Model], what: str) -> Model:
+    """Read a JSON file. Raises InputError: unreadable, or a value of another kind."""
+    with expecting(path, what, OSError, UnicodeDecodeError):
+        try:
+            return model.model_validate_json(path.read_text(encoding="utf-8"))
+        except ValidationError as error:
+            raise InputError(f"{path}: expected {what}: {first_problem(error)}") from error
+
+
 def read_run_info(path: Path) -> RunInfo:
-    """Read run.json. Raises InputError: unreadable, or a value of another kind."""
-    try:
-        return RunInfo.model_validate_json(path.read_text(encoding="utf-8"))
-    except ValidationError as error:
-        raise InputError(f"{path}: expected a run.json: {first_problem(error)}") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected a run.json, found {reason(error)}") from error
+    """Read run.json (errors of ``read_model``)."""
+    return read_model(path, RunInfo, "a run.json")
 
 
 LOCK_NAME = "run.lock"

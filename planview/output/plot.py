@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -85,27 +85,24 @@ def _arranged(panels: Sequence[Panel], shape: float) -> tuple[Figure, dict[Panel
     """The floor large, and curves to the right of it; below it where it is wide."""
     from matplotlib.figure import Figure
 
-    curves = [panel for panel in PANELS if panel in panels and panel != "paths"]
+    curves: list[Any] = [panel for panel in PANELS if panel in panels and panel != "paths"]
+    layout: list[Any]
+    ratios: dict[str, Any] = {}
     if "paths" not in panels:
-        figure = Figure(figsize=(9, 3.0 * len(curves)), layout="constrained")
-        every = figure.subplots(len(curves), 1, squeeze=False, sharex=True)[:, 0]
-        return figure, dict(zip(curves, every, strict=True))
-    if not curves:
-        figure = Figure(figsize=(min(max(6.0 * shape, 4.5), 12.0) + 1, 6.5), layout="constrained")
-        return figure, {"paths": figure.subplots()}
-    if shape > WIDE:
+        layout, size = [[curve] for curve in curves], (9.0, 3.0 * len(curves))
+    elif not curves:
+        layout, size = [["paths"]], (min(max(6.0 * shape, 4.5), 12.0) + 1, 6.5)
+    elif shape > WIDE:
         depth = min(max(10.5 / shape, 2.0), 5.0) + 1.0
-        figure = Figure(figsize=(11, depth + 3.2), layout="constrained")
-        grid = figure.add_gridspec(2, len(curves), height_ratios=(depth, 3.0))
-        floor, cells = grid[0, :], [grid[1, n] for n in range(len(curves))]
+        layout, size, ratios = [["paths"] * len(curves), curves], (11.0, depth + 3.2), {"height_ratios": (depth, 3.0)}
     else:
         width = max(5.0 * shape, 3.5) + 1.0
-        figure = Figure(figsize=(width + 5.5, 6.5), layout="constrained")
-        grid = figure.add_gridspec(len(curves), 2, width_ratios=(width, 5.5))
-        floor, cells = grid[:, 0], [grid[n, 1] for n in range(len(curves))]
-    places: dict[Panel, Axes] = {"paths": figure.add_subplot(floor)}
-    for panel, cell in zip(curves, cells, strict=True):
-        places[panel] = figure.add_subplot(cell, sharex=places.get(curves[0]))
+        layout, size = [["paths", curve] for curve in curves], (width + 5.5, 6.5)
+        ratios = {"width_ratios": (width, 5.5)}
+    figure = Figure(figsize=size, layout="constrained")
+    places = figure.subplot_mosaic(layout, sharex="paths" not in panels, **ratios)
+    for curve in curves[1:]:
+        places[curve].sharex(places[curves[0]])
     return figure, places
 
 

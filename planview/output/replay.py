@@ -53,8 +53,7 @@ def difference_picture(
     for picture, text in zip(shown, ("as it was run", title), strict=True):
         strip: U8 = np.full((TITLE_PX, width, 3), 235, dtype=np.uint8)
         cv2.putText(strip, text, (8, TITLE_PX - 10), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (40, 40, 40), 1, cv2.LINE_AA)
-        padded = cv2.copyMakeBorder(picture, 0, 0, 0, width - picture.shape[1], cv2.BORDER_CONSTANT, value=(255,) * 3)
-        rows += [strip, np.asarray(padded, dtype=np.uint8)]
+        rows += [strip, np.pad(picture, ((0, 0), (0, width - picture.shape[1]), (0, 0)), constant_values=255)]
     return np.vstack(rows)
 
 

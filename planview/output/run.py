@@ -30,6 +30,7 @@ from planview.counting.events import Event
 from planview.counting.stream import Analytics
 from planview.counting.totals import JUMP_S, Counts, Span, jump_note
 from planview.engine.engine import Engine, FrameResult
+from planview.output import resume
 from planview.output.folder import (
     RunInfo,
     RunWarning,
@@ -38,18 +39,6 @@ from planview.output.folder import (
     prepare_folder,
     write_result,
     write_run_info,
-)
-from planview.output.resume import (
-    Checkpoint,
-    calibration_key,
-    code_version,
-    content_key,
-    decode,
-    digest_of,
-    encode,
-    library_versions,
-    remove_checkpoint,
-    write_checkpoint,
 )
 from planview.output.tables import RunTables
 from planview.trajectories.table import is_person
@@ -115,7 +104,7 @@ def run(
     options: RunOptions | None = None,
     logs: Sequence[RunLog] = (),
     watch: Callable[[FrameResult], None] | None = None,
-    checkpoint: Checkpoint | None = None,
+    checkpoint: resume.Checkpoint | None = None,
 ) -> RunInfo:
     """Track a recording and write the output folder.
 
@@ -238,7 +227,7 @@ class _Run:
         self._identity: dict[str, Any] | None = None
         self._checks = RunChecks(engine, options.strict)
 
-    def track(self, watch: Callable[[FrameResult], None] | None, checkpoint: Checkpoint | None) -> None:
+    def track(self, watch: Callable[[FrameResult], None] | None, checkpoint: resume.Checkpoint | None) -> None:
         options, recording, totals = self._options, self._engine.recording, self._totals
         analytics = options.analytics
         with ExitStack() as stack:
@@ -252,7 +241,7 @@ class _Run:
             stack.callback(tables.close)
             self._engine.reset()
             if checkpoint is not None:
-                self._set_state(decode(checkpoint.state))
+                self._set_state(resume.decode(checkpoint.state))
             is_live = getattr(recording, "is_live", False)
             every_s = 0.0 if is_live else options.checkpoint_every_s
             marked_s = time.monotonic()
@@ -296,12 +285,12 @@ class _Run:
         checkpoint cannot (a tracker from elsewhere)."""
         written = {"tables": tables.mark(), "logs": {name: log.mark() for name, log in self._logs.items()}}
         try:
-            state = encode(self._state())
+            state = resume.encode(self._state())
         except TypeError as error:
             warnings.warn(f"this run writes no checkpoints: {error}", stacklevel=2)
             return False
         self._identity = self._identity or run_identity(self._engine, self._options, list(self._logs))
-        write_checkpoint(self._folder, Checkpoint(self._identity, written, state))
+        resume.write_checkpoint(self._folder, resume.Checkpoint(self._identity, written, state))
         write_run_info(self._information("running"), self._folder / "run.json")
         return True
 
@@ -319,7 +308,7 @@ class _Run:
             if finished:
                 raise
         if finished:
-            remove_checkpoint(self._folder)
+            resume.remove_checkpoint(self._folder)
         return info
 
     def _information(self, state: str) -> RunInfo:
@@ -358,18 +347,18 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> di
     named = {"calibration": True, "heads": {"__all__": {"calibration"}}}
     right = getattr(recording, "options", OpenOptions()).right
     return {
-        "version": library_versions() | {"planview": code_version()},
+        "version": resume.library_versions() | {"planview": resume.code_version()},
         "configuration": engine.config.model_dump(mode="json"),
         "recording": {
-            "images": [content_key(path, texts=False) for path in (recording.path, right) if path and path.exists()],
-            "calibration": calibration_key(recording),
+            "images": [resume.content_key(p, texts=False) for p in (recording.path, right) if p and p.exists()],
+            "calibration": resume.calibration_key(recording),
             "frames": recording.n_frames,
             "fps": recording.fps,
             "camera": camera and camera.model_dump(mode="json", exclude=named),  # type: ignore[arg-type]
             "floor": floor and floor.model_dump(mode="json", exclude={"source"}),
         },
         "settings": {
-            "tracker": options.tracker, "rules": digest_of(rules) if rules else "", "logs": sorted(logs),
+            "tracker": options.tracker, "rules": resume.digest_of(rules) if rules else "", "logs": sorted(logs),
             "first_frame": options.first_frame,
         },
     }  # fmt: skip
@@ -387,7 +376,7 @@ def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
         tracker=options.tracker,
         first_frame=options.first_frame,
         started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
-        versions=library_versions(),
+        versions=resume.library_versions(),
         config=engine.config.model_dump(mode="json"),
         rig=engine.camera_info(),
         floor=engine.floor_info(),

@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.floor_camera import FloorCamera
-from calib.io import reason
+from calib.io import expecting
 from calib.types import F64, I64, Bool
 from planview.counting.events import Event, read_events
 from planview.counting.rules import RulePlane
@@ -250,10 +250,8 @@ def read_object(path: Path) -> dict[str, Any]:
     """A JSON object; an empty one where there is no file. Raises InputError: something else."""
     if not path.is_file():
         return {}
-    try:
+    with expecting(path, "JSON", OSError, ValueError, RecursionError):
         value = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: expected JSON, found {reason(error)}") from error
     if not isinstance(value, dict):
         raise InputError(f"{path}: expected a JSON object, found {type(value).__name__}")
     return value

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO
 
 from calib.errors import InputError, WorkError
-from calib.io import PART, reason, sync, whole_file
+from calib.io import PART, expecting, sync, whole_file
 from planview.counting.events import Event, write_event_header, write_event_rows
 from planview.engine.engine import Engine, FrameResult
 from planview.maps.recording import MapsFrame, MapsRecording, MapsWriter
@@ -94,17 +94,15 @@ DECISION_COLUMNS = ("frame", "timestamp_s", "id", "kind", "reason", "value", *Sc
 @contextmanager
 def reading_decisions(path: Path) -> Iterator[csv.DictReader[str]]:
     """The rows of decisions.csv. Raises InputError: unreadable, columns missing, or in the block a bad number."""
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
-            columns = list(reader.fieldnames or ())
-            missing = [name for name in ("frame", "timestamp_s", "id", "kind", "reason") if name not in columns]
-            if missing:
-                found = ",".join(columns)[:80]
-                raise InputError(f"{path}: expected decisions with the column {missing[0]!r}, found {found!r}")
-            yield reader
-    except (OSError, UnicodeDecodeError, csv.Error, ValueError, TypeError) as error:
-        raise InputError(f"{path}: expected a table of decisions, found {reason(error)}") from error
+    errors = (OSError, UnicodeDecodeError, csv.Error, ValueError, TypeError)
+    with expecting(path, "a table of decisions", *errors), path.open(newline="", encoding="utf-8") as file:
+        reader = csv.DictReader(file)
+        columns = list(reader.fieldnames or ())
+        missing = [name for name in ("frame", "timestamp_s", "id", "kind", "reason") if name not in columns]
+        if missing:
+            found = ",".join(columns)[:80]
+            raise InputError(f"{path}: expected decisions with the column {missing[0]!r}, found {found!r}")
+        yield reader
 
 
 class RunTables:

@@ -36,16 +36,12 @@ class Figure(NamedTuple):
 
 
 FIGURES: dict[FigureName, Figure] = {
-    "mota": Figure("MOTA", 3, 1),
-    "idf1": Figure("IDF1", 3, 1),
-    "hota": Figure("HOTA", 3, 1),
-    "significant_errors": Figure("significant errors", 2, -1),
-    "switches": Figure("switches", 2, -1),
+    "mota": Figure("MOTA", 3, 1), "idf1": Figure("IDF1", 3, 1), "hota": Figure("HOTA", 3, 1),
+    "significant_errors": Figure("significant errors", 2, -1), "switches": Figure("switches", 2, -1),
     "position_error_mean_m": Figure("position error [m]", 3, -1),
     "height_error_mean_m": Figure("height error [m]", 3, -1),
-    "people": Figure("people", 1, 1),
-    "elapsed_s": Figure("tracking time [s]", 1, -1),
-}
+    "people": Figure("people", 1, 1), "elapsed_s": Figure("tracking time [s]", 1, -1),
+}  # fmt: skip
 
 
 def run_figures(info: RunInfo, scores: dict[str, Any]) -> dict[str, float]:
@@ -252,9 +248,6 @@ def _flat(tables: Any, prefix: str = "") -> dict[str, Any]:
         raise InputError(f"expected a table of parameters, found {str(tables)[:80]!r}")
     flat: dict[str, Any] = {}
     for key, value in tables.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, dict) and not {"min", "max"} <= value.keys():
-            flat |= _flat(value, f"{name}.")
-        else:
-            flat[name] = value
+        is_space = not isinstance(value, dict) or {"min", "max"} <= value.keys()
+        flat |= {prefix + key: value} if is_space else _flat(value, f"{prefix}{key}.")
     return flat

@@ -165,7 +165,7 @@ class CalibrationSession:
             # A smaller box is a slip of the hand.
             if self.draft.box_px is None or min(self.draft.box_px[2:]) < 8.0:
                 self.draft = Draft()
-        draft, added = self.draft, False
+        draft = self.draft
         if draft.box_px and draft.head_px and draft.foot_px:
             self.draft = Draft()
             try:
@@ -175,9 +175,8 @@ class CalibrationSession:
                 return False
             self._remember()
             self.samples.append(sample)
-            added = True
         self.message = self.next_step()
-        return added
+        return self.draft is not draft
 
     def nudge(self, du: float, dv: float) -> None:
         """Move what is selected by some pixels."""
@@ -266,11 +265,11 @@ class CalibrationSession:
         if part == "point":
             u, v = self.floor_points[number]
             self.floor_points[number] = self._inside(u + du, v + dv)
-            return
-        try:
-            self.samples[number] = moved(self.samples[number], part, (du, dv))
-        except ValueError as error:
-            self.message = f"that is no standing person: {error}"
+        else:
+            try:
+                self.samples[number] = moved(self.samples[number], part, (du, dv))
+            except ValueError as error:
+                self.message = f"that is no standing person: {error}"
 
     def _remember(self) -> None:
         self._past.append((list(self.samples), list(self.floor_points)))
@@ -296,8 +295,8 @@ def open_session(path: Path, calibration: Path | None = None) -> CalibrationSess
     video = open_video(path)
     if not any(True for _ in video):
         raise InputError(f"{path}: expected a video with frames, found none that can be decoded")
-    session = CalibrationSession(path.name, VideoPictures(video), range(video.n_frames))
-    session.known, session.walked = known_of(path, session.size), walked_in(video)
+    session = CalibrationSession(path.name, VideoPictures(video), range(video.n_frames), walked=walked_in(video))
+    session.known = known_of(path, session.size)
     return session
 
 

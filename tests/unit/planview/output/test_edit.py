@@ -124,35 +124,31 @@ def test_refinement_is_undone_and_undo_all_gives_the_table_of_the_tracker(folder
     assert not (folder / "tracks_online.csv").exists() and not (folder / "refinement.csv").exists()
 
 
-def test_refinement_says_whether_it_made_the_tracks_better_or_worse(folder, cli):
-    recording = folder / "recording"
-    recording.mkdir()
+def recording_with_truth(folder: Path) -> Path:
+    """The recording of the run, and its truth."""
+    write_run_info(RunInfo(finished=True, frames_read=30, input=str(folder / "recording")), folder / "run.json")
+    (folder / "recording").mkdir()
     rows = "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30))
-    (recording / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + rows)
-    write_run_info(RunInfo(finished=True, frames_read=30, input=str(recording)), folder / "run.json")
+    (folder / "recording" / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + rows)
+    return folder / "recording" / "truth.csv"
+
+
+def test_refinement_says_whether_it_made_the_tracks_better_or_worse(folder, cli, json_of):
+    truth = recording_with_truth(folder)
     assert "equal against the truth: 1 person in the truth" in cli("edit", folder, "--refine")[1]
-
-
-def test_evaluate_distinguishes_refined_from_online_tracks(folder, cli, json_of):
-    truth = folder / "truth.csv"
-    truth.write_text("frame,id,x_m,y_m,height_m\n" + "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30)))
-    cli("edit", folder, "--refine")
     for name, refined in (("tracks.csv", True), ("tracks_online.csv", False)):
         assert json_of("evaluate", folder / name, truth)["refined"] == refined
 
 
 def test_evaluate_takes_the_truth_of_the_runs_recording(folder, refused, json_of, capsys):
-    recording = folder / "recording"
-    recording.mkdir()
     refused("evaluate", folder)
-    write_run_info(RunInfo(finished=True, frames_read=30, input=str(recording)), folder / "run.json")
-    assert "has no truth.csv; add the truth file" in refused("evaluate", folder)
-    rows = "".join(f"{t},1,{0.1 * t:.2f},0,1.7\n" for t in range(30))
-    (recording / "truth.csv").write_text("frame,id,x_m,y_m,height_m\n" + rows)
+    truth = recording_with_truth(folder)
     assert json_of("evaluate", folder)["truth_rows"] == 30
     with pytest.raises(SystemExit, match="0"):
         main(["evaluate", str(folder)])
     assert "lasting identity changes: two when two people swap ids" in " ".join(capsys.readouterr().out.split())
+    truth.unlink()
+    assert "has no truth.csv; add the truth file" in refused("evaluate", folder)
 
 
 def test_refine_needs_a_finished_run_and_the_online_tracks_of_a_refined_one(folder, cli, refused):

@@ -8,9 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from cli import Cli, JsonOf
 from full_disk import fill_disk_after
@@ -20,13 +18,11 @@ from rich.table import Table
 
 from calib.errors import InputError, WorkError
 from calib.ground_camera import GroundCamera
-from planview.checks.examine import STEP, RecordingWatch
 from planview.output.folder import (
     LOCK_NAME,
     PRODUCTS,
     RunInfo,
     check_folder,
-    finished_run,
     folder_lock,
     prepare_folder,
     read_run_info,
@@ -36,7 +32,6 @@ from planview.output.progress import PlainConsole, compile_notice
 from planview.output.run_folder import RunFolder
 from planview.output.tables import FrameFile
 from planview.trajectories.table import people_of
-from stereo.depth import Depth
 
 
 def finish(folder: Path, finished: bool = True) -> None:
@@ -90,14 +85,6 @@ def test_a_pipe_in_the_place_of_a_file_is_refused_and_not_waited_for(tmp_path, n
     os.mkfifo(tmp_path / name)
     with pytest.raises(InputError, match=rf"{name}: expected a file of a run, found a folder, a pipe or a device"):
         prepare_folder(tmp_path, overwrite=True)
-
-
-def test_finished_run_is_none_of_an_unfinished_run(tmp_path):
-    assert finished_run(tmp_path) is None
-    finish(tmp_path, finished=False)
-    assert finished_run(tmp_path) is None
-    finish(tmp_path)
-    assert finished_run(tmp_path) == RunInfo(input="x", finished=True)
 
 
 def test_a_frame_that_does_not_fit_on_the_disk_is_cut_off_and_the_next_follows_the_last_whole(tmp_path, monkeypatch):
@@ -157,23 +144,10 @@ def test_the_lock_of_a_killed_process_is_free_and_removed_at_the_end(tmp_path):
     with another_process_holding(tmp_path):
         pass
     with folder_lock(tmp_path):
+        with folder_lock(tmp_path):  # within its own lock
+            pass
         assert f"process {os.getpid()} on" in (tmp_path / LOCK_NAME).read_text()
     assert not (tmp_path / LOCK_NAME).exists()
-
-
-def test_a_process_may_lock_within_its_own_lock(tmp_path):
-    with folder_lock(tmp_path):
-        with folder_lock(tmp_path):
-            pass
-        assert (tmp_path / LOCK_NAME).exists()
-
-
-def test_a_run_is_looked_at_in_every_tenth_frame_only() -> None:
-    none, nothing = np.zeros((4, 4), np.uint8), np.full((4, 4), np.nan, np.float32)
-    watch = RecordingWatch(SimpleNamespace())  # type: ignore[arg-type]
-    for _ in range(2 * STEP + 1):
-        watch.update(0.0, Depth(none, nothing, 1, None, lambda: none), None, {})
-    assert len(watch._valid) == 3
 
 
 def test_compiled_kernels_are_announced_and_cached_ones_are_not() -> None:

@@ -41,7 +41,7 @@ async def test_camera_that_is_not_enough_is_exported_only_when_asked_again(tmp_p
     session.samples += standing_people(CAMERA, 4)
     session.solution = session.solve()
     found = session.solution.found
-    doubtful = replace(found.assessment, enough=False, sentence="not enough: add people nearer to the camera")
+    doubtful = found.assessment._replace(enough=False, sentence="not enough: add people nearer to the camera")
     session.solution = Solution(replace(found, assessment=doubtful))
     async with user_simulation(root=lambda: Page(session, tmp_path)) as user:
         await user.open("/")

@@ -21,7 +21,7 @@ from planview.evaluation.significant import SignificantError
 from planview.output.folder import RunInfo, SkippedFrame, read_run_info, write_run_info
 from planview.output.render import open_frames
 from planview.output.report.page import changed_settings, errors_of, scores_of, write_report
-from planview.output.report.plots import UNHELD, heat_plot, held_by, identity_pictures, stretches
+from planview.output.report.plots import UNHELD, heat_plot, held_by, identity_pictures
 from planview.output.report.snapshots import busiest_frame, scene_pictures
 from planview.output.run_folder import RunFolder
 from planview.output.tables import DECISION_COLUMNS
@@ -155,12 +155,6 @@ def table(rows: list[tuple[int, int, float]]) -> Trajectories:
     frame, track_id, x = (np.array(column) for column in zip(*rows, strict=True))
     xy = np.column_stack([x, np.zeros(len(x))]).astype(np.float64)
     return positions_table(frame, track_id, xy, timestamp_s=frame / 10)
-
-
-def test_stretches_end_at_gaps_and_changes_of_value() -> None:
-    person, frame = np.array([1, 1, 1, 1, 2]), np.array([0, 1, 3, 4, 0])
-    first, last = stretches(person, frame, np.array([0, 0, 0, 5, 0]))
-    assert (first.tolist(), last.tolist()) == ([0, 2, 3, 4], [1, 2, 3, 4])
 
 
 def test_truth_is_held_by_the_confirmed_track_within_the_gate() -> None:
