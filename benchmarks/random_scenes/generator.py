@@ -1,4 +1,8 @@
-"""Random scenes of every kind: a seed decides room, cameras, light, people and ways."""
+"""Random scenes of every kind: a seed decides room, cameras, light, people and ways.
+
+Challenges have a file of their own. Here are the committed conference room and room of two heads, varied, and views
+past which people walk over a line: how large people are in the image is random, and the camera hung so that they are.
+"""
 
 from __future__ import annotations
 

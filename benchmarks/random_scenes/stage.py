@@ -1,4 +1,5 @@
-"""The room of a challenge while it is being filled: what the camera views, what is free, ways around things."""
+"""How people, floors and light of random scenes look, and the room of a challenge while it is being filled: what the
+camera views, what is free, ways around things."""
 
 from __future__ import annotations
 

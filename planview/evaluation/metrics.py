@@ -1,4 +1,4 @@
-"""CLEAR, identity and HOTA scores of a sequence, each a function of the pairs that are similar."""
+"""Truth and tracks side by side, and their CLEAR, identity and HOTA scores, each a function of the similar pairs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scene as a TOML file: room, furniture, people, lights and cameras."""
+"""A scene as a TOML file: what people do step by step, room, furniture, people, lights and cameras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Surface patterns: functions of coordinates fixed to the surface, so both cameras see the same."""
+"""Surface patterns: functions of coordinates fixed to the surface, so both cameras see the same. The numpy twin in
+tests/reference defines the compiled noise."""
 
 from __future__ import annotations
 
