@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -161,7 +162,7 @@ class Feedback(Carried):
         mask: (H, W) uint8, as the last call returned it; None at first.
     """
 
-    CARRIED = "mask", "_origin", "_walked"
+    CARRIED = "mask", "_starts"
 
     def __init__(self, params: FeedbackParams) -> None:
         self.params = params
@@ -170,8 +171,8 @@ class Feedback(Carried):
     def reset(self) -> None:
         """Forget all tracks."""
         self.mask: U8 | None = None
-        self._origin: dict[int, tuple[float, float]] = {}
-        self._walked: set[int] = set()
+        # Where each track began, None once it has walked.
+        self._starts: dict[int, tuple[float, float] | None] = {}
 
     def update(self, tracks: Sequence[TrackState], view: View, decisions: Sequence[Decision] = ()) -> U8 | None:
         """The mask for the next frame, (H, W) uint8 of NO_FEEDBACK, PERSON and BACKGROUND: the last one where a view
@@ -186,7 +187,7 @@ class Feedback(Carried):
             off_x, off_y = x - np.float32(track.x_m), y - np.float32(track.y_m)
             near = off_x * off_x + off_y * off_y < OWN_M**2
             near_any |= near
-            if track.state == "confirmed" and track.track_id in self._walked:
+            if track.state == "confirmed" and self._starts[track.track_id] is None:
                 near_walker |= near
         self.mask = mask = np.zeros(shape, np.uint8)
         mask.reshape(-1)[points.pixels[(z < GROUND_M) & ~near_any]] = BACKGROUND
@@ -203,16 +204,14 @@ class Feedback(Carried):
 
     def _remember(self, tracks: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
         for known in decisions:
-            if known.was in self._origin:
-                self._origin.setdefault(known.track_id, self._origin[known.was])
-                self._walked |= {known.track_id} if known.was in self._walked else set()
-        alive = {track.track_id for track in tracks}
-        self._walked &= alive
-        self._origin = {i: xy for i, xy in self._origin.items() if i in alive}
+            if known.was in self._starts:
+                start = self._starts[known.was]
+                self._starts[known.track_id] = start and self._starts.get(known.track_id, start)
+        self._starts = {t.track_id: self._starts.get(t.track_id, (t.x_m, t.y_m)) for t in tracks}
         for track in tracks:
-            x, y = self._origin.setdefault(track.track_id, (track.x_m, track.y_m))
-            if (track.x_m - x) ** 2 + (track.y_m - y) ** 2 >= TRAVELLED_M**2:
-                self._walked.add(track.track_id)
+            start = self._starts[track.track_id]
+            if start is not None and math.dist(start, (track.x_m, track.y_m)) >= TRAVELLED_M:
+                self._starts[track.track_id] = None
 
 
 def stereo_engine(
