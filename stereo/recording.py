@@ -85,13 +85,8 @@ class StereoFrame:
 
 @dataclass(frozen=True, eq=False)
 class RgbdFrame:
-    """One image and its depth as recorded, lens distortion included.
-
-    Attributes:
-        index, timestamp_s: as of ``StereoFrame``.
-        image: (H, W) or (H, W, 3) uint8, BGR.
-        depth_m: (H, W) float32 [m] along the optical axis of the image's own pixels; NaN where unknown.
-    """
+    """One image as recorded, (H, W) or (H, W, 3) uint8 BGR, lens distortion included, and the (H, W) float32 depth [m]
+    along the optical axis of its own pixels, NaN where unknown; index and time as of ``StereoFrame``."""
 
     index: int
     timestamp_s: float
@@ -263,12 +258,8 @@ class Recorded(ABC, Generic[Frame]):
 
 @dataclass(eq=False, repr=False)
 class StereoRecording(Recorded[StereoFrame]):
-    """Frames of two cameras with their calibration at the images' size.
-
-    Attributes:
-        world_SE3_left: from ``world.toml``, else None (the floor is then found from the recording).
-        is_live: frames come from cameras as they run.
-    """
+    """Frames of two cameras with their calibration at the images' size; ``world_SE3_left`` is that of ``world.toml``,
+    else None (the floor is then found); ``is_live``: frames come from cameras as they run."""
 
     rig: StereoRig
     world_SE3_left: SE3 | None = None
@@ -302,10 +293,8 @@ class LiveRecording(StereoRecording):
         frames: list[StereoFrame] = []
         with closing(self.decode(None)) as pairs:
             for frame in map(self._frame, pairs):
-                if isinstance(frame, StereoFrame) and (
-                    not frames or frame.timestamp_s - frames[-1].timestamp_s >= 0.25
-                ):
-                    frames.append(frame)
+                due = not frames or isinstance(frame, Skipped) or frame.timestamp_s - frames[-1].timestamp_s >= 0.25
+                frames += [frame] if due and isinstance(frame, StereoFrame) else []
                 if len(frames) >= count:
                     break
         return frames

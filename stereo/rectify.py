@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -29,12 +30,12 @@ MAX_RAY_TAN = math.tan(math.radians(60.0))
 def source_pixels(camera: Camera, rotation: F64, pixel_to_ray: F64, size: tuple[int, int]) -> F32:
     """Recorded pixels that rectified pixels show.
 
+    (H, W, 2) float32 [px]; NaN behind the camera and where the lens model folds back on itself.
+
     Args:
         rotation: (3, 3) recorded camera frame to rectified frame.
         pixel_to_ray: (3, 3) homogeneous rectified pixel to rectified ray.
         size: (width, height) of the rectified image [px].
-    Returns:
-        (H, W, 2) float32 [px]; NaN behind the camera and where the lens model folds back on itself.
     """
     matrix, coefficients = np.linalg.inv(pixel_to_ray), camera.coefficients
     maps = cv2.fisheye.initUndistortRectifyMap if camera.model == "fisheye" else cv2.initUndistortRectifyMap
@@ -50,8 +51,7 @@ def source_pixels(camera: Camera, rotation: F64, pixel_to_ray: F64, size: tuple[
 def fold_radius(camera: Camera) -> float:
     """Tangent of the angle from the axis beyond which the lens model turns back into the image.
 
-    Polynomials hold only where they were fitted; beyond, OAK-D's rational model for one maps the far outside back
-    onto the image.
+    Polynomials hold only where they were fitted: OAK-D's rational model for one maps the far outside onto the image.
     """
     radius = np.linspace(0.0, 8.0, 4001)
     out = camera.project(np.column_stack([radius, np.zeros_like(radius), np.ones_like(radius)]))
@@ -60,12 +60,8 @@ def fold_radius(camera: Camera) -> float:
 
 
 def border_rays(camera: Camera, samples: int = 33) -> F64:
-    """Rays through the four outer edges of an image.
-
-    Returns:
-        (4, samples, 3) float64 at unit z: left, right, top, bottom edge; where the lens model has no inverse, the
-        outermost ray that it has in that direction.
-    """
+    """(4, samples, 3) float64 rays at unit z through the left, right, top and bottom edge of an image; where the lens
+    model has no inverse, the outermost ray that it has in that direction."""
     w, h = camera.width - 0.5, camera.height - 0.5
     across, down = np.linspace(-0.5, w, samples), np.linspace(-0.5, h, samples)
     low = np.full(samples, -0.5)
@@ -85,10 +81,8 @@ def border_rays(camera: Camera, samples: int = 33) -> F64:
 def ideal_pinhole(
     camera: Camera, rotation: F64, working_px: int, field_quantile: float, baseline_m: float
 ) -> RectifiedGeometry:
-    """The pinhole without distortion that shows a turned camera's field of view at the working size.
-
-    Of a pair: of the left camera, turned into the rectified frame.
-    """
+    """The pinhole without distortion that shows a turned camera's field of view at the working size; of a pair that of
+    the left camera, turned into the rectified frame."""
     rays = border_rays(camera) @ rotation.T
     plane = rays[..., :2] / np.maximum(rays[..., 2:], 0.1)  # at unit depth
     centre = rotation @ np.array([0.0, 0.0, 1.0])
@@ -174,8 +168,7 @@ class RectifyParams(Params):
     them; between, that share of each border."""
 
 
-@dataclass(frozen=True, eq=False)
-class RectifiedPair:
+class RectifiedPair(NamedTuple):
     """One rectified pair: the left image (H, W) or (H, W, 3) uint8, as recorded, and both in grey for matching."""
 
     left: U8
@@ -183,14 +176,9 @@ class RectifiedPair:
     right_grey: U8
 
 
-@dataclass(frozen=True, eq=False)
-class ReducedPair:
-    """One rectified pair, (H, W) uint8 grey for matching, with its left image as recorded at the analysis size.
-
-    Attributes:
-        image: (h, w[, 3]) uint8, the left image: means of the pixels between its own.
-        left: makes the (H, W[, 3]) uint8 left image as recorded.
-    """
+class ReducedPair(NamedTuple):
+    """One rectified pair, whose left image as recorded, (h, w[, 3]) uint8, is that of means between its pixels; both in
+    (H, W) grey for matching, and what makes the (H, W[, 3]) left image."""
 
     image: U8
     left_grey: U8
@@ -246,18 +234,15 @@ class Rectifier:
         return self._smaller[step]
 
     def _check(self, left: U8, right: U8) -> None:
-        if left.shape[:2] != self._shape or right.shape[:2] != self._shape:
+        if not left.shape[:2] == right.shape[:2] == self._shape:
             raise ValueError(f"expected images of shape {self._shape}, got {left.shape} and {right.shape}")
 
 
 def aligned_rectifier(
     rig: StereoRig, frames: Iterable[StereoFrame], params: RectifyParams | None = None
 ) -> tuple[Rectifier, RigCorrection]:
-    """A rectifier of the calibration as some frames correct it.
-
-    ``frames`` are a dozen spread over the recording, so that light and movement differ. Returns the rectifier, whose
-    rig is the corrected one, and what was measured, in pixels of its images.
-    """
+    """A rectifier of the calibration as some frames correct it, a dozen spread over the recording, so that light and
+    movement differ; and what was measured, in pixels of its images."""
     params = params or RectifyParams()
     # Longest side of the images in which the calibration is corrected [px]: more cost time.
     plain = Rectifier(rig, params.model_copy(update={"working_px": 1280}))

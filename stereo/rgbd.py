@@ -8,7 +8,8 @@ a deviation of depth k z^2 is the deviation ``DISPARITY_STD_PX`` of the disparit
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -99,10 +100,8 @@ def register_depth(
 
 
 NOISE: dict[DepthSensor, tuple[float, float]] = {
-    "structured-light": (1.425e-3, 0.0),
-    "time-of-flight": (5e-4, 0.005),
-    "stereo": (4.7e-3, 0.0),
-}
+    "structured-light": (1.425e-3, 0.0), "time-of-flight": (5e-4, 0.005), "stereo": (4.7e-3, 0.0),
+}  # fmt: skip
 """Standard deviation of a measured depth z: growth with squared depth [1/m], and what is left however near [m].
 
 Structured light: Khoshelham and Elberink 2012 (Sensors 12), eq. 10 with m = 2.85e-5 / cm and half a step of
@@ -111,8 +110,7 @@ measured 1.3 mm at 1 m and 4.3 mm at 4 m on flat targets; that growth, with 5 mm
 Stereo: sigma_d / (f b) of an active stereo camera, 0.1 px of 848 over 5 cm (after RealSense D435)."""
 
 
-@dataclass(frozen=True, eq=False)
-class RectifiedRgbd:
+class RectifiedRgbd(NamedTuple):
     """One image without distortion, (H, W) or (H, W, 3) uint8 in the place of a pair's left one, and its (H, W) float32
     depth [m], NaN where unknown."""
 

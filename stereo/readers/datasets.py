@@ -67,12 +67,11 @@ def _euroc_camera(folder: Path) -> TimedFiles:
     return TimedFiles(data, files, read_stamps(listed if listed.is_file() else data, texts).ns)
 
 
-EUROC = Reader(
-    "euroc",
-    "an EuRoC ASL folder",
-    lambda path: all((_euroc_root(path) / camera / "data").is_dir() for camera in ("cam0", "cam1")),
-    _euroc_find,
-)
+def _is_euroc(path: Path) -> bool:
+    return all((_euroc_root(path) / camera / "data").is_dir() for camera in ("cam0", "cam1"))
+
+
+EUROC = Reader("euroc", "an EuRoC ASL folder", _is_euroc, _euroc_find)
 
 
 KITTI_PAIRS = (("image_02", "image_03"), ("image_00", "image_01"))
@@ -146,10 +145,7 @@ def _kitti_camera(folder: Path, times: Path, texts: Sequence[str]) -> TimedFiles
 
 
 KITTI = Reader(
-    "kitti",
-    "a KITTI raw drive",
-    lambda path: path.is_dir() and any(True for _ in _kitti_drives(path)),
-    _kitti_find,
+    "kitti", "a KITTI raw drive", lambda path: path.is_dir() and any(True for _ in _kitti_drives(path)), _kitti_find
 )
 KITTI_SEQUENCE = Reader(
     "kitti-sequence",
@@ -264,8 +260,5 @@ def _inside(folder: Path, name: str) -> Path:
 
 
 TUM_RGBD = Reader(
-    "tum-rgbd",
-    "TUM RGB-D",
-    lambda path: (path / "rgb.txt").is_file() and (path / "depth.txt").is_file(),
-    _tum_find,
+    "tum-rgbd", "TUM RGB-D", lambda path: (path / "rgb.txt").is_file() and (path / "depth.txt").is_file(), _tum_find
 )

@@ -228,10 +228,7 @@ def _content(file: Path) -> bytes:
 
 
 _STRANGE = (
-    (
-        re.compile(rb"\Aversion https://git-lfs\.github\.com/spec/v1"),
-        "a git-lfs pointer: git lfs pull fetches the file",
-    ),
+    (re.compile(rb"\Aversion https://git-lfs\.github"), "a git-lfs pointer: git lfs pull fetches the file"),
     (re.compile(rb"\A\s*<(!doctype|html|\?xml)", re.IGNORECASE), "a web page or XML"),
     (re.compile(rb"\A....ftyp(heic|heix|hevc|mif1|avif|avis)", re.DOTALL), "HEIF or AVIF: convert it to PNG or JPEG"),
     (re.compile(rb"\A(\xff\x0a|\0\0\0\x0cJXL )"), "JPEG XL: convert it to PNG or JPEG"),
@@ -274,8 +271,7 @@ def decode(data: bytes, flags: int) -> AnyArray:
 def bits_of(*cameras: Sequence[Path | None]) -> int | None:
     """Bits that the images of all cameras use, from some of each; None for 8-bit images."""
     images = []
-    for files in cameras:
-        there = [file for file in files if file]
+    for there in ([file for file in files if file] for files in cameras):
         for at in sorted({round(i) for i in np.linspace(0, len(there) - 1, FRAMES)} if there else ()):
             image = stored_in(there[at])
             if isinstance(image, UnreadableError) or image.dtype != np.uint16:

@@ -112,9 +112,4 @@ def addresses(path: Path) -> list[str]:
     return [re.sub(":/+", "://", part, count=1) for part in parts] if all(map(_CAMERA.fullmatch, parts)) else []
 
 
-READER = Reader(
-    "live",
-    "live cameras",
-    lambda path: not path.exists() and bool(addresses(path)),
-    _find,
-)
+READER = Reader("live", "live cameras", lambda path: not path.exists() and bool(addresses(path)), _find)

@@ -205,8 +205,5 @@ def _video(path: Path) -> Path | None:
 
 
 READER = Reader(
-    "side-by-side",
-    "both cameras in one picture",
-    lambda path: _video(path) is not None or _holds_photos(path),
-    _find,
+    "side-by-side", "both cameras in one picture", lambda path: bool(_video(path)) or _holds_photos(path), _find
 )

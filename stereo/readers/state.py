@@ -34,12 +34,11 @@ class Order(NamedTuple):
 def find_order(matches: F64, rig: StereoRig, rectified: StereoRig) -> Order | None:
     """The order and the calibration under which corners lie nearer than infinity and on their rows.
 
+    The one that fits best, what is usual first; None when there are too few corners, or none fits.
+
     Args:
         matches: (N, 4) float64 [px], u, v in the first view and u, v in the second.
-        rig: of the views as the cameras took them.
-        rectified: of the views when they are rectified.
-    Returns:
-        The one that fits best, what is usual first; None when there are too few corners, or none fits.
+        rig: of the views as the cameras took them; ``rectified``: when they are rectified.
     """
     if len(matches) < 40:
         return None
@@ -93,8 +92,7 @@ def settled(pairs: Iterable[tuple[U8, U8]], rig: StereoRig, other: StereoRig, ho
     Args:
         pairs: some of the recording.
         rig: as expected, of raw images, or of rectified ones (``is_ideal``).
-        other: of the other state, if the calibration gives it; else the same.
-        how: what the other one assumes, for the note.
+        other: of the other state, if the calibration gives it, else the same; ``how``: what it assumes, for the note.
     """
     matches = common(pairs).matches
     if len(matches) < 40:
