@@ -54,16 +54,13 @@ _POLYNOMIAL = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3",
 
 def rig_parameters(rig: StereoRig) -> dict[str, float]:
     """Parameters of a rig by name, e.g. "left fx" [px], "rotation x" [rad], "translation z" and "baseline" [m]."""
-    values: dict[str, float] = {}
+    named: list[tuple[str, Sequence[str], Iterable[float]]] = []
     for side, camera in (("left", rig.left), ("right", rig.right)):
-        for name in ("fx", "fy", "cx", "cy"):
-            values[f"{side} {name}"] = float(getattr(camera, name))
-        names = ("k1", "k2", "k3", "k4") if camera.model == "fisheye" else _POLYNOMIAL
-        named = zip(names, camera.coefficients, strict=False)
-        values |= {f"{side} {name}": float(value) for name, value in named}
-    pose = rig.right_SE3_left
-    for what, vector in (("rotation", pose.rotvec), ("translation", pose.translation)):
-        values |= {f"{what} {axis}": float(value) for axis, value in zip("xyz", vector, strict=True)}
+        lens = ("k1", "k2", "k3", "k4") if camera.model == "fisheye" else _POLYNOMIAL
+        named += [(side, ("fx", "fy", "cx", "cy"), camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]])]
+        named += [(side, lens, camera.coefficients)]
+    named += [("rotation", "xyz", rig.right_SE3_left.rotvec), ("translation", "xyz", rig.right_SE3_left.translation)]
+    values = {f"{what} {name}": float(v) for what, names, held in named for name, v in zip(names, held, strict=False)}
     return values | {"baseline": rig.baseline_m}
 
 
@@ -77,13 +74,10 @@ def sharpness(grey: U8, corners: Corners) -> float:
     height, width = grey.shape
     for x, y in np.rint(corners.pixels).astype(int):
         patch = grey[max(0, y - half) : y + half + 1, max(0, x - half) : x + half + 1]
-        if not (0 <= x < width and 0 <= y < height) or min(patch.shape) < 3:
-            continue
-        smooth = cv2.GaussianBlur(patch, (3, 3), 0).astype(np.float64)
-        contrast = float(np.ptp(smooth))
-        if contrast > 0:
-            steepest = max(np.abs(np.diff(smooth, axis=axis)).max() for axis in (0, 1))
-            values.append(steepest / contrast)
+        if 0 <= x < width and 0 <= y < height and min(patch.shape) >= 3:
+            smooth = cv2.GaussianBlur(patch, (3, 3), 0).astype(np.float64)
+            if contrast := float(np.ptp(smooth)):
+                values.append(max(np.abs(np.diff(smooth, axis=axis)).max() for axis in (0, 1)) / contrast)
     return float(np.median(values)) if values else 0.0
 
 

@@ -305,8 +305,7 @@ def judge(plane: Plane, view: Rays, cells: Cells, moved: Moved, params: FloorPar
     within = max(float(share[view.rays @ plane.q > far].sum()), on)
     # How points crowd on the plane before any median: share of those near it that are within half that distance.
     sharpness = float((distance < GATE / 2).sum() / max((distance < GATE).sum(), 1))
-    refused = out_of_place(plane, params)
-    if refused:
+    if refused := out_of_place(plane, params):
         pass
     elif on < MIN_INLIER_FRACTION:
         refused = f"{on:.1%} of the depth lies on it (at least {MIN_INLIER_FRACTION:.0%} needed)"

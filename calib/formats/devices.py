@@ -73,12 +73,11 @@ def _depthai_camera(values: Mapping[str, Any], socket: int) -> Camera:
     kind = int(base.number(values.get("cameraType", 0), "cameraType"))  # 0 perspective, 1 fisheye
     if kind not in {0, 1}:
         raise ValueError(f"expected a perspective or fisheye camera at socket {socket}, found cameraType {kind}")
+    if kind == 1 and np.any(coefficients[4:]):
+        raise ValueError(f"expected 4 fisheye coefficients at socket {socket}, found more")
+    coefficients = coefficients[:4] if kind == 1 else coefficients
     matrix = base.numbers_at(values, 9, "intrinsicMatrix")
-    if kind == 1:
-        if np.any(coefficients[4:]):
-            raise ValueError(f"expected 4 fisheye coefficients at socket {socket}, found more")
-        return base.camera(size, matrix, coefficients[:4], "fisheye", f"socket {socket}")
-    return base.camera(size, matrix, coefficients, None, f"socket {socket}")
+    return base.camera(size, matrix, coefficients, "fisheye" if kind == 1 else None, f"socket {socket}")
 
 
 def _between(cameras: Mapping[int, Mapping[str, Any]], left: int, right: int, unit_m: float) -> SE3:
@@ -231,34 +230,29 @@ def _kitti_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     data = dict(line.split(":", 1) for line in source.text.splitlines() if ":" in line)
     if f"K_{_KITTI_PAIRS[1][0]}" not in data and _ODOMETRY.search(source.text):
         return _of_sequence(source, data, choice)
+
+    def size(key: str) -> Size:
+        return base.size_of(base.entry(data, key), key)
+
     found = (pair for pair in _KITTI_PAIRS if all(f"K_{name}" in data for name in pair))  # colour, else grey
     left, right = choice.cameras or next(found, ("", ""))
     if not left:
         raise ValueError("expected cameras 02 and 03, or 00 and 01, found neither")
     rectified = choice.rectified
     if rectified is None and choice.size is not None and f"S_rect_{left}" in data:
-        rectified = _size(data, f"S_rect_{left}") == choice.size != _size(data, f"S_{left}")
+        rectified = size(f"S_rect_{left}") == choice.size != size(f"S_{left}")
 
     def reading(name: str) -> tuple[Camera, SE3]:
-        if not rectified:
-            return _raw(data, name, choice.unit())
-        p = f"P_rect_{name}"
-        return base.projected(_size(data, f"S_rect_{name}"), base.entry(data, p), p, choice.unit())
+        if rectified:
+            p = f"P_rect_{name}"
+            return base.projected(size(f"S_rect_{name}"), base.entry(data, p), p, choice.unit())
+        k, d = (base.numbers_at(data, n, f"{key}_{name}") for key, n in (("K", 9), ("D", 5)))
+        rotation, shift = (base.numbers_at(data, n, f"{key}_{name}") for key, n in (("R", 9), ("T", 3)))
+        pose = base.transform(rotation, shift * choice.unit(), f"R_{name}")
+        return base.camera(size(f"S_{name}"), k, d, "brown", f"camera {name}"), pose
 
     kind = "rectified images" if rectified else "unrectified images"
     return base.joined(reading(left), reading(right), f"{source.path.name} [cameras {left} {right}, {kind}]")
-
-
-def _size(data: Mapping[str, str], key: str) -> Size:
-    return base.size_of(base.entry(data, key), key)
-
-
-def _raw(data: Mapping[str, str], name: str, unit_m: float) -> tuple[Camera, SE3]:
-    size = _size(data, f"S_{name}")
-    k, d = (base.numbers_at(data, 9, f"K_{name}"), base.numbers_at(data, 5, f"D_{name}"))
-    rotation = base.numbers_at(data, 9, f"R_{name}")
-    translation = base.numbers_at(data, 3, f"T_{name}") * unit_m
-    return base.camera(size, k, d, "brown", f"camera {name}"), base.transform(rotation, translation, f"R_{name}")
 
 
 def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> StereoRig:

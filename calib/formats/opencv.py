@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from calib.camera import LensModel
 from calib.formats import base
 from calib.formats.base import Choice, Format, Size, Source
 from calib.rig import StereoRig
@@ -47,10 +46,8 @@ def _part(source: Source) -> str | None:
         return "whole" if _JSON_MATRIX.search(source.text) and _JSON_TRANSLATION.search(source.text) else None
     if "opencv-matrix" not in source.text:
         return None
-    intrinsics, extrinsics = (one.search(source.text) is not None for one in (_MATRIX, _TRANSLATION))
-    if intrinsics and extrinsics:
-        return "whole"
-    return "left" if intrinsics else "right" if extrinsics else None
+    held = _MATRIX.search(source.text) is not None, _TRANSLATION.search(source.text) is not None
+    return {(True, True): "whole", (True, False): "left", (False, True): "right"}.get(held)
 
 
 def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
@@ -66,18 +63,17 @@ def _read(sources: Sequence[Source], choice: Choice) -> StereoRig:
         return base.joined(one, other, f"{name} [rectified images]")
     # For what the file names OpenCV itself has no key; a polynomial's terms follow from their number.
     named = str(data.get("distortion_model", "")).strip().lower()
-    model: LensModel | None = "brown" if named else None
-    if named in {"fisheye", "equidistant", "kannala_brandt"} or str(data.get("fisheye", 0)).strip() == "1":
-        model = "fisheye"
-    lenses = [base.numbers_at(data, (0, 4, 5, 8, 12, 14), *names) for names in (_D1, _D2)]
-    if model is None and any(_is_column(base.entry(data, *names)) for names in (_D1, _D2)) and lenses[0].any():
+    fisheye = named in {"fisheye", "equidistant", "kannala_brandt"} or str(data.get("fisheye", 0)).strip() == "1"
+    lenses, columns = [base.numbers_at(data, (0, 4, 5, 8, 12, 14), *names) for names in (_D1, _D2)], False
+    if not (named or fisheye):
+        columns = any(_is_column(base.entry(data, *names)) for names in (_D1, _D2))
+    if columns and lenses[0].any():
         raise ValueError(
             "expected a lens model for a column of 4 coefficients, found none: add distortion_model: fisheye "
             "(k1 k2 k3 k4 of cv2.fisheye) or distortion_model: plumb_bob (k1 k2 p1 p2)"
         )
-    lens_model: LensModel | None = "fisheye" if model == "fisheye" else None
     left, right = (
-        base.camera(size, k, lens, lens_model, names[0])
+        base.camera(size, k, lens, "fisheye" if fisheye else None, names[0])
         for k, lens, names in zip(matrices, lenses, (_K1, _K2), strict=True)
     )
     key = next((key for key in _T_UNITS_M if key in data), "T")

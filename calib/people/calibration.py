@@ -129,9 +129,9 @@ def calibrate_from_people(
 ) -> HumanCalibration:
     """The camera whose projected people fit at least 3 samples at different places best, its deviations and a verdict.
 
-    A camera that is not known well enough is returned all the same, and its assessment shows it; one of which height
-    and focal length cannot be separated at all is refused. Raises InputError: samples from which no camera can be
-    determined. Raises WorkError: no camera fits them, or too many do. Raises ValueError: an unknown lens.
+    A camera that is not known well enough is returned with an assessment that says so. Raises InputError: samples from
+    which no camera can be determined. WorkError: no camera fits them, or height and focal length cannot be separated.
+    ValueError: an unknown lens.
 
     Args:
         size: (width, height) of the image [px].
