@@ -121,14 +121,6 @@ class RectifiedGeometry:
         u, v = (p[..., 0] - self.cu_px) / self.focal_u_px, (p[..., 1] - self.cv_px) / self.focal_v_px
         return np.stack([u, v, np.ones_like(u)], axis=-1)
 
-    def project(self, points: ArrayLike) -> F64:
-        """(..., 2) float64 u, v [px] of (..., 3) points [m] in the rectified left camera frame; NaN for those that are
-        not in front of the camera."""
-        p = np.asarray(points, dtype=np.float64)
-        z = np.where(p[..., 2] > 1e-6, p[..., 2], np.nan)
-        u, v = self.focal_u_px * p[..., 0] / z + self.cu_px, self.focal_v_px * p[..., 1] / z + self.cv_px
-        return np.stack([u, v], axis=-1)
-
     def disparity_at(self, depth_m: float) -> float:
         """Disparity [px] of a point at a depth [m]."""
         return self.disparity_metre / depth_m

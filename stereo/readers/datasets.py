@@ -194,8 +194,8 @@ def _tum_find(path: Path, options: OpenOptions) -> Layout:
         raise InputError(f"{path}: expected images and depth of the same times, found none within {MAX_APART_S:g} s")
     image_files = images_of([_inside(path, name) for name in images.names], Colour())
     depth_files = images_of([_inside(path, depths.names[i]) if i >= 0 else None for i in mates], Depths(5000.0))
-    notes = depth_note(mates, f"in {associated.name}" if associated else "")
-    if find_rgbd(path) is None:
+    notes, held = depth_note(mates, f"in {associated.name}" if associated else ""), find_rgbd(path)
+    if held is None:
         notes.append("no calibration: the nominal Kinect camera is taken (fx = fy = 525 at 640x480)")
     times = own_times(images.ns) if options.fps is None else np.arange(len(images.ns)) / options.fps
     streams = (
@@ -204,23 +204,20 @@ def _tum_find(path: Path, options: OpenOptions) -> Layout:
     )
     sizes, remarks = (image_files.size, depth_files.size), (*images.notes, *depths.notes, *notes)
     rig = partial(load_rgbd, options.calibration or path, *sizes)
-    if options.calibration is None and find_rgbd(path) is None:
+    if options.calibration is None and held is None:
         rig = partial(RgbdRig(TUM_CAMERA, source="nominal Kinect camera").scaled, *sizes)
     return rgbd_layout(path, image_files, depth_files, streams, FrameClock(rate_of(times), times), rig, remarks)
 
 
 def _tum_associated(file: Path, images: Listed, depths: Listed) -> I64:
     """Mates as a file of associations lists them: time, image, time, depth, either first."""
-    at = {name: i for i, name in enumerate(images.names)}
-    depth_at = {name: i for i, name in enumerate(depths.names)}
+    at, depth_at = ({name: i for i, name in enumerate(listed.names)} for listed in (images, depths))
     mates = np.full(len(images.names), -1)
     for _, words in _tum_rows(file):
-        names = [word for word in words if word in at or word in depth_at]
-        image = next((at[name] for name in names if name in at), None)
-        depth = next((depth_at[name] for name in names if name in depth_at), None)
-        if image is None or depth is None:
+        found, of_depth = ([places[word] for word in words if word in places] for places in (at, depth_at))
+        if not (found and of_depth):
             raise InputError(f"{file}: expected images of rgb.txt and depth.txt, found {' '.join(words)[:80]!r}")
-        mates[image] = depth
+        mates[found[0]] = of_depth[0]
     return mates
 
 

@@ -122,10 +122,9 @@ def _of_one_width(texts: Sequence[str]) -> list[str]:
     padded = [f"{whole}.{rest.zfill(width)}" for whole, _, rest in parts]
 
     def unevenness(numbers: Sequence[str]) -> float:
-        steps = np.diff(np.array(sorted(float(Decimal(number) - Decimal(parts[0][0])) for number in numbers)))
-        return float(np.std(steps))
+        return float(np.std(np.diff(sorted(float(Decimal(number) - Decimal(parts[0][0])) for number in numbers))))
 
-    return padded if unevenness(padded) < unevenness(texts) else list(texts)
+    return min(list(texts), padded, key=unevenness)
 
 
 def _number(text: str, source: Path) -> Decimal:
@@ -179,8 +178,12 @@ def load_timestamps(path: Path) -> TimeTable:
 
 def stamp_list(folder: Path) -> tuple[Path, list[str]] | None:
     """The list of times in a folder and its entries as text, one a line; None without one."""
-    path = next((folder / name for name in LISTS if (folder / name).is_file()), None)
+    path = _list_in(folder)
     return None if path is None else (path, _listed(path))
+
+
+def _list_in(folder: Path) -> Path | None:
+    return next((folder / name for name in LISTS if (folder / name).is_file()), None)
 
 
 def _listed(path: Path) -> list[str]:
@@ -223,9 +226,7 @@ def read_times(path: Path, count: int) -> Stamps:
 def stamps_of(files: Sequence[Path], at: Path, folder: Path) -> Stamps | None:
     """Times of the images of a camera: of its own file of times, of the list of all, or in their names; None without.
     Raises InputError: a list of another length."""
-    listed = camera_times(at, folder, len(files)) or next(
-        (path for path in (folder / n for n in LISTS) if path.is_file()), None
-    )
+    listed = camera_times(at, folder, len(files)) or _list_in(folder)
     return read_times(listed, len(files)) if listed else stamps_in_names([file.stem for file in files])
 
 

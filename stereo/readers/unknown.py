@@ -70,44 +70,39 @@ def _nearly_text(path: Path, recordings: Sequence[str]) -> str:
     folders = [f.name for f in entries(path) if f.is_dir() and image_files(f)]
     depths = [name for name in folders if "depth" in name.lower()]
     others = [name for name in folders if name not in depths]
+    found, way = "", ""
     if len(videos) == 2:
         left, right = "left" + Path(videos[0]).suffix, "right" + Path(videos[1]).suffix
-        return (
-            f"two videos without left and right in their names, {listed(videos)}: give both, that of the left camera "
-            f"first, or rename it {left}, the other {right}"
-        )
-    if videos:
-        return (
-            f"{len(videos)} videos, {listed(videos)}: give one of them, as {path / videos[0]}, or a folder with two "
-            "of them named left and right"
-        )
-    if len(depths) > 1 and others:
-        return (
-            f"{len(depths)} folders of depth, {listed(depths)}: move all but the one in the pixels of {others[0]} away"
-        )
-    if depths and len(others) != 1:
-        return (
-            f"depth in {depths[0]} and {len(others)} folders of images ({listed(others)}): name that of its image rgb"
-        )
-    if recordings and not files:
-        return f"a folder of recordings: give one of them, {listed([str(path / name) for name in recordings])}"
-    if len(folders) == 2:
-        return f"two folders of images, {listed(folders)}: rename that of the left camera left, the other right"
-    if len(folders) > 2:
+        found = f"two videos without left and right in their names, {listed(videos)}"
+        way = f"give both, that of the left camera first, or rename it {left}, the other {right}"
+    elif videos:
+        found = f"{len(videos)} videos, {listed(videos)}"
+        way = f"give one of them, as {path / videos[0]}, or a folder with two of them named left and right"
+    elif len(depths) > 1 and others:
+        found = f"{len(depths)} folders of depth, {listed(depths)}"
+        way = f"move all but the one in the pixels of {others[0]} away"
+    elif depths and len(others) != 1:
+        found = f"depth in {depths[0]} and {len(others)} folders of images ({listed(others)})"
+        way = "name that of its image rgb"
+    elif recordings and not files:
+        found, way = "a folder of recordings", f"give one of them, {listed([str(path / name) for name in recordings])}"
+    elif len(folders) == 2:
+        found, way = f"two folders of images, {listed(folders)}", "rename that of the left camera left, the other right"
+    elif len(folders) > 2:
+        found = f"{len(folders)} folders of images, {listed(folders)}"
         way = "give those of the left and the right camera as two paths"
-        return f"{len(folders)} folders of images, {listed(folders)}: {way}"
-    if len(folders) == 1 and (side := folders[0].lower()) in ("left", "right"):
-        other = "right" if side == "left" else "left"
-        return f"images of the {side} camera alone: put those of the other into {path / other}"
-    if len(files) == 1:
+    elif len(folders) == 1 and (side := folders[0].lower()) in ("left", "right"):
+        found = f"images of the {side} camera alone"
+        way = f"put those of the other into {path / ('right' if side == 'left' else 'left')}"
+    elif len(files) == 1:
         return f"{ONE_IMAGE} ({files[0].name})"
-    if files and not folders:
-        return (
-            f"images without two cameras in their names, {listed([file.name for file in files])}: put those of each "
-            "camera into folders left and right, colour and depth into rgb and depth; images of one camera need a "
-            "tracker of one camera"
+    elif files and not folders:
+        found = f"images without two cameras in their names, {listed([file.name for file in files])}"
+        way = (
+            "put those of each camera into folders left and right, colour and depth into rgb and depth; images of one "
+            "camera need a tracker of one camera"
         )
-    return ""
+    return f"{found}: {way}" if found else ""
 
 
 def inside_text(path: Path) -> str:

@@ -96,11 +96,12 @@ MIDDLE_CROSSED_AT = (67, 242)
 @pytest.mark.slow
 def test_two_walkers_are_followed_through_the_middle_as_they_went(shared_data: Path) -> None:
     engine = open_engine(shared_data / "overhead-stereo")
-    geometry, pose = engine.stereo.geometry, engine.stereo.floor.world_SE3_left
+    geometry = engine.stereo.geometry
+    camera = geometry.above(engine.stereo.floor.world_SE3_left)
     rows: dict[int, list[tuple[float, ...]]] = defaultdict(list)
     for result in engine:
         for track in (t for t in result.tracks if t.state == "confirmed"):
-            u, _ = geometry.project(pose.inverse() @ np.array([track.x_m, track.y_m, track.height_m]))
+            u, _ = camera.project((track.x_m, track.y_m, track.height_m))
             rows[track.track_id].append((result.frame, result.timestamp_s, track.height_m, u / geometry.width))
     found = [np.array(rows[i]).T for i in sorted(rows)]
     lasting = [walker for walker in found if walker[1, -1] - walker[1, 0] > 1.0]
