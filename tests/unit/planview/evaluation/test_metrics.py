@@ -94,13 +94,6 @@ def test_joined_sequences_add_up_and_share_no_identity():
     assert idf1(joined) == pytest.approx(2 * (3 + 2) / (8 + 7))
 
 
-def test_identity_gives_a_person_only_the_track_that_explains_most():
-    # Track 1 holds the person for 3 of 5 frames, track 2 for the other 2: 2 * 3 / (5 + 5).
-    truth = [(t, 1, 0, 0) for t in range(5)]
-    tracks = [(t, 1 if t < 3 else 2, 0, 0) for t in range(5)]
-    assert idf1(sequence(truth, tracks)) == pytest.approx(0.6)
-
-
 def test_hota_of_a_split_track_is_the_root_of_its_association_and_a_match_counts_up_to_its_localisation():
     # All detections perfect; each half holds 2 of 4 frames: A = 2 / (4 + 2 - 2) for every match.
     truth = [(t, 1, 0, 0) for t in range(4)]

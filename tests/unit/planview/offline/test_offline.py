@@ -35,21 +35,14 @@ def kinds(result: Refined) -> list[tuple[str, int, int, int]]:
     return [(c.kind, c.track_id, c.first_frame, c.last_frame) for c in result.changes if c.kind != "smooth"]
 
 
-def test_track_that_was_never_confirmed_stays_as_it_is() -> None:
+def test_rows_states_and_tracks_that_were_never_confirmed_stay_as_they_are() -> None:
+    walked = with_state(with_state(walk(range(5, 30)), "tentative", 5, 8), "lost", 15, 19)
     ghost = with_state(walk(range(5, 9), track_id=2, y_m=3.0), "tentative", 5, 8)
-    result = refine(concatenated([walk(range(30)), ghost]))
-    kept = result.tracks.where(result.tracks.track_id == 2)
-    assert kept.state.tolist() == ["tentative"] * 4
-    np.testing.assert_array_equal(kept.x_m, ghost.x_m)
-
-
-def test_rows_and_states_stay_as_they_are() -> None:
-    tracks = with_state(with_state(walk(range(5, 30)), "tentative", 5, 8), "lost", 15, 19)
-    tracks = tracks.where((tracks.frame < 22) | (tracks.frame > 24))
+    tracks = concatenated([walked.where((walked.frame < 22) | (walked.frame > 24)), ghost])
     result = refine(tracks)
-    assert result.tracks.state.tolist() == tracks.state.tolist()
+    assert result.tracks.state.tolist() == tracks.state.tolist() and kinds(result) == []
     np.testing.assert_array_equal(result.tracks.frame, tracks.frame)
-    assert kinds(result) == []
+    np.testing.assert_array_equal(result.tracks.x_m[result.tracks.track_id == 2], ghost.x_m)
 
 
 def test_predictions_within_a_track_lie_on_its_path_and_are_kept_after_the_last_confirmed_row():

@@ -59,14 +59,11 @@ def test_rows_that_are_not_flag_class_visibility_are_metres(tmp_path: Path, colu
     assert [truth.x_m[0], truth.y_m[0]] == [float(value) for value in columns.split(",")[1:3]]
 
 
-def test_motchallenge_frames_from_0_are_kept_with_a_note(tmp_path: Path) -> None:
-    file = load_file(written(tmp_path, "0,7,10,20,30,60\n1,7,10,20,30,60\n"))
+def test_frames_from_0_are_kept_with_a_note(tmp_path: Path) -> None:
+    path = written(tmp_path, "0,7,10,20,30,60\n1,7,11,20,30,60\n")
+    file, found = load_file(path), load_detections(path)
     assert file.table.frame.tolist() == [0, 1] and "from 0" in file.note
-
-
-def test_detections_may_count_frames_from_0(tmp_path: Path) -> None:
-    found = load_detections(written(tmp_path, "0,-1,10,20,30,60,1\n1,-1,11,20,30,60,1\n"))
-    assert found.at(0)[0, 0] == 10 and found.at(1)[0, 0] == 11 and "frames count from 0" in found.note
+    assert (found.at(0)[0, 0], found.at(1)[0, 0]) == (10, 11) and "frames count from 0" in found.note
 
 
 def test_boxes_outside_of_the_image_are_refused() -> None:

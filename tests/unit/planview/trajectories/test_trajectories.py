@@ -70,13 +70,6 @@ def test_jupedsim_is_given_where_a_person_faces_and_else_where_it_walks(tmp_path
     np.testing.assert_allclose(rows, [[0, 1], [1, 0]], atol=1e-12)
 
 
-def test_facing_is_read_where_a_file_has_it(tmp_path: Path) -> None:
-    (tmp_path / "tracks.csv").write_text("frame,timestamp_s,id,x_m,y_m,state\n0,0,1,2,3,confirmed\n")
-    assert np.isnan(read_tracks(tmp_path / "tracks.csv").facing_deg).all()
-    (tmp_path / "truth.csv").write_text("frame,id,x_m,y_m,height_m,visible,facing_deg\n0,1,2,3,1.7,1,-45\n")
-    assert read_truth(tmp_path / "truth.csv").facing_deg.tolist() == [-45.0]
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
