@@ -158,14 +158,11 @@ def _grid_map(rgb: U8, is_shown: Bool, stereo: FloorRig, order: float) -> rr.Gri
     """(n_rows, n_cols, 3) pixels of the grid, row 0 at y_min, where a grid map has its upper row first."""
     grid, mask = stereo.grid, np.where(is_shown, 255, 0).astype(np.uint8)
     pixels = np.dstack([cv2.bitwise_and(rgb, rgb, mask=mask), mask])
+    size = {"width": grid.n_cols, "height": grid.n_rows}
     return rr.GridMap(
-        data=np.ascontiguousarray(pixels[::-1]).tobytes(),
-        format=rr.components.ImageFormat(
-            width=grid.n_cols, height=grid.n_rows, color_model="RGBA", channel_datatype="U8"
-        ),
-        cell_size=grid.cell_m,
+        data=np.ascontiguousarray(pixels[::-1]).tobytes(), cell_size=grid.cell_m, draw_order=order,
         translation=[grid.x_min_m, grid.y_min_m, 0.0],
-        draw_order=order,
+        format=rr.components.ImageFormat(**size, color_model="RGBA", channel_datatype="U8"),
     )  # fmt: skip
 
 

@@ -318,25 +318,17 @@ class _Run:
         if analytics is not None and state != "running":
             counts = Counts.of(analytics, totals.events, span)
         people = int(is_person(np.array(list(totals.people.values()), dtype=np.int64), frame_s).sum())
-        return self._info.model_copy(
-            update={
-                "state": state,
-                "finished": state == "finished",
-                "elapsed_s": self._elapsed_s(),
-                "frames_read": totals.frames,
-                "start_s": span.start_s if totals.frames else None,
-                "end_s": span.end_s if totals.frames else None,
-                "notes": [*self._info.notes, *getattr(self._engine.tracker, "notes", ())],
-                "frames_skipped": len(skipped),
-                # The first thousand, as run.json stays small.
-                "skipped": [SkippedFrame(index=s.index, why=s.why) for s in skipped[:1000]],
-                "stages_ms": {stage: float(np.median(list(times))) for stage, times in totals.stages.items()},
-                "people": people,
-                "remark": totals.remark(people),
-                "warnings": self._checks.warnings(),
-                "counts": counts.to_json() if counts is not None else {},
-            }
-        )
+        # The first thousand, as run.json stays small.
+        shown = [SkippedFrame(index=s.index, why=s.why) for s in skipped[:1000]]
+        return self._info.model_copy(update={
+            "state": state, "finished": state == "finished", "elapsed_s": self._elapsed_s(),
+            "frames_read": totals.frames, "frames_skipped": len(skipped), "skipped": shown,
+            "start_s": span.start_s if totals.frames else None, "end_s": span.end_s if totals.frames else None,
+            "notes": [*self._info.notes, *getattr(self._engine.tracker, "notes", ())],
+            "stages_ms": {stage: float(np.median(list(times))) for stage, times in totals.stages.items()},
+            "people": people, "remark": totals.remark(people), "warnings": self._checks.warnings(),
+            "counts": counts.to_json() if counts is not None else {},
+        })  # fmt: skip
 
 
 def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> dict[str, Any]:
@@ -365,20 +357,13 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> di
 
 
 def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
-    path = engine.recording.path
+    recording = engine.recording
+    path = recording.path
     return RunInfo(
-        input=os.fspath(path),
-        recording=os.fspath(path.resolve()) if path.exists() else "",
-        opened=getattr(engine.recording, "options", OpenOptions()).resolved(),
-        size_px=engine.size,
-        fps=engine.recording.fps,
-        plane="floor" if engine.camera is not None else "image",
-        tracker=options.tracker,
-        first_frame=options.first_frame,
-        started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
-        versions=resume.library_versions(),
-        config=engine.config.model_dump(mode="json"),
-        rig=engine.camera_info(),
-        floor=engine.floor_info(),
-        notes=list(getattr(engine.recording, "notes", ())),
-    )
+        input=os.fspath(path), recording=os.fspath(path.resolve()) if path.exists() else "",
+        opened=getattr(recording, "options", OpenOptions()).resolved(), notes=list(getattr(recording, "notes", ())),
+        size_px=engine.size, fps=recording.fps, plane="floor" if engine.camera is not None else "image",
+        rig=engine.camera_info(), floor=engine.floor_info(),
+        tracker=options.tracker, first_frame=options.first_frame, config=engine.config.model_dump(mode="json"),
+        started_at=datetime.now(UTC).astimezone().isoformat(timespec="seconds"), versions=resume.library_versions(),
+    )  # fmt: skip

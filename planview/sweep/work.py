@@ -98,8 +98,8 @@ def on_cluster(address: str, function: Callable[..., Any], arguments: Mapping[st
     """``Tasks`` on the workers of a Dask cluster that share the file system with this machine.
 
     Dask gives the task of a worker that died to another one, up to three times (``allowed-failures``), and waits for
-    new workers when all are gone; joblib's Dask backend would wait for ever for a task that it gives up. Raises
-    InputError: ``distributed`` is not installed, no scheduler at the address, or no worker arrives.
+    new workers when all are gone. Raises InputError: ``distributed`` is not installed, no scheduler at the address, or
+    no worker arrives.
     """
     if not arguments:
         return
