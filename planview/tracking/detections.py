@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -121,11 +122,6 @@ class DetectionTracker(_OfDetections[Detected]):
     prior), which gives place and height with their covariance. Existence follows Vo, Vo and Pham 2010 with one target
     each: a box is evidence by its likelihood over that of a false one, none is evidence against as far as the person
     is in view and not behind another.
-
-    Args:
-        detections: boxes of every frame of the recording.
-        params: all parameters.
-        camera: places people on the floor.
     """
 
     def __init__(self, detections: Detections, params: DetectionParams, camera: GroundCamera) -> None:
@@ -147,10 +143,15 @@ class DetectionTracker(_OfDetections[Detected]):
             if not q.who.observed:
                 q.kalman = q.kalman.slowed(dt_s, body.SLOW_DOWN_S)
             q.kalman = q.kalman.predicted(dt_s, body.ACCELERATION_MPS2)
-            self._move_box(q)
+            foot = self._foot(q.kalman)
+            if np.isfinite(foot).all():
+                q.box[:2] += foot - q.foot
+                q.foot = foot
         gains = np.array([[self._gain(q, z, c) for z, c in zip(poses, covariances, strict=True)] for q in self._people])
         gains = gains.reshape(len(self._people), len(boxes)) + evidence
-        matched = self._assign(gains)
+        # By the largest sum of gains and beliefs over having no box.
+        known = np.array([math.log(q.existence) - math.log(1 - self.params.found) for q in self._people])
+        matched = best_pairs(np.maximum(np.where(np.isfinite(gains), gains + known[:, None], 0.0), 0.0))
         for i, q in enumerate(self._people if self.detections.looked(observation.frame) else ()):
             if i in matched:
                 k = matched[i]
@@ -170,7 +171,7 @@ class DetectionTracker(_OfDetections[Detected]):
     def _placed(self, boxes: F64) -> tuple[F64, F64]:
         """(N, 3) x, y, height [m] of boxes, NaN of those on no floor, and (N, 3, 3) covariances."""
         std_px = self.params.edge * boxes[:, 3]
-        edges = np.column_stack([boxes[:, 0], boxes[:, 1], boxes[:, 0] + boxes[:, 2], boxes[:, 1] + boxes[:, 3]])
+        edges = np.column_stack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:4]])
         foot = np.column_stack([(edges[:, 0] + edges[:, 2]) / 2, edges[:, 3]])
         poses = np.column_stack([self.camera.back_project(foot), np.full(len(boxes), body.HEIGHT_MEAN_M)])
         # An edge on the border of the image is not the person's; arms and strides widen a box.
@@ -205,34 +206,16 @@ class DetectionTracker(_OfDetections[Detected]):
     def _foot(self, kalman: FloorKalman) -> F64:
         return self.camera.project(np.array([*kalman.mean[:2], 0.0]))
 
-    def _move_box(self, q: Detected) -> None:
-        foot = self._foot(q.kalman)
-        if np.isfinite(foot).all():
-            q.box[:2] += foot - q.foot
-            q.foot = foot
-
     def _gain(self, q: Detected, pose: F64, covariance: F64) -> float:
         """Log-likelihood of a box of this person over that of a false one; -inf beyond the gate."""
-        k = q.kalman
-        spread = k.covariance[:2, :2] + covariance[:2, :2]
-        off = pose[:2] - k.mean[:2]
+        spread = q.kalman.covariance[:2, :2] + covariance[:2, :2]
+        off = pose[:2] - q.kalman.mean[:2]
         far = float(off @ np.linalg.solve(spread, off))
         taller = (pose[2] - q.height_m) ** 2 / (q.height_var + covariance[2, 2])
         if far > GATE:
             return -math.inf
         density = math.exp(-0.5 * (far + taller)) / (2 * math.pi * math.sqrt(float(np.linalg.det(spread))))
         return math.log(max(self.params.found * density / self.params.false_per_m2, 1e-9))
-
-    def _assign(self, gains: F64) -> dict[int, int]:
-        """Boxes of people, each at most once, by the largest sum of gains and beliefs over having none."""
-        from scipy.optimize import linear_sum_assignment  # half a second
-
-        if not gains.size:
-            return {}
-        known = np.array([[math.log(q.existence) - math.log(1 - self.params.found)] for q in self._people])
-        total = np.maximum(np.where(np.isfinite(gains), gains + known, 0.0), 0.0)
-        pairs = zip(*linear_sum_assignment(total, maximize=True), strict=True)
-        return {int(i): int(k) for i, k in pairs if total[i, k]}
 
     def _found(self, q: Detected, box: F64, pose: F64, covariance: F64, fresh: float, gain: float) -> None:
         p = self.params
@@ -269,9 +252,16 @@ class DetectionTracker(_OfDetections[Detected]):
         self._people.append(Detected(who, odds, kalman, height_m, height_var, box[:4].copy(), self._foot(kalman)))
 
     def _state(self, q: Detected) -> TrackState:
-        k, box = q.kalman, tuple(map(float, q.box))
-        place = k.x_m, k.y_m, k.vx_mps, k.vy_mps
-        return TrackState(q.who.track_id, q.who.state, *place, q.height_m, box)  # type: ignore[arg-type]
+        (x, y, vx, vy), (left, top, width, height) = q.kalman.mean.tolist(), q.box.tolist()
+        return TrackState(q.who.track_id, q.who.state, x, y, vx, vy, q.height_m, (left, top, width, height))
+
+
+def best_pairs(worth: F64) -> dict[int, int]:
+    """Columns of rows, each at most once, by the largest sum of (N, M) worth from 0 on; none where there is none."""
+    from scipy.optimize import linear_sum_assignment  # half a second
+
+    pairs = zip(*linear_sum_assignment(worth, maximize=True), strict=True)
+    return {int(i): int(k) for i, k in pairs if worth[i, k] > 0.0}
 
 
 def common(boxes: F64, others: F64) -> F64:
@@ -365,10 +355,10 @@ class BoxTracker(_OfDetections[BoxTrack]):
             track.predict(dt_s)
         if not self.detections.looked(observation.frame):
             return tuple(track.state for track in self._people if track.existence.observed)
-        every = np.arange(len(self._people))
+        every = range(len(self._people))
         found = self._match(every, boxes, sure, SURE_IOU)
         left = [i for i in every if i not in found and seen[i] and self._people[i].existence.confirmed]
-        found |= self._match(np.array(left, dtype=np.int64), boxes, unsure, UNSURE_IOU)
+        found |= self._match(left, boxes, unsure, UNSURE_IOU)
         for i, track in enumerate(self._people):
             if i in found:
                 self._cycle.observe(track.existence, f"score {score[found[i]]:.2f}", float(score[found[i]]))
@@ -377,35 +367,25 @@ class BoxTracker(_OfDetections[BoxTrack]):
             else:
                 self._cycle.miss(track.existence, "no box")
         for k in np.setdiff1d(sure[score[sure] >= NEW_SCORE], list(found.values())):
-            self._start(centred(boxes[k]), float(score[k]), first)
-        self._forget()
+            who = self._cycle.spawn(f"a box of nobody known, score {score[k]:.2f}", float(score[k]))
+            if first:
+                self._cycle.confirm(who, "in the first frame")
+            motion = np.zeros(4), np.diag([self._edge**2, SPEED**2])
+            self._people.append(BoxTrack(who, centred(boxes[k]), *motion))
+        for track in list(self._people):
+            who = track.existence
+            gone_s = self._cycle.unobserved_s(who)
+            if not who.observed and (not who.confirmed or gone_s > LOST_S):
+                self._cycle.prune(who, f"no box for {gone_s:.1f} s")
+                self._people.remove(track)
         return tuple(track.state for track in self._people if track.existence.observed)
 
-    def _match(self, tracks: I64, boxes: F64, candidates: I64, least_iou: float) -> dict[int, int]:
+    def _match(self, tracks: Sequence[int], boxes: F64, candidates: I64, least_iou: float) -> dict[int, int]:
         """The box of each track that gets one, by the largest sum of overlaps."""
-        from scipy.optimize import linear_sum_assignment  # half a second
-
         predicted = np.array([self._people[i].state.box_px for i in tracks]).reshape(-1, 4)
         shared = overlaps(predicted, boxes[candidates, :4])
-        rows, cols = linear_sum_assignment(np.where(shared < least_iou, 0.0, shared), maximize=True)
-        pairs = zip(rows, cols, strict=True)
-        return {int(tracks[i]): int(candidates[k]) for i, k in pairs if shared[i, k] >= least_iou}
-
-    def _start(self, box: F64, score: float, first: bool) -> None:
-        existence = self._cycle.spawn(f"a box of nobody known, score {score:.2f}", score)
-        if first:
-            self._cycle.confirm(existence, "in the first frame")
-        self._people.append(BoxTrack(existence, box, np.zeros(4), np.diag([self._edge**2, SPEED**2])))
-
-    def _forget(self) -> None:
-        kept = []
-        for track in self._people:
-            who = track.existence
-            if who.observed or (who.confirmed and self._cycle.unobserved_s(who) <= LOST_S):
-                kept.append(track)
-            else:
-                self._cycle.prune(who, f"no box for {self._cycle.unobserved_s(who):.1f} s")
-        self._people = kept
+        pairs = best_pairs(np.where(shared < least_iou, 0.0, shared))
+        return {tracks[i]: int(candidates[k]) for i, k in pairs.items()}
 
 
 def centred(box: F64) -> F64:

@@ -1,19 +1,26 @@
-"""How well people at some places explain every pixel of a mask: the joint explanation of pixels without ranges."""
+"""How well people at some places explain every pixel of a mask: the joint explanation of pixels without ranges.
+
+A person is the human model's soft silhouette (Zhang et al. 2008, section 3.1).
+"""
 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from calib.types import F32, F64, I64, U8
 from planview.foreground.gain import Exposure
 from planview.maps.view import COLOURED, NO_DEPTH, SURFACE, PixelRays, View, colour_codes
 from planview.tracking import body
-from planview.tracking.human_model.params import HumanModelParams
-from planview.tracking.human_model.silhouette import silhouette
+from planview.tracking.body import BodyTable, Part, table_of
+from planview.tracking.detections import common
+from planview.tracking.human_model.model_map import HumanModelMapParams
 from planview.tracking.joint.explanation import ANYBODY, Explanation, Likelihood, Owned, People, about
+from planview.tracking.joint.params import PeopleParams
 from planview.tracking.joint.samples import Model
 
 SPACING_M = 0.05
@@ -31,9 +38,75 @@ TOGETHER = 4.0
 seldom (section 4: merging)."""
 
 
+PARTS = (
+    (0.00, 0.27, 0.28, 1.0, 0.3),
+    (0.00, 0.27, 0.13, 1.0, 0.5),
+    (0.27, 0.48, 0.17, 0.8, 0.85),
+    (0.45, 0.82, 0.23, 0.65, 1.0),
+    (0.42, 0.80, 0.29, 0.8, 0.5),
+    (0.82, 0.86, 0.16, 0.65, 1.0),
+    (0.86, 0.98, 0.10, 1.0, 1.0),
+    (0.98, 1.00, 0.07, 1.0, 1.0),
+)
+"""Striding legs, shins, thighs, torso, arms, shoulders, head, crown: from and to [of the height], half breadth [m] of a
+body of 1.76 m, depth over breadth, and how often it covers (Zhang's cylinders, as wide as arms and a stride)."""
+BLUR_M = 0.035
+"""Deviation of the outline [m]: clothes and posture."""
+SUREST = 0.999
+"""No part covers for certain: in a mask the seams between parts are as unsure as the outline."""
+
+
+class HumanModelParams(PeopleParams):
+    """Assumptions about masks, bodies and walking, and how people come and go (Zhang et al. 2008; values are ours)."""
+
+    map: HumanModelMapParams = HumanModelMapParams()
+    """Where people are expected."""
+    seen_on_body: float = Field(0.8, gt=0.5, lt=1)
+    """pF, share of a body's pixels that are foreground."""
+    seen_on_background: float = Field(0.03, gt=0, lt=0.5)
+    """pB, share of the background's pixels that are foreground."""
+    seen_near_people: float = Field(0.2, gt=0, lt=1)
+    """The same within an arm's reach of a person: arms, shadows and what is carried."""
+    hidden: float = Field(0.05, ge=0, lt=1)
+    """How probably furniture hides a pixel on the lower part of somebody who stands."""
+    hidden_sitting: float = Field(0.5, ge=0, lt=1)
+    """The same of somebody who sits."""
+    patch_m: float = Field(0.2, gt=0.01, le=1)
+    """Errors of pixels nearer than this on a body are one error [m]."""
+    sitting: float = Field(0.77, gt=0.3, lt=0.95)
+    """Height of a person who sits over the height when standing: from the seat to the top of the head 0.52 of the
+    stature, and a seat 0.45 m high."""
+    birth_visible: float = Field(0.3, gt=0, le=1)
+    """Visibility ratio from which newcomers are looked for (section 4: visibility criterion), and below which a person
+    has left: whoever shows there next is a stranger."""
+    walked_m: float = Field(0.4, ge=0, le=5)
+    """Distance that a newcomer must walk to count as a person [m] (section 4: motion salience): a torso's width."""
+    inanimate_s: float = Field(20.0, gt=0, le=600)
+    """Time without any motion after which something that has moved by a metre is a thing [s] (section 4: the chair);
+    a person who walked farther is kept for longer in proportion."""
+    window_s: float = Field(0.8, gt=0, le=10)
+    """Time over which motion and trends are judged [s]: one and a half steps."""
+    moving_mps: float = Field(0.25, gt=0, le=3)
+    """Speed from which a person is moving [m/s]: swaying is slower."""
+    internal_motion: float = Field(0.04, gt=0, lt=1)
+    """Share of a body in motion that is internal motion: a hand or the head."""
+    trend: float = Field(0.1, gt=0, lt=1)
+    """Change of the visible share within the window that is appearing or disappearing."""
+    still_s: float = Field(3.0, gt=0, le=600)
+    """Time without motion after which foreground that nobody explains is background [s], and a newcomer a thing."""
+
+
+@lru_cache(maxsize=1)
+def silhouette() -> BodyTable:
+    """The table of all depression angles; its ``front`` is not known from a mask, and 0."""
+    table = table_of(
+        [Part(((low, high, half_m, depth),), BLUR_M, min(covers, SUREST)) for low, high, half_m, depth, covers in PARTS]
+    )
+    return table._replace(front=np.zeros_like(table.front))
+
+
 def likelihood_of_masks(p: HumanModelParams) -> Likelihood:
     """For pixels without ranges."""
-    table = silhouette()
     model = Model(
         body=p.seen_on_body, background=p.seen_on_background, near_people=p.seen_near_people, hidden=p.hidden,
         hidden_sitting=p.hidden_sitting, hidden_to=HIDDEN_TO, sitting_from=0.5 * (1.0 + p.sitting), no_depth=0.0,
@@ -42,7 +115,7 @@ def likelihood_of_masks(p: HumanModelParams) -> Likelihood:
         body_m=body.TORSO.height_m, reach_m=NEAR_M, apart_m=body.APART_M,
         height_min_m=body.HEIGHT_MIN_M, height_max_m=body.HEIGHT_MAX_M, lean_std_m=body.LEAN_STD_M,
     )  # fmt: skip
-    return Likelihood.of(model, table)
+    return Likelihood.of(model, silhouette())
 
 
 class Pair(NamedTuple):
@@ -92,12 +165,11 @@ class MaskExplanation(Explanation):
     def rivals(self, people: People, standing: F64) -> I64:
         """(N,) the person of better (N,) standing who may account for the foreground of each; -1 for none."""
         boxes = self.boxes(0, people.poses, body.TORSO.torso_radius_m).astype(np.float64)
-        low, high = boxes[:, :2], boxes[:, 2:]
-        sides = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
-        area = (high - low).prod(axis=1)
-        common = np.maximum(sides, 0.0).prod(axis=2) / np.maximum(np.minimum(area[:, None], area), 1.0)
-        common[standing <= standing[:, None]] = 0.0
-        return np.where(common.max(axis=1, initial=0.0) > RIVAL_OVERLAP, common.argmax(axis=1), -1)
+        boxes[:, 2:] -= boxes[:, :2]
+        area = boxes[:, 2:].prod(axis=1)
+        shared = common(boxes, boxes) / np.maximum(np.minimum(area[:, None], area), 1.0)
+        shared[standing <= standing[:, None]] = 0.0
+        return np.where(shared.max(axis=1, initial=0.0) > RIVAL_OVERLAP, shared.argmax(axis=1), -1)
 
     def pair(self, i: int, j: int, people: People, refit: bool = False) -> Pair:
         """Evidence for two people against the second alone, who may be anywhere near either.

@@ -15,11 +15,9 @@ from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.maps.view import BACKGROUND_SEEN, SHADOW, SURFACE, PixelRays
 from planview.tracking import body
 from planview.tracking.base import NO_BOX, DecisionKind, Drawing, Observation, TrackerDebug
-from planview.tracking.human_model.births import CORE_WIDTH, FloorPlaces, births
-from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks
+from planview.tracking.human_model.explanation import HumanModelParams, MaskExplanation, likelihood_of_masks
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
-from planview.tracking.human_model.params import HumanModelParams
-from planview.tracking.human_model.walker import Walker, matches
+from planview.tracking.human_model.walker import CORE_WIDTH, FloorPlaces, Walker, births, matches
 from planview.tracking.joint.explanation import Owned, People
 from planview.tracking.joint.person import side_by_side
 from planview.tracking.joint.tracker import ExplainingTracker

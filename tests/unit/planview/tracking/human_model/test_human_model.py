@@ -12,10 +12,8 @@ from planview.maps.view import BACKGROUND_SEEN, PixelRays, View
 from planview.tracking import body
 from planview.tracking.base import Observation
 from planview.tracking.human_model import HumanModelParams, HumanModelTracker
-from planview.tracking.human_model.births import FloorPlaces, births
-from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks
-from planview.tracking.human_model.silhouette import silhouette
-from planview.tracking.human_model.walker import ModelMatch, matches
+from planview.tracking.human_model.explanation import MaskExplanation, likelihood_of_masks, silhouette
+from planview.tracking.human_model.walker import FloorPlaces, ModelMatch, births, matches
 from planview.tracking.joint.explanation import People, about, upright
 from planview.tracking.joint.samples import PARTS
 from tests.human_model_world import BLUE, CAMERA, FPS, MAP, PARAMS, RED, Drawn, World, confirmed, run
@@ -74,14 +72,11 @@ def test_a_walker_is_predicted_through_frames_that_show_nothing():
     assert {s.state for s in states[-1]} == {"confirmed"} and ids[-1] == [1]
 
 
-def _hidden_for_long(t: float) -> list[Drawn]:
-    if t < 2.5:
-        return [(-2.5 + t, 6.0, RED)]
-    return [(2.0 - (t - 9.0), 4.5, RED)] if t >= 9.0 else []
-
-
 def test_person_who_was_hidden_for_long_has_the_same_id_again() -> None:
-    _, states, _ = run(_hidden_for_long, 12.0)
+    def path(t: float) -> list[Drawn]:
+        return [(-2.5 + t, 6.0, RED)] if t < 2.5 else [(11.0 - t, 4.5, RED)] * (t >= 9.0)
+
+    _, states, _ = run(path, 12.0)
     assert {s.track_id for frame in states for s in confirmed(frame)} == {1}
     assert [s.state for s in states[-1]] == ["confirmed"]
 
@@ -111,9 +106,8 @@ def test_person_who_leaves_the_view_is_removed() -> None:
 
 def test_states_appear_in_decisions_and_drawings() -> None:
     tracker, _, kinds = run(lambda t: [(min(0.0, -2.5 + 1.2 * t), 6.0, RED)], 4.0)
-    assert "state" in kinds
-    models = next(d for d in tracker.debug().drawings if d.name == "models")
-    assert "stationary" in models.labels[0]
+    models, _ = tracker.debug().drawings
+    assert "state" in kinds and "stationary" in models.labels[0]
 
 
 @pytest.mark.parametrize(("seconds", "label"), [(1.0, PERSON), (2.0, WALKER)])
@@ -175,12 +169,8 @@ def explained(seen: View, params: HumanModelParams = COLOURLESS) -> MaskExplanat
 
 def people_at(*poses: tuple[float, float, float]) -> People:
     n = len(poses)
-    return People(
-        np.array([upright(pose) for pose in poses]).reshape(-1, 5),
-        np.ones(n),
-        np.tile(TALL, (n, 1)),
-        np.ones((n, 3, 200), np.float32),
-    )
+    at = np.array([upright(pose) for pose in poses]).reshape(-1, 5)
+    return People(at, np.ones(n), np.tile(TALL, (n, 1)), np.ones((n, PARTS, 200), np.float32))
 
 
 def evidence(frame: MaskExplanation, pose: tuple[float, float, float], *others: tuple[float, float, float]) -> float:
@@ -215,27 +205,11 @@ def test_boxes_hold_what_the_camera_projects_of_bodies_and_their_reach(lens):
     tops = corners * np.where([True, True, False], 1.0, poses[:, None, 2:] + 0.1)
     image = camera.project(poses[:, None] * (1.0, 1.0, 0.0) + tops)
     expected = np.nan_to_num(np.concatenate([image.min(axis=1), image.max(axis=1)], axis=1)).astype(np.int64)
-    frame = MaskExplanation(
-        PixelRays.of(camera), View.of_mask(np.zeros((120, 160), np.uint8)), likelihood_of_masks(COLOURLESS)
-    )
-    found = frame.boxes(0, poses, 0.4)
+    empty = View.of_mask(np.zeros((120, 160), np.uint8))
+    found = MaskExplanation(PixelRays.of(camera), empty, likelihood_of_masks(COLOURLESS)).boxes(0, poses, 0.4)
     seen = np.isfinite(image).all(axis=(1, 2))
     assert seen.any() and found[seen].tolist() == expected[seen].tolist()
     assert all(box[0] < 0 and box[2] >= camera.width for box in found[~seen].tolist())
-
-
-def test_places_are_those_whose_hulls_gain_enough_and_none_is_ruled_out_before():
-    frame, places = frame_of((-1.0, 6.0, RED), (1.0, 6.0, BLUE)), FloorPlaces(MAP, PARAMS.birth_visible, PARAMS.patch_m)
-    known = people_at((-1.0, 6.0, 1.76))
-    (owned,) = frame.assign_pixels(known)
-    found, scores = places.scores(frame, known, owned, 4.0)
-    residual = frame.residual(owned) + frame.residual(*frame.assign_pixels(known, BACKGROUND_SEEN))
-    plain = np.array([
-        sum(float(residual[top:down, left:right].sum()) for left, top, right, down in bands)
-        for bands in places.bands
-    ])  # fmt: skip
-    assert len(found) and found.tolist() == np.flatnonzero(plain * places.scale >= 4.0).tolist()
-    assert scores == pytest.approx(plain[found], rel=1e-3)
 
 
 def test_person_is_likelier_where_it_stands_than_beside_and_unlikely_where_nothing_is_foreground():
@@ -252,25 +226,12 @@ def test_evidence_of_many_samples_of_one_weight_is_a_number():
     assert 300.0 < evidence(frame, (0.0, 6.0, 1.76)) < 600.0
 
 
-def test_person_who_is_hidden_by_another_costs_nothing_and_gains_nothing():
-    frame = frame_of((0.0, 5.0, RED))
-    assert abs(evidence(frame, (0.0, 5.2, 1.6), (0.0, 5.0, 1.76))) < 0.2 * evidence(frame, (0.0, 5.0, 1.76))
-
-
-def test_ascent_finds_the_person_from_a_walkers_error_of_prediction():
+def test_ascent_finds_the_person_from_a_walkers_error_of_prediction_and_knows_it_better_across_the_ray():
     frame, start = frame_of((0.0, 6.0, RED)), upright((0.2, 6.3, 1.7))
-    samples = frame.around(start, 0.5)
+    samples, pose = frame.around(start, 0.5), start.copy()
     samples.layer(people_at((0.2, 6.3, 1.7)), NOBODY)
-    pose = start.copy()
-    samples.ascend(pose, start, KNOWN, TALL, SAME)
+    _, curvature = samples.ascend(pose, start, KNOWN, TALL, SAME)
     assert pose[:2] == pytest.approx([0.0, 6.0], abs=0.15)
-
-
-def test_place_is_known_better_across_the_ray_than_along_it():
-    frame, pose = frame_of((0.0, 6.0, RED)), upright((0.0, 6.0, 1.76))
-    samples = frame.around(pose, 0.5)
-    samples.layer(people_at((0.0, 6.0, 1.76)), NOBODY)
-    _, curvature = samples.ascend(pose, pose.copy(), KNOWN, TALL, SAME)
     noise, _ = samples.noise(pose, curvature)
     assert 0.0 < noise[0, 0] < noise[1, 1]
 
@@ -292,10 +253,19 @@ def test_owners_are_the_people_in_whose_outline_pixels_are():
     assert frame.residual(owned)[row, columns[1]] > 1.0
 
 
-def test_one_is_born_for_each_person_whom_nobody_explains():
+def test_one_is_born_at_a_place_whose_hull_gains_enough_and_none_is_ruled_out_before():
     frame, places = frame_of((-1.0, 6.0, RED), (1.0, 6.0, BLUE)), FloorPlaces(MAP, PARAMS.birth_visible, PARAMS.patch_m)
     known = people_at((-1.0, 6.0, 1.76))
-    born, poses = births(places, frame, known, *frame.assign_pixels(known), 0.0, PARAMS)
+    (owned,) = frame.assign_pixels(known)
+    found, scores = places.scores(frame, known, owned, 4.0)
+    residual = frame.residual(owned) + frame.residual(*frame.assign_pixels(known, BACKGROUND_SEEN))
+    plain = np.array([
+        sum(float(residual[top:down, left:right].sum()) for left, top, right, down in bands)
+        for bands in places.bands
+    ])  # fmt: skip
+    assert len(found) and found.tolist() == np.flatnonzero(plain * places.scale >= 4.0).tolist()
+    assert scores == pytest.approx(plain[found], rel=1e-3)
+    born, poses = births(places, frame, known, owned, 0.0, PARAMS)
     assert [b.at_m for b in born] == [pytest.approx((1.0, 6.0), abs=0.25)]
     assert poses.tolist() == [[-1.0, 6.0, 1.76, 0.0, 0.0]]
 

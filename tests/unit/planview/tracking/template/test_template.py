@@ -50,8 +50,11 @@ def kinds(tracker: TemplateTracker) -> list[str]:
 
 
 def test_newcomer_is_tentative_until_followed_for_a_while_and_dropped_at_the_first_miss():
-    results = follow(TemplateTracker(TemplateParams(confirm_s=0.4)), walk(-0.95, 0.05, 6))
-    assert [tracks[0].state for tracks in results] == ["tentative"] * 4 + ["confirmed"] * 2
+    tracker = TemplateTracker(TemplateParams(confirm_s=0.4))
+    for _ in range(2):
+        results = follow(tracker, walk(-0.95, 0.05, 6))
+        assert [(t.track_id, t.state) for (t,) in results] == [(-1, "tentative")] * 4 + [(1, "confirmed")] * 2
+        tracker.reset()  # ids start again
     tracker = TemplateTracker()
     assert follow(tracker, [*walk(0.05, 0.05, 1), []])[-1] == () and kinds(tracker) == ["pruned"]
 
@@ -64,8 +67,10 @@ def test_chair_is_too_low_and_a_hand_has_too_little_surface_for_a_newcomer():
 def test_position_height_and_velocity_are_those_of_the_walker():
     (track,) = follow(TemplateTracker(), [[(0.05, 0.35, 1.8)]] * 10)[-1]
     assert (track.x_m, track.y_m, track.height_m) == pytest.approx((0.05, 0.35, 1.8), abs=1e-3)
-    (track,) = follow(TemplateTracker(), walk(-1.95, 0.05, 25))[-1]
+    frames = follow(TemplateTracker(), walk(-1.95, 0.05, 25))
+    (track,) = frames[-1]
     assert (track.x_m, track.vx_mps, track.vy_mps) == pytest.approx((0.45, 1.0, 0.0), abs=0.05)
+    assert all(len(tracks) == 1 for tracks in frames)  # what is found of a person is cleared
 
 
 def test_walkers_who_pass_each_other_keep_their_ids() -> None:
@@ -75,16 +80,12 @@ def test_walkers_who_pass_each_other_keep_their_ids() -> None:
     assert heights[0] == heights[1] and sorted(heights[0].values()) == [1.6, 1.9]
 
 
-def test_data_of_a_found_person_is_cleared_and_no_newcomer() -> None:
-    results = follow(TemplateTracker(), walk(-0.95, 0.05, 20))
-    assert all(len(tracks) == 1 for tracks in results)
-
-
-def test_lost_person_goes_on_as_predicted() -> None:
+def test_lost_person_goes_on_as_predicted_and_is_forgotten_after_four_seconds() -> None:
     tracker = TemplateTracker()
     seen = follow(tracker, walk(-0.95, 0.05, 10))[-1][0]
-    lost = follow(tracker, [[]] * 5, start=10)[-1][0]
+    (lost,), *_, last, after = follow(tracker, [[]] * 41, start=10)[4:]
     assert lost.state == "lost" and lost.x_m == pytest.approx(seen.x_m + 0.5 * seen.vx_mps, abs=1e-6)
+    assert (len(last), len(after), kinds(tracker)) == (1, 0, ["pruned"])
 
 
 @pytest.mark.parametrize(
@@ -104,12 +105,6 @@ def test_frames_that_show_nothing_end_nobody_and_find_nobody():
         seen = observe(n, people) if not 12 <= n < 20 else replace(observe(n, []), views=(View.unknown((1, 1)),))
         states.append([(track.track_id, track.state) for track in tracker.update(seen)])
     assert states[11] == states[-1] == [(1, "confirmed")] and states[12:20] == [[(1, "lost")]] * 8
-
-
-def test_lost_person_is_forgotten_after_four_seconds() -> None:
-    tracker = TemplateTracker()
-    results = follow(tracker, [*walk(0.05, 0.05, 10, step_m=0.0), *[[]] * 41])
-    assert [len(tracks) for tracks in results[-2:]] == [1, 0] and kinds(tracker) == ["pruned"]
 
 
 def test_template_that_holds_little_of_its_person_is_recentred_on_the_occupancy_peak() -> None:
@@ -148,13 +143,6 @@ def test_weight_of_zero_leaves_a_statistic_out(without: str) -> None:
     tracker = TemplateTracker(TemplateParams(**{f"{without}_weight": 0.0}))
     follow(tracker, walk(-0.95, 0.05, 3))
     assert getattr(tracker.decisions[0].terms, without) == 0.0
-
-
-def test_ids_start_again_after_reset() -> None:
-    tracker = TemplateTracker()
-    follow(tracker, walk(0.05, 0.05, 10, step_m=0.0))
-    tracker.reset()
-    assert [track.track_id for (track,) in follow(tracker, walk(0.55, 0.55, 10, step_m=0.0))[::9]] == [-1, 1]
 
 
 def test_debug_shows_search_zone_and_templates() -> None:
