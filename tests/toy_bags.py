@@ -69,14 +69,14 @@ class Writer:
         kind, model = self.store.types["sensor_msgs/msg/CameraInfo"], "plumb_bob"
         return kind(self.header(stamp_ns, frame), H, W, model, np.zeros(5), k, np.eye(3).ravel(), p, 0, 0, roi)
 
-    def pairs(self, frames: range, shift_m: float | None = None) -> None:
-        """Images of two cameras, and their camera_info where it is given how far the right one is shifted [m]."""
+    def pairs(self, frames: range, shifts_m: tuple[float, float] | None = None, frame: str = "{}_optical") -> None:
+        """Images of two cameras, and their camera_info where it is given how far each is shifted [m]."""
         for i in frames:
             log = START_NS + i * STEP_NS
-            for side in ("left", "right"):
+            for number, side in enumerate(("left", "right")):
                 self.write(f"/{side}/image_raw", log, self.image(log, picture(0)))
-                if shift_m is not None:
-                    self.write(f"/{side}/camera_info", log, self.info(log, shift_m, f"{side}_optical"))
+                if shifts_m is not None:
+                    self.write(f"/{side}/camera_info", log, self.info(log, shifts_m[number], frame.format(side)))
 
     def static_transforms(self, right_m: float) -> None:
         """Of both cameras in "base", in one message for each."""

@@ -20,6 +20,30 @@ def picture(value: int, colour: bool = False) -> U8:
     return np.dstack([image, image // 2, image]) if colour else image
 
 
+GREY = picture(90)
+
+
+def write_images(folder: Path, *names: str, image: AnyArray = GREY) -> Path:
+    """Images of these names, made with their folders."""
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(folder / name), image)
+    return folder
+
+
+def textured(shift_px: int = 0) -> U8:
+    """A textured plane of 320 x 240 px, shifted to the left."""
+    coarse = np.random.default_rng(3).integers(0, 255, (50, 60), dtype=np.uint8)
+    texture = cv2.resize(coarse, (400, 280), interpolation=cv2.INTER_CUBIC)
+    return np.ascontiguousarray(texture[20:260, 20 + shift_px : 340 + shift_px])
+
+
+def write_times(path: Path, times_s: Sequence[object], frames: Sequence[object] | None = None) -> None:
+    """A table of the times of frames, counted from 0 unless they are given."""
+    rows = zip(range(len(times_s)) if frames is None else frames, times_s, strict=True)
+    path.write_text("frame,timestamp_s\n" + "".join(f"{frame},{time}\n" for frame, time in rows))
+
+
 def folder_recording(
     folder: Path,
     names: Sequence[str] | int = 6,
@@ -35,10 +59,9 @@ def folder_recording(
         size: (width, height) of the calibration [px].
     """
     names = [f"{i:04d}" for i in range(names)] if isinstance(names, int) else names
-    for side in ("left", "right"):
-        (folder / side).mkdir(parents=True)
-        for i, name in enumerate(names):
-            cv2.imwrite(str(folder / side / f"{name}.png"), images[i] if len(images) else picture(10 * i, colour))
+    for i, name in enumerate(names):
+        image = images[i] if len(images) else picture(10 * i, colour)
+        write_images(folder, f"left/{name}.png", f"right/{name}.png", image=image)
     save_rig(toy_rig(size, focal_px=30.0), folder / "rig.toml")
     return folder
 

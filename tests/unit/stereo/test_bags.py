@@ -5,6 +5,7 @@ import json
 import re
 from functools import cache
 from pathlib import Path
+from shutil import copy
 from typing import Any
 
 import cv2
@@ -24,22 +25,25 @@ zstandard = pytest.importorskip("zstandard")
 
 
 @pytest.mark.parametrize(
-    ("name", "ros1", "plugin", "compressed"),
-    [("a.bag", True, "", False), ("b.bag", True, "", True), ("c", False, "sqlite3", False), ("d", False, "mcap", True)],
+    ("name", "plugin", "compressed", "chunks"),
+    [("a.bag", "", False, "lz4"), ("b.bag", "", True, "bz2"), ("c", "sqlite3", False, ""), ("d", "mcap", True, "")],
 )
-def test_stereo_bag_of_every_storage_gives_the_same_pairs(tmp_path, name, ros1, plugin, compressed):
-    chunks = {"a.bag": "lz4", "b.bag": "bz2"}.get(name, "")
-    path = stereo_bag(tmp_path / name, ros1, plugin or "sqlite3", compressed=compressed, chunks=chunks)
-    recording = open_recording(path)
+def test_stereo_bag_of_every_storage_gives_the_same_pairs(tmp_path, name, plugin, compressed, chunks):
+    recording = open_recording(
+        stereo_bag(tmp_path / name, not plugin, plugin or "sqlite3", compressed=compressed, chunks=chunks)
+    )
     frames = list(recording)
     assert [int(f.left[0, 0]) for f in frames] == [10 * i for i in range(COUNT)]
     assert recording.fps == pytest.approx(10.0) and recording.skipped == []
     assert recording.rig.baseline_m == pytest.approx(0.1) and recording.rig.left.fx == FOCAL
+    assert [(f.index, int(f.right[0, 0])) for f in recording.sample(3)] == [(0, 0), (4, 40), (7, 70)]
 
 
-def test_bare_mcap_file_is_read_without_its_metadata(tmp_path):
-    file = next(stereo_bag(tmp_path / "bag", False, "mcap").glob("*.mcap"))
-    assert len(list(open_recording(file.rename(tmp_path / "alone.mcap")))) == COUNT
+def bag_of_pairs(path: Path, frames: range, *infos: Any) -> Path:
+    writer = Writer(path, path.suffix == ".bag")
+    writer.pairs(frames, *infos)
+    writer.close()
+    return path
 
 
 def test_message_that_is_missing_on_one_side_is_a_skipped_frame(tmp_path):
@@ -60,23 +64,25 @@ def test_headers_without_a_time_of_this_world_take_the_time_of_recording(tmp_pat
     assert len(list(open_recording(odd))) == COUNT
 
 
-def test_sample_of_a_bag_gives_frames_spread_over_it(tmp_path):
-    frames = open_recording(stereo_bag(tmp_path / "a.bag")).sample(3)
-    assert [(f.index, int(f.right[0, 0])) for f in frames] == [(0, 0), (4, 40), (7, 70)]
-
-
-def test_bags_without_calibration_or_baseline_ask_for_one(tmp_path):
-    _, layout = find_layout(stereo_bag(tmp_path / "a.bag", infos=False))
-    with pytest.raises(InputError, match=r"camera_info of /stereo/left/image_raw .*calibration="):
-        layout.open()
-    with pytest.raises(InputError, match="no transform from left_optical to right_optical"):
-        open_recording(stereo_bag(tmp_path / "a", False, baseline_m=0.0))
+@pytest.mark.parametrize(
+    ("shifts_m", "frame", "found"),
+    [
+        (None, "", "expected a camera_info of /left/image_raw .*calibration="),
+        ((0.0, 0.0), "{}_optical", "no transform from left_optical to right_optical"),
+        ((0.0, 0.0), "infra1", "found none in P and both camera_info in the frame 'infra1'"),
+        ((0.0, 0.1), "{}_optical", r"expected P\[3\] of the right camera .*found \+3: change its sign"),
+    ],
+)
+def test_bag_without_calibration_or_baseline_is_refused_with_what_it_lacks(tmp_path, shifts_m, frame, found):
+    bag_of_pairs(tmp_path / "a.bag", range(COUNT), shifts_m, frame)
+    with pytest.raises(InputError, match=found):
+        open_recording(tmp_path / "a.bag")
 
 
 @pytest.mark.parametrize("name", ["a", "a.bag"])
 def test_static_transforms_give_the_baseline_by_the_definition_in_the_bag(tmp_path, name):
     writer = Writer(tmp_path / name, name.endswith(".bag"))
-    writer.pairs(range(3), 0.0)
+    writer.pairs(range(3), (0.0, 0.0))
     writer.static_transforms(0.2)
     writer.close()
     recording = open_recording(tmp_path / name)
@@ -93,7 +99,7 @@ def test_truncated_bag_is_refused_with_the_way_out(tmp_path):
 def test_topics_that_are_not_in_the_bag_are_refused_and_two_rigs_asked_for(tmp_path):
     with pytest.raises(InputError, match=r"topics=: .*/stereo/left/image_raw.*found '/x'"):
         find_layout(stereo_bag(tmp_path / "a.bag"), OpenOptions(topics=("/stereo/left/image_raw", "/x")))
-    bag = Listed("/a/left/image_raw", "/a/right/image_raw", "/b/left/image_raw", "/b/right/image_raw")
+    bag = Listed(*(f"/{rig}/{side}/image_raw" for rig in "ab" for side in ("left", "right")))
     with pytest.raises(InputError, match=r"2 pairs among /a/left.*topics="):
         choose_topics(bag, ())  # type: ignore[arg-type]
 
@@ -141,11 +147,7 @@ def zstd_messages(path: Path) -> Path:
 
 @pytest.mark.parametrize(
     "make",
-    [
-        lambda path: stereo_bag(path / "a", False, "mcap"),
-        lambda path: foxglove_file(path / "a.mcap", "json"),
-        zstd_messages,
-    ],
+    [lambda path: stereo_bag(path / "a", False, "mcap"), lambda path: foxglove_file(path / "a.mcap"), zstd_messages],
     ids=["mcap chunks in a folder", "mcap chunks in a file", "zstd messages"],
 )
 def test_data_that_unpack_without_end_are_refused(tmp_path, monkeypatch, make):
@@ -181,19 +183,25 @@ def test_bag_is_read_whatever_its_metadata_hold(tmp_path, plugin, changed):
     assert changed(before) != before and find_layout(path)[1].n_frames == COUNT
 
 
-def test_ros_2_folder_without_its_files_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("lost", "more", "found"),
+    [
+        ("*.db3", "", r"expected a ROS 2 bag, found .*no .db3 or .mcap file in it"),
+        ("metadata.yaml", "b.db3", r"found 2 bags \(a.db3, b.db3\): give one of them, or have ros2 bag reindex"),
+    ],
+)
+def test_ros_2_folder_that_lacks_a_file_is_refused_with_the_way_out(tmp_path, lost, more, found):
     path = stereo_bag(tmp_path / "a", False)
-    next(path.glob("*.db3")).unlink()
-    with pytest.raises(InputError, match=r"expected a ROS 2 bag, found .*no .db3 or .mcap file in it"):
+    if more:
+        copy(next(path.glob("*.db3")), path / more)
+    next(path.glob(lost)).unlink()
+    with pytest.raises(InputError, match=found):
         find_layout(path)
 
 
 def test_parts_of_a_bag_follow_each_other(tmp_path):
-    for name, frames in (("a", range(COUNT)), ("b", range(COUNT, 2 * COUNT))):
-        writer = Writer(tmp_path / name, False)
-        writer.pairs(frames)
-        writer.close()
-    next((tmp_path / "b").glob("*.db3")).rename(tmp_path / "a" / "b.db3")
+    bag_of_pairs(tmp_path / "a", range(COUNT))
+    next(bag_of_pairs(tmp_path / "b", range(COUNT, 2 * COUNT)).glob("*.db3")).rename(tmp_path / "a" / "b.db3")
     times = [message.log_ns for message in open_bag(tmp_path / "a", "").messages("/left/image_raw")]
     assert times == [START_NS + i * STEP_NS for i in range(2 * COUNT)]
 
@@ -237,25 +245,6 @@ def test_depth_of_the_realsense_sdk_has_the_unit_and_the_place_that_the_bag_hold
     assert np.flatnonzero(np.isnan(frame.depth_m[H // 2])).tolist() == [0, 1, 2]
 
 
-def test_two_cameras_of_one_frame_are_named(tmp_path):
-    writer = Writer(tmp_path / "a.bag", True)
-    writer.pairs(range(COUNT))
-    for side in ("left", "right"):
-        writer.write(f"/{side}/camera_info", START_NS, writer.info(START_NS, 0.0, "infra1"))
-    writer.close()
-    with pytest.raises(InputError, match="found none in P and both camera_info in the frame 'infra1'"):
-        open_recording(tmp_path / "a.bag")
-
-
-def test_parts_of_a_bag_without_metadata_are_named_with_the_way_out(tmp_path):
-    path = stereo_bag(tmp_path / "a", False)
-    (path / "metadata.yaml").unlink()
-    file = next(path.glob("*.db3"))
-    (path / "b.db3").write_bytes(file.read_bytes())
-    with pytest.raises(InputError, match=r"found 2 bags \(a.db3, b.db3\): give one of them, or have ros2 bag reindex"):
-        find_layout(path)
-
-
 def test_database_that_is_compressed_is_read_without_metadata(tmp_path):
     file = next(stereo_bag(tmp_path / "a", False).glob("*.db3"))
     (tmp_path / "a.db3.zstd").write_bytes(zstandard.ZstdCompressor().compress(file.read_bytes()))
@@ -276,15 +265,17 @@ def test_images_coded_as_video_are_named_with_their_topics(tmp_path):
 def test_file_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path, monkeypatch):
     path = stereo_bag(tmp_path / "a", False)
     file = next(path.glob("*.db3"))
-    whole = zstandard.ZstdCompressor().compress(file.read_bytes())
-    text = (path / "metadata.yaml").read_text().replace(file.name, f"{file.name}.zstd")
+    packed, text = (
+        path / f"{file.name}.zstd",
+        (path / "metadata.yaml").read_text().replace(file.name, f"{file.name}.zstd"),
+    )
     text = re.sub("compression_format: .*", "compression_format: zstd", text)
     (path / "metadata.yaml").write_text(re.sub("compression_mode: .*", "compression_mode: FILE", text))
-    (path / f"{file.name}.zstd").write_bytes(whole)
+    packed.write_bytes(zstandard.ZstdCompressor().compress(file.read_bytes()))
     file.unlink()
     assert find_layout(path)[1].n_frames == COUNT
     monkeypatch.setattr(bag_files, "MAX_UNPACKED_BYTES", 100)
-    (path / f"{file.name}.zstd").write_bytes(zstandard.ZstdCompressor().compress(bytes(10**7)))
+    packed.write_bytes(zstandard.ZstdCompressor().compress(bytes(10**7)))
     with pytest.raises(InputError, match="more than a hundred times its size"):
         find_layout(path)
 
@@ -339,7 +330,7 @@ def as_json(message: dict[str, Any]) -> bytes:
     return json.dumps(plain, default=lambda data: base64.b64encode(data).decode()).encode()
 
 
-def foxglove_file(path: Path, encoding: str) -> Path:
+def foxglove_file(path: Path, encoding: str = "json") -> Path:
     channels = [(f"/{side}/{topic}", side, topic) for side in ("left", "right") for topic in KINDS]
     sent = [(c, BEGIN_NS // 10**6 + i, messages(c[1], i)[c[2]]) for c in channels for i in range(N_FRAMES)]
     with path.open("wb") as file:
@@ -373,22 +364,23 @@ class Sent(Listed):
     """A bag of topics with one image each, of these encodings."""
 
     def __init__(self, **encodings: str) -> None:
-        super().__init__(*(f"/oak/{name}/image_raw" for name in encodings))
         self._encodings = {f"/oak/{name}/image_raw": encoding for name, encoding in encodings.items()}
+        super().__init__(*self._encodings)
 
     def messages(self, topic, start_ns=None):
         image = {"data": b"", "width": 1, "height": 1, "step": 2, "encoding": self._encodings[topic]}
         yield Message(0, lambda: image)
 
 
-RGB, STEREO = "/oak/rgb/image_raw", "/oak/stereo/image_raw"
-
-
-@pytest.mark.parametrize("named", [(), (RGB, STEREO), (STEREO, RGB)])
-def test_16_bit_depth_is_known_by_its_encoding(named):
-    assert choose_topics(Sent(rgb="bgr8", stereo="16UC1"), named) == ("rgbd", RGB, STEREO)
-
-
-def test_pair_of_16_bit_cameras_is_no_depth():
-    left, right = "/oak/left/image_raw", "/oak/right/image_raw"
-    assert choose_topics(Sent(left="16UC1", right="16UC1"), (left, right)) == ("stereo", left, right)
+@pytest.mark.parametrize(
+    ("encodings", "named", "kind"),
+    [
+        ({"rgb": "bgr8", "stereo": "16UC1"}, [], "rgbd"),
+        ({"rgb": "bgr8", "stereo": "16UC1"}, ["rgb", "stereo"], "rgbd"),
+        ({"rgb": "bgr8", "stereo": "16UC1"}, ["stereo", "rgb"], "rgbd"),
+        ({"left": "16UC1", "right": "16UC1"}, ["left", "right"], "stereo"),
+    ],
+)
+def test_16_bit_depth_is_known_by_its_encoding_and_a_pair_of_16_bits_is_none(encodings, named, kind):
+    topics = [f"/oak/{name}/image_raw" for name in named]
+    assert choose_topics(Sent(**encodings), topics) == (kind, *(f"/oak/{name}/image_raw" for name in encodings))

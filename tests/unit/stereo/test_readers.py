@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from toy_recordings import H, W, folder_recording, video_pair, write_frames, write_video
+from toy_recordings import H, W, folder_recording, textured, video_pair, write_frames, write_times, write_video
 from toy_stereo import toy_rig
 
 from calib.errors import InputError
@@ -17,7 +17,7 @@ from calib.io import entries
 from calib.pose import SE3
 from calib.rig import save_rig
 from calib.world import RigEntry, save_rigs
-from stereo.readers import OpenOptions, find_layout, find_reader, open_recording, open_video
+from stereo.readers import OpenOptions, find_layout, open_recording, open_video
 from stereo.readers.live import READER, without_password
 from stereo.readers.open import open_rigs
 from stereo.readers.pairing import even_sequence, pair_files
@@ -56,8 +56,7 @@ def test_damaged_image_is_skipped_and_counted(tmp_path: Path, damage: Callable[[
 def test_missing_file_leaves_a_gap_in_time(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r", 15)
     (folder / "left" / "0002.png").unlink()
-    rows = [f"{i},{i * 0.1}" for i in range(15)]
-    (folder / "timestamps.csv").write_text("frame,timestamp_s\n" + "\n".join(rows))
+    write_times(folder / "timestamps.csv", [i * 0.1 for i in range(15)])
     recording = open_recording(folder)
     frames = list(recording)
     assert [f.index for f in frames][:4] == [0, 1, 3, 4] and frames[2].timestamp_s == pytest.approx(0.3)
@@ -118,10 +117,7 @@ def test_sample_spreads_frames_leaves_skipped_alone_and_seeks_in_videos(tmp_path
     assert [(f.index, round(int(f.left[4, 4]) / 20)) for f in frames] == [(i, i) for i in (0, 4, 7, 11)]
 
 
-def test_recording_without_images_names_what_it_found(tmp_path: Path) -> None:
-    (tmp_path / "notes.txt").write_text("hello")
-    with pytest.raises(InputError, match=r"no images, videos or bags in it \(notes\.txt; 1 \.txt\)"):
-        open_recording(tmp_path)
+def test_path_that_is_absent_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file or folder"):
         open_recording(tmp_path / "absent")
 
@@ -141,28 +137,20 @@ def test_single_camera_folder_is_a_video(tmp_path: Path) -> None:
     assert [f.index for f in video] == [0, 2, 3, 4, 5] and video.size == (W, H) and len(video.skipped) == 1
 
 
-def test_prefetch_passes_errors_on() -> None:
-    def broken():  # type: ignore[no-untyped-def]
-        yield 1
-        raise OSError("gone")
-
-    items = prefetch(broken())
-    assert next(items) == 1
-    with pytest.raises(OSError, match="gone"):
-        next(items)
-
-
-def test_prefetch_left_early_stops_its_thread_and_closes_its_source() -> None:
+def test_prefetch_passes_errors_on_stops_its_thread_and_closes_its_source() -> None:
     before, closed = threading.active_count(), threading.Event()
 
-    def source() -> Iterator[int]:
+    def source(count: int) -> Iterator[int]:
         try:
-            yield from range(1000)
+            yield from range(count)
+            raise OSError("gone")
         finally:
             closed.set()
 
-    frames = source()
-    items = prefetch(frames, depth=2)
+    with pytest.raises(OSError, match="gone"):
+        list(prefetch(source(1)))
+    closed.clear()
+    items = prefetch(source(1000), depth=2)
     assert next(items) == 0
     items.close()
     assert closed.is_set() and threading.active_count() == before
@@ -175,14 +163,14 @@ def test_topics_may_be_one_text_and_a_rate_must_be_a_number() -> None:
             OpenOptions(fps=fps)  # type: ignore[arg-type]
 
 
-def test_hidden_files_of_macos_are_passed_over(tmp_path: Path) -> None:
+def test_hidden_files_of_macos_and_notes_are_passed_over(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r")
-    n_frames = open_recording(folder).n_frames
     for name in ("._rig.toml", "left/._000000.png", "._left.mp4"):
         (folder / name).write_bytes(b"\0\5\x16\7" + bytes(100))
     (folder / "._left").mkdir()
-    assert open_recording(folder).n_frames == n_frames
     assert [path.name for path in entries(folder)] == ["left", "rig.toml", "right"]
+    (folder / "notes.json").write_text('{"by": "hand"}')
+    assert len(list(open_recording(folder))) == 6
 
 
 def video_with_times(path: Path, ticks: list[int]) -> None:
@@ -217,27 +205,24 @@ def test_videos_are_paired_by_time_where_one_lost_frames(tmp_path: Path) -> None
 
 def test_rate_of_the_caller_replaces_the_times_of_one_camera(tmp_path: Path) -> None:
     folder = folder_recording(tmp_path / "r") / "left"
-    (folder / "timestamps.csv").write_text("frame,timestamp_s\n0,0\n1,7\n2,9\n")
+    write_times(folder / "timestamps.csv", [0, 7, 9])
     video = open_video(folder, OpenOptions(fps=5.0))
     assert video.fps == 5.0 and video.notes == []
     assert [frame.timestamp_s for frame in video][:3] == pytest.approx([0.0, 0.2, 0.4])
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("opened", "options", "message"),
     [
-        (OpenOptions(topics=("/a", "/b")), "topics=: expected a bag, found .*: one camera"),
-        (OpenOptions(Path("rig.toml")), "calibration=: expected a stereo pair or images with depth, found"),
+        (open_video, OpenOptions(topics=("/a", "/b")), "topics=: expected a bag, found .*: one camera"),
+        (open_video, OpenOptions(Path("rig.toml")), "calibration=: expected a stereo pair or images with depth, found"),
+        (open_recording, OpenOptions(topics=("/a", "/b")), "topics=: expected a bag, found .*images of two cameras"),
     ],
 )
-def test_options_that_one_camera_does_not_take_are_refused(tmp_path: Path, options: OpenOptions, message: str) -> None:
+def test_options_that_a_recording_does_not_take_are_refused(tmp_path: Path, opened, options, message) -> None:
+    folder = folder_recording(tmp_path / "r")
     with pytest.raises(InputError, match=message):
-        open_video(folder_recording(tmp_path / "r") / "left", options)
-
-
-def test_topics_of_a_recording_that_is_no_bag_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"topics=: expected a bag, found .*images of two cameras"):
-        open_recording(folder_recording(tmp_path / "r"), OpenOptions(topics=("/a", "/b")))
+        opened(folder / "left" if opened is open_video else folder, options)
 
 
 COUNT = 9
@@ -248,45 +233,41 @@ class Quiet(SimpleHTTPRequestHandler):
         pass
 
 
-@pytest.fixture
-def served(tmp_path: Path) -> Iterator[str]:
-    """Address of a folder with a side-by-side video and both of its halves."""
-    rng = np.random.default_rng(0)
-    texture = cv2.resize(rng.integers(0, 255, (12, 18), dtype=np.uint8), (72, 48), interpolation=cv2.INTER_LINEAR)
-    left, right = texture[:, :64], texture[:, 4:68]
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, OpenOptions]]:
+    """Address of a folder with a side-by-side video and both of its halves, and how to open them."""
+    folder = tmp_path_factory.mktemp("served")
+    left, right = textured()[:48, :64], textured(4)[:48, :64]
     for name, picture in (("both", np.hstack([left, right])), ("left", left), ("right", right)):
-        write_frames(tmp_path / f"{name}.avi", [np.ascontiguousarray(picture)] * COUNT)
-    save_rig(toy_rig((64, 48), focal_px=60.0), tmp_path / "rig.toml")
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(tmp_path)))
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    yield f"http://127.0.0.1:{server.server_port}"
-    server.shutdown()
-    server.server_close()
-    thread.join()
+        write_frames(folder / f"{name}.avi", [np.ascontiguousarray(picture)] * COUNT)
+    save_rig(toy_rig((64, 48), focal_px=60.0), folder / "rig.toml")
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(folder))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}", OpenOptions(folder / "rig.toml")
+        server.shutdown()
 
 
-def test_stream_with_both_views_gives_pairs_until_it_ends_and_samples_a_quarter_second_apart(served, tmp_path):
-    recording = open_recording(Path(f"{served}/both.avi"), OpenOptions(tmp_path / "rig.toml"))
+def test_stream_with_both_views_gives_pairs_until_it_ends_and_samples_a_quarter_second_apart(served):
+    address, options = served
+    recording = open_recording(Path(f"{address}/both.avi"), options)
     assert isinstance(recording, LiveRecording) and recording.n_frames == 0
     frames = list(recording)
     assert [f.index for f in frames] == list(range(COUNT))
     assert frames[0].left.shape == (48, 64) and recording.skipped == []
     assert frames[5].timestamp_s == pytest.approx(0.5, abs=0.01)
-    again = open_recording(Path(f"{served}/both.avi"), OpenOptions(tmp_path / "rig.toml"))
+    again = open_recording(Path(f"{address}/both.avi"), options)
     assert [f.index for f in again.sample(3)] == [0, 3, 6]
 
 
-def test_two_streams_are_paired_as_they_come(served: str, tmp_path: Path) -> None:
-    both = Path(f"{served}/left.avi,{served}/right.avi")
-    recording = open_recording(both, OpenOptions(tmp_path / "rig.toml"))
+def test_two_streams_are_paired_as_they_come(served) -> None:
+    address, options = served
+    recording = open_recording(Path(f"{address}/left.avi,{address}/right.avi"), options)
     assert len(list(recording)) == COUNT and "paired as they come" in recording.notes[0]
 
 
 def test_live_camera_without_calibration_asks_for_one_and_an_address_without_answer_is_refused(served):
-    _, layout = find_layout(Path(f"{served}/both.avi"))
     with pytest.raises(InputError, match="use calibration="):
-        layout.open()
+        open_recording(Path(f"{served[0]}/both.avi"))
     with pytest.raises(InputError, match=r"http://127\.0\.0\.1:9/x: .*nothing that answers"):
         find_layout(Path("http://127.0.0.1:9/x"))
 
@@ -317,39 +298,14 @@ def test_frames_of_a_video_by_number_are_those_of_reading_in_order(tmp_path: Pat
     assert shown == [index for index, _ in found] == [5, 299, 399]
 
 
-@pytest.mark.parametrize(
-    ("names", "expected"),
-    [
-        (
-            ("camA.avi", "camB.avi"),
-            "camA.avi and camB.avi: give both, that of the left camera first, or rename it left.avi",
-        ),
-        (("a.avi", "b.avi", "c.avi", "d.avi"), "4 videos, a.avi, b.avi, c.avi and 1 more: give one of them"),
-        (("one/0.png", "two/0.png"), "two folders of images, one and two: rename that of the left camera left"),
-        (("left/0.png",), "images of the left camera alone: put those of the other into"),
-        (("x.png", "y.png"), "x.png and y.png: put those of each camera into folders left and right"),
-    ],
-)
-def test_a_folder_that_nearly_fits_gets_its_files_and_what_makes_it_fit_named(tmp_path, names, expected):
-    for name in names:
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).touch()
-    with pytest.raises(InputError) as error:
-        find_reader(tmp_path)
-    assert expected in str(error.value) and len(str(error.value)) < 300 + len(str(tmp_path))
-
-
-@pytest.mark.parametrize("times", ["frame,timestamp_s\n0,0\n1,0.2\n2,0.4\n", ""])
-def test_rigs_of_one_room_without_times_have_one_rate(tmp_path: Path, times: str) -> None:
+@pytest.mark.parametrize("fps", [5.0, 30.0])
+def test_rigs_of_one_room_without_times_have_one_rate(tmp_path: Path, fps: float) -> None:
     for name in ("a", "b"):
         folder_recording(tmp_path / name)
-        (tmp_path / name / "timestamps.csv").unlink(missing_ok=True)
-    if times:
-        (tmp_path / "a" / "timestamps.csv").write_text(times)
-    save_rigs(
-        [RigEntry(name, SE3.from_rotvec([np.pi, 0.0, 0.0], (0.0, 0.0, 2.7))) for name in ("a", "b")],
-        tmp_path / "rigs.toml",
-    )
+    if fps == 5.0:
+        write_times(tmp_path / "a" / "timestamps.csv", [0, 0.2, 0.4])
+    pose = SE3.from_rotvec([np.pi, 0.0, 0.0], (0.0, 0.0, 2.7))
+    save_rigs([RigEntry(name, pose) for name in ("a", "b")], tmp_path / "rigs.toml")
     rigs = [rig.recording for rig in open_rigs(tmp_path).rigs]
-    assert [rig.fps for rig in rigs] == pytest.approx([5.0, 5.0] if times else [30.0, 30.0])
-    assert ("as of the other rigs" in " ".join(rigs[1].notes)) == bool(times)
+    assert [rig.fps for rig in rigs] == pytest.approx([fps, fps])
+    assert ("as of the other rigs" in " ".join(rigs[1].notes)) == (fps == 5.0)

@@ -3,17 +3,18 @@
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from reference import stereo_kernels as reference
+from toy_recordings import write_images
 
 from calib.camera import Camera
 from calib.errors import InputError
 from calib.pose import SE3
 from calib.rig import RgbdRig
+from calib.types import AnyArray
 from stereo.depth import metres
-from stereo.readers import OpenOptions, open_any
+from stereo.readers import open_any
 from stereo.readers.pairing import nearest_mates
 from stereo.recording import RgbdFrame, RgbdRecording
 from stereo.rgbd import DepthRegistration, RgbdRectifier, register_depth
@@ -23,13 +24,11 @@ LENS = (-0.1, 0.05, 0.0, 0.0, 0.0)
 
 
 def test_sensors_have_the_noise_that_was_published():
-    geometry = RgbdRectifier(CAMERA, "structured-light").geometry
-    assert geometry.depth_std_m(5.0) == pytest.approx(0.0356, abs=1e-4)  # Khoshelham and Elberink: about 4 cm at 5 m
-    assert geometry.disparity_std_px == 0.25
-    geometry = RgbdRectifier(CAMERA, "time-of-flight").geometry
-    assert geometry.depth_std_m(0.5) == pytest.approx(0.005, rel=0.01)
-    at = geometry.disparity_at(0.5)
-    assert geometry.disparity_std_per_px2 * at**2 == pytest.approx(at / 0.5 * 0.005)  # sigma_d = d / z sigma_z
+    light, flight = (RgbdRectifier(CAMERA, kind).geometry for kind in ("structured-light", "time-of-flight"))
+    assert light.depth_std_m(5.0) == pytest.approx(0.0356, abs=1e-4)  # Khoshelham and Elberink: about 4 cm at 5 m
+    assert light.disparity_std_px == 0.25 and flight.depth_std_m(0.5) == pytest.approx(0.005, rel=0.01)
+    at = flight.disparity_at(0.5)
+    assert flight.disparity_std_per_px2 * at**2 == pytest.approx(at / 0.5 * 0.005)  # sigma_d = d / z sigma_z
 
 
 def test_equivalent_disparity_gives_the_depth_back() -> None:
@@ -94,24 +93,24 @@ def test_registration_kernel_agrees_with_numpy() -> None:
 
 
 COLOUR = {"fx": 60.0, "fy": 60.0, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48}
+BGR = np.full((48, 64, 3), (30, 60, 90), np.uint8)
 
 
-def _write(folder: Path, names: list[str], suffix: str = ".png", depth: int | None = None) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in names:
-        image = np.full((48, 64), depth, np.uint16) if depth else np.full((48, 64, 3), (30, 60, 90), np.uint8)
-        cv2.imwrite(str(folder / f"{name}{suffix}"), image)
+def deep(millimetres: int, size: tuple[int, int] = (48, 64)) -> AnyArray:
+    return np.full(size, millimetres, np.uint16)
 
 
-def _folders(path: Path, calibration: object, names: tuple[str, str] = ("rgb", "depth"), depth: int = 2500) -> Path:
-    _write(path / names[0], ["0", "1", "2"], ".jpg")
-    _write(path / names[1], ["0", "1", "2"], depth=depth)
+def _folders(
+    path: Path, calibration: object, names: tuple[str, str] = ("rgb", "depth"), depth: AnyArray | None = None
+) -> Path:
+    write_images(path / names[0], "0.jpg", "1.jpg", "2.jpg", image=BGR)
+    write_images(path / names[1], "0.png", "1.png", "2.png", image=deep(2500) if depth is None else depth)
     (path / "calib.json").write_text(json.dumps(calibration))
     return path
 
 
-def _open(path: Path, options: OpenOptions | None = None) -> RgbdRecording:
-    recording = open_any(path, options)
+def _open(path: Path) -> RgbdRecording:
+    recording = open_any(path)
     assert isinstance(recording, RgbdRecording)
     return recording
 
@@ -141,11 +140,6 @@ def test_depth_in_its_own_frame_is_moved_by_the_pose(tmp_path: Path, key: str, s
     np.testing.assert_allclose(frame.depth_m[24, 32], 3.0)
 
 
-def test_calibration_of_a_pair_is_refused_for_images_with_depth(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="that of a stereo pair: name the camera of the images alone"):
-        _open(_folders(tmp_path, {"left": COLOUR, "right": COLOUR}))
-
-
 def test_open3d_intrinsics_are_stored_by_columns_and_name_the_sensor(tmp_path: Path) -> None:
     matrix = [60.0, 0, 0, 0, 61.0, 0, 31.5, 23.5, 1.0]
     content = {"width": 64, "height": 48, "intrinsic_matrix": matrix, "depth_mode": "NFOV_UNBINNED"}
@@ -154,15 +148,15 @@ def test_open3d_intrinsics_are_stored_by_columns_and_name_the_sensor(tmp_path: P
 
 
 def test_images_and_depth_in_one_folder_are_distinguished_by_name(tmp_path: Path) -> None:
-    _write(tmp_path, [f"frame-00000{i}.color" for i in range(3)])
-    _write(tmp_path, [f"frame-00000{i}.depth" for i in range(3)], depth=2000)
+    write_images(tmp_path, *(f"frame-00000{i}.color.png" for i in range(3)), image=BGR)
+    write_images(tmp_path, *(f"frame-00000{i}.depth.png" for i in range(3)), image=deep(2000))
     (tmp_path / "intrinsic.json").write_text(json.dumps(COLOUR))
     assert [frame.index for frame in _open(tmp_path)] == [0, 1, 2]
 
 
 def test_times_in_names_pair_images_with_depth(tmp_path: Path) -> None:
-    _write(tmp_path / "rgb", ["1305031102.175304", "1305031102.211214", "1305031102.243211"])
-    _write(tmp_path / "depth", ["1305031102.160407", "1305031102.226738"], depth=2000)
+    write_images(tmp_path / "rgb", *(f"1305031102.{t}.png" for t in (175304, 211214, 243211)), image=BGR)
+    write_images(tmp_path / "depth", *(f"1305031102.{t}.png" for t in (160407, 226738)), image=deep(2000))
     (tmp_path / "intrinsic.json").write_text(json.dumps(COLOUR))
     recording = _open(tmp_path)
     assert [(frame.index, round(frame.timestamp_s, 4)) for frame in recording] == [(0, 0.0), (1, 0.0359)]
@@ -170,12 +164,8 @@ def test_times_in_names_pair_images_with_depth(tmp_path: Path) -> None:
 
 
 def test_depth_of_another_resolution_counts_as_registered(tmp_path: Path) -> None:
-    _folders(tmp_path, COLOUR)
-    for i in range(3):
-        cv2.imwrite(str(tmp_path / "depth" / f"{i}.png"), np.full((24, 32), 2000, np.uint16))
-    recording = _open(tmp_path)
-    frame = next(iter(recording))
-    assert np.isfinite(frame.depth_m[2:-2, 2:-2]).all()
+    recording = _open(_folders(tmp_path, COLOUR, depth=deep(2000, (24, 32))))
+    assert np.isfinite(next(iter(recording)).depth_m[2:-2, 2:-2]).all()
     assert any("counts as registered" in note for note in recording.notes)
 
 
@@ -185,11 +175,21 @@ def test_folders_without_calibration_are_refused(tmp_path: Path) -> None:
         open_any(tmp_path)
 
 
-def test_calibration_of_another_aspect_is_refused_and_of_twice_the_resolution_scaled(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="another aspect"):
-        open_any(_folders(tmp_path / "a", COLOUR | {"height": 40}))
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (COLOUR | {"height": 40}, "another aspect"),
+        ({"left": COLOUR, "right": COLOUR}, "that of a stereo pair: name the camera of the images alone"),
+    ],
+)
+def test_calibration_of_a_pair_or_another_aspect_is_refused_for_images_with_depth(tmp_path, content, message) -> None:
+    with pytest.raises(InputError, match=message):
+        open_any(_folders(tmp_path, content))
+
+
+def test_calibration_of_twice_the_resolution_is_scaled(tmp_path: Path) -> None:
     large = {"fx": 120.0, "fy": 120.0, "cx": 63.5, "cy": 47.5, "width": 128, "height": 96}
-    recording = _open(_folders(tmp_path / "b", large))
+    recording = _open(_folders(tmp_path, large))
     assert recording.camera.fx == 60.0 and "scaled from 128x96" in recording.source
 
 
@@ -202,18 +202,15 @@ def test_lost_depth_image_is_skipped_with_a_reason(tmp_path: Path) -> None:
     assert [(s.index, s.why) for s in recording.skipped] == [(1, why)]
 
 
-def _tum(path: Path, depth_at: list[str]) -> Path:
-    at = ["10.0", "10.1", "10.2"]
-    _write(path / "rgb", at)
-    _write(path / "depth", depth_at, depth=10_000)
-    for name, times in (("rgb", at), ("depth", depth_at)):
-        lines = ["# timestamp filename", *(f"{t} {name}/{t}.png" for t in times)]
-        (path / f"{name}.txt").write_text("\n".join(lines))
+def _tum(path: Path, depth_at: tuple[str, ...] = ("10.0", "10.1", "10.2")) -> Path:
+    for name, times, image in (("rgb", ("10.0", "10.1", "10.2"), BGR), ("depth", depth_at, deep(10_000))):
+        write_images(path / name, *(f"{t}.png" for t in times), image=image)
+        (path / f"{name}.txt").write_text("\n".join(["# timestamp filename", *(f"{t} {name}/{t}.png" for t in times)]))
     return path
 
 
 def test_tum_images_take_the_depth_of_their_time(tmp_path: Path) -> None:
-    recording = _open(_tum(tmp_path, ["10.01", "10.15", "10.21"]))
+    recording = _open(_tum(tmp_path, ("10.01", "10.15", "10.21")))
     frames = list(recording)
     assert [(frame.index, round(frame.timestamp_s, 6)) for frame in frames] == [(0, 0.0), (2, 0.2)]
     np.testing.assert_allclose(frames[0].depth_m[24, 32], 2.0)
@@ -221,7 +218,7 @@ def test_tum_images_take_the_depth_of_their_time(tmp_path: Path) -> None:
 
 
 def test_tum_associations_decide_when_they_are_there(tmp_path: Path) -> None:
-    _tum(tmp_path, ["10.01", "10.11", "10.21"])
+    _tum(tmp_path, ("10.01", "10.11", "10.21"))
     (tmp_path / "associations.txt").write_text("10.0 rgb/10.0.png 10.01 depth/10.01.png\n")
     recording = _open(tmp_path)
     assert [frame.index for frame in recording] == [0]
@@ -229,7 +226,7 @@ def test_tum_associations_decide_when_they_are_there(tmp_path: Path) -> None:
 
 
 def test_tum_names_must_stay_inside_the_recording(tmp_path: Path) -> None:
-    _tum(tmp_path, ["10.0", "10.1", "10.2"])
+    _tum(tmp_path)
     (tmp_path / "rgb.txt").write_text("10.0 ../secret.png\n")
     with pytest.raises(InputError, match="inside the recording"):
         open_any(tmp_path)
@@ -242,21 +239,21 @@ def test_mates_are_nearest_to_each_other_and_metres_leave_out_what_no_sensor_mea
     np.testing.assert_array_equal(found, np.array([[np.nan, 1.0, np.nan]], np.float32))
 
 
-def test_floats_beyond_any_range_are_millimetres():
-    np.testing.assert_allclose(metres(np.full((8, 8), 2500.0, np.float32), 1000.0), 2.5)
-    np.testing.assert_allclose(metres(np.full((8, 8), 2.5, np.float32), 1000.0), 2.5)
+@pytest.mark.parametrize("value", [2500.0, 2.5])
+def test_floats_beyond_any_range_are_millimetres(value):
+    np.testing.assert_allclose(metres(np.full((8, 8), value, np.float32), 1000.0), 2.5)
 
 
 @pytest.mark.parametrize("time", ["1e999999", "1e99999999", "1e19", "nan", "0001-01-01", "9999-12-31", "2262-04-12"])
 def test_tum_times_that_no_clock_shows_are_refused_with_their_line(tmp_path: Path, time: str) -> None:
-    _tum(tmp_path, ["10.0", "10.1", "10.2"])
+    _tum(tmp_path)
     (tmp_path / "rgb.txt").write_text(f"# times\n10.0 rgb/10.0.png\n{time} rgb/10.1.png\n")
     with pytest.raises(InputError, match=rf"rgb\.txt: expected timestamp and file name in line 3, found '{time} rgb"):
         open_any(tmp_path)
 
 
 def test_tum_line_with_the_time_of_another_is_named(tmp_path: Path) -> None:
-    _tum(tmp_path, ["10.0", "10.1", "10.2"])
+    _tum(tmp_path)
     listed = "10.0 rgb/10.0.png\n10.1 rgb/10.1.png\n10.1 rgb/10.2.png\n10.10 rgb/10.3.png\n"
     (tmp_path / "rgb.txt").write_text(listed)
     recording = _open(tmp_path)

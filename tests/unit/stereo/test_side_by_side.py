@@ -3,47 +3,32 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from toy_recordings import write_frames
+from toy_recordings import textured, write_frames
 from toy_stereo import toy_rig
 
 from calib.errors import InputError
 from calib.rig import save_rig
-from calib.types import U8
 from stereo.readers import open_recording
 from stereo.readers.side_by_side import Packing, find_packing
 from stereo.readers.state import common, find_order, rectified_rig, settled
 
-SIDE_BY_SIDE, STACKED = Packing(False, False), Packing(True, False)
 W, H = 320, 240
 
 
-def view(shift: int = 0) -> U8:
-    """A textured plane, shifted to the left."""
-    coarse = np.random.default_rng(3).integers(0, 255, (50, 60), dtype=np.uint8)
-    texture = cv2.resize(coarse, (W + 80, H + 40), interpolation=cv2.INTER_CUBIC)
-    return np.ascontiguousarray(texture[20 : 20 + H, 20 + shift : 20 + shift + W])
+LEFT, RIGHT = textured(), textured(12)
 
 
-LEFT, RIGHT = view(), view(12)
-
-
-@pytest.mark.parametrize(
-    ("picture", "aspect", "packing"),
-    [
-        (np.hstack([LEFT, RIGHT]), None, SIDE_BY_SIDE),
-        (np.vstack([LEFT, RIGHT]), None, STACKED),
-        (cv2.resize(np.hstack([LEFT, RIGHT]), (W, H)), W / H, Packing(False, True)),
-        (cv2.resize(np.vstack([LEFT, RIGHT]), (W, H)), W / H, Packing(True, True)),
-    ],
-)
-def test_packing_is_found_from_what_the_views_share(picture: U8, aspect: float | None, packing: Packing) -> None:
-    found, shared = find_packing([picture], aspect)
-    assert found == packing and len(shared.matches) > 0.3 * shared.corners
+@pytest.mark.parametrize("stack", [np.hstack, np.vstack], ids=["side by side", "stacked"])
+@pytest.mark.parametrize("squeezed", [False, True])
+def test_packing_is_found_from_what_the_views_share(stack, squeezed: bool) -> None:
+    picture = cv2.resize(stack([LEFT, RIGHT]), (W, H)) if squeezed else stack([LEFT, RIGHT])
+    found, shared = find_packing([picture], W / H if squeezed else None)
+    assert found == Packing(stack is np.vstack, squeezed) and len(shared.matches) > 0.3 * shared.corners
     assert found.size((picture.shape[1], picture.shape[0])) == (W, H)
 
 
 def test_picture_of_one_camera_is_no_packing() -> None:
-    found, shared = find_packing([view()], None)
+    found, shared = find_packing([textured()], None)
     assert found is None and len(shared.matches) < 0.05 * shared.corners
 
 
@@ -51,7 +36,7 @@ def test_picture_of_one_camera_is_no_packing() -> None:
 def test_order_is_found_by_which_corners_lie_nearer_than_infinity(swapped: bool) -> None:
     picture = np.hstack([RIGHT, LEFT] if swapped else [LEFT, RIGHT])
     rig = toy_rig((W, H))
-    order = find_order(common([SIDE_BY_SIDE.split(picture)]).matches, rig, rig)
+    order = find_order(common([Packing(False, False).split(picture)]).matches, rig, rig)
     assert order is not None and order.swapped == swapped and not order.rectified
 
 
@@ -74,7 +59,7 @@ def test_swapped_video_is_exchanged_with_a_note(tmp_path: Path) -> None:
 
 
 def test_depth_next_to_its_image_is_refused(tmp_path: Path) -> None:
-    colour = cv2.applyColorMap(view(), cv2.COLORMAP_JET)
+    colour = cv2.applyColorMap(textured(), cv2.COLORMAP_JET)
     rng = np.random.default_rng(5)
     depth = cv2.resize(rng.integers(0, 255, (30, 40), dtype=np.uint8), (W, H), interpolation=cv2.INTER_NEAREST)
     write_frames(tmp_path / "pair.avi", [np.hstack([cv2.cvtColor(depth, cv2.COLOR_GRAY2BGR), colour])] * 3)

@@ -5,19 +5,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from toy_recordings import folder_recording, picture, video_pair, write_video
+from toy_recordings import folder_recording, picture, video_pair, write_times, write_video
 
 from calib.errors import InputError
 from stereo.readers import open_recording, open_video
-from stereo.readers.times import load_timestamps, rate_of_times, stamps_in_names
+from stereo.readers.times import load_timestamps, rate_of_times
 from stereo.readers.video import _by_time
 
 KEPT = [i for i in range(12) if i != 5]
 """Frames of a right camera that lost the sixth."""
-
-
-def table(times_s: list[float]) -> str:
-    return "frame,timestamp_s\n" + "".join(f"{i},{time:.5f}\n" for i, time in enumerate(times_s))
+SLOWER = [i * i / 100 for i in range(6)]
 
 
 @pytest.mark.parametrize(
@@ -26,9 +23,10 @@ def table(times_s: list[float]) -> str:
 def test_each_camera_has_its_own_file_of_times(tmp_path, name):
     folder = folder_recording(tmp_path / "r", 11, [picture(10 * i) for i in range(11)])
     for side, frames in (("left", range(11)), ("right", KEPT)):
-        times = [i / 15 for i in frames]
-        text = table(times) if "stamps.csv" in name else "".join(f"{time:.5f}\n" for time in times)
-        (folder / name.format(side)).write_text(text)
+        times = [f"{i / 15:.5f}" for i in frames]
+        write_times(folder / name.format(side), times)
+        if "stamps.csv" not in name:
+            (folder / name.format(side)).write_text("\n".join(times))
     recording = open_recording(folder)
     assert recording.fps == pytest.approx(15, rel=0.01)
     # Frame 6 of the left camera has the right one's sixth image; frame 5 has none.
@@ -36,65 +34,36 @@ def test_each_camera_has_its_own_file_of_times(tmp_path, name):
     assert [s.index for s in recording.skipped] == [5, 11]
 
 
-def test_table_with_semicolons_and_decimal_commas_is_read(tmp_path):
-    (tmp_path / "timestamps.csv").write_text("frame;timestamp_s\n0;0,5\n1;0,75\n")
-    assert load_timestamps(tmp_path / "timestamps.csv").times_s.tolist() == [0.0, 0.25]
-
-
 def test_times_of_one_camera_alone_are_named_as_not_used(tmp_path):
     folder = folder_recording(tmp_path / "r", 3)
-    (folder / "left_timestamps.csv").write_text(table([0.0, 0.1, 0.2]))
+    write_times(folder / "left_timestamps.csv", [0.0, 0.1, 0.2])
     assert any("not used: left_timestamps.csv" in note for note in open_recording(folder).notes)
 
 
 def test_videos_have_the_times_of_their_own_files(tmp_path):
     folder = video_pair(tmp_path, (11, 11))
     for side, frames in (("left", range(11)), ("right", KEPT)):
-        (folder / f"{side}_timestamps.csv").write_text(table([i / 5 for i in frames]))
+        write_times(folder / f"{side}_timestamps.csv", [i / 5 for i in frames])
     recording = open_recording(folder)
     assert [f.index for f in recording] == [0, 1, 2, 3, 4, 6, 7, 8, 9, 10] and recording.fps == pytest.approx(5)
 
 
 def test_video_of_one_camera_has_the_times_of_the_file_next_to_it(tmp_path):
     write_video(tmp_path / "hall.avi", 4)
-    (tmp_path / "hall_timestamps.csv").write_text(table([0.0, 0.5, 1.0, 1.5]))
+    write_times(tmp_path / "hall_timestamps.csv", [0.0, 0.5, 1.0, 1.5])
     video = open_video(tmp_path / "hall.avi")
     assert video.fps == pytest.approx(2) and [f.timestamp_s for f in video] == [0.0, 0.5, 1.0, 1.5]
 
 
 def test_videos_of_two_rates_pair_by_time():
     pairs = _by_time(np.arange(50) / 25, np.arange(60) / 30)
-    assert pairs is not None
     both = [(a, b) for a, b in zip(pairs.left, pairs.right, strict=True) if a >= 0 and b >= 0]
     assert (5, 6) in both and (45, 54) in both and max(abs(a / 25 - b / 30) for a, b in both) <= 0.25 / 25
 
 
 def test_videos_whose_times_waver_pair_in_order():
-    rng = np.random.default_rng(0)
-    wavering = np.sort(np.arange(200) / 30 + rng.normal(0.0, 0.008, 200))
+    wavering = np.sort(np.arange(200) / 30 + np.random.default_rng(0).normal(0.0, 0.008, 200))
     assert _by_time(np.arange(200) / 30, wavering) is None
-
-
-@pytest.mark.parametrize(
-    ("stems", "step_s"),
-    [
-        (["f_0", "f_33", "f_67", "f_100", "f_133", "f_167"], 0.034),  # milliseconds
-        ([f"1650000000_{n}" for n in (0, 66666667, 133333333, 200000000)], 0.0666),  # nanoseconds without zeros
-        ([f"1650000000.{n}" for n in ("5", "75")], 0.25),
-        ([f"2023-04-05_12-34-5{i}.{5 * i}00" for i in range(2)], 1.5),
-        ([f"20230405_123456_{n}" for n in ("000", "100", "200")], 0.1),
-        ([f"frame{i:04d}_165000000{i}123" for i in range(3)], 1.0),
-    ],
-)
-def test_times_in_names_have_their_unit(stems, step_s):
-    stamps = stamps_in_names(stems)
-    assert stamps is not None
-    assert float(np.median(np.diff(stamps.ns))) / 1e9 == pytest.approx(step_s, abs=0.002)
-
-
-@pytest.mark.parametrize("stems", [["0", "10", "20", "40", "50", "60"], ["1", "2", "3", "5"], ["20230405_120000"] * 9])
-def test_counters_with_gaps_and_names_of_one_second_are_no_times(stems):
-    assert stamps_in_names(stems) is None
 
 
 def test_rate_is_the_mean_of_steps_that_a_clock_of_milliseconds_rounds():
@@ -115,24 +84,36 @@ def test_header_that_gives_the_clock_for_a_rate_is_corrected_by_the_times(tmp_pa
         ("frame,timestamp_s\n0,0\n1,nan\n", "'nan'"),
         ("frame,value\n0,0\n", "frame,timestamp_s"),
         ("frame,timestamp_s\n0,0\n999999999,1\n", "counted from 0"),
+        ("0" * 50_000_000, "expected a table of times of up to 33554432 bytes"),
     ],
 )
 def test_bad_timestamps_are_refused(tmp_path: Path, text: str, found: str) -> None:
     (tmp_path / "timestamps.csv").write_text(text)
-    with pytest.raises(InputError, match=found):
+    with pytest.raises(InputError, match=rf"timestamps\.csv: .*{found}"):
         load_timestamps(tmp_path / "timestamps.csv")
 
 
-def test_timestamps_start_at_zero_and_keep_gaps(tmp_path: Path) -> None:
-    (tmp_path / "timestamps.csv").write_text("frame,timestamp_s\n0,100.0\n1,100.1\n3,100.9\n")
-    np.testing.assert_allclose(load_timestamps(tmp_path / "timestamps.csv").times_s, [0.0, 0.1, np.nan, 0.9])
+@pytest.mark.parametrize(
+    ("text", "times_s"),
+    [
+        ("frame,timestamp_s\n0,100.0\n1,100.1\n3,100.9\n", [0.0, 0.1, np.nan, 0.9]),
+        ("frame;timestamp_s\n0;0,5\n1;0,75\n", [0.0, 0.25]),  # decimal commas
+        ("frame,timestamp_s\n0,0.0\n1\x1c,0.5\x1d\n", [0.0, 0.5]),  # marks that count as blanks
+    ],
+)
+def test_timestamps_of_any_table_start_at_zero_and_keep_gaps(tmp_path: Path, text: str, times_s: list[float]) -> None:
+    (tmp_path / "timestamps.csv").write_text(text)
+    np.testing.assert_allclose(load_timestamps(tmp_path / "timestamps.csv").times_s, times_s)
 
 
-def test_images_of_one_camera_without_times_note_the_assumed_rate(tmp_path: Path) -> None:
-    folder = folder_recording(tmp_path / "r") / "left"
-    video = open_video(folder)
-    assert video.fps == 30.0
-    assert video.notes == ["no timestamps: 30 frames per second are assumed; set the rate if it is another"]
+@pytest.mark.parametrize(("name", "count", "fps"), [("r/left", 6, 30), ("a.mjpeg", 7, 25)])
+def test_rate_that_images_and_pictures_without_a_container_lack_is_noted(tmp_path: Path, name, count, fps) -> None:
+    folder_recording(tmp_path / "r")
+    coded = cv2.imencode(".jpg", np.full((48, 64), 90, np.uint8))[1].tobytes()
+    (tmp_path / "a.mjpeg").write_bytes(7 * coded)
+    video = open_video(tmp_path / name)
+    assert (video.n_frames, video.fps) == (count, fps)
+    assert video.notes == [f"no timestamps: {fps} frames per second are assumed; set the rate if it is another"]
 
 
 def test_times_of_one_camera_are_those_of_its_list_or_names(tmp_path: Path) -> None:
@@ -143,27 +124,24 @@ def test_times_of_one_camera_are_those_of_its_list_or_names(tmp_path: Path) -> N
     assert [frame.timestamp_s for frame in named] == pytest.approx([i / 5 for i in range(6)]) and not named.notes
 
 
-def test_table_of_times_that_is_too_short_is_reported(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("frames", "times_s", "found_s", "note"),
+    [
+        (
+            [0, 1],
+            [0, 0.2],
+            [0, 0.2, 0.4, 0.6, 0.8, 1.0],
+            "has times of 2 of 6 frames: 5 per second are assumed elsewhere",
+        ),
+        (range(1, 7), SLOWER, SLOWER, "are counted from 1"),
+    ],
+)
+def test_table_of_times_that_is_too_short_or_counts_from_1_is_noted(
+    tmp_path: Path, frames, times_s, found_s, note
+) -> None:
     folder = folder_recording(tmp_path / "r")
-    n_frames = open_recording(folder).n_frames
-    (folder / "timestamps.csv").write_text("frame,timestamp_s\n0,0\n1,0.2\n")
-    note = f"timestamps.csv has times of 2 of {n_frames} frames: 5 per second are assumed elsewhere"
-    assert note in open_recording(folder).notes
-
-
-def test_table_of_times_whose_frames_count_from_1_is_taken_so(tmp_path: Path) -> None:
-    folder = folder_recording(tmp_path / "r")
-    (folder / "timestamps.csv").write_text(
-        "frame,timestamp_s\n" + "".join(f"{i + 1},{i * i / 100}\n" for i in range(6))
-    )
+    write_times(folder / "timestamps.csv", times_s, frames)
     recording = open_recording(folder)
-    assert [frame.timestamp_s for frame in recording] == pytest.approx([i * i / 100 for i in range(6)])
-    assert recording.notes == ["frames of timestamps.csv are counted from 1"]
-
-
-def test_rate_of_pictures_without_a_container_is_reported(tmp_path: Path) -> None:
-    coded = cv2.imencode(".jpg", np.full((48, 64), 90, np.uint8))[1].tobytes()
-    (tmp_path / "a.mjpeg").write_bytes(7 * coded)
-    video = open_video(tmp_path)
-    assert video.n_frames == 7
-    assert video.notes == ["no timestamps: 25 frames per second are assumed; set the rate if it is another"]
+    assert [frame.timestamp_s for frame in recording] == pytest.approx(found_s)
+    (found,) = recording.notes
+    assert "timestamps.csv" in found and found.endswith(note)
