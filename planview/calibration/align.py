@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -117,7 +117,7 @@ class RigRecord:
     scene: F32
 
 
-def record_rig(path: Path, config: Config | None = None, done: Callable[[], None] = lambda: None) -> RigRecord:
+def record_rig(path: Path, config: Config | None = None) -> RigRecord:
     """Track a rig's recording and gather the scene behind the people."""
     engine = stereo_engine(open_any(path), config or Config())
     (view,) = engine.rigs.values()
@@ -128,7 +128,6 @@ def record_rig(path: Path, config: Config | None = None, done: Callable[[], None
         collector.add(result.frame, result.timestamp_s, result.tracks)
         if result.frame % every == 0 and result.depth is not None:
             disparities.append(result.depth.disparity)
-        done()
     pose = view.floor.world_SE3_left
     paths = paths_of(collector.trajectories(), pose, view.geometry.disparity_metre)
     return RigRecord(path, pose, paths, _scene(view, disparities))

@@ -285,9 +285,9 @@ class RecordingWatch:
         if depth is not None and self._frames % STEP == 0:
             self._valid.append(float(np.isfinite(depth.disparity).mean()))
             if foreground is not None:
-                far, pose = self._rig.geometry.depth(depth.disparity), self._rig.floor.world_SE3_left
-                above = heights_above_floor(back_project(far, self._rig.geometry, depth.step), pose)
-                self._things.append(standing_things(above, far, foreground > 0))
+                rig = self._rig
+                things = standing_things(depth.disparity, foreground > 0, rig.geometry, rig.floor, depth.step)
+                self._things.append(things)
         self._frames += 1
 
     def checks(self) -> list[Check]:

@@ -170,13 +170,10 @@ def person_heights(seen: PairFrames | DepthFrames, floor: Floor | None) -> F64:
         return np.empty(0)
     geometry, disparities = seen.rectifier.geometry, seen.disparities
     background = median_image(disparities)
-    found = []
-    for disparity in disparities:
-        depth = geometry.depth(disparity)
-        above = heights_above_floor(back_project(depth, geometry), floor.world_SE3_left)
-        # Disparity by which something must be nearer than the background to stand out of it: four deviations.
-        found.append(standing_things(above, depth, disparity - background > 1.0))
-    return large_heights(np.concatenate(found))
+    # Disparity by which something must be nearer than the background to stand out of it: four deviations.
+    moved = (disparity - background > 1.0 for disparity in disparities)
+    things = [standing_things(d, m, geometry, floor) for d, m in zip(disparities, moved, strict=True)]
+    return large_heights(np.concatenate(things))
 
 
 def large_heights(things: F64) -> F64:
@@ -194,9 +191,11 @@ def heights_above_floor(points: F32, world_SE3_left: SE3) -> F32:
     return np.asarray(points @ z + np.float32(world_SE3_left.translation[2]), dtype=np.float32)
 
 
-def standing_things(above: F32, depth: F32, moved: Bool) -> F64:
-    """(N, 2) height [m] and surface (in units that all things share) of what stands out of the background, from (H, W)
-    heights above the floor and depth [m], NaN where unknown, and (H, W) whether a pixel moved."""
+def standing_things(disparity: F32, moved: Bool, geometry: RectifiedGeometry, floor: Floor, step: int = 1) -> F64:
+    """(N, 2) height [m] and surface (in units that all things share) of what stands out of the background, from the
+    (H, W) disparity of every ``step``-th row and column, NaN where unknown, and whether a pixel moved."""
+    depth = geometry.depth(disparity)
+    above = heights_above_floor(back_project(depth, geometry, step), floor.world_SE3_left)
     stands_out = moved & (above > 0.25)  # [m]
     mask = cv2.morphologyEx(stands_out.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     blobs = find_blobs(np.asarray(mask, dtype=np.uint8))

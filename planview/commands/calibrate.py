@@ -7,14 +7,12 @@ import math
 import re
 import socket
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import Progress
 from rich.table import Table
 
 from calib.board.detect import MARKER_SHARES, MAX_SQUARE_M, MIN_SQUARE_M, Board, dictionaries
@@ -23,10 +21,10 @@ from calib.errors import InputError, WorkError
 from calib.formats import FORMATS, calibration_files, load_rig, write_rig
 from calib.io import parse_length, parse_size
 from calib.world import save_rigs
-from planview.calibration.align import RigAlignment, RigRecord, align_records, record_rig, relative_to, rig_entries
+from planview.calibration.align import RigAlignment, align_records, record_rig, relative_to, rig_entries
 from planview.calibration.board import BoardRequest, calibrate_images, write_report
-from planview.commands.options import Flag, JsonFlag, OneSetting, Settings, in_range
-from planview.engine.config import Config, load_config
+from planview.commands.options import Flag, JsonFlag, OneSetting, Settings, in_range, say
+from planview.engine.config import load_config
 from planview.output.progress import PlainConsole
 
 
@@ -71,17 +69,19 @@ def calibrate_align(first: Path, second: Path, /, *others: Path, options: AlignO
     if options.out is not None:
         for head in heads:
             relative_to(head, options.out.parent)
-    console = PlainConsole(stderr=True)
-    records = _records(heads, load_config(options.config, options.set_), console)
+    config, records = load_config(options.config, options.set_), []
+    for head in heads:
+        with PlainConsole(stderr=True).status(f"tracking {head.name}"):
+            records.append(record_rig(head, config))
     alignments = align_records(records, options.clock)
     for record, alignment in zip(records[1:], alignments, strict=True):
-        console.print(sentence(record.path.name, alignment), highlight=False)
+        say(sentence(record.path.name, alignment))
     if options.out is not None:
         written = "found by planview calibrate align from people who walked"
         save_rigs(rig_entries(records, alignments, options.out.parent), options.out, written)
-        console.print(f"wrote {options.out}", highlight=False)
+        say(f"wrote {options.out}")
     else:
-        console.print("no rigs.toml written: --out FILE keeps the result")
+        say("no rigs.toml written: --out FILE keeps the result")
     if options.json_output:
         print(json.dumps({"heads": [report(r.path, a) for r, a in zip(records[1:], alignments, strict=True)]}))
 
@@ -101,17 +101,6 @@ def report(path: Path, a: RigAlignment) -> dict[str, Any]:
     values = {name: getattr(a, name) for name in ("x_m", "y_m", "position_std_m", "residual_m", "shared_s")}
     heading = {"heading_deg": math.degrees(a.heading_rad), "heading_std_deg": math.degrees(a.heading_std_rad)}
     return {"head": str(path), **heading, **values, "start_s": a.clock_s, "start_std_s": a.clock_std_s}
-
-
-def _records(heads: Sequence[Path], config: Config, console: PlainConsole) -> list[RigRecord]:
-    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
-    records = []
-    with Progress(*columns, console=console, transient=True) as progress:
-        for head in heads:
-            task = progress.add_task(f"tracking {head.name}", total=None)
-            records.append(record_rig(head, config, lambda task=task: progress.advance(task)))  # type: ignore[misc]
-            progress.update(task, total=1, completed=1)
-    return records
 
 
 @Parameter(name="*")
@@ -201,8 +190,7 @@ def calibrate_board(images: Path, /, *, square: str, options: BoardOptions = Boa
     if options.out.suffix.lower() != ".toml":
         raise InputError(f"--out: expected a name that ends in .toml, found {options.out.name!r}")
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    console = PlainConsole(stderr=True)
-    with Progress(console=console, transient=True, disable=not sys.stderr.isatty()) as bar:
+    with Progress(console=PlainConsole(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("detecting the board", total=None)
 
         def progress(done: int, total: int) -> None:
@@ -213,33 +201,31 @@ def calibrate_board(images: Path, /, *, square: str, options: BoardOptions = Boa
     out = options.out
     files = [*write_rig(result.rig, out, "rig"), *write_rig(result.rig, out.with_suffix(".yml"), "opencv")]
     files.append(write_report(result, images, out.with_suffix(".html")))
-    _print_summary(result, files, console)
+    _print_summary(result)
+    say(f"wrote {', '.join(map(str, files))}")
     if options.json_:
         print(json.dumps(_as_json(result, files)))
 
 
-def _print_summary(result: BoardCalibration, files: list[Path], console: Console) -> None:
+def _print_summary(result: BoardCalibration) -> None:
     rig, std = result.rig, result.std
     for one in result.rejected:
-        console.print(f"not used: {one.name}: {one.why}", highlight=False)
-    table = Table(title=f"{result.board.name}, {len(result.views)} pairs, {rig.left.width}x{rig.left.height}")
-    for column in ("", "left", "right"):
-        table.add_column(column)
+        say(f"not used: {one.name}: {one.why}")
+    title = f"{result.board.name}, {len(result.views)} pairs, {rig.left.width}x{rig.left.height}"
+    table = Table("", "left", "right", title=title)
     for key in ("fx", "fy", "cx", "cy"):
         cells = [f"{getattr(getattr(rig, s), key):.2f} ± {std[f'{s} {key}']:.2f} px" for s in ("left", "right")]
         table.add_row(key, *cells)
     table.add_row("image covered", *(f"{100 * result.coverage_share(s):.0f} %" for s in ("left", "right")))
-    console.print(table)
+    PlainConsole(stderr=True).print(table)
     for lens in result.lenses:
         chosen = "  <- chosen" if lens is result.chosen_lens else ""
-        console.print(f"{lens.name}: {lens.held_out_px:.4f} px on views left out{chosen}", highlight=False)
-    console.print(
+        say(f"{lens.name}: {lens.held_out_px:.4f} px on views left out{chosen}")
+    say(
         f"baseline {1000 * rig.baseline_m:.2f} ± {1000 * std['baseline']:.2f} mm "
         f"({result.baseline_squares:.3f} squares), stereo rms {result.fit.rms_px:.3f} px, "
-        f"rows after rectification {result.row_rms_px:.3f} px",
-        highlight=False,
+        f"rows after rectification {result.row_rms_px:.3f} px"
     )
-    console.print(f"wrote {', '.join(map(str, files))}", highlight=False, soft_wrap=True)
 
 
 def _as_json(result: BoardCalibration, files: list[Path]) -> dict[str, Any]:
@@ -305,8 +291,8 @@ def calibrate_convert(
         swap=swap,
     )
     written = write_rig(rig, target, to, calibration_files(source))
-    text = f"{rig.source}: baseline {rig.baseline_m:.4f} m, {rig.left.width}x{rig.left.height}"
-    print(f"{text}\nwrote {', '.join(map(str, written))}", file=sys.stderr)
+    say(f"{rig.source}: baseline {rig.baseline_m:.4f} m, {rig.left.width}x{rig.left.height}")
+    say(f"wrote {', '.join(map(str, written))}")
     if json_:
         found = {"source": rig.source, "baseline_m": rig.baseline_m, "width": rig.left.width, "height": rig.left.height}
         print(json.dumps(found | {"model": rig.left.model, "files": [str(path) for path in written]}))
@@ -355,5 +341,5 @@ def calibrate_ui(
     from planview.calibration.page.session import open_session
 
     session = open_session(recording, calibration)
-    PlainConsole(stderr=True).print(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends")
+    say(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends")
     serve(session, out, port)

@@ -12,7 +12,6 @@ from typing import Annotated, Any
 
 import numpy as np
 from cyclopts import Parameter
-from rich.console import Console
 from rich.progress import Progress
 
 from calib.errors import InputError
@@ -29,7 +28,7 @@ from calib.types import F64, U8
 from calib.world import load_world, save_world
 from planview.calibration.floor import AXIS, GRID, draw_grid, floor_from_tracks, view_floor
 from planview.calibration.people import COMPUTED, collect_samples, crowd, draw_person, draw_samples, floor_around
-from planview.commands.options import Flag, JsonFlag, in_range
+from planview.commands.options import Flag, JsonFlag, in_range, say
 from planview.drawing.style import Entry, as_bgr, with_legend
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search
@@ -114,10 +113,9 @@ def calibrate_floor(recording: Path, /, *, options: FloorOptions = FloorOptions(
     if options.frames is not None:
         in_range("--frames", options.frames, 1, 1000)
         search = search.model_copy(update={"frames": options.frames})
-    console = PlainConsole(stderr=True)
     given = parse_points(options.points) if options.points else None
     opened = open_any(recording, OpenOptions(options.calibration))
-    with console.status(f"Looking at {search.frames} frames"):
+    with PlainConsole(stderr=True).status(f"Looking at {search.frames} frames"):
         view = view_floor(opened, search)
         if given is not None:
             points, are_pixels = given
@@ -130,9 +128,9 @@ def calibrate_floor(recording: Path, /, *, options: FloorOptions = FloorOptions(
             floor = view.find()
     target = (recording if recording.is_dir() else recording.parent) / "world.toml" if options.save else options.out
     image = options.picture or (target and target.with_suffix(".png"))
-    console.print(_sentence(floor))
+    say(_sentence(floor))
     if floor.doubt:
-        console.print(f"is that the floor? {floor.doubt} (--points gives another floor)", highlight=False)
+        say(f"is that the floor? {floor.doubt} (--points gives another floor)")
     for path in filter(None, (target, image)):
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -140,9 +138,9 @@ def calibrate_floor(recording: Path, /, *, options: FloorOptions = FloorOptions(
                 save_world(floor, path)
             else:
                 write_image(path, with_legend(view.picture(floor), _LEGEND))
-        console.print(f"wrote {path}", highlight=False)
+        say(f"wrote {path}")
     if target is None:
-        console.print("no world.toml written: --save keeps this floor in the recording, --out FILE elsewhere")
+        say("no world.toml written: --save keeps this floor in the recording, --out FILE elsewhere")
     if options.json_output:
         print(json.dumps(_report(floor, target, image)))
 
@@ -240,7 +238,6 @@ def calibrate_human(samples: Path, /, *, options: HumanOptions = HumanOptions())
         a list of {"box": [left, top, width, height], "head": [u, v], "foot": [u, v]}; 3 or more people at different
         places. With --auto, a video.
     """
-    console = PlainConsole(stderr=True)
     if options.lens is not None and options.lens not in LENS_K_320:
         raise InputError(f"--lens: expected one of {', '.join(LENS_K_320)}, found {options.lens!r}")
     known = _known(options)
@@ -248,15 +245,15 @@ def calibrate_human(samples: Path, /, *, options: HumanOptions = HumanOptions())
     video = open_video(samples) if options.auto else open_video(options.frames) if options.frames else None
     size = _size(options.image_size, video, None if options.auto else read_image_size(samples), samples)
     if options.auto and video is not None:
-        console.print(f"following people through {video.n_frames} frames of {samples}")
-        with Progress(console=console, transient=True) as progress:
+        say(f"following people through {video.n_frames} frames of {samples}")
+        with Progress(console=PlainConsole(stderr=True), transient=True) as progress:
             task = progress.add_task("Following people", total=video.n_frames)
             collected = collect_samples(video, options.count, done=lambda: progress.advance(task))
         taken, independent = collected.samples, collected.independent
     else:
         taken, independent = read_samples(samples), None
     check_samples(taken, size, str(samples))
-    console.print(f"fitting a camera to {len(taken)} sightings of people: half a minute for 50")
+    say(f"fitting a camera to {len(taken)} sightings of people: half a minute for 50")
     found = calibrate_from_people(taken, size, options.lens, known=known, independent=independent, name=str(samples))
     picture = options.out.with_suffix(".png")
     with writing(options.out):
@@ -265,8 +262,8 @@ def calibrate_human(samples: Path, /, *, options: HumanOptions = HumanOptions())
         write_image(picture, _picture(found, taken, video))
         if options.auto:
             write_samples(taken, options.out.with_suffix(".samples.json"), found.camera.size)
-    _summarise(found, len(taken), console)
-    console.print(f"wrote {options.out} and {picture}")
+    _summarise(found, len(taken))
+    say(f"wrote {options.out} and {picture}")
     if options.json_output:
         print(json.dumps(_camera_report(found, taken, options.out)))
 
@@ -286,9 +283,9 @@ _KNOWN = {
 }
 
 
-def _summarise(found: HumanCalibration, n_samples: int, console: Console) -> None:
+def _summarise(found: HumanCalibration, n_samples: int) -> None:
     camera, std = found.camera, found.std
-    console.print(
+    say(
         f"camera {camera.height_m:.2f} m (+-{std.height * camera.height_m:.2f}) above the floor, tilt "
         f"{math.degrees(camera.tilt_rad):.1f} (+-{math.degrees(std.tilt_rad):.1f}) degrees, roll "
         f"{math.degrees(camera.roll_rad):.1f} (+-{math.degrees(std.roll_rad):.1f}), focal length {camera.focal_px:.0f} "
@@ -296,10 +293,10 @@ def _summarise(found: HumanCalibration, n_samples: int, console: Console) -> Non
         f"samples, search {found.search_s:.2f} s"
     )
     if found.odd:
-        console.print(f"samples that fit badly, look at them again: {', '.join(str(i + 1) for i in found.odd)}")
+        say(f"samples that fit badly, look at them again: {', '.join(str(i + 1) for i in found.odd)}")
     if found.boxes_only:
-        console.print("heads and feet are the middles of the boxes' edges: the focal length rests on the lens class")
-    console.print(found.assessment.sentence)
+        say("heads and feet are the middles of the boxes' edges: the focal length rests on the lens class")
+    say(found.assessment.sentence)
 
 
 def _size(text: str | None, video: Video | None, recorded: tuple[int, int] | None, samples: Path) -> tuple[int, int]:

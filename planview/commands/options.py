@@ -77,6 +77,18 @@ def open_options(
     return OpenOptions(calibration, fps, topics or (), right)
 
 
+def say(text: object) -> None:
+    """Print a message to standard error, its lines as they are."""
+    from planview.output.progress import PlainConsole  # of rich, which some commands do without
+
+    PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(str(text))
+
+
+def plural(count: int, noun: str) -> str:
+    """ "1 run", "2 runs"."""
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 def frame_span(text: str) -> tuple[int, int]:
     """First and last frame of "FIRST:LAST", or of "N" for the first N frames. Raises InputError: anything else."""
     first, colon, last = text.partition(":")

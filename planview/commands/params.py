@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from fnmatch import fnmatch
@@ -92,11 +93,5 @@ def config_toml(config: Config) -> str:
         own = {name: value for name, value in values.items() if not isinstance(value, dict)}
         if own:
             lines += [f"\n[{table}]"] if table else []
-            lines += [f"# {n} is not set" if v is None else f"{n} = {_toml(v)}" for n, v in own.items()]
+            lines += [f"# {n} is not set" if v is None else f"{n} = {json.dumps(v)}" for n, v in own.items()]
     return "\n".join(lines)
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f'"{value}"' if isinstance(value, str) else repr(value)

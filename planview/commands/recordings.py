@@ -18,7 +18,7 @@ from calib.errors import InputError, WorkError
 from calib.io import parse_length
 from calib.rig import save_rig
 from planview.checks.examine import Diagnosis, examine, write_pictures
-from planview.commands.options import Flag, FrameRate, JsonFlag, Topics, in_range, open_options, typed
+from planview.commands.options import Flag, FrameRate, JsonFlag, Topics, in_range, open_options, plural, say, typed
 from planview.engine.config import load_config
 from planview.engine.setup import floor_search
 from planview.output.progress import PlainConsole
@@ -90,7 +90,7 @@ def check(recording: Path, right: Path | None = None, /, *, options: CheckOption
     if options.out is not None:
         written = write_pictures(diagnosis.seen, diagnosis.floor, options.out) if diagnosis.seen else []
         lines = [f"wrote {path}" for path in written] or [f"{options.out}: no pictures, which show a pair or depth"]
-        PlainConsole(stderr=True, highlight=False).print("\n".join(lines))
+        say("\n".join(lines))
     _correct(recording, diagnosis.seen if isinstance(diagnosis.seen, PairFrames) else None, options.corrected_rig)
     failed = [check.name for check in diagnosis.checks if check.failed]
     if failed:
@@ -110,14 +110,14 @@ def _correct(recording: Path, pair: PairFrames | None, corrected_rig: Path | Non
         rig = pair.correction(pair.plain.rig)
         save_rig(replace(rig, source=f"{rig.source}, {pair.correction}"), corrected_rig)
         text = f"wrote {corrected_rig}"
-    PlainConsole(stderr=True).print(f"{pair.correction}: {text}", highlight=False)
+    say(f"{pair.correction}: {text}")
 
 
 def verdict(diagnosis: Diagnosis) -> list[str]:
     """Whether results can be trusted, then a sentence on each check beyond its limit, failures first."""
     failed = [check for check in diagnosis.checks if check.failed]
     warned = [check for check in diagnosis.checks if not check.ok and check.warns]
-    warnings = f"{len(warned)} warning{'s' * (len(warned) != 1)}" if warned else ""
+    warnings = plural(len(warned), "warning") if warned else ""
     lines = [*(f"failed: {c.sentence}" for c in failed), *(f"warning: {c.sentence}" for c in warned)]
     if failed:
         also = f" and {warnings}" if warned else ""

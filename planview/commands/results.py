@@ -19,7 +19,7 @@ from rich.progress import track
 
 from calib.errors import InputError, WorkError
 from calib.io import missing, reason
-from planview.commands.options import Flag, frame_span, in_range
+from planview.commands.options import Flag, frame_span, in_range, say
 from planview.output.folder import rrd_parts
 from planview.output.plot import PANELS, NamedTracks, Panel, figure_of, save_figure
 from planview.output.progress import PlainConsole
@@ -59,7 +59,7 @@ def report(*folders: Path, out: Path | None = None, truth: Path | None = None) -
         from planview.sweep.results import write_comparison  # half a second
 
         write_comparison(folders, page, truth)
-    PlainConsole(stderr=True, soft_wrap=True).print(str(page))
+    say(page)
 
 
 def plot(
@@ -99,7 +99,7 @@ def plot(
     known = None if truth is None else load_truth(truth_file(truth) or truth)
     path = out or files[0].parent / "plot.png"
     save_figure(figure_of(tracks, known, colour, only or PANELS), path)
-    PlainConsole(stderr=True, soft_wrap=True).print(str(path))
+    say(path)
 
 
 @Parameter(name="*")
@@ -144,20 +144,19 @@ def render(folder: Path, /, *, options: RenderOptions = RenderOptions()) -> None
         raise InputError("--every is 1 or more, --trail 0 to 3600 s")
     if options.frame is None and options.out is not None and options.out.suffix.lower() in (".png", ".jpg", ".jpeg"):
         raise InputError(f"{options.out} is one picture: add --frame N")
-    console = PlainConsole(stderr=True, soft_wrap=True)
     # The engine's parts take half a second.
     from planview.output.render import SceneComposer, frames_or_none, scene_pictures_of, write_still, write_video
 
     results = RunFolder(folder, options.truth)
     known = results.tracks.frame
-    frames = frames_or_none(results, console.print)
+    frames = frames_or_none(results, say)
     composer = SceneComposer(results, options.trail, plan=not options.no_plan, truth=not options.no_truth)
     end = results.n_frames - 1
     if options.frame is not None:
         path = options.out or folder / f"frame-{options.frame}.png"
         in_range("--frame", options.frame, 0, end)
         write_still(composer, frames, options.frame, path)
-        console.print(str(path))
+        say(path)
         return
     path = options.out or folder / "scene.webm"
     first, last = frame_span(options.frames) if options.frames else (0, end)
@@ -169,7 +168,7 @@ def render(folder: Path, /, *, options: RenderOptions = RenderOptions()) -> None
     shown = track(pictures, "drawing", total, console=PlainConsole(stderr=True))
     if not write_video(path, min(240.0, 1.0 / results.clock.frame_s), shown):
         raise WorkError(f"{path}: none of the frames {first} to {last} can be read")
-    console.print(str(path))
+    say(path)
 
 
 def view(folder: Path, /, *, port: int = 9876, web: Flag = False, web_port: int = 9090) -> None:
@@ -193,12 +192,10 @@ def view(folder: Path, /, *, port: int = 9876, web: Flag = False, web_port: int 
         Port of the page, on 127.0.0.1.
     """
     recording = folder if folder.suffix == ".rrd" else folder / "run.rrd"
+    if not folder.exists():
+        raise missing(folder)
     if not recording.is_file():
-        raise (
-            InputError(f"{folder}: no run.rrd in it; planview run --rrd writes one")
-            if folder.exists()
-            else missing(folder)
-        )
+        raise InputError(f"{folder}: no run.rrd in it; planview run --rrd writes one")
     parts = [recording] if folder.suffix == ".rrd" else rrd_parts(recording)
     for part in parts:
         refuse_broken(part)
@@ -207,9 +204,7 @@ def view(folder: Path, /, *, port: int = 9876, web: Flag = False, web_port: int 
     if web:
         command += ["--serve-web", "--web-viewer-port", str(web_port), "--server-memory-limit", "75%"]
         data = f"rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy"
-        PlainConsole(stderr=True, soft_wrap=True).print(
-            f"open http://127.0.0.1:{web_port}/?url={data}   (Ctrl-C ends it)"
-        )
+        say(f"open http://127.0.0.1:{web_port}/?url={data}   (Ctrl-C ends it)")
     try:
         status = _viewed([*command, *map(str, parts)])
     except OSError as error:

@@ -23,6 +23,7 @@ from planview.commands.options import (
     frame_span,
     in_range,
     open_options,
+    say,
 )
 from planview.commands.params import config_toml
 from planview.commands.results import RenderOptions, render
@@ -264,23 +265,18 @@ def replay(
     first = results.info.first_frame
     in_range("--frame", frame, first, results.n_frames - 1)
     config = load_config(None, set_, results.config)
-    console = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
-    with FrameProgress(console, frame + 1 - first, first) as progress:
+    with FrameProgress(PlainConsole(stderr=True), frame + 1 - first, first) as progress:
         replayed = replay_run(results, config, frame, progress)
-    console.print(f"tracked from {replayed.source}")
+    say(f"tracked from {replayed.source}")
     for line in difference_text(results, replayed, frame):
         PlainConsole(soft_wrap=True, highlight=False).print(line)
-    frames = frames_or_none(results, console.print)
+    frames = frames_or_none(results, say)
     path = out or folder / f"replay-{frame}.png"
     write_image(path, difference_picture(results, replayed, frames, frame, ", ".join(set_) or "again"))
-    console.print(str(path))
+    say(path)
 
 
-def demo(
-    *,
-    out: Path = Path("out/demo"),
-    json_output: JsonFlag = False,
-) -> None:
+def demo(*, out: Path = Path("out/demo"), json_output: JsonFlag = False) -> None:
     """Track the clip that comes with the package, write all results, a picture and run.rrd, and print the scores.
 
     Example: planview demo
@@ -291,13 +287,12 @@ def demo(
         Folder for the results; results of an earlier demo there are replaced.
     """
     if not DEMO.is_dir():
-        raise InputError(
-            f"{DEMO}: expected the demo clip, found nothing; install planview again, or run it from its repository"
-        )
+        remedy = "install planview again, or run it from its repository"
+        raise InputError(f"{DEMO}: expected the demo clip, found nothing; {remedy}")
     run(DEMO, out=out, options=TrackingOptions(rrd=True, overwrite=True))
     evaluate(out / "tracks.csv", DEMO / "truth.csv", options=EvaluateOptions(json_output=json_output))
     render(out, options=RenderOptions(frame=busiest_frame(RunFolder(out)) or 0, out=out / "scene.png"))
-    PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(
+    say(
         f"Next: open {out / 'report.html'}: pictures, plots and settings of this run\n"
         f"      planview view {out}: every frame, and why the tracker decided as it did\n"
         "      planview check MY_RECORDING --quick: what a recording of yours holds, and what it lacks"

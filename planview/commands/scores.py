@@ -5,19 +5,18 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from calib.errors import InputError
 from calib.formats.one_camera import load_one_camera
 from calib.io import missing, reason, require_file
-from planview.commands.options import Flag, Ignored, JsonFlag, Region, checked, frame_span
+from planview.commands.options import Flag, Ignored, JsonFlag, Region, checked, frame_span, say
 from planview.counting.events import read_events, write_event_header, write_event_rows
 from planview.counting.rules import AnalyticsParams, RulePlane, load_rules, stereo_plane
 from planview.counting.totals import Clock, Counts, count_tracks, count_truth, score_counts, score_events
@@ -131,7 +130,6 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
         params = params.model_copy(update={"fps": rate})
     files = load_file(pair.tracks), load_file(pair.truth, truth=True)
     found, true = (file.table for file in files)
-    console = PlainConsole(stderr=True, soft_wrap=True)
     if len(found) and len(true):
         (first, last), (begin, end) = ((int(t.frame.min()), int(t.frame.max())) for t in (found, true))
         if begin > last or end < first:
@@ -139,7 +137,7 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
                 f"{pair.truth}: expected truth of the frames {first} to {last} of {pair.tracks}, found {begin} to {end}"
             )
     if note := unfinished_note(pair.tracks):
-        console.print(f"{note}{FINISHES}")
+        say(f"{note}{FINISHES}")
     run = RunFolder.around(pair.tracks)
     size = sequence_size(pair.truth) if run is None else run.size_px
     if params.match_on == "boxes" and size is not None:
@@ -153,13 +151,13 @@ def _evaluate_pair(pair: FilePair, params: EvaluationParams, span: tuple[int, in
         what = f"count as misses; --frames 0:{max(end, 0)} leaves them out"
     beyond = int((true.frame > end).sum())
     if span is None and beyond:
-        console.print(f"{beyond} truth rows lie after the last {'frame' if run else 'track'} (frame {end}) and {what}")
+        say(f"{beyond} truth rows lie after the last {'frame' if run else 'track'} (frame {end}) and {what}")
     try:
         result = evaluate_tracks(found, true, params, span) if run is None else run.evaluated(params, span)
     except InputError as error:
         raise error.about(f"{pair.tracks} and {pair.truth}") from error
     if result.uncovered:
-        console.print(f"{pair.truth}: {result.uncovered}")
+        say(f"{pair.truth}: {result.uncovered}")
     return result
 
 
@@ -173,11 +171,8 @@ def print_evaluation(result: Evaluation, console: Console, title: str, *, listed
     """The main figures in a line, all as a table, position errors by group, then every significant error."""
     values = result.to_json()
     console.print(f"{title}: {result.headline}", highlight=False, soft_wrap=True)
-    table = Table(
-        title=f"{values['truth_rows']:,} positions in the truth ({values['ignored_rows']:,} too hidden, ignored)"
-    )
-    table.add_column("figure")
-    table.add_column("value", justify="right")
+    title = f"{values['truth_rows']:,} positions in the truth ({values['ignored_rows']:,} too hidden, ignored)"
+    table = Table("figure", Column("value", justify="right"), title=title)
     for row in evaluation_rows(values):
         table.add_row(*row)
     console.print(table)
@@ -260,18 +255,13 @@ def count(tracks: Path, /, *, rules: Path, options: CountOptions = CountOptions(
         raise InputError(f"--window: expected a time greater than 0 s, found {options.window}")
     path = tracks_file(tracks)
     found = limited(load_file(path), options.region, options.ignore).table
-    run, console = RunFolder.around(path), PlainConsole(stderr=True, soft_wrap=True)
+    run = RunFolder.around(path)
     clock = Clock(found, options.fps or (run and run.info.fps) or 30.0)
     placed = load_rules(rules, _plane(options.camera, options.rig, run))
     unfinished = unfinished_note(path)
-    for note in (
-        unfinished and f"{unfinished}{FINISHES}",
-        clock.jump(),
-        placed.of_unknown_size,
-        placed.unreached(found),
-    ):
-        if note:
-            console.print(note)
+    notes = unfinished and f"{unfinished}{FINISHES}", clock.jump(), placed.of_unknown_size, placed.unreached(found)
+    for note in filter(None, notes):
+        say(note)
     n_frames = run.info.frames_read + run.info.frames_skipped if run else 0
     counts = count_tracks(found, placed, params, clock=clock, n_frames=n_frames)
     if run is not None:
@@ -284,17 +274,17 @@ def count(tracks: Path, /, *, rules: Path, options: CountOptions = CountOptions(
             true = count_truth(load_truth(options.truth), counts.rules, clock, params, n_frames)
             scores = score_counts(true, counts, options.window)
         result |= {"scores": scores.to_json()}
-    _write_counts(path, options.out, counts, result, console)
+    _write_counts(path, options.out, counts, result)
     if options.json_output:
         print(json.dumps(result, indent=2))
     else:
         print_counts(result, PlainConsole())
 
 
-def _write_counts(tracks: Path, folder: Path | None, counts: Counts, result: dict[str, Any], console: Console) -> None:
+def _write_counts(tracks: Path, folder: Path | None, counts: Counts, result: dict[str, Any]) -> None:
     """Write events.csv and counts.json to a folder, else next to our own tracks; never into a folder of input data."""
     if folder is None and (tracks.name != "tracks.csv" or not os.access(tracks.parent, os.W_OK)):
-        console.print("no events.csv and counts.json written: --out names a folder for them")
+        say("no events.csv and counts.json written: --out names a folder for them")
         return
     folder = folder or tracks.parent
     files = [file for file in (folder / "events.csv", folder / "counts.json") if file.exists()]
@@ -306,7 +296,7 @@ def _write_counts(tracks: Path, folder: Path | None, counts: Counts, result: dic
     write_result(folder / "events.csv", events.getvalue())
     write_result(folder / "counts.json", json.dumps(result, indent=2) + "\n")
     if files:
-        console.print(f"replaced {' and '.join(map(str, files))}")
+        say(f"replaced {' and '.join(map(str, files))}")
 
 
 def _plane(camera: Path | None, rig: Path | None, run: RunFolder | None) -> RulePlane:
@@ -338,13 +328,9 @@ def print_counts(result: dict[str, Any], console: Console) -> None:
         console.print(f"{name} against truth: " + ", ".join(_figures(values)), highlight=False)
 
 
-def _figures(values: dict[str, Any]) -> Sequence[str]:
-    shown = {key: value for key, value in values.items() if isinstance(value, int | float)}
-    figures = [
-        f"{words_of(key)} {value:,}" if isinstance(value, int) else f"{words_of(key)} {value:.2f}"
-        for key, value in shown.items()
-    ]
-    groups = [group for group in values.get("groups", []) if group["frames"]]
-    return figures + [
-        f"{g['people']} people: {g['right_percent']:.1f} % right, {g['mean_difference']:+.2f}" for g in groups
-    ]
+def _figures(values: dict[str, Any]) -> list[str]:
+    numbers = ((words_of(key), value) for key, value in values.items() if isinstance(value, int | float))
+    figures = [f"{label} {value:,}" if isinstance(value, int) else f"{label} {value:.2f}" for label, value in numbers]
+    groups = (group for group in values.get("groups", []) if group["frames"])
+    people = "{people} people: {right_percent:.1f} % right, {mean_difference:+.2f}"
+    return figures + [people.format(**group) for group in groups]

@@ -13,7 +13,7 @@ from cyclopts import Parameter
 
 from calib.errors import InputError, WorkError, printable
 from calib.io import parse_toml
-from planview.commands.options import JsonFlag
+from planview.commands.options import JsonFlag, plural, say
 from planview.output.progress import PlainConsole
 from planview.sweep.results import JobResult, Ranked, why_no_intervals
 from planview.sweep.study import FIGURES, FigureName, RecordingEntry, Space, Study, load_study
@@ -80,9 +80,9 @@ def sweep(
     else:
         print_ranking(study.objective, runs, ranking, out)
     for run in failed[:FAILED_MAX]:
-        console.print(f"failed: {run.recording}, {run.configuration.label}, seed {run.seed}: {run.error}")
+        say(f"failed: {run.recording}, {run.configuration.label}, seed {run.seed}: {run.error}")
     if len(failed) > FAILED_MAX:
-        console.print(f"and {len(failed) - FAILED_MAX} more, in summary.csv")
+        say(f"and {len(failed) - FAILED_MAX} more, in summary.csv")
     if failed:
         raise WorkError(f"{len(failed)} of {len(runs)} runs failed; the others are done")
 
@@ -145,7 +145,7 @@ def print_ranking(objective: FigureName, runs: Sequence[JobResult], ranking: Seq
         figures = [f"{FIGURES[n].label} {row.figures[n].text(FIGURES[n].digits)}" for n in known if n in row.figures]
         tracked = [figure for figure in figures if not figure.startswith(FIGURES["elapsed_s"].label)]
         equal = f"equal to {place - 1}: " if tracked and tracked == before else ""
-        runs_text = f"{row.runs} run{'s' * (row.runs != 1)}" + (f", {row.failed} failed" if row.failed else "")
+        runs_text = plural(row.runs, "run") + (f", {row.failed} failed" if row.failed else "")
         print("   " + equal + ", ".join([*figures, runs_text]))
         before = tracked
     if ranking and (why := why_no_intervals(runs)):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 from cyclopts import Parameter
 
 from calib.errors import InputError
-from planview.commands.options import Flag, JsonFlag, in_range
+from planview.commands.options import Flag, JsonFlag, in_range, say
 
 if TYPE_CHECKING:
     from planview.synthetic.write import Storage, Written
@@ -64,7 +63,7 @@ def synth(scene: Path, out: Path, /, *, options: SynthOptions = SynthOptions()) 
         raise InputError(f"{out}: in use; name a new or empty folder for the recording")
     written = _rendered(scene, out, options)
     n_frames, rows = sum(part.frames for part in written), sum(part.truth_rows for part in written)
-    print(f"{n_frames} frames, {rows} truth rows in {out}", file=sys.stderr)
+    say(f"{n_frames} frames, {rows} truth rows in {out}")
     if options.json_output:
         print(json.dumps({"frames": n_frames, "truth_rows": rows, "folder": str(out)}))
 
@@ -83,9 +82,8 @@ def _rendered(scene: Path, out: Path, options: SynthOptions) -> list[Written]:
     if heads and (options.opencv or options.world):
         raise InputError("--opencv and --world are for one head: of several, rigs.toml is always written")
     if heads:
-        return list(
-            write_rigs(with_seed(heads, options.seed), out, scale=options.scale, frames=frames, storage=storage)
-        )
+        heads = with_seed(heads, options.seed)
+        return [*write_rigs(heads, out, scale=options.scale, frames=frames, storage=storage)]
     description = load_scene(scene)
     if options.seed is not None:
         description = description.model_copy(update={"seed": options.seed})

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 
 from calib.errors import InputError
 from calib.io import read_text
-from planview.commands.options import Flag, Ignored, JsonFlag, Region, open_options
+from planview.commands.options import Flag, Ignored, JsonFlag, Region, open_options, plural, say
 from planview.output.finished import edit_run, refine_run, scores_of_refinement, undo_edits
 from planview.output.progress import PlainConsole
 from planview.output.run_folder import RunFolder
@@ -87,12 +87,10 @@ def edit(out: Annotated[Path, Parameter(name="RUN")], /, *, options: EditOptions
         if options.json_output:
             print(json.dumps({"changes": counts, "rows": len(refined.tracks)}))
         else:
-            console = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
-            named = (("join", counts["join"]), ("path", counts["smooth"]))
-            joins, paths = (f"{n} {name}{'s' * (n != 1)}" for name, n in named)
-            console.print(f"{out / 'tracks.csv'}: {joins}, {paths} smoothed")
+            joins, paths = plural(counts["join"], "join"), plural(counts["smooth"], "path")
+            say(f"{out / 'tracks.csv'}: {joins}, {paths} smoothed")
             if scores := scores_of_refinement(out):
-                console.print(f"{scores}; planview edit {out} --undo takes the refinement back")
+                say(f"{scores}; planview edit {out} --undo takes the refinement back")
         return
     if options.undo or options.undo_all:
         result = undo_edits(out, everything=options.undo_all)
@@ -103,7 +101,7 @@ def edit(out: Annotated[Path, Parameter(name="RUN")], /, *, options: EditOptions
     if options.json_output:
         print(json.dumps(result._asdict()))
         return
-    PlainConsole(stderr=True, soft_wrap=True, highlight=False).print(
+    say(
         f"{out / 'tracks.csv'}: people {result.people_before} -> {result.people}, "
         f"rows {result.rows_before:,} -> {result.rows:,}; {result.steps or 'nothing'} left to undo"
     )
@@ -183,19 +181,18 @@ def export(tracks: Path, /, *, to: ExportName | None = None, options: ExportOpti
     """
     if (to is None) == (options.cloud is None):
         raise InputError(f"export needs --to with a format ({', '.join(FORMATS)}), or --cloud with a file")
-    console = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
     if options.cloud is not None:
         from planview.output.render import scene_of, write_cloud
 
         _refuse_existing(options.cloud, tracks, options.overwrite)
-        with console.status("opening the recording, finding the floor, matching"):
+        with PlainConsole(stderr=True).status("opening the recording, finding the floor, matching"):
             n_points = write_cloud(options.cloud, scene_of(tracks, open_options(options.calibration)))
-        console.print(f"{options.cloud}: {n_points:,} points [m], origin on the floor below the camera, z up")
+        say(f"{options.cloud}: {n_points:,} points [m], origin on the floor below the camera, z up")
     elif to is not None:
-        _export_tracks(tracks, to, options, console)
+        _export_tracks(tracks, to, options)
 
 
-def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions, console: PlainConsole) -> None:
+def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions) -> None:
     if options.fps is not None and not 0 < options.fps <= 10_000:
         raise InputError(f"--fps: expected a rate above 0, found {options.fps:g}")
     source = tracks_file(tracks)
@@ -217,7 +214,7 @@ def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions, console
     frame_s = run.frame_s if run is not None else 1 / file.fps if file.fps else frame_period_s(found.table, 1 / 30)
     people = len(people_of(found.table, frame_s))
     rate = f", {file.fps:g} frames per second" if file.fps else ""
-    console.print(f"{out}: {len(file.table):,} rows of {people} people{rate}")
+    say(f"{out}: {len(file.table):,} rows of {people} people{rate}")
 
 
 def _refuse_existing(out: Path, source: Path, overwrite: bool) -> None:

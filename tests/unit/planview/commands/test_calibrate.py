@@ -27,7 +27,6 @@ def test_convert_writes_the_format_of_the_suffix_and_pairs_into_a_folder(tmp_pat
     write_rig(RIG, tmp_path / "rig.toml")
     assert json_of(*CONVERT, tmp_path / "rig.toml", tmp_path / "chain.yaml")["baseline_m"] == pytest.approx(0.1)
     assert "T_cn_cnm1" in (tmp_path / "chain.yaml").read_text()
-    write_rig(RIG, tmp_path / "rig.toml")
     assert cli(*CONVERT, tmp_path / "rig.toml", tmp_path / "ros", "--to", "ros")[0] == 0
     assert load_rig(tmp_path / "ros").baseline_m == pytest.approx(0.1)
 
