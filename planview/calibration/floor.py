@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -28,28 +27,26 @@ GRID = (90, 220, 90)
 AXIS = (60, 200, 255)
 
 
-@dataclass(frozen=True, eq=False)
 class FloorDepths:
-    """Frames of a recording, made ready to find the floor in.
+    """Depth of frames spread over a recording, to find the floor in. Raises WorkError: no usable frame.
 
     Attributes:
         geometry: of the (rectified left) images.
         image: (H, W[, 3]) uint8, that of the middle frame.
-        depths: the (H, W) float32 depth of each frame [m], NaN where unknown.
-        depth_of: the depth of another frame of the recording.
         find: the floor that a run on the recording finds. Raises WorkError: no floor is visible.
+        depth_of: the (H, W) float32 depth of a frame of the recording [m], NaN where unknown.
     """
 
-    geometry: RectifiedGeometry
-    image: U8
-    depths: tuple[F32, ...]
-    depth_of: Callable[[Any], F32]
-    find: Callable[[], Floor]
+    def __init__(self, recording: StereoRecording | RgbdRecording, search: FloorSearch) -> None:
+        seen = spread_frames(recording, search)
+        self.geometry, self.image = seen.rectifier.geometry, seen.rectified[len(seen.rectified) // 2].left
+        self.find, self._depths = seen.floor, seen.depths
+        self.depth_of: Callable[[Any], F32] = seen.depth_of
 
     @cached_property
     def background(self) -> F32:
         """(H, W) float32 median depth over the frames [m], NaN where never known."""
-        return median_image(self.depths)
+        return median_image(self._depths)
 
     def points_at(self, pixels: ArrayLike) -> F64:
         """(N, 3) points [m] in the rectified left camera frame, by the background's depth around (N, 2) pixels. Raises
@@ -76,13 +73,6 @@ class FloorDepths:
         """The left image with a metric grid on the floor."""
         camera = self.geometry.above(floor.world_SE3_left)
         return draw_grid(self.image, camera.project, floor.extent_m or (-5.0, -5.0, 5.0, 5.0))
-
-
-def view_floor(recording: StereoRecording | RgbdRecording, search: FloorSearch) -> FloorDepths:
-    """Depth of frames spread over a recording. Raises WorkError: no usable frame."""
-    seen = spread_frames(recording, search)
-    middle = seen.rectified[len(seen.rectified) // 2]
-    return FloorDepths(seen.rectifier.geometry, middle.left, tuple(seen.depths), seen.depth_of, seen.floor)
 
 
 def floor_from_tracks(

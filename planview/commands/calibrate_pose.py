@@ -26,7 +26,7 @@ from calib.people.samples import HumanSample, check_samples, read_image_size, re
 from calib.rig import Floor
 from calib.types import F64, U8
 from calib.world import load_world, save_world
-from planview.calibration.floor import AXIS, GRID, draw_grid, floor_from_tracks, view_floor
+from planview.calibration.floor import AXIS, GRID, FloorDepths, draw_grid, floor_from_tracks
 from planview.calibration.people import COMPUTED, collect_samples, crowd, draw_person, draw_samples, floor_around
 from planview.commands.options import Flag, JsonFlag, in_range, say
 from planview.drawing.style import Entry, as_bgr, with_legend
@@ -116,7 +116,7 @@ def calibrate_floor(recording: Path, /, *, options: FloorOptions = FloorOptions(
     given = parse_points(options.points) if options.points else None
     opened = open_any(recording, OpenOptions(options.calibration))
     with PlainConsole(stderr=True).status(f"Looking at {search.frames} frames"):
-        view = view_floor(opened, search)
+        view = FloorDepths(opened, search)
         if given is not None:
             points, are_pixels = given
             points = view.points_at(points) if are_pixels else points

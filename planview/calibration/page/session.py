@@ -23,7 +23,7 @@ from calib.people.samples import MIN_SAMPLES, HumanSample, write_samples
 from calib.rig import Floor
 from calib.types import U8, Bool
 from calib.world import save_world
-from planview.calibration.floor import FloorDepths, view_floor
+from planview.calibration.floor import FloorDepths
 from planview.calibration.page.marks import Draft, Handle, Point, Solution, fit_floor, grabbed, moved, nearest
 from stereo.floor import FloorSearch
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_recording, open_video
@@ -287,7 +287,7 @@ def open_session(path: Path, calibration: Path | None = None) -> CalibrationSess
     with suppress(InputError):  # the pictures of a video may be two views of one scene
         stereo = stereo or find_layout(path)[0].key == "side-by-side"
     if stereo:
-        view = view_floor(open_recording(path, OpenOptions(calibration)), FloorSearch())
+        view = FloorDepths(open_recording(path, OpenOptions(calibration)), FloorSearch())
         session = CalibrationSession(str(path), [view.image], [0], view)
         with suppress(WorkError):
             session.plain_floor = view.find()
