@@ -100,15 +100,11 @@ class RectifiedGeometry:
         """(3, 3) camera matrix K of both images [px]."""
         return np.array([[self.focal_u_px, 0.0, self.cu_px], [0.0, self.focal_v_px, self.cv_px], [0.0, 0.0, 1.0]])
 
-    def reduced_matrix(self, step: int) -> F64:
-        """(3, 3) camera matrix of an image whose pixels are means of step x step pixels [px of that image]."""
-        middle = 0.5 * (step - 1)
-        return np.array([[1.0, 0.0, -middle], [0.0, 1.0, -middle], [0.0, 0.0, step]]) / step @ self.matrix
-
     def above(self, world_SE3_left: SE3, step: int = 1) -> FloorPinhole:
         """The left camera above the floor, with its image or that of means of step x step pixels."""
-        size = -(-self.width // step), -(-self.height // step)
-        return FloorPinhole(size, self.reduced_matrix(step), world_SE3_left)
+        size, middle = (-(-self.width // step), -(-self.height // step)), 0.5 * (step - 1)
+        reduced = np.array([[1.0, 0.0, -middle], [0.0, 1.0, -middle], [0.0, 0.0, step]]) / step
+        return FloorPinhole(size, reduced @ self.matrix, world_SE3_left)
 
     @property
     def disparity_metre(self) -> float:

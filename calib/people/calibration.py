@@ -26,6 +26,7 @@ from calib.people.fit import (
 )
 from calib.people.model import (
     FOCAL,
+    GIRTH,
     HEIGHT,
     KNOWN_CAMERA_STD,
     N_CAMERA,
@@ -357,7 +358,7 @@ class _Advisor:
         across, down = (np.linspace(0, extent - 1, n) for extent, n in zip(camera.size, (13, 10), strict=True))
         places = camera.back_project(np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2))
         places = places[np.isfinite(places).all(axis=1)]
-        size, width = np.full(len(places), fit.stature), np.full(len(places), fit.girth)
+        size, width = np.full(len(places), fit.stature), np.full(len(places), math.exp(fit.shared[GIRTH]))
         rows = predict(camera, body_points(model), places, np.zeros_like(places), size, width, fit.prior)
         inside = (rows[:, :2] >= 0).all(axis=1) & (rows[:, 2:4] < np.array(camera.size)).all(axis=1)
         # A person lower than this in the image carries no information [px].

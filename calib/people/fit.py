@@ -70,11 +70,6 @@ class GroundCameraFit:
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def girth(self) -> float:
-        """Width of the people against the model's [1]."""
-        return math.exp(self.shared[GIRTH])
-
-    @property
     def stature(self) -> float:
         """Mean height of the people against the model's [1], as far as a known camera height fixes it."""
         return math.exp(self.shared[STATURE])

@@ -17,7 +17,7 @@ from calib.formats import load_rig
 from calib.io import size_text
 from calib.pose import SE3
 from calib.rig import DepthSensor, RgbdRig, StereoRig
-from calib.types import F64, I64, U8
+from calib.types import F64, I64
 from calib.world import load_world
 from stereo.depth import Depths
 from stereo.readers.images import Colour, Images, Size, Stream, bits_note, bits_of, images_of
@@ -72,17 +72,6 @@ def together(*sources: ItemSource) -> Callable[[Sequence[int] | None], Generator
             yield from zip(*[stack.enter_context(closing(prefetch(frames))) for frames in each], strict=False)
 
     return decode
-
-
-def split_pairs(
-    source: ItemSource, split: Callable[[U8], tuple[U8, U8]], indices: Sequence[int] | None
-) -> Generator[DecodedPair, None, None]:
-    """The left and the right view in every frame of a source that holds both."""
-    with closing(together(source)(indices)) as frames:
-        for (frame,) in frames:
-            views = (None, None) if frame.image is None else split(frame.image)
-            left, right = (replace(frame, image=view) for view in views)
-            yield left, right
 
 
 AnyRecording = StereoRecording | RgbdRecording
@@ -310,11 +299,9 @@ def timed_layout(
         source.stream(name, len(side.files), own_times(side.ns))
         for name, side, source in (("left", left, a), ("right", right, b))
     )
-    return stereo_layout(
-        path, FramePairs(together(a, b), len(pairs.left), pairs.unpaired), streams, clock_of_pairs(pairs, options),
-        partial(rig, size), (*notes, *bits_note(bits)), folder,
-        other_state(calibration, size) if calibration else None,
-    )  # fmt: skip
+    each, clock = FramePairs(together(a, b), len(pairs.left), pairs.unpaired), clock_of_pairs(pairs, options)
+    other, remarks = other_state(calibration, size) if calibration else None, (*notes, *bits_note(bits))
+    return stereo_layout(path, each, streams, clock, partial(rig, size), remarks, folder, other)
 
 
 def check_paired(pairs: TimePairs, path: Path) -> None:

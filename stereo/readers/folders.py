@@ -65,11 +65,10 @@ def files_layout(path: Path, pairs: Sequence[Pair], options: OpenOptions, folder
         source.stream(name, sum(file is not None for file in files), clock.times_s)
         for name, files, source in zip(("left", "right"), sides, (a, b), strict=True)
     )
-    return base.stereo_layout(
-        path, base.FramePairs(base.together(a, b), len(pairs), sum(None in pair for pair in pairs)), streams, clock,
-        partial(load_rig, options.calibration or folder, size), bits_note(bits), folder,
-        base.other_state(options.calibration or folder, size),
-    )  # fmt: skip
+    each = base.FramePairs(base.together(a, b), len(pairs), sum(None in pair for pair in pairs))
+    given = options.calibration or folder
+    rig, other = partial(load_rig, given, size), base.other_state(given, size)
+    return base.stereo_layout(path, each, streams, clock, rig, bits_note(bits), folder, other)
 
 
 def _sides(path: Path) -> Sides | None:

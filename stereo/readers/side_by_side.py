@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -16,13 +17,11 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.rig import StereoRig
 from calib.types import U8
-from stereo.readers.base import FramePairs, FrameSource, Layout, Reader, clock_of, split_pairs, stereo_layout
+from stereo.readers.base import FramePairs, FrameSource, Layout, Reader, clock_of, stereo_layout, together
 from stereo.readers.images import Colour, Size, Stream, bits_of, image_files, images_of, is_grey
 from stereo.readers.state import Common, common, find_order, rectified_rig
 from stereo.readers.video import SUFFIXES, VideoFile, pair_in, video_files, video_tracks
-from stereo.recording import OpenOptions
-
-Halves = tuple[U8, U8]
+from stereo.recording import DecodedPair, OpenOptions
 
 
 class Packing(NamedTuple):
@@ -40,7 +39,7 @@ class Packing(NamedTuple):
         """(width, height) of one view as it is stored [px]."""
         return (picture[0], picture[1] // 2) if self.stacked else (picture[0] // 2, picture[1])
 
-    def split(self, picture: U8) -> Halves:
+    def split(self, picture: U8) -> tuple[U8, U8]:
         """The first (left or upper) and the second view."""
         size = picture.shape[1], picture.shape[0]
         width, height = self.stored(size)
@@ -158,19 +157,20 @@ def packed_layout(
     if order and order.rectified:
         notes.append("the images are rectified already" + (f"; {assumed}" if assumed else ""))
 
-    def views(picture: U8) -> Halves:
-        first, second = packing.split(picture)
-        return (second, first) if order and order.swapped else (first, second)
+    def pairs(indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
+        with closing(together(source)(indices)) as frames:
+            for (frame,) in frames:
+                views = (None, None) if frame.image is None else packing.split(frame.image)
+                left, right = reversed(views) if order and order.swapped else views
+                yield replace(frame, image=left), replace(frame, image=right)
 
     def own_rig() -> StereoRig:
         found = load_rig(calibration, size)
         return rectified_rig(rectified_of, found)[0] if order and order.rectified else found
 
     clock = clock_of(folder, options, source.n_frames, source.fps, source.raw)
-    return stereo_layout(
-        path, FramePairs(partial(split_pairs, source, views), source.n_frames, live=live), streams, clock,
-        rig or own_rig, notes, folder,
-    )  # fmt: skip
+    each = FramePairs(pairs, source.n_frames, live=live)
+    return stereo_layout(path, each, streams, clock, rig or own_rig, notes, folder)
 
 
 def sampled(source: FrameSource) -> list[U8]:
