@@ -170,11 +170,10 @@ def solve_board(
         source: for messages and the rig.
     """
     if len(views) < MIN_PAIRS:
-        first = f", e.g. {rejected[0].name}: {rejected[0].why}" if rejected else ""
-        raise InputError(
-            f"{source}: expected at least {MIN_PAIRS} pairs that show a {board.name} in both images, "
-            f"found {len(views)} of {len(views) + len(rejected)}{first}"
-        )
+        found = f"{len(views)} of {len(views) + len(rejected)}"
+        found += f", e.g. {rejected[0].name}: {rejected[0].why}" if rejected else ""
+        expected = f"at least {MIN_PAIRS} pairs that show a {board.name} in both images"
+        raise InputError(f"{source}: expected {expected}, found {found}")
     _refuse_alike(views, 0.02 * size[0], source)
     lenses = [one for one in (*LENSES, RATIONAL) if (one in LENSES if model is None else one.model == model)]
     try:
@@ -258,8 +257,6 @@ def _checked_rig(fit: RigFit, std: dict[str, float], size: tuple[int, int], sour
             raise InputError(f"{source}: expected views that determine the {side} focal length, found {found}")
     rig = replace(fit.rig, source=source)
     if not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:
-        raise InputError(
-            f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, found {rig.baseline_m:g} m: "
-            "is the size of a square right?"
-        )
+        found = f"{rig.baseline_m:g} m: is the size of a square right?"
+        raise InputError(f"{source}: expected a baseline of {MIN_BASELINE_M}-{MAX_BASELINE_M:g} m, found {found}")
     return rig.check(source)

@@ -59,8 +59,6 @@ def find_floor(
         bodies: (3,) unit vectors along what moves, where it is longer than wide, else NaN: people stand.
         align: improves the plane that was chosen, e.g. by the images (see ``stereo.floor``).
         params: what counts as a floor.
-    Returns:
-        Floor with inlier fraction, residual, covariance and extent.
     """
     params = params or FloorParams()
     points = _points(clouds, sigma_z, planes.FLOOR_DISPARITY_STD_PX / (focal_px * baseline_m))

@@ -84,9 +84,8 @@ def _fitted(camera: GroundCamera, path: Path, size: Size | None) -> GroundCamera
         return camera
     if path.suffix.lower() != ".toml" and size[0] * camera.height == size[1] * camera.width:
         return camera.scaled(*size)
-    raise InputError(
-        f"{path}: expected a camera for images of {size_text(size)} px, found one for {size_text(camera.size)} px"
-    )
+    found = f"found one for {size_text(camera.size)} px"
+    raise InputError(f"{path}: expected a camera for images of {size_text(size)} px, {found}")
 
 
 @dataclass(frozen=True)

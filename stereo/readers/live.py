@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing
 from dataclasses import replace
 from itertools import count, islice
@@ -17,10 +17,10 @@ from calib.errors import InputError
 from calib.formats import load_rig
 from calib.images import as_grey
 from calib.rig import StereoRig
-from stereo.readers.base import FramePairs, Layout, Reader, same_size, stereo_layout
+from stereo.readers.base import FramePairs, Layout, Reader, same_size, stereo_layout, together
 from stereo.readers.images import Stream, is_grey
 from stereo.readers.side_by_side import packed_layout
-from stereo.recording import DEFAULT_FPS, Decoded, DecodedPair, FrameClock, OpenOptions
+from stereo.recording import DEFAULT_FPS, Decoded, FrameClock, OpenOptions
 
 _CAMERA = re.compile(r"\d{1,3}|(?:rtsps?|https?|rtmps?|udp|tcp|srt):/.*", re.IGNORECASE)
 
@@ -91,11 +91,6 @@ def _find(path: Path, options: OpenOptions) -> Layout:
         own = None if calibration else rig
         return packed_layout(named, named, folder, first, first.pictures, options, rig=own, live=True)
 
-    def pairs(indices: Sequence[int] | None) -> Generator[DecodedPair, None, None]:
-        one, other = (iter(source) if indices is None else source.at(indices) for source in sources)
-        for left, right in zip(one, other, strict=False):
-            yield left, replace(right, index=left.index)
-
     size = same_size(first, second, first.name, second.name)
     streams = tuple(
         Stream(name, size, 0, None, "grey" if one.is_grey else "colour")
@@ -103,7 +98,7 @@ def _find(path: Path, options: OpenOptions) -> Layout:
     )
     clock = FrameClock(options.fps or DEFAULT_FPS, even=options.fps is not None)
     note = "two cameras that run freely: their images are paired as they come"
-    return stereo_layout(named, FramePairs(pairs, 0, live=True), streams, clock, rig, (note,), folder)
+    return stereo_layout(named, FramePairs(together(first, second), 0, live=True), streams, clock, rig, (note,), folder)
 
 
 def addresses(path: Path) -> list[str]:
