@@ -66,13 +66,7 @@ class HumanModelMap:
         return len(self.visibility)
 
     def entry_at(self, pixels: ArrayLike) -> I32:
-        """Entries of the nodes nearest to foot pixels.
-
-        Args:
-            pixels: (..., 2) [px].
-        Returns:
-            (...) int32, -1 where no person is possible.
-        """
+        """(...) int32 entries of the nodes nearest to foot pixels (..., 2), -1 where no person is possible."""
         uv = np.asarray(pixels, dtype=np.float64)
         known = np.where(np.isfinite(uv), uv, -1e6)
         grid = np.rint((known - self.origin_px) / self.params.step_px).astype(np.int64)
@@ -90,13 +84,7 @@ class HumanModelMap:
 def build_model_map(
     camera: GroundCamera, model: HumanModel | None = None, params: HumanModelMapParams | None = None
 ) -> HumanModelMap:
-    """Compute the map once per camera. Raises ValueError: the grid would be larger than MAX_NODES.
-
-    Args:
-        camera: of the images.
-        model: the person; the paper's by default.
-        params: where people are expected.
-    """
+    """Compute the map once per camera; the paper's person by default. Raises ValueError: more than MAX_NODES nodes."""
     model, params = model or HumanModel(), params or HumanModelMapParams()
     # A foot can be outside by at most a person's image size; the largest visible person is near the image's.
     margin = max(camera.size)
@@ -105,47 +93,32 @@ def build_model_map(
     if len(u) * len(v) > MAX_NODES:
         raise ValueError(f"expected at most {MAX_NODES} map nodes, got {len(v)}x{len(u)}: enlarge step_px")
     index = np.full((len(v), len(u)), -1, dtype=np.int32)
-    parts: list[tuple[F32, ...]] = []
+    parts: list[tuple[F64, ...]] = []
     count = 0
-    for row, v_px in enumerate(v):
+    for row, v_px in enumerate(v):  # all rows at once would take gigabytes
         foot = np.stack([u, np.full(len(u), v_px)], axis=-1).astype(np.float64)
-        keep, entries = _entries(camera, model, params, foot)
-        index[row, keep] = count + np.arange(len(keep), dtype=np.int32)
+        floor = camera.back_project(foot)
+        keep = np.flatnonzero(np.hypot(floor[:, 0], floor[:, 1]) <= params.max_distance_m)
+        hulls = model.hulls(camera, floor[keep])
+        finite = np.isfinite(hulls).all(axis=(1, 2))
+        visibility = np.zeros(len(keep))
+        visibility[finite] = visible_fraction(hulls[finite], camera.width, camera.height)
+        expected = (visibility > MIN_VISIBLE) & (np.ptp(hulls, axis=1).max(axis=1) >= params.min_height_px)
+        keep = keep[expected]
+        index[row, keep] = count + np.arange(len(keep))
         count += len(keep)
-        parts.append(entries)
-    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+        parts.append((foot[keep], floor[keep], hulls[expected], visibility[expected]))
+    columns = [np.concatenate(column).astype(np.float32) for column in zip(*parts, strict=True)]
     return HumanModelMap(camera, model, params, (-margin, -margin), index, *columns)
 
 
 def visible_fraction(hulls: ArrayLike, width: int, height: int) -> F64:
-    """Fraction of convex polygons' areas inside the image (the paper's human visibility ratio).
+    """(N,) share of the area of convex polygons (N, K, 2) [px] inside the image (the paper's human visibility ratio).
 
-    Args:
-        hulls: (N, K, 2) [px], vertices in order.
-        width, height: image size [px]; pixel areas reach half a pixel beyond the outer centres.
-    Returns:
-        (N,) float64; 0 outside the image and for a polygon on its border without area.
+    Pixels reach half a pixel beyond the outer centres; 0 for a polygon on the border without area.
     """
     p = np.asarray(hulls, dtype=np.float64)
     polygons = shapely.polygons(p)
     area = shapely.area(polygons)
     inside = shapely.area(shapely.clip_by_rect(polygons, -0.5, -0.5, width - 0.5, height - 0.5))
     return np.asarray(np.divide(inside, area, out=np.zeros(len(p)), where=area > 0))
-
-
-def _entries(
-    camera: GroundCamera, model: HumanModel, params: HumanModelMapParams, foot: F64
-) -> tuple[I32, tuple[F32, ...]]:
-    """Columns of the map for (n, 2) foot pixels, and which of them can be a person's."""
-    floor = camera.back_project(foot)
-    near = np.hypot(floor[:, 0], floor[:, 1]) <= params.max_distance_m
-    keep = np.flatnonzero(np.isfinite(floor).all(axis=1) & near)
-    hulls = model.hulls(camera, floor[keep])
-    finite = np.isfinite(hulls).all(axis=(1, 2))
-    visibility = np.zeros(len(keep))
-    visibility[finite] = visible_fraction(hulls[finite], camera.width, camera.height)
-    size = (hulls.max(axis=1) - hulls.min(axis=1)).max(axis=1)
-    expected = (visibility > MIN_VISIBLE) & (size >= params.min_height_px)
-    keep, hulls, visibility = keep[expected], hulls[expected], visibility[expected]
-    columns = (foot[keep], floor[keep], hulls, visibility)
-    return keep.astype(np.int32), tuple(c.astype(np.float32) for c in columns)

@@ -46,23 +46,16 @@ def test_a_person_who_is_being_hidden_keeps_the_id_by_boxes_of_low_score() -> No
     assert all(ids(states) == {1} for states in track(frames))
 
 
-def test_boxes_of_low_score_start_nobody() -> None:
+def test_boxes_of_low_score_and_a_box_that_comes_once_are_nobody() -> None:
     assert not any(track([[box(5.0 * i, score)] for i, score in enumerate([0.3, 0.35] * 10)]))
-
-
-def test_a_box_that_comes_once_is_nobody() -> None:
     states = track([[box(0.0)], [box(0.0), box(300.0)], [box(0.0)], [box(0.0)]])
     assert [ids(s) for s in states] == [{1}] * 4 and len(states[-1]) == 1
 
 
-def test_a_person_without_a_box_is_not_reported_and_returns_within_a_second() -> None:
-    states = track([[box(5.0 * i)] if i < 10 or i >= 17 else [] for i in range(30)])
-    assert states[12] == () and ids(states[29]) == {1}
-
-
-def test_a_person_without_a_box_for_longer_is_somebody_new() -> None:
-    states = track([[box(0.0)] if i < 10 or i >= 25 else [] for i in range(30)])
-    assert ids(states[29]) and not ids(states[29]) & ids(states[9])
+@pytest.mark.parametrize(("back", "same"), [(17, True), (25, False)])
+def test_a_person_without_a_box_is_not_reported_and_the_same_again_within_a_second(back: int, same: bool) -> None:
+    states = track([[box(5.0 * i)] if i < 10 or i >= back else [] for i in range(30)])
+    assert states[12] == () and len(ids(states[29])) == 1 and (ids(states[29]) == ids(states[9])) == same
 
 
 def test_scores_without_meaning_count_as_sure() -> None:

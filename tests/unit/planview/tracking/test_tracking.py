@@ -116,12 +116,6 @@ def test_boxes_of_a_walker_are_one_person_at_its_place_and_height() -> None:
     assert last.box_px == pytest.approx(tuple(box(1.4, 6.0)[:4]), abs=1e-9)
 
 
-def test_false_boxes_that_come_once_are_nobody() -> None:
-    rng = np.random.default_rng(0)
-    frames = [[box(rng.uniform(-2, 2), rng.uniform(4, 9))] if i % 4 == 0 else [] for i in range(40)]
-    assert not any(confirmed(states) for states in track(frames))
-
-
 def test_people_who_cross_keep_their_ids() -> None:
     frames = [[box(-1.5 + 0.1 * i, 6.0), box(1.5 - 0.1 * i, 7.0)] for i in range(30)]
     states = track(frames)
@@ -129,10 +123,12 @@ def test_people_who_cross_keep_their_ids() -> None:
     assert early.keys() == late.keys() == {1, 2} and all(abs(early[i] - late[i]) < 0.4 for i in early)
 
 
-def test_two_boxes_on_one_person_are_one_person() -> None:
+def test_false_boxes_that_come_once_are_nobody_and_two_on_one_person_are_one() -> None:
+    rng = np.random.default_rng(0)
+    frames = [[box(rng.uniform(-2, 2), rng.uniform(4, 9))] if i % 4 == 0 else [] for i in range(40)]
+    assert not any(confirmed(states) for states in track(frames))
     left, *rest = box(0.0, 6.0)
-    frames = [[[left, *rest], [left + 1.5, *rest]] for _ in range(20)]
-    assert len(track(frames)[-1]) == 1
+    assert len(track([[[left, *rest], [left + 1.5, *rest]]] * 20)[-1]) == 1
 
 
 def test_a_person_without_boxes_is_lost_and_then_forgotten() -> None:
@@ -142,8 +138,7 @@ def test_a_person_without_boxes_is_lost_and_then_forgotten() -> None:
 
 def test_a_person_hidden_behind_another_is_kept() -> None:
     both = [[box(0.0, 5.0), box(0.9 - 0.03 * i, 6.0)] for i in range(28)]
-    hidden = [[box(0.0, 5.0)] for _ in range(25)]  # two and a half seconds behind the one in front
-    states = track(both + hidden)
+    states = track(both + [[box(0.0, 5.0)]] * 25)  # two and a half seconds behind the one in front
     assert {s.track_id for s in states[-1]} == {1, 2}
 
 
