@@ -42,8 +42,8 @@ COMMANDS = {
         "export": ("tracks", "Write tracks in the format of another program."),
     },
     "Tools": {
-        "params": ("params", "List the parameters of a run, with defaults and meaning."),
-        "synth": ("synth", "Render a recording with exact truth from a TOML scene."),
+        "params": ("tools", "List the parameters of a run, with defaults and meaning."),
+        "synth": ("tools", "Render a recording with exact truth from a TOML scene."),
         "sweep": ("sweep", "Run several settings or recordings and compare them."),
     },
 }

@@ -15,7 +15,7 @@ sys.path.insert(0, str(ROOT))
 
 import planview  # noqa: E402
 from calib.params import Params, described, tables_of  # noqa: E402
-from planview.commands.params import inside  # noqa: E402
+from planview.commands.tools import inside  # noqa: E402
 from planview.engine.config import Config  # noqa: E402
 
 GENERATED = "<!-- written by tools/reference.py from the code (make docs) -->\n"

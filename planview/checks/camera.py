@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from calib.types import F32, F64, U8, Bool
-from planview.checks.check import Check, at_most
+from planview.checks.check import Check, limited
 
 THUMBNAIL = (160, 120)
 """(width, height) to which every frame is reduced [px]: averages noise, and keeps edges of the scene."""
@@ -83,8 +83,8 @@ class Steadiness:
         cuts = f"the view changes at once{where}: the background is learned again, and people begin new tracks"
         return [
             # Longest motion of the camera that a run does not report [s]: a knock at the mast.
-            at_most("moving camera", round(self._moving_s, 2), 0.5, "s", moves),
-            at_most("scene cuts", float(len(self._cuts)), 0.0, "", cuts),
+            limited("moving camera", round(self._moving_s, 2), "s", moves, most=0.5),
+            limited("scene cuts", float(len(self._cuts)), "", cuts, most=0.0),
         ]
 
     def _judge(self, frame: int, now_s: float, thumbnail: U8) -> Steady:

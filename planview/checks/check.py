@@ -58,20 +58,15 @@ class Check:
         return asdict(self) | {"value": round(self.value, 6) if math.isfinite(self.value) else None}
 
 
-def at_most(name: str, value: float, limit: float, unit: str, note: str, *, warns: bool = False) -> Check:
-    """Passes when value <= limit, or when the value could not be measured."""
-    return Check(name, value <= limit or math.isnan(value), value, unit, limit, "at most", note, warns)
-
-
-def at_least(name: str, value: float, limit: float, unit: str, note: str, *, needed: bool = False) -> Check:
-    """Passes when value >= limit; a value that could not be measured fails only when it is needed."""
-    return Check(name, value >= limit or (math.isnan(value) and not needed), value, unit, limit, "at least", note)
-
-
-def between(
-    name: str, value: float, limit: tuple[float, float], unit: str, note: str, *, needed: bool = False,
-    warns: bool = False,
+def limited(
+    name: str, value: float, unit: str, note: str, *, least: float | None = None, most: float | None = None,
+    needed: bool = False, warns: bool = False,
 ) -> Check:  # fmt: skip
     """Passes inside the limits; a value that could not be measured fails only when it is needed."""
-    ok = limit[0] <= value <= limit[1] or (math.isnan(value) and not needed)
-    return Check(name, ok, value, unit, limit, "between", note, warns)
+    low, high = -math.inf if least is None else least, math.inf if most is None else most
+    ok = low <= value <= high or (math.isnan(value) and not needed)
+    if least is not None and most is not None:
+        return Check(name, ok, value, unit, (least, most), "between", note, warns)
+    if least is not None:
+        return Check(name, ok, value, unit, least, "at least", note, warns)
+    return Check(name, ok, value, unit, most, "reported" if most is None else "at most", note, warns)

@@ -22,12 +22,12 @@ from calib.io import missing
 from calib.rig import Floor
 from calib.types import F64, U8
 from planview.checks.camera import Steadiness
-from planview.checks.check import Check, at_least, between
+from planview.checks.check import Check, limited
 from planview.checks.registration import registration_checks
 from planview.checks.scene import (
-    CAMERA_HEIGHTS_M,
     MIN_VALID,
     alignment_checks,
+    camera_height,
     flicker_check,
     grey_level,
     height_check,
@@ -252,7 +252,7 @@ def _checks_of_one(video: Video, camera: GroundCamera | None, frames: int, searc
         *_image_checks(spread, run),
         flicker_check([grey_level(frame.image) for frame in run]),
         *steadiness.checks(),
-        between("camera height", height, CAMERA_HEIGHTS_M, "m", "of the camera above the floor, by its calibration"),
+        camera_height(height, "of the camera above the floor, by its calibration"),
     ]
 
 
@@ -299,7 +299,7 @@ class RecordingWatch:
         return [
             *self._motion.checks(),
             flicker_check(list(self._levels)),
-            at_least("valid disparity", valid, MIN_VALID, "", "share of the picture, median frame"),
+            limited("valid disparity", valid, "", "share of the picture, median frame", least=MIN_VALID),
             height_check(heights),
             self._speed.check(),
         ]

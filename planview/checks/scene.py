@@ -12,7 +12,7 @@ from calib.images import as_grey
 from calib.pose import SE3
 from calib.rig import Floor
 from calib.types import F32, F64, U8, Bool
-from planview.checks.check import Check, at_least, at_most, between
+from planview.checks.check import Check, limited
 from planview.foreground.ghosts import find_blobs
 from planview.maps.grid import MapParams
 from stereo.depth import RectifiedGeometry, back_project, median_image
@@ -32,22 +32,22 @@ def alignment_checks(seen: PairFrames) -> list[Check]:
     enough = len(matches) >= MIN_MATCHES
     offset = float(np.median(np.abs(matches[:, 3]))) * 640.0 / plain.geometry.width if enough else math.nan
     positive = float(np.mean(matches[:, 0] - matches[:, 2] > -0.5)) if enough else math.nan
-    turn = fit_correction(matches, plain.geometry)
+    turn, mirror = fit_correction(matches, plain.geometry), "row error of the pose over its mirror image"
     turned_deg = math.degrees(float(np.linalg.norm(turn.applied))) if enough else math.nan
     return [
-        at_least("matched corners", float(len(matches)), MIN_MATCHES, "", "corners that both cameras show"),
+        limited("matched corners", float(len(matches)), "", "corners that both cameras show", least=MIN_MATCHES),
         # Share of corners whose right place is to the left of the left one; far corners may err by calibration.
-        at_least("left-right order", positive, 0.8, "", "share of corners nearer than infinity"),
+        limited("left-right order", positive, "", "share of corners nearer than infinity", least=0.8),
         # Row offset of the calibration as it is [px of 640]: a factory calibration after some years has up to 0.5. A
         # run takes out the turn that explains it, but a rig that moved this far is better calibrated again.
-        at_most("row offset", offset, 1.5, "px", "median, of 640 px, before the rig is corrected"),
+        limited("row offset", offset, "px", "median, of 640 px, before the rig is corrected", most=1.5),
         # Rotation of the right camera since calibration: half a degree of pan shifts disparities by 3.5 px of 640, or
         # 15 % of the depth at 2 m; a worn factory calibration has up to 0.2.
-        at_most("camera turn", turned_deg, 0.5, "deg", f"right camera since calibration; {correction}"),
+        limited("camera turn", turned_deg, "deg", f"right camera since calibration; {correction}", most=0.5),
         # Row offset that is left [px]: block matching loses half of its matches beyond.
-        at_most("row residual", correction.after_px, 0.5, "px", "median, after the rig is corrected"),
+        limited("row residual", correction.after_px, "px", "median, after the rig is corrected", most=0.5),
         # A good pose has a smaller error than its mirror images.
-        at_most("mirrored pose", mirror_ratio(plain, matches), 1.5, "", "row error of the pose over its mirror image"),
+        limited("mirrored pose", mirror_ratio(plain, matches), "", mirror, most=1.5),
     ]
 
 
@@ -92,13 +92,14 @@ def image_checks(frames: Sequence[StereoFrame]) -> list[Check]:
     levels = [float(np.median([np.mean(i[::4, ::4]) for i in side])) + 1.0 for side in sides]
     ratio = max(levels) / min(levels)
     blocks = max(float(np.median([blocking(i) for i in side])) for side in sides)
+    steps = "steps at the borders of 8x8 blocks over those inside: compress less"
     return [
         *light_checks(*sides),
         # Ratio of the cameras' median brightness; block matching bears small differences only.
-        at_most("brightness match", ratio, 2.0, "", "mean brightness of one camera over the other"),
+        limited("brightness match", ratio, "", "mean brightness of one camera over the other", most=2.0),
         # Grey steps at the borders of blocks over those inside, which match at the same place in both cameras and
         # pull disparities there. Images as recorded have 0.7 to 1.3, JPEG of quality 10 has 5 and loses the floor.
-        at_most("compression", blocks, 2.0, "", "steps at the borders of 8x8 blocks over those inside: compress less"),
+        limited("compression", blocks, "", steps, most=2.0),
     ]
 
 
@@ -109,10 +110,10 @@ def light_checks(*cameras: Sequence[U8]) -> list[Check]:
     bright = min(float(np.median([np.percentile(i[::2, ::2], 90) for i in side])) for side in sides)
     return [
         # Share of saturated pixels that leaves enough to see people by; a sunny terrace has up to a quarter.
-        at_most("over-exposure", over, 0.35, "", "share of saturated pixels in the worse camera", warns=True),
+        limited("over-exposure", over, "", "share of saturated pixels in the worse camera", most=0.35, warns=True),
         # The brightest tenth of a picture must reach this grey level: below, sensor noise is a good part of any
         # texture.
-        at_least("under-exposure", bright, 40.0, "grey", "brightest tenth of the picture, darker camera"),
+        limited("under-exposure", bright, "grey", "brightest tenth of the picture, darker camera", least=40.0),
     ]
 
 
@@ -131,7 +132,7 @@ def flicker_check(levels: Sequence[float]) -> Check:
         share = darker / max(float(np.mean(own)) + 0.5 * darker, 1.0)
     # A lamp's flicker and automatic exposure change a few percent.
     note = "share by which every second frame is darker: exposure or emitter alternates; both lights are followed"
-    return at_most("light from frame to frame", share, 0.08, "", note, warns=True)
+    return limited("light from frame to frame", share, "", note, most=0.08, warns=True)
 
 
 def blocking(image: U8) -> float:
@@ -152,16 +153,17 @@ def height_check(heights: F64, person_height_m: float | None = None) -> Check:
     # Cut by the image's edge or half hidden, people look smaller, never taller.
     value = float(np.percentile(heights, 75)) if len(heights) >= 3 else math.nan
     if person_height_m is None:
+        unknown = "of moving people; no known height was given"
         # Heights of moving things when no person's height is known: a pushed chair or box to a tall man in a hat.
         if not math.isfinite(value) or not POSSIBLE_M[0] <= value <= POSSIBLE_M[1]:
-            return between("person height", value, POSSIBLE_M, "m", "of moving people; no known height was given")
+            return limited("person height", value, "m", unknown, least=POSSIBLE_M[0], most=POSSIBLE_M[1])
         causes = "a wrong focal length, baseline or unit of length in the calibration, or no standing adults"
         inside = LIKELY_M[0] <= value <= LIKELY_M[1]
-        note = "of moving people; no known height was given" if inside else f"likely {causes}"
-        return between("person height", value, LIKELY_M, "m", note, warns=True)
-    limits = (person_height_m * (1 - TOLERANCE), person_height_m * (1 + TOLERANCE))
+        note = unknown if inside else f"likely {causes}"
+        return limited("person height", value, "m", note, least=LIKELY_M[0], most=LIKELY_M[1], warns=True)
+    least, most = person_height_m * (1 - TOLERANCE), person_height_m * (1 + TOLERANCE)
     note = f"known to be {person_height_m:g} m" if math.isfinite(value) else "no person was found to measure"
-    return between("person height", value, limits, "m", f"{note}: baseline and units", needed=True)
+    return limited("person height", value, "m", f"{note}: baseline and units", least=least, most=most, needed=True)
 
 
 def person_heights(seen: PairFrames | DepthFrames, floor: Floor | None) -> F64:
@@ -215,8 +217,6 @@ def standing_things(disparity: F32, moved: Bool, geometry: RectifiedGeometry, fl
 
 MIN_VALID = 0.35
 """Share of pixels with a disparity; bare walls and saturated floors have none, people must."""
-CAMERA_HEIGHTS_M = (1.2, 10.0)
-"""Heights of a camera above the floor from which people are tracked [m]."""
 
 
 def scene_checks(seen: PairFrames | DepthFrames, floor: Floor | None, refused: str) -> list[Check]:
@@ -224,7 +224,7 @@ def scene_checks(seen: PairFrames | DepthFrames, floor: Floor | None, refused: s
     inside = seen.rectifier.mask > 0
     shares = [float(np.mean(np.isfinite(disparity[inside]))) for disparity in seen.disparities]
     return [
-        at_least("valid disparity", float(np.median(shares)), MIN_VALID, "", "share of the picture, median frame"),
+        limited("valid disparity", float(np.median(shares)), "", "share of the picture, median frame", least=MIN_VALID),
         *floor_checks(floor, refused),
         *depth_checks(seen.rectifier.geometry),
     ]
@@ -237,14 +237,19 @@ def floor_checks(floor: Floor | None, refused: str = "") -> list[Check]:
     why = "share of valid depth that lies on it" if floor else refused
     checks = [
         # Share of valid depth on the floor (a hand's breadth of floor between furniture still shows it).
-        at_least("floor share", share, 0.10, "", why, needed=floor is None),
+        limited("floor share", share, "", why, least=0.10, needed=floor is None),
         # Deviation of floor points from the plane [m]: with more, a foot looks like a shadow.
-        at_most("floor flatness", floor.residual_m if floor else math.nan, 0.12, "m", "rms from the plane"),
-        between("camera height", height_m, CAMERA_HEIGHTS_M, "m", "of the (left) camera above it"),
+        limited("floor flatness", floor.residual_m if floor else math.nan, "m", "rms from the plane", most=0.12),
+        camera_height(height_m, "of the (left) camera above it"),
     ]
     if floor and floor.doubt:
         checks.append(Check("floor or wall", False, math.degrees(floor.tilt_rad), "deg", note=floor.doubt, warns=True))
     return checks
+
+
+def camera_height(height_m: float, note: str) -> Check:
+    """A height above the floor from which people can be tracked."""
+    return limited("camera height", height_m, "m", note, least=1.2, most=10.0)
 
 
 def depth_checks(geometry: RectifiedGeometry) -> list[Check]:
@@ -253,10 +258,7 @@ def depth_checks(geometry: RectifiedGeometry) -> list[Check]:
     # Largest deviation at a distance [m]: at 4 m half a metre is a person's width.
     for distance, most in ((2, 0.15), (4, 0.5), (8, None)):
         deviation = geometry.depth_std_m(float(distance))
-        name = f"depth error at {distance} m"
-        free = Check(name, True, deviation, "m", note=note)
-        checks.append(free if most is None else at_most(name, deviation, most, "m", note))
+        checks.append(limited(f"depth error at {distance} m", deviation, "m", note, most=most))
         cells = math.hypot(deviation, distance / geometry.focal_u_px * geometry.disparity_std_px) / cell_m
-        name, of = f"cell error at {distance} m", f"cells of {cell_m * 100:g} cm"
-        checks.append(Check(name, True, cells, "cells", note=of))
+        checks.append(limited(f"cell error at {distance} m", cells, "cells", f"cells of {cell_m * 100:g} cm"))
     return checks

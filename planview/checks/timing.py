@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.images import as_grey
 from calib.types import F64, U8
-from planview.checks.check import Check, at_least, at_most
+from planview.checks.check import Check, limited
 from stereo.recording import Recorded
 
 STEP_PX = 2
@@ -125,11 +125,12 @@ class MotionWatch:
         active, (lag, apart) = self._active or math.nan, self._lag()
         longest = float(self._longest) if self._active else math.nan
         alone = "share of frames that stand still in one camera only"
+        copies = "share of pairs that repeat the one before"
         return [
-            at_most("frozen camera", self._frozen / active, 0.1, "", alone),
+            limited("frozen camera", self._frozen / active, "", alone, most=0.1),
             # Half a second at 15 Hz [frames]; what both cameras show moves in both.
-            at_most("stalled camera", longest, 8, "frames", "longest time only one camera moves", warns=True),
-            at_most("repeated pairs", self.repeated, MAX_REPEATED, "", "share of pairs that repeat the one before"),
+            limited("stalled camera", longest, "frames", "longest time only one camera moves", most=8, warns=True),
+            limited("repeated pairs", self.repeated, "", copies, most=MAX_REPEATED),
             lag.check("synchronisation", "right camera", apart=apart),
         ]
 
@@ -217,9 +218,9 @@ def frame_checks(recording: Recorded[Any], spread: Sequence[Any], run: Sequence[
     known = np.array([f.timestamp_s for f in run]) if times is None else times[np.isfinite(times)]
     gap = "longest step between frames over the usual one"
     return [
-        at_least("usable frames", usable, 0.9, "", "share of the frames read that can be decoded"),
+        limited("usable frames", usable, "", "share of the frames read that can be decoded", least=0.9),
         # One dropped frame passes, two in a row do not.
-        at_most("timestamp gap", longest_step(known), 2.5, "steps", gap, warns=True),
+        limited("timestamp gap", longest_step(known), "steps", gap, most=2.5, warns=True),
         *rate_checks(recording),
     ]
 
@@ -253,7 +254,7 @@ class SpeedWatch:
         walking = [speed for speed in self._speeds if speed > 0.5]
         value = float(np.median(walking)) if len(walking) >= 40 else math.nan
         note = "median of people who walk: a wrong frame rate (fps) or unit of length, or they run"
-        return at_most("walking speed", value, 2.5, "m/s", note, warns=True)
+        return limited("walking speed", value, "m/s", note, most=2.5, warns=True)
 
 
 def repeated_check(images: Sequence[U8]) -> Check:
@@ -263,7 +264,7 @@ def repeated_check(images: Sequence[U8]) -> Check:
         small = as_grey(image)[::STEP_PX, ::STEP_PX]
         watch.update(Thumbnails(small, small))
     note = "share of frames that repeat the one before"
-    return at_most("repeated frames", watch.repeated, MAX_REPEATED, "", note, warns=True)
+    return limited("repeated frames", watch.repeated, "", note, most=MAX_REPEATED, warns=True)
 
 
 def longest_step(times_s: F64) -> float:

@@ -25,9 +25,9 @@ from planview.commands.options import (
     open_options,
     say,
 )
-from planview.commands.params import config_toml
 from planview.commands.results import RenderOptions, render
 from planview.commands.scores import EvaluateOptions, evaluate, print_counts
+from planview.commands.tools import config_toml
 from planview.counting.rules import RulePlane, load_rules
 from planview.counting.stream import Analytics
 from planview.engine.config import Config, load_config

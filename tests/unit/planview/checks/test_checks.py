@@ -16,7 +16,7 @@ from calib.formats import load_rig
 from calib.pose import SE3
 from calib.rig import Floor, StereoRig
 from calib.types import F64, U8
-from planview.checks.check import Check, at_least, at_most, between
+from planview.checks.check import Check, limited
 from planview.checks.examine import Diagnosis, examine, refuse_unless_ok
 from planview.checks.scene import flicker_check, floor_checks, height_check, light_checks
 from planview.checks.timing import (
@@ -342,10 +342,10 @@ def test_longest_step_is_relative_to_the_usual_one_and_unmeasured_values_fail_on
     assert longest_step(np.array([0.0, 0.1, 0.2, 0.5, 0.6])) == pytest.approx(3.0)
     assert np.isnan(longest_step(np.array([0.0, 0.1])))
     nothing = float("nan")
-    assert at_most("a", nothing, 1.0, "", "").ok
-    assert at_least("a", nothing, 1.0, "", "").ok and not at_least("a", nothing, 1.0, "", "", needed=True).ok
-    assert not between("a", nothing, (0.0, 1.0), "", "", needed=True).ok
-    assert at_most("a", nothing, 1.0, "", "").to_json()["value"] is None
+    assert limited("a", nothing, "", "", most=1.0).ok
+    assert limited("a", nothing, "", "", least=1.0).ok and not limited("a", nothing, "", "", least=1.0, needed=True).ok
+    assert not limited("a", nothing, "", "", least=0.0, most=1.0, needed=True).ok
+    assert limited("a", nothing, "", "", most=1.0).to_json()["value"] is None
 
 
 def test_command_prints_json_and_refuses_with_status_one(tmp_path, pairs, capsys):
