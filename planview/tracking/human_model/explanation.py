@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -118,20 +117,6 @@ def likelihood_of_masks(p: HumanModelParams) -> Likelihood:
     return Likelihood.of(model, silhouette())
 
 
-class Pair(NamedTuple):
-    """Two people against one.
-
-    Attributes:
-        evidence: for two.
-        alone: (5,) pose of one alone.
-        gain: how much that gains on the second's present pose.
-    """
-
-    evidence: float
-    alone: F64
-    gain: float
-
-
 class MaskExplanation(Explanation):
     """One frame of one camera.
 
@@ -171,12 +156,9 @@ class MaskExplanation(Explanation):
         shared[standing <= standing[:, None]] = 0.0
         return np.where(shared.max(axis=1, initial=0.0) > RIVAL_OVERLAP, shared.argmax(axis=1), -1)
 
-    def pair(self, i: int, j: int, people: People, refit: bool = False) -> Pair:
-        """Evidence for two people against the second alone, who may be anywhere near either.
-
-        Args:
-            refit: move both to where they explain most together.
-        """
+    def pair(self, i: int, j: int, people: People, refit: bool = False) -> tuple[float, F64, float]:
+        """Evidence for two people against the second alone, who may be anywhere near either; the (5,) pose of this one
+        alone, and how much that gains on its present pose. ``refit`` moves both to where they explain most together."""
         poses, tall, ratios = people.poses, people.tall.copy(), people.ratios
         if refit:
             tall[j] = ANYBODY
@@ -201,4 +183,4 @@ class MaskExplanation(Explanation):
         both += samples.log_prior(poses[i], tall[i], np.append(rest, j))
         samples.layer(people, np.append(rest, i))
         both += samples.log_ratio(poses[j], tall[j], ratios[j])
-        return Pair(both - value - TOGETHER, alone, value - here)
+        return both - value - TOGETHER, alone, value - here

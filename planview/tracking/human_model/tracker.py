@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -84,12 +85,9 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
             for q, _ in outlines
         )
         feet = tuple(np.array([person.at_m], np.float32) for person in self._people)
-        return TrackerDebug(
-            (
-                Drawing("models", "image", tuple(hull for _, hull in outlines), labels),
-                Drawing("footprints", "floor", feet, tuple(str(person.track_id) for person in self._people)),
-            )
-        )
+        models = Drawing("models", "image", tuple(hull for _, hull in outlines), labels)
+        ids = tuple(str(person.track_id) for person in self._people)
+        return TrackerDebug((models, Drawing("footprints", "floor", feet, ids)))
 
     def update(self, observation: Observation) -> tuple[TrackState, ...]:
         """Track one frame. Raises InputError: images of another size than the camera's. Raises ValueError: foreground
@@ -128,7 +126,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
                 self._note(person, "recentred", f"accounts for more at {pose[0]:.2f}, {pose[1]:.2f} m", math.nan)
         found = matches([self._hull(newcomer.at_m, newcomer.height_m) for newcomer in born], frame.kind == SURFACE)
         for newcomer, match in zip(born, found, strict=True):
-            newcomer.match, newcomer.inside = match, self._visibility(np.array([*newcomer.at_m, newcomer.height_m]))
+            newcomer.match, newcomer.inside = match, self._visibility(newcomer.at_m)
             reason = f"M {match.score:.2f}, evidence {newcomer.evidence:.1f}, {newcomer.height_m:.2f} m tall"
             self._add(newcomer, "split" if match.recall < 0.5 else "spawned", reason, match.score)
         self._recognise(dt)
@@ -142,11 +140,11 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         rivals = frame.rivals(people, np.argsort(ranks).astype(np.float64))
         for i, person in enumerate(self._people):
             person.evidence, pose = float(evidence[i]), people.poses[i]
-            person.see(visible[i], self._visibility(pose))
+            person.see(visible[i], self._visibility(pose[:2]))
             self._measure(person, samples.person(i), pose, curvature[i], dt)
             seen = person.share >= self.params.visible_min
             if seen and rivals[i] >= 0 and not person.confirmed:  # who is has been seen apart from others
-                person.evidence = min(person.evidence, frame.pair(i, int(rivals[i]), people).evidence)
+                person.evidence = min(person.evidence, frame.pair(i, int(rivals[i]), people)[0])
             self._weigh(person, dt, self.params.stay_s)
             if seen:
                 farther = math.dist(person.origin_m, person.at_m) - person.kalman.position_std_m - person.walked_m
@@ -168,10 +166,9 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         hides = self._hides.reshape(-1)
         hides[inside] = np.clip(hides[inside] + fresh * more, 2 * HIDDEN_LOG_ODDS, -HIDDEN_LOG_ODDS)
 
-    def _visibility(self, pose: F64) -> float:
+    def _visibility(self, at_m: Sequence[float] | F64) -> float:
         """The human visibility ratio of the model map."""
-        foot = self.camera.project(np.array([pose[0], pose[1], 0.0]))
-        entry = int(self.model_map.entry_at(foot))
+        entry = int(self.model_map.entry_at(self.camera.project(np.array([*at_m, 0.0]))))
         return float(self.model_map.visibility[entry]) if entry >= 0 else 0.0
 
     def _judge(self, frame: MaskExplanation, owned: Owned, motion: U8, hulls: list[F64 | None]) -> None:
@@ -224,9 +221,8 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
             thing = person.moved < (0.0 if person.confirmed else -p.still_s / p.inanimate_s)
             if person.existence < 0.05 or beyond or thing:
                 why = f"existence {person.existence:.2f}, evidence {person.evidence:.1f}"
-                self._end(
-                    person, "stationary: a thing" if thing else why, person.confirmed and not thing and not beyond
-                )
+                may_return = person.confirmed and not thing and not beyond
+                self._end(person, "stationary: a thing" if thing else why, may_return)
         for person in self._departed:
             person.kalman = person.kalman.slowed(dt, body.SLOW_DOWN_S).predicted(dt, body.ACCELERATION_MPS2)
 

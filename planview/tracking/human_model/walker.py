@@ -55,15 +55,6 @@ class ModelMatch(NamedTuple):
 NO_MATCH = ModelMatch()
 
 
-class Sample(NamedTuple):
-    """One frame in a person's recent past: time [s], place [m], and how much of the body is visible."""
-
-    time_s: float
-    x_m: float
-    y_m: float
-    visible: float
-
-
 @dataclass(eq=False)
 class Walker(Person):
     """A person followed by one camera.
@@ -74,7 +65,7 @@ class Walker(Person):
         posture: as the height implies it.
         match: of the last frame.
         observed: whether enough of the person was visible in the last frame.
-        trail: the recent past, oldest first.
+        trail: time [s], place [m] and visible share of the body in the recent past, oldest first.
     """
 
     head_in_view: bool = True
@@ -83,23 +74,19 @@ class Walker(Person):
     posture: Posture = "standing"
     match: ModelMatch = NO_MATCH
     observed: bool = True
-    trail: deque[Sample] = field(default_factory=lambda: deque(maxlen=256))
+    trail: deque[tuple[float, float, float, float]] = field(default_factory=lambda: deque(maxlen=256))
 
     def judge(self, now_s: float, moving: float, params: HumanModelParams) -> None:
-        """Advance the automata.
-
-        Args:
-            moving: share of the body in motion between two frames.
-        """
-        p, trail = params, self.trail
-        trail.append(Sample(now_s, *self.at_m, self.share * self.inside))
-        while len(trail) > 2 and trail[1].time_s <= now_s - p.window_s:
+        """Advance the automata; ``moving`` is the share of the body in motion between two frames."""
+        p, trail, (x_m, y_m), visible = params, self.trail, self.at_m, self.share * self.inside
+        trail.append((now_s, x_m, y_m, visible))
+        while len(trail) > 2 and trail[1][0] <= now_s - p.window_s:
             trail.popleft()
-        first, last = trail[0], trail[-1]
-        way = math.hypot(last.x_m - first.x_m, last.y_m - first.y_m)
-        walks = way > p.moving_mps * max(last.time_s - first.time_s, 0.5 * p.window_s)
+        since_s, from_x_m, from_y_m, visible_then = trail[0]
+        way = math.hypot(x_m - from_x_m, y_m - from_y_m)
+        walks = way > p.moving_mps * max(now_s - since_s, 0.5 * p.window_s)
         self.motion = "moving" if walks else ("stopped" if moving >= p.internal_motion else "stationary")
-        change = last.visible - first.visible
+        change = visible - visible_then
         if self.match.overlap >= OVERLAP:
             self.stability = "occlusion"
         elif abs(change) >= p.trend:
@@ -243,13 +230,13 @@ def _try(place: F64, frame: MaskExplanation, known: People, now_s: float, p: Hum
     people.poses[n] = pose
     rival = int(frame.rivals(people, np.append(np.ones(n), 0.0))[n]) if evidence > 0.0 else -1
     if rival >= 0:
-        pair = frame.pair(n, rival, people, refit=True)
-        strong, evidence = evidence >= p.birth_evidence, pair.evidence
+        strong = evidence >= p.birth_evidence
+        evidence, alone, gain = frame.pair(n, rival, people, refit=True)
         if evidence >= p.birth_evidence:
             known.poses[rival], pose = people.poses[rival], people.poses[n]
             samples.layer(people, others)
-        elif strong and pair.gain > p.birth_evidence:
-            known.poses[rival] = pair.alone
+        elif strong and gain > p.birth_evidence:
+            known.poses[rival] = alone
     mine, seen, _ = samples.visible(pose, tall, ratios).tolist()
     if evidence < p.birth_evidence or mine < 0.25 * seen:
         return None

@@ -238,9 +238,9 @@ def test_ascent_finds_the_person_from_a_walkers_error_of_prediction_and_knows_it
 
 def test_two_side_by_side_explain_two_better_than_one_does_and_a_second_in_the_outline_of_one_does_not():
     frame = frame_of((-0.35, 6.0, RED), (0.35, 6.0, BLUE))
-    assert frame.pair(0, 1, people_at((-0.35, 6.0, 1.76), (0.35, 6.0, 1.76))).evidence > 8.0
+    assert frame.pair(0, 1, people_at((-0.35, 6.0, 1.76), (0.35, 6.0, 1.76)))[0] > 8.0
     frame = frame_of((0.0, 6.0, RED))
-    assert frame.pair(0, 1, people_at((0.0, 6.4, 1.7), (0.0, 5.9, 1.76))).evidence < 0.0
+    assert frame.pair(0, 1, people_at((0.0, 6.4, 1.7), (0.0, 5.9, 1.76)))[0] < 0.0
 
 
 def test_owners_are_the_people_in_whose_outline_pixels_are():
