@@ -59,8 +59,6 @@ class ToyWorld:
     wall_y_m: float = 7.0
     contrast: float = 35.0
     floor_contrast: float = 35.0
-    brightness: float = 120.0
-    gain: float = 1.0
     noise: float = 1.0
     seed: int = 0
     texture: F64 = field(init=False)
@@ -112,7 +110,7 @@ class ToyWorld:
         rows = [a.reshape(-1, 64) for a in (column, row)]  # remap takes at most 32767 rows
         value = cv2.remap(self.texture, *rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP).reshape(-1)
         contrast = np.where(layer == 0, self.floor_contrast, self.contrast)
-        shade = self.gain * (self.brightness + contrast * value + 25.0 * (layer >= 2))
+        shade = 120.0 + contrast * value + 25.0 * (layer >= 2)
         return np.clip(shade + rng.normal(size=shade.shape) * self.noise, 0, 255).astype(np.uint8)
 
 

@@ -14,11 +14,11 @@ import pytest
 from toy_bags import COUNT, FOCAL, START_NS, STEP_NS, H, W, Writer, changed, picture, stereo_bag
 
 from calib.errors import InputError
+from calib.types import AnyArray
 from stereo.readers import OpenOptions, bag_files, find_layout, open_any, open_recording
-from stereo.readers.bag_files import Message, Topic, kind_of, open_bag
-from stereo.readers.bags import choose_topics, info_topic
+from stereo.readers.bag_files import Message, Topic, open_bag
+from stereo.readers.bags import choose_topics
 
-rosbag1 = pytest.importorskip("rosbags.rosbag1")
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 typesys = pytest.importorskip("rosbags.typesys")
 zstandard = pytest.importorskip("zstandard")
@@ -125,13 +125,6 @@ def test_topics_of_a_pair_are_chosen(kind, chosen, others):
     assert choose_topics(Listed(*others, *chosen), ()) == (kind, *chosen)  # type: ignore[arg-type]
 
 
-def test_kinds_of_messages_and_the_camera_info_of_a_topic_are_known_by_their_names():
-    names = ("sensor_msgs/Image", "sensor_msgs/msg/CompressedImage", "foxglove.CameraCalibration", "std_msgs/msg/Image")
-    assert [kind_of(name) for name in names] == ["image", "compressed", "info", "other"]
-    bag = Listed("/s/left/camera_info", "/s/right/camera_info")
-    assert info_topic(bag.topics, "/s/right/image_raw/compressed") == "/s/right/camera_info"
-
-
 def zstd_messages(path: Path) -> Path:
     """A ROS 2 bag whose messages are compressed one by one."""
     writer = Writer(path / "unused", False)
@@ -206,39 +199,36 @@ def test_parts_of_a_bag_follow_each_other(tmp_path):
     assert times == [START_NS + i * STEP_NS for i in range(2 * COUNT)]
 
 
-def write_sdk_stream(writer: Writer, stream: str, x_m: float, model: str, pictures: list[Any], encoding: str) -> None:
-    """A camera as the RealSense SDK records it."""
+def sdk_bag(path: Path, unit_m: float | None, **streams: tuple[float, str, AnyArray, str]) -> Path:
+    """A bag of the RealSense SDK: place [m], lens, picture and encoding of every stream."""
+    writer = Writer(path, True)
     types = writer.store.types
-    no_turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-    place = types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](x_m, 0.0, 0.0), no_turn)
-    writer.write(f"/device_0/{stream}/tf/0", START_NS, place)
-    info = changed(writer.info(START_NS, 0.0, "0"), {"p": np.zeros(12), "r": np.zeros(9), "distortion_model": model})
-    writer.write(f"/device_0/{stream}/info/camera_info", START_NS, info)
-    for i, pixels in enumerate(pictures):
-        log = START_NS + i * STEP_NS
-        writer.write(f"/device_0/{stream}/image/data", log, writer.image(log, pixels, encoding))
+    if unit_m is not None:
+        unit = types["std_msgs/msg/Float32"](unit_m)
+        writer.write("/device_0/sensor_0/option/Depth_Units/value", START_NS, unit)
+    for stream, (x_m, model, pixels, encoding) in streams.items():
+        topic, no_turn = f"/device_0/sensor_0/{stream}", types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+        place = types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](x_m, 0.0, 0.0), no_turn)
+        writer.write(f"{topic}/tf/0", START_NS, place)
+        others = {"p": np.zeros(12), "r": np.zeros(9), "distortion_model": model}
+        writer.write(f"{topic}/info/camera_info", START_NS, changed(writer.info(START_NS, 0.0, "0"), others))
+        for log in range(START_NS, START_NS + COUNT * STEP_NS, STEP_NS):
+            writer.write(f"{topic}/image/data", log, writer.image(log, pixels, encoding))
+    writer.close()
+    return path
 
 
 def test_bag_of_the_realsense_sdk_has_its_baseline_from_the_places_of_its_cameras(tmp_path):
-    writer = Writer(tmp_path / "a.bag", True)
-    pictures = [picture(10 * i) for i in range(COUNT)]
-    for number, x_m in ((1, 0.0), (2, -0.055)):
-        write_sdk_stream(writer, f"sensor_0/Infrared_{number}", x_m, "Brown Conrady", pictures, "mono8")
-    writer.close()
-    recording = open_recording(tmp_path / "a.bag")
+    cameras = {f"Infrared_{i}": (x_m, "Brown Conrady", picture(0), "mono8") for i, x_m in ((1, 0.0), (2, -0.055))}
+    recording = open_recording(sdk_bag(tmp_path / "a.bag", None, **cameras))
     assert len(list(recording)) == COUNT
     assert recording.rig.baseline_m == pytest.approx(0.055) and recording.rig.left.fx == FOCAL
 
 
 def test_depth_of_the_realsense_sdk_has_the_unit_and_the_place_that_the_bag_holds(tmp_path):
-    writer = Writer(tmp_path / "a.bag", True)
-    unit = writer.store.types["std_msgs/msg/Float32"](1e-4)
-    writer.write("/device_0/sensor_0/option/Depth_Units/value", START_NS, unit)
-    deep, model = [np.full((H, W), 20_000, np.uint16)] * COUNT, "Inverse Brown Conrady"
-    write_sdk_stream(writer, "sensor_0/Depth_0", 0.0, model, deep, "16UC1")
-    write_sdk_stream(writer, "sensor_1/Color_0", 0.2, model, [picture(0)] * COUNT, "mono8")
-    writer.close()
-    recording = open_any(tmp_path / "a.bag")
+    model, deep = "Inverse Brown Conrady", np.full((H, W), 20_000, np.uint16)
+    streams = {"Depth_0": (0.0, model, deep, "16UC1"), "Color_0": (0.2, model, picture(0), "mono8")}
+    recording = open_any(sdk_bag(tmp_path / "a.bag", 1e-4, **streams))
     (frame, *_) = recording
     assert np.nanmedian(frame.depth_m) == pytest.approx(2.0) and not recording.notes
     # A point 2 m ahead lies 0.2 m * 30 px / 2 m = 3 px farther to the right in the colour image.

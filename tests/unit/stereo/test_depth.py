@@ -12,9 +12,9 @@ GEOMETRY = RectifiedGeometry(4, 3, 400.0, 400.0, 1.5, 1.0, 0.1, disparity_std_px
 
 
 def test_depth_is_focal_times_baseline_over_disparity_and_back():
-    depth = GEOMETRY.depth(np.full((3, 4), 20.0, np.float32))
-    assert depth.dtype == np.float32
-    np.testing.assert_allclose(depth, 2.0)
+    depth = GEOMETRY.depth(np.array([[20.0, 4.1, np.nan, 0.0, -1.0, 3.9]], np.float32), max_m=10.0)
+    assert depth.dtype == np.float32 and np.isnan(depth[0, 2:]).all()
+    np.testing.assert_allclose(depth[0, :2], [2.0, 40 / 4.1], rtol=1e-6)
     assert GEOMETRY.disparity_at(2.0) == pytest.approx(20.0)
 
 
@@ -23,10 +23,7 @@ def test_a_pair_without_a_baseline_is_refused():
         RectifiedGeometry(640, 480, 525.0, 525.0, 319.5, 239.5, 0.0)
 
 
-def test_depth_is_nan_without_disparity_and_its_deviation_grows_with_its_square():
-    disparity = np.array([[np.nan, 0.0, -1.0, 3.9, 4.1]], np.float32)
-    depth = GEOMETRY.depth(disparity, max_m=10.0)
-    assert np.isnan(depth[0, :4]).all() and depth[0, 4] == pytest.approx(40 / 4.1)
+def test_deviation_of_depth_grows_with_its_square():
     # d z = z^2 / (f b) d d: 4 / 40 * 0.25 and 16 / 40 * 0.25.
     np.testing.assert_allclose(GEOMETRY.depth_std_m(np.array([2.0, 4.0], np.float32)), [0.025, 0.1], rtol=1e-6)
     assert GEOMETRY.depth_std_m(2.0) == pytest.approx(0.025)
@@ -47,8 +44,7 @@ def test_rays_through_pixels_are_at_unit_depth():
 
 
 def test_median_image_leaves_out_who_walks_through_and_what_is_never_valid() -> None:
-    frames = [np.array([[4.0, np.nan]], np.float32), np.array([[1.0, np.nan]], np.float32)]
-    frames.append(np.array([[4.0, np.nan]], np.float32))
+    frames = [np.array([[depth, np.nan]], np.float32) for depth in (4.0, 1.0, 4.0)]
     np.testing.assert_array_equal(median_image(frames), [[4.0, np.nan]])
 
 
@@ -77,27 +73,26 @@ def seen(true: Plane, contrast: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return left + noise[0], right + noise[1], depth
 
 
-def test_of_two_lights_the_more_frequent_one_counts_and_of_equals_the_brighter_one():
-    def seen_by(lights: list[int]) -> list[bool]:
-        return of_like_light([np.full((16, 16), light, np.uint8) for light in lights]).tolist()
+@pytest.mark.parametrize(
+    ("lights", "taken"), [([100, 60, 104, 62, 0], [1, 0, 1, 0, 0]), ([60, 100, 61, 62], [1, 0, 1, 1])]
+)
+def test_of_two_lights_the_more_frequent_one_counts_and_of_equals_the_brighter_one(lights, taken):
+    assert of_like_light([np.full((16, 16), light, np.uint8) for light in lights]).tolist() == taken
 
-    assert seen_by([100, 60, 104, 62, 0]) == [True, False, True, False, False]
-    assert seen_by([60, 100, 61, 62]) == [True, False, True, True]
+
+TRUE, GUESS = plane(60.0, 1.0, 2.5), plane(60.7, 0.7, 2.54)
 
 
-def test_a_plane_is_aligned_to_a_tenth_of_a_degree_and_knows_it() -> None:
-    true, guess = plane(60.0, 1.0, 2.5), plane(60.7, 0.7, 2.54)
-    aligned = align_plane(guess, *seen(true, 200.0), FLOOR_GEOMETRY)
+@pytest.mark.parametrize("stands", [False, True], ids=["empty", "something stands on it"])
+def test_a_plane_is_aligned_to_a_tenth_of_a_degree_and_knows_it(stands: bool) -> None:
+    left, right, depth = seen(TRUE, 200.0)
+    if stands:
+        left[100:160, 140:200], depth[100:160, 140:200] = left[40:100, 140:200], 1.5
+    aligned = align_plane(plane(60.3, 0.8, 2.52) if stands else GUESS, left, right, depth, FLOOR_GEOMETRY)
     assert aligned.distance_m == pytest.approx(2.5, abs=0.01)
     assert np.degrees([aligned.tilt_rad, aligned.roll_rad]) == pytest.approx([60.0, 1.0], abs=0.1)
     assert 0 < np.sqrt(np.trace(aligned.covariance)) < 0.01
 
 
-def test_without_texture_the_guess_stays_and_what_stands_on_the_plane_does_not_take_part():
-    true, guess = plane(60.0, 1.0, 2.5), plane(60.7, 0.7, 2.54)
-    assert align_plane(guess, *seen(true, 0.0), FLOOR_GEOMETRY) is guess
-    true, guess = plane(60.0, 1.0, 2.5), plane(60.3, 0.8, 2.52)
-    left, right, depth = seen(true, 200.0)
-    left[100:160, 140:200], depth[100:160, 140:200] = left[40:100, 140:200], 1.5
-    aligned = align_plane(guess, left, right, depth, FLOOR_GEOMETRY)
-    assert np.degrees([aligned.tilt_rad, aligned.roll_rad]) == pytest.approx([60.0, 1.0], abs=0.1)
+def test_without_texture_the_guess_stays():
+    assert align_plane(GUESS, *seen(TRUE, 0.0), FLOOR_GEOMETRY) is GUESS

@@ -1,7 +1,6 @@
 """What is in a folder, and when its frames were taken."""
 
 import struct
-import zlib
 from pathlib import Path
 
 import cv2
@@ -134,14 +133,6 @@ def test_true_bits_are_those_of_the_largest_value():
     np.testing.assert_array_equal(to_8_bits(np.array([[4095, 65535]], np.uint16), 12), [[255, 255]])
 
 
-def test_image_that_announces_a_bomb_is_not_decoded():
-    header = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
-    chunk = b"IHDR" + header
-    data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk)) + b"IEND"
-    with pytest.raises(UnreadableError):
-        decode_image(data)
-
-
 @pytest.mark.parametrize(
     ("suffix", "kind"),
     [(suffix, np.uint8) for suffix in (".png", ".jpg", ".bmp", ".tiff", ".webp", ".ppm")]
@@ -165,17 +156,10 @@ def test_exif_orientation_turns_an_image_as_a_viewer_does():
     assert turned[0, 0] < 20 and turned[-1, -1] > 180 and decode_image(data)[0, 0] > 180
 
 
-LFS = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 727\n"
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "found"),
-    [("a.bag", LFS, "git-lfs pointer instead of the file of 727 bytes"), ("a.svo2", "SVO", "ZED SDK")],
-)
-def test_file_that_is_no_recording_is_named_as_what_it_is(tmp_path, name, content, found):
-    (tmp_path / name).write_text(content)
-    with pytest.raises(InputError, match=found):
-        find_layout(tmp_path / name)
+def test_pointer_of_git_lfs_is_named_as_what_it_is(tmp_path):
+    (tmp_path / "a.bag").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 727\n")
+    with pytest.raises(InputError, match="git-lfs pointer instead of the file of 727 bytes"):
+        find_layout(tmp_path / "a.bag")
 
 
 STEP = 100_000_000

@@ -22,22 +22,13 @@ BROWN = (-0.2, 0.05, 0.001, -0.001, 0.0)
 RATIONAL = (-9.2, 65.3, -5e-05, 0.0005, -87.7, -9.29, 65.5, -87.8)
 
 
-def row_offsets(rig: StereoRig) -> np.ndarray:
-    left, right = ToyWorld().pair(rig, walking(10))
-    pair = Rectifier(rig)(left, right)
-    return match_corners(pair.left_grey, pair.right_grey, 45.0)[:, 3]
-
-
 def test_rectifying_an_ideal_pair_changes_neither_its_images_nor_its_geometry():
-    rig = toy_rig()
-    left, right = ToyWorld().pair(rig)
-    pair = Rectifier(rig)(left, right)
+    rectifier, (left, right) = Rectifier(toy_rig()), ToyWorld().pair(toy_rig())
+    pair, geometry = rectifier(left, right), rectifier.geometry
     np.testing.assert_array_equal(pair.left, left)
     np.testing.assert_array_equal(pair.right_grey, right)
-    geometry = Rectifier(toy_rig()).geometry
     assert geometry.size == (320, 240) and geometry.focal_u_px == pytest.approx(230.0)
-    assert (geometry.cu_px, geometry.cv_px) == pytest.approx((159.5, 119.5))
-    assert geometry.baseline_m == pytest.approx(0.12)
+    assert (geometry.cu_px, geometry.cv_px, geometry.baseline_m) == pytest.approx((159.5, 119.5, 0.12))
 
 
 FISHEYE = Camera(320, 240, 140.0, 140.0, 159.5, 119.5, "fisheye", (0.02, -0.01, 0.0, 0.0))
@@ -46,7 +37,9 @@ FISHEYE = Camera(320, 240, 140.0, 140.0, 159.5, 119.5, "fisheye", (0.02, -0.01, 
 @pytest.mark.parametrize(("distortion", "lens", "most"), [((), None, 0.06), (BROWN, None, 0.06), ((), FISHEYE, 0.1)])
 def test_rows_of_a_turned_pair_are_aligned(distortion: tuple[float, ...], lens: Camera | None, most: float) -> None:
     rig = toy_rig(rotation_deg=TURN, distortion=distortion)
-    offsets = row_offsets(StereoRig(lens, lens, rig.right_SE3_left) if lens else rig)
+    rig = StereoRig(lens, lens, rig.right_SE3_left) if lens else rig
+    pair = Rectifier(rig)(*ToyWorld().pair(rig, walking(10)))
+    offsets = match_corners(pair.left_grey, pair.right_grey, 45.0)[:, 3]
     assert len(offsets) > 60 and np.median(np.abs(offsets)) < most
 
 
@@ -62,28 +55,22 @@ def test_large_images_are_reduced_to_the_working_size_unless_the_full_size_is_as
     rectifier = Rectifier(rig)
     assert rectifier.geometry.size == (640, 480) and rectifier.geometry.focal_u_px == pytest.approx(460.0)
     checker = np.kron(np.indices((480, 640)).sum(axis=0) % 2, np.ones((2, 2))).astype(np.uint8) * 255
-    pair = rectifier(checker, checker)
-    np.testing.assert_array_equal(pair.left, checker[::2, ::2])
+    np.testing.assert_array_equal(rectifier(checker, checker).left, checker[::2, ::2])
 
 
 def test_odd_sizes_are_reduced_without_a_shift() -> None:
-    rig = toy_rig((1281, 801), focal_px=900.0)
-    rectifier = Rectifier(rig)
     ramp = np.tile(np.arange(1281) / 6.0, (801, 1)).astype(np.uint8)
-    row = rectifier(ramp, ramp).left[200].astype(float)
-    scale = 1281 / 640
-    expected = ((np.arange(640) + 0.5) * scale - 0.5) / 6.0
+    row = Rectifier(toy_rig((1281, 801), focal_px=900.0))(ramp, ramp).left[200].astype(float)
+    expected = ((np.arange(640) + 0.5) * 1281 / 640 - 0.5) / 6.0
     assert np.abs(row - expected)[5:-5].mean() < 0.7
 
 
 def test_folding_lens_model_is_not_followed_outside_its_range() -> None:
     camera = Camera(1280, 800, 808.0, 808.0, 634.0, 408.0, "rational", RATIONAL)
     assert 0.7 < fold_radius(camera) < 0.9 < fold_radius(toy_rig().left) == np.inf
-    rig = StereoRig(camera, camera, SE3(np.eye(3), np.array([-0.07, 0.0, 0.0])))
-    rectifier = Rectifier(rig)
-    g = rectifier.geometry
-    u, v = np.meshgrid(np.arange(g.width), np.arange(g.height))
-    radius = np.hypot((u - g.cu_px) / g.focal_u_px, (v - g.cv_px) / g.focal_v_px)
+    rectifier = Rectifier(StereoRig(camera, camera, SE3(np.eye(3), np.array([-0.07, 0.0, 0.0]))))
+    rays = rectifier.geometry.rays(np.stack(np.meshgrid(*map(np.arange, rectifier.geometry.size)), axis=-1))
+    radius = np.hypot(rays[..., 0], rays[..., 1])
     assert not rectifier.mask[radius > 0.9].any() and rectifier.mask[radius < 0.4].all()
 
 
@@ -99,8 +86,8 @@ def test_source_pixels_lead_back_to_the_recorded_pixel() -> None:
     rotation, _ = rig.rectifying_rotations()
     g = Rectifier(rig).geometry
     ray = rotation @ rig.left.unproject([[100.0, 80.0]])[0]
-    u, v = g.cu_px + g.focal_u_px * ray[0] / ray[2], g.cv_px + g.focal_v_px * ray[1] / ray[2]
-    shift = np.array([[1.0, 0.0, u], [0.0, 1.0, v], [0.0, 0.0, 1.0]])  # its first pixel is the one at (u, v)
+    shift = np.eye(3)
+    shift[:2, 2] = (g.matrix @ ray)[:2] / ray[2]  # its first pixel is that of the ray
     found = source_pixels(rig.left, rotation, np.linalg.inv(g.matrix) @ shift, (2, 2))
     np.testing.assert_allclose(found[0, 0], [100.0, 80.0], atol=1e-3)
 
@@ -127,9 +114,8 @@ def test_rectifier_takes_colour_on_the_left_and_refuses_other_sizes():
 
 def test_a_reduced_pair_has_the_greys_of_the_whole_pair_and_means_of_its_image() -> None:
     rig = toy_rig(rotation_deg=TURN, distortion=BROWN)
-    rectifier = Rectifier(rig)
-    left, right = ToyWorld().pair(rig)
-    whole, reduced = rectifier(left, right), rectifier.reduced(left, right, 2)
+    rectifier, images = Rectifier(rig), ToyWorld().pair(rig)
+    whole, reduced = rectifier(*images), rectifier.reduced(*images, 2)
     np.testing.assert_array_equal(reduced.left(), whole.left)
     np.testing.assert_array_equal(reduced.left_grey, whole.left_grey)
     np.testing.assert_array_equal(reduced.right_grey, whole.right_grey)

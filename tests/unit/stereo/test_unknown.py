@@ -36,6 +36,7 @@ DEEP = np.full((24, 32), 2000, np.uint16)
         ("right/0.png left/a.heic", "left: expected images of one camera, found no images, videos or bags in it (a.he"),
         ("right/0.png left/images/0.png", "found none in it, but in its folder images: move them up"),
         ("notes.txt", "no images, videos or bags in it (notes.txt; 1 .txt)"),
+        ("a.svo2", "ZED SDK"),
     ],
 )
 def test_folder_that_nearly_fits_is_told_what_to_do(tmp_path: Path, names: str, found: str) -> None:
