@@ -194,23 +194,21 @@ def test_floor_from_points_refuses_what_is_no_floor(points: list[list[float]], m
 
 def test_floor_from_people_refines_a_rough_guess_by_feet_and_heads() -> None:
     rng, truth = np.random.default_rng(0), pose_of(50, 3.0, 1.0)
-    xy = rng.uniform((-2, 1), (2, 6), (60, 2))
-    ids = np.repeat([1, 2, 3], 20)
-    heights = np.repeat([1.62, 1.75, 1.9], 20)
-    to_camera = truth.inverse()
-    feet: F64 = to_camera @ np.column_stack([xy, np.zeros(60)]) + rng.normal(0, 0.03, (60, 3))
-    heads: F64 = to_camera @ np.column_stack([xy, heights]) + rng.normal(0, 0.03, (60, 3))
+    xy, heights = rng.uniform((-2, 1), (2, 6), (60, 2)), np.repeat([1.62, 1.75, 1.9], 20)
+    feet, heads = (
+        truth.inverse() @ np.column_stack([xy, z]) + rng.normal(0, 0.03, (60, 3)) for z in (np.zeros(60), heights)
+    )
     feet[::3] = np.nan
-    floor = floor_from_people(PeopleSeen(ids, heads, feet), Floor(pose_of(46, 2.7)))
+    floor = floor_from_people(PeopleSeen(np.repeat([1, 2, 3], 20), heads, feet), Floor(pose_of(46, 2.7)))
     assert floor.height_m == pytest.approx(3.0, abs=0.04)
     assert math.degrees(floor.tilt_rad) == pytest.approx(math.degrees(Floor(truth).tilt_rad), abs=0.5)
 
 
 def test_floor_from_people_refuses_one_line_of_people() -> None:
-    x = np.linspace(-2, 2, 30)
-    feet = pose_of(50, 3.0).inverse() @ np.column_stack([x, np.full(30, 3.0), np.zeros(30)])
+    line = np.column_stack([np.linspace(-2, 2, 30), np.full(30, 3.0), np.zeros(30)])
+    seen = PeopleSeen(np.ones(30, np.int64), np.full((30, 3), np.nan), pose_of(50, 3.0).inverse() @ line)
     with pytest.raises(WorkError, match="tilt or roll"):
-        floor_from_people(PeopleSeen(np.ones(30, np.int64), np.full((30, 3), np.nan), feet), Floor(pose_of(50, 3.0)))
+        floor_from_people(seen, Floor(pose_of(50, 3.0)))
 
 
 def test_world_file_keeps_every_digit(tmp_path: Path) -> None:

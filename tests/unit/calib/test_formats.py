@@ -60,12 +60,11 @@ def test_arrays_are_refused_with_the_way_out_that_is_read(tmp_path):
     assert load_rig(tmp_path / "cal.json").baseline_m == pytest.approx(0.1)
 
 
-def test_size_of_a_calibration_is_scaled_to_the_same_aspect_or_taken_from_the_principal_point(tmp_path):
+def test_size_of_a_calibration_is_scaled_to_the_same_aspect_alone(tmp_path):
     write_rig(RIG, tmp_path / "rig.toml")
     rig = load_rig(tmp_path, (320, 240))
     assert rig.left.fx == pytest.approx(250.0) and "scaled from 640x480 to 320x240" in rig.source
-    found = r"rig.toml: expected a calibration for images of 640x360, found one for 640x480"
-    with pytest.raises(InputError, match=found):
+    with pytest.raises(InputError, match=r"rig.toml: expected a calibration for images of 640x360, found one for 640x"):
         load_rig(tmp_path, (640, 360))
 
 
@@ -124,13 +123,11 @@ def test_where_a_rig_that_is_cut_short_ends_is_named(end, found, tmp_path):
         load_rig(tmp_path, (640, 480))
 
 
-def test_half_of_a_pair_is_refused(tmp_path):
-    opencv_pair(tmp_path)
-    (tmp_path / "extrinsics.yml").unlink()
-    with pytest.raises(InputError, match="only half of a pair"):
-        load_rig(tmp_path, (640, 480))
-    with pytest.raises(InputError, match="other half"):
-        load_rig(tmp_path / "intrinsics.yml", (640, 480))
+@pytest.mark.parametrize(("name", "found"), [("", "only half of a pair"), ("intrinsics.yml", "other half")])
+def test_half_of_a_pair_is_refused(name, found, tmp_path):
+    (opencv_pair(tmp_path) / "extrinsics.yml").unlink()
+    with pytest.raises(InputError, match=found):
+        load_rig(tmp_path / name, (640, 480))
 
 
 def test_two_calibrations_in_a_folder_are_refused_unless_one_is_ours(tmp_path):
@@ -194,11 +191,9 @@ def test_kitti_rectified_images_get_the_rectified_cameras(tmp_path):
 
 
 def test_middlebury_file_is_read_in_millimetres(tmp_path):
-    (tmp_path / "calib.txt").write_text(
-        "cam0=[3997.684 0 1176.728; 0 3997.684 1011.728; 0 0 1]\n"
-        "cam1=[3997.684 0 1307.839; 0 3997.684 1011.728; 0 0 1]\n"
-        "doffs=131.111\nbaseline=193.001\nwidth=2964\nheight=1988\nndisp=280\n"
-    )
+    camera = "cam{}=[3997.684 0 {}; 0 3997.684 1011.728; 0 0 1]\n"
+    sizes = "doffs=131.111\nbaseline=193.001\nwidth=2964\nheight=1988\nndisp=280\n"
+    (tmp_path / "calib.txt").write_text(camera.format(0, 1176.728) + camera.format(1, 1307.839) + sizes)
     rig = load_rig(tmp_path)
     assert rig.baseline_m == pytest.approx(0.193001) and rig.right.cx == 1307.839
 
@@ -231,7 +226,7 @@ def test_hostile_files_are_refused_in_one_sentence(content, tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("name", "found"), [("none.yml", "no such file or folder"), ("", "a stereo calibration in it, found none")]
+    ("name", "found"), [("none.yml", "no such file or folder"), ("", "calibration in it, found none")]
 )
 def test_absence_of_a_calibration_is_refused(name, found, tmp_path):
     with pytest.raises(InputError, match=found):
@@ -264,9 +259,8 @@ HOLDS = {
 def furthest_pixel(one: StereoRig, other: StereoRig) -> float:
     x, y, z = np.meshgrid(np.linspace(-0.5, 0.5, 7), np.linspace(-0.4, 0.4, 7), [0.8, 2.0, 10.0])
     points = np.stack([x * z, y * z, z], axis=-1).reshape(-1, 3)
-    left = one.left.project(points) - other.left.project(points)
-    right = one.right.project(one.right_SE3_left @ points) - other.right.project(other.right_SE3_left @ points)
-    return float(np.abs(np.concatenate([left, right])).max())
+    pixels = [[rig.left.project(points), rig.right.project(rig.right_SE3_left @ points)] for rig in (one, other)]
+    return float(np.abs(np.subtract(*pixels)).max())
 
 
 def name_of(key: str) -> str:

@@ -29,20 +29,19 @@ COARSE = HumanModelMapParams(step_px=8)
 
 
 def test_model_has_the_papers_sizes_and_keeps_its_proportions_when_scaled():
-    model = HumanModel()
+    model, half = HumanModel(), HumanModel().scaled(0.88)
     assert model.height_m == pytest.approx(1.76)
     assert model.planes == ((0.0, 0.12), (0.79, 0.21), (pytest.approx(1.49), 0.21), (pytest.approx(1.76), 0.09))
-    model = HumanModel().scaled(0.88)
-    assert model.height_m == pytest.approx(0.88) and model.torso_radius_m == pytest.approx(0.105)
+    assert half.height_m == pytest.approx(0.88) and half.torso_radius_m == pytest.approx(0.105)
     with pytest.raises(ValueError, match="positive"):
         HumanModel(head_m=0.0)
 
 
 def test_views_of_a_person_are_the_shoulders_from_above_and_the_head_over_the_foot_from_the_side():
     # Shoulders at 1.49 m are 2.51 m below the camera: radius 100 * 0.21 / 2.51 = 8.37 px.
-    box = HumanModel().boxes(OVERHEAD, (0.0, 0.0))
-    np.testing.assert_allclose(box, [79.5 - 8.367, 59.5 - 8.367, 16.733, 16.733], atol=1e-3)
     model = HumanModel()
+    box = [79.5 - 8.367, 59.5 - 8.367, 16.733, 16.733]
+    np.testing.assert_allclose(model.boxes(OVERHEAD, (0.0, 0.0)), box, atol=1e-3)
     head, foot = model.head(OBLIQUE, (0.5, 6.0)), model.foot(OBLIQUE, (0.5, 6.0))
     np.testing.assert_allclose(foot, OBLIQUE.project((0.5, 6.0, 0.0)))
     assert head[1] < foot[1] - 20
@@ -75,10 +74,10 @@ def test_box_encloses_hull_head_and_foot(tilt: float, height: float, x: float, y
 
 
 def test_visible_fraction_of_squares() -> None:
-    square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
+    square = np.array([[0, 0], [4, 0], [4, 4], [0, 4]])
     shifts = np.array([[2, 2], [-2.5, 2], [-2.5, -2.5], [-9, 2], [9.5, 5.5]])
-    fractions = visible_fraction(square + shifts[:, None], 12, 8)
-    np.testing.assert_allclose(fractions, [1.0, 0.5, 0.25, 0.0, 0.25])
+    found = visible_fraction(square + shifts[:, None], 12, 8)
+    np.testing.assert_allclose(found, [1.0, 0.5, 0.25, 0.0, 0.25])
 
 
 @pytest.fixture(scope="module")
@@ -116,12 +115,11 @@ CAMERAS = {
 
 @pytest.mark.parametrize("name", CAMERAS)
 def test_error_of_each_sample_is_the_weighted_formula(name):
-    camera, model = CAMERAS[name], HumanModel()
-    samples = standing_people(camera, 4, seed=4)
+    camera, samples = CAMERAS[name], standing_people(CAMERAS[name], 4, seed=4)
     moved = [replace(s, box_px=(s.box_px[0] + 5, s.box_px[1] - 3, *s.box_px[2:])) for s in samples]
     places = camera.back_project(np.array([s.foot_px for s in samples]))
     expected = [weighted_error(camera, s, xy) for s, xy in zip(moved, places, strict=True)]
-    found = weighted_errors(camera, places, np.stack([s.row() for s in moved]), model)
+    found = weighted_errors(camera, places, np.stack([s.row() for s in moved]), HumanModel())
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
@@ -220,11 +218,8 @@ def test_samples_that_cannot_be_read_are_refused_by_name(tmp_path, text, message
 
 
 def test_choice_covers_the_image_and_passes_over_the_odd():
-    samples = [
-        HumanSample((x, y, 30, 80.0 + y / 10), (x + 15, y), (x + 15, y + 80.0 + y / 10))
-        for x in range(20, 560, 20)
-        for y in range(50, 350, 25)
-    ]
+    heads = [(x, y, 80.0 + y / 10) for x in range(20, 560, 20) for y in range(50, 350, 25)]
+    samples = [HumanSample((x, y, 30, h), (x + 15, y), (x + 15, y + h)) for x, y, h in heads]
     samples[40] = HumanSample((20, 50, 30, 40), (35, 50), (35, 90))
     chosen = choose_spread(samples, 9)
     assert len(chosen) == 9 and samples[40] not in chosen
@@ -250,8 +245,7 @@ def test_known_focal_length_makes_a_poor_set_enough() -> None:
 
 def test_few_people_are_not_enough_although_the_floor_between_them_is_known() -> None:
     camera = CAMERAS["oblique"]
-    people = standing_people(camera, 3, seed=2, noise_px=4.0)
-    verdict = calibrate_from_people(people, camera.size, camera.lens).assessment
+    verdict = calibrate_from_people(standing_people(camera, 3, 2, 4.0), camera.size, camera.lens).assessment
     assert not verdict.enough and verdict.floor_error_m < 0.5
     assert "the camera's height to" in verdict.sentence and "its tilt to" in verdict.sentence
     relative, away = (float(part.split(" m ")[0]) for part in verdict.sentence.split("to ")[1:] if " m " in part[:9])
