@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib.errors import InputError, WorkError
@@ -58,6 +58,7 @@ def test_hull_is_the_convex_hull_of_the_circles_alone_and_of_many_and_nan_behind
     assert np.isnan(model.hull(OBLIQUE, 0.0, -9.0)).all()
 
 
+@settings(deadline=None)
 @given(
     st.floats(-1.4, 1.4), st.floats(2.2, 8.0), st.floats(-20, 20), st.floats(-20, 40), st.sampled_from([0.9, 1.76, 2.1])
 )

@@ -231,12 +231,11 @@ def test_frames_pair_with_the_nearest_within_a_quarter_period() -> None:
 
 
 def test_frames_recorded_late_are_put_in_their_place_and_repeated_times_skipped():
-    late = EVEN[[0, 1, 3, 2, 4, 5, 6, 7, 8, 9]]
-    pairs = pair_stamps(late, EVEN)
-    assert pairs.left.tolist() == [0, 1, 3, 2, 4, 5, 6, 7, 8, 9] and pairs.right.tolist() == list(range(10))
+    order = [0, 1, 3, 2, 4, 5, 6, 7, 8, 9]
+    pairs = pair_stamps(EVEN[order], EVEN)
+    assert pairs.left.tolist() == order and pairs.right.tolist() == list(range(10))
     assert pairs.notes == ("1 frame of left recorded out of order, put in order of their times",)
-    stamps = EVEN.copy()
-    stamps[4] = stamps[3]
+    stamps = EVEN[[0, 1, 2, 3, 3, 5, 6, 7, 8, 9]]
     pairs = pair_stamps(stamps, stamps)
     assert (pairs.left >= 0).sum() == 9 and np.all(np.diff(pairs.times_s[pairs.left >= 0]) > 0)
 
