@@ -156,10 +156,17 @@ def test_exif_orientation_turns_an_image_as_a_viewer_does():
     assert turned[0, 0] < 20 and turned[-1, -1] > 180 and decode_image(data)[0, 0] > 180
 
 
-def test_pointer_of_git_lfs_is_named_as_what_it_is(tmp_path):
-    (tmp_path / "a.bag").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 727\n")
-    with pytest.raises(InputError, match="git-lfs pointer instead of the file of 727 bytes"):
-        find_layout(tmp_path / "a.bag")
+LFS = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 727\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "found"),
+    [("a.bag", LFS, "git-lfs pointer instead of the file of 727 bytes"), ("a.svo2", "SVO", "ZED SDK")],
+)
+def test_file_that_is_no_recording_is_named_as_what_it_is(tmp_path, name, content, found):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=found):
+        find_layout(tmp_path / name)
 
 
 STEP = 100_000_000
