@@ -46,6 +46,11 @@ def bag_of_pairs(path: Path, frames: range, *infos: Any) -> Path:
     return path
 
 
+def test_bare_mcap_file_is_read_without_its_metadata(tmp_path):
+    file = next(stereo_bag(tmp_path / "bag", False, "mcap").glob("*.mcap"))
+    assert len(list(open_recording(file.rename(tmp_path / "alone.mcap")))) == COUNT
+
+
 def test_message_that_is_missing_on_one_side_is_a_skipped_frame(tmp_path):
     def stamps(i: int, side: str) -> int | None:
         return None if (i, side) == (6, "right") else START_NS + i * STEP_NS + 3_000_000 * (side == "right")
