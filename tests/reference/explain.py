@@ -41,7 +41,7 @@ def log_likelihood(seen: View, people: Poses, p: JointParams, reaching: Poses) -
                 passing *= 1.0 - cover
             value += passing * _of_background(kind, near, p, body.REACH_M)
             if kind == SURFACE:
-                value = (1 - given.UNKNOWN) * value + given.UNKNOWN / given.RANGE_M
+                value = (1 - given.UNKNOWN_SHARE) * value + given.UNKNOWN_SHARE / given.RANGE_M
             total += math.log(value)
     return total
 

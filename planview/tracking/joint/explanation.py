@@ -27,7 +27,7 @@ NO_DEPTH = 0.15
 """Share of a body's foreground without disparity."""
 RANGE_M = 6.0
 """Depth over which wrong disparities spread [m]."""
-UNKNOWN = 0.02
+UNKNOWN_SHARE = 0.02
 """kappa, share of the pixels before which something unknown stands."""
 SURFACE_STD_M = 0.10
 """Deviation of a body's surface from its table [m]."""
@@ -85,7 +85,7 @@ def likelihood_of_ranges(p: JointParams) -> Likelihood:
     model = Model(
         body=SEEN_ON_BODY, background=SEEN_ON_BACKGROUND, near_people=p.seen_near_people, hidden=0.0,
         hidden_sitting=0.0, hidden_to=0.0, sitting_from=0.0, no_depth=NO_DEPTH, outliers=OUTLIERS, range_m=RANGE_M,
-        unknown=UNKNOWN, surface_var=SURFACE_STD_M**2, colour=p.colour_weight, low_share=p.low_share, sits=0.0,
+        unknown=UNKNOWN_SHARE, surface_var=SURFACE_STD_M**2, colour=p.colour_weight, low_share=p.low_share, sits=0.0,
         sitting=1.0, masks=0.0, patch_m=p.patch_m, patch_px=0.0, spacing_m=SPACING * p.patch_m,
         body_m=body.TORSO.height_m, reach_m=body.REACH_M, apart_m=body.APART_M,
         height_min_m=body.HEIGHT_MIN_M, height_max_m=body.HEIGHT_MAX_M, lean_std_m=body.LEAN_STD_M,
