@@ -21,10 +21,11 @@ if TYPE_CHECKING:
 
 
 class PlainConsole(Console):
-    """Console that shows control characters, since a folder's name may hold escape codes, and markup unless asked."""
+    """Console that shows control characters, since a folder's name may hold escape codes; no markup unless asked, and
+    no emoji for what stands between colons."""
 
     def __init__(self, *, markup: bool = False, **options: Any) -> None:
-        super().__init__(markup=markup, **options)
+        super().__init__(markup=markup, emoji=False, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
         return super().render_str(printable(text), **options)

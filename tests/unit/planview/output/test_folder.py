@@ -162,7 +162,7 @@ def test_compiled_kernels_are_announced_and_cached_ones_are_not() -> None:
     assert text.getvalue() == ""
 
 
-EVIL = "out\x1b]0;owned\x07\x1b[31m[bold]x[/]\udcff"
+EVIL = "out\x1b]0;owned\x07\x1b[31m[bold]x[/]:car:\udcff"
 
 
 def test_console_shows_escape_codes_and_markup_of_names_as_text() -> None:
@@ -173,7 +173,7 @@ def test_console_shows_escape_codes_and_markup_of_names_as_text() -> None:
     console.print(EVIL)
     console.print(table)
     assert "\x1b" not in file.getvalue() and "\x07" not in file.getvalue()
-    assert file.getvalue().count("\\x1b[31m[bold]x[/]\\udcff") == 2
+    assert file.getvalue().count("\\x1b[31m[bold]x[/]:car:\\udcff") == 2
 
 
 def test_person_is_confirmed_for_half_a_second(street: Path) -> None:
