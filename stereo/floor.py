@@ -104,7 +104,7 @@ class PairFrames:
         """Each pair, rectified."""
         return [self.rectifier(frame.left, frame.right) for frame in self.frames]
 
-    @property
+    @cached_property
     def greys(self) -> list[U8]:
         """(H, W) uint8 left image of each."""
         return [pair.left_grey for pair in self.rectified]
@@ -156,17 +156,17 @@ class DepthFrames:
         """Each without distortion."""
         return [self.rectifier(frame) for frame in self.frames]
 
-    @property
+    @cached_property
     def greys(self) -> list[U8]:
         """(H, W) uint8 image of each."""
         return [as_grey(image.left) for image in self.rectified]
 
-    @property
+    @cached_property
     def disparities(self) -> list[F32]:
         """(H, W) float32 disparity [px] that a pair would have, of each."""
         return [self.rectifier.disparity(image) for image in self.rectified]
 
-    @property
+    @cached_property
     def depths(self) -> list[F32]:
         """(H, W) float32 depth [m] of each, NaN where unknown."""
         return [image.depth_m for image in self.rectified]

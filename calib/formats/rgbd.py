@@ -50,8 +50,8 @@ def load_rgbd(path: Path, size: Size, depth_size: Size) -> RgbdRig:
     found = find_rgbd(path)
     if found is None:
         closed = closed_text([path] if path.is_file() else entries(path))
-        wanted = "a calibration of the images (JSON, TOML or YAML with fx, fy, cx, cy)"
-        raise InputError(f"{path}: expected {wanted}, found {closed or 'none'}")
+        holding = "a calibration of the images (JSON, TOML or YAML with fx, fy, cx, cy)"
+        raise InputError(f"{path}: expected {holding}, found {closed or 'none'}")
     file, data = found
     try:
         return fitted_rgbd(replace(_rig(data, size, depth_size), source=str(file)), size, depth_size)
@@ -62,8 +62,8 @@ def load_rgbd(path: Path, size: Size, depth_size: Size) -> RgbdRig:
 def fitted_rgbd(rig: RgbdRig, size: Size, depth_size: Size) -> RgbdRig:
     """The rig for images and depth of these sizes [px], which must have its aspects. Raises InputError: others."""
     depth = rig.depth_camera
-    for own, wanted in ((rig.camera.size, size), (depth.size if depth else depth_size, depth_size)):
-        refuse_other_aspect(rig.source, own, wanted)
+    for own, images in ((rig.camera.size, size), (depth.size if depth else depth_size, depth_size)):
+        refuse_other_aspect(rig.source, own, images)
     if rig.camera.size == size and (depth is None or depth.size == depth_size):
         return rig
     note = f"{rig.source} (scaled from {size_text(rig.camera.size)} to {size_text(size)})"

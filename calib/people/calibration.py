@@ -141,7 +141,7 @@ def calibrate_from_people(
         independent: number of independent samples, where few people were observed often by outlines of foreground;
             None for all, marked by hand. The others repeat body height, gait and shadow, and are weighted down.
         name: of the samples' source, for messages.
-        walked: (height, width), where something moved in the recording: more people are asked for there only.
+        walked: (height, width), where something moved in the recording: more people are suggested there only.
     """
     check_samples(samples, size, name)
     if lens is not None and lens not in LENS_K_320:

@@ -1,4 +1,4 @@
-"""A recording opened with the tracker asked for."""
+"""A recording opened with a tracker."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def open_engine(
     matcher: Matcher | None = None,
     detections: Path | str | Sequence[ArrayLike] | None = None,
 ) -> Engine:
-    """Open a recording, or the plan-view maps of one, with the tracker asked for.
+    """Open a recording, or the plan-view maps of one, with a tracker.
 
     The joint and template trackers need a stereo recording, images with depth, or the maps of either; the human-model
     tracker a video and its ``camera.toml``; the ellipse-particle tracker a video. Raises InputError: a recording,

@@ -139,7 +139,7 @@ class RunJob:
 
     @property
     def is_done(self) -> bool:
-        """Whether the folder is there with all that is asked for."""
+        """Whether the folder is there with all that the study keeps."""
         return finished_run(self.folder) is not None and (not self.save_maps or (self.folder / MAPS_FILE).is_file())
 
 

@@ -259,8 +259,8 @@ def world_pose(folder: Path) -> SE3 | None:
 def same_size(a: FrameSource, b: FrameSource, left: Path | str, right: Path | str) -> Size:
     """The size of two sources."""
     if a.size != b.size:
-        wanted, found = size_text(a.size), size_text(b.size)
-        raise InputError(f"{right}: expected images as large as {Path(left).name}'s {wanted}, found {found}")
+        expected, found = size_text(a.size), size_text(b.size)
+        raise InputError(f"{right}: expected images as large as {Path(left).name}'s {expected}, found {found}")
     return a.size
 
 

@@ -31,6 +31,10 @@ class Packing(NamedTuple):
     stacked: bool
     squeezed: bool
 
+    def __str__(self) -> str:
+        kind = "one above the other" if self.stacked else "side by side"
+        return f"{kind}, squeezed to half" if self.squeezed else kind
+
     def size(self, picture: Size) -> Size:
         """(width, height) of one view as it is given [px]."""
         return picture if self.squeezed else self.stored(picture)
@@ -130,11 +134,10 @@ def packed_layout(
         live: see ``stereo_layout``.
     """
     calibration = options.calibration or folder
-    try:
+    aspect: float | None = None
+    with suppress(InputError):
         one = load_rig(calibration).left
         aspect = one.width / one.height
-    except InputError:
-        aspect = None
     packing, shared = find_packing(pictures, aspect)
     if packing is None:
         raise _no_pair(source.size, pictures, shared).about(str(named))
@@ -147,10 +150,7 @@ def packed_layout(
         order = find_order(shared.matches, own, rectified)
     pixels, stored = "grey" if is_grey(pictures[0]) else "colour", packing.stored(source.size)
     streams = tuple(Stream(name, stored, source.n_frames, None, pixels) for name in ("left", "right"))
-    notes = []
-    if packing != (False, False):
-        kind = "one above the other" if packing.stacked else "side by side"
-        notes.append(f"the views lie {kind}{', squeezed to half' if packing.squeezed else ''}")
+    notes = [f"the views lie {packing}"] if packing != (False, False) else []
     if order and order.swapped:
         near = f"{order.nearer:.0%} of the matched corners are then nearer than infinity"
         notes.append(f"the right camera's view comes first: left and right are exchanged ({near})")
