@@ -34,7 +34,7 @@ from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import load_scene
 from planview.synthetic.write import write_rigs
 from stereo.floor import BLIND_SENSOR, PairFrames, floor_in
-from stereo.recording import StereoFrame
+from stereo.recording import Frame, Shot
 from stereo.rgbd import NOISE, RgbdRectifier
 
 Family = Literal["board", "floor", "human", "rigs"]
@@ -162,18 +162,18 @@ def floor_rows() -> list[Row]:
     ]
 
 
-def rendered_lobby(tilt_deg: float) -> tuple[StereoRig, Floor, list[StereoFrame]]:
+def rendered_lobby(tilt_deg: float) -> tuple[StereoRig, Floor, list[Frame[Shot]]]:
     """True rig and floor, and some frames, of the committed lobby from a camera at a tilt: steep ones hang above the
     middle of the room, flat ones at its wall."""
     scene = load_scene(SCENES / "demo.toml")
     place = (3.5, 2.0, 2.9) if tilt_deg < 50 else (3.5, 0.2, 2.6)
     mount = scene.mount.model_copy(update={"tilt_deg": float(tilt_deg), "at_m": place})
     renderer = SceneRenderer(scene.model_copy(update={"rig": mount}))
-    frames = []
+    frames: list[Frame[Shot]] = []
     for index in np.linspace(0, renderer.n_frames - 1, 6).astype(int):
         frame = renderer.frame(int(index))
         assert frame.right is not None  # the scene has a rig
-        frames.append(StereoFrame(int(index), frame.timestamp_s, frame.left, frame.right))
+        frames.append(Frame(int(index), frame.timestamp_s, ((frame.left, frame.right),)))
     assert renderer.rig is not None and renderer.world_SE3_left is not None
     return renderer.rig, Floor(renderer.world_SE3_left), frames
 

@@ -21,7 +21,7 @@ from calib.errors import InputError
 from calib.ground_camera import load_ground_camera, save_ground_camera
 from calib.types import I64, AnyArray
 from planview.engine.config import Config, load_config
-from planview.engine.engine import Frame, Recording
+from planview.engine.engine import Recording
 from planview.engine.open import base_config, open_engine
 from planview.evaluation.evaluate import EvaluationParams, evaluate_tracks
 from planview.evaluation.result import Evaluation
@@ -29,7 +29,7 @@ from planview.output.script import run
 from planview.synthetic.assets import real_recordings
 from planview.trajectories.formats import load_truth
 from planview.trajectories.table import Trajectories, positions_table, read_truth
-from stereo.recording import RgbdFrame, StereoFrame, VideoFrame
+from stereo.recording import Frame, Shot
 
 BASELINE = "peaks"
 """The tracker to beat, which is always scored too."""
@@ -292,7 +292,7 @@ RANGES = {"noise", "black", "white", "one-black"}
 """Kinds that leave no depth of a sensor of depth; of a pair, "one-black" is the right camera."""
 
 
-def after(frame: Frame, kind: str, rng: Rng) -> Frame:
+def after(frame: Frame[Shot], kind: str, rng: Rng) -> Frame[Shot]:
     """A frame of one camera, of a pair, or with depth, after damage."""
     change, black = IMAGES[kind], IMAGES["black"]
     seed = int(rng.integers(2**32))  # both cameras are shaken together
@@ -300,14 +300,14 @@ def after(frame: Frame, kind: str, rng: Rng) -> Frame:
     def of(image: AnyArray) -> AnyArray:
         return change(image, np.random.default_rng(seed))
 
-    if isinstance(frame, StereoFrame):
-        right = black(frame.right, rng) if kind == "one-black" else change(frame.right, np.random.default_rng(seed))
-        return replace(frame, left=of(frame.left), right=rng.permutation(right) if kind == "noise" else right)
-    if isinstance(frame, RgbdFrame):
-        depth = np.full_like(frame.depth_m, np.nan) if kind in RANGES else frame.depth_m
-        return replace(frame, image=of(frame.image), depth_m=of(depth) if kind == "shaken" else depth)
-    assert isinstance(frame, VideoFrame)
-    return replace(frame, image=of(frame.image))
+    first, *second = frame.images
+    if second and second[0].dtype == np.uint8:
+        right = black(second[0], rng) if kind == "one-black" else of(second[0])
+        second = [rng.permutation(right) if kind == "noise" else right]
+    elif second:
+        depth = np.full_like(second[0], np.nan) if kind in RANGES else second[0]
+        second = [of(depth) if kind == "shaken" else depth]
+    return replace(frame, shots=((of(first), *second),))
 
 
 class Damaged:
@@ -321,7 +321,7 @@ class Damaged:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._recording, name)
 
-    def __iter__(self) -> Iterator[Frame]:
+    def __iter__(self) -> Iterator[Frame[Shot]]:
         for frame in self._recording:
             hit = frame.index in self._hit or self._kind == "one-level"
             yield after(frame, self._kind, self._rng) if hit else frame

@@ -34,7 +34,7 @@ from planview.synthetic.render import SceneRenderer
 from planview.synthetic.scene import Scene, load_scene
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange, Matcher, SgbmMatcher, disparity_range
-from stereo.recording import Recorded, RgbdFrame, StereoFrame, StereoRecording, VideoFrame
+from stereo.recording import Frame, Pair, Recording, Shot
 
 BLOCK_PX = 5
 """Side of the yardstick's matched block [px]."""
@@ -53,7 +53,6 @@ LIMITS = {
 }
 """What each ratio must not exceed for four people at 640x480."""
 Rivals = Mapping[str, Callable[[Any], float]]
-Frame = StereoFrame | RgbdFrame | VideoFrame
 
 
 class Yardstick:
@@ -82,10 +81,11 @@ class Yardstick:
     def _remap(self, image: AnyArray, side: int) -> AnyArray:
         return cv2.remap(as_grey(image) if self._grey else image, *self._maps[side], cv2.INTER_LINEAR)
 
-    def __call__(self, frame: StereoFrame) -> float:
+    def __call__(self, frame: Frame[Shot]) -> float:
         """Time of both [s]."""
         start = time.perf_counter()
-        self._sgbm.compute(self._remap(frame.left, 0), self._remap(frame.right, 1))
+        left, right = frame.images
+        self._sgbm.compute(self._remap(left, 0), self._remap(right, 1))
         return time.perf_counter() - start
 
 
@@ -95,7 +95,7 @@ class Mog2:
     def __init__(self, most_px: int) -> None:
         self._most_px, self._mog2 = most_px, cv2.createBackgroundSubtractorMOG2()
 
-    def __call__(self, frame: Frame) -> float:
+    def __call__(self, frame: Frame[Shot]) -> float:
         """Time of an update [s]."""
         image = frame.image
         height, width = image.shape[:2]
@@ -113,7 +113,7 @@ def ratio_row(name: str, ours_ms: F64, theirs_ms: F64) -> Row:
     return {"ours / OpenCV": name, **times, "ratio": (middle, low, high), "limit": LIMITS.get(name)}
 
 
-def take_turns(engine: Engine, frames: Sequence[Frame], rivals: Rivals) -> tuple[dict[str, F64], I64]:
+def take_turns(engine: Engine, frames: Sequence[Frame[Shot]], rivals: Rivals) -> tuple[dict[str, F64], I64]:
     """The engine over decoded frames, and rivals on every TURN_FRAMES-th; timed after SETTLED_FRAMES, or in the second
     half of a clip that is that short. (N,) times [ms] of the engine, its stages and rivals; and confirmed people."""
     engine.reset()
@@ -144,14 +144,15 @@ def compared(engine: Engine, n_frames: int) -> dict[str, list[Row]]:
     """Ratios of the engine and its foreground to OpenCV on all cores and on one, and its stages on one, over n_frames
     after SETTLED_FRAMES. Raises InputError: several heads, or recorded maps. Raises WorkError: too few frames."""
     recording = engine.recording
-    if not isinstance(recording, Recorded):
+    if not isinstance(recording, Recording):
         raise InputError(f"{recording.path}: expected the recording of one head")
     frames = list(islice(recording, SETTLED_FRAMES + n_frames))
     if len(frames) < 2:
         raise WorkError(f"{recording.path}: expected at least 2 frames, found {len(frames)}")
     yardsticks: dict[str, Yardstick] = {}
-    if isinstance(recording, StereoRecording):
-        yardsticks = {f"remap, SGBM in {name}": Yardstick(recording.rig, name == "grey") for name in ("grey", "colour")}
+    if isinstance(recording.head, Pair):
+        rig = recording.head.rig
+        yardsticks = {f"remap, SGBM in {name}": Yardstick(rig, name == "grey") for name in ("grey", "colour")}
     rivals: Rivals = {**yardsticks, "MOG2": Mog2(engine.config.analysis.width_px)}
     ratios: list[Row] = []
     for cores, limited in ((" on all cores", nullcontext()), ("", one_core())):

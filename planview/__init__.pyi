@@ -7,10 +7,9 @@ from planview.engine.config import Config as Config
 from planview.engine.config import load_config as load_config
 from planview.engine.engine import Engine as Engine
 from planview.engine.engine import FrameResult as FrameResult
-from planview.engine.one_camera import one_camera_engine as one_camera_engine
+from planview.engine.open import engine_of as engine_of
 from planview.engine.open import open_engine as open_engine
 from planview.engine.setup import set_up as set_up
-from planview.engine.stereo import stereo_engine as stereo_engine
 from planview.evaluation.evaluate import EvaluationParams as EvaluationParams
 from planview.evaluation.evaluate import evaluate_tracks as evaluate_tracks
 from planview.evaluation.result import Evaluation as Evaluation

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import cached_property
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -19,9 +20,9 @@ from calib.rig import Floor, StereoRig
 from calib.types import F32, F64, U8, AnyArray, Bool
 from stereo.depth import DEPTH_UNITS, RectifiedGeometry, back_project, median_image
 from stereo.matcher import RangeParams, SgbmMatcher, SgbmParams, disparity_range
-from stereo.recording import Frame, Recorded, RgbdFrame, RgbdRecording, StereoFrame, StereoRecording
-from stereo.rectify import RectifiedPair, Rectifier, RectifyParams, aligned_rectifier
-from stereo.rgbd import RectifiedRgbd, RgbdRectifier
+from stereo.recording import DepthCamera, Frame, Pair, Recording, Shot
+from stereo.rectify import Rectified, Rectifier, RectifyParams, aligned_rectifier
+from stereo.rgbd import RgbdRectifier
 from stereo.rig_correction import match_corners
 
 SETUP_FRAMES = 24
@@ -72,7 +73,7 @@ class PairFrames:
         searched: disparities from infinity to ``range.nearest_m``.
     """
 
-    def __init__(self, rig: StereoRig, frames: Sequence[StereoFrame], search: FloorSearch | None = None) -> None:
+    def __init__(self, rig: StereoRig, frames: Sequence[Frame[Shot]], search: FloorSearch | None = None) -> None:
         self.frames, self._rig, self._search = frames, rig, search or FloorSearch()
         self.rectifier, self.correction = aligned_rectifier(rig, frames, self._search.rectify)
         geometry = self.rectifier.geometry
@@ -95,14 +96,19 @@ class PairFrames:
         searched, found = disparity_range(self.plain.geometry), [np.empty((0, 4))]
         largest = float(searched.first_px + searched.count)
         for frame in self.frames[:: -(-len(self.frames) // 4)]:
-            pair = self.plain(frame.left, frame.right)
+            pair = self.plain(*frame.images)
             found.append(match_corners(pair.left_grey, pair.right_grey, largest, -largest, search_px=24))
         return np.concatenate(found)
 
     @cached_property
-    def rectified(self) -> list[RectifiedPair]:
+    def rectified(self) -> list[Rectified]:
         """Each pair, rectified."""
-        return [self.rectifier(frame.left, frame.right) for frame in self.frames]
+        return [self.rectifier(*frame.images) for frame in self.frames]
+
+    @property
+    def images(self) -> list[U8]:
+        """(H, W[, 3]) uint8 rectified left image of each."""
+        return [pair.image for pair in self.rectified]
 
     @cached_property
     def greys(self) -> list[U8]:
@@ -119,9 +125,9 @@ class PairFrames:
         """(H, W) float32 depth [m] of each, NaN where unknown."""
         return [self.rectifier.geometry.depth(disparity) for disparity in self.disparities]
 
-    def depth_of(self, frame: StereoFrame) -> F32:
+    def depth_of(self, frame: Frame[Shot]) -> F32:
         """(H, W) float32 depth [m] of another frame; NaN where unknown."""
-        pair = self.rectifier(frame.left, frame.right)
+        pair = self.rectifier(*frame.images)
         return self.rectifier.geometry.depth(self._match(pair.left_grey, pair.right_grey))
 
     def floor(self) -> Floor:
@@ -141,39 +147,44 @@ class PairFrames:
 class DepthFrames:
     """Frames spread over a recording of images with depth, without distortion; see ``PairFrames``."""
 
-    def __init__(self, recording: RgbdRecording, search: FloorSearch | None = None) -> None:
+    def __init__(self, recording: Recording[DepthCamera], search: FloorSearch | None = None) -> None:
         self._recording, self._search = recording, search or FloorSearch()
-        self.rectifier = RgbdRectifier(recording.camera, recording.sensor, self._search.rectify)
+        self.rectifier = RgbdRectifier(recording.head.camera, recording.head.sensor, self._search.rectify)
         self.searched = self.rectifier.disparities()
 
     @cached_property
-    def frames(self) -> list[RgbdFrame]:
+    def frames(self) -> list[Frame[Shot]]:
         """As recorded."""
         return setup_frames(self._recording, self._search.frames)
 
     @cached_property
-    def rectified(self) -> list[RectifiedRgbd]:
-        """Each without distortion."""
-        return [self.rectifier(frame) for frame in self.frames]
+    def rectified(self) -> list[tuple[U8, F32]]:
+        """Each image and its depth [m], without distortion."""
+        return [self.rectifier(*frame.images) for frame in self.frames]
+
+    @property
+    def images(self) -> list[U8]:
+        """(H, W[, 3]) uint8 image of each."""
+        return [image for image, _ in self.rectified]
 
     @cached_property
     def greys(self) -> list[U8]:
         """(H, W) uint8 image of each."""
-        return [as_grey(image.left) for image in self.rectified]
+        return [as_grey(image) for image in self.images]
 
     @cached_property
     def disparities(self) -> list[F32]:
         """(H, W) float32 disparity [px] that a pair would have, of each."""
-        return [self.rectifier.disparity(image) for image in self.rectified]
+        return [self.rectifier.disparity(depth_m) for depth_m in self.depths]
 
     @cached_property
     def depths(self) -> list[F32]:
         """(H, W) float32 depth [m] of each, NaN where unknown."""
-        return [image.depth_m for image in self.rectified]
+        return [depth_m for _, depth_m in self.rectified]
 
-    def depth_of(self, frame: RgbdFrame) -> F32:
+    def depth_of(self, frame: Frame[Shot]) -> F32:
         """(H, W) float32 depth [m] of another frame, NaN where unknown."""
-        return self.rectifier(frame).depth_m
+        return self.rectifier(*frame.images)[1]
 
     def floor(self) -> Floor:
         """The floor common to the frames. Raises WorkError: hardly any depth, or no floor is visible; the message
@@ -181,7 +192,7 @@ class DepthFrames:
         try:
             return self._floor_in(self.depths)
         except WorkError as error:
-            units = self._recording.depth_units
+            units = self._recording.head.depth_units
             if units is None:
                 raise
             assumed, found = units.units_per_m, []
@@ -203,12 +214,12 @@ class DepthFrames:
 
 
 def spread_frames(
-    recording: StereoRecording | RgbdRecording, search: FloorSearch | None = None
+    recording: Recording[Pair | DepthCamera], search: FloorSearch | None = None
 ) -> PairFrames | DepthFrames:
     """Frames spread over a recording, in which its floor is measured. Raises WorkError: none can be used."""
-    if isinstance(recording, RgbdRecording):
-        return DepthFrames(recording, search)
-    return PairFrames(recording.rig, setup_frames(recording, (search or FloorSearch()).frames), search)
+    if isinstance(recording.head, Pair):
+        return PairFrames(recording.head.rig, setup_frames(recording, (search or FloorSearch()).frames), search)
+    return DepthFrames(cast(Recording[DepthCamera], recording), search)
 
 
 def of_like_light(images: Sequence[U8]) -> Bool:
@@ -334,7 +345,7 @@ def _moved(grids: list[F32]) -> list[F64] | None:
     return found
 
 
-def setup_frames(recording: Recorded[Frame], count: int = SETUP_FRAMES) -> list[Frame]:
+def setup_frames(recording: Recording[Any], count: int = SETUP_FRAMES) -> list[Frame[Shot]]:
     """Usable frames spread over a recording. Raises WorkError: there is none."""
     frames = recording.sample(count)
     if not frames:

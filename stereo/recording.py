@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -23,7 +22,8 @@ from calib.types import F32, F64, U8, AnyArray
 from stereo.depth import Depths
 
 T = TypeVar("T")
-Frame = TypeVar("Frame")
+S = TypeVar("S")
+H = TypeVar("H", covariant=True)
 
 DEFAULT_FPS = 30.0
 """Assumed for images without times."""
@@ -62,45 +62,35 @@ class OpenOptions:
         return replace(self, calibration=calibration, right=right)
 
 
+Shot = tuple[AnyArray, ...]
+"""What a head recorded at one moment: an image; or a left and a right one; or an image and its depth. Images as
+recorded, lens distortion included, are (H, W) or (H, W, 3) uint8, BGR; depth is (H, W) float32 [m] along the optical
+axis of the image's pixels, NaN where unknown."""
+
+
 @dataclass(frozen=True, eq=False)
-class StereoFrame:
-    """One unrectified pair as recorded.
+class Frame(Generic[S]):
+    """What the heads of a recording recorded at one moment.
 
     Attributes:
         index: position in the recording, from 0; skipped frames leave gaps.
         timestamp_s: seconds since the recording's first frame.
-        left, right: (H, W) or (H, W, 3) uint8, BGR.
+        shots: of each head, None where it has none.
     """
 
     index: int
     timestamp_s: float
-    left: U8
-    right: U8
+    shots: tuple[S | None, ...]
 
     @property
-    def image(self) -> U8:
-        """The left image, which stands for the frame."""
-        return self.left
+    def images(self: Frame[Shot]) -> Shot:
+        """Of the first head, which stands for the others; empty where it has none."""
+        return self.shots[0] or ()
 
-
-@dataclass(frozen=True, eq=False)
-class RgbdFrame:
-    """One image as recorded, (H, W) or (H, W, 3) uint8 BGR, lens distortion included, and the (H, W) float32 depth [m]
-    along the optical axis of its own pixels, NaN where unknown; index and time as of ``StereoFrame``."""
-
-    index: int
-    timestamp_s: float
-    image: U8
-    depth_m: F32
-
-
-@dataclass(frozen=True, eq=False)
-class VideoFrame:
-    """One frame of a single camera: index from 0, seconds since the first, (H, W) or (H, W, 3) uint8 BGR."""
-
-    index: int
-    timestamp_s: float
-    image: U8
+    @property
+    def image(self: Frame[Shot]) -> U8:
+        """The first image, which stands for the frame."""
+        return self.images[0]
 
 
 @dataclass(frozen=True)
@@ -176,18 +166,83 @@ def prefetch(items: Iterable[T], depth: int = 8) -> Generator[T, None, None]:
 DecodedPair = tuple[Decoded, Decoded]
 
 
-@dataclass(eq=False, repr=False)
-class Recorded(ABC, Generic[Frame]):
-    """Frames made of the images of one or two cameras; each iteration starts at the first frame.
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two cameras with their calibration at the images' size; ``world_SE3_left`` is that of ``world.toml``, else None
+    (the floor is then found)."""
 
-    A frame that a camera lacks is passed over and noted in ``skipped``; indices and times keep the gap.
+    rig: StereoRig
+    world_SE3_left: SE3 | None = None
+    sides: ClassVar = ("left: ", "right: ")
+
+    @property
+    def camera(self) -> Camera:
+        """The left camera, whose images stand for the frames."""
+        return self.rig.left
+
+    @property
+    def source(self) -> str:
+        """Where the calibration came from, for messages and run.json."""
+        return self.rig.source
+
+    def shot(self, left: AnyArray, right: AnyArray) -> Shot:
+        """Of the images as decoded: both in colour, where one is."""
+        return (left, right) if left.ndim == right.ndim else (as_colour(left), as_colour(right))
+
+
+@dataclass(frozen=True, eq=False)
+class DepthCamera:
+    """A camera with registered depth, which a sensor measured.
+
+    Attributes:
+        camera, source: calibration of the images at their size, and where it came from, for messages and run.json.
+        sensor: how depth is measured.
+        registration: moves depth into the pixels of the image.
+        world_SE3_left: of the image's camera, from ``world.toml``, else None (the floor is then found).
+        depth_units: of depth as it is stored, also of frames read later; None where its metres are known.
+    """
+
+    camera: Camera
+    source: str
+    sensor: DepthSensor
+    registration: Callable[[F32], F32]
+    world_SE3_left: SE3 | None = None
+    depth_units: Depths | None = None
+    sides: ClassVar = ("image: ", "depth: ")
+
+    def shot(self, image: AnyArray, depth_m: AnyArray) -> Shot:
+        """Of an image and depth as decoded."""
+        return image, self.registration(depth_m)
+
+
+@dataclass(frozen=True, eq=False)
+class OneCamera:
+    """A camera without depth, whose images are (width, height) [px] large."""
+
+    size: tuple[int, int]
+    sides: ClassVar = ("",)
+
+    def shot(self, image: AnyArray) -> Shot:
+        """Of an image as decoded."""
+        return (image,)
+
+
+RecordedBy = Pair | DepthCamera | OneCamera
+
+
+@dataclass(eq=False, repr=False)
+class Recording(Generic[H]):
+    """Frames that one head recorded; each iteration starts at the first frame.
+
+    A frame of which an image is missing is passed over and noted in ``skipped``; indices and times keep the gap.
 
     Attributes:
         path: the folder or file it came from.
         decode: gives the images of ascending indices, or of all.
         n_frames: frames announced by the files (an upper bound).
-        fps, times_s: see ``FrameClock``.
+        clock: when the frames were taken; ``fps`` and ``times_s`` are its.
         notes: what the reader assumed, repaired or missed, a sentence each.
+        head: what recorded it, with its calibration.
         skipped: frames passed over so far while iterating.
         options: what it was opened with.
     """
@@ -197,13 +252,21 @@ class Recorded(ABC, Generic[Frame]):
     n_frames: int
     clock: FrameClock
     notes: list[str]
+    head: H
     skipped: list[Skipped] = field(default_factory=list, init=False)
     options: OpenOptions = field(default_factory=OpenOptions, kw_only=True)
-    sides: ClassVar[tuple[str, ...]]
-    """Before the reasons why a camera has no image."""
+    name: str = field(default="", init=False)
+    """Among several heads."""
+    is_live: ClassVar = False
+    """Whether frames come from cameras as they run."""
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({str(self.path)!r}, {self.n_frames} frames, {self.fps:.4g} per second)"
+
+    @property
+    def parts(self) -> tuple[Recording[H], ...]:
+        """A recording of each head: itself."""
+        return (self,)
 
     @property
     def fps(self) -> float:
@@ -218,11 +281,7 @@ class Recorded(ABC, Generic[Frame]):
         self.notes = [note for note in self.notes if note not in self.clock.notes] + list(clock.notes)
         self.clock = clock
 
-    @abstractmethod
-    def _joined(self, index: int, timestamp_s: float, *images: Any) -> Frame:
-        """The frame of its images."""
-
-    def __iter__(self) -> Iterator[Frame]:
+    def __iter__(self) -> Iterator[Frame[Shot]]:
         self.skipped = skipped = []
         last = -1
         with closing(self.decode(None)) as decoded:
@@ -235,101 +294,40 @@ class Recorded(ABC, Generic[Frame]):
                     yield frame
         skipped += [Skipped(i, "recording ends before this frame") for i in range(last + 1, self.n_frames)]
 
-    def sample(self, count: int, among: int | None = None) -> list[Frame]:
+    def sample(self, count: int, among: int | None = None) -> list[Frame[Shot]]:
         """Up to ``count`` usable frames spread evenly over the recording, or ``among`` its first ones; ``skipped`` is
         not touched."""
         among = min(among or self.n_frames, self.n_frames)
         spread = np.unique(np.linspace(0, among - 1, max(1, min(count, among))).round().astype(int))
         return self.at([int(i) for i in spread])
 
-    def at(self, indices: Sequence[int]) -> list[Frame]:
+    def at(self, indices: Sequence[int]) -> list[Frame[Shot]]:
         """The usable ones of these frames, whose indices ascend; ``skipped`` is not touched."""
         with closing(self.decode(indices)) as decoded:
             frames = [self._frame(parts) for parts in decoded]
         return [frame for frame in frames if not isinstance(frame, Skipped)]
 
-    def _frame(self, parts: tuple[Decoded, ...]) -> Frame | Skipped:
-        first = parts[0]
-        if all(part.image is not None for part in parts):
-            return self._joined(first.index, self.clock.time(first), *(part.image for part in parts))
-        reasons = zip(self.sides, parts, strict=True)
+    def _frame(self, parts: tuple[Decoded, ...]) -> Frame[Shot] | Skipped:
+        first, head = parts[0], cast(RecordedBy, self.head)
+        images = [part.image for part in parts if part.image is not None]
+        if len(images) == len(parts):
+            return Frame(first.index, self.clock.time(first), (head.shot(*images),))
+        reasons = zip(head.sides, parts, strict=True)
         return Skipped(first.index, "; ".join(side + part.why for side, part in reasons if part.why))
 
 
-@dataclass(eq=False, repr=False)
-class StereoRecording(Recorded[StereoFrame]):
-    """Frames of two cameras with their calibration at the images' size; ``world_SE3_left`` is that of ``world.toml``,
-    else None (the floor is then found); ``is_live``: frames come from cameras as they run."""
-
-    rig: StereoRig
-    world_SE3_left: SE3 | None = None
-    sides = ("left: ", "right: ")
-    is_live: ClassVar = False
-
-    @property
-    def camera(self) -> Camera:
-        """The left camera, whose images stand for the frames."""
-        return self.rig.left
-
-    @property
-    def source(self) -> str:
-        """Where the calibration came from, for messages and run.json."""
-        return self.rig.source
-
-    def _joined(self, index: int, timestamp_s: float, *images: Any) -> StereoFrame:
-        a, b = images
-        if a.ndim != b.ndim:
-            a, b = as_colour(a), as_colour(b)
-        return StereoFrame(index, timestamp_s, a, b)
-
-
-class LiveRecording(StereoRecording):
+class LiveRecording(Recording[Pair]):
     """Frames of two cameras as they run; every iteration begins with the next frame that comes."""
 
     is_live = True
 
-    def sample(self, count: int, among: int | None = None) -> list[StereoFrame]:
+    def sample(self, count: int, among: int | None = None) -> list[Frame[Shot]]:
         """Up to ``count`` usable frames from now on, 0.25 s apart (12 for the floor take 3 s)."""
-        frames: list[StereoFrame] = []
+        frames: list[Frame[Shot]] = []
         with closing(self.decode(None)) as pairs:
             for frame in map(self._frame, pairs):
-                due = not frames or isinstance(frame, Skipped) or frame.timestamp_s - frames[-1].timestamp_s >= 0.25
-                frames += [frame] if due and isinstance(frame, StereoFrame) else []
+                if isinstance(frame, Frame) and (not frames or frame.timestamp_s - frames[-1].timestamp_s >= 0.25):
+                    frames.append(frame)
                 if len(frames) >= count:
                     break
         return frames
-
-
-@dataclass(eq=False, repr=False)
-class RgbdRecording(Recorded[RgbdFrame]):
-    """Images with registered depth, which a sensor measured.
-
-    Attributes:
-        camera, source: calibration of the images at their size, and where it came from, for messages and run.json.
-        registration: moves depth into the pixels of the image.
-        depth_units: of depth as it is stored, also of frames read later; None where its metres are known.
-        world_SE3_left: of the image's camera, from ``world.toml``, else None (the floor is then found).
-    """
-
-    camera: Camera
-    source: str
-    sensor: DepthSensor
-    registration: Callable[[F32], F32]
-    world_SE3_left: SE3 | None
-    depth_units: Depths | None = None
-    sides = ("image: ", "depth: ")
-
-    def _joined(self, index: int, timestamp_s: float, *images: Any) -> RgbdFrame:
-        image, depth_m = images
-        return RgbdFrame(index, timestamp_s, image, self.registration(depth_m))
-
-
-@dataclass(eq=False, repr=False)
-class Video(Recorded[VideoFrame]):
-    """Frames of one camera, (width, height) [px] large: a video file or a folder of images."""
-
-    size: tuple[int, int]
-    sides = ("",)
-
-    def _joined(self, index: int, timestamp_s: float, *images: Any) -> VideoFrame:
-        return VideoFrame(index, timestamp_s, images[0])

@@ -20,7 +20,7 @@ from calib.rig import StereoRig
 from calib.types import F32, F64, U8, AnyArray, Bool
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import disparity_range
-from stereo.recording import StereoFrame
+from stereo.recording import Frame, Shot
 from stereo.rig_correction import RigCorrection, measure_correction
 
 MAX_RAY_TAN = math.tan(math.radians(60.0))
@@ -168,22 +168,14 @@ class RectifyParams(Params):
     them; between, that share of each border."""
 
 
-class RectifiedPair(NamedTuple):
-    """One rectified pair: the left image (H, W) or (H, W, 3) uint8, as recorded, and both in grey for matching."""
-
-    left: U8
-    left_grey: U8
-    right_grey: U8
-
-
-class ReducedPair(NamedTuple):
-    """One rectified pair, whose left image as recorded, (h, w[, 3]) uint8, is that of means between its pixels; both in
-    (H, W) grey for matching, and what makes the (H, W[, 3]) left image."""
+class Rectified(NamedTuple):
+    """One rectified pair: the left image, (H, W) or (H, W, 3) uint8 as recorded, or that of means between its pixels,
+    (h, w[, 3]); both in (H, W) grey for matching; and what makes the (H, W[, 3]) left image."""
 
     image: U8
     left_grey: U8
     right_grey: U8
-    left: Callable[[], U8]
+    picture: Callable[[], U8]
 
 
 class Rectifier:
@@ -209,18 +201,18 @@ class Rectifier:
         self._smaller = {1: self._left}
         self.mask, self.right_mask = self._left.mask, self._right.mask
 
-    def __call__(self, left: U8, right: U8) -> RectifiedPair:
+    def __call__(self, left: U8, right: U8) -> Rectified:
         """Rectify (h, w) or (h, w, 3) uint8 images at the rig's size, BGR. Raises ValueError: another size."""
         self._check(left, right)
         rectified = self._left(left)
-        return RectifiedPair(rectified, as_grey(rectified), self._right.grey(right))
+        return Rectified(rectified, as_grey(rectified), self._right.grey(right), lambda: rectified)
 
-    def reduced(self, left: U8, right: U8, step: int) -> ReducedPair:
+    def reduced(self, left: U8, right: U8, step: int) -> Rectified:
         """Rectify a pair, its left image as recorded at an n-th of the size (arguments and errors as of a call)."""
         self._check(left, right)
         ours = self._left.source(left)
         greys = self._left.grey(ours), self._right.grey(right)
-        return ReducedPair(self._reduced(step)(ours), *greys, partial(self._left, left))
+        return Rectified(self._reduced(step)(ours), *greys, partial(self._left, left))
 
     def _reduced(self, step: int) -> Warp:
         """Of the left image at an n-th of its size."""
@@ -239,7 +231,7 @@ class Rectifier:
 
 
 def aligned_rectifier(
-    rig: StereoRig, frames: Iterable[StereoFrame], params: RectifyParams | None = None
+    rig: StereoRig, frames: Iterable[Frame[Shot]], params: RectifyParams | None = None
 ) -> tuple[Rectifier, RigCorrection]:
     """A rectifier of the calibration as some frames correct it, a dozen spread over the recording, so that light and
     movement differ; and what was measured, in pixels of its images."""
@@ -247,7 +239,7 @@ def aligned_rectifier(
     # Longest side of the images in which the calibration is corrected [px]: more cost time.
     plain = Rectifier(rig, params.model_copy(update={"working_px": 1280}))
     searched = disparity_range(plain.geometry)
-    pairs = ((pair.left_grey, pair.right_grey) for pair in (plain(frame.left, frame.right) for frame in frames))
+    pairs = ((pair.left_grey, pair.right_grey) for pair in (plain(*frame.images) for frame in frames))
     correction = measure_correction(pairs, plain.geometry, searched.first_px + searched.count)
     rectifier = Rectifier(correction(rig), params)
     scale = rectifier.geometry.width / plain.geometry.width

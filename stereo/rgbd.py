@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -19,7 +18,6 @@ from calib.rig import DepthSensor, RgbdRig
 from calib.types import F32, F64, U8
 from stereo.depth import DISPARITY_STD_PX, RectifiedGeometry
 from stereo.matcher import STEP, DisparityRange
-from stereo.recording import RgbdFrame
 from stereo.rectify import RectifyParams, Warp, ideal_pinhole, source_pixels
 
 
@@ -110,14 +108,6 @@ measured 1.3 mm at 1 m and 4.3 mm at 4 m on flat targets; that growth, with 5 mm
 Stereo: sigma_d / (f b) of an active stereo camera, 0.1 px of 848 over 5 cm (after RealSense D435)."""
 
 
-class RectifiedRgbd(NamedTuple):
-    """One image without distortion, (H, W) or (H, W, 3) uint8 in the place of a pair's left one, and its (H, W) float32
-    depth [m], NaN where unknown."""
-
-    left: U8
-    depth_m: F32
-
-
 class RgbdRectifier:
     """Takes the lens distortion out of images of a camera with depth; their orientation stays.
 
@@ -136,16 +126,17 @@ class RgbdRectifier:
         self._warp = Warp(camera, np.eye(3), to_ray, self.geometry.size, p.working_px)
         self.mask = self._warp.mask
 
-    def __call__(self, frame: RgbdFrame) -> RectifiedRgbd:
-        """Rectify one frame. Raises ValueError: an image or a depth of another size than the camera's."""
+    def __call__(self, image: U8, depth_m: F32) -> tuple[U8, F32]:
+        """An image, (H, W) or (H, W, 3) uint8, and its (H, W) float32 depth [m] without distortion; NaN where unknown.
+        Raises ValueError: an image or a depth of another size than the camera's."""
         size = self.camera.size[::-1]
-        if frame.image.shape[:2] != size or frame.depth_m.shape != size:
-            raise ValueError(f"expected image and depth of {size}, got {frame.image.shape} and {frame.depth_m.shape}")
-        return RectifiedRgbd(self._warp(frame.image), self._warp.nearest(frame.depth_m))
+        if image.shape[:2] != size or depth_m.shape != size:
+            raise ValueError(f"expected image and depth of {size}, got {image.shape} and {depth_m.shape}")
+        return self._warp(image), self._warp.nearest(depth_m)
 
-    def disparity(self, rectified: RectifiedRgbd) -> F32:
-        """(H, W) float32 equivalent disparity [px] of the depth, NaN where it is unknown."""
-        return np.asarray(np.float32(self.geometry.disparity_metre) / rectified.depth_m, dtype=np.float32)
+    def disparity(self, depth_m: F32) -> F32:
+        """(H, W) float32 equivalent disparity [px] of depth [m], NaN where it is unknown."""
+        return np.asarray(np.float32(self.geometry.disparity_metre) / depth_m, dtype=np.float32)
 
     def disparities(self) -> DisparityRange:
         """Equivalent disparities from infinity to 0.4 m: no depth sensor for rooms measures nearer."""

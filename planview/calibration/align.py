@@ -22,7 +22,7 @@ from calib.pose import SE3
 from calib.types import F32, F64
 from calib.world import RigEntry
 from planview.engine.config import Config
-from planview.engine.stereo import stereo_engine
+from planview.engine.open import engine_of
 from planview.evaluation.align import floor_rotation
 from planview.maps.grid import FloorRig
 from planview.trajectories.table import Trajectories, TrajectoryCollector
@@ -119,7 +119,7 @@ class RigRecord:
 
 def record_rig(path: Path, config: Config | None = None) -> RigRecord:
     """Track a rig's recording and gather the scene behind the people."""
-    engine = stereo_engine(open_any(path), config or Config())
+    engine = engine_of(open_any(path), config=config or Config())
     (view,) = engine.rigs.values()
     collector, disparities = TrajectoryCollector(), []
     # Frames, spread over the recording, whose median is the scene without people.

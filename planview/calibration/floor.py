@@ -21,7 +21,7 @@ from planview.drawing.people import Project, grid_lines
 from planview.trajectories.table import Trajectories
 from stereo.depth import RectifiedGeometry, median_image
 from stereo.floor import FloorSearch, spread_frames
-from stereo.recording import RgbdRecording, StereoRecording
+from stereo.recording import DepthCamera, Pair, Recording
 
 GRID = (90, 220, 90)
 AXIS = (60, 200, 255)
@@ -37,9 +37,9 @@ class FloorDepths:
         depth_of: the (H, W) float32 depth of a frame of the recording [m], NaN where unknown.
     """
 
-    def __init__(self, recording: StereoRecording | RgbdRecording, search: FloorSearch) -> None:
+    def __init__(self, recording: Recording[Pair | DepthCamera], search: FloorSearch) -> None:
         seen = spread_frames(recording, search)
-        self.geometry, self.image = seen.rectifier.geometry, seen.rectified[len(seen.rectified) // 2].left
+        self.geometry, self.image = seen.rectifier.geometry, seen.images[len(seen.frames) // 2]
         self.find, self._depths = seen.floor, seen.depths
         self.depth_of: Callable[[Any], F32] = seen.depth_of
 
@@ -76,7 +76,7 @@ class FloorDepths:
 
 
 def floor_from_tracks(
-    recording: StereoRecording | RgbdRecording, view: FloorDepths, tracks: Trajectories, used: Floor, path: Path
+    recording: Recording[Pair | DepthCamera], view: FloorDepths, tracks: Trajectories, used: Floor, path: Path
 ) -> Floor:
     """Refine the floor ``used`` in a run on a recording by where its tracks' heads and feet are (see
     ``calib.floor.find.floor_from_people``); ``path`` is that of the tracks, for messages."""

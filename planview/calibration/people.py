@@ -18,9 +18,9 @@ from calib.people.model import HumanModel
 from calib.people.samples import MIN_SAMPLES, HumanSample, choose_spread
 from calib.types import F64, U8, Bool
 from planview.engine.config import SingleCameraParams
-from planview.engine.one_camera import ImageForeground
+from planview.engine.head import CameraHead, StageClock
 from planview.foreground.ghosts import Blobs, find_blobs
-from stereo.recording import Video
+from stereo.recording import OneCamera, Recording
 
 GIVEN = (255, 140, 0)
 COMPUTED = (200, 60, 255)
@@ -103,7 +103,9 @@ class CollectedSamples(NamedTuple):
     independent: int
 
 
-def collect_samples(video: Video, count: int = 50, done: Callable[[], None] = lambda: None) -> CollectedSamples:
+def collect_samples(
+    video: Recording[OneCamera], count: int = 50, done: Callable[[], None] = lambda: None
+) -> CollectedSamples:
     """Take samples of people who walk by, where each is whole and apart from the others.
 
     Every frame gives a sample per blob that touches neither the image's edge nor another blob. Blobs that walk are
@@ -111,10 +113,10 @@ def collect_samples(video: Video, count: int = 50, done: Callable[[], None] = la
     out. Head and foot are the ends of the blob's longest axis, the head the upper one; where most blobs have no longest
     axis (from straight above) both are its middle. Raises WorkError: too few samples, or none of a usual size.
     """
-    camera = ImageForeground(SingleCameraParams(), video.size)
+    camera, clock = CameraHead(SingleCameraParams(), video.head.size), StageClock()
     paths: list[_Path] = []
     for frame in video:
-        mask = camera.view(frame).foreground
+        mask = camera.look(camera.measure(frame.images, clock), frame, clock).foreground
         # The background is learned for so long before samples are taken [s].
         if frame.timestamp_s >= 1.0 and mask is not None:
             _continue(paths, bodies_of(mask, frame.index), frame.index)

@@ -21,7 +21,6 @@ from calib.images import as_colour, as_grey, write_image
 from calib.io import missing
 from calib.rig import Floor
 from calib.types import F64, U8
-from planview.checks.camera import Steadiness
 from planview.checks.check import Check, limited
 from planview.checks.registration import registration_checks
 from planview.checks.scene import (
@@ -38,6 +37,7 @@ from planview.checks.scene import (
     person_heights,
     scene_checks,
     standing_things,
+    steadiness_checks,
 )
 from planview.checks.timing import (
     MotionWatch,
@@ -47,12 +47,13 @@ from planview.checks.timing import (
     thumbnails,
 )
 from planview.drawing.style import Entry, Rgb, as_bgr, disparity_colours, with_colour_bar, with_legend
+from planview.foreground.steadiness import Steadiness
 from planview.maps.grid import FloorRig
 from stereo.depth import Depth, back_project, median_image
 from stereo.floor import DepthFrames, FloorSearch, PairFrames, setup_frames, spread_frames
 from stereo.matcher import SATURATED_LEVEL
 from stereo.readers import OpenOptions, find_layout, holds_pair, open_any, open_video
-from stereo.recording import Recorded, StereoFrame, Video
+from stereo.recording import OneCamera, Recording
 
 LINE_STEP_PX = 25
 FLOOR_BAND_M = 0.10
@@ -74,8 +75,7 @@ def write_pictures(seen: PairFrames | DepthFrames, floor: Floor | None, folder: 
     first_px, last_px = seen.searched.first_px, seen.searched.first_px + seen.searched.count
     turbo = disparity_colours(seen.disparities[middle], first_px, last_px)
     ends = f"far: {first_px} px", f"near: {last_px} px"
-    frame = seen.frames[middle]
-    recorded = [frame.image] + ([frame.right] if isinstance(frame, StereoFrame) else [])
+    recorded = [image for image in seen.frames[middle].images if image.dtype == np.uint8]
     pictures = {
         "disparity.png": with_colour_bar(turbo, cv2.COLORMAP_TURBO, *ends, [Entry((0, 0, 0), "unknown")]),
         "floor.png": floor_picture(seen, floor),
@@ -178,13 +178,13 @@ def examine(
     run, times = _run_of(recording, seen.frames, frames, search)
     if isinstance(seen, PairFrames):
         watch = MotionWatch()
-        for pair in (seen.rectifier(frame.left, frame.right) for frame in run):
+        for pair in (seen.rectifier(*frame.images) for frame in run):
             watch.update(thumbnails(pair.left_grey, pair.right_grey))
         seen_in_images, geometry = [*watch.checks(), *image_checks(seen.frames)], alignment_checks(seen)
     else:
         seen_in_images, geometry = _image_checks(seen.frames, run), registration_checks(seen.frames, run)
     checks = [
-        Check("calibration and layout", True, 1.0, note=recording.source),
+        Check("calibration and layout", True, 1.0, note=recording.head.source),
         *times,
         *seen_in_images,
         flicker_check([grey_level(frame.image) for frame in run]),
@@ -196,7 +196,7 @@ def examine(
 
 
 def _run_of(
-    recording: Recorded[Any], spread: Sequence[Any], count: int, search: FloorSearch
+    recording: Recording[Any], spread: Sequence[Any], count: int, search: FloorSearch
 ) -> tuple[list[Any], list[Check]]:
     """Consecutive frames around the one of some spread over the recording that differs most from the usual picture,
     and the checks of times."""
@@ -215,7 +215,7 @@ def _image_checks(spread: Sequence[Any], run: Sequence[Any]) -> list[Check]:
     return [repeated_check([frame.image for frame in run]), *light_checks([frame.image for frame in spread])]
 
 
-def _video_of_one(path: Path, options: OpenOptions) -> tuple[Video, GroundCamera | None] | None:
+def _video_of_one(path: Path, options: OpenOptions) -> tuple[Recording[OneCamera], GroundCamera | None] | None:
     """The video of one camera and its camera.toml where one is given; None of everything else. Raises InputError: a
     camera.toml that is not of this video."""
     if options.calibration is not None:
@@ -234,10 +234,12 @@ def _video_of_one(path: Path, options: OpenOptions) -> tuple[Video, GroundCamera
         video = open_video(path, replace(options, calibration=None))
     except InputError:
         return None
-    return video, load_one_camera(options.calibration, video.size) if options.calibration else None
+    return video, load_one_camera(options.calibration, video.head.size) if options.calibration else None
 
 
-def _checks_of_one(video: Video, camera: GroundCamera | None, frames: int, search: FloorSearch) -> list[Check]:
+def _checks_of_one(
+    video: Recording[OneCamera], camera: GroundCamera | None, frames: int, search: FloorSearch
+) -> list[Check]:
     """Checks of one camera: times, light, whether it stands still, and its calibration."""
     spread = setup_frames(video, search.frames)
     run, times = _run_of(video, spread, frames, search)
@@ -251,7 +253,7 @@ def _checks_of_one(video: Video, camera: GroundCamera | None, frames: int, searc
         *times,
         *_image_checks(spread, run),
         flicker_check([grey_level(frame.image) for frame in run]),
-        *steadiness.checks(),
+        *steadiness_checks(steadiness),
         camera_height(height, "of the camera above the floor, by its calibration"),
     ]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,7 +15,7 @@ from calib.types import F32, F64, I64, U8, AnyArray
 from planview.checks.check import Check
 from planview.checks.timing import SURELY, Lag, jackknife, lag_of, repeated_check
 from stereo.depth import median_image
-from stereo.recording import RgbdFrame, RgbdRecording
+from stereo.recording import Frame, Recording, Shot
 
 WIDTH = 320
 """Images are compared at this width [px]."""
@@ -40,21 +41,21 @@ CONSECUTIVE = 48
 """Frames in a row in which a delay is searched (our choice)."""
 
 
-def registration_checks(spread: Sequence[RgbdFrame], run: Sequence[RgbdFrame]) -> list[Check]:
+def registration_checks(spread: Sequence[Frame[Shot]], run: Sequence[Frame[Shot]]) -> list[Check]:
     """Of frames spread over a recording, and of consecutive ones."""
     place, is_flipped = place_check(spread)
     lag = Lag() if is_flipped else delay_of(run)
     return [place, lag.check("depth delay", "depth", " of its image", apart=lag.apart)]
 
 
-def run_checks(recording: RgbdRecording) -> list[Check]:
+def run_checks(recording: Recording[Any]) -> list[Check]:
     """The checks on frames of a recording that is about to be tracked."""
     first = max(0, recording.n_frames // 2 - CONSECUTIVE // 2)
     run = recording.at(list(range(first, min(recording.n_frames, first + CONSECUTIVE))))
     return [*registration_checks(recording.sample(16), run), repeated_check([frame.image for frame in run])]
 
 
-def place_check(frames: Sequence[RgbdFrame]) -> tuple[Check, bool]:
+def place_check(frames: Sequence[Frame[Shot]]) -> tuple[Check, bool]:
     """Where depth lies best on its image, and whether it does flipped: of the ways to lay it there, that which fits
     better than it does as it is by ``SURELY`` deviations (jackknife over frames)."""
     name, scores = "depth on its image", _scores(frames) if len(frames) >= 4 else np.zeros((1, 1, 1, 1))
@@ -81,10 +82,10 @@ def place_check(frames: Sequence[RgbdFrame]) -> tuple[Check, bool]:
     return Check(name, ok, float(np.abs(shift).max()), "px", MAX_SHIFT_PX, "at most", note, warns=True), False
 
 
-def _scores(frames: Sequence[RgbdFrame]) -> F64:
+def _scores(frames: Sequence[Frame[Shot]]) -> F64:
     """Of each frame and of depth as it is, flipped and in other sizes: correlation with the image at every shift."""
     images = [small_image(frame.image) for frame in frames]
-    depths = [small_depth(frame.depth_m) for frame in frames]
+    depths = [small_depth(frame.images[1]) for frame in frames]
     usual, usual_depth = median_image(images), median_image(depths)
     scores = np.zeros((len(frames), 1 + len(FLIPS) + len(SCALES), 2 * REACH_PX[0] + 1, 2 * REACH_PX[1] + 1))
     for k, (image, depth) in enumerate(zip(images, depths, strict=True)):
@@ -114,12 +115,12 @@ def _places(scores: F64) -> I64:
     return np.array([np.unravel_index(int(np.argmax(one)), one.shape) for one in scores])
 
 
-def delay_of(frames: Sequence[RgbdFrame]) -> Lag:
+def delay_of(frames: Sequence[Frame[Shot]]) -> Lag:
     """Frames by which depth moves after its image (see ``lag_of``)."""
     if len(frames) < 2:
         return Lag()
     images = [small_image(frame.image) for frame in frames]
-    depths = [small_depth(frame.depth_m) for frame in frames]
+    depths = [small_depth(frame.images[1]) for frame in frames]
     moved = [_cells(np.abs(b - a) > CHANGE_LEVEL) for a, b in pairwise(images)]
     with np.errstate(invalid="ignore"):
         stepped = [_cells(np.abs(b - a) > 0.1 + 0.02 * a**2) for a, b in pairwise(depths)]

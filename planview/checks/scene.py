@@ -14,11 +14,12 @@ from calib.rig import Floor
 from calib.types import F32, F64, U8, Bool
 from planview.checks.check import Check, limited
 from planview.foreground.ghosts import find_blobs
+from planview.foreground.steadiness import Steadiness
 from planview.maps.grid import MapParams
 from stereo.depth import RectifiedGeometry, back_project, median_image
 from stereo.floor import DepthFrames, PairFrames
 from stereo.matcher import SATURATED_LEVEL
-from stereo.recording import StereoFrame
+from stereo.recording import Frame, Shot
 from stereo.rectify import Rectifier
 from stereo.rig_correction import fit_correction
 
@@ -86,9 +87,9 @@ BLOCK_PX = 8
 """Side of the blocks that JPEG, MPEG and H.264 transform."""
 
 
-def image_checks(frames: Sequence[StereoFrame]) -> list[Check]:
+def image_checks(frames: Sequence[Frame[Shot]]) -> list[Check]:
     """Over-exposure, under-exposure, brightness of left against right, and compression, of frames as recorded."""
-    sides = [as_grey(f.left) for f in frames], [as_grey(f.right) for f in frames]
+    sides = [[as_grey(image) for image in images] for images in zip(*(f.images for f in frames), strict=True)]
     levels = [float(np.median([np.mean(i[::4, ::4]) for i in side])) + 1.0 for side in sides]
     ratio = max(levels) / min(levels)
     blocks = max(float(np.median([blocking(i) for i in side])) for side in sides)
@@ -114,6 +115,19 @@ def light_checks(*cameras: Sequence[U8]) -> list[Check]:
         # The brightest tenth of a picture must reach this grey level: below, sensor noise is a good part of any
         # texture.
         limited("under-exposure", bright, "grey", "brightest tenth of the picture, darker camera", least=40.0),
+    ]
+
+
+def steadiness_checks(steadiness: Steadiness) -> list[Check]:
+    """Whether one camera stood still and showed one scene, from the frames so far."""
+    at = f", first at {steadiness.first_moving_s:.1f} s" if steadiness.moving_s else ""
+    where = f", first at frame {steadiness.cuts[0]}" if steadiness.cuts else ""
+    moves = f"the whole image moves{at}: the camera must stand still, and tracking pauses while it moves"
+    cuts = f"the view changes at once{where}: the background is learned again, and people begin new tracks"
+    return [
+        # Longest motion of the camera that a run does not report [s]: a knock at the mast.
+        limited("moving camera", round(steadiness.moving_s, 2), "s", moves, most=0.5),
+        limited("scene cuts", float(len(steadiness.cuts)), "", cuts, most=0.0),
     ]
 
 

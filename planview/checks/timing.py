@@ -13,7 +13,7 @@ import numpy as np
 from calib.images import as_grey
 from calib.types import F64, U8
 from planview.checks.check import Check, limited
-from stereo.recording import Recorded
+from stereo.recording import Recording
 
 STEP_PX = 2
 """Every n-th row and column is compared: a person at 8 m still has 100 pixels."""
@@ -211,7 +211,7 @@ def _between(likeness: F64, best: int) -> float:
     return float(best - LONGEST_LAG + shift)
 
 
-def frame_checks(recording: Recorded[Any], spread: Sequence[Any], run: Sequence[Any], asked: int) -> list[Check]:
+def frame_checks(recording: Recording[Any], spread: Sequence[Any], run: Sequence[Any], asked: int) -> list[Check]:
     """Usable frames and gaps in the timestamps of any recording, from frames spread over it and consecutive ones."""
     usable = (len(spread) + len(run)) / max(1, asked)
     times = recording.times_s
@@ -225,7 +225,7 @@ def frame_checks(recording: Recorded[Any], spread: Sequence[Any], run: Sequence[
     ]
 
 
-def rate_checks(recording: Recorded[Any]) -> list[Check]:
+def rate_checks(recording: Recording[Any]) -> list[Check]:
     """A warning where nothing gives the frame rate."""
     note = f"{recording.fps:g} per second are assumed, and all speeds and identities depend on it: give the rate (fps)"
     return [Check("frame rate", False, recording.fps, note=note, warns=True)] * recording.clock.assumed

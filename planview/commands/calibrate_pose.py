@@ -38,7 +38,7 @@ from planview.output.run_folder import RunFolder
 from planview.trajectories.table import read_tracks
 from stereo.readers import OpenOptions, open_any
 from stereo.readers.open import open_video
-from stereo.recording import RgbdRecording, StereoRecording, Video
+from stereo.recording import DepthCamera, OneCamera, Pair, Recording
 
 
 @Parameter(name="*")
@@ -151,10 +151,10 @@ _LEGEND = [
 ]
 
 
-def _floor_of_run(recording: StereoRecording | RgbdRecording, tracks: Path) -> Floor:
+def _floor_of_run(recording: Recording[Pair | DepthCamera], tracks: Path) -> Floor:
     """The floor those tracks were made with: the recording's world.toml, else the one in run.json."""
-    if recording.world_SE3_left is not None:
-        return Floor(recording.world_SE3_left)
+    if recording.head.world_SE3_left is not None:
+        return Floor(recording.head.world_SE3_left)
     world = tracks.with_name("world.toml")
     if world.is_file():
         return load_world(world)
@@ -299,10 +299,12 @@ def _summarise(found: HumanCalibration, n_samples: int) -> None:
     say(found.assessment.sentence)
 
 
-def _size(text: str | None, video: Video | None, recorded: tuple[int, int] | None, samples: Path) -> tuple[int, int]:
+def _size(
+    text: str | None, video: Recording[OneCamera] | None, recorded: tuple[int, int] | None, samples: Path
+) -> tuple[int, int]:
     """(width, height) of the samples' image; what is known of it from several places must agree."""
     given = None if text is None else parse_size(text, "--image-size")
-    sources = {"--image-size": given, "the video": None if video is None else video.size, str(samples): recorded}
+    sources = {"--image-size": given, "the video": None if video is None else video.head.size, str(samples): recorded}
     known = [(source, size) for source, size in sources.items() if size is not None]
     if not known:
         raise InputError("human needs --image-size WxH, the size of the image in which the samples were marked")
@@ -313,7 +315,7 @@ def _size(text: str | None, video: Video | None, recorded: tuple[int, int] | Non
     return width, height
 
 
-def _picture(found: HumanCalibration, samples: Sequence[HumanSample], video: Video | None) -> U8:
+def _picture(found: HumanCalibration, samples: Sequence[HumanSample], video: Recording[OneCamera] | None) -> U8:
     """Given and computed features next to people all over the floor (figure 6)."""
     camera = found.camera
     image = _background(camera.size, samples, video)
@@ -324,7 +326,7 @@ def _picture(found: HumanCalibration, samples: Sequence[HumanSample], video: Vid
     return np.hstack([given, crowded])
 
 
-def _background(size: tuple[int, int], samples: Sequence[HumanSample], video: Video | None) -> U8:
+def _background(size: tuple[int, int], samples: Sequence[HumanSample], video: Recording[OneCamera] | None) -> U8:
     """The frame of the first sample with the other samples' people pasted in, or plain grey without a video."""
     canvas: U8 = np.full((size[1], size[0], 3), 60, dtype=np.uint8)
     if video is None:

@@ -27,7 +27,7 @@ from stereo.readers import find_layout
 from stereo.readers.base import Layout, Reader
 from stereo.readers.images import Stream
 from stereo.readers.times import Rate, rate_of_times
-from stereo.recording import StereoRecording
+from stereo.recording import Pair
 
 
 @Parameter(name="*")
@@ -162,17 +162,17 @@ def _found(path: Path, reader: Reader, layout: Layout) -> dict[str, Any]:
     durations = [camera["duration_s"] for camera in cameras if camera["duration_s"] is not None]
     size, calibration, has_world = layout.streams[0].size, None, False
     if opened is not None:
-        camera = opened.camera
-        size, has_world = camera.size, opened.world_SE3_left is not None  # squeezed halves are stretched
+        camera, head = opened.head.camera, opened.head
+        size, has_world = camera.size, head.world_SE3_left is not None  # squeezed halves are stretched
         calibration = {
-            "source": opened.source,
+            "source": head.source,
             "focal_px": camera.fx,
             "fov_deg": [
                 math.degrees(2.0 * math.atan(pixels / (2.0 * focal)))  # of the pinhole without its distortion
                 for pixels, focal in ((camera.width, camera.fx), (camera.height, camera.fy))
             ],
             "lens": camera.model if camera.distortion and any(camera.distortion) else "none",
-        } | ({"baseline_m": opened.rig.baseline_m} if isinstance(opened, StereoRecording) else {})
+        } | ({"baseline_m": head.rig.baseline_m} if isinstance(head, Pair) else {})
     return {
         "path": str(path),
         "reader": reader.key,

@@ -2,39 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from time import perf_counter
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from calib.carried import Carried
 from calib.errors import InputError
-from calib.floor_camera import FloorCamera
 from calib.types import F32
 from planview.checks.check import Check
 from planview.engine.config import Config
+from planview.engine.head import Head, StageClock
 from planview.engine.info import CameraInfo, FloorInfo, camera_info, floor_info
 from planview.maps.grid import FloorRig
-from planview.maps.recording import MapsFrame
+from planview.maps.plan_view import joint_grid, plan_view
 from planview.maps.view import View
-from planview.tracking.base import Decision, Observation, Tracker
+from planview.tracking.base import Decision, ImageTracker, Observation, Tracker, followed
 from planview.trajectories.state import TrackState
 from stereo.depth import Depth, point_cloud
-from stereo.readers.open import MultiRigFrame
-from stereo.recording import RgbdFrame, Skipped, StereoFrame, VideoFrame, prefetch
+from stereo.recording import Frame, OpenOptions, Skipped, prefetch
 
 if TYPE_CHECKING:
     from open3d.geometry import PointCloud
 
-Frame = StereoFrame | RgbdFrame | MultiRigFrame | VideoFrame | MapsFrame
-
 STAGES = ("read", "rectify", "match", "foreground", "maps", "track")
 """Stages timed, in order."""
-RigDepths = tuple[Depth | None, ...]
-"""Of every rig, None for one without a frame at that time; empty for one camera and recorded maps."""
+Measured = tuple[Any, ...]
+"""What each head measured in a frame; None where it has no shot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +40,11 @@ class FrameResult:
     Attributes:
         frame: index in the recording, from 0.
         timestamp_s: seconds since the first frame.
-        tracks: people, tentative and lost ones included, with their boxes in the image of the first rig.
+        tracks: people, tentative and lost ones included, with their boxes in the image of the first head.
         decisions: why the tracker did what it did.
         observation: the tracker's input: the views and their maps.
         stages_ms: time of every stage; reading and matching run ahead in another thread.
-        depths: the rectified frames behind the views.
-        stereo: the first rig above the floor; None for one camera.
+        stereo: the first head above the floor; None for one camera.
     """
 
     frame: int
@@ -58,7 +53,6 @@ class FrameResult:
     decisions: tuple[Decision, ...]
     observation: Observation
     stages_ms: dict[str, float]
-    depths: RigDepths = ()
     stereo: FloorRig | None = None
 
     def __repr__(self) -> str:
@@ -66,13 +60,13 @@ class FrameResult:
 
     @property
     def views(self) -> tuple[View, ...]:
-        """What each camera shows."""
+        """What each head shows."""
         return self.observation.views
 
     @property
     def depth(self) -> Depth | None:
-        """Of the first rig; None for one camera, for recorded maps, and where it has no frame."""
-        return self.depths[0] if self.depths else None
+        """What the first head measured; None for one camera, for recorded maps, and where it has no frame."""
+        return self.views[0].depth
 
     def template(self, track: TrackState) -> tuple[F32, F32] | None:
         """T_H [m] and T_O [m^2] of a person, as ``PlanViewMaps.around`` gives them; None for one camera."""
@@ -80,7 +74,7 @@ class FrameResult:
         return None if maps is None else maps.around(track.x_m, track.y_m)
 
     def point_cloud(self) -> PointCloud:
-        """What the first rig measured, as an ``open3d.geometry.PointCloud``: metres on the axes of the tracks, colours
+        """What the first head measured, as an ``open3d.geometry.PointCloud``: metres on the axes of the tracks, colours
         of the image. Raises InputError: one camera without depth, or recorded maps."""
         if self.stereo is None or self.depth is None:
             raise InputError("expected a stereo pair or images with depth for a point cloud, found no disparity")
@@ -88,25 +82,8 @@ class FrameResult:
         return point_cloud(self.depth.disparity, self.depth.image, geometry, pose, self.depth.step)
 
 
-class StageClock(dict[str, float]):
-    """Adds up a frame's stage times [ms]."""
-
-    def __init__(self) -> None:
-        self.start()
-
-    def start(self) -> None:
-        """A stage begins now."""
-        self._since = perf_counter()
-
-    def record(self, stage: str) -> None:
-        """The stage ends now, and the next one begins."""
-        since = self._since
-        self.start()
-        self[stage] = self.get(stage, 0.0) + 1e3 * (self._since - since)
-
-
 class Recording(Protocol):
-    """What stereo recordings, videos and recorded maps have in common (see ``stereo.recording.Recorded``)."""
+    """What the engine needs of a recording (see ``stereo.recording.Recording``)."""
 
     @property
     def path(self) -> Path: ...
@@ -120,44 +97,16 @@ class Recording(Protocol):
     @property
     def skipped(self) -> Sequence[Skipped]: ...
 
-    def __iter__(self) -> Iterator[Frame]: ...
-
-
-class Stages(Protocol):
-    """How frames of one kind of recording become people. Errors are those of ``Engine.step``.
-
-    Attributes:
-        tracker: follows people.
-        ahead: frames that iteration matches ahead in a thread of their own; 0 for one thread.
-        camera: the (rectified left) camera above the floor; None for one camera that is not calibrated.
-        size: (width, height) of its images [px].
-        rigs: by name, the rigs above the floor, the first over the grid of the maps; empty for one camera.
-        checks: of the recording so far: before its first frame, and from the frames seen.
-    """
-
-    ahead: int
-    size: tuple[int, int]
+    @property
+    def notes(self) -> Sequence[str]: ...
 
     @property
-    def tracker(self) -> Tracker: ...
+    def options(self) -> OpenOptions: ...
 
     @property
-    def camera(self) -> FloorCamera | None: ...
+    def is_live(self) -> bool: ...
 
-    @property
-    def rigs(self) -> Mapping[str, FloorRig]: ...
-
-    @property
-    def checks(self) -> Sequence[Check]: ...
-
-    def match(self, frame: Any, clock: StageClock) -> RigDepths:
-        """The part of the work that depends on no other frame."""
-
-    def track(self, frame: Any, depths: RigDepths, clock: StageClock) -> tuple[Observation, tuple[TrackState, ...]]:
-        """What the cameras show, by what was learned of the frames before, and the people in it."""
-
-    def memory(self) -> dict[str, Carried]:
-        """By name, the objects but the tracker that hold what is carried from frame to frame."""
+    def __iter__(self) -> Iterator[Frame[Any]]: ...
 
 
 class Engine:
@@ -166,22 +115,107 @@ class Engine:
     Attributes:
         recording: what is read.
         config: the full effective configuration.
-        stages: of a frame; ``tracker``, ``ahead``, ``camera``, ``size`` and ``rigs`` are theirs.
-        stereo: the first rig, over the grid of the maps; None for one camera.
+        heads: what recorded it, made ready; ``camera`` and ``size`` are those of the first, in whose image boxes are.
+        tracker: follows people.
+        rigs: by name, the heads that measure depth, the first over the grid of the maps; empty for one camera.
+        stereo: the first of these; None for one camera.
+        ahead: frames that iteration measures ahead in a thread of their own; 0 for one thread.
     """
 
-    def __init__(self, recording: Recording, config: Config, stages: Stages) -> None:
-        self.recording, self.config, self.stages, self.tracker = recording, config, stages, stages.tracker
-        self.camera, self.size, self.rigs, self.ahead = stages.camera, stages.size, stages.rigs, stages.ahead
-        self.stereo: FloorRig | None = next(iter(self.rigs.values()), None)
+    def __init__(self, recording: Recording, config: Config, heads: Sequence[Head], tracker: Tracker) -> None:
+        """Join the maps of the heads. Raises InputError: the floor that they cover together is larger than a grid may
+        be."""
+        self.recording, self.config, self.heads, self.tracker = recording, config, tuple(heads), tracker
+        self.camera, self.size = heads[0].camera, heads[0].size
+        self.ahead = min(head.ahead for head in heads)
+        self.rigs = {head.name: head.rig for head in heads if head.rig is not None}
+        self.stereo: FloorRig | None = None
+        if heads[0].rig is not None:
+            try:
+                grid = joint_grid([rig.grid for rig in self.rigs.values()])
+            except ValueError as error:
+                raise InputError(
+                    f"{recording.path}: expected heads of one place, found them far apart: {error}"
+                ) from error
+            self.stereo = self.rigs[heads[0].name] = replace(heads[0].rig, grid=grid)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.recording!r}, {type(self.tracker).__name__})"
 
+    def __iter__(self) -> Iterator[FrameResult]:
+        """Track the recording from its first frame; each iteration starts with ``reset``."""
+        self.reset()
+        yield from self.after(-1)
+
+    def after(self, frame: int) -> Iterator[FrameResult]:
+        """Go on tracking after a frame, with the memory of the frames up to it."""
+        measured = self._measured(frame)
+        with closing(prefetch(measured, self.ahead) if self.ahead else measured) as frames:
+            for each in frames:
+                yield self._track(*each)
+
+    def step(self, frame: Frame[Any]) -> FrameResult:
+        """Track the next frame, of the kind that ``recording`` gives; frames come in order.
+
+        Raises:
+            InputError, ValueError: a frame of another kind of recording, images of another size than the
+                calibration's, or damaged maps.
+        """
+        clock = StageClock()
+        return self._track(frame, self._measure(frame, clock), clock)
+
+    def _measured(self, last: int) -> Generator[tuple[Frame[Any], Measured, StageClock], None, None]:
+        """The frames after one. Those before are read and passed over: what could not be read is noted again."""
+        clock = StageClock()
+        for frame in self.recording:
+            if frame.index > last:
+                clock.record("read")
+                yield frame, self._measure(frame, clock), clock
+            clock = StageClock()
+
+    def _measure(self, frame: Frame[Any], clock: StageClock) -> Measured:
+        """What depends on no other frame; it may run ahead in a thread of its own."""
+        if len(frame.shots) != len(self.heads):
+            raise InputError(f"frame: expected shots of {len(self.heads)} heads, found {len(frame.shots)}")
+        pairs = zip(self.heads, frame.shots, strict=True)
+        return tuple(None if shot is None else head.measure(shot, clock) for head, shot in pairs)
+
+    def _track(self, frame: Frame[Any], measured: Measured, clock: StageClock) -> FrameResult:
+        clock.start()
+        views = tuple(head.look(each, frame, clock) for head, each in zip(self.heads, measured, strict=True))
+        observation = self._observation(frame, views)
+        people = followed(self.tracker, observation)
+        for head, view in zip(self.heads, views, strict=True):
+            head.protect(people, view, self.tracker.decisions)
+        clock.record("track")
+        at = frame.index, frame.timestamp_s
+        return FrameResult(*at, people, self.tracker.decisions, observation, clock, self.stereo)
+
+    def _observation(self, frame: Frame[Any], views: tuple[View, ...]) -> Observation:
+        maps = self.heads[0].maps
+        if self.stereo is None or maps is None:
+            return Observation(frame.index, frame.timestamp_s, views)
+        build = partial(plan_view, [view.points for view in views], self.stereo.grid, maps.params)
+        return Observation(frame.index, frame.timestamp_s, views, self.camera, build)
+
+    def study(self, every: int) -> None:
+        """Let a tracker of one camera look at every n-th frame before the first is tracked, as far as it wants to; what
+        it learns survives ``reset``."""
+        cast(ImageTracker, self.tracker).study(self._looked_at(every))
+        self._reset_heads()
+
+    def _looked_at(self, every: int) -> Iterator[Observation]:
+        for frame in self.recording:
+            if frame.index % every == 0:
+                clock = StageClock()
+                measured = self._measure(frame, clock)
+                views = (head.look(each, frame, clock) for head, each in zip(self.heads, measured, strict=True))
+                yield self._observation(frame, tuple(views))
+
     @property
-    def checks(self) -> Sequence[Check]:
+    def checks(self) -> list[Check]:
         """Checks of the recording so far; empty where nothing is checked."""
-        return self.stages.checks
+        return [check for head in self.heads for check in head.checks]
 
     def camera_info(self) -> CameraInfo | None:
         """The camera as ``run.json`` has it; None for one that is not calibrated."""
@@ -194,8 +228,7 @@ class Engine:
     def reset(self) -> None:
         """Forget all frames: people, background and feedback."""
         self.tracker.reset()
-        for part in self.stages.memory().values():
-            part.reset()
+        self._reset_heads()
 
     def state(self) -> dict[str, dict[str, Any]]:
         """By name of the part and of the value, all that is carried from frame to frame. Raises TypeError: a tracker
@@ -211,46 +244,10 @@ class Engine:
         tracker: Any = self.tracker
         if not (hasattr(tracker, "state") and hasattr(tracker, "set_state")):
             raise TypeError(f"{type(tracker).__name__} has no state() and set_state()")
-        return {"tracker": tracker, **self.stages.memory()}
+        memory = {f"{name}{n}": part for n, head in enumerate(self.heads) for name, part in head.memory().items()}
+        return {"tracker": tracker, **memory}
 
-    def step(self, frame: Frame) -> FrameResult:
-        """Track the next frame, of the kind that ``recording`` gives; frames come in order.
-
-        Raises:
-            InputError, ValueError: a frame of another kind of recording, images of another size than the
-                calibration's, or damaged maps.
-        """
-        clock = StageClock()
-        return self._track(frame, self.stages.match(frame, clock), clock)
-
-    def _track(self, frame: Frame, depths: RigDepths, clock: StageClock) -> FrameResult:
-        clock.start()
-        observation, people = self.stages.track(frame, depths, clock)
-        clock.record("track")
-        at = frame.index, frame.timestamp_s
-        return FrameResult(*at, people, self.tracker.decisions, observation, clock, depths, self.stereo)
-
-    def __iter__(self) -> Iterator[FrameResult]:
-        """Track the recording from its first frame; each iteration starts with ``reset``."""
-        self.reset()
-        yield from self.after(-1)
-
-    def after(self, frame: int) -> Iterator[FrameResult]:
-        """Go on tracking after a frame, with the memory of the frames up to it."""
-        with closing(prefetch(self._matched(frame), self.ahead) if self.ahead else self._matched(frame)) as frames:
-            for track in frames:
-                yield track()
-
-    def _matched(self, last: int) -> Generator[Callable[[], FrameResult], None, None]:
-        """The frames after one. Those before are read and passed over: what could not be read is noted again."""
-        clock = StageClock()
-        for frame in self.recording:
-            if frame.index > last:
-                clock.record("read")
-                yield partial(self._track, frame, self.stages.match(frame, clock), clock)
-            clock = StageClock()
-
-
-def refuse_frame(expected: str, frame: Frame) -> NoReturn:
-    """Raises InputError: a frame of another kind of recording."""
-    raise InputError(f"frame: expected {expected}, found a {type(frame).__name__}")
+    def _reset_heads(self) -> None:
+        for head in self.heads:
+            for part in head.memory().values():
+                part.reset()

@@ -13,10 +13,10 @@ from calib.formats.one_camera import load_one_camera
 from calib.ground_camera import GroundCamera
 from planview.engine.config import Config, config_of
 from planview.engine.engine import Engine
-from planview.engine.one_camera import one_camera_engine
-from planview.engine.replay import recorded_config, replay_engine
-from planview.engine.stereo import stereo_engine
-from planview.maps.recording import MapsRecording, is_maps
+from planview.engine.head import CameraHead, Head, RecordedHead, RigHead
+from planview.engine.setup import Setup, set_up
+from planview.maps.grid import floor_in_view
+from planview.maps.recording import MapsRecording, RecordedViews, is_maps
 from planview.tracking.base import ImageTracker, Tracker, refuse_tracker
 from planview.tracking.detections import BoxTracker, DetectionTracker
 from planview.tracking.joint import JointTracker
@@ -24,12 +24,21 @@ from planview.tracking.template import TemplateTracker
 from planview.trajectories.boxes import Detections, load_detections
 from stereo.matcher import Matcher
 from stereo.readers import OpenOptions, holds_pair, open_any, open_video
-from stereo.readers.open import is_multi_rig, open_rigs
-from stereo.recording import Video
+from stereo.readers.open import SeveralHeads, is_multi_rig, open_rigs
+from stereo.recording import OneCamera, Pair, Recording
 
 TrackerName = Literal["joint", "template", "human-model", "ellipse-particle"]
 ImageTrackerName = Literal["human-model", "ellipse-particle"]
 AnyTracker = TrackerName | Tracker
+AnySource = Recording[Any] | SeveralHeads | MapsRecording
+"""Recordings of all kinds."""
+OVERVIEW_HZ = 10.0
+"""Frames per second of a video that its tracker may look at before the first is tracked: walkers then overlap
+themselves from frame to frame, and a minute of video takes two or three seconds, a third to two thirds of tracking it.
+Our choice."""
+FIXED_TABLES = ("analysis", "rectify", "range", "sgbm", "floor", "foreground", "feedback")
+FIXED_MAP_PARAMETERS = ("height_max_m", "depth_std_max_m")
+"""Parameters that decided which points of plan-view maps were recorded."""
 
 
 def open_engine(
@@ -63,63 +72,151 @@ def open_engine(
     if not isinstance(options, OpenOptions | None):
         raise InputError(f"expected OpenOptions, found {type(options).__name__}", argument="options")
     options = options or OpenOptions()
-    stereo = bool(options.calibration or options.right) or holds_pair(path)
-    if matcher is not None and (is_maps(path) or is_multi_rig(path) or not stereo):
-        raise InputError(f"{path}: expected a recording of one stereo pair for a matcher of your own")
-    foreign = camera or options.calibration
-    if is_maps(path):
-        if foreign is not None:
-            raise InputError(f"{foreign}: expected no calibration for plan-view maps, which hold their own")
-        recording = MapsRecording(path)
-        config = config or recorded_config(recording)
-        return replay_engine(recording, _map_tracker(tracker, config, path), config)
-    config = config or Config()
-    if detections is not None and holds_pair(path, options):
-        raise InputError(f"{path} is a stereo recording, and boxes are tracked in one image", argument="detections")
-    if is_multi_rig(path):
-        if foreign is not None:
-            raise InputError(f"{foreign}: expected the calibration of every head in its own folder")
-        return stereo_engine(open_rigs(path), config, _map_tracker(tracker, config, path))
-    of_images = tracker in get_args(ImageTrackerName) or hasattr(tracker, "foreground_columns")
-    if stereo or not (of_images or detections is not None):
-        return stereo_engine(open_any(path, options), config, _map_tracker(tracker, config, path), matcher)
-    video = open_video(path, options)
-    ground_camera = load_one_camera(camera, video.size) if isinstance(camera, Path) else camera
+    of_images = tracker in get_args(ImageTrackerName) or getattr(tracker, "needs", "") == "image"
+    recording = open_source(path, options, of_images or detections is not None)
+    first, foreign = recording.parts[0].head, camera or options.calibration
+    if foreign is not None and (len(recording.parts) > 1 or isinstance(first, RecordedViews)):
+        raise InputError(f"{foreign}: expected no calibration for {path}, whose heads have their own")
     if detections is not None:
-        tracker = _box_tracker(video, detections, config, ground_camera)
-    elif isinstance(tracker, str):
-        tracker = image_tracker(cast(ImageTrackerName, tracker), config, ground_camera)
-    return one_camera_engine(video, cast(ImageTracker, tracker), config, ground_camera, overview=True)
+        if not isinstance(first, OneCamera):
+            raise InputError(
+                f"{path} is no video of one camera, and boxes are tracked in one image", argument="detections"
+            )
+        boxes = load_detections(Path(detections)) if isinstance(detections, str | Path) else Detections.of(detections)
+        tracker = _box_tracker(boxes, recording.n_frames, first, config or Config(), camera)
+    engine = engine_of(recording, tracker, config, camera=camera, matcher=matcher)
+    if isinstance(first, OneCamera):
+        engine.study(max(1, round(recording.fps / OVERVIEW_HZ)))
+    return engine
 
 
-def _box_tracker(
-    video: Video, detections: Path | str | Sequence[ArrayLike], config: Config, camera: GroundCamera | None
-) -> ImageTracker:
-    """A tracker of another program's boxes: on the floor with a camera, in the image without one."""
-    boxes = load_detections(Path(detections)) if isinstance(detections, str | Path) else Detections.of(detections)
-    boxes = boxes.within(video.size)
-    boxes = boxes.of_frames(video.n_frames) if video.n_frames > 0 else boxes
-    if camera is None:
-        return BoxTracker(boxes, config.detections.edge)
-    return DetectionTracker(boxes, config.detections, camera)
+def open_source(path: Path, options: OpenOptions, of_images: bool = False) -> AnySource:
+    """A recording of any kind: plan-view maps, several heads, a pair, images with depth or, where ``of_images`` says
+    that no depth is needed, one camera. Raises InputError: nothing there that can be read."""
+    if is_maps(path):
+        return MapsRecording(path)
+    if is_multi_rig(path):
+        return open_rigs(path)
+    if of_images and not (options.calibration or options.right or holds_pair(path)):
+        return open_video(path, options)
+    return open_any(path, options)
 
 
-def _map_tracker(tracker: AnyTracker, config: Config, path: Path) -> Tracker:
-    """A tracker of plan-view maps by its name, or one's own."""
-    if tracker in get_args(ImageTrackerName):
+def engine_of(
+    recording: AnySource,
+    tracker: AnyTracker = "joint",
+    config: Config | None = None,
+    *,
+    camera: Path | GroundCamera | None = None,
+    matcher: Matcher | None = None,
+    setup: Setup | None = None,
+) -> Engine:
+    """An engine for an open recording; arguments and errors are those of ``open_engine``.
+
+    Args:
+        setup: of the recording of one head; ``set_up`` finds it when None.
+    """
+    config = config or _config_of_source(recording)
+    first = recording.parts[0].head
+    ground_camera = _ground_camera(camera, first) if isinstance(first, OneCamera) else None
+    tracker = _tracker_of(tracker, config, ground_camera, recording)
+    if matcher is not None and not (len(recording.parts) == 1 and isinstance(first, Pair)):
+        raise InputError(f"{recording.path}: expected a recording of one stereo pair for a matcher of your own")
+    heads = [_head_of(part, tracker, config, ground_camera, matcher, setup) for part in recording.parts]
+    return Engine(recording, config, heads, tracker)
+
+
+def _head_of(
+    part: Any,
+    tracker: Tracker,
+    config: Config,
+    camera: GroundCamera | None,
+    matcher: Matcher | None,
+    setup: Setup | None,
+) -> Head:
+    """What recorded a part of a recording, made ready."""
+    head = part.head
+    if isinstance(head, RecordedViews):
+        return _recorded_head(part.path, head, config)
+    if isinstance(head, OneCamera):
+        return CameraHead(config.single_camera, head.size, cast(ImageTracker, tracker), camera)
+    return RigHead(setup or set_up(part, config, matcher), config, part.name)
+
+
+def _recorded_head(path: Path, head: RecordedViews, config: Config) -> RecordedHead:
+    """Raises InputError: a parameter that decided which points were recorded differs, or maps of another rig."""
+    recorded = recorded_config(path, head)
+    fixed = [(name, getattr(recorded, name), getattr(config, name)) for name in FIXED_TABLES]
+    fixed += [(f"maps.{n}", getattr(recorded.maps, n), getattr(config.maps, n)) for n in FIXED_MAP_PARAMETERS]
+    for name, before, now in fixed:
+        if before != now:
+            raise InputError(f"{path}: expected {name} as recorded, found it changed: the points depend on it")
+    rig = head.rig
+    try:
+        if floor_in_view(rig.geometry, rig.floor.world_SE3_left, recorded.maps) != rig.grid:
+            raise ValueError("expected the grid of the rig and floor in the file, found one of another rig")
+        return RecordedHead(rig, config, str(path))
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def recorded_config(path: Path, head: RecordedViews) -> Config:
+    """The configuration that made a plan-view recording. Raises InputError: it has parameters that this version does
+    not know."""
+    try:
+        return Config.model_validate_json(head.config)
+    except ValueError as error:
         raise InputError(
-            f"{path}: expected a tracker of stereo recordings and plan-view maps (joint, template), found "
-            f"{tracker}, which tracks one camera without depth"
-        )
-    if tracker == "template":
-        return TemplateTracker(config.template, config.maps.height_max_m)
-    return JointTracker(config.joint) if tracker == "joint" else cast(Tracker, tracker)
+            f"{path}: expected the parameters of this version, found others: another version wrote the maps"
+        ) from error
+
+
+def _config_of_source(recording: AnySource) -> Config:
+    """What parameters are changed from: those that made the plan-view maps, else the defaults."""
+    head = recording.parts[0].head
+    return recorded_config(recording.path, head) if isinstance(head, RecordedViews) else Config()
 
 
 def base_config(path: Path) -> Config:
-    """What parameters are changed from: those that made the plan-view maps, else the defaults. Raises InputError: maps
-    that cannot be read."""
-    return recorded_config(MapsRecording(path)) if is_maps(path) else Config()
+    """What parameters are changed from, of a recording that is not open yet. Raises InputError: maps that cannot be
+    read."""
+    return _config_of_source(MapsRecording(path)) if is_maps(path) else Config()
+
+
+def _ground_camera(camera: Path | GroundCamera | None, head: OneCamera) -> GroundCamera | None:
+    return load_one_camera(camera, head.size) if isinstance(camera, Path) else camera
+
+
+def _box_tracker(
+    boxes: Detections, n_frames: int, head: OneCamera, config: Config, camera: Path | GroundCamera | None
+) -> ImageTracker:
+    """A tracker of another program's boxes: on the floor with a camera, in the image without one."""
+    boxes, ground_camera = boxes.within(head.size), _ground_camera(camera, head)
+    boxes = boxes.of_frames(n_frames) if n_frames > 0 else boxes
+    if ground_camera is None:
+        return BoxTracker(boxes, config.detections.edge)
+    return DetectionTracker(boxes, config.detections, ground_camera)
+
+
+def _tracker_of(tracker: AnyTracker, config: Config, camera: GroundCamera | None, recording: AnySource) -> Tracker:
+    """A tracker by its name, or one's own. Raises InputError: the recording does not give what it needs."""
+    is_image = isinstance(recording.parts[0].head, OneCamera)
+    by_name = "image" if tracker in get_args(ImageTrackerName) else "maps"
+    needs = by_name if isinstance(tracker, str) else tracker.needs
+    if (needs == "image") != is_image:
+        found = "one camera without depth" if is_image else "depth or plan-view maps"
+        wanted = (
+            "one camera without depth" if needs == "image" else "a stereo pair, images with depth or plan-view maps"
+        )
+        name = tracker if isinstance(tracker, str) else type(tracker).__name__
+        raise InputError(f"{recording.path}: the tracker {name} needs {wanted}, found {found}")
+    if not isinstance(tracker, str):
+        return tracker
+    if tracker == "joint":
+        return JointTracker(config.joint)
+    if tracker == "template":
+        return TemplateTracker(config.template, config.maps.height_max_m)
+    return image_tracker(tracker, config, camera)
 
 
 def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamera | None) -> ImageTracker:

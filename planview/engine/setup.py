@@ -6,23 +6,25 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from calib.errors import InputError, WorkError
 from calib.rig import Floor
-from calib.types import F32, F64
+from calib.types import F64
+from calib.world import RIGS_FILE
 from planview.checks.check import Check
 from planview.checks.registration import run_checks
 from planview.checks.scene import alignment_checks, floor_checks, image_checks
 from planview.engine.config import Config
 from planview.maps.grid import FloorRig, Grid, floor_in_view
 from stereo.depth import RectifiedGeometry
-from stereo.floor import DepthFrames, FloorSearch, PairFrames, setup_frames
-from stereo.matcher import DisparityRange, disparity_range
-from stereo.recording import RgbdRecording, StereoRecording
+from stereo.floor import DepthFrames, FloorSearch, spread_frames
+from stereo.matcher import Matcher, disparity_range
+from stereo.measure import Measure, PairMeasure, SensorMeasure
+from stereo.recording import DepthCamera, Pair, Recording
 from stereo.rectify import Rectifier
-from stereo.rgbd import RgbdRectifier
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -30,56 +32,38 @@ class Setup(FloorRig):
     """A recording of a pair, or of images with depth, made ready.
 
     Attributes:
-        rectifier: of a pair, of the calibration as the recording corrects it; of images with depth without distortion.
+        measure: gives the depth of a shot, by the calibration as the recording corrects it.
         checks: what these frames show of the calibration.
     """
 
-    rectifier: Rectifier | RgbdRectifier
+    measure: Measure
     checks: tuple[Check, ...]
 
 
-def refuse_foreign_disparity(disparity: F32, shape: tuple[int, int], searched: DisparityRange) -> None:
-    """Refuse what is no (H, W) float32 disparity in pixels, as a matcher of the user's may give; ``searched`` are those
-    that people on the floor can have. Raises InputError: another shape or kind of number, sixteenths of a pixel, depth,
-    or a number for "none"."""
-    if disparity.shape != shape or disparity.dtype != np.float32:
-        raise InputError(
-            f"matcher: expected float32 disparities of {shape}, found {disparity.dtype} of {disparity.shape}"
-        )
-    few = disparity[::8, ::8]
-    valid = few[np.isfinite(few)]
-    if not len(valid):
-        return
-    largest, none = searched.first_px + searched.count, float(((valid == 0) | (valid <= -1)).mean())
-    # Share of disparities of exactly 0, or below -1, from which they stand for "none" (our choice): nothing lies
-    # beyond infinity, and what lies there has a disparity of about 0.
-    if none > 0.2:
-        raise InputError(f"matcher: expected NaN where there is no disparity, found {none:.0%} of 0 or below -1")
-    if (middle := float(np.median(valid))) > largest:
-        raise InputError(
-            f"matcher: expected disparities in pixels, up to {largest} on this floor, found {middle:.0f} in "
-            "the middle of the range: sixteenths of a pixel (divide OpenCV's by 16), or depth?"
-        )
-
-
-def set_up(recording: StereoRecording | RgbdRecording, config: Config, pose_file: str = "world.toml") -> Setup:
+def set_up(
+    recording: Recording[Pair | DepthCamera],
+    config: Config,
+    matcher: Matcher | None = None,
+) -> Setup:
     """Find the floor in frames spread over a recording; of a pair correct the calibration first.
 
     Args:
-        pose_file: name of the file that gave the recording its pose, where it has one.
+        matcher: of whole pairs; SGBM when None.
     Raises:
-        InputError: a floor of which the camera sees nothing or too much.
+        InputError: a floor of which the camera sees nothing or too much, or a matcher for images with depth.
         WorkError: no usable frame, left and right swapped, hardly any disparity or depth, or no floor visible.
     """
-    search = floor_search(config)
-    if isinstance(recording, RgbdRecording):
-        return _set_up_rgbd(recording, config, search, pose_file)
-    seen = PairFrames(recording.rig, setup_frames(recording, search.frames), search)
+    pose_file = RIGS_FILE if recording.name else "world.toml"
+    head, seen = recording.head, spread_frames(recording, floor_search(config))
+    if isinstance(seen, DepthFrames):
+        if matcher is not None:
+            raise InputError(f"{recording.path}: expected a stereo pair for a matcher of your own, found depth")
+        return _set_up_depth(recording, seen, config, pose_file)
     refuse_foreign(recording.path, seen.plain, seen.matches)
     light = image_checks(seen.frames)
     try:
-        if recording.world_SE3_left is not None:
-            floor, source = Floor(recording.world_SE3_left), pose_file
+        if head.world_SE3_left is not None:
+            floor, source = Floor(head.world_SE3_left), pose_file
         else:
             floor, source = seen.floor(), "found"
             if floor.doubt and any(check.name == "compression" and check.failed for check in light):
@@ -88,10 +72,12 @@ def set_up(recording: StereoRecording | RgbdRecording, config: Config, pose_file
         raise _explained(error, light) from error
     checks = *light, *alignment_checks(seen), *floor_checks(floor)
     geometry = seen.rectifier.geometry
+    grid, step = _analysed(recording.path, geometry, floor, source, config)
+    searched = disparity_range(geometry, config.range, floor)
     return Setup(
-        geometry, floor, source, seen.rectifier.rig.source, seen.correction.after_px,
-        disparity_range(geometry, config.range, floor), *_analysed(recording.path, geometry, floor, source, config),
-        correction=str(seen.correction), rectifier=seen.rectifier, checks=checks,
+        geometry, floor, source, seen.rectifier.rig.source, seen.correction.after_px, searched, grid, step,
+        correction=str(seen.correction), checks=checks,
+        measure=PairMeasure(seen.rectifier, config.sgbm, searched, step, matcher),
     )  # fmt: skip
 
 
@@ -100,20 +86,20 @@ def _explained(error: WorkError, checks: Sequence[Check]) -> WorkError:
     return WorkError("; ".join([*(check.sentence for check in checks if check.failed), str(error)]))
 
 
-def _set_up_rgbd(recording: RgbdRecording, config: Config, search: FloorSearch, pose_file: str) -> Setup:
-    seen = DepthFrames(recording, search)
-    if recording.world_SE3_left is not None:
-        floor, source = Floor(recording.world_SE3_left), pose_file
+def _set_up_depth(recording: Recording[Pair | DepthCamera], seen: DepthFrames, config: Config, pose_file: str) -> Setup:
+    head = cast(DepthCamera, recording.head)
+    if head.world_SE3_left is not None:
+        floor, source = Floor(head.world_SE3_left), pose_file
     else:
         try:
             floor, source = seen.floor(), "found"
         except WorkError as error:
             raise _explained(error, run_checks(recording)[:1]) from error  # a delay by depth in another unit is none
     geometry = seen.rectifier.geometry
+    grid, step = _analysed(recording.path, geometry, floor, source, config)
     return Setup(
-        geometry, floor, source, recording.source, math.nan, seen.searched,
-        *_analysed(recording.path, geometry, floor, source, config),
-        sensor=recording.sensor, rectifier=seen.rectifier, checks=tuple(floor_checks(floor)),
+        geometry, floor, source, head.source, math.nan, seen.searched, grid, step, sensor=head.sensor,
+        checks=tuple(floor_checks(floor)), measure=SensorMeasure(seen.rectifier, step),
     )  # fmt: skip
 
 

@@ -13,12 +13,13 @@ its points end) and ``frames/unmatched_end``; per point ``points/pixel``, ``poin
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
@@ -33,7 +34,7 @@ from planview.maps.view import CODES, NO_DEPTH, View
 from planview.trajectories.layouts import SIGNATURE, opened
 from stereo.depth import RectifiedGeometry
 from stereo.matcher import DisparityRange
-from stereo.recording import Skipped
+from stereo.recording import Frame, OpenOptions, Skipped
 
 FORMAT = "planview maps"
 VERSION = 2
@@ -59,11 +60,10 @@ COLUMNS: dict[str, type] = {
 
 
 @dataclass(frozen=True, eq=False)
-class MapsFrame:
-    """The foreground points of one frame.
+class RecordedPoints:
+    """The foreground points of one frame: the shot of a head whose views were recorded.
 
     Attributes:
-        index, timestamp_s: as in the recording.
         pixels: (N,) int32, row * width + column at the size of foreground and maps, ascending.
         disparities: (N,) float32 [px of the rectified image].
         colours: (N,) uint8 colour codes; None when not recorded.
@@ -71,8 +71,6 @@ class MapsFrame:
         background: (H, W) float32 [px], the background's disparity where it is another from this frame on; else None.
     """
 
-    index: int
-    timestamp_s: float
     pixels: I32
     disparities: F32
     colours: U8 | None
@@ -80,23 +78,34 @@ class MapsFrame:
     background: F32 | None = None
 
     @staticmethod
-    def of(index: int, timestamp_s: float, disparity: F32, view: View) -> MapsFrame:
-        """The points of a frame, with their values in its (H, W) disparity at the size of foreground and maps."""
+    def of(view: View) -> RecordedPoints:
+        """The points of a view. Raises InputError: it was recorded itself, or is of one camera without depth."""
+        if view.depth is None:
+            raise InputError("expected a stereo pair or images with depth to record the points of, found no disparity")
         unmatched = np.flatnonzero(view.kind.reshape(-1) >= NO_DEPTH).astype(np.int32)
         pixels = view.points.pixels
-        values = disparity.reshape(-1)[pixels]
-        return MapsFrame(index, timestamp_s, pixels, values, view.points.colours, unmatched, view.renewed)
+        values = view.depth.disparity.reshape(-1)[pixels]
+        return RecordedPoints(pixels, values, view.points.colours, unmatched, view.renewed)
+
+
+class RecordedViews(NamedTuple):
+    """What the points of a recording need to become views again: the rig above its floor, with the grid of the maps,
+    and JSON of the configuration that made them."""
+
+    rig: FloorRig
+    config: str
 
 
 class MapsRecording:
-    """A plan-view recording: iterate it for its ``MapsFrame``.
+    """A plan-view recording: iterate it for frames of ``RecordedPoints``.
 
     Attributes:
         path: the file.
-        view: the rig, its floor and the grid of the maps.
-        config: JSON of the configuration that made the points.
-        n_frames, fps, skipped: see ``stereo.recording.Recorded``.
+        head: the rig, its floor, the grid of the maps and the configuration.
+        n_frames, fps, skipped, notes, options: see ``stereo.recording.Recording``.
     """
+
+    name, is_live = "", False
 
     def __init__(self, path: Path) -> None:
         """Read all but the points. Raises InputError: no such file, not a plan-view recording, cut short, damaged, or
@@ -104,8 +113,7 @@ class MapsRecording:
         self.path = path
         with _reading(path), opened(path) as file:
             _check_version(path, file)
-            self.view = _read_view(file)
-            self.config = str(file.attrs["config"])
+            self.head = RecordedViews(_read_rig(file), str(file.attrs["config"]))
             self.fps = _number(file.attrs["fps"], "fps", 1e-3, 1e4)
             self._indices, self._times, self._ends, self._unmatched_ends, self._renewed = (
                 _column(file, name, kind) for name, kind in COLUMNS.items() if name.startswith(("frames", "background"))
@@ -114,11 +122,18 @@ class MapsRecording:
             self.skipped = [Skipped(int(i), str(w)) for i, w in zip(skipped, why, strict=True)]
             self._check_tables(file)
         self.n_frames = len(self._indices)
+        self.notes: list[str] = []
+        self.options = OpenOptions()
+
+    @property
+    def parts(self) -> tuple[MapsRecording, ...]:
+        """A recording of each head: itself."""
+        return (self,)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({str(self.path)!r}, {self.n_frames} frames, {self.fps:.4g} per second)"
 
-    def __iter__(self) -> Iterator[MapsFrame]:
+    def __iter__(self) -> Iterator[Frame[RecordedPoints]]:
         """Every frame in order. Raises InputError: points that are damaged or outside the image."""
         with _reading(self.path), opened(self.path) as file:
             for first in range(0, self.n_frames, BLOCK_FRAMES):
@@ -132,9 +147,9 @@ class MapsRecording:
         points = ["points/pixel", "points/disparity", *([APPEARANCE] if APPEARANCE in file else [])]
         return dict.fromkeys(points, self._ends) | {"unmatched/pixel": self._unmatched_ends}
 
-    def _frame(self, file: Any, n: int, own: dict[str, AnyArray]) -> MapsFrame:
+    def _frame(self, file: Any, n: int, own: dict[str, AnyArray]) -> Frame[RecordedPoints]:
         """The n-th frame with its points."""
-        index, (height, width), background = int(self._indices[n]), self.view.shape, None
+        index, (height, width), background = int(self._indices[n]), self.head.rig.shape, None
         pixels, disparities, unmatched = (own[name] for name in ("points/pixel", "points/disparity", "unmatched/pixel"))
         codes, wrong = own.get(APPEARANCE), ""
         if not all(_ascend(each, height * width) for each in (pixels, unmatched)):
@@ -146,12 +161,13 @@ class MapsRecording:
         if wrong:
             raise InputError(f"{self.path}: frame {index}: expected {wrong}, found others")
         for row in np.flatnonzero(self._renewed == index)[:1].tolist():
-            background = np.asarray(file["background/disparity"][row], np.float32).reshape(self.view.shape)
-        return MapsFrame(index, float(self._times[n]), pixels, disparities, codes, unmatched, background)
+            background = np.asarray(file["background/disparity"][row], np.float32).reshape(self.head.rig.shape)
+        points = RecordedPoints(pixels, disparities, codes, unmatched, background)
+        return Frame(index, float(self._times[n]), (points,))
 
     def _check_tables(self, file: Any) -> None:
         """Columns fit the frames, and hold what the kernels may be given."""
-        n, pixels = len(self._indices), self.view.shape[0] * self.view.shape[1]
+        n, pixels = len(self._indices), math.prod(self.head.rig.shape)
         if not n == len(self._times) == len(self._ends):
             raise ValueError("columns of frames that differ in length")
         if (np.diff(self._indices, prepend=-1) <= 0).any():
@@ -202,7 +218,7 @@ def _check_version(path: Path, file: Any) -> None:
         raise InputError(f"{path}: expected colours in {CODES} codes, found {found}: another version wrote them")
 
 
-def _read_view(file: Any) -> FloorRig:
+def _read_rig(file: Any) -> FloorRig:
     rig, floor = dict(file["rig"].attrs), dict(file["floor"].attrs)
     pose = SE3.from_matrix(floor["world_SE3_left"])
     refuse_strange_pose(pose)
@@ -272,28 +288,27 @@ class MapsWriter:
 
     Args:
         path: the file to make.
-        view: the rig, its floor and the grid of the maps.
-        config: JSON of the configuration that made the points.
+        head: the rig, its floor, the grid of the maps and the configuration.
         fps: nominal frames per second.
     """
 
-    def __init__(self, path: Path, view: FloorRig, config: str, fps: float) -> None:
+    def __init__(self, path: Path, head: RecordedViews, fps: float) -> None:
         from h5py import File  # a tenth of a second, and few runs write maps
 
         self._path = path
-        self._block: list[MapsFrame] = []
+        self._block: list[Frame[RecordedPoints]] = []
         with _writing(path):
             with path.open("wb") as file:
                 _reserve(file.fileno(), SPARE_BYTES)
             self._file = File(path, "w")
             _reserve(self._file.id.get_vfd_handle(), SPARE_BYTES)
-            self._file.attrs.update(format=FORMAT, version=VERSION, config=config, fps=fps)
-            _write_view(self._file, view)
+            self._file.attrs.update(format=FORMAT, version=VERSION, config=head.config, fps=fps)
+            _write_rig(self._file, head.rig)
             for name, kind in COLUMNS.items():
                 self._column(name, kind)
-            self._column("background/disparity", np.float32, view.shape[0] * view.shape[1])
+            self._column("background/disparity", np.float32, math.prod(head.rig.shape))
 
-    def add(self, frame: MapsFrame) -> None:
+    def add(self, frame: Frame[RecordedPoints]) -> None:
         """Append a frame."""
         self._block.append(frame)
         if len(self._block) == BLOCK_FRAMES:
@@ -320,12 +335,13 @@ class MapsWriter:
         block, self._block = self._block, []
         if not block:
             return
+        shots = [shot for frame in block for shot in frame.shots if shot is not None]
         columns: dict[str, Any] = {
-            "points/pixel": [frame.pixels for frame in block],
-            "points/disparity": [frame.disparities for frame in block],
-            "unmatched/pixel": [frame.unmatched for frame in block],
-            APPEARANCE: [frame.colours for frame in block if frame.colours is not None],
-            "background/disparity": [f.background.reshape(1, -1) for f in block if f.background is not None],
+            "points/pixel": [shot.pixels for shot in shots],
+            "points/disparity": [shot.disparities for shot in shots],
+            "unmatched/pixel": [shot.unmatched for shot in shots],
+            APPEARANCE: [shot.colours for shot in shots if shot.colours is not None],
+            "background/disparity": [s.background.reshape(1, -1) for s in shots if s.background is not None],
         }
         columns = {name: np.concatenate(parts) for name, parts in columns.items() if parts}
         if APPEARANCE in columns and len(columns[APPEARANCE]) != len(columns["points/pixel"]):
@@ -333,9 +349,9 @@ class MapsWriter:
         columns |= {
             "frames/index": [frame.index for frame in block],
             "frames/timestamp_s": [frame.timestamp_s for frame in block],
-            "frames/end": self._ends("points/pixel", [len(frame.pixels) for frame in block]),
-            "frames/unmatched_end": self._ends("unmatched/pixel", [len(frame.unmatched) for frame in block]),
-            "background/frame": [frame.index for frame in block if frame.background is not None],
+            "frames/end": self._ends("points/pixel", [len(shot.pixels) for shot in shots]),
+            "frames/unmatched_end": self._ends("unmatched/pixel", [len(shot.unmatched) for shot in shots]),
+            "background/frame": [f.index for f, s in zip(block, shots, strict=True) if s.background is not None],
         }
         with _writing(self._path):
             needed = sum(np.asarray(values).nbytes for values in columns.values())
@@ -361,7 +377,7 @@ class MapsWriter:
         )  # fmt: skip
 
 
-def _write_view(file: Any, view: FloorRig) -> None:
+def _write_rig(file: Any, view: FloorRig) -> None:
     floor, rig = view.floor, asdict(view.geometry) | asdict(view.disparities)
     rig |= {"reduction": view.reduction, "calibration": view.calibration}
     rig |= {"vertical_residual_px": view.vertical_residual_px, "correction": view.correction}

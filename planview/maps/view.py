@@ -23,7 +23,7 @@ from calib.types import F32, F64, I32, U8
 from planview.foreground.gain import Exposure
 from planview.maps.grid import MapParams, floor_in_view, reach_m
 from planview.maps.plan_view import FloorPoints, PlanViewMaps, plan_view
-from stereo.depth import RectifiedGeometry
+from stereo.depth import Depth, RectifiedGeometry
 
 BACKGROUND_SEEN, SURFACE, NO_DEPTH, UNKNOWN, SHADOW = range(5)
 """Kinds of pixels: the background is seen, foreground with depth, foreground without, pixels that show nothing (no
@@ -126,10 +126,9 @@ class View:
         colour: (H, W) uint8 colour codes; None where all is grey: light alone does not distinguish clothes.
         points: foreground points in the world; their pixels index the images above.
         image: (H, W[, 3]) uint8, at this size, of one camera as recorded; None where it was not recorded.
-        foreground: (H, W) uint8, 255 where not background; None where nothing shows.
         motion: (H, W) uint8, 255 where consecutive frames differ; None where that is not looked at.
         renewed: (H, W) float32 [px], the background's disparity where it is another from this frame on; else None.
-        shows: whether anything is known.
+        depth: what was measured; None of one camera, of recorded views, and where there is no frame.
     """
 
     rays: PixelRays
@@ -138,16 +137,31 @@ class View:
     colour: U8 | None
     points: FloorPoints = NO_POINTS
     image: U8 | None = None
-    foreground: U8 | None = None
     motion: U8 | None = None
     renewed: F32 | None = None
-    shows: bool = True
+    depth: Depth | None = None
+
+    @cached_property
+    def shows(self) -> bool:
+        """Whether anything is known."""
+        return bool((self.kind != UNKNOWN).any())
+
+    @cached_property
+    def foreground(self) -> U8 | None:
+        """(H, W) uint8, 255 where not background; None where nothing shows."""
+        if not self.shows:
+            return None
+        mask = np.where((self.kind == SURFACE) | (self.kind == NO_DEPTH), np.uint8(255), np.uint8(0))
+        mask.reshape(-1)[self.points.pixels] = 255  # also of what is as low as the floor
+        return mask
 
     @staticmethod
-    def unknown(shape: tuple[int, int], image: U8 | None = None, rays: PixelRays = NO_RAYS) -> View:
+    def unknown(
+        shape: tuple[int, int], image: U8 | None = None, rays: PixelRays = NO_RAYS, depth: Depth | None = None
+    ) -> View:
         """What a camera sees in a frame that shows nothing."""
         kind, ranges = np.full(shape, UNKNOWN, np.uint8), np.zeros(shape, np.float32)
-        return View(rays, kind, ranges, None, image=image, shows=False)
+        return View(rays, kind, ranges, None, image=image, depth=depth)
 
     @staticmethod
     def of_mask(foreground: U8, motion: U8 | None = None, image: U8 | None = None, shadow: U8 | None = None) -> View:
@@ -156,7 +170,7 @@ class View:
         if shadow is not None:
             kind[(shadow > 0) & (foreground == 0)] = SHADOW
         ranges = np.zeros(foreground.shape, np.float32)
-        return View(NO_RAYS, kind, ranges, None, image=image, foreground=foreground, motion=motion)
+        return View(NO_RAYS, kind, ranges, None, image=image, motion=motion)
 
 
 class MapBuilder(Carried):
@@ -229,7 +243,7 @@ class MapBuilder(Carried):
         return FloorPoints(xyz, area, pixels, None if image is None else colour_codes(image, pixels, exposure))
 
     def view(
-        self, points: FloorPoints, mask: U8, timestamp_s: float, renewed: F32 | None = None, image: U8 | None = None
+        self, points: FloorPoints, mask: U8, timestamp_s: float, renewed: F32 | None = None, depth: Depth | None = None
     ) -> View:
         """What every pixel of a frame shows.
 
@@ -238,7 +252,7 @@ class MapBuilder(Carried):
         Args:
             points: of the foreground.
             mask: (H, W) uint8, non-zero where foreground.
-            renewed, image: see ``View``.
+            renewed, depth: see ``View``.
         """
         if renewed is not None:
             self._looked_s, self._background_m = timestamp_s, np.zeros(self.shape, np.float32)
@@ -255,7 +269,8 @@ class MapBuilder(Carried):
             colour = np.zeros(self.shape, np.uint8)
             colour.reshape(-1)[points.pixels] = points.colours
         kind, range_m = kind.reshape(self.shape), range_m.reshape(self.shape)
-        return View(self.rays, kind, range_m, colour, points, image, mask, renewed=renewed)
+        image = None if depth is None else depth.image
+        return View(self.rays, kind, range_m, colour, points, image, renewed=renewed, depth=depth)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

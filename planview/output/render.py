@@ -6,8 +6,9 @@ import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -20,16 +21,16 @@ from calib.types import U8
 from planview.counting.events import Event, way_words
 from planview.drawing.people import ImagePainter, PlanBounds, PlanPainter, Snapshot, snapshot_at
 from planview.engine.config import Config
-from planview.engine.engine import StageClock
+from planview.engine.open import open_source
 from planview.engine.setup import set_up
-from planview.engine.stereo import RigStages
+from planview.maps.recording import MapsRecording
 from planview.output.folder import writing
 from planview.output.run_folder import RunFolder
 from stereo.depth import median_image, point_cloud
 from stereo.floor import setup_frames
-from stereo.readers import OpenOptions, holds_pair, open_any, open_video
-from stereo.readers.open import MultiRigRecording, is_multi_rig, open_rigs
-from stereo.recording import Recorded, RgbdRecording
+from stereo.readers import OpenOptions, holds_pair, open_any
+from stereo.readers.open import SeveralHeads
+from stereo.recording import DepthCamera, Frame, OneCamera, Recording, Shot
 from stereo.rectify import Rectifier
 from stereo.rgbd import RgbdRectifier
 
@@ -179,35 +180,27 @@ def write_still(composer: SceneComposer, frames: SceneFrames | None, frame: int,
         write_image(path, composer(frame, image))
 
 
-_BATCH = 16
-
-
 class SceneFrames:
-    """Images of a recording, of several rigs those of the first, as frame and (H, W[, 3]) uint8 BGR, in whose pixels
+    """Images of a recording, of several heads those of the first, as frame and (H, W[, 3]) uint8 BGR, in whose pixels
     the boxes of tracks.csv are."""
 
-    def __init__(self, recording: Any, image_of: Callable[[Any], U8]) -> None:
+    def __init__(self, recording: Recording[Any] | SeveralHeads, image_of: Callable[[Shot], U8]) -> None:
         self._recording, self._image_of = recording, image_of
 
     def at(self, frames: Sequence[int]) -> Iterator[tuple[int, U8]]:
         """The images of ascending frames, as far as they can be read."""
-        if isinstance(self._recording, MultiRigRecording):
-            # Recordings of several rigs are read from their beginning; pictures show no later ones.
-            wanted = {frame for frame in frames if frame < 5000}
-            yield from (image for image in self.through(0, max(wanted, default=-1)) if image[0] in wanted)
-            return
-        for start in range(0, len(frames), _BATCH):
-            for frame in self._recording.at(frames[start : start + _BATCH]):
-                yield frame.index, self._image_of(frame)
+        yield from self._shown(self._recording.at(frames))
 
     def through(self, first: int, last: int) -> Iterator[tuple[int, U8]]:
         """All images from one frame to another, both included."""
-        for moment in self._recording if last >= 0 else ():
-            frame = moment.frames[0] if isinstance(self._recording, MultiRigRecording) else moment
-            if moment.index > last:
-                return
-            if moment.index >= first and frame is not None:
-                yield moment.index, self._image_of(frame)
+        if last >= 0:
+            upto = takewhile(lambda frame: frame.index <= last, iter(self._recording))
+            yield from self._shown(frame for frame in upto if frame.index >= first)
+
+    def _shown(self, frames: Iterable[Frame[Any]]) -> Iterator[tuple[int, U8]]:
+        for frame in frames:
+            if frame.images:
+                yield frame.index, self._image_of(frame.images)
 
 
 def open_frames(run: RunFolder) -> SceneFrames:
@@ -215,15 +208,17 @@ def open_frames(run: RunFolder) -> SceneFrames:
     path, rig = run.recording, run.info.rig
     if path is None or not path.exists():
         raise InputError(f"{path}: expected the recording of the run, found nothing there")
-    if not is_multi_rig(path) and (rig is None or (rig.baseline_m is None and rig.depth_sensor is None)):
-        return SceneFrames(open_video(path, run.options), lambda frame: frame.image)
-    recording = open_rigs(path) if is_multi_rig(path) else open_any(path, run.options)
-    first = recording.rigs[0].recording if isinstance(recording, MultiRigRecording) else recording
-    if isinstance(first, RgbdRecording):
-        sensor = RgbdRectifier(first.camera, first.sensor, run.config.rectify)
-        return SceneFrames(recording, lambda frame: sensor(frame).left)
-    pair = Rectifier(first.rig, run.config.rectify)
-    return SceneFrames(recording, lambda frame: pair(frame.left, frame.right).left)
+    recording = open_source(path, run.options, rig is None or (rig.baseline_m is None and rig.depth_sensor is None))
+    if isinstance(recording, MapsRecording):
+        raise InputError(f"{path}: expected a recording with images, found plan-view maps")
+    head = recording.parts[0].head
+    if isinstance(head, OneCamera):
+        return SceneFrames(recording, lambda shot: shot[0])
+    if isinstance(head, DepthCamera):
+        sensor = RgbdRectifier(head.camera, head.sensor, run.config.rectify)
+        return SceneFrames(recording, lambda shot: sensor(*shot)[0])
+    pair = Rectifier(head.rig, run.config.rectify)
+    return SceneFrames(recording, lambda shot: pair(*shot).image)
 
 
 def frames_or_none(run: RunFolder, warn: Callable[[str], object]) -> SceneFrames | None:
@@ -246,11 +241,11 @@ def scene_of(path: Path, options: OpenOptions | None = None) -> PointCloud:
     if not recording.exists() or not (options.calibration or holds_pair(recording, options)):
         raise InputError(f"{recording}: expected a recording of a stereo pair or of images with depth, found none")
     opened = open_any(recording, options)
-    rig, either = RigStages(set_up(opened, config), config), cast(Recorded[Any], opened)
-    depths = [rig.match(frame, StageClock()) for frame in setup_frames(either, config.analysis.setup_frames)]
+    rig = set_up(opened, config)
+    depths = [rig.measure(frame.images) for frame in setup_frames(opened, config.analysis.setup_frames)]
     colours = np.median(np.stack([as_colour(depth.image) for depth in depths]), axis=0).astype(np.uint8)
-    disparity, pose = median_image([depth.disparity for depth in depths]), rig.rig.floor.world_SE3_left
-    return point_cloud(disparity, colours, rig.rig.geometry, pose, rig.rig.reduction)
+    disparity, pose = median_image([depth.disparity for depth in depths]), rig.floor.world_SE3_left
+    return point_cloud(disparity, colours, rig.geometry, pose, rig.reduction)
 
 
 def write_cloud(path: Path, cloud: PointCloud) -> int:

@@ -16,8 +16,7 @@ from calib.ground_camera import GroundCamera
 from calib.types import U8
 from planview.engine.config import Config
 from planview.engine.engine import FrameResult
-from planview.engine.open import TrackerName, open_engine
-from planview.engine.replay import FIXED_TABLES
+from planview.engine.open import FIXED_TABLES, TrackerName, open_engine
 from planview.evaluation.metrics import build_sequence, clear_scores, floor_similarity
 from planview.maps.recording import is_maps
 from planview.output.render import SceneComposer, SceneFrames

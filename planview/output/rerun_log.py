@@ -172,11 +172,9 @@ class RerunLog:
 
     def _log_images(self, result: FrameResult) -> None:
         """What takes room: images, cloud, maps and what the tracker looked at."""
-        if not result.depths:
-            self._log_image("image", result.views[0].image, result.views[0].foreground)
-        for n, (name, depth) in enumerate(zip(self._engine.rigs, result.depths, strict=False)):
-            if depth is not None:
-                self._log_image(f"{name}/image" if n else "image", depth.picture(), result.views[n].foreground)
+        for n, (head, view) in enumerate(zip(self._engine.heads, result.views, strict=True)):
+            image = view.image if view.depth is None else view.depth.picture()
+            self._log_image(f"{head.name}/image" if n else "image", image, view.foreground)
         if self._stereo:
             self._log_depth(self._stereo, result)
         debug = self._engine.tracker.debug()
@@ -203,7 +201,7 @@ class RerunLog:
         """Disparity, the foreground cloud in colour, and the maps."""
         if result.depth is not None:
             self._stream.log("disparity", shapes.disparity_photo(result.depth.disparity, stereo))
-        if result.depths:
+        if any(view.depth is not None for view in result.views):
             self._stream.log("world/foreground", shapes.foreground_points(result))
         if (maps := result.observation.maps) is not None:
             highest, density = self._engine.config.maps.height_max_m, maps.occupancy / maps.grid.cell_m**2

@@ -42,7 +42,7 @@ from planview.output.folder import (
 )
 from planview.output.tables import RunTables
 from planview.trajectories.table import is_person
-from stereo.recording import OpenOptions, Recorded, RgbdRecording
+from stereo.recording import DepthCamera, Recording
 
 
 class RunLog(Protocol):
@@ -192,8 +192,9 @@ class RunChecks:
         self._engine = engine
         self._watch = RecordingWatch(engine.stereo) if engine.stereo is not None else None
         recording = engine.recording
-        self._before = rate_checks(recording) if isinstance(recording, Recorded) else []
-        self._before += run_checks(recording) if isinstance(recording, RgbdRecording) else []
+        one = recording if isinstance(recording, Recording) else None
+        self._before = rate_checks(one) if one else []
+        self._before += run_checks(one) if one and isinstance(one.head, DepthCamera) else []
         self._strict, self._frames = strict, 0
         self.refuse()
 
@@ -242,7 +243,7 @@ class _Run:
             self._engine.reset()
             if checkpoint is not None:
                 self._set_state(resume.decode(checkpoint.state))
-            is_live = getattr(recording, "is_live", False)
+            is_live = recording.is_live
             every_s = 0.0 if is_live else options.checkpoint_every_s
             marked_s = time.monotonic()
             left = max(0, options.max_frames - totals.frames) if options.max_frames else None
@@ -337,7 +338,7 @@ def run_identity(engine: Engine, options: RunOptions, logs: Sequence[str]) -> di
     rules = counts and {"rules": replace(counts.rules, source=""), "params": counts.params}
     camera, floor = engine.camera_info(), engine.floor_info()
     named = {"calibration": True, "heads": {"__all__": {"calibration"}}}
-    right = getattr(recording, "options", OpenOptions()).right
+    right = recording.options.right
     return {
         "version": resume.library_versions() | {"planview": resume.code_version()},
         "configuration": engine.config.model_dump(mode="json"),
@@ -361,7 +362,7 @@ def _info_of(engine: Engine, options: RunOptions) -> RunInfo:
     path = recording.path
     return RunInfo(
         input=os.fspath(path), recording=os.fspath(path.resolve()) if path.exists() else "",
-        opened=getattr(recording, "options", OpenOptions()).resolved(), notes=list(getattr(recording, "notes", ())),
+        opened=recording.options.resolved(), notes=list(recording.notes),
         size_px=engine.size, fps=recording.fps, plane="floor" if engine.camera is not None else "image",
         rig=engine.camera_info(), floor=engine.floor_info(),
         tracker=options.tracker, first_frame=options.first_frame, config=engine.config.model_dump(mode="json"),

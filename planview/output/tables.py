@@ -17,11 +17,11 @@ from calib.errors import InputError, WorkError
 from calib.io import PART, expecting, sync, whole_file
 from planview.counting.events import Event, write_event_header, write_event_rows
 from planview.engine.engine import Engine, FrameResult
-from planview.maps.recording import MapsFrame, MapsRecording, MapsWriter
+from planview.maps.recording import MapsRecording, MapsWriter, RecordedPoints, RecordedViews
 from planview.output.folder import writing
 from planview.tracking.base import ScoreTerms
 from planview.trajectories.table import write_header, write_rows
-from stereo.recording import Skipped
+from stereo.recording import Frame, Skipped
 
 KEPT_NOTE = "; earlier frames are kept"
 
@@ -156,9 +156,8 @@ class MapsLog:
             raise InputError("expected a stereo pair or images with depth, found a camera without depth")
         self._recording, self._path = engine.recording, path
         self._open_path = path.with_name(path.name + PART)
-        self._new_writer = partial(
-            MapsWriter, view=engine.stereo, config=engine.config.model_dump_json(), fps=engine.recording.fps
-        )
+        head = RecordedViews(engine.stereo, engine.config.model_dump_json())
+        self._new_writer = partial(MapsWriter, head=head, fps=engine.recording.fps)
         self._parts = 0 if position is None else position["parts"]
         kept = self._part_paths
         for missing in (part for part in kept if not part.is_file()):
@@ -168,10 +167,8 @@ class MapsLog:
         self._writer: MapsWriter | None = self._new_writer(self._open_path)
 
     def frame(self, result: FrameResult) -> None:
-        if result.depth is None:
-            raise InputError("expected a recording with images, found recorded maps")
         self._writer = self._writer or self._new_writer(self._open_path)
-        self._writer.add(MapsFrame.of(result.frame, result.timestamp_s, result.depth.disparity, result.views[0]))
+        self._writer.add(Frame(result.frame, result.timestamp_s, (RecordedPoints.of(result.views[0]),)))
 
     def mark(self) -> dict[str, int]:
         self._end_part()

@@ -21,8 +21,7 @@ from calib.errors import InputError, WorkError
 from calib.io import ATTEMPT, whole_folder
 from calib.world import load_rigs
 from planview.engine.config import Config, load_config
-from planview.engine.open import TrackerName, base_config, open_engine
-from planview.engine.replay import FIXED_MAP_PARAMETERS, FIXED_TABLES
+from planview.engine.open import FIXED_MAP_PARAMETERS, FIXED_TABLES, TrackerName, base_config, open_engine
 from planview.evaluation.evaluate import evaluate_tracks
 from planview.maps.recording import is_maps
 from planview.output.folder import finished_run, folder_lock, read_run_info, write_result

@@ -8,7 +8,7 @@ evidence is the tracker's own; when a state changes, what is written down about 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
@@ -156,8 +156,19 @@ class TrackerDebug:
     tiles: dict[str, F32 | U8] = field(default_factory=dict)
 
 
+Needs = Literal["points", "maps", "image"]
+"""What a tracker looks at: the pixels and points of views, the maps made of them, or the image of one camera."""
+
+
 class Tracker(Protocol):
-    """People over time. ``update`` once per frame, in order; ``reset`` forgets everything."""
+    """People over time. ``update`` once per frame, in order; ``reset`` forgets everything.
+
+    Attributes:
+        needs: a recording whose heads do not give it is refused.
+    """
+
+    @property
+    def needs(self) -> Needs: ...
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
@@ -180,6 +191,10 @@ class ImageTracker(Tracker, Protocol):
 
     def feedback(self) -> U8 | None:
         """What the tracker knows about pixels, for ``Foreground``; None when it gives no feedback."""
+
+    def study(self, observations: Iterable[Observation]) -> None:
+        """Learn from the beginning of a recording before its first frame is tracked, as far as that is of use; what is
+        learned is kept by ``reset``."""
 
 
 def followed(tracker: Tracker, observation: Observation) -> tuple[TrackState, ...]:
@@ -210,7 +225,7 @@ def refuse_tracker(tracker: object, names: Sequence[str]) -> None:
     """Raises InputError for a name that is none of ``names``, and for an object that lacks a part of ``Tracker``."""
     if isinstance(tracker, str) and tracker not in names:
         raise InputError(f"expected one of {', '.join(names)}, found {tracker!r}", argument="tracker")
-    parts = "update", "decisions", "debug", "reset"
+    parts = "update", "decisions", "debug", "reset", "needs"
     missing = [part for part in parts if not isinstance(tracker, str) and not hasattr(tracker, part)]
     if missing or isinstance(tracker, type):
         found = f"{type(tracker).__name__} without {', '.join(missing)}" if missing else "a class in its place"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -15,7 +15,7 @@ from calib.ground_camera import GroundCamera
 from calib.params import Params
 from calib.types import F64, I64, U8
 from planview.tracking import body
-from planview.tracking.base import Decision, Existence, LifeCycle, Observation, TrackerDebug
+from planview.tracking.base import Decision, Existence, LifeCycle, Needs, Observation, TrackerDebug
 from planview.tracking.kalman import FloorKalman
 from planview.trajectories.boxes import Detections
 from planview.trajectories.state import TrackState
@@ -85,6 +85,7 @@ class _OfDetections(Carried, Generic[P]):
     """What the trackers of another program's boxes have in common: the boxes, and nothing to say about pixels."""
 
     CARRIED = "_cycle", "_people"
+    needs: Needs = "image"
     foreground_columns: int | None = 80
 
     def __init__(self, detections: Detections) -> None:
@@ -105,6 +106,9 @@ class _OfDetections(Carried, Generic[P]):
     def notes(self) -> tuple[str, ...]:
         """Whose boxes these are, in a sentence."""
         return (self.detections.summary,)
+
+    def study(self, observations: Iterable[Observation]) -> None:
+        """Nothing to learn from images."""
 
     def feedback(self) -> U8 | None:
         """No feedback: the boxes say nothing about pixels."""

@@ -28,11 +28,12 @@ from stereo.recording import (
     DEFAULT_FPS,
     Decoded,
     DecodedPair,
+    DepthCamera,
     FrameClock,
     LiveRecording,
     OpenOptions,
-    RgbdRecording,
-    StereoRecording,
+    Pair,
+    Recording,
     assumed_clock,
     prefetch,
 )
@@ -74,7 +75,7 @@ def together(*sources: ItemSource) -> Callable[[Sequence[int] | None], Generator
     return decode
 
 
-AnyRecording = StereoRecording | RgbdRecording
+AnyRecording = Recording[Pair] | Recording[DepthCamera]
 """What a layout opens to."""
 
 
@@ -149,14 +150,16 @@ def stereo_layout(
     images in another state than expected."""
     remarks = (*clock.notes, *notes, *["one pair of images, in which nobody walks"] * (pairs.n_frames == 1))
 
-    def opened() -> StereoRecording:
-        kind = LiveRecording if pairs.live else StereoRecording
-        recording = kind(path, pairs.decode, pairs.n_frames, clock, [*remarks], rig(), world_pose(folder or path))
+    def opened() -> Recording[Pair]:
+        kind = LiveRecording if pairs.live else Recording[Pair]
+        head = Pair(rig(), world_pose(folder or path))
+        recording = kind(path, pairs.decode, pairs.n_frames, clock, [*remarks], head)
         if other is not None:
             with suppress(InputError):  # the calibration has no other
                 # What the state is shows in any second; frames from the whole of a video would all have to be decoded.
-                seen = [(frame.left, frame.right) for frame in recording.sample(3, among=30)]
-                recording.rig, note = settled(seen, recording.rig, *other(recording.rig))
+                seen = [(left, right) for left, right in (frame.images for frame in recording.sample(3, among=30))]
+                settled_rig, note = settled(seen, head.rig, *other(head.rig))
+                recording.head = replace(head, rig=settled_rig)
                 recording.notes += [note] * bool(note)
         return recording
 
@@ -188,7 +191,7 @@ def rgbd_layout(
     """Images and depth whose frames are paired; ``rig`` reads the calibration, or raises InputError."""
     remarks = (*clock.notes, *notes)
 
-    def opened() -> RgbdRecording:
+    def opened() -> Recording[DepthCamera]:
         from stereo.rgbd import DepthRegistration  # its kernels: only images with depth need numba here
 
         found, depth, own = rig(), depths.size, list(remarks)
@@ -199,10 +202,10 @@ def rgbd_layout(
         if isinstance(depths.pixels, Depths) and found.units_per_m is not None:
             depths.pixels.units_per_m = found.units_per_m
         folder = path if path.is_dir() else path.parent
-        return RgbdRecording(
-            path, together(images, depths), images.n_frames, clock, own, found.camera, found.source, sensor,
-            DepthRegistration(found), world_pose(folder), depths.pixels if isinstance(depths.pixels, Depths) else None,
-        )  # fmt: skip
+        units = depths.pixels if isinstance(depths.pixels, Depths) else None
+        registration, pose = DepthRegistration(found), world_pose(folder)
+        head = DepthCamera(found.camera, found.source, sensor, registration, pose, units)
+        return Recording(path, together(images, depths), images.n_frames, clock, own, head)
 
     return Layout("rgbd", streams, images.n_frames, clock, remarks, unpaired, opened)
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 from calib.errors import InputError
@@ -24,13 +24,14 @@ from stereo.readers.unknown import ONE_IMAGE, what_is_there
 from stereo.readers.video import READER as VIDEO_PAIR
 from stereo.readers.video import VideoFile, video_files, video_pair, video_tracks
 from stereo.recording import (
+    Frame,
     FrameClock,
+    OneCamera,
     OpenOptions,
-    RgbdFrame,
+    Pair,
+    Recording,
+    Shot,
     Skipped,
-    StereoFrame,
-    StereoRecording,
-    Video,
     assumed_clock,
     prefetch,
 )
@@ -126,19 +127,19 @@ def open_any(path: Path | str, options: OpenOptions | None = None) -> base.AnyRe
     return recording
 
 
-def open_recording(path: Path | str, options: OpenOptions | None = None) -> StereoRecording:
+def open_recording(path: Path | str, options: OpenOptions | None = None) -> Recording[Pair]:
     """Open a recorded stereo pair; nothing is decoded but the first frame of each side.
 
     Videos of different lengths end with the shorter one; the missing frames are reported in ``skipped``. A calibration
     for another resolution of the same aspect is scaled, which ``rig.source`` then notes. Raises InputError: no
     recording there, unreadable, sides that differ in size or do not pair, or a calibration for another image."""
     recording = open_any(path, options)
-    if not isinstance(recording, StereoRecording):
+    if not isinstance(recording.head, Pair):
         raise InputError(f"{path}: expected a stereo pair, found images with depth")
     return recording
 
 
-def open_video(path: Path | str, options: OpenOptions | None = None) -> Video:
+def open_video(path: Path | str, options: OpenOptions | None = None) -> Recording[OneCamera]:
     """Open a single-camera recording: a video file, or a folder of images (and timestamps.csv); the options may give a
     rate in place of the recording's own times. Raises InputError: nothing there, not a video or images, or options that
     only recordings with depth have."""
@@ -166,113 +167,107 @@ def open_video(path: Path | str, options: OpenOptions | None = None) -> Video:
     notes = [*clock.notes, *bits_note(bits)]
     if not files and (tracks := video_tracks(videos[0])) > 1:
         notes.append(f"{tracks} video tracks in the file: the first is read")
-    return Video(path, base.together(source), source.n_frames, clock, notes, source.size, options=options)
+    head = OneCamera(source.size)
+    return Recording(path, base.together(source), source.n_frames, clock, notes, head, options=options)
 
 
-AnyFrame = StereoFrame | RgbdFrame
-
-
-@dataclass(frozen=True, eq=False)
-class MultiRigFrame:
-    """The frames of moment ``index``, from 0: their mean time on the common clock [s since the first frame of the
-    earliest rig], and one frame per rig, None for a rig without a frame at that time."""
-
-    index: int
-    timestamp_s: float
-    frames: tuple[AnyFrame | None, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class RigRecording:
-    """One rig of a recording: its folder, its frames on its own clock, and the time of the first on the common one."""
-
-    name: str
-    recording: base.AnyRecording
-    start_s: float
-
-
-class MultiRigRecording:
-    """Several stereo recordings of one place; iterate it for its ``MultiRigFrame``.
+class SeveralHeads:
+    """A recording of several heads of one place; iterate it for frames with a shot of each.
 
     Attributes:
         path: the folder with ``rigs.toml``.
-        rigs: in the order of ``rigs.toml``; their ``world_SE3_left`` is that of the common world.
-        n_frames, fps, skipped: see ``stereo.recording.Recorded``; moments at the rate of the slowest rig.
+        parts: the recording of each head on its own clock, in the order of ``rigs.toml``; their ``world_SE3_left`` is
+            that of the common world.
+        starts_s: when the first frame of each was taken, on the common clock [s].
+        n_frames, fps, skipped, notes, options: see ``stereo.recording.Recording``; moments at the rate of the slowest
+            head.
     """
 
-    def __init__(self, path: Path, rigs: Sequence[RigRecording]) -> None:
-        self.path, self.rigs = path, tuple(rigs)
-        self.fps = min(rig.recording.fps for rig in rigs)
-        self._first_s = min(rig.start_s for rig in rigs)
-        ends = [rig.start_s - self._first_s + rig.recording.n_frames / rig.recording.fps for rig in rigs]
+    is_live = False
+
+    def __init__(self, path: Path, parts: Sequence[base.AnyRecording], starts_s: Sequence[float]) -> None:
+        self.path, self.parts, self.starts_s = path, tuple(parts), tuple(starts_s)
+        self.notes, self.options = list[str](), OpenOptions()
+        self.fps = min(part.fps for part in parts)
+        self._first_s = min(starts_s)
+        ends = [s - self._first_s + part.n_frames / part.fps for part, s in zip(parts, starts_s, strict=True)]
         self.n_frames = max(1, round(max(ends) * self.fps))
 
     def __repr__(self) -> str:
-        return f"MultiRigRecording({str(self.path)!r}, {len(self.rigs)} heads, {self.n_frames} frames)"
+        return f"SeveralHeads({str(self.path)!r}, {len(self.parts)} heads, {self.n_frames} frames)"
 
     @property
     def skipped(self) -> list[Skipped]:
-        """Frames that one of the rigs passed over; indices are those of the rig."""
-        return [Skipped(s.index, f"{rig.name}: {s.why}") for rig in self.rigs for s in rig.recording.skipped]
+        """Frames that one of the heads passed over; indices are its own."""
+        return [Skipped(s.index, f"{part.name}: {s.why}") for part in self.parts for s in part.skipped]
 
-    def __iter__(self) -> Iterator[MultiRigFrame]:
+    def __iter__(self) -> Iterator[Frame[Shot]]:
         with ExitStack() as stack:
             streams = []
-            for rig in self.rigs:
-                items: Iterable[AnyFrame] = rig.recording
-                frames = stack.enter_context(closing(prefetch(items)))
-                streams.append(_Stream(frames, rig.start_s - self._first_s, 1 / rig.recording.fps))
+            for part, start_s in zip(self.parts, self.starts_s, strict=True):
+                frames = stack.enter_context(closing(prefetch(part)))
+                streams.append(_Stream(frames, start_s - self._first_s, 1 / part.fps))
             yield from moments(streams, 1 / self.fps)
+
+    def at(self, indices: Sequence[int]) -> Iterator[Frame[Shot]]:
+        """The usable ones of these frames, whose indices ascend; all before them are read."""
+        wanted = set(indices)
+        for frame in self:
+            if frame.index > max(wanted, default=-1):
+                return
+            if frame.index in wanted:
+                yield frame
 
 
 class _Stream:
-    """A rig's frames with one read ahead."""
+    """A head's frames with one read ahead."""
 
-    def __init__(self, frames: Generator[AnyFrame, None, None], start_s: float, period_s: float) -> None:
+    def __init__(self, frames: Generator[Frame[Shot], None, None], start_s: float, period_s: float) -> None:
         self._frames, self._start_s = frames, start_s
         self.period_s = period_s
-        self.next: AnyFrame | None = next(frames, None)
+        self.next: Frame[Shot] | None = next(frames, None)
 
     @property
     def time_s(self) -> float:
         """Of the next frame on the common clock; infinite after the last."""
         return float("inf") if self.next is None else self.next.timestamp_s + self._start_s
 
-    def take(self, period_s: float) -> AnyFrame | None:
-        """The next frame; those after it that come too soon for the common period are passed over."""
+    def take(self, period_s: float) -> Shot | None:
+        """The shot of the next frame; those after it that come too soon for the common period are passed over."""
         frame, soonest = self.next, self.time_s + period_s - self.period_s / 2
         self.next = next(self._frames, None)
         while self.next is not None and self.time_s < soonest:
             self.next = next(self._frames, None)
-        return frame
+        return None if frame is None else frame.images
 
 
-def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[MultiRigFrame]:
-    """Frames by time: the earliest that waits, and those of other rigs taken within 0.6 of the slowest rig's period:
-    half of it would let rigs that run half a period apart flicker between base.together and apart."""
+def moments(streams: Sequence[_Stream], period_s: float) -> Iterator[Frame[Shot]]:
+    """Frames by time: the earliest that waits, and those of other heads taken within 0.6 of the slowest head's period:
+    half of it would let heads that run half a period apart flicker between together and apart. The time of a frame is
+    the mean of its shots' times [s since the first frame of the earliest head]."""
     index = 0
     while any(stream.next is not None for stream in streams):
         until = min(stream.time_s for stream in streams) + 0.6 * period_s
         times = [stream.time_s for stream in streams if stream.time_s <= until]
-        frames = tuple(stream.take(period_s) if stream.time_s <= until else None for stream in streams)
-        yield MultiRigFrame(index, sum(times) / len(times), frames)
+        shots = tuple(stream.take(period_s) if stream.time_s <= until else None for stream in streams)
+        yield Frame(index, sum(times) / len(times), shots)
         index += 1
 
 
-def open_rigs(path: Path) -> MultiRigRecording:
-    """Open every rig that ``rigs.toml`` lists."""
+def open_rigs(path: Path) -> SeveralHeads:
+    """Open the recording of every head that ``rigs.toml`` lists."""
     file = rigs_file(path)
-    folder, rigs = file.parent, []
+    folder, parts, starts_s = file.parent, [], []
     for entry in load_rigs(file):
         if not (folder / entry.folder).exists():
             raise InputError(f"{folder}: expected a recording in {entry.folder!r}, found nothing there")
-        recording = open_any(folder / entry.folder)
-        recording.world_SE3_left = entry.world_SE3_left
-        rigs.append(RigRecording(entry.folder, recording, entry.start_s))
-    recordings = [rig.recording for rig in rigs]
+        part = open_any(folder / entry.folder)
+        part.name, part.head = entry.folder, replace(part.head, world_SE3_left=entry.world_SE3_left)
+        parts.append(part)
+        starts_s.append(entry.start_s)
     # Recordings without any times have the rate of those that have times, else the lowest.
-    fps = min([one.fps for one in recordings if not one.clock.assumed] or [one.fps for one in recordings])
-    for recording in recordings:
-        if recording.clock.assumed and fps != recording.fps:
-            recording.assume(assumed_clock(fps, recording.clock.even, ", as of the other rigs"))
-    return MultiRigRecording(folder, rigs)
+    fps = min([one.fps for one in parts if not one.clock.assumed] or [one.fps for one in parts])
+    for part in parts:
+        if part.clock.assumed and fps != part.fps:
+            part.assume(assumed_clock(fps, part.clock.even, ", as of the other rigs"))
+    return SeveralHeads(folder, parts, starts_s)

@@ -16,7 +16,7 @@ from calib.params import Params
 from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import WALKER
 from planview.maps.view import SHADOW, View
-from planview.tracking.base import Decision, Drawing, Existence, LifeCycle, Observation, TrackerDebug
+from planview.tracking.base import Decision, Drawing, Existence, LifeCycle, Needs, Observation, TrackerDebug
 from planview.tracking.ellipse_particle.fit import BACKGROUND_WEIGHT, fit_ellipses, painted, uncovered
 from planview.tracking.ellipse_particle.particles import VX, VY, ParticleFilter, Y, ellipses_of
 from planview.tracking.ellipse_particle.size import ASPECT, BREADTH_M, Size, SizeLearner, height_of, size_of_camera
@@ -116,6 +116,7 @@ class EllipseParticleTracker(Carried):
         seed: of the only random generator; one seed gives one result.
     """
 
+    needs: Needs = "image"
     foreground_columns: int | None = COLUMNS
     CARRIED = (
         "_cycle", "_filter", "_objects", "_states", "_learner", "_size_px", "_studied", "_image_size", "_shape",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ from calib.types import F32, F64, U8, Bool
 from planview.foreground.params import BACKGROUND, PERSON, WALKER
 from planview.maps.view import BACKGROUND_SEEN, SHADOW, SURFACE, PixelRays
 from planview.tracking import body
-from planview.tracking.base import NO_BOX, DecisionKind, Drawing, Observation, TrackerDebug
+from planview.tracking.base import NO_BOX, DecisionKind, Drawing, Needs, Observation, TrackerDebug
 from planview.tracking.human_model.explanation import HumanModelParams, MaskExplanation, likelihood_of_masks
 from planview.tracking.human_model.model_map import HumanModelMap, build_model_map
 from planview.tracking.human_model.walker import CORE_WIDTH, FloorPlaces, Walker, births, matches
@@ -45,6 +45,7 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
     """
 
     CARRIED = (*ExplainingTracker.CARRIED, "_known_pixels", "_still_s", "_hides")
+    needs: Needs = "image"
     foreground_columns: int | None = None
 
     def __init__(self, params: HumanModelParams, camera: GroundCamera, model_map: HumanModelMap | None = None) -> None:
@@ -71,6 +72,9 @@ class HumanModelTracker(ExplainingTracker[Walker, HumanModelParams]):
         self._known_pixels: U8 = np.zeros(shape, np.uint8)
         self._still_s: F32 = np.zeros(shape, np.float32)
         self._hides: F32 = np.full(shape, HIDDEN_LOG_ODDS, np.float32)
+
+    def study(self, observations: Iterable[Observation]) -> None:
+        """Nothing to learn: the camera gives the size of people."""
 
     def feedback(self) -> U8:
         """(H, W) uint8 for ``Foreground``: people who are tracked, and what has been still and unexplained for long."""

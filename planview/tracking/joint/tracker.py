@@ -18,6 +18,7 @@ from planview.tracking.base import (
     Decision,
     DecisionKind,
     Drawing,
+    Needs,
     Observation,
     TrackerDebug,
     TrackLog,
@@ -200,6 +201,7 @@ class ExplainingTracker(Carried, Generic[P, Q]):
 class JointTracker(ExplainingTracker[Person, JointParams]):
     """Follows people by the ranges of all pixels (``docs/method.md``)."""
 
+    needs: Needs = "points"
     CARRIED = (*ExplainingTracker.CARRIED, "_births")
 
     def __init__(self, params: JointParams | None = None) -> None:

@@ -24,6 +24,7 @@ from planview.tracking.base import (
     Drawing,
     Existence,
     LifeCycle,
+    Needs,
     Observation,
     ScoreTerms,
     TrackerDebug,
@@ -158,6 +159,7 @@ class TemplateTracker(Carried):
         height_max_m: H_max [m].
     """
 
+    needs: Needs = "maps"
     CARRIED = "_people", "_life"
 
     def __init__(self, params: TemplateParams | None = None, height_max_m: float = 2.4) -> None:

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from calib.types import F32, F64, U8, Bool
-from planview.checks.check import Check, limited
 
 THUMBNAIL = (160, 120)
 """(width, height) to which every frame is reduced [px]: averages noise, and keeps edges of the scene."""
@@ -48,7 +47,13 @@ class Steady(Enum):
 
 
 class Steadiness:
-    """Watches the frames of one camera: ``update`` once per frame, in order."""
+    """Watches the frames of one camera: ``update`` once per frame, in order.
+
+    Attributes:
+        moving_s: how long the camera has moved [s].
+        first_moving_s: time of the first frame in which it moves [s]; NaN for none.
+        cuts: numbers of the frames with which another view begins.
+    """
 
     def __init__(self) -> None:
         # Times [s] and thumbnails, one per interval: the oldest shows slow motion.
@@ -59,9 +64,9 @@ class Steadiness:
         self._lasting: Bool = np.zeros(_BLOCKS, np.bool_)
         self._moved_s = -math.inf
         self._now_s = 0.0
-        self._moving_s = 0.0
-        self._first_moving_s = math.nan
-        self._cuts: list[int] = []
+        self.moving_s = 0.0
+        self.first_moving_s = math.nan
+        self.cuts: list[int] = []
 
     def update(self, frame: int, timestamp_s: float, grey: U8) -> Steady:
         """Judge the next frame, (H, W) uint8, by its index for the checks."""
@@ -70,22 +75,10 @@ class Steadiness:
         found = self._judge(frame, timestamp_s, thumbnail)
         self._last = thumbnail
         if found is Steady.MOVING:
-            self._moving_s += min(step_s, SETTLED_S)
-            if math.isnan(self._first_moving_s):
-                self._first_moving_s = timestamp_s
+            self.moving_s += min(step_s, SETTLED_S)
+            if math.isnan(self.first_moving_s):
+                self.first_moving_s = timestamp_s
         return found
-
-    def checks(self) -> list[Check]:
-        """What is known so far."""
-        at = f", first at {self._first_moving_s:.1f} s" if self._moving_s else ""
-        where = f", first at frame {self._cuts[0]}" if self._cuts else ""
-        moves = f"the whole image moves{at}: the camera must stand still, and tracking pauses while it moves"
-        cuts = f"the view changes at once{where}: the background is learned again, and people begin new tracks"
-        return [
-            # Longest motion of the camera that a run does not report [s]: a knock at the mast.
-            limited("moving camera", round(self._moving_s, 2), "s", moves, most=0.5),
-            limited("scene cuts", float(len(self._cuts)), "", cuts, most=0.0),
-        ]
 
     def _judge(self, frame: int, now_s: float, thumbnail: U8) -> Steady:
         last, broken = self._last, self._before_break
@@ -95,7 +88,7 @@ class Steadiness:
             if now_s - broken[2] < BREAK_MAX_S - ROUNDED_S or not lasts:
                 self._before_break = broken
                 return Steady.BREAK
-            self._cuts.append(broken[1])
+            self.cuts.append(broken[1])
             self._kept.clear()
             self._kept.append((now_s, thumbnail))
             self._moved_s = -math.inf

@@ -1,0 +1,412 @@
+"""Heads: what recorded a recording, made ready to measure depth, to separate the foreground and to say what shows.
+
+A head is a stereo pair, a depth sensor, a camera without depth, or one whose views were recorded before. The engine
+(``planview.engine.engine``) knows none of these kinds: it asks every head for the same four things.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from time import perf_counter
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+
+from calib.carried import Carried
+from calib.errors import InputError
+from calib.floor_camera import FloorCamera
+from calib.ground_camera import GroundCamera
+from calib.images import as_grey
+from calib.types import U8, AnyArray
+from planview.checks.check import Check
+from planview.checks.scene import steadiness_checks
+from planview.engine.config import Config, FeedbackParams, SingleCameraParams
+from planview.engine.setup import Setup
+from planview.foreground.ghosts import Ghosts
+from planview.foreground.mixture import Foreground
+from planview.foreground.params import BACKGROUND, PERSON, WALKER
+from planview.foreground.steadiness import Steadiness, Steady
+from planview.maps.grid import FloorRig
+from planview.maps.recording import RecordedPoints
+from planview.maps.view import MapBuilder, View
+from planview.tracking.base import Decision, ImageTracker
+from planview.trajectories.state import TrackState
+from stereo.depth import Depth
+from stereo.recording import Frame, Shot
+
+OWN_M = 0.6
+"""Foreground this near to a person's axis on the floor belongs to the person [m]: an arm's length."""
+TRAVELLED_M = 0.5
+"""Only a track that has moved this far since its start is protected from being learned [m]: furniture that was
+mistaken for a person does not walk, and must fade into the background."""
+GROUND_M = 0.12
+"""Foreground lower than this and away from every person is floor under a new light [m]: a shoe's height."""
+MOTION_LEVEL = 10.0
+"""Change of luma, averaged over 3x3 pixels, between two frames that is motion (levels of 255). Our choice: 8-bit
+video has a noise of 3 to 4 levels, 1.3 in the average and 1.9 between two frames; five times that."""
+MOTION_INTERVAL_S = 0.12
+"""Time between the two frames compared [s]; at least one frame. Our choice: a hand at 0.2 m/s moves 2.4 cm in it,
+about a pixel, whatever the frame rate."""
+
+
+class StageClock(dict[str, float]):
+    """Adds up a frame's stage times [ms]."""
+
+    def __init__(self) -> None:
+        self.start()
+
+    def start(self) -> None:
+        """A stage begins now."""
+        self._since = perf_counter()
+
+    def record(self, stage: str) -> None:
+        """The stage ends now, and the next one begins."""
+        since = self._since
+        self.start()
+        self[stage] = self.get(stage, 0.0) + 1e3 * (self._since - since)
+
+
+class Head(Protocol):
+    """What the engine asks of a head, for every frame in this order: ``measure``, ``look``, ``protect``.
+
+    Attributes:
+        name: among several heads.
+        camera: the (rectified left) camera above the floor; None for a camera that is not calibrated.
+        size: (width, height) of its images [px].
+        rig: of heads that measure depth, above the floor, with the grid of the maps; else None.
+        maps: of heads that measure depth, what makes their views and maps; else None.
+        ahead: frames that may be measured ahead in a thread of their own; 0 for none.
+        checks: of the recording so far: before its first frame, and from the frames seen.
+    """
+
+    name: str
+    size: tuple[int, int]
+    ahead: int
+
+    @property
+    def camera(self) -> FloorCamera | None: ...
+
+    @property
+    def rig(self) -> FloorRig | None: ...
+
+    @property
+    def maps(self) -> MapBuilder | None: ...
+
+    @property
+    def checks(self) -> Sequence[Check]: ...
+
+    def measure(self, shot: Any, clock: StageClock) -> Any:
+        """How far away what a shot shows is; what measures nothing gives back the shot. Depends on no other frame.
+
+        Raises:
+            InputError, ValueError: a shot of another kind of head, or images of another size.
+        """
+
+    def look(self, measured: Any, frame: Frame[Any], clock: StageClock) -> View:
+        """What the head shows in a frame, by what was learned of the frames before.
+
+        Args:
+            measured: what ``measure`` gave; None where the head has no shot in this frame.
+        """
+
+    def protect(self, people: Sequence[TrackState], view: View, decisions: Sequence[Decision]) -> None:
+        """Keep the people who were found in a view from becoming background (Harville 2002, ECCV); ``decisions`` of the
+        frame may give them their ids."""
+
+    def memory(self) -> Mapping[str, Carried]:
+        """By name, the objects that hold what is carried from frame to frame."""
+
+
+class RigHead:
+    """A pair or a depth sensor above its floor.
+
+    Attributes:
+        foreground, maps, feedback: the stages after measuring.
+    """
+
+    ahead = 2
+
+    def __init__(self, setup: Setup, config: Config, name: str = "") -> None:
+        self.name, self.rig, self._measure = name, setup, setup.measure
+        geometry, step = setup.geometry, setup.reduction
+        self.camera, self.size = setup.camera, geometry.size
+        self.maps = MapBuilder(geometry, setup.floor.world_SE3_left, config.maps, step)
+        self.foreground = Foreground(
+            config.foreground, self.maps.shape, geometry.disparity_std_per_px2, step, geometry.disparity_metre
+        )
+        self.feedback = Feedback(config.feedback)
+
+    @property
+    def checks(self) -> list[Check]:
+        """Of the frames in which floor and rig were found."""
+        named = f"{self.name}: " if self.name else ""
+        return [replace(check, name=named + check.name) for check in self.rig.checks]
+
+    def measure(self, shot: Shot, clock: StageClock) -> Depth:
+        """Rectify a shot, and match the images of a pair."""
+        return self._measure(shot, clock.record)
+
+    def look(self, measured: Depth | None, frame: Frame[Shot], clock: StageClock) -> View:
+        """Separate the foreground by colour and depth (Harville 2002, section 2), and put its pixels into the world
+        (section 3)."""
+        if measured is None:
+            return View.unknown(self.maps.shape, rays=self.maps.rays)
+        foreground, now_s = self.foreground, frame.timestamp_s
+        mask = foreground.update(measured.image, measured.disparity, now_s, self.feedback.mask)
+        clock.record("foreground")
+        if not foreground.shows:
+            return View.unknown(self.maps.shape, measured.image, self.maps.rays, measured)
+        due = foreground.settled and self.maps.background_due(now_s)
+        background = foreground.background_disparity() if due else None
+        points = self.maps.points(measured.disparity, mask, measured.image, foreground.exposure)
+        view = self.maps.view(points, mask, now_s, background, measured)
+        clock.record("maps")
+        return view
+
+    def protect(self, people: Sequence[TrackState], view: View, decisions: Sequence[Decision]) -> None:
+        """Remember where people are for the next frame's foreground."""
+        self.feedback.update(people, view, decisions)
+
+    def memory(self) -> dict[str, Carried]:
+        """What is carried from frame to frame."""
+        return {"foreground": self.foreground, "feedback": self.feedback, "maps": self.maps}
+
+
+class Feedback(Carried):
+    """Feedback of the tracker to the foreground model (Harville 2002, ECCV: A Framework for High-Level Feedback).
+
+    Remembers which tracks have walked, and paints the mask for the next frame.
+
+    Attributes:
+        mask: (H, W) uint8, as the last call returned it; None at first.
+    """
+
+    CARRIED = "mask", "_starts"
+
+    def __init__(self, params: FeedbackParams) -> None:
+        self.params = params
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all tracks."""
+        self.mask: U8 | None = None
+        # Where each track began, None once it has walked.
+        self._starts: dict[int, tuple[float, float] | None] = {}
+
+    def update(self, tracks: Sequence[TrackState], view: View, decisions: Sequence[Decision] = ()) -> U8 | None:
+        """The mask for the next frame, (H, W) uint8 of NO_FEEDBACK, PERSON and BACKGROUND: the last one where a view
+        shows nothing, None when feedback is off. ``decisions`` of this frame may give people their ids."""
+        p, points, shape = self.params, view.points, view.kind.shape
+        if not (p.enabled and view.shows):
+            return self.mask
+        self._remember(tracks, decisions)
+        x, y, z = np.ascontiguousarray(points.xyz.T)
+        near_any, near_walker = np.zeros(len(z), np.bool_), np.zeros(len(z), np.bool_)
+        for track in tracks:
+            off_x, off_y = x - np.float32(track.x_m), y - np.float32(track.y_m)
+            near = off_x * off_x + off_y * off_y < OWN_M**2
+            near_any |= near
+            if track.state == "confirmed" and self._starts[track.track_id] is None:
+                near_walker |= near
+        self.mask = mask = np.zeros(shape, np.uint8)
+        mask.reshape(-1)[points.pixels[(z < GROUND_M) & ~near_any]] = BACKGROUND
+        persons = np.zeros(shape, np.uint8)
+        persons.reshape(-1)[points.pixels[near_walker]] = 1
+        left, top, width, height = cv2.boundingRect(persons)
+        if width:
+            reach, side = p.spread_px, 2 * p.spread_px + 1
+            rows, columns = (slice(max(0, low - reach), low + n + reach) for low, n in ((top, height), (left, width)))
+            spread = cv2.dilate(persons[rows, columns], np.ones((side, side), dtype=np.uint8))
+            # A person's pixel is no ground.
+            mask[rows, columns][spread > 0] = PERSON
+        return mask
+
+    def _remember(self, tracks: Sequence[TrackState], decisions: Sequence[Decision]) -> None:
+        for known in decisions:
+            if known.was in self._starts:
+                start = self._starts[known.was]
+                self._starts[known.track_id] = start and self._starts.get(known.track_id, start)
+        self._starts = {t.track_id: self._starts.get(t.track_id, (t.x_m, t.y_m)) for t in tracks}
+        for track in tracks:
+            start = self._starts[track.track_id]
+            if start is not None and math.dist(start, (track.x_m, track.y_m)) >= TRAVELLED_M:
+                self._starts[track.track_id] = None
+
+
+class CameraHead(Carried):
+    """One camera without depth: measures nothing, and separates the foreground and what moves (Zhang et al. 2008,
+    section 2)."""
+
+    CARRIED = "_past", "_steadiness", "_labels"
+    ahead, name, rig, maps = 0, "", None, None
+
+    def __init__(
+        self,
+        params: SingleCameraParams,
+        size: tuple[int, int],
+        tracker: ImageTracker | None = None,
+        camera: GroundCamera | None = None,
+    ) -> None:
+        """Start without a background.
+
+        Args:
+            size: (width, height) of all frames [px].
+            tracker: gives feedback, and says how many columns are enough: wider frames are reduced by a whole factor,
+                since averaged pixels are less noisy.
+            camera: calibrated above the floor; None where that is not needed.
+        Raises:
+            InputError: a number of columns that is none.
+        """
+        columns: object = None if tracker is None else tracker.foreground_columns
+        if columns is not None and not (isinstance(columns, int) and columns > 0):
+            raise InputError(f"expected foreground_columns above 0 or None, found {columns!r}", argument="tracker")
+        factor = -(-size[0] // columns) if columns else 1
+        self.size, self.camera, self._tracker = size, camera, tracker
+        self._reduced = max(1, size[0] // factor), max(1, size[1] // factor)
+        self._foreground = Foreground(params.foreground, self._reduced[::-1])
+        self._ghosts = Ghosts(self._reduced[::-1])
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._forget_background()
+        self._steadiness = Steadiness()
+        self._labels: U8 | None = None
+
+    def _forget_background(self) -> None:
+        self._foreground.reset()
+        self._ghosts.reset()
+        self._past: deque[tuple[float, U8]] = deque()
+
+    @property
+    def checks(self) -> list[Check]:
+        """Whether the camera stands still and shows one scene, from the frames so far."""
+        return steadiness_checks(self._steadiness)
+
+    def memory(self) -> dict[str, Carried]:
+        """What the foreground learned, and the rest."""
+        return {"foreground": self._foreground, "ghosts": self._ghosts, "one camera": self}
+
+    def measure(self, shot: Shot, clock: StageClock) -> U8:
+        """The image: one camera has no depth."""
+        if len(shot) != 1:
+            raise InputError(f"frame: expected one image, found {len(shot)}")
+        (image,), expected = shot, self.size
+        if image.shape[1::-1] != expected:
+            height, width = image.shape[:2]
+            raise InputError(f"frame: expected {expected[0]}x{expected[1]} px, found {width}x{height}")
+        return image
+
+    def look(self, measured: U8 | None, frame: Frame[Shot], clock: StageClock) -> View:
+        """Foreground and motion of one frame; unknown where it shows nothing, as while the camera moves."""
+        if measured is None:
+            return View.unknown(self._reduced[::-1])
+        image, now_s, labels = self._resized(measured, cv2.INTER_AREA), frame.timestamp_s, self._labels
+        grey = as_grey(image)
+        steady = self._steadiness.update(frame.index, now_s, grey)
+        if steady is Steady.CUT:
+            # The background begins again with this frame; what a tracker knew is about the view before.
+            self._forget_background()
+            labels = None
+        if steady is not Steady.BREAK:
+            mask = self._foreground.update(image, None, now_s, self._known(labels), steady is not Steady.MOVING)
+        if steady is Steady.BREAK or not self._foreground.shows:
+            view = View.unknown((image.shape[0], image.shape[1]), measured)
+        else:
+            motion = self._motion(now_s, grey)
+            walkers = None if labels is None else labels == WALKER
+            self._ghosts.update(now_s, grey, self._foreground.background_luma, mask, motion, walkers)
+            mask &= ~self._ghosts.mask
+            view = View.of_mask(mask, motion, measured, self._foreground.shadow)
+        clock.record("foreground")
+        return view
+
+    def protect(self, people: Sequence[TrackState], view: View, decisions: Sequence[Decision]) -> None:
+        """Keep what the tracker knows of the pixels for the next frame."""
+        feedback = None if self._tracker is None else self._tracker.feedback()
+        labels = None if feedback is None else self._resized(feedback, cv2.INTER_NEAREST)
+        if labels is not None and np.shape(labels) != self._reduced[::-1]:
+            expected = f"expected feedback of {self._reduced[::-1]} labels"
+            raise InputError(f"{expected}, found {np.shape(labels)}", argument="tracker")
+        self._labels = None if labels is None else np.asarray(labels, np.uint8)
+
+    def _resized(self, image: AnyArray, interpolation: int) -> U8:
+        if self._reduced == self.size:
+            return image
+        return np.asarray(cv2.resize(image, self._reduced, interpolation=interpolation), dtype=np.uint8)
+
+    def _known(self, labels: U8 | None) -> U8 | None:
+        """What the tracker and the search for ghosts know of the reduced frame's pixels.
+
+        Ghosts are background even where a person is tracked, unless that person has been seen to walk.
+        """
+        ghosts = self._ghosts.mask > 0
+        if labels is None and not ghosts.any():
+            return None
+        known = np.zeros(ghosts.shape, np.uint8) if labels is None else labels.copy()
+        known[ghosts & (known != WALKER)] = BACKGROUND
+        known[known == WALKER] = PERSON
+        return known
+
+    def _motion(self, now_s: float, grey: U8) -> U8:
+        """(H, W) uint8, 255 where the smoothed luma differs from that of MOTION_INTERVAL_S ago."""
+        smooth = np.asarray(cv2.blur(grey, (3, 3)), dtype=np.uint8)
+        # Half a millisecond of slack: time stamps are rounded.
+        while len(self._past) > 1 and self._past[1][0] <= now_s - MOTION_INTERVAL_S + 5e-4:
+            self._past.popleft()
+        before = self._past[0][1] if self._past else smooth
+        self._past.append((now_s, smooth))
+        _, motion = cv2.threshold(cv2.absdiff(smooth, before), MOTION_LEVEL, 255, cv2.THRESH_BINARY)
+        return np.asarray(motion, dtype=np.uint8)
+
+
+class RecordedHead:
+    """A head whose foreground points were recorded: it has measured and looked already.
+
+    With the parameters of the recording the tracks are the same bit for bit. With others they are an approximation:
+    the feedback that the recording's tracker gave to its foreground stays in the points.
+    """
+
+    ahead, name = 0, ""
+    checks: tuple[Check, ...] = ()
+
+    def __init__(self, rig: FloorRig, config: Config, source: str) -> None:
+        """``source`` names the recording in messages. Raises ValueError: the floor is larger than a grid may be."""
+        self.maps = MapBuilder(rig.geometry, rig.floor.world_SE3_left, config.maps, rig.reduction)
+        self.rig = replace(rig, grid=self.maps.grid)
+        self.camera, self.size, self._source = rig.camera, rig.geometry.size, source
+
+    def measure(self, shot: RecordedPoints, clock: StageClock) -> RecordedPoints:
+        """Nothing: recorded points have been matched."""
+        if not isinstance(shot, RecordedPoints):
+            raise InputError("frame: expected the points of plan-view maps, found images")
+        return shot
+
+    def look(self, measured: RecordedPoints | None, frame: Frame[RecordedPoints], clock: StageClock) -> View:
+        """The view that was recorded. Raises InputError: damaged maps."""
+        maps = self.maps
+        if measured is None or len(measured.unmatched) == math.prod(maps.shape):
+            return View.unknown(maps.shape, rays=maps.rays)
+        disparity, mask = np.full(maps.shape, np.nan, np.float32), np.zeros(maps.shape, np.uint8)
+        disparity.reshape(-1)[measured.pixels] = measured.disparities
+        mask.reshape(-1)[measured.pixels] = mask.reshape(-1)[measured.unmatched] = 255
+        points = maps.points(disparity, mask)
+        if len(points.pixels) != len(measured.pixels):
+            raise InputError(
+                f"{self._source}: frame {frame.index}: expected {len(measured.pixels)} points in reach of the rig, "
+                f"found {len(points.pixels)}: the maps are damaged or another rig's"
+            )
+        view = maps.view(replace(points, colours=measured.colours), mask, frame.timestamp_s, measured.background)
+        clock.record("maps")
+        return view
+
+    def protect(self, people: Sequence[TrackState], view: View, decisions: Sequence[Decision]) -> None:
+        """Nothing: the background is recorded as well."""
+
+    def memory(self) -> dict[str, Carried]:
+        """How far away the background is."""
+        return {"maps": self.maps}

@@ -1,0 +1,108 @@
+"""How far away what a shot shows is: a pair is rectified and matched, a sensor's depth taken without distortion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.types import F32
+from stereo.depth import Depth
+from stereo.matcher import BODY_LAG, DisparityRange, Matcher, SgbmMatcher, SgbmParams
+from stereo.recording import Shot
+from stereo.rectify import Rectifier
+from stereo.rgbd import RgbdRectifier
+
+Record = Callable[[str], object]
+"""Takes the name of a stage that has ended."""
+
+
+def _unrecorded(_stage: str) -> None:
+    """Nobody wants to know."""
+
+
+class Measure(Protocol):
+    """Gives the depth of a shot, which depends on no other frame."""
+
+    def __call__(self, shot: Shot, record: Record = _unrecorded) -> Depth: ...
+
+
+class PairMeasure:
+    """Depth of pairs, matched at an n-th of their size; by a matcher of one's own at their whole size."""
+
+    def __init__(
+        self, rectifier: Rectifier, sgbm: SgbmParams, searched: DisparityRange, step: int, own: Matcher | None = None
+    ) -> None:
+        self._rectifier, self._searched, self._step, self._own = rectifier, searched, step, own
+        masks = rectifier.mask, rectifier.right_mask
+        self._sgbm = SgbmMatcher(rectifier.geometry, sgbm, searched, *masks, step, BODY_LAG)
+
+    def __call__(self, shot: Shot, record: Record = _unrecorded) -> Depth:
+        """Rectify and match a left and a right image, (H, W) or (H, W, 3) uint8 as recorded. Raises InputError: another
+        kind of shot, or what one's own matcher gives is no disparity. ValueError: images of another size."""
+        if len(shot) != 2 or any(image.dtype != np.uint8 for image in shot):
+            raise InputError(f"frame: expected a left and a right image, found {_words(shot)}")
+        if self._own is None:
+            pair = self._rectifier.reduced(*shot, self._step)
+            record("rectify")
+            greys = pair.left_grey, pair.right_grey
+            depth = Depth(pair.image, self._sgbm.sampled(*greys), self._step, greys, pair.picture)
+        else:
+            pair = self._rectifier(*shot)
+            record("rectify")
+            greys = pair.left_grey, pair.right_grey
+            disparity = self._own(*greys)
+            refuse_foreign_disparity(disparity, self._rectifier.geometry.size[::-1], self._searched)
+            depth = Depth.of_whole(pair.image, disparity, self._step, greys)
+        record("match")
+        return depth
+
+
+class SensorMeasure:
+    """Depth that a sensor measured, at an n-th of its image's size."""
+
+    def __init__(self, rectifier: RgbdRectifier, step: int) -> None:
+        self._rectifier, self._step = rectifier, step
+
+    def __call__(self, shot: Shot, record: Record = _unrecorded) -> Depth:
+        """Take the distortion out of an image, (H, W) or (H, W, 3) uint8, and its depth, (H, W) float32 [m]. Raises
+        InputError: another kind of shot. ValueError: images of another size."""
+        if len(shot) != 2 or shot[1].dtype != np.float32:
+            raise InputError(f"frame: expected an image and its depth, found {_words(shot)}")
+        image, depth_m = self._rectifier(*shot)
+        record("rectify")
+        depth = Depth.of_whole(image, self._rectifier.disparity(depth_m), self._step)
+        record("match")
+        return depth
+
+
+def _words(shot: Shot) -> str:
+    if len(shot) != 2:
+        return "one image" if len(shot) == 1 else f"{len(shot)} images"
+    return "two images" if shot[1].dtype == np.uint8 else "an image and its depth"
+
+
+def refuse_foreign_disparity(disparity: F32, shape: tuple[int, int], searched: DisparityRange) -> None:
+    """Refuse what is no (H, W) float32 disparity in pixels, as a matcher of the user's may give; ``searched`` are those
+    that people on the floor can have. Raises InputError: another shape or kind of number, sixteenths of a pixel, depth,
+    or a number for "none"."""
+    if disparity.shape != shape or disparity.dtype != np.float32:
+        raise InputError(
+            f"matcher: expected float32 disparities of {shape}, found {disparity.dtype} of {disparity.shape}"
+        )
+    few = disparity[::8, ::8]
+    valid = few[np.isfinite(few)]
+    if not len(valid):
+        return
+    largest, none = searched.first_px + searched.count, float(((valid == 0) | (valid <= -1)).mean())
+    # Share of disparities of exactly 0, or below -1, from which they stand for "none" (our choice): nothing lies
+    # beyond infinity, and what lies there has a disparity of about 0.
+    if none > 0.2:
+        raise InputError(f"matcher: expected NaN where there is no disparity, found {none:.0%} of 0 or below -1")
+    if (middle := float(np.median(valid))) > largest:
+        raise InputError(
+            f"matcher: expected disparities in pixels, up to {largest} on this floor, found {middle:.0f} in "
+            "the middle of the range: sixteenths of a pixel (divide OpenCV's by 16), or depth?"
+        )
