@@ -27,7 +27,7 @@ demo: setup
 	$(BIN)/planview demo
 
 # Compiled once, before the tests' two workers start, and kept next to the sources.
-$(KERNELS): $(TOOLS) $(shell grep -rl --include=*.py njit calib stereo planview)
+$(KERNELS): $(TOOLS) $(shell find calib stereo planview -name '*.py')
 	$(BIN)/python tests/compile_kernels.py
 	mkdir -p out && touch $@
 

@@ -8,9 +8,9 @@ from typing import Protocol
 
 import cv2
 import numpy as np
-from numba import njit
 from pydantic import Field
 
+from calib.kernels import kernel
 from calib.params import Params
 from calib.rig import Floor
 from calib.types import F32, U8, AnyArray
@@ -264,7 +264,7 @@ def _means(image: U8, side: int) -> U8:
     return image if side == 1 else np.asarray(cv2.blur(image, (side, side), anchor=(0, 0)), dtype=np.uint8)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def coarse_disparity(fixed: AnyArray, usable: U8, right_mask: U8, step: int, lowest: int, out: F32) -> None:
     """Sixteenths of a sample to pixels; NaN where nothing can have been measured.
 
@@ -281,7 +281,7 @@ def coarse_disparity(fixed: AnyArray, usable: U8, right_mask: U8, step: int, low
                 out[row, col] = np.float32(value * step) / np.float32(16.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def differences(left: U8, right: U8, disparity: F32, first: int, step: int, apart: int, error: F32, slope: F32) -> None:
     """How much brighter each left sample is than the right image at its disparity, and the right image's slope.
 
@@ -308,7 +308,7 @@ def differences(left: U8, right: U8, disparity: F32, first: int, step: int, apar
             slope[row, col] = (ahead - behind) / np.float32(2 * apart)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def shared_step(disparity: F32, error: F32, slope: F32, same_px: float, noise: float, out: F32) -> None:
     """A Gauss-Newton step to the one disparity of each 5x5 samples, as far as they are within ``same_px`` of it.
 

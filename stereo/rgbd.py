@@ -11,9 +11,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
 from calib.camera import Camera
+from calib.kernels import kernel
 from calib.rig import DepthSensor, RgbdRig
 from calib.types import F32, F64, U8
 from stereo.depth import DISPARITY_STD_PX, RectifiedGeometry
@@ -56,7 +56,7 @@ class DepthRegistration:
         return nearest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def register_depth(
     depth: F32, rays: F32, shift: F64, pinhole: F64, distorted: F32, half_px: float, nearest: F32
 ) -> None:

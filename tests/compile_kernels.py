@@ -36,10 +36,6 @@ def one_camera() -> None:
 
 
 if __name__ == "__main__":
-    joint = HERE.parent / "planview/tracking/joint"
-    calls, *called = (joint / name for name in ("_ascent_kernels.py", "_likelihood_kernels.py", "samples.py"))
-    if max(file.stat().st_mtime for file in called) > calls.stat().st_mtime:  # numba looks at the time of calls alone
-        calls.touch()
     workers = [multiprocessing.Process(target=compile_some) for compile_some in (stereo, one_camera)]
     for worker in workers:
         worker.start()

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from calib.kernels import kernel
 from calib.types import F32, U8, AnyArray
 from planview.foreground.params import BACKGROUND, FOREGROUND, NEARER, PERSON, SHADOW
 
@@ -301,7 +302,7 @@ def settle(
     return what
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def count_shown(model: PixelMixtures, frame: Frame, s: Constants, step: int) -> tuple[int, int, int, int]:
     """Of every ``step``-th row and column: pixels; those neither dark nor saturated; which of these show the
     background; and all whose depth can be compared with that of the background."""
@@ -323,7 +324,7 @@ def count_shown(model: PixelMixtures, frame: Frame, s: Constants, step: int) -> 
     return n, lit, shown, compared
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def update(model: PixelMixtures, frame: Frame, mask: U8, s: Constants, turns: F32) -> None:
     """Match and classify each pixel, which writes the mask, and learn those whose turn it is.
 

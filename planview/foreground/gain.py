@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from calib.kernels import kernel
 from calib.types import F32, U8, AnyArray
 
 INLIERS_MIN = 0.3
@@ -141,7 +141,7 @@ def information_of(luma: F32, tolerance: float) -> F32:
     return np.asarray(-np.log(by_chance), np.float32)[level]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def weigh_inliers(
     model: F32, luma: F32, information: F32, gain: float, offset: float, clip: float, tolerance: float, step: int
 ) -> tuple[int, float]:
@@ -156,7 +156,7 @@ def weigh_inliers(
     return n, evidence
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def consensus_line(
     model: F32, luma: F32, information: F32, gain: float, offset: float, clip: float, tolerance: float
 ) -> tuple[float, float]:
@@ -180,7 +180,7 @@ def consensus_line(
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def consensus_scale(model: F32, luma: F32, information: F32, clip: float, tolerance: float) -> float:
     """The smallest gain of a ladder with the largest evidence, without offset: it works on clipped images, too."""
     best, most = 1.0, 0.0
@@ -192,7 +192,7 @@ def consensus_scale(model: F32, luma: F32, information: F32, clip: float, tolera
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def refine_gain(
     model: F32, luma: F32, gain: float, offset: float, clip: float, tolerance: float
 ) -> tuple[float, float]:

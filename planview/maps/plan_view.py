@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numba import njit
 
+from calib.kernels import kernel
 from calib.types import F32, I32, U8, AnyArray
 from planview.maps.grid import Grid, MapParams
 
@@ -159,7 +159,7 @@ def _around(occupancy: F32, side: int) -> F32:
     return np.asarray(np.where(summed > 1e-6, summed, 0.0), dtype=np.float32)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def accumulate(
     points: F32, weight: F32, height_min_m: float, corner: tuple[float, float, float], shape: tuple[int, int]
 ) -> tuple[F32, F32]:

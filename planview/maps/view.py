@@ -14,10 +14,10 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from calib.carried import Carried
 from calib.floor_camera import FloorCamera
+from calib.kernels import kernel
 from calib.pose import SE3
 from calib.types import F32, F64, I32, U8
 from planview.foreground.gain import Exposure
@@ -273,7 +273,7 @@ class MapBuilder(Carried):
         return View(self.rays, kind, range_m, colour, points, image, renewed=renewed, depth=depth)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def back_project(disparity: F32, mask: U8, camera: F64, pose: F64, limits: tuple[float, float]) -> tuple[F32, F32, I32]:
     """Foreground pixels with a disparity to world points (Harville 2002, eq. 1 and 2).
 
@@ -330,7 +330,7 @@ def colour_codes(image: U8, pixels: I32, exposure: Exposure) -> U8:
     return codes
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def encode_colours(image: U8, pixels: I32, gain: float, offset: float, codes: U8) -> None:
     """``colour_codes`` of an image (H * W, channels), in float32."""
     f = np.float32

@@ -6,13 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from calib.kernels import kernel
 from calib.types import F32, I32, AnyArray
 from planview.synthetic.scene import Surface
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _lattice(x: int, y: int, z: int, seed: int) -> float:
     h = np.uint32(x) * np.uint32(374761393)
     h = np.uint32(h + np.uint32(y) * np.uint32(668265263))
@@ -24,7 +24,7 @@ def _lattice(x: int, y: int, z: int, seed: int) -> float:
     return np.float64(h) / 2147483648.0 - 1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _value_noise(x: float, y: float, z: float, seed: int) -> float:
     xi, yi, zi = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
     fx, fy, fz = x - xi, y - yi, z - zi
@@ -42,7 +42,7 @@ def _value_noise(x: float, y: float, z: float, seed: int) -> float:
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def fractal_noise(points: F32, footprint: F32, wavelength: F32, octaves: int, seed: int) -> F32:
     """Sum of octaves of value noise, each faded out before it is finer than two pixels.
 

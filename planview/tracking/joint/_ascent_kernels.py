@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from calib.kernels import kernel
 from calib.types import F64, Bool
 from planview.tracking.body import LEAN_M
 from planview.tracking.joint._likelihood_kernels import lay_others, log_ratio, visible
@@ -23,7 +23,7 @@ SLOPE_MAX = 4.0
 """Most that a step along a flat ray is lengthened."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def log_prior(pose, me, others, model):  # type: ignore[no-untyped-def]
     """Logarithm of the prior of a pose: upright, rarely lower or with the head ahead, and no body inside another.
 
@@ -45,7 +45,7 @@ def log_prior(pose, me, others, model):  # type: ignore[no-untyped-def]
     return value
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def log_known(pose, predicted: F64, known):  # type: ignore[no-untyped-def]
     """Logarithm of the density of a pose before the frame, relative to the predicted one; ``known``: of KNOWN."""
     x, y, h, facing, _ = pose
@@ -61,7 +61,7 @@ def log_known(pose, predicted: F64, known):  # type: ignore[no-untyped-def]
     return float(-0.5 * away)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _posterior(pose, task):  # type: ignore[no-untyped-def]
     """Log-likelihood ratio plus what is known before plus the logarithm of the prior of a pose; the ratio alone."""
     (predicted, known, _), me, others, samples, table, model = task
@@ -69,14 +69,14 @@ def _posterior(pose, task):  # type: ignore[no-untyped-def]
     return ratio + log_known(pose, predicted, known[0]) + log_prior(pose, me, others, model), ratio
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _better(new, best, task):  # type: ignore[no-untyped-def]
     """The better of a pose and the best so far: pose, posterior, log-likelihood ratio."""
     value, ratio = _posterior(new, task)
     return (new, value, ratio) if value > best[1] else best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _along_head(pose, height_m: float, camera):  # type: ignore[no-untyped-def]
     """A pose of another height whose head is on the same ray."""
     (x, y, h, facing, lean), (cx, cy, cz) = pose, camera
@@ -86,7 +86,7 @@ def _along_head(pose, height_m: float, camera):  # type: ignore[no-untyped-def]
     return cx + (x - cx) * f, cy + (y - cy) * f, height_m, facing, lean
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _postured(pose, facing, lean):  # type: ignore[no-untyped-def]
     """A pose that faces and leans otherwise, with the shoulders where they were: half as far ahead as the head."""
     x, y, h, was, leant = pose
@@ -95,7 +95,7 @@ def _postured(pose, facing, lean):  # type: ignore[no-untyped-def]
     return x + ox, y + oy, h, facing, lean
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _moved(pose, way, far, axes, m):  # type: ignore[no-untyped-def]
     """A pose moved along (0) or across (1) the level direction of the camera's ray, up (2), turned (3), leant (4), or
     moved up along the head's ray (5)."""
@@ -114,7 +114,7 @@ def _moved(pose, way, far, axes, m):  # type: ignore[no-untyped-def]
     return _along_head(pose, height_m, camera)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _start(pose: F64, axes, task):  # type: ignore[no-untyped-def]
     """The best of a pose, the upright one and, in masks, the sitting one; then of the postures 45 degrees apart where
     nothing is known of them, else of this one and that back to front: pose, posterior, log-likelihood ratio. Upright,
@@ -138,7 +138,7 @@ def _start(pose: F64, axes, task):  # type: ignore[no-untyped-def]
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _parabola(best, way, step, unit, axes, task, curvature):  # type: ignore[no-untyped-def]
     """A step each way and one to the top of the parabola: the best of them, and how far it is [steps' unit].
 
@@ -170,7 +170,7 @@ def _parabola(best, way, step, unit, axes, task, curvature):  # type: ignore[no-
     return best, abs(jump)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) -> float:  # type: ignore[no-untyped-def]
     """Ascent on the log-likelihood ratio plus what is known before, by parabolas along and across the first camera's
     ray, in height, facing and lean and, in masks, in height along the ray of the head.
@@ -211,7 +211,7 @@ def ascend(pose: F64, curvature: F64, prior, me, others, samples, table, model) 
     return float(best[2] + log_prior(best[0], me, others, model))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def explain(people, prior, order, touch: Bool, samples, table, model, found) -> None:  # type: ignore[no-untyped-def]
     """Coordinate ascent of everybody, in an order, in two sweeps of which the second is of those who touch somebody.
 

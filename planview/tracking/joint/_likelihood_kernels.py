@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
+from calib.kernels import kernel
 from calib.types import F32, F64, I64
 from planview.maps.view import BACKGROUND_SEEN as SEEN
 from planview.maps.view import NO_DEPTH, SHADOW, SURFACE, UNKNOWN
@@ -47,7 +48,7 @@ COVERS = 0.005
 """Bodies cover a ray that they cover less surely than this not at all."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _covered(x: float, y: float, h: float, samples, table, m) -> int:  # type: ignore[no-untyped-def]
     """The samples within a body's table: their number, and which; fills the last three rows of ``rays``.
 
@@ -72,7 +73,7 @@ def _covered(x: float, y: float, h: float, samples, table, m) -> int:  # type: i
     return k
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(inline="always")
 def _surface(i, pose, samples, table, m):  # type: ignore[no-untyped-def]
     """How surely a body covers the ray of a sample that is ``_covered``, where its surface is [m], and its relative
     height there."""
@@ -86,7 +87,7 @@ def _surface(i, pose, samples, table, m):  # type: ignore[no-untyped-def]
     return table.cover[cell], at, (rays[CZ, i] - rays[SIN, i] * at) / h
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(inline="always")
 def _on_body(p, at, z, upright, ratios, m):  # type: ignore[no-untyped-def]
     """Likelihood of a pixel on a body whose surface is at a range and at a relative height of a body, which is
     ``upright`` [of the height when upright]; the right camera sees nothing before ``matched_m``."""
@@ -108,7 +109,7 @@ def _on_body(p, at, z, upright, ratios, m):  # type: ignore[no-untyped-def]
     return shown * (1.0 - m.no_depth) * ((1.0 - m.outliers) * normal + m.outliers / m.range_m)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(inline="always")
 def _on_ground(p, m):  # type: ignore[no-untyped-def]
     """Likelihood of a pixel on which nobody is; ``near`` people there are arms, shadows and what is carried."""
     if p.kind >= UNKNOWN:
@@ -122,13 +123,13 @@ def _on_ground(p, m):  # type: ignore[no-untyped-def]
     return 0.5 * (m.near_people / (2 * m.reach_m) if p.near else m.background / m.range_m)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(inline="always")
 def _behind(p, at, z):  # type: ignore[no-untyped-def]
     """Whether background nearer than a body hides it."""
     return p.kind == SEEN and p.range_m > 0.0 and z < FURNITURE_TO and (at - p.range_m) * p.sharp > 3.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _mark_near(x: float, y: float, h: float, samples, m) -> None:  # type: ignore[no-untyped-def]
     """Mark the samples within a person's reach: by where their surface is, in masks by where their ray passes."""
     rays = samples.rays
@@ -145,7 +146,7 @@ def _mark_near(x: float, y: float, h: float, samples, m) -> None:  # type: ignor
             samples.pixels[i].near = 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _sum_layers(ray: F32, n: int, ground: float) -> None:
     """Cover and likelihood of each of n people on a ray to what passes them and what they explain (``lay_others``)."""
     ray[REST, n] = ground
@@ -160,7 +161,7 @@ def _sum_layers(ray: F32, n: int, ground: float) -> None:
     ray[THROUGH, n], ray[BEFORE, n] = passing, explained
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def lay_others(samples, people, who: I64, reaching: I64, table, model) -> None:  # type: ignore[no-untyped-def]
     """The other people on every sample's ray, the nearest first, each covering as surely as it exists.
 
@@ -198,7 +199,7 @@ def lay_others(samples, people, who: I64, reaching: I64, table, model) -> None: 
         _sum_layers(layers[i], count[i], _on_ground(samples.pixels[i], m))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def assign_pixels(samples, poses: F64, model, owner: I64, found: F32) -> None:  # type: ignore[no-untyped-def]
     """The owner of each of the samples that ``take_pixels`` took, among the people laid on them; see ``Owned``.
 
@@ -228,7 +229,7 @@ def assign_pixels(samples, poses: F64, model, owner: I64, found: F32) -> None:  
             found[3, i] = math.log((ray[BEFORE, n] + more) / total)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def log_ratio(pose, tall_m: float, ratios: F32, samples, table, model) -> float:  # type: ignore[no-untyped-def]
     """The log-likelihood ratio of all samples: with one person at a pose among the others, to without that person."""
     m = model[0]
@@ -252,7 +253,7 @@ def log_ratio(pose, tall_m: float, ratios: F32, samples, table, model) -> float:
     return float(total + weight * math.log(product))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def visible(pose, me, samples, table, model, seen: F64) -> None:  # type: ignore[no-untyped-def]
     """Patches of a body that it explains better than all else, those that show something, and those in view, to
     ``seen`` (3,)."""

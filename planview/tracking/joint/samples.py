@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from calib.kernels import kernel
 from calib.types import F32, F64, I64, U8, AnyArray, Bool
 from planview.maps.view import SURFACE, UNKNOWN, PixelRays
 from planview.tracking.body import TURNS_PER_RAD
@@ -161,7 +162,7 @@ class SampleArrays(NamedTuple):
         return SampleArrays._make(array[k] for array in self)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def boxes(poses: F64, half_m: float, seen, out: F64) -> None:  # type: ignore[no-untyped-def]
     """Left, top, right, bottom (N, 4) [px] of boxes around bodies: ``half_m`` to each side, 0.1 m above their heads;
     beyond the lens's reach a box is the whole image."""
@@ -188,7 +189,7 @@ def boxes(poses: F64, half_m: float, seen, out: F64) -> None:  # type: ignore[no
             out[a, 2], out[a, 3] = max(out[a, 2], u), max(out[a, 3], v)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def mark_touching(poses: F64, half_m: float, seen, touch: Bool) -> None:  # type: ignore[no-untyped-def]
     """Mark the (N, N) pairs of people who may be on one ray of a camera."""
     box = np.empty((len(poses), 4))
@@ -201,7 +202,7 @@ def mark_touching(poses: F64, half_m: float, seen, touch: Bool) -> None:  # type
             touch[i, j] = touch[i, j] or not apart
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(inline="always")
 def _take(n, r, c, weight, spread, seen, samples, table, model):  # type: ignore[no-untyped-def]
     """A pixel becomes the n-th sample; ``spread``: of the ray's direction and of the lean."""
     rays, p, m, of = samples.rays, samples.pixels[n], model[0], seen.rays
@@ -218,7 +219,7 @@ def _take(n, r, c, weight, spread, seen, samples, table, model):  # type: ignore
     p.turn, p.slant, p.weight, p.near = of.level[r, c, 5] * TURNS_PER_RAD - spread[0], spread[1], weight, 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _gather(pose: F64, reach_m: float, seen, samples, table, model) -> None:  # type: ignore[no-untyped-def]
     """Append the samples of one camera within ``reach_m`` of a body."""
     m, centre, projection, level = model[0], seen.rays.centre_m, seen.rays.projection, seen.rays.level
@@ -250,21 +251,21 @@ def _gather(pose: F64, reach_m: float, seen, samples, table, model) -> None:  # 
     samples.size[0] = n
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(inline="always")
 def samples_of(samples, k):  # type: ignore[no-untyped-def]
     """Those of one person."""
     rays, pixels, layers = samples.rays[k], samples.pixels[k], samples.layers[k]
     return SampleArrays(rays, pixels, layers, samples.counts[k], samples.which[k], samples.size[k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def gather(poses: F64, reach_m: float, seen, samples, table, model) -> None:  # type: ignore[no-untyped-def]
     """Append the samples of one camera within ``reach_m`` of each body to those of that body."""
     for k in range(len(poses)):
         _gather(poses[k], reach_m, seen, samples_of(samples, k), table, model)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def take_pixels(pixels: I64, seen, samples, table, model) -> None:  # type: ignore[no-untyped-def]
     """Some pixels of a view become the samples, each weighted by its patches at a range of 1 m."""
     m, cols = model[0], seen.kind.shape[1]
@@ -275,7 +276,7 @@ def take_pixels(pixels: I64, seen, samples, table, model) -> None:  # type: igno
     samples.size[0] = len(pixels)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def map_lacking(points: F32, low_m: F64, cell_m: float, out: F32) -> None:
     """Add what points lack of an explanation, as ``assign_pixels`` gives it, to the cells of a map of the floor."""
     for i in range(points.shape[1]):
@@ -283,7 +284,7 @@ def map_lacking(points: F32, low_m: F64, cell_m: float, out: F32) -> None:
         out[row, col] += points[3, i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def fresh_points(pixels: I64, lacking: F32, codes: U8, seen, tried_m: F32, deviations, which: I64, out: F32) -> int:  # type: ignore[no-untyped-def]
     """Points of the pixels whose surface is not where it has been tried: x, y, z [m], what they lack of an explanation
     and the colour, in ``out`` (5, M); their indices in ``which``; their number. Forgets what has been tried where

@@ -13,7 +13,6 @@ import pytest
 from PIL import Image
 from pydantic import Field, ValidationError, field_validator
 
-from calib import libraries
 from calib.errors import MESSAGE_MAX, InputError, WorkError, printable
 from calib.formats import load_rig
 from calib.formats.base import parse_yaml
@@ -179,24 +178,6 @@ def test_message_is_one_printable_line_whose_middle_is_left_out_where_it_is_long
     assert len(message) < MESSAGE_MAX and message.startswith("a.toml: found 99")
     assert message.endswith("9 as a key")
     assert printable("a\x1b[31m\u202eb\n\tä\udcff") == "a\\x1b[31m\\u202eb\n\tä\\udcff"
-
-
-def test_first_writable_place_is_taken(tmp_path):
-    (tmp_path / "file").write_text("")
-    assert libraries.first_writable([tmp_path / "file" / "cache", tmp_path / "b"]) == tmp_path / "b"
-    assert not (tmp_path / "b").exists()
-
-
-def test_temporary_cache_is_used_with_a_warning_where_no_place_can_be_written(tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("")
-    monkeypatch.setattr(libraries, "usual_places", lambda: [tmp_path / "file" / "cache"])
-    monkeypatch.delitem(libraries.sys.modules, "numba", raising=False)
-    monkeypatch.setattr(libraries.tempfile, "mkdtemp", lambda prefix: str(tmp_path / prefix))
-    monkeypatch.setenv(libraries.VARIABLE, "")
-    monkeypatch.delenv(libraries.VARIABLE)
-    with pytest.warns(RuntimeWarning, match="costs a minute at each start"):
-        libraries.prepare_kernel_cache()
-    assert libraries.os.environ[libraries.VARIABLE] == str(tmp_path / "planview-kernels-")
 
 
 def test_missing_open3d_is_one_sentence_with_the_purpose(monkeypatch):
