@@ -33,7 +33,6 @@ from planview.counting.stream import Analytics
 from planview.engine.config import Config, load_config
 from planview.engine.engine import Engine
 from planview.engine.open import ImageTrackerName, TrackerName, base_config, open_engine
-from planview.maps.recording import is_maps
 from planview.output.finished import refine_run
 from planview.output.folder import HoldsResultsError, RunInfo, check_folder, finished_run, folder_lock
 from planview.output.progress import FrameProgress, PlainConsole, compile_notice, summary
@@ -45,9 +44,8 @@ from planview.output.resume import checkpoint_of, remove_checkpoint
 from planview.output.run import RunLog, RunOptions, begin_run, run_identity
 from planview.output.run import run as run_engine
 from planview.output.run_folder import RunFolder
-from planview.output.tables import MapsLog
+from planview.output.tables import MapsLog, refuse_unrecorded
 from planview.synthetic.assets import DEMO
-from stereo.readers.open import is_multi_rig
 
 INPUT, TRACKING, OUTPUT = (Group(name, sort_key=place) for place, name in enumerate(("Input", "Tracking", "Output")))
 _In, _How, _Out = (Parameter(group=group) for group in (INPUT, TRACKING, OUTPUT))
@@ -182,10 +180,8 @@ def _opened_and_tracked(
     source = open_options(None if camera else options.calibration, options.fps, options.topics, right)
     with console.status("opening the recording, aligning rows, finding the floor"):
         engine = open_engine(recording, options.tracker, settings, camera, source, detections=options.detections)
-    if options.maps and (engine.stereo is None or is_maps(recording)):
-        raise InputError(f"--maps: expected a stereo recording, found {recording}")
-    if options.maps and is_multi_rig(recording):
-        raise InputError("--maps: maps.h5 holds the view of one head, and the recording has several heads")
+    if options.maps:
+        refuse_unrecorded(engine)
     plane = RulePlane(engine.camera, engine.size, has_floor=engine.camera is not None)
     analytics = Analytics(load_rules(options.rules, plane)) if options.rules else None
     with folder_lock(out):

@@ -80,12 +80,14 @@ class Head(Protocol):
         rig: of heads that measure depth, above the floor, with the grid of the maps; else None.
         maps: of heads that measure depth, what makes their views and maps; else None.
         ahead: frames that may be measured ahead in a thread of their own; 0 for none.
+        records: whether its views can be recorded as plan-view maps.
         checks: of the recording so far: before its first frame, and from the frames seen.
     """
 
     name: str
     size: tuple[int, int]
     ahead: int
+    records: bool
 
     @property
     def camera(self) -> FloorCamera | None: ...
@@ -128,7 +130,7 @@ class RigHead:
         foreground, maps, feedback: the stages after measuring.
     """
 
-    ahead = 2
+    ahead, records = 2, True
 
     def __init__(self, setup: Setup, config: Config, name: str = "") -> None:
         self.name, self.rig, self._measure = name, setup, setup.measure
@@ -242,7 +244,7 @@ class CameraHead(Carried):
     section 2)."""
 
     CARRIED = "_past", "_steadiness", "_labels"
-    ahead, name, rig, maps = 0, "", None, None
+    ahead, records, name, rig, maps = 0, False, "", None, None
 
     def __init__(
         self,
@@ -371,7 +373,7 @@ class RecordedHead:
     the feedback that the recording's tracker gave to its foreground stays in the points.
     """
 
-    ahead, name = 0, ""
+    ahead, records, name = 0, False, ""
     checks: tuple[Check, ...] = ()
 
     def __init__(self, rig: FloorRig, config: Config, source: str) -> None:

@@ -17,7 +17,7 @@ from planview.engine.head import CameraHead, Head, RecordedHead, RigHead
 from planview.engine.setup import Setup, set_up
 from planview.maps.grid import floor_in_view
 from planview.maps.recording import MapsRecording, RecordedViews, is_maps
-from planview.tracking.base import ImageTracker, Tracker, refuse_tracker
+from planview.tracking.base import ImageTracker, Needs, Tracker, refuse_tracker
 from planview.tracking.detections import BoxTracker, DetectionTracker
 from planview.tracking.joint import JointTracker
 from planview.tracking.template import TemplateTracker
@@ -72,31 +72,21 @@ def open_engine(
     if not isinstance(options, OpenOptions | None):
         raise InputError(f"expected OpenOptions, found {type(options).__name__}", argument="options")
     options = options or OpenOptions()
-    of_images = tracker in get_args(ImageTrackerName) or getattr(tracker, "needs", "") == "image"
-    recording = open_source(path, options, of_images or detections is not None)
-    first, foreign = recording.parts[0].head, camera or options.calibration
-    if foreign is not None and (len(recording.parts) > 1 or isinstance(first, RecordedViews)):
-        raise InputError(f"{foreign}: expected no calibration for {path}, whose heads have their own")
-    if detections is not None:
-        if not isinstance(first, OneCamera):
-            raise InputError(
-                f"{path} is no video of one camera, and boxes are tracked in one image", argument="detections"
-            )
-        boxes = load_detections(Path(detections)) if isinstance(detections, str | Path) else Detections.of(detections)
-        tracker = _box_tracker(boxes, recording.n_frames, first, config or Config(), camera)
-    engine = engine_of(recording, tracker, config, camera=camera, matcher=matcher)
-    if isinstance(first, OneCamera):
-        engine.study(max(1, round(recording.fps / OVERVIEW_HZ)))
-    return engine
+    of_images = detections is not None or _needs(tracker) == "image"
+    recording = open_source(path, options, of_images, camera)
+    return engine_of(recording, tracker, config, camera=camera, matcher=matcher, detections=detections, study=True)
 
 
-def open_source(path: Path, options: OpenOptions, of_images: bool = False) -> AnySource:
+def open_source(
+    path: Path, options: OpenOptions, of_images: bool = False, camera: Path | GroundCamera | None = None
+) -> AnySource:
     """A recording of any kind: plan-view maps, several heads, a pair, images with depth or, where ``of_images`` says
-    that no depth is needed, one camera. Raises InputError: nothing there that can be read."""
-    if is_maps(path):
-        return MapsRecording(path)
-    if is_multi_rig(path):
-        return open_rigs(path)
+    that no depth is needed, one camera. Raises InputError: nothing there that can be read, or a calibration for heads
+    that have their own."""
+    if is_maps(path) or is_multi_rig(path):
+        if (foreign := camera or options.calibration) is not None:
+            raise InputError(f"{foreign}: expected no calibration for {path}, whose heads have their own")
+        return MapsRecording(path) if is_maps(path) else open_rigs(path)
     if of_images and not (options.calibration or options.right or holds_pair(path)):
         return open_video(path, options)
     return open_any(path, options)
@@ -109,37 +99,44 @@ def engine_of(
     *,
     camera: Path | GroundCamera | None = None,
     matcher: Matcher | None = None,
+    detections: Path | str | Sequence[ArrayLike] | None = None,
     setup: Setup | None = None,
+    study: bool = False,
 ) -> Engine:
     """An engine for an open recording; arguments and errors are those of ``open_engine``.
 
     Args:
         setup: of the recording of one head; ``set_up`` finds it when None.
+        study: the tracker of one camera looks at the beginning of the recording first.
     """
-    config = config or _config_of_source(recording)
+    config = config or _default_config(recording)
     first = recording.parts[0].head
-    ground_camera = _ground_camera(camera, first) if isinstance(first, OneCamera) else None
-    tracker = _tracker_of(tracker, config, ground_camera, recording)
-    if matcher is not None and not (len(recording.parts) == 1 and isinstance(first, Pair)):
+    if isinstance(first, OneCamera):
+        ground_camera = load_one_camera(camera, first.size) if isinstance(camera, Path) else camera
+        if detections is not None:
+            follower: ImageTracker = _box_tracker(recording.n_frames, first, detections, config, ground_camera)
+        else:
+            follower = _image_tracker(_that_fits(tracker, "image", recording), config, ground_camera)
+        engine = Engine(
+            recording, config, [CameraHead(config.single_camera, first.size, follower, ground_camera)], follower
+        )
+        if study:
+            engine.study(max(1, round(recording.fps / OVERVIEW_HZ)))
+        return engine
+    if detections is not None:
+        problem = f"{recording.path} is no video of one camera, and boxes are tracked in one image"
+        raise InputError(problem, argument="detections")
+    if matcher is not None and not isinstance(first, Pair):
         raise InputError(f"{recording.path}: expected a recording of one stereo pair for a matcher of your own")
-    heads = [_head_of(part, tracker, config, ground_camera, matcher, setup) for part in recording.parts]
-    return Engine(recording, config, heads, tracker)
+    floor_tracker = _floor_tracker(_that_fits(tracker, "maps", recording), config)
+    heads = [_head_above_floor(part, config, matcher, setup) for part in recording.parts]
+    return Engine(recording, config, heads, floor_tracker)
 
 
-def _head_of(
-    part: Any,
-    tracker: Tracker,
-    config: Config,
-    camera: GroundCamera | None,
-    matcher: Matcher | None,
-    setup: Setup | None,
-) -> Head:
+def _head_above_floor(part: Any, config: Config, matcher: Matcher | None, setup: Setup | None) -> Head:
     """What recorded a part of a recording, made ready."""
-    head = part.head
-    if isinstance(head, RecordedViews):
-        return _recorded_head(part.path, head, config)
-    if isinstance(head, OneCamera):
-        return CameraHead(config.single_camera, head.size, cast(ImageTracker, tracker), camera)
+    if isinstance(part.head, RecordedViews):
+        return _recorded_head(part.path, part.head, config)
     return RigHead(setup or set_up(part, config, matcher), config, part.name)
 
 
@@ -171,57 +168,63 @@ def recorded_config(path: Path, head: RecordedViews) -> Config:
         ) from error
 
 
-def _config_of_source(recording: AnySource) -> Config:
+def _default_config(recording: AnySource) -> Config:
     """What parameters are changed from: those that made the plan-view maps, else the defaults."""
-    head = recording.parts[0].head
-    return recorded_config(recording.path, head) if isinstance(head, RecordedViews) else Config()
+    if isinstance(recording, MapsRecording):
+        return recorded_config(recording.path, recording.head)
+    return Config()
 
 
 def base_config(path: Path) -> Config:
     """What parameters are changed from, of a recording that is not open yet. Raises InputError: maps that cannot be
     read."""
-    return _config_of_source(MapsRecording(path)) if is_maps(path) else Config()
+    return _default_config(MapsRecording(path)) if is_maps(path) else Config()
 
 
-def _ground_camera(camera: Path | GroundCamera | None, head: OneCamera) -> GroundCamera | None:
-    return load_one_camera(camera, head.size) if isinstance(camera, Path) else camera
+def _needs(tracker: AnyTracker) -> Needs:
+    if isinstance(tracker, str):
+        return "image" if tracker in get_args(ImageTrackerName) else "maps"
+    return tracker.needs
+
+
+def _that_fits(tracker: AnyTracker, given: Literal["maps", "image"], recording: AnySource) -> AnyTracker:
+    """The tracker. Raises InputError: the recording does not give what it needs."""
+    if ((needs := _needs(tracker)) == "image") != (given == "image"):
+        one, depth = "one camera without depth", "a stereo pair, images with depth or plan-view maps"
+        name = tracker if isinstance(tracker, str) else type(tracker).__name__
+        needed, found = (one, depth) if needs == "image" else (depth, one)
+        raise InputError(f"{recording.path}: the tracker {name} needs {needed}, found {found}")
+    return tracker
 
 
 def _box_tracker(
-    boxes: Detections, n_frames: int, head: OneCamera, config: Config, camera: Path | GroundCamera | None
+    n_frames: int,
+    head: OneCamera,
+    detections: Path | str | Sequence[ArrayLike],
+    config: Config,
+    camera: GroundCamera | None,
 ) -> ImageTracker:
     """A tracker of another program's boxes: on the floor with a camera, in the image without one."""
-    boxes, ground_camera = boxes.within(head.size), _ground_camera(camera, head)
+    boxes = load_detections(Path(detections)) if isinstance(detections, str | Path) else Detections.of(detections)
+    boxes = boxes.within(head.size)
     boxes = boxes.of_frames(n_frames) if n_frames > 0 else boxes
-    if ground_camera is None:
+    if camera is None:
         return BoxTracker(boxes, config.detections.edge)
-    return DetectionTracker(boxes, config.detections, ground_camera)
+    return DetectionTracker(boxes, config.detections, camera)
 
 
-def _tracker_of(tracker: AnyTracker, config: Config, camera: GroundCamera | None, recording: AnySource) -> Tracker:
-    """A tracker by its name, or one's own. Raises InputError: the recording does not give what it needs."""
-    is_image = isinstance(recording.parts[0].head, OneCamera)
-    by_name = "image" if tracker in get_args(ImageTrackerName) else "maps"
-    needs = by_name if isinstance(tracker, str) else tracker.needs
-    if (needs == "image") != is_image:
-        found = "one camera without depth" if is_image else "depth or plan-view maps"
-        wanted = (
-            "one camera without depth" if needs == "image" else "a stereo pair, images with depth or plan-view maps"
-        )
-        name = tracker if isinstance(tracker, str) else type(tracker).__name__
-        raise InputError(f"{recording.path}: the tracker {name} needs {wanted}, found {found}")
-    if not isinstance(tracker, str):
-        return tracker
-    if tracker == "joint":
-        return JointTracker(config.joint)
+def _floor_tracker(tracker: AnyTracker, config: Config) -> Tracker:
+    """A tracker of points or maps by its name, or one's own."""
     if tracker == "template":
         return TemplateTracker(config.template, config.maps.height_max_m)
-    return image_tracker(tracker, config, camera)
+    return JointTracker(config.joint) if isinstance(tracker, str) else tracker
 
 
-def image_tracker(tracker: ImageTrackerName, config: Config, camera: GroundCamera | None) -> ImageTracker:
-    """A tracker of one camera's images with its parameters. Raises InputError: the human-model tracker without a
+def _image_tracker(tracker: AnyTracker, config: Config, camera: GroundCamera | None) -> ImageTracker:
+    """A tracker of one camera's images by its name, or one's own. Raises InputError: the human-model tracker without a
     camera, or nobody can be seen by it."""
+    if not isinstance(tracker, str):
+        return cast(ImageTracker, tracker)
     if tracker == "ellipse-particle":
         from planview.tracking.ellipse_particle.tracker import EllipseParticleTracker
 

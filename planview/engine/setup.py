@@ -50,14 +50,12 @@ def set_up(
     Args:
         matcher: of whole pairs; SGBM when None.
     Raises:
-        InputError: a floor of which the camera sees nothing or too much, or a matcher for images with depth.
+        InputError: a floor of which the camera sees nothing or too much.
         WorkError: no usable frame, left and right swapped, hardly any disparity or depth, or no floor visible.
     """
     pose_file = RIGS_FILE if recording.name else "world.toml"
     head, seen = recording.head, spread_frames(recording, floor_search(config))
     if isinstance(seen, DepthFrames):
-        if matcher is not None:
-            raise InputError(f"{recording.path}: expected a stereo pair for a matcher of your own, found depth")
         return _set_up_depth(recording, seen, config, pose_file)
     refuse_foreign(recording.path, seen.plain, seen.matches)
     light = image_checks(seen.frames)
@@ -99,7 +97,7 @@ def _set_up_depth(recording: Recording[Pair | DepthCamera], seen: DepthFrames, c
     grid, step = _analysed(recording.path, geometry, floor, source, config)
     return Setup(
         geometry, floor, source, head.source, math.nan, seen.searched, grid, step, sensor=head.sensor,
-        checks=tuple(floor_checks(floor)), measure=SensorMeasure(seen.rectifier, step),
+        checks=(*floor_checks(floor), *run_checks(recording)), measure=SensorMeasure(seen.rectifier, step),
     )  # fmt: skip
 
 

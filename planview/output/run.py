@@ -24,7 +24,6 @@ from calib.carried import Carried
 from calib.errors import WorkError
 from planview.checks.check import Check
 from planview.checks.examine import RecordingWatch, refuse_unless_ok
-from planview.checks.registration import run_checks
 from planview.checks.timing import rate_checks
 from planview.counting.events import Event
 from planview.counting.stream import Analytics
@@ -42,7 +41,7 @@ from planview.output.folder import (
 )
 from planview.output.tables import RunTables
 from planview.trajectories.table import is_person
-from stereo.recording import DepthCamera, Recording
+from stereo.recording import Recording
 
 
 class RunLog(Protocol):
@@ -190,18 +189,17 @@ class RunChecks:
 
     def __init__(self, engine: Engine, strict: bool) -> None:
         self._engine = engine
-        self._watch = RecordingWatch(engine.stereo) if engine.stereo is not None else None
+        self._watches = [RecordingWatch(rig) for rig in [*engine.rigs.values()][:1]]
         recording = engine.recording
         one = recording if isinstance(recording, Recording) else None
         self._before = rate_checks(one) if one else []
-        self._before += run_checks(one) if one and isinstance(one.head, DepthCamera) else []
         self._strict, self._frames = strict, 0
         self.refuse()
 
     def update(self, result: FrameResult) -> None:
-        if self._watch is not None:
-            places = {t.track_id: (t.x_m, t.y_m) for t in result.tracks if t.state == "confirmed"}
-            self._watch.update(result.timestamp_s, result.depth, result.views[0].foreground, places)
+        places = {t.track_id: (t.x_m, t.y_m) for t in result.tracks if t.state == "confirmed"}
+        for watch in self._watches:
+            watch.update(result.timestamp_s, result.depth, result.views[0].foreground, places)
         self._frames += 1
         if self._frames % 60 == 0:
             self.refuse()
@@ -216,7 +214,7 @@ class RunChecks:
         return [RunWarning(name=c.name, value=value, unit=c.unit, text=c.sentence) for c, value in failed]
 
     def _all(self) -> list[Check]:
-        return list(self._engine.checks) + self._before + (self._watch.checks() if self._watch else [])
+        return list(self._engine.checks) + self._before + [check for watch in self._watches for check in watch.checks()]
 
 
 class _Run:

@@ -138,6 +138,15 @@ class RunTables:
             file.close()
 
 
+def refuse_unrecorded(engine: Engine) -> None:
+    """Raises InputError: the views of an engine's heads cannot be recorded as plan-view maps."""
+    if len(engine.heads) > 1:
+        raise InputError("maps.h5 holds the view of one head, and the recording has several heads", argument="maps")
+    if not engine.heads[0].records:
+        found = "recorded maps" if engine.rigs else "a camera without depth"
+        raise InputError(f"expected a stereo pair or images with depth, found {found}", argument="maps")
+
+
 class MapsLog:
     """Writes the foreground points of every frame: a ``RunLog``.
 
@@ -152,11 +161,10 @@ class MapsLog:
     """
 
     def __init__(self, engine: Engine, path: Path, position: Mapping[str, int] | None = None) -> None:
-        if engine.stereo is None:
-            raise InputError("expected a stereo pair or images with depth, found a camera without depth")
+        refuse_unrecorded(engine)
         self._recording, self._path = engine.recording, path
         self._open_path = path.with_name(path.name + PART)
-        head = RecordedViews(engine.stereo, engine.config.model_dump_json())
+        head = RecordedViews(engine.rigs[engine.heads[0].name], engine.config.model_dump_json())
         self._new_writer = partial(MapsWriter, head=head, fps=engine.recording.fps)
         self._parts = 0 if position is None else position["parts"]
         kept = self._part_paths
