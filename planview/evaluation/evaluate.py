@@ -12,6 +12,7 @@ from calib.errors import InputError
 from calib.params import Params
 from calib.types import F64, I64, Bool
 from planview.evaluation.align import FloorAlignment, align_tracks, moved
+from planview.evaluation.explain import explanation, shift_between
 from planview.evaluation.metrics import Similarity, box_similarity, build_sequence, clear_scores, floor_similarity
 from planview.evaluation.result import Evaluation, FacingErrors, TruthRows
 from planview.evaluation.significant import (
@@ -27,8 +28,6 @@ from planview.evaluation.significant import (
 )
 from planview.trajectories.table import Trajectories, frame_period_s, frame_step, people_of, rows_by_id
 
-SHIFT_MAX = 30
-"""Largest shift of the tracks that is tried [frames]."""
 SHIFTED = 0.85
 """Share of the error that a shift must get below: with less gain both may count frames alike."""
 STEP_S = 0.25
@@ -80,6 +79,7 @@ def evaluate_tracks(
         return _of_some_frames(tracks, truth, params)
     frame_s, on_floor = frame_period_s(tracks, 1.0 / params.fps), params.match_on == "floor"
     claimed, predicted, people, alignment = _comparable(tracks, truth, params)
+    raw = claimed if alignment is None else tracks.where(_usable(tracks, on_floor) & (tracks.state == "confirmed"))
     similarity = floor_similarity(params.gate_m) if on_floor else box_similarity
     ignored, excused = _ignored(people, claimed, params.min_visible, similarity)
     counted, followed = people.where(~ignored), claimed.where(~excused)
@@ -111,7 +111,8 @@ def evaluate_tracks(
         track_frames=len(np.unique(claimed.frame)),
         covered_frames=len(np.intersect1d(claimed.frame, people.frame)),
         alignment=alignment,
-        shift=_shift(counted, followed, similarity),
+        shift=_shift(counted, followed, similarity, on_floor),
+        explanation=explanation(counted, raw, on_floor),
         unplaced_rows=len(truth) - len(people) + int((tracks.state == "confirmed").sum()) - len(claimed),
     )
 
@@ -189,9 +190,9 @@ def _of_some_frames(tracks: Trajectories, truth: Trajectories, params: Evaluatio
     )
 
 
-def _shift(truth: Trajectories, tracks: Trajectories, similarity: Similarity) -> int:
-    """The shift of the tracks [frames] at which their median error stops falling; 0 unless it is below SHIFTED of that
-    without a shift."""
+def _shift(truth: Trajectories, tracks: Trajectories, similarity: Similarity, on_floor: bool) -> int:
+    """The shift of the tracks [frames] that most pairs of near rows vote for; 0 unless their median error is below
+    SHIFTED of that without a shift."""
 
     def error(shift: int) -> float:
         pairs = build_sequence(truth, replace(tracks, frame=tracks.frame + shift), similarity)
@@ -199,11 +200,8 @@ def _shift(truth: Trajectories, tracks: Trajectories, similarity: Similarity) ->
         np.maximum.at(nearest, pairs.pair_truth, pairs.similarity)
         return 1.0 - float(np.median(nearest[nearest > 0])) if nearest.any() else 1.0
 
-    best, least = 0, (whole := error(0))
-    for step in (-1, 1):
-        while abs(best) < SHIFT_MAX and (shifted := error(best + step)) < least:
-            best, least = best + step, shifted
-    return best if least < SHIFTED * whole else 0
+    shift = shift_between(truth, tracks, on_floor)
+    return shift if shift and error(shift) < SHIFTED * error(0) else 0
 
 
 def _prediction_histories(

@@ -158,6 +158,7 @@ class Evaluation:
         tracked_people: tracks that count as people (``people_of``), near somebody or not.
         track_frames, covered_frames: frames with confirmed tracks, and those of them in which the truth has rows.
         shift: frames by which the tracks have to be moved to lie clearly nearer to the truth, else 0.
+        explanation: a sentence on what would make a bad score good; empty where nothing would.
         alignment: the motion applied to the tracks; None without ``align``.
         left_out_frames: frames with confirmed tracks between those that a truth of only some frames has.
         unplaced_rows: truth rows and confirmed rows without what they are matched on, which are left out.
@@ -178,6 +179,7 @@ class Evaluation:
     covered_frames: int
     alignment: FloorAlignment | None
     shift: int = 0
+    explanation: str = ""
     left_out_frames: int = 0
     unplaced_rows: int = 0
 
@@ -188,7 +190,12 @@ class Evaluation:
     def headline(self) -> str:
         """The figures that matter most, in one line."""
         people = self.sequence.n_truth
-        parts = [f"{people} {'person' if people == 1 else 'people'} in the truth, {self.tracked_people} tracked"]
+        hidden = (
+            "" if self.sequence.truth_rows or not self.ignored_rows else f" (all {self.ignored_rows:,} rows hidden)"
+        )
+        parts = [
+            f"{people} {'person' if people == 1 else 'people'} in the truth{hidden}, {self.tracked_people} tracked"
+        ]
         for name, value in (("MOTA", self.mota), ("IDF1", self.idf1)):
             parts += [f"{name} {value:.3f}"] if value is not None else []
         for name, mean_m in (("position", self.position_error_mean_m), ("height", self.height_error_mean_m)):
@@ -228,8 +235,10 @@ class Evaluation:
         )  # fmt: skip
 
     def _misfit(self) -> str:
+        if self.explanation:
+            return self.explanation
         if self.covered_frames and self.sequence.track_rows and not len(self.clear.matches):
-            return "no track is near any truth row: another unit, swapped axes, or a world frame to align"
+            return "no track is near any truth row, in any unit, axes or frames that were tried"
         if self.shift:
             frames = f"{self.shift:+d} frame{'s' * (abs(self.shift) > 1)}"
             return f"tracks moved by {frames} fit clearly better: do both number frames from the same start?"

@@ -236,7 +236,7 @@ def test_evaluate_scores_the_frames_of_the_run_as_its_report_does(files, capsys)
         ([f"{t},4,0.0,{0.03 * t:.2f},1.7,1" for t in range(20)], "the truth covers 20 of 60 frames with tracks"),
         (
             [f"{t},4,900,{9000 + 30 * t},1700,1" for t in range(60)],
-            "no track is near any truth row: another unit, swapped axes",
+            "in place of 0%, if its unit is millimetres",
         ),
     ],
     ids=["no rows in most frames", "another unit"],
