@@ -115,8 +115,10 @@ def _in_folder(folder: Path) -> Found:
 
 
 FORMATS: tuple[Format, ...] = (NATIVE, OPENCV, DEPTHAI, KALIBR, ROS, ZED, KITTI, EUROC, MIDDLEBURY)
+WRITTEN: tuple[Format, ...] = tuple(form for form in FORMATS if form.texts is not None)
+"""Those that ``write_rig`` writes; the others are only read."""
 
-__all__ = ["FORMATS", "calibration_files", "fitted", "load_rig", "refuse_strange_camera", "write_rig"]
+__all__ = ["FORMATS", "WRITTEN", "calibration_files", "fitted", "load_rig", "refuse_strange_camera", "write_rig"]
 
 
 def load_rig(
@@ -169,9 +171,9 @@ def write_rig(rig: StereoRig, path: Path, format_key: str | None = None, keep: C
         format_key: ``Format.key``; None takes the first format that writes files of this suffix.
         keep: files that must not be written over.
     """
-    keys, suffix = ", ".join(f.key for f in FORMATS), path.suffix.lower()
-    matches = (f for f in FORMATS if (f.key == format_key if format_key else suffix and f.suffix == suffix))
-    if (chosen := next(matches, None)) is None:
+    keys, suffix = ", ".join(f.key for f in WRITTEN), path.suffix.lower()
+    matches = (f for f in WRITTEN if (f.key == format_key if format_key else suffix and f.suffix == suffix))
+    if (chosen := next(matches, None)) is None or chosen.texts is None:
         problem = f"the name of a format ({keys}), because none has the suffix of {path.name!r}"
         raise InputError(f"{path}: expected {f'a format of {keys}, found {format_key!r}' if format_key else problem}")
     try:

@@ -50,7 +50,8 @@ class Format(NamedTuple):
         key, name: short, and as messages show it.
         part: what a text holds in this format: "whole" (a rig), "left" or "right" (a half), or None (not this format).
         read: a rig from a whole, or from its left and right half; raises ValueError for bad content.
-        texts: the text of each file that a rig is written to; raises ValueError when the format cannot hold it.
+        texts: the text of each file that a rig is written to; raises ValueError when the format cannot hold it. None:
+            the format is only read.
         suffix: of the file it writes; empty: it writes a folder.
     """
 
@@ -58,8 +59,8 @@ class Format(NamedTuple):
     name: str
     part: Callable[[Source], str | None]
     read: Callable[[Sequence[Source], Choice], StereoRig]
-    texts: Callable[[StereoRig, Path], Mapping[Path, str]]
-    suffix: str
+    texts: Callable[[StereoRig, Path], Mapping[Path, str]] | None = None
+    suffix: str = ""
 
 
 def whole_with(*patterns: str) -> Callable[[Source], str | None]:

@@ -9,10 +9,8 @@ cameras only. Middlebury's calib.txt is that of a rectified pair, with the basel
 from __future__ import annotations
 
 import configparser
-import json
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +21,6 @@ from calib.formats.base import Choice, Format, Size, Source
 from calib.io import UNITS_M, size_text
 from calib.pose import SE3
 from calib.rig import StereoRig
-from calib.types import F64
 
 
 def _depthai_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
@@ -105,28 +102,8 @@ def _link(socket: int, values: Mapping[str, Any], unit_m: float) -> tuple[int, i
     return socket, to, base.transform(rotation, translation, f"rotationMatrix of socket {socket}")
 
 
-def _depthai_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
-    link = rig.right_SE3_left
-    entries = [[1, _entry(rig.left, link, 2)], [2, _entry(rig.right, SE3.identity(), -1)]]
-    stereo = {"leftCameraSocket": 1, "rightCameraSocket": 2}
-    data = {"boardName": "", "cameraData": entries, "stereoRectificationData": stereo, "version": 7}
-    return {path: json.dumps(data, indent=1)}
-
-
-def _entry(one: Camera, pose: SE3, to: int) -> dict[str, Any]:
-    model, coefficients = base.held("DepthAI", one, {"rational": 14, "brown": 14, "fisheye": 4})
-    translation = dict(zip("xyz", (pose.translation / UNITS_M["cm"]).tolist(), strict=True))
-    extrinsics = {"rotationMatrix": pose.rotation.tolist(), "specTranslation": translation, "toCameraSocket": to}
-    return {
-        "cameraType": 1 if model == "fisheye" else 0,
-        "distortionCoeff": [*coefficients, *[0.0] * (14 - len(coefficients))],
-        "extrinsics": extrinsics | {"translation": translation},
-        "height": one.height, "intrinsicMatrix": one.matrix.tolist(), "width": one.width,
-    }  # fmt: skip
-
-
 _IS_DEPTHAI = base.whole_with(r"\A\s*\{", '"cameraData"')
-DEPTHAI = Format("depthai", "DepthAI EEPROM JSON", _IS_DEPTHAI, _depthai_read, _depthai_texts, ".json")
+DEPTHAI = Format("depthai", "DepthAI EEPROM JSON", _IS_DEPTHAI, _depthai_read)
 
 
 RESOLUTIONS: dict[str, Size] = {
@@ -189,29 +166,7 @@ def _pose(stereo: Mapping[str, str], resolution: str, unit_m: float) -> SE3:
     return SE3.from_rotvec([value("RX"), value("CV", "RY"), value("RZ")], translation)
 
 
-def _zed_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
-    names = [name for name, size in RESOLUTIONS.items() if size == rig.left.size]
-    if not names:
-        held = ", ".join(map(size_text, RESOLUTIONS.values()))
-        raise ValueError(f"the ZED format holds images of {held}, not {size_text(rig.left.size)}")
-    name = names[0]
-    lines = [*_camera_lines(f"LEFT_CAM_{name}", rig.left), *_camera_lines(f"RIGHT_CAM_{name}", rig.right)]
-    x, y, z = (float(v) / UNITS_M["mm"] for v in rig.right_SE3_left.translation)
-    rx, ry, rz = (float(v) for v in rig.right_SE3_left.rotvec)
-    lines += ["[STEREO]", f"Baseline={-x!r}", f"TY={y!r}", f"TZ={z!r}"]
-    lines += [f"RX_{name}={rx!r}", f"CV_{name}={ry!r}", f"RZ_{name}={rz!r}", ""]
-    return {path: "\n".join(lines)}
-
-
-def _camera_lines(section: str, one: Camera) -> list[str]:
-    _, coefficients = base.held("ZED", one, {"brown": 5, "rational": 8})
-    intrinsics = [f"{key}={float(getattr(one, key))!r}" for key in ("fx", "fy", "cx", "cy")]
-    return [f"[{section}]", *intrinsics, *(f"{k}={v!r}" for k, v in zip(_COEFFICIENTS, coefficients, strict=False)), ""]
-
-
-ZED = Format(
-    "zed", "ZED factory conf", base.whole_with(r"^\s*\[(LEFT|RIGHT)_CAM_\w+\]"), _zed_read, _zed_texts, ".conf"
-)
+ZED = Format("zed", "ZED factory conf", base.whole_with(r"^\s*\[(LEFT|RIGHT)_CAM_\w+\]"), _zed_read)
 
 
 _KITTI_KEYS = re.compile(r"^K_\d\d:", re.MULTILINE)
@@ -266,26 +221,7 @@ def _of_sequence(source: Source, data: Mapping[str, str], choice: Choice) -> Ste
     return base.joined(one, other, f"{source.path.name} [cameras {left} {right}, rectified images]")
 
 
-def _kitti_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
-    lines = ["calib_time: 01-Jan-1970 00:00:00"]
-    poses = (SE3.identity(), rig.right_SE3_left)
-    for name, one, pose in zip(("00", "01"), (rig.left, rig.right), poses, strict=True):
-        _, coefficients = base.held("KITTI", one, {"brown": 5})
-        lines += [
-            f"S_{name}: {one.width} {one.height}",
-            f"K_{name}: {_kitti_text(one.matrix)}",
-            f"D_{name}: {_kitti_text(np.array(coefficients))}",
-            f"R_{name}: {_kitti_text(pose.rotation)}",
-            f"T_{name}: {_kitti_text(pose.translation)}",
-        ]
-    return {path: "\n".join(lines) + "\n"}
-
-
-def _kitti_text(values: F64) -> str:
-    return " ".join(repr(float(v)) for v in values.ravel())
-
-
-KITTI = Format("kitti", "KITTI calib_cam_to_cam", _kitti_part, _kitti_read, _kitti_texts, ".txt")
+KITTI = Format("kitti", "KITTI calib_cam_to_cam", _kitti_part, _kitti_read)
 
 
 def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
@@ -303,21 +239,5 @@ def _middlebury_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     return StereoRig(left, right, SE3(np.eye(3), np.array([-baseline, 0.0, 0.0])), sources[0].path.name)
 
 
-def _middlebury_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
-    pose = rig.right_SE3_left
-    if np.abs(pose.rotation - np.eye(3)).max() > 1e-12 or np.abs(pose.translation[1:]).max() > 1e-12:
-        raise ValueError("the Middlebury format holds rectified pairs only, and this pair is not rectified")
-    if any(np.any(one.coefficients) or one.model == "fisheye" for one in (rig.left, rig.right)):
-        raise ValueError("the Middlebury format holds no distortion, and these cameras have some")
-    lines = [
-        f"{name}=[{one.fx!r} 0 {one.cx!r}; 0 {one.fy!r} {one.cy!r}; 0 0 1]"
-        for name, one in (("cam0", rig.left), ("cam1", rig.right))
-    ]
-    baseline_mm = float(-pose.translation[0]) / UNITS_M["mm"]
-    lines += [f"doffs={rig.right.cx - rig.left.cx!r}", f"baseline={baseline_mm!r}"]
-    lines += [f"width={rig.left.width}", f"height={rig.left.height}"]
-    return {path: "\n".join(lines) + "\n"}
-
-
 _IS_MIDDLEBURY = base.whole_with(r"^\s*cam0\s*=\s*\[")
-MIDDLEBURY = Format("middlebury", "Middlebury calib.txt", _IS_MIDDLEBURY, _middlebury_read, _middlebury_texts, ".txt")
+MIDDLEBURY = Format("middlebury", "Middlebury calib.txt", _IS_MIDDLEBURY, _middlebury_read)

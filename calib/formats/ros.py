@@ -135,16 +135,6 @@ def _pinhole(values: Mapping[str, Any], name: str, key: str, counts: tuple[int, 
     return base.camera(size, intrinsics, coefficients, model, name)
 
 
-def _pinhole_entry(one: Camera, name: str, key: str, polynomial: str) -> dict[str, Any]:
-    """The same as a table; ``polynomial`` is what the format of this name calls the lens of k1 k2 p1 p2."""
-    model, coefficients = base.held(name, one, {"brown": 4, "fisheye": 4})
-    return {
-        "camera_model": "pinhole", "intrinsics": [float(v) for v in (one.fx, one.fy, one.cx, one.cy)],
-        "distortion_model": "equidistant" if model == "fisheye" else polynomial, key: coefficients,
-        "resolution": [*one.size],
-    }  # fmt: skip
-
-
 def _kalibr_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     data, cameras = base.parse_yaml(sources[0].text), []
     left, right = choice.cameras or ("cam0", "cam1")
@@ -185,8 +175,17 @@ def _index(name: str) -> int:
 
 
 def _kalibr_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
-    one, other = (_pinhole_entry(camera, "Kalibr", "distortion_coeffs", "radtan") for camera in (rig.left, rig.right))
-    return {path: base.yaml_text({"cam0": one, "cam1": other | {"T_cn_cnm1": rig.right_SE3_left.matrix.tolist()}})}
+    pose = {"T_cn_cnm1": rig.right_SE3_left.matrix.tolist()}
+    return {path: base.yaml_text({"cam0": _kalibr_entry(rig.left), "cam1": _kalibr_entry(rig.right) | pose})}
+
+
+def _kalibr_entry(one: Camera) -> dict[str, Any]:
+    model, coefficients = base.held("Kalibr", one, {"brown": 4, "fisheye": 4})
+    return {
+        "camera_model": "pinhole", "intrinsics": [float(v) for v in (one.fx, one.fy, one.cx, one.cy)],
+        "distortion_model": "equidistant" if model == "fisheye" else "radtan", "distortion_coeffs": coefficients,
+        "resolution": [*one.size],
+    }  # fmt: skip
 
 
 _IS_KALIBR = base.whole_with(r"^\s*[\"']?cam\d+[\"']?\s*:", r"^\s*(camera_model|distortion_coeffs)\s*:")
@@ -209,14 +208,4 @@ def _euroc_read(sources: Sequence[Source], choice: Choice) -> StereoRig:
     return base.joined(halves[0], halves[1], "+".join(names))
 
 
-def _euroc_texts(rig: StereoRig, path: Path) -> dict[Path, str]:
-    texts = {}
-    poses = SE3.identity(), rig.right_SE3_left.inverse()
-    for name, one, body_SE3_camera in zip(("cam0", "cam1"), (rig.left, rig.right), poses, strict=True):
-        pose = {"cols": 4, "rows": 4, "data": body_SE3_camera.matrix.ravel().tolist()}
-        entry = _pinhole_entry(one, "EuRoC", "distortion_coefficients", "radial-tangential")
-        texts[path / name / "sensor.yaml"] = base.yaml_text({"sensor_type": "camera", "T_BS": pose} | entry)
-    return texts
-
-
-EUROC = Format("euroc", "EuRoC sensor.yaml pair", _euroc_part, _euroc_read, _euroc_texts, "")
+EUROC = Format("euroc", "EuRoC sensor.yaml pair", _euroc_part, _euroc_read)

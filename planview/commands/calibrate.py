@@ -18,7 +18,7 @@ from rich.table import Table
 from calib.board.detect import MARKER_SHARES, MAX_SQUARE_M, MIN_SQUARE_M, Board, dictionaries
 from calib.board.solve import BoardCalibration
 from calib.errors import InputError, WorkError
-from calib.formats import FORMATS, calibration_files, load_rig, write_rig
+from calib.formats import WRITTEN, calibration_files, load_rig, write_rig
 from calib.io import parse_length, parse_size
 from calib.world import save_rigs
 from planview.calibration.align import RigAlignment, align_records, record_rig, relative_to, rig_entries
@@ -261,6 +261,9 @@ def calibrate_convert(
 ) -> None:
     """Convert a calibration from one format to another.
 
+    Reads OpenCV, Kalibr, ROS, ZED, DepthAI, KITTI, EuRoC and Middlebury, and writes planview's own format, OpenCV,
+    Kalibr and ROS.
+
     Example: planview calibrate convert intrinsics.yml rig.toml --size 640x480 --unit 24.23mm
 
     Parameters
@@ -270,7 +273,7 @@ def calibrate_convert(
     target
         File or folder to write.
     to
-        Format to write: rig, opencv, depthai, kalibr, ros, zed, kitti, euroc or middlebury; else taken from the suffix.
+        Format to write: rig, opencv, kalibr or ros; else taken from the suffix.
     size
         Image size WxH: selects a resolution, supplies one the file lacks, or scales.
     unit
@@ -280,8 +283,8 @@ def calibrate_convert(
     swap
         The file calls the right camera left.
     """
-    if to is None and target.suffix.lower() not in {one.suffix for one in FORMATS if one.suffix}:
-        keys = ", ".join(one.key for one in FORMATS)
+    if to is None and target.suffix.lower() not in {one.suffix for one in WRITTEN if one.suffix}:
+        keys = ", ".join(one.key for one in WRITTEN)
         raise InputError(f"{target}: expected --to {keys}, because no format has the suffix of {target.name!r}")
     rig = load_rig(
         source,

@@ -6,11 +6,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from toy_calibrations import EUROC, KITTI, MIDDLEBURY, foreign_calibrations
 from toy_recordings import H, W, folder_recording, picture, write_images, write_times
 from toy_stereo import toy_rig
 
 from calib.errors import InputError, UnreadableError
-from calib.formats import write_rig
 from calib.rig import save_rig
 from stereo.readers import OpenOptions, find_layout, find_reader, open_recording
 from stereo.readers.images import decode_image, to_8_bits, true_bits
@@ -19,12 +19,15 @@ from stereo.readers.times import rate_of_times, read_stamps, stamps_in_names
 
 COUNT = 6
 START = 1_403_715_273_262_142_976
+CALIBRATIONS = foreign_calibrations((W, H), focal_px=30.0)
 STAMPS = [START + i * 50_000_000 for i in range(COUNT)]
 
 
 def euroc(folder: Path, listed: bool = True) -> Path:
-    write_rig(toy_rig((W, H), focal_px=30.0), folder / "mav0", "euroc")
-    for camera in (folder / "mav0" / "cam0", folder / "mav0" / "cam1"):
+    for name in EUROC:
+        camera = (folder / "mav0" / name).parent
+        camera.mkdir(parents=True)
+        (folder / "mav0" / name).write_text(CALIBRATIONS[name])
         for i, stamp in enumerate(STAMPS):
             write_images(camera / "data", f"{stamp}.png", image=picture(10 * i))
         if listed:
@@ -57,9 +60,7 @@ def kitti(folder: Path, suffix: str) -> Path:
         (drive / "timestamps.txt").write_text("".join(f"2011-09-26 13:02:25.{i}00000000\n" for i in range(4)))
     rows = [f"S_rect_{i}: {W} {H}\nP_rect_{i}: 25 0 15.5 {shift} 0 25 11.5 0 0 0 1 0\n"
             for i, shift in (("00", 0), ("01", -2.5))]  # fmt: skip
-    raw = write_rig(toy_rig((W, H), focal_px=30.0), folder / "raw.txt", "kitti")[0]
-    (day / "calib_cam_to_cam.txt").write_text(raw.read_text() + "".join(rows))
-    raw.unlink()
+    (day / KITTI).write_text(CALIBRATIONS[KITTI] + "".join(rows))
     return folder
 
 
@@ -82,7 +83,7 @@ def test_kitti_odometry_sequence_has_its_times_and_projections(tmp_path):
 
 
 def test_middlebury_pair_is_one_frame(tmp_path):
-    write_rig(toy_rig((W, H), focal_px=30.0), write_images(tmp_path, "im0.png", "im1.png") / "calib.txt", "middlebury")
+    (write_images(tmp_path, "im0.png", "im1.png") / MIDDLEBURY).write_text(CALIBRATIONS[MIDDLEBURY])
     recording = open_recording(tmp_path)
     assert find_reader(tmp_path).key == "middlebury"
     assert len(list(recording)) == 1 and recording.rig.baseline_m == pytest.approx(0.12)
