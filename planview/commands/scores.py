@@ -222,7 +222,7 @@ class CountOptions:
     region: Region = None
     ignore: Ignored = None
     fps: float | None = None
-    """Frame rate where the tracks have no timestamps. [default: that of the run, else 30]"""
+    """Frame rate where the tracks have no timestamps; that of the run when not given."""
     out: Path | None = None
     """Folder for events.csv and counts.json; by default next to a file named tracks.csv, where counts of an earlier
     call or of the run are replaced, with a message; else nowhere."""
@@ -256,7 +256,7 @@ def count(tracks: Path, /, *, rules: Path, options: CountOptions = CountOptions(
     path = tracks_file(tracks)
     found = limited(load_file(path), options.region, options.ignore).table
     run = RunFolder.around(path)
-    clock = Clock(found, options.fps or (run and run.info.fps) or 30.0)
+    clock = Clock(found, options.fps or (run.info.fps if run is not None else None))
     placed = load_rules(rules, _plane(options.camera, options.rig, run))
     unfinished = unfinished_note(path)
     notes = unfinished and f"{unfinished}{FINISHES}", clock.jump(), placed.of_unknown_size, placed.unreached(found)

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
 from cyclopts import Parameter
 
@@ -22,7 +22,7 @@ from planview.output.run_folder import RunFolder
 from planview.trajectories.file import limited, region_of
 from planview.trajectories.formats import FORMATS, ExportName, load_file, prepared, tracks_file, write_file
 from planview.trajectories.layouts import stream_jsonl
-from planview.trajectories.table import frame_period_s, people_of
+from planview.trajectories.table import people_of
 
 _Many = Annotated[Sequence[str], Parameter(negative="")]
 
@@ -211,10 +211,9 @@ def _export_tracks(tracks: Path, to: ExportName, options: ExportOptions) -> None
     _refuse_existing(out, source, options.overwrite)
     write_file(out, file, to, options.unit)
     run = RunFolder.around(tracks)
-    frame_s = run.frame_s if run is not None else 1 / file.fps if file.fps else frame_period_s(found.table, 1 / 30)
-    people = len(people_of(found.table, frame_s))
-    rate = f", {file.fps:g} frames per second" if file.fps else ""
-    say(f"{out}: {len(file.table):,} rows of {people} people{rate}")
+    rate = cast(float, file.fps)
+    people = len(people_of(found.table, 1 / rate if run is None else run.frame_s))
+    say(f"{out}: {len(file.table):,} rows of {people} people, {rate:g} frames per second")
 
 
 def _refuse_existing(out: Path, source: Path, overwrite: bool) -> None:

@@ -58,11 +58,13 @@ class Span:
 
 class Clock:
     """Frame to time, interpolated between the rows with times and extrapolated beyond them, at ``fps`` [1/s] where
-    fewer than two frames have one."""
+    fewer than two frames have one. Raises InputError: no rate is given then."""
 
-    def __init__(self, tracks: Trajectories, fps: float) -> None:
+    def __init__(self, tracks: Trajectories, fps: float | None = None) -> None:
         frames, times = frame_times(tracks)
-        self.frame_s = frame_period_s(tracks, 1.0 / fps)
+        self.frame_s = frame_period_s(tracks, 1.0 / fps if fps else math.nan)
+        if math.isnan(self.frame_s):
+            raise InputError("the tracks have neither timestamps nor a frame rate", remedy="fps")
         self._frames = frames if len(frames) else np.zeros(1, dtype=np.int64)
         self._times = times if len(frames) else np.zeros(1)
 
@@ -235,9 +237,8 @@ def count_tracks(
     clock: Clock | None = None,
     n_frames: int = 0,
 ) -> Counts:
-    """Apply rules to tracks, with the time of their frames (30 a second without timestamps) or another clock; a
-    recording of unknown length ends with the last row. Raises InputError: the tracks have no place in the plane of a
-    rule."""
+    """Apply rules to tracks, with the time of their frames or another clock; a recording of unknown length ends with
+    the last row. Raises InputError: the tracks have no place in the plane of a rule, or no times."""
     for rule in (*rules.tripwires, *rules.zones):
         places = tracks.box_px.sum(axis=1) if rule.plane == "image" else tracks.x_m + tracks.y_m
         if len(tracks) and not np.isfinite(places).any():
@@ -245,7 +246,7 @@ def count_tracks(
             raise InputError(
                 f"{rules.source}: expected tracks with {need} for rule {rule.name!r}, found none in any row"
             )
-    clock = clock or Clock(tracks, 30.0)
+    clock = clock or Clock(tracks)
     analytics = Analytics(rules, params)
     events: list[Event] = []
     frames, starts = np.unique(tracks.frame, return_index=True)

@@ -172,7 +172,10 @@ def load_rules(path: Path | str, run: Path | str | None = None) -> Rules:
 
 
 def count_tracks(
-    tracks: Trajectories | DataFrame | Path | str, rules: Rules | Path | str, params: AnalyticsParams | None = None
+    tracks: Trajectories | DataFrame | Path | str,
+    rules: Rules | Path | str,
+    params: AnalyticsParams | None = None,
+    fps: float | None = None,
 ) -> Counts:
     """Count line crossings, zones and queues in tracks, as ``planview count`` does.
 
@@ -181,8 +184,9 @@ def count_tracks(
             export`` writes; or a table.
         rules: rules.toml, or what ``load_rules`` read.
         params: when a person counts; the defaults when None.
+        fps: frame rate of tracks that are not those of a run and have no times.
     Raises:
-        InputError: a file that cannot be read, or tracks without a place in the plane of a rule.
+        InputError: a file that cannot be read, or tracks without times or without a place in the plane of a rule.
     """
     table, run = _read(tracks)
     if not isinstance(rules, Rules):
@@ -190,5 +194,5 @@ def count_tracks(
     for note in filter(None, (rules.of_unknown_size, rules.unreached(table))):
         warnings.warn(note, stacklevel=2)
     if run is None:
-        return totals.count_tracks(table, rules, params)
+        return totals.count_tracks(table, rules, params, clock=totals.Clock(table, fps))
     return replace(totals.count_tracks(table, rules, params, clock=run.clock), span=run.span)

@@ -148,7 +148,8 @@ def prepared(
     has boxes, a box. Raises InputError: no frame rate anywhere, or no row with a floor position.
 
     Args:
-        fps: in place of the file's own; where neither is known the rate that the timestamps have.
+        fps: in place of the file's own; where neither is known the rate that the timestamps have. Rows of a file
+            without times get them from it.
         area: in place of the file's own; where neither is known the rectangle around all positions.
         lost: rows that were only predicted count as confirmed.
     """
@@ -162,8 +163,10 @@ def prepared(
             raise InputError("expected trajectories with floor positions, found none")
         table = table.where(confirmed & usable)
     rate = fps or file.fps or measured_rate(file.table)
-    if rate is None and not FORMATS[name].keeps_state:
+    if rate is None:
         raise InputError("the trajectories have neither timestamps nor a frame rate", remedy="fps")
+    if not np.isfinite(file.table.timestamp_s).any():
+        table = replace(table, timestamp_s=table.frame / rate)
     return TrajectoryFile(table, rate, area or file.walkable_wkt or surrounding_area(table))
 
 

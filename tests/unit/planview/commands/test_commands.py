@@ -31,7 +31,7 @@ from planview.commands.sweep import SweepOptions, sweep, varied
 from planview.counting.events import read_events
 from planview.engine.config import load_config
 from planview.synthetic.scene import load_scene
-from planview.trajectories.table import read_truth
+from planview.trajectories.table import read_tracks, read_truth
 from stereo.readers import open_any, open_recording, open_video
 
 
@@ -214,8 +214,20 @@ def test_bad_options_get_one_sentence(folder, monkeypatch, refused, words, sente
 
 def test_tracks_without_rows_count_nothing(folder, json_of):
     (folder / "tracks.csv").write_text("frame,timestamp_s,id,x_m,y_m,state\n")
-    rules = json_of("count", folder, "--rules", folder / "rules.toml")["rules"]
+    rules = json_of("count", folder, "--rules", folder / "rules.toml", "--fps", 10)["rules"]
     assert (rules["door"]["left_to_right"], rules["room"]["mean_occupancy"]) == (0, 0.0)
+
+
+def test_tracks_without_times_are_refused_without_a_rate(folder, refused):
+    (folder / "tracks.csv").write_text("frame,id,x_m,y_m\n0,1,0.5,1\n1,1,0.6,1\n")
+    for words in (("count", folder, "--rules", folder / "rules.toml"), ("export", folder, "--to", "csv")):
+        assert "neither timestamps nor a frame rate; use --fps" in refused(*words)
+
+
+def test_export_of_tracks_without_times_gives_them_those_of_the_rate(folder, cli):
+    (folder / "tracks.csv").write_text("frame,id,x_m,y_m\n0,1,0.5,1\n1,1,0.6,1\n")
+    assert cli("export", folder, "--to", "csv", "--fps", 5, "--out", folder / "timed.csv")[0] == 0
+    assert read_tracks(folder / "timed.csv").timestamp_s.tolist() == [0.0, 0.2]
 
 
 @pytest.mark.parametrize("row", ["x,1,a,crossing,1,", "1,1,a,jump,1,", "1,1,a,crossing,1,up"])

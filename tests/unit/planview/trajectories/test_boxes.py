@@ -137,9 +137,9 @@ def test_commands_that_read_a_file_print_what_was_left_out_of_it(
     note = f"{path}: 1 of 3 rows hold inf or NaN and are left out"
     for words in (
         ("count", path, "--rules", rules), ("export", path, "--to", "csv", "--out", tmp_path / "a.csv"),
-        ("evaluate", path, path, "--fps", 10),
+        ("evaluate", path, path),
     ):  # fmt: skip
-        status, printed = cli(*words)
+        status, printed = cli(*words, "--fps", 10)
         assert status == 0 and note in " ".join(printed.split()), printed
 
 
